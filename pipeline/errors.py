@@ -1,0 +1,47 @@
+"""What can go wrong with a pair of photographs.
+
+PipelineError
+├── InputError            the request or its files cannot be used; the user can mend it
+│   ├── UnreadableImageError   not an image we read, or a damaged one
+│   ├── ImageTooLargeError     more pixels than the limit
+│   ├── PairMismatchError      the two frames do not belong together
+│   ├── UnusablePairError      no light left to separate (black, identical, flash too weak)
+│   └── OptionError            an option's value cannot be used
+└── Canceled              the caller asked to stop
+
+Each message is one sentence for people: what, where, and what to do.
+"""
+
+from __future__ import annotations
+
+
+class PipelineError(Exception):
+    """Root of everything the pipeline raises on purpose."""
+
+
+class InputError(PipelineError):
+    """The request or its files cannot be used."""
+
+
+class UnreadableImageError(InputError):
+    """The bytes are not an image that can be read."""
+
+
+class ImageTooLargeError(InputError):
+    """The image has more pixels than the limit."""
+
+
+class PairMismatchError(InputError):
+    """The two frames do not belong together."""
+
+
+class UnusablePairError(InputError):
+    """The pair holds no light that could be separated."""
+
+
+class OptionError(InputError):
+    """An option has a value that cannot be used."""
+
+
+class Canceled(PipelineError):  # noqa: N818  a request, not an error
+    """The caller asked to stop."""

@@ -1,0 +1,64 @@
+"""The photographs as the pipeline sees them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+Matrix = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """What the camera wrote about the exposure; None where it wrote nothing.
+
+    time_s: shutter time in seconds. iso: ISO speed. f_number: relative aperture.
+    """
+
+    time_s: float | None = None
+    iso: float | None = None
+    f_number: float | None = None
+
+    @property
+    def relative(self) -> float | None:
+        """time·ISO/N², or None where a part is unknown."""
+        if not self.time_s or not self.iso or not self.f_number:
+            return None
+        return self.time_s * self.iso / self.f_number**2
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One photograph in linear camera RGB.
+
+    pixels: float32 (H, W, 3), linear, 1.0 = white level of the sensor (or of the file), black 0;
+        negative values are kept where the file holds them (noise around black).
+    saturated: bool (H, W), true where a channel was clipped.
+    encoding: how the values came: "raw" (sensor values), "linear" or "srgb" (decoded with the
+        sRGB curve, so linear only as far as the camera followed it).
+    sha256: hexadecimal digest of the file's bytes.
+    make, model: from EXIF, "" where unknown.
+    flash_fired: EXIF Flash bit 0, None where unknown.
+    focal_px: focal length in pixels of this frame, None where unknown.
+    xyz_to_camera: (3, 3) matrix from CIE XYZ to camera RGB as LibRaw knows it, None for others.
+    """
+
+    pixels: Image
+    saturated: Mask
+    encoding: str
+    sha256: str
+    exposure: Exposure = field(default_factory=Exposure)
+    make: str = ""
+    model: str = ""
+    flash_fired: bool | None = None
+    focal_px: float | None = None
+    xyz_to_camera: Matrix | None = None
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) in pixels."""
+        return self.pixels.shape[1], self.pixels.shape[0]

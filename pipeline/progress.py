@@ -1,0 +1,44 @@
+"""Progress, cancellation and strips: how a long run stays watchable and small."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from pipeline.errors import Canceled
+
+STAGES = ("decode", "align", "lamps", "layers", "encode")
+"""The stages of a run, in order."""
+
+STRIP_ROWS = 256
+"""Rows worked on at a time, so that peak memory is the images and one strip."""
+
+
+class Progress:
+    """Tells a caller how far a run is and asks whether to go on.
+
+    callback(stage, fraction): stage is one of STAGES, fraction runs from 0 to 1 within it.
+    canceled(): true when the run should stop.
+    """
+
+    def __init__(
+        self,
+        callback: Callable[[str, float], None] = lambda _stage, _fraction: None,
+        canceled: Callable[[], bool] = lambda: False,
+    ) -> None:
+        self._callback = callback
+        self._canceled = canceled
+
+    def report(self, stage: str, fraction: float) -> None:
+        """Report the fraction of a stage done. Raises Canceled when the caller wants to stop."""
+        if self._canceled():
+            raise Canceled("The job was canceled.")
+        self._callback(stage, min(max(fraction, 0.0), 1.0))
+
+    def strips(
+        self, stage: str, height: int, rows: int, start: float = 0.0, end: float = 1.0
+    ) -> Iterator[slice]:
+        """Row slices that cover 0…height, with a report from start to end of the stage."""
+        for top in range(0, height, rows):
+            self.report(stage, start + (end - start) * top / height)
+            yield slice(top, min(top + rows, height))
+        self.report(stage, end)
