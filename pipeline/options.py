@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -66,7 +67,8 @@ class DirectedLight(_Strict):
         "unknown when missing.",
     )
     rgb: Vector | None = Field(
-        default=None, description="The lamp's colour on a grey card, camera RGB: says which is meant."
+        default=None,
+        description="The lamp's colour on a grey card, camera RGB: says which lamp is meant.",
     )
 
 
@@ -131,7 +133,7 @@ class Options(_Strict):
 def _check_table(wavelengths: list[float], *columns: list[float]) -> None:
     if any(len(column) != len(wavelengths) for column in columns):
         raise ValueError("every column of a spectral table must be as long as wavelength_nm")
-    if any(b <= a for a, b in zip(wavelengths, wavelengths[1:], strict=False)):
+    if any(b <= a for a, b in pairwise(wavelengths)):
         raise ValueError("wavelength_nm must ascend")
     if wavelengths[0] > 420 or wavelengths[-1] < 660:
         raise ValueError("a spectral table must cover 420 to 660 nm")
