@@ -1,0 +1,75 @@
+"""From code values to linear light, and which pixels were clipped."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.decode.samples import Samples, upright
+from pipeline.frames import Image, Mask
+from pipeline.progress import STRIP_ROWS
+
+RAW_CLIP = 0.99
+"""Share of the white level from which a sensor value counts as clipped."""
+
+_DEMOSAIC_REACH = 5
+"""Side of the square of pixels whose demosaiced values a clipped sensor value has reached."""
+
+
+def srgb_to_linear(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """sRGB code values (1.0 = white) → linear light, IEC 61966-2-1; below 0 stays linear."""
+    curve = ((np.maximum(values, 0.0) + 0.055) / 1.055) ** 2.4
+    return np.where(values <= 0.04045, values / 12.92, curve).astype(np.float32)
+
+
+def to_linear(samples: Samples, srgb: bool) -> Image:
+    """Samples → float32 (H, W, 3), upright, linear, 1.0 = samples.white.
+
+    Integers go through a table, so a 24-megapixel photograph needs no copy in float64.
+    Raises ValueError where a float sample is not finite.
+    """
+    values = upright(samples.values, samples.orientation)
+    out = np.empty(values.shape, dtype=np.float32)
+    table = None
+    if values.dtype.kind == "u":
+        codes = np.arange(np.iinfo(values.dtype).max + 1) / samples.white
+        table = _curve(codes.astype(np.float32), srgb)
+    for top in range(0, out.shape[0], STRIP_ROWS):
+        strip = values[top : top + STRIP_ROWS]
+        if table is not None:
+            out[top : top + STRIP_ROWS] = table[strip]
+            continue
+        if not np.isfinite(strip).all():
+            raise ValueError("not every sample is a finite number")
+        out[top : top + STRIP_ROWS] = _curve(strip, srgb)
+    return out
+
+
+def clipped(samples: Samples, raw: bool) -> Mask:
+    """Pixels (H, W), upright, with a clipped channel.
+
+    8 bits: 254 and above (the last code values before white are bent by the camera's curve and
+    by JPEG). 16 bits: white itself. RAW: 0.99 of the white level, with the pixels around whose
+    demosaiced values came from it. Float files say nothing of where the sensor ended, save one
+    whose largest value is exactly 1: that has been cut off there.
+    """
+    values = upright(samples.values, samples.orientation)
+    if values.dtype.kind == "f":
+        limit = 1.0 if values.size and values.max() == 1.0 else np.inf
+    elif raw:
+        limit = RAW_CLIP * samples.white
+    else:
+        limit = samples.white - (1 if values.dtype == np.uint8 else 0)
+    mask: NDArray[Any] = np.empty(values.shape[:2], dtype=np.uint8)
+    for top in range(0, values.shape[0], STRIP_ROWS):
+        mask[top : top + STRIP_ROWS] = (values[top : top + STRIP_ROWS] >= limit).any(axis=2)
+    if raw:
+        mask = cv2.dilate(mask, np.ones((_DEMOSAIC_REACH, _DEMOSAIC_REACH), np.uint8))
+    return mask.view(np.bool_)
+
+
+def _curve(values: NDArray[np.float32], srgb: bool) -> NDArray[np.float32]:
+    return srgb_to_linear(values) if srgb else values

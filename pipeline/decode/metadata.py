@@ -1,0 +1,105 @@
+"""What the camera wrote beside the pixels. Bad EXIF is no reason to refuse a photograph."""
+
+from __future__ import annotations
+
+import io
+import logging
+import math
+import warnings
+from dataclasses import dataclass, field
+from typing import Any
+
+import exifread
+
+from pipeline.frames import Exposure
+
+logging.getLogger("exifread").setLevel(logging.CRITICAL)  # it tells the terminal of odd tags
+
+_MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
+_FULL_FRAME_WIDTH_MM = 36.0
+
+
+@dataclass(frozen=True)
+class Metadata:
+    """EXIF facts about a photograph; None and "" where the file says nothing usable.
+
+    orientation: 1–8 as EXIF 2.32 defines it. focal_35mm: equivalent focal length in mm.
+    focal_plane_px: focal length in pixels as from the focal plane resolution.
+    """
+
+    exposure: Exposure = field(default_factory=Exposure)
+    make: str = ""
+    model: str = ""
+    flash_fired: bool | None = None
+    orientation: int = 1
+    focal_35mm: float | None = None
+    focal_plane_px: float | None = None
+
+    def focal_px(self, width: int, height: int) -> float | None:
+        """Focal length in pixels of a frame of this size, None where unknown.
+
+        The equivalent focal length counts against the long side of a 36 mm wide frame.
+        """
+        if self.focal_35mm:
+            return self.focal_35mm / _FULL_FRAME_WIDTH_MM * max(width, height)
+        return self.focal_plane_px
+
+
+def read_metadata(data: bytes) -> Metadata:
+    """Facts from the EXIF block of a JPEG, TIFF, PNG, HEIF or TIFF-like RAW file; never raises."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            tags = exifread.process_file(io.BytesIO(data), details=False, extract_thumbnail=False)
+    except Exception:  # a broken EXIF block makes exifread raise whatever it ran into
+        return Metadata()
+    flash = _number(tags, "EXIF Flash")
+    orientation = _number(tags, "Image Orientation")
+    return Metadata(
+        exposure=Exposure(
+            time_s=_positive(tags, "EXIF ExposureTime", "Image ExposureTime"),
+            iso=_positive(
+                tags,
+                "EXIF ISOSpeedRatings",
+                "EXIF PhotographicSensitivity",
+                "Image ISOSpeedRatings",
+            ),
+            f_number=_positive(tags, "EXIF FNumber", "Image FNumber"),
+        ),
+        make=_text(tags, "Image Make"),
+        model=_text(tags, "Image Model"),
+        flash_fired=None if flash is None else bool(int(flash) & 1),
+        orientation=int(orientation) if orientation in range(1, 9) else 1,
+        focal_35mm=_positive(tags, "EXIF FocalLengthIn35mmFilm"),
+        focal_plane_px=_focal_plane_px(tags),
+    )
+
+
+def _focal_plane_px(tags: dict[str, Any]) -> float | None:
+    focal_mm = _positive(tags, "EXIF FocalLength")
+    resolution = _positive(tags, "EXIF FocalPlaneXResolution")
+    unit = _number(tags, "EXIF FocalPlaneResolutionUnit") or 2
+    if not focal_mm or not resolution or unit not in _MM_PER_UNIT:
+        return None
+    return focal_mm * resolution / _MM_PER_UNIT[int(unit)]
+
+
+def _number(tags: dict[str, Any], *names: str) -> float | None:
+    for name in names:
+        try:
+            value = float(tags[name].values[0])
+        except (KeyError, IndexError, TypeError, ValueError, AttributeError, ZeroDivisionError):
+            continue
+        if math.isfinite(value):
+            return value
+    return None
+
+
+def _positive(tags: dict[str, Any], *names: str) -> float | None:
+    value = _number(tags, *names)
+    return value if value is not None and value > 0 else None
+
+
+def _text(tags: dict[str, Any], name: str) -> str:
+    value = getattr(tags.get(name), "values", "")
+    return value.strip("\0 \t\r\n") if isinstance(value, str) else ""

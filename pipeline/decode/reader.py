@@ -1,0 +1,154 @@
+"""One way in: bytes of any format we read → Frame."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from pipeline.decode.exr import exr_size, read_exr
+from pipeline.decode.linear import clipped, to_linear
+from pipeline.decode.metadata import Metadata, read_metadata
+from pipeline.decode.raw import raw_size, read_raw
+from pipeline.decode.rendered import (
+    heif_size,
+    jpeg_size,
+    png_size,
+    read_heif,
+    read_jpeg,
+    read_png,
+)
+from pipeline.decode.samples import Samples
+from pipeline.decode.signatures import Kind, kind_of
+from pipeline.decode.tiff import holds_raw, read_tiff, tiff_size
+from pipeline.errors import ImageTooLargeError, OptionError, PipelineError, UnreadableImageError
+from pipeline.frames import Frame, Matrix
+
+FORMATS = "JPEG, PNG, TIFF, OpenEXR, HEIC, DNG or a camera's RAW"
+
+
+def max_pixels() -> float:
+    """Largest number of pixels accepted: LIGHTLAYERS_MAX_PIXELS, else 200 million."""
+    text = os.environ.get("LIGHTLAYERS_MAX_PIXELS", "200e6")
+    try:
+        limit = float(text)
+    except ValueError:
+        limit = math.nan
+    if not limit > 0:
+        raise OptionError(f"LIGHTLAYERS_MAX_PIXELS is {text!r}: set it to a number of pixels.")
+    return limit
+
+
+def check_header(data: bytes, name: str = "no-flash photograph") -> tuple[int, int]:
+    """(width, height) after orientation, from the header alone.
+
+    name: what messages call the picture. Raises UnreadableImageError when the bytes are not a
+    picture of a known kind, ImageTooLargeError above max_pixels().
+    """
+    return _size(data, _kind(data, name), name)
+
+
+def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph") -> Frame:
+    """Decode a photograph to linear light.
+
+    encoding: "auto" takes RAW and DNG as sensor values, 8-bit pictures and HEIF as sRGB, 16-bit
+    integer TIFF and PNG and every float file as linear; "linear" and "srgb" say how the values
+    of a file that is not RAW are encoded. name: what messages call the picture.
+    Raises UnreadableImageError, ImageTooLargeError, and OptionError for a RAW file said to be
+    sRGB.
+    """
+    kind = _kind(data, name)
+    _size(data, kind, name)
+    if kind == "RAW" and encoding == "srgb":
+        raise OptionError(
+            f"The {name} is a RAW file, which holds linear values: leave the encoding to auto."
+        )
+    xyz_to_camera: Matrix | None = None
+    with _readable(name, f"damaged or incomplete {kind} file"):
+        if kind == "RAW":
+            picture = read_raw(data)
+            samples, metadata, xyz_to_camera = (
+                picture.samples,
+                picture.metadata,
+                picture.xyz_to_camera,
+            )
+        else:
+            metadata = read_metadata(data)
+            samples = _samples(data, kind, metadata)
+        if encoding == "auto":
+            rendered = kind == "HEIF" or samples.values.dtype == "uint8"
+            encoding = "srgb" if rendered else "linear"
+        pixels = to_linear(samples, srgb=encoding == "srgb")
+    height, width = pixels.shape[:2]
+    return Frame(
+        pixels=pixels,
+        saturated=clipped(samples, raw=kind == "RAW"),
+        encoding="raw" if kind == "RAW" else encoding,
+        sha256=hashlib.sha256(data).hexdigest(),
+        exposure=metadata.exposure,
+        make=metadata.make,
+        model=metadata.model,
+        flash_fired=metadata.flash_fired,
+        focal_px=metadata.focal_px(width, height),
+        xyz_to_camera=xyz_to_camera,
+    )
+
+
+def _kind(data: bytes, name: str) -> Kind:
+    if not data:
+        raise UnreadableImageError(f"The {name} is empty: send the file again.")
+    kind = kind_of(data)
+    if kind == "TIFF":
+        with _readable(name, "damaged or incomplete TIFF file"):
+            return "RAW" if holds_raw(data) else "TIFF"
+    # LibRaw knows formats without a signature of their own; it has the last word.
+    return kind or "RAW"
+
+
+def _size(data: bytes, kind: Kind, name: str) -> tuple[int, int]:
+    known = kind_of(data) is not None
+    what = f"damaged or incomplete {kind} file" if known else "file of a kind that is not read"
+    with _readable(name, what):
+        width, height = {
+            "JPEG": jpeg_size,
+            "PNG": png_size,
+            "TIFF": tiff_size,
+            "EXR": exr_size,
+            "HEIF": heif_size,
+            "RAW": raw_size,
+        }[kind](data)
+    if width * height > max_pixels():
+        raise ImageTooLargeError(
+            f"The {name} has {width} × {height} pixels, more than the limit of "
+            f"{max_pixels() / 1e6:g} million: send a smaller one."
+        )
+    turned = kind in ("JPEG", "PNG", "TIFF") and read_metadata(data).orientation >= 5
+    return (height, width) if turned else (width, height)
+
+
+def _samples(data: bytes, kind: Kind, metadata: Metadata) -> Samples:
+    if kind == "JPEG":
+        return read_jpeg(data, metadata.orientation)
+    if kind == "PNG":
+        return read_png(data, metadata.orientation)
+    if kind == "TIFF":
+        return read_tiff(data, metadata.orientation)
+    return read_exr(data) if kind == "EXR" else read_heif(data)
+
+
+@contextmanager
+def _readable(name: str, what: str) -> Iterator[None]:
+    """Turn whatever a decoder raises or warns of into one sentence."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    except (PipelineError, MemoryError):
+        raise
+    except Exception as error:
+        raise UnreadableImageError(
+            f"The {name} is a {what}: send {FORMATS} file that opens elsewhere."
+        ) from error

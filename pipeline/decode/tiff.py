@@ -1,0 +1,80 @@
+"""TIFF: 8- and 16-bit integers and floats, and telling RAW files apart that only look like TIFF."""
+
+from __future__ import annotations
+
+import io
+import logging
+from collections.abc import Iterator
+
+import numpy as np
+from tifffile import TiffFile, TiffPage
+
+from pipeline.decode.samples import Samples, to_rgb
+
+logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # it tells the terminal of odd tags
+
+_GREY, _RGB, _YCBCR = 1, 2, 6
+_CFA, _LINEAR_RAW = 32803, 34892
+_DNG_VERSION = 50706
+_REDUCED = 1
+
+
+def holds_raw(data: bytes) -> bool:
+    """Whether a file with a TIFF header is a RAW or DNG file, by its directories.
+
+    A DNGVersion tag, a colour filter array or linear raw samples in any directory say so, and so
+    does a file without any picture of a kind that TIFF readers show. Raises what tifffile raises.
+    """
+    with TiffFile(io.BytesIO(data)) as file:
+        pages = list(_pages(file))
+        return any(
+            page.photometric in (_CFA, _LINEAR_RAW) or _DNG_VERSION in page.tags for page in pages
+        ) or not any(_shows(page) for page in pages)
+
+
+def tiff_size(data: bytes) -> tuple[int, int]:
+    """(width, height) of the first full picture, before orientation. Raises ValueError."""
+    with TiffFile(io.BytesIO(data)) as file:
+        page = _full(file)
+        return page.imagewidth, page.imagelength
+
+
+def read_tiff(data: bytes, orientation: int) -> Samples:
+    """Samples of the first full picture. Raises ValueError and what tifffile raises."""
+    with TiffFile(io.BytesIO(data)) as file:
+        page = _full(file)
+        if 0 in page.databytecounts:
+            raise ValueError("a strip without data")
+        values = page.asarray(maxworkers=1)
+        if page.planarconfig == 2 and page.samplesperpixel > 1:
+            values = np.moveaxis(values, 0, -1)
+        bits = page.bitspersample
+    values = to_rgb(values)
+    if values.dtype.kind == "f":
+        with np.errstate(over="ignore"):  # beyond float32 becomes infinite and is refused
+            return Samples(values.astype(np.float32), 1.0, orientation)
+    return Samples(values, float(2**bits - 1), orientation)
+
+
+def _pages(file: TiffFile) -> Iterator[TiffPage]:
+    """Every directory with its sub-directories, in the order of the file."""
+    for page in file.pages:
+        page = page.aspage()
+        yield page
+        for child in page.pages or ():
+            yield child.aspage()
+
+
+def _shows(page: TiffPage) -> bool:
+    if page.photometric not in (_GREY, _RGB, _YCBCR) or page.dtype is None:
+        return False
+    if page.imagedepth != 1 or page.samplesperpixel > 4:
+        return False
+    return page.dtype.kind == "f" or page.dtype in (np.uint8, np.uint16)
+
+
+def _full(file: TiffFile) -> TiffPage:
+    for page in _pages(file):
+        if _shows(page) and not page.subfiletype & _REDUCED:
+            return page
+    raise ValueError("no full picture")
