@@ -20,7 +20,7 @@ def exr_size(data: bytes) -> tuple[int, int]:
 
 
 def read_exr(data: bytes) -> Samples:
-    """Samples of the channels R, G, B, or Y, of the first part. Raises ValueError and others."""
+    """Read R, G, B, or Y, of the first part. Raises ValueError and what OpenEXR raises."""
     with muted():
         channels = OpenEXR.File(io.BytesIO(data), separate_channels=True).channels()
     names = ("R", "G", "B") if "R" in channels else ("Y", "Y", "Y")

@@ -20,19 +20,19 @@ _DEMOSAIC_REACH = 5
 
 
 def srgb_to_linear(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """sRGB code values (1.0 = white) → linear light, IEC 61966-2-1; below 0 stays linear."""
+    """Undo the sRGB curve of IEC 61966-2-1 (1.0 = white); below 0 it goes on as a line."""
     curve = ((np.maximum(values, 0.0) + 0.055) / 1.055) ** 2.4
     return np.where(values <= 0.04045, values / 12.92, curve).astype(np.float32)
 
 
 def to_linear(samples: Samples, srgb: bool) -> Image:
-    """Samples → float32 (H, W, 3), upright, linear, 1.0 = samples.white.
+    """Make samples float32 (H, W, 3), upright, linear, 1.0 = samples.white.
 
     Integers go through a table, so a 24-megapixel photograph needs no copy in float64.
     Raises ValueError where a float sample is not finite.
     """
     values = upright(samples.values, samples.orientation)
-    out = np.empty(values.shape, dtype=np.float32)
+    out: Image = np.empty(values.shape, dtype=np.float32)
     table = None
     if values.dtype.kind == "u":
         codes = np.arange(np.iinfo(values.dtype).max + 1) / samples.white

@@ -69,7 +69,7 @@ def read_metadata(data: bytes) -> Metadata:
         make=_text(tags, "Image Make"),
         model=_text(tags, "Image Model"),
         flash_fired=None if flash is None else bool(int(flash) & 1),
-        orientation=int(orientation) if orientation in range(1, 9) else 1,
+        orientation=int(orientation) if orientation and orientation in range(1, 9) else 1,
         focal_35mm=_positive(tags, "EXIF FocalLengthIn35mmFilm"),
         focal_plane_px=_focal_plane_px(tags),
     )

@@ -22,7 +22,7 @@ def jpeg_size(data: bytes) -> tuple[int, int]:
 
 
 def read_jpeg(data: bytes, orientation: int) -> Samples:
-    """Samples of a whole JPEG; a truncated or damaged one raises ValueError."""
+    """Read a whole JPEG; a truncated or damaged one raises ValueError."""
     if simplejpeg.decode_jpeg_header(data)[2] == "CMYK":
         raise ValueError("CMYK is no camera's encoding")
     return Samples(simplejpeg.decode_jpeg(data, "RGB", strict=True), 255.0, orientation)
@@ -39,7 +39,7 @@ def png_size(data: bytes) -> tuple[int, int]:
 
 
 def read_png(data: bytes, orientation: int) -> Samples:
-    """Samples of an 8- or 16-bit PNG: grey, palette, RGB, with or without alpha."""
+    """Read an 8- or 16-bit PNG: grey, palette, RGB, with or without alpha."""
     if _PNG_END not in data[-4096:]:
         raise ValueError("no end chunk")
     values = to_rgb(imagecodecs.png_decode(data))
@@ -53,7 +53,7 @@ def heif_size(data: bytes) -> tuple[int, int]:
 
 
 def read_heif(data: bytes) -> Samples:
-    """Samples of the primary picture of a HEIF file, which libheif has turned upright.
+    """Read the primary picture of a HEIF file, which libheif has turned upright.
 
     EXIF orientation says nothing here: ISO/IEC 23008-12 turns pictures by `irot` and `imir`.
     """

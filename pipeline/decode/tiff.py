@@ -40,7 +40,7 @@ def tiff_size(data: bytes) -> tuple[int, int]:
 
 
 def read_tiff(data: bytes, orientation: int) -> Samples:
-    """Samples of the first full picture. Raises ValueError and what tifffile raises."""
+    """Read the first full picture. Raises ValueError and what tifffile raises."""
     with TiffFile(io.BytesIO(data)) as file:
         page = _full(file)
         if 0 in page.databytecounts:

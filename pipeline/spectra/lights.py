@@ -1,0 +1,161 @@
+"""Spectra of flashes, lamps and neutral lights."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from importlib.resources import files
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import OptionError
+from pipeline.options import Spectrum
+from pipeline.spectra.folder import folder_spectra
+from pipeline.spectra.grid import STEP_NM, WAVELENGTHS_NM, on_grid
+from pipeline.spectra.library import colour_science, without_warnings
+from pipeline.spectra.names import key_of, unknown
+from pipeline.spectra.tables import parse_spectrum
+
+_FLASHES = {"led": "LED-B5"}
+"""Names of our own for lights of colour-science: a phosphor-converted white LED of 6500 K."""
+
+_XENON = "xenon"
+_DAYLIGHT = re.compile(r"d(\d{2,3})", re.IGNORECASE)
+_DAYLIGHT_RANGE_K = (4000, 25000)
+
+_NO_LAMPS = ("ISO 7589", "E", "B")
+"""Not lamps: curves of film sensitometry, the equal-energy spectrum, an obsolete filter."""
+_NARROWEST_NM = 65.0
+_TWIN_COSINE = 0.9995
+
+
+def find_light(request: str | Spectrum, purpose: str = "flash") -> NDArray[np.float64]:
+    """Relative spectral power (W,) on WAVELENGTHS_NM, summing to 1.
+
+    request: a table, "xenon" (a measured photographic flash), "led" (a phosphor white LED), a
+    light of colour-science by name ("A", "FL2", "LED-B1", …), daylight by its temperature in
+    hundreds of kelvin ("D65", "D58"), or a file of the user's folder.
+    purpose: what messages call it ("flash", "neutral light"). Raises OptionError.
+    """
+    if isinstance(request, Spectrum):
+        return _normalised(on_grid(request.wavelength_nm, request.power, "hold"), purpose)
+    wanted = key_of(request)
+    own = {key_of(name): path for name, path in folder_spectra().items()}
+    if wanted in own:
+        return find_light(parse_spectrum(own[wanted].read_bytes()), purpose)
+    if wanted == _XENON:
+        return _xenon()
+    packaged = _packaged_lights()
+    entry = key_of(_FLASHES.get(wanted, request))
+    for name, spectrum in packaged.items():
+        if key_of(name) == entry:
+            return spectrum
+    daylight = _daylight(request)
+    if daylight is not None:
+        return daylight
+    names = [_XENON, *_FLASHES, *packaged, *folder_spectra()]
+    raise OptionError(unknown(f"{purpose} spectrum", request, names))
+
+
+@cache
+def lamp_spectra() -> NDArray[np.float64]:
+    """Spectra (n, W) of lamps to learn from, each summing to 1.
+
+    The lamps of colour-science without near-monochromatic ones and near duplicates, black bodies
+    of 2000 to 3800 K and daylight of 4000 to 10000 K.
+    """
+    colour = colour_science()
+    candidates = [
+        spectrum
+        for name, spectrum in _packaged_lights().items()
+        if not name.startswith("ISO 7589") and name not in _NO_LAMPS
+    ]
+    shape = colour.SpectralShape(WAVELENGTHS_NM[0], WAVELENGTHS_NM[-1], STEP_NM)
+    with without_warnings():
+        candidates += [_unit(colour.sd_blackbody(k, shape).values) for k in range(2000, 4000, 300)]
+    candidates += [_daylight_of(kelvin) for kelvin in range(4000, 10001, 1000)]
+    kept: list[NDArray[np.float64]] = []
+    for spectrum in candidates:
+        width_nm = STEP_NM / float(np.sum(spectrum**2))
+        if width_nm >= _NARROWEST_NM and all(_cosine(spectrum, k) < _TWIN_COSINE for k in kept):
+            kept.append(spectrum)
+    return _frozen(np.array(kept))
+
+
+@cache
+def reflectance_spectra() -> NDArray[np.float64]:
+    """Reflectances (m, W), 0 to 1, to learn from.
+
+    24 patches of the ColorChecker (average of BabelColor), 190 training patches of rawtoaces and
+    the 99 evaluation samples of ANSI/IES TM-30 and CIE 2017.
+    """
+    colour = colour_science()
+    shape = colour.SpectralShape(WAVELENGTHS_NM[0], WAVELENGTHS_NM[-1], STEP_NM)
+
+    with without_warnings():
+        from colour.characterisation import read_training_data_rawtoaces_v1
+        from colour.quality.cfi2017 import load_TCS_CIE2017
+
+        checker = colour.SDS_COLOURCHECKERS["BabelColor Average"].values()
+        training = read_training_data_rawtoaces_v1()
+        samples = load_TCS_CIE2017(shape)
+    tables = [
+        np.array([on_grid(patch.wavelengths, patch.values, "hold") for patch in checker]),
+        on_grid(training.wavelengths, training.values, "hold").T,
+        on_grid(samples.wavelengths, samples.values, "hold").T,
+    ]
+    return _frozen(np.clip(np.concatenate(tables), 0.0, 1.0))
+
+
+@cache
+def _xenon() -> NDArray[np.float64]:
+    table = files("pipeline.spectra") / "data" / "xenon_flash.csv"
+    return find_light(parse_spectrum(table.read_bytes()))
+
+
+@cache
+def _packaged_lights() -> dict[str, NDArray[np.float64]]:
+    colour = colour_science()
+    tables = {**colour.SDS_ILLUMINANTS, **colour.SDS_LIGHT_SOURCES}
+    return {
+        name: _unit(on_grid(table.wavelengths, table.values, "hold"))
+        for name, table in tables.items()
+    }
+
+
+def _daylight(name: str) -> NDArray[np.float64] | None:
+    match = _DAYLIGHT.fullmatch(name.strip())
+    if match is None:
+        return None
+    kelvin = int(match[1]) * 100
+    low, high = _DAYLIGHT_RANGE_K
+    return _daylight_of(kelvin) if low <= kelvin <= high else None
+
+
+def _daylight_of(kelvin: float) -> NDArray[np.float64]:
+    """CIE daylight of a nominal temperature, CIE 15:2018 (with its 1.4388/1.4380 correction)."""
+    colour = colour_science()
+    with without_warnings():
+        xy = colour.temperature.CCT_to_xy_CIE_D(kelvin * 1.4388 / 1.4380)
+        table = colour.sd_CIE_illuminant_D_series(xy)
+    return _unit(on_grid(table.wavelengths, table.values, "hold"))
+
+
+def _normalised(power: NDArray[np.float64], purpose: str) -> NDArray[np.float64]:
+    if not power.sum() > 0:
+        raise OptionError(f"The {purpose} spectrum is zero from 380 to 780 nm: check its units.")
+    return _unit(power)
+
+
+def _unit(power: NDArray[np.float64]) -> NDArray[np.float64]:
+    return _frozen(power / power.sum())
+
+
+def _cosine(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    return float(a @ b / np.linalg.norm(a) / np.linalg.norm(b))
+
+
+def _frozen(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    values.setflags(write=False)
+    return values

@@ -1,0 +1,31 @@
+"""Names as people and cameras write them, brought to one form."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable
+
+_NOISE = {"corporation", "corp", "co", "ltd", "inc", "company", "imaging", "eos", "npl"}
+
+
+def key_of(name: str) -> str:
+    """Letters and digits of a name, without case, firm's suffixes and repeated words.
+
+    "NIKON CORPORATION NIKON D5100" and "Nikon D5100" have the same key.
+    """
+    words = re.findall(r"[a-z0-9]+", name.lower())
+    return "".join(dict.fromkeys(word for word in words if word not in _NOISE))
+
+
+def near_names(name: str, known: Iterable[str], count: int = 4) -> list[str]:
+    """Return the known names nearest to a name, best first, at most `count`."""
+    by_key = {key_of(candidate): candidate for candidate in known}
+    return [by_key[key] for key in difflib.get_close_matches(key_of(name), by_key, count, 0.5)]
+
+
+def unknown(what: str, name: str, known: Iterable[str]) -> str:
+    """Sentence that says a name is unknown and lists near ones."""
+    near = near_names(name, known)
+    hint = f"near names are {', '.join(near)}" if near else "send its table instead"
+    return f"No {what} is called {name[:80]!r}: {hint}."

@@ -1,0 +1,100 @@
+"""Spectral tables that people hand in: CSV and the AMPAS JSON of rawtoaces."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from typing import Any
+
+from pydantic import ValidationError
+
+from pipeline.errors import OptionError
+from pipeline.options import Sensitivities, Spectrum
+
+CAMERA_COLUMNS = ("r", "g", "b")
+LIGHT_COLUMNS = ("power",)
+_CSV_HEAD = "wavelength_nm"
+
+
+def parse_sensitivities(data: bytes) -> Sensitivities:
+    """Read a camera's sensitivities from CSV (wavelength_nm,R,G,B) or AMPAS JSON.
+
+    Raises OptionError with one sentence for anything wrong.
+    """
+    wavelengths, (r, g, b) = _table(data, CAMERA_COLUMNS, "camera table")
+    try:
+        return Sensitivities(wavelength_nm=wavelengths, r=r, g=g, b=b)
+    except ValidationError as error:
+        raise OptionError(_sentence("camera table", error)) from error
+
+
+def parse_spectrum(data: bytes) -> Spectrum:
+    """Read a light's spectrum from CSV (wavelength_nm,power) or AMPAS JSON.
+
+    Raises OptionError with one sentence for anything wrong.
+    """
+    wavelengths, (power,) = _table(data, LIGHT_COLUMNS, "light table")
+    try:
+        return Spectrum(wavelength_nm=wavelengths, power=power)
+    except ValidationError as error:
+        raise OptionError(_sentence("light table", error)) from error
+
+
+def _table(
+    data: bytes, columns: tuple[str, ...], what: str
+) -> tuple[list[float], list[list[float]]]:
+    """Wavelengths and the columns asked for, whichever way the bytes are written."""
+    try:
+        text = data.decode("utf-8-sig").strip()
+    except UnicodeDecodeError as error:
+        raise OptionError(f"The {what} is not text: send CSV or AMPAS JSON in UTF-8.") from error
+    rows = _json_rows(text, what) if text.startswith("{") else _csv_rows(text, what)
+    head, *body = rows
+    wanted = (_CSV_HEAD, *columns)
+    if tuple(head) != wanted:
+        raise OptionError(
+            f"The {what} has the columns {','.join(head)[:80]}: it needs {','.join(wanted)}."
+        )
+    try:
+        numbers = [[float(cell) for cell in row] for row in body]
+    except ValueError as error:
+        raise OptionError(f"The {what} holds something that is not a number: {error}.") from error
+    if any(len(row) != len(wanted) for row in numbers):
+        raise OptionError(f"A row of the {what} has not {len(wanted)} numbers: mend that row.")
+    values = [list(column) for column in zip(*numbers, strict=True)]
+    if not values:
+        raise OptionError(f"The {what} has no rows: send one per wavelength.")
+    return values[0], values[1:]
+
+
+def _csv_rows(text: str, what: str) -> list[list[str]]:
+    try:
+        rows = [[cell.strip() for cell in row] for row in csv.reader(io.StringIO(text)) if row]
+    except csv.Error as error:
+        raise OptionError(f"The {what} is no CSV: {error}.") from error
+    if not rows:
+        raise OptionError(f"The {what} is empty: send CSV or AMPAS JSON.")
+    return [[cell.lower() for cell in rows[0]], *rows[1:]]
+
+
+def _json_rows(text: str, what: str) -> list[list[Any]]:
+    try:
+        spectral = json.loads(text)["spectral_data"]
+        head = [str(column).lower() for column in spectral["index"]["main"]]
+        main = dict(spectral["data"]["main"])
+        return [
+            [_CSV_HEAD, *head],
+            *([wavelength, *map(str, row)] for wavelength, row in main.items()),
+        ]
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise OptionError(
+            f"The {what} is no AMPAS JSON: it needs spectral_data.index.main and data.main."
+        ) from error
+
+
+def _sentence(what: str, error: ValidationError) -> str:
+    first = error.errors()[0]
+    where = ".".join(str(part) for part in first["loc"])
+    reason = first["msg"].removeprefix("Value error, ")
+    return f"The {what} cannot be used: {where + ': ' if where else ''}{reason}."
