@@ -9,23 +9,16 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.encode.colour import XYZ_TO_SRGB
 from pipeline.errors import OptionError
-from pipeline.frames import Frame, Matrix
+from pipeline.frames import Frame
 from pipeline.options import Sensitivities
 from pipeline.spectra.folder import folder_spectra
-from pipeline.spectra.grid import WAVELENGTHS_NM, on_grid
+from pipeline.spectra.grid import on_grid
 from pipeline.spectra.library import colour_science, without_warnings
 from pipeline.spectra.names import key_of, unknown
+from pipeline.spectra.observer import cie_1931
 from pipeline.spectra.tables import parse_sensitivities
-
-XYZ_TO_SRGB: Matrix = np.array(
-    [
-        [3.2406, -1.5372, -0.4986],
-        [-0.9689, 1.8758, 0.0415],
-        [0.0557, -0.2040, 1.0570],
-    ]
-)
-"""CIE XYZ (D65) → linear sRGB, IEC 61966-2-1."""
 
 _PACKAGED = {"Nikon D5100": "Nikon 5100 (NPL)", "Sigma SD1 Merrill": "Sigma SDMerill (NPL)"}
 """Cameras measured in colour-science: their proper names and its own."""
@@ -71,15 +64,6 @@ def find_camera(request: str | Sensitivities | None, frame: Frame) -> Camera:
         functions = frame.xyz_to_camera @ cie_1931()
         return Camera(name or "camera", _scaled(np.maximum(functions, 0.0)), "approximate")
     return srgb_stand_in()
-
-
-@cache
-def cie_1931() -> NDArray[np.float64]:
-    """CIE 1931 2° colour-matching functions x̄, ȳ, z̄ on the grid, (3, W)."""
-    table = colour_science().MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
-    functions = np.array([np.interp(WAVELENGTHS_NM, table.wavelengths, c) for c in table.values.T])
-    functions.setflags(write=False)
-    return functions
 
 
 @cache

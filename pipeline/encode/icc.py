@@ -1,0 +1,118 @@
+"""ICC profiles of RGB spaces, built from their primaries (ICC.1:2001-04, matrix/TRC)."""
+
+from __future__ import annotations
+
+import struct
+from functools import cache
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.encode.colour import (
+    D65_XY,
+    REC2020_PRIMARIES,
+    SRGB_PRIMARIES,
+    Primaries,
+    rgb_to_xyz,
+    xy_to_xyz,
+)
+
+_D50 = np.array([0.9642, 1.0, 0.8249])
+"""White of the profile connection space, ICC.1:2001-04, 6.1.13."""
+_BRADFORD = np.array(
+    [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]
+)
+_VERSION = 0x02400000
+_DATE = (2020, 1, 1, 0, 0, 0)
+"""The same for ever: equal profiles are to be equal bytes."""
+_CURVE_POINTS = 1024
+_COPYRIGHT = b"No copyright, use freely"
+
+
+@cache
+def linear_rec2020_profile() -> bytes:
+    """Return the ICC profile of Rec. 2020 primaries with linear values."""
+    return matrix_profile("Rec. 2020 linear", REC2020_PRIMARIES, "linear")
+
+
+@cache
+def srgb_profile() -> bytes:
+    """Return the ICC profile of sRGB, IEC 61966-2-1."""
+    return matrix_profile("sRGB", SRGB_PRIMARIES, "srgb")
+
+
+def matrix_profile(name: str, primaries: Primaries, curve: Literal["linear", "srgb"]) -> bytes:
+    """Return a version 2.4 display profile of an RGB space with D65 white.
+
+    name: ASCII description. curve: how code values become light.
+    """
+    adapt = _adaptation()
+    colorants = adapt @ rgb_to_xyz(primaries)
+    trc = _linear_curve() if curve == "linear" else _srgb_curve()
+    tags = {
+        b"desc": _description(name.encode("ascii")),
+        b"cprt": b"text" + bytes(4) + _COPYRIGHT + b"\0",
+        b"wtpt": _xyz(_D50),
+        b"chad": b"sf32" + bytes(4) + _s15f16(adapt.ravel()),
+        b"rXYZ": _xyz(colorants[:, 0]),
+        b"gXYZ": _xyz(colorants[:, 1]),
+        b"bXYZ": _xyz(_D50 - _rounded(colorants[:, 0]) - _rounded(colorants[:, 1])),
+        b"rTRC": trc,
+        b"gTRC": trc,
+        b"bTRC": trc,
+    }
+    start = 128 + 4 + 12 * len(tags)
+    table, body, places = b"", b"", dict[bytes, int]()
+    for signature, data in tags.items():
+        if data not in places:  # the three curves share one place
+            places[data] = start + len(body)
+            body += data + bytes(-len(data) % 4)
+        table += signature + struct.pack(">II", places[data], len(data))
+    return _header(start + len(body)) + struct.pack(">I", len(tags)) + table + body
+
+
+def _header(size: int) -> bytes:
+    return (
+        struct.pack(">I4xI", size, _VERSION)
+        + b"mntrRGB XYZ "
+        + struct.pack(">6H", *_DATE)
+        + b"acsp"
+        + bytes(28)
+        + _s15f16(_D50)
+        + bytes(48)
+    )
+
+
+def _adaptation() -> NDArray[np.float64]:
+    """Bradford adaptation (3, 3) from D65 to D50."""
+    gain = (_BRADFORD @ _D50) / (_BRADFORD @ xy_to_xyz(D65_XY))
+    return np.asarray(np.linalg.solve(_BRADFORD, gain[:, None] * _BRADFORD))
+
+
+def _srgb_curve() -> bytes:
+    code = np.linspace(0.0, 1.0, _CURVE_POINTS)
+    light = np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
+    points = np.round(light * 65535).astype(">u2").tobytes()
+    return b"curv" + bytes(4) + struct.pack(">I", _CURVE_POINTS) + points
+
+
+def _linear_curve() -> bytes:
+    return b"curv" + bytes(4) + struct.pack(">I", 0)
+
+
+def _description(name: bytes) -> bytes:
+    ascii_part = struct.pack(">I", len(name) + 1) + name + b"\0"
+    return b"desc" + bytes(4) + ascii_part + bytes(8 + 3 + 67)  # no Unicode, no ScriptCode
+
+
+def _xyz(values: NDArray[np.float64]) -> bytes:
+    return b"XYZ " + bytes(4) + _s15f16(values)
+
+
+def _rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.round(values * 65536) / 65536
+
+
+def _s15f16(values: NDArray[np.float64]) -> bytes:
+    return np.round(values * 65536).astype(">i4").tobytes()

@@ -1,0 +1,20 @@
+"""The CIE 1931 standard observer on the grid."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.spectra.grid import WAVELENGTHS_NM
+from pipeline.spectra.library import colour_science
+
+
+@cache
+def cie_1931() -> NDArray[np.float64]:
+    """CIE 1931 2° colour-matching functions x̄, ȳ, z̄, (3, W), as tabulated at each wavelength."""
+    table = colour_science().MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
+    functions = np.array([np.interp(WAVELENGTHS_NM, table.wavelengths, c) for c in table.values.T])
+    functions.setflags(write=False)
+    return functions
