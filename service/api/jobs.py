@@ -1,0 +1,263 @@
+"""Routes of jobs: make, list, watch, cancel, delete."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import re
+import time
+import uuid
+from typing import Annotated, Any
+
+import sqlalchemy as sa
+from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi.concurrency import run_in_threadpool
+
+import pipeline
+from pipeline import errors as pipeline_errors
+from pipeline.options import Options
+from service import jobs
+from service.api import intake
+from service.api.context import Context, Parts, TraceId
+from service.api.models import CaptureRequest, JobAnswer, JobPage
+from service.api.problems import responses
+from service.attempt import FRAMES, describe_inputs, inputs_key
+from service.errors import (
+    IdempotencyError,
+    MalformedRequestError,
+    QueueFullError,
+    UnknownJobError,
+    UnsupportedMediaError,
+    UploadTooLargeError,
+)
+
+router = APIRouter(tags=["jobs"])
+
+WAIT_SECONDS = 60
+"""The longest that `Prefer: wait=N` waits."""
+
+_LOOK_SECONDS = 0.2
+
+_BODY = {
+    "required": True,
+    "content": {
+        "multipart/form-data": {
+            "schema": {
+                "type": "object",
+                "required": list(FRAMES),
+                "properties": {
+                    "no_flash": {
+                        "type": "string",
+                        "format": "binary",
+                        "description": "The photograph without the flash, in any format we read.",
+                    },
+                    "flash": {
+                        "type": "string",
+                        "format": "binary",
+                        "description": "The photograph with the flash.",
+                    },
+                    "options": {
+                        "type": "string",
+                        "contentMediaType": "application/json",
+                        "contentSchema": {"$ref": "#/components/schemas/Options"},
+                        "description": "Options as JSON text.",
+                    },
+                },
+            }
+        },
+        "application/json": {"schema": {"$ref": "#/components/schemas/CaptureRequest"}},
+    },
+}
+SCHEMAS = (Options, CaptureRequest)
+"""Models that the OpenAPI document names only in the body above."""
+
+
+@router.post(
+    "/jobs",
+    status_code=202,
+    response_model=JobAnswer,
+    openapi_extra={"requestBody": _BODY},
+    responses={
+        202: {"headers": {"Location": {"schema": {"type": "string"}}}},
+        **responses(
+            MalformedRequestError,
+            UploadTooLargeError,
+            UnsupportedMediaError,
+            pipeline_errors.InputError,
+            IdempotencyError,
+            QueueFullError,
+            status=(503,),
+        ),
+    },
+)
+async def create_job(
+    request: Request,
+    response: Response,
+    context: Parts,
+    trace_id: TraceId,
+    idempotency_key: Annotated[
+        str | None,
+        Header(min_length=1, max_length=255, description="Makes sending twice as good as once."),
+    ] = None,
+    prefer: Annotated[
+        str | None,
+        Header(
+            description=f"wait=N: answer when the job ends, after N (≤ {WAIT_SECONDS}) s at most."
+        ),
+    ] = None,
+) -> JobAnswer:
+    """Separate a pair of photographs, or have a camera take one and separate it."""
+    await run_in_threadpool(_refuse_when_full, context)
+    async with intake.read(request, context.settings.upload_bytes) as wanted:
+        job_id = await run_in_threadpool(_accept, context, wanted, idempotency_key, trace_id)
+    await _wait(context, job_id, _preferred_wait(prefer))
+    response.headers["Location"] = f"/jobs/{job_id}"
+    return await run_in_threadpool(_answer, context, job_id)
+
+
+@router.get(
+    "/jobs", response_model=JobPage, responses=responses(UnknownJobError, status=(422, 503))
+)
+def list_jobs(
+    context: Parts,
+    limit: Annotated[int, Query(ge=1, le=200)] = 50,
+    after: Annotated[
+        str | None, Query(description="Id of the last job of the page before.")
+    ] = None,
+) -> JobPage:
+    """List jobs, newest first."""
+    with context.engine.connect() as connection:
+        last = _found(connection, after) if after else None
+        found = jobs.page(connection, limit + 1, last)
+        shown = found[:limit]
+        places = jobs.positions(connection, shown)
+    more = len(found) > limit
+    return JobPage(
+        jobs=[JobAnswer.of(job, places.get(job.id)) for job in shown],
+        next=f"/jobs?limit={limit}&after={shown[-1].id}" if more else None,
+    )
+
+
+@router.get(
+    "/jobs/{job_id}",
+    response_model=JobAnswer,
+    responses=responses(UnknownJobError, status=(503,)),
+)
+def get_job(context: Parts, job_id: str) -> JobAnswer:
+    """Tell how far a job is, what it gave, or why it failed."""
+    return _answer(context, job_id)
+
+
+@router.post(
+    "/jobs/{job_id}/cancel",
+    status_code=202,
+    response_model=JobAnswer,
+    responses=responses(UnknownJobError, status=(503,)),
+)
+def cancel_job(context: Parts, job_id: str) -> JobAnswer:
+    """Stop a job; one that has ended stays as it is."""
+    with context.engine.begin() as connection:
+        jobs.request_cancel(connection, job_id)
+        job = _found(connection, job_id)
+    if job.state == jobs.State.CANCELED:
+        context.queue.withdraw(job_id)
+    return _answer(context, job_id)
+
+
+@router.delete(
+    "/jobs/{job_id}", status_code=204, responses=responses(UnknownJobError, status=(503,))
+)
+def delete_job(context: Parts, job_id: str) -> None:
+    """Delete a job with its photographs and results; a running one is stopped first."""
+    with context.engine.begin() as connection:
+        jobs.request_cancel(connection, job_id)
+        job = _found(connection, job_id)
+    # The row goes last, so that a delete that was cut short can be sent again.
+    context.storage.delete_below(f"jobs/{job_id}/")
+    with context.engine.begin() as connection:
+        jobs.remove(connection, job_id)
+    if job.ended:  # a running one leaves the queue when its worker finds the row gone
+        context.queue.forget(job_id)
+
+
+def _found(connection: sa.Connection, job_id: str) -> jobs.Job:
+    job = jobs.find(connection, job_id)
+    if job is None:
+        raise UnknownJobError(f"There is no job {job_id[:32]!r}; it may have been deleted.")
+    return job
+
+
+def _answer(context: Context, job_id: str) -> JobAnswer:
+    with context.engine.connect() as connection:
+        job = _found(connection, job_id)
+        places = jobs.positions(connection, [job])
+    return JobAnswer.of(job, places.get(job_id))
+
+
+def _refuse_when_full(context: Context) -> None:
+    with context.engine.connect() as connection:
+        waiting = jobs.count_queued(connection)
+    if waiting >= context.settings.queued_jobs:
+        raise QueueFullError(f"{waiting} jobs wait already; send this one again later.")
+
+
+def _accept(
+    context: Context, wanted: intake.Intake, idempotency_key: str | None, trace_id: str
+) -> str:
+    """Check the pair, store it, and commit row and queue entry together; the job's id."""
+    job_id = uuid.uuid4().hex
+    sha256 = _store_pair(context, job_id, wanted) if wanted.files else {}
+    values: dict[str, Any] = {
+        "id": job_id,
+        "options": wanted.options.model_dump(mode="json", exclude_unset=True),
+        "capture": wanted.capture,
+        "inputs": describe_inputs(job_id, sha256) if sha256 else None,
+        "trace_id": trace_id,
+        "idempotency_key": idempotency_key,
+        "request_hash": intake.request_hash(wanted, sha256),
+    }
+    try:
+        with context.engine.begin() as connection:
+            jobs.add(connection, values)
+            context.queue.submit(connection, job_id)
+    except sa.exc.IntegrityError:
+        context.storage.delete_below(f"jobs/{job_id}/")
+        return _earlier(context, idempotency_key, values["request_hash"])
+    return job_id
+
+
+def _earlier(context: Context, idempotency_key: str | None, wanted_hash: str) -> str:
+    with context.engine.connect() as connection:
+        job = jobs.find_by_key(connection, idempotency_key) if idempotency_key else None
+    if job is None or job.request_hash != wanted_hash:
+        raise IdempotencyError(
+            "This Idempotency-Key belongs to a request with another pair or other options; "
+            "use a new key."
+        )
+    return job.id
+
+
+def _store_pair(context: Context, job_id: str, wanted: intake.Intake) -> dict[str, str]:
+    data = {frame: wanted.files[frame].file.read() for frame in FRAMES}
+    pipeline.check_pair(data["no_flash"], data["flash"])
+    for frame in FRAMES:
+        context.storage.put(inputs_key(job_id, frame), data[frame])
+    return {frame: hashlib.sha256(data[frame]).hexdigest() for frame in FRAMES}
+
+
+def _preferred_wait(prefer: str | None) -> float:
+    wait = re.search(r"(?:^|[,;\s])wait\s*=\s*(\d{1,9})", prefer or "")
+    return min(int(wait[1]), WAIT_SECONDS) if wait else 0
+
+
+async def _wait(context: Context, job_id: str, seconds: float) -> None:
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        if await run_in_threadpool(_has_ended, context, job_id):
+            return
+        await asyncio.sleep(_LOOK_SECONDS)
+
+
+def _has_ended(context: Context, job_id: str) -> bool:
+    with context.engine.connect() as connection:
+        return _found(connection, job_id).ended

@@ -1,0 +1,122 @@
+"""What the API answers and what it takes, as the OpenAPI document shows them."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from pipeline.options import Options
+from service import jobs
+from service.errors import Problem
+
+
+class Capture(BaseModel):
+    """Where a pair comes from when it is not uploaded."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    camera: str = Field(min_length=1, description="Address of a camera, like sim://studio.")
+
+
+class CaptureRequest(BaseModel):
+    """A job whose pair a camera takes."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    capture: Capture
+    options: Options = Options()
+
+
+class ResultFile(BaseModel):
+    """One result of a job."""
+
+    name: str
+    size: int = Field(description="Bytes.")
+    sha256: str
+    media_type: str
+    href: str
+
+
+class Links(BaseModel):
+    """Where to go from a job; null where there is nothing (yet)."""
+
+    self: str
+    cancel: str | None = None
+    results: str | None = None
+    zip: str | None = None
+
+
+class JobAnswer(BaseModel):
+    """A job as it is now."""
+
+    id: str
+    state: jobs.State
+    stage: str | None = Field(description="capture, decode, align, lamps, layers or encode.")
+    fraction: float = Field(ge=0, le=1, description="How much of the stage is done.")
+    position: int | None = Field(description="Place in the queue, from 1; null once it runs.")
+    attempt: int = Field(description="How often the job was started.")
+    options: dict[str, Any]
+    capture: Capture | None
+    error: Problem | None = Field(description="Why the job failed.")
+    files: list[ResultFile]
+    created: datetime
+    started: datetime | None
+    finished: datetime | None
+    links: Links
+
+    @classmethod
+    def of(cls, job: jobs.Job, position: int | None) -> JobAnswer:
+        """Make the answer for a row."""
+        here = f"/jobs/{job.id}"
+        done = job.state == jobs.State.SUCCEEDED
+        return cls(
+            id=job.id,
+            state=job.state,
+            stage=job.stage,
+            fraction=job.fraction,
+            position=position,
+            attempt=job.attempt,
+            options=job.options,
+            capture=Capture(**job.capture) if job.capture else None,
+            error=Problem(**job.error) if job.error else None,
+            files=[
+                ResultFile(**result, href=f"{here}/results/{result['name']}")
+                for result in job.results or []
+            ],
+            created=_time(job.created),
+            started=_time(job.started) if job.started else None,
+            finished=_time(job.finished) if job.finished else None,
+            links=Links(
+                self=here,
+                cancel=None if job.ended else f"{here}/cancel",
+                results=f"{here}/results" if done else None,
+                zip=f"{here}/results.zip" if done else None,
+            ),
+        )
+
+
+class JobPage(BaseModel):
+    """Jobs, newest first."""
+
+    jobs: list[JobAnswer]
+    next: str | None = Field(description="The page of older jobs; null on the last one.")
+
+
+class CameraAnswer(BaseModel):
+    """A camera that can take a pair."""
+
+    address: str
+    make: str
+    model: str
+
+
+class Health(BaseModel):
+    """That the service answers."""
+
+    status: Literal["ok"] = "ok"
+
+
+def _time(seconds: float) -> datetime:
+    return datetime.fromtimestamp(seconds, UTC)

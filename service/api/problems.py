@@ -1,0 +1,121 @@
+"""Turns every exception of a request into a problem (RFC 9457)."""
+
+from __future__ import annotations
+
+import logging
+import uuid
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse, Response
+from starlette.exceptions import HTTPException
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from service.errors import (
+    INVALID,
+    KINDS,
+    Kind,
+    Problem,
+    QueueFullError,
+    RangeError,
+    describe_fault,
+    kind_of,
+    make_problem,
+    problem_of,
+)
+
+MEDIA_TYPE = "application/problem+json"
+RETRY_SECONDS = 10
+
+log = logging.getLogger("service.api")
+
+
+class TraceIds:
+    """Gives every request a trace_id, the caller's own when it sends W3C `traceparent`."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        parent = dict(scope["headers"]).get(b"traceparent", b"").decode("latin-1").split("-")
+        trace_id = parent[1] if len(parent) == 4 and _is_trace_id(parent[1]) else uuid.uuid4().hex
+        scope.setdefault("state", {})["trace_id"] = trace_id
+
+        async def send_with_id(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message["headers"], (b"trace-id", trace_id.encode())]
+            await send(message)
+
+        await self._app(scope, receive, send_with_id)
+
+
+def _is_trace_id(text: str) -> bool:
+    return len(text) == 32 and set(text) <= set("0123456789abcdef") and text != "0" * 32
+
+
+def responses(*errors: type[Exception], status: tuple[int, ...] = ()) -> dict[int | str, Any]:
+    """Write the OpenAPI entry of the problems a route answers with."""
+    statuses = sorted({*(KINDS[error].status for error in errors), *status})
+    schema = {"$ref": "#/components/schemas/Problem"}
+    return {
+        code: {"description": _describe(code), "content": {MEDIA_TYPE: {"schema": schema}}}
+        for code in statuses
+    }
+
+
+def _describe(status: int) -> str:
+    kinds = sorted({kind.name for kind in (*KINDS.values(), INVALID) if kind.status == status})
+    return f"A problem: {', '.join(kinds)}."
+
+
+def install(app: FastAPI) -> None:
+    """Register the handlers."""
+    app.add_middleware(TraceIds)
+    app.add_exception_handler(RequestValidationError, _on_validation)
+    app.add_exception_handler(HTTPException, _on_http)
+    app.add_exception_handler(Exception, _on_internal)
+    for error in KINDS:
+        app.add_exception_handler(error, _on_known)
+
+
+def _answer(problem: Problem, headers: dict[str, str] | None = None) -> Response:
+    return JSONResponse(
+        problem.model_dump(), problem.status, media_type=MEDIA_TYPE, headers=headers
+    )
+
+
+async def _on_known(request: Request, error: Exception) -> Response:
+    headers = {}
+    if isinstance(error, QueueFullError):
+        headers["Retry-After"] = str(RETRY_SECONDS)
+    if isinstance(error, RangeError):
+        headers["Content-Range"] = f"bytes */{error.size}"
+    if kind_of(error).status >= 500:
+        log.error("request failed", exc_info=error, extra={"trace_id": request.state.trace_id})
+    return _answer(problem_of(error, request.state.trace_id), headers)
+
+
+async def _on_validation(request: Request, error: Exception) -> Response:
+    assert isinstance(error, RequestValidationError)
+    fault = error.errors()[0]
+    detail = describe_fault(tuple(fault["loc"]), str(fault["msg"]))
+    return _answer(make_problem(INVALID, detail, request.state.trace_id))
+
+
+async def _on_http(request: Request, error: Exception) -> Response:
+    # What the router itself refuses: unknown paths and methods.
+    assert isinstance(error, HTTPException)
+    kind = Kind(f"http-{error.status_code}", error.status_code, str(error.detail))
+    detail = f"{request.method} {request.url.path}: {error.detail}."
+    headers = dict(error.headers) if error.headers else None
+    return _answer(make_problem(kind, detail, request.state.trace_id), headers)
+
+
+async def _on_internal(request: Request, error: Exception) -> Response:
+    log.error("request failed", exc_info=error, extra={"trace_id": request.state.trace_id})
+    return _answer(problem_of(error, request.state.trace_id))

@@ -1,0 +1,130 @@
+"""Routes of results: the manifest, one file, all files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Header
+from fastapi.responses import Response, StreamingResponse
+
+from service import jobs
+from service.api.context import Context, Parts
+from service.api.problems import responses
+from service.api.ranges import parse_range
+from service.api.zips import Member, stored_zip
+from service.attempt import results_key
+from service.errors import NotReadyError, RangeError, UnknownJobError, UnknownResultError
+
+router = APIRouter(tags=["results"])
+
+MANIFEST = "manifest.json"
+_BINARY = {"schema": {"type": "string", "format": "binary"}}
+
+
+@router.get(
+    "/jobs/{job_id}/results",
+    response_class=Response,
+    responses={
+        200: {
+            "description": "The manifest.",
+            "content": {"application/json": {"schema": {"type": "object"}}},
+        },
+        **responses(UnknownJobError, NotReadyError, status=(503,)),
+    },
+)
+def get_manifest(context: Parts, job_id: str) -> Response:
+    """Get the manifest: inputs, options, lamps, files, warnings, versions."""
+    job = _succeeded(context, job_id)
+    _result(job, MANIFEST)
+    data = context.storage.get(results_key(job_id, job.attempt, MANIFEST))
+    return Response(data, media_type="application/json")
+
+
+@router.get(
+    "/jobs/{job_id}/results/{name}",
+    response_class=Response,
+    responses={
+        200: {"description": "The file.", "content": {"*/*": _BINARY}},
+        206: {"description": "The part that Range asked for.", "content": {"*/*": _BINARY}},
+        304: {"description": "The file is the one that If-None-Match names."},
+        **responses(UnknownJobError, UnknownResultError, NotReadyError, RangeError, status=(503,)),
+    },
+)
+def get_result(
+    context: Parts,
+    job_id: str,
+    name: str,
+    range: Annotated[str | None, Header()] = None,
+    if_range: Annotated[str | None, Header()] = None,
+    if_none_match: Annotated[str | None, Header()] = None,
+) -> Response:
+    """Get one file of the results, whole or in part."""
+    job = _succeeded(context, job_id)
+    result = _result(job, name)
+    etag = f'"{result["sha256"]}"'
+    headers = {
+        "ETag": etag,
+        "Accept-Ranges": "bytes",
+        "Cache-Control": "private, max-age=31536000, immutable",
+        "Content-Disposition": f'inline; filename="{name}"',
+        "X-Content-Type-Options": "nosniff",
+    }
+    if if_none_match and (if_none_match.strip() == "*" or etag in if_none_match):
+        return Response(status_code=304, headers=headers)
+    size = result["size"]
+    wanted = range if if_range in (None, etag) else None
+    part = parse_range(wanted, size)
+    start, end = part or (0, size)
+    headers["Content-Length"] = str(end - start)
+    if part:
+        headers["Content-Range"] = f"bytes {start}-{end - 1}/{size}"
+    chunks = context.storage.stream(results_key(job_id, job.attempt, name), start, end)
+    return StreamingResponse(
+        chunks, 206 if part else 200, headers=headers, media_type=result["media_type"]
+    )
+
+
+@router.get(
+    "/jobs/{job_id}/results.zip",
+    response_class=Response,
+    responses={
+        200: {"description": "Every file, stored.", "content": {"application/zip": _BINARY}},
+        **responses(UnknownJobError, NotReadyError, status=(503,)),
+    },
+)
+def get_zip(context: Parts, job_id: str) -> Response:
+    """Get all results in one ZIP file."""
+    job = _succeeded(context, job_id)
+    members = [_member(context, job, result) for result in job.results or []]
+    headers = {"Content-Disposition": f'attachment; filename="{job_id}.zip"'}
+    return StreamingResponse(stored_zip(members), headers=headers, media_type="application/zip")
+
+
+def _member(context: Context, job: jobs.Job, result: dict[str, Any]) -> Member:
+    key = results_key(job.id, job.attempt, result["name"])
+
+    def chunks() -> Iterator[bytes]:
+        return context.storage.stream(key, 0, result["size"])
+
+    return Member(result["name"], result["size"], chunks)
+
+
+def _succeeded(context: Context, job_id: str) -> jobs.Job:
+    with context.engine.connect() as connection:
+        job = jobs.find(connection, job_id)
+    if job is None:
+        raise UnknownJobError(f"There is no job {job_id[:32]!r}; it may have been deleted.")
+    if job.state != jobs.State.SUCCEEDED:
+        raise NotReadyError(f"The job is {job.state}; results are there once it is succeeded.")
+    return job
+
+
+def _result(job: jobs.Job, name: str) -> dict[str, Any]:
+    # Only names that the job wrote are ever looked up, so that no name can leave its folder.
+    for result in job.results or []:
+        if result["name"] == name:
+            return result
+    raise UnknownResultError(
+        "The job has no result of this name; its `files` lists those that it has."
+    )

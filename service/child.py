@@ -1,0 +1,102 @@
+"""The process of one task of a job: python -m service.child PARENT, its task as JSON on stdin.
+
+It writes one JSON object per line to stdout: {"stage", "fraction"} while it works, {"problem"}
+before it ends with nothing to show. Exit code 0 without a problem means that all is written.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import resource
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from service.processes import die_with_parent
+
+_CV_NO_MEMORY = -4  # cv::Error::StsNoMem
+
+log = logging.getLogger("service.child")
+
+Tell = Callable[[dict[str, Any]], None]
+
+
+def main() -> int:
+    """Run the task that stdin describes; see service.sandbox.Task."""
+    die_with_parent(int(sys.argv[1]))
+    task = json.load(sys.stdin)
+    _limit(task["memory_bytes"], task["cpu_seconds"])
+    tell = _take_stdout()
+
+    # Imported under the limits, since importing alone can need more than they allow.
+    from service import errors, logs
+
+    logs.configure()
+    try:
+        _WORK[task["kind"]](task, tell)
+    except Exception as error:
+        if isinstance(error, MemoryError) or getattr(error, "code", None) == _CV_NO_MEMORY:
+            error = errors.MemoryLimitError(
+                "The photographs need more memory than a job may have; send smaller ones."
+            )
+        if errors.kind_of(error) is errors.INTERNAL:
+            log.exception("task failed", extra={"job": task["job"], "trace_id": task["trace_id"]})
+        tell({"problem": errors.problem_of(error, task["trace_id"]).model_dump()})
+        return 1
+    return 0
+
+
+def _limit(memory_bytes: int, cpu_seconds: int) -> None:
+    resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
+    resource.setrlimit(resource.RLIMIT_CPU, (cpu_seconds, cpu_seconds))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def _take_stdout() -> Tell:
+    # What libraries print goes to stderr, so that it cannot break the lines.
+    pipe = os.fdopen(os.dup(1), "w", buffering=1, encoding="utf-8")
+    os.dup2(2, 1)
+
+    def tell(message: dict[str, Any]) -> None:
+        pipe.write(json.dumps(message) + "\n")
+
+    return tell
+
+
+def _separate(task: dict[str, Any], tell: Tell) -> None:
+    import pipeline
+    from pipeline.options import Options
+    from pipeline.progress import Progress
+
+    directory = Path(task["directory"])
+    pipeline.separate_files(
+        (directory / "no_flash").read_bytes(),
+        (directory / "flash").read_bytes(),
+        Options.model_validate(task["options"]),
+        directory / "results",
+        Progress(lambda stage, fraction: tell({"stage": stage, "fraction": fraction})),
+    )
+
+
+def _capture(task: dict[str, Any], tell: Tell) -> None:
+    import drivers
+
+    directory = Path(task["directory"])
+    tell({"stage": "capture", "fraction": 0.0})
+    with drivers.open_camera(task["capture"]["camera"]) as camera:
+        pair = drivers.capture_pair(camera)
+    (directory / "no_flash").write_bytes(pair.no_flash.best)
+    (directory / "flash").write_bytes(pair.flash.best)
+    tell({"stage": "capture", "fraction": 1.0})
+
+
+_WORK: dict[str, Callable[[dict[str, Any], Tell], None]] = {
+    "separate": _separate,
+    "capture": _capture,
+}
+
+if __name__ == "__main__":
+    sys.exit(main())

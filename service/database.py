@@ -1,0 +1,103 @@
+"""The database of jobs and workers, shared with the queue: SQLite or PostgreSQL."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.ext.compiler import compiles
+from sqlalchemy.schema import CreateIndex, CreateTable
+from sqlalchemy.sql.functions import FunctionElement
+
+_metadata = sa.MetaData()
+_MIGRATION_LOCK = 0x11647  # any number that stays the same
+
+
+class now(FunctionElement[float]):  # noqa: N801  reads as the SQL function it is
+    """The database's clock, in seconds since 1970, so that no host's clock matters."""
+
+    type = sa.Double()
+    inherit_cache = True
+    name = "now"
+
+
+@compiles(now, "sqlite")
+def _sqlite_now(_element: now, _compiler: Any, **_options: Any) -> str:
+    return "((julianday('now') - 2440587.5) * 86400.0)"
+
+
+@compiles(now, "postgresql")
+def _postgresql_now(_element: now, _compiler: Any, **_options: Any) -> str:
+    return "CAST(EXTRACT(EPOCH FROM clock_timestamp()) AS DOUBLE PRECISION)"
+
+
+jobs = sa.Table(
+    "jobs",
+    _metadata,
+    sa.Column("id", sa.String(32), primary_key=True),
+    sa.Column("state", sa.String(16), nullable=False),
+    sa.Column("stage", sa.String(16)),
+    sa.Column("fraction", sa.Double, nullable=False, default=0.0),
+    # Attempts are numbered from 1; `attempt` is the last one started and the only one that may
+    # write. `lost` counts those whose worker died under them.
+    sa.Column("attempt", sa.Integer, nullable=False, default=0),
+    sa.Column("lost", sa.Integer, nullable=False, default=0),
+    sa.Column("worker", sa.String(64)),
+    sa.Column("options", sa.JSON, nullable=False),
+    sa.Column("capture", sa.JSON(none_as_null=True)),
+    sa.Column("inputs", sa.JSON(none_as_null=True)),
+    sa.Column("results", sa.JSON(none_as_null=True)),
+    sa.Column("error", sa.JSON(none_as_null=True)),
+    sa.Column("trace_id", sa.String(32), nullable=False),
+    sa.Column("idempotency_key", sa.String(255), unique=True),
+    sa.Column("request_hash", sa.String(64), nullable=False),
+    sa.Column("created", sa.Double, nullable=False),
+    sa.Column("started", sa.Double),
+    sa.Column("finished", sa.Double),
+    sa.Index("jobs_by_age", "created", "id"),
+    sa.Index("jobs_by_state", "state", "created", "id"),
+)
+
+workers = sa.Table(
+    "workers",
+    _metadata,
+    sa.Column("id", sa.String(64), primary_key=True),
+    sa.Column("seen", sa.Double, nullable=False),
+)
+
+
+def connect(url: str) -> sa.Engine:
+    """Open an engine for our tables and the queue's.
+
+    On SQLite every writing transaction takes the lock when it begins to write, and waits for it.
+    """
+    parsed = sa.make_url(url)
+    if parsed.get_backend_name() == "postgresql":
+        return sa.create_engine(parsed.set(drivername="postgresql+psycopg"), pool_pre_ping=True)
+    if parsed.database:
+        Path(parsed.database).parent.mkdir(parents=True, exist_ok=True)
+    engine = sa.create_engine(parsed)
+
+    @sa.event.listens_for(engine, "connect")
+    def _configure(connection: Any, _record: object) -> None:
+        connection.isolation_level = "IMMEDIATE"
+        connection.execute("PRAGMA busy_timeout=30000")
+        connection.execute("PRAGMA journal_mode=WAL")
+        connection.execute("PRAGMA synchronous=NORMAL")
+        connection.execute("PRAGMA foreign_keys=ON")
+
+    return engine
+
+
+def create_tables(engine: sa.Engine) -> None:
+    """Create the tables that are missing; safe to call from several processes at once."""
+    with engine.begin() as connection:
+        if engine.dialect.name == "sqlite":
+            connection.exec_driver_sql("BEGIN IMMEDIATE")
+        else:
+            connection.execute(sa.select(sa.func.pg_advisory_xact_lock(_MIGRATION_LOCK)))
+        for table in _metadata.sorted_tables:
+            connection.execute(CreateTable(table, if_not_exists=True))
+            for index in sorted(table.indexes, key=lambda index: str(index.name)):
+                connection.execute(CreateIndex(index, if_not_exists=True))

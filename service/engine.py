@@ -1,0 +1,104 @@
+"""The durable queue: submit, withdraw, run, take over. The only module that knows DBOS.
+
+DBOS remembers what was submitted through every crash and hands each job to one worker; what it
+does not do is take over the jobs of a worker that died, so take_over() does.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Collection
+
+import sqlalchemy as sa
+from dbos import DBOS, DBOSClient, DBOSConfig, DBOSPortableJSONSerializer, EnqueueOptions
+
+_APPLICATION = "lightlayers"
+_VERSION = "1"  # pinned: a job of an older program may be run by a newer one
+_QUEUE = "jobs"
+_WORKFLOW = "run_job"
+
+
+def migrate(engine: sa.Engine) -> None:
+    """Create or bring up to date the queue's tables; before the first Queue or launch."""
+    DBOS.migrate(engine.url.render_as_string(hide_password=False))
+
+
+class Queue:
+    """The queue as the API sees it: it only puts in and takes out."""
+
+    def __init__(self, engine: sa.Engine) -> None:
+        self._client = DBOSClient(
+            system_database_engine=engine,
+            serializer=DBOSPortableJSONSerializer(),
+            application_name=_APPLICATION,
+            retry_connection_errors=False,
+        )
+
+    def submit(self, connection: sa.Connection, job_id: str) -> None:
+        """Enqueue a job within the caller's transaction."""
+        options = EnqueueOptions(
+            workflow_name=_WORKFLOW,
+            queue_name=_QUEUE,
+            workflow_id=job_id,
+            app_version=_VERSION,
+        )
+        self._client.enqueue_in_transaction(connection, options, job_id)
+
+    def withdraw(self, job_id: str) -> None:
+        """Take a job that waits out of the queue."""
+        self._client.cancel_workflow(job_id)
+
+    def forget(self, job_id: str) -> None:
+        """Drop everything the queue knows about a job."""
+        self._client.delete_workflow(job_id)
+
+    def close(self) -> None:
+        """Stop using the queue; the engine stays the caller's."""
+        self._client.destroy()
+
+
+def launch(
+    engine: sa.Engine,
+    worker: str,
+    run: Callable[[str], None],
+    concurrency: int,
+    poll_seconds: float,
+) -> None:
+    """Have this process call run(job id) in threads for the jobs of the queue.
+
+    worker: unique among all workers ever. run: must return only when the job has ended, since a
+    return takes the job out of the queue for good.
+    """
+    # DBOS writes to the console of its own unless its logger has a handler.
+    logging.getLogger("dbos").addHandler(logging.NullHandler())
+    DBOS(
+        config=DBOSConfig(
+            name=_APPLICATION,
+            system_database_engine=engine,
+            executor_id=worker,
+            application_version=_VERSION,
+            serializer=DBOSPortableJSONSerializer(),
+            log_level="WARNING",
+        )
+    )
+    # An attempt count of our own is in the job's row: a takeover resets the one of DBOS.
+    DBOS.workflow(name=_WORKFLOW, max_recovery_attempts=None)(run)
+    DBOS.listen_queues([_QUEUE])
+    DBOS.launch()
+    DBOS.register_queue(
+        _QUEUE,
+        worker_concurrency=concurrency,
+        polling_interval_sec=poll_seconds,
+        on_conflict="always_update",
+    )
+
+
+def take_over(living: Collection[str]) -> list[str]:
+    """Put the jobs of workers that are not among the living back into the queue; their ids."""
+    held = DBOS.list_workflows(
+        status="PENDING", queue_name=_QUEUE, load_input=False, load_output=False
+    )
+    orphans = [job.workflow_id for job in held if job.executor_id not in living]
+    for job_id in orphans:
+        DBOS.resume_workflow(job_id, queue_name=_QUEUE)
+    return orphans

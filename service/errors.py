@@ -1,0 +1,206 @@
+"""Errors as people and programs see them: RFC 9457 problems, and the table that makes them.
+
+ServiceError
+├── MalformedRequestError    400  the request is not one we understand
+├── UnknownJobError          404  no such job
+├── UnknownResultError       404  no such result of a job
+├── NotReadyError            409  the job has no results (yet)
+├── UploadTooLargeError      413  more bytes than the limit
+├── UnsupportedMediaError    415  neither multipart nor JSON
+├── RangeError               416  the range lies outside the file
+├── IdempotencyError         422  an Idempotency-Key used again for something else
+├── QueueFullError           429  too many jobs wait
+└── AttemptError             500  what a job's process can die of
+    ├── CrashError           it crashed
+    ├── MemoryLimitError     it needed more memory than the limit
+    ├── TimeLimitError       it ran longer than the limit
+    └── AbandonedError       its worker died under it several times
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from obstore import exceptions as obstore_errors
+from pydantic import BaseModel, Field, ValidationError
+from sqlalchemy.exc import DBAPIError
+
+import drivers
+from pipeline import errors as pipeline_errors
+
+
+class ServiceError(Exception):
+    """Root of what the service raises on purpose. The message is one sentence for people."""
+
+
+class MalformedRequestError(ServiceError):
+    """The request is not one we understand."""
+
+
+class UnknownJobError(ServiceError):
+    """There is no such job."""
+
+
+class UnknownResultError(ServiceError):
+    """The job has no such result."""
+
+
+class NotReadyError(ServiceError):
+    """The job has no results, or none yet."""
+
+
+class UploadTooLargeError(ServiceError):
+    """More bytes than the limit."""
+
+
+class UnsupportedMediaError(ServiceError):
+    """A body of a type we do not read."""
+
+
+class RangeError(ServiceError):
+    """The range lies outside the file."""
+
+    def __init__(self, message: str, size: int) -> None:
+        super().__init__(message)
+        self.size = size
+
+
+class IdempotencyError(ServiceError):
+    """An Idempotency-Key that was used for another request."""
+
+
+class QueueFullError(ServiceError):
+    """Too many jobs wait."""
+
+
+class AttemptError(ServiceError):
+    """A job's process ended without a result."""
+
+
+class CrashError(AttemptError):
+    """The process crashed."""
+
+
+class MemoryLimitError(AttemptError):
+    """The process needed more memory than its limit."""
+
+
+class TimeLimitError(AttemptError):
+    """The process ran longer than its limit."""
+
+
+class AbandonedError(AttemptError):
+    """The job's worker died under it several times."""
+
+
+class Problem(BaseModel):
+    """What went wrong (RFC 9457)."""
+
+    type: str = Field(description="Stable name of the kind of problem.")
+    title: str = Field(description="The kind of problem in words.")
+    status: int = Field(description="HTTP status code.")
+    detail: str = Field(description="One sentence: what, where, and what to do.")
+    retryable: bool = Field(description="Whether the same request may succeed later.")
+    trace_id: str = Field(description="Names this request in the service's log.")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of problem. detail: the sentence, where the exception's own is not for users."""
+
+    name: str
+    status: int
+    title: str
+    retryable: bool = False
+    detail: str | None = None
+
+
+INVALID = Kind("invalid-request", 422, "A value of the request cannot be used")
+INTERNAL = Kind(
+    "internal",
+    500,
+    "Something broke inside the service",
+    retryable=True,
+    detail="Something broke inside the service; its log has more under this trace_id.",
+)
+STORE_AWAY = Kind(
+    "store-unavailable",
+    503,
+    "The store is down",
+    retryable=True,
+    detail="The store of photographs and results does not answer; try again in a minute.",
+)
+DATABASE_AWAY = Kind(
+    "database-unavailable",
+    503,
+    "The database is down",
+    retryable=True,
+    detail="The database of jobs does not answer; try again in a minute.",
+)
+
+KINDS: dict[type[Exception], Kind] = {
+    pipeline_errors.UnreadableImageError: Kind("unreadable-image", 422, "Not a readable image"),
+    pipeline_errors.ImageTooLargeError: Kind("image-too-large", 413, "Too many pixels"),
+    pipeline_errors.PairMismatchError: Kind("pair-mismatch", 422, "The frames are no pair"),
+    pipeline_errors.UnusablePairError: Kind("unusable-pair", 422, "No light to separate"),
+    pipeline_errors.OptionError: Kind("invalid-option", 422, "An option cannot be used"),
+    pipeline_errors.InputError: Kind("invalid-input", 422, "The input cannot be used"),
+    drivers.BadAddressError: Kind("bad-camera-address", 422, "No address of a camera"),
+    drivers.CameraNotFoundError: Kind("camera-not-found", 404, "No camera answers there"),
+    drivers.DriverError: Kind("camera-failed", 503, "The camera failed", retryable=True),
+    MalformedRequestError: Kind("malformed-request", 400, "The request cannot be read"),
+    UnknownJobError: Kind("unknown-job", 404, "No such job"),
+    UnknownResultError: Kind("unknown-result", 404, "No such result"),
+    NotReadyError: Kind("not-ready", 409, "The job has no results", retryable=True),
+    UploadTooLargeError: Kind("upload-too-large", 413, "Too many bytes"),
+    UnsupportedMediaError: Kind("unsupported-media-type", 415, "Neither multipart nor JSON"),
+    RangeError: Kind("range-not-satisfiable", 416, "The range lies outside the file"),
+    IdempotencyError: Kind("idempotency-key-reused", 422, "Idempotency-Key used for another job"),
+    QueueFullError: Kind("queue-full", 429, "Too many jobs wait", retryable=True),
+    CrashError: Kind("crashed", 500, "The separation crashed"),
+    MemoryLimitError: Kind("out-of-memory", 500, "The separation ran out of memory"),
+    TimeLimitError: Kind("timed-out", 500, "The separation took too long"),
+    AbandonedError: Kind("abandoned", 500, "The job's worker died several times"),
+    obstore_errors.BaseError: STORE_AWAY,
+    DBAPIError: DATABASE_AWAY,
+}
+"""One table from exceptions to problems; a subclass without a row of its own takes its parent's."""
+
+
+def kind_of(error: Exception) -> Kind:
+    """Find the kind of problem that an exception is; INTERNAL for what is in no table."""
+    for parent in type(error).__mro__:
+        if parent in KINDS:
+            return KINDS[parent]
+    return INTERNAL
+
+
+def make_problem(kind: Kind, detail: str, trace_id: str) -> Problem:
+    """Make a problem of a kind."""
+    return Problem(
+        type=f"urn:lightlayers:problem:{kind.name}",
+        title=kind.title,
+        status=kind.status,
+        detail=detail,
+        retryable=kind.retryable,
+        trace_id=trace_id,
+    )
+
+
+def problem_of(error: Exception, trace_id: str) -> Problem:
+    """Make the problem that an exception is. What is in no table keeps its details in the log."""
+    kind = kind_of(error)
+    return make_problem(kind, kind.detail or str(error), trace_id)
+
+
+def sentence_of(error: ValidationError) -> str:
+    """Tell the first fault that pydantic found in one sentence that names the place."""
+    fault = error.errors(include_url=False, include_context=False, include_input=False)[0]
+    return describe_fault(fault["loc"], fault["msg"])
+
+
+def describe_fault(location: tuple[int | str, ...], message: str) -> str:
+    """One sentence for a place in the request and what is wrong there."""
+    message = message.removeprefix("Value error, ").rstrip(".")
+    place = ".".join(str(part) for part in location)
+    return f"{place}: {message}." if place else f"{message[:1].upper()}{message[1:]}."

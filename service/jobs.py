@@ -1,0 +1,241 @@
+"""The rows of jobs: the only truth about a job's state.
+
+queued → running → succeeded | failed
+queued → canceled;  running → canceling → canceled
+Every write of an attempt names its number, so that an attempt that was taken over writes nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+import sqlalchemy as sa
+
+from service.database import jobs, now, workers
+
+
+class State(StrEnum):
+    """What a job is at."""
+
+    QUEUED = "queued"  # waits for a worker
+    RUNNING = "running"  # a worker has it
+    CANCELING = "canceling"  # a worker has it and was asked to stop
+    SUCCEEDED = "succeeded"  # results are there
+    FAILED = "failed"  # `error` says why
+    CANCELED = "canceled"  # stopped on request
+
+
+_ENDED = (State.SUCCEEDED, State.FAILED, State.CANCELED)
+
+LOST_ATTEMPTS = 3
+"""Attempts a job may lose with their workers before it is given up."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One row; times are seconds since 1970 by the database's clock. Columns: service.database."""
+
+    id: str
+    state: State
+    stage: str | None
+    fraction: float
+    attempt: int
+    lost: int
+    worker: str | None
+    options: dict[str, Any]
+    capture: dict[str, Any] | None
+    inputs: dict[str, Any] | None
+    results: list[dict[str, Any]] | None
+    error: dict[str, Any] | None
+    trace_id: str
+    idempotency_key: str | None
+    request_hash: str
+    created: float
+    started: float | None
+    finished: float | None
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing will happen to the job any more."""
+        return self.state in _ENDED
+
+
+def _job(row: sa.Row[Any]) -> Job:
+    return Job(**{**row._mapping, "state": State(row.state)})
+
+
+def add(connection: sa.Connection, values: Mapping[str, Any]) -> None:
+    """Insert a queued job. Raises sqlalchemy.exc.IntegrityError on a used idempotency key."""
+    connection.execute(sa.insert(jobs).values(state=State.QUEUED, created=now(), **values))
+
+
+def find(connection: sa.Connection, job_id: str) -> Job | None:
+    """Find the job of this id."""
+    row = connection.execute(sa.select(jobs).where(jobs.c.id == job_id)).first()
+    return _job(row) if row else None
+
+
+def find_by_key(connection: sa.Connection, idempotency_key: str) -> Job | None:
+    """Find the job that was made under this idempotency key."""
+    row = connection.execute(
+        sa.select(jobs).where(jobs.c.idempotency_key == idempotency_key)
+    ).first()
+    return _job(row) if row else None
+
+
+def page(connection: sa.Connection, limit: int, after: Job | None) -> list[Job]:
+    """Up to `limit` jobs, newest first, older than `after`."""
+    query = sa.select(jobs).order_by(jobs.c.created.desc(), jobs.c.id.desc()).limit(limit)
+    if after:
+        query = query.where(sa.tuple_(jobs.c.created, jobs.c.id) < (after.created, after.id))
+    return [_job(row) for row in connection.execute(query)]
+
+
+def count_queued(connection: sa.Connection) -> int:
+    """How many jobs wait."""
+    query = sa.select(sa.func.count()).select_from(jobs).where(jobs.c.state == State.QUEUED)
+    return connection.execute(query).scalar_one()
+
+
+def positions(connection: sa.Connection, waiting: list[Job]) -> dict[str, int]:
+    """Place in the queue, from 1, of every job of `waiting` that is queued."""
+    queued = [job for job in waiting if job.state == State.QUEUED]
+    return {
+        job.id: connection.execute(
+            sa.select(sa.func.count())
+            .select_from(jobs)
+            .where(
+                jobs.c.state == State.QUEUED,
+                sa.tuple_(jobs.c.created, jobs.c.id) <= (job.created, job.id),
+            )
+        ).scalar_one()
+        for job in queued
+    }
+
+
+def request_cancel(connection: sa.Connection, job_id: str) -> None:
+    """Cancel a queued job at once and ask the worker of a running one to stop."""
+    connection.execute(
+        sa.update(jobs)
+        .where(jobs.c.id == job_id, jobs.c.state == State.QUEUED)
+        .values(state=State.CANCELED, finished=now())
+    )
+    connection.execute(
+        sa.update(jobs)
+        .where(jobs.c.id == job_id, jobs.c.state == State.RUNNING)
+        .values(state=State.CANCELING)
+    )
+
+
+def remove(connection: sa.Connection, job_id: str) -> None:
+    """Delete the row."""
+    connection.execute(sa.delete(jobs).where(jobs.c.id == job_id))
+
+
+def beat(connection: sa.Connection, worker: str) -> None:
+    """Say that a worker lives."""
+    seen = connection.execute(sa.update(workers).where(workers.c.id == worker).values(seen=now()))
+    if seen.rowcount == 0:
+        connection.execute(sa.insert(workers).values(id=worker, seen=now()))
+
+
+def leave(connection: sa.Connection, worker: str) -> None:
+    """Say that a worker ends; what it still holds may be taken over at once."""
+    connection.execute(sa.delete(workers).where(workers.c.id == worker))
+
+
+def living_workers(connection: sa.Connection, silence_seconds: float) -> set[str]:
+    """Workers heard of lately. Forgets the others."""
+    connection.execute(sa.delete(workers).where(workers.c.seen < now() - silence_seconds))
+    return set(connection.execute(sa.select(workers.c.id)).scalars())
+
+
+def claim(connection: sa.Connection, job_id: str, worker: str) -> Job | None:
+    """Start the next attempt of a job; None when it is not to be had (now).
+
+    A job is to be had when it is queued, or when the worker that holds it is dead, which means
+    that it has no row in `workers`; such an attempt counts as lost. A job that was being canceled
+    stays so: the caller ends it.
+    """
+    orphan = sa.and_(
+        jobs.c.state.in_([State.RUNNING, State.CANCELING]),
+        ~sa.exists().where(workers.c.id == jobs.c.worker),
+    )
+    claimed = connection.execute(
+        sa.update(jobs)
+        .where(jobs.c.id == job_id, sa.or_(jobs.c.state == State.QUEUED, orphan))
+        .values(
+            state=sa.case((jobs.c.state == State.QUEUED, State.RUNNING), else_=jobs.c.state),
+            lost=jobs.c.lost + sa.case((jobs.c.state == State.QUEUED, 0), else_=1),
+            attempt=jobs.c.attempt + 1,
+            worker=worker,
+            stage=None,
+            fraction=0.0,
+            started=sa.func.coalesce(jobs.c.started, now()),
+        )
+    )
+    return find(connection, job_id) if claimed.rowcount else None
+
+
+def _of_attempt(job: Job) -> sa.ColumnElement[bool]:
+    return sa.and_(
+        jobs.c.id == job.id,
+        jobs.c.attempt == job.attempt,
+        jobs.c.state.in_([State.RUNNING, State.CANCELING]),
+    )
+
+
+def report(connection: sa.Connection, job: Job, stage: str, fraction: float) -> None:
+    """Write how far the attempt is: `fraction` (0…1) of `stage`."""
+    connection.execute(
+        sa.update(jobs).where(_of_attempt(job)).values(stage=stage, fraction=fraction)
+    )
+
+
+def must_stop(connection: sa.Connection, job: Job) -> bool:
+    """Whether the attempt is to stop: canceled, taken over, or its row is gone."""
+    state = connection.execute(sa.select(jobs.c.state).where(_of_attempt(job))).scalar()
+    return state != State.RUNNING
+
+
+def set_inputs(connection: sa.Connection, job: Job, inputs: dict[str, Any]) -> None:
+    """Name the stored photographs of a capture, so that no later attempt takes them again."""
+    connection.execute(sa.update(jobs).where(_of_attempt(job)).values(inputs=inputs))
+
+
+def succeed(connection: sa.Connection, job: Job, results: list[dict[str, Any]]) -> bool:
+    """End the job with the files of this attempt; false when the attempt counts no more."""
+    return _end(
+        connection, job, State.RUNNING, state=State.SUCCEEDED, results=results, fraction=1.0
+    )
+
+
+def fail(connection: sa.Connection, job: Job, error: dict[str, Any]) -> bool:
+    """End the job with a problem; false when the attempt counts no more."""
+    return _end(connection, job, State.RUNNING, state=State.FAILED, error=error)
+
+
+def acknowledge_cancel(connection: sa.Connection, job: Job) -> bool:
+    """End a job that was asked to stop; false when it was not, or the attempt counts no more."""
+    return _end(connection, job, State.CANCELING, state=State.CANCELED)
+
+
+def release(connection: sa.Connection, job: Job) -> None:
+    """Put the job back, for a worker that ends; the attempt does not count as lost."""
+    connection.execute(
+        sa.update(jobs)
+        .where(_of_attempt(job), jobs.c.state == State.RUNNING)
+        .values(state=State.QUEUED, worker=None, stage=None, fraction=0.0)
+    )
+
+
+def _end(connection: sa.Connection, job: Job, from_state: State, **values: Any) -> bool:
+    ended = connection.execute(
+        sa.update(jobs)
+        .where(_of_attempt(job), jobs.c.state == from_state)
+        .values(worker=None, finished=now(), **values)
+    )
+    return ended.rowcount == 1

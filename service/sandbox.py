@@ -1,0 +1,148 @@
+"""Runs one task of a job in a process of its own, so that what breaks it breaks only this job."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import selectors
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import IO, Any, Literal
+
+from service.errors import CrashError, MemoryLimitError, TimeLimitError
+
+_COMMAND = (sys.executable, "-m", "service.child")
+_LOOK_SECONDS = 0.2
+
+
+class StoppedError(Exception):
+    """must_stop() said so; the process is dead."""
+
+
+class TaskError(Exception):
+    """The process reported a problem."""
+
+    def __init__(self, problem: dict[str, Any]) -> None:
+        super().__init__(problem["detail"])
+        self.problem = problem
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a process is to do.
+
+    kind "separate": directory/no_flash and directory/flash, with options → directory/results.
+    kind "capture": the camera that capture names → directory/no_flash and directory/flash.
+    """
+
+    kind: Literal["separate", "capture"]
+    job: str
+    trace_id: str
+    directory: str
+    memory_bytes: int
+    cpu_seconds: int
+    options: dict[str, Any]
+    capture: dict[str, Any] | None
+
+
+def run(
+    task: Task,
+    seconds: float,
+    report: Callable[[str, float], None],
+    must_stop: Callable[[], bool],
+    command: Sequence[str] = _COMMAND,
+) -> None:
+    """Run a task to its end, for at most `seconds`; must_stop is asked several times a second.
+
+    Raises TaskError, StoppedError, CrashError, MemoryLimitError or TimeLimitError.
+    """
+    deadline = time.monotonic() + seconds
+    problem: dict[str, Any] | None = None
+    with _started([*command, str(os.getpid())], task) as process:
+        for message in _messages(process, deadline, must_stop):
+            if "problem" in message:
+                problem = message["problem"]
+            else:
+                report(message["stage"], message["fraction"])
+        process.wait()
+    if problem is not None:
+        raise TaskError(problem)
+    _raise_for_exit(process.returncode)
+
+
+@contextlib.contextmanager
+def _started(command: Sequence[str], task: Task) -> Iterator[subprocess.Popen[bytes]]:
+    # A session of its own: Ctrl-C on the service's terminal is not for the child, and killing
+    # the group takes with it whatever it started.
+    process = subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+    )
+    with process:
+        try:
+            stdin: IO[bytes] = _open(process.stdin)
+            with contextlib.suppress(BrokenPipeError):
+                stdin.write(json.dumps(asdict(task)).encode())
+                stdin.close()
+            yield process
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+
+
+def _open(pipe: IO[bytes] | None) -> IO[bytes]:
+    if pipe is None:
+        raise ValueError("the process was started without this pipe")
+    return pipe
+
+
+def _messages(
+    process: subprocess.Popen[bytes], deadline: float, must_stop: Callable[[], bool]
+) -> Iterator[dict[str, Any]]:
+    stdout = _open(process.stdout)
+    rest = b""
+    with selectors.DefaultSelector() as selector:
+        selector.register(stdout, selectors.EVENT_READ)
+        while True:
+            ready = selector.select(_LOOK_SECONDS)
+            if must_stop():
+                raise StoppedError
+            if time.monotonic() > deadline:
+                raise TimeLimitError(_TOO_LONG)
+            if not ready:
+                continue
+            chunk = os.read(stdout.fileno(), 65536)
+            if not chunk:
+                return
+            *lines, rest = (rest + chunk).split(b"\n")
+            yield from (json.loads(line) for line in lines)
+
+
+_TOO_LONG = "The separation took longer than a job may take; send smaller photographs."
+
+
+def _raise_for_exit(code: int) -> None:
+    if code == 0:
+        return
+    if code == -signal.SIGXCPU:
+        raise TimeLimitError(_TOO_LONG)
+    if code == -signal.SIGKILL:
+        raise MemoryLimitError(
+            "The system killed the separation, most likely for want of memory; "
+            "send smaller photographs."
+        )
+    how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+    raise CrashError(
+        f"The separation crashed on these photographs ({how}); "
+        "if both open elsewhere, report it with this job's trace_id."
+    )
+
+
+def results_of(directory: Path) -> list[Path]:
+    """List the files that a "separate" task wrote, by name."""
+    return sorted(path for path in (directory / "results").iterdir() if path.is_file())

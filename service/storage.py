@@ -1,0 +1,70 @@
+"""Where photographs and results lie: a local folder or an S3-compatible store, by URL."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
+
+import obstore
+from obstore.store import LocalStore, ObjectStore, from_url
+
+_CHUNK = 1024 * 1024
+
+
+class Storage:
+    """Objects by key. Keys are paths with forward slashes; puts are atomic."""
+
+    def __init__(self, url: str) -> None:
+        """Open the store at file:///folder (created when missing) or s3://bucket/prefix."""
+        parts = urlsplit(url)
+        self._store: ObjectStore = (
+            LocalStore(url2pathname(parts.path), mkdir=True, automatic_cleanup=True)
+            if parts.scheme == "file"
+            else from_url(url)
+        )
+
+    def put(self, key: str, data: bytes) -> None:
+        """Store bytes."""
+        obstore.put(self._store, key, data)
+
+    def put_file(self, key: str, path: Path) -> str:
+        """Store a file, in parts when it is large, and give back its SHA-256."""
+        with path.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        obstore.put(self._store, key, path)
+        return digest
+
+    def get(self, key: str) -> bytes:
+        """Read an object's bytes. Raises FileNotFoundError."""
+        return bytes(obstore.get(self._store, key).bytes())
+
+    def get_file(self, key: str, path: Path) -> None:
+        """Write an object to a file. Raises FileNotFoundError."""
+        with path.open("wb") as file:
+            for chunk in obstore.get(self._store, key).stream(min_chunk_size=_CHUNK):
+                file.write(chunk)
+
+    def stream(self, key: str, start: int, end: int) -> Iterator[bytes]:
+        """Read bytes start…end−1 of an object, in chunks. Raises FileNotFoundError at once."""
+        if start == end:
+            return iter(())
+        found = obstore.get(self._store, key, options={"range": (start, end)})
+        return (bytes(chunk) for chunk in found.stream(min_chunk_size=_CHUNK))
+
+    def list(self, prefix: str) -> list[str]:
+        """List every key below prefix, sorted."""
+        found = obstore.list(self._store, prefix=prefix)
+        return sorted(item["path"] for batch in found for item in batch)
+
+    def delete_below(self, prefix: str) -> None:
+        """Delete every object below prefix."""
+        keys = self.list(prefix)
+        if keys:
+            obstore.delete(self._store, keys)
+
+    def check(self) -> None:
+        """Ask the store for something. Raises what the store's client raises when it is away."""
+        next(iter(obstore.list(self._store, prefix="health", chunk_size=1)), None)
