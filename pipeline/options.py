@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 Vector = tuple[float, float, float]
 OUTPUT_NAMES = (
@@ -119,6 +119,16 @@ class Options(_Strict):
     outputs: Literal["default", "all"] | list[str] = Field(
         default="default", description=f"Files to write: {', '.join(OUTPUT_NAMES)}."
     )
+
+    @field_validator("lights", mode="before")
+    @classmethod
+    def _at_most_three(cls, value: object) -> object:
+        if isinstance(value, int) and value > 3:
+            raise ValueError(
+                "more than three lamps have no unique answer with three colour channels and one "
+                "flash; ask for 1, 2, 3 or auto"
+            )
+        return value
 
     @model_validator(mode="after")
     def _known_outputs(self) -> Options:

@@ -85,12 +85,15 @@ def _capture(task: dict[str, Any], tell: Tell) -> None:
     import drivers
 
     directory = Path(task["directory"])
-    tell({"stage": "capture", "fraction": 0.0})
+    stages = drivers.CAPTURE_STAGES
+
+    def report(stage: str, fraction: float) -> None:
+        tell({"stage": "capture", "fraction": (stages.index(stage) + fraction) / len(stages)})
+
     with drivers.open_camera(task["capture"]["camera"]) as camera:
-        pair = drivers.capture_pair(camera)
+        pair = drivers.capture_pair(camera, report)
     (directory / "no_flash").write_bytes(pair.no_flash.best)
     (directory / "flash").write_bytes(pair.flash.best)
-    tell({"stage": "capture", "fraction": 1.0})
 
 
 _WORK: dict[str, Callable[[dict[str, Any], Tell], None]] = {

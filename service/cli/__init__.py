@@ -1,0 +1,62 @@
+"""The command line: lightlayers separate, serve, worker, submit, cameras, capture.
+
+Exit codes: 0 with results, 1 for a failure that is not the user's, 2 for bad input, 130 for
+Ctrl-C. Whatever goes wrong is one sentence on stderr.
+"""
+
+from __future__ import annotations
+
+import sys
+import traceback
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import typer
+
+from service.cli.commands import app
+
+
+def main() -> None:
+    """Run the command that the process was started with."""
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")
+    sys.exit(run(sys.argv[1:]))
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run a command and give its exit code."""
+    try:
+        code = app(list(arguments), prog_name="lightlayers", standalone_mode=False)
+    except typer.TyperException as error:
+        print(" ".join(error.format_message().split()), file=sys.stderr)
+        return error.exit_code
+    except typer.Abort:
+        return 130
+    except Exception as error:
+        sentence, code = _explain(error)
+        print(sentence, file=sys.stderr)
+    return code or 0
+
+
+def _explain(error: Exception) -> tuple[str, int]:
+    # Imported only when something went wrong, so that the command starts quickly.
+    from pydantic import ValidationError
+
+    from drivers import BadAddressError, DriverError
+    from pipeline.errors import InputError
+    from service.client import RefusedError, ServiceAwayError
+    from service.errors import sentence_of
+
+    if isinstance(error, InputError | BadAddressError | RefusedError):
+        return str(error), 2
+    if isinstance(error, DriverError | ServiceAwayError):
+        return str(error), 1
+    if isinstance(error, ValidationError):
+        return sentence_of(error), 2
+    *_, place = traceback.extract_tb(error.__traceback__)
+    return (
+        f"Something broke inside lightlayers, please report it: {type(error).__name__} in "
+        f"{Path(place.filename).name}, line {place.lineno}: {error}",
+        1,
+    )

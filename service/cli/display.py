@@ -1,0 +1,63 @@
+"""What people see: progress while it runs, a summary when it is done."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+from rich.text import Text
+
+Report = Callable[[str, float], None]
+
+
+@contextlib.contextmanager
+def stage_bar() -> Iterator[Report]:
+    """Show a bar per stage on stderr, when that is a terminal; gives report(stage, fraction)."""
+    console = Console(stderr=True)
+    columns = (
+        TextColumn("{task.description:<8}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+        bars: dict[str, Any] = {}
+
+        def report(stage: str, fraction: float) -> None:
+            for bar in [bar for name, bar in bars.items() if name != stage]:
+                progress.update(bar, completed=1.0)
+            if stage not in bars:
+                bars[stage] = progress.add_task(stage, total=1.0)
+            progress.update(bars[stage], completed=fraction)
+
+        yield report
+
+
+def print_results(manifest: Mapping[str, Any], folder: Path, as_json: bool) -> None:
+    """Print the manifest as JSON, or a short summary of it, on stdout."""
+    if as_json:
+        json.dump(manifest, sys.stdout, indent=2, ensure_ascii=False)
+        print()
+        return
+    console = Console(highlight=False)
+    console.print(_lamps(manifest["lamps"]))
+    for file in [*manifest["files"], {"name": "manifest.json"}]:
+        console.print(Text(str(folder / file["name"])), soft_wrap=True)
+    for warning in manifest["warnings"]:
+        console.print(Text(f"Warning: {warning}"), soft_wrap=True)
+
+
+def _lamps(lamps: list[Mapping[str, Any]]) -> Table:
+    table = Table("lamp", "colour", "CCT", "confidence")
+    for lamp in lamps:
+        colour = " ".join(f"{value:.3f}" for value in lamp["rgb"])
+        cct = f"{lamp['cct_k']:.0f} K" if lamp["cct_k"] else "none"
+        table.add_row(Text(lamp["name"]), colour, cct, f"{lamp['confidence']:.2f}")
+    return table

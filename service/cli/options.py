@@ -1,0 +1,189 @@
+"""The options of a separation as flags, shared by the commands that take a pair."""
+
+from __future__ import annotations
+
+import inspect
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
+
+import typer
+
+if TYPE_CHECKING:
+    from pipeline.options import Options
+
+Table = TypeVar("Table")
+
+
+@dataclass(frozen=True)
+class Flags:
+    """What was typed; see pipeline.options.Options for what it means."""
+
+    lights: Annotated[str, typer.Option(metavar="auto|1|2|3", help="Number of lamps.")] = "auto"
+    method: Annotated[
+        str,
+        typer.Option(metavar="best|paper", help="Our best, or the algorithms as published."),
+    ] = "best"
+    basis: Annotated[
+        str, typer.Option(metavar="wpca|pca|joint", help="How the bases are learnt.")
+    ] = "wpca"
+    camera: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME|FILE",
+            help="The camera; FILE: CSV wavelength_nm,R,G,B or AMPAS JSON. Default: from EXIF.",
+        ),
+    ] = None
+    flash_spectrum: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME|FILE",
+            help="The flash; FILE: CSV wavelength_nm,power. Default: xenon.",
+        ),
+    ] = None
+    encoding: Annotated[
+        str,
+        typer.Option(metavar="auto|linear|srgb", help="How the pixel values are encoded."),
+    ] = "auto"
+    flash_only: Annotated[
+        bool, typer.Option("--flash-only", help="FLASH already is the flash part alone.")
+    ] = False
+    exposure_ratio: Annotated[
+        float | None,
+        typer.Option(
+            metavar="R",
+            help="Flash frame's exposure ÷ no-flash frame's. Default: from EXIF, else 1.",
+        ),
+    ] = None
+    no_align: Annotated[
+        bool, typer.Option("--no-align", help="Do not warp the flash frame onto the other.")
+    ] = False
+    neutral: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME|FILE",
+            help="The light that white-balanced pictures are shown under. Default: D65.",
+        ),
+    ] = None
+    light_directions: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.json", help="Directions of three lamps, for normals."),
+    ] = None
+    response: Annotated[
+        str | None,
+        typer.Option(metavar="NAME|FILE", help="A camera through which to show the picture anew."),
+    ] = None
+    focal_px: Annotated[
+        float | None,
+        typer.Option(metavar="F", help="Focal length in pixels. Default: from EXIF."),
+    ] = None
+    outputs: Annotated[
+        str, typer.Option(metavar="default|all|NAME,NAME…", help="Files to write.")
+    ] = "default"
+
+    def options(self) -> Options:
+        """Read the files that were named and make the options.
+
+        Raises pipeline.errors.OptionError.
+        """
+        from pydantic import ValidationError
+
+        from pipeline.errors import OptionError
+        from pipeline.options import Options
+        from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
+        from service.errors import sentence_of
+
+        values = {
+            "lights": int(self.lights) if self.lights.isdecimal() else self.lights,
+            "method": self.method,
+            "basis": self.basis,
+            "camera": _table(self.camera, parse_sensitivities),
+            "flash_spectrum": _table(self.flash_spectrum, parse_spectrum),
+            "encoding": self.encoding,
+            "flash_only": self.flash_only,
+            "exposure_ratio": self.exposure_ratio,
+            "align": not self.no_align,
+            "neutral": _table(self.neutral, parse_spectrum),
+            "light_directions": _directions(self.light_directions),
+            "response": _table(self.response, parse_sensitivities),
+            "focal_px": self.focal_px,
+            "outputs": self.outputs
+            if self.outputs in ("default", "all")
+            else [name.strip() for name in self.outputs.split(",")],
+        }
+        try:
+            return Options.model_validate(
+                {name: value for name, value in values.items() if value is not None}
+            )
+        except ValidationError as error:
+            raise OptionError(sentence_of(error)) from error
+
+
+def with_flags(command: Callable[..., None]) -> Callable[..., None]:
+    """Replace the parameter `flags` of a command by one command line option for each of Flags."""
+    own = [
+        parameter
+        for parameter in inspect.signature(command, eval_str=True).parameters.values()
+        if parameter.name != "flags"
+    ]
+    hints = get_type_hints(Flags, include_extras=True)
+    added = [
+        inspect.Parameter(
+            field.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=field.default,
+            annotation=hints[field.name],
+        )
+        for field in fields(Flags)
+    ]
+
+    def wrapper(**arguments: Any) -> None:
+        flags = Flags(**{field.name: arguments.pop(field.name) for field in fields(Flags)})
+        command(**arguments, flags=flags)
+
+    wrapper.__name__ = command.__name__
+    wrapper.__doc__ = command.__doc__
+    keyword_only = [item.replace(kind=inspect.Parameter.KEYWORD_ONLY) for item in own]
+    wrapper.__signature__ = inspect.Signature([*keyword_only, *added])  # type: ignore[attr-defined]
+    return wrapper
+
+
+def read_file(path: Path, what: str) -> bytes:
+    """Read a file that the user named. Raises pipeline.errors.InputError."""
+    from pipeline.errors import InputError
+
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        reason = (error.strerror or "it cannot be read").lower()
+        raise InputError(f"The {what} {path} cannot be read: {reason}.") from error
+
+
+def _table(value: str | None, parse: Callable[[bytes], Table]) -> Table | str | None:
+    """Read a table when a file was named, else the name."""
+    if value is None:
+        return None
+    path = Path(value)
+    if path.suffix.lower() in (".csv", ".json") or path.is_file():
+        return parse(read_file(path, "file"))
+    return value
+
+
+def _directions(path: Path | None) -> list[Any] | None:
+    from pipeline.errors import OptionError
+
+    if path is None:
+        return None
+    try:
+        found = json.loads(read_file(path, "light directions file"))
+        lights = found["lights"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise OptionError(
+            f'The light directions file {path} is not JSON of the form {{"lights": '
+            '[{"direction": [x, y, z]}, …]}.'
+        ) from error
+    if not isinstance(lights, list):
+        raise OptionError(f'"lights" in the light directions file {path} must be a list.')
+    return lights

@@ -1,0 +1,117 @@
+"""Talks to a running service: what `lightlayers submit` and the demo use."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import httpx
+
+from pipeline.options import Options
+
+_POLL_SECONDS = 0.3
+_TIMEOUT_SECONDS = 60.0
+
+Job = dict[str, Any]
+
+
+class ServiceAwayError(Exception):
+    """The service does not answer, or failed through no fault of the request."""
+
+
+class RefusedError(Exception):
+    """The service refused the request, or the job failed for what was sent."""
+
+
+class Client:
+    """A running service. Every method raises ServiceAwayError or RefusedError."""
+
+    def __init__(self, url: str) -> None:
+        """Talk to the service at a URL, like http://127.0.0.1:8000."""
+        self._url = url
+        self._http = httpx.Client(base_url=url, timeout=_TIMEOUT_SECONDS)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._http.close()
+
+    def submit_pair(self, no_flash: bytes, flash: bytes, options: Options) -> Job:
+        """Send two photographs; the job."""
+        return self._job(
+            "POST",
+            "/jobs",
+            files={"no_flash": ("no_flash", no_flash), "flash": ("flash", flash)},
+            data={"options": options.model_dump_json(exclude_defaults=True)},
+        )
+
+    def submit_capture(self, camera: str, options: Options) -> Job:
+        """Have the camera at an address take the pair; the job."""
+        wanted = options.model_dump(mode="json", exclude_defaults=True)
+        return self._job("POST", "/jobs", json={"capture": {"camera": camera}, "options": wanted})
+
+    def wait(self, job: Job, report: Callable[[str, float], None]) -> Job:
+        """Wait until a job has succeeded, telling how far it is; the job as it is then."""
+        while job["state"] not in ("succeeded", "failed", "canceled"):
+            if job["stage"]:
+                report(job["stage"], job["fraction"])
+            time.sleep(_POLL_SECONDS)
+            job = self._job("GET", job["links"]["self"])
+        if job["state"] == "canceled":
+            raise RefusedError("The job was canceled.")
+        if job["error"]:
+            raise _failure(job["error"])
+        return job
+
+    def download(self, job: Job, folder: Path) -> None:
+        """Write every result of a job into a folder."""
+        for file in job["files"]:
+            with (
+                self._request("GET", file["href"]) as response,
+                (folder / Path(file["name"]).name).open("wb") as target,
+            ):
+                for chunk in response.iter_bytes():
+                    target.write(chunk)
+
+    def _job(self, method: str, path: str, **arguments: Any) -> Job:
+        with self._request(method, path, **arguments) as response:
+            response.read()
+            answer: Job = response.json()
+        return answer
+
+    @contextlib.contextmanager
+    def _request(self, method: str, path: str, **arguments: Any) -> Iterator[httpx.Response]:
+        try:
+            with self._http.stream(method, path, **arguments) as response:
+                if response.is_error:
+                    response.read()
+                    raise _failure(_problem(response))
+                yield response
+        except httpx.HTTPError as error:
+            raise ServiceAwayError(
+                f"The service at {self._url} does not answer; is it running there?"
+            ) from error
+
+
+def _problem(response: httpx.Response) -> dict[str, Any]:
+    try:
+        problem: dict[str, Any] = response.json()
+        return {"status": problem["status"], "detail": problem["detail"]}
+    except (ValueError, KeyError, TypeError):
+        detail = f"What answers is no lightlayers service (status {response.status_code})."
+        return {"status": 500, "detail": detail}
+
+
+def _failure(problem: dict[str, Any]) -> Exception:
+    kind = RefusedError if problem["status"] < 500 else ServiceAwayError
+    return kind(problem["detail"])
