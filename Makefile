@@ -1,0 +1,48 @@
+# The same commands for people and for continuous integration.
+PYTHON ?= python3
+HOST ?= 127.0.0.1
+BIN := .venv/bin
+INSTALLED := .venv/installed
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test lint serve openapi clean
+
+help:  ## Show this list
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/\1\t\2/p' Makefile | expand -t 12
+
+setup: $(INSTALLED)  ## Put everything into .venv; the command is .venv/bin/lightlayers then
+
+demo: setup  ## Have the simulated camera take a pair, separate it, put the results into demo/
+	$(BIN)/python -m service.demo
+
+test: lint  ## Run every check and every test
+	@command -v initdb >/dev/null || ls /usr/lib/postgresql/*/bin/initdb >/dev/null 2>&1 \
+		|| scripts/apt-install postgresql || test "$${CI:-}" != true
+	$(BIN)/pytest
+
+lint: setup  ## Check style, types and the import rules
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+serve: setup  ## Serve on http://localhost:8000; HOST=0.0.0.0 for phones on this network, too
+	$(BIN)/lightlayers serve --host $(HOST)
+
+openapi: setup  ## Write openapi.json from the app
+	$(BIN)/python -m service.openapi > openapi.json.new
+	mv openapi.json.new openapi.json
+
+clean:  ## Remove what setup, demo and the tools made; jobs in .lightlayers stay
+	rm -rf .venv build demo *.egg-info .mypy_cache .pytest_cache .ruff_cache .import_linter_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(INSTALLED): requirements-dev.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.version_info >= (3, 11) or sys.exit("lightlayers needs \
+	Python 3.11 or newer, and $(PYTHON) is %d.%d: install a newer one and name it, as in \
+	make PYTHON=python3.12 setup" % sys.version_info[:2])'
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || scripts/apt-install python3-venv
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --disable-pip-version-check --require-hashes -r requirements-dev.lock
+	$(BIN)/python -m pip install --disable-pip-version-check --no-deps -e .
+	@touch $@
