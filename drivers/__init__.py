@@ -1,0 +1,62 @@
+"""Cameras in, bytes out. Everything else in this package is private to it."""
+
+from drivers.camera import (
+    Camera,
+    CameraInfo,
+    CameraObject,
+    Event,
+    EventKind,
+    Setting,
+    SettingName,
+    SettingValue,
+)
+from drivers.capture import CAPTURE_STAGES, CapturedPair, Shot, capture_pair
+from drivers.errors import (
+    BadAddressError,
+    CameraBusyError,
+    CameraDisconnectedError,
+    CameraNotFoundError,
+    CaptureError,
+    DriverError,
+    FocusError,
+    PairVerificationError,
+    ProtocolError,
+    SettingError,
+    StoreFullError,
+    TransferError,
+)
+from drivers.exif import ExposureFacts
+from drivers.registry import list_cameras, open_camera, simulated_truth
+from drivers.truth import SimulatedTruth
+
+__all__ = [
+    "CAPTURE_STAGES",
+    "BadAddressError",
+    "Camera",
+    "CameraBusyError",
+    "CameraDisconnectedError",
+    "CameraInfo",
+    "CameraNotFoundError",
+    "CameraObject",
+    "CaptureError",
+    "CapturedPair",
+    "DriverError",
+    "Event",
+    "EventKind",
+    "ExposureFacts",
+    "FocusError",
+    "PairVerificationError",
+    "ProtocolError",
+    "Setting",
+    "SettingError",
+    "SettingName",
+    "SettingValue",
+    "Shot",
+    "SimulatedTruth",
+    "StoreFullError",
+    "TransferError",
+    "capture_pair",
+    "list_cameras",
+    "open_camera",
+    "simulated_truth",
+]

@@ -1,0 +1,164 @@
+"""What a camera can do, whichever cable or network it hangs on.
+
+A camera is opened by `drivers.registry.open_camera` and used as a context manager:
+
+    with open_camera("sim://studio") as camera:
+        camera.write(SettingName.ISO, 100)
+        before = camera.objects()
+        camera.trigger()
+        camera.events(timeout_s=5)
+        for handle in camera.objects() - before:
+            photograph = b"".join(camera.download(handle))
+
+One camera serves one caller at a time. Every method may raise CameraDisconnectedError,
+CameraBusyError (after retries) and ProtocolError, next to the errors it names itself.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+from types import TracebackType
+from typing import Self
+
+SettingValue = str | int | float
+
+
+class SettingName(StrEnum):
+    """The settings that the capture of a pair needs."""
+
+    SHUTTER_S = "shutter_s"  # exposure time in seconds
+    F_NUMBER = "f_number"  # relative aperture
+    ISO = "iso"  # ISO speed, or "auto"
+    FLASH = "flash"  # auto, off, fill, red_eye_auto, red_eye_fill, external
+    WHITE_BALANCE = "white_balance"  # manual, auto, one_push, or a kind of light: daylight, …
+    PROGRAM = "program"  # manual, auto, aperture, shutter, creative, action, portrait
+    FOCUS = "focus"  # manual, auto, macro
+    DRIVE = "drive"  # single, burst, timelapse
+
+
+class EventKind(StrEnum):
+    """What a camera tells unasked. Events are hints: they get lost, and they come late."""
+
+    OBJECT_ADDED = "object_added"
+    CAPTURE_COMPLETE = "capture_complete"
+    STORE_FULL = "store_full"
+    SETTING_CHANGED = "setting_changed"
+    OTHER = "other"
+
+
+@dataclass(frozen=True)
+class CameraInfo:
+    """Who the camera is. battery_percent: 0…100, None where it does not tell."""
+
+    address: str
+    make: str
+    model: str
+    serial: str
+    battery_percent: int | None
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A setting's value and what else it could be.
+
+    value: in the unit that SettingName gives. choices: every value the camera offers, empty where
+    it does not list them. writable: false where only a dial on the camera changes it.
+    """
+
+    name: SettingName
+    value: SettingValue
+    choices: tuple[SettingValue, ...]
+    writable: bool
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something the camera told. handle: the object meant, where there is one."""
+
+    kind: EventKind
+    handle: int | None = None
+
+
+@dataclass(frozen=True)
+class CameraObject:
+    """A file on the camera's card.
+
+    kind: "dng", "jpeg", "folder" or "other". size: bytes. name: the camera's name for it.
+    """
+
+    handle: int
+    kind: str
+    size: int
+    name: str
+
+
+class Camera(ABC):
+    """A camera with an open connection."""
+
+    @property
+    @abstractmethod
+    def address(self) -> str:
+        """The address it was opened by."""
+
+    @abstractmethod
+    def info(self) -> CameraInfo:
+        """Make, model, serial number and battery."""
+
+    @abstractmethod
+    def settings(self) -> list[Setting]:
+        """Every setting of SettingName that this camera has."""
+
+    @abstractmethod
+    def read(self, name: SettingName) -> Setting:
+        """Read one setting. Raises SettingError where the camera has none of that name."""
+
+    @abstractmethod
+    def write(self, name: SettingName, value: SettingValue) -> Setting:
+        """Write one setting and read it back.
+
+        Raises SettingError where it is missing, read-only, refused, or reads back otherwise.
+        """
+
+    @abstractmethod
+    def objects(self) -> set[int]:
+        """List the handles of everything on the card, folders too."""
+
+    @abstractmethod
+    def describe(self, handle: int) -> CameraObject:
+        """Kind, size and name of an object."""
+
+    @abstractmethod
+    def trigger(self) -> None:
+        """Press the release; returns at once, the photograph comes later.
+
+        Raises FocusError, StoreFullError where the camera refuses.
+        """
+
+    @abstractmethod
+    def events(self, timeout_s: float) -> list[Event]:
+        """Every event waiting; if there is none, the first that comes within timeout_s seconds."""
+
+    @abstractmethod
+    def download(self, handle: int, offset: int = 0) -> Iterator[bytes]:
+        """Chunks of an object's bytes from offset to its end.
+
+        Raises TransferError where a chunk comes incomplete: call again with the offset reached.
+        """
+
+    @abstractmethod
+    def close(self) -> None:
+        """Give the camera back. Closing twice is fine."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()

@@ -1,0 +1,67 @@
+"""What can go wrong between this computer and a camera.
+
+DriverError
+├── BadAddressError            the address names no camera that could exist
+├── CameraNotFoundError        the address is sound, but no camera answers there
+├── CameraBusyError            the camera kept saying that it is busy
+├── CameraDisconnectedError    the connection broke in the middle
+├── ProtocolError              the camera's answer is not valid, or refuses without a known reason
+├── SettingError               a setting is missing, read-only, or was not taken over
+├── CaptureError               the release was pressed and no usable photograph came
+│   ├── FocusError             the camera could not focus and did not release
+│   ├── StoreFullError         the memory card has no room
+│   └── PairVerificationError  two photographs came, but they are not a flash/no-flash pair
+└── TransferError              a photograph could not be fetched whole
+
+Each message is one sentence for people: what, where, and what to do.
+"""
+
+from __future__ import annotations
+
+
+class DriverError(Exception):
+    """Root of everything the drivers raise on purpose."""
+
+
+class BadAddressError(DriverError):
+    """The address names no camera that could exist."""
+
+
+class CameraNotFoundError(DriverError):
+    """No camera answers at the address."""
+
+
+class CameraBusyError(DriverError):
+    """The camera kept saying that it is busy."""
+
+
+class CameraDisconnectedError(DriverError):
+    """The connection to the camera broke."""
+
+
+class ProtocolError(DriverError):
+    """The camera's answer is not valid, or it refuses without a known reason."""
+
+
+class SettingError(DriverError):
+    """A setting is missing, read-only, or was not taken over."""
+
+
+class CaptureError(DriverError):
+    """The release was pressed and no usable photograph came."""
+
+
+class FocusError(CaptureError):
+    """The camera could not focus and did not release."""
+
+
+class StoreFullError(CaptureError):
+    """The memory card has no room."""
+
+
+class PairVerificationError(CaptureError):
+    """The two photographs are not a flash/no-flash pair."""
+
+
+class TransferError(DriverError):
+    """A photograph could not be fetched whole."""

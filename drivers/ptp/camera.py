@@ -1,0 +1,185 @@
+"""A camera that speaks the Picture Transfer Protocol, over any transport."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from drivers.camera import (
+    Camera,
+    CameraInfo,
+    CameraObject,
+    Event,
+    EventKind,
+    Setting,
+    SettingName,
+    SettingValue,
+)
+from drivers.clock import Clock
+from drivers.errors import SettingError, TransferError
+from drivers.ptp.codes import ALL_STORAGES, EventCode, ObjectFormat, Operation, Property
+from drivers.ptp.containers import Container
+from drivers.ptp.datasets import DeviceInfo, Form, ObjectInfo, PropertyDescription
+from drivers.ptp.properties import CODECS
+from drivers.ptp.session import Session
+from drivers.ptp.transport import Transport
+from drivers.ptp.wire import Reader, uint
+
+CHUNK_BYTES = 1 << 20
+"""Bytes asked for at once."""
+
+_LONGEST_LIST = 1000  # a range with more steps is not spelt out as choices
+
+_KINDS: dict[int, str] = {
+    ObjectFormat.EXIF_JPEG: "jpeg",
+    ObjectFormat.DNG: "dng",
+    ObjectFormat.ASSOCIATION: "folder",
+}
+_EVENTS: dict[int, EventKind] = {
+    EventCode.OBJECT_ADDED: EventKind.OBJECT_ADDED,
+    EventCode.CAPTURE_COMPLETE: EventKind.CAPTURE_COMPLETE,
+    EventCode.STORE_FULL: EventKind.STORE_FULL,
+    EventCode.DEVICE_PROP_CHANGED: EventKind.SETTING_CHANGED,
+}
+
+
+class PtpCamera(Camera):
+    """A camera behind a PTP session. The session is opened on construction."""
+
+    def __init__(self, address: str, transport: Transport, clock: Clock) -> None:
+        self._address = address
+        self._session = Session(transport, clock)
+        try:
+            self._session.open()
+            self._device = DeviceInfo.decode(self._session.request(Operation.GET_DEVICE_INFO)[0])
+        except BaseException:
+            self._session.close()
+            raise
+
+    @property
+    def address(self) -> str:
+        """The address it was opened by."""
+        return self._address
+
+    def info(self) -> CameraInfo:
+        """Make, model, serial number and battery."""
+        battery = None
+        if Property.BATTERY_LEVEL in self._device.properties:
+            value, _ = self._session.request(
+                Operation.GET_DEVICE_PROP_VALUE, Property.BATTERY_LEVEL
+            )
+            battery = Reader(value).uint(1)
+        device = self._device
+        return CameraInfo(self._address, device.manufacturer, device.model, device.serial, battery)
+
+    def settings(self) -> list[Setting]:
+        """Every setting of SettingName that this camera has."""
+        return [
+            self.read(name) for name in SettingName if CODECS[name].code in self._device.properties
+        ]
+
+    def read(self, name: SettingName) -> Setting:
+        """Read one setting. Raises SettingError where the camera has none of that name."""
+        description = self._describe_property(name)
+        decode = CODECS[name].decode
+        return Setting(
+            name,
+            decode(description.current),
+            tuple(decode(number) for number in _choices(description)),
+            description.writable,
+        )
+
+    def write(self, name: SettingName, value: SettingValue) -> Setting:
+        """Write one setting and read it back.
+
+        Raises SettingError where it is missing, read-only, refused, or reads back otherwise.
+        """
+        description = self._describe_property(name)
+        if not description.writable:
+            raise SettingError(
+                f"The camera's {name} cannot be set from a computer: set it to {value} on the "
+                "camera itself."
+            )
+        codec = CODECS[name]
+        try:
+            number = codec.encode(value)
+        except ValueError as error:
+            raise SettingError(f"{value!r} is not a value that {name} can have.") from error
+        choices = _choices(description)
+        if choices and number not in choices:
+            offered = ", ".join(str(codec.decode(choice)) for choice in choices)
+            raise SettingError(f"The camera offers no {name} of {value}; it offers {offered}.")
+        self._session.request(
+            Operation.SET_DEVICE_PROP_VALUE, codec.code, data=uint(number, description.width)
+        )
+        setting = self.read(name)
+        if setting.value != codec.decode(number):
+            raise SettingError(
+                f"The camera was told to set {name} to {value} but kept {setting.value}: check "
+                "its dials and try again."
+            )
+        return setting
+
+    def objects(self) -> set[int]:
+        """List the handles of everything on the card, folders too."""
+        data, _ = self._session.request(Operation.GET_OBJECT_HANDLES, ALL_STORAGES, 0, 0)
+        return set(Reader(data).uints(4))
+
+    def describe(self, handle: int) -> CameraObject:
+        """Kind, size and name of an object."""
+        data, _ = self._session.request(Operation.GET_OBJECT_INFO, handle)
+        info = ObjectInfo.decode(data)
+        return CameraObject(handle, _KINDS.get(info.format, "other"), info.size, info.name)
+
+    def trigger(self) -> None:
+        """Press the release; returns at once, the photograph comes later."""
+        self._session.request(Operation.INITIATE_CAPTURE, 0, 0)
+
+    def events(self, timeout_s: float) -> list[Event]:
+        """Every event waiting; if there is none, the first that comes within timeout_s seconds."""
+        events = []
+        container = self._session.transport.receive_event(timeout_s)
+        while container is not None:
+            events.append(_event(container))
+            container = self._session.transport.receive_event(0)
+        return events
+
+    def download(self, handle: int, offset: int = 0) -> Iterator[bytes]:
+        """Chunks of an object's bytes from offset to its end.
+
+        Raises TransferError where a chunk comes incomplete: call again with the offset reached.
+        """
+        size = self.describe(handle).size
+        while offset < size:
+            wanted = min(CHUNK_BYTES, size - offset)
+            chunk, _ = self._session.request(Operation.GET_PARTIAL_OBJECT, handle, offset, wanted)
+            if not 0 < len(chunk) <= wanted:
+                raise TransferError(
+                    f"The camera sent {len(chunk)} bytes where {wanted} were asked for: try again."
+                )
+            offset += len(chunk)
+            yield chunk
+
+    def close(self) -> None:
+        """Give the camera back. Closing twice is fine."""
+        self._session.close()
+
+    def _describe_property(self, name: SettingName) -> PropertyDescription:
+        code = CODECS[name].code
+        if code not in self._device.properties:
+            raise SettingError(f"The camera has no setting {name}: set it on the camera itself.")
+        data, _ = self._session.request(Operation.GET_DEVICE_PROP_DESC, code)
+        return PropertyDescription.decode(data)
+
+
+def _choices(description: PropertyDescription) -> tuple[int, ...]:
+    if description.form is Form.RANGE:
+        low, high, step = description.values
+        spelt = range(low, high + 1, max(step, 1))
+        return tuple(spelt) if len(spelt) <= _LONGEST_LIST else ()
+    return description.values
+
+
+def _event(container: Container) -> Event:
+    kind = _EVENTS.get(container.code, EventKind.OTHER)
+    added = kind is EventKind.OBJECT_ADDED and container.parameters
+    return Event(kind, container.parameters[0] if added else None)

@@ -1,0 +1,136 @@
+"""A PTP session: transactions in order, busy cameras waited for, refusals as typed errors."""
+
+from __future__ import annotations
+
+from drivers.clock import Clock
+from drivers.errors import (
+    CameraBusyError,
+    DriverError,
+    FocusError,
+    ProtocolError,
+    SettingError,
+    StoreFullError,
+    TransferError,
+)
+from drivers.ptp.codes import ContainerType, Operation, Response
+from drivers.ptp.containers import Container
+from drivers.ptp.transport import Transport
+
+_BUSY_PAUSES_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
+
+_REFUSALS: dict[int, tuple[type[DriverError], str]] = {
+    Response.DEVICE_BUSY: (
+        CameraBusyError,
+        "The camera kept saying that it is busy: wait until it is idle and try again.",
+    ),
+    Response.STORE_FULL: (
+        StoreFullError,
+        "The camera's memory card is full: make room on it and try again.",
+    ),
+    Response.STORE_NOT_AVAILABLE: (
+        StoreFullError,
+        "The camera has no memory card it can write to: insert one and try again.",
+    ),
+    Response.NIKON_OUT_OF_FOCUS: (
+        FocusError,
+        "The camera could not focus: switch the lens to manual focus, focus by hand and try again.",
+    ),
+    Response.INCOMPLETE_TRANSFER: (
+        TransferError,
+        "The camera broke off a transfer: try again.",
+    ),
+    Response.INVALID_OBJECT_HANDLE: (
+        TransferError,
+        "The photograph is no longer on the camera's card: take it again.",
+    ),
+    Response.INVALID_PROP_VALUE: (SettingError, "The camera refused the value of a setting."),
+    Response.INVALID_PROP_FORMAT: (SettingError, "The camera refused the value of a setting."),
+    Response.ACCESS_DENIED: (
+        SettingError,
+        "The camera does not allow this setting to be changed from a computer.",
+    ),
+    Response.DEVICE_PROP_NOT_SUPPORTED: (SettingError, "The camera has no such setting."),
+}
+
+
+class Session:
+    """Transactions with one camera, one after the other."""
+
+    def __init__(self, transport: Transport, clock: Clock) -> None:
+        self.transport = transport
+        self.clock = clock
+        self._transaction = 0
+        self._open = False
+
+    def open(self) -> None:
+        """Open the session; one that an earlier caller left open is closed first."""
+        code, _, _ = self._once(Operation.OPEN_SESSION, (1,), None)
+        if code == Response.SESSION_ALREADY_OPEN:
+            self._once(Operation.CLOSE_SESSION, (), None)
+            self._transaction = 0
+            code, _, _ = self._once(Operation.OPEN_SESSION, (1,), None)
+        if code != Response.OK:
+            raise _refusal(Operation.OPEN_SESSION, code)
+        self._open = True
+
+    def request(
+        self, operation: Operation, *parameters: int, data: bytes | None = None
+    ) -> tuple[bytes, tuple[int, ...]]:
+        """Run one operation and return (data, response parameters).
+
+        data: bytes to send along. A busy camera is asked again for about three seconds.
+        Raises the error that the camera's response stands for.
+        """
+        for pause in (*_BUSY_PAUSES_S, None):
+            code, received, answer = self._once(operation, parameters, data)
+            if code == Response.OK:
+                return received, answer
+            if code != Response.DEVICE_BUSY or pause is None:
+                break
+            self.clock.sleep(pause)
+        raise _refusal(operation, code)
+
+    def close(self) -> None:
+        """Close the session and the transport, also where the camera is gone."""
+        try:
+            if self._open:
+                self._open = False
+                self._once(Operation.CLOSE_SESSION, (), None)
+        except DriverError:
+            pass  # the camera is gone or confused; what remains is to let go of it
+        finally:
+            self.transport.close()
+
+    def _once(
+        self, operation: Operation, parameters: tuple[int, ...], data: bytes | None
+    ) -> tuple[int, bytes, tuple[int, ...]]:
+        transaction = self._transaction
+        self._transaction += 1
+        self.transport.send(
+            Container.with_parameters(ContainerType.COMMAND, operation, transaction, parameters)
+        )
+        if data is not None:
+            self.transport.send(Container(ContainerType.DATA, operation, transaction, data))
+        received = b""
+        answer = self.transport.receive()
+        if answer.type is ContainerType.DATA:
+            received = answer.payload
+            _check(answer, operation, transaction, ContainerType.DATA)
+            answer = self.transport.receive()
+        _check(answer, answer.code, transaction, ContainerType.RESPONSE)
+        return answer.code, received, answer.parameters
+
+
+def _check(container: Container, code: int, transaction: int, kind: ContainerType) -> None:
+    if (container.type, container.code, container.transaction) != (kind, code, transaction):
+        raise ProtocolError(
+            f"The camera answered transaction {transaction} with a {container.type.name.lower()} "
+            f"{container.code:#06x} of transaction {container.transaction}: reconnect it."
+        )
+
+
+def _refusal(operation: Operation, code: int) -> DriverError:
+    if code in _REFUSALS:
+        kind, sentence = _REFUSALS[code]
+        return kind(sentence)
+    return ProtocolError(f"The camera answered {operation.name} with the response {code:#06x}.")

@@ -1,0 +1,30 @@
+"""What a PTP session needs of a cable or a network."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+from drivers.ptp.containers import Container
+
+
+class Transport(ABC):
+    """Carries containers to a camera and back.
+
+    Every method raises CameraDisconnectedError once the camera is gone.
+    """
+
+    @abstractmethod
+    def send(self, container: Container) -> None:
+        """Send a command or its data."""
+
+    @abstractmethod
+    def receive(self) -> Container:
+        """Take the next data or response container. Raises ProtocolError for malformed bytes."""
+
+    @abstractmethod
+    def receive_event(self, timeout_s: float) -> Container | None:
+        """Take the next event, waiting at most timeout_s seconds; None if there is none."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Let go of the connection. Closing twice is fine."""

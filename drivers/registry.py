@@ -1,0 +1,67 @@
+"""Addresses of cameras and what stands behind them.
+
+scheme://…   backend
+sim          drivers.sim, a simulated camera: sim://studio?lights=2&width=1200&height=800
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Protocol, cast
+
+from drivers.camera import Camera, CameraInfo
+from drivers.errors import BadAddressError
+from drivers.truth import SimulatedTruth
+
+_BACKENDS = {"sim": "drivers.sim.backend"}
+
+
+class Backend(Protocol):
+    """What the module of a backend offers; imported when its first address is met."""
+
+    def open_camera(self, address: str) -> Camera:
+        """Open the camera at the address."""
+
+    def list_cameras(self) -> list[CameraInfo]:
+        """Cameras that can be opened now."""
+
+
+def open_camera(address: str) -> Camera:
+    """Open the camera at an address; close it, or use it as a context manager.
+
+    Raises BadAddressError, CameraNotFoundError, CameraBusyError.
+    """
+    return _backend(address).open_camera(address)
+
+
+def list_cameras() -> list[CameraInfo]:
+    """Every camera that can be opened now, of every backend."""
+    return [info for scheme in _BACKENDS for info in _load(scheme).list_cameras()]
+
+
+def simulated_truth(address: str) -> SimulatedTruth:
+    """Tell the exact light of a simulated scene, for the demo and for tests.
+
+    Raises BadAddressError for an address that is not of a simulated camera.
+    """
+    if _scheme(address) != "sim":
+        raise BadAddressError(f"Only a sim:// camera's light is known, not that of {address}.")
+    from drivers.sim.studio import truth
+
+    return truth(address)
+
+
+def _backend(address: str) -> Backend:
+    return _load(_scheme(address))
+
+
+def _scheme(address: str) -> str:
+    scheme, separator, _ = address.partition("://")
+    if not separator or scheme not in _BACKENDS:
+        known = ", ".join(f"{name}://" for name in _BACKENDS)
+        raise BadAddressError(f"{address!r} is no camera address: it must start with {known}.")
+    return scheme
+
+
+def _load(scheme: str) -> Backend:
+    return cast(Backend, import_module(_BACKENDS[scheme]))

@@ -1,0 +1,224 @@
+"""The simulated camera's end of the protocol: containers in, containers out. Source: ISO 15740."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from drivers.ptp import containers
+from drivers.ptp.codes import (
+    ALL_STORAGES,
+    ContainerType,
+    DataType,
+    EventCode,
+    ObjectFormat,
+    Operation,
+    Response,
+)
+from drivers.ptp.containers import Container
+from drivers.ptp.datasets import DeviceInfo, StorageInfo
+from drivers.ptp.wire import uint, uints
+from drivers.sim import spectra
+from drivers.sim.body import FOLDER, STORAGE, Body, Refusal, StoredObject
+
+_CARD_BYTES = 32 * 10**9
+_PHOTOGRAPH_BYTES = 30 * 10**6
+_ROOT = 0xFFFFFFFF  # as parent in GetObjectHandles: the objects outside every folder
+_WIDTHS = {DataType.UINT8: 1, DataType.UINT16: 2, DataType.UINT32: 4}
+_WITHOUT_SESSION = (Operation.GET_DEVICE_INFO, Operation.OPEN_SESSION)
+
+Answer = tuple[bytes | None, tuple[int, ...]]
+"""Data, if the operation has any, and the parameters of the response."""
+
+
+class Responder:
+    """Answers one initiator. unplugged: true once its fault has pulled the cable."""
+
+    def __init__(self, body: Body) -> None:
+        self.unplugged = False
+        self._body = body
+        self._session: int | None = None
+        self._command: Container | None = None
+        self._operations: dict[int, Callable[..., Answer]] = {
+            Operation.GET_DEVICE_INFO: self._get_device_info,
+            Operation.OPEN_SESSION: self._open_session,
+            Operation.CLOSE_SESSION: self._close_session,
+            Operation.GET_STORAGE_IDS: self._get_storage_ids,
+            Operation.GET_STORAGE_INFO: self._get_storage_info,
+            Operation.GET_NUM_OBJECTS: self._get_num_objects,
+            Operation.GET_OBJECT_HANDLES: self._get_object_handles,
+            Operation.GET_OBJECT_INFO: self._get_object_info,
+            Operation.GET_OBJECT: self._get_object,
+            Operation.GET_PARTIAL_OBJECT: self._get_partial_object,
+            Operation.DELETE_OBJECT: self._delete_object,
+            Operation.INITIATE_CAPTURE: self._initiate_capture,
+            Operation.GET_DEVICE_PROP_DESC: self._get_device_prop_desc,
+            Operation.GET_DEVICE_PROP_VALUE: self._get_device_prop_value,
+        }
+
+    def accept(self, raw: bytes) -> list[bytes]:
+        """Take one container from the initiator and return those that answer it.
+
+        Raises ProtocolError for bytes that are no container.
+        """
+        container = containers.decode(raw)
+        self._body.advance()
+        if container.type is ContainerType.COMMAND:
+            if container.code == Operation.SET_DEVICE_PROP_VALUE:
+                self._command = container
+                return []  # its data come in a container of their own
+            return self._answer(container, lambda: self._run(container))
+        command, self._command = self._command, None
+        if container.type is not ContainerType.DATA or command is None:
+            return self._answer(container, lambda: _refuse(Response.GENERAL_ERROR))
+        return self._answer(command, lambda: self._set_device_prop_value(command, container))
+
+    def next_event(self) -> bytes | None:
+        """Take the next event, if there is one."""
+        self._body.advance()
+        if not self._body.events:
+            return None
+        code, parameter = self._body.events.popleft()
+        parameters = () if code is EventCode.CAPTURE_COMPLETE else (parameter,)
+        return Container.with_parameters(ContainerType.EVENT, code, 0, parameters).encode()
+
+    def _answer(self, command: Container, run: Callable[[], Answer]) -> list[bytes]:
+        code, data, parameters = Response.OK, None, tuple[int, ...]()
+        try:
+            data, parameters = run()
+        except Refusal as refusal:
+            code = refusal.response
+        answers = []
+        if data is not None:
+            answers.append(
+                Container(ContainerType.DATA, command.code, command.transaction, data).encode()
+            )
+        answers.append(
+            Container.with_parameters(
+                ContainerType.RESPONSE, code, command.transaction, parameters
+            ).encode()
+        )
+        return answers
+
+    def _run(self, command: Container) -> Answer:
+        operation = self._operations.get(command.code)
+        if operation is None:
+            raise Refusal(Response.OPERATION_NOT_SUPPORTED)
+        if self._session is None and command.code not in _WITHOUT_SESSION:
+            raise Refusal(Response.SESSION_NOT_OPEN)
+        # a missing parameter is 0, one too many is ignored, as the standard has it
+        return operation(*(command.parameters + (0,) * 5)[:5])
+
+    def _get_device_info(self, *_: int) -> Answer:
+        info = DeviceInfo(
+            operations=(*self._operations, Operation.SET_DEVICE_PROP_VALUE),
+            events=tuple(EventCode),
+            properties=tuple(self._body.properties),
+            formats=(ObjectFormat.DNG, ObjectFormat.EXIF_JPEG),
+            manufacturer=spectra.MAKE,
+            model=spectra.MODEL,
+            version="simulated 1",
+            serial="0000001",
+        )
+        return info.encode(), ()
+
+    def _open_session(self, session: int, *_: int) -> Answer:
+        if self._session is not None:
+            raise Refusal(Response.SESSION_ALREADY_OPEN)
+        if session == 0:
+            raise Refusal(Response.INVALID_PARAMETER)
+        self._session = session
+        return None, ()
+
+    def _close_session(self, *_: int) -> Answer:
+        self._session = None
+        return None, ()
+
+    def _get_storage_ids(self, *_: int) -> Answer:
+        return uints([STORAGE], 4), ()
+
+    def _get_storage_info(self, storage: int, *_: int) -> Answer:
+        if storage != STORAGE:
+            raise Refusal(Response.INVALID_STORAGE_ID)
+        used = sum(len(stored.data) for stored in self._body.objects.values())
+        free = 0 if self._body.fault == "store_full" else _CARD_BYTES - used
+        return StorageInfo(_CARD_BYTES, free, free // _PHOTOGRAPH_BYTES, "studio").encode(), ()
+
+    def _get_num_objects(self, storage: int, kind: int, parent: int, *_: int) -> Answer:
+        return None, (len(self._matching(storage, kind, parent)),)
+
+    def _get_object_handles(self, storage: int, kind: int, parent: int, *_: int) -> Answer:
+        return uints(self._matching(storage, kind, parent), 4), ()
+
+    def _get_object_info(self, handle: int, *_: int) -> Answer:
+        return self._object(handle).info.encode(), ()
+
+    def _get_object(self, handle: int, *_: int) -> Answer:
+        data = self._object(handle).data
+        self._pull_the_cable()
+        return data, ()
+
+    def _get_partial_object(self, handle: int, offset: int, count: int, *_: int) -> Answer:
+        data = self._object(handle).data
+        if offset > len(data):
+            raise Refusal(Response.INVALID_PARAMETER)
+        self._pull_the_cable()
+        part = data[offset : offset + count]
+        return part, (len(part),)
+
+    def _delete_object(self, handle: int, *_: int) -> Answer:
+        self._object(handle)
+        if handle == FOLDER:
+            raise Refusal(Response.ACCESS_DENIED)
+        del self._body.objects[handle]
+        return None, ()
+
+    def _initiate_capture(self, *_: int) -> Answer:
+        self._body.release()
+        return None, ()
+
+    def _get_device_prop_desc(self, code: int, *_: int) -> Answer:
+        self._check_property(code)
+        return self._body.properties[code].encode(), ()
+
+    def _get_device_prop_value(self, code: int, *_: int) -> Answer:
+        self._check_property(code)
+        description = self._body.properties[code]
+        return uint(description.current, description.width), ()
+
+    def _set_device_prop_value(self, command: Container, data: Container) -> Answer:
+        if self._session is None:
+            raise Refusal(Response.SESSION_NOT_OPEN)
+        code = (*command.parameters, 0)[0]
+        self._check_property(code)
+        if len(data.payload) != self._body.properties[code].width:
+            raise Refusal(Response.INVALID_PROP_FORMAT)
+        self._body.set_property(code, int.from_bytes(data.payload, "little"))
+        return None, ()
+
+    def _check_property(self, code: int) -> None:
+        if code not in self._body.properties:
+            raise Refusal(Response.DEVICE_PROP_NOT_SUPPORTED)
+
+    def _object(self, handle: int) -> StoredObject:
+        if handle not in self._body.objects:
+            raise Refusal(Response.INVALID_OBJECT_HANDLE)
+        return self._body.objects[handle]
+
+    def _matching(self, storage: int, kind: int, parent: int) -> list[int]:
+        if storage not in (STORAGE, ALL_STORAGES):
+            raise Refusal(Response.INVALID_STORAGE_ID)
+        if parent not in (0, _ROOT, FOLDER):
+            raise Refusal(Response.INVALID_OBJECT_HANDLE)
+        inside = {0: None, _ROOT: 0, FOLDER: FOLDER}[parent]
+        return [
+            handle
+            for handle, stored in self._body.objects.items()
+            if kind in (0, stored.info.format) and inside in (None, stored.info.parent)
+        ]
+
+    def _pull_the_cable(self) -> None:
+        self.unplugged = self._body.fault == "unplug"
+
+
+def _refuse(response: Response) -> Answer:
+    raise Refusal(response)
