@@ -1,0 +1,125 @@
+"""Warp the flash frame onto the no-flash frame.
+
+Source: Evangelidis & Psarakis, "Parametric Image Alignment Using Enhanced Correlation Coefficient
+Maximization", PAMI 2008, in OpenCV's multi-scale form. It runs on a normalised gradient image,
+because flash and no-flash pictures share edges, not brightness.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.frames import Image, Mask
+
+_WORKING_SIZE = 1600  # pixels along the longer side: error stays below 0.1 full-size pixels
+_MIN_CORRELATION = 0.35
+_STILL_PX = 0.3  # a smaller motion is within the estimate's error; resampling would only blur
+_MAX_MOTION = 0.15  # of the diagonal; a hand-held pair moves less
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """How the flash frame lies on the no-flash frame.
+
+    applied: whether the flash frame was warped.
+    matrix: (3, 3) homography from no-flash pixel (x, y, 1) to flash pixel; identity when refused.
+    correlation: enhanced correlation coefficient reached, −1…1; None when not attempted.
+    problem: one sentence when alignment was refused, else None.
+    """
+
+    applied: bool
+    matrix: NDArray[np.float64]
+    correlation: float | None
+    problem: str | None = None
+
+
+NOT_ATTEMPTED = Alignment(False, np.eye(3), None)
+
+
+def estimate_alignment(no_flash: Image, flash: Image) -> Alignment:
+    """Find the homography that lays the flash frame on the no-flash frame.
+
+    no_flash, flash: (H, W, 3) linear, equal sizes. A result that cannot be trusted is refused
+    (applied False, problem set), never returned as if it were right.
+    """
+    height, width = no_flash.shape[:2]
+    scale = min(1.0, _WORKING_SIZE / max(height, width))
+    size = (max(round(width * scale), 1), max(round(height * scale), 1))
+    reference, sample = (_edges(cv2.resize(i, size, interpolation=cv2.INTER_AREA)) for i in
+                         (no_flash, flash))
+    parameters = cv2.ECCParameters()
+    parameters.motionType = cv2.MOTION_HOMOGRAPHY
+    parameters.nlevels = int(np.clip(np.log2(min(size) / 32), 1, 5))
+    try:
+        correlation, small = cv2.findTransformECCMultiScale(
+            reference, sample, np.eye(3, dtype=np.float32), parameters
+        )
+    except cv2.error:
+        return _refused(None, "no common structure was found")
+    if not np.isfinite(small).all() or not np.isfinite(correlation):
+        return _refused(None, "no common structure was found")
+    matrix = _to_full_size(small.astype(np.float64), size, (width, height))
+    if correlation < _MIN_CORRELATION:
+        return _refused(float(correlation), f"their edges correlate by only {correlation:.2f}")
+    motion = _corner_motion(matrix, width, height)
+    if motion > _MAX_MOTION * np.hypot(width, height):
+        return _refused(float(correlation), f"the motion found, {motion:.0f} pixels, is implausible")
+    return Alignment(motion > _STILL_PX, matrix, float(correlation))
+
+
+def warp(image: Image, saturated: Mask, alignment: Alignment) -> tuple[Image, Mask]:
+    """Resample the flash frame on the no-flash frame's pixels.
+
+    Returns the warped (H, W, 3) image and the (H, W) mask of pixels that are saturated or have
+    no counterpart.
+    """
+    height, width = saturated.shape
+    flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
+    warped = cv2.warpPerspective(image, alignment.matrix, (width, height), flags=flags)
+    bad = cv2.warpPerspective(
+        saturated.astype(np.float32),
+        alignment.matrix,
+        (width, height),
+        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        borderValue=1.0,
+    )
+    return warped, bad > 0
+
+
+def _edges(image: Image) -> Image:
+    """Gradient magnitude of the logarithm, divided by its own local mean."""
+    gray = np.log(np.maximum(image.mean(axis=2), 0.0) + 0.01)
+    gray = cv2.GaussianBlur(gray.astype(np.float32), (0, 0), 1.0)
+    magnitude = cv2.magnitude(cv2.Scharr(gray, -1, 1, 0), cv2.Scharr(gray, -1, 0, 1))
+    local = cv2.GaussianBlur(magnitude, (0, 0), 16.0)
+    return np.asarray(magnitude / (local + 0.05 * local.mean() + 1e-6), dtype=np.float32)
+
+
+def _to_full_size(
+    small: NDArray[np.float64], size: tuple[int, int], full: tuple[int, int]
+) -> NDArray[np.float64]:
+    """Express a homography found on a reduced image in full-size pixel coordinates."""
+    sx, sy = size[0] / full[0], size[1] / full[1]
+    # pixel centers: u = sx·(x + ½) − ½
+    shrink = np.array([[sx, 0, sx / 2 - 0.5], [0, sy, sy / 2 - 0.5], [0, 0, 1]])
+    matrix = np.linalg.inv(shrink) @ small @ shrink
+    return np.asarray(matrix / matrix[2, 2])
+
+
+def _corner_motion(matrix: NDArray[np.float64], width: int, height: int) -> float:
+    """Largest displacement of the four corners, in pixels."""
+    corners = np.array([[0, 0, 1], [width, 0, 1], [0, height, 1], [width, height, 1]], dtype=float)
+    moved = corners @ matrix.T
+    return float(np.linalg.norm(moved[:, :2] / moved[:, 2:] - corners[:, :2], axis=1).max())
+
+
+def _refused(correlation: float | None, why: str) -> Alignment:
+    problem = (
+        f"The two photographs could not be aligned ({why}); they are used as they are, so edges "
+        "may show wrong light. Use a tripod, or pass --no-align if they already fit."
+    )
+    return Alignment(False, np.eye(3), correlation, problem)

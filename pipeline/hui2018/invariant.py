@@ -1,0 +1,49 @@
+"""The reflectance invariant: what the light of a pixel is, whatever its surface.
+
+Source: Hui et al. 2018, supplement eq. 1 and section 1; tensor form of the same.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def flash_tensor(tensor: Array, flash: Array) -> Array:
+    """Fold the flash into the model: D with I_nf = Σ_j β_j D[:, :, j] I_f.
+
+    Parameters
+    ----------
+    tensor : (3, 3, 3) model E[k, i, j], channel, reflectance, light
+    flash : (3,) coefficients f of the flash's spectrum
+
+    Returns
+    -------
+    (3, 3, 3) D[k, l, j]: I_f = (Σ_j E_j f_j) α gives α, and E_j α = D_j I_f.
+    """
+    under_flash = tensor @ flash
+    return np.stack([tensor[:, :, j] @ np.linalg.inv(under_flash) for j in range(3)], axis=2)
+
+
+def light_coefficients(no_flash: NDArray[np.floating], flash: NDArray[np.floating], d: Array) -> Array:
+    """β of every pixel: the light of the no-flash photograph, relative to the flash's shading.
+
+    Parameters
+    ----------
+    no_flash, flash : (..., 3) linear camera RGB; flash is the flash part alone
+    d : (3, 3, 3) from flash_tensor
+
+    Returns
+    -------
+    (..., 3) β from the 3×3 system I_nf = Σ_j β_j D_j I_f (Cramer's rule); 0 where it is singular.
+    """
+    columns = [flash @ d[:, :, j].T for j in range(3)]
+    crossed = [np.cross(columns[(j + 1) % 3], columns[(j + 2) % 3]) for j in range(3)]
+    determinant = (columns[0] * crossed[0]).sum(-1)
+    scale = np.prod([np.linalg.norm(column, axis=-1) for column in columns], axis=0)
+    solvable = np.abs(determinant) > 1e-9 * scale  # relative, so that dark pixels count too
+    safe = np.where(solvable, determinant, 1.0)
+    beta = np.stack([(no_flash * c).sum(-1) / safe for c in crossed], axis=-1)
+    return np.where(solvable[..., None], beta, 0.0)

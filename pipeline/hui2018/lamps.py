@@ -1,0 +1,144 @@
+"""Estimating the lamps from the set of invariants.
+
+Source: Hui et al. 2018, supplement, Algorithms 1 (two lamps) and 2 (three lamps).
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_BIN_DEGREES = 1.0
+_RANSAC_TRIALS = 400
+_MIN_POLE_COMPONENT = 0.1  # points nearer to the equator than this project towards infinity
+_MAX_CONE = np.cos(np.radians(75.0))
+
+
+def unit(vectors: NDArray[np.floating]) -> Array:
+    """Scale vectors (..., 3) to length one; zero vectors stay zero."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(vectors / np.where(length > 0, length, 1.0), dtype=np.float64)
+
+
+def prune(gammas: Array, fraction: float) -> Array:
+    """Drop the points in the sparsest bins of the histogram on the sphere (step 1).
+
+    Parameters
+    ----------
+    gammas : (n, 3) unit vectors
+    fraction : 0…1, share of the points to drop at most
+
+    Returns
+    -------
+    (m, 3), (1 − fraction)·n ≤ m ≤ n
+    """
+    pole = np.median(gammas, axis=0)
+    gammas = gammas[unit(gammas) @ unit(pole) > _MIN_POLE_COMPONENT]
+    plane, _ = to_plane(gammas, pole)
+    step = np.radians(_BIN_DEGREES)
+    _, bins, counts = np.unique(
+        np.floor(plane / step).astype(np.int64), axis=0, return_inverse=True, return_counts=True
+    )
+    by_density = np.argsort(counts, kind="stable")
+    dropped = by_density[np.cumsum(counts[by_density]) <= fraction * len(plane)]
+    return np.asarray(gammas[~np.isin(bins.ravel(), dropped)])
+
+
+def to_plane(gammas: Array, center: Array) -> tuple[Array, Array]:
+    """Rotate the center to the north pole and project on the tangent plane (steps 2 and 3).
+
+    Parameters
+    ----------
+    gammas : (n, 3) vectors
+    center : (3,) direction that goes to the pole
+
+    Returns
+    -------
+    points : (m, 2) gnomonic projection of those in front of the pole
+    rotation : (3, 3) with rotation @ center on the positive z axis
+    """
+    pole = unit(center)
+    east = unit(np.cross([0.0, 1.0, 0.0] if abs(pole[1]) < 0.9 else [1.0, 0.0, 0.0], pole))
+    rotation = np.stack([east, np.cross(pole, east), pole])
+    rotated = unit(gammas) @ rotation.T
+    front = rotated[rotated[:, 2] > _MIN_POLE_COMPONENT]
+    return front[:, :2] / front[:, 2:], rotation
+
+
+def from_plane(points: Array, rotation: Array) -> Array:
+    """Invert to_plane: (n, 2) points of the tangent plane → (n, 3) unit vectors (last step)."""
+    return unit(np.column_stack([points, np.ones(len(points))]) @ rotation)
+
+
+def one_lamp(gammas: Array) -> Array:
+    """One lamp: the median direction of the invariants. (n, 3) → (1, 3)."""
+    return unit(np.median(gammas, axis=0))[None]
+
+
+def two_lamps(gammas: Array, tolerance: float, tail: float) -> Array:
+    """Algorithm 1: the end points of the arc the invariants lie on.
+
+    Parameters
+    ----------
+    gammas : (n, 3) pruned invariants
+    tolerance : distance from the line in the tangent plane that counts as an inlier
+    tail : 0…0.5, share of the inliers beyond each end point (0: the outermost points)
+
+    Returns
+    -------
+    (2, 3) unit vectors
+    """
+    points, rotation = to_plane(gammas, np.median(gammas, axis=0))
+    origin, direction, inliers = _ransac_line(points, tolerance)
+    along = (points[inliers] - origin) @ direction
+    ends = np.quantile(along, [tail, 1.0 - tail])
+    return from_plane(origin + ends[:, None] * direction, rotation)
+
+
+def three_lamps(gammas: Array) -> Array:
+    """Algorithm 2: the corners of the smallest triangle around the invariants.
+
+    (n, 3) pruned invariants → (3, 3) unit vectors. Minimum enclosing triangle: Pârvu & Gilbert.
+    """
+    points, rotation = to_plane(gammas, gammas.mean(axis=0))
+    hull = cv2.convexHull(points.astype(np.float32))
+    if len(hull) < 3:
+        return from_plane(np.repeat(points[:1], 3, axis=0), rotation)
+    _, triangle = cv2.minEnclosingTriangle(hull)
+    if triangle is None:
+        return from_plane(np.repeat(points[:1], 3, axis=0), rotation)
+    return from_plane(_within_cone(triangle.reshape(3, 2).astype(np.float64)), rotation)
+
+
+def _within_cone(points: Array) -> Array:
+    """Pull corners back that lie so far out that no light could be there."""
+    far = np.sqrt(1.0 / _MAX_CONE**2 - 1.0)
+    length = np.linalg.norm(points, axis=1, keepdims=True)
+    return points * np.minimum(1.0, far / np.maximum(length, 1e-12))
+
+
+def _ransac_line(points: Array, tolerance: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Line with most inliers, refined by total least squares: origin, unit direction, inliers."""
+    rng = np.random.default_rng(0)
+    pairs = rng.integers(0, len(points), (_RANSAC_TRIALS, 2))
+    starts, spans = points[pairs[:, 0]], points[pairs[:, 1]] - points[pairs[:, 0]]
+    lengths = np.linalg.norm(spans, axis=1)
+    best = np.zeros(len(points), dtype=bool)
+    for start, span, length in zip(starts, spans, lengths, strict=True):
+        if length == 0:
+            continue
+        normal = np.array([-span[1], span[0]]) / length
+        inliers = np.abs((points - start) @ normal) <= tolerance
+        if inliers.sum() > best.sum():
+            best = inliers
+    if not best.any():
+        best[:] = True
+    for _ in range(2):
+        origin = points[best].mean(axis=0)
+        direction = np.linalg.svd(points[best] - origin, full_matrices=False)[2][0]
+        normal = np.array([-direction[1], direction[0]])
+        best = np.abs((points - origin) @ normal) <= tolerance
+    return origin, direction, best
