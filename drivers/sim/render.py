@@ -1,12 +1,13 @@
 """Ray casting with Lambertian shading and cast shadows; exact light of every lamp.
 
 Axes of the world: x right, y up, z towards the camera's side, metres. The camera looks along its
-own −z, x right, y up. Lamps are distant; the flash sits at the camera's lens, so that it casts no
-visible shadow, and falls off with the square of the distance.
+own −z, x right, y up. Lamps are distant discs that shade as their centres would; the flash sits at
+the camera's lens, so that it casts no visible shadow, and falls off with the square of the distance.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +19,9 @@ from drivers.sim.shapes import Solid, build
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
-_SUBSAMPLES = 4  # per side, where a pixel straddles an edge
+_SUBSAMPLES = 4  # per side, where a pixel straddles an edge or lies in half-shadow
+_LAMP_SAMPLES = 4  # per ray; subsamples see different ones
+_GOLDEN_ANGLE = np.pi * (3 - 5**0.5)
 _DIAGONAL_35MM = float(np.hypot(36, 24))
 
 
@@ -46,14 +49,18 @@ class Eye:
 
 @dataclass(frozen=True)
 class Hits:
-    """What rays met. shape: index, −1 for nothing. normals: world. shading: (n, N+1).
+    """What rays met. shape, material: indices, −1 for nothing. normals: world. shading: (n, N+1).
 
-    shading: cosine to each lamp, 0 in shadow; last the flash's, times the fall-off.
+    shading: cosine to each lamp times the part of it that is seen; last the flash's, times the
+    fall-off.
+    half_shadow: where a lamp is seen in part.
     """
 
     shape: NDArray[np.int8]
+    material: NDArray[np.int8]
     normals: Array
     shading: Array
+    half_shadow: NDArray[np.bool_]
 
 
 class Renderer:
@@ -65,14 +72,20 @@ class Renderer:
     def __init__(self, scene: Scene, lights: int, width: int, height: int) -> None:
         self.eye = Eye(scene.view, width, height)
         self._shapes = build(scene.shapes)
+        names = list(scene.materials)
+        self._materials = [
+            np.array([names.index(name) for name in shape.materials], np.int8)
+            for shape in scene.shapes
+        ]
         self._occluders = [shape for shape in self._shapes if isinstance(shape, Solid)]
         to_lamps = np.array([lamp.direction for lamp in scene.lamps[:lights]])
+        self._spreads = [np.tan(np.radians(lamp.radius_deg)) for lamp in scene.lamps[:lights]]
         self.to_lamps = to_lamps / np.linalg.norm(to_lamps, axis=1, keepdims=True)
 
     def block(self, rows: slice, colours: Array) -> tuple[Image, Image]:
         """Light that each source sends to each pixel of some rows, and the normals there.
 
-        colours: (shapes, sources, C), what C channels answer to each shape's material facing each
+        colours: (materials, sources, C), what C channels answer to each material that faces each
         lamp, and last the flash at the distance looked at.
 
         Returns
@@ -120,49 +133,80 @@ class Renderer:
             which[rays[closer]] = shape.index
 
         points = self.eye.position + directions * nearest[:, None]
+        material = np.full(len(directions), -1, np.int8)
         normals = np.full(directions.shape, np.nan)
         shading = np.zeros((len(directions), len(self.to_lamps) + 1))
+        half_shadow = np.zeros(len(directions), bool)
         for shape in self._shapes:
             own = np.flatnonzero(which == shape.index)
             if not len(own):
                 continue
             n, p = shape.normals(points[own]), points[own]
             normals[own] = n
+            names = self._materials[shape.index]
+            material[own] = names[shape.cells(p) % len(names)]
             for lamp, to_lamp in enumerate(self.to_lamps):
-                shading[own, lamp] = self._reaching(p, n @ to_lamp, to_lamp, shape.index)
+                seen = self._seen(p, np.flatnonzero(n @ to_lamp > 0), lamp, shape.index)
+                shading[own, lamp] = np.maximum(n @ to_lamp, 0) * seen
+                half_shadow[own] |= (seen > 0) & (seen < 1)
             falloff = (self.eye.distance / nearest[own]) ** 2
             shading[own, -1] = np.maximum(-(n * directions[own]).sum(1), 0) * falloff
-        return Hits(which, normals, shading)
+        return Hits(which, material, normals, shading, half_shadow)
 
-    def _reaching(self, points: Array, cosine: Array, to_lamp: Array, own: int) -> Array:
-        """Put the cosine to 0 where the lamp is hidden. A convex shape never shadows itself."""
-        lit = np.flatnonzero(cosine > 0)
+    def _seen(self, points: Array, facing: NDArray[np.intp], lamp: int, own: int) -> Array:
+        """Compute which part of a lamp is seen from points on a shape, (n,), 0…1.
+
+        facing: indices of the points that face the lamp; a convex shape shadows all others.
+        """
+        to_lamp, spread = self.to_lamps[lamp], self._spreads[lamp]
+        origins = points[facing]
+        seen = np.ones((len(facing), _LAMP_SAMPLES), bool)
         for occluder in self._occluders:
-            if occluder.index == own or not len(lit):
+            if occluder.index == own or not len(facing):
                 continue
-            to = occluder.centre - points[lit]
+            to = occluder.centre - origins
             along = to @ to_lamp
             beside = (to * to).sum(1) - along**2
-            near = np.flatnonzero((beside <= occluder.radius**2) & (along > -occluder.radius))
-            blocked = np.isfinite(occluder.enter(points[lit[near]], to_lamp))
-            lit = np.delete(lit, near[blocked])
-        reaching = np.zeros_like(cosine)
-        reaching[lit] = cosine[lit]
-        return reaching
+            reach = occluder.radius + np.maximum(along, 0) * spread
+            near = np.flatnonzero((beside <= reach**2) & (along > -occluder.radius))
+            for sample, directions in enumerate(_disc(origins[near], to_lamp, spread)):
+                seen[near, sample] &= np.isinf(occluder.enter(origins[near], directions))
+        parts = np.zeros(len(points))
+        parts[facing] = seen.mean(axis=1)
+        return parts
+
+
+def _disc(points: Array, to_lamp: Array, spread: float) -> Iterator[Array]:
+    """Aim at samples of a round lamp, each (n, 3), turned at random for each point.
+
+    Neighbouring points see different samples, so that their mean has no bands. The turn comes
+    from the point itself: a rendering is the same whatever its blocks.
+    """
+    turn = np.sin(points @ (12989.8, 7823.3, 3771.9)) * 43758.5
+    sideways = np.cross(to_lamp, (0.0, 0.0, 1.0) if abs(to_lamp[2]) < 0.9 else (1.0, 0.0, 0.0))
+    sideways /= np.linalg.norm(sideways)
+    upwards = np.cross(to_lamp, sideways)
+    for sample in range(_LAMP_SAMPLES):
+        radius = spread * np.sqrt((sample + 0.5) / _LAMP_SAMPLES)
+        angle = turn + sample * _GOLDEN_ANGLE
+        beside = np.cos(angle)[:, None] * sideways + np.sin(angle)[:, None] * upwards
+        yield to_lamp + radius * beside
 
 
 def _light(hits: Hits, colours: Array) -> Array:
     """Shading × colour of the material, (n, sources, C); black where nothing was met."""
     return np.where(
-        (hits.shape >= 0)[:, None, None], hits.shading[:, :, None] * colours[hits.shape], 0.0
+        (hits.shape >= 0)[:, None, None], hits.shading[:, :, None] * colours[hits.material], 0.0
     )
 
 
 def _straddling(hits: Hits, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Pixels whose neighbours show another shape or other shadows."""
+    """Find pixels in half-shadow and those whose neighbours show another shape, material, light."""
     bits = (hits.shading[:, :-1] > 0) @ (1 << np.arange(hits.shading.shape[1] - 1))
-    key = (hits.shape.astype(np.int64) * 8 + bits).reshape(shape)
-    edge = np.zeros(shape, bool)
+    half_shadow = hits.half_shadow.reshape(shape)
+    key = (hits.shape.astype(np.int64) << 16) + (hits.material.astype(np.int64) << 8) + bits
+    key = key.reshape(shape) * 2 + half_shadow
+    edge = half_shadow.copy()
     for axis in (0, 1):
         differs = np.diff(key, axis=axis) != 0
         before = ((0, 1), (0, 0)) if axis == 0 else ((0, 0), (0, 1))

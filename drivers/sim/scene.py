@@ -25,8 +25,9 @@ class View(_Strict):
 
 
 class Lamp(_Strict):
-    """A distant lamp.
+    """A distant round lamp.
 
+    radius_deg: half the angle it spans; it makes the shadows soft.
     light: name among colour-science's measured light sources. through: reflectance of a card that
     it is bounced off. direction: towards the lamp, world axes. strength: green response of a white
     card facing it, relative to the other lamps.
@@ -36,19 +37,23 @@ class Lamp(_Strict):
     light: str
     through: str | None = None
     direction: Vector
+    radius_deg: float = Field(default=0.0, ge=0, lt=45)
     strength: float = Field(gt=0)
 
 
 class Shape(_Strict):
     """A sphere, box or cylinder, scaled and turned, or the sweep they stand on.
 
+    materials: one name, or several that repeat, cell by cell, over a pattern. pattern: columns
+    and rows of cells, left to right and bottom to top; columns go around a sphere or cylinder.
     half: half sizes along x, y, z in metres. turn, tilt, roll: degrees about the vertical, then
     about the x and z axes. A sweep is a floor through its centre that curves up into a wall:
     half = (any, radius of the curve, distance of the wall behind the centre).
     """
 
     kind: Literal["sphere", "box", "cylinder", "sweep"]
-    material: str
+    materials: tuple[str, ...] = Field(min_length=1)
+    pattern: tuple[int, int] = (1, 1)
     centre: Vector
     half: Vector
     turn: float = 0.0
@@ -59,7 +64,7 @@ class Shape(_Strict):
 class Scene(_Strict):
     """A scene. materials: name → measured reflectance.
 
-    highlight: the 99.5th percentile of the flash photograph, white = 1. flash: green response of
+    highlight: the brightest value of the flash photograph, white = 1. flash: green response of
     a white card at the point looked at, facing the flash, on the scale of the lamps' strengths.
     """
 

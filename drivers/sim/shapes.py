@@ -18,6 +18,7 @@ class Solid:
 
     def __init__(self, index: int, shape: Shape) -> None:
         self.index = index
+        self._pattern = shape.pattern
         self.kind = shape.kind
         self.centre = np.array(shape.centre)
         half = np.array(shape.half)
@@ -45,6 +46,17 @@ class Solid:
                 start = np.maximum.reduce([low for low, _ in bounds])
                 end = np.minimum.reduce([high for _, high in bounds])
             return np.where((start < end) & (start > 0), start, np.inf)
+
+    def cells(self, points: Array) -> NDArray[np.intp]:
+        """Count cells of the pattern row by row, (n,), for points (n, 3) on the surface."""
+        if self._pattern == (1, 1):
+            return np.zeros(len(points), np.intp)
+        p = (points - self.centre) @ self._to_unit.T
+        along = p[:, 0] if self.kind == "box" else np.arctan2(p[:, 0], p[:, 2]) / np.pi
+        columns, rows = self._pattern
+        column = np.clip((along + 1) / 2 * columns, 0, columns - 1).astype(np.intp)
+        row = np.clip((p[:, 1] + 1) / 2 * rows, 0, rows - 1).astype(np.intp)
+        return np.asarray(row * columns + column)
 
     def normals(self, points: Array) -> Array:
         """Compute outward unit normals at points on the surface, (n, 3)."""
@@ -78,6 +90,10 @@ class Sweep:
             on_wall = (wall > 0) & (o[:, 1] + wall * directions[:, 1] >= y)
         curve = np.where(np.isfinite(curve) & (curve > 0), curve, np.inf)
         return np.where(on_floor, floor, np.where(on_wall, wall, curve))
+
+    def cells(self, points: Array) -> NDArray[np.intp]:
+        """Count cells: a sweep is of one material, (n,) zeros."""
+        return np.zeros(len(points), np.intp)
 
     def normals(self, points: Array) -> Array:
         """Compute unit normals at points on the surface, (n, 3)."""

@@ -39,9 +39,8 @@ class Studio:
         green = [
             _scaled(spd, level) for spd, level in zip([*spds, spectra.flash()], power, strict=True)
         ]
-        names = [self.scene.materials[shape.material] for shape in self.scene.shapes]
-        rho = np.stack([spectra.reflectance(name) for name in names])
-        # (shapes, sources, 3): response to each material under each lamp, then under the flash
+        rho = np.stack([spectra.reflectance(name) for name in self.scene.materials.values()])
+        # (materials, sources, 3): response to each material under each lamp, then under the flash
         colours = np.einsum("mw,jw,kw->mjk", rho, np.stack(green), s)
         gain = self.scene.highlight / self._meter(colours)
         self._colours = colours * gain
@@ -52,11 +51,11 @@ class Studio:
         self._neutral_colours[:, :-1] = np.einsum("mw,j,kw->mjk", rho * neutral, strengths, s)
 
     def _meter(self, colours: Array) -> float:
-        """99.5th percentile of the flash photograph, on a small rendering."""
+        """Find the brightest value of the flash photograph, on a small rendering."""
         height = max(2, round(_METER_WIDTH * self.options.height / self.options.width))
         small = Renderer(self.scene, self.options.lights, _METER_WIDTH, height)
         light, _ = small.block(slice(0, height), colours)
-        return float(np.percentile(light.sum(0).max(-1), 99.5))
+        return float(light.sum(0).max())
 
     def _blocks(self, colours: Array) -> Iterator[tuple[slice, Image, Image]]:
         """(rows, light of each source (sources, h, W, 3), normals (h, W, 3)), top to bottom."""
