@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import os
-import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any, Literal
 
 import sqlalchemy as sa
 
-from service import jobs, sandbox
+from service import jobs, sandbox, scratch
 from service.errors import INTERNAL, kind_of, problem_of
 from service.media import media_type
 from service.settings import Settings
@@ -85,10 +84,7 @@ class Attempt:
             self._give_up()
 
     def _work(self) -> bool:
-        work = self._settings.data_dir / "work"
-        work.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=work, prefix=f"{self._job.id}-") as folder:
-            directory = Path(folder)
+        with scratch.folder(self._settings.data_dir) as directory:
             if self._job.capture and not self._job.inputs:
                 self._capture(directory)
             else:

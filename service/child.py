@@ -1,11 +1,13 @@
 """The process of one task of a job: python -m service.child PARENT, its task as JSON on stdin.
 
 It writes one JSON object per line to stdout: {"stage", "fraction"} while it works, {"problem"}
-before it ends with nothing to show. Exit code 0 without a problem means that all is written.
+before it ends with nothing to show, except for want of memory, which its exit code tells. Exit
+code 0 means that all is done.
 """
 
 from __future__ import annotations
 
+import contextlib
 import json
 import logging
 import os
@@ -16,6 +18,9 @@ from pathlib import Path
 from typing import Any
 
 from service.processes import die_with_parent
+
+OUT_OF_MEMORY = 3
+"""Exit code of a task that needed more memory than it may have."""
 
 _CV_NO_MEMORY = -4  # cv::Error::StsNoMem
 
@@ -30,21 +35,12 @@ def main() -> int:
     task = json.load(sys.stdin)
     _limit(task["memory_bytes"], task["cpu_seconds"])
     tell = _take_stdout()
-
-    # Imported under the limits, since importing alone can need more than they allow.
-    from service import errors, logs
-
-    logs.configure()
     try:
         _WORK[task["kind"]](task, tell)
     except Exception as error:
         if isinstance(error, MemoryError) or getattr(error, "code", None) == _CV_NO_MEMORY:
-            error = errors.MemoryLimitError(
-                "The photographs need more memory than a job may have; send smaller ones."
-            )
-        if errors.kind_of(error) is errors.INTERNAL:
-            log.exception("task failed", extra={"job": task["job"], "trace_id": task["trace_id"]})
-        tell({"problem": errors.problem_of(error, task["trace_id"]).model_dump()})
+            return OUT_OF_MEMORY
+        tell({"problem": _explain(error, task)})
         return 1
     return 0
 
@@ -53,6 +49,23 @@ def _limit(memory_bytes: int, cpu_seconds: int) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
     resource.setrlimit(resource.RLIMIT_CPU, (cpu_seconds, cpu_seconds))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    # When the machine itself runs out of memory, this process goes first, not the service.
+    with contextlib.suppress(OSError):
+        Path("/proc/self/oom_score_adj").write_text("1000")
+
+
+def _explain(error: Exception, task: dict[str, Any]) -> dict[str, Any]:
+    # Imported only now: most of a short task's time would be this import.
+    from service import errors, logs
+
+    logs.configure()
+    if errors.kind_of(error) is errors.INTERNAL:
+        log.error(
+            "task failed",
+            exc_info=error,
+            extra={"job": task["job"], "trace_id": task["trace_id"]},
+        )
+    return errors.problem_of(error, task["trace_id"]).model_dump()
 
 
 def _take_stdout() -> Tell:
@@ -66,17 +79,21 @@ def _take_stdout() -> Tell:
     return tell
 
 
+def _check(task: dict[str, Any], _tell: Tell) -> None:
+    import pipeline
+
+    pipeline.check_pair(*_photographs(task))
+
+
 def _separate(task: dict[str, Any], tell: Tell) -> None:
     import pipeline
     from pipeline.options import Options
     from pipeline.progress import Progress
 
-    directory = Path(task["directory"])
     pipeline.separate_files(
-        (directory / "no_flash").read_bytes(),
-        (directory / "flash").read_bytes(),
+        *_photographs(task),
         Options.model_validate(task["options"]),
-        directory / "results",
+        Path(task["directory"]) / "results",
         Progress(lambda stage, fraction: tell({"stage": stage, "fraction": fraction})),
     )
 
@@ -96,7 +113,13 @@ def _capture(task: dict[str, Any], tell: Tell) -> None:
     (directory / "flash").write_bytes(pair.flash.best)
 
 
+def _photographs(task: dict[str, Any]) -> tuple[bytes, bytes]:
+    directory = Path(task["directory"])
+    return (directory / "no_flash").read_bytes(), (directory / "flash").read_bytes()
+
+
 _WORK: dict[str, Callable[[dict[str, Any], Tell], None]] = {
+    "check": _check,
     "separate": _separate,
     "capture": _capture,
 }

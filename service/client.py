@@ -46,9 +46,13 @@ class Client:
     ) -> None:
         self._http.close()
 
+    def check_ready(self) -> None:
+        """Ask whether the service can take jobs."""
+        self._json("GET", "/readyz")
+
     def submit_pair(self, no_flash: bytes, flash: bytes, options: Options) -> Job:
         """Send two photographs; the job."""
-        return self._job(
+        return self._json(
             "POST",
             "/jobs",
             files={"no_flash": ("no_flash", no_flash), "flash": ("flash", flash)},
@@ -58,7 +62,7 @@ class Client:
     def submit_capture(self, camera: str, options: Options) -> Job:
         """Have the camera at an address take the pair; the job."""
         wanted = options.model_dump(mode="json", exclude_defaults=True)
-        return self._job("POST", "/jobs", json={"capture": {"camera": camera}, "options": wanted})
+        return self._json("POST", "/jobs", json={"capture": {"camera": camera}, "options": wanted})
 
     def wait(self, job: Job, report: Callable[[str, float], None]) -> Job:
         """Wait until a job has succeeded, telling how far it is; the job as it is then."""
@@ -66,7 +70,7 @@ class Client:
             if job["stage"]:
                 report(job["stage"], job["fraction"])
             time.sleep(_POLL_SECONDS)
-            job = self._job("GET", job["links"]["self"])
+            job = self._json("GET", job["links"]["self"])
         if job["state"] == "canceled":
             raise RefusedError("The job was canceled.")
         if job["error"]:
@@ -83,10 +87,10 @@ class Client:
                 for chunk in response.iter_bytes():
                     target.write(chunk)
 
-    def _job(self, method: str, path: str, **arguments: Any) -> Job:
+    def _json(self, method: str, path: str, **arguments: Any) -> dict[str, Any]:
         with self._request(method, path, **arguments) as response:
             response.read()
-            answer: Job = response.json()
+            answer: dict[str, Any] = response.json()
         return answer
 
     @contextlib.contextmanager

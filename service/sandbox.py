@@ -15,10 +15,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO, Any, Literal
 
+from service.child import OUT_OF_MEMORY
 from service.errors import CrashError, MemoryLimitError, TimeLimitError
 
 _COMMAND = (sys.executable, "-m", "service.child")
 _LOOK_SECONDS = 0.2
+_END_SECONDS = 5.0  # what a process whose work is done may take to end
 
 
 class StoppedError(Exception):
@@ -37,11 +39,12 @@ class TaskError(Exception):
 class Task:
     """What a process is to do.
 
+    kind "check": the headers of directory/no_flash and directory/flash.
     kind "separate": directory/no_flash and directory/flash, with options → directory/results.
     kind "capture": the camera that capture names → directory/no_flash and directory/flash.
     """
 
-    kind: Literal["separate", "capture"]
+    kind: Literal["check", "separate", "capture"]
     job: str
     trace_id: str
     directory: str
@@ -70,7 +73,10 @@ def run(
                 problem = message["problem"]
             else:
                 report(message["stage"], message["fraction"])
-        process.wait()
+        try:
+            process.wait(max(deadline - time.monotonic(), _END_SECONDS))
+        except subprocess.TimeoutExpired as error:
+            raise TimeLimitError(_TOO_LONG) from error
     if problem is not None:
         raise TaskError(problem)
     _raise_for_exit(process.returncode)
@@ -131,14 +137,18 @@ def _raise_for_exit(code: int) -> None:
         return
     if code == -signal.SIGXCPU:
         raise TimeLimitError(_TOO_LONG)
+    if code == OUT_OF_MEMORY:
+        raise MemoryLimitError(
+            "The photographs need more memory than a job may have; send smaller ones."
+        )
     if code == -signal.SIGKILL:
         raise MemoryLimitError(
-            "The system killed the separation, most likely for want of memory; "
+            "The system killed the program, most likely for want of memory; "
             "send smaller photographs."
         )
     how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
     raise CrashError(
-        f"The separation crashed on these photographs ({how}); "
+        f"The program crashed on these photographs ({how}); "
         "if both open elsewhere, report it with this job's trace_id."
     )
 

@@ -16,7 +16,7 @@ import uuid
 
 import sqlalchemy as sa
 
-from service import database, engine, jobs, logs
+from service import database, engine, jobs, logs, scratch
 from service.attempt import Attempt
 from service.errors import AbandonedError, problem_of
 from service.processes import die_with_parent
@@ -48,6 +48,7 @@ class Worker:
         """
         engine.migrate(self._engine)
         database.create_tables(self._engine)
+        scratch.clear(self._settings.data_dir)
         self._beat()
         engine.launch(
             self._engine,

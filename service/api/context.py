@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import os
+import threading
+from dataclasses import dataclass, field
 from typing import Annotated
 
 import sqlalchemy as sa
@@ -21,6 +23,10 @@ class Context:
     engine: sa.Engine
     queue: Queue
     storage: Storage
+    checks: threading.Semaphore = field(
+        default_factory=lambda: threading.Semaphore(os.cpu_count() or 1)
+    )
+    """Held while the headers of an upload are checked, so that many uploads share the cores."""
 
 
 def _context(request: Request) -> Context:

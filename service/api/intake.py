@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -119,13 +117,3 @@ def parse_options(text: str) -> Options:
         return Options.model_validate_json(text)
     except ValidationError as error:
         raise OptionError(sentence_of(error)) from error
-
-
-def request_hash(intake: Intake, sha256: dict[str, str]) -> str:
-    """Digest what two requests share when they ask for the same: options, and pair or camera."""
-    same = {
-        "options": intake.options.model_dump(mode="json"),
-        "capture": intake.capture,
-        "sha256": sha256,
-    }
-    return hashlib.sha256(json.dumps(same, sort_keys=True).encode()).hexdigest()

@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import asyncio
-import hashlib
 import re
 import time
-import uuid
-from typing import Annotated, Any
+from typing import Annotated
 
 import sqlalchemy as sa
 from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
-import pipeline
 from pipeline import errors as pipeline_errors
 from pipeline.options import Options
 from service import jobs
 from service.api import intake
+from service.api.accept import accept, refuse_when_full
 from service.api.context import Context, Parts, TraceId
 from service.api.models import CaptureRequest, JobAnswer, JobPage
 from service.api.problems import responses
-from service.attempt import FRAMES, describe_inputs, inputs_key
+from service.attempt import FRAMES
 from service.errors import (
+    CrashError,
     IdempotencyError,
     MalformedRequestError,
     QueueFullError,
@@ -86,6 +85,7 @@ SCHEMAS = (Options, CaptureRequest)
             pipeline_errors.InputError,
             IdempotencyError,
             QueueFullError,
+            CrashError,
             status=(503,),
         ),
     },
@@ -107,9 +107,9 @@ async def create_job(
     ] = None,
 ) -> JobAnswer:
     """Separate a pair of photographs, or have a camera take one and separate it."""
-    await run_in_threadpool(_refuse_when_full, context)
+    await run_in_threadpool(refuse_when_full, context)
     async with intake.read(request, context.settings.upload_bytes) as wanted:
-        job_id = await run_in_threadpool(_accept, context, wanted, idempotency_key, trace_id)
+        job_id = await run_in_threadpool(accept, context, wanted, idempotency_key, trace_id)
     await _wait(context, job_id, _preferred_wait(prefer))
     response.headers["Location"] = f"/jobs/{job_id}"
     return await run_in_threadpool(_answer, context, job_id)
@@ -192,57 +192,6 @@ def _answer(context: Context, job_id: str) -> JobAnswer:
         job = _found(connection, job_id)
         places = jobs.positions(connection, [job])
     return JobAnswer.of(job, places.get(job_id))
-
-
-def _refuse_when_full(context: Context) -> None:
-    with context.engine.connect() as connection:
-        waiting = jobs.count_queued(connection)
-    if waiting >= context.settings.queued_jobs:
-        raise QueueFullError(f"{waiting} jobs wait already; send this one again later.")
-
-
-def _accept(
-    context: Context, wanted: intake.Intake, idempotency_key: str | None, trace_id: str
-) -> str:
-    """Check the pair, store it, and commit row and queue entry together; the job's id."""
-    job_id = uuid.uuid4().hex
-    sha256 = _store_pair(context, job_id, wanted) if wanted.files else {}
-    values: dict[str, Any] = {
-        "id": job_id,
-        "options": wanted.options.model_dump(mode="json", exclude_unset=True),
-        "capture": wanted.capture,
-        "inputs": describe_inputs(job_id, sha256) if sha256 else None,
-        "trace_id": trace_id,
-        "idempotency_key": idempotency_key,
-        "request_hash": intake.request_hash(wanted, sha256),
-    }
-    try:
-        with context.engine.begin() as connection:
-            jobs.add(connection, values)
-            context.queue.submit(connection, job_id)
-    except sa.exc.IntegrityError:
-        context.storage.delete_below(f"jobs/{job_id}/")
-        return _earlier(context, idempotency_key, values["request_hash"])
-    return job_id
-
-
-def _earlier(context: Context, idempotency_key: str | None, wanted_hash: str) -> str:
-    with context.engine.connect() as connection:
-        job = jobs.find_by_key(connection, idempotency_key) if idempotency_key else None
-    if job is None or job.request_hash != wanted_hash:
-        raise IdempotencyError(
-            "This Idempotency-Key belongs to a request with another pair or other options; "
-            "use a new key."
-        )
-    return job.id
-
-
-def _store_pair(context: Context, job_id: str, wanted: intake.Intake) -> dict[str, str]:
-    data = {frame: wanted.files[frame].file.read() for frame in FRAMES}
-    pipeline.check_pair(data["no_flash"], data["flash"])
-    for frame in FRAMES:
-        context.storage.put(inputs_key(job_id, frame), data[frame])
-    return {frame: hashlib.sha256(data[frame]).hexdigest() for frame in FRAMES}
 
 
 def _preferred_wait(prefer: str | None) -> float:

@@ -24,6 +24,7 @@ from service.errors import (
     make_problem,
     problem_of,
 )
+from service.sandbox import TaskError
 
 MEDIA_TYPE = "application/problem+json"
 RETRY_SECONDS = 10
@@ -79,6 +80,7 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(RequestValidationError, _on_validation)
     app.add_exception_handler(HTTPException, _on_http)
     app.add_exception_handler(Exception, _on_internal)
+    app.add_exception_handler(TaskError, _on_task)
     for error in KINDS:
         app.add_exception_handler(error, _on_known)
 
@@ -98,6 +100,11 @@ async def _on_known(request: Request, error: Exception) -> Response:
     if kind_of(error).status >= 500:
         log.error("request failed", exc_info=error, extra={"trace_id": request.state.trace_id})
     return _answer(problem_of(error, request.state.trace_id), headers)
+
+
+async def _on_task(_request: Request, error: Exception) -> Response:
+    assert isinstance(error, TaskError)
+    return _answer(Problem(**error.problem))
 
 
 async def _on_validation(request: Request, error: Exception) -> Response:

@@ -43,12 +43,12 @@ def _explain(error: Exception) -> tuple[str, int]:
     # Imported only when something went wrong, so that the command starts quickly.
     from pydantic import ValidationError
 
-    from drivers import BadAddressError, DriverError
+    from drivers import BadAddressError, CameraNotFoundError, DriverError
     from pipeline.errors import InputError
     from service.client import RefusedError, ServiceAwayError
     from service.errors import sentence_of
 
-    if isinstance(error, InputError | BadAddressError | RefusedError):
+    if isinstance(error, InputError | BadAddressError | CameraNotFoundError | RefusedError):
         return str(error), 2
     if isinstance(error, DriverError | ServiceAwayError):
         return str(error), 1

@@ -10,7 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    TaskID,
+    TaskProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+)
 from rich.table import Table
 from rich.text import Text
 
@@ -18,9 +25,12 @@ Report = Callable[[str, float], None]
 
 
 @contextlib.contextmanager
-def stage_bar() -> Iterator[Report]:
-    """Show a bar per stage on stderr, when that is a terminal; gives report(stage, fraction)."""
-    console = Console(stderr=True)
+def stage_bar(lines: bool = False) -> Iterator[Report]:
+    """Show a bar per stage on stderr; gives report(stage, fraction).
+
+    Where stderr is no terminal there is nothing, or with `lines` one line per stage.
+    """
+    console = Console(stderr=True, highlight=False)
     columns = (
         TextColumn("{task.description:<8}"),
         BarColumn(),
@@ -28,16 +38,20 @@ def stage_bar() -> Iterator[Report]:
         TimeElapsedColumn(),
     )
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
-        bars: dict[str, Any] = {}
+        bars: dict[str, TaskID] = {}
 
         def report(stage: str, fraction: float) -> None:
-            for bar in [bar for name, bar in bars.items() if name != stage]:
-                progress.update(bar, completed=1.0)
             if stage not in bars:
+                for bar in bars.values():
+                    progress.update(bar, completed=1.0)
                 bars[stage] = progress.add_task(stage, total=1.0)
+                if lines and not console.is_terminal:
+                    console.print(f"{stage} …")
             progress.update(bars[stage], completed=fraction)
 
         yield report
+        for bar in bars.values():
+            progress.update(bar, completed=1.0)
 
 
 def print_results(manifest: Mapping[str, Any], folder: Path, as_json: bool) -> None:

@@ -23,12 +23,7 @@ def new_results(target: Path) -> Iterator[Path]:
     is_new = not target.exists()
     try:
         target.mkdir(parents=True, exist_ok=True)
-        made = tempfile.TemporaryDirectory(dir=target, prefix=".partial-")
-    except OSError as error:
-        reason = (error.strerror or "it cannot be written").lower()
-        raise InputError(f"The folder {target} cannot be written: {reason}.") from error
-    try:
-        with made as name:
+        with tempfile.TemporaryDirectory(dir=target, prefix=".partial-") as name:
             folder = Path(name)
             yield folder
             files = sorted(folder.iterdir(), key=lambda path: (path.name == _LAST, path.name))
@@ -36,9 +31,13 @@ def new_results(target: Path) -> Iterator[Path]:
                 (target / old).unlink(missing_ok=True)
             for path in files:
                 path.replace(target / path.name)
-    except BaseException:
+    except BaseException as error:
         if is_new:
-            target.rmdir()
+            with contextlib.suppress(OSError):
+                target.rmdir()
+        if isinstance(error, OSError):
+            reason = (error.strerror or "it cannot be written").lower()
+            raise InputError(f"The folder {target} cannot be written: {reason}.") from error
         raise
 
 

@@ -1,0 +1,104 @@
+"""Makes a job of a request: checks the pair, stores it, queues it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import uuid
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy as sa
+
+from service import jobs, sandbox, scratch
+from service.api.context import Context
+from service.api.intake import Intake
+from service.attempt import FRAMES, describe_inputs, inputs_key
+from service.errors import IdempotencyError, QueueFullError
+
+_CHECK_SECONDS = 30.0
+
+
+def refuse_when_full(context: Context) -> None:
+    """Raise QueueFullError when as many jobs wait as may."""
+    with context.engine.connect() as connection:
+        waiting = jobs.count_queued(connection)
+    if waiting >= context.settings.queued_jobs:
+        raise QueueFullError(f"{waiting} jobs wait already; send this one again later.")
+
+
+def accept(context: Context, wanted: Intake, idempotency_key: str | None, trace_id: str) -> str:
+    """Store the pair and commit row and queue entry together; the job's id.
+
+    An idempotency_key that made a job already gives that job's id. Raises IdempotencyError when
+    that job was another one, TaskError when the headers of the pair cannot be used.
+    """
+    job_id = uuid.uuid4().hex
+    sha256 = _store_pair(context, job_id, wanted, trace_id) if wanted.files else {}
+    values: dict[str, Any] = {
+        "id": job_id,
+        "options": wanted.options.model_dump(mode="json", exclude_unset=True),
+        "capture": wanted.capture,
+        "inputs": describe_inputs(job_id, sha256) if sha256 else None,
+        "trace_id": trace_id,
+        "idempotency_key": idempotency_key,
+        "request_hash": _request_hash(wanted, sha256),
+    }
+    try:
+        with context.engine.begin() as connection:
+            jobs.add(connection, values)
+            context.queue.submit(connection, job_id)
+    except sa.exc.IntegrityError:
+        context.storage.delete_below(f"jobs/{job_id}/")
+        return _earlier(context, idempotency_key, values["request_hash"])
+    return job_id
+
+
+def _store_pair(context: Context, job_id: str, wanted: Intake, trace_id: str) -> dict[str, str]:
+    with scratch.folder(context.settings.data_dir) as directory:
+        for frame in FRAMES:
+            with (directory / frame).open("wb") as target:
+                shutil.copyfileobj(wanted.files[frame].file, target)
+        _check(context, job_id, directory, trace_id)
+        return {
+            frame: context.storage.put_file(inputs_key(job_id, frame), directory / frame)
+            for frame in FRAMES
+        }
+
+
+def _check(context: Context, job_id: str, directory: Path, trace_id: str) -> None:
+    task = sandbox.Task(
+        kind="check",
+        job=job_id,
+        trace_id=trace_id,
+        directory=str(directory),
+        memory_bytes=context.settings.job_memory_bytes,
+        cpu_seconds=int(_CHECK_SECONDS * (os.cpu_count() or 1)),
+        options={},
+        capture=None,
+    )
+    with context.checks:
+        sandbox.run(task, _CHECK_SECONDS, lambda _stage, _fraction: None, lambda: False)
+
+
+def _request_hash(wanted: Intake, sha256: dict[str, str]) -> str:
+    """Digest what two requests share when they ask for the same: options, and pair or camera."""
+    same = {
+        "options": wanted.options.model_dump(mode="json"),
+        "capture": wanted.capture,
+        "sha256": sha256,
+    }
+    return hashlib.sha256(json.dumps(same, sort_keys=True).encode()).hexdigest()
+
+
+def _earlier(context: Context, idempotency_key: str | None, wanted_hash: str) -> str:
+    with context.engine.connect() as connection:
+        job = jobs.find_by_key(connection, idempotency_key) if idempotency_key else None
+    if job is None or job.request_hash != wanted_hash:
+        raise IdempotencyError(
+            "This Idempotency-Key belongs to a request with another pair or other options; "
+            "use a new key."
+        )
+    return job.id
