@@ -2,7 +2,7 @@
 
 Axes of the world: x right, y up, z towards the camera's side, metres. The camera looks along its
 own −z, x right, y up. Lamps are distant discs that shade as their centres would; the flash sits at
-the camera's lens, so that it casts no visible shadow, and falls off with the square of the distance.
+the lens, so that it casts no visible shadow, and falls off with the square of the distance.
 """
 
 from __future__ import annotations
@@ -106,10 +106,11 @@ class Renderer:
         if len(edges):
             light[edges] = 0
             steps = (np.arange(_SUBSAMPLES) + 0.5) / _SUBSAMPLES - 0.5
+            x = (grid_x[edges, None] + steps).ravel()
             for dy in steps:
-                for dx in steps:
-                    sub = self._cast(self.eye.rays(grid_x[edges] + dx, grid_y[edges] + dy))
-                    light[edges] += _light(sub, colours) / _SUBSAMPLES**2
+                y = np.repeat(grid_y[edges] + dy, _SUBSAMPLES)
+                sub = _light(self._cast(self.eye.rays(x, y)), colours)
+                light[edges] += sub.reshape(-1, _SUBSAMPLES, *sub.shape[1:]).mean(1) / _SUBSAMPLES
 
         image = light.reshape(*shape, *colours.shape[1:])[1:-1, 1:-1]
         image = (image[:-2] + 2 * image[1:-1] + image[2:]) / 4
@@ -150,7 +151,7 @@ class Renderer:
                 shading[own, lamp] = np.maximum(n @ to_lamp, 0) * seen
                 half_shadow[own] |= (seen > 0) & (seen < 1)
             falloff = (self.eye.distance / nearest[own]) ** 2
-            shading[own, -1] = np.maximum(-(n * directions[own]).sum(1), 0) * falloff
+            shading[own, -1] = np.maximum(-np.einsum("ni,ni->n", n, directions[own]), 0) * falloff
         return Hits(which, material, normals, shading, half_shadow)
 
     def _seen(self, points: Array, facing: NDArray[np.intp], lamp: int, own: int) -> Array:
@@ -166,9 +167,11 @@ class Renderer:
                 continue
             to = occluder.centre - origins
             along = to @ to_lamp
-            beside = (to * to).sum(1) - along**2
+            beside = np.einsum("ni,ni->n", to, to) - along**2
             reach = occluder.radius + np.maximum(along, 0) * spread
             near = np.flatnonzero((beside <= reach**2) & (along > -occluder.radius))
+            if not len(near):
+                continue
             for sample, directions in enumerate(_disc(origins[near], to_lamp, spread)):
                 seen[near, sample] &= np.isinf(occluder.enter(origins[near], directions))
         parts = np.zeros(len(points))
