@@ -11,7 +11,8 @@ A camera is opened by `drivers.registry.open_camera` and used as a context manag
             photograph = b"".join(camera.download(handle))
 
 One camera serves one caller at a time. Every method may raise CameraDisconnectedError,
-CameraBusyError (after retries) and ProtocolError, next to the errors it names itself.
+CameraTimeoutError, CameraBusyError (after retries) and ProtocolError, next to the errors that it
+names itself.
 """
 
 from __future__ import annotations

@@ -27,6 +27,10 @@ SETTLE_S = 0.3
 """Events come before the card's list is complete; so long it takes to settle."""
 
 DOWNLOAD_ATTEMPTS = 4
+"""How often in a row a transfer may break off without a byte gained."""
+
+LARGEST_BYTES = 1 << 29
+"""No camera's photograph is larger; a size beyond it is a mistake."""
 
 _PREFERRED = ("dng", "jpeg")
 
@@ -183,15 +187,22 @@ def _await_completion(camera: Camera, clock: Clock, deadline: float) -> bool:
 
 def _fetch(camera: Camera, item: CameraObject, progress: Callable[[int], None]) -> bytes:
     """Download one file, going on from where a transfer broke off."""
-    received = bytearray()
-    for attempt in range(1, DOWNLOAD_ATTEMPTS + 1):
+    if item.size > LARGEST_BYTES:
+        raise TransferError(
+            f"The camera says that a photograph has {item.size} bytes, which is more than one can "
+            "have: take the pair again."
+        )
+    received, failures, whole = bytearray(), 0, False
+    while not whole:
         try:
             for chunk in camera.download(item.handle, len(received)):
                 received += chunk
+                failures = 0
                 progress(len(received))
-            break
+            whole = True
         except TransferError:
-            if attempt == DOWNLOAD_ATTEMPTS:
+            failures += 1
+            if failures == DOWNLOAD_ATTEMPTS:
                 raise
     if len(received) != item.size:
         raise TransferError(

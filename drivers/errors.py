@@ -5,6 +5,7 @@ DriverError
 ├── CameraNotFoundError        the address is sound, but no camera answers there
 ├── CameraBusyError            the camera kept saying that it is busy
 ├── CameraDisconnectedError    the connection broke in the middle
+├── CameraTimeoutError         the camera stopped answering
 ├── ProtocolError              the camera's answer is not valid, or refuses without a known reason
 ├── SettingError               a setting is missing, read-only, or was not taken over
 ├── CaptureError               the release was pressed and no usable photograph came
@@ -39,8 +40,18 @@ class CameraDisconnectedError(DriverError):
     """The connection to the camera broke."""
 
 
+class CameraTimeoutError(DriverError):
+    """The camera stopped answering."""
+
+
 class ProtocolError(DriverError):
-    """The camera's answer is not valid, or it refuses without a known reason."""
+    """The camera's answer is not valid, or it refuses without a known reason.
+
+    what: what is wrong, without a full stop; what to do is always the same.
+    """
+
+    def __init__(self, what: str) -> None:
+        super().__init__(f"{what}: switch the camera off and on, connect it anew and try again.")
 
 
 class SettingError(DriverError):

@@ -37,17 +37,18 @@ def read_exposure(photograph: bytes) -> ExposureFacts:
             "A photograph came without readable EXIF, so that the pair cannot be checked."
         ) from error
     return ExposureFacts(
-        time_s=Fraction(_first(tags, "ExposureTime")),
-        f_number=Fraction(_first(tags, "FNumber")),
+        time_s=_first(tags, "ExposureTime"),
+        f_number=_first(tags, "FNumber"),
         iso=int(_first(tags, "ISOSpeedRatings")),
         flash_fired=bool(int(_first(tags, "Flash")) & 1),
     )
 
 
-def _first(tags: dict[str, Any], name: str) -> Any:
-    values = getattr(tags.get(f"EXIF {name}"), "values", None)
-    if not values:
+def _first(tags: dict[str, Any], name: str) -> Fraction:
+    try:
+        value = tags[f"EXIF {name}"].values[0]
+        return Fraction(value.numerator, value.denominator)
+    except (KeyError, IndexError, AttributeError, TypeError, ZeroDivisionError) as error:
         raise PairVerificationError(
             f"A photograph came without {name} in its EXIF, so that the pair cannot be checked."
-        )
-    return values[0]
+        ) from error

@@ -42,13 +42,13 @@ class Container:
 def decode(raw: bytes) -> Container:
     """Read a container. Raises ProtocolError for bytes that are none."""
     if len(raw) < _HEADER.size:
-        raise ProtocolError(f"A PTP container has at least 12 bytes, but {len(raw)} came.")
+        raise ProtocolError(f"A PTP container has at least 12 bytes, but {len(raw)} came")
     length, kind, code, transaction = _HEADER.unpack_from(raw)
     if length != len(raw):
-        raise ProtocolError(f"A PTP container says {length} bytes, but {len(raw)} came.")
+        raise ProtocolError(f"A PTP container says {length} bytes, but {len(raw)} came")
     if kind not in list(ContainerType):
-        raise ProtocolError(f"A PTP container is of the unknown type {kind}.")
+        raise ProtocolError(f"A PTP container is of the unknown type {kind}")
     payload = raw[_HEADER.size :]
     if kind != ContainerType.DATA and (len(payload) % 4 or len(payload) > 4 * _MAX_PARAMETERS):
-        raise ProtocolError(f"{len(payload)} bytes are not up to five PTP parameters of 32 bits.")
+        raise ProtocolError(f"{len(payload)} bytes are not up to five PTP parameters of 32 bits")
     return Container(ContainerType(kind), code, transaction, payload)

@@ -210,7 +210,7 @@ class PropertyDescription:
         elif form == Form.NONE:
             values = ()
         else:
-            raise ProtocolError(f"PTP property {code:#06x} has the unknown form {form}.")
+            raise ProtocolError(f"PTP property {code:#06x} has the unknown form {form}")
         return cls(code, DataType(type_code), writable == 1, default, current, Form(form), values)
 
 
@@ -219,4 +219,4 @@ def width_of(type_code: int) -> int:
     try:
         return _WIDTHS[DataType(type_code)]
     except ValueError as error:
-        raise ProtocolError(f"PTP data type {type_code:#06x} is not one a setting has.") from error
+        raise ProtocolError(f"PTP data type {type_code:#06x} is not one a setting has") from error

@@ -16,8 +16,10 @@ from drivers.ptp.codes import ContainerType, Operation, Response
 from drivers.ptp.containers import Container
 from drivers.ptp.transport import Transport
 
+_LAST_TRANSACTION = 0xFFFFFFFE
 _BUSY_PAUSES_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
 
+_REFUSED_VALUE = "The camera refused the value of a setting: set it on the camera itself."
 _REFUSALS: dict[int, tuple[type[DriverError], str]] = {
     Response.DEVICE_BUSY: (
         CameraBusyError,
@@ -43,13 +45,16 @@ _REFUSALS: dict[int, tuple[type[DriverError], str]] = {
         TransferError,
         "The photograph is no longer on the camera's card: take it again.",
     ),
-    Response.INVALID_PROP_VALUE: (SettingError, "The camera refused the value of a setting."),
-    Response.INVALID_PROP_FORMAT: (SettingError, "The camera refused the value of a setting."),
+    Response.INVALID_PROP_VALUE: (SettingError, _REFUSED_VALUE),
+    Response.INVALID_PROP_FORMAT: (SettingError, _REFUSED_VALUE),
     Response.ACCESS_DENIED: (
         SettingError,
-        "The camera does not allow this setting to be changed from a computer.",
+        "The camera does not allow a setting to be changed from here: change it on the camera itself.",
     ),
-    Response.DEVICE_PROP_NOT_SUPPORTED: (SettingError, "The camera has no such setting."),
+    Response.DEVICE_PROP_NOT_SUPPORTED: (
+        SettingError,
+        "The camera lacks a setting: set it on the camera itself.",
+    ),
 }
 
 
@@ -105,7 +110,7 @@ class Session:
         self, operation: Operation, parameters: tuple[int, ...], data: bytes | None
     ) -> tuple[int, bytes, tuple[int, ...]]:
         transaction = self._transaction
-        self._transaction += 1
+        self._transaction = 1 if transaction == _LAST_TRANSACTION else transaction + 1
         self.transport.send(
             Container.with_parameters(ContainerType.COMMAND, operation, transaction, parameters)
         )
@@ -125,7 +130,7 @@ def _check(container: Container, code: int, transaction: int, kind: ContainerTyp
     if (container.type, container.code, container.transaction) != (kind, code, transaction):
         raise ProtocolError(
             f"The camera answered transaction {transaction} with a {container.type.name.lower()} "
-            f"{container.code:#06x} of transaction {container.transaction}: reconnect it."
+            f"{container.code:#06x} of transaction {container.transaction}: reconnect it"
         )
 
 
@@ -133,4 +138,4 @@ def _refusal(operation: Operation, code: int) -> DriverError:
     if code in _REFUSALS:
         kind, sentence = _REFUSALS[code]
         return kind(sentence)
-    return ProtocolError(f"The camera answered {operation.name} with the response {code:#06x}.")
+    return ProtocolError(f"The camera answered {operation.name} with the response {code:#06x}")

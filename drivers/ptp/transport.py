@@ -19,7 +19,10 @@ class Transport(ABC):
 
     @abstractmethod
     def receive(self) -> Container:
-        """Take the next data or response container. Raises ProtocolError for malformed bytes."""
+        """Take the next data or response container.
+
+        Raises ProtocolError for malformed bytes, CameraTimeoutError where nothing comes.
+        """
 
     @abstractmethod
     def receive_event(self, timeout_s: float) -> Container | None:

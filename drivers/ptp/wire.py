@@ -21,7 +21,7 @@ class Reader:
         """Take the next count bytes."""
         taken = self._data[self._at : self._at + count]
         if len(taken) < count:
-            raise ProtocolError(f"A PTP dataset of {len(self._data)} bytes ends too early.")
+            raise ProtocolError(f"A PTP dataset of {len(self._data)} bytes ends too early")
         self._at += count
         return taken
 
@@ -45,12 +45,12 @@ class Reader:
         try:
             return data.decode("utf-16-le").rstrip("\0")
         except UnicodeDecodeError as error:
-            raise ProtocolError("A PTP string is not valid UTF-16.") from error
+            raise ProtocolError("A PTP string is not valid UTF-16") from error
 
     def end(self) -> None:
         """Check that nothing is left."""
         if self._at != len(self._data):
-            raise ProtocolError(f"A PTP dataset has {len(self._data) - self._at} bytes too many.")
+            raise ProtocolError(f"A PTP dataset has {len(self._data) - self._at} bytes too many")
 
 
 def uint(value: int, width: int) -> bytes:

@@ -2,14 +2,34 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Literal
-from urllib.parse import parse_qsl, urlsplit
+from urllib.parse import parse_qsl
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from drivers.errors import BadAddressError, CameraNotFoundError
 
-Fault = Literal["none", "unplug", "busy", "store_full", "focus", "lost_events"]
+Fault = Literal[
+    "none",
+    # the driver gets over these
+    "busy_briefly",  # the first releases are refused
+    "lost_events",
+    "broken_transfer",  # every other chunk breaks off
+    # and not over these
+    "busy",  # every release is refused
+    "focus",  # the release finds no focus
+    "store_full",
+    "no_photograph",  # released, but nothing reaches the card
+    "silent",  # no answer to the release
+    "garbled",  # nonsense for an answer to the release
+    "unplug",  # in the transfer of a photograph
+    "truncated",  # the card holds half of what it says
+    "flash_dead",
+    "flash_always",
+    "flash_locked",  # its mode can only be set on the camera
+    "auto_exposure",  # the flash frame gets half the time
+]
 
 
 class SimulatedCamera(BaseModel):
@@ -18,8 +38,7 @@ class SimulatedCamera(BaseModel):
     lights: lamps that are on. width, height: pixels, even because of the colour filter mosaic.
     seed: of the noise. format: files per photograph. noise: off gives the exact light, only
     rounded. scene: studio, a still life, or objects, one material for normals. fault: what goes
-    wrong, to rehearse it: unplug in the transfer of a photograph, busy at the first releases,
-    store_full and focus at the release, lost_events throughout.
+    wrong, to rehearse it.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -40,13 +59,16 @@ def parse(address: str) -> SimulatedCamera:
     Raises BadAddressError for a parameter or value that does not exist, CameraNotFoundError for
     any place but sim://studio.
     """
-    parts = urlsplit(address)
-    if parts.netloc != "studio" or parts.path not in ("", "/"):
+    place, _, query = address.partition("?")
+    if place.rstrip("/") != "sim://studio":
         raise CameraNotFoundError(
-            f"There is no simulated camera at {address}: the only one is sim://studio."
+            f"There is no simulated camera at {place}: the only one is sim://studio."
         )
     try:
-        pairs = parse_qsl(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query))
+        pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query))
+        repeated = [name for name, count in Counter(name for name, _ in pairs).items() if count > 1]
+        if repeated:
+            raise BadAddressError(f"{address} says {repeated[0]} more than once: say it once.")
         return SimulatedCamera.model_validate(dict(pairs))
     except ValidationError as error:
         first = error.errors()[0]

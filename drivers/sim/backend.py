@@ -6,7 +6,7 @@ from collections import deque
 
 from drivers.camera import Camera, CameraInfo
 from drivers.clock import Clock, SystemClock
-from drivers.errors import CameraDisconnectedError, ProtocolError
+from drivers.errors import CameraDisconnectedError, CameraTimeoutError
 from drivers.ptp import containers
 from drivers.ptp.camera import PtpCamera
 from drivers.ptp.containers import Container
@@ -14,6 +14,8 @@ from drivers.ptp.transport import Transport
 from drivers.sim.address import parse
 from drivers.sim.body import Body
 from drivers.sim.responder import Responder
+
+_ANSWER_S = 10.0  # as long as one waits for a camera on a cable
 
 
 class InProcessTransport(Transport):
@@ -34,7 +36,11 @@ class InProcessTransport(Transport):
         """Take the next data or response container."""
         self._check_connected()
         if not self._answers:
-            raise ProtocolError("The simulated camera was asked for an answer that it has not.")
+            self._clock.sleep(_ANSWER_S)
+            raise CameraTimeoutError(
+                f"The camera gave no answer for {_ANSWER_S:.0f} s: switch it off and on and take "
+                "the pair anew."
+            )
         return containers.decode(self._answers.popleft())
 
     def receive_event(self, timeout_s: float) -> Container | None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.clock import Clock
 from drivers.ptp.codes import DataType, EventCode, ObjectFormat, Property, Response
@@ -14,6 +15,7 @@ from drivers.ptp.datasets import Form, ObjectInfo, PropertyDescription
 from drivers.sim.address import SimulatedCamera
 from drivers.sim.files import Shooting, write_dng, write_jpeg
 from drivers.sim.render import Image
+from drivers.sim.scene import load_scene
 from drivers.sim.sensor import BASE_ISO, digitise
 from drivers.sim.studio import Studio
 
@@ -24,6 +26,7 @@ FOLDER = 1
 _WRITE_S = 0.2  # from the end of the exposure to the card
 _BUSY_RELEASES = 2
 _FLASH_FIRES = (3, 5)  # fill, red-eye fill
+_ROWS = 256  # read out at once
 
 _METERED_TIME = Fraction(1, 50)
 _METERED_F_NUMBER = 8
@@ -52,6 +55,9 @@ class Body:
     def __init__(self, options: SimulatedCamera, clock: Clock) -> None:
         self.fault = options.fault
         self.properties = {description.code: description for description in _properties()}
+        if self.fault == "flash_locked":
+            locked = replace(self.properties[Property.FLASH_MODE], writable=False)
+            self.properties[Property.FLASH_MODE] = locked
         folder = ObjectInfo(STORAGE, ObjectFormat.ASSOCIATION, 0, 0, 0, 0, "100STUDI", "")
         self.objects = {FOLDER: StoredObject(folder, b"")}
         self.events: deque[tuple[EventCode, int]] = deque()
@@ -61,7 +67,6 @@ class Body:
         self._refused = 0
         self._due: float | None = None
         self._light: tuple[Image, Image] | None = None
-        self._studio = Studio(options)
 
     def set_property(self, code: int, value: int) -> None:
         """Set a property. Raises Refusal for values that it does not offer."""
@@ -76,10 +81,9 @@ class Body:
         """Press the release; the photograph is on the card when its time has come."""
         if self.fault == "focus":
             raise Refusal(Response.NIKON_OUT_OF_FOCUS)
-        if self.fault == "busy" and self._refused < _BUSY_RELEASES:
-            self._refused += 1
-            raise Refusal(Response.DEVICE_BUSY)
-        if self._due is not None:
+        self._refused += 1
+        briefly = self.fault == "busy_briefly" and self._refused <= _BUSY_RELEASES
+        if briefly or self.fault == "busy" or self._due is not None:
             raise Refusal(Response.DEVICE_BUSY)
         exposure_s = float(self._shooting().time_s)
         self._due = self._clock.monotonic() + exposure_s + _WRITE_S
@@ -96,6 +100,8 @@ class Body:
         if self.fault == "store_full":
             self._tell(EventCode.STORE_FULL, STORAGE)
             return
+        if self.fault == "no_photograph":
+            return
         self._refused = 0
         self._releases += 1
         for kind, extension, data in self._photograph():
@@ -103,7 +109,7 @@ class Body:
             info = ObjectInfo(
                 storage=STORAGE,
                 format=kind,
-                size=len(data),
+                size=2 * len(data) if self.fault == "truncated" else len(data),
                 width=self._options.width,
                 height=self._options.height,
                 parent=FOLDER,
@@ -119,17 +125,8 @@ class Body:
             self.events.append((code, parameter))
 
     def _photograph(self) -> list[tuple[ObjectFormat, str, bytes]]:
-        if self._light is None:
-            self._light = self._studio.sensor_light()
         shooting = self._shooting()
-        opening = float(_METERED_F_NUMBER / shooting.f_number) ** 2
-        light = self._light[0] * np.float32(opening * float(shooting.time_s / _METERED_TIME))
-        if shooting.flash_fired:  # far shorter than the exposure, so its time does not count
-            light += self._light[1] * np.float32(opening)
-        noise = None
-        if self._options.noise == "on":
-            noise = np.random.default_rng((self._options.seed, self._releases))
-        raw = digitise(light, shooting.iso, noise)
+        raw = self._expose(shooting)
         files = []
         if self._options.format in ("dng", "both"):
             files.append((ObjectFormat.DNG, "DNG", write_dng(raw, shooting)))
@@ -137,14 +134,38 @@ class Body:
             files.append((ObjectFormat.EXIF_JPEG, "JPG", write_jpeg(raw, shooting)))
         return files
 
+    def _expose(self, shooting: Shooting) -> NDArray[np.uint16]:
+        if self._light is None:
+            self._light = Studio(self._options).sensor_light()
+        lamps, flash = self._light
+        opening = float(_METERED_F_NUMBER / shooting.f_number) ** 2
+        of_lamps = np.float32(opening * float(shooting.time_s / _METERED_TIME))
+        # a flash is far shorter than the exposure, so the time does not count
+        of_flash = np.float32(opening if shooting.flash_fired else 0)
+        noise = None
+        if self._options.noise == "on":
+            noise = np.random.default_rng((self._options.seed, self._releases))
+        raw = np.empty(lamps.shape, np.uint16)
+        for top in range(0, len(raw), _ROWS):
+            rows = slice(top, top + _ROWS)
+            light = lamps[rows] * of_lamps + flash[rows] * of_flash
+            raw[rows] = digitise(light, shooting.iso, noise)
+        return raw
+
     def _shooting(self) -> Shooting:
         value = {code: description.current for code, description in self.properties.items()}
+        fires = value[Property.FLASH_MODE] in _FLASH_FIRES
+        time_s = Fraction(value[Property.EXPOSURE_TIME], 10_000)
+        if self.fault == "auto_exposure" and fires:
+            time_s /= 2
+        if self.fault in ("flash_dead", "flash_always"):
+            fires = self.fault == "flash_always"
         return Shooting(
-            time_s=Fraction(value[Property.EXPOSURE_TIME], 10_000),
+            time_s=time_s,
             f_number=Fraction(value[Property.F_NUMBER], 100),
             iso=value[Property.EXPOSURE_INDEX],
-            flash_fired=value[Property.FLASH_MODE] in _FLASH_FIRES,
-            focal_35mm=self._studio.focal_35mm,
+            flash_fired=fires,
+            focal_35mm=load_scene(self._options.scene).view.focal_35mm,
             taken=self._clock.now(),
         )
 

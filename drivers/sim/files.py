@@ -22,6 +22,7 @@ _EXIF_DIRECTORY = 0x8769
 _PLACEHOLDER = 0x876A  # tifffile keeps the EXIF directory's tag to itself; this one sorts alike
 _D65 = 21  # EXIF's number of this light source
 _JPEG_QUALITY = 95
+_ROWS = 256  # rendered at once
 _XYZ_TO_SRGB = np.array(
     [[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]]
 )
@@ -106,11 +107,16 @@ def write_jpeg(raw: NDArray[np.uint16], shooting: Shooting) -> bytes:
 
     scaled = np.clip(raw, BLACK, WHITE) - np.uint16(BLACK)
     # OpenCV names mosaics by their second row and column: RGGB is its "BayerBG"
-    rgb = cv2.cvtColor(scaled, cv2.COLOR_BayerBG2RGB_EA).astype(np.float32) / (WHITE - BLACK)
-    balance = np.minimum(rgb / spectra.neutral().astype(np.float32), 1)
-    linear = np.clip(balance @ _camera_to_srgb().T.astype(np.float32), 0, 1)
-    curved = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    picture = Image.fromarray(np.rint(curved * 255).astype(np.uint8))
+    rgb = cv2.cvtColor(scaled, cv2.COLOR_BayerBG2RGB_EA)
+    white = (spectra.neutral() * (WHITE - BLACK)).astype(np.float32)
+    matrix = _camera_to_srgb().T.astype(np.float32)
+    rendered = np.empty(rgb.shape, np.uint8)
+    for top in range(0, len(rgb), _ROWS):
+        rows = slice(top, top + _ROWS)
+        linear = np.clip(np.minimum(rgb[rows] / white, 1) @ matrix, 0, 1)
+        curved = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+        rendered[rows] = np.rint(curved * 255)
+    picture = Image.fromarray(rendered)
     exif = Image.Exif()
     exif.update({271: spectra.MAKE, 272: spectra.MODEL, 274: 1, 306: shooting.stamp})
     exif.get_ifd(_EXIF_DIRECTORY).update(

@@ -22,6 +22,7 @@ from drivers.sim.body import FOLDER, STORAGE, Body, Refusal, StoredObject
 
 _CARD_BYTES = 32 * 10**9
 _PHOTOGRAPH_BYTES = 30 * 10**6
+_LAST_TRANSACTION = 0xFFFFFFFE
 _ROOT = 0xFFFFFFFF  # as parent in GetObjectHandles: the objects outside every folder
 _WIDTHS = {DataType.UINT8: 1, DataType.UINT16: 2, DataType.UINT32: 4}
 _WITHOUT_SESSION = (Operation.GET_DEVICE_INFO, Operation.OPEN_SESSION)
@@ -31,12 +32,14 @@ Answer = tuple[bytes | None, tuple[int, ...]]
 
 
 class Responder:
-    """Answers one initiator. unplugged: true once its fault has pulled the cable."""
+    """Answers one initiator. unplugged: true once the fault of that name has happened."""
 
     def __init__(self, body: Body) -> None:
         self.unplugged = False
         self._body = body
         self._session: int | None = None
+        self._transaction = 0
+        self._broken = False
         self._command: Container | None = None
         self._operations: dict[int, Callable[..., Answer]] = {
             Operation.GET_DEVICE_INFO: self._get_device_info,
@@ -62,12 +65,15 @@ class Responder:
         """
         container = containers.decode(raw)
         self._body.advance()
+        command, self._command = self._command, None
         if container.type is ContainerType.COMMAND:
             if container.code == Operation.SET_DEVICE_PROP_VALUE:
                 self._command = container
                 return []  # its data come in a container of their own
-            return self._answer(container, lambda: self._run(container))
-        command, self._command = self._command, None
+            answers = self._answer(container, lambda: self._run(container))
+            if container.code == Operation.INITIATE_CAPTURE:
+                return {"silent": [], "garbled": [b"\xff" * 12]}.get(self._body.fault, answers)
+            return answers
         if container.type is not ContainerType.DATA or command is None:
             return self._answer(container, lambda: _refuse(Response.GENERAL_ERROR))
         return self._answer(command, lambda: self._set_device_prop_value(command, container))
@@ -103,10 +109,19 @@ class Responder:
         operation = self._operations.get(command.code)
         if operation is None:
             raise Refusal(Response.OPERATION_NOT_SUPPORTED)
-        if self._session is None and command.code not in _WITHOUT_SESSION:
-            raise Refusal(Response.SESSION_NOT_OPEN)
+        if command.code not in _WITHOUT_SESSION:
+            self._check_session(command)
+        self._transaction = command.transaction
         # a missing parameter is 0, one too many is ignored, as the standard has it
         return operation(*(command.parameters + (0,) * 5)[:5])
+
+    def _check_session(self, command: Container) -> None:
+        if self._session is None:
+            raise Refusal(Response.SESSION_NOT_OPEN)
+        # an initiator that finds a session open does not know its count, so it may close it
+        expected = 1 if self._transaction == _LAST_TRANSACTION else self._transaction + 1
+        if command.transaction != expected and command.code != Operation.CLOSE_SESSION:
+            raise Refusal(Response.INVALID_TRANSACTION_ID)
 
     def _get_device_info(self, *_: int) -> Answer:
         info = DeviceInfo(
@@ -161,6 +176,9 @@ class Responder:
         data = self._object(handle).data
         if offset > len(data):
             raise Refusal(Response.INVALID_PARAMETER)
+        self._broken = self._body.fault == "broken_transfer" and not self._broken
+        if self._broken:
+            raise Refusal(Response.INCOMPLETE_TRANSFER)
         self._pull_the_cable()
         part = data[offset : offset + count]
         return part, (len(part),)
@@ -186,8 +204,10 @@ class Responder:
         return uint(description.current, description.width), ()
 
     def _set_device_prop_value(self, command: Container, data: Container) -> Answer:
-        if self._session is None:
-            raise Refusal(Response.SESSION_NOT_OPEN)
+        self._check_session(command)
+        self._transaction = command.transaction
+        if data.transaction != command.transaction:
+            raise Refusal(Response.INVALID_TRANSACTION_ID)
         code = (*command.parameters, 0)[0]
         self._check_property(code)
         if len(data.payload) != self._body.properties[code].width:

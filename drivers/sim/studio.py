@@ -27,8 +27,6 @@ class Studio:
         self.options = options
         self.scene: Scene = load_scene(options.scene)
         self._renderer = Renderer(self.scene, options.lights, options.width, options.height)
-        self.focal_35mm = self.scene.view.focal_35mm
-        self.focal_px = self._renderer.eye.focal_px
         self._set_up_lights()
 
     def _set_up_lights(self) -> None:
