@@ -84,7 +84,6 @@ class Property(IntEnum):
 class ObjectFormat(IntEnum):
     """Kinds of objects."""
 
-    UNDEFINED = 0x3000
     ASSOCIATION = 0x3001
     EXIF_JPEG = 0x3801
     DNG = 0x3811

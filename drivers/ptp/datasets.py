@@ -99,13 +99,6 @@ class StorageInfo:
             )
         )
 
-    @classmethod
-    def decode(cls, data: bytes) -> StorageInfo:
-        """Read it. Raises ProtocolError for bytes that are no StorageInfo."""
-        reader = Reader(data)
-        reader.take(6)  # storage type, file system, access
-        return cls(reader.uint(8), reader.uint(8), reader.uint(4), reader.string())
-
 
 @dataclass(frozen=True)
 class ObjectInfo:

@@ -20,6 +20,7 @@ _LAST_TRANSACTION = 0xFFFFFFFE
 _BUSY_PAUSES_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
 
 _REFUSED_VALUE = "The camera refused the value of a setting: set it on the camera itself."
+
 _REFUSALS: dict[int, tuple[type[DriverError], str]] = {
     Response.DEVICE_BUSY: (
         CameraBusyError,
@@ -49,7 +50,7 @@ _REFUSALS: dict[int, tuple[type[DriverError], str]] = {
     Response.INVALID_PROP_FORMAT: (SettingError, _REFUSED_VALUE),
     Response.ACCESS_DENIED: (
         SettingError,
-        "The camera does not allow a setting to be changed from here: change it on the camera itself.",
+        "The camera keeps a setting to itself: change it on the camera.",
     ),
     Response.DEVICE_PROP_NOT_SUPPORTED: (
         SettingError,
@@ -130,7 +131,7 @@ def _check(container: Container, code: int, transaction: int, kind: ContainerTyp
     if (container.type, container.code, container.transaction) != (kind, code, transaction):
         raise ProtocolError(
             f"The camera answered transaction {transaction} with a {container.type.name.lower()} "
-            f"{container.code:#06x} of transaction {container.transaction}: reconnect it"
+            f"{container.code:#06x} of transaction {container.transaction}"
         )
 
 

@@ -8,7 +8,6 @@ from drivers.ptp import containers
 from drivers.ptp.codes import (
     ALL_STORAGES,
     ContainerType,
-    DataType,
     EventCode,
     ObjectFormat,
     Operation,
@@ -24,7 +23,6 @@ _CARD_BYTES = 32 * 10**9
 _PHOTOGRAPH_BYTES = 30 * 10**6
 _LAST_TRANSACTION = 0xFFFFFFFE
 _ROOT = 0xFFFFFFFF  # as parent in GetObjectHandles: the objects outside every folder
-_WIDTHS = {DataType.UINT8: 1, DataType.UINT16: 2, DataType.UINT32: 4}
 _WITHOUT_SESSION = (Operation.GET_DEVICE_INFO, Operation.OPEN_SESSION)
 
 Answer = tuple[bytes | None, tuple[int, ...]]
