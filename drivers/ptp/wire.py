@@ -48,34 +48,6 @@ class Reader:
             raise ProtocolError("A PTP string is not valid UTF-16") from error
 
 
-def uint(self, width: int) -> int:
-        """Read an unsigned number of 1, 2, 4 or 8 bytes."""
-        return int(struct.unpack(_FORMATS[width], self.take(width))[0])
-
-    def uints(self, width: int) -> tuple[int, ...]:
-        """Read an array: u32 count, then numbers."""
-        count = self.uint(4)
-        return self.plain_uints(width, count)
-
-    def plain_uints(self, width: int, count: int) -> tuple[int, ...]:
-        """Read numbers without a count before them."""
-        data = self.take(width * count)
-        return struct.unpack(f"<{count}{_FORMATS[width][1]}", data)
-
-    def string(self) -> str:
-        """Read a string: u8 count of UTF-16 units with the closing zero, then the units."""
-        data = self.take(2 * self.uint(1))
-        try:
-            return data.decode("utf-16-le").rstrip("\0")
-        except UnicodeDecodeError as error:
-            raise ProtocolError("A PTP string is not valid UTF-16") from error
-
-    def end(self) -> None:
-        """Check that nothing is left."""
-        if self._at != len(self._data):
-            raise ProtocolError(f"A PTP dataset has {len(self._data) - self._at} bytes too many")
-
-
 def uint(value: int, width: int) -> bytes:
     """Write an unsigned number of 1, 2, 4 or 8 bytes."""
     return struct.pack(_FORMATS[width], value)
