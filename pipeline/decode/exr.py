@@ -8,23 +8,26 @@ import numpy as np
 import OpenEXR
 
 from pipeline.decode.quiet import muted
-from pipeline.decode.samples import Samples
+from pipeline.decode.samples import Samples, UnsuitableError
 
 
 def exr_size(data: bytes) -> tuple[int, int]:
     """(width, height) of the data window of the first part. Raises what OpenEXR raises."""
-    with muted():
-        header = OpenEXR.File(io.BytesIO(data), header_only=True).header()
+    header = OpenEXR.File(io.BytesIO(data), header_only=True).header()
     (left, top), (right, bottom) = header["dataWindow"]
     return int(right) - int(left) + 1, int(bottom) - int(top) + 1
 
 
 def read_exr(data: bytes) -> Samples:
-    """Read R, G, B, or Y, of the first part. Raises ValueError and what OpenEXR raises."""
+    """Read R, G and B of the first part.
+
+    Raises UnsuitableError without colours or with integers, ValueError and what OpenEXR raises.
+    """
     with muted():
         channels = OpenEXR.File(io.BytesIO(data), separate_channels=True).channels()
-    names = ("R", "G", "B") if "R" in channels else ("Y", "Y", "Y")
-    planes = [channels[name].pixels for name in names]
-    if any(plane.dtype.kind != "f" or plane.shape != planes[0].shape for plane in planes):
-        raise ValueError("no float channels of one size")
+    if not {"R", "G", "B"} <= channels.keys():
+        raise UnsuitableError("is an EXR without channels R, G and B: save it with those.")
+    planes = [channels[name].pixels for name in "RGB"]
+    if any(plane.dtype.kind != "f" for plane in planes):
+        raise UnsuitableError("is an EXR of integers: save it with half or float channels.")
     return Samples(np.stack(planes, axis=-1).astype(np.float32, copy=False), 1.0)

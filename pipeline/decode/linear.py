@@ -8,7 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.decode.samples import Samples, upright
+from pipeline.decode.curves import srgb_to_linear
+from pipeline.decode.profiles import differs_from_srgb, profile_to_linear
+from pipeline.decode.samples import Samples, UnsuitableError, upright
 from pipeline.frames import Image, Mask
 from pipeline.progress import STRIP_ROWS
 
@@ -18,33 +20,40 @@ RAW_CLIP = 0.99
 _DEMOSAIC_REACH = 5
 """Side of the square of pixels whose demosaiced values a clipped sensor value has reached."""
 
-
-def srgb_to_linear(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Undo the sRGB curve of IEC 61966-2-1 (1.0 = white); below 0 it goes on as a line."""
-    curve = ((np.maximum(values, 0.0) + 0.055) / 1.055) ** 2.4
-    return np.where(values <= 0.04045, values / 12.92, curve).astype(np.float32)
+_BRIGHTEST = 65504.0
+"""Largest value of a half float, as in OpenEXR; no light is so much brighter than white."""
 
 
-def to_linear(samples: Samples, srgb: bool) -> Image:
+def to_linear(samples: Samples, srgb: bool, profiled: bool = False) -> Image:
     """Make samples float32 (H, W, 3), upright, linear, 1.0 = samples.white.
 
-    Integers go through a table, so a 24-megapixel photograph needs no copy in float64.
-    Raises ValueError where a float sample is not finite.
+    srgb: the values follow the sRGB curve. profiled: they follow the profile of the file, where
+    that is of other colours than sRGB, and become linear sRGB. Integers go through a table, so a
+    24-megapixel photograph needs no copy in float64.
+    Raises UnsuitableError where a float sample is no finite number or absurdly large.
     """
     values = upright(samples.values, samples.orientation)
     out: Image = np.empty(values.shape, dtype=np.float32)
+    profile = samples.profile if profiled else None
+    if profile is not None and not differs_from_srgb(profile):
+        profile = None
     table = None
     if values.dtype.kind == "u":
         codes = np.arange(np.iinfo(values.dtype).max + 1) / samples.white
         table = _curve(codes.astype(np.float32), srgb)
     for top in range(0, out.shape[0], STRIP_ROWS):
         strip = values[top : top + STRIP_ROWS]
-        if table is not None:
+        if profile is not None:
+            out[top : top + STRIP_ROWS] = profile_to_linear(strip, profile)
+        elif table is not None:
             out[top : top + STRIP_ROWS] = table[strip]
-            continue
-        if not np.isfinite(strip).all():
-            raise ValueError("not every sample is a finite number")
-        out[top : top + STRIP_ROWS] = _curve(strip, srgb)
+        else:
+            if not np.abs(strip).max() <= _BRIGHTEST:  # nor is NaN
+                raise UnsuitableError(
+                    "holds values that are no light (infinite, not a number or above 65504): "
+                    "save it anew with 1.0 as white."
+                )
+            out[top : top + STRIP_ROWS] = _curve(strip, srgb)
     return out
 
 

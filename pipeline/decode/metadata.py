@@ -18,13 +18,22 @@ logging.getLogger("exifread").setLevel(logging.CRITICAL)  # it tells the termina
 _MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 _FULL_FRAME_WIDTH_MM = 36.0
 
+_LONGEST_TEXT = 64
+_TIME_S = (1e-6, 1e5)
+_ISO = (1.0, 1e8)
+_F_NUMBER = (0.3, 1000.0)
+_FOCAL_MM = (0.5, 10_000.0)
+_FOCAL_SHARE = (0.05, 200.0)
+"""What a camera can have written; anything else is a broken block and counts as unknown."""
+
 
 @dataclass(frozen=True)
 class Metadata:
     """EXIF facts about a photograph; None and "" where the file says nothing usable.
 
     orientation: 1–8 as EXIF 2.32 defines it. focal_35mm: equivalent focal length in mm.
-    focal_plane_px: focal length in pixels as from the focal plane resolution.
+    focal_plane: focal length as a share of the picture's long side, from the resolution of the
+    focal plane.
     """
 
     exposure: Exposure = field(default_factory=Exposure)
@@ -33,16 +42,15 @@ class Metadata:
     flash_fired: bool | None = None
     orientation: int = 1
     focal_35mm: float | None = None
-    focal_plane_px: float | None = None
+    focal_plane: float | None = None
 
     def focal_px(self, width: int, height: int) -> float | None:
         """Focal length in pixels of a frame of this size, None where unknown.
 
         The equivalent focal length counts against the long side of a 36 mm wide frame.
         """
-        if self.focal_35mm:
-            return self.focal_35mm / _FULL_FRAME_WIDTH_MM * max(width, height)
-        return self.focal_plane_px
+        share = self.focal_35mm / _FULL_FRAME_WIDTH_MM if self.focal_35mm else self.focal_plane
+        return share * max(width, height) if share else None
 
 
 def read_metadata(data: bytes) -> Metadata:
@@ -57,31 +65,35 @@ def read_metadata(data: bytes) -> Metadata:
     orientation = _number(tags, "Image Orientation")
     return Metadata(
         exposure=Exposure(
-            time_s=_positive(tags, "EXIF ExposureTime", "Image ExposureTime"),
-            iso=_positive(
+            time_s=_within(_TIME_S, tags, "EXIF ExposureTime", "Image ExposureTime"),
+            iso=_within(
+                _ISO,
                 tags,
                 "EXIF ISOSpeedRatings",
                 "EXIF PhotographicSensitivity",
                 "Image ISOSpeedRatings",
             ),
-            f_number=_positive(tags, "EXIF FNumber", "Image FNumber"),
+            f_number=_within(_F_NUMBER, tags, "EXIF FNumber", "Image FNumber"),
         ),
         make=_text(tags, "Image Make"),
         model=_text(tags, "Image Model"),
         flash_fired=None if flash is None else bool(int(flash) & 1),
         orientation=int(orientation) if orientation and orientation in range(1, 9) else 1,
-        focal_35mm=_positive(tags, "EXIF FocalLengthIn35mmFilm"),
-        focal_plane_px=_focal_plane_px(tags),
+        focal_35mm=_within(_FOCAL_MM, tags, "EXIF FocalLengthIn35mmFilm"),
+        focal_plane=_focal_plane(tags),
     )
 
 
-def _focal_plane_px(tags: dict[str, Any]) -> float | None:
-    focal_mm = _positive(tags, "EXIF FocalLength")
-    resolution = _positive(tags, "EXIF FocalPlaneXResolution")
+def _focal_plane(tags: dict[str, Any]) -> float | None:
+    focal_mm = _within(_FOCAL_MM, tags, "EXIF FocalLength")
+    resolution = _number(tags, "EXIF FocalPlaneXResolution")
     unit = _number(tags, "EXIF FocalPlaneResolutionUnit") or 2
-    if not focal_mm or not resolution or unit not in _MM_PER_UNIT:
+    sides = [_number(tags, f"EXIF ExifImage{side}") or 0 for side in ("Width", "Length")]
+    if not focal_mm or not resolution or unit not in _MM_PER_UNIT or max(sides) <= 0:
         return None
-    return focal_mm * resolution / _MM_PER_UNIT[int(unit)]
+    share = focal_mm * resolution / _MM_PER_UNIT[int(unit)] / max(sides)
+    low, high = _FOCAL_SHARE
+    return share if low <= share <= high else None
 
 
 def _number(tags: dict[str, Any], *names: str) -> float | None:
@@ -95,11 +107,13 @@ def _number(tags: dict[str, Any], *names: str) -> float | None:
     return None
 
 
-def _positive(tags: dict[str, Any], *names: str) -> float | None:
+def _within(limits: tuple[float, float], tags: dict[str, Any], *names: str) -> float | None:
     value = _number(tags, *names)
-    return value if value is not None and value > 0 else None
+    return value if value is not None and limits[0] <= value <= limits[1] else None
 
 
 def _text(tags: dict[str, Any], name: str) -> str:
     value = getattr(tags.get(name), "values", "")
-    return value.strip("\0 \t\r\n") if isinstance(value, str) else ""
+    if not isinstance(value, str):
+        return ""
+    return "".join(filter(str.isprintable, value)).strip()[:_LONGEST_TEXT]

@@ -21,13 +21,13 @@ from pipeline.decode.rendered import (
     read_jpeg,
     read_png,
 )
-from pipeline.decode.samples import Samples
+from pipeline.decode.samples import Samples, UnsuitableError
 from pipeline.decode.signatures import Kind, kind_of
 from pipeline.decode.tiff import holds_raw, read_tiff, tiff_size
 from pipeline.errors import ImageTooLargeError, OptionError, PipelineError, UnreadableImageError
-from pipeline.frames import Frame, Matrix
+from pipeline.frames import Frame
 
-FORMATS = "JPEG, PNG, TIFF, OpenEXR, HEIC, DNG or a camera's RAW"
+FORMATS = "a JPEG, PNG, TIFF, OpenEXR, HEIC, DNG or a camera's RAW file"
 
 
 def max_pixels() -> float:
@@ -54,9 +54,10 @@ def check_header(data: bytes, name: str = "no-flash photograph") -> tuple[int, i
 def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph") -> Frame:
     """Decode a photograph to linear light.
 
-    encoding: "auto" takes RAW and DNG as sensor values, 8-bit pictures and HEIF as sRGB, 16-bit
-    integer TIFF and PNG and every float file as linear; "linear" and "srgb" say how the values
-    of a file that is not RAW are encoded. name: what messages call the picture.
+    encoding: "auto" takes RAW and DNG as sensor values, 8-bit pictures and HEIF as their ICC
+    profile says, else as sRGB, 16-bit integer TIFF and PNG and every float file as linear;
+    "linear" and "srgb" say how the values of a file that is not RAW are encoded. Pictures with a
+    profile become linear sRGB. name: what messages call the picture.
     Raises UnreadableImageError, ImageTooLargeError, and OptionError for a RAW file said to be
     sRGB.
     """
@@ -66,22 +67,17 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
         raise OptionError(
             f"The {name} is a RAW file, which holds linear values: leave the encoding to auto."
         )
-    xyz_to_camera: Matrix | None = None
-    with _readable(name, f"damaged or incomplete {kind} file"):
+    with _readable(name, _damaged(kind)):
         if kind == "RAW":
-            picture = read_raw(data)
-            samples, metadata, xyz_to_camera = (
-                picture.samples,
-                picture.metadata,
-                picture.xyz_to_camera,
-            )
+            samples, metadata, xyz_to_camera = read_raw(data)
         else:
-            metadata = read_metadata(data)
+            metadata, xyz_to_camera = read_metadata(data), None
             samples = _samples(data, kind, metadata)
+        rendered = kind == "HEIF" or samples.values.dtype == "uint8"
+        profiled = encoding == "auto" and rendered
         if encoding == "auto":
-            rendered = kind == "HEIF" or samples.values.dtype == "uint8"
             encoding = "srgb" if rendered else "linear"
-        pixels = to_linear(samples, srgb=encoding == "srgb")
+        pixels = to_linear(samples, encoding == "srgb", profiled)
     height, width = pixels.shape[:2]
     return Frame(
         pixels=pixels,
@@ -102,16 +98,14 @@ def _kind(data: bytes, name: str) -> Kind:
         raise UnreadableImageError(f"The {name} is empty: send the file again.")
     kind = kind_of(data)
     if kind == "TIFF":
-        with _readable(name, "damaged or incomplete TIFF file"):
+        with _readable(name, _damaged(kind)):
             return "RAW" if holds_raw(data) else "TIFF"
     # LibRaw knows formats without a signature of their own; it has the last word.
     return kind or "RAW"
 
 
 def _size(data: bytes, kind: Kind, name: str) -> tuple[int, int]:
-    known = kind_of(data) is not None
-    what = f"damaged or incomplete {kind} file" if known else "file of a kind that is not read"
-    with _readable(name, what):
+    with _readable(name, _unopened(data, kind)):
         width, height = {
             "JPEG": jpeg_size,
             "PNG": png_size,
@@ -139,8 +133,25 @@ def _samples(data: bytes, kind: Kind, metadata: Metadata) -> Samples:
     return read_exr(data) if kind == "EXR" else read_heif(data)
 
 
+def _damaged(kind: Kind) -> str:
+    return f"is a damaged or incomplete {kind} file: send it again."
+
+
+def _unopened(data: bytes, kind: Kind) -> str:
+    """Say what a file may be whose header its decoder does not understand."""
+    signature = kind_of(data)
+    if signature is None:
+        return f"is of a kind that is not read: send {FORMATS}."
+    if signature == "TIFF" and kind == "RAW":
+        return (
+            "is a damaged RAW file or a TIFF of a kind that is not read: send the RAW file again, "
+            "or a TIFF with 8-bit, 16-bit or float RGB values."
+        )
+    return _damaged(kind)
+
+
 @contextmanager
-def _readable(name: str, what: str) -> Iterator[None]:
+def _readable(name: str, otherwise: str) -> Iterator[None]:
     """Turn whatever a decoder raises or warns of into one sentence."""
     try:
         with warnings.catch_warnings():
@@ -148,7 +159,7 @@ def _readable(name: str, what: str) -> Iterator[None]:
             yield
     except (PipelineError, MemoryError):
         raise
+    except UnsuitableError as error:
+        raise UnreadableImageError(f"The {name} {error}") from error
     except Exception as error:
-        raise UnreadableImageError(
-            f"The {name} is a {what}: send {FORMATS} file that opens elsewhere."
-        ) from error
+        raise UnreadableImageError(f"The {name} {otherwise}") from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from typing import Any
 
@@ -10,22 +11,41 @@ import numpy as np
 import pillow_heif
 import simplejpeg
 
-from pipeline.decode.samples import Samples, to_rgb
+from pipeline.decode.profiles import embedded_profile, nclx_profile
+from pipeline.decode.samples import Samples, UnsuitableError, to_rgb
 
 _PNG_END = b"IEND\xaeB`\x82"
+_PQ, _HLG = 16, 18
+"""Transfer characteristics of Rec. ITU-T H.273."""
+_STRAY_BYTES = re.compile(r"(\d+) extraneous bytes")
+_HARMLESS_BYTES = 64
+_KNOWN_BOXES = (b"ftyp", b"meta", b"mdat", b"free")
 
 
 def jpeg_size(data: bytes) -> tuple[int, int]:
-    """(width, height) from the header, before orientation. Raises ValueError."""
-    height, width, _colours, _sampling = simplejpeg.decode_jpeg_header(data)
+    """(width, height) from the header, before orientation.
+
+    Raises ValueError; UnsuitableError for grey pictures and CMYK.
+    """
+    height, width, colours, _sampling = simplejpeg.decode_jpeg_header(data)
+    if colours in ("CMYK", "YCCK"):
+        raise UnsuitableError("is in CMYK, the colours of print: save it in RGB.")
+    if colours == "Gray":
+        to_rgb(np.empty((height, width, 1)))
     return width, height
 
 
 def read_jpeg(data: bytes, orientation: int) -> Samples:
     """Read a whole JPEG; a truncated or damaged one raises ValueError."""
-    if simplejpeg.decode_jpeg_header(data)[2] == "CMYK":
-        raise ValueError("CMYK is no camera's encoding")
-    return Samples(simplejpeg.decode_jpeg(data, "RGB", strict=True), 255.0, orientation)
+    try:
+        values = simplejpeg.decode_jpeg(data, "RGB", strict=True)
+    except ValueError as error:
+        # some phones fill up the end of a sound picture; more than that is damage
+        stray = _STRAY_BYTES.search(str(error))
+        if stray is None or int(stray[1]) > _HARMLESS_BYTES:
+            raise
+        values = simplejpeg.decode_jpeg(data, "RGB", strict=False)
+    return Samples(values, 255.0, orientation, embedded_profile(data))
 
 
 def png_size(data: bytes) -> tuple[int, int]:
@@ -39,15 +59,19 @@ def png_size(data: bytes) -> tuple[int, int]:
 
 
 def read_png(data: bytes, orientation: int) -> Samples:
-    """Read an 8- or 16-bit PNG: grey, palette, RGB, with or without alpha."""
-    if _PNG_END not in data[-4096:]:
+    """Read an 8- or 16-bit PNG: palette or RGB, without its alpha; the first of animated ones."""
+    if _PNG_END not in data:
         raise ValueError("no end chunk")
     values = to_rgb(imagecodecs.png_decode(data))
-    return Samples(values, float(np.iinfo(values.dtype).max), orientation)
+    white = float(np.iinfo(values.dtype).max)
+    return Samples(values, white, orientation, embedded_profile(data))
 
 
 def heif_size(data: bytes) -> tuple[int, int]:
-    """(width, height) as shown. Raises ValueError and what libheif raises."""
+    """(width, height) as shown.
+
+    Raises UnsuitableError for HDR, ValueError and what libheif raises for the rest.
+    """
     width, height = _open_heif(data).size
     return width, height
 
@@ -56,13 +80,40 @@ def read_heif(data: bytes) -> Samples:
     """Read the primary picture of a HEIF file, which libheif has turned upright.
 
     EXIF orientation says nothing here: ISO/IEC 23008-12 turns pictures by `irot` and `imir`.
+    Raises ValueError and what libheif raises.
     """
     image = _open_heif(data)
     values = to_rgb(np.asarray(image))
-    bits = image.info["bit_depth"]  # 10 and 12 bits come shifted up to 16
-    white = 255 if values.dtype == np.uint8 else (2**bits - 1) << (16 - bits)
-    return Samples(values, float(white))
+    if values.dtype != np.uint8:  # 10 and 12 bits come shifted up to 16: fill the rest
+        values = values | values >> image.info["bit_depth"]
+    white = float(np.iinfo(values.dtype).max)
+    profile = image.info.get("icc_profile") or nclx_profile(image.info.get("nclx_profile") or {})
+    return Samples(values, white, profile=profile)
 
 
 def _open_heif(data: bytes) -> Any:
-    return pillow_heif.open_heif(data, convert_hdr_to_8bit=False)
+    if not _boxes_complete(data):  # libheif shows what is missing in green
+        raise ValueError("a box goes on beyond the end")
+    image = pillow_heif.open_heif(data, convert_hdr_to_8bit=False)
+    nclx = image.info.get("nclx_profile") or {}
+    if nclx.get("transfer_characteristics") in (_PQ, _HLG):
+        raise UnsuitableError(
+            "is an HDR picture (PQ or HLG), whose values follow no camera's curve: send the RAW "
+            "file, or switch HDR off in the camera."
+        )
+    return image
+
+
+def _boxes_complete(data: bytes) -> bool:
+    """Whether the boxes at the top of the file (ISO/IEC 14496-12, 4.2) end within it."""
+    position = 0
+    while position < len(data):
+        size, kind = int.from_bytes(data[position : position + 4], "big"), data[position + 4 :][:4]
+        if kind not in _KNOWN_BOXES or size == 0:  # phones append what they like; 0 is to the end
+            return True
+        if size == 1:  # the size follows the type, in 8 bytes
+            size = int.from_bytes(data[position + 8 : position + 16], "big")
+        if size < 8 or position + size > len(data):
+            return False
+        position += size
+    return True

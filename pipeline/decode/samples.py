@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
+
+
+class UnsuitableError(ValueError):
+    """A sound file of no use here; the message goes on from "The photograph …" to what to do."""
 
 
 @dataclass(frozen=True)
@@ -16,24 +19,26 @@ class Samples:
     values: uint8, uint16 or float32, (H, W, 3), upright unless orientation says otherwise.
     white: the code value that means 1.0.
     orientation: EXIF orientation (1–8) still to be applied.
+    profile: ICC profile of the values, None where the file has none.
     """
 
     values: NDArray[Any]
     white: float
     orientation: int = 1
+    profile: bytes | None = None
 
 
 def to_rgb(values: NDArray[Any]) -> NDArray[Any]:
-    """(H, W), (H, W, 1–4) → (H, W, 3): grey is repeated, alpha dropped. A view where possible.
+    """(H, W, 3 or 4) → (H, W, 3), a view without alpha.
 
-    Raises ValueError for other shapes.
+    Raises UnsuitableError for grey pictures, ValueError for other shapes.
     """
-    if values.ndim == 2:
-        values = values[..., None]
-    if values.ndim != 3 or values.shape[2] not in (1, 2, 3, 4):
+    if values.ndim == 2 or (values.ndim == 3 and values.shape[2] in (1, 2)):
+        raise UnsuitableError(
+            "is grey, but lamps are told apart by their colours: send a colour photograph."
+        )
+    if values.ndim != 3 or values.shape[2] not in (3, 4):
         raise ValueError(f"{values.shape} is no picture")
-    if values.shape[2] < 3:
-        return np.broadcast_to(values[..., :1], (*values.shape[:2], 3))
     return values[..., :3]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import logging
 from collections.abc import Iterator
+from itertools import islice
 
 import numpy as np
 from tifffile import TiffFile, TiffPage
@@ -17,6 +18,9 @@ _GREY, _RGB, _YCBCR = 1, 2, 6
 _CFA, _LINEAR_RAW = 32803, 34892
 _DNG_VERSION = 50706
 _REDUCED = 1
+_JPEG_IN_TIFF = (6, 7)
+_MAX_DIRECTORIES = 64
+"""Photographs have a handful; a file of thousands is not worth the time."""
 
 
 def holds_raw(data: bytes) -> bool:
@@ -40,7 +44,10 @@ def tiff_size(data: bytes) -> tuple[int, int]:
 
 
 def read_tiff(data: bytes, orientation: int) -> Samples:
-    """Read the first full picture. Raises ValueError and what tifffile raises."""
+    """Read the first full picture.
+
+    Raises UnsuitableError for a grey one, ValueError and what tifffile raises.
+    """
     with TiffFile(io.BytesIO(data)) as file:
         page = _full(file)
         if 0 in page.databytecounts:
@@ -48,26 +55,28 @@ def read_tiff(data: bytes, orientation: int) -> Samples:
         values = page.asarray(maxworkers=1)
         if page.planarconfig == 2 and page.samplesperpixel > 1:
             values = np.moveaxis(values, 0, -1)
-        bits = page.bitspersample
+        bits, profile = page.bitspersample, page.iccprofile
     values = to_rgb(values)
     if values.dtype.kind == "f":
         with np.errstate(over="ignore"):  # beyond float32 becomes infinite and is refused
             return Samples(values.astype(np.float32), 1.0, orientation)
-    return Samples(values, float(2**bits - 1), orientation)
+    return Samples(values, float(2**bits - 1), orientation, profile)
 
 
 def _pages(file: TiffFile) -> Iterator[TiffPage]:
-    """Every directory with its sub-directories, in the order of the file."""
-    for page in file.pages:
+    """Walk the first directories with their sub-directories, in the order of the file."""
+    for page in islice(file.pages, _MAX_DIRECTORIES):
         page = page.aspage()
         yield page
-        for child in page.pages or ():
+        for child in islice(page.pages or (), _MAX_DIRECTORIES):
             yield child.aspage()
 
 
 def _shows(page: TiffPage) -> bool:
     if page.photometric not in (_GREY, _RGB, _YCBCR) or page.dtype is None:
         return False
+    if page.photometric == _YCBCR and page.compression not in _JPEG_IN_TIFF:
+        return False  # tifffile turns only JPEG's YCbCr into RGB
     if page.imagedepth != 1 or page.samplesperpixel > 4:
         return False
     return page.dtype.kind == "f" or page.dtype in (np.uint8, np.uint16)

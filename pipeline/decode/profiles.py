@@ -1,0 +1,77 @@
+"""Pictures whose colours are not those of sRGB: Display P3 of phones, Adobe RGB of cameras."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+import imagecodecs
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image as PillowImage
+
+from pipeline.decode.curves import srgb_to_linear
+from pipeline.encode.colour import SRGB_PRIMARIES
+from pipeline.encode.icc import matrix_profile
+from pipeline.frames import Image
+
+_SAME = 0.004
+"""Linear light by which a profile may differ from sRGB and count as sRGB: one code value."""
+_UNNAMED_PRIMARIES = (1, 2)
+"""Colour primaries of Rec. ITU-T H.273: those of sRGB, and unspecified."""
+
+
+def embedded_profile(data: bytes) -> bytes | None:
+    """ICC profile of a JPEG or PNG, None where there is none that can be read."""
+    try:
+        with PillowImage.open(io.BytesIO(data)) as image:
+            profile = image.info.get("icc_profile")
+    except Exception:  # the decoder of the pixels judges the file, not Pillow
+        return None
+    return profile if isinstance(profile, bytes) else None
+
+
+def nclx_profile(nclx: Mapping[str, Any]) -> bytes | None:
+    """Build the profile of a HEIF `nclx` description; its curve is taken as that of sRGB."""
+    if nclx.get("color_primaries", 2) in _UNNAMED_PRIMARIES:
+        return None
+    red, green, blue = (
+        (nclx[f"color_primary_{name}_x"], nclx[f"color_primary_{name}_y"])
+        for name in ("red", "green", "blue")
+    )
+    return matrix_profile("nclx", (red, green, blue), "srgb")
+
+
+def differs_from_srgb(profile: bytes) -> bool:
+    """Whether an RGB profile says other colours than sRGB; False for one of no use."""
+    ramp = np.linspace(0, 255, 16).astype(np.uint8)
+    probe = np.stack(np.meshgrid(ramp, ramp, ramp), axis=-1).reshape(16, -1, 3)
+    try:
+        light = profile_to_linear(probe, profile)
+    except imagecodecs.CmsError:
+        return False
+    as_srgb = srgb_to_linear((probe / 255).astype(np.float32))
+    return float(np.abs(light - as_srgb).max()) > _SAME
+
+
+def profile_to_linear(codes: NDArray[Any], profile: bytes) -> Image:
+    """Linear sRGB of uint8 or uint16 code values (H, W, 3), white at their largest.
+
+    Colours outside sRGB keep their negative parts. Raises imagecodecs.CmsError.
+    """
+    linear: Image = imagecodecs.cms_transform(
+        np.ascontiguousarray(codes),
+        profile,
+        _linear_srgb(),
+        colorspace="rgb",
+        outcolorspace="rgb",
+        outdtype="float32",
+    )
+    return linear
+
+
+@cache
+def _linear_srgb() -> bytes:
+    return matrix_profile("sRGB linear", SRGB_PRIMARIES, "linear")
