@@ -1,0 +1,105 @@
+from __future__ import annotations
+
+import io
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+import sqlalchemy as sa
+import uvicorn
+from fastapi import FastAPI
+from PIL import Image
+
+from service import database, jobs
+from service.api import create_app
+from service.api.context import Context
+from service.attempt import results_key
+from service.media import media_type
+from service.settings import Settings
+
+
+@pytest.fixture(autouse=True)
+def _no_settings_from_outside(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in Settings.model_fields:
+        monkeypatch.delenv(f"LIGHTLAYERS_{name.upper()}", raising=False)
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> Settings:
+    return Settings(data_dir=tmp_path / "data")
+
+
+@pytest.fixture
+def engine(tmp_path: Path) -> Iterator[sa.Engine]:
+    engine = database.connect(f"sqlite:///{tmp_path / 'jobs.sqlite'}")
+    database.create_tables(engine)
+    yield engine
+    engine.dispose()
+
+
+@pytest.fixture
+def app(settings: Settings) -> FastAPI:
+    return create_app(settings)
+
+
+@pytest.fixture
+def http(app: FastAPI) -> Iterator[httpx.Client]:
+    """The API without a worker: what is queued stays queued."""
+    server = uvicorn.Server(uvicorn.Config(app, port=0, log_config=None, lifespan="on"))
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    while not server.started and thread.is_alive():
+        time.sleep(0.01)
+    host, port = server.servers[0].sockets[0].getsockname()
+    with httpx.Client(base_url=f"http://{host}:{port}", timeout=60) as client:
+        yield client
+    server.should_exit = True
+    thread.join()
+
+
+@pytest.fixture
+def context(app: FastAPI, http: httpx.Client) -> Context:  # noqa: ARG001  the app has started then
+    context: Context = app.state.context
+    return context
+
+
+@pytest.fixture
+def finish(context: Context) -> Callable[[str, dict[str, bytes]], None]:
+    """Do a worker's part: end a queued job with these results by name."""
+
+    def end(job_id: str, files: dict[str, bytes]) -> None:
+        with context.engine.begin() as connection:
+            job = jobs.claim(connection, job_id, "a worker")
+        assert job is not None
+        results = []
+        for name, data in files.items():
+            context.storage.put(results_key(job_id, job.attempt, name), data)
+            results.append(
+                {
+                    "name": name,
+                    "size": len(data),
+                    "sha256": f"{len(data):064x}",
+                    "media_type": media_type(name),
+                }
+            )
+        with context.engine.begin() as connection:
+            assert jobs.succeed(connection, job, results)
+
+    return end
+
+
+@pytest.fixture(scope="session")
+def png() -> Callable[[int, int], bytes]:
+    """Encode a PNG of this width and height."""
+
+    def encode(width: int, height: int) -> bytes:
+        ramp = np.linspace(20, 230, width * height * 3).reshape(height, width, 3)
+        file = io.BytesIO()
+        Image.fromarray(ramp.astype(np.uint8)).save(file, "PNG")
+        return file.getvalue()
+
+    return encode

@@ -1,0 +1,94 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal
+
+import pytest
+
+from service import sandbox
+from service.errors import MemoryLimitError, TimeLimitError
+
+GIB = 2**30
+Kind = Literal["check", "separate", "capture"]
+Report = tuple[str, float]
+
+
+def _run(
+    kind: Kind,
+    directory: Path,
+    memory: int = 8 * GIB,
+    cpu_seconds: int = 60,
+    capture: dict[str, Any] | None = None,
+) -> list[Report]:
+    task = sandbox.Task(kind, "7", "f" * 32, str(directory), memory, cpu_seconds, {}, capture)
+    reports: list[Report] = []
+    sandbox.run(task, 100, lambda *report: reports.append(report), lambda: False)
+    return reports
+
+
+def _photographs(directory: Path, no_flash: bytes, flash: bytes) -> None:
+    (directory / "no_flash").write_bytes(no_flash)
+    (directory / "flash").write_bytes(flash)
+
+
+def test_a_sound_pair_passes_the_check(tmp_path: Path, png: Callable[[int, int], bytes]) -> None:
+    _photographs(tmp_path, png(64, 48), png(64, 48))
+    assert _run("check", tmp_path) == []
+
+
+def test_a_text_file_does_not(tmp_path: Path, png: Callable[[int, int], bytes]) -> None:
+    _photographs(tmp_path, b"dear diary", png(64, 48))
+    with pytest.raises(sandbox.TaskError, match="no-flash photograph") as caught:
+        _run("check", tmp_path)
+    problem = caught.value.problem
+    assert problem["type"] == "urn:lightlayers:problem:unreadable-image"
+    assert (problem["status"], problem["trace_id"]) == (422, "f" * 32)
+
+
+@pytest.mark.parametrize("kind", ["check", "separate"])
+def test_want_of_memory_is_told(kind: Kind, tmp_path: Path) -> None:
+    with (tmp_path / "no_flash").open("wb") as sparse:
+        sparse.truncate(2 * GIB)
+    (tmp_path / "flash").write_bytes(b"")
+    with pytest.raises(MemoryLimitError, match="more memory than a job may have"):
+        _run(kind, tmp_path, memory=1 * GIB)
+
+
+def test_want_of_processor_time_is_told(
+    tmp_path: Path,
+) -> None:
+    with pytest.raises(TimeLimitError):
+        _run(
+            "capture",
+            tmp_path,
+            cpu_seconds=1,
+            capture={"camera": "sim://studio?width=3000&height=2000"},
+        )
+
+
+def test_a_capture_gives_both_photographs_and_its_progress(tmp_path: Path) -> None:
+    reports = _run(
+        "capture", tmp_path, capture={"camera": "sim://studio?width=64&height=64&noise=off"}
+    )
+    assert {stage for stage, _ in reports} == {"capture"}
+    fractions = [fraction for _, fraction in reports]
+    assert fractions == sorted(fractions)
+    assert (fractions[0], fractions[-1]) == (0.0, 1.0)
+    for frame in ("no_flash", "flash"):
+        assert (tmp_path / frame).read_bytes()[:4] in (b"II*\0", b"MM\0*")
+
+
+@pytest.mark.parametrize(
+    ("address", "kind"),
+    [
+        ("nowhere://studio", "bad-camera-address"),
+        ("sim://garden", "camera-not-found"),
+        ("sim://studio?width=64&height=64&fault=focus", "camera-failed"),
+    ],
+)
+def test_a_camera_that_fails_is_a_problem(address: str, kind: str, tmp_path: Path) -> None:
+    with pytest.raises(sandbox.TaskError) as caught:
+        _run("capture", tmp_path, capture={"camera": address})
+    assert caught.value.problem["type"] == f"urn:lightlayers:problem:{kind}"
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,136 @@
+from __future__ import annotations
+
+import pytest
+import sqlalchemy as sa
+from obstore import exceptions as obstore_errors
+from pydantic import ValidationError
+
+import drivers
+from pipeline import errors as pipeline_errors
+from pipeline.options import Options
+from service import errors
+from service.errors import KINDS, kind_of, problem_of, sentence_of
+
+TRACE = "0123456789abcdef0123456789abcdef"
+
+
+def test_names_of_kinds_are_the_contract() -> None:
+    statuses = {kind.name: kind.status for kind in [*KINDS.values(), errors.INVALID]}
+    assert statuses | {errors.INTERNAL.name: errors.INTERNAL.status} == {
+        "abandoned": 500,
+        "bad-camera-address": 422,
+        "camera-failed": 503,
+        "camera-not-found": 404,
+        "crashed": 500,
+        "database-unavailable": 503,
+        "idempotency-key-reused": 422,
+        "image-too-large": 413,
+        "internal": 500,
+        "invalid-input": 422,
+        "invalid-option": 422,
+        "invalid-request": 422,
+        "malformed-request": 400,
+        "not-ready": 409,
+        "out-of-memory": 500,
+        "pair-mismatch": 422,
+        "queue-full": 429,
+        "range-not-satisfiable": 416,
+        "store-unavailable": 503,
+        "timed-out": 500,
+        "unknown-job": 404,
+        "unknown-result": 404,
+        "unreadable-image": 422,
+        "unsupported-media-type": 415,
+        "unusable-pair": 422,
+        "upload-too-large": 413,
+    }
+
+
+@pytest.mark.parametrize(
+    ("error", "name"),
+    [
+        (pipeline_errors.UnreadableImageError("x"), "unreadable-image"),
+        (pipeline_errors.InputError("x"), "invalid-input"),
+        (drivers.FocusError("x"), "camera-failed"),
+        (drivers.BadAddressError("x"), "bad-camera-address"),
+        (drivers.CameraNotFoundError("x"), "camera-not-found"),
+        (errors.CrashError("x"), "crashed"),
+        (obstore_errors.NotFoundError("x"), "store-unavailable"),
+        (sa.exc.OperationalError("x", None, Exception()), "database-unavailable"),
+        (KeyError("x"), "internal"),
+        (pipeline_errors.PipelineError("x"), "internal"),
+    ],
+)
+def test_an_error_is_of_its_nearest_kind(error: Exception, name: str) -> None:
+    assert kind_of(error).name == name
+
+
+def test_every_error_of_the_service_and_of_bad_input_has_a_kind() -> None:
+    def below(root: type[Exception]) -> set[type[Exception]]:
+        return {root}.union(*(below(child) for child in root.__subclasses__()))
+
+    roots = (pipeline_errors.InputError, drivers.DriverError, errors.ServiceError)
+    nameless = {
+        error.__name__
+        for root in roots
+        for error in below(root)
+        if not any(parent in KINDS for parent in error.__mro__)
+    }
+    assert nameless == {"ServiceError", "AttemptError"}  # never raised themselves
+
+
+def test_a_problem_carries_the_sentence_and_the_trace() -> None:
+    problem = problem_of(pipeline_errors.PairMismatchError("The frames differ."), TRACE)
+    assert problem.model_dump() == {
+        "type": "urn:lightlayers:problem:pair-mismatch",
+        "title": "The frames are no pair",
+        "status": 422,
+        "detail": "The frames differ.",
+        "retryable": False,
+        "trace_id": TRACE,
+    }
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        RuntimeError("secret"),
+        sa.exc.OperationalError("select secret", None, Exception("secret")),
+        obstore_errors.GenericError("secret"),
+    ],
+)
+def test_details_of_the_machine_stay_in_the_log(error: Exception) -> None:
+    problem = problem_of(error, TRACE)
+    assert "secret" not in problem.model_dump_json()
+    assert problem.retryable
+    assert problem.status in (500, 503)
+
+
+def test_kinds_that_may_pass_later_are_retryable() -> None:
+    retryable = {kind.name for kind in KINDS.values() if kind.retryable}
+    assert retryable == {
+        "camera-failed",
+        "database-unavailable",
+        "not-ready",
+        "queue-full",
+        "store-unavailable",
+    }
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({"lights": 4}, "more than three lamps have no unique answer"),
+        ({"focal_px": -1}, "focal_px: Input should be greater than 0."),
+        ({"basis": "svd"}, "basis: Input should be 'wpca', 'pca' or 'joint'."),
+        ({"lamps": 2}, "lamps: Extra inputs are not permitted."),
+        ({"outputs": ["a.gif"]}, "unknown output a.gif"),
+    ],
+)
+def test_a_fault_of_the_options_is_one_sentence(options: dict[str, object], expected: str) -> None:
+    with pytest.raises(ValidationError) as caught:
+        Options.model_validate(options)
+    sentence = sentence_of(caught.value)
+    assert expected.lower() in sentence.lower()
+    assert sentence.endswith(".")
+    assert "\n" not in sentence

@@ -1,0 +1,243 @@
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import sqlalchemy as sa
+
+from service import database, jobs
+from service.jobs import State
+
+
+def _add(engine: sa.Engine, job_id: str, **values: Any) -> jobs.Job:
+    row = {"options": {}, "trace_id": "t", "request_hash": "h", **values}
+    with engine.begin() as connection:
+        jobs.add(connection, {"id": job_id, **row})
+    return _find(engine, job_id)
+
+
+def _find(engine: sa.Engine, job_id: str) -> jobs.Job:
+    with engine.connect() as connection:
+        job = jobs.find(connection, job_id)
+    assert job is not None
+    return job
+
+
+def _claim(engine: sa.Engine, job_id: str, worker: str) -> jobs.Job | None:
+    with engine.begin() as connection:
+        return jobs.claim(connection, job_id, worker)
+
+
+def _claimed(engine: sa.Engine, job_id: str, worker: str) -> jobs.Job:
+    with engine.begin() as connection:
+        jobs.beat(connection, worker)
+    job = _claim(engine, job_id, worker)
+    assert job is not None
+    return job
+
+
+def _dies(engine: sa.Engine, worker: str) -> None:
+    with engine.begin() as connection:
+        jobs.leave(connection, worker)
+
+
+def test_a_new_job_is_queued(engine: sa.Engine) -> None:
+    job = _add(engine, "a", options={"lights": 2})
+    assert (job.state, job.attempt, job.lost, job.ended) == (State.QUEUED, 0, 0, False)
+    assert (job.options, job.worker, job.results, job.error) == ({"lights": 2}, None, None, None)
+    assert job.created > 1.7e9
+
+
+def test_the_first_claim_wins(engine: sa.Engine) -> None:
+    _add(engine, "a")
+    job = _claimed(engine, "a", "w1")
+    assert (job.state, job.attempt, job.lost, job.worker) == (State.RUNNING, 1, 0, "w1")
+    assert job.started is not None and job.started >= job.created
+    assert _claim(engine, "a", "w2") is None
+
+
+def test_nobody_claims_what_is_not_there(engine: sa.Engine) -> None:
+    assert _claim(engine, "a", "w1") is None
+
+
+def test_results_make_a_job_succeed(engine: sa.Engine) -> None:
+    _add(engine, "a")
+    held = _claimed(engine, "a", "w1")
+    with engine.begin() as connection:
+        assert jobs.succeed(connection, held, [{"name": "lamp1.jpg"}])
+    job = _find(engine, "a")
+    assert (job.state, job.worker, job.ended) == (State.SUCCEEDED, None, True)
+    assert job.results == [{"name": "lamp1.jpg"}]
+    assert job.finished is not None and job.started is not None and job.finished >= job.started
+    assert _claim(engine, "a", "w2") is None
+
+
+def test_an_error_makes_a_job_fail(engine: sa.Engine) -> None:
+    _add(engine, "a")
+    held = _claimed(engine, "a", "w1")
+    with engine.begin() as connection:
+        assert jobs.fail(connection, held, {"detail": "too dark"})
+    job = _find(engine, "a")
+    assert (job.state, job.error) == (State.FAILED, {"detail": "too dark"})
+
+
+def test_a_dead_workers_job_is_taken_over_and_the_attempt_counts_as_lost(engine: sa.Engine) -> None:
+    _add(engine, "a")
+    _claimed(engine, "a", "w1")
+    _dies(engine, "w1")
+    job = _claimed(engine, "a", "w2")
+    assert (job.attempt, job.lost, job.worker) == (2, 1, "w2")
+
+
+def test_an_attempt_that_was_taken_over_writes_nothing(engine: sa.Engine) -> None:
+    _add(engine, "a")
+    frozen = _claimed(engine, "a", "w1")
+    _dies(engine, "w1")
+    current = _claimed(engine, "a", "w2")
+    with engine.begin() as connection:
+        assert jobs.must_stop(connection, frozen)
+        jobs.report(connection, frozen, "layers", 0.9)
+        jobs.set_inputs(connection, frozen, {"flash": "other"})
+        assert not jobs.succeed(connection, frozen, [{"name": "old"}])
+        assert not jobs.fail(connection, frozen, {"detail": "old"})
+        jobs.release(connection, frozen)
+        assert not jobs.must_stop(connection, current)
+    assert _find(engine, "a") == current
+
+
+def test_progress_is_written(engine: sa.Engine) -> None:
+    _add(engine, "a")
+    held = _claimed(engine, "a", "w1")
+    with engine.begin() as connection:
+        jobs.report(connection, held, "layers", 0.25)
+    job = _find(engine, "a")
+    assert (job.stage, job.fraction) == ("layers", 0.25)
+
+
+def test_a_released_job_waits_again_and_has_lost_nothing(engine: sa.Engine) -> None:
+    _add(engine, "a")
+    held = _claimed(engine, "a", "w1")
+    with engine.begin() as connection:
+        jobs.report(connection, held, "layers", 0.25)
+        jobs.release(connection, held)
+    job = _find(engine, "a")
+    assert (job.state, job.worker, job.stage, job.fraction) == (State.QUEUED, None, None, 0.0)
+    again = _claimed(engine, "a", "w2")
+    assert (again.attempt, again.lost) == (2, 0)
+
+
+def test_a_queued_job_is_canceled_at_once(engine: sa.Engine) -> None:
+    _add(engine, "a")
+    with engine.begin() as connection:
+        jobs.request_cancel(connection, "a")
+    job = _find(engine, "a")
+    assert job.state == State.CANCELED
+    assert job.finished is not None
+    assert _claim(engine, "a", "w1") is None
+
+
+def test_a_running_job_is_canceled_by_its_worker(engine: sa.Engine) -> None:
+    _add(engine, "a")
+    held = _claimed(engine, "a", "w1")
+    with engine.begin() as connection:
+        jobs.request_cancel(connection, "a")
+        assert jobs.must_stop(connection, held)
+        assert not jobs.succeed(connection, held, [])
+    assert _find(engine, "a").state == State.CANCELING
+    with engine.begin() as connection:
+        assert jobs.acknowledge_cancel(connection, held)
+    assert _find(engine, "a").state == State.CANCELED
+
+
+def test_a_dead_workers_canceled_job_stays_so(engine: sa.Engine) -> None:
+    _add(engine, "a")
+    _claimed(engine, "a", "w1")
+    with engine.begin() as connection:
+        jobs.request_cancel(connection, "a")
+    _dies(engine, "w1")
+    job = _claimed(engine, "a", "w2")
+    assert job.state == State.CANCELING
+    with engine.begin() as connection:
+        assert jobs.acknowledge_cancel(connection, job)
+
+
+def test_an_ended_job_cannot_be_canceled(engine: sa.Engine) -> None:
+    _add(engine, "a")
+    held = _claimed(engine, "a", "w1")
+    with engine.begin() as connection:
+        jobs.succeed(connection, held, [])
+        jobs.request_cancel(connection, "a")
+    assert _find(engine, "a").state == State.SUCCEEDED
+
+
+def test_a_removed_job_tells_its_attempt_to_stop(engine: sa.Engine) -> None:
+    _add(engine, "a")
+    held = _claimed(engine, "a", "w1")
+    with engine.begin() as connection:
+        jobs.remove(connection, "a")
+        assert jobs.must_stop(connection, held)
+        assert not jobs.succeed(connection, held, [])
+        assert jobs.find(connection, "a") is None
+
+
+def test_an_idempotency_key_makes_one_job(engine: sa.Engine) -> None:
+    _add(engine, "a", idempotency_key="key")
+    with pytest.raises(sa.exc.IntegrityError):
+        _add(engine, "b", idempotency_key="key")
+    with engine.connect() as connection:
+        found = jobs.find_by_key(connection, "key")
+        assert found is not None and found.id == "a"
+        assert jobs.find_by_key(connection, "other") is None
+
+
+def test_jobs_without_a_key_do_not_clash(engine: sa.Engine) -> None:
+    assert [_add(engine, job_id).id for job_id in "ab"] == ["a", "b"]
+
+
+def test_pages_go_from_new_to_old_and_meet_every_job_once(engine: sa.Engine) -> None:
+    created = [_add(engine, job_id) for job_id in "abcdef"]
+    expected = sorted(created, key=lambda job: (job.created, job.id), reverse=True)
+    with engine.connect() as connection:
+        first = jobs.page(connection, 4, None)
+        second = jobs.page(connection, 4, first[-1])
+    assert [job.id for job in first + second] == [job.id for job in expected]
+    assert len(first) == 4
+
+
+def test_places_in_the_queue_count_from_one_and_skip_what_runs(engine: sa.Engine) -> None:
+    queue = [_add(engine, job_id) for job_id in "abcd"]
+    queue.sort(key=lambda job: (job.created, job.id))
+    _claimed(engine, queue[0].id, "w1")
+    with engine.connect() as connection:
+        places = jobs.positions(connection, [_find(engine, job.id) for job in queue])
+        assert jobs.count_queued(connection) == 3
+    assert places == {queue[1].id: 1, queue[2].id: 2, queue[3].id: 3}
+
+
+def test_a_silent_worker_is_dead_and_forgotten(engine: sa.Engine) -> None:
+    with engine.begin() as connection:
+        jobs.beat(connection, "w1")
+        jobs.beat(connection, "w2")
+        connection.execute(
+            sa.update(database.workers)
+            .where(database.workers.c.id == "w1")
+            .values(seen=database.workers.c.seen - 100)
+        )
+        assert jobs.living_workers(connection, 15) == {"w2"}
+        connection.execute(sa.update(database.workers).values(seen=database.workers.c.seen - 100))
+        jobs.beat(connection, "w2")
+        assert jobs.living_workers(connection, 15) == {"w2"}
+
+
+def test_tables_can_be_created_again(engine: sa.Engine) -> None:
+    _add(engine, "a")
+    database.create_tables(engine)
+    assert _find(engine, "a").id == "a"
+
+
+def test_the_folder_of_a_new_database_is_made(tmp_path_factory: pytest.TempPathFactory) -> None:
+    path = tmp_path_factory.mktemp("data") / "new" / "folder" / "jobs.sqlite"
+    engine = database.connect(f"sqlite:///{path}")
+    database.create_tables(engine)
+    engine.dispose()
+    assert path.exists()

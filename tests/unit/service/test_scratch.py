@@ -1,0 +1,49 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from service import scratch
+
+
+def test_a_folder_goes_with_its_block(tmp_path: Path) -> None:
+    with scratch.folder(tmp_path) as folder:
+        (folder / "no_flash").write_bytes(b"photograph")
+        assert folder.parent == tmp_path / "work"
+    assert list((tmp_path / "work").iterdir()) == []
+
+
+def test_a_folder_goes_when_the_block_fails(tmp_path: Path) -> None:
+    with pytest.raises(KeyError), scratch.folder(tmp_path) as folder:
+        (folder / "no_flash").write_bytes(b"photograph")
+        raise KeyError
+    assert list((tmp_path / "work").iterdir()) == []
+
+
+def test_clearing_spares_a_folder_in_use(tmp_path: Path) -> None:
+    with scratch.folder(tmp_path) as folder:
+        scratch.clear(tmp_path)
+        assert folder.exists()
+
+
+def test_clearing_removes_what_a_killed_process_left(tmp_path: Path) -> None:
+    code = (
+        "import os, signal, pathlib; from service import scratch\n"
+        f"with scratch.folder(pathlib.Path({str(tmp_path)!r})) as folder:\n"
+        "    (folder / 'no_flash').write_bytes(b'photograph')\n"
+        "    os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], check=False)
+    assert ended.returncode == -9
+    left = list((tmp_path / "work").iterdir())
+    assert [path.name for path in left[0].iterdir()] == ["no_flash"]
+    scratch.clear(tmp_path)
+    assert list((tmp_path / "work").iterdir()) == []
+
+
+def test_clearing_before_the_first_folder_does_nothing(tmp_path: Path) -> None:
+    scratch.clear(tmp_path)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,66 @@
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import pytest
+
+from service.storage import Storage
+
+
+@pytest.fixture
+def storage(tmp_path: Path) -> Storage:
+    return Storage((tmp_path / "a store").as_uri())
+
+
+def test_bytes_come_back(storage: Storage) -> None:
+    storage.put("jobs/1/inputs/flash", b"light")
+    assert storage.get("jobs/1/inputs/flash") == b"light"
+
+
+def test_a_file_is_stored_with_its_digest(storage: Storage, tmp_path: Path) -> None:
+    data = bytes(range(256)) * 20_000
+    (tmp_path / "photograph").write_bytes(data)
+    assert storage.put_file("jobs/1/inputs/flash", tmp_path / "photograph") == (
+        hashlib.sha256(data).hexdigest()
+    )
+    storage.get_file("jobs/1/inputs/flash", tmp_path / "copy")
+    assert (tmp_path / "copy").read_bytes() == data
+
+
+def test_a_part_can_be_read(storage: Storage) -> None:
+    storage.put("a", b"0123456789")
+    assert b"".join(storage.stream("a", 2, 5)) == b"234"
+    assert b"".join(storage.stream("a", 0, 10)) == b"0123456789"
+    assert b"".join(storage.stream("a", 4, 4)) == b""
+
+
+def test_what_is_not_there_is_said_at_once(storage: Storage, tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        storage.get("a")
+    with pytest.raises(FileNotFoundError):
+        storage.stream("a", 0, 1)
+    with pytest.raises(FileNotFoundError):
+        storage.get_file("a", tmp_path / "copy")
+
+
+def test_only_what_lies_below_is_deleted(storage: Storage) -> None:
+    for key in ("jobs/1/1/a", "jobs/1/1/b/c", "jobs/1/10/a", "jobs/11/1/a"):
+        storage.put(key, b"")
+    storage.delete_below("jobs/1/1/")
+    assert storage.list("") == ["jobs/1/10/a", "jobs/11/1/a"]
+    storage.delete_below("jobs/1/")
+    assert storage.list("") == ["jobs/11/1/a"]
+    storage.delete_below("jobs/nothing/")
+    assert storage.list("jobs") == ["jobs/11/1/a"]
+
+
+def test_a_healthy_store_passes_its_check(storage: Storage) -> None:
+    storage.check()
+
+
+def test_a_store_whose_folder_is_gone_does_not(storage: Storage, tmp_path: Path) -> None:
+    (tmp_path / "a store").rmdir()
+    (tmp_path / "a store").write_bytes(b"a file")
+    with pytest.raises(Exception, match="a store"):
+        storage.check()
