@@ -31,7 +31,7 @@ def open_camera(address: str) -> Camera:
 
     Raises BadAddressError, CameraNotFoundError, CameraBusyError.
     """
-    return _backend(address).open_camera(address)
+    return _load(_scheme(address)).open_camera(address)
 
 
 def list_cameras() -> list[CameraInfo]:
@@ -42,17 +42,11 @@ def list_cameras() -> list[CameraInfo]:
 def simulated_truth(address: str) -> SimulatedTruth:
     """Tell the exact light of a simulated scene, for the demo and for tests.
 
-    Raises BadAddressError for an address that is not of a simulated camera.
+    Raises BadAddressError, and CameraNotFoundError where there is no simulated camera.
     """
-    if _scheme(address) != "sim":
-        raise BadAddressError(f"Only a sim:// camera's light is known, not that of {address}.")
     from drivers.sim.studio import truth
 
     return truth(address)
-
-
-def _backend(address: str) -> Backend:
-    return _load(_scheme(address))
 
 
 def _scheme(address: str) -> str:

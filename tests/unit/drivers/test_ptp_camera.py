@@ -1,0 +1,238 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from drivers.camera import SettingName, SettingValue
+from drivers.clock import Clock
+from drivers.errors import (
+    CameraDisconnectedError,
+    ProtocolError,
+    SettingError,
+    TransferError,
+)
+from drivers.ptp.camera import PtpCamera
+from drivers.ptp.codes import ContainerType, EventCode, Operation, Property
+from drivers.ptp.containers import Container
+from drivers.ptp.datasets import DeviceInfo
+from drivers.ptp.wire import uint
+from drivers.sim.address import SimulatedCamera
+from drivers.sim.backend import InProcessTransport
+from drivers.sim.body import Body
+
+Tamper = Callable[[bytes], bytes]
+OPTIONS = SimulatedCamera(width=64, height=64, noise="off", format="both")
+
+
+class Tampered(InProcessTransport):
+    """A sound camera whose data are changed on the way, by operation."""
+
+    def __init__(self, clock: Clock, tampers: dict[int, Tamper]) -> None:
+        super().__init__(Body(OPTIONS, clock), clock)
+        self.tampers = tampers
+
+    def receive(self) -> Container:
+        answer = super().receive()
+        if answer.type is not ContainerType.DATA or answer.code not in self.tampers:
+            return answer
+        payload = self.tampers[answer.code](answer.payload)
+        return Container(answer.type, answer.code, answer.transaction, payload)
+
+
+def opened(clock: Clock, tampers: dict[int, Tamper] | None = None) -> PtpCamera:
+    return PtpCamera("sim://studio", Tampered(clock, tampers or {}), clock)
+
+
+def photographed(clock: Clock, tampers: dict[int, Tamper] | None = None) -> PtpCamera:
+    camera = opened(clock, tampers)
+    camera.trigger()
+    clock.sleep(1)
+    camera.events(0)
+    return camera
+
+
+def test_the_camera_says_who_it_is(clock: Clock) -> None:
+    info = opened(clock).info()
+    assert (info.make, info.model, info.battery_percent) == (
+        "NIKON CORPORATION",
+        "NIKON D5100",
+        87,
+    )
+
+
+def test_a_camera_without_a_battery_gauge_tells_no_charge(clock: Clock) -> None:
+    def without(data: bytes) -> bytes:
+        info = DeviceInfo.decode(data)
+        properties = tuple(code for code in info.properties if code != Property.BATTERY_LEVEL)
+        return DeviceInfo(
+            info.operations, info.events, properties, info.formats, "Make", "Model", "1", "2"
+        ).encode()
+
+    assert opened(clock, {Operation.GET_DEVICE_INFO: without}).info().battery_percent is None
+
+
+def test_settings_are_listed_in_units_for_people(clock: Clock) -> None:
+    settings = {setting.name: setting for setting in opened(clock).settings()}
+    assert set(settings) == set(SettingName)
+    assert settings[SettingName.SHUTTER_S].value == 0.02
+    assert settings[SettingName.F_NUMBER].choices == (2.8, 4, 5.6, 8, 11, 16, 22)
+    assert settings[SettingName.FLASH].choices == ("off", "fill", "red_eye_fill")
+    assert all(setting.writable for setting in settings.values())
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        (SettingName.SHUTTER_S, 0.1),
+        (SettingName.F_NUMBER, 5.6),
+        (SettingName.ISO, 1600),
+        (SettingName.FLASH, "off"),
+        (SettingName.PROGRAM, "manual"),
+    ],
+)
+def test_settings_are_written_and_read_back(
+    clock: Clock, name: SettingName, value: SettingValue
+) -> None:
+    camera = opened(clock)
+    assert camera.write(name, value).value == value
+    assert camera.read(name).value == value
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "sentence"),
+    [
+        (SettingName.ISO, 123, "offers no iso of 123; it offers 100, 200"),
+        (SettingName.FLASH, "auto", "offers no flash of auto; it offers off, fill"),
+        (SettingName.FLASH, "now", "'now' is not a value that flash can have"),
+        (SettingName.SHUTTER_S, "bulb", "'bulb' is not a value"),
+    ],
+)
+def test_values_that_the_camera_lacks_are_refused(
+    clock: Clock, name: SettingName, value: SettingValue, sentence: str
+) -> None:
+    camera = opened(clock)
+    before = camera.settings()
+    with pytest.raises(SettingError, match=sentence):
+        camera.write(name, value)
+    assert camera.settings() == before
+
+
+def test_a_setting_that_reads_back_otherwise_is_an_error(clock: Clock) -> None:
+    def stuck(data: bytes) -> bytes:  # code, type, writable, default, then the current value
+        return data[:7] + uint(2, 2) + data[9:] if data[:2] == b"\x0c\x50" else data
+
+    camera = opened(clock, {Operation.GET_DEVICE_PROP_DESC: stuck})
+    with pytest.raises(SettingError, match="told to set flash to fill but kept off"):
+        camera.write(SettingName.FLASH, "fill")
+
+
+def test_a_range_is_spelt_out(clock: Clock) -> None:
+    def ranged(data: bytes) -> bytes:
+        return data[:9] + b"\x01" + uint(400, 2) + uint(1000, 2) + uint(200, 2)
+
+    camera = opened(clock, {Operation.GET_DEVICE_PROP_DESC: ranged})
+    assert camera.read(SettingName.F_NUMBER).choices == (4, 6, 8, 10)
+
+
+@pytest.mark.parametrize("step", [0, 1])
+def test_a_range_too_long_to_spell_out_has_no_choices(clock: Clock, step: int) -> None:
+    def ranged(data: bytes) -> bytes:
+        return data[:9] + b"\x01" + uint(0, 2) + uint(0xFFFF, 2) + uint(step, 2)
+
+    camera = opened(clock, {Operation.GET_DEVICE_PROP_DESC: ranged})
+    assert camera.read(SettingName.F_NUMBER).choices == ()
+
+
+def test_photographs_are_described_and_downloaded(clock: Clock) -> None:
+    camera = photographed(clock)
+    described = {item.kind: item for item in map(camera.describe, camera.objects())}
+    assert set(described) == {"folder", "dng", "jpeg"}
+    dng = described["dng"]
+    whole = b"".join(camera.download(dng.handle))
+    assert len(whole) == dng.size
+    assert whole[:4] == b"II*\0"
+    assert b"".join(camera.download(dng.handle, 1000)) == whole[1000:]
+    assert b"".join(camera.download(dng.handle, dng.size)) == b""
+
+
+def test_downloads_come_in_chunks(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    camera = photographed(clock)
+    whole = b"".join(camera.download(2))
+    monkeypatch.setattr("drivers.ptp.camera.CHUNK_BYTES", 1000)
+    chunks = list(camera.download(2))
+    assert [len(chunk) for chunk in chunks[:-1]] == [1000] * (len(chunks) - 1)
+    assert b"".join(chunks) == whole
+
+
+@pytest.mark.parametrize("tamper", [lambda _: b"", lambda data: data + b"!"])
+def test_chunks_of_a_wrong_length_are_refused(clock: Clock, tamper: Tamper) -> None:
+    camera = photographed(clock, {Operation.GET_PARTIAL_OBJECT: tamper})
+    with pytest.raises(TransferError, match="bytes where"):
+        list(camera.download(2))
+
+
+def test_short_chunks_are_put_together(clock: Clock) -> None:
+    camera = photographed(clock, {Operation.GET_PARTIAL_OBJECT: lambda data: data[:700]})
+    assert len(b"".join(camera.download(2))) == camera.describe(2).size
+
+
+@pytest.mark.parametrize(
+    ("operation", "use"),
+    [
+        (Operation.GET_OBJECT_HANDLES, lambda camera: camera.objects()),
+        (Operation.GET_OBJECT_INFO, lambda camera: camera.describe(2)),
+        (Operation.GET_DEVICE_PROP_DESC, lambda camera: camera.read(SettingName.ISO)),
+        (Operation.GET_DEVICE_PROP_VALUE, lambda camera: camera.info()),
+    ],
+)
+@pytest.mark.parametrize("tamper", [lambda _: b"", lambda data: data[: len(data) // 2]])
+def test_datasets_that_end_too_early_are_refused(
+    clock: Clock, operation: int, use: Callable[[PtpCamera], object], tamper: Tamper
+) -> None:
+    camera = photographed(clock, {operation: tamper})
+    with pytest.raises(ProtocolError, match=r"ends too early.*switch the camera off"):
+        use(camera)
+
+
+def test_a_list_of_handles_longer_than_its_bytes_is_refused(clock: Clock) -> None:
+    camera = opened(clock, {Operation.GET_OBJECT_HANDLES: lambda _: b"\xff\xff\xff\xff\x01\0\0\0"})
+    with pytest.raises(ProtocolError, match="of 8 bytes ends too early"):
+        camera.objects()
+
+
+def test_a_camera_that_says_nonsense_of_itself_is_closed_again(clock: Clock) -> None:
+    transport = Tampered(clock, {Operation.GET_DEVICE_INFO: lambda _: b"?"})
+    with pytest.raises(ProtocolError, match="ends too early"):
+        PtpCamera("sim://studio", transport, clock)
+    with pytest.raises(CameraDisconnectedError):
+        transport.receive_event(0)
+
+
+def test_events_are_hints_with_handles(clock: Clock) -> None:
+    camera = opened(clock)
+    assert camera.events(0) == []
+    camera.trigger()
+    (first, second, last) = camera.events(60)
+    assert [event.kind for event in (first, second, last)] == [
+        "object_added",
+        "object_added",
+        "capture_complete",
+    ]
+    assert [event.handle for event in (first, second, last)] == [2, 3, None]
+    assert clock.monotonic() == pytest.approx(0.22)  # exposure and writing, not the whole minute
+
+
+def test_unknown_events_are_kept_as_such(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("drivers.ptp.camera._EVENTS", {EventCode.OBJECT_ADDED: "object_added"})
+    camera = opened(clock)
+    camera.trigger()
+    assert [event.kind for event in camera.events(1)][-1] == "other"
+
+
+def test_a_closed_camera_answers_no_more(clock: Clock) -> None:
+    with opened(clock) as camera:
+        assert camera.objects() == {1}
+    camera.close()
+    with pytest.raises(CameraDisconnectedError, match="connect it again"):
+        camera.objects()

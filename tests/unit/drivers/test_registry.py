@@ -1,0 +1,22 @@
+from __future__ import annotations
+
+import pytest
+
+import drivers
+
+
+@pytest.mark.parametrize("address", ["", "studio", "sim:studio", "usb://1", "SIM://studio"])
+def test_addresses_of_no_backend_are_refused(address: str) -> None:
+    with pytest.raises(drivers.BadAddressError, match="must start with sim://"):
+        drivers.open_camera(address)
+
+
+def test_the_light_of_real_cameras_is_not_known() -> None:
+    with pytest.raises(drivers.CameraNotFoundError, match=r"no simulated camera at ptp\+usb://1-2"):
+        drivers.simulated_truth("ptp+usb://1-2")
+
+
+def test_the_simulated_camera_is_listed() -> None:
+    assert drivers.list_cameras() == [
+        drivers.CameraInfo("sim://studio", "NIKON CORPORATION", "NIKON D5100", "0000001", 87)
+    ]
