@@ -8,6 +8,7 @@ ServiceError
 ├── UploadTooLargeError      413  more bytes than the limit
 ├── UnsupportedMediaError    415  neither multipart nor JSON
 ├── RangeError               416  the range lies outside the file
+├── ForeignHostError         421  a Host that a service on loopback does not answer to
 ├── IdempotencyError         422  an Idempotency-Key used again for something else
 ├── QueueFullError           429  too many jobs wait
 └── AttemptError             500  what a job's process can die of
@@ -63,6 +64,10 @@ class RangeError(ServiceError):
     def __init__(self, message: str, size: int) -> None:
         super().__init__(message)
         self.size = size
+
+
+class ForeignHostError(ServiceError):
+    """A Host header that a service on loopback does not answer to."""
 
 
 class IdempotencyError(ServiceError):
@@ -155,6 +160,7 @@ KINDS: dict[type[Exception], Kind] = {
     UploadTooLargeError: Kind("upload-too-large", 413, "Too many bytes"),
     UnsupportedMediaError: Kind("unsupported-media-type", 415, "Neither multipart nor JSON"),
     RangeError: Kind("range-not-satisfiable", 416, "The range lies outside the file"),
+    ForeignHostError: Kind("foreign-host", 421, "Not the host of this service"),
     IdempotencyError: Kind("idempotency-key-reused", 422, "Idempotency-Key used for another job"),
     QueueFullError: Kind("queue-full", 429, "Too many jobs wait", retryable=True),
     CrashError: Kind("crashed", 500, "The separation crashed"),

@@ -7,13 +7,14 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
 
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 from fastapi.concurrency import run_in_threadpool
 
 from service import database, engine
 from service.api import cameras, health, jobs, problems, results
 from service.api.context import Context
-from service.errors import Problem
+from service.api.hosts import check_host
+from service.errors import ForeignHostError, Problem
 from service.settings import Settings
 from service.storage import Storage
 
@@ -34,11 +35,15 @@ def create_app(settings: Settings) -> FastAPI:
         summary="The light of every lamp in a room as a layer of its own.",
         version=importlib.metadata.version("lightlayers"),
         lifespan=lifespan,
+        dependencies=[Depends(check_host)],
+        redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
     )
     problems.install(app)
     for module in (jobs, results, cameras, health):
-        app.include_router(module.router, responses=problems.responses(status=(422,)))
+        app.include_router(
+            module.router, responses=problems.responses(ForeignHostError, status=(422,))
+        )
     make_document = app.openapi
 
     def openapi() -> dict[str, Any]:

@@ -23,6 +23,7 @@ def test_names_of_kinds_are_the_contract() -> None:
         "camera-not-found": 404,
         "crashed": 500,
         "database-unavailable": 503,
+        "foreign-host": 421,
         "idempotency-key-reused": 422,
         "image-too-large": 413,
         "internal": 500,

@@ -1,0 +1,52 @@
+from __future__ import annotations
+
+import httpx
+import pytest
+
+from service.api.hosts import is_loopback
+from service.settings import Settings
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("localhost", True),
+        ("photos.localhost", True),
+        ("127.0.0.1", True),
+        ("127.9.9.9", True),
+        ("::1", True),
+        ("[::1]", True),
+        ("192.168.1.7", False),
+        ("0.0.0.0", False),
+        ("evil.example", False),
+        ("localhost.evil.example", False),
+        ("127.0.0.1.evil.example", False),
+        ("", False),
+    ],
+)
+def test_only_names_of_this_machine_are_loopback(name: str, expected: bool) -> None:
+    assert is_loopback(name) is expected
+
+
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:8000", "192.168.1.7"])
+@pytest.mark.parametrize(("method", "path"), [("GET", "/jobs"), ("POST", "/jobs")])
+def test_a_service_on_loopback_answers_to_no_other_name(
+    method: str, path: str, host: str, http: httpx.Client
+) -> None:
+    answer = http.request(method, path, headers={"host": host})
+    assert answer.status_code == 421
+    assert answer.json()["type"] == "urn:lightlayers:problem:foreign-host"
+
+
+@pytest.mark.parametrize("host", ["localhost", "LOCALHOST:8000", "127.0.0.1:9", "[::1]:8000"])
+def test_it_answers_to_its_own_names(host: str, http: httpx.Client) -> None:
+    assert http.get("/jobs", headers={"host": host}).status_code == 200
+
+
+class TestEveryNetwork:
+    @pytest.fixture
+    def settings(self, settings: Settings) -> Settings:
+        return settings.model_copy(update={"host": "0.0.0.0"})
+
+    def test_a_service_on_every_network_answers_to_any_name(self, http: httpx.Client) -> None:
+        assert http.get("/jobs", headers={"host": "studio.example"}).status_code == 200

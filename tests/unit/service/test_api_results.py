@@ -1,0 +1,131 @@
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from collections.abc import Callable
+
+import httpx
+import pytest
+
+FILES = {
+    "lamp1.jpg": b"0123456789",
+    "layers.exr": b"light" * 1000,
+    "manifest.json": json.dumps({"lamps": []}).encode(),
+}
+
+
+@pytest.fixture
+def job(http: httpx.Client, finish: Callable[[str, dict[str, bytes]], None]) -> str:
+    """Path of a job that has succeeded."""
+    made = http.post("/jobs", json={"capture": {"camera": "sim://studio"}}).json()
+    finish(made["id"], FILES)
+    path: str = made["links"]["self"]
+    return path
+
+
+def test_a_succeeded_job_links_its_results(http: httpx.Client, job: str) -> None:
+    answer = http.get(job).json()
+    assert (answer["state"], answer["fraction"]) == ("succeeded", 1.0)
+    assert answer["links"] == {
+        "self": job,
+        "cancel": None,
+        "results": f"{job}/results",
+        "zip": f"{job}/results.zip",
+    }
+    assert {file["name"]: file["size"] for file in answer["files"]} == {
+        name: len(data) for name, data in FILES.items()
+    }
+    for file in answer["files"]:
+        assert http.get(file["href"]).content == FILES[file["name"]]
+    assert answer["created"] <= answer["started"] <= answer["finished"]
+
+
+def test_the_manifest_is_json(http: httpx.Client, job: str) -> None:
+    answer = http.get(f"{job}/results")
+    assert answer.headers["content-type"] == "application/json"
+    assert answer.json() == {"lamps": []}
+
+
+def test_a_result_says_what_it_is(http: httpx.Client, job: str) -> None:
+    answer = http.get(f"{job}/results/lamp1.jpg")
+    assert answer.headers["content-type"] == "image/jpeg"
+    assert answer.headers["content-length"] == "10"
+    assert answer.headers["accept-ranges"] == "bytes"
+    assert answer.headers["x-content-type-options"] == "nosniff"
+    assert answer.headers["etag"].strip('"') == f"{10:064x}"
+    assert "private" in answer.headers["cache-control"]
+
+
+def test_a_part_of_a_result_can_be_fetched(http: httpx.Client, job: str) -> None:
+    answer = http.get(f"{job}/results/lamp1.jpg", headers={"range": "bytes=2-4"})
+    assert (answer.status_code, answer.content) == (206, b"234")
+    assert answer.headers["content-range"] == "bytes 2-4/10"
+
+
+def test_a_download_can_go_on_only_with_the_same_file(http: httpx.Client, job: str) -> None:
+    path = f"{job}/results/lamp1.jpg"
+    etag = http.get(path).headers["etag"]
+    same = http.get(path, headers={"range": "bytes=8-", "if-range": etag})
+    assert (same.status_code, same.content) == (206, b"89")
+    other = http.get(path, headers={"range": "bytes=8-", "if-range": '"other"'})
+    assert (other.status_code, other.content) == (200, b"0123456789")
+
+
+def test_a_range_after_the_end_is_a_problem(http: httpx.Client, job: str) -> None:
+    answer = http.get(f"{job}/results/lamp1.jpg", headers={"range": "bytes=10-"})
+    assert answer.status_code == 416
+    assert answer.headers["content-range"] == "bytes */10"
+    assert answer.json()["type"] == "urn:lightlayers:problem:range-not-satisfiable"
+
+
+def test_a_file_that_is_known_is_not_sent_again(http: httpx.Client, job: str) -> None:
+    path = f"{job}/results/lamp1.jpg"
+    etag = http.get(path).headers["etag"]
+    for known in (etag, f'"other", {etag}', "*"):
+        answer = http.get(path, headers={"if-none-match": known})
+        assert (answer.status_code, answer.content) == (304, b"")
+    assert http.get(path, headers={"if-none-match": '"other"'}).status_code == 200
+
+
+def test_all_results_come_in_one_zip(http: httpx.Client, job: str) -> None:
+    answer = http.get(f"{job}/results.zip")
+    assert answer.headers["content-type"] == "application/zip"
+    with zipfile.ZipFile(io.BytesIO(answer.content)) as archive:
+        assert {name: archive.read(name) for name in archive.namelist()} == FILES
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "nothing.jpg",
+        "LAMP1.JPG",
+        "%2e%2e%2finputs%2fflash",
+        "..%2f..%2f..%2flightlayers.sqlite",
+        "%2fetc%2fpasswd",
+        "lamp1.jpg%00",
+        "lamp1.jpg%2f",
+        "..%5cinputs",
+    ],
+)
+def test_only_results_can_be_fetched(name: str, http: httpx.Client, job: str) -> None:
+    answer = http.get(f"{job}/results/{name}")
+    assert answer.status_code == 404
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert answer.json()["type"].rpartition(":")[2] in ("unknown-result", "http-404")
+
+
+@pytest.mark.parametrize("what", ["results", "results/lamp1.jpg", "results.zip"])
+def test_a_job_that_has_not_succeeded_has_no_results(what: str, http: httpx.Client) -> None:
+    made = http.post("/jobs", json={"capture": {"camera": "sim://studio"}}).json()
+    answer = http.get(f"{made['links']['self']}/{what}")
+    assert answer.status_code == 409
+    problem = answer.json()
+    assert problem["type"] == "urn:lightlayers:problem:not-ready"
+    assert "queued" in problem["detail"]
+    assert problem["retryable"]
+
+
+def test_deleting_a_job_deletes_its_results(http: httpx.Client, job: str) -> None:
+    assert http.delete(job).status_code == 204
+    assert http.get(f"{job}/results/lamp1.jpg").status_code == 404
