@@ -10,6 +10,7 @@ import rawpy
 from pipeline.decode.metadata import Metadata, read_metadata
 from pipeline.decode.quiet import muted
 from pipeline.decode.samples import Samples
+from pipeline.decode.tiff import dng_matrix
 from pipeline.frames import Matrix
 
 _TURNED = (5, 6)
@@ -42,14 +43,14 @@ def read_raw(data: bytes) -> tuple[Samples, Metadata, Matrix | None]:
             no_auto_bright=True,
             adjust_maximum_thr=0.0,
         )
-        matrix = np.asarray(raw.rgb_xyz_matrix, dtype=np.float64)[:3]
+        known = np.asarray(raw.rgb_xyz_matrix, dtype=np.float64)[:3]
         metadata = read_metadata(data)
         if metadata == Metadata():  # no EXIF where a TIFF reader finds it, as in CR3 and RAF
-            metadata = _preview_metadata(raw)
-    return Samples(values, 65535.0), metadata, matrix if matrix.any() else None
+            metadata = preview_metadata(raw)
+    return Samples(values, 65535.0), metadata, known if known.any() else dng_matrix(data)
 
 
-def _preview_metadata(raw: rawpy.RawPy) -> Metadata:
+def preview_metadata(raw: rawpy.RawPy) -> Metadata:
     """Facts from the embedded preview, to which LibRaw gives an EXIF block where it has none."""
     try:
         preview = raw.extract_thumb()

@@ -11,12 +11,16 @@ import numpy as np
 from tifffile import TiffFile, TiffPage
 
 from pipeline.decode.samples import Samples, to_rgb
+from pipeline.frames import Matrix
 
 logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # it tells the terminal of odd tags
 
 _GREY, _RGB, _YCBCR = 1, 2, 6
 _CFA, _LINEAR_RAW = 32803, 34892
 _DNG_VERSION = 50706
+_COLOR_MATRICES = ((50721, 50778), (50722, 50779))
+"""Tags of the two matrices and of the lights they are for, the second nearer to daylight."""
+_D65 = 21
 _REDUCED = 1
 _JPEG_IN_TIFF = (6, 7)
 _MAX_DIRECTORIES = 64
@@ -61,6 +65,28 @@ def read_tiff(data: bytes, orientation: int) -> Samples:
         with np.errstate(over="ignore"):  # beyond float32 becomes infinite and is refused
             return Samples(values.astype(np.float32), 1.0, orientation)
     return Samples(values, float(2**bits - 1), orientation, profile)
+
+
+def dng_matrix(data: bytes) -> Matrix | None:
+    """Matrix (3, 3) from CIE XYZ to camera RGB that a DNG gives for daylight, else what it gives.
+
+    ColorMatrix1 and 2 of the DNG specification 1.4. None for another file, or one without.
+    """
+    try:
+        with TiffFile(io.BytesIO(data)) as file:
+            tags = file.pages.first.tags
+            found = {
+                tags.valueof(light): tags.valueof(matrix)
+                for matrix, light in _COLOR_MATRICES
+                if matrix in tags
+            }
+    except Exception:  # not a TIFF, or one that only LibRaw understands
+        return None
+    values = found.get(_D65, list(found.values())[-1] if found else None)
+    if values is None or len(values) != 18:
+        return None
+    rationals = np.array(values, dtype=np.float64).reshape(9, 2)
+    return rationals[:, 0].reshape(3, 3) / rationals[:, 1].reshape(3, 3)
 
 
 def _pages(file: TiffFile) -> Iterator[TiffPage]:

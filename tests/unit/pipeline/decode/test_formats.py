@@ -1,0 +1,235 @@
+"""Every format comes in with the right values, whatever its name says."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import imagecodecs
+import numpy as np
+import OpenEXR
+import pillow_heif
+import pytest
+import tifffile
+from numpy.typing import NDArray
+from PIL import Image as PillowImage
+from PIL import ImageOps
+
+from pipeline.decode import check_header, decode
+
+Codes = NDArray[np.uint8]
+Write = Callable[..., bytes]
+
+
+def linear(codes: NDArray[Any]) -> NDArray[np.float64]:
+    value = codes / 255.0
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+
+
+@pytest.mark.parametrize("progressive", [False, True])
+def test_jpeg_is_srgb_within_its_own_loss(
+    codes: Codes, pillow_file: Write, progressive: bool
+) -> None:
+    data = pillow_file(codes, "JPEG", quality=98, subsampling=0, progressive=progressive)
+
+    frame = decode(data)
+
+    assert frame.encoding == "srgb"
+    assert frame.pixels.dtype == np.float32
+    assert frame.size == (64, 48)
+    assert np.abs(frame.pixels - linear(codes)).max() < 0.02
+    assert frame.sha256 == hashlib.sha256(data).hexdigest()
+
+
+def test_a_jpeg_with_a_few_stray_bytes_at_its_end_is_read(codes: Codes, pillow_file: Write) -> None:
+    data = pillow_file(codes, "JPEG")
+
+    stray = decode(data[:-2] + b"\x00\x11\x22" + data[-2:])
+
+    np.testing.assert_array_equal(stray.pixels, decode(data).pixels)
+
+
+@pytest.mark.parametrize("trailer", [b"", bytes(6000)])
+@pytest.mark.parametrize("mode", ["RGB", "RGBA"])
+def test_png_of_8_bits_is_srgb_to_the_last_bit(
+    codes: Codes, pillow_file: Write, mode: str, trailer: bytes
+) -> None:
+    frame = decode(pillow_file(codes, "PNG", mode) + trailer)
+
+    assert frame.encoding == "srgb"
+    np.testing.assert_allclose(frame.pixels, linear(codes), atol=1e-6)
+
+
+def test_a_palette_is_looked_up(codes: Codes) -> None:
+    file = io.BytesIO()
+    palette = PillowImage.fromarray(codes).quantize(32)
+    palette.save(file, "PNG")
+
+    frame = decode(file.getvalue())
+
+    np.testing.assert_allclose(frame.pixels, linear(np.asarray(palette.convert("RGB"))), atol=1e-6)
+
+
+def test_png_of_16_bits_is_linear(codes: Codes) -> None:
+    values = codes.astype(np.uint16) * 257
+
+    frame = decode(bytes(imagecodecs.png_encode(values)))
+
+    assert frame.encoding == "linear"
+    np.testing.assert_allclose(frame.pixels, codes / 255.0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("dtype", "encoding"),
+    [
+        ("u1", "srgb"),
+        ("<u2", "linear"),
+        (">u2", "linear"),
+        ("f2", "linear"),
+        ("f4", "linear"),
+        ("f8", "linear"),
+    ],
+)
+@pytest.mark.parametrize(
+    "layout",
+    [
+        {},
+        {"planarconfig": "separate"},
+        {"tile": (16, 16)},
+        {"compression": "deflate", "predictor": True},
+        {"bigtiff": True},
+        {"rowsperstrip": 5},
+    ],
+    ids=lambda layout: next(iter(layout), "plain"),
+)
+def test_tiff_of_every_depth_and_layout(
+    codes: Codes, tiff_file: Write, dtype: str, encoding: str, layout: dict[str, Any]
+) -> None:
+    kind = np.dtype(dtype)
+    scale = np.iinfo(kind).max if kind.kind == "u" else 1.0
+    values = (codes / 255.0 * scale).round(0 if kind.kind == "u" else 6).astype(kind)
+    expected = linear(codes) if dtype == "u1" else values.astype(float) / scale
+    stored = np.moveaxis(values, -1, 0) if "planarconfig" in layout else values
+
+    frame = decode(tiff_file(stored, byteorder=">" if dtype == ">u2" else "<", **layout))
+
+    assert frame.encoding == encoding
+    assert frame.size == (64, 48)
+    np.testing.assert_allclose(frame.pixels, expected, atol=1e-6)
+
+
+def test_tiff_of_12_bits_has_its_own_white(tiff_file: Write) -> None:
+    values = np.full((16, 16, 3), 4095, np.uint16)
+    values[..., 1] = 1024
+
+    frame = decode(tiff_file(values, bitspersample=12))
+
+    np.testing.assert_allclose(frame.pixels[0, 0], [1.0, 1024 / 4095, 1.0], atol=1e-6)
+    assert frame.saturated.all()
+
+
+def test_jpeg_in_tiff_becomes_rgb(codes: Codes, pillow_file: Write) -> None:
+    frame = decode(pillow_file(codes, "TIFF", compression="jpeg", quality=98))
+
+    assert np.abs(frame.pixels - linear(codes)).max() < 0.03
+
+
+def test_the_first_of_several_pictures_is_taken(codes: Codes, pillow_file: Write) -> None:
+    others = [PillowImage.fromarray(255 - codes)]
+    for kind in ("TIFF", "PNG"):
+        data = pillow_file(codes, kind, save_all=True, append_images=others)
+        np.testing.assert_allclose(decode(data).pixels, linear(codes), atol=1e-6)
+
+
+def test_a_thumbnail_before_the_picture_is_passed_over(codes: Codes) -> None:
+    file = io.BytesIO()
+    with tifffile.TiffWriter(file) as writer:
+        writer.write(codes[::4, ::4], photometric="rgb", subfiletype=1, metadata=None)
+        writer.write(codes, photometric="rgb", metadata=None)
+
+    frame = decode(file.getvalue())
+
+    assert check_header(file.getvalue()) == (64, 48)
+    np.testing.assert_allclose(frame.pixels, linear(codes), atol=1e-6)
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32])
+def test_exr_is_linear_and_keeps_what_is_negative_or_above_white(
+    tmp_path: Path, dtype: type[np.floating[Any]]
+) -> None:
+    values = np.linspace(-0.25, 4.0, 16 * 24 * 3).reshape(16, 24, 3).astype(dtype)
+    path = tmp_path / "picture.txt"
+    channels = {name: values[..., i].copy() for i, name in enumerate("RGB")}
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {**channels, "lamp1.R": channels["G"]}).write(str(path))
+
+    frame = decode(path.read_bytes())
+
+    assert frame.encoding == "linear"
+    np.testing.assert_array_equal(frame.pixels, values.astype(np.float32))
+    assert not frame.saturated.any()
+
+
+def heif(values: NDArray[Any], **options: Any) -> bytes:
+    mode = "RGB" if values.dtype == np.uint8 else "RGB;16"
+    file = io.BytesIO()
+    image = pillow_heif.from_bytes(mode, (values.shape[1], values.shape[0]), values.tobytes())
+    image.save(file, **{"quality": 95, "chroma": 444, **options})
+    return file.getvalue()
+
+
+def test_heif_of_8_bits_is_srgb(codes: Codes) -> None:
+    frame = decode(heif(codes))
+
+    assert frame.encoding == "srgb"
+    assert np.abs(frame.pixels - linear(codes)).max() < 0.03
+
+
+def test_heif_of_10_bits_is_srgb_and_its_white_is_1() -> None:
+    values = np.full((64, 64, 3), 65535, np.uint16)
+    values[32:] = 65535 // 2
+
+    frame = decode(heif(values))
+
+    assert frame.encoding == "srgb"
+    np.testing.assert_allclose(frame.pixels[:20], 1.0, atol=0.01)
+    np.testing.assert_allclose(frame.pixels[-20:], 0.214, atol=0.01)
+    assert frame.saturated[:20].mean() > 0.9
+    assert not frame.saturated[-20:].any()
+
+
+@pytest.mark.parametrize(("encoding", "expected"), [("linear", 0.5), ("srgb", 0.2140)])
+def test_the_encoding_can_be_told(tiff_file: Write, encoding: str, expected: float) -> None:
+    half = np.full((8, 8, 3), 0.5)
+    files = [
+        tiff_file(half.astype(np.float32)),
+        tiff_file((half * 65535).round().astype(np.uint16)),
+        bytes(imagecodecs.png_encode((half * 65535).round().astype(np.uint16))),
+    ]
+    for data in files:
+        frame = decode(data, encoding)
+        assert frame.encoding == encoding
+        np.testing.assert_allclose(frame.pixels, expected, atol=1e-4)
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "PNG", "TIFF"])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_pictures_are_turned_upright(
+    codes: Codes,
+    pillow_file: Write,
+    exif_of: Callable[..., PillowImage.Exif],
+    kind: str,
+    orientation: int,
+) -> None:
+    quality = {"quality": 98, "subsampling": 0} if kind == "JPEG" else {}
+    data = pillow_file(codes, kind, exif=exif_of({274: orientation}, {}), **quality)
+    with PillowImage.open(io.BytesIO(data)) as image:
+        upright = np.asarray(ImageOps.exif_transpose(image))
+
+    frame = decode(data)
+
+    assert frame.size == (upright.shape[1], upright.shape[0]) == check_header(data)
+    assert np.abs(frame.pixels - linear(upright)).max() < (0.02 if kind == "JPEG" else 1e-6)

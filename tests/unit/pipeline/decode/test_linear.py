@@ -1,0 +1,89 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pipeline.decode.curves import srgb_to_linear
+from pipeline.decode.linear import clipped, to_linear
+from pipeline.decode.samples import Samples, upright
+
+
+@pytest.mark.parametrize(
+    ("code", "light"),
+    [(0.0, 0.0), (0.04045, 0.0031308), (0.5, 0.2140411), (0.7353570, 0.5), (1.0, 1.0)],
+)
+def test_the_srgb_curve_at_known_points(code: float, light: float) -> None:
+    assert srgb_to_linear(np.array([code], np.float32))[0] == pytest.approx(light, rel=1e-4)
+
+
+def test_the_srgb_curve_goes_on_as_a_line_below_black() -> None:
+    assert srgb_to_linear(np.array([-0.1292], np.float32))[0] == pytest.approx(-0.01)
+
+
+@pytest.mark.parametrize("rows", [1, 255, 256, 257, 600])
+def test_pictures_of_any_height_are_converted_to_the_last_row(rows: int) -> None:
+    values = np.random.default_rng(0).integers(0, 65535, (rows, 3, 3), dtype=np.uint16)
+
+    linear = to_linear(Samples(values, 65535.0), srgb=False)
+
+    np.testing.assert_allclose(linear, values / 65535.0, atol=1e-6)
+
+
+def test_8_bit_samples_are_clipped_from_254() -> None:
+    values = np.full((2, 3, 3), 100, np.uint8)
+    values[0, 0, 1], values[0, 1, 2], values[1, 2, 0] = 253, 254, 255
+
+    mask = clipped(Samples(values, 255.0), raw=False)
+
+    np.testing.assert_array_equal(mask, [[False, True, False], [False, False, True]])
+
+
+def test_16_bit_samples_are_clipped_at_white_alone() -> None:
+    values = np.array([[[65534] * 3, [65535, 0, 0]]], np.uint16)
+
+    np.testing.assert_array_equal(clipped(Samples(values, 65535.0), raw=False), [[False, True]])
+
+
+def test_floats_are_clipped_only_where_1_is_their_end() -> None:
+    values = np.array([[[0.2, 1.0, 0.3], [0.9, 0.99, 0.1]]], np.float32)
+
+    np.testing.assert_array_equal(clipped(Samples(values, 1.0), raw=False), [[True, False]])
+    values[0, 1, 1] = 1.5
+    assert not clipped(Samples(values, 1.0), raw=False).any()
+
+
+def test_a_clipped_sensor_value_spoils_the_pixels_around_it() -> None:
+    values = np.full((11, 11, 3), 20_000, np.uint16)
+    values[5, 5, 0] = 65_000
+
+    mask = clipped(Samples(values, 65535.0), raw=True)
+
+    expected = np.zeros((11, 11), bool)
+    expected[3:8, 3:8] = True
+    np.testing.assert_array_equal(mask, expected)
+
+
+def test_the_mask_is_turned_with_the_picture() -> None:
+    values = np.zeros((2, 3, 3), np.uint8)
+    values[0, 0] = 255
+
+    mask = clipped(Samples(values, 255.0, orientation=6), raw=False)
+
+    np.testing.assert_array_equal(mask, [[False, True], [False, False], [False, False]])
+
+
+def test_eight_turns_of_a_letter() -> None:
+    """The places of row 0, column 0 as EXIF 2.32 describes them under tag 0x0112."""
+    letter = np.array([[1, 2, 3], [4, 5, 6]])
+    turned = {
+        1: [[1, 2, 3], [4, 5, 6]],
+        2: [[3, 2, 1], [6, 5, 4]],
+        3: [[6, 5, 4], [3, 2, 1]],
+        4: [[4, 5, 6], [1, 2, 3]],
+        5: [[1, 4], [2, 5], [3, 6]],
+        6: [[4, 1], [5, 2], [6, 3]],
+        7: [[6, 3], [5, 2], [4, 1]],
+        8: [[3, 6], [2, 5], [1, 4]],
+    }
+    for orientation, expected in turned.items():
+        np.testing.assert_array_equal(upright(letter, orientation), expected)

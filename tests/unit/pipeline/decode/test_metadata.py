@@ -1,0 +1,182 @@
+"""What cameras write beside the pixels, sound or broken."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image as PillowImage
+from PIL.TiffImagePlugin import IFDRational
+
+from pipeline.decode import decode
+from pipeline.decode.metadata import Metadata, read_metadata
+from pipeline.frames import Exposure
+
+Write = Callable[..., bytes]
+Exif = Callable[..., PillowImage.Exif]
+
+MAIN = {271: "NIKON CORPORATION", 272: "NIKON D5100"}
+PHOTO = {
+    0x829A: IFDRational(1, 125),
+    0x829D: IFDRational(56, 10),
+    0x8827: 400,
+    0x9209: 0x1F,
+    0xA405: 36,
+}
+
+
+@pytest.fixture
+def with_exif(
+    codes: NDArray[np.uint8], pillow_file: Write, exif_of: Exif
+) -> Callable[..., Metadata]:
+    """Facts read from a JPEG with these tags."""
+
+    def read(photo: dict[int, Any], main: dict[int, Any] | None = None) -> Metadata:
+        return read_metadata(pillow_file(codes, "JPEG", exif=exif_of(main or {}, photo)))
+
+    return read
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "PNG"])
+def test_frames_know_camera_exposure_and_flash(
+    codes: NDArray[np.uint8], pillow_file: Write, exif_of: Exif, kind: str
+) -> None:
+    frame = decode(pillow_file(codes, kind, exif=exif_of(MAIN, PHOTO)))
+
+    assert (frame.make, frame.model) == ("NIKON CORPORATION", "NIKON D5100")
+    assert frame.exposure == Exposure(time_s=0.008, iso=400, f_number=5.6)
+    assert frame.exposure.relative == pytest.approx(0.008 * 400 / 5.6**2)
+    assert frame.flash_fired is True
+    assert frame.focal_px == 64  # 36 mm on a frame 36 mm and 64 pixels wide
+
+
+def test_tiff_may_hold_the_facts_in_its_main_directory(
+    codes: NDArray[np.uint8], tiff_file: Write
+) -> None:
+    tags = [
+        (271, "s", 0, "Canon", True),
+        (33434, "2I", 1, (1, 125), True),
+        (33437, "2I", 1, (28, 10), True),
+        (34855, "H", 1, 100, True),
+    ]
+
+    frame = decode(tiff_file(codes, extratags=tags))
+
+    assert frame.make == "Canon"
+    assert frame.exposure == Exposure(0.008, 100, 2.8)
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "PNG", "TIFF"])
+def test_nothing_written_means_nothing_known(
+    codes: NDArray[np.uint8], pillow_file: Write, kind: str
+) -> None:
+    frame = decode(pillow_file(codes, kind))
+
+    assert frame.exposure == Exposure()
+    assert frame.exposure.relative is None
+    assert (frame.make, frame.model, frame.flash_fired) == ("", "", None)
+    assert frame.focal_px is None
+
+
+@pytest.mark.parametrize(
+    ("value", "fired"), [(0x00, False), (0x10, False), (0x01, True), (0x19, True), (0x50, False)]
+)
+def test_the_flash_fired_when_bit_0_says_so(
+    with_exif: Callable[..., Metadata], value: int, fired: bool
+) -> None:
+    assert with_exif({0x9209: value}).flash_fired is fired
+
+
+@pytest.mark.parametrize(
+    ("unit", "resolution"), [(2, 6350.0), (3, 2500.0), (4, 250.0)], ids=["inch", "cm", "mm"]
+)
+def test_the_focal_plane_gives_the_focal_length_in_pixels(
+    with_exif: Callable[..., Metadata], unit: int, resolution: float
+) -> None:
+    facts = with_exif(
+        {
+            0x920A: IFDRational(50, 1),
+            0xA20E: IFDRational(int(resolution), 1),
+            0xA210: unit,
+            0xA002: 6000,
+            0xA003: 4000,
+        }
+    )
+
+    assert facts.focal_px(6000, 4000) == pytest.approx(12_500)
+    assert facts.focal_px(1000, 1500) == pytest.approx(3_125), "a smaller copy, turned"
+
+
+def test_the_equivalent_focal_length_goes_before_the_focal_plane(
+    with_exif: Callable[..., Metadata],
+) -> None:
+    facts = with_exif(
+        {0xA405: 72, 0x920A: IFDRational(50, 1), 0xA20E: IFDRational(2500, 1), 0xA002: 6000}
+    )
+
+    assert facts.focal_px(4000, 6000) == pytest.approx(12_000)
+
+
+@pytest.mark.parametrize(
+    ("tag", "value"),
+    [
+        (0x829A, IFDRational(0, 1)),
+        (0x829A, IFDRational(1, 0)),
+        (0x829A, IFDRational(0, 0)),
+        (0x829A, IFDRational(4_000_000_000, 1)),
+        (0x829D, IFDRational(0, 1)),
+        (0x829D, IFDRational(5000, 1)),
+        (0x8827, 0),
+        (0xA405, 0),
+        (0xA405, 65535),
+    ],
+)
+def test_absurd_values_count_as_unknown(
+    with_exif: Callable[..., Metadata], tag: int, value: object
+) -> None:
+    facts = with_exif({**PHOTO, tag: value})
+
+    expected = {
+        0x829A: Exposure(None, 400, 5.6),
+        0x829D: Exposure(0.008, 400, None),
+        0x8827: Exposure(0.008, None, 5.6),
+    }.get(tag, Exposure(0.008, 400, 5.6))
+    assert facts.exposure == expected
+    assert facts.focal_35mm == (None if tag == 0xA405 else 36)
+
+
+@pytest.mark.parametrize("orientation", [0, 9, 65535])
+def test_an_orientation_that_does_not_exist_is_upright(
+    with_exif: Callable[..., Metadata], orientation: int
+) -> None:
+    assert with_exif({}, {274: orientation}).orientation == 1
+
+
+def test_names_are_short_and_printable(with_exif: Callable[..., Metadata]) -> None:
+    facts = with_exif({}, {271: "  ACME\n\x07 ", 272: "X" * 5000})
+
+    assert facts.make == "ACME"
+    assert facts.model == "X" * 64
+
+
+@pytest.mark.parametrize("at", range(30, 130, 7))
+def test_a_broken_block_is_no_reason_to_refuse(
+    codes: NDArray[np.uint8],
+    pillow_file: Write,
+    exif_of: Exif,
+    at: int,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    data = bytearray(pillow_file(codes, "JPEG", exif=exif_of(MAIN, PHOTO)))
+    data[at : at + 7] = b"\xff" * 7
+
+    assert decode(bytes(data)).pixels.shape == (48, 64, 3)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("data", [b"", b"\xff\xd8\xff", b"II*\x00\xff\xff\xff\xff", bytes(100)])
+def test_bytes_without_facts_give_none(data: bytes) -> None:
+    assert read_metadata(data) == Metadata()

@@ -1,0 +1,131 @@
+"""Colours of files that are not in sRGB."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+
+import numpy as np
+import pillow_heif
+import pytest
+from numpy.typing import NDArray
+from PIL import Image as PillowImage
+from PIL import ImageCms
+
+from pipeline.decode import decode
+from pipeline.decode.profiles import differs_from_srgb
+from pipeline.encode.icc import linear_rec2020_profile, matrix_profile, srgb_profile
+
+P3 = ((0.680, 0.320), (0.265, 0.690), (0.150, 0.060))
+P3_TO_SRGB = np.array([[1.2249, -0.2247, 0.0], [-0.0420, 1.0419, 0.0], [-0.0197, -0.0786, 1.0979]])
+"""Linear Display P3 → linear sRGB; CSS Color Module 4, sample code."""
+
+
+@pytest.fixture
+def p3() -> bytes:
+    return matrix_profile("P3", P3, "srgb")
+
+
+def linear(codes: NDArray[np.uint8]) -> NDArray[np.float64]:
+    value = codes / 255.0
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+
+
+@pytest.mark.parametrize("kind", ["PNG", "TIFF", "JPEG"])
+def test_display_p3_becomes_linear_srgb(
+    codes: NDArray[np.uint8], pillow_file: Callable[..., bytes], p3: bytes, kind: str
+) -> None:
+    quality = {"quality": 100, "subsampling": 0} if kind == "JPEG" else {}
+    frame = decode(pillow_file(codes, kind, icc_profile=p3, **quality))
+
+    tolerance = 0.02 if kind == "JPEG" else 0.001
+    np.testing.assert_allclose(frame.pixels, linear(codes) @ P3_TO_SRGB.T, atol=tolerance)
+    assert frame.encoding == "srgb"
+
+
+def test_colours_outside_srgb_keep_their_negative_parts(
+    pillow_file: Callable[..., bytes], p3: bytes
+) -> None:
+    green = np.full((16, 16, 3), (0, 255, 0), np.uint8)
+
+    frame = decode(pillow_file(green, "PNG", icc_profile=p3))
+
+    np.testing.assert_allclose(frame.pixels[5, 5], [-0.2247, 1.0419, -0.0786], atol=0.001)
+    assert frame.saturated.all()
+
+
+def test_heif_with_p3_primaries_and_no_profile(codes: NDArray[np.uint8]) -> None:
+    file = io.BytesIO()
+    image = pillow_heif.from_bytes("RGB", (64, 48), codes.tobytes())
+    image.save(file, quality=100, chroma=444, color_primaries=12, transfer_characteristics=13)
+
+    frame = decode(file.getvalue())
+
+    np.testing.assert_allclose(frame.pixels, linear(codes) @ P3_TO_SRGB.T, atol=0.03)
+
+
+def test_heif_with_a_p3_profile(codes: NDArray[np.uint8], p3: bytes) -> None:
+    pillow_heif.register_heif_opener()
+    file = io.BytesIO()
+    PillowImage.fromarray(codes).save(file, "HEIF", quality=100, chroma=444, icc_profile=p3)
+
+    frame = decode(file.getvalue())
+
+    np.testing.assert_allclose(frame.pixels, linear(codes) @ P3_TO_SRGB.T, atol=0.03)
+
+
+def test_other_peoples_srgb_profile_changes_nothing(
+    codes: NDArray[np.uint8], pillow_file: Callable[..., bytes]
+) -> None:
+    foreign = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+
+    with_profile = decode(pillow_file(codes, "PNG", icc_profile=foreign))
+
+    np.testing.assert_array_equal(with_profile.pixels, decode(pillow_file(codes, "PNG")).pixels)
+
+
+def test_being_told_the_encoding_overrides_the_profile(
+    codes: NDArray[np.uint8], pillow_file: Callable[..., bytes], p3: bytes
+) -> None:
+    data = pillow_file(codes, "PNG", icc_profile=p3)
+
+    np.testing.assert_allclose(decode(data, "srgb").pixels, linear(codes), atol=1e-6)
+    np.testing.assert_allclose(decode(data, "linear").pixels, codes / 255.0, atol=1e-6)
+
+
+def test_turned_pictures_keep_their_colours(
+    codes: NDArray[np.uint8],
+    pillow_file: Callable[..., bytes],
+    exif_of: Callable[..., PillowImage.Exif],
+    p3: bytes,
+) -> None:
+    data = pillow_file(codes, "PNG", icc_profile=p3, exif=exif_of({274: 6}, {}))
+
+    expected = np.rot90(linear(codes), -1) @ P3_TO_SRGB.T
+
+    np.testing.assert_allclose(decode(data).pixels, expected, atol=0.001)
+
+
+@pytest.mark.parametrize(
+    ("profile", "differs"),
+    [
+        (srgb_profile(), False),
+        (linear_rec2020_profile(), True),
+        (matrix_profile("P3", P3, "srgb"), True),
+        (b"no profile at all", False),
+        (b"", False),
+        (srgb_profile()[:200], False),
+        (ImageCms.ImageCmsProfile(ImageCms.createProfile("LAB")).tobytes(), False),
+    ],
+    ids=["sRGB", "Rec. 2020", "P3", "text", "empty", "cut off", "Lab"],
+)
+def test_only_profiles_of_other_colours_differ(profile: bytes, differs: bool) -> None:
+    assert differs_from_srgb(profile) is differs
+
+
+def test_a_broken_profile_counts_as_none(
+    codes: NDArray[np.uint8], pillow_file: Callable[..., bytes]
+) -> None:
+    frame = decode(pillow_file(codes, "PNG", icc_profile=b"\x00" * 64))
+
+    np.testing.assert_allclose(frame.pixels, linear(codes), atol=1e-6)

@@ -1,0 +1,177 @@
+"""Sensor values: linear, on one scale, black at 0."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+import rawpy
+from numpy.typing import NDArray
+from PIL import Image as PillowImage
+
+from pipeline.decode import check_header, decode
+from pipeline.decode.metadata import Metadata
+from pipeline.decode.raw import preview_metadata
+from pipeline.decode.tiff import dng_matrix
+
+BLACK, WHITE = 600, 15892
+
+
+def mosaic(rgb: NDArray[np.float64]) -> NDArray[np.uint16]:
+    """Sample (H, W, 3), 1.0 = white, through an RGGB filter to the numbers of the sensor."""
+    raw = np.empty(rgb.shape[:2])
+    raw[0::2, 0::2] = rgb[0::2, 0::2, 0]
+    raw[0::2, 1::2] = rgb[0::2, 1::2, 1]
+    raw[1::2, 0::2] = rgb[1::2, 0::2, 1]
+    raw[1::2, 1::2] = rgb[1::2, 1::2, 2]
+    return np.rint(BLACK + raw * (WHITE - BLACK)).astype(np.uint16)
+
+
+def ramp(height: int = 64, width: int = 96) -> NDArray[np.float64]:
+    x = np.linspace(0.02, 0.5, width)[None, :, None]
+    y = np.linspace(1.0, 0.6, height)[:, None, None]
+    return np.asarray(x * y * np.array([0.55, 1.0, 0.8]))
+
+
+def test_values_are_shares_of_the_white_level(dng_file: Callable[..., bytes]) -> None:
+    truth = ramp()
+
+    frame = decode(dng_file(mosaic(truth)))
+
+    assert frame.encoding == "raw"
+    assert frame.pixels.dtype == np.float32
+    assert np.abs(frame.pixels - truth)[4:-4, 4:-4].max() < 0.002
+    assert not frame.saturated.any()
+
+
+def test_two_frames_of_different_brightness_keep_one_scale(dng_file: Callable[..., bytes]) -> None:
+    dark, bright = (decode(dng_file(mosaic(ramp() * share))) for share in (0.25, 1.0))
+
+    inner = (slice(4, -4), slice(4, -4))
+    ratio = bright.pixels[inner].sum((0, 1)) / dark.pixels[inner].sum((0, 1))
+
+    np.testing.assert_allclose(ratio, 4.0, rtol=0.002)
+
+
+def test_no_white_balance_is_applied(dng_file: Callable[..., bytes]) -> None:
+    neutral = (50728, "2I", 3, (1, 2, 1, 1, 1, 3))  # AsShotNeutral
+    grey = np.full((32, 32, 3), 0.3)
+
+    frame = decode(dng_file(mosaic(grey), more=(neutral,)))
+
+    np.testing.assert_allclose(frame.pixels[8:-8, 8:-8], 0.3, atol=0.0002)
+
+
+def test_black_is_0_and_clipped_values_are_marked(dng_file: Callable[..., bytes]) -> None:
+    scene = np.zeros((64, 64, 3))
+    scene[:, 40:] = 1.2
+
+    frame = decode(dng_file(np.minimum(mosaic(scene), WHITE)))
+
+    assert frame.pixels[:, :32].max() == 0
+    np.testing.assert_allclose(frame.pixels[8:-8, 48:-8], 1.0, atol=1e-4)
+    assert frame.saturated[:, 41:].all()
+    assert not frame.saturated[:, :32].any()
+
+
+@pytest.mark.parametrize(("orientation", "turns"), [(1, 0), (3, 2), (6, -1), (8, 1)])
+def test_orientation_is_applied(
+    dng_file: Callable[..., bytes], orientation: int, turns: int
+) -> None:
+    upright = decode(dng_file(mosaic(ramp()))).pixels
+    data = dng_file(mosaic(ramp()), more=((274, "H", 1, orientation),))
+
+    frame = decode(data)
+
+    np.testing.assert_allclose(frame.pixels, np.rot90(upright, turns), atol=0.01)
+    assert frame.size == check_header(data) == np.rot90(upright, turns).shape[1::-1]
+
+
+def test_the_matrix_of_the_camera_is_the_dngs(dng_file: Callable[..., bytes]) -> None:
+    matrix = np.array([[0.9, -0.3, -0.1], [-0.4, 1.2, 0.2], [-0.1, 0.2, 0.7]])
+    numbers = [part for value in matrix.ravel() for part in (round(value * 10_000), 10_000)]
+    tags = ((50721, "2i", 9, numbers), (50778, "H", 1, 21))  # ColorMatrix1, D65
+
+    frame = decode(dng_file(mosaic(ramp()), more=tags))
+
+    assert frame.xyz_to_camera is not None
+    np.testing.assert_allclose(frame.xyz_to_camera, matrix, atol=1e-4)
+    assert decode(dng_file(mosaic(ramp()))).xyz_to_camera is None
+
+
+def test_facts_come_from_the_raw_files_own_directories(dng_file: Callable[..., bytes]) -> None:
+    tags = (
+        (271, "s", 0, "ACME"),
+        (272, "s", 0, "ACME One"),
+        (33434, "2I", 1, (1, 60)),  # ExposureTime
+        (33437, "2I", 1, (4, 1)),  # FNumber
+        (34855, "H", 1, 200),  # ISOSpeedRatings
+    )
+
+    frame = decode(dng_file(mosaic(ramp()), more=tags))
+
+    assert (frame.make, frame.model) == ("ACME", "ACME One")
+    assert frame.exposure.time_s == pytest.approx(1 / 60)
+    assert (frame.exposure.f_number, frame.exposure.iso) == (4, 200)
+
+
+def test_linear_dngs_are_read(tiff_file: Callable[..., bytes]) -> None:
+    truth = ramp()
+    values = np.rint(truth * 65535).astype(np.uint16)
+    tags: list[tuple[Any, ...]] = [
+        (50706, "B", 4, (1, 4, 0, 0), True),
+        (50708, "s", 0, "Unheard Of One", True),
+        (50717, "H", 3, (65535, 65535, 65535), True),
+    ]
+
+    frame = decode(tiff_file(values, photometric="linear_raw", extratags=tags))
+
+    assert frame.encoding == "raw"
+    np.testing.assert_allclose(frame.pixels, truth, atol=2e-4)
+
+
+def test_the_preview_gives_the_facts_that_the_raw_file_lacks(
+    pillow_file: Callable[..., bytes], exif_of: Callable[..., PillowImage.Exif]
+) -> None:
+    """Canon CR3 and Fuji RAF keep EXIF where no TIFF reader looks."""
+    grey = np.full((64, 64, 3), 90, np.uint8)
+    jpeg = pillow_file(grey, "JPEG", exif=exif_of({271: "FUJI"}, {0x8827: 800}))
+    with_preview = SimpleNamespace(extract_thumb=lambda: SimpleNamespace(data=jpeg))
+    with_bitmap = SimpleNamespace(extract_thumb=lambda: SimpleNamespace(data=grey))
+
+    facts = preview_metadata(cast(rawpy.RawPy, with_preview))
+
+    assert (facts.make, facts.exposure.iso) == ("FUJI", 800)
+    assert preview_metadata(cast(rawpy.RawPy, with_bitmap)) == Metadata()
+
+
+def test_a_raw_file_without_preview_has_no_facts(dng_file: Callable[..., bytes]) -> None:
+    with rawpy.imread(io.BytesIO(dng_file(mosaic(ramp())))) as raw:
+        assert preview_metadata(raw) == Metadata()
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "expected"), [(17, 21, 2.0), (21, 17, 1.0), (17, 23, 2.0), (21, None, 1.0)]
+)
+def test_the_daylight_matrix_is_taken(
+    dng_file: Callable[..., bytes], first: int, second: int | None, expected: float
+) -> None:
+    def matrix(value: int) -> list[int]:
+        return [part for i in range(9) for part in (value * (i % 4 == 0), 1)]
+
+    tags = [(50721, "2i", 9, matrix(1)), (50778, "H", 1, first)]
+    if second is not None:
+        tags += [(50722, "2i", 9, matrix(2)), (50779, "H", 1, second)]
+
+    found = dng_matrix(dng_file(mosaic(ramp()), more=tuple(tags)))
+
+    np.testing.assert_array_equal(found, expected * np.eye(3))
+
+
+@pytest.mark.parametrize("data", [b"", b"text", b"II*\x00\x08\x00\x00\x00"])
+def test_other_bytes_have_no_matrix(data: bytes) -> None:
+    assert dng_matrix(data) is None

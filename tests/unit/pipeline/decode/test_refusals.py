@@ -1,0 +1,320 @@
+"""Files that cannot be used end in one sentence of the right kind, and in nothing else."""
+
+from __future__ import annotations
+
+import io
+import re
+import struct
+import subprocess
+import sys
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import imagecodecs
+import numpy as np
+import OpenEXR
+import pillow_heif
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.decode import check_header, decode
+from pipeline.errors import ImageTooLargeError, OptionError, UnreadableImageError
+
+Codes = NDArray[np.uint8]
+Write = Callable[..., bytes]
+
+
+def refusal(data: bytes, **options: Any) -> str:
+    """The sentence that a file is refused with."""
+    with pytest.raises(UnreadableImageError) as caught:
+        decode(data, name="flash photograph", **options)
+    sentence = str(caught.value)
+    assert re.fullmatch(r"The flash photograph [^\n]+: [^\n]+\.", sentence)
+    return sentence
+
+
+@pytest.fixture
+def exr_file(tmp_path: Path) -> Write:
+    def write(**channels: NDArray[Any]) -> bytes:
+        path = tmp_path / "picture.exr"
+        header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+        OpenEXR.File(header, channels).write(str(path))
+        return path.read_bytes()
+
+    return write
+
+
+@pytest.fixture
+def every_kind(
+    pillow_file: Write, tiff_file: Write, dng_file: Write, exr_file: Write
+) -> dict[str, bytes]:
+    rng = np.random.default_rng(1)
+    noise = rng.integers(0, 255, (64, 96, 3), dtype=np.uint8)
+    heif = io.BytesIO()
+    pillow_heif.from_bytes("RGB", (96, 64), noise.tobytes()).save(heif)
+    plane = (noise[..., 0] / 255).astype(np.float32)
+    return {
+        "JPEG": pillow_file(noise, "JPEG"),
+        "progressive JPEG": pillow_file(noise, "JPEG", progressive=True),
+        "PNG": pillow_file(noise, "PNG"),
+        "TIFF": tiff_file(noise),
+        "deflated TIFF": tiff_file(noise, compression="deflate"),
+        "tiled TIFF": tiff_file(noise, tile=(32, 32)),
+        "float TIFF": tiff_file((noise / 255).astype(np.float32)),
+        "EXR": exr_file(R=plane, G=plane, B=plane),
+        "HEIF": heif.getvalue(),
+        "DNG": dng_file(rng.integers(600, 15000, (64, 96), dtype=np.uint16)),
+    }
+
+
+KINDS = [
+    "JPEG",
+    "progressive JPEG",
+    "PNG",
+    "TIFF",
+    "deflated TIFF",
+    "tiled TIFF",
+    "float TIFF",
+    "EXR",
+    "HEIF",
+    "DNG",
+]
+
+
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.5, 0.9])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_file_cut_off_is_called_damaged(
+    every_kind: dict[str, bytes], kind: str, share: float, capfd: pytest.CaptureFixture[str]
+) -> None:
+    data = every_kind[kind]
+
+    sentence = refusal(data[: max(12, int(share * len(data)))])
+
+    assert "damaged" in sentence
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_whole_file_of_the_same_kind_is_read(every_kind: dict[str, bytes], kind: str) -> None:
+    assert decode(every_kind[kind]).size == (96, 64)
+
+
+@pytest.mark.parametrize("kind", ["PNG", "JPEG"])
+def test_a_file_with_a_damaged_middle_is_called_damaged(
+    every_kind: dict[str, bytes], kind: str
+) -> None:
+    data = every_kind[kind]
+    middle = len(data) // 2
+
+    assert "damaged" in refusal(data[:middle] + bytes(400) + data[middle + 400 :])
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"a",
+        b"hello, this is no photograph\n" * 50,
+        bytes(5000),
+        np.random.default_rng(3).bytes(50_000),
+        b"GIF89a" + bytes(300),
+        b"RIFF\x00\x10\x00\x00WEBPVP8 " + bytes(300),
+        b"BM" + bytes(300),
+        b"%PDF-1.7\n" + bytes(300),
+        b"PK\x03\x04" + bytes(300),
+        b"\x00\x00\x00\x20ftypavif" + bytes(300),
+    ],
+    ids=["a", "text", "zeros", "random", "gif", "webp", "bmp", "pdf", "zip", "avif"],
+)
+def test_what_is_no_photograph_is_said_to_be_of_no_known_kind(
+    data: bytes, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert "of a kind that is not read: send a JPEG" in refusal(data)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_an_empty_file_is_said_to_be_empty() -> None:
+    assert "is empty" in refusal(b"")
+    with pytest.raises(UnreadableImageError, match="is empty"):
+        check_header(b"")
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "PNG"])
+@pytest.mark.parametrize("mode", ["L", "LA", "1"])
+def test_grey_pictures_are_refused_with_the_reason(
+    codes: Codes, pillow_file: Write, kind: str, mode: str
+) -> None:
+    if kind == "JPEG" and mode == "LA":
+        mode = "L"
+    assert "is grey" in refusal(pillow_file(codes, kind, mode))
+
+
+def test_grey_tiff_and_exr_are_refused(codes: Codes, tiff_file: Write, exr_file: Write) -> None:
+    grey = tiff_file(codes[..., 0], photometric="minisblack")
+    assert "is grey" in refusal(grey)
+    assert "without channels R, G and B" in refusal(exr_file(Y=np.ones((8, 8), np.float32)))
+
+
+def test_cmyk_is_refused_with_the_reason(codes: Codes, pillow_file: Write) -> None:
+    assert "CMYK" in refusal(pillow_file(codes, "JPEG", "CMYK"))
+
+
+@pytest.mark.parametrize(
+    ("dtype", "planes", "options"),
+    [
+        (np.uint8, 4, {"photometric": "separated"}),
+        (np.uint8, 3, {"photometric": "cielab"}),
+        (np.uint8, 3, {"photometric": "ycbcr"}),
+        (np.uint8, 1, {"photometric": "miniswhite"}),
+        (np.uint32, 3, {}),
+        (np.int16, 3, {}),
+        (np.uint8, 5, {}),
+    ],
+    ids=["CMYK", "Lab", "YCbCr", "MinIsWhite", "32 bits", "signed", "five channels"],
+)
+def test_tiffs_of_other_kinds_are_refused(
+    tiff_file: Write, dtype: type[Any], planes: int, options: dict[str, Any]
+) -> None:
+    values = np.ones((16, 16, planes), dtype)
+    if planes == 1:
+        values = values[..., 0]
+    assert "a TIFF of a kind that is not read" in refusal(tiff_file(values, **options))
+
+
+def test_a_palette_tiff_is_refused(codes: Codes, pillow_file: Write) -> None:
+    assert "a TIFF of a kind that is not read" in refusal(pillow_file(codes, "TIFF", "P"))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e30, -1e30])
+def test_float_files_must_hold_light(tiff_file: Write, exr_file: Write, value: float) -> None:
+    picture = np.full((8, 8, 3), 0.5, np.float32)
+    picture[3, 4, 1] = value
+    planes = {name: picture[..., i].copy() for i, name in enumerate("RGB")}
+
+    for data in (tiff_file(picture), exr_file(**planes)):
+        assert "values that are no light" in refusal(data)
+        assert "values that are no light" in refusal(data, encoding="srgb")
+
+
+def test_doubles_beyond_floats_are_refused(tiff_file: Write) -> None:
+    assert "values that are no light" in refusal(tiff_file(np.full((8, 8, 3), 1e300)))
+
+
+def test_an_exr_of_integers_is_refused(exr_file: Write) -> None:
+    plane = np.ones((8, 8), np.uint32)
+    assert "integers" in refusal(exr_file(R=plane, G=plane, B=plane))
+
+
+@pytest.mark.parametrize("transfer", [16, 18])
+def test_hdr_heif_is_refused_with_the_reason(transfer: int) -> None:
+    file = io.BytesIO()
+    image = pillow_heif.from_bytes("RGB", (64, 64), bytes(64 * 64 * 3))
+    image.save(file, color_primaries=9, transfer_characteristics=transfer)
+
+    assert "HDR" in refusal(file.getvalue())
+
+
+def test_a_raw_file_cannot_be_srgb(dng_file: Write) -> None:
+    data = dng_file(np.full((32, 32), 3000, np.uint16))
+    with pytest.raises(OptionError, match="RAW file, which holds linear values"):
+        decode(data, "srgb")
+
+
+def png_header(width: int, height: int, body: bytes = b"") -> bytes:
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return (
+            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        )
+
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
+        + chunk(b"IDAT", body)
+        + chunk(b"IEND", b"")
+    )
+
+
+BOMB = """
+import resource, sys
+from pipeline.decode import check_header, decode
+from pipeline.errors import ImageTooLargeError
+data = sys.stdin.buffer.read()
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+for read in (check_header, decode):
+    try:
+        read(data)
+    except ImageTooLargeError as error:
+        print(error)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+"""
+
+
+def zeros_deflated(count: int) -> bytes:
+    """A zlib stream of so many zeros, put together from one block repeated."""
+    packer = zlib.compressobj(9, wbits=-15)
+    rows, block = 100, 30_000 * 3 + 1
+    packed = packer.compress(bytes(rows * block)) + packer.flush(zlib.Z_FULL_FLUSH)
+    assert count % (rows * block) == 0
+    checksum = struct.pack(">HH", count % 65521, 1)  # Adler-32 of zeros
+    return b"\x78\xda" + packed * (count // (rows * block)) + b"\x03\x00" + checksum
+
+
+def test_a_bomb_is_refused_before_it_takes_memory() -> None:
+    body = zeros_deflated(30_000 * (3 * 30_000 + 1))
+    bomb = png_header(30_000, 30_000, body)
+
+    run = subprocess.run([sys.executable, "-c", BOMB], input=bomb, capture_output=True, check=True)
+
+    first, second, grown_kb = run.stdout.decode().splitlines()
+    assert len(bomb) > 2_000_000
+    assert first == second
+    assert first.startswith("The no-flash photograph has 30000 × 30000 pixels, more than the limit")
+    assert int(grown_kb) < 50_000
+    assert run.stderr == b""
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "TIFF", "EXR", "HEIF", "DNG", "PNG"])
+def test_the_limit_holds_for_every_kind(
+    every_kind: dict[str, bytes], kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LIGHTLAYERS_MAX_PIXELS", str(96 * 64 - 1))
+    with pytest.raises(ImageTooLargeError, match="96 × 64 pixels"):
+        decode(every_kind[kind])
+    with pytest.raises(ImageTooLargeError, match="96 × 64 pixels"):
+        check_header(every_kind[kind])
+
+    monkeypatch.setenv("LIGHTLAYERS_MAX_PIXELS", str(96 * 64))
+    assert check_header(every_kind[kind]) == (96, 64)
+
+
+@pytest.mark.parametrize("value", ["many", "-5", "0", "nan"])
+def test_a_limit_that_is_no_number_is_an_option_error(
+    codes: Codes, pillow_file: Write, value: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LIGHTLAYERS_MAX_PIXELS", value)
+    with pytest.raises(OptionError, match="LIGHTLAYERS_MAX_PIXELS"):
+        check_header(pillow_file(codes, "PNG"))
+
+
+@pytest.mark.parametrize(("width", "height"), [(0, 10), (10, 0)])
+def test_a_picture_without_pixels_is_damaged(width: int, height: int) -> None:
+    assert "damaged" in refusal(png_header(width, height))
+
+
+def test_a_tiff_of_thousands_of_directories_is_not_walked(tiff_file: Write) -> None:
+    """Each directory names the next: 20,000 of them after the picture change nothing."""
+    data = bytearray(tiff_file(np.full((8, 8, 3), 0.5, np.float32)))
+    (first,) = struct.unpack_from("<I", data, 4)
+    (count,) = struct.unpack_from("<H", data, first)
+    link = first + 2 + 12 * count
+    for _ in range(20_000):
+        struct.pack_into("<I", data, link, len(data))
+        link = len(data) + 2 + 12
+        data += struct.pack("<HHHIHHI", 1, 256, 3, 1, 8, 0, 0)
+
+    assert decode(bytes(data)).size == (8, 8)
+
+
+def test_16_bit_png_of_one_colour_channel_is_grey(codes: Codes) -> None:
+    assert "is grey" in refusal(bytes(imagecodecs.png_encode(codes[..., 0].astype(np.uint16))))
