@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any, Self
 
 import httpx
 
+from pipeline.errors import OptionError
 from pipeline.options import Options
 
 _POLL_SECONDS = 0.3
@@ -31,7 +33,11 @@ class Client:
     """A running service. Every method raises ServiceAwayError or RefusedError."""
 
     def __init__(self, url: str) -> None:
-        """Talk to the service at a URL, like http://127.0.0.1:8000."""
+        """Talk to the service at a URL, like http://127.0.0.1:8000. Raises OptionError."""
+        if not re.fullmatch(r"https?://[^\s/]+\S*", url):
+            raise OptionError(
+                f"{url!r} is no address of a service: write one like http://127.0.0.1:8000."
+            )
         self._url = url
         self._http = httpx.Client(base_url=url, timeout=_TIMEOUT_SECONDS)
 
@@ -103,7 +109,7 @@ class Client:
                 yield response
         except httpx.HTTPError as error:
             raise ServiceAwayError(
-                f"The service at {self._url} does not answer; is it running there?"
+                f"The service at {self._url} does not answer: start it, or give another --url."
             ) from error
 
 

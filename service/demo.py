@@ -54,7 +54,7 @@ def main() -> int:
         return 1
     except KeyboardInterrupt:
         return 130
-    if mean < LEAST_SNR_DB:
+    if not mean >= LEAST_SNR_DB:
         print(  # noqa: T201
             f"The layers reach {mean:.1f} dB, less than the {LEAST_SNR_DB:g} dB they should.",
             file=sys.stderr,

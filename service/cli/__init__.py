@@ -29,7 +29,7 @@ def run(arguments: Sequence[str]) -> int:
     try:
         code = app(list(arguments), prog_name="lightlayers", standalone_mode=False)
     except typer.TyperException as error:
-        print(" ".join(error.format_message().split()), file=sys.stderr)
+        print(" ".join(error.format_message().split()).rstrip(".") + ".", file=sys.stderr)
         return error.exit_code
     except typer.Abort:
         return 130

@@ -118,12 +118,11 @@ def capture(
     import drivers
     from service.cli.folder import new_results
 
-    with drivers.open_camera(address) as camera:
-        pair = drivers.capture_pair(camera)
-    shots = {"no_flash": pair.no_flash, "flash": pair.flash}
     names = []
     with new_results(output) as folder:
-        for frame, shot in shots.items():
+        with drivers.open_camera(address) as camera:
+            pair = drivers.capture_pair(camera)
+        for frame, shot in {"no_flash": pair.no_flash, "flash": pair.flash}.items():
             for kind, data in shot.files.items():
                 names.append(f"{frame}.{'jpg' if kind == 'jpeg' else kind}")
                 (folder / names[-1]).write_bytes(data)

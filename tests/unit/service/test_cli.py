@@ -1,0 +1,264 @@
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import drivers
+import pipeline
+from pipeline.errors import UnusablePairError
+from service.cli import run
+
+Png = Callable[[int, int], bytes]
+
+
+@pytest.fixture
+def pair(tmp_path: Path, png: Png) -> list[str]:
+    """Paths of two frames of 64 × 48 pixels."""
+    paths = [tmp_path / "a.png", tmp_path / "b.png"]
+    for path in paths:
+        path.write_bytes(png(64, 48))
+    return [str(path) for path in paths]
+
+
+def _refused(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 2) -> str:
+    """Run what must fail; the sentence on stderr."""
+    assert run(arguments) == code
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert len(said.err.splitlines()) == 1
+    assert "Traceback" not in said.err and said.err.endswith(".\n")
+    return said.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--lights", "4"], "more than three lamps"),
+        (["--lights", "many"], "lights"),
+        (["--basis", "svd"], "basis"),
+        (["--focal-px", "wide"], "'--focal-px': Input should be a valid number"),
+        (["--exposure-ratio", "-2"], "exposure_ratio"),
+        (["--outputs", "lamp9.gif"], "lamp9.gif"),
+        (["--light-directions", "nothing.json"], "nothing.json cannot be read"),
+        (["--camera", "nothing.csv"], "nothing.csv cannot be read"),
+        (["--fast"], "No such option: --fast"),
+    ],
+)
+def test_options_that_cannot_be_used_are_one_sentence(
+    arguments: list[str],
+    words: str,
+    pair: list[str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    said = _refused(capsys, "separate", *pair, "-o", str(tmp_path / "out"), *arguments)
+    assert words in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_photographs_that_cannot_be_opened_are_told(
+    pair: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = ["-o", str(tmp_path / "out")]
+    for command in ("separate", "submit"):
+        said = _refused(capsys, command, str(tmp_path / "nothing.jpg"), pair[1], *out)
+        assert "nothing.jpg cannot be read: no such file or directory." in said
+        said = _refused(capsys, command, pair[0], str(tmp_path), *out)
+        assert "cannot be read: is a directory." in said
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [(b"", "empty"), (b"dear diary", "no-flash photograph"), (b"\xff\xd8\xff\xe0", "damaged")],
+)
+def test_photographs_that_cannot_be_read_are_told(
+    data: bytes,
+    words: str,
+    pair: list[str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    Path(pair[0]).write_bytes(data)
+    assert words in _refused(capsys, "separate", *pair, "-o", str(tmp_path / "out"))
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_that_cannot_be_written_is_told(
+    pair: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = _refused(capsys, "separate", *pair, "-o", pair[0])
+    assert "cannot be written: file exists." in said
+    said = _refused(capsys, "capture", "sim://studio?width=64&height=64", "-o", pair[0])
+    assert "cannot be written: file exists." in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["separate"], "Missing argument"),
+        (["separate", "a.jpg", "b.jpg"], "Missing option"),
+        (["separate", "a.jpg", "b.jpg", "c.jpg", "-o", "out"], "unexpected extra argument"),
+        (["separat"], "No such command"),
+        (["serve", "--port", "99999"], "port"),
+        (["serve", "--port", "http"], "'--port': Input should be a valid integer"),
+        (["capture", "nowhere://x", "-o", "out"], "sim://"),
+        (["capture", "sim://garden", "-o", "out"], "sim://studio"),
+        (["capture", "sim://studio?lights=9", "-o", "out"], "lights"),
+    ],
+)
+def test_commands_that_cannot_be_understood_are_one_sentence(
+    arguments: list[str],
+    words: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert words in _refused(capsys, *arguments)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_setting_that_cannot_be_used_is_told(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("LIGHTLAYERS_JOB_SECONDS", "soon")
+    assert "job_seconds" in _refused(capsys, "worker")
+
+
+def test_a_camera_that_fails_is_no_bad_input(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    address = "sim://studio?width=64&height=64&fault=store_full"
+    said = _refused(capsys, "capture", address, "-o", str(tmp_path / "out"), code=1)
+    assert "memory card is full" in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_service_that_is_not_there_is_told(
+    pair: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    url = ["--url", "http://127.0.0.1:9"]
+    said = _refused(capsys, "submit", *pair, "-o", str(tmp_path / "out"), *url, code=1)
+    assert "http://127.0.0.1:9 does not answer" in said
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("url", ["photos", "ftp://localhost", "http://", "http://a b/"])
+def test_an_address_that_is_no_services_is_told(
+    url: str, pair: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = _refused(capsys, "submit", *pair, "-o", str(tmp_path / "out"), "--url", url)
+    assert "http://" in said
+
+
+def test_a_fault_of_the_program_is_named_without_a_trace(
+    pair: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def broken(*_arguments: object) -> None:
+        raise ZeroDivisionError("Light.")
+
+    monkeypatch.setattr(pipeline, "separate_files", broken)
+    said = _refused(capsys, "separate", *pair, "-o", str(tmp_path / "out"), code=1)
+    assert "please report it: ZeroDivisionError in test_cli.py" in said
+
+
+def test_a_pair_without_light_is_bad_input(
+    pair: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def dark(*_arguments: object) -> None:
+        raise UnusablePairError("The pair is black.")
+
+    monkeypatch.setattr(pipeline, "separate_files", dark)
+    said = _refused(capsys, "separate", *pair, "-o", str(tmp_path / "out"))
+    assert said == "The pair is black.\n"
+
+
+def test_a_capture_saves_both_photographs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    address = "sim://studio?width=64&height=64&format=both"
+    assert run(["capture", address, "-o", str(out)]) == 0
+    names = ["flash.dng", "flash.jpg", "no_flash.dng", "no_flash.jpg"]
+    assert sorted(path.name for path in out.iterdir()) == names
+    assert sorted(capsys.readouterr().out.split()) == [str(out / name) for name in names]
+    assert (out / "flash.jpg").read_bytes()[:3] == b"\xff\xd8\xff"
+    assert (out / "flash.dng").read_bytes() != (out / "no_flash.dng").read_bytes()
+
+
+def test_cameras_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["cameras"]) == 0
+    (camera,) = drivers.list_cameras()
+    line = capsys.readouterr().out
+    assert line.startswith(f"sim://studio  {camera.make} {camera.model}")
+
+
+MANIFEST = {
+    "lamps": [{"name": "lamp1", "rgb": [0.25, 0.5, 1], "cct_k": 2856.4, "confidence": 0.9}],
+    "files": [{"name": "lamp1.jpg"}],
+    "warnings": ["The lamps are alike."],
+}
+
+
+@pytest.fixture
+def separated(monkeypatch: pytest.MonkeyPatch) -> None:
+    def separate(
+        _no_flash: bytes, _flash: bytes, _options: object, folder: Path, _progress: object
+    ) -> dict[str, object]:
+        for name in ("lamp1.jpg", "manifest.json"):
+            (folder / name).write_text(name)
+        return MANIFEST
+
+    monkeypatch.setattr(pipeline, "separate_files", separate)
+
+
+@pytest.mark.usefixtures("separated")
+def test_a_summary_is_printed(
+    pair: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert run(["separate", *pair, "-o", str(out)]) == 0
+    said = capsys.readouterr()
+    assert "0.250 0.500 1.000" in said.out
+    assert "2856 K" in said.out
+    assert str(out / "lamp1.jpg") in said.out
+    assert "Warning: The lamps are alike." in said.out
+    assert said.err == ""
+    assert (out / "manifest.json").read_text() == "manifest.json"
+
+
+@pytest.mark.usefixtures("separated")
+def test_json_is_the_manifest_and_nothing_else(
+    pair: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["separate", *pair, "-o", str(tmp_path / "out"), "--json"]) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out) == MANIFEST
+    assert said.err == ""
+
+
+def test_help_names_every_flag(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["separate", "--help"]) == 0
+    said = capsys.readouterr().out
+    for flag in (
+        "--lights", "--method", "--basis", "--camera", "--flash-spectrum", "--encoding",
+        "--flash-only", "--exposure-ratio", "--no-align", "--neutral", "--light-directions",
+        "--response", "--focal-px", "--outputs", "--json", "-o",
+    ):  # fmt: skip
+        assert flag in said
+
+
+def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["--help"]) == 0
+    said = capsys.readouterr().out
+    for command in ("separate", "serve", "worker", "submit", "cameras", "capture"):
+        assert f"\n  {command} " in said

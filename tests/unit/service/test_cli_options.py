@@ -1,0 +1,150 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pipeline.errors import InputError, OptionError
+from pipeline.options import Options, Sensitivities, Spectrum
+from service.cli.options import Flags
+
+CAMERA = "wavelength_nm,R,G,B\n400,0.1,0.2,0.3\n550,0.2,0.9,0.1\n700,0.5,0.1,0\n"
+LIGHT = "wavelength_nm,power\n400,0.5\n700,1\n"
+
+
+def test_no_flags_are_the_defaults() -> None:
+    assert Flags().options() == Options()
+
+
+def test_every_flag_reaches_its_option() -> None:
+    flags = Flags(
+        lights="3",
+        method="paper",
+        basis="joint",
+        camera="Canon EOS 5D",
+        flash_spectrum="D55",
+        encoding="linear",
+        flash_only=True,
+        exposure_ratio=2.5,
+        no_align=True,
+        neutral="A",
+        response="Nikon D5100",
+        focal_px=1200.0,
+        outputs="layers.exr, gamma.png",
+    )
+    assert flags.options() == Options(
+        lights=3,
+        method="paper",
+        basis="joint",
+        camera="Canon EOS 5D",
+        flash_spectrum="D55",
+        encoding="linear",
+        flash_only=True,
+        exposure_ratio=2.5,
+        align=False,
+        neutral="A",
+        response="Nikon D5100",
+        focal_px=1200.0,
+        outputs=["layers.exr", "gamma.png"],
+    )
+
+
+def test_outputs_can_be_all() -> None:
+    assert Flags(outputs="all").options().outputs == "all"
+
+
+def test_files_become_tables(tmp_path: Path) -> None:
+    camera, light = tmp_path / "camera.csv", tmp_path / "light"
+    camera.write_text(CAMERA)
+    light.write_text(LIGHT)
+    flags = Flags(
+        camera=str(camera), response=str(camera), flash_spectrum=str(light), neutral=str(light)
+    )
+    options = flags.options()
+    assert isinstance(options.camera, Sensitivities)
+    assert options.camera == options.response
+    assert options.camera.g == [0.2, 0.9, 0.1]
+    assert isinstance(options.flash_spectrum, Spectrum)
+    assert options.flash_spectrum == options.neutral
+    assert options.neutral.power == [0.5, 1.0]
+
+
+def _directions(tmp_path: Path, content: Any) -> Options:
+    path = tmp_path / "lights.json"
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    return Flags(light_directions=path).options()
+
+
+def test_directions_come_from_a_file(tmp_path: Path) -> None:
+    lights = [
+        {"direction": [0, 0, 1]},
+        {"direction": [1, 0, 1], "strength": 2.0},
+        {"direction": [0, 1, 1], "strength": 1.0, "rgb": [1, 0.5, 0.25]},
+    ]
+    found = _directions(tmp_path, {"lights": lights}).light_directions
+    assert found is not None
+    assert [light.direction for light in found] == [(0, 0, 1), (1, 0, 1), (0, 1, 1)]
+    assert [light.strength for light in found] == [None, 2.0, 1.0]
+    assert [light.rgb for light in found] == [None, None, (1, 0.5, 0.25)]
+
+
+ONE = {"direction": [0, 0, 1]}
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("not JSON", "is not JSON of the form"),
+        ("", "is not JSON of the form"),
+        ([ONE] * 3, "is not JSON of the form"),
+        ({"lamps": []}, "is not JSON of the form"),
+        ({"lights": {"direction": [0, 0, 1]}}, "must be a list"),
+        ({"lights": [ONE] * 2}, "light_directions"),
+        ({"lights": [ONE] * 4}, "light_directions"),
+        ({"lights": [ONE, ONE, {"direction": [0, 1]}]}, "light_directions.2.direction"),
+        ({"lights": [ONE, ONE, {"direction": [0, 0, 1], "strength": 0}]}, "2.strength"),
+        ({"lights": [ONE, ONE, {"direction": [0, 0, 1], "colour": 0}]}, "2.colour"),
+        ({"lights": [ONE, ONE, "left"]}, "light_directions.2"),
+    ],
+)
+def test_directions_that_cannot_be_used_are_told(content: Any, words: str, tmp_path: Path) -> None:
+    with pytest.raises(OptionError) as caught:
+        _directions(tmp_path, content)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (Flags(lights="4"), "more than three lamps"),
+        (Flags(lights="0"), "lights"),
+        (Flags(lights="-1"), "lights"),
+        (Flags(lights="two"), "lights"),
+        (Flags(lights="²"), "lights"),
+        (Flags(method="good"), "method"),
+        (Flags(basis="svd"), "basis"),
+        (Flags(encoding="gamma"), "encoding"),
+        (Flags(exposure_ratio=0.0), "exposure_ratio"),
+        (Flags(exposure_ratio=float("nan")), "exposure_ratio"),
+        (Flags(focal_px=-5.0), "focal_px"),
+        (Flags(outputs="layers.exr,lamp9.gif"), "lamp9.gif"),
+        (Flags(outputs=""), "Unknown output"),
+        (Flags(camera="nothing.csv"), "nothing.csv cannot be read: no such file"),
+        (Flags(light_directions=Path("nothing.json")), "nothing.json cannot be read"),
+        (Flags(light_directions=Path()), "is a directory"),
+    ],
+)
+def test_a_flag_that_cannot_be_used_is_told(flags: Flags, words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        flags.options()
+    assert words in str(caught.value)
+
+
+def test_a_table_that_cannot_be_read_is_told(tmp_path: Path) -> None:
+    table = tmp_path / "camera.csv"
+    table.write_text("wavelength_nm,power\n400,1\n")
+    with pytest.raises(OptionError, match="camera table"):
+        Flags(camera=str(table)).options()

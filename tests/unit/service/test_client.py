@@ -1,0 +1,134 @@
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
+
+import httpx
+import pytest
+
+from pipeline.errors import OptionError
+from pipeline.options import Options
+from service import jobs
+from service.api.context import Context
+from service.client import Client, RefusedError, ServiceAwayError
+
+Png = Callable[[int, int], bytes]
+Finish = Callable[[str, dict[str, bytes]], None]
+
+
+@pytest.fixture
+def client(http: httpx.Client) -> Iterator[Client]:
+    with Client(str(http.base_url)) as client:
+        yield client
+
+
+def _ignore(_stage: str, _fraction: float) -> None:
+    return
+
+
+def test_a_pair_is_sent_with_its_options(client: Client, png: Png, context: Context) -> None:
+    job = client.submit_pair(png(64, 48), png(64, 48), Options(lights=2))
+    assert (job["state"], job["options"]) == ("queued", {"lights": 2})
+    assert context.storage.get(f"jobs/{job['id']}/inputs/no_flash") == png(64, 48)
+
+
+def test_results_are_fetched_when_the_job_is_done(
+    client: Client, finish: Finish, tmp_path: Path
+) -> None:
+    job = client.submit_capture("sim://studio", Options())
+    finish(job["id"], {"lamp1.jpg": b"light", "manifest.json": b"{}"})
+    folder = tmp_path / "out"
+    folder.mkdir()
+    client.download(client.wait(job, _ignore), folder)
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == {
+        "lamp1.jpg": b"light",
+        "manifest.json": b"{}",
+    }
+
+
+def test_progress_is_told(
+    client: Client, context: Context, finish: Finish, http: httpx.Client
+) -> None:
+    job = client.submit_capture("sim://studio", Options())
+    with context.engine.begin() as connection:
+        held = jobs.claim(connection, job["id"], "a worker")
+        assert held is not None
+        jobs.report(connection, held, "layers", 0.5)
+    told: list[tuple[str, float]] = []
+
+    def report(stage: str, fraction: float) -> None:
+        told.append((stage, fraction))
+        with context.engine.begin() as connection:
+            jobs.release(connection, held)
+        finish(job["id"], {})
+
+    client.wait(http.get(job["links"]["self"]).json(), report)
+    assert told == [("layers", 0.5)]
+
+
+def test_a_refusal_is_told_in_the_services_words(client: Client, png: Png) -> None:
+    with pytest.raises(RefusedError, match="no-flash photograph"):
+        client.submit_pair(b"no picture", png(64, 48), Options())
+
+
+@pytest.mark.parametrize(("status", "kind"), [(422, RefusedError), (500, ServiceAwayError)])
+def test_a_failed_job_is_told_by_its_reason(
+    status: int, kind: type[Exception], client: Client, context: Context
+) -> None:
+    job = client.submit_capture("sim://studio", Options())
+    problem = {
+        "type": "urn:lightlayers:problem:x",
+        "title": "X",
+        "status": status,
+        "detail": "The pair is black.",
+        "retryable": False,
+        "trace_id": "0",
+    }
+    with context.engine.begin() as connection:
+        held = jobs.claim(connection, job["id"], "a worker")
+        assert held is not None
+        jobs.fail(connection, held, problem)
+    with pytest.raises(kind, match=r"^The pair is black\.$"):
+        client.wait(job, _ignore)
+
+
+def test_a_canceled_job_is_told(client: Client, http: httpx.Client) -> None:
+    job = client.submit_capture("sim://studio", Options())
+    http.post(job["links"]["cancel"])
+    with pytest.raises(RefusedError, match="canceled"):
+        client.wait(job, _ignore)
+
+
+@pytest.mark.parametrize("body", [b"<html>", b"[]", b'{"detail": "no status"}'])
+def test_another_server_is_recognised(body: bytes) -> None:
+    refused = pytest.raises(ServiceAwayError, match=r"no lightlayers service \(status 502\)")
+    with _server(502, body) as url, Client(url) as client, refused:
+        client.check_ready()
+
+
+@contextmanager
+def _server(status: int, body: bytes) -> Iterator[str]:
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(status)
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, format: str, *arguments: object) -> None:
+            """Stay quiet."""
+
+    with HTTPServer(("127.0.0.1", 0), Handler) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_port}"
+        server.shutdown()
+        thread.join()
+
+
+@pytest.mark.parametrize("url", ["", "localhost:8000", "file:///etc", "http://", "http:///jobs"])
+def test_only_addresses_of_services_are_taken(url: str) -> None:
+    with pytest.raises(OptionError, match="no address of a service"):
+        Client(url)
