@@ -133,7 +133,6 @@ class Renderer:
             nearest[rays[closer]] = t[closer]
             which[rays[closer]] = shape.index
 
-        points = self.eye.position + directions * nearest[:, None]
         material = np.full(len(directions), -1, np.int8)
         normals = np.full(directions.shape, np.nan)
         shading = np.zeros((len(directions), len(self.to_lamps) + 1))
@@ -142,7 +141,8 @@ class Renderer:
             own = np.flatnonzero(which == shape.index)
             if not len(own):
                 continue
-            n, p = shape.normals(points[own]), points[own]
+            p = self.eye.position + directions[own] * nearest[own, None]
+            n = shape.normals(p)
             normals[own] = n
             names = self._materials[shape.index]
             material[own] = names[shape.cells(p) % len(names)]

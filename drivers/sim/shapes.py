@@ -112,12 +112,14 @@ def build(shapes: tuple[Shape, ...]) -> list[Solid | Sweep]:
 
 
 def _quadratic(o: Array, d: Array, axes: tuple[int, ...]) -> tuple[Array, Array]:
-    """Entry and exit of the unit ball of the given axes; NaN where it is missed."""
+    """Entry and exit of the unit ball of the given axes; NaN or infinite where it is missed."""
     a = sum(d[..., axis] * d[..., axis] for axis in axes)
     b = sum(o[..., axis] * d[..., axis] for axis in axes)
     c = sum(o[..., axis] * o[..., axis] for axis in axes) - 1
     root = np.sqrt(b * b - a * c)
-    return (-b - root) / a, (-b + root) / a
+    along = a == 0  # the ray runs along the other axis: inside for ever, or never
+    inside = np.where(c < 0, np.inf, -np.inf)
+    return np.where(along, -inside, (-b - root) / a), np.where(along, inside, (-b + root) / a)
 
 
 def _slab(o: Array, d: Array, axis: int) -> tuple[Array, Array]:

@@ -1,0 +1,313 @@
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import pytest
+from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
+
+from drivers.camera import (
+    Camera,
+    CameraInfo,
+    CameraObject,
+    Event,
+    EventKind,
+    Setting,
+    SettingName,
+    SettingValue,
+)
+from drivers.capture import CAPTURE_STAGES, LARGEST_BYTES, capture_pair
+from drivers.clock import Clock
+from drivers.errors import (
+    CaptureError,
+    PairVerificationError,
+    SettingError,
+    TransferError,
+)
+
+
+def photograph(flash: int, iso: int = 100, f_number: int = 8) -> bytes:
+    exif = Image.Exif()
+    exif.get_ifd(0x8769).update(
+        {0x829A: IFDRational(1, 50), 0x829D: IFDRational(f_number), 0x8827: iso, 0x9209: flash}
+    )
+    file = io.BytesIO()
+    Image.new("RGB", (8, 8)).save(file, "JPEG", exif=exif)
+    return file.getvalue()
+
+
+NO_FLASH, FLASH = photograph(0x10), photograph(0x09)
+MANUAL: dict[SettingName, SettingValue] = {
+    SettingName.SHUTTER_S: 0.02,
+    SettingName.ISO: 100,
+    SettingName.FLASH: "fill",
+    SettingName.WHITE_BALANCE: "daylight",
+    SettingName.PROGRAM: "manual",
+    SettingName.FOCUS: "manual",
+    SettingName.DRIVE: "single",
+}
+
+
+@dataclass
+class FakeCamera(Camera):
+    """A camera of plain tables. Each release adds its entry of shots, {kind: bytes}."""
+
+    shots: list[dict[str, bytes]] = field(
+        default_factory=lambda: [{"jpeg": NO_FLASH}, {"jpeg": FLASH}]
+    )
+    table: dict[SettingName, Setting] = field(
+        default_factory=lambda: {
+            name: Setting(name, value, (), writable=True) for name, value in MANUAL.items()
+        }
+    )
+    written: list[tuple[str, SettingValue]] = field(default_factory=list)
+    waiting: list[Event] = field(default_factory=list)
+    card: dict[int, tuple[str, bytes]] = field(default_factory=lambda: {1: ("folder", b"")})
+    sizes: dict[int, int] = field(default_factory=dict)
+    failures: int = 0  # transfers that break off after their first byte
+    stalls: int = 0  # transfers that break off before it
+
+    @property
+    def address(self) -> str:
+        return "fake://"
+
+    def info(self) -> CameraInfo:
+        return CameraInfo("fake://", "Make", "Model", "1", None)
+
+    def settings(self) -> list[Setting]:
+        return list(self.table.values())
+
+    def read(self, name: SettingName) -> Setting:
+        return self.table[name]
+
+    def write(self, name: SettingName, value: SettingValue) -> Setting:
+        if not self.table[name].writable:
+            raise SettingError(f"{name} is locked")
+        self.written.append((name, value))
+        self.table[name] = replace(self.table[name], value=value)
+        return self.table[name]
+
+    def objects(self) -> set[int]:
+        return set(self.card)
+
+    def describe(self, handle: int) -> CameraObject:
+        kind, data = self.card[handle]
+        return CameraObject(handle, kind, self.sizes.get(handle, len(data)), f"{handle}")
+
+    def trigger(self) -> None:
+        for kind, data in self.shots.pop(0).items():
+            handle = max(self.card) + 1
+            self.card[handle] = (kind, data)
+        self.waiting.append(Event(EventKind.CAPTURE_COMPLETE))
+
+    def events(self, timeout_s: float) -> list[Event]:
+        assert timeout_s >= 0
+        told, self.waiting = self.waiting, []
+        return told
+
+    def download(self, handle: int, offset: int = 0) -> Iterator[bytes]:
+        if self.stalls:
+            self.stalls -= 1
+            raise TransferError("stalled")
+        data = self.card[handle][1]
+        for at in range(offset, len(data), 100):
+            if self.failures and at > offset:
+                self.failures -= 1
+                raise TransferError("broke off")
+            yield data[at : at + 100]
+
+    def close(self) -> None:
+        self.waiting = []
+
+    def set(self, name: SettingName, value: SettingValue, *choices: SettingValue) -> None:
+        self.table[name] = Setting(name, value, choices, writable=True)
+
+
+def test_a_pair_is_taken_in_order_and_reported(clock: Clock) -> None:
+    camera, told = FakeCamera(), list[tuple[str, float]]()
+    pair = capture_pair(camera, lambda stage, fraction: told.append((stage, fraction)), clock)
+    assert (pair.no_flash.best, pair.flash.best) == (NO_FLASH, FLASH)
+    assert (pair.no_flash.exposure.flash_fired, pair.flash.exposure.flash_fired) == (False, True)
+    assert [value for name, value in camera.written if name == SettingName.FLASH] == ["off", "fill"]
+    stages = [stage for stage, _ in told]
+    assert tuple(dict.fromkeys(stages)) == CAPTURE_STAGES
+    assert stages == sorted(stages, key=CAPTURE_STAGES.index)
+    for stage in CAPTURE_STAGES:
+        fractions = [fraction for name, fraction in told if name == stage]
+        assert (fractions[0], fractions[-1]) == (0.0, 1.0)
+        assert fractions == sorted(fractions)
+
+
+def test_automatic_settings_are_fixed_first(clock: Clock) -> None:
+    camera = FakeCamera()
+    camera.set(SettingName.PROGRAM, "auto")
+    camera.set(SettingName.FOCUS, "auto")
+    camera.set(SettingName.DRIVE, "burst")
+    camera.set(SettingName.ISO, "auto", "auto", 400, 200)
+    camera.set(SettingName.WHITE_BALANCE, "auto")
+    capture_pair(camera, clock=clock)
+    assert {name: setting.value for name, setting in camera.table.items()} == {
+        **MANUAL,
+        SettingName.ISO: 200,
+    }
+
+
+def test_chosen_settings_are_kept(clock: Clock) -> None:
+    camera = FakeCamera(shots=[{"jpeg": photograph(0, 800)}, {"jpeg": photograph(1, 800)}])
+    camera.set(SettingName.ISO, 800)
+    camera.set(SettingName.WHITE_BALANCE, "tungsten")
+    assert capture_pair(camera, clock=clock).flash.exposure.iso == 800
+    assert camera.table[SettingName.WHITE_BALANCE].value == "tungsten"
+
+
+def test_a_dial_that_stands_right_need_not_be_writable(clock: Clock) -> None:
+    camera = FakeCamera()
+    dial = Setting(SettingName.PROGRAM, "manual", (), writable=False)
+    camera.table[SettingName.PROGRAM] = dial
+    assert capture_pair(camera, clock=clock).flash.best == FLASH
+
+
+def test_a_dial_that_stands_wrong_is_an_error(clock: Clock) -> None:
+    camera = FakeCamera()
+    camera.table[SettingName.PROGRAM] = Setting(SettingName.PROGRAM, "auto", (), writable=False)
+    with pytest.raises(SettingError, match="program is locked"):
+        capture_pair(camera, clock=clock)
+    assert len(camera.shots) == 2  # nothing was taken
+
+
+def test_an_iso_that_cannot_be_fixed_is_an_error(clock: Clock) -> None:
+    camera = FakeCamera()
+    camera.set(SettingName.ISO, "auto", "auto")
+    with pytest.raises(SettingError, match="set a fixed ISO"):
+        capture_pair(camera, clock=clock)
+
+
+@pytest.mark.parametrize(
+    ("choices", "mode"), [(("off", "fill"), "fill"), (("auto", "external"), "external")]
+)
+def test_the_flash_is_put_to_a_mode_that_fires(
+    clock: Clock, choices: tuple[str, ...], mode: str
+) -> None:
+    camera = FakeCamera()
+    camera.set(SettingName.FLASH, "auto", *choices)
+    capture_pair(camera, clock=clock)
+    assert camera.table[SettingName.FLASH].value == mode
+
+
+def test_a_flash_without_a_mode_that_fires_is_an_error(clock: Clock) -> None:
+    camera = FakeCamera()
+    camera.set(SettingName.FLASH, "auto", "auto", "off", "red_eye_auto")
+    with pytest.raises(SettingError, match="no flash mode that always fires"):
+        capture_pair(camera, clock=clock)
+
+
+def test_raw_is_preferred_and_both_are_kept(clock: Clock) -> None:
+    raw, other = NO_FLASH + b"raw", FLASH + b"raw"
+    camera = FakeCamera(shots=[{"jpeg": NO_FLASH, "dng": raw}, {"dng": other, "jpeg": FLASH}])
+    pair = capture_pair(camera, clock=clock)
+    assert (pair.no_flash.best, pair.flash.best) == (raw, other)
+    assert pair.flash.files == {"dng": other, "jpeg": FLASH}
+
+
+def test_old_photographs_on_the_card_are_left_alone(clock: Clock) -> None:
+    camera = FakeCamera()
+    camera.card[40] = ("jpeg", b"old")
+    assert capture_pair(camera, clock=clock).flash.best == FLASH
+    assert camera.card[40] == ("jpeg", b"old")
+    assert sorted(camera.card) == [1, 40, 41, 42]  # the new ones stay on the card too
+
+
+def test_a_late_event_does_not_end_the_wait_for_its_successor(clock: Clock) -> None:
+    class Slow(FakeCamera):
+        """Completes at once and brings the photograph only with the second completion."""
+
+        pending: tuple[str, bytes] | None = None
+
+        def trigger(self) -> None:
+            self.pending = ("jpeg", self.shots.pop(0)["jpeg"])
+            self.waiting = [Event(EventKind.CAPTURE_COMPLETE)]
+
+        def events(self, timeout_s: float) -> list[Event]:
+            told = super().events(timeout_s)
+            if not told and timeout_s and self.pending:
+                self.card[max(self.card) + 1], self.pending = self.pending, None
+                told = [Event(EventKind.CAPTURE_COMPLETE)]
+            return told
+
+    pair = capture_pair(Slow(), clock=clock)
+    assert (pair.no_flash.best, pair.flash.best) == (NO_FLASH, FLASH)
+
+
+def test_no_photograph_is_an_error_after_the_patience(clock: Clock) -> None:
+    class Waits(FakeCamera):
+        def events(self, timeout_s: float) -> list[Event]:
+            clock.sleep(timeout_s)
+            return []
+
+    with pytest.raises(CaptureError, match="no photograph reached its card"):
+        capture_pair(Waits(shots=[{}]), clock=clock)
+    assert clock.monotonic() == pytest.approx(0.02 + 5 + 0.3)
+
+
+def test_two_photographs_of_one_kind_are_an_error(clock: Clock) -> None:
+    class Bursts(FakeCamera):
+        def trigger(self) -> None:
+            self.card.update({7: ("jpeg", NO_FLASH), 8: ("jpeg", NO_FLASH)})
+            self.waiting = [Event(EventKind.CAPTURE_COMPLETE)]
+
+    with pytest.raises(CaptureError, match="single frames"):
+        capture_pair(Bursts(), clock=clock)
+
+
+def test_a_transfer_goes_on_where_it_broke_off(clock: Clock) -> None:
+    camera = FakeCamera(failures=9)  # more than may happen in a row, but each gained something
+    pair = capture_pair(camera, clock=clock)
+    assert camera.failures < 9
+    assert (pair.no_flash.best, pair.flash.best) == (NO_FLASH, FLASH)
+
+
+@pytest.mark.parametrize(("stalls", "fails"), [(3, False), (4, True)])
+def test_a_transfer_that_stalls_in_a_row_is_given_up(
+    clock: Clock, stalls: int, fails: bool
+) -> None:
+    camera = FakeCamera(stalls=stalls)
+    if fails:
+        with pytest.raises(TransferError, match="stalled"):
+            capture_pair(camera, clock=clock)
+    else:
+        assert capture_pair(camera, clock=clock).no_flash.best == NO_FLASH
+
+
+@pytest.mark.parametrize(
+    ("size", "complaint"),
+    [
+        (len(NO_FLASH) + 1, f"sent {len(NO_FLASH)} of {len(NO_FLASH) + 1} bytes"),
+        (len(NO_FLASH) - 1, "take the pair again"),
+        (LARGEST_BYTES + 1, "more than one can have"),
+        (0xFFFFFFFF, "4294967295 bytes"),
+    ],
+)
+def test_a_size_that_is_not_true_is_an_error(clock: Clock, size: int, complaint: str) -> None:
+    with pytest.raises(TransferError, match=complaint):
+        capture_pair(FakeCamera(sizes={2: size}), clock=clock)
+
+
+@pytest.mark.parametrize(
+    ("shots", "complaint"),
+    [
+        ([{"jpeg": FLASH}, {"jpeg": FLASH}], "flash fired in the photograph that was to be"),
+        ([{"jpeg": NO_FLASH}, {"jpeg": NO_FLASH}], "The flash did not fire"),
+        ([{"jpeg": FLASH}, {"jpeg": NO_FLASH}], "flash fired in the photograph"),
+        ([{"jpeg": NO_FLASH}, {"jpeg": photograph(9, iso=200)}], r"differ in ISO \(100 and 200\)"),
+        ([{"jpeg": NO_FLASH}, {"jpeg": photograph(9, f_number=4)}], r"f-number \(8 and 4\)"),
+        ([{"jpeg": NO_FLASH}, {"dng": FLASH}], "different kinds"),
+        ([{"jpeg": b"nothing"}, {"jpeg": FLASH}], "cannot be checked"),
+    ],
+)
+def test_photographs_that_are_no_pair_are_refused(
+    clock: Clock, shots: list[dict[str, bytes]], complaint: str
+) -> None:
+    with pytest.raises(PairVerificationError, match=complaint):
+        capture_pair(FakeCamera(shots=shots), clock=clock)
