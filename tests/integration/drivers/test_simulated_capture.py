@@ -1,0 +1,91 @@
+from __future__ import annotations
+
+import pytest
+
+import drivers
+from drivers.clock import Clock
+from drivers.sim.backend import open_camera
+
+SMALL = "sim://studio?width=64&height=64"
+
+
+def take(clock: Clock, query: str) -> drivers.CapturedPair:
+    with open_camera(f"{SMALL}&{query}", clock) as camera:
+        return drivers.capture_pair(camera, clock=clock)
+
+
+@pytest.mark.parametrize(
+    ("files", "kinds"), [("dng", {"dng"}), ("jpeg", {"jpeg"}), ("both", {"dng", "jpeg"})]
+)
+def test_a_pair_comes_through_the_public_door(files: str, kinds: set[str]) -> None:
+    told = list[tuple[str, float]]()
+    with drivers.open_camera(f"{SMALL}&format={files}") as camera:
+        pair = drivers.capture_pair(camera, lambda stage, part: told.append((stage, part)))
+    assert pair.no_flash.files.keys() == pair.flash.files.keys() == kinds
+    best = pair.flash.files["dng" if "dng" in kinds else "jpeg"]
+    assert pair.flash.best == best
+    assert pair.no_flash.exposure.flash_fired is False
+    assert pair.flash.exposure.flash_fired is True
+    assert pair.no_flash.exposure.time_s == pair.flash.exposure.time_s
+    assert tuple(dict.fromkeys(stage for stage, _ in told)) == drivers.CAPTURE_STAGES
+    assert told[-1] == ("verify", 1.0)
+
+
+@pytest.mark.parametrize("fault", ["busy_briefly", "lost_events", "broken_transfer"])
+def test_passing_faults_change_nothing_in_the_pair(clock: Clock, fault: str) -> None:
+    sound, troubled = take(clock, "format=both"), take(clock, f"format=both&fault={fault}")
+    assert troubled.no_flash == sound.no_flash
+    assert troubled.flash == sound.flash
+
+
+@pytest.mark.parametrize(
+    ("fault", "error", "sentence"),
+    [
+        ("busy", drivers.CameraBusyError, "wait until it is idle"),
+        ("focus", drivers.FocusError, "focus by hand"),
+        ("store_full", drivers.StoreFullError, "make room on it"),
+        ("no_photograph", drivers.CaptureError, "no photograph reached its card"),
+        ("silent", drivers.CameraTimeoutError, "no answer for 10 s"),
+        ("garbled", drivers.ProtocolError, "switch the camera off and on"),
+        ("unplug", drivers.CameraDisconnectedError, "connect it again"),
+        ("truncated", drivers.TransferError, "sent 0 bytes where"),
+        ("flash_dead", drivers.PairVerificationError, "The flash did not fire"),
+        ("flash_always", drivers.PairVerificationError, "flash fired in the photograph"),
+        ("flash_locked", drivers.SettingError, "set it to off on the camera itself"),
+        ("auto_exposure", drivers.PairVerificationError, "differ in exposure time"),
+    ],
+)
+def test_lasting_faults_end_in_an_error_that_says_what_to_do(
+    clock: Clock, fault: str, error: type[drivers.DriverError], sentence: str
+) -> None:
+    with pytest.raises(drivers.DriverError, match=sentence) as caught:
+        take(clock, f"fault={fault}")
+    assert type(caught.value) is error
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).endswith(".")
+
+
+def test_a_pair_depends_on_its_address_alone(clock: Clock) -> None:
+    first, again = take(clock, "seed=5"), take(clock, "seed=5")
+    assert first == again
+    assert take(clock, "seed=6").flash.best != first.flash.best
+    assert first.no_flash.best != first.flash.best
+
+
+def test_chosen_exposures_reach_the_photographs(clock: Clock) -> None:
+    with open_camera(f"{SMALL}&noise=off", clock) as camera:
+        camera.write(drivers.SettingName.ISO, 400)
+        camera.write(drivers.SettingName.F_NUMBER, 16)
+        camera.write(drivers.SettingName.SHUTTER_S, 0.04)
+        exposure = drivers.capture_pair(camera, clock=clock).flash.exposure
+    assert (exposure.iso, float(exposure.f_number), float(exposure.time_s)) == (400, 16.0, 0.04)
+
+
+def test_photographs_stay_on_the_card(clock: Clock) -> None:
+    with open_camera(f"{SMALL}&format=both", clock) as camera:
+        drivers.capture_pair(camera, clock=clock)
+        drivers.capture_pair(camera, clock=clock)
+        names = sorted(camera.describe(handle).name for handle in camera.objects())
+    assert names == ["100STUDI"] + [
+        f"DSC_000{number}.{kind}" for number in range(1, 5) for kind in ("DNG", "JPG")
+    ]
