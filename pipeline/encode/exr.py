@@ -20,4 +20,7 @@ def write_exr(path: Path, channels: dict[str, NDArray[np.float32]], half: bool =
         name: np.ascontiguousarray(plane, dtype=kind) for name, plane in sorted(channels.items())
     }
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    OpenEXR.File(header, planes).write(str(path))
+    try:
+        OpenEXR.File(header, planes).write(str(path))
+    except RuntimeError as error:  # OpenEXR's only word for a full or missing disk
+        raise OSError(str(error)) from error

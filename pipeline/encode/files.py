@@ -7,7 +7,8 @@ from pathlib import Path
 
 import OpenEXR
 import tifffile
-from PIL import Image as PillowImage
+
+from pipeline.decode.rendered import jpeg_size, png_size
 
 
 def describe(path: Path, encoding: str, colour_space: str) -> dict[str, str | int]:
@@ -38,5 +39,4 @@ def _size(path: Path) -> tuple[int, int]:
         with tifffile.TiffFile(path) as tiff:
             page = tiff.pages.first
             return page.imagewidth, page.imagelength
-    with PillowImage.open(path) as image:
-        return image.size
+    return (png_size if path.suffix == ".png" else jpeg_size)(path.read_bytes())

@@ -1,0 +1,70 @@
+"""Our profiles in the eyes of other people's colour management."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import imagecodecs
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import ImageCms
+
+from pipeline.encode.icc import linear_rec2020_profile, matrix_profile, srgb_profile
+
+REFERENCE_SRGB = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+
+
+def colorants(profile: Any) -> NDArray[np.float64]:
+    """XYZ (3, 3) of red, green and blue, adapted to D50, in rows."""
+    found = (profile.red_colorant, profile.green_colorant, profile.blue_colorant)
+    return np.array([colorant[0] for colorant in found if colorant is not None])
+
+
+@pytest.mark.parametrize("profile", [srgb_profile(), linear_rec2020_profile()])
+def test_profiles_are_valid_and_say_their_own_length(profile: bytes) -> None:
+    imagecodecs.cms_profile_validate(profile)
+    assert int.from_bytes(profile[:4], "big") == len(profile)
+    assert profile[36:40] == b"acsp"
+    assert len(profile) % 4 == 0
+
+
+def test_srgb_is_what_little_cms_calls_srgb() -> None:
+    codes = np.random.default_rng(1).integers(0, 256, (50, 50, 3), dtype=np.uint8)
+
+    through = imagecodecs.cms_transform(
+        codes, srgb_profile(), REFERENCE_SRGB, colorspace="rgb", outcolorspace="rgb"
+    )
+
+    assert np.abs(through.astype(int) - codes).max() <= 1
+
+
+def test_rec2020_has_the_primaries_of_the_standard() -> None:
+    """The xy of the colorants, adapted back from D50 to D65, are those of Rec. 2020."""
+    profile = ImageCms.ImageCmsProfile(io.BytesIO(linear_rec2020_profile())).profile
+    assert profile.chromatic_adaptation is not None
+    adapt = np.array(profile.chromatic_adaptation[0])
+
+    for colorant, xy in zip(
+        colorants(profile), [(0.708, 0.292), (0.170, 0.797), (0.131, 0.046)], strict=True
+    ):
+        xyz = np.linalg.solve(adapt, colorant)
+        np.testing.assert_allclose(xyz[:2] / xyz.sum(), xy, atol=5e-4)
+
+
+def test_white_is_exactly_the_connection_spaces() -> None:
+    for data in (srgb_profile(), linear_rec2020_profile()):
+        profile = ImageCms.ImageCmsProfile(io.BytesIO(data)).profile
+        np.testing.assert_allclose(colorants(profile).sum(0), (0.9642, 1.0, 0.8249), atol=2e-5)
+
+
+def test_equal_requests_give_equal_bytes() -> None:
+    primaries = ((0.64, 0.33), (0.3, 0.6), (0.15, 0.06))
+    assert matrix_profile("x", primaries, "srgb") == matrix_profile("x", primaries, "srgb")
+    assert matrix_profile("x", primaries, "srgb") != matrix_profile("x", primaries, "linear")
+
+
+def test_a_name_must_be_ascii() -> None:
+    with pytest.raises(UnicodeEncodeError):
+        matrix_profile("λ", ((0.64, 0.33), (0.3, 0.6), (0.15, 0.06)), "srgb")

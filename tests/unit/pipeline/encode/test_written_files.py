@@ -1,0 +1,228 @@
+"""What is written reads back as meant, in other people's readers, with the same bytes each time."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from collections.abc import Callable
+from pathlib import Path
+
+import imagecodecs
+import numpy as np
+import OpenEXR
+import pytest
+import simplejpeg
+import tifffile
+from numpy.typing import NDArray
+from PIL import Image as PillowImage
+from PIL import ImageCms
+
+from pipeline.encode.colour import XYZ_TO_REC2020, XYZ_TO_SRGB
+from pipeline.encode.exr import write_exr
+from pipeline.encode.files import describe
+from pipeline.encode.icc import linear_rec2020_profile
+from pipeline.encode.jpeg import to_srgb8, write_jpeg
+from pipeline.encode.png import write_normals_png, write_png8
+from pipeline.encode.tiff import write_tiff
+
+Picture = NDArray[np.float32]
+SRGB_TO_REC2020 = XYZ_TO_REC2020 @ np.linalg.inv(XYZ_TO_SRGB)
+
+
+def codes_of(light: NDArray[np.floating]) -> NDArray[np.float64]:
+    """sRGB code values, 0 to 255, of linear light (IEC 61966-2-1)."""
+    curve = 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055
+    return np.asarray(255 * np.where(light <= 0.0031308, 12.92 * light, curve))
+
+
+def test_tiff_holds_16_bit_linear_rec2020_with_its_profile(
+    tmp_path: Path, picture: Picture
+) -> None:
+    path = tmp_path / "lamp1.tif"
+
+    write_tiff(path, picture, SRGB_TO_REC2020)
+
+    with tifffile.TiffFile(path) as file:
+        page = file.pages.first
+        assert page.iccprofile == linear_rec2020_profile()
+        values = page.asarray()
+    expected = np.clip(picture @ SRGB_TO_REC2020.T, 0, 1) * 65535
+    assert values.dtype == np.uint16
+    assert np.abs(values - expected).max() < 0.6
+
+
+def test_the_tiffs_profile_takes_its_values_to_the_right_colours(tmp_path: Path) -> None:
+    """A colour management of its own, from the file's profile to sRGB, comes to the same."""
+    patches = np.array([[[0.5, 0.5, 0.5], [0.6, 0.2, 0.1], [0.1, 0.4, 0.2], [0.1, 0.2, 0.5]]])
+    path = tmp_path / "lamp1.tif"
+    write_tiff(path, patches.astype(np.float32), SRGB_TO_REC2020)
+    with tifffile.TiffFile(path) as file:
+        values, profile = file.pages.first.asarray(), file.pages.first.iccprofile
+    assert profile is not None
+    srgb = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+
+    shown = imagecodecs.cms_transform(
+        values, profile, srgb, colorspace="rgb", outcolorspace="rgb", outdtype="uint8"
+    )
+
+    assert np.abs(shown - codes_of(patches)).max() <= 1
+
+
+def test_jpeg_is_srgb_with_its_profile_and_without_exif(tmp_path: Path) -> None:
+    ramp = np.linspace(0, 1, 64)[None, :, None] * np.array([1.0, 0.8, 0.6])
+    picture = np.broadcast_to(ramp, (48, 64, 3)).astype(np.float32)
+    path = tmp_path / "lamp1.jpg"
+
+    write_jpeg(path, picture)
+
+    data = path.read_bytes()
+    assert np.abs(simplejpeg.decode_jpeg(data).astype(int) - codes_of(picture)).max() < 5
+    with PillowImage.open(io.BytesIO(data)) as image:
+        assert not image.getexif()
+        profile = ImageCms.ImageCmsProfile(io.BytesIO(image.info["icc_profile"]))
+        assert "exif" not in image.info and "xmp" not in image.info
+    assert ImageCms.getProfileDescription(profile).strip() == "sRGB"
+    assert b"Exif" not in data and b"GPS" not in data
+
+
+def test_jpeg_takes_pixels_through_the_matrix(tmp_path: Path) -> None:
+    picture = np.full((16, 16, 3), (0.1, 0.2, 0.4), np.float32)
+    swap = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
+
+    write_jpeg(tmp_path / "a.jpg", picture, swap)
+
+    values = simplejpeg.decode_jpeg((tmp_path / "a.jpg").read_bytes())
+    np.testing.assert_allclose(values[8, 8], codes_of(np.array([0.4, 0.2, 0.1])), atol=2)
+
+
+def test_srgb8_is_exact_inside_the_gamut() -> None:
+    light = np.random.default_rng(2).uniform(0, 1, (40, 30, 3)).astype(np.float32)
+
+    codes = to_srgb8(light)
+
+    assert np.abs(codes - codes_of(light)).max() < 0.52
+
+
+@pytest.mark.parametrize(
+    ("light", "code"),
+    [((0, 0, 0), (0, 0, 0)), ((1, 1, 1), (255, 255, 255)), ((9, 9, 9), (255, 255, 255))],
+)
+def test_black_white_and_brighter_than_white(
+    light: tuple[float, ...], code: tuple[int, ...]
+) -> None:
+    assert tuple(to_srgb8(np.array([[light]], np.float32))[0, 0]) == code
+
+
+@pytest.mark.parametrize("light", [(1.4, 0.3, 0.1), (-0.2, 0.7, 0.1), (0.2, 0.1, 1.9)])
+def test_colours_outside_the_gamut_keep_hue_and_brightness(light: tuple[float, ...]) -> None:
+    weights = np.array([0.2126, 0.7152, 0.0722])
+    color = np.array(light)
+
+    value = to_srgb8(np.array([[light]], np.float32))[0, 0] / 255.0
+    shown = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+
+    away, shown_away = color - color @ weights, shown - shown @ weights
+    cosine = away @ shown_away / np.linalg.norm(away) / np.linalg.norm(shown_away)
+    assert shown @ weights == pytest.approx(color @ weights, abs=0.01)
+    assert cosine > 0.999
+
+
+@pytest.mark.parametrize("half", [False, True])
+def test_exr_has_named_channels_of_linear_values(
+    tmp_path: Path, picture: Picture, half: bool
+) -> None:
+    names = ["lamp1.R", "lamp1.G", "lamp1.B", "lamp2.R", "lamp2.G", "lamp2.B", "R", "G", "B"]
+    channels = {name: picture[..., i % 3] * (1 + i) for i, name in enumerate(names)}
+    path = tmp_path / "layers.exr"
+
+    write_exr(path, channels, half)
+
+    read = OpenEXR.File(str(path), separate_channels=True).channels()
+    assert set(read) == set(names)
+    kind = np.float16 if half else np.float32
+    for name in names:
+        assert read[name].pixels.dtype == kind
+        np.testing.assert_array_equal(read[name].pixels, channels[name].astype(kind))
+
+
+def test_exr_refuses_planes_of_two_sizes(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="one size"):
+        write_exr(
+            tmp_path / "a.exr", {"R": np.ones((2, 3), np.float32), "G": np.ones((3, 3), np.float32)}
+        )
+
+
+def test_normals_are_16_bit_opengl_without_profile(tmp_path: Path) -> None:
+    normals = np.zeros((300, 5, 3), np.float32)
+    normals[:, 0] = (0, 0, 1)  # to the viewer
+    normals[:, 1] = (1, 0, 0)  # right
+    normals[:, 2] = (0, 1, 0)  # up
+    normals[:, 3] = np.nan  # no surface
+    normals[299, 0] = (-0.6, 0.0, 0.8)
+    path = tmp_path / "normals.png"
+
+    write_normals_png(path, normals)
+
+    values = imagecodecs.png_decode(path.read_bytes())
+    assert values.dtype == np.uint16 and values.shape == (300, 5, 3)
+    np.testing.assert_array_equal(values[0, 0], (32768, 32768, 65535))
+    np.testing.assert_array_equal(values[280, 1], (65535, 32768, 32768))
+    np.testing.assert_array_equal(values[0, 2], (32768, 65535, 32768))
+    np.testing.assert_array_equal(values[:, 3:], 0)
+    np.testing.assert_array_equal(values[299, 0], (13107, 32768, 58982))
+    assert b"iCCP" not in path.read_bytes() and b"sRGB" not in path.read_bytes()
+
+
+def test_png8_keeps_code_values(tmp_path: Path) -> None:
+    codes = np.arange(60, dtype=np.uint8).reshape(4, 5, 3)
+
+    write_png8(tmp_path / "gamma.png", codes)
+
+    read = imagecodecs.png_decode((tmp_path / "gamma.png").read_bytes())
+    np.testing.assert_array_equal(read, codes)
+
+
+WRITERS: dict[str, Callable[[Path, Picture], None]] = {
+    "a.tif": write_tiff,
+    "a.jpg": write_jpeg,
+    "a.exr": lambda path, picture: write_exr(path, {"R": picture[..., 0], "G": picture[..., 1]}),
+    "normals.png": write_normals_png,
+    "gamma.png": lambda path, picture: write_png8(path, to_srgb8(picture)),
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_the_same_picture_gives_the_same_bytes(
+    tmp_path: Path, picture: Picture, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    WRITERS[name](tmp_path / name, picture)
+    first = (tmp_path / name).read_bytes()
+    (tmp_path / "again").mkdir()
+    monkeypatch.setenv("TZ", "Asia/Tokyo")
+
+    WRITERS[name](tmp_path / "again" / name, picture.copy())
+
+    assert (tmp_path / "again" / name).read_bytes() == first
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_the_manifest_describes_the_file(tmp_path: Path, picture: Picture, name: str) -> None:
+    path = tmp_path / name
+    WRITERS[name](path, picture)
+
+    assert describe(path, "16-bit", "Rec. 2020, linear") == {
+        "name": name,
+        "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+        "encoding": "16-bit",
+        "colour_space": "Rec. 2020, linear",
+        "width": 20,
+        "height": 300,
+    }
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_place_that_cannot_be_written_is_an_os_error(
+    tmp_path: Path, picture: Picture, name: str
+) -> None:
+    with pytest.raises(OSError):
+        WRITERS[name](tmp_path / "nowhere" / name, picture)
