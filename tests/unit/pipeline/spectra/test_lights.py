@@ -1,0 +1,128 @@
+"""Spectra of flashes, lamps and neutral lights."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pipeline.encode.colour import cct
+from pipeline.errors import OptionError
+from pipeline.options import Spectrum
+from pipeline.spectra.grid import WAVELENGTHS_NM
+from pipeline.spectra.lights import find_light, lamp_spectra, reflectance_spectra
+from pipeline.spectra.observer import cie_1931
+
+
+def kelvin(light: np.typing.NDArray[np.float64]) -> float | None:
+    return cct(cie_1931() @ light, np.eye(3))
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("A", 2856),
+        ("D50", 5003),
+        ("D55", 5503),
+        ("d65", 6504),
+        ("D75", 7504),
+        ("D58", 5800),
+        ("FL2", 4225),
+        ("FL11", 4000),
+        ("LED-B1", 2733),
+        ("led", 6600),
+        ("xenon", 7200),
+    ],
+)
+def test_lights_have_the_temperature_they_are_known_for(name: str, expected: float) -> None:
+    assert kelvin(find_light(name)) == pytest.approx(expected, rel=0.01)
+
+
+@pytest.mark.parametrize("name", ["xenon", "led", "A", "D65", "D200", "FL7", "HP1", "E"])
+def test_spectra_are_positive_and_sum_to_1(name: str) -> None:
+    light = find_light(name)
+    assert light.shape == WAVELENGTHS_NM.shape
+    assert light.min() >= 0
+    assert light.sum() == pytest.approx(1)
+
+
+@pytest.mark.parametrize(("nm", "ratio"), [(460, 1.178), (560, 1.0), (600, 0.9001), (700, 0.7160)])
+def test_d65_is_the_published_table(nm: int, ratio: float) -> None:
+    """CIE 15, relative to 560 nm."""
+    light = find_light("D65")
+    at = {int(w): value for w, value in zip(WAVELENGTHS_NM, light, strict=True)}
+    assert at[nm] / at[560] == pytest.approx(ratio, abs=0.001)
+
+
+def test_the_xenon_flash_is_neither_flat_nor_daylight() -> None:
+    flash, flat = find_light("xenon"), np.ones(81)
+    cosine = flash @ flat / np.linalg.norm(flash) / np.linalg.norm(flat)
+    assert 8 < np.degrees(np.arccos(cosine)) < 18
+
+
+@pytest.mark.parametrize(
+    ("name", "near"), [("xenn", "xenon"), ("FL 2b", "FL2"), ("LED-B9", "LED-B1|LED-B5")]
+)
+def test_unknown_names_are_refused_with_near_ones(name: str, near: str) -> None:
+    with pytest.raises(
+        OptionError, match=f"No flash spectrum is called .*near names are .*({near})"
+    ):
+        find_light(name)
+
+
+@pytest.mark.parametrize("name", ["D39", "D30", "D999", "D", "D6500", ""])
+def test_daylight_that_does_not_exist_is_refused(name: str) -> None:
+    with pytest.raises(OptionError, match="No neutral light spectrum is called"):
+        find_light(name, "neutral light")
+
+
+def test_a_table_is_brought_onto_the_grid() -> None:
+    table = Spectrum(wavelength_nm=[400, 600, 700], power=[1, 3, 3])
+
+    light = find_light(table)
+
+    at = dict(zip(WAVELENGTHS_NM.tolist(), light.tolist(), strict=True))
+    assert at[500.0] / at[600.0] == pytest.approx(2 / 3)
+    assert at[380.0] == at[400.0]
+    assert at[780.0] == at[700.0]
+
+
+def test_a_dark_table_is_refused_with_its_purpose() -> None:
+    dark = Spectrum.model_construct(wavelength_nm=[400.0, 500.0, 700.0], power=[0.0, 0.0, 0.0])
+    with pytest.raises(OptionError, match="The neutral light spectrum is zero from 380 to 780 nm"):
+        find_light(dark, "neutral light")
+
+
+@pytest.mark.usefixtures("spectra_folder")
+@pytest.mark.parametrize("name", ["my torch", "MY_TORCH", "mytorch"])
+def test_the_users_folder_has_lights(name: str) -> None:
+    light = find_light(name)
+    assert light[-1] / light[0] == pytest.approx(3)
+
+
+@pytest.mark.usefixtures("spectra_folder")
+def test_a_camera_is_no_light() -> None:
+    with pytest.raises(OptionError, match="it needs wavelength_nm,power"):
+        find_light("Acme One")
+
+
+def test_lamps_to_learn_from_are_many_and_different() -> None:
+    lamps = lamp_spectra()
+
+    unit = lamps / np.linalg.norm(lamps, axis=1, keepdims=True)
+    cosines = unit @ unit.T - np.eye(len(lamps))
+    temperatures = [t for t in map(kelvin, lamps) if t is not None]
+    assert len(lamps) > 40
+    assert cosines.max() < 0.9995
+    np.testing.assert_allclose(lamps.sum(1), 1.0)
+    assert min(temperatures) < 2100
+    assert max(temperatures) > 9500
+
+
+def test_reflectances_to_learn_from_begin_with_the_color_checker() -> None:
+    surfaces = reflectance_spectra()
+
+    assert surfaces.shape == (24 + 190 + 99, 81)
+    assert surfaces.min() >= 0
+    assert surfaces.max() <= 1
+    green = surfaces @ (cie_1931()[1] * find_light("D65")) / (cie_1931()[1] @ find_light("D65"))
+    np.testing.assert_allclose(green[18:24], [0.90, 0.59, 0.36, 0.19, 0.09, 0.03], atol=0.02)
