@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from pipeline.frames import Image, Mask
 
-_WORKING_SIZE = 1600  # pixels along the longer side: error stays below 0.1 full-size pixels
-_MIN_CORRELATION = 0.35
+_WORKING_SIZES = (1600, 800)  # longer side; the second for pairs whose noise drowns fine edges
+_LOCAL = 16.0
+_MIN_CORRELATION = 0.25  # related pairs reach 0.4 to 0.9, unrelated ones at most 0.1
 _STILL_PX = 0.3  # a smaller motion is within the estimate's error; resampling would only blur
 _MAX_MOTION = 0.15  # of the diagonal; a hand-held pair moves less
 
@@ -46,11 +47,22 @@ def estimate_alignment(no_flash: Image, flash: Image) -> Alignment:
     no_flash, flash: (H, W, 3) linear, equal sizes. A result that cannot be trusted is refused
     (applied False, problem set), never returned as if it were right.
     """
+    refused = NOT_ATTEMPTED
+    for working_size in _WORKING_SIZES:
+        found = _attempt(no_flash, flash, working_size)
+        if found.problem is None:
+            return found
+        refused = refused if refused.problem else found
+    return refused
+
+
+def _attempt(no_flash: Image, flash: Image, working_size: int) -> Alignment:
     height, width = no_flash.shape[:2]
-    scale = min(1.0, _WORKING_SIZE / max(height, width))
+    scale = min(1.0, working_size / max(height, width))
     size = (max(round(width * scale), 1), max(round(height * scale), 1))
-    reference, sample = (_edges(cv2.resize(i, size, interpolation=cv2.INTER_AREA)) for i in
-                         (no_flash, flash))
+    reference, sample = (
+        _edges(cv2.resize(image, size, interpolation=cv2.INTER_AREA)) for image in (no_flash, flash)
+    )
     parameters = cv2.ECCParameters()
     parameters.motionType = cv2.MOTION_HOMOGRAPHY
     parameters.nlevels = int(np.clip(np.log2(min(size) / 32), 1, 5))
@@ -63,11 +75,11 @@ def estimate_alignment(no_flash: Image, flash: Image) -> Alignment:
     if not np.isfinite(small).all() or not np.isfinite(correlation):
         return _refused(None, "no common structure was found")
     matrix = _to_full_size(small.astype(np.float64), size, (width, height))
+    motion = _corner_motion(matrix, width, height)
     if correlation < _MIN_CORRELATION:
         return _refused(float(correlation), f"their edges correlate by only {correlation:.2f}")
-    motion = _corner_motion(matrix, width, height)
     if motion > _MAX_MOTION * np.hypot(width, height):
-        return _refused(float(correlation), f"the motion found, {motion:.0f} pixels, is implausible")
+        return _refused(float(correlation), f"a motion of {motion:.0f} pixels is implausible")
     return Alignment(motion > _STILL_PX, matrix, float(correlation))
 
 
@@ -91,12 +103,14 @@ def warp(image: Image, saturated: Mask, alignment: Alignment) -> tuple[Image, Ma
 
 
 def _edges(image: Image) -> Image:
-    """Gradient magnitude of the logarithm, divided by its own local mean."""
-    gray = np.log(np.maximum(image.mean(axis=2), 0.0) + 0.01)
+    """Gradient magnitude of the brightness, divided by its own local mean and compressed."""
+    gray = np.maximum(image.mean(axis=2), 0.0)
+    gray = np.sqrt(gray / max(float(np.percentile(gray, 95)), 1e-9))
     gray = cv2.GaussianBlur(gray.astype(np.float32), (0, 0), 1.0)
     magnitude = cv2.magnitude(cv2.Scharr(gray, -1, 1, 0), cv2.Scharr(gray, -1, 0, 1))
-    local = cv2.GaussianBlur(magnitude, (0, 0), 16.0)
-    return np.asarray(magnitude / (local + 0.05 * local.mean() + 1e-6), dtype=np.float32)
+    local = cv2.GaussianBlur(magnitude, (0, 0), _LOCAL)
+    edges = magnitude / (local + 0.2 * local.mean() + 1e-9)
+    return np.asarray(edges / (1.0 + edges / 2.0), dtype=np.float32)
 
 
 def _to_full_size(

@@ -59,7 +59,9 @@ def estimate_noise(pixels: Image) -> Noise:
             blocks = (np.square(detail[1:-1, :width])).reshape(_BLOCK - 2, -1, _BLOCK)
             variances.append(blocks.mean(axis=(0, 2)))
             means.append(plane[:, :width].reshape(_BLOCK, -1, _BLOCK).mean(axis=(0, 2)))
-        gains[channel], floors[channel] = _fit_line(np.concatenate(means), np.concatenate(variances))
+        gains[channel], floors[channel] = _fit_line(
+            np.concatenate(means), np.concatenate(variances)
+        )
     return Noise(gains, floors)
 
 
@@ -75,7 +77,10 @@ def _fit_line(means: NDArray[np.floating], variances: NDArray[np.floating]) -> t
     if gain < 0:
         gain, floor = 0.0, float(np.average(y, weights=weight))
     if floor < 0:
-        floor, gain = 0.0, float(np.average(y, weights=weight) / max(np.average(x, weights=weight), 1e-9))
+        floor, gain = (
+            0.0,
+            float(np.average(y, weights=weight) / max(np.average(x, weights=weight), 1e-9)),
+        )
     return max(float(gain), 1e-8), max(float(floor), 1e-11)
 
 

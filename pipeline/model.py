@@ -1,0 +1,85 @@
+"""The model of a camera under a flash: a few small matrices, and all that separation needs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.encode.colour import camera_to_xyz
+from pipeline.frames import Matrix
+from pipeline.hui2018.invariant import flash_tensor
+from pipeline.spectra.bases import learn_basis
+from pipeline.spectra.cameras import Camera
+from pipeline.spectra.lights import find_light, lamp_spectra, reflectance_spectra
+
+Array = NDArray[np.float64]
+
+_DISPLAY_LIGHT = "D65"
+"""White of sRGB and Rec. 2020: photographs are shown as balanced for it."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """How a camera sees lights by the light of the flash.
+
+    Lights are written as coefficients b (3,), in coordinates where b is the camera RGB of a white
+    card (docs/decisions/0002-light-coordinates.md).
+
+    tensor: (3, 3, 3) D, with I_lamp = z · (Σ_j b_j D[:, :, j]) I_flash.
+    flash_white: (3,) camera RGB of a white card under the flash, green 1.
+    neutral: (3,) coefficients of the neutral light, green 1.
+    flash_to_neutral: (3, 3) best matrix from I_flash to the same under the neutral light, scaled
+        so that a white card's green response is that of the neutral light with green 1.
+    camera_to_xyz: (3, 3) camera RGB → CIE XYZ for showing photographs as they are, learnt under
+        D65; a white card of green 1 has Y = 1.
+    neutral_to_xyz: the same learnt under the neutral light, whose own colour it keeps.
+    """
+
+    tensor: Array
+    flash_white: Array
+    neutral: Array
+    flash_to_neutral: Matrix
+    camera_to_xyz: Matrix
+    neutral_to_xyz: Matrix
+
+    def lamp_matrix(self, coefficients: NDArray[np.floating]) -> Matrix:
+        """Return T (3, 3) of a lamp (3,), or (N, 3, 3) of lamps (N, 3): I_lamp = z · T I_flash."""
+        return np.asarray(np.einsum("klj,...j->...kl", self.tensor, coefficients))
+
+
+def build_model(camera: Camera, flash: Array, neutral: Array, basis: str) -> Model:
+    """Learn the model from measured lamps and reflectances.
+
+    flash, neutral: (W,) spectra on WAVELENGTHS_NM; basis: "wpca", "pca" or "joint".
+    """
+    s = camera.sensitivities
+    flash = flash / (s @ flash)[1]
+    learnt = learn_basis(basis, s, reflectance_spectra(), lamp_spectra())
+    neutral_white = s @ neutral
+    b_neutral = learnt.to_coefficients @ neutral
+    return Model(
+        tensor=flash_tensor(learnt.tensor, learnt.to_coefficients @ flash),
+        flash_white=s @ flash,
+        neutral=b_neutral / b_neutral[1],
+        flash_to_neutral=_between_lights(s, flash, neutral / neutral_white[1]),
+        camera_to_xyz=_shown(s, find_light(_DISPLAY_LIGHT)),
+        neutral_to_xyz=_shown(s, neutral),
+    )
+
+
+def _between_lights(s: Array, source: Array, target: Array) -> Matrix:
+    """Matrix from camera RGB under one light to camera RGB under another, over reflectances.
+
+    Errors count relative to brightness, so that dark surfaces matter as much as light ones.
+    """
+    rho = reflectance_spectra()
+    before, after = rho @ (s * source).T, rho @ (s * target).T
+    weight = 1.0 / np.abs(before).sum(1, keepdims=True)
+    return np.asarray(np.linalg.lstsq(before * weight, after * weight, rcond=None)[0].T)
+
+
+def _shown(s: Array, light: Array) -> Matrix:
+    """Camera RGB under a light → XYZ, a white card of green 1 giving Y = 1."""
+    return camera_to_xyz(s, light, reflectance_spectra()) * float((s @ light)[1])

@@ -1,0 +1,83 @@
+"""The pair at a size at which lamps are estimated: faster, and with less noise, than in full."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.frames import Image, Mask
+from pipeline.pair import Pair
+
+_LONGER_SIDE = 512
+_MIN_OPEN = 0.5  # share of a block's pixels that must not be clipped
+_SIGNIFICANT = 4.0  # standard deviations
+_MIN_FLASH, _MIN_LIGHT = 0.01, 0.003  # of the 99th percentile; darker pixels are mostly stray light
+
+
+@dataclass(frozen=True)
+class ReducedPair:
+    """Block means of a pair, clipped pixels left out.
+
+    no_flash, flash: float32 (h, w, 3) linear; flash is the flash part alone.
+    no_flash_variance, flash_variance: float32 (h, w, 3), of the means.
+    usable: bool (h, w): enough light of both kinds to tell lamps by.
+    block: side of a block in pixels of the pair.
+    """
+
+    no_flash: Image
+    flash: Image
+    no_flash_variance: Image
+    flash_variance: Image
+    usable: Mask
+    block: int
+
+
+def reduce_pair(pair: Pair) -> ReducedPair:
+    """Average blocks of the pair so that its longer side has at most 512 of them.
+
+    What is left over at the right and bottom edge after whole blocks is dropped.
+    """
+    height, width = pair.clipped.shape
+    block = -(-max(height, width) // _LONGER_SIDE)
+    size = (max(width // block, 1), max(height // block, 1))
+    crop = (slice(size[1] * block), slice(size[0] * block))
+    open_ = (~pair.clipped[crop]).astype(np.float32)
+    share = _means(open_, size)
+    weight = open_[..., None]
+    filled = np.maximum(share, 1.0 / block**2)[..., None]
+    no_flash = _means(pair.no_flash[crop] * weight, size) / filled
+    flash = _means(pair.flash[crop] * weight, size) / filled
+    count = np.maximum(share * block**2, 1.0)[..., None]
+    no_flash_variance = pair.no_flash_noise.variance(no_flash) / count
+    flash_variance = pair.flash_noise.variance(flash) / count
+    if not pair.flash_only:
+        flash = flash - no_flash
+        flash_variance = flash_variance + no_flash_variance
+    usable = (
+        (share >= _MIN_OPEN)
+        & _bright(flash, flash_variance, _MIN_FLASH)
+        & _bright(no_flash, no_flash_variance, _MIN_LIGHT)
+    )
+    return ReducedPair(
+        no_flash,
+        flash,
+        no_flash_variance.astype(np.float32),
+        flash_variance.astype(np.float32),
+        usable,
+        block,
+    )
+
+
+def _means(image: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.float32]:
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+
+
+def _bright(image: Image, variance: NDArray[np.floating], floor: float) -> Mask:
+    total = image.sum(axis=2)
+    enough = (total > _SIGNIFICANT * np.sqrt(variance.sum(axis=2))) & (
+        total > floor * np.percentile(total, 99)
+    )
+    return np.asarray(enough & (image > 0).all(axis=2))

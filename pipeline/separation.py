@@ -1,0 +1,108 @@
+"""From the pair and its lamps to the light of each lamp, a strip of rows at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.fill import Surroundings
+from pipeline.frames import Image
+from pipeline.hui2018.separation import published_layers
+from pipeline.lamps import Lamps
+from pipeline.model import Model
+from pipeline.noise import HALO, sigma_filter
+from pipeline.pair import Pair
+from pipeline.progress import Progress
+from pipeline.proportions import model_proportions
+from pipeline.reduced import ReducedPair
+
+_DOUBT = 1.5  # standard deviations of a pixel's light at which it counts for a little less
+
+
+@dataclass(frozen=True)
+class Strip:
+    """Some rows of the separated pair.
+
+    rows: which. layers: float32 (N, h, W, 3), each lamp's light, linear camera RGB, 1.0 = white
+    level of the no-flash photograph. flash: (h, W, 3), the flash part, for `best` with its noise
+    filtered. confidence: (h, W) 0…1, 0 where the layers are filled in from the surroundings.
+    """
+
+    rows: slice
+    layers: NDArray[np.float32]
+    flash: Image
+    confidence: NDArray[np.float32]
+
+
+def separate(
+    pair: Pair,
+    reduced: ReducedPair,
+    lamps: Lamps,
+    model: Model,
+    method: str,
+    progress: Progress,
+    strip_rows: int,
+) -> Iterator[Strip]:
+    """Separate the pair, top to bottom.
+
+    method: "paper" gives eq. 3 of Hui et al. 2018 as it is. "best" takes shares by non-negative
+    least squares in the image, on the pair with its noise filtered, and deals the unfiltered
+    photograph out in the proportions of the model's layers: the layers add up to the photograph
+    and its noise is not amplified. Pixels without a usable flash part take the proportions of
+    their surroundings. The result does not depend on strip_rows.
+    """
+    height, width = pair.clipped.shape
+    surroundings = Surroundings(reduced, lamps)
+    for rows in progress.strips("layers", height, strip_rows):
+        if method == "paper":
+            no_flash = pair.no_flash[rows]
+            flash = pair.flash[rows] - (0 if pair.flash_only else no_flash)
+            layers = published_layers(no_flash, flash, lamps.coefficients, model.tensor)
+            yield Strip(rows, layers, flash, _open(pair, rows))
+            continue
+        no_flash, flash = _filtered(pair, rows)
+        confidence = _open(pair, rows) * _certainty(pair, rows)
+        trust = confidence[..., None]
+        proportions = model_proportions(no_flash, flash, lamps)
+        around = surroundings.rows(rows, width)
+        layers = (trust * proportions + (1 - trust) * around) * pair.no_flash[rows]
+        yield Strip(rows, layers, flash, confidence)
+
+
+def _filtered(pair: Pair, rows: slice) -> tuple[Image, Image]:
+    """Return no-flash photograph and flash part of some rows, noise filtered."""
+    top, bottom = max(rows.start - HALO, 0), min(rows.stop + HALO, len(pair.clipped))
+    no_flash, flash = sigma_filter(
+        (pair.no_flash[top:bottom], pair.flash[top:bottom]),
+        (pair.no_flash_noise, pair.flash_noise),
+        slice(rows.start - top, rows.stop - top),
+    )
+    return no_flash, flash if pair.flash_only else flash - no_flash
+
+
+def _open(pair: Pair, rows: slice) -> NDArray[np.float32]:
+    """1 where nothing is clipped nearby, 0 where something is: the filter reaches that far."""
+    top, bottom = max(rows.start - HALO, 0), min(rows.stop + HALO, len(pair.clipped))
+    kernel = np.ones((2 * HALO + 1, 2 * HALO + 1), dtype=np.uint8)
+    near = cv2.dilate(pair.clipped[top:bottom].astype(np.uint8), kernel)
+    return np.asarray(1.0 - near[rows.start - top : rows.stop - top], dtype=np.float32)
+
+
+def _certainty(pair: Pair, rows: slice) -> NDArray[np.float32]:
+    """How far flash part and no-flash light stand out from their noise, 0…1."""
+    no_flash, flash = pair.no_flash[rows], pair.flash[rows]
+    no_flash_variance = pair.no_flash_noise.variance(no_flash).sum(axis=2)
+    flash_variance = pair.flash_noise.variance(flash).sum(axis=2)
+    part = flash.sum(axis=2)
+    if not pair.flash_only:
+        part = part - no_flash.sum(axis=2)
+        flash_variance = flash_variance + no_flash_variance
+    certainty = np.ones(part.shape)
+    for light, variance in ((part, flash_variance), (no_flash.sum(axis=2), no_flash_variance)):
+        squared = np.square(np.maximum(light, 0.0))
+        certainty *= squared / (squared + _DOUBT**2 * variance)
+    return certainty.astype(np.float32)
