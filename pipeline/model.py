@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.encode.colour import camera_to_xyz
 from pipeline.frames import Matrix
 from pipeline.hui2018.invariant import flash_tensor
 from pipeline.spectra.bases import learn_basis
 from pipeline.spectra.cameras import Camera
+from pipeline.spectra.colorimetry import camera_to_xyz
 from pipeline.spectra.lights import find_light, lamp_spectra, reflectance_spectra
 
 Array = NDArray[np.float64]

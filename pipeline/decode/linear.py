@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.decode.curves import srgb_to_linear
+from pipeline.colour.curves import srgb_to_linear
 from pipeline.decode.profiles import differs_from_srgb, profile_to_linear
 from pipeline.decode.samples import Samples, UnsuitableError, upright
 from pipeline.frames import Image, Mask

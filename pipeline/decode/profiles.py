@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
-from pipeline.decode.curves import srgb_to_linear
-from pipeline.encode.colour import SRGB_PRIMARIES
-from pipeline.encode.icc import matrix_profile
+from pipeline.colour.curves import srgb_to_linear
+from pipeline.colour.icc import matrix_profile
+from pipeline.colour.spaces import SRGB_PRIMARIES
 from pipeline.frames import Image
 
 _SAME = 0.004

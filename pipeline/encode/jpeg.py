@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
-from pipeline.encode.colour import SRGB_PRIMARIES, rgb_to_xyz
-from pipeline.encode.icc import srgb_profile
+from pipeline.colour.curves import linear_to_srgb
+from pipeline.colour.icc import srgb_profile
+from pipeline.colour.spaces import SRGB_PRIMARIES, rgb_to_xyz
 from pipeline.frames import Image, Matrix
 from pipeline.progress import STRIP_ROWS
 
@@ -57,7 +58,6 @@ def _into_gamut(rgb: NDArray[np.float32]) -> NDArray[np.float32]:
 
 @cache
 def _codes() -> NDArray[np.uint8]:
-    """Code value for every step of linear light, IEC 61966-2-1."""
-    light = np.arange(_STEPS + 1) / _STEPS
-    code = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    """Code value for every step of linear light."""
+    code = linear_to_srgb(np.arange(_STEPS + 1) / _STEPS)
     return np.round(code * 255).astype(np.uint8)

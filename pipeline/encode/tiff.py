@@ -7,7 +7,7 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from pipeline.encode.icc import linear_rec2020_profile
+from pipeline.colour.icc import linear_rec2020_profile
 from pipeline.frames import Image, Matrix
 from pipeline.progress import STRIP_ROWS
 

@@ -9,10 +9,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.encode.colour import XYZ_TO_SRGB, camera_to_xyz
+from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.errors import OptionError
 from pipeline.frames import Frame
 from pipeline.options import Sensitivities
+from pipeline.spectra.colorimetry import camera_to_xyz
 from pipeline.spectra.folder import folder_spectra
 from pipeline.spectra.grid import on_grid
 from pipeline.spectra.library import colour_science, without_warnings

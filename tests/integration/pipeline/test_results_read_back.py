@@ -9,8 +9,8 @@ import pytest
 import tifffile
 from numpy.typing import NDArray
 
+from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
 from pipeline.decode import decode
-from pipeline.encode.colour import XYZ_TO_REC2020, XYZ_TO_SRGB
 from pipeline.encode.exr import write_exr
 from pipeline.encode.jpeg import write_jpeg
 from pipeline.encode.tiff import write_tiff

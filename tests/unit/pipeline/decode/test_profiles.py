@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from PIL import Image as PillowImage
 from PIL import ImageCms
 
+from pipeline.colour.icc import linear_rec2020_profile, matrix_profile, srgb_profile
 from pipeline.decode import decode
 from pipeline.decode.profiles import differs_from_srgb
-from pipeline.encode.icc import linear_rec2020_profile, matrix_profile, srgb_profile
 
 P3 = ((0.680, 0.320), (0.265, 0.690), (0.150, 0.060))
 P3_TO_SRGB = np.array([[1.2249, -0.2247, 0.0], [-0.0420, 1.0419, 0.0], [-0.0197, -0.0786, 1.0979]])

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from PIL import Image as PillowImage
 from PIL import ImageCms
 
-from pipeline.encode.colour import XYZ_TO_REC2020, XYZ_TO_SRGB
+from pipeline.colour.icc import linear_rec2020_profile
+from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
 from pipeline.encode.exr import write_exr
 from pipeline.encode.files import describe
-from pipeline.encode.icc import linear_rec2020_profile
 from pipeline.encode.jpeg import to_srgb8, write_jpeg
 from pipeline.encode.png import write_normals_png, write_png8
 from pipeline.encode.tiff import write_tiff

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.encode.colour import XYZ_TO_SRGB
+from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.errors import OptionError
 from pipeline.frames import Frame
 from pipeline.options import Sensitivities

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.encode.colour import cct
+from pipeline.colour.temperature import cct
 from pipeline.errors import OptionError
 from pipeline.options import Spectrum
 from pipeline.spectra.grid import WAVELENGTHS_NM

@@ -9,7 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.encode.colour import (
+from pipeline.colour.curves import srgb_to_linear
+from pipeline.colour.spaces import (
     D65_XY,
     REC2020_PRIMARIES,
     SRGB_PRIMARIES,
@@ -91,8 +92,7 @@ def _adaptation() -> NDArray[np.float64]:
 
 
 def _srgb_curve() -> bytes:
-    code = np.linspace(0.0, 1.0, _CURVE_POINTS)
-    light = np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
+    light = srgb_to_linear(np.linspace(0.0, 1.0, _CURVE_POINTS))
     points = np.round(light * 65535).astype(">u2").tobytes()
     return b"curv" + bytes(4) + struct.pack(">I", _CURVE_POINTS) + points
 

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import ImageCms
 
-from pipeline.encode.icc import linear_rec2020_profile, matrix_profile, srgb_profile
+from pipeline.colour.icc import linear_rec2020_profile, matrix_profile, srgb_profile
 
 REFERENCE_SRGB = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 

@@ -1,0 +1,36 @@
+"""Colour spaces of pictures, by their primaries."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.frames import Matrix
+
+Primaries = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+
+SRGB_PRIMARIES: Primaries = ((0.640, 0.330), (0.300, 0.600), (0.150, 0.060))
+"""CIE xy of red, green and blue, IEC 61966-2-1 (as Rec. ITU-R BT.709)."""
+REC2020_PRIMARIES: Primaries = ((0.708, 0.292), (0.170, 0.797), (0.131, 0.046))
+"""CIE xy of red, green and blue, Rec. ITU-R BT.2020."""
+D65_XY = (0.3127, 0.3290)
+"""White of both spaces."""
+
+
+def xy_to_xyz(xy: tuple[float, float]) -> NDArray[np.float64]:
+    """CIE xy → XYZ with Y = 1."""
+    x, y = xy
+    return np.array([x / y, 1.0, (1.0 - x - y) / y])
+
+
+def rgb_to_xyz(primaries: Primaries, white: tuple[float, float] = D65_XY) -> Matrix:
+    """Matrix (3, 3) from linear RGB to CIE XYZ, white (1, 1, 1) → Y = 1 (SMPTE RP 177)."""
+    columns = np.array([xy_to_xyz(xy) for xy in primaries]).T
+    matrix: Matrix = columns * np.linalg.solve(columns, xy_to_xyz(white))
+    return matrix
+
+
+XYZ_TO_SRGB: Matrix = np.asarray(np.linalg.inv(rgb_to_xyz(SRGB_PRIMARIES)), dtype=np.float64)
+"""CIE XYZ (D65) → linear sRGB."""
+XYZ_TO_REC2020: Matrix = np.asarray(np.linalg.inv(rgb_to_xyz(REC2020_PRIMARIES)), dtype=np.float64)
+"""CIE XYZ (D65) → linear Rec. 2020."""

@@ -1,0 +1,46 @@
+"""Colour temperature of a light from its camera RGB."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipeline.frames import Matrix
+
+CCT_RANGE_K = (1000.0, 15000.0)
+_MAX_DUV = 0.05
+"""Farther than this from the Planckian locus a colour has no CCT (CIE 15:2018)."""
+
+
+def cct(rgb: ArrayLike, matrix: Matrix) -> float | None:
+    """Correlated colour temperature in kelvin of a camera RGB.
+
+    matrix: camera RGB → CIE XYZ. None for a colour more than 0.05 (CIE 1960 uv) off the Planckian
+    locus or outside CCT_RANGE_K. The locus is Krystek's (1985) approximation.
+    """
+    X, Y, Z = matrix @ np.asarray(rgb, dtype=np.float64)
+    total = X + 15 * Y + 3 * Z
+    if not total > 0:
+        return None
+    point = np.array([4 * X, 6 * Y]) / total
+    low, high = (1e6 / kelvin for kelvin in reversed(CCT_RANGE_K))
+    for _ in range(4):  # each round looks ten times as closely in reciprocal temperature
+        mired = np.linspace(low, high, 201)
+        distance = np.hypot(*(_planckian_uv(1e6 / mired) - point[:, None]))
+        best = int(np.argmin(distance))
+        if best in (0, mired.size - 1) or distance[best] > _MAX_DUV:
+            return None
+        low, high = mired[best - 1], mired[best + 1]
+    return float(1e6 / mired[best])
+
+
+def _planckian_uv(kelvin: NDArray[np.float64]) -> NDArray[np.float64]:
+    """CIE 1960 uv (2, n) of black bodies, Krystek 1985, 1000 to 15000 K."""
+    T = kelvin
+    u = (0.860117757 + 1.54118254e-4 * T + 1.28641212e-7 * T**2) / (
+        1 + 8.42420235e-4 * T + 7.08145163e-7 * T**2
+    )
+    v = (0.317398726 + 4.22806245e-5 * T + 4.20481691e-8 * T**2) / (
+        1 - 2.89741816e-5 * T + 1.61456053e-7 * T**2
+    )
+    return np.array([u, v])

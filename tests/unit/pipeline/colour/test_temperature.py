@@ -1,0 +1,53 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pipeline.colour.temperature import cct
+from pipeline.spectra.library import colour_science
+from pipeline.spectra.lights import find_light
+from pipeline.spectra.observer import cie_1931
+
+colour = colour_science()
+
+
+@pytest.mark.parametrize(
+    ("light", "kelvin"),
+    [("A", 2856), ("D50", 5003), ("D55", 5503), ("D65", 6504), ("D75", 7504)],
+)
+def test_cct_of_standard_illuminants(light: str, kelvin: float) -> None:
+    xyz = cie_1931() @ find_light(light)
+
+    assert cct(xyz, np.eye(3)) == pytest.approx(kelvin, rel=0.005)
+
+
+@pytest.mark.parametrize("kelvin", [1200, 1800, 2700, 3500, 4500, 6500, 9000, 14000])
+def test_cct_of_black_bodies(kelvin: float) -> None:
+    shape = colour.SpectralShape(380, 780, 5)
+    xyz = cie_1931() @ colour.sd_blackbody(kelvin, shape).values
+
+    assert cct(xyz, np.eye(3)) == pytest.approx(kelvin, rel=0.01)
+
+
+@pytest.mark.parametrize("light", ["FL2", "FL7", "FL11", "LED-B1", "LED-B4", "HP1"])
+def test_cct_of_lamps_agrees_with_an_independent_method(light: str) -> None:
+    xyz = cie_1931() @ find_light(light)
+    uv = colour.UCS_to_uv(colour.XYZ_to_UCS(xyz))
+
+    assert cct(xyz, np.eye(3)) == pytest.approx(colour.uv_to_CCT(uv, "Ohno 2013")[0], rel=0.01)
+
+
+@pytest.mark.parametrize(
+    "xyz",
+    [(0, 0, 0), (-1, -1, -1), (0.1, 0.9, 0.1), (0.6, 0.2, 0.9), (0.2, 0.1, 3.0), (1, 0.3, 0)],
+    ids=["black", "negative", "green", "purple", "blue", "red"],
+)
+def test_colours_far_from_any_black_body_have_no_cct(xyz: tuple[float, float, float]) -> None:
+    assert cct(xyz, np.eye(3)) is None
+
+
+def test_cct_goes_through_the_matrix() -> None:
+    xyz = cie_1931() @ find_light("A")
+    camera = np.array([[0.5, 0.2, 0.1], [0.1, 0.9, 0.0], [0.0, 0.2, 0.8]])
+
+    assert cct(camera @ xyz, np.linalg.inv(camera)) == pytest.approx(2856, rel=0.005)
