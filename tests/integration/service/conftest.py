@@ -1,0 +1,274 @@
+"""The service as real processes, on SQLite and a folder or on PostgreSQL and S3."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NoReturn
+
+import httpx
+import pytest
+from moto.server import ThreadedMotoServer
+
+import drivers
+from pipeline.progress import STAGES
+from service.client import Client, ServiceAwayError
+
+Job = dict[str, Any]
+
+_PATIENCE_SECONDS = 120
+
+
+def await_that(what: str, happened: Callable[[], Any]) -> Any:
+    """Wait until a function gives something true; what it gave."""
+    deadline = time.monotonic() + _PATIENCE_SECONDS
+    while time.monotonic() < deadline:
+        if value := happened():
+            return value
+        time.sleep(0.02)
+    pytest.fail(f"waited in vain until {what}")
+
+
+def children(pid: int) -> dict[int, str]:
+    """Command lines by process id of all living processes below one."""
+    below: dict[int, str] = {}
+    parents: dict[int, list[int]] = {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, parent = stat.read_text().rpartition(")")[2].split()[:2]
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        if state not in "ZX":
+            parents.setdefault(int(parent), []).append(int(stat.parent.name))
+    found = [pid]
+    for number in found:
+        found += parents.get(number, [])
+    for number in found[1:]:
+        try:
+            below[number] = Path(f"/proc/{number}/cmdline").read_text().replace("\0", " ")
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+    return below
+
+
+class Service:
+    """`lightlayers serve` in a process of its own, with quick heartbeats."""
+
+    def __init__(self, folder: Path, **settings: object) -> None:
+        folder.mkdir(exist_ok=True)
+        self.data = folder / "data"
+        self.log = folder / "log"
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            self.port = server.getsockname()[1]
+        quick = {"heartbeat_seconds": 0.5, "silence_seconds": 3, "poll_seconds": 0.2}
+        settings = {"data_dir": self.data, "port": self.port, **quick, **settings}
+        self.environment = {
+            **{key: text for key, text in os.environ.items() if "LIGHTLAYERS_" not in key},
+            **{f"LIGHTLAYERS_{name.upper()}": str(value) for name, value in settings.items()},
+        }
+        self.url = f"http://127.0.0.1:{self.port}"
+        self.http = httpx.Client(base_url=self.url, timeout=60)
+        self._process: subprocess.Popen[bytes] | None = None
+        self._others: list[subprocess.Popen[bytes]] = []
+
+    def start(self) -> None:
+        self._process = self._run("serve")
+        with Client(self.url) as client:
+            await_that("the service answers", lambda: self._answers(client))
+
+    def start_worker(self) -> subprocess.Popen[bytes]:
+        self._others.append(self._run("worker"))
+        return self._others[-1]
+
+    def _run(self, command: str) -> subprocess.Popen[bytes]:
+        with self.log.open("ab") as log:
+            return subprocess.Popen(
+                [sys.executable, "-m", "service.cli", command], env=self.environment, stderr=log
+            )
+
+    def _answers(self, client: Client) -> bool:
+        assert self.pid
+        try:
+            client.check_ready()
+        except ServiceAwayError:
+            return False
+        return True
+
+    @property
+    def pid(self) -> int:
+        assert self._process is not None and self._process.poll() is None, self.log.read_text()
+        return self._process.pid
+
+    def find(self, module: str) -> list[int]:
+        """Process ids of the workers ("worker") or of the jobs ("child")."""
+        found = children(self.pid)
+        return [pid for pid, line in found.items() if f"-m service.{module} " in line]
+
+    def kill(self) -> None:
+        """Kill every process of the service with -9."""
+        processes = [self.pid, *children(self.pid)]
+        for pid in processes:
+            os.kill(pid, signal.SIGKILL)
+        assert self._process is not None
+        self._process.wait()
+        for pid in processes:
+            await_that("it is dead", lambda pid=pid: not _lives(pid))
+
+    def stop(self) -> int:
+        """Ask the service to stop; its exit code."""
+        assert self._process is not None
+        self._process.terminate()
+        return self._process.wait(_PATIENCE_SECONDS)
+
+    def close(self) -> None:
+        self.http.close()
+        for process in filter(None, [self._process, *self._others]):
+            if process.poll() is None:
+                process.terminate()
+                process.wait(_PATIENCE_SECONDS)
+
+    def capture(self, camera: str) -> Job:
+        answer = self.http.post("/jobs", json={"capture": {"camera": camera}})
+        assert answer.status_code == 202, answer.text
+        job: Job = answer.json()
+        return job
+
+    def upload(self, pair: drivers.CapturedPair) -> Job:
+        files = {"no_flash": pair.no_flash.best, "flash": pair.flash.best}
+        answer = self.http.post("/jobs", files=files)
+        assert answer.status_code == 202, answer.text
+        job: Job = answer.json()
+        return job
+
+    def look(self, job: Job) -> Job:
+        now: Job = self.http.get(job["links"]["self"]).raise_for_status().json()
+        return now
+
+    def await_stage(self, job: Job, attempt: int = 1) -> Job:
+        """Wait until the job is in the middle of its separation, in this attempt."""
+
+        def separating() -> Job | None:
+            now = self.look(job)
+            assert now["state"] in ("queued", "running"), now
+            return now if now["attempt"] == attempt and now["stage"] in STAGES else None
+
+        found: Job = await_that("the job separates", separating)
+        return found
+
+    def await_that(self, what: str, happened: Callable[[], Any]) -> None:
+        """Wait until a function gives something true."""
+        await_that(what, happened)
+
+    def await_end(self, job: Job) -> Job:
+        ended = ("succeeded", "failed", "canceled")
+
+        def look() -> Job | None:
+            now = self.look(job)
+            return now if now["state"] in ended else None
+
+        found: Job = await_that("the job ends", look)
+        return found
+
+
+def _lives(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+@pytest.fixture(scope="session")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    """A service that runs all the time; what a test leaves there is the next one's to bear."""
+    yield from _running(Service(tmp_path_factory.mktemp("service")))
+
+
+@pytest.fixture
+def own_service(tmp_path: Path) -> Iterator[Service]:
+    """A service of the test's own, to be killed."""
+    yield from _running(Service(tmp_path / "service"))
+
+
+@pytest.fixture
+def grown_up(tmp_path: Path, postgresql: str, s3: dict[str, str]) -> Iterator[Service]:
+    """A service on PostgreSQL and S3."""
+    store = "s3://photographs/lightlayers"
+    service = Service(tmp_path / "service", database_url=postgresql, store_url=store)
+    service.environment |= s3
+    yield from _running(service)
+
+
+def _running(service: Service) -> Iterator[Service]:
+    service.start()
+    yield service
+    service.close()
+
+
+@pytest.fixture(scope="session")
+def pair() -> drivers.CapturedPair:
+    """A pair that takes some seconds to separate."""
+    with drivers.open_camera("sim://studio?lights=2&width=600&height=400") as camera:
+        return drivers.capture_pair(camera)
+
+
+@pytest.fixture(scope="session")
+def s3() -> Iterator[dict[str, str]]:
+    """An S3 server with the bucket `photographs`: the variables that lead to it."""
+    server = ThreadedMotoServer(port=0)
+    server.start()
+    host, port = server.get_host_and_port()
+    url = f"http://{host if host != '0.0.0.0' else '127.0.0.1'}:{port}"
+    httpx.put(f"{url}/photographs").raise_for_status()
+    yield {
+        "AWS_ENDPOINT_URL": url,
+        "AWS_ALLOW_HTTP": "true",
+        "AWS_REGION": "us-east-1",
+        "AWS_ACCESS_KEY_ID": "test",
+        "AWS_SECRET_ACCESS_KEY": "test",
+    }
+    server.stop()
+
+
+@pytest.fixture(scope="session")
+def postgresql(
+    tmp_path_factory: pytest.TempPathFactory, lacking: Callable[[str], NoReturn]
+) -> Iterator[str]:
+    """A PostgreSQL server of its own: the URL of an empty database."""
+    places = [*sorted(Path("/usr/lib/postgresql").glob("*/bin"), reverse=True)]
+    found = shutil.which("initdb", path=os.pathsep.join([*map(str, places), os.environ["PATH"]]))
+    if found is None:
+        lacking("postgresql")
+    programs = Path(found).resolve().parent
+    folder = tmp_path_factory.mktemp("postgresql")
+    # PostgreSQL refuses to run as root; its package has made a user for it.
+    user = "postgres" if os.geteuid() == 0 else None
+    if user:
+        shutil.chown(folder, user)
+        for parent in folder.parents[:2]:
+            parent.chmod(0o755)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+
+    def run(*command: str) -> None:
+        subprocess.run(
+            [str(programs / command[0]), *command[1:]],
+            user=user,
+            cwd=folder,
+            check=True,
+            stdout=subprocess.DEVNULL,
+        )
+
+    data = str(folder / "data")
+    run("initdb", "-D", data, "-A", "trust", "-U", "lightlayers", "--no-sync")
+    options = f"-p {port} -h 127.0.0.1 -k {folder} -c fsync=off"
+    run("pg_ctl", "-D", data, "-l", str(folder / "log"), "-w", "-o", options, "start")
+    run("createdb", "-h", "127.0.0.1", "-p", str(port), "-U", "lightlayers", "lightlayers")
+    yield f"postgresql://lightlayers@127.0.0.1:{port}/lightlayers"
+    run("pg_ctl", "-D", data, "-m", "immediate", "stop")

@@ -1,0 +1,198 @@
+"""The embedded default: one command, SQLite and a folder."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import signal
+import sqlite3
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import drivers
+from service.cli import run
+from service.storage import Storage
+
+SMALL = "sim://studio?lights=2&width=128&height=96"
+
+
+def _stored(service: Any) -> list[str]:
+    return Storage((service.data / "store").as_uri()).list("")
+
+
+def _scratch(service: Any) -> list[Path]:
+    return list((service.data / "work").iterdir())
+
+
+def test_a_pair_goes_in_and_layers_come_out(service: Any, pair: drivers.CapturedPair) -> None:
+    job = service.await_end(service.upload(pair))
+    assert (job["state"], job["attempt"], job["error"]) == ("succeeded", 1, None)
+    manifest = service.http.get(job["links"]["results"]).json()
+    listed = {file["name"]: file["sha256"] for file in manifest["files"]}
+    assert set(listed) | {"manifest.json"} == {file["name"] for file in job["files"]}
+    assert {"layers.exr", "lamp1.jpg", "lamp2.tif"} <= set(listed)
+    archive = zipfile.ZipFile(io.BytesIO(service.http.get(job["links"]["zip"]).content))
+    for file in job["files"]:
+        data = service.http.get(file["href"]).content
+        digest = hashlib.sha256(data).hexdigest()
+        assert digest == file["sha256"] == listed.get(file["name"], digest)
+        assert archive.read(file["name"]) == data
+    assert _scratch(service) == []
+
+
+def test_everything_killed_in_mid_job_is_finished_after_a_start(own_service: Any) -> None:
+    first = own_service.capture("sim://studio?lights=2&width=600&height=400")
+    second = own_service.capture(SMALL)
+    own_service.await_stage(first)
+    taken = {key: _digest(own_service, key) for key in _stored(own_service) if "/inputs/" in key}
+    assert len(taken) == 2
+    own_service.kill()
+    assert len(_scratch(own_service)) == 1
+    own_service.start()
+    done = own_service.await_end(first)
+    assert (done["state"], done["attempt"]) == ("succeeded", 2)
+    assert own_service.await_end(second)["state"] == "succeeded"
+    # The photographs were not taken again, and nothing of the first attempt is left.
+    of_first = [key for key in _stored(own_service) if first["id"] in key]
+    assert {key: _digest(own_service, key) for key in of_first if "/inputs/" in key} == taken
+    assert {key.split("/")[2] for key in of_first} == {"inputs", "2"}
+    assert _scratch(own_service) == []
+
+
+def _digest(service: Any, key: str) -> str:
+    data = Storage((service.data / "store").as_uri()).get(key)
+    return hashlib.sha256(data).hexdigest()
+
+
+def test_a_stopped_service_puts_its_job_back(own_service: Any, pair: drivers.CapturedPair) -> None:
+    job = own_service.upload(pair)
+    own_service.await_stage(job)
+    assert own_service.stop() == 0
+    with sqlite3.connect(own_service.data / "lightlayers.sqlite") as database:
+        row = database.execute("SELECT state, attempt, lost, worker FROM jobs").fetchone()
+    database.close()
+    assert row == ("queued", 1, 0, None)
+    assert _scratch(own_service) == []
+    own_service.start()
+    done = own_service.await_end(job)
+    assert (done["state"], done["attempt"]) == ("succeeded", 2)
+
+
+def test_a_running_job_can_be_canceled(service: Any, pair: drivers.CapturedPair) -> None:
+    job = service.upload(pair)
+    service.await_stage(job)
+    assert len(service.find("child")) == 1
+    asked = service.http.post(job["links"]["cancel"])
+    assert (asked.status_code, asked.json()["state"]) == (202, "canceling")
+    done = service.await_end(job)
+    assert (done["state"], done["files"], done["error"]) == ("canceled", [], None)
+    assert service.find("child") == []
+    assert [key for key in _stored(service) if job["id"] in key] == [
+        f"jobs/{job['id']}/inputs/flash",
+        f"jobs/{job['id']}/inputs/no_flash",
+    ]
+
+
+def test_a_running_job_can_be_deleted(service: Any, pair: drivers.CapturedPair) -> None:
+    job = service.upload(pair)
+    service.await_stage(job)
+    assert service.http.delete(job["links"]["self"]).status_code == 204
+    assert service.http.get(job["links"]["self"]).status_code == 404
+    service.await_that("its process is gone", lambda: not service.find("child"))
+    service.await_that("nothing is stored", lambda: job["id"] not in " ".join(_stored(service)))
+
+
+def test_a_crash_hurts_only_its_job(service: Any, pair: drivers.CapturedPair) -> None:
+    job = service.upload(pair)
+    next_job = service.capture(SMALL)
+    service.await_stage(job)
+    (child,) = service.find("child")
+    os.kill(child, signal.SIGSEGV)
+    done = service.await_end(job)
+    assert done["state"] == "failed"
+    assert done["error"]["type"] == "urn:lightlayers:problem:crashed"
+    assert "SIGSEGV" in done["error"]["detail"]
+    assert service.await_end(next_job)["state"] == "succeeded"
+
+
+def test_a_job_that_kills_its_workers_is_given_up(
+    own_service: Any, pair: drivers.CapturedPair
+) -> None:
+    job = own_service.upload(pair)
+    killed: set[int] = set()
+    for attempt in (1, 2, 3):
+        own_service.await_stage(job, attempt)
+        (worker,) = own_service.find("worker")
+        assert worker not in killed
+        os.kill(worker, signal.SIGKILL)
+        killed.add(worker)
+    done = own_service.await_end(job)
+    assert done["state"] == "failed"
+    assert done["error"]["type"] == "urn:lightlayers:problem:abandoned"
+    assert "3 times" in done["error"]["detail"]
+
+
+def test_two_workers_do_each_job_once(own_service: Any, pair: drivers.CapturedPair) -> None:
+    own_service.start_worker()
+    jobs = [own_service.upload(pair) for _ in range(4)]
+    ends = [own_service.await_end(job) for job in jobs]
+    assert [(job["state"], job["attempt"]) for job in ends] == [("succeeded", 1)] * 4
+
+
+@pytest.mark.parametrize(
+    ("camera", "kind"),
+    [("sim://studio?fault=store_full", "camera-failed"), ("usb://1", "bad-camera-address")],
+)
+def test_a_camera_that_fails_fails_the_job(camera: str, kind: str, service: Any) -> None:
+    job = service.await_end(service.capture(camera))
+    assert job["state"] == "failed"
+    assert job["error"]["type"] == f"urn:lightlayers:problem:{kind}"
+    assert job["error"]["detail"].endswith(".")
+
+
+def test_photographs_are_named_in_no_log(service: Any, pair: drivers.CapturedPair) -> None:
+    files = {
+        "no_flash": ("holiday1.dng", pair.no_flash.best),
+        "flash": ("holiday2.dng", pair.flash.best),
+    }
+    job = service.http.post("/jobs", files=files, headers={"prefer": "wait=60"}).json()
+    assert job["state"] == "succeeded"
+    lines = service.log.read_text().splitlines()
+    assert [json.loads(line)["message"] for line in lines if job["id"] in line] == [
+        "started",
+        "succeeded",
+    ]
+    assert "holiday" not in service.log.read_text()
+
+
+def test_a_pair_is_submitted_from_the_shell(
+    service: Any, pair: drivers.CapturedPair, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    paths = [tmp_path / "a.dng", tmp_path / "b.dng"]
+    paths[0].write_bytes(pair.no_flash.best)
+    paths[1].write_bytes(pair.flash.best)
+    out = tmp_path / "out"
+    command = ["submit", *map(str, paths), "-o", str(out), "--url", service.url, "--json"]
+    assert run([*command, "--lights", "2"]) == 0
+    said = capsys.readouterr()
+    manifest = json.loads(said.out)
+    assert manifest == json.loads((out / "manifest.json").read_bytes())
+    assert manifest["lights"]["requested"] == 2
+    names = [file["name"] for file in manifest["files"]]
+    assert sorted(path.name for path in out.iterdir()) == sorted([*names, "manifest.json"])
+
+
+def test_a_pair_that_is_none_is_refused_at_the_shell(
+    service: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    diary = tmp_path / "diary.txt"
+    diary.write_text("dear diary")
+    out = tmp_path / "out"
+    assert run(["submit", str(diary), str(diary), "-o", str(out), "--url", service.url]) == 2
+    assert "no-flash photograph" in capsys.readouterr().err
+    assert not out.exists()

@@ -1,0 +1,59 @@
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import pytest
+
+from service.storage import Storage
+
+
+@pytest.fixture
+def storage(s3: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> Storage:
+    for name, value in s3.items():
+        monkeypatch.setenv(name, value)
+    return Storage("s3://photographs/some/prefix")
+
+
+def test_objects_live_below_the_prefix(storage: Storage) -> None:
+    storage.put("jobs/1/inputs/flash", b"light")
+    assert storage.get("jobs/1/inputs/flash") == b"light"
+    assert storage.list("jobs/1/") == ["jobs/1/inputs/flash"]
+    assert Storage("s3://photographs").list("some/prefix/jobs/1") == [
+        "some/prefix/jobs/1/inputs/flash"
+    ]
+
+
+def test_a_large_file_is_stored_whole(storage: Storage, tmp_path: Path) -> None:
+    data = bytes(range(251)) * 60_000  # more than one part of an upload
+    (tmp_path / "photograph").write_bytes(data)
+    digest = storage.put_file("jobs/2/inputs/flash", tmp_path / "photograph")
+    assert digest == hashlib.sha256(data).hexdigest()
+    storage.get_file("jobs/2/inputs/flash", tmp_path / "copy")
+    assert (tmp_path / "copy").read_bytes() == data
+    part = b"".join(storage.stream("jobs/2/inputs/flash", 10_000_000, 10_000_500))
+    assert part == data[10_000_000:10_000_500]
+
+
+def test_only_what_lies_below_is_deleted(storage: Storage) -> None:
+    for key in ("jobs/3/1/a", "jobs/3/1/b", "jobs/3/10/a"):
+        storage.put(key, b"")
+    storage.delete_below("jobs/3/1/")
+    assert storage.list("jobs/3/") == ["jobs/3/10/a"]
+
+
+def test_what_is_not_there_is_said(storage: Storage) -> None:
+    with pytest.raises(FileNotFoundError):
+        storage.get("jobs/4/nothing")
+    with pytest.raises(FileNotFoundError):
+        storage.stream("jobs/4/nothing", 0, 1)
+
+
+def test_a_store_that_answers_passes_its_check(storage: Storage) -> None:
+    storage.check()
+
+
+@pytest.mark.usefixtures("storage")
+def test_a_bucket_that_is_not_there_does_not() -> None:
+    with pytest.raises(Exception, match="NoSuchBucket"):
+        Storage("s3://nowhere").check()
