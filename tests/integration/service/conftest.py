@@ -118,8 +118,7 @@ class Service:
             os.kill(pid, signal.SIGKILL)
         assert self._process is not None
         self._process.wait()
-        for pid in processes:
-            await_that("it is dead", lambda pid=pid: not _lives(pid))
+        await_that("all are dead", lambda: not any(map(_lives, processes)))
 
     def stop(self) -> int:
         """Ask the service to stop; its exit code."""
