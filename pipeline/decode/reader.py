@@ -114,6 +114,8 @@ def _size(data: bytes, kind: Kind, name: str) -> tuple[int, int]:
             "HEIF": heif_size,
             "RAW": raw_size,
         }[kind](data)
+        if width < 1 or height < 1:
+            raise ValueError("no pixels")
     if width * height > max_pixels():
         raise ImageTooLargeError(
             f"The {name} has {width} × {height} pixels, more than the limit of "

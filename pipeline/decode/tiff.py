@@ -44,7 +44,7 @@ def tiff_size(data: bytes) -> tuple[int, int]:
     """(width, height) of the first full picture, before orientation. Raises ValueError."""
     with TiffFile(io.BytesIO(data)) as file:
         page = _full(file)
-        return page.imagewidth, page.imagelength
+        return int(page.imagewidth), int(page.imagelength)  # a damaged tag makes them tuples
 
 
 def read_tiff(data: bytes, orientation: int) -> Samples:

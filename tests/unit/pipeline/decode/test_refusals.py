@@ -316,5 +316,15 @@ def test_a_tiff_of_thousands_of_directories_is_not_walked(tiff_file: Write) -> N
     assert decode(bytes(data)).size == (8, 8)
 
 
+@pytest.mark.parametrize("tag", [256, 257])
+@pytest.mark.parametrize("count", [0, 3, 200])
+def test_a_tiff_whose_size_is_no_number_is_damaged(tiff_file: Write, tag: int, count: int) -> None:
+    data = bytearray(tiff_file(np.full((8, 8, 3), 0.5, np.float32)))
+    entry = data.index(struct.pack("<HH", tag, 4))
+    struct.pack_into("<I", data, entry + 4, count)
+
+    assert "damaged" in refusal(bytes(data))
+
+
 def test_16_bit_png_of_one_colour_channel_is_grey(codes: Codes) -> None:
     assert "is grey" in refusal(bytes(imagecodecs.png_encode(codes[..., 0].astype(np.uint16))))
