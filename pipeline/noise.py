@@ -12,9 +12,9 @@ from pipeline.frames import Image
 
 _BINS = 24
 _BLOCK = 8
-_RADIUS = 2
-_JOIN = 3.6  # standard deviations, over six channels
-HALO = _RADIUS
+_WINDOWS = ((2, 1), (1, 3), (1, 6), (1, 12))  # reach and gap of each round
+_JOIN = 4.2  # standard deviations of one pixel, over six channels
+HALO = sum(reach * gap for reach, gap in _WINDOWS)
 """Rows that sigma_filter needs beyond either end of a strip."""
 
 
@@ -89,51 +89,62 @@ def sigma_filter(
 ) -> tuple[Image, Image]:
     """Average each pixel of a pair with the neighbours that differ from it only by noise.
 
-    A neighbour in the 5×5 window joins when the six channels' squared differences, each divided
-    by its variance, sum to less than 3.6² (Lee, "Digital image smoothing and the sigma filter",
-    1983, on the pair).
+    A neighbour joins when the six channels' squared differences, each divided by the variance
+    of one pixel, sum to less than 4.2² (Lee, "Digital image smoothing and the sigma filter",
+    1983, on the pair). First the 5×5 window, then 3×3 windows with ever wider gaps on what came out, so that
+    flat areas are averaged widely at little cost (à trous, Holschneider et al. 1989).
 
     Parameters
     ----------
     images : two (h, W, 3) photographs, independent of each other
     noises : the noise of each
-    keep : the rows to return; the others are halo
+    keep : the rows to return; the others, HALO on either side or up to the border, are halo
 
     Returns
     -------
     two (len(keep), W, 3) filtered photographs
     """
+    values = np.concatenate(images, axis=2)
+    certainty = np.ones(values.shape[:2], dtype=np.float32)  # pixels averaged so far
+    for reach, gap in _WINDOWS:
+        values, certainty = _join(values, certainty, noises, reach, gap)
+    values = values[keep]
+    return np.ascontiguousarray(values[..., :3]), np.ascontiguousarray(values[..., 3:])
+
+
+def _join(
+    values: Image, certainty: Image, noises: tuple[Noise, Noise], reach: int, gap: int
+) -> tuple[Image, Image]:
+    """One round of the filter on (h, W, 6): neighbours at −reach … reach gaps in both axes."""
     stable = np.concatenate(
-        [noise.stabilize(image) for image, noise in zip(images, noises, strict=True)], axis=2
+        [noise.stabilize(values[..., 3 * i : 3 * i + 3]) for i, noise in enumerate(noises)], axis=2
     ).transpose(2, 0, 1)
-    values = np.concatenate(images, axis=2).transpose(2, 0, 1)
-    height, width = values.shape[1:]
-    top, bottom, _ = keep.indices(height)
-    rows = bottom - top
-    total = np.ascontiguousarray(values[:, top:bottom])
-    count = np.ones((rows, width), dtype=np.float32)
-    center = np.ascontiguousarray(stable[:, top:bottom])
-    pad = ((0, 0), (_RADIUS, _RADIUS), (_RADIUS, _RADIUS))
-    stable = np.pad(stable, pad, constant_values=np.inf)  # what lies outside never joins
-    values = np.pad(values, pad)
-    distance = np.empty((rows, width), dtype=np.float32)
-    scratch = np.empty((rows, width), dtype=np.float32)
-    for dy in range(-_RADIUS, _RADIUS + 1):
-        for dx in range(-_RADIUS, _RADIUS + 1):
+    height, width = certainty.shape
+    edge = reach * gap
+    pad = ((0, 0), (edge, edge), (edge, edge))
+    center = np.ascontiguousarray(stable)
+    around = np.pad(center, pad, constant_values=np.inf)  # what lies outside never joins
+    planes = np.pad(values.transpose(2, 0, 1), pad)
+    weights = np.pad(certainty, pad[1:], constant_values=1.0)
+    total = planes[:, edge : edge + height, edge : edge + width] * certainty
+    count = certainty.copy()
+    limit = np.float32(_JOIN**2)
+    distance, scratch = np.empty_like(count), np.empty_like(count)
+    for dy in range(-reach, reach + 1):
+        for dx in range(-reach, reach + 1):
             if dy == dx == 0:
                 continue
-            ys = slice(top + _RADIUS + dy, bottom + _RADIUS + dy)
-            xs = slice(_RADIUS + dx, _RADIUS + dx + width)
+            ys = slice(edge + dy * gap, edge + dy * gap + height)
+            xs = slice(edge + dx * gap, edge + dx * gap + width)
             distance.fill(0.0)
             for channel in range(6):
-                np.subtract(center[channel], stable[channel, ys, xs], out=scratch)
+                np.subtract(center[channel], around[channel, ys, xs], out=scratch)
                 np.multiply(scratch, scratch, out=scratch)
                 np.add(distance, scratch, out=distance)
-            joins = (distance < 2.0 * _JOIN**2).astype(np.float32)
+            joins = np.where(distance < limit, weights[ys, xs], np.float32(0.0))
             count += joins
             for channel in range(6):
-                np.multiply(joins, values[channel, ys, xs], out=scratch)
+                np.multiply(joins, planes[channel, ys, xs], out=scratch)
                 total[channel] += scratch
     total /= count
-    smooth = np.ascontiguousarray(total.transpose(1, 2, 0))
-    return smooth[..., :3], smooth[..., 3:]
+    return np.ascontiguousarray(total.transpose(1, 2, 0)), count

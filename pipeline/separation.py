@@ -20,6 +20,7 @@ from pipeline.progress import Progress
 from pipeline.proportions import model_proportions
 from pipeline.reduced import ReducedPair
 
+_CLIPPED_REACH = 1
 _DOUBT = 1.5  # standard deviations of a pixel's light at which it counts for a little less
 
 
@@ -85,9 +86,10 @@ def _filtered(pair: Pair, rows: slice) -> tuple[Image, Image]:
 
 
 def _open(pair: Pair, rows: slice) -> NDArray[np.float32]:
-    """1 where nothing is clipped nearby, 0 where something is: the filter reaches that far."""
-    top, bottom = max(rows.start - HALO, 0), min(rows.stop + HALO, len(pair.clipped))
-    kernel = np.ones((2 * HALO + 1, 2 * HALO + 1), dtype=np.uint8)
+    """1 where nothing is clipped nearby, 0 where something is: resampling and blur reach that far."""
+    top = max(rows.start - _CLIPPED_REACH, 0)
+    bottom = min(rows.stop + _CLIPPED_REACH, len(pair.clipped))
+    kernel = np.ones((2 * _CLIPPED_REACH + 1, 2 * _CLIPPED_REACH + 1), dtype=np.uint8)
     near = cv2.dilate(pair.clipped[top:bottom].astype(np.uint8), kernel)
     return np.asarray(1.0 - near[rows.start - top : rows.stop - top], dtype=np.float32)
 
