@@ -61,7 +61,8 @@ def _attempt(no_flash: Image, flash: Image, working_size: int) -> Alignment:
     scale = min(1.0, working_size / max(height, width))
     size = (max(round(width * scale), 1), max(round(height * scale), 1))
     reference, sample = (
-        _edges(cv2.resize(image, size, interpolation=cv2.INTER_AREA)) for image in (no_flash, flash)
+        _edges(np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32))
+        for image in (no_flash, flash)
     )
     parameters = cv2.ECCParameters()
     parameters.motionType = cv2.MOTION_HOMOGRAPHY
@@ -99,7 +100,7 @@ def warp(image: Image, saturated: Mask, alignment: Alignment) -> tuple[Image, Ma
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
         borderValue=1.0,
     )
-    return warped, bad > 0
+    return np.asarray(warped, dtype=np.float32), bad > 0
 
 
 def _edges(image: Image) -> Image:

@@ -35,7 +35,9 @@ class Surroundings:
             cv2.remap(plane, xs, ys, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             for plane in np.ascontiguousarray(self._map.transpose(2, 0, 1))
         ]
-        return np.stack(planes, axis=-1).reshape(len(y), width, self._count, 3).transpose(2, 0, 1, 3)
+        return (
+            np.stack(planes, axis=-1).reshape(len(y), width, self._count, 3).transpose(2, 0, 1, 3)
+        )
 
 
 def push_pull(values: Array, weight: Array) -> Array:
@@ -65,7 +67,9 @@ def push_pull(values: Array, weight: Array) -> Array:
     # a block that is known in part is known as well as need be
     filled = push_pull(np.stack(coarse, axis=-1), np.minimum(4 * coarse_weight, 1.0))
     wide = [
-        cv2.resize(np.ascontiguousarray(filled[..., c]), (width, height), interpolation=cv2.INTER_LINEAR)
+        cv2.resize(
+            np.ascontiguousarray(filled[..., c]), (width, height), interpolation=cv2.INTER_LINEAR
+        )
         for c in range(values.shape[2])
     ]
     w = weight[..., None]

@@ -78,11 +78,11 @@ def estimate_lamps(
         2: two_lamps(gammas, _LINE_TOLERANCE, _TAIL),
         3: three_lamps(gammas),
     }
-    count, confidence = requested, 1.0
     if requested == "auto":
-        count, confidence = count_lamps(
-            reduced, model.lamp_matrix(candidates[1])[0], model.lamp_matrix(candidates[2]), rendered
-        )
+        one, two = model.lamp_matrix(candidates[1])[0], model.lamp_matrix(candidates[2])
+        count, confidence = count_lamps(reduced, one, two, rendered)
+    else:
+        count, confidence = int(requested), 1.0
     coefficients = _warm_first(candidates[count])
     return Lamps(
         coefficients=coefficients,

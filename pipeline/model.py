@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.frames import Matrix
 from pipeline.hui2018.invariant import flash_tensor
-from pipeline.spectra.bases import learn_basis
+from pipeline.spectra.bases import SpectralBasis, learn_basis
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.colorimetry import camera_to_xyz
 from pipeline.spectra.lights import find_light, lamp_spectra, reflectance_spectra
@@ -18,6 +18,18 @@ Array = NDArray[np.float64]
 
 _DISPLAY_LIGHT = "D65"
 """White of sRGB and Rec. 2020: photographs are shown as balanced for it."""
+
+
+@dataclass(frozen=True)
+class Response:
+    """Another camera, exposed so that its green response to D65 is that of the first.
+
+    tensor: (3, 3, 3) D with I_lamp, as the other camera sees it, = z · (Σ_j b_j D[:, :, j]) I_flash
+    of the first. camera_to_xyz: (3, 3) the other camera's RGB → CIE XYZ under D65.
+    """
+
+    tensor: Array
+    camera_to_xyz: Matrix
 
 
 @dataclass(frozen=True)
@@ -35,6 +47,7 @@ class Model:
     camera_to_xyz: (3, 3) camera RGB → CIE XYZ for showing photographs as they are, learnt under
         D65; a white card of green 1 has Y = 1.
     neutral_to_xyz: the same learnt under the neutral light, whose own colour it keeps.
+    response: another camera on the same scene, None where none was asked for.
     """
 
     tensor: Array
@@ -43,16 +56,20 @@ class Model:
     flash_to_neutral: Matrix
     camera_to_xyz: Matrix
     neutral_to_xyz: Matrix
+    response: Response | None
 
     def lamp_matrix(self, coefficients: NDArray[np.floating]) -> Matrix:
         """Return T (3, 3) of a lamp (3,), or (N, 3, 3) of lamps (N, 3): I_lamp = z · T I_flash."""
         return np.asarray(np.einsum("klj,...j->...kl", self.tensor, coefficients))
 
 
-def build_model(camera: Camera, flash: Array, neutral: Array, basis: str) -> Model:
+def build_model(
+    camera: Camera, flash: Array, neutral: Array, basis: str, response: Camera | None = None
+) -> Model:
     """Learn the model from measured lamps and reflectances.
 
-    flash, neutral: (W,) spectra on WAVELENGTHS_NM; basis: "wpca", "pca" or "joint".
+    flash, neutral: (W,) spectra on WAVELENGTHS_NM; basis: "wpca", "pca" or "joint"; response: the
+    camera through which the photograph is to be seen anew.
     """
     s = camera.sensitivities
     flash = flash / (s @ flash)[1]
@@ -60,12 +77,24 @@ def build_model(camera: Camera, flash: Array, neutral: Array, basis: str) -> Mod
     neutral_white = s @ neutral
     b_neutral = learnt.to_coefficients @ neutral
     return Model(
-        tensor=flash_tensor(learnt.tensor, learnt.to_coefficients @ flash),
+        tensor=flash_tensor(learnt.tensor(s), learnt.to_coefficients @ flash),
         flash_white=s @ flash,
         neutral=b_neutral / b_neutral[1],
         flash_to_neutral=_between_lights(s, flash, neutral / neutral_white[1]),
         camera_to_xyz=_shown(s, find_light(_DISPLAY_LIGHT)),
         neutral_to_xyz=_shown(s, neutral),
+        response=None if response is None else _response(learnt, s, flash, response),
+    )
+
+
+def _response(basis: SpectralBasis, s: Array, flash: Array, response: Camera) -> Response:
+    other = response.sensitivities
+    daylight = find_light(_DISPLAY_LIGHT)
+    other = other * ((s @ daylight)[1] / (other @ daylight)[1])
+    coefficients = basis.to_coefficients @ flash
+    return Response(
+        tensor=flash_tensor(basis.tensor(s), coefficients, seen_by=basis.tensor(other)),
+        camera_to_xyz=_shown(other, daylight),
     )
 
 

@@ -91,8 +91,8 @@ def sigma_filter(
 
     A neighbour joins when the six channels' squared differences, each divided by the variance
     of one pixel, sum to less than 4.2² (Lee, "Digital image smoothing and the sigma filter",
-    1983, on the pair). First the 5×5 window, then 3×3 windows with ever wider gaps on what came out, so that
-    flat areas are averaged widely at little cost (à trous, Holschneider et al. 1989).
+    1983, on the pair). First the 5×5 window, then 3×3 windows with ever wider gaps on what came
+    out, so that flat areas are averaged widely at little cost (à trous, Holschneider et al. 1989).
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ from pipeline.errors import OptionError, PairMismatchError, UnusablePairError
 from pipeline.frames import Frame, Image, Mask
 from pipeline.noise import Noise, estimate_noise
 from pipeline.options import Options
-from pipeline.progress import STRIP_ROWS, Progress
+from pipeline.progress import Progress
 
 _BLACK = 2e-4  # of the white level; an 8-bit sRGB code of 1 is 3e-4
 _MIN_USABLE = 0.02
@@ -82,13 +82,18 @@ def make_pair(no_flash: Frame, flash: Frame, options: Options, progress: Progres
     return pair
 
 
-def _check_belonging(no_flash: Frame, flash: Frame) -> None:
-    if no_flash.size != flash.size:
-        (w1, h1), (w2, h2) = no_flash.size, flash.size
+def check_sizes(no_flash: tuple[int, int], flash: tuple[int, int]) -> None:
+    """Raise PairMismatchError unless two (width, height) are equal."""
+    if no_flash != flash:
+        (w1, h1), (w2, h2) = no_flash, flash
         raise PairMismatchError(
             f"The photographs have different sizes, {w1} × {h1} without the flash and {w2} × {h2} "
             "with it: send both as the camera made them, uncropped."
         )
+
+
+def _check_belonging(no_flash: Frame, flash: Frame) -> None:
+    check_sizes(no_flash.size, flash.size)
     if (no_flash.encoding == "srgb") != (flash.encoding == "srgb"):
         raise PairMismatchError(
             f"The photograph without the flash holds {_words(no_flash)}, the one with it "

@@ -29,12 +29,14 @@ class Strip:
     """Some rows of the separated pair.
 
     rows: which. layers: float32 (N, h, W, 3), each lamp's light, linear camera RGB, 1.0 = white
-    level of the no-flash photograph. flash: (h, W, 3), the flash part, for `best` with its noise
-    filtered. confidence: (h, W) 0…1, 0 where the layers are filled in from the surroundings.
+    level of the no-flash photograph. no_flash, flash: (h, W, 3), the no-flash photograph and the
+    flash part, for `best` with their noise filtered. confidence: (h, W) 0…1, 0 where the layers
+    are filled in from the surroundings.
     """
 
     rows: slice
     layers: NDArray[np.float32]
+    no_flash: Image
     flash: Image
     confidence: NDArray[np.float32]
 
@@ -63,7 +65,7 @@ def separate(
             no_flash = pair.no_flash[rows]
             flash = pair.flash[rows] - (0 if pair.flash_only else no_flash)
             layers = published_layers(no_flash, flash, lamps.coefficients, model.tensor)
-            yield Strip(rows, layers, flash, _open(pair, rows))
+            yield Strip(rows, layers, no_flash, flash, _open(pair, rows))
             continue
         no_flash, flash = _filtered(pair, rows)
         confidence = _open(pair, rows) * _certainty(pair, rows)
@@ -71,7 +73,7 @@ def separate(
         proportions = model_proportions(no_flash, flash, lamps)
         around = surroundings.rows(rows, width)
         layers = (trust * proportions + (1 - trust) * around) * pair.no_flash[rows]
-        yield Strip(rows, layers, flash, confidence)
+        yield Strip(rows, layers, no_flash, flash, confidence)
 
 
 def _filtered(pair: Pair, rows: slice) -> tuple[Image, Image]:
@@ -86,7 +88,7 @@ def _filtered(pair: Pair, rows: slice) -> tuple[Image, Image]:
 
 
 def _open(pair: Pair, rows: slice) -> NDArray[np.float32]:
-    """1 where nothing is clipped nearby, 0 where something is: resampling and blur reach that far."""
+    """1 where nothing is clipped, 0 in clipped pixels and beside them, where demosaicing mixes."""
     top = max(rows.start - _CLIPPED_REACH, 0)
     bottom = min(rows.stop + _CLIPPED_REACH, len(pair.clipped))
     kernel = np.ones((2 * _CLIPPED_REACH + 1, 2 * _CLIPPED_REACH + 1), dtype=np.uint8)

@@ -72,11 +72,13 @@ def _solve(
         (1, 2): gram[0, 1] * gram[0, 2] - gram[0, 0] * gram[1, 2],
         (2, 2): gram[0, 0] * gram[1, 1] - gram[0, 1] ** 2,
     }
-    determinant = sum(gram[0, j] * cofactor[0, j] for j in range(3))
+    determinant = np.stack([gram[0, j] * cofactor[0, j] for j in range(3)]).sum(axis=0)
     regular = determinant > _REGULAR**1.5 * gram[0, 0] * gram[1, 1] * gram[2, 2]
     return [
         _divide(
-            sum(cofactor[min(i, j), max(i, j)] * seen[j] for j in range(3)), determinant, regular
+            np.stack([cofactor[min(i, j), max(i, j)] * seen[j] for j in range(3)]).sum(axis=0),
+            determinant,
+            regular,
         )
         for i in range(3)
     ]

@@ -11,23 +11,27 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def flash_tensor(tensor: Array, flash: Array) -> Array:
+def flash_tensor(tensor: Array, flash: Array, seen_by: Array | None = None) -> Array:
     """Fold the flash into the model: D with I_nf = Σ_j β_j D[:, :, j] I_f.
 
     Parameters
     ----------
     tensor : (3, 3, 3) model E[k, i, j], channel, reflectance, light
     flash : (3,) coefficients f of the flash's spectrum
+    seen_by : (3, 3, 3) model E of another camera in the same bases, which then sees I_nf
 
     Returns
     -------
     (3, 3, 3) D[k, l, j]: I_f = (Σ_j E_j f_j) α gives α, and E_j α = D_j I_f.
     """
-    under_flash = tensor @ flash
-    return np.stack([tensor[:, :, j] @ np.linalg.inv(under_flash) for j in range(3)], axis=2)
+    seen = tensor if seen_by is None else seen_by
+    from_flash = np.linalg.inv(tensor @ flash)
+    return np.stack([seen[:, :, j] @ from_flash for j in range(3)], axis=2)
 
 
-def light_coefficients(no_flash: NDArray[np.floating], flash: NDArray[np.floating], d: Array) -> Array:
+def light_coefficients(
+    no_flash: NDArray[np.floating], flash: NDArray[np.floating], d: Array
+) -> Array:
     """β of every pixel: the light of the no-flash photograph, relative to the flash's shading.
 
     Parameters

@@ -117,7 +117,7 @@ def _within_cone(points: Array) -> Array:
     """Pull corners back that lie so far out that no light could be there."""
     far = np.sqrt(1.0 / _MAX_CONE**2 - 1.0)
     length = np.linalg.norm(points, axis=1, keepdims=True)
-    return points * np.minimum(1.0, far / np.maximum(length, 1e-12))
+    return np.asarray(points * np.minimum(1.0, far / np.maximum(length, 1e-12)))
 
 
 def _ransac_line(points: Array, tolerance: float) -> tuple[Array, Array, NDArray[np.bool_]]:

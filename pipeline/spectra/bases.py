@@ -19,17 +19,20 @@ _JOINT_ROUNDS = 30
 
 @dataclass(frozen=True)
 class SpectralBasis:
-    """What the method knows about spectra, boiled down to a few small matrices.
+    """Bases of what the method knows about spectra.
 
-    tensor: E (3, 3, 3), E[k, i, j] = ∫ ρ̃_i S^k ℓ̃_j dλ: channel k, reflectance i, light j.
-    to_coefficients: (3, W), spectrum of a light → its three coefficients in the light basis.
-
-    The coordinates of the light basis are such that a light's coefficients are the camera RGB of
-    the perfect white under it (docs/decisions/0002-light-coordinates.md).
+    reflectances: (3, W) ρ̃_i. lights: (3, W) ℓ̃_j, in coordinates such that a light's coefficients
+    are the camera RGB of the perfect white under it (docs/decisions/0002-light-coordinates.md).
+    to_coefficients: (3, W), spectrum of a light → its three coefficients.
     """
 
-    tensor: Array
+    reflectances: Array
+    lights: Array
     to_coefficients: Array
+
+    def tensor(self, sensitivities: Array) -> Array:
+        """Model E (3, 3, 3) of a camera (3, W): E[k, i, j] = ∫ ρ̃_i S^k ℓ̃_j dλ."""
+        return np.asarray(np.einsum("iw,kw,jw->kij", self.reflectances, sensitivities, self.lights))
 
 
 def learn_basis(
@@ -56,7 +59,9 @@ def learn_basis(
     stacked = (reflectances[:, None, :] * sensitivities[None]).reshape(-1, reflectances.shape[1])
     to_coefficients = np.linalg.lstsq(stacked @ light_basis.T, stacked, rcond=None)[0]
     to_white = np.einsum("i,kij->kj", _white(tensor, sensitivities, lights, light_basis), tensor)
-    return SpectralBasis(tensor @ np.linalg.inv(to_white), to_white @ to_coefficients)
+    return SpectralBasis(
+        reflectance_basis, np.linalg.inv(to_white).T @ light_basis, to_white @ to_coefficients
+    )
 
 
 def _pca(_: Array, reflectances: Array, lights: Array) -> tuple[Array, Array]:

@@ -1,0 +1,107 @@
+"""What is said about a run: everything needed to judge it and to repeat it."""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+from typing import Any
+
+from pipeline.colour.temperature import cct
+from pipeline.frames import Frame
+from pipeline.lamps import Lamps
+from pipeline.model import Model
+from pipeline.normals import Photometry
+from pipeline.options import Options
+from pipeline.pair import Pair
+from pipeline.spectra.cameras import Camera
+
+_LIBRARIES = ("numpy", "opencv-python-headless", "scipy", "colour-science", "rawpy")
+
+
+def lamp_entries(lamps: Lamps, model: Model) -> list[dict[str, Any]]:
+    """One entry per lamp: name, coefficients, rgb on a grey card (largest 1), CCT, confidence."""
+    entries = []
+    for index, (coefficients, matrix) in enumerate(
+        zip(lamps.coefficients, lamps.matrices, strict=True)
+    ):
+        rgb = (matrix @ model.flash_white).clip(min=0.0)
+        kelvin = cct(rgb, model.camera_to_xyz)
+        entries.append(
+            {
+                "name": f"lamp{index + 1}",
+                "coefficients": [round(float(c), 6) for c in coefficients],
+                "rgb": [round(float(c), 4) for c in rgb / rgb.max()],
+                "cct_k": None if kelvin is None else round(kelvin),
+                "confidence": round(float(lamps.lamp_confidence[index]), 3),
+            }
+        )
+    return entries
+
+
+def make_manifest(
+    frames: tuple[Frame, Frame],
+    options: Options,
+    camera: Camera,
+    pair: Pair,
+    lamps: Lamps,
+    entries: list[dict[str, Any]],
+    photometry: Photometry | None,
+    filled: float,
+    files: list[dict[str, Any]],
+    warnings: list[str],
+) -> dict[str, Any]:
+    """Build the manifest; equal input and options give equal bytes.
+
+    entries: from lamp_entries. photometry: of the normals, None without. filled: share of pixels
+    whose layers are filled in from their surroundings. files: from describe.
+    """
+    no_flash, flash = frames
+    given = options.flash_spectrum
+    alignment = pair.alignment
+    correlation = alignment.correlation
+    return {
+        "inputs": {"no_flash": _input(no_flash), "flash": _input(flash)},
+        "options": options.model_dump(mode="json"),
+        "camera": {"name": camera.name, "source": camera.source},
+        "flash": {
+            "name": given if isinstance(given, str) else "table",
+            "source": "named" if isinstance(given, str) else "file",
+            "flash_only": pair.flash_only,
+        },
+        "exposure_ratio": round(pair.exposure_ratio, 6),
+        "alignment": {
+            "applied": alignment.applied,
+            "matrix": [[round(float(v), 9) for v in row] for row in alignment.matrix],
+            "correlation": None if correlation is None else round(correlation, 4),
+        },
+        "lights": {
+            "requested": lamps.requested,
+            "found": len(lamps),
+            "confidence": round(lamps.confidence, 3),
+        },
+        "lamps": entries,
+        "normals": None if photometry is None else _normals(photometry),
+        "filled": round(filled, 4),
+        "files": files,
+        "warnings": warnings,
+        "versions": {name: version(name) for name in ("lightlayers", *_LIBRARIES)},
+    }
+
+
+def _normals(photometry: Photometry) -> dict[str, Any]:
+    return {
+        "convention": "x right, y up, z to the viewer (OpenGL)",
+        "strengths": [round(float(strength), 4) for strength in photometry.strengths],
+    }
+
+
+def _input(frame: Frame) -> dict[str, Any]:
+    width, height = frame.size
+    return {
+        "sha256": frame.sha256,
+        "width": width,
+        "height": height,
+        "encoding": frame.encoding,
+        "exposure_time_s": frame.exposure.time_s,
+        "iso": frame.exposure.iso,
+        "f_number": frame.exposure.f_number,
+    }

@@ -1,0 +1,172 @@
+"""From pictures to files, and what the manifest says of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
+from pipeline.encode.exr import write_exr
+from pipeline.encode.files import describe
+from pipeline.encode.jpeg import write_jpeg
+from pipeline.encode.png import write_normals_png, write_png8
+from pipeline.encode.tiff import write_tiff
+from pipeline.frames import Image, Matrix
+from pipeline.gamma_diagram import draw_gamma_diagram
+from pipeline.lamps import Lamps
+from pipeline.model import Model
+from pipeline.options import OUTPUT_NAMES, Options
+from pipeline.pictures import Pictures
+from pipeline.progress import Progress
+
+_ONLY_ON_REQUEST = frozenset({"white_balanced.exr"})
+_CAMERA_RGB = "linear camera RGB, 1.0 = white level of the no-flash photograph"
+_SHOWN_GAIN = (0.25, 8.0)
+_SHOWN_WHITE = 99.5  # percentile of a picture's brightest channel that becomes white
+_SAMPLE_STEP = 4
+
+Job = tuple[str, str, str, Callable[[Path], None]]
+"""Name of a file, its encoding, its colour space, and what writes it."""
+
+
+def wanted_outputs(options: Options) -> frozenset[str]:
+    """Names out of OUTPUT_NAMES that the options ask for."""
+    if options.outputs == "all":
+        return frozenset(OUTPUT_NAMES)
+    if options.outputs == "default":
+        return frozenset(OUTPUT_NAMES) - _ONLY_ON_REQUEST
+    return frozenset(options.outputs)
+
+
+def write_outputs(
+    pictures: Pictures,
+    lamps: Lamps,
+    model: Model,
+    entries: list[dict[str, Any]],
+    wanted: frozenset[str],
+    directory: Path,
+    progress: Progress,
+) -> list[dict[str, Any]]:
+    """Write the wanted files; returns their entries for the manifest.
+
+    entries: of the lamps, for the labels of gamma.png. Raises Canceled between files, OSError.
+    """
+    jobs = [
+        *_layer_jobs(pictures, model, wanted),
+        *_balanced_jobs(pictures, model, wanted),
+        *_normal_jobs(pictures.normals, wanted),
+    ]
+    if "gamma.png" in wanted:
+        diagram = draw_gamma_diagram(lamps, model.camera_to_xyz, [_label(one) for one in entries])
+        jobs.append(("gamma.png", "8-bit", "sRGB", lambda path: write_png8(path, diagram)))
+    files = []
+    for index, (name, encoding, colour_space, write) in enumerate(jobs):
+        progress.report("encode", index / len(jobs))
+        write(directory / name)
+        files.append(describe(directory / name, encoding, colour_space))
+    return files
+
+
+def _layer_jobs(pictures: Pictures, model: Model, wanted: frozenset[str]) -> list[Job]:
+    jobs: list[Job] = []
+    names = [f"lamp{index + 1}" for index in range(len(pictures.layers))]
+    if "layers.exr" in wanted:
+        planes = {
+            f"{name}.{channel}": layer[..., k]
+            for name, layer in zip(names, pictures.layers, strict=True)
+            for k, channel in enumerate("RGB")
+        }
+        total = pictures.layers.sum(axis=0)
+        planes |= {channel: total[..., k] for k, channel in enumerate("RGB")}
+        jobs.append(
+            ("layers.exr", "32-bit float", _CAMERA_RGB, lambda path: write_exr(path, planes))
+        )
+    to_rec2020 = XYZ_TO_REC2020 @ model.camera_to_xyz
+    # what the sensor's white becomes must fit: else the brightest light of warm lamps is cut off
+    to_rec2020 = to_rec2020 / max(1.0, float((to_rec2020 @ np.ones(3)).max()))
+    to_srgb = _shown(pictures.photograph, XYZ_TO_SRGB @ model.camera_to_xyz)
+    for name, layer in zip(names, pictures.layers, strict=True):
+        if "lamps.tif" in wanted:
+            jobs.append((f"{name}.tif", "16-bit linear", "Rec. 2020", _tiff(layer, to_rec2020)))
+        if "lamps.jpg" in wanted:
+            jobs.append((f"{name}.jpg", "8-bit sRGB curve", "sRGB", _jpeg(layer, to_srgb)))
+    return jobs
+
+
+def _balanced_jobs(pictures: Pictures, model: Model, wanted: frozenset[str]) -> list[Job]:
+    jobs: list[Job] = []
+    neutral = XYZ_TO_SRGB @ model.neutral_to_xyz
+    shown: list[tuple[str, Image | None, Matrix]] = [
+        ("white_balanced_1.jpg", pictures.white_balanced_1, neutral),
+        ("white_balanced_2.jpg", pictures.white_balanced_2, neutral),
+    ]
+    if model.response is not None:
+        other = XYZ_TO_SRGB @ model.response.camera_to_xyz
+        shown.append(("response.jpg", pictures.response, other))
+    for name, picture, to_srgb in shown:
+        if name in wanted and picture is not None:
+            write = _jpeg(picture, _shown(picture, to_srgb))
+            jobs.append((name, "8-bit sRGB curve", "sRGB", write))
+    balanced = pictures.white_balanced_1
+    if "white_balanced.exr" in wanted and balanced is not None:
+        planes = _planes(balanced)
+        jobs.append(
+            (
+                "white_balanced.exr",
+                "32-bit float",
+                f"{_CAMERA_RGB}, as under the neutral light",
+                lambda path: write_exr(path, planes),
+            )
+        )
+    return jobs
+
+
+def _normal_jobs(field: Image | None, wanted: frozenset[str]) -> list[Job]:
+    if field is None:
+        return []
+    convention = "unit normals, x right, y up, z to the viewer (OpenGL)"
+    jobs: list[Job] = []
+    if "normals.png" in wanted:
+        encoding = "16-bit, (n + 1)/2 · 65535, 0 = unknown"
+        jobs.append(
+            ("normals.png", encoding, convention, lambda path: write_normals_png(path, field))
+        )
+    if "normals.exr" in wanted:
+        planes = _planes(field)
+        jobs.append(
+            (
+                "normals.exr",
+                "32-bit float, NaN = unknown",
+                convention,
+                lambda path: write_exr(path, planes),
+            )
+        )
+    return jobs
+
+
+def _tiff(picture: Image, matrix: Matrix) -> Callable[[Path], None]:
+    return lambda path: write_tiff(path, picture, matrix)
+
+
+def _jpeg(picture: Image, matrix: Matrix) -> Callable[[Path], None]:
+    return lambda path: write_jpeg(path, picture, matrix)
+
+
+def _planes(picture: Image) -> dict[str, NDArray[np.float32]]:
+    return {channel: picture[..., k] for k, channel in enumerate("RGB")}
+
+
+def _shown(picture: Image, matrix: Matrix) -> Matrix:
+    """Scale the matrix so that the picture's bright parts are shown as white."""
+    sample = picture[::_SAMPLE_STEP, ::_SAMPLE_STEP] @ matrix.T.astype(np.float32)
+    white = float(np.percentile(sample.max(axis=2), _SHOWN_WHITE))
+    return matrix * float(np.clip(1.0 / max(white, 1e-6), *_SHOWN_GAIN))
+
+
+def _label(entry: dict[str, Any]) -> str:
+    kelvin = entry["cct_k"]
+    return entry["name"] if kelvin is None else f"{entry['name']}, {kelvin} K"

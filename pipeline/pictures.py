@@ -1,0 +1,88 @@
+"""All pictures of a run, computed in one pass over the strips."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.frames import Image
+from pipeline.lamps import Lamps
+from pipeline.model import Model
+from pipeline.normals import Photometry, normals
+from pipeline.pair import Pair
+from pipeline.progress import Progress
+from pipeline.reduced import ReducedPair
+from pipeline.response import other_response
+from pipeline.separation import separate
+from pipeline.white_balance import approach_1, approach_2
+
+_FILLED = 0.5  # confidence below which a pixel counts as filled in
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """Linear pictures (H, W, 3); None where not wanted.
+
+    photograph: the no-flash photograph. layers: (N, H, W, 3). white_balanced_1, _2: camera RGB as
+    under the neutral light, by approach I and II. normals: unit, NaN where unknown. response: RGB
+    of the other camera. filled: share of pixels filled in from their surroundings, 0…1.
+    """
+
+    photograph: Image
+    layers: NDArray[np.float32]
+    white_balanced_1: Image | None
+    white_balanced_2: Image | None
+    normals: Image | None
+    response: Image | None
+    filled: float
+
+
+def render(
+    pair: Pair,
+    reduced: ReducedPair,
+    lamps: Lamps,
+    model: Model,
+    photometry: Photometry | None,
+    method: str,
+    wanted: frozenset[str],
+    progress: Progress,
+    strip_rows: int,
+) -> Pictures:
+    """Separate the pair and make every picture that a wanted output needs.
+
+    wanted: names of outputs (pipeline.options.OUTPUT_NAMES).
+    """
+    shape = pair.no_flash.shape
+
+    def canvas(*outputs: str) -> Image | None:
+        return np.empty(shape, dtype=np.float32) if wanted & set(outputs) else None
+
+    layers = np.empty((len(lamps), *shape), dtype=np.float32)
+    balanced_1 = canvas("white_balanced_1.jpg", "white_balanced.exr")
+    balanced_2 = canvas("white_balanced_2.jpg")
+    facing = canvas("normals.png", "normals.exr") if photometry else None
+    response = canvas("response.jpg") if model.response else None
+    filled = 0
+    for strip in separate(pair, reduced, lamps, model, method, progress, strip_rows):
+        rows = strip.rows
+        layers[:, rows] = strip.layers
+        filled += int((strip.confidence < _FILLED).sum())
+        if balanced_1 is not None:
+            balanced_1[rows] = approach_1(strip, lamps, model, method)
+        if balanced_2 is not None:
+            balanced_2[rows] = approach_2(strip, lamps, model, method)
+        if facing is not None and photometry is not None:
+            facing[rows] = normals(strip, lamps, photometry)
+        if response is not None and model.response is not None:
+            response[rows] = other_response(strip, lamps, model.response)
+    return Pictures(
+        photograph=pair.no_flash,
+        layers=layers,
+        white_balanced_1=balanced_1,
+        white_balanced_2=balanced_2,
+        normals=facing,
+        response=response,
+        filled=filled / (shape[0] * shape[1]),
+    )
