@@ -11,6 +11,7 @@ ServiceError
 ├── ForeignHostError         421  a Host that a service on loopback does not answer to
 ├── IdempotencyError         422  an Idempotency-Key used again for something else
 ├── QueueFullError           429  too many jobs wait
+├── StartError               ---  the service cannot start with its settings
 └── AttemptError             500  what a job's process can die of
     ├── CrashError           it crashed
     ├── MemoryLimitError     it needed more memory than the limit
@@ -76,6 +77,10 @@ class IdempotencyError(ServiceError):
 
 class QueueFullError(ServiceError):
     """Too many jobs wait."""
+
+
+class StartError(ServiceError):
+    """The service cannot start with its settings. No request ever meets it."""
 
 
 class AttemptError(ServiceError):

@@ -6,12 +6,11 @@ import json
 import sys
 
 from service.api import create_app
-from service.settings import Settings
 
 
 def document() -> str:
     """Write the document as text, the same for the same app."""
-    return json.dumps(create_app(Settings()).openapi(), indent=2, sort_keys=True) + "\n"
+    return json.dumps(create_app().openapi(), indent=2, sort_keys=True) + "\n"
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ import contextlib
 import logging
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -15,6 +16,8 @@ import uvicorn
 
 from service import logs
 from service.api import create_app
+from service.api.context import open_context
+from service.errors import StartError
 from service.settings import Settings
 
 _RESTART_SECONDS = 1.0
@@ -23,27 +26,37 @@ _STOP_SECONDS = 10.0
 log = logging.getLogger("service.serve")
 
 
-def serve(settings: Settings) -> None:
-    """Serve until a signal says stop; nothing that was started outlives this process."""
+def serve(settings: Settings, worker: bool) -> None:
+    """Serve until a signal says stop; a worker that was started does not outlive this process.
+
+    worker: false for a service whose workers run elsewhere. Raises StartError.
+    """
     logs.configure()
-    # uvicorn raises the signal again once it has stopped; the default would end us on the spot.
-    signal.signal(signal.SIGTERM, lambda _number, _frame: sys.exit(0))
-    with _worker(settings):
-        serve_api(settings)
+    with contextlib.ExitStack() as stack:
+        listener = stack.enter_context(_listener(settings))
+        context = stack.enter_context(open_context(settings))
+        # uvicorn raises the signal again once it has stopped; the default would end us on the spot.
+        signal.signal(signal.SIGTERM, lambda _number, _frame: sys.exit(0))
+        if worker:
+            stack.enter_context(_worker(settings))
+        app = create_app()
+        app.state.context = context
+        config = uvicorn.Config(app, log_config=None, access_log=False, server_header=False)
+        host, port = listener.getsockname()[:2]
+        log.info("listening on http://%s:%s", f"[{host}]" if ":" in host else host, port)
+        uvicorn.Server(config).run(sockets=[listener])
 
 
-def serve_api(settings: Settings) -> None:
-    """Serve the API alone, for a service whose workers run elsewhere."""
-    logs.configure()
-    log.info("listening on http://%s:%s", settings.host, settings.port)
-    uvicorn.run(
-        create_app(settings),
-        host=settings.host,
-        port=settings.port,
-        log_config=None,
-        access_log=False,
-        server_header=False,
-    )
+def _listener(settings: Settings) -> socket.socket:
+    try:
+        family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
+        return socket.create_server((settings.host, settings.port), family=family)
+    except OSError as error:
+        reason = (error.strerror or "unknown reason").lower()
+        raise StartError(
+            f"Port {settings.port} of {settings.host} cannot be listened on: {reason}; "
+            "give another --port or --host."
+        ) from error
 
 
 @contextlib.contextmanager

@@ -16,12 +16,12 @@ import uuid
 
 import sqlalchemy as sa
 
-from service import database, engine, jobs, logs, scratch
+from service import engine, jobs, logs, scratch
 from service.attempt import Attempt
 from service.errors import AbandonedError, problem_of
+from service.opening import open_database, open_storage
 from service.processes import die_with_parent
 from service.settings import Settings
-from service.storage import Storage
 
 _RETRY_SECONDS = 1.0
 _STOP_SECONDS = 5.0
@@ -30,13 +30,14 @@ log = logging.getLogger("service.worker")
 
 
 class Worker:
-    """One worker; `run` is what the queue calls, `keep` what a thread of its own repeats."""
+    """One worker; `run` is what the queue calls, `keep` what `serve` repeats."""
 
     def __init__(self, settings: Settings) -> None:
+        """Open database and store. Raises StartError."""
         self.id = f"{socket.gethostname()[:32]}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
         self._settings = settings
-        self._engine = database.connect(settings.database_url)
-        self._storage = Storage(settings.store_url)
+        self._engine = open_database(settings)
+        self._storage = open_storage(settings)
         self._stopping = threading.Event()
         self._idle = threading.Condition()
         self._busy = 0
@@ -46,8 +47,6 @@ class Worker:
 
         The process is to end right after: threads of unfinished jobs never return.
         """
-        engine.migrate(self._engine)
-        database.create_tables(self._engine)
         scratch.clear(self._settings.data_dir)
         self._beat()
         engine.launch(
@@ -140,10 +139,11 @@ def main() -> None:
 
 def run_until_signal(settings: Settings) -> None:
     """Run a worker in this process, which ends with it."""
+    worker = Worker(settings)
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda _number, _frame: stop.set())
-    Worker(settings).serve(stop)
+    worker.serve(stop)
     logging.shutdown()
     # Threads of jobs that were put back wait for ever; see Worker.run.
     os._exit(0)

@@ -3,38 +3,21 @@
 from __future__ import annotations
 
 import importlib.metadata
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from typing import Any
 
 from fastapi import Depends, FastAPI
-from fastapi.concurrency import run_in_threadpool
 
-from service import database, engine
 from service.api import cameras, health, jobs, problems, results
-from service.api.context import Context
 from service.api.hosts import check_host
 from service.errors import ForeignHostError, Problem
-from service.settings import Settings
-from service.storage import Storage
 
 
-def create_app(settings: Settings) -> FastAPI:
-    """Make the app; it opens database, queue and store when it starts."""
-
-    @asynccontextmanager
-    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        context = await run_in_threadpool(_open, settings)
-        app.state.context = context
-        yield
-        await run_in_threadpool(context.queue.close)
-        await run_in_threadpool(context.engine.dispose)
-
+def create_app() -> FastAPI:
+    """Make the app; whoever serves it puts a Context into app.state.context first."""
     app = FastAPI(
         title="lightlayers",
         summary="The light of every lamp in a room as a layer of its own.",
         version=importlib.metadata.version("lightlayers"),
-        lifespan=lifespan,
         dependencies=[Depends(check_host)],
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
@@ -60,10 +43,3 @@ def create_app(settings: Settings) -> FastAPI:
 
     app.openapi = openapi  # type: ignore[method-assign]  # FastAPI's documented way
     return app
-
-
-def _open(settings: Settings) -> Context:
-    connected = database.connect(settings.database_url)
-    engine.migrate(connected)
-    database.create_tables(connected)
-    return Context(settings, connected, engine.Queue(connected), Storage(settings.store_url))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Annotated
 
@@ -11,13 +13,14 @@ import sqlalchemy as sa
 from fastapi import Depends, Request
 
 from service.engine import Queue
+from service.opening import open_database, open_storage
 from service.settings import Settings
 from service.storage import Storage
 
 
 @dataclass(frozen=True)
 class Context:
-    """The parts of the service that routes use; opened when the app starts."""
+    """The parts of the service that routes use."""
 
     settings: Settings
     engine: sa.Engine
@@ -27,6 +30,20 @@ class Context:
         default_factory=lambda: threading.Semaphore(os.cpu_count() or 1)
     )
     """Held while the headers of an upload are checked, so that many uploads share the cores."""
+
+
+@contextmanager
+def open_context(settings: Settings) -> Iterator[Context]:
+    """Open the parts for as long as the block. Raises StartError."""
+    engine = open_database(settings)
+    try:
+        queue = Queue(engine)
+        try:
+            yield Context(settings, engine, queue, open_storage(settings))
+        finally:
+            queue.close()
+    finally:
+        engine.dispose()
 
 
 def _context(request: Request) -> Context:

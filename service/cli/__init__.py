@@ -46,9 +46,11 @@ def _explain(error: Exception) -> tuple[str, int]:
     from drivers import BadAddressError, CameraNotFoundError, DriverError
     from pipeline.errors import InputError
     from service.client import RefusedError, ServiceAwayError
-    from service.errors import sentence_of
+    from service.errors import StartError, sentence_of
 
-    if isinstance(error, InputError | BadAddressError | CameraNotFoundError | RefusedError):
+    if isinstance(
+        error, InputError | BadAddressError | CameraNotFoundError | RefusedError | StartError
+    ):
         return str(error), 2
     if isinstance(error, DriverError | ServiceAwayError):
         return str(error), 1

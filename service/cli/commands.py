@@ -53,13 +53,13 @@ def serve(
     ] = True,
 ) -> None:
     """Serve the HTTP API, with a worker."""
-    from service.serve import serve, serve_api
+    from service.serve import serve
     from service.settings import Settings
 
     given = {"host": host, "port": port}
     typed = {name: value for name, value in given.items() if value is not None}
     settings = Settings.model_validate({**Settings().model_dump(), **typed})
-    (serve if worker else serve_api)(settings)
+    serve(settings, worker)
 
 
 @app.command()

@@ -194,5 +194,5 @@ def test_a_pair_that_is_none_is_refused_at_the_shell(
     diary.write_text("dear diary")
     out = tmp_path / "out"
     assert run(["submit", str(diary), str(diary), "-o", str(out), "--url", service.url]) == 2
-    assert "no-flash photograph" in capsys.readouterr().err
+    assert "without the flash" in capsys.readouterr().err
     assert not out.exists()

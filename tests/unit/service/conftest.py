@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 import sqlalchemy as sa
 import uvicorn
-from fastapi import FastAPI
 from PIL import Image
 
 from service import database, jobs
 from service.api import create_app
-from service.api.context import Context
+from service.api.context import Context, open_context
 from service.attempt import results_key
 from service.media import media_type
 from service.settings import Settings
@@ -42,14 +41,17 @@ def engine(tmp_path: Path) -> Iterator[sa.Engine]:
 
 
 @pytest.fixture
-def app(settings: Settings) -> FastAPI:
-    return create_app(settings)
+def context(settings: Settings) -> Iterator[Context]:
+    with open_context(settings) as context:
+        yield context
 
 
 @pytest.fixture
-def http(app: FastAPI) -> Iterator[httpx.Client]:
+def http(context: Context) -> Iterator[httpx.Client]:
     """The API without a worker: what is queued stays queued."""
-    server = uvicorn.Server(uvicorn.Config(app, port=0, log_config=None, lifespan="on"))
+    app = create_app()
+    app.state.context = context
+    server = uvicorn.Server(uvicorn.Config(app, port=0, log_config=None))
     thread = threading.Thread(target=server.run)
     thread.start()
     while not server.started and thread.is_alive():
@@ -59,12 +61,6 @@ def http(app: FastAPI) -> Iterator[httpx.Client]:
         yield client
     server.should_exit = True
     thread.join()
-
-
-@pytest.fixture
-def context(app: FastAPI, http: httpx.Client) -> Context:  # noqa: ARG001  the app has started then
-    context: Context = app.state.context
-    return context
 
 
 @pytest.fixture
@@ -93,11 +89,12 @@ def finish(context: Context) -> Callable[[str, dict[str, bytes]], None]:
 
 
 @pytest.fixture(scope="session")
-def png() -> Callable[[int, int], bytes]:
-    """Encode a PNG of this width and height."""
+def png() -> Callable[..., bytes]:
+    """Encode a PNG of this width and height, as without the flash or with it."""
 
-    def encode(width: int, height: int) -> bytes:
-        ramp = np.linspace(20, 230, width * height * 3).reshape(height, width, 3)
+    def encode(width: int, height: int, flash: bool = False) -> bytes:
+        ramp = np.linspace(20, 230 if flash else 120, width * height * 3)
+        ramp = ramp.reshape(height, width, 3)
         file = io.BytesIO()
         Image.fromarray(ramp.astype(np.uint8)).save(file, "PNG")
         return file.getvalue()

@@ -10,7 +10,7 @@ import pytest
 from service.api.context import Context
 from service.settings import Settings
 
-Png = Callable[[int, int], bytes]
+Png = Callable[..., bytes]
 
 
 def _post(http: httpx.Client, no_flash: bytes, flash: bytes, **more: Any) -> httpx.Response:
@@ -37,7 +37,7 @@ def _problem(answer: httpx.Response) -> tuple[int, str, str]:
 
 
 def test_an_upload_becomes_a_queued_job(http: httpx.Client, png: Png, context: Context) -> None:
-    answer = _post(http, png(64, 48), png(64, 48), data={"options": '{"lights": 2}'})
+    answer = _post(http, png(64, 48), png(64, 48, True), data={"options": '{"lights": 2}'})
     assert answer.status_code == 202
     job = answer.json()
     assert answer.headers["location"] == f"/jobs/{job['id']}" == job["links"]["self"]
@@ -46,7 +46,7 @@ def test_an_upload_becomes_a_queued_job(http: httpx.Client, png: Png, context: C
     assert job["links"]["cancel"] == f"/jobs/{job['id']}/cancel"
     assert job["links"]["results"] is None
     assert http.get(f"/jobs/{job['id']}").json() == job
-    assert context.storage.get(f"jobs/{job['id']}/inputs/flash") == png(64, 48)
+    assert context.storage.get(f"jobs/{job['id']}/inputs/flash") == png(64, 48, True)
     assert list((context.settings.data_dir / "work").iterdir()) == []
 
 
@@ -61,7 +61,7 @@ def test_names_of_photographs_are_kept_nowhere(
 ) -> None:
     files = {"no_flash": ("holiday.png", png(64, 48)), "flash": ("holiday.png", b"no picture")}
     assert http.post("/jobs", files=files).status_code == 422
-    files["flash"] = ("holiday.png", png(64, 48))
+    files["flash"] = ("holiday.png", png(64, 48, True))
     assert http.post("/jobs", files=files).status_code == 202
     kept = context.settings.data_dir.rglob("*")
     assert not [path for path in kept if path.is_file() and b"holiday" in path.read_bytes()]
@@ -82,7 +82,7 @@ def test_what_is_no_photograph_is_refused(
 ) -> None:
     status, found, detail = _problem(_post(http, no_flash, png(64, 48)))
     assert (status, found) == (422, kind)
-    assert "no-flash photograph" in detail
+    assert "without the flash" in detail
     assert http.get("/jobs").json()["jobs"] == []
     assert context.storage.list("") == []
 
@@ -97,7 +97,7 @@ def test_a_picture_with_too_many_pixels_is_refused(
     http: httpx.Client, png: Png, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("LIGHTLAYERS_MAX_PIXELS", "1000")
-    assert _problem(_post(http, png(64, 48), png(64, 48)))[:2] == (413, "image-too-large")
+    assert _problem(_post(http, png(64, 48), png(64, 48, True)))[:2] == (413, "image-too-large")
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_a_picture_with_too_many_pixels_is_refused(
 def test_options_that_cannot_be_used_are_refused(
     options: str, kind: str, words: str, http: httpx.Client, png: Png
 ) -> None:
-    answer = _post(http, png(64, 48), png(64, 48), data={"options": options})
+    answer = _post(http, png(64, 48), png(64, 48, True), data={"options": options})
     status, found, detail = _problem(answer)
     assert (status, found) == (422, kind)
     assert words.lower() in detail.lower()
@@ -146,7 +146,7 @@ def test_parts_other_than_the_two_frames_are_refused(
 def test_a_frame_that_is_text_and_options_that_are_a_file_are_refused(
     http: httpx.Client, png: Png
 ) -> None:
-    pair = {"no_flash": ("a", png(64, 48)), "flash": ("b", png(64, 48))}
+    pair = {"no_flash": ("a", png(64, 48)), "flash": ("b", png(64, 48, True))}
     only = {"no_flash": pair["no_flash"]}
     assert _problem(http.post("/jobs", files=only, data={"flash": "text"}))[0] == 400
     answer = http.post("/jobs", files={**only, "options": ("o.json", b"{}")})
@@ -235,8 +235,8 @@ def test_an_idempotency_key_gives_the_same_job_again(
     http: httpx.Client, png: Png, context: Context
 ) -> None:
     headers = {"idempotency-key": "once"}
-    first = _post(http, png(64, 48), png(64, 48), headers=headers)
-    again = _post(http, png(64, 48), png(64, 48), headers=headers)
+    first = _post(http, png(64, 48), png(64, 48, True), headers=headers)
+    again = _post(http, png(64, 48), png(64, 48, True), headers=headers)
     assert (again.status_code, again.json()["id"]) == (202, first.json()["id"])
     assert again.headers["location"] == first.headers["location"]
     assert len(http.get("/jobs").json()["jobs"]) == 1
@@ -248,9 +248,9 @@ def test_an_idempotency_key_is_for_one_request(
     change: str, http: httpx.Client, png: Png, context: Context
 ) -> None:
     headers = {"idempotency-key": "once"}
-    first = _post(http, png(64, 48), png(64, 48), headers=headers)
+    first = _post(http, png(64, 48), png(64, 48, True), headers=headers)
     size, options = ((64, 48), '{"lights": 1}') if change == "options" else ((32, 48), "{}")
-    other = _post(http, png(*size), png(*size), headers=headers, data={"options": options})
+    other = _post(http, png(*size), png(*size, True), headers=headers, data={"options": options})
     assert _problem(other)[:2] == (422, "idempotency-key-reused")
     assert [job["id"] for job in http.get("/jobs").json()["jobs"]] == [first.json()["id"]]
     assert len(context.storage.list("")) == 2
@@ -309,7 +309,7 @@ def test_a_queued_job_can_be_canceled(http: httpx.Client) -> None:
 
 
 def test_a_deleted_job_leaves_nothing(http: httpx.Client, png: Png, context: Context) -> None:
-    job = _post(http, png(64, 48), png(64, 48)).json()
+    job = _post(http, png(64, 48), png(64, 48, True)).json()
     answer = http.delete(job["links"]["self"])
     assert (answer.status_code, answer.content) == (204, b"")
     assert http.get(job["links"]["self"]).status_code == 404

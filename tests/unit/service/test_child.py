@@ -32,14 +32,14 @@ def _photographs(directory: Path, no_flash: bytes, flash: bytes) -> None:
     (directory / "flash").write_bytes(flash)
 
 
-def test_a_sound_pair_passes_the_check(tmp_path: Path, png: Callable[[int, int], bytes]) -> None:
-    _photographs(tmp_path, png(64, 48), png(64, 48))
+def test_a_sound_pair_passes_the_check(tmp_path: Path, png: Callable[..., bytes]) -> None:
+    _photographs(tmp_path, png(64, 48), png(64, 48, True))
     assert _run("check", tmp_path) == []
 
 
-def test_a_text_file_does_not(tmp_path: Path, png: Callable[[int, int], bytes]) -> None:
+def test_a_text_file_does_not(tmp_path: Path, png: Callable[..., bytes]) -> None:
     _photographs(tmp_path, b"dear diary", png(64, 48))
-    with pytest.raises(sandbox.TaskError, match="no-flash photograph") as caught:
+    with pytest.raises(sandbox.TaskError, match="without the flash") as caught:
         _run("check", tmp_path)
     problem = caught.value.problem
     assert problem["type"] == "urn:lightlayers:problem:unreadable-image"

@@ -11,7 +11,7 @@ import pipeline
 from pipeline.errors import UnusablePairError
 from service.cli import run
 
-Png = Callable[[int, int], bytes]
+Png = Callable[..., bytes]
 
 
 @pytest.fixture
@@ -19,7 +19,7 @@ def pair(tmp_path: Path, png: Png) -> list[str]:
     """Paths of two frames of 64 × 48 pixels."""
     paths = [tmp_path / "a.png", tmp_path / "b.png"]
     for path in paths:
-        path.write_bytes(png(64, 48))
+        path.write_bytes(png(64, 48, path is paths[1]))
     return [str(path) for path in paths]
 
 
@@ -72,7 +72,7 @@ def test_photographs_that_cannot_be_opened_are_told(
 
 @pytest.mark.parametrize(
     ("data", "words"),
-    [(b"", "empty"), (b"dear diary", "no-flash photograph"), (b"\xff\xd8\xff\xe0", "damaged")],
+    [(b"", "empty"), (b"dear diary", "without the flash"), (b"\xff\xd8\xff\xe0", "damaged")],
 )
 def test_photographs_that_cannot_be_read_are_told(
     data: bytes,

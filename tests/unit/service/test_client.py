@@ -15,7 +15,7 @@ from service import jobs
 from service.api.context import Context
 from service.client import Client, RefusedError, ServiceAwayError
 
-Png = Callable[[int, int], bytes]
+Png = Callable[..., bytes]
 Finish = Callable[[str, dict[str, bytes]], None]
 
 
@@ -30,7 +30,7 @@ def _ignore(_stage: str, _fraction: float) -> None:
 
 
 def test_a_pair_is_sent_with_its_options(client: Client, png: Png, context: Context) -> None:
-    job = client.submit_pair(png(64, 48), png(64, 48), Options(lights=2))
+    job = client.submit_pair(png(64, 48), png(64, 48, True), Options(lights=2))
     assert (job["state"], job["options"]) == ("queued", {"lights": 2})
     assert context.storage.get(f"jobs/{job['id']}/inputs/no_flash") == png(64, 48)
 
@@ -70,7 +70,7 @@ def test_progress_is_told(
 
 
 def test_a_refusal_is_told_in_the_services_words(client: Client, png: Png) -> None:
-    with pytest.raises(RefusedError, match="no-flash photograph"):
+    with pytest.raises(RefusedError, match="without the flash"):
         client.submit_pair(b"no picture", png(64, 48), Options())
 
 

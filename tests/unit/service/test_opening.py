@@ -1,0 +1,58 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import sqlalchemy as sa
+
+from service.cli import run
+from service.errors import StartError
+from service.opening import open_database, open_storage
+from service.settings import Settings
+
+
+def test_a_new_database_has_the_tables_of_jobs_and_queue(tmp_path: Path) -> None:
+    engine = open_database(Settings(data_dir=tmp_path / "data"))
+    tables = set(sa.inspect(engine).get_table_names())
+    engine.dispose()
+    assert {"jobs", "workers", "workflow_status"} <= tables
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "nonsense",
+        "mysql://nowhere/x",
+        "postgresql://user:secret@127.0.0.1:1/x",
+        "sqlite:////dev/null/x.sqlite",
+    ],
+)
+@pytest.mark.filterwarnings("ignore::ResourceWarning")  # what a failed connection leaves behind
+def test_a_database_that_cannot_be_opened_is_told(url: str, tmp_path: Path) -> None:
+    with pytest.raises(StartError, match="LIGHTLAYERS_DATABASE_URL") as caught:
+        open_database(Settings(data_dir=tmp_path, database_url=url))
+    assert "secret" not in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("url", ["nonsense", "ftp://nowhere/x", "file:///dev/null/x"])
+def test_a_store_that_cannot_be_opened_is_told(url: str, tmp_path: Path) -> None:
+    with pytest.raises(StartError, match="LIGHTLAYERS_STORE_URL") as caught:
+        open_storage(Settings(data_dir=tmp_path, store_url=url))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("command", ["serve", "worker"])
+def test_a_service_that_cannot_start_says_why(
+    command: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "file").write_text("no folder")
+    monkeypatch.setenv("LIGHTLAYERS_DATA_DIR", str(tmp_path / "file"))
+    monkeypatch.setenv("LIGHTLAYERS_PORT", "0")
+    assert run([command]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1
+    assert "LIGHTLAYERS_DATA_DIR" in said[0]

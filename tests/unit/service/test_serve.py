@@ -1,0 +1,24 @@
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+
+import pytest
+
+from service.errors import StartError
+from service.serve import serve
+from service.settings import Settings
+
+
+def test_a_port_in_use_is_told(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        settings = Settings(data_dir=tmp_path / "data", port=other.getsockname()[1])
+        with pytest.raises(StartError, match="cannot be listened on: address already in use"):
+            serve(settings, worker=False)
+    assert not (tmp_path / "data").exists()
+
+
+@pytest.mark.parametrize("host", ["300.1.1.1", "no host", "192.0.2.1", "2001:db8::1"])
+def test_an_address_that_is_not_this_machines_is_told(host: str, tmp_path: Path) -> None:
+    with pytest.raises(StartError, match="give another --port or --host"):
+        serve(Settings(data_dir=tmp_path, host=host, port=0), worker=False)
