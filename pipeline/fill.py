@@ -35,9 +35,8 @@ class Surroundings:
             cv2.remap(plane, xs, ys, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             for plane in np.ascontiguousarray(self._map.transpose(2, 0, 1))
         ]
-        return (
-            np.stack(planes, axis=-1).reshape(len(y), width, self._count, 3).transpose(2, 0, 1, 3)
-        )
+        proportions = np.stack(planes, axis=-1).reshape(len(y), width, self._count, 3)
+        return np.asarray(proportions.transpose(2, 0, 1, 3), dtype=np.float32)
 
 
 def push_pull(values: Array, weight: Array) -> Array:

@@ -43,6 +43,7 @@ class Frame:
     sha256: hexadecimal digest of the file's bytes.
     make, model: from EXIF, "" where unknown.
     flash_fired: EXIF Flash bit 0, None where unknown.
+    auto_white_balance: EXIF WhiteBalance is automatic, None where unknown.
     focal_px: focal length in pixels of this frame, None where unknown.
     xyz_to_camera: (3, 3) matrix from CIE XYZ to camera RGB as LibRaw knows it, None for others.
     """
@@ -55,6 +56,7 @@ class Frame:
     make: str = ""
     model: str = ""
     flash_fired: bool | None = None
+    auto_white_balance: bool | None = None
     focal_px: float | None = None
     xyz_to_camera: Matrix | None = None
 

@@ -69,11 +69,11 @@ def _cloud(at: NDArray[np.int64], colours: NDArray[np.uint8]) -> NDArray[np.uint
     inside = ((at >= 0) & (at < _SIDE)).all(axis=1)
     flat = at[inside, 1] * _SIDE + at[inside, 0]
     count = np.bincount(flat, minlength=_SIDE * _SIDE).reshape(_SIDE, _SIDE).astype(np.float32)
-    count = cv2.GaussianBlur(count, (0, 0), 1.2)
+    count = np.asarray(cv2.GaussianBlur(count, (0, 0), 1.2), dtype=np.float32)
     strength = np.log1p(_SHADES * count / max(float(np.quantile(count[count > 0], 0.9)), 1e-6))
     strength = np.minimum(strength / np.log1p(_SHADES), 1.0)[..., None]
     background = np.array(_BACKGROUND, dtype=np.float32)
-    return np.round(strength * colours + (1 - strength) * background).astype(np.uint8)
+    return np.asarray(np.round(strength * colours + (1 - strength) * background), np.uint8)
 
 
 def _colours(gammas: NDArray[np.float64], camera_to_xyz: Matrix) -> NDArray[np.uint8]:

@@ -15,6 +15,7 @@ from pipeline.hui2018.invariant import light_coefficients
 from pipeline.hui2018.lamps import one_lamp, prune, three_lamps, two_lamps, unit
 from pipeline.model import Model
 from pipeline.reduced import ReducedPair
+from pipeline.shares import shares
 
 Array = NDArray[np.float64]
 
@@ -25,6 +26,10 @@ _TAIL = 0.01
 _SIMILAR_DEGREES = 6.0
 _ALONE_DEGREES = 10.0
 _TYPICAL_SCATTER_DEGREES = 1.7  # median over lamps and reflectances, weighted PCA
+
+
+_MOST = 3
+_PURE_SHARE, _PURE_PIXELS = 0.7, 0.003
 
 
 @dataclass(frozen=True)
@@ -81,6 +86,9 @@ def estimate_lamps(
     if requested == "auto":
         one, two = model.lamp_matrix(candidates[1])[0], model.lamp_matrix(candidates[2])
         count, confidence = count_lamps(reduced, one, two, rendered)
+        if count == _MOST and _purity(reduced, model, candidates[count]) < _PURE_PIXELS:
+            # the triangle's corners lie where no light is: outliers made it
+            count, confidence = 2, 1.0 - confidence
     else:
         count, confidence = int(requested), 1.0
     coefficients = _warm_first(candidates[count])
@@ -94,6 +102,16 @@ def estimate_lamps(
         invariants=gammas,
         warnings=tuple(_warnings(coefficients)),
     )
+
+
+def _purity(reduced: ReducedPair, model: Model, coefficients: Array) -> float:
+    """Share of pixels lit nearly by one lamp alone, for the lamp that has fewest of them."""
+    no_flash = reduced.no_flash[reduced.usable]
+    matrices = model.lamp_matrix(coefficients).astype(np.float32)
+    predicted = np.einsum("nkl,pl->npk", matrices, reduced.flash[reduced.usable])
+    light = (shares(no_flash, predicted)[..., None] * predicted).sum(axis=-1)
+    share = light / np.maximum(light.sum(axis=0), 1e-9)
+    return float((share > _PURE_SHARE).mean(axis=1).min())
 
 
 def _warm_first(coefficients: Array) -> Array:

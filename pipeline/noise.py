@@ -12,6 +12,8 @@ from pipeline.frames import Image
 
 _BINS = 24
 _BLOCK = 8
+_SCALES = (1, 2, 4)
+_SMALLEST, _SPARSE = 32, 8
 _WINDOWS = ((2, 1), (1, 3), (1, 6), (1, 12))  # reach and gap of each round
 _JOIN = 4.2  # standard deviations of one pixel, over six channels
 HALO = sum(reach * gap for reach, gap in _WINDOWS)
@@ -22,15 +24,20 @@ HALO = sum(reach * gap for reach, gap in _WINDOWS)
 class Noise:
     """Variance of a photograph's values: gain·I + floor, one of each per channel.
 
-    gain, floor: float64 (3,), linear camera RGB units.
+    gain, floor: float64 (3,), linear camera RGB units. grain: area in pixels over which the noise
+    hangs together, 1 for a bare sensor, more after demosaicing, denoising and compression.
     """
 
     gain: NDArray[np.float64]
     floor: NDArray[np.float64]
+    grain: float = 1.0
 
-    def variance(self, pixels: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Variance of each value, (..., 3) → (..., 3)."""
-        return np.asarray(self.gain * np.maximum(pixels, 0.0) + self.floor)
+    def variance(
+        self, pixels: NDArray[np.floating], averaged: float | NDArray[np.floating] = 1.0
+    ) -> NDArray[np.float64]:
+        """Variance of values (..., 3), or of means of so many neighbouring pixels."""
+        single = self.gain * np.maximum(pixels, 0.0) + self.floor
+        return np.asarray(single * np.minimum(1.0, self.grain / averaged))
 
     def stabilize(self, pixels: Image) -> Image:
         """Transform values so that their noise has unit variance everywhere, (..., 3)."""
@@ -42,18 +49,40 @@ class Noise:
 def estimate_noise(pixels: Image) -> Noise:
     """Estimate the noise of a photograph from its own flat areas.
 
-    pixels: (H, W, 3) linear, at least 32 × 32. Second differences (Immerkær 1996) give a variance
-    per block; a straight line over brightness is fitted to the quieter blocks, because the
-    busier ones hold texture.
+    pixels: (H, W, 3) linear. Second differences (Immerkær 1996) give a variance per block; a
+    straight line over brightness is fitted to the quieter blocks, because the busier ones hold
+    texture. Done on the photograph and on means of 2×2 and 4×4 pixels, since denoising and
+    compression leave noise that hides from neighbouring pixels; smaller than 64 pixels, once.
     """
+    height, width = pixels.shape[:2]
+    scales = [s for s in _SCALES if min(height, width) >= _SMALLEST * s] or [1]
+    fits = [_fit(_shrunk(pixels, scale)) for scale in scales]
+    typical = np.median(pixels[::_SPARSE, ::_SPARSE].reshape(-1, 3), axis=0)
+    levels = [float((gain * np.maximum(typical, 0) + floor).sum()) for gain, floor in fits]
+    loudest = int(np.argmax(levels[:2]))
+    grain = max(
+        scale**2 * level / levels[loudest] for scale, level in zip(scales, levels, strict=True)
+    )
+    return Noise(*fits[loudest], grain=max(grain, 1.0))
+
+
+def _shrunk(pixels: Image, scale: int) -> Image:
+    if scale == 1:
+        return pixels
+    size = (pixels.shape[1] // scale, pixels.shape[0] // scale)
+    return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+
+
+def _fit(pixels: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Gain and floor of each channel."""
     step = max(1, pixels.shape[0] * pixels.shape[1] // 4_000_000)
-    rows = [pixels[top : top + _BLOCK] for top in range(0, len(pixels) - _BLOCK + 1, _BLOCK * step)]
-    gains, floors = np.empty(3), np.empty(3)
+    tops = range(0, len(pixels) - _BLOCK + 1, _BLOCK * step)
     kernel = np.outer([1, -2, 1], [1, -2, 1]).astype(np.float32) / 6.0
+    gains, floors = np.empty(3), np.empty(3)
     for channel in range(3):
         means, variances = [], []
-        for strip in rows:
-            plane = np.ascontiguousarray(strip[..., channel])
+        for top in tops:
+            plane = np.ascontiguousarray(pixels[top : top + _BLOCK, :, channel])
             width = plane.shape[1] // _BLOCK * _BLOCK
             detail = cv2.filter2D(plane, -1, kernel, borderType=cv2.BORDER_REFLECT_101)
             blocks = (np.square(detail[1:-1, :width])).reshape(_BLOCK - 2, -1, _BLOCK)
@@ -62,7 +91,7 @@ def estimate_noise(pixels: Image) -> Noise:
         gains[channel], floors[channel] = _fit_line(
             np.concatenate(means), np.concatenate(variances)
         )
-    return Noise(gains, floors)
+    return gains, floors
 
 
 def _fit_line(means: NDArray[np.floating], variances: NDArray[np.floating]) -> tuple[float, float]:

@@ -18,6 +18,9 @@ _MIN_USABLE = 0.02
 _FEW_USABLE = 0.5
 _DARKER = 0.6  # share of lit pixels that lose light with the flash on: the frames are swapped
 _MAX_PLAUSIBLE_RATIO = 1000.0
+_EXPOSURES_DIFFER = 0.15  # in stops
+_COPY_SPREAD = 0.4  # stops between the quartiles of flash part ÷ no-flash light
+_SMALLEST = 32
 _SAMPLE_STEP = 4
 
 
@@ -53,6 +56,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: Options, progress: Progres
     _check_belonging(no_flash, flash)
     ratio = _exposure_ratio(no_flash, flash, options, warnings)
     _check_light(no_flash, flash)
+    warnings += _rendering_warnings(no_flash, flash, ratio)
 
     progress.report("align", 0.0)
     alignment = NOT_ATTEMPTED
@@ -75,7 +79,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: Options, progress: Progres
         no_flash_noise=estimate_noise(no_flash.pixels),
         flash_noise=estimate_noise(pixels),
         alignment=alignment,
-        warnings=tuple(warnings),
+        warnings=(*warnings, *_copy_warnings(no_flash.pixels, pixels, options.flash_only)),
     )
     _check_flash_adds(pair)
     progress.report("align", 1.0)
@@ -83,12 +87,17 @@ def make_pair(no_flash: Frame, flash: Frame, options: Options, progress: Progres
 
 
 def check_sizes(no_flash: tuple[int, int], flash: tuple[int, int]) -> None:
-    """Raise PairMismatchError unless two (width, height) are equal."""
+    """Check two (width, height): PairMismatchError if unequal, UnusablePairError if tiny."""
     if no_flash != flash:
         (w1, h1), (w2, h2) = no_flash, flash
         raise PairMismatchError(
             f"The photographs have different sizes, {w1} × {h1} without the flash and {w2} × {h2} "
             "with it: send both as the camera made them, uncropped."
+        )
+    if min(no_flash) < _SMALLEST:
+        width, height = no_flash
+        raise UnusablePairError(
+            f"The photographs have only {width} × {height} pixels: send them in full size."
         )
 
 
@@ -135,12 +144,47 @@ def _exposure_ratio(no_flash: Frame, flash: Frame, options: Options, warnings: l
     return 1.0
 
 
+def _rendering_warnings(no_flash: Frame, flash: Frame, ratio: float) -> list[str]:
+    """What a camera's rendering to sRGB may have done to one photograph and not to the other."""
+    if no_flash.encoding != "srgb":
+        return []
+    warnings = []
+    if no_flash.auto_white_balance and flash.auto_white_balance:
+        warnings.append(
+            "The camera balanced the white of each photograph by itself, so their colours may "
+            "differ by more than the flash: lock the white balance, or send RAW files."
+        )
+    if abs(np.log2(ratio)) > _EXPOSURES_DIFFER:
+        warnings.append(
+            f"The photographs were exposed differently ({ratio:.3g} times) and rendered to sRGB, "
+            "so they compare only as far as the camera kept to the sRGB curve: expose both alike, "
+            "or send RAW files."
+        )
+    return warnings
+
+
 def _check_light(no_flash: Frame, flash: Frame) -> None:
     for frame, name in ((no_flash, "without the flash"), (flash, "with the flash")):
         if np.quantile(frame.pixels[::_SAMPLE_STEP, ::_SAMPLE_STEP].max(axis=2), 0.99) < _BLACK:
             raise UnusablePairError(
                 f"The photograph {name} is black: expose it longer or raise the ISO speed."
             )
+
+
+def _copy_warnings(no_flash: Image, flash: Image, flash_only: bool) -> list[str]:
+    """Notice a flash part that is the no-flash photograph over again."""
+    before, after = _sampled(no_flash).sum(axis=2), _sampled(flash).sum(axis=2)
+    part = after if flash_only else after - before
+    lit = (before > 0) & (part > 0)
+    if not lit.any():
+        return []
+    low, high = np.quantile(np.log2(part[lit] / before[lit]), [0.25, 0.75])
+    if high - low > _COPY_SPREAD:
+        return []
+    return [
+        "What the flash added looks like the photograph without it in most of the picture: the "
+        "flash may not reach that far, or the exposure ratio is wrong."
+    ]
 
 
 def _check_flash_adds(pair: Pair) -> None:

@@ -51,8 +51,8 @@ def reduce_pair(pair: Pair) -> ReducedPair:
     no_flash = _means(pair.no_flash[crop] * weight, size) / filled
     flash = _means(pair.flash[crop] * weight, size) / filled
     count = np.maximum(share * block**2, 1.0)[..., None]
-    no_flash_variance = pair.no_flash_noise.variance(no_flash) / count
-    flash_variance = pair.flash_noise.variance(flash) / count
+    no_flash_variance = pair.no_flash_noise.variance(no_flash, count)
+    flash_variance = pair.flash_noise.variance(flash, count)
     if not pair.flash_only:
         flash = flash - no_flash
         flash_variance = flash_variance + no_flash_variance

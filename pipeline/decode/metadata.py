@@ -40,6 +40,7 @@ class Metadata:
     make: str = ""
     model: str = ""
     flash_fired: bool | None = None
+    auto_white_balance: bool | None = None
     orientation: int = 1
     focal_35mm: float | None = None
     focal_plane: float | None = None
@@ -63,6 +64,7 @@ def read_metadata(data: bytes) -> Metadata:
         return Metadata()
     flash = _number(tags, "EXIF Flash")
     orientation = _number(tags, "Image Orientation")
+    white_balance = _number(tags, "EXIF WhiteBalance")
     return Metadata(
         exposure=Exposure(
             time_s=_within(_TIME_S, tags, "EXIF ExposureTime", "Image ExposureTime"),
@@ -78,6 +80,7 @@ def read_metadata(data: bytes) -> Metadata:
         make=_text(tags, "Image Make"),
         model=_text(tags, "Image Model"),
         flash_fired=None if flash is None else bool(int(flash) & 1),
+        auto_white_balance=None if white_balance is None else white_balance == 0,
         orientation=int(orientation) if orientation and orientation in range(1, 9) else 1,
         focal_35mm=_within(_FOCAL_MM, tags, "EXIF FocalLengthIn35mmFilm"),
         focal_plane=_focal_plane(tags),

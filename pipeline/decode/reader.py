@@ -88,6 +88,7 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
         make=metadata.make,
         model=metadata.model,
         flash_fired=metadata.flash_fired,
+        auto_white_balance=metadata.auto_white_balance,
         focal_px=metadata.focal_px(width, height),
         xyz_to_camera=xyz_to_camera,
     )
