@@ -15,6 +15,7 @@ _BIN_DEGREES = 1.0
 _RANSAC_TRIALS = 400
 _MIN_POLE_COMPONENT = 0.1  # points nearer to the equator than this project towards infinity
 _MAX_CONE = np.cos(np.radians(75.0))
+_GRID = 1e-4  # of the tangent plane, 0.006°
 
 
 def unit(vectors: NDArray[np.floating]) -> Array:
@@ -104,13 +105,14 @@ def three_lamps(gammas: Array) -> Array:
     (n, 3) pruned invariants → (3, 3) unit vectors. Minimum enclosing triangle: Pârvu & Gilbert.
     """
     points, rotation = to_plane(gammas, gammas.mean(axis=0))
-    hull = cv2.convexHull(points.astype(np.float32))
+    # OpenCV breaks on corners nearer than 1e-5, so they are put on a grid of whole numbers
+    hull = cv2.convexHull(np.round(points / _GRID).astype(np.float32))
     if len(hull) < 3:
         return from_plane(np.repeat(points[:1], 3, axis=0), rotation)
     _, triangle = cv2.minEnclosingTriangle(hull)
     if triangle is None:
         return from_plane(np.repeat(points[:1], 3, axis=0), rotation)
-    return from_plane(_within_cone(triangle.reshape(3, 2).astype(np.float64)), rotation)
+    return from_plane(_within_cone(_GRID * triangle.reshape(3, 2).astype(np.float64)), rotation)
 
 
 def _within_cone(points: Array) -> Array:
