@@ -213,7 +213,7 @@ def _running(service: Service) -> Iterator[Service]:
 @pytest.fixture(scope="session")
 def pair() -> drivers.CapturedPair:
     """A pair that takes some seconds to separate."""
-    with drivers.open_camera("sim://studio?lights=2&width=600&height=400") as camera:
+    with drivers.open_camera("sim://studio?lights=2&width=300&height=200") as camera:
         return drivers.capture_pair(camera)
 
 

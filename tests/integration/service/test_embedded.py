@@ -30,7 +30,11 @@ def _scratch(service: Any) -> list[Path]:
 
 
 def test_a_pair_goes_in_and_layers_come_out(service: Any, pair: drivers.CapturedPair) -> None:
-    job = service.await_end(service.upload(pair))
+    files = {
+        "no_flash": ("holiday1.dng", pair.no_flash.best),
+        "flash": ("holiday2.dng", pair.flash.best),
+    }
+    job = service.http.post("/jobs", files=files, headers={"prefer": "wait=60"}).json()
     assert (job["state"], job["attempt"], job["error"]) == ("succeeded", 1, None)
     manifest = service.http.get(job["links"]["results"]).json()
     listed = {file["name"]: file["sha256"] for file in manifest["files"]}
@@ -43,6 +47,11 @@ def test_a_pair_goes_in_and_layers_come_out(service: Any, pair: drivers.Captured
         assert digest == file["sha256"] == listed.get(file["name"], digest)
         assert archive.read(file["name"]) == data
     assert _scratch(service) == []
+    # What the log says of the job, and what it never says.
+    log = service.log.read_text()
+    told = [json.loads(line)["message"] for line in log.splitlines() if job["id"] in line]
+    assert told == ["started", "succeeded"]
+    assert "holiday" not in log
 
 
 def test_everything_killed_in_mid_job_is_finished_after_a_start(own_service: Any) -> None:
@@ -109,15 +118,15 @@ def test_a_running_job_can_be_deleted(service: Any, pair: drivers.CapturedPair) 
 
 def test_a_crash_hurts_only_its_job(service: Any, pair: drivers.CapturedPair) -> None:
     job = service.upload(pair)
-    next_job = service.capture(SMALL)
     service.await_stage(job)
+    workers = service.find("worker")
     (child,) = service.find("child")
     os.kill(child, signal.SIGSEGV)
     done = service.await_end(job)
     assert done["state"] == "failed"
     assert done["error"]["type"] == "urn:lightlayers:problem:crashed"
     assert "SIGSEGV" in done["error"]["detail"]
-    assert service.await_end(next_job)["state"] == "succeeded"
+    assert service.find("worker") == workers
 
 
 def test_a_job_that_kills_its_workers_is_given_up(
@@ -139,9 +148,9 @@ def test_a_job_that_kills_its_workers_is_given_up(
 
 def test_two_workers_do_each_job_once(own_service: Any, pair: drivers.CapturedPair) -> None:
     own_service.start_worker()
-    jobs = [own_service.upload(pair) for _ in range(4)]
+    jobs = [own_service.upload(pair) for _ in range(2)]
     ends = [own_service.await_end(job) for job in jobs]
-    assert [(job["state"], job["attempt"]) for job in ends] == [("succeeded", 1)] * 4
+    assert [(job["state"], job["attempt"]) for job in ends] == [("succeeded", 1)] * 2
 
 
 @pytest.mark.parametrize(
@@ -153,21 +162,6 @@ def test_a_camera_that_fails_fails_the_job(camera: str, kind: str, service: Any)
     assert job["state"] == "failed"
     assert job["error"]["type"] == f"urn:lightlayers:problem:{kind}"
     assert job["error"]["detail"].endswith(".")
-
-
-def test_photographs_are_named_in_no_log(service: Any, pair: drivers.CapturedPair) -> None:
-    files = {
-        "no_flash": ("holiday1.dng", pair.no_flash.best),
-        "flash": ("holiday2.dng", pair.flash.best),
-    }
-    job = service.http.post("/jobs", files=files, headers={"prefer": "wait=60"}).json()
-    assert job["state"] == "succeeded"
-    lines = service.log.read_text().splitlines()
-    assert [json.loads(line)["message"] for line in lines if job["id"] in line] == [
-        "started",
-        "succeeded",
-    ]
-    assert "holiday" not in service.log.read_text()
 
 
 def test_a_pair_is_submitted_from_the_shell(

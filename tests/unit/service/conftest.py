@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import sqlalchemy as sa
 import uvicorn
+from fastapi import FastAPI
 from PIL import Image
 
 from service import database, jobs
@@ -46,21 +47,28 @@ def context(settings: Settings) -> Iterator[Context]:
         yield context
 
 
-@pytest.fixture
-def http(context: Context) -> Iterator[httpx.Client]:
-    """The API without a worker: what is queued stays queued."""
+@pytest.fixture(scope="session")
+def server() -> Iterator[tuple[FastAPI, str]]:
+    """The app on a port, and its URL."""
     app = create_app()
-    app.state.context = context
     server = uvicorn.Server(uvicorn.Config(app, port=0, log_config=None))
     thread = threading.Thread(target=server.run)
     thread.start()
     while not server.started and thread.is_alive():
         time.sleep(0.01)
     host, port = server.servers[0].sockets[0].getsockname()
-    with httpx.Client(base_url=f"http://{host}:{port}", timeout=60) as client:
-        yield client
+    yield app, f"http://{host}:{port}"
     server.should_exit = True
     thread.join()
+
+
+@pytest.fixture
+def http(server: tuple[FastAPI, str], context: Context) -> Iterator[httpx.Client]:
+    """The API on a fresh database, without a worker: what is queued stays queued."""
+    app, url = server
+    app.state.context = context
+    with httpx.Client(base_url=url, timeout=60) as client:
+        yield client
 
 
 @pytest.fixture
