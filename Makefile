@@ -17,7 +17,7 @@ demo: setup  ## Have the simulated camera take a pair, separate it, put the resu
 
 test: lint  ## Run every check and every test
 	@command -v initdb >/dev/null || ls /usr/lib/postgresql/*/bin/initdb >/dev/null 2>&1 \
-		|| scripts/apt-install postgresql || test "$${CI:-}" != true
+		|| .ci/apt-install postgresql || test "$${CI:-}" != true
 	$(BIN)/pytest
 
 lint: setup  ## Check style, types and the import rules
@@ -41,7 +41,7 @@ $(INSTALLED): requirements-dev.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.version_info >= (3, 11) or sys.exit("lightlayers needs \
 	Python 3.11 or newer, and $(PYTHON) is %d.%d: install a newer one and name it, as in \
 	make PYTHON=python3.12 setup" % sys.version_info[:2])'
-	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || scripts/apt-install python3-venv
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || .ci/apt-install python3-venv
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --disable-pip-version-check --require-hashes -r requirements-dev.lock
 	$(BIN)/python -m pip install --disable-pip-version-check --no-deps -e .
