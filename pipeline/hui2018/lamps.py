@@ -105,8 +105,9 @@ def three_lamps(gammas: Array) -> Array:
     (n, 3) pruned invariants → (3, 3) unit vectors. Minimum enclosing triangle: Pârvu & Gilbert.
     """
     points, rotation = to_plane(gammas, gammas.mean(axis=0))
-    # OpenCV breaks on corners nearer than 1e-5, so they are put on a grid of whole numbers
-    hull = cv2.convexHull(np.round(points / _GRID).astype(np.float32))
+    # OpenCV breaks on corners nearer than 1e-5, so they are put on a grid of whole numbers,
+    # and it finds no hull where 0 and −0 are the only ones, so −0 becomes 0
+    hull = cv2.convexHull((np.round(points / _GRID) + 0.0).astype(np.float32))
     if len(hull) < 3:
         return from_plane(np.repeat(points[:1], 3, axis=0), rotation)
     _, triangle = cv2.minEnclosingTriangle(hull)
