@@ -1,0 +1,158 @@
+"""Scenes that the model describes exactly, with every layer known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.align import NOT_ATTEMPTED
+from pipeline.frames import Frame, Image
+from pipeline.lamps import Lamps
+from pipeline.model import Model, build_model
+from pipeline.noise import Noise
+from pipeline.pair import Pair
+from pipeline.spectra.cameras import Camera, find_camera
+from pipeline.spectra.lights import find_light, reflectance_spectra
+
+Array = NDArray[np.float64]
+
+HEIGHT, WIDTH, PATCH = 64, 96, 4
+
+
+@pytest.fixture(scope="session")
+def frame() -> Callable[..., Frame]:
+    """Build a photograph from its pixels."""
+
+    def build(pixels: Image, **more: Any) -> Frame:
+        values = np.asarray(pixels, dtype=np.float32)
+        given: dict[str, Any] = {
+            "saturated": np.zeros(values.shape[:2], dtype=bool),
+            "encoding": "linear",
+            "sha256": str(float(values.sum(dtype=np.float64))),
+        }
+        return Frame(pixels=values, **{**given, **more})
+
+    return build
+
+
+@pytest.fixture(scope="session")
+def camera(frame: Callable[..., Frame]) -> Camera:
+    """A measured camera."""
+    return find_camera("Nikon D5100", frame(np.zeros((2, 2, 3))))
+
+
+@pytest.fixture(scope="session")
+def model(camera: Camera) -> Model:
+    """The model of that camera under a xenon flash, daylight as neutral light."""
+    return build_model(camera, find_light("xenon"), find_light("D65"), "wpca")
+
+
+@pytest.fixture(scope="session")
+def surfaces(camera: Camera, model: Model) -> Array:
+    """Camera RGB (m, 3) of measured surfaces under the flash, a white card having green 1."""
+    flash = find_light("xenon")
+    seen = reflectance_spectra() @ (camera.sensitivities * flash).T
+    return np.asarray(seen / (camera.sensitivities @ flash)[1])
+
+
+@pytest.fixture(scope="session")
+def warm_to_cool(camera: Camera) -> Array:
+    """Coefficients (3, 3) of a bulb, of a green lamp and of blue sky, unit vectors."""
+    seen = [camera.sensitivities @ find_light(name) for name in ("A", "D150")]
+    rows = np.array([seen[0], [0.35, 0.9, 0.3], seen[1]])
+    return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
+
+
+@pytest.fixture(scope="session")
+def lamps_of(model: Model) -> Callable[..., Lamps]:
+    """Build Lamps from coefficients (N, 3), as if they had been found."""
+
+    def build(coefficients: Array, **more: Any) -> Lamps:
+        vectors = np.atleast_2d(coefficients).astype(np.float64)
+        given: dict[str, Any] = {
+            "coefficients": vectors,
+            "matrices": model.lamp_matrix(vectors),
+            "channel_weights": np.ones(3),
+            "requested": len(vectors),
+            "confidence": 1.0,
+            "lamp_confidence": np.ones(len(vectors)),
+            "invariants": np.repeat(vectors, 100, axis=0),
+            "warnings": (),
+        }
+        return Lamps(**{**given, **more})
+
+    return build
+
+
+@pytest.fixture(scope="session")
+def pair_of() -> Callable[..., Pair]:
+    """Build a pair without noise from the no-flash photograph and the flash part."""
+
+    def build(no_flash: Image, part: Image, **more: Any) -> Pair:
+        quiet = Noise(np.full(3, 1e-8), np.full(3, 1e-11))
+        given: dict[str, Any] = {
+            "clipped": np.zeros(no_flash.shape[:2], dtype=bool),
+            "flash_only": False,
+            "exposure_ratio": 1.0,
+            "no_flash_noise": quiet,
+            "flash_noise": quiet,
+            "alignment": NOT_ATTEMPTED,
+            "warnings": (),
+        }
+        given.update(more)
+        before = np.asarray(no_flash, dtype=np.float32)
+        added = np.asarray(part, dtype=np.float32)
+        flash = added if given["flash_only"] else before + added
+        return Pair(no_flash=before, flash=flash, **given)
+
+    return build
+
+
+@pytest.fixture(scope="session")
+def flash_part(surfaces: Array) -> Image:
+    """What the flash adds (64, 96, 3): patches of measured surfaces, brighter in the middle."""
+    rng = np.random.default_rng(3)
+    rows, columns = HEIGHT // PATCH, WIDTH // PATCH
+    chosen = surfaces[rng.integers(0, len(surfaces), rows * columns)]
+    patches = chosen.reshape(rows, columns, 3).repeat(PATCH, axis=0).repeat(PATCH, axis=1)
+    v, u = np.mgrid[:HEIGHT, :WIDTH] / np.array([HEIGHT, WIDTH])[:, None, None]
+    shading = 0.7 - 0.6 * ((u - 0.5) ** 2 + (v - 0.5) ** 2)
+    return np.asarray(patches * shading[..., None], dtype=np.float32)
+
+
+@pytest.fixture(scope="session")
+def shares_of() -> Callable[[int], Array]:
+    """Light of 1 to 3 lamps relative to the flash, (N, 64, 96): places of one lamp, and mixed."""
+
+    def build(count: int) -> Array:
+        v, u = np.mgrid[:HEIGHT, :WIDTH] / np.array([HEIGHT, WIDTH])[:, None, None]
+        if count == 1:
+            return np.asarray((0.3 + 0.5 * u)[None])
+        third = np.clip(2 * v - 0.7, 0, 1) if count == 3 else np.zeros_like(u)
+        ramps = [np.clip(1.2 - 1.7 * u, 0, 1), np.clip(1.7 * u - 0.5, 0, 1)]
+        return 0.7 * np.stack([*(ramp * (1 - third) for ramp in ramps), third][:count])
+
+    return build
+
+
+@pytest.fixture(scope="session")
+def exact(
+    model: Model,
+    flash_part: Image,
+    shares_of: Callable[[int], Array],
+    pair_of: Callable[..., Pair],
+) -> Callable[..., tuple[Pair, Array]]:
+    """Make a pair that the model describes exactly, and its layers (N, 64, 96, 3)."""
+
+    def build(coefficients: Array, **more: Any) -> tuple[Pair, Array]:
+        matrices = model.lamp_matrix(np.atleast_2d(coefficients))
+        z = shares_of(len(matrices))
+        lit = np.einsum("nkl,hwl->nhwk", matrices, flash_part.astype(np.float64))
+        layers = z[..., None] * lit
+        return pair_of(layers.sum(axis=0), flash_part, **more), layers
+
+    return build

@@ -1,0 +1,79 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.frames import Image
+from pipeline.hui2018.separation import published_layers
+from pipeline.model import Model
+
+Array = NDArray[np.float64]
+
+
+def of_pair(pair: Any) -> tuple[Image, Image]:
+    """The no-flash photograph and the flash part."""
+    return pair.no_flash, pair.flash - pair.no_flash
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_layers_are_exact_in_the_model(
+    model: Model,
+    exact: Callable[..., tuple[Any, Array]],
+    warm_to_cool: Array,
+    count: int,
+) -> None:
+    pair, layers = exact(warm_to_cool[:count])
+
+    found = published_layers(*of_pair(pair), warm_to_cool[:count], model.tensor)
+
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, layers, atol=2e-4 * layers.max())
+
+
+def test_layers_are_equation_3(
+    model: Model, exact: Callable[..., tuple[Any, Array]], warm_to_cool: Array
+) -> None:
+    """‖β‖ z_j Σ_l b_jl D_l I_f, written out for one pixel with shares found by hand."""
+    _, layers = exact(warm_to_cool[[0, 2]])
+    coefficients = warm_to_cool[[0, 2]]
+    flash = np.array([[[0.3, 0.5, 0.4]]])
+    matrices = model.lamp_matrix(coefficients)
+    mixed = 0.6 * coefficients[0] + 0.9 * coefficients[1]
+    no_flash = np.einsum("klj,j,hwl->hwk", model.tensor, mixed, flash)
+
+    found = published_layers(no_flash, flash, coefficients, model.tensor)
+
+    assert len(found) == len(layers)
+    np.testing.assert_allclose(found[0, 0, 0], 0.6 * matrices[0] @ flash[0, 0], rtol=1e-4)
+    np.testing.assert_allclose(found[1, 0, 0], 0.9 * matrices[1] @ flash[0, 0], rtol=1e-4)
+
+
+def test_light_outside_the_cone_leaves_something_over(model: Model, warm_to_cool: Array) -> None:
+    flash = np.full((1, 1, 3), 0.5)
+    no_flash = flash @ model.lamp_matrix(warm_to_cool[1]).T
+
+    found = published_layers(no_flash, flash, warm_to_cool[[0, 2]], model.tensor)
+
+    assert np.abs(found.sum(axis=0) - no_flash).max() > 0.02
+
+
+def test_pixels_without_flash_light_hold_no_layer(model: Model, warm_to_cool: Array) -> None:
+    found = published_layers(
+        np.full((2, 3, 3), 0.4), np.zeros((2, 3, 3)), warm_to_cool, model.tensor
+    )
+
+    assert found.shape == (3, 2, 3, 3)
+    assert not found.any()
+
+
+def test_dark_and_negative_pixels_stay_finite(model: Model, warm_to_cool: Array) -> None:
+    rng = np.random.default_rng(1)
+    no_flash, flash = rng.normal(0, 1e-3, (2, 20, 20, 3)).astype(np.float32)
+
+    found = published_layers(no_flash, flash, warm_to_cool, model.tensor)
+
+    assert np.isfinite(found).all()
