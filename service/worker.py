@@ -57,6 +57,7 @@ class Worker:
             self._settings.poll_seconds,
         )
         log.info("ready", extra={"worker": self.id})
+        self.keep()
         while not stop.wait(self._settings.heartbeat_seconds):
             self.keep()
         self._stopping.set()
