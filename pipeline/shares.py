@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float32]
+Doubles = NDArray[np.float64]
 
 _REGULAR = 1e-6  # relative determinant below which lamps are too alike at a pixel to be told apart
 
@@ -29,13 +30,13 @@ def shares(no_flash: Array, predictions: Array) -> Array:
     """
     count = len(predictions)
     gram = {
-        (i, j): (predictions[i] * predictions[j]).sum(-1)
+        (i, j): _dot(predictions[i], predictions[j])
         for i in range(count)
         for j in range(i, count)
     }
-    seen = [(predictions[j] * no_flash).sum(-1) for j in range(count)]
+    seen = [_dot(predictions[j], no_flash) for j in range(count)]
     best = np.zeros((count, *no_flash.shape[:-1]), dtype=np.float32)
-    gain = np.zeros(no_flash.shape[:-1], dtype=np.float32)
+    gain = np.zeros(no_flash.shape[:-1])
     for size in range(1, count + 1):
         for subset in combinations(range(count), size):
             solution = _solve(subset, gram, seen)
@@ -50,8 +51,8 @@ def shares(no_flash: Array, predictions: Array) -> Array:
 
 
 def _solve(
-    subset: tuple[int, ...], gram: dict[tuple[int, int], Array], seen: list[Array]
-) -> list[Array]:
+    subset: tuple[int, ...], gram: dict[tuple[int, int], Doubles], seen: list[Doubles]
+) -> list[Doubles]:
     """Least squares for some of the lamps; −1 where they cannot be told apart."""
     if len(subset) == 1:
         (a,) = subset
@@ -84,5 +85,11 @@ def _solve(
     ]
 
 
-def _divide(numerator: Array, denominator: Array, regular: NDArray[np.bool_]) -> Array:
+def _dot(a: Array, b: Array) -> Doubles:
+    """Sum over the channels, in double precision: lamps that look alike at a pixel need it."""
+    red, green, blue = (np.multiply(a[..., k], b[..., k], dtype=np.float64) for k in range(3))
+    return red + green + blue
+
+
+def _divide(numerator: Doubles, denominator: Doubles, regular: NDArray[np.bool_]) -> Doubles:
     return np.where(regular, numerator / np.where(regular, denominator, 1.0), -1.0)
