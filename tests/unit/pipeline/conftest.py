@@ -52,7 +52,7 @@ def model(camera: Camera) -> Model:
 
 
 @pytest.fixture(scope="session")
-def surfaces(camera: Camera, model: Model) -> Array:
+def surfaces(camera: Camera) -> Array:
     """Camera RGB (m, 3) of measured surfaces under the flash, a white card having green 1."""
     flash = find_light("xenon")
     seen = reflectance_spectra() @ (camera.sensitivities * flash).T

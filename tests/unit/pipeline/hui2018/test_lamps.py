@@ -47,7 +47,7 @@ def outliers(count: int) -> Array:
 def test_unit_vectors_have_length_one_and_zero_stays_zero() -> None:
     found = unit(np.array([[3.0, 0.0, 4.0], [0.0, 0.0, 0.0]]))
 
-    np.testing.assert_allclose(found, [[0.6, 0, 0.8], [0, 0, 0]])
+    np.testing.assert_allclose(found, np.array([[0.6, 0.0, 0.8], [0.0, 0.0, 0.0]]))
 
 
 @pytest.mark.parametrize("center", [WARM, COOL, np.array([0.0, 1.0, 0.0]), np.array([0, 0.0, 2])])
