@@ -17,6 +17,8 @@ from pipeline.frames import Image, Mask
 
 _WORKING_SIZES = (1600, 800)  # longer side; the second for pairs whose noise drowns fine edges
 _LOCAL = 16.0
+_MOTIONS = ((cv2.MOTION_TRANSLATION, 2), (cv2.MOTION_EUCLIDEAN, 2), (cv2.MOTION_HOMOGRAPHY, 3))
+_WORTH_IT = 0.003  # tripod pairs gain at most 0.001 from any motion, hand-held ones 0.01 and more
 _MIN_CORRELATION = 0.25  # related pairs reach 0.4 to 0.9, unrelated ones at most 0.1
 _STILL_PX = 0.3  # a smaller motion is within the estimate's error; resampling would only blur
 _MAX_MOTION = 0.15  # of the diagonal; a hand-held pair moves less
@@ -64,24 +66,59 @@ def _attempt(no_flash: Image, flash: Image, working_size: int) -> Alignment:
         _edges(np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32))
         for image in (no_flash, flash)
     )
-    parameters = cv2.ECCParameters()
-    parameters.motionType = cv2.MOTION_HOMOGRAPHY
-    parameters.nlevels = int(np.clip(np.log2(min(size) / 32), 1, 5))
     try:
-        correlation, small = cv2.findTransformECCMultiScale(
-            reference, sample, np.eye(3, dtype=np.float32), parameters
-        )
+        correlation, small = _estimate(reference, sample, size)
     except cv2.error:
         return _refused(None, "no common structure was found")
     if not np.isfinite(small).all() or not np.isfinite(correlation):
         return _refused(None, "no common structure was found")
-    matrix = _to_full_size(small.astype(np.float64), size, (width, height))
+    matrix = _to_full_size(small, size, (width, height))
     motion = _corner_motion(matrix, width, height)
     if correlation < _MIN_CORRELATION:
         return _refused(float(correlation), f"their edges correlate by only {correlation:.2f}")
     if motion > _MAX_MOTION * np.hypot(width, height):
         return _refused(float(correlation), f"a motion of {motion:.0f} pixels is implausible")
     return Alignment(motion > _STILL_PX, matrix, float(correlation))
+
+
+def _estimate(
+    reference: Image, sample: Image, size: tuple[int, int]
+) -> tuple[float, NDArray[np.float64]]:
+    """Correlation reached and homography: the simplest motion that explains the edges.
+
+    A richer motion must raise the correlation, so that a pair from a tripod stays as it is: the
+    homography of edges that flash and lamps draw differently is off by half a pixel at the corners.
+    """
+    found = np.eye(3, dtype=np.float32)
+    best = float(cv2.computeECC(reference, sample))
+    parameters = cv2.ECCParameters()
+    parameters.nlevels = int(np.clip(np.log2(min(size) / 16), 1, 5))
+    for motion, rows in _MOTIONS:
+        parameters.motionType = motion
+        try:
+            _, small = cv2.findTransformECCMultiScale(reference, sample, found[:rows], parameters)
+        except cv2.error:
+            if motion == cv2.MOTION_TRANSLATION:
+                raise
+            continue  # too few edges for so rich a motion
+        candidate = np.vstack([small, np.eye(3, dtype=np.float32)[rows:]])
+        correlation = _correlation(reference, sample, candidate, size)
+        if correlation > best + _WORTH_IT:
+            found, best = candidate, correlation
+    return best, found.astype(np.float64)
+
+
+def _correlation(
+    reference: Image, sample: Image, matrix: NDArray[np.float32], size: tuple[int, int]
+) -> float:
+    """Correlation of the edges where the warped sample covers the reference."""
+    flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
+    warped = cv2.warpPerspective(sample, matrix, size, flags=flags)
+    everywhere = np.full(reference.shape, 255, dtype=np.uint8)
+    covered = cv2.warpPerspective(
+        everywhere, matrix, size, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+    )
+    return float(cv2.computeECC(reference, warped, covered))
 
 
 def warp(image: Image, saturated: Mask, alignment: Alignment) -> tuple[Image, Mask]:
