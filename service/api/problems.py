@@ -10,12 +10,14 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.errors import (
     INVALID,
     KINDS,
     Kind,
+    MalformedRequestError,
     Problem,
     QueueFullError,
     RangeError,
@@ -80,6 +82,7 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(RequestValidationError, _on_validation)
     app.add_exception_handler(HTTPException, _on_http)
     app.add_exception_handler(Exception, _on_internal)
+    app.add_exception_handler(ClientDisconnect, _on_disconnect)
     app.add_exception_handler(TaskError, _on_task)
     for error in KINDS:
         app.add_exception_handler(error, _on_known)
@@ -100,6 +103,12 @@ async def _on_known(request: Request, error: Exception) -> Response:
     if kind_of(error).status >= 500:
         log.error("request failed", exc_info=error, extra={"trace_id": request.state.trace_id})
     return _answer(problem_of(error, request.state.trace_id), headers)
+
+
+async def _on_disconnect(request: Request, _error: Exception) -> Response:
+    # Nobody is there to read it; without it the log would call it a fault of ours.
+    broken = MalformedRequestError("The connection broke before the whole request had come.")
+    return _answer(problem_of(broken, request.state.trace_id))
 
 
 async def _on_task(_request: Request, error: Exception) -> Response:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import socket
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -174,6 +175,18 @@ def test_a_broken_multipart_body_is_refused(http: httpx.Client) -> None:
     headers = {"content-type": "multipart/form-data; boundary=edge"}
     answer = http.post("/jobs", content=b"--edge\r\nnonsense", headers=headers)
     assert _problem(answer)[:2] == (400, "malformed-request")
+
+
+def test_a_connection_that_breaks_is_no_fault_of_the_service(
+    http: httpx.Client, context: Context, caplog: pytest.LogCaptureFixture
+) -> None:
+    head = "POST /jobs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 90000\r\n"
+    for kind in ("multipart/form-data; boundary=edge", "application/json"):
+        with socket.create_connection((http.base_url.host, http.base_url.port or 80)) as client:
+            client.sendall(f"{head}Content-Type: {kind}\r\n\r\n--edge\r\n".encode())
+    assert http.get("/jobs").json()["jobs"] == []
+    assert context.storage.list("") == []
+    assert caplog.messages == []
 
 
 @pytest.mark.parametrize(
