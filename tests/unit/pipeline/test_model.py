@@ -1,0 +1,169 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.colour.spaces import D65_XY
+from pipeline.hui2018.invariant import light_coefficients
+from pipeline.model import Model, build_model
+from pipeline.spectra.cameras import Camera, srgb_stand_in
+from pipeline.spectra.lights import find_light, reflectance_spectra
+from pipeline.spectra.observer import cie_1931
+
+Array = NDArray[np.float64]
+
+
+def angle(a: Array, b: Array) -> Array:
+    """Angles in degrees along the last axis."""
+    cosine = (a * b).sum(-1) / np.linalg.norm(a, axis=-1) / np.linalg.norm(b, axis=-1)
+    return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+
+
+def seen(camera: Camera, light: Array) -> Array:
+    """Camera RGB (m, 3) of measured surfaces under a light."""
+    return np.asarray(reflectance_spectra() @ (camera.sensitivities * light).T)
+
+
+def test_lamp_matrix_of_one_lamp_and_of_many(model: Model, warm_to_cool: Array) -> None:
+    many = model.lamp_matrix(warm_to_cool)
+
+    assert many.shape == (3, 3, 3)
+    for matrix, coefficients in zip(many, warm_to_cool, strict=True):
+        np.testing.assert_allclose(model.lamp_matrix(coefficients), matrix)
+
+
+def test_lamp_matrix_is_linear_in_the_coefficients(model: Model, warm_to_cool: Array) -> None:
+    a, b, _ = warm_to_cool
+
+    np.testing.assert_allclose(
+        model.lamp_matrix(2 * a + 0.5 * b), 2 * model.lamp_matrix(a) + 0.5 * model.lamp_matrix(b)
+    )
+
+
+@pytest.mark.parametrize("basis", ["wpca", "pca", "joint"])
+def test_a_lamp_of_the_colour_of_the_flash_changes_nothing(camera: Camera, basis: str) -> None:
+    flash = find_light("xenon")
+    model = build_model(camera, flash, flash, basis)
+
+    matrix = model.lamp_matrix(model.neutral)
+
+    np.testing.assert_allclose(matrix / matrix[1, 1], np.eye(3), atol=1e-9)
+    np.testing.assert_allclose(
+        model.flash_to_neutral, np.eye(3) * model.flash_to_neutral[1, 1], atol=1e-9
+    )
+
+
+@pytest.mark.parametrize("flash", ["xenon", "led", "FL11"])
+def test_white_under_flash_and_neutral_light_has_green_one(camera: Camera, flash: str) -> None:
+    light = find_light(flash)
+    model = build_model(camera, light, find_light("D50"), "wpca")
+
+    white = camera.sensitivities @ light
+    np.testing.assert_allclose(model.flash_white, white / white[1])
+    assert model.neutral[1] == pytest.approx(1)
+
+
+def test_neutral_coefficients_are_the_camera_colour_of_a_white_card(
+    model: Model, camera: Camera
+) -> None:
+    white = camera.sensitivities @ find_light("D65")
+
+    assert angle(model.neutral, white) < 2
+
+
+def test_neutral_matrix_turns_a_white_card_under_flash_into_one_under_neutral(
+    model: Model, camera: Camera
+) -> None:
+    white = camera.sensitivities @ find_light("D65")
+
+    found = model.flash_to_neutral @ model.flash_white
+
+    np.testing.assert_allclose(found, white / white[1], rtol=0.02)
+
+
+def test_neutral_matrix_turns_measured_surfaces_into_those_under_neutral(
+    model: Model, camera: Camera, surfaces: Array
+) -> None:
+    true = seen(camera, find_light("D65"))
+
+    best = angle(surfaces @ model.flash_to_neutral.T, true)
+    basis = angle(surfaces @ model.lamp_matrix(model.neutral).T, true)
+
+    assert np.median(best) < 0.3
+    assert np.median(best) < np.median(basis)
+
+
+def test_the_invariant_hardly_depends_on_the_surface(
+    model: Model, camera: Camera, surfaces: Array
+) -> None:
+    for name in ("A", "D65", "LED-B1"):
+        light = find_light(name)
+
+        found = light_coefficients(seen(camera, light), surfaces, model.tensor)
+
+        assert np.median(angle(found, np.median(found, axis=0))) < 2.5
+
+
+def test_photographs_are_shown_with_white_of_the_display(model: Model, camera: Camera) -> None:
+    white = camera.sensitivities @ find_light("D65")
+
+    X, Y, Z = model.camera_to_xyz @ (white / white[1])
+
+    assert pytest.approx(1) == Y
+    assert (X / (X + Y + Z), Y / (X + Y + Z)) == pytest.approx(D65_XY, abs=5e-4)
+
+
+def test_pictures_under_the_neutral_light_keep_its_colour(camera: Camera) -> None:
+    light = find_light("A")
+    model = build_model(camera, find_light("xenon"), light, "wpca")
+    white = camera.sensitivities @ light
+    true = cie_1931() @ light
+
+    found = model.neutral_to_xyz @ (white / white[1])
+
+    np.testing.assert_allclose(found, true / true[1], rtol=1e-9)
+
+
+def test_without_another_camera_there_is_no_response(model: Model) -> None:
+    assert model.response is None
+
+
+def test_response_of_the_same_camera_is_the_model_itself(camera: Camera) -> None:
+    model = build_model(camera, find_light("xenon"), find_light("D65"), "wpca", camera)
+
+    assert model.response is not None
+    np.testing.assert_allclose(model.response.tensor, model.tensor, atol=1e-12)
+    np.testing.assert_allclose(model.response.camera_to_xyz, model.camera_to_xyz)
+
+
+def test_response_is_exposed_to_the_same_green_of_daylight(camera: Camera) -> None:
+    """A camera of twice the sensitivity is exposed half as long."""
+    other = srgb_stand_in()
+    brighter = Camera("brighter", 2 * other.sensitivities, "file")
+    flash, neutral = find_light("xenon"), find_light("D65")
+
+    once = build_model(camera, flash, neutral, "wpca", other).response
+    twice = build_model(camera, flash, neutral, "wpca", brighter).response
+
+    assert once is not None
+    assert twice is not None
+    np.testing.assert_allclose(once.tensor, twice.tensor, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(once.camera_to_xyz, twice.camera_to_xyz, rtol=1e-9)
+
+
+def test_the_scale_of_flash_and_neutral_light_does_not_matter(camera: Camera) -> None:
+    flash, neutral = find_light("xenon"), find_light("D50")
+    once = build_model(camera, flash, neutral, "wpca")
+    bright = build_model(camera, 40 * flash, 0.1 * neutral, "wpca")
+
+    for name in ("tensor", "flash_white", "neutral", "flash_to_neutral", "neutral_to_xyz"):
+        np.testing.assert_allclose(
+            getattr(bright, name), getattr(once, name), rtol=1e-9, atol=1e-12
+        )
+
+
+def test_learning_is_the_same_every_time(camera: Camera, model: Model) -> None:
+    again = build_model(camera, find_light("xenon"), find_light("D65"), "wpca")
+
+    np.testing.assert_array_equal(again.tensor, model.tensor)
