@@ -71,6 +71,13 @@ class DirectedLight(_Strict):
         description="The lamp's colour on a grey card, camera RGB: says which lamp is meant.",
     )
 
+    @field_validator("direction", "rgb")
+    @classmethod
+    def _not_zero(cls, value: Vector | None) -> Vector | None:
+        if value is not None and not any(value):
+            raise ValueError("must not be zero in all three components")
+        return value
+
 
 class Options(_Strict):
     """Options of a separation."""
