@@ -7,9 +7,11 @@ import itertools
 import json
 import os
 import socket
+import struct
 import subprocess
 import sys
 import time
+import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -22,6 +24,7 @@ import OpenEXR
 import pytest
 import tifffile
 from numpy.typing import NDArray
+from PIL import Image as PillowImage
 
 from drivers import CapturedPair, SimulatedTruth, capture_pair, open_camera, simulated_truth
 
@@ -30,6 +33,79 @@ PATIENCE_SECONDS = 120
 WIDTH, HEIGHT = 360, 240
 
 Image = NDArray[np.float32]
+
+
+def _picture(codes: NDArray[np.uint8], kind: str = "PNG") -> bytes:
+    file = io.BytesIO()
+    PillowImage.fromarray(codes).save(file, kind)
+    return file.getvalue()
+
+
+def _noise(width: int = 96, height: int = 64, brightness: float = 1.0) -> bytes:
+    rng = np.random.default_rng(width)
+    return _picture((rng.uniform(20, 120, (height, width, 3)) * brightness).astype(np.uint8))
+
+
+def _bomb() -> bytes:
+    """A PNG of 30,000 × 30,000 pixels in 3 MB: one deflated block of zeros over and over."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return (
+            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        )
+
+    side, rows = 30_000, 100
+    packer = zlib.compressobj(9, wbits=-15)
+    packed = packer.compress(bytes(rows * (3 * side + 1))) + packer.flush(zlib.Z_FULL_FLUSH)
+    checksum = struct.pack(">HH", side * (3 * side + 1) % 65521, 1)  # Adler-32 of zeros
+    body = b"\x78\xda" + packed * (side // rows) + b"\x03\x00" + checksum
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", struct.pack(">IIBBBBB", side, side, 8, 2, 0, 0, 0))
+        + chunk(b"IDAT", body)
+        + chunk(b"IEND", b"")
+    )
+
+
+def _bad_pairs() -> dict[str, tuple[bytes, bytes, str]]:
+    """Pairs that cannot be separated, by name, and what the refusal says."""
+    good, other = _noise(), _noise(brightness=2)
+    jpeg = _picture(np.random.default_rng(1).integers(0, 255, (64, 96, 3), dtype=np.uint8), "JPEG")
+    files = {
+        "text": (b"This is no photograph.\n" * 40, "is of a kind that is not read"),
+        "0 bytes": (b"", "is empty"),
+        "half a JPEG": (jpeg[: len(jpeg) // 2], "is a damaged or incomplete JPEG"),
+        "a bomb": (_bomb(), "has 30000 × 30000 pixels, more than the limit"),
+        "a grey picture": (_picture(np.full((64, 96), 90, np.uint8)), "is grey"),
+        "a black frame": (_picture(np.zeros((64, 96, 3), np.uint8)), "is black"),
+    }
+    pairs = {}
+    for name, (content, reason) in files.items():
+        sentence = "The photograph {} the flash " + reason
+        pairs[f"{name} without flash"] = (content, other, sentence.format("without"))
+        pairs[f"{name} with flash"] = (good, content, sentence.format("with"))
+    return {
+        **pairs,
+        "two sizes": (good, _noise(64, 96, 2), "different sizes, 96 × 64"),
+        "two identical frames": (good, good, "are identical"),
+    }
+
+
+BAD_PAIRS = _bad_pairs()
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Give a test that asks for bad_name every bad pair."""
+    if "bad_name" in metafunc.fixturenames:
+        metafunc.parametrize("bad_name", BAD_PAIRS)
+
+
+@dataclass(frozen=True)
+class BadPair:
+    """A pair that cannot be separated; reason: what the refusal says of it."""
+
+    files: tuple[Path, Path]
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -132,10 +208,12 @@ def angles(found: NDArray[Any], true: NDArray[Any]) -> NDArray[np.float64]:
     return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
-def clean_environment(**settings: object) -> dict[str, str]:
-    """Our environment without settings of lightlayers, but for these."""
-    kept = {name: text for name, text in os.environ.items() if "LIGHTLAYERS_" not in name}
-    return {**kept, **{f"LIGHTLAYERS_{name}": str(value) for name, value in settings.items()}}
+@pytest.fixture(scope="session")
+def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Our environment without settings of lightlayers, with a place for compiled modules."""
+    other = {name: text for name, text in os.environ.items() if "LIGHTLAYERS_" not in name}
+    other.pop("PYTHONDONTWRITEBYTECODE", None)
+    return {**other, "PYTHONPYCACHEPREFIX": str(tmp_path_factory.mktemp("compiled"))}
 
 
 @pytest.fixture(scope="session")
@@ -167,14 +245,16 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Scene]:
 
 
 @pytest.fixture(scope="session")
-def command(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Run]:
+def command(
+    tmp_path_factory: pytest.TempPathFactory, environment: dict[str, str]
+) -> Callable[..., Run]:
     """Run `lightlayers separate NO_FLASH FLASH -o DIR` and what else is given."""
 
-    def separate(pair: tuple[Path, Path], *flags: object, **settings: object) -> Run:
+    def separate(pair: tuple[Path, Path], *flags: object) -> Run:
         folder = tmp_path_factory.mktemp("results") / "out"
         done = subprocess.run(
             [COMMAND, "separate", *pair, "-o", folder, *map(str, flags)],
-            env=clean_environment(**settings),
+            env=environment,
             capture_output=True,
             text=True,
             timeout=PATIENCE_SECONDS,
@@ -198,17 +278,30 @@ def separated(command: Callable[..., Run]) -> Callable[..., Results]:
     return separate
 
 
+@pytest.fixture
+def bad_pair(bad_name: str, tmp_path: Path) -> BadPair:
+    """The bad pair of that name, in files whose names say nothing."""
+    no_flash, flash, reason = BAD_PAIRS[bad_name]
+    files = (tmp_path / "one.jpg", tmp_path / "two.jpg")
+    files[0].write_bytes(no_flash)
+    files[1].write_bytes(flash)
+    return BadPair(files, reason)
+
+
 @pytest.fixture(scope="session")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
+def service(
+    tmp_path_factory: pytest.TempPathFactory, environment: dict[str, str]
+) -> Iterator[httpx.Client]:
     """`lightlayers serve` on a database and a store of its own."""
     folder = tmp_path_factory.mktemp("service")
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
     log = folder / "log"
+    settings = {"LIGHTLAYERS_DATA_DIR": str(folder / "data"), "LIGHTLAYERS_POLL_SECONDS": "0.2"}
     with log.open("wb") as stderr:
         process = subprocess.Popen(
             [COMMAND, "serve", "--port", str(port)],
-            env=clean_environment(DATA_DIR=folder / "data", POLL_SECONDS=0.2),
+            env={**environment, **settings},
             stderr=stderr,
         )
     with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=PATIENCE_SECONDS) as client:

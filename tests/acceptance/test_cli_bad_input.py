@@ -2,52 +2,27 @@
 
 from __future__ import annotations
 
-import io
 import json
-import struct
-import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
 Command = Callable[..., Any]
 
 
-def picture(codes: NDArray[np.uint8], kind: str = "PNG") -> bytes:
-    file = io.BytesIO()
-    PillowImage.fromarray(codes).save(file, kind)
-    return file.getvalue()
-
-
-def sound(width: int = 96, height: int = 64, brightness: float = 1.0) -> bytes:
-    rng = np.random.default_rng(width)
-    return picture((rng.uniform(20, 120, (height, width, 3)) * brightness).astype(np.uint8))
-
-
-def bomb() -> bytes:
-    """A PNG of 30,000 × 30,000 pixels in few bytes."""
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return (
-            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-        )
-
-    side, rows = 30_000, 100
-    packer = zlib.compressobj(9, wbits=-15)
-    packed = packer.compress(bytes(rows * (3 * side + 1))) + packer.flush(zlib.Z_FULL_FLUSH)
-    checksum = struct.pack(">HH", side * (3 * side + 1) % 65521, 1)  # Adler-32 of zeros
-    body = b"\x78\xda" + packed * (side // rows) + b"\x03\x00" + checksum
-    return (
-        b"\x89PNG\r\n\x1a\n"
-        + chunk(b"IHDR", struct.pack(">IIBBBBB", side, side, 8, 2, 0, 0, 0))
-        + chunk(b"IDAT", body)
-        + chunk(b"IEND", b"")
-    )
+@pytest.fixture
+def sound(tmp_path: Path) -> tuple[Path, Path]:
+    """A pair that would be read."""
+    rng = np.random.default_rng(2)
+    paths = (tmp_path / "a.png", tmp_path / "b.png")
+    for path, brightness in zip(paths, (1, 2), strict=True):
+        codes = (rng.uniform(20, 120, (64, 96, 3)) * brightness).astype(np.uint8)
+        PillowImage.fromarray(codes).save(path)
+    return paths
 
 
 def refused(run: Any, *words: str) -> str:
@@ -65,56 +40,20 @@ def refused(run: Any, *words: str) -> str:
     return sentence
 
 
-GOOD = sound()
-JPEG = picture(np.random.default_rng(1).integers(0, 255, (64, 96, 3), dtype=np.uint8), "JPEG")
-BAD_FILES = {
-    "text": (b"This is no photograph.\n" * 40, "of a kind that is not read"),
-    "nothing": (b"", "is empty"),
-    "half a JPEG": (JPEG[: len(JPEG) // 2], "damaged or incomplete JPEG"),
-    "a bomb": (bomb(), "30000 × 30000 pixels, more than the limit"),
-    "grey": (picture(np.full((64, 96), 90, np.uint8)), "is grey"),
-}
+def test_a_bad_pair_is_refused(command: Command, bad_pair: Any) -> None:
+    refused(command(bad_pair.files), bad_pair.reason)
 
 
-@pytest.mark.parametrize("frame", ["no-flash photograph", "flash photograph"])
-@pytest.mark.parametrize("name", BAD_FILES)
-def test_a_bad_photograph_is_named(command: Command, tmp_path: Path, name: str, frame: str) -> None:
-    content, reason = BAD_FILES[name]
-    bad, good = tmp_path / "holiday.jpg", tmp_path / "good.png"
-    bad.write_bytes(content)
-    good.write_bytes(GOOD)
+def test_a_pair_the_wrong_way_round_is_refused(command: Command, scene: Callable[..., Any]) -> None:
+    no_flash, flash = scene(2).dng
 
-    run = command((bad, good) if frame == "no-flash photograph" else (good, bad))
-
-    refused(run, f"The {frame} ", reason)
+    refused(command((flash, no_flash)), "swap the two")
 
 
-BAD_PAIRS: dict[str, tuple[bytes, bytes, list[str]]] = {
-    "two sizes": (sound(96, 64), sound(64, 96, 2), ["96 × 64", "64 × 96"]),
-    "two identical frames": (GOOD, GOOD, ["identical"]),
-    "a black no-flash frame": (
-        picture(np.zeros((64, 96, 3), np.uint8)),
-        GOOD,
-        ["no-flash", "black"],
-    ),
-    "a black flash frame": (GOOD, picture(np.zeros((64, 96, 3), np.uint8)), ["flash"]),
-}
+def test_a_missing_file_is_refused(command: Command, sound: tuple[Path, Path]) -> None:
+    missing = sound[0].with_name("none.png")
 
-
-@pytest.mark.parametrize("name", BAD_PAIRS)
-def test_a_pair_that_is_none_is_refused(command: Command, tmp_path: Path, name: str) -> None:
-    first, second, words = BAD_PAIRS[name]
-    paths = (tmp_path / "a.png", tmp_path / "b.png")
-    paths[0].write_bytes(first)
-    paths[1].write_bytes(second)
-
-    refused(command(paths), *words)
-
-
-def test_a_missing_file_is_refused(command: Command, tmp_path: Path) -> None:
-    (tmp_path / "a.png").write_bytes(GOOD)
-
-    refused(command((tmp_path / "a.png", tmp_path / "b.png")), "b.png", "no such file")
+    refused(command((sound[0], missing)), "none.png", "no such file")
 
 
 DIRECTIONS = {"lights": [{"direction": [1, 0, 1]}, {"direction": [-1, 0, 1]}]}
@@ -140,14 +79,11 @@ BAD_FLAGS = {
 
 @pytest.mark.parametrize("name", BAD_FLAGS)
 def test_a_bad_flag_is_refused_with_what_would_do(
-    command: Command, tmp_path: Path, name: str
+    command: Command, sound: tuple[Path, Path], name: str
 ) -> None:
     flags, words = BAD_FLAGS[name]
-    paths = (tmp_path / "a.png", tmp_path / "b.png")
-    paths[0].write_bytes(GOOD)
-    paths[1].write_bytes(sound(brightness=2))
 
-    refused(command(paths, *flags), *words)
+    refused(command(sound, *flags), *words)
 
 
 @pytest.mark.parametrize(
@@ -162,14 +98,12 @@ def test_a_bad_flag_is_refused_with_what_would_do(
     ids=["empty", "no lights", "two lights", "no direction", "an unknown field"],
 )
 def test_bad_light_directions_are_refused(
-    command: Command, tmp_path: Path, content: bytes, word: str
+    command: Command, sound: tuple[Path, Path], content: bytes, word: str
 ) -> None:
-    paths = (tmp_path / "a.png", tmp_path / "b.png")
-    paths[0].write_bytes(GOOD)
-    paths[1].write_bytes(sound(brightness=2))
-    (tmp_path / "lights.json").write_bytes(content)
+    lights = sound[0].with_name("lights.json")
+    lights.write_bytes(content)
 
-    refused(command(paths, "--light-directions", tmp_path / "lights.json", "--lights", "3"), word)
+    refused(command(sound, "--light-directions", lights, "--lights", "3"), word)
 
 
 def test_nothing_earlier_is_lost_when_a_run_is_refused(command: Command, tmp_path: Path) -> None:
