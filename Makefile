@@ -1,6 +1,6 @@
 # The same commands for people and for continuous integration.
 PYTHON ?= python3
-HOST ?= 127.0.0.1
+HOST = 127.0.0.1
 BIN := .venv/bin
 INSTALLED := .venv/installed
 
