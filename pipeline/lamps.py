@@ -129,7 +129,7 @@ def _stand_out(coefficients: Array, gammas: Array) -> Array:
         nearest = _angles(coefficients).min(axis=1)
     # three lamps span the sphere, so that scatter cannot be told from light
     scatter = np.degrees(np.median(off)) if len(coefficients) < 3 else _TYPICAL_SCATTER_DEGREES
-    return np.asarray(nearest**2 / (nearest**2 + (2 * scatter) ** 2))
+    return np.asarray(nearest**2 / np.maximum(nearest**2 + (2 * scatter) ** 2, 1e-12))
 
 
 def _angles(coefficients: Array) -> Array:
