@@ -32,7 +32,7 @@ def surfaces(seed: int = 0) -> Image:
     return np.asarray(cv2.GaussianBlur(canvas, (0, 0), 0.7), dtype=np.float32)
 
 
-def moved(canvas: Image, matrix: Array) -> Image:
+def moved(canvas: Image, matrix: NDArray[np.floating]) -> Image:
     """What the camera sees of the canvas: pixel x shows the canvas where matrix @ x lies."""
     into = np.array([[1, 0, MARGIN], [0, 1, MARGIN], [0, 0, 1.0]]) @ matrix
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP

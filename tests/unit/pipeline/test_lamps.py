@@ -1,0 +1,192 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.errors import UnusablePairError
+from pipeline.lamps import estimate_lamps
+from pipeline.model import Model
+from pipeline.reduced import reduce_pair
+
+Array = NDArray[np.float64]
+Exact = Callable[..., tuple[Any, Array]]
+
+
+def angles(a: Array, b: Array) -> Array:
+    """Angles in degrees between vectors of the same number."""
+    cosine = (a * b).sum(-1) / np.linalg.norm(a, axis=-1) / np.linalg.norm(b, axis=-1)
+    return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+
+
+@pytest.mark.parametrize("which", [(0,), (2,), (0, 2), (0, 1), (1, 2), (0, 1, 2)])
+@pytest.mark.parametrize("automatic", [True, False], ids=["auto", "given"])
+@pytest.mark.parametrize("rendered", [False, True], ids=["sensor", "rendered"])
+def test_lamps_of_the_model_are_found(
+    exact: Exact,
+    model: Model,
+    warm_to_cool: Array,
+    which: tuple[int, ...],
+    automatic: bool,
+    rendered: bool,
+) -> None:
+    true = warm_to_cool[list(which)]
+    pair, _ = exact(true)
+    requested: Any = "auto" if automatic else len(which)
+
+    found = estimate_lamps(reduce_pair(pair), model, requested, rendered)
+
+    assert len(found) == len(which)
+    assert found.requested == requested
+    assert found.coefficients.shape == (len(which), 3)
+    np.testing.assert_allclose(np.linalg.norm(found.coefficients, axis=1), 1)
+    assert angles(found.coefficients, true).max() < 1
+    assert found.warnings == ()
+    assert found.confidence == 1 if not automatic else 0.8 < found.confidence <= 1
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 2, 0)])
+def test_lamps_are_named_from_warm_to_cool(
+    exact: Exact, model: Model, warm_to_cool: Array, order: tuple[int, ...]
+) -> None:
+    pair, _ = exact(warm_to_cool[list(order)])
+
+    found = estimate_lamps(reduce_pair(pair), model, 3, False)
+
+    redness = found.coefficients[:, 0] / found.coefficients.sum(axis=1)
+    assert (np.diff(redness) < 0).all()
+    assert angles(found.coefficients[[0, 2]], warm_to_cool[[0, 2]]).max() < 1
+
+
+def test_matrices_are_those_of_the_lamps(exact: Exact, model: Model, warm_to_cool: Array) -> None:
+    pair, layers = exact(warm_to_cool[[0, 2]])
+    part = pair.flash - pair.no_flash
+
+    found = estimate_lamps(reduce_pair(pair), model, 2, False)
+
+    for matrix, layer in zip(found.matrices, layers, strict=True):
+        lit = layer.sum(axis=2) > 0.01
+        assert np.median(angles(part[lit] @ matrix.T, layer[lit])) < 1
+
+
+@pytest.mark.parametrize("requested", [1, 2, 3])
+def test_what_is_asked_for_is_given(
+    exact: Exact, model: Model, warm_to_cool: Array, requested: Any
+) -> None:
+    pair, _ = exact(warm_to_cool[[0, 2]])
+
+    found = estimate_lamps(reduce_pair(pair), model, requested, False)
+
+    assert len(found) == requested
+    assert found.confidence == 1.0
+    assert np.isfinite(found.coefficients).all()
+    assert found.matrices.shape == (requested, 3, 3)
+    assert found.lamp_confidence.shape == (requested,)
+    assert ((found.lamp_confidence >= 0) & (found.lamp_confidence <= 1)).all()
+
+
+def test_channels_are_weighed_by_their_light(
+    exact: Exact, model: Model, warm_to_cool: Array
+) -> None:
+    pair, _ = exact(warm_to_cool[[0, 2]])
+    reduced = reduce_pair(pair)
+
+    found = estimate_lamps(reduced, model, 2, False)
+
+    mean = reduced.no_flash[reduced.usable].mean(axis=0)
+    np.testing.assert_allclose(found.channel_weights * mean, 1, rtol=1e-4)
+
+
+def test_invariants_are_unit_vectors_between_the_lamps(
+    exact: Exact, model: Model, warm_to_cool: Array
+) -> None:
+    pair, _ = exact(warm_to_cool[[0, 2]])
+
+    found = estimate_lamps(reduce_pair(pair), model, 2, False)
+
+    np.testing.assert_allclose(np.linalg.norm(found.invariants, axis=1), 1, rtol=1e-6)
+    plane = np.cross(warm_to_cool[0], warm_to_cool[2])
+    assert np.abs(found.invariants @ plane).max() < 0.01
+
+
+def test_similar_lamps_are_warned_of(exact: Exact, model: Model, warm_to_cool: Array) -> None:
+    warm, _, cool = warm_to_cool
+    pair, _ = exact(np.array([warm, 0.92 * warm + 0.08 * cool]))
+
+    found = estimate_lamps(reduce_pair(pair), model, 2, False)
+
+    (warning,) = found.warnings
+    assert warning.startswith("Two lamps are only ")
+    assert "° apart in colour" in warning
+
+
+def test_lamps_that_stand_out_less_are_less_sure(
+    exact: Exact, model: Model, warm_to_cool: Array, pair_of: Callable[..., Any]
+) -> None:
+    warm, _, cool = warm_to_cool
+    rng = np.random.default_rng(3)
+    sureness = []
+    for part in (1.0, 0.3, 0.1):
+        clean, _ = exact(np.array([warm, (1 - part) * warm + part * cool]))
+        noisy = clean.no_flash * (1 + rng.normal(0, 0.03, clean.no_flash.shape))
+        reduced = reduce_pair(pair_of(noisy, clean.flash - clean.no_flash))
+        sureness.append(estimate_lamps(reduced, model, 2, False).lamp_confidence.min())
+
+    assert sureness == sorted(sureness, reverse=True)
+    assert sureness[0] > 0.8
+
+
+def test_lamps_are_found_in_noise(
+    exact: Exact, model: Model, warm_to_cool: Array, pair_of: Callable[..., Any]
+) -> None:
+    clean, _ = exact(warm_to_cool[[0, 2]])
+    rng = np.random.default_rng(4)
+    noisy = clean.no_flash * (1 + rng.normal(0, 0.02, clean.no_flash.shape))
+    stray = rng.uniform(size=clean.clipped.shape) < 0.01
+    noisy[stray] = rng.uniform(0, 0.5, (int(stray.sum()), 3))
+    pair = pair_of(noisy, clean.flash - clean.no_flash)
+
+    found = estimate_lamps(reduce_pair(pair), model, 2, False)
+
+    assert angles(found.coefficients, warm_to_cool[[0, 2]]).max() < 3
+
+
+def test_estimating_is_the_same_every_time(exact: Exact, model: Model, warm_to_cool: Array) -> None:
+    reduced = reduce_pair(exact(warm_to_cool)[0])
+
+    once, again = (estimate_lamps(reduced, model, "auto", False) for _ in range(2))
+
+    np.testing.assert_array_equal(once.coefficients, again.coefficients)
+    assert once.confidence == again.confidence
+
+
+@pytest.mark.parametrize("usable", [0, 1, 199])
+@pytest.mark.parametrize("requested", ["auto", 1, 2, 3])
+def test_too_few_pixels_are_refused(
+    exact: Exact, model: Model, warm_to_cool: Array, usable: int, requested: Any
+) -> None:
+    reduced = reduce_pair(exact(warm_to_cool[[0, 2]])[0])
+    few = np.zeros(reduced.usable.size, bool)
+    few[:usable] = True
+
+    with pytest.raises(UnusablePairError, match=r"^Too few pixels show both lamps and flash"):
+        estimate_lamps(
+            replace(reduced, usable=few.reshape(reduced.usable.shape)), model, requested, False
+        )
+
+
+@pytest.mark.parametrize("requested", ["auto", 1, 2, 3])
+def test_a_pair_of_one_even_colour_is_one_lamp_or_what_was_asked(
+    pair_of: Callable[..., Any], model: Model, warm_to_cool: Array, requested: Any
+) -> None:
+    part = np.tile(np.array([0.3, 0.5, 0.4]), (40, 60, 1))
+    pair = pair_of(part @ model.lamp_matrix(0.5 * warm_to_cool[0]).T, part)
+
+    found = estimate_lamps(reduce_pair(pair), model, requested, False)
+
+    assert len(found) == (1 if requested == "auto" else requested)
+    assert angles(found.coefficients, np.tile(warm_to_cool[0], (len(found), 1))).max() < 0.1

@@ -1,0 +1,160 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.noise import Noise
+from pipeline.reduced import reduce_pair
+
+Array = NDArray[np.float64]
+
+
+def even(height: int, width: int, value: float) -> NDArray[np.float32]:
+    return np.full((height, width, 3), value, np.float32)
+
+
+@pytest.mark.parametrize(
+    ("size", "block", "reduced"),
+    [
+        ((64, 96), 1, (64, 96)),
+        ((512, 40), 1, (512, 40)),
+        ((40, 513), 2, (20, 256)),
+        ((35, 1030), 3, (11, 343)),
+        ((1, 1537), 4, (1, 384)),
+    ],
+)
+def test_the_longer_side_has_at_most_512_blocks(
+    pair_of: Callable[..., Any], size: tuple[int, int], block: int, reduced: tuple[int, int]
+) -> None:
+    found = reduce_pair(pair_of(even(*size, 0.3), even(*size, 0.2)))
+
+    assert found.block == block
+    for picture in (found.no_flash, found.flash, found.no_flash_variance, found.flash_variance):
+        assert picture.shape == (*reduced, 3)
+        assert picture.dtype == np.float32
+    assert found.usable.shape == reduced
+
+
+def test_blocks_are_means(pair_of: Callable[..., Any]) -> None:
+    rng = np.random.default_rng(1)
+    no_flash, part = rng.uniform(0.1, 0.6, (2, 8, 1030, 3)).astype(np.float32)
+
+    found = reduce_pair(pair_of(no_flash, part))
+
+    for picture, whole in ((found.no_flash, no_flash), (found.flash, part)):
+        expected = whole[:6, :1029].reshape(2, 3, 343, 3, 3).mean(axis=(1, 3))
+        np.testing.assert_allclose(picture, expected, atol=1e-5)
+
+
+def test_a_flash_part_given_alone_is_taken_as_it_is(pair_of: Callable[..., Any]) -> None:
+    no_flash, part = even(40, 60, 0.5), even(40, 60, 0.2)
+
+    found = reduce_pair(pair_of(no_flash, part, flash_only=True))
+
+    np.testing.assert_allclose(found.flash, part, rtol=1e-6)
+    assert found.usable.all()
+
+
+def test_clipped_pixels_are_left_out(pair_of: Callable[..., Any]) -> None:
+    no_flash, part = even(8, 1024, 0.3), even(8, 1024, 0.2)
+    clipped = np.zeros((8, 1024), bool)
+    clipped[0, 0] = clipped[3, 5] = clipped[4, 9] = clipped[5, 8] = True
+    for picture in (no_flash, part):
+        picture[clipped] = 7.0
+
+    found = reduce_pair(pair_of(no_flash, part, clipped=clipped))
+
+    assert found.block == 2
+    assert found.usable.all()
+    np.testing.assert_allclose(found.no_flash, 0.3, rtol=1e-5)
+    np.testing.assert_allclose(found.flash, 0.2, rtol=1e-5)
+
+
+def test_blocks_that_are_mostly_clipped_are_not_used(pair_of: Callable[..., Any]) -> None:
+    clipped = np.zeros((8, 1024), bool)
+    clipped[:2, :2] = True
+    clipped[2:4, 2:3] = True
+    clipped[4, 4] = True
+    clipped[6:8, 6] = clipped[6, 7] = True
+
+    found = reduce_pair(pair_of(even(8, 1024, 0.3), even(8, 1024, 0.2), clipped=clipped))
+
+    assert found.block == 2
+    np.testing.assert_array_equal(np.argwhere(~found.usable), [[0, 0], [3, 3]])
+
+
+def test_every_pixel_clipped_leaves_nothing_to_use(pair_of: Callable[..., Any]) -> None:
+    pair = pair_of(even(40, 60, 0.9), even(40, 60, 0.9), clipped=np.ones((40, 60), bool))
+
+    found = reduce_pair(pair)
+
+    assert not found.usable.any()
+    assert np.isfinite(found.no_flash).all()
+    assert np.isfinite(found.flash).all()
+
+
+def test_variances_are_those_of_the_means(pair_of: Callable[..., Any]) -> None:
+    gain, floor = np.array([1e-3, 2e-3, 3e-3]), np.full(3, 1e-5)
+    pair = pair_of(
+        even(8, 1024, 0.3),
+        even(8, 1024, 0.2),
+        no_flash_noise=Noise(gain, floor),
+        flash_noise=Noise(2 * gain, floor),
+    )
+
+    found = reduce_pair(pair)
+
+    no_flash = (0.3 * gain + floor) / 4
+    np.testing.assert_allclose(found.no_flash_variance[1, 1], no_flash, rtol=1e-4)
+    whole = (0.5 * 2 * gain + floor) / 4
+    np.testing.assert_allclose(found.flash_variance[1, 1], whole + no_flash, rtol=1e-4)
+
+
+def test_noise_that_hangs_together_is_not_averaged_away(pair_of: Callable[..., Any]) -> None:
+    grainy = Noise(np.full(3, 1e-3), np.full(3, 1e-5), grain=4.0)
+    pair = pair_of(even(8, 1024, 0.3), even(8, 1024, 0.2), no_flash_noise=grainy)
+
+    np.testing.assert_allclose(reduce_pair(pair).no_flash_variance, 0.3e-3 + 1e-5, rtol=1e-4)
+
+
+@pytest.mark.parametrize("dark", ["no_flash", "flash"])
+def test_places_without_light_of_either_kind_are_not_used(
+    pair_of: Callable[..., Any], dark: str
+) -> None:
+    no_flash, part = even(40, 60, 0.3), even(40, 60, 0.3)
+    (no_flash if dark == "no_flash" else part)[10:20, 10:20] = 2e-4
+
+    usable = reduce_pair(pair_of(no_flash, part)).usable
+
+    expected = np.ones((40, 60), bool)
+    expected[10:20, 10:20] = False
+    np.testing.assert_array_equal(usable, expected)
+
+
+def test_light_within_its_noise_is_not_used(pair_of: Callable[..., Any]) -> None:
+    """A flash part of 0.02 a channel, with noise of 0.03 each."""
+    loud = Noise(np.full(3, 1e-8), np.full(3, 9e-4))
+    part = even(40, 60, 0.02)
+    part[:20] = 0.4
+
+    usable = reduce_pair(pair_of(even(40, 60, 0.3), part, flash_noise=loud)).usable
+
+    assert usable[:20].all()
+    assert not usable[20:].any()
+
+
+def test_pixels_that_the_flash_made_darker_are_not_used(pair_of: Callable[..., Any]) -> None:
+    part = even(40, 60, 0.2)
+    part[5, 5, 2] = -0.01
+
+    usable = reduce_pair(pair_of(even(40, 60, 0.3), part)).usable
+
+    np.testing.assert_array_equal(np.argwhere(~usable), [[5, 5]])
+
+
+def test_a_black_pair_has_nothing_to_use(pair_of: Callable[..., Any]) -> None:
+    assert not reduce_pair(pair_of(even(40, 60, 0), even(40, 60, 0))).usable.any()
