@@ -38,7 +38,7 @@ def approach_1(strip: Strip, lamps: Lamps, model: Model, method: str) -> Image:
         z = np.where(lit, (layer * predicted).sum(axis=2) / np.where(lit, energy, 1.0), 0.0)
         brightness += z * white[1]
         scaled += layer * (model.neutral / (white / white[1])).astype(np.float32)
-    neutral = _neutral(strip.flash, brightness, matrix, model)
+    neutral = _neutral(strip.flash, brightness / (matrix @ model.flash_white)[1], matrix)
     return neutral if method == "paper" else _blend(strip, neutral, scaled)
 
 
@@ -50,7 +50,7 @@ def approach_2(strip: Strip, lamps: Lamps, model: Model, method: str) -> Image:
     """
     length = np.linalg.norm(light_coefficients(strip.no_flash, strip.flash, model.tensor), axis=-1)
     strength = (length / np.linalg.norm(model.neutral)).astype(np.float32)
-    neutral = _neutral(strip.flash, strength, model.lamp_matrix(model.neutral), model)
+    neutral = _neutral(strip.flash, strength, model.lamp_matrix(model.neutral))
     if method == "paper":
         return neutral
     # near-singular pixels give any length: nothing gets far brighter than the photograph
@@ -67,9 +67,8 @@ def _whites(lamps: Lamps, model: Model) -> Matrix:
     return np.asarray(np.maximum(whites, _FAINTEST * np.abs(whites).max(axis=1, keepdims=True)))
 
 
-def _neutral(flash: Image, strength: Image, matrix: Matrix, model: Model) -> Image:
-    scale = 1.0 / (matrix @ model.flash_white)[1]
-    lit = flash @ (matrix * scale).T.astype(np.float32)
+def _neutral(flash: Image, strength: Image, matrix: Matrix) -> Image:
+    lit = flash @ matrix.T.astype(np.float32)
     return np.asarray(np.maximum(strength[..., None] * lit, 0.0), dtype=np.float32)
 
 
