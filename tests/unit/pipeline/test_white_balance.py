@@ -1,0 +1,178 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.frames import Image
+from pipeline.model import Model
+from pipeline.separation import Strip
+from pipeline.spectra.cameras import Camera
+from pipeline.spectra.lights import find_light
+from pipeline.white_balance import approach_1, approach_2
+
+Array = NDArray[np.float64]
+Exact = Callable[..., tuple[Any, Array]]
+
+
+def strip_of(pair: Any, layers: Array, confidence: float = 1.0) -> Strip:
+    """The true layers of a pair, as if they had been found."""
+    return Strip(
+        rows=slice(0, len(pair.clipped)),
+        layers=layers.astype(np.float32),
+        no_flash=pair.no_flash,
+        flash=pair.flash - pair.no_flash,
+        confidence=np.full(pair.clipped.shape, confidence, np.float32),
+    )
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("method", ["paper", "best"])
+def test_approach_1_keeps_the_green_of_every_lamp(
+    exact: Exact,
+    model: Model,
+    lamps_of: Callable[..., Any],
+    shares_of: Callable[[int], Array],
+    flash_part: Image,
+    warm_to_cool: Array,
+    count: int,
+    method: str,
+) -> None:
+    """Σ_j z_j (g_j / g_n) T_n I_f."""
+    pair, layers = exact(warm_to_cool[:count])
+    lamps = lamps_of(warm_to_cool[:count])
+    greens = (lamps.matrices @ model.flash_white)[:, 1]
+    matrix = model.lamp_matrix(model.neutral) if method == "paper" else model.flash_to_neutral
+
+    found = approach_1(strip_of(pair, layers), lamps, model, method)
+
+    brightness = np.einsum("nhw,n->hw", shares_of(count), greens / (matrix @ model.flash_white)[1])
+    expected = brightness[..., None] * (flash_part @ matrix.T)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, expected, atol=2e-5)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("method", ["paper", "best"])
+def test_approach_2_keeps_the_strength_of_all_light(
+    exact: Exact,
+    model: Model,
+    lamps_of: Callable[..., Any],
+    shares_of: Callable[[int], Array],
+    flash_part: Image,
+    warm_to_cool: Array,
+    count: int,
+    method: str,
+) -> None:
+    """‖β‖ / ‖b_n‖ T_n I_f, with β = Σ_j z_j b_j."""
+    pair, layers = exact(warm_to_cool[:count])
+    beta = np.einsum("nhw,nk->hwk", shares_of(count), warm_to_cool[:count])
+    strength = np.linalg.norm(beta, axis=2) / np.linalg.norm(model.neutral)
+
+    found = approach_2(strip_of(pair, layers), lamps_of(warm_to_cool[:count]), model, method)
+
+    expected = strength[..., None] * (flash_part @ model.lamp_matrix(model.neutral).T)
+    np.testing.assert_allclose(found, expected, atol=2e-5)
+
+
+@pytest.mark.parametrize("approach", [approach_1, approach_2])
+@pytest.mark.parametrize("method", ["paper", "best"])
+def test_under_the_neutral_light_nothing_changes(
+    exact: Exact,
+    model: Model,
+    lamps_of: Callable[..., Any],
+    approach: Callable[..., Image],
+    method: str,
+) -> None:
+    neutral = model.neutral / np.linalg.norm(model.neutral)
+    pair, layers = exact(neutral)
+
+    found = approach(strip_of(pair, layers), lamps_of(neutral), model, method)
+
+    # best takes colours from measured surfaces, not from the model
+    limit = 1e-5 if method == "paper" else 0.06 * pair.no_flash.max()
+    assert np.abs(found - pair.no_flash).max() < limit
+
+
+@pytest.mark.parametrize(("approach", "tolerance"), [(approach_1, 0.03), (approach_2, 0.1)])
+def test_white_surfaces_become_neutral_under_any_lamps(
+    model: Model,
+    camera: Camera,
+    pair_of: Callable[..., Any],
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Array,
+    approach: Callable[..., Image],
+    tolerance: float,
+) -> None:
+    """The channels' ratios are those of a measured white card in daylight."""
+    lamps = lamps_of(warm_to_cool)
+    z = np.random.default_rng(1).uniform(0, 0.5, (3, 20, 30, 1))
+    white = model.flash_white * 0.8
+    layers = z * (lamps.matrices @ white)[:, None, None]
+    pair = pair_of(layers.sum(axis=0), np.tile(white, (20, 30, 1)))
+
+    found = approach(strip_of(pair, layers), lamps, model, "best")
+
+    daylight = camera.sensitivities @ find_light("D65")
+    ratio = found / found[..., 1:2] / (daylight / daylight[1])
+    np.testing.assert_allclose(ratio, 1, atol=tolerance)
+
+
+@pytest.mark.parametrize("approach", [approach_1, approach_2])
+def test_filled_in_pixels_scale_the_channels_of_the_layers(
+    exact: Exact,
+    model: Model,
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Array,
+    approach: Callable[..., Image],
+) -> None:
+    """Without any confidence in the flash part: von Kries, lamp by lamp."""
+    pair, layers = exact(warm_to_cool)
+    lamps = lamps_of(warm_to_cool)
+    whites = lamps.matrices @ model.flash_white
+
+    found = approach(strip_of(pair, layers, confidence=0.0), lamps, model, "best")
+
+    ratios = model.neutral / (whites / whites[:, 1:2])
+    expected = np.einsum("nhwk,nk->hwk", layers, ratios)
+    np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-5)
+
+
+def test_no_pixel_of_approach_2_gets_far_brighter_than_the_photograph(
+    exact: Exact, model: Model, lamps_of: Callable[..., Any], warm_to_cool: Array
+) -> None:
+    """Colours of which the flash part holds next to nothing ask for any amount of light."""
+    pair, layers = exact(warm_to_cool[[0, 2]])
+    strip = strip_of(pair, layers)
+    strip.flash[...] = np.array([0.4, 1e-6, 1e-6])
+
+    lamps = lamps_of(warm_to_cool[[0, 2]])
+    found = approach_2(strip, lamps, model, "best")
+
+    peak = found.max(axis=2) / pair.no_flash.max(axis=2)
+    assert peak.max() <= 4.001
+    assert np.isfinite(approach_2(strip, lamps, model, "paper")).all()
+
+
+@pytest.mark.parametrize("approach", [approach_1, approach_2])
+@pytest.mark.parametrize("method", ["paper", "best"])
+@pytest.mark.parametrize("value", [0.0, -0.01, 1e-9])
+def test_dark_pixels_stay_finite_and_not_negative(
+    pair_of: Callable[..., Any],
+    model: Model,
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Array,
+    approach: Callable[..., Image],
+    method: str,
+    value: float,
+) -> None:
+    dark = np.full((4, 6, 3), value)
+    strip = strip_of(pair_of(dark, dark), np.stack([dark / 3] * 3))
+
+    found = approach(strip, lamps_of(warm_to_cool), model, method)
+
+    assert np.isfinite(found).all()
+    assert (found >= 0).all()
