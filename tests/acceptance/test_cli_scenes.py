@@ -1,0 +1,213 @@
+"""Rendered pairs with known light through the command line: how near the results come.
+
+The errors stated here are those of the whole way from the sensor's noise and mosaic to the files,
+with a margin of about 2 dB, a third of an angle, below what the renderings give.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import pytest
+import tifffile
+from PIL import Image as PillowImage
+
+NIKON = ("--camera", "Nikon D5100")
+ALL = ("--outputs", "all")
+RAW = [(1, 33.0, 0.8), (2, 24.0, 0.9), (3, 9.0, 1.0)]
+"""Lamps, mean SNR of the layers in dB, white balance error in degrees: at least and at most."""
+
+
+@pytest.mark.parametrize(("lights", "snr_db", "white_balance"), RAW)
+def test_raw_pairs(
+    scene: Callable[..., Any],
+    separated: Callable[..., Any],
+    lights: int,
+    snr_db: float,
+    white_balance: float,
+) -> None:
+    """Nothing is told: camera, exposure and the number of lamps are found."""
+    found = scene(lights)
+
+    results = separated(found.dng, *ALL)
+
+    assert results.manifest["lights"]["requested"] == "auto"
+    assert results.manifest["lights"]["found"] == lights
+    assert results.manifest["lights"]["confidence"] > 0.8
+    assert results.manifest["camera"] == {"name": "Nikon D5100", "source": "measured"}
+    assert results.manifest["exposure_ratio"] == 1
+    assert results.manifest["warnings"] == []
+    assert np.mean(results.layer_snr_db(found.truth)) > snr_db
+    assert results.white_balance_error(found.truth) < white_balance
+
+
+@pytest.mark.parametrize(("lights", "snr_db", "white_balance"), [(2, 30.0, 0.3), (3, 6.0, 0.3)])
+def test_exact_pairs(
+    scene: Callable[..., Any],
+    separated: Callable[..., Any],
+    lights: int,
+    snr_db: float,
+    white_balance: float,
+) -> None:
+    """Without noise the model of reflectances and lamps alone sets the limit."""
+    found = scene(lights)
+
+    results = separated(found.exact, *NIKON, "--lights", lights, *ALL)
+
+    assert np.mean(results.layer_snr_db(found.truth)) > snr_db
+    assert results.white_balance_error(found.truth) < white_balance
+
+
+@pytest.mark.parametrize("lights", [1, 2, 3])
+def test_layers_add_up_to_the_photograph(
+    scene: Callable[..., Any], separated: Callable[..., Any], lights: int
+) -> None:
+    found = scene(lights)
+    results = separated(found.dng, *ALL)
+    light = found.truth.layers.sum(0)
+
+    total = results.exr("layers.exr")
+
+    np.testing.assert_allclose(results.layers().sum(0), total, atol=1e-5)
+    assert 10 * np.log10(np.square(light).sum() / np.square(total - light).sum()) > 33
+
+
+def test_the_lamps_are_described(scene: Callable[..., Any], separated: Callable[..., Any]) -> None:
+    found = scene(2)
+    lamps = separated(found.dng, *ALL).manifest["lamps"]
+
+    assert [lamp["name"] for lamp in lamps] == ["lamp1", "lamp2"]
+    warm, cold = sorted(lamps, key=lambda lamp: float(lamp["cct_k"]))
+    assert warm["cct_k"] == pytest.approx(2856, rel=0.1)  # incandescent
+    assert 6000 < cold["cct_k"] < 9500  # white LED
+    for lamp, true in ((warm, found.truth.rgb[0]), (cold, found.truth.rgb[1])):
+        rgb = np.array(lamp["rgb"])
+        cosine = rgb @ true / np.linalg.norm(rgb) / np.linalg.norm(true)
+        assert np.degrees(np.arccos(cosine)) < 3
+        assert lamp["confidence"] > 0.8
+
+
+def test_a_jpeg_pair_is_separated_with_a_warning(
+    scene: Callable[..., Any], separated: Callable[..., Any], tmp_path: Path
+) -> None:
+    """Compared in the JPEG's own colours; and where it was taken stays out of the results."""
+    found = scene(2)
+    pair = []
+    for path in found.jpeg:
+        with PillowImage.open(path) as image:
+            exif = image.getexif()
+            exif.get_ifd(0x8825).update({1: "N", 2: (48.0, 12.0, 33.0), 29: "2024:02:29"})
+            image.save(tmp_path / path.name, quality=95, subsampling=0, exif=exif)
+        pair.append(tmp_path / path.name)
+
+    results = separated(tuple(pair), "--lights", 2)
+
+    total = results.exr("layers.exr").reshape(-1, 3)
+    light = found.truth.layers.sum(0).reshape(-1, 3)
+    inside = (total > 0.003).all(1) & (total < 0.8).all(1)
+    to_jpeg = np.linalg.lstsq(light[inside], total[inside], rcond=None)[0]
+    truth = replace(found.truth, layers=found.truth.layers @ to_jpeg)
+    assert np.mean(results.layer_snr_db(truth)) > 16
+    assert results.manifest["camera"]["source"] == "stand-in"
+    assert any("rendered to sRGB" in warning for warning in results.manifest["warnings"])
+    for name in results.files:
+        content = (results.folder / name).read_bytes()
+        assert b"2024:02:29" not in content
+        assert b"Exif" not in content
+
+
+@pytest.mark.parametrize("kind", ["EXR", "16-bit TIFF"])
+def test_other_linear_files_give_the_same_layers(
+    scene: Callable[..., Any], separated: Callable[..., Any], tmp_path: Path, kind: str
+) -> None:
+    found = scene(2)
+    light = found.truth.layers.sum(0)
+    pair = (tmp_path / "a.jpg", tmp_path / "b.jpg")  # names say nothing
+    for path, values in zip(pair, (light, light + found.truth.flash), strict=True):
+        if kind == "EXR":
+            channels = {name: values[..., i].copy() for i, name in enumerate("RGB")}
+            header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+            OpenEXR.File(header, channels).write(str(path))
+        else:
+            codes = np.round(values * 65535).astype(np.uint16)
+            file = io.BytesIO()
+            tifffile.imwrite(file, codes, photometric="rgb", metadata=None)
+            path.write_bytes(file.getvalue())
+    flags = (*NIKON, "--lights", 2, *ALL)
+
+    results, float_tiff = separated(pair, *flags), separated(found.exact, *flags)
+
+    if kind == "EXR":
+        np.testing.assert_array_equal(results.layers(), float_tiff.layers())
+    else:
+        np.testing.assert_allclose(results.layers(), float_tiff.layers(), atol=2e-3)
+
+
+def test_the_same_pair_gives_the_same_bytes(
+    scene: Callable[..., Any], separated: Callable[..., Any], command: Callable[..., Any]
+) -> None:
+    pair = scene(3).dng
+    first = separated(pair, *ALL)
+
+    second = command(pair, *ALL).results
+
+    assert second.files == first.files
+    for name in first.files:
+        assert (second.folder / name).read_bytes() == (first.folder / name).read_bytes(), name
+
+
+def test_the_manifest_lists_every_file(
+    scene: Callable[..., Any], separated: Callable[..., Any]
+) -> None:
+    results = separated(scene(2).dng, *ALL)
+
+    listed = {file["name"]: file for file in results.manifest["files"]}
+    assert set(listed) | {"manifest.json"} == results.files
+    for name, file in listed.items():
+        content = (results.folder / name).read_bytes()
+        assert file["sha256"] == hashlib.sha256(content).hexdigest()
+        assert file["encoding"]
+        assert file["colour_space"]
+        if not name.startswith("gamma"):
+            assert (file["width"], file["height"]) == (360, 240)
+
+
+def test_pictures_carry_their_colour_space(
+    scene: Callable[..., Any], separated: Callable[..., Any]
+) -> None:
+    results = separated(scene(2).dng, *ALL)
+
+    for name in ("lamp1.jpg", "lamp2.jpg", "white_balanced_1.jpg", "white_balanced_2.jpg"):
+        with PillowImage.open(results.folder / name) as image:
+            assert b"sRGB" in image.info["icc_profile"]
+    for name in ("lamp1.tif", "lamp2.tif"):
+        with tifffile.TiffFile(results.folder / name) as file:
+            assert file.pages.first.dtype == np.uint16
+            assert b"Rec. 2020" in (file.pages.first.iccprofile or b"")
+
+
+@pytest.fixture(scope="module")
+def lights_file(
+    scene: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory
+) -> Callable[..., Path]:
+    """The directions of the three lamps of the scene of one material, and what else is asked."""
+    truth = scene(3, "objects").truth
+
+    def write(*also: str) -> Path:
+        values = {"direction": truth.directions, "strength": truth.strengths, "rgb": truth.rgb}
+        lights = [
+            {name: values[name][i].tolist() for name in ("direction", *also)} for i in range(3)
+        ]
+        path = tmp_path_factory.mktemp("lights") / "lights.json"
+        path.write_text(json.dumps({"lights": lights}))
+        return path
+
+    return write
