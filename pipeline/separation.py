@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline import noise, smoothing
 from pipeline.fill import Surroundings
 from pipeline.frames import Image
 from pipeline.hui2018.separation import published_layers
 from pipeline.lamps import Lamps
 from pipeline.model import Model
-from pipeline.noise import HALO, sigma_filter
 from pipeline.pair import Pair
 from pipeline.progress import Progress
 from pipeline.proportions import model_proportions
@@ -67,33 +67,40 @@ def separate(
             layers = published_layers(no_flash, flash, lamps.coefficients, model.tensor)
             yield Strip(rows, layers, no_flash, flash, _open(pair, rows))
             continue
-        no_flash, flash = _filtered(pair, rows)
-        confidence = _open(pair, rows) * _certainty(pair, rows)
+        wide, inner = _widened(rows, smoothing.HALO, height)
+        no_flash, flash = _filtered(pair, wide)
+        confidence = _open(pair, wide) * _certainty(pair, wide)
+        proportions = smoothing.smooth_proportions(
+            model_proportions(no_flash, flash, lamps), no_flash, flash, confidence, inner
+        )
+        no_flash, flash, confidence = no_flash[inner], flash[inner], confidence[inner]
         trust = confidence[..., None]
-        proportions = model_proportions(no_flash, flash, lamps)
         around = surroundings.rows(rows, width)
         layers = (trust * proportions + (1 - trust) * around) * pair.no_flash[rows]
         yield Strip(rows, layers, no_flash, flash, confidence)
 
 
+def _widened(rows: slice, halo: int, height: int) -> tuple[slice, slice]:
+    """Rows with a halo as far as the picture goes, and where the rows lie among them."""
+    top, bottom = max(rows.start - halo, 0), min(rows.stop + halo, height)
+    return slice(top, bottom), slice(rows.start - top, rows.stop - top)
+
+
 def _filtered(pair: Pair, rows: slice) -> tuple[Image, Image]:
     """Return no-flash photograph and flash part of some rows, noise filtered."""
-    top, bottom = max(rows.start - HALO, 0), min(rows.stop + HALO, len(pair.clipped))
-    no_flash, flash = sigma_filter(
-        (pair.no_flash[top:bottom], pair.flash[top:bottom]),
-        (pair.no_flash_noise, pair.flash_noise),
-        slice(rows.start - top, rows.stop - top),
+    wide, inner = _widened(rows, noise.HALO, len(pair.clipped))
+    no_flash, flash = noise.sigma_filter(
+        (pair.no_flash[wide], pair.flash[wide]), (pair.no_flash_noise, pair.flash_noise), inner
     )
     return no_flash, flash if pair.flash_only else flash - no_flash
 
 
 def _open(pair: Pair, rows: slice) -> NDArray[np.float32]:
     """1 where nothing is clipped, 0 in clipped pixels and beside them, where demosaicing mixes."""
-    top = max(rows.start - _CLIPPED_REACH, 0)
-    bottom = min(rows.stop + _CLIPPED_REACH, len(pair.clipped))
+    wide, inner = _widened(rows, _CLIPPED_REACH, len(pair.clipped))
     kernel = np.ones((2 * _CLIPPED_REACH + 1, 2 * _CLIPPED_REACH + 1), dtype=np.uint8)
-    near = cv2.dilate(pair.clipped[top:bottom].astype(np.uint8), kernel)
-    return np.asarray(1.0 - near[rows.start - top : rows.stop - top], dtype=np.float32)
+    near = cv2.dilate(pair.clipped[wide].astype(np.uint8), kernel)
+    return np.asarray(1.0 - near[inner], dtype=np.float32)
 
 
 def _certainty(pair: Pair, rows: slice) -> NDArray[np.float32]:
