@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 _MIN_PIXELS = 50
 _MIN_VOLUME = 0.02  # of the parallelepiped of the unit directions; flatter ones fix no normal
 _MIN_LIT = 0.02  # of a lamp's strong pixels: darker ones are in its shadow
+_MIN_SHARE = 0.01  # of a pixel's strongest lamp: less is what noise leaves of a lamp's shadow
 _MIN_CONFIDENCE = 0.2
 _MIN_FACING = 0.05  # n·v of a visible surface
 
@@ -104,7 +105,8 @@ def normals(strip: Strip, lamps: Lamps, photometry: Photometry) -> Image:
         strip.no_flash, strip.flash, photometry.matrices, photometry.greens, lamps.channel_weights
     )
     field = _unit(photometry.inverse, q)
-    known = (q > 0).all(axis=0) & (strip.confidence > _MIN_CONFIDENCE) & (field[..., 2] > 0)
+    lit = (q > _MIN_SHARE * q.max(axis=0)).all(axis=0)
+    known = lit & (strip.confidence > _MIN_CONFIDENCE) & (field[..., 2] > 0)
     return np.where(known[..., None], field, np.float32(np.nan))
 
 
