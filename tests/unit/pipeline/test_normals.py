@@ -1,0 +1,288 @@
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import permutations
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.errors import OptionError
+from pipeline.frames import Image
+from pipeline.model import Model
+from pipeline.normals import normals, solve_photometry
+from pipeline.options import DirectedLight
+from pipeline.reduced import reduce_pair
+from pipeline.separation import Strip
+
+Array = NDArray[np.float64]
+
+HEIGHT, WIDTH, FOCAL_PX = 80, 100, 140.0
+DIRECTIONS = np.array([[0.6, 0.2, 1.0], [-0.5, 0.5, 1.0], [0.1, -0.7, 1.1]])
+STRENGTHS = (1.0, 0.6, 0.8)
+
+
+def unit(vectors: Array) -> Array:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
+
+
+def view() -> Array:
+    """Unit vectors (h, w, 3) from the surface to the camera."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    right, up = x - (WIDTH - 1) / 2, (HEIGHT - 1) / 2 - y
+    return unit(np.stack([-right, -up, np.full(x.shape, FOCAL_PX)], axis=-1))
+
+
+def ball() -> Array:
+    """Unit normals (h, w, 3) of a ball that fills the picture, none tilted beyond 35°."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    right, up = (x - WIDTH / 2) / 110, (HEIGHT / 2 - y) / 110
+    return np.stack([right, up, np.sqrt(1 - right**2 - up**2)], axis=-1)
+
+
+def lights(
+    order: Sequence[int] = (0, 1, 2),
+    strengths: Sequence[float | None] = STRENGTHS,
+    rgb: Array | None = None,
+    scale: float = 1.0,
+) -> list[DirectedLight]:
+    """The three lamps as a user describes them, in some order."""
+    return [
+        DirectedLight(
+            direction=(*(scale * DIRECTIONS[j]),),
+            strength=strengths[j],
+            rgb=None if rgb is None else (*rgb[j],),
+        )
+        for j in order
+    ]
+
+
+def angles(found: NDArray[np.floating], true: Array) -> Array:
+    """Angles in degrees, NaN where nothing was found."""
+    cosine = (found.astype(np.float64) * true).sum(-1) / np.linalg.norm(found, axis=-1)
+    return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+
+
+@pytest.fixture
+def shone(
+    model: Model, surfaces: Array, warm_to_cool: Array, pair_of: Callable[..., Any]
+) -> Callable[..., tuple[Any, Strip]]:
+    """A body of many materials that the model describes exactly, under three distant lamps."""
+
+    def build(facing: Array | None = None, materials: int = 12) -> tuple[Any, Strip]:
+        field = ball() if facing is None else facing
+        rng = np.random.default_rng(6)
+        kinds = rng.integers(0, materials, (HEIGHT // 10, WIDTH // 10)).repeat(10, 0).repeat(10, 1)
+        albedo = surfaces[rng.integers(0, len(surfaces), materials)][kinds]
+        flash = 0.6 * albedo * np.maximum((field * view()).sum(-1), 0.0)[..., None]
+        matrices = model.lamp_matrix(warm_to_cool)
+        greens = (matrices @ model.flash_white)[:, 1]
+        lit = np.maximum(field @ unit(DIRECTIONS).T, 0.0) * STRENGTHS / greens
+        layers = np.einsum("hwj,jkl,hwl->jhwk", 0.6 * lit, matrices, albedo)
+        pair = pair_of(layers.sum(axis=0), flash)
+        confidence = np.ones((HEIGHT, WIDTH), np.float32)
+        part = pair.flash - pair.no_flash
+        whole = slice(0, HEIGHT)
+        return pair, Strip(whole, layers.astype(np.float32), pair.no_flash, part, confidence)
+
+    return build
+
+
+@pytest.fixture
+def found_normals(
+    shone: Callable[..., tuple[Any, Strip]],
+    model: Model,
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Array,
+) -> Callable[[list[DirectedLight]], tuple[Image, Array]]:
+    """Normals of the ball, and the strengths used."""
+
+    def run(given: list[DirectedLight]) -> tuple[Image, Array]:
+        pair, strip = shone()
+        lamps = lamps_of(warm_to_cool)
+        photometry = solve_photometry(given, reduce_pair(pair), lamps, model, FOCAL_PX)
+        return normals(strip, lamps, photometry), photometry.strengths
+
+    return run
+
+
+@pytest.mark.parametrize("order", list(permutations(range(3))))
+def test_known_lights_give_the_normals(
+    found_normals: Callable[..., tuple[Image, Array]], warm_to_cool: Array, order: tuple[int, ...]
+) -> None:
+    found, strengths = found_normals(lights(order, rgb=warm_to_cool))
+
+    assert found.dtype == np.float32
+    assert np.isfinite(found).mean() > 0.98
+    known = np.isfinite(found[..., 0])
+    np.testing.assert_allclose(np.linalg.norm(found[known], axis=1), 1, rtol=1e-5)
+    assert angles(found, ball())[known].max() < 0.5
+    np.testing.assert_allclose(strengths, np.array(STRENGTHS)[list(order)])
+
+
+@pytest.mark.parametrize("order", list(permutations(range(3))))
+def test_lights_without_colour_are_assigned_to_the_lamps(
+    found_normals: Callable[..., tuple[Image, Array]], order: tuple[int, ...]
+) -> None:
+    """The lamps are in the order of their colours, the lights in any; only one way fits."""
+    found, _ = found_normals(lights(order))
+
+    assert np.nanmedian(angles(found, ball())) < 0.5
+
+
+@pytest.mark.parametrize("missing", [(0,), (1, 2), (0, 1, 2)])
+@pytest.mark.parametrize("named", [True, False], ids=["named", "not named"])
+def test_missing_strengths_are_found(
+    found_normals: Callable[..., tuple[Image, Array]],
+    warm_to_cool: Array,
+    missing: tuple[int, ...],
+    named: bool,
+) -> None:
+    given = [None if j in missing else STRENGTHS[j] for j in range(3)]
+
+    found, strengths = found_normals(lights(strengths=given, rgb=warm_to_cool if named else None))
+
+    np.testing.assert_allclose(strengths, STRENGTHS, rtol=0.05)
+    assert np.nanmedian(angles(found, ball())) < 1
+
+
+def test_lengths_of_directions_do_not_matter(
+    found_normals: Callable[..., tuple[Image, Array]], warm_to_cool: Array
+) -> None:
+    once, _ = found_normals(lights(rgb=warm_to_cool))
+    long, _ = found_normals(lights(rgb=70 * warm_to_cool, scale=250.0))
+
+    np.testing.assert_allclose(long, once, atol=1e-4)
+
+
+def test_only_the_ratios_of_strengths_matter(
+    found_normals: Callable[..., tuple[Image, Array]], warm_to_cool: Array
+) -> None:
+    once, _ = found_normals(lights(rgb=warm_to_cool))
+    bright, _ = found_normals(lights(strengths=(50.0, 30.0, 40.0), rgb=warm_to_cool))
+
+    np.testing.assert_allclose(bright, once, atol=1e-4)
+
+
+def test_colours_that_do_not_fit_give_other_normals(
+    found_normals: Callable[..., tuple[Image, Array]], warm_to_cool: Array
+) -> None:
+    """What the user says about colours is believed."""
+    found, _ = found_normals(lights(rgb=warm_to_cool[[1, 2, 0]]))
+
+    assert np.nanmedian(angles(found, ball())) > 10
+
+
+def test_the_strip_of_a_picture_has_the_normals_of_the_picture(
+    shone: Callable[..., tuple[Any, Strip]],
+    model: Model,
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Array,
+) -> None:
+    pair, strip = shone()
+    lamps = lamps_of(warm_to_cool)
+    photometry = solve_photometry(lights(), reduce_pair(pair), lamps, model, FOCAL_PX)
+    rows = slice(17, 31)
+    part = Strip(
+        rows,
+        strip.layers[:, rows],
+        strip.no_flash[rows],
+        strip.flash[rows],
+        strip.confidence[rows],
+    )
+
+    np.testing.assert_array_equal(
+        normals(part, lamps, photometry), normals(strip, lamps, photometry)[rows]
+    )
+
+
+def test_unknown_normals_are_nan(
+    shone: Callable[..., tuple[Any, Strip]],
+    model: Model,
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Array,
+) -> None:
+    """Where a lamp does not shine, and where nothing is known of the flash part."""
+    pair, strip = shone()
+    lamps = lamps_of(warm_to_cool)
+    photometry = solve_photometry(
+        lights(rgb=warm_to_cool), reduce_pair(pair), lamps, model, FOCAL_PX
+    )
+    strip.no_flash[:10] -= strip.layers[1, :10]
+    strip.confidence[20:30] = 0
+    strip.flash[40:45] = strip.no_flash[40:45] = 0
+
+    found = normals(strip, lamps, photometry)
+
+    assert np.isnan(found[:10]).all(axis=2).mean() > 0.98
+    assert np.isnan(found[20:30]).all()
+    assert np.isnan(found[40:45]).all()
+    assert np.isfinite(found[50:]).mean() > 0.98
+
+
+@pytest.mark.parametrize(
+    "directions",
+    [
+        ((1, 0, 1), (0, 0, 1), (-1, 0, 1)),
+        ((0, 0, 1), (0, 0, 1), (0, 1, 1)),
+        ((0.01, 0, 1), (0, 0.01, 1), (-0.01, -0.01, 1)),
+    ],
+    ids=["in a plane", "two alike", "all from the camera"],
+)
+def test_directions_that_fix_no_normals_are_refused(
+    shone: Callable[..., tuple[Any, Strip]],
+    model: Model,
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Array,
+    directions: tuple[tuple[float, float, float], ...],
+) -> None:
+    pair, _ = shone()
+    given = [DirectedLight(direction=direction) for direction in directions]
+
+    with pytest.raises(OptionError, match=r"^The three light directions lie nearly in one plane"):
+        solve_photometry(given, reduce_pair(pair), lamps_of(warm_to_cool), model, FOCAL_PX)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("partly", [False, True], ids=["no rgb", "rgb of two"])
+def test_fewer_than_three_lamps_are_refused_unless_all_colours_are_given(
+    shone: Callable[..., tuple[Any, Strip]],
+    model: Model,
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Array,
+    count: int,
+    partly: bool,
+) -> None:
+    pair, strip = shone()
+    lamps = lamps_of(warm_to_cool[:count])
+    given = lights(rgb=warm_to_cool)
+    unnamed = [lights()[j] if not partly or j == 1 else given[j] for j in range(3)]
+
+    with pytest.raises(OptionError, match=r"Normals need three lamps, and \d (was|were) found"):
+        solve_photometry(unnamed, reduce_pair(pair), lamps, model, FOCAL_PX)
+
+    photometry = solve_photometry(given, reduce_pair(pair), lamps, model, FOCAL_PX)
+    assert np.nanmedian(angles(normals(strip, lamps, photometry), ball())) < 0.5
+
+
+def test_a_picture_without_light_has_no_normals(
+    pair_of: Callable[..., Any],
+    model: Model,
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Array,
+) -> None:
+    dark = np.zeros((40, 50, 3))
+    pair = pair_of(dark, dark)
+    nothing = Strip(
+        rows=slice(0, 40),
+        layers=np.zeros((3, 40, 50, 3), np.float32),
+        no_flash=pair.no_flash,
+        flash=pair.no_flash,
+        confidence=np.ones((40, 50), np.float32),
+    )
+    lamps = lamps_of(warm_to_cool)
+
+    photometry = solve_photometry(lights(), reduce_pair(pair), lamps, model, FOCAL_PX)
+
+    assert np.isnan(normals(nothing, lamps, photometry)).all()
