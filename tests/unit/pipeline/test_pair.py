@@ -1,0 +1,445 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.errors import Canceled, InputError, OptionError, PairMismatchError, UnusablePairError
+from pipeline.frames import Exposure, Frame
+from pipeline.noise import estimate_noise
+from pipeline.options import Options
+from pipeline.pair import Pair, check_sizes, make_pair
+from pipeline.progress import Progress
+
+Array = NDArray[np.float64]
+EXPOSURE = Exposure(time_s=1 / 60, iso=200, f_number=4)
+
+
+@pytest.fixture(scope="module")
+def light() -> tuple[Array, Array]:
+    """What lamps and flash give (96, 128, 3): patches, lamps from the left, flash in the middle."""
+    rng = np.random.default_rng(7)
+    albedo = cv2.GaussianBlur(
+        rng.uniform(0.05, 0.9, (12, 16, 3)).repeat(8, 0).repeat(8, 1), (0, 0), 0.6
+    )
+    v, u = np.mgrid[:96, :128] / np.array([96, 128])[:, None, None]
+    lamps = albedo * (0.1 + 0.5 * (1 - u)[..., None]) * np.array([0.9, 0.7, 0.4])
+    flash = albedo * (0.6 - 0.8 * ((u - 0.5) ** 2 + (v - 0.5) ** 2))[..., None]
+    return lamps, flash
+
+
+@pytest.fixture
+def frames(
+    light: tuple[Array, Array], frame: Callable[..., Frame]
+) -> Callable[..., tuple[Frame, Frame]]:
+    """Photographs without and with the flash; scaled, with noise, and with what else is given."""
+
+    def build(scale: float = 1.0, **more: Any) -> tuple[Frame, Frame]:
+        lamps, flash = light
+        rng = np.random.default_rng(1)
+        grain = rng.normal(0, 0.002, (2, *lamps.shape))
+        given = {"exposure": EXPOSURE, **more}
+        with_flash = scale * (lamps + flash) + grain[1]
+        return frame(lamps + grain[0], **given), frame(with_flash, **given)
+
+    return build
+
+
+def paired(frames: tuple[Frame, Frame], **options: Any) -> Pair:
+    return make_pair(*frames, Options(**options), Progress())
+
+
+def test_a_sound_pair_is_taken_without_a_word(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    before, after = frames()
+
+    pair = paired((before, after))
+
+    np.testing.assert_array_equal(pair.no_flash, before.pixels)
+    np.testing.assert_array_equal(pair.flash, after.pixels)
+    assert pair.flash.dtype == np.float32
+    assert pair.warnings == ()
+    assert pair.exposure_ratio == 1
+    assert not pair.flash_only
+    assert not pair.clipped.any()
+    assert not pair.alignment.applied
+    assert pair.alignment.problem is None
+
+
+def test_noise_is_that_of_each_photograph_on_the_common_scale(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    before, after = frames(scale=0.25)
+
+    pair = paired((before, after), exposure_ratio=0.25, align=False)
+
+    level = np.full(3, 0.2)
+    as_given = [estimate_noise(one.pixels) for one in (before, after)]
+    np.testing.assert_allclose(pair.no_flash_noise.variance(level), as_given[0].variance(level))
+    np.testing.assert_allclose(
+        pair.flash_noise.variance(level), 16 * as_given[1].variance(level / 4), rtol=1e-3
+    )
+
+
+# ratio of the exposures
+
+
+def test_the_ratio_follows_from_the_exif(frames: Callable[..., tuple[Frame, Frame]]) -> None:
+    """Half the time, double the speed, one stop down: 0.5·2/2."""
+    before, after = frames(scale=0.5)
+    shorter = Exposure(time_s=1 / 120, iso=400, f_number=4 * np.sqrt(2))
+
+    pair = paired((before, replace(after, exposure=shorter)))
+
+    assert pair.exposure_ratio == pytest.approx(0.5)
+    np.testing.assert_allclose(pair.flash, 2 * after.pixels, rtol=1e-5)
+    assert pair.warnings == ()
+
+
+def test_the_ratio_given_goes_before_the_exif(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    before, after = frames(scale=0.25)
+
+    pair = paired((before, after), exposure_ratio=0.25)
+
+    assert pair.exposure_ratio == 0.25
+    np.testing.assert_allclose(pair.flash, 4 * after.pixels, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "unknown",
+    [
+        Exposure(),
+        Exposure(time_s=1 / 60, iso=200),
+        Exposure(time_s=1 / 60, f_number=4),
+        Exposure(iso=200, f_number=4),
+        Exposure(time_s=0.0, iso=200, f_number=4),
+    ],
+    ids=["nothing", "no f-number", "no speed", "no time", "no time but a zero"],
+)
+@pytest.mark.parametrize("which", [0, 1])
+def test_equal_exposures_are_assumed_with_a_warning(
+    frames: Callable[..., tuple[Frame, Frame]], unknown: Exposure, which: int
+) -> None:
+    both = list(frames())
+    both[which] = replace(both[which], exposure=unknown)
+
+    pair = paired((both[0], both[1]))
+
+    assert pair.exposure_ratio == 1
+    (warning,) = pair.warnings
+    assert warning.startswith("The files do not say how they were exposed")
+
+
+def test_a_flash_part_alone_needs_no_exposure(
+    frames: Callable[..., tuple[Frame, Frame]],
+    frame: Callable[..., Frame],
+    light: tuple[Array, Array],
+) -> None:
+    before, _ = frames(exposure=Exposure())
+    part = frame(light[1])
+
+    pair = paired((before, part), flash_only=True)
+
+    assert pair.flash_only
+    assert pair.warnings == ()
+    np.testing.assert_array_equal(pair.flash, part.pixels)
+
+
+@pytest.mark.parametrize("time_s", [1e-5, 4000.0])
+def test_an_absurd_ratio_is_refused(
+    frames: Callable[..., tuple[Frame, Frame]], time_s: float
+) -> None:
+    before, after = frames()
+    odd = replace(after, exposure=replace(EXPOSURE, time_s=time_s))
+
+    with pytest.raises(OptionError, match=r"^The exposures in the files differ .* times: pass"):
+        paired((before, odd))
+
+    assert paired((before, odd), exposure_ratio=1.0).exposure_ratio == 1
+
+
+# frames that do not belong together
+
+
+@pytest.mark.parametrize("size", [(96, 127), (95, 128), (128, 96)])
+def test_other_sizes_are_refused(
+    frames: Callable[..., tuple[Frame, Frame]],
+    frame: Callable[..., Frame],
+    size: tuple[int, int],
+) -> None:
+    before, _ = frames()
+
+    with pytest.raises(PairMismatchError) as refused:
+        paired((before, frame(np.full((*size, 3), 0.3))))
+
+    assert f"128 × 96 without the flash and {size[1]} × {size[0]} with it" in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("no_flash", "flash", "error"),
+    [
+        ((10, 20), (10, 21), PairMismatchError),
+        ((31, 400), (31, 400), UnusablePairError),
+        ((400, 1), (400, 1), UnusablePairError),
+    ],
+)
+def test_sizes_are_checked_before_anything_is_decoded(
+    no_flash: tuple[int, int], flash: tuple[int, int], error: type[InputError]
+) -> None:
+    with pytest.raises(error, match=r"\d+ × \d+"):
+        check_sizes(no_flash, flash)
+
+
+def test_the_smallest_size_is_32_pixels() -> None:
+    check_sizes((32, 32), (32, 32))
+
+    with pytest.raises(UnusablePairError, match="have only 32 × 31 pixels"):
+        check_sizes((32, 31), (32, 31))
+
+
+@pytest.mark.parametrize(
+    ("encodings", "words"),
+    [
+        (("raw", "srgb"), ("sensor values", "sRGB values")),
+        (("srgb", "linear"), ("sRGB values", "linear values")),
+    ],
+)
+def test_encodings_are_not_mixed(
+    frames: Callable[..., tuple[Frame, Frame]],
+    encodings: tuple[str, str],
+    words: tuple[str, str],
+) -> None:
+    both = [replace(one, encoding=kind) for one, kind in zip(frames(), encodings, strict=True)]
+
+    with pytest.raises(PairMismatchError) as refused:
+        paired((both[0], both[1]))
+
+    assert f"without the flash holds {words[0]}, the one with it {words[1]}" in str(refused.value)
+
+
+def test_sensor_values_and_linear_values_go_together(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    before, after = frames()
+
+    assert paired((replace(before, encoding="raw"), after)).warnings == ()
+
+
+@pytest.mark.parametrize("same", ["file", "pixels"])
+def test_identical_photographs_are_refused(
+    frames: Callable[..., tuple[Frame, Frame]], same: str
+) -> None:
+    before, after = frames()
+    twin = replace(after, sha256=before.sha256) if same == "file" else replace(before, sha256="x")
+
+    with pytest.raises(UnusablePairError, match=r"^The two photographs are identical: send one"):
+        paired((before, twin))
+
+
+def test_a_swapped_pair_is_told_by_the_exif(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    before, after = frames()
+
+    with pytest.raises(UnusablePairError, match=r"swap the two\.$"):
+        paired((replace(after, flash_fired=True), replace(before, flash_fired=False)))
+
+
+def test_a_swapped_pair_is_told_by_its_light(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    before, after = frames()
+
+    with pytest.raises(
+        UnusablePairError, match=r"^The photograph with the flash is darker than the one without"
+    ):
+        paired((after, before))
+
+
+def test_a_flash_that_exif_does_not_know_of_is_no_reason_to_refuse(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    """A radio trigger: the camera fired no flash of its own, and the light is there."""
+    before, after = frames(flash_fired=False)
+
+    assert paired((before, after)).warnings == ()
+
+
+# photographs without light
+
+
+@pytest.mark.parametrize(("which", "name"), [(0, "without"), (1, "with")])
+def test_black_photographs_are_refused(
+    frames: Callable[..., tuple[Frame, Frame]],
+    frame: Callable[..., Frame],
+    which: int,
+    name: str,
+) -> None:
+    both = list(frames())
+    both[which] = frame(np.random.default_rng(2).normal(0, 3e-5, (96, 128, 3)))
+
+    with pytest.raises(UnusablePairError, match=rf"^The photograph {name} the flash is black"):
+        paired((both[0], both[1]), exposure_ratio=1.0)
+
+
+def test_a_dark_photograph_is_not_black(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    """A hundredth of the light: told to be darker, since it is the one with the flash."""
+    before, _ = frames()
+    dim = replace(before, pixels=before.pixels * np.float32(0.01), sha256="another")
+
+    with pytest.raises(UnusablePairError, match=r"^The photograph with the flash is darker"):
+        paired((before, dim))
+
+
+def test_a_flash_that_adds_nothing_is_refused(
+    light: tuple[Array, Array], frame: Callable[..., Frame]
+) -> None:
+    rng = np.random.default_rng(3)
+    before, after = (frame(light[0] + rng.normal(0, 0.004, light[0].shape)) for _ in range(2))
+
+    with pytest.raises(UnusablePairError, match=r"^The flash adds too little light to measure"):
+        paired((before, after))
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_pairs_clipped_everywhere_are_refused(
+    frames: Callable[..., tuple[Frame, Frame]], which: int
+) -> None:
+    both = list(frames())
+    both[which] = replace(both[which], saturated=np.ones((96, 128), bool))
+
+    with pytest.raises(UnusablePairError, match=r"^Every pixel is clipped in one of the"):
+        paired((both[0], both[1]))
+
+
+def test_pixels_clipped_in_either_are_marked(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    before, after = frames()
+    before.saturated[:10] = True
+    after.saturated[:, :5] = True
+
+    pair = paired((before, after))
+
+    assert pair.clipped[:10].all()
+    assert pair.clipped[:, :5].all()
+    assert not pair.clipped[10:, 5:].any()
+
+
+# warnings
+
+
+def test_what_looks_like_the_photograph_over_again_is_warned_of(
+    light: tuple[Array, Array], frame: Callable[..., Frame]
+) -> None:
+    """The same light, exposed for longer than the files say."""
+    rng = np.random.default_rng(4)
+    before = frame(light[0] + rng.normal(0, 1e-4, light[0].shape), exposure=EXPOSURE)
+    after = frame(1.5 * light[0] + rng.normal(0, 1e-4, light[0].shape), exposure=EXPOSURE)
+
+    (warning,) = paired((before, after)).warnings
+
+    assert warning.startswith("What the flash added looks like the photograph without it")
+
+
+@pytest.mark.parametrize(
+    ("ratio", "balanced", "said"),
+    [
+        (1.0, False, []),
+        (1.0, True, ["The camera balanced the white of each photograph by itself"]),
+        (0.5, False, ["The photographs were exposed differently (0.5 times) and rendered"]),
+        (1.05, False, []),
+    ],
+)
+def test_rendering_that_may_differ_is_warned_of(
+    frames: Callable[..., tuple[Frame, Frame]], ratio: float, balanced: bool, said: list[str]
+) -> None:
+    pair = paired(
+        frames(scale=ratio, encoding="srgb", auto_white_balance=balanced), exposure_ratio=ratio
+    )
+
+    assert len(pair.warnings) == len(said)
+    for warning, start in zip(pair.warnings, said, strict=True):
+        assert warning.startswith(start)
+
+
+def test_linear_values_may_be_exposed_as_they_like(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    pair = paired(frames(scale=0.5, auto_white_balance=True), exposure_ratio=0.5)
+
+    assert pair.warnings == ()
+
+
+# alignment
+
+
+def shifted(after: Frame) -> Frame:
+    """The camera moved by four pixels; what came into view is grey."""
+    moved = np.roll(after.pixels, 4, axis=1)
+    moved[:, :4] = 0.2
+    return replace(after, pixels=moved)
+
+
+def test_a_moved_frame_is_laid_on_the_other_and_uncovered_pixels_are_out(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    before, after = frames()
+
+    pair = paired((before, shifted(after)))
+
+    assert pair.alignment.applied
+    assert pair.warnings == ()
+    assert pair.clipped[:, -4:].mean() > 0.9
+    assert pair.clipped[:, 4:-8].mean() < 0.05
+    inner = (slice(8, -8), slice(8, -12))
+    assert np.abs(pair.flash - after.pixels)[inner].mean() < 0.01
+
+
+def test_alignment_may_be_left_out(frames: Callable[..., tuple[Frame, Frame]]) -> None:
+    before, after = frames()
+    moved = shifted(after)
+
+    pair = paired((before, moved), align=False)
+
+    assert not pair.alignment.applied
+    assert pair.alignment.correlation is None
+    np.testing.assert_array_equal(pair.flash, moved.pixels)
+
+
+def test_a_failed_alignment_is_a_warning(
+    frames: Callable[..., tuple[Frame, Frame]], frame: Callable[..., Frame]
+) -> None:
+    before, _ = frames()
+    rng = np.random.default_rng(5)
+    other = cv2.GaussianBlur(rng.uniform(0, 1, (96, 128, 3)), (0, 0), 2) + 0.4
+
+    pair = paired((before, frame(other, exposure=EXPOSURE)))
+
+    assert not pair.alignment.applied
+    assert any("could not be aligned" in warning for warning in pair.warnings)
+
+
+@pytest.mark.parametrize("after_reports", [0, 1, 2, 3])
+def test_cancel_is_heard_between_the_steps(
+    frames: Callable[..., tuple[Frame, Frame]], after_reports: int
+) -> None:
+    reports: list[str] = []
+    progress = Progress(
+        lambda stage, _: reports.append(stage), lambda: len(reports) == after_reports
+    )
+
+    with pytest.raises(Canceled):
+        make_pair(*frames(), Options(), progress)
+
+    assert reports == ["align"] * after_reports
