@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from pipeline.align import NOT_ATTEMPTED, Alignment, estimate_alignment, warp
@@ -19,6 +20,7 @@ _FEW_USABLE = 0.5
 _DARKER = 0.6  # share of lit pixels that lose light with the flash on: the frames are swapped
 _MAX_PLAUSIBLE_RATIO = 1000.0
 _EXPOSURES_DIFFER = 0.15  # in stops
+_COPY_BLOCK = 8  # pixels averaged, against noise
 _COPY_SPREAD = 0.4  # stops between the quartiles of flash part ÷ no-flash light
 _SMALLEST = 32
 _SAMPLE_STEP = 4
@@ -173,7 +175,12 @@ def _check_light(no_flash: Frame, flash: Frame) -> None:
 
 def _copy_warnings(no_flash: Image, flash: Image, flash_only: bool) -> list[str]:
     """Notice a flash part that is the no-flash photograph over again."""
-    before, after = _sampled(no_flash).sum(axis=2), _sampled(flash).sum(axis=2)
+    height, width = no_flash.shape[:2]
+    size = (max(width // _COPY_BLOCK, 1), max(height // _COPY_BLOCK, 1))
+    before, after = (
+        cv2.resize(image, size, interpolation=cv2.INTER_AREA).sum(axis=2)
+        for image in (no_flash, flash)
+    )
     part = after if flash_only else after - before
     lit = (before > 0) & (part > 0)
     if not lit.any():

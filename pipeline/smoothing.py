@@ -54,7 +54,7 @@ def smooth_proportions(
             offset = p_mean - slope * mean
             fitted = (_box(weight * slope) * guide + _box(weight * offset)) / total
             smooth[lamp, ..., channel] = np.clip(fitted[keep], 0.0, 1.0)
-    return smooth / np.maximum(smooth.sum(axis=0), 1e-6)
+    return np.asarray(smooth / np.maximum(smooth.sum(axis=0), 1e-6))
 
 
 def _box(plane: Array) -> Array:
