@@ -1,0 +1,279 @@
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import pytest
+import tifffile
+from numpy.typing import NDArray
+from PIL import Image as PillowImage
+
+from pipeline.colour.spaces import XYZ_TO_REC2020
+from pipeline.errors import Canceled
+from pipeline.model import Model, Response
+from pipeline.options import OUTPUT_NAMES, Options
+from pipeline.outputs import wanted_outputs, write_outputs
+from pipeline.pictures import Pictures
+from pipeline.progress import Progress
+
+Array = NDArray[np.float64]
+ENTRIES: list[dict[str, Any]] = [
+    {"name": "lamp1", "cct_k": 2850},
+    {"name": "lamp2", "cct_k": None},
+]
+
+
+def shown(path: Path) -> NDArray[np.uint8]:
+    """Code values of a picture."""
+    with PillowImage.open(path) as picture:
+        return np.asarray(picture)
+
+
+def test_default_leaves_out_what_is_made_on_request() -> None:
+    assert wanted_outputs(Options()) == frozenset(OUTPUT_NAMES) - {"white_balanced.exr"}
+
+
+def test_all_is_all() -> None:
+    assert wanted_outputs(Options(outputs="all")) == frozenset(OUTPUT_NAMES)
+
+
+@pytest.mark.parametrize("names", [[], ["gamma.png"], ["layers.exr", "white_balanced.exr"]])
+def test_names_are_taken_as_they_are(names: list[str]) -> None:
+    assert wanted_outputs(Options(outputs=names)) == frozenset(names)
+
+
+@pytest.fixture
+def pictures() -> Pictures:
+    """Pictures of 40 × 64 pixels: two layers, everything else as well."""
+    rng = np.random.default_rng(3)
+    layers, balanced = (rng.uniform(0, 0.4, (2, 40, 64, 3)).astype(np.float32) for _ in range(2))
+    normals = np.zeros((40, 64, 3), np.float32)
+    normals[..., 2] = 1
+    normals[:5] = np.nan
+    return Pictures(
+        photograph=layers.sum(axis=0),
+        layers=layers,
+        white_balanced_1=balanced[0],
+        white_balanced_2=balanced[1],
+        normals=normals,
+        response=None,
+        filled=0.0,
+    )
+
+
+@pytest.fixture
+def written(
+    pictures: Pictures,
+    model: Model,
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Array,
+    tmp_path: Path,
+) -> Callable[..., list[dict[str, Any]]]:
+    """Write outputs into a folder; returns what is said of them."""
+
+    def run(
+        *wanted: str, given: Pictures = pictures, progress: Progress | None = None
+    ) -> list[dict[str, Any]]:
+        return write_outputs(
+            given,
+            lamps_of(warm_to_cool[[0, 2]]),
+            model,
+            ENTRIES,
+            frozenset(wanted),
+            tmp_path,
+            Progress() if progress is None else progress,
+        )
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("wanted", "names"),
+    [
+        ((), []),
+        (("layers.exr",), ["layers.exr"]),
+        (("lamps.tif",), ["lamp1.tif", "lamp2.tif"]),
+        (("lamps.jpg",), ["lamp1.jpg", "lamp2.jpg"]),
+        (("white_balanced_1.jpg",), ["white_balanced_1.jpg"]),
+        (("white_balanced_2.jpg",), ["white_balanced_2.jpg"]),
+        (("white_balanced.exr",), ["white_balanced.exr"]),
+        (("normals.png", "normals.exr"), ["normals.exr", "normals.png"]),
+        (("gamma.png",), ["gamma.png"]),
+        (("response.jpg",), []),
+    ],
+)
+def test_what_is_wanted_is_written_and_nothing_else(
+    written: Callable[..., list[dict[str, Any]]],
+    tmp_path: Path,
+    wanted: tuple[str, ...],
+    names: list[str],
+) -> None:
+    entries = written(*wanted)
+
+    assert sorted(entry["name"] for entry in entries) == names
+    assert sorted(path.name for path in tmp_path.iterdir()) == names
+
+
+def test_entries_describe_the_files(
+    written: Callable[..., list[dict[str, Any]]], tmp_path: Path
+) -> None:
+    entries = {entry["name"]: entry for entry in written(*OUTPUT_NAMES)}
+
+    for name, entry in entries.items():
+        assert entry["sha256"] == hashlib.sha256((tmp_path / name).read_bytes()).hexdigest()
+        size = (900, 900) if name == "gamma.png" else (64, 40)
+        assert (entry["width"], entry["height"]) == size
+    assert entries["lamp1.tif"]["colour_space"] == "Rec. 2020"
+    assert entries["lamp1.tif"]["encoding"] == "16-bit linear"
+    assert entries["lamp2.jpg"]["colour_space"] == "sRGB"
+    assert entries["layers.exr"]["encoding"] == "32-bit float"
+    assert "white level of the no-flash photograph" in entries["layers.exr"]["colour_space"]
+    assert "neutral light" in entries["white_balanced.exr"]["colour_space"]
+    assert "y up" in entries["normals.png"]["colour_space"]
+
+
+def test_layers_are_written_to_the_bit_with_their_sum(
+    written: Callable[..., list[dict[str, Any]]], pictures: Pictures, tmp_path: Path
+) -> None:
+    written("layers.exr")
+
+    file = OpenEXR.File(str(tmp_path / "layers.exr"), separate_channels=True)
+    channels = {name: channel.pixels for name, channel in file.channels().items()}
+    assert set(channels) == {*"RGB", *(f"lamp{i}.{c}" for i in (1, 2) for c in "RGB")}
+    for k, letter in enumerate("RGB"):
+        for i in (0, 1):
+            np.testing.assert_array_equal(
+                channels[f"lamp{i + 1}.{letter}"], pictures.layers[i, ..., k]
+            )
+        np.testing.assert_allclose(channels[letter], pictures.photograph[..., k], rtol=1e-6)
+
+
+def test_unknown_normals_are_kept_apart(
+    written: Callable[..., list[dict[str, Any]]], tmp_path: Path
+) -> None:
+    written("normals.exr")
+
+    file = OpenEXR.File(str(tmp_path / "normals.exr"), separate_channels=True)
+    z = file.channels()["B"].pixels
+    assert np.isnan(z[:5]).all()
+    assert (z[5:] == 1).all()
+
+
+def test_lamps_are_written_in_rec_2020_on_one_scale(
+    written: Callable[..., list[dict[str, Any]]], pictures: Pictures, model: Model, tmp_path: Path
+) -> None:
+    """One factor for all layers, so that they still add up, and none for what already fits."""
+    written("lamps.tif")
+
+    for i in (0, 1):
+        codes = tifffile.imread(tmp_path / f"lamp{i + 1}.tif").astype(np.float64) / 65535
+        true = pictures.layers[i] @ (XYZ_TO_REC2020 @ model.camera_to_xyz).T
+        fits = (true > 0.05).all(axis=2)
+        assert fits.sum() > 100
+        ratio = codes[fits] / true[fits]
+        assert np.ptp(ratio) < 0.01
+        assert ratio.max() < 1.01
+        assert ratio.min() > 0.2
+
+
+@pytest.mark.parametrize("light", [1e-3, 1.0, 20.0])
+def test_shown_pictures_are_neither_black_nor_white(
+    written: Callable[..., list[dict[str, Any]]],
+    pictures: Pictures,
+    tmp_path: Path,
+    light: float,
+) -> None:
+    """Dark ones are lifted by a factor of eight at most, bright ones lowered to a fourth."""
+    scaled = replace(
+        pictures,
+        photograph=pictures.photograph * np.float32(light),
+        layers=pictures.layers * np.float32(light),
+    )
+
+    written("lamps.jpg", given=scaled)
+
+    mean = shown(tmp_path / "lamp1.jpg").mean()
+    low, high = {1e-3: (1, 40), 1.0: (60, 200), 20.0: (200, 256)}[light]
+    assert low < mean < high
+
+
+def test_layers_are_shown_on_the_scale_of_the_photograph(
+    written: Callable[..., list[dict[str, Any]]], pictures: Pictures, tmp_path: Path
+) -> None:
+    """A faint layer stays fainter than a strong one."""
+    faint = pictures.layers * np.array([0.05, 1], np.float32)[:, None, None, None]
+
+    written("lamps.jpg", given=replace(pictures, layers=faint))
+
+    means = [shown(tmp_path / f"lamp{i}.jpg").mean() for i in (1, 2)]
+    assert means[0] < 0.6 * means[1]
+
+
+def test_black_pictures_are_written_black(
+    written: Callable[..., list[dict[str, Any]]], pictures: Pictures, tmp_path: Path
+) -> None:
+    black = np.zeros((40, 64, 3), np.float32)
+    dark = replace(
+        pictures,
+        photograph=black,
+        layers=np.stack([black, black]),
+        white_balanced_1=black,
+        white_balanced_2=black,
+        normals=np.full((40, 64, 3), np.nan, np.float32),
+    )
+
+    entries = written(*OUTPUT_NAMES, given=dark)
+
+    assert len(entries) == 11
+    for name in ("lamp1.jpg", "white_balanced_1.jpg", "white_balanced_2.jpg"):
+        assert not shown(tmp_path / name).any()
+
+
+def test_response_is_written_where_there_is_one(
+    pictures: Pictures,
+    model: Model,
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Array,
+    tmp_path: Path,
+) -> None:
+    other = replace(model, response=Response(model.tensor, model.camera_to_xyz))
+    given = replace(pictures, response=pictures.photograph)
+
+    write_outputs(
+        given,
+        lamps_of(warm_to_cool[[0, 2]]),
+        other,
+        ENTRIES,
+        frozenset({"response.jpg"}),
+        tmp_path,
+        Progress(),
+    )
+
+    assert shown(tmp_path / "response.jpg").shape == (40, 64, 3)
+
+
+def test_cancel_stops_between_files(
+    written: Callable[..., list[dict[str, Any]]], tmp_path: Path
+) -> None:
+    reports: list[float] = []
+    progress = Progress(lambda _, part: reports.append(part), lambda: len(reports) == 3)
+
+    with pytest.raises(Canceled):
+        written("lamps.tif", "lamps.jpg", "gamma.png", progress=progress)
+
+    assert len(list(tmp_path.iterdir())) == 3
+    assert reports == pytest.approx([0, 0.2, 0.4])
+
+
+def test_a_folder_that_is_missing_is_an_error_of_the_system(
+    written: Callable[..., list[dict[str, Any]]], tmp_path: Path
+) -> None:
+    tmp_path.rmdir()
+
+    with pytest.raises(OSError, match="lamp1"):
+        written("lamps.tif")

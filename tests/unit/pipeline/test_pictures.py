@@ -1,0 +1,134 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.errors import Canceled
+from pipeline.model import Model, build_model
+from pipeline.normals import Photometry
+from pipeline.options import OUTPUT_NAMES
+from pipeline.pictures import Pictures, render
+from pipeline.progress import Progress
+from pipeline.reduced import reduce_pair
+from pipeline.spectra.cameras import Camera, srgb_stand_in
+from pipeline.spectra.lights import find_light
+
+Array = NDArray[np.float64]
+NAMES = ("white_balanced_1", "white_balanced_2", "normals", "response")
+
+
+@pytest.fixture(scope="module")
+def model_with_response(camera: Camera) -> Model:
+    return build_model(camera, find_light("xenon"), find_light("D65"), "wpca", srgb_stand_in())
+
+
+@pytest.fixture
+def photometry(lamps_of: Callable[..., Any], warm_to_cool: Array) -> Photometry:
+    lamps = lamps_of(warm_to_cool)
+    return Photometry(lamps.matrices, np.ones(3), np.eye(3), np.ones(3))
+
+
+@pytest.fixture
+def rendered(
+    exact: Callable[..., tuple[Any, Array]],
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Array,
+    model_with_response: Model,
+    photometry: Photometry,
+) -> Callable[..., Pictures]:
+    """Render the pictures that a set of outputs needs."""
+
+    def run(*wanted: str, **more: Any) -> Pictures:
+        pair, _ = exact(warm_to_cool, clipped=more.get("clipped", np.zeros((64, 96), bool)))
+        return render(
+            pair,
+            reduce_pair(pair),
+            lamps_of(warm_to_cool),
+            more.get("model", model_with_response),
+            more.get("photometry", photometry),
+            more.get("method", "best"),
+            frozenset(wanted),
+            more.get("progress", Progress()),
+            more.get("strip_rows", 256),
+        )
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("wanted", "made"),
+    [
+        ((), set()),
+        (("layers.exr", "lamps.tif", "gamma.png"), set()),
+        (("white_balanced_1.jpg",), {"white_balanced_1"}),
+        (("white_balanced.exr",), {"white_balanced_1"}),
+        (("white_balanced_2.jpg",), {"white_balanced_2"}),
+        (("normals.png",), {"normals"}),
+        (("normals.exr",), {"normals"}),
+        (("response.jpg",), {"response"}),
+        (OUTPUT_NAMES, set(NAMES)),
+    ],
+)
+def test_only_pictures_that_are_wanted_are_made(
+    rendered: Callable[..., Pictures], wanted: tuple[str, ...], made: set[str]
+) -> None:
+    pictures = rendered(*wanted)
+
+    assert {name for name in NAMES if getattr(pictures, name) is not None} == made
+    assert pictures.layers.shape == (3, 64, 96, 3)
+
+
+def test_without_directions_and_without_another_camera_there_is_neither_picture(
+    rendered: Callable[..., Pictures], model: Model
+) -> None:
+    pictures = rendered(*OUTPUT_NAMES, model=model, photometry=None)
+
+    assert pictures.normals is None
+    assert pictures.response is None
+    assert pictures.white_balanced_1 is not None
+
+
+@pytest.mark.parametrize("method", ["best", "paper"])
+@pytest.mark.parametrize("strip_rows", [1, 9, 64])
+def test_strips_make_the_same_pictures(
+    rendered: Callable[..., Pictures], method: str, strip_rows: int
+) -> None:
+    """Every pixel of every picture is written, and to the bit the same."""
+    whole = rendered(*OUTPUT_NAMES, method=method)
+    cut = rendered(*OUTPUT_NAMES, method=method, strip_rows=strip_rows)
+
+    for name in ("photograph", "layers", *NAMES):
+        picture = getattr(cut, name)
+        assert picture.dtype == np.float32
+        assert name == "normals" or np.isfinite(picture).all()
+        np.testing.assert_array_equal(picture, getattr(whole, name))
+    assert cut.filled == whole.filled
+
+
+def test_layers_add_up_to_the_photograph(rendered: Callable[..., Pictures]) -> None:
+    pictures = rendered()
+
+    np.testing.assert_allclose(pictures.layers.sum(axis=0), pictures.photograph, atol=1e-6)
+
+
+def test_pixels_that_are_filled_in_are_counted(rendered: Callable[..., Pictures]) -> None:
+    """A clipped place of 8 × 14 pixels, and one pixel around it."""
+    clipped = np.zeros((64, 96), bool)
+    clipped[20:28, 40:54] = True
+
+    assert rendered().filled == 0
+    assert rendered(clipped=clipped).filled == pytest.approx(10 * 16 / (64 * 96))
+
+
+def test_cancel_stops_the_rendering(rendered: Callable[..., Pictures]) -> None:
+    reports: list[float] = []
+    progress = Progress(lambda _, part: reports.append(part), lambda: len(reports) == 2)
+
+    with pytest.raises(Canceled):
+        rendered(*OUTPUT_NAMES, progress=progress, strip_rows=16)
+
+    assert reports == [0, 0.25]
