@@ -57,13 +57,12 @@ def separate_files(
     before = decode(no_flash, options.encoding, _NO_FLASH)
     progress.report("decode", 0.5)
     after = decode(flash, options.encoding, _FLASH)
-    progress.report("decode", 1.0)
-
-    pair = make_pair(before, after, options, progress)
-    progress.report("lamps", 0.0)
+    # first what costs little and may be refused: names of cameras and lights
     camera = find_camera(options.camera, before)
     model = _model(camera, before, options)
-    progress.report("lamps", 0.5)
+    progress.report("decode", 1.0)
+    pair = make_pair(before, after, options, progress)
+    progress.report("lamps", 0.0)
     reduced = reduce_pair(pair)
     lamps = estimate_lamps(reduced, model, options.lights, before.encoding == "srgb")
     warnings = [*pair.warnings, *_model_warnings(before, camera), *lamps.warnings]
