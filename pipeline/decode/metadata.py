@@ -16,7 +16,7 @@ from pipeline.frames import Exposure
 logging.getLogger("exifread").setLevel(logging.CRITICAL)  # it tells the terminal of odd tags
 
 _MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
-_FULL_FRAME_WIDTH_MM = 36.0
+_FULL_FRAME_DIAGONAL_MM = math.hypot(36.0, 24.0)
 
 _LONGEST_TEXT = 64
 _TIME_S = (1e-6, 1e5)
@@ -48,10 +48,11 @@ class Metadata:
     def focal_px(self, width: int, height: int) -> float | None:
         """Focal length in pixels of a frame of this size, None where unknown.
 
-        The equivalent focal length counts against the long side of a 36 mm wide frame.
+        The equivalent focal length is the one of equal diagonal view on 36 × 24 mm (EXIF 2.32).
         """
-        share = self.focal_35mm / _FULL_FRAME_WIDTH_MM if self.focal_35mm else self.focal_plane
-        return share * max(width, height) if share else None
+        if self.focal_35mm:
+            return self.focal_35mm / _FULL_FRAME_DIAGONAL_MM * math.hypot(width, height)
+        return self.focal_plane * max(width, height) if self.focal_plane else None
 
 
 def read_metadata(data: bytes) -> Metadata:

@@ -50,7 +50,8 @@ def test_frames_know_camera_exposure_and_flash(
     assert frame.exposure == Exposure(time_s=0.008, iso=400, f_number=5.6)
     assert frame.exposure.relative == pytest.approx(0.008 * 400 / 5.6**2)
     assert frame.flash_fired is True
-    assert frame.focal_px == 64  # 36 mm on a frame 36 mm and 64 pixels wide
+    # the diagonal of 36 × 24 mm is 43.27 mm, that of 64 × 48 pixels 80 pixels
+    assert frame.focal_px == pytest.approx(80 * 36 / 43.2666, rel=1e-4)
 
 
 def test_tiff_may_hold_the_facts_in_its_main_directory(
