@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import OptionError
 from pipeline.frames import Matrix
 from pipeline.hui2018.invariant import flash_tensor
 from pipeline.spectra.bases import SpectralBasis, learn_basis
@@ -18,6 +19,7 @@ Array = NDArray[np.float64]
 
 _DISPLAY_LIGHT = "D65"
 """White of sRGB and Rec. 2020: photographs are shown as balanced for it."""
+_MIN_INDEPENDENCE = 0.01  # least ÷ largest singular value; cameras have 0.09 and more
 
 
 @dataclass(frozen=True)
@@ -69,8 +71,11 @@ def build_model(
     """Learn the model from measured lamps and reflectances.
 
     flash, neutral: (W,) spectra on WAVELENGTHS_NM; basis: "wpca", "pca" or "joint"; response: the
-    camera through which the photograph is to be seen anew.
+    camera through which the photograph is to be seen anew. Raises OptionError for a camera that
+    does not tell three colours apart, or does not see one of the lights.
     """
+    for one in (camera, *([] if response is None else [response])):
+        _check_camera(one, flash, neutral)
     s = camera.sensitivities
     flash = flash / (s @ flash)[1]
     learnt = learn_basis(basis, s, reflectance_spectra(), lamp_spectra())
@@ -85,6 +90,21 @@ def build_model(
         neutral_to_xyz=_shown(s, neutral),
         response=None if response is None else _response(learnt, s, flash, response),
     )
+
+
+def _check_camera(camera: Camera, flash: Array, neutral: Array) -> None:
+    values = np.linalg.svd(camera.sensitivities, compute_uv=False)
+    if values[2] < _MIN_INDEPENDENCE * values[0]:
+        raise OptionError(
+            f"The camera {camera.name!r} does not tell three colours apart: check the columns of "
+            "its table."
+        )
+    for light, name in ((flash, "flash spectrum"), (neutral, "neutral light")):
+        if not (camera.sensitivities @ light)[1] > 0:
+            raise OptionError(
+                f"The camera {camera.name!r} sees no green in the {name}: check the wavelengths "
+                "of both."
+            )
 
 
 def _response(basis: SpectralBasis, s: Array, flash: Array, response: Camera) -> Response:

@@ -128,11 +128,16 @@ def _words(frame: Frame) -> str:
 
 def _exposure_ratio(no_flash: Frame, flash: Frame, options: Options, warnings: list[str]) -> float:
     if options.exposure_ratio is not None:
+        if not _plausible(options.exposure_ratio):
+            raise OptionError(
+                f"An exposure ratio of {options.exposure_ratio:.3g} cannot be: pass the flash "
+                "frame's exposure divided by the other's."
+            )
         return options.exposure_ratio
     before, after = no_flash.exposure.relative, flash.exposure.relative
     if before is not None and after is not None:
         ratio = after / before
-        if not 1 / _MAX_PLAUSIBLE_RATIO < ratio < _MAX_PLAUSIBLE_RATIO:
+        if not _plausible(ratio):
             raise OptionError(
                 f"The exposures in the files differ {ratio:.3g} times: pass the right ratio with "
                 "exposure_ratio."
@@ -144,6 +149,10 @@ def _exposure_ratio(no_flash: Frame, flash: Frame, options: Options, warnings: l
             "Pass the exposure ratio if they differ."
         )
     return 1.0
+
+
+def _plausible(ratio: float) -> bool:
+    return 1 / _MAX_PLAUSIBLE_RATIO < ratio < _MAX_PLAUSIBLE_RATIO
 
 
 def _rendering_warnings(no_flash: Frame, flash: Frame, ratio: float) -> list[str]:

@@ -5,9 +5,11 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.colour.spaces import D65_XY
+from pipeline.errors import OptionError
 from pipeline.hui2018.invariant import light_coefficients
 from pipeline.model import Model, build_model
 from pipeline.spectra.cameras import Camera, srgb_stand_in
+from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from pipeline.spectra.observer import cie_1931
 
@@ -167,3 +169,57 @@ def test_learning_is_the_same_every_time(camera: Camera, model: Model) -> None:
     again = build_model(camera, find_light("xenon"), find_light("D65"), "wpca")
 
     np.testing.assert_array_equal(again.tensor, model.tensor)
+
+
+def mixed(camera: Camera, matrix: Array) -> Camera:
+    """A camera whose channels are mixtures of another's."""
+    return Camera("odd", matrix @ camera.sensitivities, "file")
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        np.ones((3, 3)),
+        np.array([[1.0, 0, 0], [1, 0, 0], [0, 0, 1]]),
+        np.array([[1.0, 0, 0], [0, 1, 0], [0.5, 0.5, 1e-3]]),
+    ],
+    ids=["grey", "two colours", "nearly two colours"],
+)
+@pytest.mark.parametrize("as_response", [False, True])
+def test_a_camera_without_three_colours_is_refused(
+    camera: Camera, matrix: Array, as_response: bool
+) -> None:
+    odd = mixed(camera, matrix)
+    cameras = (camera, odd) if as_response else (odd, None)
+
+    with pytest.raises(OptionError, match=r"^The camera 'odd' does not tell three colours apart"):
+        build_model(cameras[0], find_light("xenon"), find_light("D65"), "wpca", cameras[1])
+
+
+@pytest.mark.parametrize(
+    ("dark", "name"), [("flash", "flash spectrum"), ("neutral", "neutral light")]
+)
+def test_light_that_the_camera_does_not_see_is_refused(
+    camera: Camera, dark: str, name: str
+) -> None:
+    """Power at 380 nm alone, where green sees nothing."""
+    cut = camera.sensitivities.copy()
+    cut[:, :4] = 0
+    violet = np.zeros(cut.shape[1])
+    violet[0] = 1
+    lights = {"flash": find_light("xenon"), "neutral": find_light("D65"), dark: violet}
+
+    with pytest.raises(OptionError, match=f"sees no green in the {name}"):
+        build_model(Camera("odd", cut, "file"), lights["flash"], lights["neutral"], "wpca")
+
+
+@pytest.mark.parametrize(("first", "last"), [(440, 460), (640, 700)])
+def test_a_flash_of_one_colour_still_gives_a_finite_model(
+    camera: Camera, first: float, last: float
+) -> None:
+    flash = np.interp(WAVELENGTHS_NM, [first - 1, first, last, last + 1], [0.0, 1.0, 1.0, 0.0])
+
+    model = build_model(camera, flash, find_light("D65"), "wpca")
+
+    assert np.isfinite(model.tensor).all()
+    assert np.isfinite(model.flash_to_neutral).all()
