@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.align import NOT_ATTEMPTED, Alignment, estimate_alignment, warp
 from pipeline.errors import OptionError, PairMismatchError, UnusablePairError
@@ -22,6 +24,7 @@ _MAX_PLAUSIBLE_RATIO = 1000.0
 _EXPOSURES_DIFFER = 0.15  # in stops
 _COPY_BLOCK = 8  # pixels averaged, against noise
 _COPY_SPREAD = 0.4  # stops between the quartiles of flash part ÷ no-flash light
+_COPY_COLOUR_SPREAD = 1.0  # the same over all channels: lamp and flash differ in colour
 _SMALLEST = 32
 _SAMPLE_STEP = 4
 
@@ -187,20 +190,27 @@ def _copy_warnings(no_flash: Image, flash: Image, flash_only: bool) -> list[str]
     height, width = no_flash.shape[:2]
     size = (max(width // _COPY_BLOCK, 1), max(height // _COPY_BLOCK, 1))
     before, after = (
-        cv2.resize(image, size, interpolation=cv2.INTER_AREA).sum(axis=2)
-        for image in (no_flash, flash)
+        cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (no_flash, flash)
     )
     part = after if flash_only else after - before
-    lit = (before > 0) & (part > 0)
+    lit = (before > 0).all(axis=2) & (part > 0).all(axis=2)
     if not lit.any():
         return []
-    low, high = np.quantile(np.log2(part[lit] / before[lit]), [0.25, 0.75])
-    if high - low > _COPY_SPREAD:
+    before, part = before[lit], part[lit]
+    if _spread(part.sum(axis=1) / before.sum(axis=1)) > _COPY_SPREAD:
+        return []
+    if _spread(part / before) > _COPY_COLOUR_SPREAD:  # a lamp that shines like the flash
         return []
     return [
         "What the flash added looks like the photograph without it in most of the picture: the "
         "flash may not reach that far, or the exposure ratio is wrong."
     ]
+
+
+def _spread(ratio: NDArray[Any]) -> float:
+    """Stops between the quartiles."""
+    low, high = np.quantile(np.log2(ratio), [0.25, 0.75])
+    return float(high - low)
 
 
 def _check_flash_adds(pair: Pair) -> None:
