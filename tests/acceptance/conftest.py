@@ -248,13 +248,13 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Scene]:
 def command(
     tmp_path_factory: pytest.TempPathFactory, environment: dict[str, str]
 ) -> Callable[..., Run]:
-    """Run `lightlayers separate NO_FLASH FLASH -o DIR` and what else is given."""
+    """Run `lightlayers separate NO_FLASH FLASH -o DIR` with more flags and environment."""
 
-    def separate(pair: tuple[Path, Path], *flags: object) -> Run:
+    def separate(pair: tuple[Path, Path], *flags: object, **also: str) -> Run:
         folder = tmp_path_factory.mktemp("results") / "out"
         done = subprocess.run(
             [COMMAND, "separate", *pair, "-o", folder, *map(str, flags)],
-            env=environment,
+            env={**environment, **also},
             capture_output=True,
             text=True,
             timeout=PATIENCE_SECONDS,

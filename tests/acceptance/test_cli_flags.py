@@ -108,6 +108,27 @@ def test_camera_by_file_is_as_good_as_by_name(
     np.testing.assert_allclose(results.layers(), plain.layers(), atol=1e-4)
 
 
+def test_cameras_and_lights_of_the_users_folder_go_by_their_names(
+    two: Any, command: Callable[..., Any], tmp_path: Path
+) -> None:
+    rows = {
+        str(nm): [float(np.exp(-(((nm - peak) / 40) ** 2))) for peak in (600, 540, 460)]
+        for nm in range(380, 781, 5)
+    }
+    table = {"spectral_data": {"index": {"main": ["R", "G", "B"]}, "data": {"main": rows}}}
+    (tmp_path / "Acme_One_380_780_5.json").write_text(json.dumps(table))
+    (tmp_path / "my_torch.csv").write_text("wavelength_nm,power\n400,1\n700,3\n")
+    flags = ("--camera", "Acme One", "--flash-spectrum", "my torch", "--outputs", "gamma.png")
+
+    unknown = command(two.exact, *flags)
+    known = command(two.exact, *flags, "--lights", 2, LIGHTLAYERS_SPECTRA=str(tmp_path))
+
+    assert (unknown.code, known.code) == (2, 0)
+    assert "No camera is called 'Acme One'" in unknown.stderr
+    assert known.results.manifest["camera"] == {"name": "Acme One", "source": "measured"}
+    assert known.results.manifest["flash"]["name"] == "my torch"
+
+
 def test_flash_spectrum_by_name_and_file(
     two: Any, plain: Any, separated: Callable[..., Any], tmp_path: Path
 ) -> None:

@@ -91,6 +91,14 @@ def test_the_flash_fired_when_bit_0_says_so(
     assert with_exif({0x9209: value}).flash_fired is fired
 
 
+@pytest.mark.parametrize(("value", "automatic"), [(0, True), (1, False)])
+def test_the_white_balance_is_automatic_or_fixed(
+    with_exif: Callable[..., Metadata], value: int, automatic: bool
+) -> None:
+    assert with_exif({0xA403: value}).auto_white_balance is automatic
+    assert with_exif({}).auto_white_balance is None
+
+
 @pytest.mark.parametrize(
     ("unit", "resolution"), [(2, 6350.0), (3, 2500.0), (4, 250.0)], ids=["inch", "cm", "mm"]
 )
