@@ -134,7 +134,8 @@ def shares_of() -> Callable[[int], Array]:
             return np.asarray((0.3 + 0.5 * u)[None])
         third = np.clip(2 * v - 0.7, 0, 1) if count == 3 else np.zeros_like(u)
         ramps = [np.clip(1.2 - 1.7 * u, 0, 1), np.clip(1.7 * u - 0.5, 0, 1)]
-        return 0.7 * np.stack([*(ramp * (1 - third) for ramp in ramps), third][:count])
+        falloff = 0.9 - 0.6 * u  # so that the lamps together are not the flash over again
+        return falloff * np.stack([*(ramp * (1 - third) for ramp in ramps), third][:count])
 
     return build
 
