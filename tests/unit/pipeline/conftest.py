@@ -135,7 +135,8 @@ def shares_of() -> Callable[[int], Array]:
         third = np.clip(2 * v - 0.7, 0, 1) if count == 3 else np.zeros_like(u)
         ramps = [np.clip(1.2 - 1.7 * u, 0, 1), np.clip(1.7 * u - 0.5, 0, 1)]
         falloff = 0.9 - 0.6 * u  # so that the lamps together are not the flash over again
-        return falloff * np.stack([*(ramp * (1 - third) for ramp in ramps), third][:count])
+        stacked = np.stack([*(ramp * (1 - third) for ramp in ramps), third][:count])
+        return np.asarray(falloff * stacked)
 
     return build
 

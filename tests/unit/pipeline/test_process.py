@@ -87,7 +87,11 @@ def test_a_pair_becomes_layers_and_a_manifest(
     requested: Any,
 ) -> None:
     manifest = separated(
-        files(count), tmp_path / "new" / "folder", lights=requested, method="paper"
+        files(count),
+        tmp_path / "new" / "folder",
+        lights=requested,
+        method="paper",
+        outputs=["layers.exr"],
     )
 
     assert manifest["lights"]["requested"] == requested
