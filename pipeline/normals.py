@@ -24,6 +24,7 @@ from pipeline.shares import shares
 Array = NDArray[np.float64]
 
 _MIN_PIXELS = 50
+_HELD, _HARDLY_HELD, _MIN_GAIN = 0.002, 0.001, 0.05
 _MIN_VOLUME = 0.02  # of the parallelepiped of the unit directions; flatter ones fix no normal
 _MIN_LIT = 0.02  # of a lamp's strong pixels: darker ones are in its shadow
 _MIN_SHARE = 0.01  # of a pixel's strongest lamp: less is what noise leaves of a lamp's shadow
@@ -55,10 +56,11 @@ def solve_photometry(
 ) -> Photometry:
     """Settle which lamp is which light, and the strengths that were not given.
 
-    lights: three. With `rgb` for all of them these are the lamps' colours; else the lamps found
-    are assigned so that the normals are most integrable. Missing strengths follow from the flash,
-    which sits at the camera: relative to it, the scaled normal has the same component towards the
-    camera in every pixel. focal_px: of the full-size picture.
+    lights: three. With `rgb` for all of them these name the lamps found, or stand in for them
+    where that gives the better normals; else the lamps found are assigned so that the normals are
+    most integrable. Strengths follow from the flash, which sits at the camera: relative to it, the
+    scaled normal has the same component towards the camera in every pixel. focal_px: of the
+    full-size picture.
     Raises OptionError for directions nearly in a plane, and when there are not three lamps.
     """
     directions = np.array([light.direction for light in lights], dtype=np.float64)
@@ -69,17 +71,7 @@ def solve_photometry(
             "the lamps more widely around the camera."
         )
     inverse = np.linalg.inv(directions / lengths)
-    named = all(light.rgb for light in lights)
-    if named:
-        colours = np.array([light.rgb for light in lights], dtype=np.float64)
-        candidates = [model.lamp_matrix(colours / np.linalg.norm(colours, axis=1, keepdims=True))]
-    elif len(lamps) == len(lights):
-        candidates = [lamps.matrices[list(order)] for order in permutations(range(3))]
-    else:
-        raise OptionError(
-            f"Normals need three lamps, and {len(lamps)} was found: ask for three, or give the "
-            "rgb of each light."
-        )
+    candidates = _candidates(lights, lamps, model)
     view = _view(reduced, focal_px)
     tried = []
     for matrices in candidates:
@@ -88,11 +80,32 @@ def solve_photometry(
             reduced.no_flash, reduced.flash, matrices, greens, lamps.channel_weights
         )
         use = reduced.usable & _lit_by_all(q)
-        strengths = _strengths(lights, inverse, q[:, use], view[use])
+        strengths, spread = _strengths(lights, inverse, q[:, use], view[use])
         field = _unit(inverse / strengths, q)
-        tried.append((_unevenness(field, use), strengths, matrices, greens))
+        tried.append((_unevenness(field, use) + spread, strengths, matrices, greens))
     _, strengths, matrices, greens = min(tried, key=lambda one: one[0])
     return Photometry(matrices, greens, inverse / strengths, strengths)
+
+
+def _candidates(lights: Sequence[DirectedLight], lamps: Lamps, model: Model) -> list[Matrix]:
+    """Matrices (3, 3, 3) that the lamps may have, in the order of the lights."""
+    found = [lamps.matrices[list(o)] for o in permutations(range(3))] if len(lamps) == 3 else []
+    if not all(light.rgb for light in lights):
+        if not found:
+            raise OptionError(
+                f"Normals need three lamps, and {len(lamps)} was found: ask for three, or give "
+                "the rgb of each light."
+            )
+        return found
+    colours = np.array([light.rgb for light in lights], dtype=np.float64)
+    colours = colours / np.linalg.norm(colours, axis=1, keepdims=True)
+    named = model.lamp_matrix(colours)
+
+    def likeness(matrices: Matrix) -> float:
+        whites = matrices @ model.flash_white
+        return float((whites * colours).sum(axis=1) @ (1 / np.linalg.norm(whites, axis=1)))
+
+    return [named, max(found, key=likeness)] if found else [named]
 
 
 def normals(strip: Strip, lamps: Lamps, photometry: Photometry) -> Image:
@@ -146,29 +159,32 @@ def _view(reduced: ReducedPair, focal_px: float) -> Array:
 
 def _strengths(
     lights: Sequence[DirectedLight], inverse: Array, q: NDArray[np.float32], view: Array
-) -> Array:
-    """Strengths given, the missing ones from v·L⁻¹(q/e) = constant over pixels (n,)."""
+) -> tuple[Array, float]:
+    """Effective strengths from v·L⁻¹(q/e) = constant over pixels (n,), and how far it is none.
+
+    Strengths given are where the search starts and hold where pixels say little (all surfaces
+    parallel): an error of the lamps' matrices is an error of q's scale, so that even a strength
+    known exactly is not the one that gives the best normals.
+    """
     given = np.array([light.strength or 0.0 for light in lights])
-    if given.all() or q.shape[1] < _MIN_PIXELS:
-        return np.where(given > 0, given, 1.0)
-    columns = (view @ inverse) * q.T  # (n, 3), times 1/e sums to a constant
-    unknown = given == 0
-    known = (columns[:, ~unknown] / given[~unknown]).sum(axis=1, keepdims=True)
-    design = np.concatenate(
-        [columns[:, unknown], known] if not unknown.all() else [columns], axis=1
-    )
-    target = np.ones(len(design))
-    weight = np.ones(len(design))
+    start = np.where(given > 0, given, np.mean(given[given > 0]) if given.any() else 1.0)
+    if q.shape[1] < _MIN_PIXELS:
+        return start, np.inf
+    columns = (view @ inverse) * q.T / start  # (n, 3); gains on them make their sum constant
+    columns = columns / np.median(columns.sum(axis=1))
+    held = np.sqrt(len(columns)) * np.where(given > 0, _HELD, _HARDLY_HELD)
+    weight = np.ones(len(columns))
+    gains = np.ones(3)
     for _ in range(10):
-        solved = np.linalg.lstsq(design * weight[:, None], target * weight, rcond=None)[0]
-        error = np.abs(design @ solved - 1.0)
+        design = np.concatenate([columns * weight[:, None], np.diag(held)])
+        target = np.concatenate([weight, held])
+        gains = np.linalg.lstsq(design, target, rcond=None)[0]
+        error = np.abs(columns @ gains - 1.0)
         weight = 1.0 / np.sqrt(1.0 + (error / (3 * np.median(error) + 1e-9)) ** 2)
-    inverse = solved[: unknown.sum()] / (1.0 if unknown.all() else solved[-1])
-    strengths = given.copy()
-    strengths[unknown] = 1.0 / np.where(inverse > 0, inverse, np.nan)
-    if not np.isfinite(strengths).all():
-        return np.where(given > 0, given, 1.0)
-    return np.asarray(strengths / (strengths.max() if unknown.all() else 1.0))
+    spread = float(np.quantile(error, 0.75))
+    if (gains <= _MIN_GAIN).any():
+        return start, np.inf
+    return start / gains, spread
 
 
 def _unevenness(field: Image, use: NDArray[np.bool_]) -> float:
