@@ -8,6 +8,10 @@ from typing import NoReturn
 
 import pytest
 
+# before numpy loads: its threads wait for each other where other programs keep the processors busy,
+# and small matrices then take twenty times as long
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 
 @pytest.fixture(scope="session")
 def lacking() -> Callable[[str], NoReturn]:
