@@ -25,6 +25,7 @@ _LINE_TOLERANCE = 0.04  # in the tangent plane, 2.3°: the scatter of one lamp o
 _TAIL = 0.01
 _SIMILAR_DEGREES = 6.0
 _ALONE_DEGREES = 10.0
+_LEAST_CONTRAST = 1e-3
 _TYPICAL_SCATTER_DEGREES = 1.7  # median over lamps and reflectances, weighted PCA
 
 
@@ -55,6 +56,13 @@ class Lamps:
 
     def __len__(self) -> int:
         return len(self.coefficients)
+
+    @property
+    def contrast(self) -> float:
+        """Sine of the least angle between two lamps: how little noise it takes to mix them up."""
+        if len(self) == 1:
+            return 1.0
+        return max(float(np.sin(np.radians(_angles(self.coefficients).min()))), _LEAST_CONTRAST)
 
 
 def estimate_lamps(

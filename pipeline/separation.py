@@ -70,8 +70,14 @@ def separate(
         wide, inner = _widened(rows, smoothing.HALO, height)
         no_flash, flash = _filtered(pair, wide)
         confidence = _open(pair, wide) * _certainty(pair, wide)
+        uncertainty = _relative_noise(pair, wide) / lamps.contrast
         proportions = smoothing.smooth_proportions(
-            model_proportions(no_flash, flash, lamps), no_flash, flash, confidence, inner
+            model_proportions(no_flash, flash, lamps),
+            no_flash,
+            flash,
+            confidence,
+            np.minimum(uncertainty, 1.0),
+            inner,
         )
         no_flash, flash, confidence = no_flash[inner], flash[inner], confidence[inner]
         trust = confidence[..., None]
@@ -105,15 +111,30 @@ def _open(pair: Pair, rows: slice) -> NDArray[np.float32]:
 
 def _certainty(pair: Pair, rows: slice) -> NDArray[np.float32]:
     """How far flash part and no-flash light stand out from their noise, 0…1."""
-    no_flash, flash = pair.no_flash[rows], pair.flash[rows]
-    no_flash_variance = pair.no_flash_noise.variance(no_flash).sum(axis=2)
-    flash_variance = pair.flash_noise.variance(flash).sum(axis=2)
-    part = flash.sum(axis=2)
-    if not pair.flash_only:
-        part = part - no_flash.sum(axis=2)
-        flash_variance = flash_variance + no_flash_variance
-    certainty = np.ones(part.shape)
-    for light, variance in ((part, flash_variance), (no_flash.sum(axis=2), no_flash_variance)):
+    certainty = np.ones((rows.stop - rows.start, pair.clipped.shape[1]))
+    for light, variance in _light_and_noise(pair, rows):
         squared = np.square(np.maximum(light, 0.0))
         certainty *= squared / (squared + _DOUBT**2 * variance)
     return certainty.astype(np.float32)
+
+
+def _relative_noise(pair: Pair, rows: slice) -> NDArray[np.float32]:
+    """Noise of flash part and no-flash light against themselves, both together."""
+    total = np.zeros((rows.stop - rows.start, pair.clipped.shape[1]))
+    for light, variance in _light_and_noise(pair, rows):
+        total += variance / np.maximum(np.square(light), variance)
+    return np.sqrt(total).astype(np.float32)
+
+
+def _light_and_noise(
+    pair: Pair, rows: slice
+) -> list[tuple[NDArray[np.float32], NDArray[np.float64]]]:
+    """(light, its variance), summed over channels, (h, W): of the flash part, of the lamps."""
+    no_flash, flash = pair.no_flash[rows], pair.flash[rows]
+    no_flash_variance = pair.no_flash_noise.variance(no_flash).sum(axis=2)
+    flash_variance = pair.flash_noise.variance(flash).sum(axis=2)
+    light, part = no_flash.sum(axis=2), flash.sum(axis=2)
+    if not pair.flash_only:
+        part = part - light
+        flash_variance = flash_variance + no_flash_variance
+    return [(part, flash_variance), (light, no_flash_variance)]

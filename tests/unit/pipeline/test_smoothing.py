@@ -23,8 +23,10 @@ def smoothed(
     flash: NDArray[np.floating] | float = 0.3,
     trust: Array = EVERYWHERE,
     rows: int = HEIGHT,
+    uncertainty: float = 1.0,
 ) -> Array:
     """Smooth in strips of so many rows, each with its halo. no_flash, flash: (h, W) brightness."""
+    unsure = np.full((HEIGHT, WIDTH), uncertainty, np.float32)
     light, flashed = (
         np.repeat(np.broadcast_to(plane, (HEIGHT, WIDTH))[..., None], 3, axis=2).astype(np.float32)
         for plane in (no_flash, np.asarray(flash))
@@ -35,7 +37,9 @@ def smoothed(
         keep = slice(top - first, min(top + rows, HEIGHT) - first)
         part = slice(first, last)
         strips.append(
-            smooth_proportions(proportions[:, part], light[part], flashed[part], trust[part], keep)
+            smooth_proportions(
+                proportions[:, part], light[part], flashed[part], trust[part], unsure[part], keep
+            )
         )
     return np.concatenate(strips, axis=1)
 
@@ -52,6 +56,12 @@ def test_noise_is_averaged_away_where_the_light_is_even(noisy: Array) -> None:
 
     assert found.dtype == np.float32
     assert np.abs(found[0] - 0.7).mean() < 0.2 * np.abs(noisy[0] - 0.7).mean()
+
+
+def test_what_noise_cannot_have_done_stays(noisy: Array) -> None:
+    exact = smoothed(noisy, np.full((HEIGHT, WIDTH), 0.4), uncertainty=1e-4)
+
+    np.testing.assert_allclose(exact, noisy, atol=2e-3)
 
 
 def test_patterns_of_the_surface_do_not_show(noisy: Array) -> None:
