@@ -30,9 +30,7 @@ def shares(no_flash: Array, predictions: Array) -> Array:
     """
     count = len(predictions)
     gram = {
-        (i, j): _dot(predictions[i], predictions[j])
-        for i in range(count)
-        for j in range(i, count)
+        (i, j): _dot(predictions[i], predictions[j]) for i in range(count) for j in range(i, count)
     }
     seen = [_dot(predictions[j], no_flash) for j in range(count)]
     best = np.zeros((count, *no_flash.shape[:-1]), dtype=np.float32)
