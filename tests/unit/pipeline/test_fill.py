@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.fill import Surroundings, push_pull
+from pipeline.model import Model
 from pipeline.proportions import model_proportions
 from pipeline.reduced import reduce_pair
 
@@ -140,3 +141,23 @@ def test_surroundings_reach_the_full_size_of_a_reduced_pair(
 
     assert found.shape == (2, 3, 1030, 3)
     np.testing.assert_allclose(found.sum(axis=0), 1, atol=1e-4)
+
+
+def test_surroundings_of_a_reduced_pair_lie_where_they_belong(
+    pair_of: Callable[..., Any],
+    model: Model,
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Array,
+) -> None:
+    """Warm light left of column 516, cool light right of it, blocks of three pixels."""
+    lamps = lamps_of(warm_to_cool[[0, 2]])
+    part = np.tile(0.5 * model.flash_white, (30, 1032, 1))
+    warm = np.arange(1032) < 516
+    no_flash = np.where(warm[:, None], part @ lamps.matrices[0].T, part @ lamps.matrices[1].T)
+
+    found = Surroundings(reduce_pair(pair_of(no_flash, part)), lamps).rows(slice(0, 30), 1032)
+
+    across = found[0, 15, :, 1]
+    np.testing.assert_allclose(across[:514], 1, atol=1e-4)
+    np.testing.assert_allclose(across[518:], 0, atol=1e-4)
+    np.testing.assert_allclose(across[514:518], [1, 2 / 3, 1 / 3, 0], atol=1e-3)

@@ -116,14 +116,18 @@ def test_dark_and_negative_layers_give_nothing_negative(
     assert found.max() < 0.1
 
 
+@pytest.mark.parametrize("blue", [0.01, -0.01])
 def test_a_lamp_without_blue_asks_for_no_blue(
-    camera: Camera, through: Callable[[Camera], Response], lamps_of: Callable[..., Any]
+    camera: Camera,
+    through: Callable[[Camera], Response],
+    lamps_of: Callable[..., Any],
+    blue: float,
 ) -> None:
     """Its matrix has no inverse worth the name, and yet noise does not explode."""
     yellow = np.array([0.8, 0.6, 0.0])
     lamps = lamps_of(yellow, matrices=np.array([[[1, 0.1, 0], [0.1, 0.9, 0], [0, 1e-6, 1e-5]]]))
     layers = np.full((1, 4, 5, 3), 0.2)
-    layers[..., 2] = 0.01
+    layers[..., 2] = blue
 
     found = other_response(strip_of(layers), lamps, through(camera))
 

@@ -132,3 +132,22 @@ def test_rows_may_be_cut_anywhere(noisy: Array, rows: int) -> None:
     cut = smoothed(noisy, light, trust=trust, rows=rows)
 
     np.testing.assert_array_equal(cut, whole)
+
+
+def test_what_noise_cannot_have_done_is_left(noisy: Array) -> None:
+    """A detail that the guide does not show, in proportions that are known well, or hardly."""
+    detail = of_two(np.full((HEIGHT, WIDTH), 0.7))
+    detail[:, 30:32, 40:42] = np.array([0.1, 0.9])[:, None, None, None]
+    light = np.full((HEIGHT, WIDTH), 0.4)
+
+    well, hardly = (smoothed(detail, light, uncertainty=u)[0, 30, 40, 1] for u in (0.01, 1.0))
+
+    assert well == pytest.approx(0.1, abs=0.02)
+    assert hardly > 0.55
+    np.testing.assert_array_equal(smoothed(noisy, light, uncertainty=0.0), noisy)
+
+
+def test_one_lamp_has_nothing_to_smooth() -> None:
+    alone = np.ones((1, HEIGHT, WIDTH, 3), np.float32)
+
+    np.testing.assert_array_equal(smoothed(alone, np.full((HEIGHT, WIDTH), 0.4), rows=16), alone)
