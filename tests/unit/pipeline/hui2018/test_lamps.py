@@ -139,7 +139,7 @@ def test_two_lamps_are_found_with_scatter_and_outliers(corners: tuple[Array, Arr
 def test_a_clump_beside_the_arc_does_not_turn_the_line() -> None:
     """One light of another colour, in a fourth of the pixels."""
     corners = np.array([WARM, COOL])
-    clump = mixtures(np.array([0.5 * WARM + GREEN]), 600, scatter=0.005)
+    clump = mixtures(np.array([[0.2, 1.0, 0.1]]), 600, scatter=0.005)
 
     found = two_lamps(np.vstack([mixtures(corners, 2000), clump]), TOLERANCE, tail=0.0)
 
