@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 
 _MIN_PIXELS = 200
 _PRUNED = 0.03
+_PRUNED_FOR_THREE = (0.06, 0.1, 0.15, 0.2)  # the smallest triangle obeys every outlier
 _LINE_TOLERANCE = 0.04  # in the tangent plane, 2.3°: the scatter of one lamp over reflectances
 _TAIL = 0.01
 _SIMILAR_DEGREES = 6.0
@@ -30,7 +31,7 @@ _TYPICAL_SCATTER_DEGREES = 1.7  # median over lamps and reflectances, weighted P
 
 
 _MOST = 3
-_PURE_SHARE, _PURE_PIXELS = 0.7, 0.003
+_PURE_SHARE, _PURE_PIXELS, _MANY_PURE_PIXELS = 0.7, 0.003, 0.0145
 
 
 @dataclass(frozen=True)
@@ -99,6 +100,8 @@ def estimate_lamps(
             count, confidence = 2, 1.0 - confidence
     else:
         count, confidence = int(requested), 1.0
+    if count == _MOST:
+        candidates[_MOST] = _filled_triangle(reduced, model, gammas, candidates[_MOST])
     coefficients = _warm_first(candidates[count])
     return Lamps(
         coefficients=coefficients,
@@ -110,6 +113,17 @@ def estimate_lamps(
         invariants=gammas,
         warnings=tuple(_warnings(coefficients)),
     )
+
+
+def _filled_triangle(reduced: ReducedPair, model: Model, gammas: Array, whole: Array) -> Array:
+    """The largest triangle with light in all its corners, of ever more pruned invariants.
+
+    Where there is none, as on smooth things without cast shadows, the whole one.
+    """
+    for triangle in (whole, *(three_lamps(prune(gammas, share)) for share in _PRUNED_FOR_THREE)):
+        if _purity(reduced, model, triangle) >= _MANY_PURE_PIXELS:
+            return triangle
+    return whole
 
 
 def _purity(reduced: ReducedPair, model: Model, coefficients: Array) -> float:

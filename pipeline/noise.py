@@ -39,6 +39,11 @@ class Noise:
         single = self.gain * np.maximum(pixels, 0.0) + self.floor
         return np.asarray(single * np.minimum(1.0, self.grain / averaged))
 
+    def of_means(self, block: int) -> Noise:
+        """The noise of means over block × block pixels."""
+        less = min(1.0, self.grain / block**2)
+        return Noise(self.gain * less, self.floor * less, max(self.grain / block**2, 1.0))
+
     def stabilize(self, pixels: Image) -> Image:
         """Transform values so that their noise has unit variance everywhere, (..., 3)."""
         gain = np.maximum(self.gain, 1e-9).astype(np.float32)
@@ -114,8 +119,8 @@ def _fit_line(means: NDArray[np.floating], variances: NDArray[np.floating]) -> t
 
 
 def sigma_filter(
-    images: tuple[Image, Image], noises: tuple[Noise, Noise], keep: slice
-) -> tuple[Image, Image]:
+    images: tuple[Image, Image], noises: tuple[Noise, Noise], keep: slice = slice(None)
+) -> tuple[Image, Image, NDArray[np.float32]]:
     """Average each pixel of a pair with the neighbours that differ from it only by noise.
 
     A neighbour joins when the six channels' squared differences, each divided by the variance
@@ -131,14 +136,15 @@ def sigma_filter(
 
     Returns
     -------
-    two (len(keep), W, 3) filtered photographs
+    two (len(keep), W, 3) filtered photographs, and (len(keep), W) how many pixels were averaged
     """
     values = np.concatenate(images, axis=2)
     certainty = np.ones(values.shape[:2], dtype=np.float32)  # pixels averaged so far
     for reach, gap in _WINDOWS:
         values, certainty = _join(values, certainty, noises, reach, gap)
     values = values[keep]
-    return np.ascontiguousarray(values[..., :3]), np.ascontiguousarray(values[..., 3:])
+    first, second = (np.ascontiguousarray(values[..., part]) for part in (slice(3), slice(3, 6)))
+    return first, second, certainty[keep]
 
 
 def _join(

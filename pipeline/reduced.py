@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frames import Image, Mask
+from pipeline.noise import sigma_filter
 from pipeline.pair import Pair
 
 _LONGER_SIDE = 512
@@ -38,7 +39,8 @@ class ReducedPair:
 def reduce_pair(pair: Pair) -> ReducedPair:
     """Average blocks of the pair so that its longer side has at most 512 of them.
 
-    What is left over at the right and bottom edge after whole blocks is dropped.
+    The noise that is left is filtered as in the full-size pair. What is left over at the right
+    and bottom edge after whole blocks is dropped.
     """
     height, width = pair.clipped.shape
     block = -(-max(height, width) // _LONGER_SIDE)
@@ -50,7 +52,9 @@ def reduce_pair(pair: Pair) -> ReducedPair:
     filled = np.maximum(share, 1.0 / block**2)[..., None]
     no_flash = _means(pair.no_flash[crop] * weight, size) / filled
     flash = _means(pair.flash[crop] * weight, size) / filled
-    count = np.maximum(share * block**2, 1.0)[..., None]
+    noises = (pair.no_flash_noise.of_means(block), pair.flash_noise.of_means(block))
+    no_flash, flash, averaged = sigma_filter((no_flash, flash), noises)
+    count = np.maximum(share * block**2, 1.0)[..., None] * averaged[..., None]
     no_flash_variance = pair.no_flash_noise.variance(no_flash, count)
     flash_variance = pair.flash_noise.variance(flash, count)
     if not pair.flash_only:

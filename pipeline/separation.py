@@ -95,7 +95,7 @@ def _widened(rows: slice, halo: int, height: int) -> tuple[slice, slice]:
 def _filtered(pair: Pair, rows: slice) -> tuple[Image, Image]:
     """Return no-flash photograph and flash part of some rows, noise filtered."""
     wide, inner = _widened(rows, noise.HALO, len(pair.clipped))
-    no_flash, flash = noise.sigma_filter(
+    no_flash, flash, _ = noise.sigma_filter(
         (pair.no_flash[wide], pair.flash[wide]), (pair.no_flash_noise, pair.flash_noise), inner
     )
     return no_flash, flash if pair.flash_only else flash - no_flash

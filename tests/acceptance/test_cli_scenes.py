@@ -24,7 +24,7 @@ from PIL import Image as PillowImage
 
 NIKON = ("--camera", "Nikon D5100")
 ALL = ("--outputs", "all")
-RAW = [(1, 33.0, 0.8), (2, 22.5, 0.9), (3, 9.0, 1.0)]
+RAW = [(1, 33.0, 0.8), (2, 25.0, 0.9), (3, 10.0, 1.0)]
 """Lamps, mean SNR of the layers in dB, white balance error in degrees: at least and at most."""
 
 
@@ -51,7 +51,7 @@ def test_raw_pairs(
     assert results.white_balance_error(found.truth) < white_balance
 
 
-@pytest.mark.parametrize(("lights", "snr_db", "white_balance"), [(2, 23.5, 0.3), (3, 6.0, 0.3)])
+@pytest.mark.parametrize(("lights", "snr_db", "white_balance"), [(2, 31.0, 0.3), (3, 6.0, 0.3)])
 def test_exact_pairs(
     scene: Callable[..., Any],
     separated: Callable[..., Any],
@@ -246,21 +246,19 @@ def test_normals_of_an_exact_pair(
     assert not any("focal" in warning for warning in results.manifest["warnings"])
 
 
+@pytest.mark.parametrize("also", [(), ("strength", "rgb")])
 def test_normals_of_a_raw_pair(
-    scene: Callable[..., Any], separated: Callable[..., Any], lights_file: Callable[..., Path]
+    scene: Callable[..., Any],
+    separated: Callable[..., Any],
+    lights_file: Callable[..., Path],
+    also: tuple[str, ...],
 ) -> None:
-    """With noise the lamps found are too far off, so the lamps' colours are given."""
     found = scene(3, "objects")
 
-    results = separated(
-        found.dng, "--lights", 3, "--light-directions", lights_file("strength", "rgb")
-    )
+    results = separated(found.dng, "--lights", 3, "--light-directions", lights_file(*also))
 
-    x, y, z = likeness(results, found.truth)
-    assert x > 0.9
-    assert y > 0.6
-    assert z > 0.4
-    assert results.normal_error(found.truth) < facing_error(found.truth) - 2
+    assert results.normal_error(found.truth) < 24
+    assert min(likeness(results, found.truth)) > 0.7
 
 
 def test_normal_maps_agree(

@@ -136,9 +136,8 @@ def filtered(pair: tuple[Image, Image], rows: int | None = None) -> tuple[Image,
     for top in range(0, height, step):
         first, last = max(top - HALO, 0), min(top + step + HALO, height)
         keep = slice(top - first, min(top + step, height) - first)
-        strips.append(
-            sigma_filter((pair[0][first:last], pair[1][first:last]), (NOISE, NOISE), keep)
-        )
+        part = (pair[0][first:last], pair[1][first:last])
+        strips.append(sigma_filter(part, (NOISE, NOISE), keep)[:2])
     before, after = zip(*strips, strict=True)
     return np.concatenate(before), np.concatenate(after)
 
@@ -218,3 +217,24 @@ def test_black_and_negative_pixels_stay_finite() -> None:
 
     assert np.abs(found).max() <= np.abs(dark).max()
     assert np.isfinite(other).all()
+
+
+def test_the_filter_says_how_many_pixels_it_averaged() -> None:
+    """All of the windows' where everything is alike, one where nothing is."""
+    flat = np.full((48, 48, 3), 0.4, np.float32)
+    loud = np.random.default_rng(0).uniform(0, 1, (48, 48, 3)).astype(np.float32)
+
+    *_, averaged = sigma_filter((flat, flat), (NOISE, NOISE))
+    *_, alone = sigma_filter((loud, loud[::-1].copy()), (NOISE, NOISE))
+
+    assert averaged[24, 24] > 1000
+    assert np.median(alone) == 1
+
+
+def test_noise_of_means() -> None:
+    white, grainy = Noise(NOISE.gain, NOISE.floor), Noise(NOISE.gain, NOISE.floor, grain=8.0)
+
+    np.testing.assert_allclose(white.of_means(4).floor, NOISE.floor / 16)
+    np.testing.assert_allclose(grainy.of_means(4).gain, NOISE.gain / 2)
+    np.testing.assert_allclose(grainy.of_means(2).gain, NOISE.gain)
+    assert grainy.of_means(2).grain == 2

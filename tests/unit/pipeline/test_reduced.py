@@ -139,7 +139,7 @@ def test_noise_of_flat_areas_is_filtered(pair_of: Callable[..., Any]) -> None:
     """Means of four pixels with noise of 0.02: the filter takes most of what is left away."""
     noise = Noise(np.full(3, 1e-8), np.full(3, 4e-4))
     drawn = np.random.default_rng(0).normal(0.3, 0.02, (200, 1024, 3)).astype(np.float32)
-    pair = pair_of(drawn, even(200, 1024, 0.2), no_flash_noise=noise)
+    pair = pair_of(drawn, even(200, 1024, 0.2), no_flash_noise=noise, flash_noise=noise)
 
     found = reduce_pair(pair)
 
