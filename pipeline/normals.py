@@ -93,8 +93,8 @@ def _candidates(lights: Sequence[DirectedLight], lamps: Lamps, model: Model) -> 
     if not all(light.rgb for light in lights):
         if not found:
             raise OptionError(
-                f"Normals need three lamps, and {len(lamps)} was found: ask for three, or give "
-                "the rgb of each light."
+                f"Normals need three lamps, and the number found is {len(lamps)}: ask for three, "
+                "or give the rgb of each light."
             )
         return found
     colours = np.array([light.rgb for light in lights], dtype=np.float64)

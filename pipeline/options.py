@@ -130,6 +130,8 @@ class Options(_Strict):
     @field_validator("lights", mode="before")
     @classmethod
     def _at_most_three(cls, value: object) -> object:
+        if isinstance(value, bool):
+            raise ValueError("the number of lamps is 1, 2, 3 or auto")
         if isinstance(value, int) and value > 3:
             raise ValueError(
                 "more than three lamps have no unique answer with three colour channels and one "

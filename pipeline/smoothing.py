@@ -43,7 +43,7 @@ def smooth_proportions(
 
     Returns
     -------
-    (N, len(keep), W, 3) float32, 0…1; where no pixel around is trusted, as they were
+    (N, len(keep), W, 3) float32, 0…1
     """
     if len(proportions) == 1:
         return proportions[:, keep]
