@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pipeline.errors import OptionError
 from pipeline.frames import Matrix
 from pipeline.hui2018.invariant import flash_tensor
+from pipeline.matrixfit.prior import MatrixPrior, learn_prior
 from pipeline.spectra.bases import SpectralBasis, learn_basis
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.colorimetry import camera_to_xyz
@@ -42,6 +43,7 @@ class Model:
     card (docs/decisions/0002-light-coordinates.md).
 
     tensor: (3, 3, 3) D, with I_lamp = z · (Σ_j b_j D[:, :, j]) I_flash.
+    prior: what the matrices T of lamps may be.
     flash_white: (3,) camera RGB of a white card under the flash, green 1.
     neutral: (3,) coefficients of the neutral light, green 1.
     flash_to_neutral: (3, 3) best matrix from I_flash to the same under the neutral light, scaled
@@ -53,6 +55,7 @@ class Model:
     """
 
     tensor: Array
+    prior: MatrixPrior
     flash_white: Array
     neutral: Array
     flash_to_neutral: Matrix
@@ -81,8 +84,10 @@ def build_model(
     learnt = learn_basis(basis, s, reflectance_spectra(), lamp_spectra())
     neutral_white = s @ neutral
     b_neutral = learnt.to_coefficients @ neutral
+    tensor = flash_tensor(learnt.tensor(s), learnt.to_coefficients @ flash)
     return Model(
-        tensor=flash_tensor(learnt.tensor(s), learnt.to_coefficients @ flash),
+        tensor=tensor,
+        prior=learn_prior(tensor, _lamp_matrices(s, flash)),
         flash_white=s @ flash,
         neutral=b_neutral / b_neutral[1],
         flash_to_neutral=_between_lights(s, flash, neutral / neutral_white[1]),
@@ -127,6 +132,11 @@ def _between_lights(s: Array, source: Array, target: Array) -> Matrix:
     before, after = rho @ (s * source).T, rho @ (s * target).T
     weight = 1.0 / np.abs(before).sum(1, keepdims=True)
     return np.asarray(np.linalg.lstsq(before * weight, after * weight, rcond=None)[0].T)
+
+
+def _lamp_matrices(s: Array, flash: Array) -> Array:
+    """Best matrices (m, 3, 3) from the flash to each measured lamp."""
+    return np.stack([_between_lights(s, flash, lamp) for lamp in lamp_spectra()])
 
 
 def _shown(s: Array, light: Array) -> Matrix:

@@ -11,6 +11,7 @@ from pipeline.errors import UnusablePairError
 from pipeline.frames import Frame
 from pipeline.lamps import estimate_lamps
 from pipeline.manifest import lamp_entries, make_manifest
+from pipeline.matrixfit.lamps import fit_lamps
 from pipeline.model import Model, build_model
 from pipeline.normals import solve_photometry
 from pipeline.options import Options
@@ -64,7 +65,10 @@ def separate_files(
     pair = make_pair(before, after, options, progress)
     progress.report("lamps", 0.0)
     reduced = reduce_pair(pair)
-    lamps = estimate_lamps(reduced, model, options.lights, before.encoding == "srgb")
+    rendered = before.encoding == "srgb"
+    lamps = estimate_lamps(reduced, model, options.lights, rendered)
+    if options.method == "best" and not rendered:  # a tone curve is more than a matrix can follow
+        lamps = fit_lamps(lamps, reduced, options.flash_only, model)
     warnings = [*pair.warnings, *_model_warnings(before, camera), *lamps.warnings]
     if lamps.confidence < _UNSURE:
         warnings.append(
