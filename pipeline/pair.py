@@ -36,13 +36,13 @@ class Pair:
     no_flash, flash: float32 (H, W, 3) linear camera RGB, 1.0 = white level of the no-flash
         photograph as given. flash is the flash photograph, laid on the other and divided by
         exposure_ratio, or the flash part alone when flash_only.
-    clipped: bool (H, W), saturated in either, or without counterpart.
+    unusable: bool (H, W), saturated in either, or without counterpart.
     no_flash_noise, flash_noise: the noise of each.
     """
 
     no_flash: Image
     flash: Image
-    clipped: Mask
+    unusable: Mask
     flash_only: bool
     exposure_ratio: float
     no_flash_noise: Noise
@@ -78,7 +78,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: Options, progress: Progres
     pair = Pair(
         no_flash=no_flash.pixels,
         flash=pixels,
-        clipped=no_flash.saturated | saturated,
+        unusable=no_flash.saturated | saturated,
         flash_only=options.flash_only,
         exposure_ratio=ratio,
         no_flash_noise=estimate_noise(no_flash.pixels),
@@ -222,7 +222,7 @@ def _check_flash_adds(pair: Pair) -> None:
         pair.no_flash_noise.variance(_sampled(pair.no_flash)).sum(axis=2)
         + pair.flash_noise.variance(_sampled(pair.flash)).sum(axis=2)
     )
-    open_ = ~pair.clipped[::_SAMPLE_STEP, ::_SAMPLE_STEP]
+    open_ = ~pair.unusable[::_SAMPLE_STEP, ::_SAMPLE_STEP]
     if not open_.any():
         raise UnusablePairError(
             "Every pixel is clipped in one of the photographs: expose both shorter."

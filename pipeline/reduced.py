@@ -13,14 +13,14 @@ from pipeline.noise import sigma_filter
 from pipeline.pair import Pair
 
 _LONGER_SIDE = 512
-_MIN_OPEN = 0.5  # share of a block's pixels that must not be clipped
+_MIN_OPEN = 0.5  # share of a block's pixels that must be usable
 _SIGNIFICANT = 4.0  # standard deviations
 _MIN_FLASH, _MIN_LIGHT = 0.01, 0.003  # of the 99th percentile; darker pixels are mostly stray light
 
 
 @dataclass(frozen=True)
 class ReducedPair:
-    """Block means of a pair, clipped pixels left out.
+    """Block means of a pair, unusable pixels left out.
 
     no_flash, flash: float32 (h, w, 3) linear; flash is the flash part alone.
     no_flash_variance, flash_variance: float32 (h, w, 3), of the means.
@@ -42,11 +42,11 @@ def reduce_pair(pair: Pair) -> ReducedPair:
     The noise that is left is filtered as in the full-size pair. What is left over at the right
     and bottom edge after whole blocks is dropped.
     """
-    height, width = pair.clipped.shape
+    height, width = pair.unusable.shape
     block = -(-max(height, width) // _LONGER_SIDE)
     size = (max(width // block, 1), max(height // block, 1))
     crop = (slice(size[1] * block), slice(size[0] * block))
-    open_ = (~pair.clipped[crop]).astype(np.float32)
+    open_ = (~pair.unusable[crop]).astype(np.float32)
     share = _means(open_, size)
     weight = open_[..., None]
     filled = np.maximum(share, 1.0 / block**2)[..., None]

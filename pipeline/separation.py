@@ -20,7 +20,7 @@ from pipeline.progress import Progress
 from pipeline.proportions import model_proportions
 from pipeline.reduced import ReducedPair
 
-_CLIPPED_REACH = 1
+_UNUSABLE_REACH = 1
 _DOUBT = 1.5  # standard deviations of a pixel's light at which it counts for a little less
 
 
@@ -58,7 +58,7 @@ def separate(
     and its noise is not amplified. Pixels without a usable flash part take the proportions of
     their surroundings. The result does not depend on strip_rows.
     """
-    height, width = pair.clipped.shape
+    height, width = pair.unusable.shape
     surroundings = Surroundings(reduced, lamps)
     for rows in progress.strips("layers", height, strip_rows):
         if method == "paper":
@@ -94,7 +94,7 @@ def _widened(rows: slice, halo: int, height: int) -> tuple[slice, slice]:
 
 def _filtered(pair: Pair, rows: slice) -> tuple[Image, Image]:
     """Return no-flash photograph and flash part of some rows, noise filtered."""
-    wide, inner = _widened(rows, noise.HALO, len(pair.clipped))
+    wide, inner = _widened(rows, noise.HALO, len(pair.unusable))
     no_flash, flash, _ = noise.sigma_filter(
         (pair.no_flash[wide], pair.flash[wide]), (pair.no_flash_noise, pair.flash_noise), inner
     )
@@ -102,16 +102,16 @@ def _filtered(pair: Pair, rows: slice) -> tuple[Image, Image]:
 
 
 def _open(pair: Pair, rows: slice) -> NDArray[np.float32]:
-    """1 where nothing is clipped, 0 in clipped pixels and beside them, where demosaicing mixes."""
-    wide, inner = _widened(rows, _CLIPPED_REACH, len(pair.clipped))
-    kernel = np.ones((2 * _CLIPPED_REACH + 1, 2 * _CLIPPED_REACH + 1), dtype=np.uint8)
-    near = cv2.dilate(pair.clipped[wide].astype(np.uint8), kernel)
+    """1 in usable pixels, 0 in unusable ones and beside them, where demosaicing mixes."""
+    wide, inner = _widened(rows, _UNUSABLE_REACH, len(pair.unusable))
+    kernel = np.ones((2 * _UNUSABLE_REACH + 1, 2 * _UNUSABLE_REACH + 1), dtype=np.uint8)
+    near = cv2.dilate(pair.unusable[wide].astype(np.uint8), kernel)
     return np.asarray(1.0 - near[inner], dtype=np.float32)
 
 
 def _certainty(pair: Pair, rows: slice) -> NDArray[np.float32]:
     """How far flash part and no-flash light stand out from their noise, 0…1."""
-    certainty = np.ones((rows.stop - rows.start, pair.clipped.shape[1]))
+    certainty = np.ones((rows.stop - rows.start, pair.unusable.shape[1]))
     for light, variance in _light_and_noise(pair, rows):
         squared = np.square(np.maximum(light, 0.0))
         certainty *= squared / (squared + _DOUBT**2 * variance)
@@ -120,7 +120,7 @@ def _certainty(pair: Pair, rows: slice) -> NDArray[np.float32]:
 
 def _relative_noise(pair: Pair, rows: slice) -> NDArray[np.float32]:
     """Noise of flash part and no-flash light against themselves, both together."""
-    total = np.zeros((rows.stop - rows.start, pair.clipped.shape[1]))
+    total = np.zeros((rows.stop - rows.start, pair.unusable.shape[1]))
     for light, variance in _light_and_noise(pair, rows):
         total += variance / np.maximum(np.square(light), variance)
     return np.sqrt(total).astype(np.float32)

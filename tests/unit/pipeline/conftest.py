@@ -95,7 +95,7 @@ def pair_of() -> Callable[..., Pair]:
     def build(no_flash: Image, part: Image, **more: Any) -> Pair:
         quiet = Noise(np.full(3, 1e-8), np.full(3, 1e-11))
         given: dict[str, Any] = {
-            "clipped": np.zeros(no_flash.shape[:2], dtype=bool),
+            "unusable": np.zeros(no_flash.shape[:2], dtype=bool),
             "flash_only": False,
             "exposure_ratio": 1.0,
             "no_flash_noise": quiet,

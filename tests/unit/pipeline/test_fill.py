@@ -92,7 +92,7 @@ def surroundings(
     clipped = np.zeros((64, 96), bool)
     clipped[20:40, 30:60] = True
     lamps = lamps_of(warm_to_cool[[0, 2]])
-    pair, layers = exact(warm_to_cool[[0, 2]], clipped=clipped)
+    pair, layers = exact(warm_to_cool[[0, 2]], unusable=clipped)
     whole, _ = exact(warm_to_cool[[0, 2]])
     assert len(layers) == 2
     true = model_proportions(whole.no_flash, whole.flash - whole.no_flash, lamps)

@@ -146,7 +146,7 @@ def test_lamps_are_found_in_noise(
     clean, _ = exact(warm_to_cool[[0, 2]])
     rng = np.random.default_rng(4)
     noisy = clean.no_flash * (1 + rng.normal(0, 0.02, clean.no_flash.shape))
-    stray = rng.uniform(size=clean.clipped.shape) < 0.01
+    stray = rng.uniform(size=clean.unusable.shape) < 0.01
     noisy[stray] = rng.uniform(0, 0.5, (int(stray.sum()), 3))
     pair = pair_of(noisy, clean.flash - clean.no_flash)
 

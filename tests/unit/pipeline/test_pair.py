@@ -67,7 +67,7 @@ def test_a_sound_pair_is_taken_without_a_word(
     assert pair.warnings == ()
     assert pair.exposure_ratio == 1
     assert not pair.flash_only
-    assert not pair.clipped.any()
+    assert not pair.unusable.any()
     assert not pair.alignment.applied
     assert pair.alignment.problem is None
 
@@ -339,9 +339,9 @@ def test_pixels_clipped_in_either_are_marked(
 
     pair = paired((before, after))
 
-    assert pair.clipped[:10].all()
-    assert pair.clipped[:, :5].all()
-    assert not pair.clipped[10:, 5:].any()
+    assert pair.unusable[:10].all()
+    assert pair.unusable[:, :5].all()
+    assert not pair.unusable[10:, 5:].any()
 
 
 # warnings
@@ -408,8 +408,8 @@ def test_a_moved_frame_is_laid_on_the_other_and_uncovered_pixels_are_out(
 
     assert pair.alignment.applied
     assert pair.warnings == ()
-    assert pair.clipped[:, -4:].mean() > 0.9
-    assert pair.clipped[:, 4:-8].mean() < 0.05
+    assert pair.unusable[:, -4:].mean() > 0.9
+    assert pair.unusable[:, 4:-8].mean() < 0.05
     inner = (slice(8, -8), slice(8, -12))
     assert np.abs(pair.flash - after.pixels)[inner].mean() < 0.01
 

@@ -121,7 +121,7 @@ def test_pixels_that_are_filled_in_are_counted(rendered: Callable[..., Pictures]
     clipped[20:28, 40:54] = True
 
     assert rendered().filled == 0
-    assert rendered(clipped=clipped).filled == pytest.approx(10 * 16 / (64 * 96))
+    assert rendered(unusable=clipped).filled == pytest.approx(10 * 16 / (64 * 96))
 
 
 def test_cancel_stops_the_rendering(rendered: Callable[..., Pictures]) -> None:

@@ -72,7 +72,7 @@ def test_clipped_pixels_are_left_out(pair_of: Callable[..., Any]) -> None:
     for picture in (no_flash, part):
         picture[clipped] = 7.0
 
-    found = reduce_pair(pair_of(no_flash, part, clipped=clipped))
+    found = reduce_pair(pair_of(no_flash, part, unusable=clipped))
 
     assert found.block == 2
     assert found.usable.all()
@@ -87,14 +87,14 @@ def test_blocks_that_are_mostly_clipped_are_not_used(pair_of: Callable[..., Any]
     clipped[4, 4] = True
     clipped[6:8, 6] = clipped[6, 7] = True
 
-    found = reduce_pair(pair_of(even(8, 1024, 0.3), even(8, 1024, 0.2), clipped=clipped))
+    found = reduce_pair(pair_of(even(8, 1024, 0.3), even(8, 1024, 0.2), unusable=clipped))
 
     assert found.block == 2
     np.testing.assert_array_equal(np.argwhere(~found.usable), [[0, 0], [3, 3]])
 
 
 def test_every_pixel_clipped_leaves_nothing_to_use(pair_of: Callable[..., Any]) -> None:
-    pair = pair_of(even(40, 60, 0.9), even(40, 60, 0.9), clipped=np.ones((40, 60), bool))
+    pair = pair_of(even(40, 60, 0.9), even(40, 60, 0.9), unusable=np.ones((40, 60), bool))
 
     found = reduce_pair(pair)
 

@@ -26,7 +26,7 @@ def separated(model: Model) -> Callable[..., Strip]:
     def run(pair: Any, lamps: Any, method: str = "best", rows: int = 1000) -> Strip:
         strips = list(separate(pair, reduce_pair(pair), lamps, model, method, Progress(), rows))
         tops = [strip.rows.start for strip in strips]
-        assert tops == list(range(0, len(pair.clipped), rows))
+        assert tops == list(range(0, len(pair.unusable), rows))
         return Strip(
             rows=slice(0, strips[-1].rows.stop),
             layers=np.concatenate([strip.layers for strip in strips], axis=1),
@@ -55,7 +55,7 @@ def grainy(exact: Exact, pair_of: Callable[..., Any], warm_to_cool: Array) -> Ca
         clipped = np.zeros(before.shape[:2], bool)
         clipped[40:44, 50:60] = True
         noise = {"no_flash_noise": LOUD, "flash_noise": LOUD}
-        given = {"clipped": clipped, **noise, **more}
+        given = {"unusable": clipped, **noise, **more}
         return pair_of(before, after - before, **given), layers
 
     return build
@@ -143,7 +143,7 @@ def test_best_is_less_noisy_than_paper(
 ) -> None:
     pair, layers = grainy(2)
     lamps = lamps_of(warm_to_cool[[0, 2]])
-    good = np.ones(pair.clipped.shape, bool)
+    good = np.ones(pair.unusable.shape, bool)
     good[:14, :14] = False
     good[36:48, 46:64] = False
 
@@ -162,11 +162,11 @@ def test_clipped_pixels_and_their_neighbours_are_filled_in(
     warm_to_cool: Array,
 ) -> None:
     clean, layers = exact(warm_to_cool[[0, 2]])
-    clipped = np.zeros(clean.clipped.shape, bool)
+    clipped = np.zeros(clean.unusable.shape, bool)
     clipped[20:24, 30:36] = True
     flash = clean.flash - clean.no_flash
     flash[clipped] = [0.9, 0.1, 0.9]
-    pair = pair_of(clean.no_flash, flash, clipped=clipped)
+    pair = pair_of(clean.no_flash, flash, unusable=clipped)
 
     found = separated(pair, lamps_of(warm_to_cool[[0, 2]]))
 
@@ -218,7 +218,7 @@ def test_a_pair_with_nothing_to_use_stays_finite(
     method: str,
 ) -> None:
     dark = np.zeros((40, 48, 3))
-    pair = pair_of(dark, dark, clipped=np.ones((40, 48), bool))
+    pair = pair_of(dark, dark, unusable=np.ones((40, 48), bool))
 
     found = separated(pair, lamps_of(warm_to_cool), method)
 

@@ -21,11 +21,11 @@ Exact = Callable[..., tuple[Any, Array]]
 def strip_of(pair: Any, layers: Array, confidence: float = 1.0) -> Strip:
     """The true layers of a pair, as if they had been found."""
     return Strip(
-        rows=slice(0, len(pair.clipped)),
+        rows=slice(0, len(pair.unusable)),
         layers=layers.astype(np.float32),
         no_flash=pair.no_flash,
         flash=pair.flash - pair.no_flash,
-        confidence=np.full(pair.clipped.shape, confidence, np.float32),
+        confidence=np.full(pair.unusable.shape, confidence, np.float32),
     )
 
 
