@@ -9,6 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.hui2018.projection import from_plane, to_plane
+from pipeline.vectors import unit
+
+__all__ = ["from_plane", "one_lamp", "prune", "three_lamps", "to_plane", "two_lamps", "unit"]
+
 Array = NDArray[np.float64]
 
 _BIN_DEGREES = 1.0
@@ -16,12 +21,6 @@ _RANSAC_TRIALS = 400
 _MIN_POLE_COMPONENT = 0.1  # points nearer to the equator than this project towards infinity
 _MAX_CONE = np.cos(np.radians(75.0))
 _GRID = 1e-4  # of the tangent plane, 0.006°
-
-
-def unit(vectors: NDArray[np.floating]) -> Array:
-    """Scale vectors (..., 3) to length one; zero vectors stay zero."""
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.asarray(vectors / np.where(length > 0, length, 1.0), dtype=np.float64)
 
 
 def prune(gammas: Array, fraction: float) -> Array:
@@ -46,32 +45,6 @@ def prune(gammas: Array, fraction: float) -> Array:
     by_density = np.argsort(counts, kind="stable")
     dropped = by_density[np.cumsum(counts[by_density]) <= fraction * len(plane)]
     return np.asarray(gammas[~np.isin(bins.ravel(), dropped)])
-
-
-def to_plane(gammas: Array, center: Array) -> tuple[Array, Array]:
-    """Rotate the center to the north pole and project on the tangent plane (steps 2 and 3).
-
-    Parameters
-    ----------
-    gammas : (n, 3) vectors
-    center : (3,) direction that goes to the pole
-
-    Returns
-    -------
-    points : (m, 2) gnomonic projection of those in front of the pole
-    rotation : (3, 3) with rotation @ center on the positive z axis
-    """
-    pole = unit(center)
-    east = unit(np.cross([0.0, 1.0, 0.0] if abs(pole[1]) < 0.9 else [1.0, 0.0, 0.0], pole))
-    rotation = np.stack([east, np.cross(pole, east), pole])
-    rotated = unit(gammas) @ rotation.T
-    front = rotated[rotated[:, 2] > _MIN_POLE_COMPONENT]
-    return front[:, :2] / front[:, 2:], rotation
-
-
-def from_plane(points: Array, rotation: Array) -> Array:
-    """Invert to_plane: (n, 2) points of the tangent plane → (n, 3) unit vectors (last step)."""
-    return unit(np.column_stack([points, np.ones(len(points))]) @ rotation)
 
 
 def one_lamp(gammas: Array) -> Array:

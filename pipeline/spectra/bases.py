@@ -2,7 +2,8 @@
 
 Source: Hui, Sunkavalli, Hadap, Sankaranarayanan, CVPR 2018, supplement section 3.1; joint
 learning: Chong, Gortler, Zickler, "The von Kries hypothesis and a basis for color constancy",
-ICCV 2007.
+ICCV 2007; De Lathauwer, De Moor, Vandewalle, "On the best rank-1 and rank-(R1, R2, …, RN)
+approximation of higher-order tensors", 2000.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_JOINT_ROUNDS = 30
+_JOINT_ROUNDS, _JOINT_GAIN = 200, 1e-12  # at most so many; less than this is no gain
 
 
 @dataclass(frozen=True)
@@ -24,11 +25,15 @@ class SpectralBasis:
     reflectances: (3, W) ρ̃_i. lights: (3, W) ℓ̃_j, in coordinates such that a light's coefficients
     are the camera RGB of the perfect white under it (docs/decisions/0002-light-coordinates.md).
     to_coefficients: (3, W), spectrum of a light → its three coefficients.
+    published: (3, 3), these coefficients → those in an orthonormal basis of the same space, the
+    coordinates of the source; angles between lights, hence its histogram, its line and its
+    triangle, depend on them.
     """
 
     reflectances: Array
     lights: Array
     to_coefficients: Array
+    published: Array
 
     def tensor(self, sensitivities: Array) -> Array:
         """Model E (3, 3, 3) of a camera (3, W): E[k, i, j] = ∫ ρ̃_i S^k ℓ̃_j dλ."""
@@ -59,8 +64,9 @@ def learn_basis(
     stacked = (reflectances[:, None, :] * sensitivities[None]).reshape(-1, reflectances.shape[1])
     to_coefficients = np.linalg.lstsq(stacked @ light_basis.T, stacked, rcond=None)[0]
     to_white = np.einsum("i,kij->kj", _white(tensor, sensitivities, lights, light_basis), tensor)
+    published = np.linalg.inv(to_white)
     return SpectralBasis(
-        reflectance_basis, np.linalg.inv(to_white).T @ light_basis, to_white @ to_coefficients
+        reflectance_basis, published.T @ light_basis, to_white @ to_coefficients, published
     )
 
 
@@ -73,28 +79,45 @@ def _weighted_pca(s: Array, reflectances: Array, lights: Array) -> tuple[Array, 
 
     def one(spectra: Array) -> Array:
         leading = np.stack([_principal(spectra * channel, 1)[0] for channel in s])
-        q, r = np.linalg.qr(leading.T)
-        return np.asarray((q * np.sign(np.diag(r))).T)
+        return _orthonormal(leading)
 
     return one(reflectances), one(lights)
 
 
 def _joint(s: Array, reflectances: Array, lights: Array) -> tuple[Array, Array]:
-    """Alternate between the two bases so that the image intensities rᵀS^k l are preserved."""
-    _, light_basis = _weighted_pca(s, reflectances, lights)
-    reflectance_basis = light_basis
+    """Bases in which the image intensities rᵀ S^k l are best preserved.
+
+    The measurement tensor M[k, m, n] of reflectance m under light n is brought as near as
+    possible, by least squares, to one of rank 3 in its reflectances and 3 in its lights, by
+    orthogonal iteration on the two factors A, B (De Lathauwer et al. 2000). With the bases
+    ρ̃ = Aᵀ R and ℓ̃ = Bᵀ L, E^k(i, j) is the best core there is, so that no other bases of three
+    dimensions keep the intensities better. Chong et al. ask for a diagonal core as well, for a
+    diagonal colour constancy, which separation does not need. Orthonormal bases are returned.
+    """
+    measured = np.einsum("mw,kw,nw->kmn", reflectances, s, lights)
+    of_light = np.linalg.svd(_unfolded(measured, 2), full_matrices=False)[0][:, :3]
+    of_reflectance, kept = of_light, 0.0
     for _round in range(_JOINT_ROUNDS):
-        reflectance_basis = _given_the_other(s, reflectances, light_basis)
-        light_basis = _given_the_other(s, lights, reflectance_basis)
-    return reflectance_basis, light_basis
+        by_light = np.einsum("kmn,nj->kmj", measured, of_light)
+        of_reflectance = np.linalg.svd(_unfolded(by_light, 1), full_matrices=False)[0][:, :3]
+        by_reflectance = np.einsum("kmn,mi->kin", measured, of_reflectance)
+        of_light, values, _ = np.linalg.svd(_unfolded(by_reflectance, 2), full_matrices=False)
+        of_light = of_light[:, :3]
+        before, kept = kept, float(np.square(values[:3]).sum())
+        if kept - before <= _JOINT_GAIN * kept:
+            break
+    return _orthonormal(of_reflectance.T @ reflectances), _orthonormal(of_light.T @ lights)
 
 
-def _given_the_other(s: Array, spectra: Array, other: Array) -> Array:
-    """Three-dimensional basis of spectra that best keeps their responses to S^k ∘ other_j."""
-    probes = (s[:, None, :] * other[None]).reshape(-1, s.shape[1])
-    scores = np.linalg.svd(spectra @ probes.T, full_matrices=False)[0][:, :3]
-    q, _ = np.linalg.qr(np.linalg.lstsq(scores, spectra, rcond=None)[0].T)
-    return np.asarray(q.T)
+def _unfolded(tensor: Array, axis: int) -> Array:
+    """Matrix of a tensor, one row for each index of the axis."""
+    return np.moveaxis(tensor, axis, 0).reshape(tensor.shape[axis], -1)
+
+
+def _orthonormal(rows: Array) -> Array:
+    """Orthonormal rows that span the same space."""
+    q, r = np.linalg.qr(rows.T)
+    return np.asarray((q * np.where(np.diag(r) < 0, -1.0, 1.0)).T)
 
 
 def _principal(spectra: Array, count: int = 3) -> Array:
