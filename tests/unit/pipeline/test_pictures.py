@@ -43,7 +43,7 @@ def rendered(
     """Render the pictures that a set of outputs needs."""
 
     def run(*wanted: str, **more: Any) -> Pictures:
-        pair, _ = exact(warm_to_cool, clipped=more.get("clipped", np.zeros((64, 96), bool)))
+        pair, _ = exact(warm_to_cool, unusable=more.get("unusable", np.zeros((64, 96), bool)))
         return render(
             pair,
             reduce_pair(pair),
