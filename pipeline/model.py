@@ -43,6 +43,7 @@ class Model:
     card (docs/decisions/0002-light-coordinates.md).
 
     tensor: (3, 3, 3) D, with I_lamp = z · (Σ_j b_j D[:, :, j]) I_flash.
+    published: (3, 3) coefficients b → the published coordinates (SpectralBasis.published).
     prior: what the matrices T of lamps may be.
     flash_white: (3,) camera RGB of a white card under the flash, green 1.
     neutral: (3,) coefficients of the neutral light, green 1.
@@ -55,6 +56,7 @@ class Model:
     """
 
     tensor: Array
+    published: Matrix
     prior: MatrixPrior
     flash_white: Array
     neutral: Array
@@ -87,6 +89,7 @@ def build_model(
     tensor = flash_tensor(learnt.tensor(s), learnt.to_coefficients @ flash)
     return Model(
         tensor=tensor,
+        published=learnt.published,
         prior=learn_prior(tensor, _lamp_matrices(s, flash)),
         flash_white=s @ flash,
         neutral=b_neutral / b_neutral[1],

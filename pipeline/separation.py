@@ -64,7 +64,9 @@ def separate(
         if method == "paper":
             no_flash = pair.no_flash[rows]
             flash = pair.flash[rows] - (0 if pair.flash_only else no_flash)
-            layers = published_layers(no_flash, flash, lamps.coefficients, model.tensor)
+            layers = published_layers(
+                no_flash, flash, lamps.coefficients, model.tensor, model.published
+            )
             yield Strip(rows, layers, no_flash, flash, _open(pair, rows))
             continue
         wide, inner = _widened(rows, smoothing.HALO, height)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import UnusablePairError
+from pipeline.hui2018.invariant import light_coefficients
 from pipeline.hui2018.pruning import prune
 from pipeline.hui2018.three_lights import three_lights
 from pipeline.hui2018.two_lights import two_lights
@@ -18,6 +19,30 @@ from pipeline.vectors import unit
 Array = NDArray[np.float64]
 
 _FEWEST = 3
+
+
+def lights_of_pair(
+    no_flash: NDArray[np.floating],
+    flash: NDArray[np.floating],
+    d: Array,
+    axes: Array,
+    count: int,
+) -> Array:
+    """Coefficients of the lights of a pair, by published_lights on the invariants of its pixels.
+
+    Parameters
+    ----------
+    no_flash, flash : (n, 3) linear camera RGB of usable pixels; flash is the flash part alone
+    d : (3, 3, 3) from flash_tensor
+    axes : (3, 3) to the published coordinates (SpectralBasis.published), in which Γ = β/‖β‖
+    count : number of lights, 1, 2 or 3
+
+    Returns
+    -------
+    (count, 3) unit coefficients in the coordinates of d. Raises as published_lights does.
+    """
+    gammas = unit(light_coefficients(no_flash, flash, d) @ axes.T)
+    return unit(published_lights(gammas, count) @ np.linalg.inv(axes).T)
 
 
 def published_lights(gammas: Array, count: int) -> Array:

@@ -28,7 +28,7 @@ def test_layers_are_exact_in_the_model(
 ) -> None:
     pair, layers = exact(warm_to_cool[:count])
 
-    found = published_layers(*of_pair(pair), warm_to_cool[:count], model.tensor)
+    found = published_layers(*of_pair(pair), warm_to_cool[:count], model.tensor, model.published)
 
     assert found.dtype == np.float32
     np.testing.assert_allclose(found, layers, atol=2e-4 * layers.max())
@@ -45,7 +45,7 @@ def test_layers_are_equation_3(
     mixed = 0.6 * coefficients[0] + 0.9 * coefficients[1]
     no_flash = np.einsum("klj,j,hwl->hwk", model.tensor, mixed, flash)
 
-    found = published_layers(no_flash, flash, coefficients, model.tensor)
+    found = published_layers(no_flash, flash, coefficients, model.tensor, model.published)
 
     assert len(found) == len(layers)
     np.testing.assert_allclose(found[0, 0, 0], 0.6 * matrices[0] @ flash[0, 0], rtol=1e-4)
@@ -56,14 +56,48 @@ def test_light_outside_the_cone_leaves_something_over(model: Model, warm_to_cool
     flash = np.full((1, 1, 3), 0.5)
     no_flash = flash @ model.lamp_matrix(warm_to_cool[1]).T
 
-    found = published_layers(no_flash, flash, warm_to_cool[[0, 2]], model.tensor)
+    found = published_layers(no_flash, flash, warm_to_cool[[0, 2]], model.tensor, model.published)
 
     assert np.abs(found.sum(axis=0) - no_flash).max() > 0.02
 
 
+def test_light_outside_the_cone_goes_to_the_nearest_light_in_the_published_coordinates(
+    model: Model,
+) -> None:
+    """By hand: of lights (1, 0, 0) and (0, 1, 0), Γ = (0.6, −0.64, 0.48) is nearest to 0.6 of the
+    first, and ‖β‖ is that of the published coordinates."""
+    back = np.linalg.inv(model.published)
+    lights = np.array([[1.0, 0, 0], [0, 1, 0]]) @ back.T
+    flash = np.array([[[0.3, 0.5, 0.4]]])
+    beta = 2.0 * np.array([0.6, -0.64, 0.48])
+    no_flash = np.einsum("klj,j,hwl->hwk", model.tensor, back @ beta, flash)
+
+    found = published_layers(no_flash, flash, lights, model.tensor, model.published)
+
+    expected = 2.0 * 0.6 * model.lamp_matrix(lights[0]) @ flash[0, 0]
+    np.testing.assert_allclose(found[0, 0, 0], expected, rtol=1e-5)
+    assert not found[1].any()
+
+
+def test_the_length_of_the_coefficients_does_not_matter(
+    model: Model, exact: Callable[..., tuple[Any, Array]], warm_to_cool: Array
+) -> None:
+    pair = of_pair(exact(warm_to_cool)[0])
+    lengths = np.array([[0.1], [1.0], [30.0]])
+
+    one = published_layers(*pair, warm_to_cool, model.tensor, model.published)
+    other = published_layers(*pair, lengths * warm_to_cool, model.tensor, model.published)
+
+    np.testing.assert_allclose(other, one, atol=1e-6)
+
+
 def test_pixels_without_flash_light_hold_no_layer(model: Model, warm_to_cool: Array) -> None:
     found = published_layers(
-        np.full((2, 3, 3), 0.4), np.zeros((2, 3, 3)), warm_to_cool, model.tensor
+        np.full((2, 3, 3), 0.4),
+        np.zeros((2, 3, 3)),
+        warm_to_cool,
+        model.tensor,
+        model.published,
     )
 
     assert found.shape == (3, 2, 3, 3)
@@ -74,6 +108,6 @@ def test_dark_and_negative_pixels_stay_finite(model: Model, warm_to_cool: Array)
     rng = np.random.default_rng(1)
     no_flash, flash = rng.normal(0, 1e-3, (2, 20, 20, 3)).astype(np.float32)
 
-    found = published_layers(no_flash, flash, warm_to_cool, model.tensor)
+    found = published_layers(no_flash, flash, warm_to_cool, model.tensor, model.published)
 
     assert np.isfinite(found).all()

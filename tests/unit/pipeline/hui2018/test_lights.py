@@ -1,0 +1,136 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.errors import UnusablePairError
+from pipeline.hui2018.lights import lights_of_pair, published_lights
+from pipeline.model import Model
+from pipeline.vectors import unit
+
+Array = NDArray[np.float64]
+
+LIGHTS = unit(np.array([[0.7, 0.65, 0.3], [0.35, 0.9, 0.3], [0.3, 0.64, 0.71]]))
+
+
+def mixtures(lights: Array, count: int = 4000) -> Array:
+    """Unit mixtures, a tenth of them of each light alone."""
+    rng = np.random.default_rng(4)
+    z = rng.dirichlet(np.ones(len(lights)), count)
+    pure = count // 10
+    for j in range(len(lights)):
+        z[j * pure : (j + 1) * pure] = np.eye(len(lights))[j]
+    return unit(z @ lights)
+
+
+def worst_angle(found: Array, lights: Array) -> float:
+    """Largest angle in degrees between a light and the found one nearest to it."""
+    cosines = (lights @ found.T).max(axis=1)
+    return float(np.degrees(np.arccos(np.clip(cosines.min(), -1, 1))))
+
+
+@pytest.mark.parametrize("which", [[0], [0, 2], [0, 1], [0, 1, 2]])
+def test_lights_are_found_from_their_mixtures(which: list[int]) -> None:
+    found = published_lights(mixtures(LIGHTS[which]), len(which))
+
+    assert found.shape == (len(which), 3)
+    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1)
+    assert worst_angle(found, LIGHTS[which]) < 0.1
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_stray_invariants_are_pruned_first(count: int) -> None:
+    """Strays alone in their bins would pull either estimate away, were they not pruned."""
+    lights = LIGHTS[[0, 2]] if count == 2 else LIGHTS
+    center = unit(lights.mean(axis=0))
+    line = np.linspace(-2, 2, 9)[:, None] * (lights[-1] - lights[0])
+    strays = unit(center + line[np.abs(line).max(axis=1) > 0.3])
+
+    found = published_lights(np.concatenate([mixtures(lights), strays]), count)
+
+    assert worst_angle(found, lights) < 0.5
+
+
+def test_one_light_is_the_mean_direction() -> None:
+    pair = unit(np.array([[0.1, 0.0, 1.0], [-0.1, 0.0, 1.0], [0.0, 0.1, 1.0], [0.0, -0.1, 1.0]]))
+
+    found = published_lights(np.repeat(pair, 10, axis=0), 1)
+
+    np.testing.assert_allclose(found, [[0, 0, 1]], atol=1e-12)
+
+
+def test_missing_invariants_have_no_say() -> None:
+    gammas = mixtures(LIGHTS)
+    missing = np.array([[np.nan, 0.5, 0.5], [0.0, 0.0, 0.0], [np.inf, 0.0, 1.0]])
+
+    found = published_lights(np.concatenate([missing, gammas, missing]), 3)
+
+    np.testing.assert_array_equal(found, published_lights(gammas, 3))
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize(
+    "gammas",
+    [
+        np.empty((0, 3)),
+        LIGHTS[:2],
+        LIGHTS,
+        np.full((500, 3), np.nan),
+        np.zeros((500, 3)),
+    ],
+    ids=["none", "two", "three apart", "NaN", "zero"],
+)
+def test_too_few_invariants_are_refused_with_a_sentence(gammas: Array, count: int) -> None:
+    with pytest.raises(UnusablePairError, match="hardly any pixel agrees with that of another"):
+        published_lights(gammas, count)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_equal_invariants_give_that_light(count: int) -> None:
+    found = published_lights(np.repeat(LIGHTS[:1], 300, axis=0), count)
+
+    np.testing.assert_allclose(found, np.repeat(LIGHTS[:1], count, axis=0), atol=1e-4)
+
+
+@pytest.mark.parametrize("count", [0, 4, -1])
+def test_other_numbers_are_refused(count: int) -> None:
+    with pytest.raises(ValueError, match=f"not {count}"):
+        published_lights(mixtures(LIGHTS), count)
+
+
+# pairs
+
+
+@pytest.mark.parametrize("which", [[0], [0, 2], [0, 1, 2]])
+def test_lights_of_a_pair_are_found_in_the_coordinates_of_the_model(
+    model: Model,
+    exact: Callable[..., tuple[Any, Array]],
+    warm_to_cool: Array,
+    which: list[int],
+) -> None:
+    pair, _ = exact(warm_to_cool[which])
+    no_flash = pair.no_flash.reshape(-1, 3)
+
+    found = lights_of_pair(
+        no_flash, pair.flash.reshape(-1, 3) - no_flash, model.tensor, model.published, len(which)
+    )
+
+    assert worst_angle(found, warm_to_cool[which]) < 1
+
+
+def test_the_published_coordinates_decide_about_the_triangle(
+    model: Model, warm_to_cool: Array, surfaces: Array
+) -> None:
+    """Without pure pixels the smallest triangle is another in other coordinates."""
+    z = np.random.default_rng(7).dirichlet(2 * np.ones(3), len(surfaces) * 20)
+    flash = np.tile(surfaces, (20, 1))
+    no_flash = np.einsum("klj,nj,nl->nk", model.tensor, z @ warm_to_cool, flash)
+
+    published = lights_of_pair(no_flash, flash, model.tensor, model.published, 3)
+    others = lights_of_pair(no_flash, flash, model.tensor, np.eye(3), 3)
+
+    assert worst_angle(published, others) > 0.5
