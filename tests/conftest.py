@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from datetime import datetime
 from typing import NoReturn
 
 import pytest
+
+from drivers.clock import Clock
 
 # before numpy loads: its threads wait for each other where other programs keep the processors busy,
 # and small matrices then take twenty times as long
@@ -24,3 +27,25 @@ def lacking() -> Callable[[str], NoReturn]:
         pytest.skip(reason)
 
     return end
+
+
+class SteppedClock:
+    """Time that passes only while somebody waits."""
+
+    def __init__(self) -> None:
+        self._seconds = 0.0
+
+    def monotonic(self) -> float:
+        return self._seconds
+
+    def sleep(self, seconds: float) -> None:
+        self._seconds += seconds
+
+    def now(self) -> datetime:
+        return datetime(2024, 2, 29, 23, 59, 58)
+
+
+@pytest.fixture
+def clock() -> Clock:
+    """A clock for cameras, so that no test waits."""
+    return SteppedClock()
