@@ -28,6 +28,7 @@ from rich.table import Table
 import drivers
 from pipeline.errors import InputError
 from pipeline.options import Options
+from service import processes
 from service.cli.display import print_results, stage_bar
 from service.cli.folder import new_results
 from service.client import Client, RefusedError, ServiceAwayError
@@ -115,12 +116,7 @@ def running_service() -> Iterator[str]:
             sys.stderr.write(log.read_text())
             raise
         finally:
-            process.terminate()
-            try:
-                process.wait(_STOP_SECONDS)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+            processes.end(process, _STOP_SECONDS)
 
 
 def _free_port() -> int:

@@ -1,10 +1,11 @@
-"""Child processes that never outlive the process that started them."""
+"""Child processes: none outlives the process that started it, and all can be ended."""
 
 from __future__ import annotations
 
 import ctypes
 import os
 import signal
+import subprocess
 
 _PR_SET_PDEATHSIG = 1
 
@@ -22,3 +23,13 @@ def die_with_parent(parent: int) -> None:
     # The parent may have died before the line above.
     if os.getppid() != parent:
         os.kill(os.getpid(), signal.SIGKILL)
+
+
+def end(process: subprocess.Popen[bytes], patience_seconds: float) -> None:
+    """Ask a child to end, and kill it when it takes longer than that."""
+    process.terminate()
+    try:
+        process.wait(patience_seconds)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 
 import uvicorn
 
-from service import logs
+from service import logs, processes
 from service.api import create_app
 from service.api.context import open_context
 from service.errors import StartError
@@ -93,9 +93,4 @@ def _keep_worker(settings: Settings, stop: threading.Event) -> None:
             log.error("the worker ended with code %s; starting another", process.returncode)
             stop.wait(_RESTART_SECONDS)
             continue
-        process.terminate()
-        try:
-            process.wait(_STOP_SECONDS)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        processes.end(process, _STOP_SECONDS)
