@@ -12,7 +12,7 @@ from typing import Any, Literal
 import sqlalchemy as sa
 
 from service import jobs, sandbox, scratch
-from service.errors import INTERNAL, kind_of, problem_of
+from service.errors import AttemptError, problem_of
 from service.media import media_type
 from service.settings import Settings
 from service.storage import Storage
@@ -77,7 +77,7 @@ class Attempt:
         except sa.exc.DBAPIError:
             raise
         except Exception as error:
-            if kind_of(error) is INTERNAL:
+            if not isinstance(error, AttemptError):  # a fault of ours, of the store or of the disk
                 self._log.exception("failed")
             counts = self._fail(problem_of(error, self._job.trace_id).model_dump())
         if not counts:

@@ -138,7 +138,8 @@ STORE_AWAY = Kind(
     503,
     "The store is down",
     retryable=True,
-    detail="The store of photographs and results does not answer; try again in a minute.",
+    detail="The store of photographs and results does not answer as it should; try again in a "
+    "minute.",
 )
 DATABASE_AWAY = Kind(
     "database-unavailable",
@@ -207,7 +208,8 @@ def problem_of(error: Exception, trace_id: str) -> Problem:
 def sentence_of(error: ValidationError) -> str:
     """Tell the first fault that pydantic found in one sentence that names the place."""
     fault = error.errors(include_url=False, include_context=False, include_input=False)[0]
-    return describe_fault(fault["loc"], fault["msg"])
+    unknown = fault["type"] == "extra_forbidden"
+    return describe_fault(fault["loc"], "this name is not known" if unknown else fault["msg"])
 
 
 def describe_fault(location: tuple[int | str, ...], message: str) -> str:

@@ -125,7 +125,7 @@ def test_kinds_that_may_pass_later_are_retryable() -> None:
         ({"lights": 4}, "more than three lamps have no unique answer"),
         ({"focal_px": -1}, "focal_px: Input should be greater than 0."),
         ({"basis": "svd"}, "basis: Input should be 'wpca', 'pca' or 'joint'."),
-        ({"lamps": 2}, "lamps: Extra inputs are not permitted."),
+        ({"lamps": 2}, "lamps: this name is not known."),
         ({"outputs": ["a.gif"]}, "unknown output a.gif"),
     ],
 )
