@@ -28,9 +28,9 @@ def main() -> None:
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run a command and give its exit code."""
+    """Run a command and give its exit code; without arguments, show what there is."""
     try:
-        code = app(list(arguments), prog_name="lightlayers", standalone_mode=False)
+        code = app(list(arguments) or ["--help"], prog_name="lightlayers", standalone_mode=False)
     except typer.TyperException as error:
         print(" ".join(error.format_message().split()).rstrip(".") + ".", file=sys.stderr)
         return error.exit_code

@@ -13,7 +13,6 @@ from service.cli.options import Flags, read_file, with_flags
 app = typer.Typer(
     help="Separates the light of every lamp, from a photograph with the flash and one without.",
     add_completion=False,
-    no_args_is_help=True,
     rich_markup_mode=None,
 )
 
@@ -64,7 +63,7 @@ def serve(
 
 @app.command()
 def worker() -> None:
-    """Run one more worker on the database and the store of the settings."""
+    """Run one more worker of the same service."""
     from service import logs
     from service.settings import Settings
     from service.worker import run_until_signal
@@ -112,7 +111,9 @@ def cameras() -> None:
 @app.command()
 def capture(
     address: Annotated[str, typer.Argument(metavar="ADDRESS", help="Camera, like sim://studio.")],
-    output: Output,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of the photographs.")
+    ],
 ) -> None:
     """Have a camera take a pair, and save both photographs."""
     import drivers

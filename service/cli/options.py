@@ -45,7 +45,11 @@ class Flags:
     ] = None
     encoding: Annotated[
         str,
-        typer.Option(metavar="auto|linear|srgb", help="How the pixel values are encoded."),
+        typer.Option(
+            metavar="auto|linear|srgb",
+            help="How the pixel values are encoded; auto: RAW, DNG, 16-bit and float files linear, "
+            "8-bit ones sRGB.",
+        ),
     ] = "auto"
     flash_only: Annotated[
         bool, typer.Option("--flash-only", help="FLASH already is the flash part alone.")
@@ -64,23 +68,36 @@ class Flags:
         str | None,
         typer.Option(
             metavar="NAME|FILE",
-            help="The light that white-balanced pictures are shown under. Default: D65.",
+            help="The light that white-balanced pictures are shown under; FILE: CSV "
+            "wavelength_nm,power. Default: D65.",
         ),
     ] = None
     light_directions: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.json", help="Directions of three lamps, for normals."),
+        typer.Option(
+            metavar="FILE.json", help="Directions of three lamps, for normals; see the README."
+        ),
     ] = None
     response: Annotated[
         str | None,
-        typer.Option(metavar="NAME|FILE", help="A camera through which to show the picture anew."),
+        typer.Option(
+            metavar="NAME|FILE",
+            help="A camera through which to show the picture anew; FILE as for --camera.",
+        ),
     ] = None
     focal_px: Annotated[
         float | None,
-        typer.Option(metavar="F", help="Focal length in pixels. Default: from EXIF."),
+        typer.Option(
+            metavar="F",
+            help="Focal length in pixels. Default: from EXIF, else as of 50 mm on 36 × 24 mm.",
+        ),
     ] = None
     outputs: Annotated[
-        str, typer.Option(metavar="default|all|NAME,NAME…", help="Files to write.")
+        str,
+        typer.Option(
+            metavar="default|all|NAME,NAME…",
+            help="Files to write; lamps.tif and lamps.jpg name those of all lamps.",
+        ),
     ] = "default"
 
     def options(self) -> Options:

@@ -262,3 +262,10 @@ def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
     said = capsys.readouterr().out
     for command in ("separate", "serve", "worker", "submit", "cameras", "capture"):
         assert f"\n  {command} " in said
+
+
+def test_no_arguments_at_all_show_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run([]) == 0
+    bare = capsys.readouterr().out
+    assert run(["--help"]) == 0
+    assert bare == capsys.readouterr().out

@@ -19,36 +19,21 @@ def test_no_flags_are_the_defaults() -> None:
 
 
 def test_every_flag_reaches_its_option() -> None:
-    flags = Flags(
-        lights="3",
-        method="paper",
-        basis="joint",
-        camera="Canon EOS 5D",
-        flash_spectrum="D55",
-        encoding="linear",
-        flash_only=True,
-        exposure_ratio=2.5,
-        no_align=True,
-        neutral="A",
-        response="Nikon D5100",
-        focal_px=1200.0,
-        outputs="layers.exr, gamma.png",
-    )
-    assert flags.options() == Options(
-        lights=3,
-        method="paper",
-        basis="joint",
-        camera="Canon EOS 5D",
-        flash_spectrum="D55",
-        encoding="linear",
-        flash_only=True,
-        exposure_ratio=2.5,
-        align=False,
-        neutral="A",
-        response="Nikon D5100",
-        focal_px=1200.0,
-        outputs=["layers.exr", "gamma.png"],
-    )
+    same: dict[str, Any] = {
+        "method": "paper",
+        "basis": "joint",
+        "camera": "Canon EOS 5D",
+        "flash_spectrum": "D55",
+        "encoding": "linear",
+        "flash_only": True,
+        "exposure_ratio": 2.5,
+        "neutral": "A",
+        "response": "Nikon D5100",
+        "focal_px": 1200.0,
+    }
+    flags = Flags(lights="3", no_align=True, outputs="layers.exr, gamma.png", **same)
+    expected = Options(lights=3, align=False, outputs=["layers.exr", "gamma.png"], **same)
+    assert flags.options() == expected
 
 
 def test_outputs_can_be_all() -> None:
