@@ -12,8 +12,21 @@ from pipeline.frames import Image
 
 _BINS = 24
 _BLOCK = 8
-_SCALES = (1, 2, 4)
+_SCALES = (2, 4, 8)  # of the means that tell how far noise hangs together
 _SMALLEST, _SPARSE = 32, 8
+_FEW = 50  # second differences that still give a quantile
+_QUIET = 0.25  # quantile of the blocks' variances, below most texture
+_QUIET_OF_MEAN = 0.735
+"""That quantile over the mean: χ² of 14.8 degrees of freedom, over 14.8.
+
+So many have the 6 × 8 second differences of a block, n²/Σρ² with ρ = 1, −2/3, 1/6 along each axis.
+"""
+_ROUNDS = 5
+_WITHIN, _WITHIN_OF_ALL = 2.5, 0.911  # standard deviations; variance of what lies within them
+_MOST = 0.45  # share that lies within, or the quieter blocks are not like the others
+_FLAT = 2.1  # times the noise's variance; of blocks without texture 1 in 300 is above
+_WHITE = 2.0  # factor by which the variance of means may miss that of independent pixels
+_UPPER, _UPPER_OF_MEAN = 0.75, 1.32  # quantile of χ² of one degree of freedom over its mean
 _WINDOWS = ((2, 1), (1, 3), (1, 6), (1, 12))  # reach and gap of each round
 _JOIN = 4.2  # standard deviations of one pixel, over six channels
 HALO = sum(reach * gap for reach, gap in _WINDOWS)
@@ -56,55 +69,149 @@ def estimate_noise(pixels: Image) -> Noise:
 
     pixels: (H, W, 3) linear. Second differences (Immerkær 1996) give a variance per block; a
     straight line over brightness is fitted to the quieter blocks, because the busier ones hold
-    texture. Done on the photograph and on means of 2×2 and 4×4 pixels, since denoising and
-    compression leave noise that hides from neighbouring pixels; smaller than 64 pixels, once.
+    texture. Done on the photograph and on means of 2×2 pixels, since denoising and compression
+    leave noise that hides from neighbouring pixels; smaller than 64 pixels, once.
     """
     height, width = pixels.shape[:2]
-    scales = [s for s in _SCALES if min(height, width) >= _SMALLEST * s] or [1]
-    fits = [_fit(_shrunk(pixels, scale)) for scale in scales]
+    scales = [1, *(s for s in _SCALES if min(height, width) >= _SMALLEST * s)]
+    lines = [_line(_shrunk(pixels, scale)) for scale in scales[:2]]
     typical = np.median(pixels[::_SPARSE, ::_SPARSE].reshape(-1, 3), axis=0)
-    levels = [float((gain * np.maximum(typical, 0) + floor).sum()) for gain, floor in fits]
-    loudest = int(np.argmax(levels[:2]))
-    grain = max(
-        scale**2 * level / levels[loudest] for scale, level in zip(scales, levels, strict=True)
-    )
-    return Noise(*fits[loudest], grain=max(grain, 1.0))
+    levels = [float((gain * np.maximum(typical, 0) + floor).sum()) for gain, floor in lines]
+    loudest = int(np.argmax(levels))
+    noise = Noise(*lines[loudest])
+    return Noise(noise.gain, noise.floor, _grain(pixels, scales[1:], lines[0], noise))
+
+
+def _grain(
+    pixels: Image,
+    scales: list[int],
+    line: tuple[NDArray[np.float64], NDArray[np.float64]],
+    noise: Noise,
+) -> float:
+    """Area over which the noise hangs together, from means of ever more pixels."""
+    grain = 1.0
+    if not scales:
+        return grain
+    flat = _flat_blocks(pixels, line)
+    for scale in scales:
+        found = scale**2 * _relative_variance(pixels, flat, scale, noise)
+        if scale == scales[0] and abs(np.log(max(found, 1e-9))) < np.log(_WHITE):
+            break  # bare noise: what larger means hold beyond it is texture
+        grain = max(grain, found)
+    return grain
 
 
 def _shrunk(pixels: Image, scale: int) -> Image:
     if scale == 1:
         return pixels
     size = (pixels.shape[1] // scale, pixels.shape[0] // scale)
-    return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+    crop = pixels[: size[1] * scale, : size[0] * scale]
+    return np.asarray(cv2.resize(crop, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
 
 
-def _fit(pixels: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _second_differences(plane: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Of both axes at once, with the variance of the noise where that is white."""
+    kernel = np.outer([1, -2, 1], [1, -2, 1]).astype(np.float32) / 6.0
+    detail = cv2.filter2D(plane, -1, kernel, borderType=cv2.BORDER_REFLECT_101)
+    return np.asarray(detail, dtype=np.float32)
+
+
+def _blocks(strip: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Mean (n,) and squared second differences (n, 48) of each block in one row of blocks."""
+    width = strip.shape[1] // _BLOCK * _BLOCK
+    squares = np.square(_second_differences(strip)[1:-1, :width])
+    means = strip[:, :width].reshape(_BLOCK, -1, _BLOCK).mean(axis=(0, 2))
+    blocks = squares.reshape(_BLOCK - 2, -1, _BLOCK).transpose(1, 0, 2)
+    return means, blocks.reshape(len(means), -1)
+
+
+def _line(pixels: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Gain and floor of each channel."""
     step = max(1, pixels.shape[0] * pixels.shape[1] // 4_000_000)
     tops = range(0, len(pixels) - _BLOCK + 1, _BLOCK * step)
-    kernel = np.outer([1, -2, 1], [1, -2, 1]).astype(np.float32) / 6.0
     gains, floors = np.empty(3), np.empty(3)
     for channel in range(3):
-        means, variances = [], []
-        for top in tops:
-            plane = np.ascontiguousarray(pixels[top : top + _BLOCK, :, channel])
-            width = plane.shape[1] // _BLOCK * _BLOCK
-            detail = cv2.filter2D(plane, -1, kernel, borderType=cv2.BORDER_REFLECT_101)
-            blocks = (np.square(detail[1:-1, :width])).reshape(_BLOCK - 2, -1, _BLOCK)
-            variances.append(blocks.mean(axis=(0, 2)))
-            means.append(plane[:, :width].reshape(_BLOCK, -1, _BLOCK).mean(axis=(0, 2)))
-        gains[channel], floors[channel] = _fit_line(
-            np.concatenate(means), np.concatenate(variances)
-        )
+        strips = [
+            _blocks(np.ascontiguousarray(pixels[top : top + _BLOCK, :, channel])) for top in tops
+        ]
+        means, squares = (np.concatenate(values) for values in zip(*strips, strict=True))
+        gains[channel], floors[channel] = _fit_line(means, squares)
     return gains, floors
 
 
-def _fit_line(means: NDArray[np.floating], variances: NDArray[np.floating]) -> tuple[float, float]:
-    """Non-negative gain and floor through the lower quartiles of variance per brightness bin."""
-    order = np.argsort(means)
-    bins = np.array_split(order, _BINS)
-    x = np.array([means[b].mean() for b in bins if len(b)])
-    y = np.array([np.quantile(variances[b], 0.25) for b in bins if len(b)])
+def _flat_blocks(
+    pixels: Image, line: tuple[NDArray[np.float64], NDArray[np.float64]]
+) -> NDArray[np.bool_]:
+    """Blocks (H // 8, W // 8) that hold no more than noise."""
+    gain, floor = line
+    rows = []
+    for top in range(0, len(pixels) - _BLOCK + 1, _BLOCK):
+        flat = np.ones(pixels.shape[1] // _BLOCK, dtype=np.bool_)
+        for channel in range(3):
+            strip = np.ascontiguousarray(pixels[top : top + _BLOCK, :, channel])
+            means, squares = _blocks(strip)
+            expected = gain[channel] * np.maximum(means, 0.0) + floor[channel]
+            flat &= squares.mean(axis=1) < _FLAT * expected
+        rows.append(flat)
+    return np.array(rows)
+
+
+def _relative_variance(pixels: Image, flat: NDArray[np.bool_], scale: int, noise: Noise) -> float:
+    """Variance of means over scale × scale pixels in flat blocks, relative to the noise's.
+
+    0 where there are too few flat places of that size to tell.
+    """
+    means = _shrunk(pixels, scale)
+    covered = cv2.resize(  # blocks are whole means, and what lies beyond them is not flat
+        flat.astype(np.uint8),
+        None,
+        fx=_BLOCK // scale,
+        fy=_BLOCK // scale,
+        interpolation=cv2.INTER_NEAREST,
+    )
+    whole = np.zeros(means.shape[:2], dtype=np.uint8)
+    height, width = np.minimum(whole.shape, covered.shape)
+    whole[:height, :width] = covered[:height, :width]
+    inside = cv2.erode(
+        whole, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0
+    ).view(np.bool_)
+    if np.count_nonzero(inside) < _FEW:
+        return 0.0
+    variance = noise.variance(means[inside])
+    ratios = [
+        np.quantile(np.square(_second_differences(means[..., c])[inside]) / variance[:, c], _UPPER)
+        for c in range(3)
+    ]
+    return float(np.mean(ratios)) / _UPPER_OF_MEAN
+
+
+def _fit_line(means: NDArray[np.floating], squares: NDArray[np.floating]) -> tuple[float, float]:
+    """Gain and floor of the noise between the edges.
+
+    The quieter blocks give a first line; then all differences within 2.5 standard deviations of
+    it count, so that a block with an edge tells by its other pixels.
+    """
+    bins = [b for b in np.array_split(np.argsort(means), _BINS) if len(b)]
+    brightness = np.array([means[b].mean() for b in bins])
+    variances = squares.mean(axis=1)
+    quiet = np.array([np.quantile(variances[b], _QUIET) for b in bins]) / _QUIET_OF_MEAN
+    gain, floor = _through(brightness, quiet)
+    for _ in range(_ROUNDS):
+        limit = _WITHIN**2 * (gain * np.maximum(means, 0.0) + floor)
+        inside = squares < limit[:, None]
+        if inside.mean() < _MOST:
+            break
+        counts = inside.sum(axis=1)
+        totals = np.where(inside, squares, 0.0).sum(axis=1)
+        gain, floor = _through(
+            brightness,
+            np.array([totals[b].sum() / max(counts[b].sum(), 1) for b in bins]) / _WITHIN_OF_ALL,
+        )
+    return gain, floor
+
+
+def _through(x: NDArray[np.floating], y: NDArray[np.floating]) -> tuple[float, float]:
+    """Non-negative gain and floor of a line through variances y over brightness x."""
     weight = 1.0 / (y + 1e-3 * y.max() + 1e-14)
     matrix = np.column_stack([x, np.ones_like(x)]) * weight[:, None]
     gain, floor = np.linalg.lstsq(matrix, y * weight, rcond=None)[0]
