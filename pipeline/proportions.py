@@ -29,10 +29,15 @@ def model_proportions(no_flash: Image, flash: Image, lamps: Lamps) -> Array:
     weights = lamps.channel_weights.astype(np.float32)
     z = shares(no_flash * weights, predicted * weights)
     parts = predicted * z[..., None]
-    return _normalised(parts)
+    return normalised(parts)
 
 
-def _normalised(parts: Array) -> Array:
+def normalised(parts: Array) -> Array:
+    """Parts of the whole, (N, h, W, 3), 0…1, summing to 1 in each channel.
+
+    parts: each lamp's light, ≥ 0. Where a channel has none, the parts of the pixel's whole light
+    are taken, and equal ones where there is no light at all.
+    """
     total = parts.sum(axis=0)
     whole = parts.sum(axis=-1)
     whole_total = whole.sum(axis=0)
