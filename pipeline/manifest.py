@@ -5,6 +5,9 @@ from __future__ import annotations
 from importlib.metadata import version
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pipeline.colour.temperature import cct
 from pipeline.frames import Frame
 from pipeline.lamps import Lamps
@@ -17,8 +20,13 @@ from pipeline.spectra.cameras import Camera
 _LIBRARIES = ("numpy", "opencv-python-headless", "scipy", "colour-science", "rawpy")
 
 
-def lamp_entries(lamps: Lamps, model: Model) -> list[dict[str, Any]]:
-    """One entry per lamp: name, coefficients, rgb on a grey card (largest 1), CCT, confidence."""
+def lamp_entries(
+    lamps: Lamps, model: Model, separated: NDArray[np.float64]
+) -> list[dict[str, Any]]:
+    """One entry per lamp: name, coefficients, rgb on a grey card (largest 1), CCT, confidence.
+
+    separated: (N,) part 0…1 of each lamp's light that was separated and not filled in.
+    """
     entries = []
     for index, (coefficients, matrix) in enumerate(
         zip(lamps.coefficients, lamps.matrices, strict=True)
@@ -32,6 +40,7 @@ def lamp_entries(lamps: Lamps, model: Model) -> list[dict[str, Any]]:
                 "rgb": [round(float(c), 4) for c in rgb / rgb.max()],
                 "cct_k": None if kelvin is None else round(kelvin),
                 "confidence": round(float(lamps.lamp_confidence[index]), 3),
+                "separated_share": round(float(separated[index]), 3),
             }
         )
     return entries

@@ -14,7 +14,7 @@ from pipeline.encode.exr import write_exr
 from pipeline.encode.files import describe
 from pipeline.encode.jpeg import write_jpeg
 from pipeline.encode.png import write_normals_png, write_png8
-from pipeline.encode.tiff import write_tiff
+from pipeline.encode.tiff import write_gray_tiff, write_tiff
 from pipeline.frames import Image, Matrix
 from pipeline.gamma_diagram import draw_gamma_diagram
 from pipeline.lamps import Lamps
@@ -22,6 +22,8 @@ from pipeline.model import Model
 from pipeline.options import OUTPUT_NAMES, Options
 from pipeline.pictures import Pictures
 from pipeline.progress import Progress
+from pipeline.reduced import ReducedPair
+from pipeline.residual_map import draw_residual_map, relative_residual
 
 _ONLY_ON_REQUEST = frozenset({"white_balanced.exr"})
 _CAMERA_RGB = "linear camera RGB, 1.0 = white level of the no-flash photograph"
@@ -44,6 +46,7 @@ def wanted_outputs(options: Options) -> frozenset[str]:
 
 def write_outputs(
     pictures: Pictures,
+    reduced: ReducedPair,
     lamps: Lamps,
     model: Model,
     entries: list[dict[str, Any]],
@@ -53,16 +56,21 @@ def write_outputs(
 ) -> list[dict[str, Any]]:
     """Write the wanted files; returns their entries for the manifest.
 
-    entries: of the lamps, for the labels of gamma.png. Raises Canceled between files, OSError.
+    reduced: what the lamps were estimated from, for gamma.png and residual.png. entries: of the
+    lamps, for the labels of gamma.png. Raises Canceled between files, OSError.
     """
     jobs = [
         *_layer_jobs(pictures, model, wanted),
         *_balanced_jobs(pictures, model, wanted),
         *_normal_jobs(pictures.normals, wanted),
+        *_confidence_jobs(pictures.confidence, wanted),
     ]
     if "gamma.png" in wanted:
-        diagram = draw_gamma_diagram(lamps, model.camera_to_xyz, [_label(one) for one in entries])
+        diagram = draw_gamma_diagram(reduced, lamps, model, [_label(one) for one in entries])
         jobs.append(("gamma.png", "8-bit", "sRGB", lambda path: write_png8(path, diagram)))
+    if "residual.png" in wanted:
+        residual = draw_residual_map(relative_residual(reduced, lamps))
+        jobs.append(("residual.png", "8-bit", "sRGB", lambda path: write_png8(path, residual)))
     files = []
     for index, (name, encoding, colour_space, write) in enumerate(jobs):
         progress.report("encode", index / len(jobs))
@@ -146,6 +154,13 @@ def _normal_jobs(field: Image | None, wanted: frozenset[str]) -> list[Job]:
             )
         )
     return jobs
+
+
+def _confidence_jobs(confidence: NDArray[np.float32] | None, wanted: frozenset[str]) -> list[Job]:
+    if confidence is None or "confidence.tif" not in wanted:
+        return []
+    encoding = "16-bit linear, 65535 = separated, 0 = filled in from the surroundings"
+    return [("confidence.tif", encoding, "none", lambda path: write_gray_tiff(path, confidence))]
 
 
 def _tiff(picture: Image, matrix: Matrix) -> Callable[[Path], None]:

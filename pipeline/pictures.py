@@ -27,7 +27,9 @@ class Pictures:
 
     photograph: the no-flash photograph. layers: (N, H, W, 3). white_balanced_1, _2: camera RGB as
     under the neutral light, by approach I and II. normals: unit, NaN where unknown. response: RGB
-    of the other camera. filled: share of pixels filled in from their surroundings, 0…1.
+    of the other camera. confidence: (H, W) 0…1, 0 where the layers are filled in from their
+    surroundings. filled: share of pixels filled in, 0…1. separated: (N,) part 0…1 of each lamp's
+    light that was separated and not filled in, Σ confidence · layer ÷ Σ layer.
     """
 
     photograph: Image
@@ -36,7 +38,9 @@ class Pictures:
     white_balanced_2: Image | None
     normals: Image | None
     response: Image | None
+    confidence: NDArray[np.float32] | None
     filled: float
+    separated: NDArray[np.float64]
 
 
 def render(
@@ -64,11 +68,18 @@ def render(
     balanced_2 = canvas("white_balanced_2.jpg")
     facing = canvas("normals.png", "normals.exr") if photometry else None
     response = canvas("response.jpg") if model.response else None
+    confidence = np.empty(shape[:2], dtype=np.float32) if "confidence.tif" in wanted else None
     filled = 0
+    light, sure = np.zeros((2, len(lamps), shape[0]))  # of each row, so that strips do not matter
     for strip in separate(pair, reduced, lamps, model, method, progress, strip_rows):
         rows = strip.rows
         layers[:, rows] = strip.layers
         filled += int((strip.confidence < _FILLED).sum())
+        row_light = np.maximum(strip.layers, 0.0).sum(axis=3, dtype=np.float64)
+        light[:, rows] = row_light.sum(axis=2)
+        sure[:, rows] = (row_light * strip.confidence).sum(axis=2)
+        if confidence is not None:
+            confidence[rows] = strip.confidence
         if balanced_1 is not None:
             balanced_1[rows] = approach_1(strip, lamps, model, method)
         if balanced_2 is not None:
@@ -84,5 +95,7 @@ def render(
         white_balanced_2=balanced_2,
         normals=facing,
         response=response,
+        confidence=confidence,
         filled=filled / (shape[0] * shape[1]),
+        separated=sure.sum(axis=1) / np.maximum(light.sum(axis=1), 1e-12),
     )

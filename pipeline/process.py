@@ -91,9 +91,9 @@ def separate_files(
             "picture, where the layers are filled in from their surroundings: bring the flash "
             "nearer, raise its power or lower the ISO speed."
         )
-    entries = lamp_entries(lamps, model)
+    entries = lamp_entries(lamps, model, pictures.separated)
     directory.mkdir(parents=True, exist_ok=True)
-    files = write_outputs(pictures, lamps, model, entries, wanted, directory, progress)
+    files = write_outputs(pictures, reduced, lamps, model, entries, wanted, directory, progress)
     manifest = make_manifest(
         (before, after),
         options,

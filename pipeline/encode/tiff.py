@@ -14,6 +14,25 @@ from pipeline.progress import STRIP_ROWS
 _IDENTITY: Matrix = np.eye(3)
 
 
+def write_gray_tiff(path: Path, plane: NDArray[np.float32]) -> None:
+    """Write a plane (H, W), 0 to 1, as 16-bit linear grey; raises OSError."""
+    height, width = plane.shape
+    strips = (
+        np.round(np.clip(plane[top : top + STRIP_ROWS], 0.0, 1.0) * 65535).astype(np.uint16)
+        for top in range(0, height, STRIP_ROWS)
+    )
+    with tifffile.TiffWriter(path) as file:
+        file.write(
+            strips,
+            shape=(height, width),
+            dtype=np.uint16,
+            photometric="minisblack",
+            rowsperstrip=STRIP_ROWS,
+            software=False,
+            metadata=None,
+        )
+
+
 def write_tiff(path: Path, linear: Image, to_rec2020: Matrix = _IDENTITY) -> None:
     """Write (H, W, 3) as 16-bit linear Rec. 2020 with its ICC profile.
 

@@ -56,7 +56,7 @@ def manifest_of(
             "camera": camera,
             "pair": pair,
             "lamps": lamps,
-            "entries": lamp_entries(lamps, model),
+            "entries": lamp_entries(lamps, model, np.array([1.0, 0.25])),
             "photometry": None,
             "filled": 0.123456,
             "files": [{"name": "layers.exr", "sha256": "cc"}],
@@ -74,6 +74,7 @@ def test_the_manifest_says_what_is_needed(manifest_of: Callable[..., dict[str, A
 
     assert found["lights"] == {"requested": "auto", "found": 2, "confidence": 0.988}
     assert [lamp["name"] for lamp in found["lamps"]] == ["lamp1", "lamp2"]
+    assert [lamp["separated_share"] for lamp in found["lamps"]] == [1.0, 0.25]
     assert found["camera"] == {"name": "Nikon D5100", "source": "measured"}
     assert found["flash"] == {"name": "xenon", "source": "named", "flash_only": False}
     assert found["exposure_ratio"] == 1.0
@@ -181,7 +182,7 @@ def test_lamps_are_told_by_colour_and_temperature(
     whites = np.array([camera.sensitivities @ find_light(name) for name in lights])
     coefficients = whites / np.linalg.norm(whites, axis=1, keepdims=True)
 
-    entries = lamp_entries(lamps_of(coefficients), model)
+    entries = lamp_entries(lamps_of(coefficients), model, np.ones(3))
 
     for entry, kelvin, vector in zip(entries, lights.values(), coefficients, strict=True):
         assert entry["cct_k"] == pytest.approx(kelvin, rel=0.1)
@@ -197,7 +198,7 @@ def test_a_lamp_of_the_colour_of_the_flash_has_its_grey_card(
 ) -> None:
     lamps = lamps_of(np.ones(3), matrices=np.eye(3)[None])
 
-    (entry,) = lamp_entries(lamps, model)
+    (entry,) = lamp_entries(lamps, model, np.ones(1))
 
     expected = model.flash_white / model.flash_white.max()
     np.testing.assert_allclose(entry["rgb"], expected, atol=1e-4)
@@ -207,7 +208,7 @@ def test_a_lamp_of_the_colour_of_the_flash_has_its_grey_card(
 def test_coloured_light_has_no_temperature(
     model: Model, lamps_of: Callable[..., Any], colour: tuple[float, float, float]
 ) -> None:
-    (entry,) = lamp_entries(lamps_of(np.array(colour) / np.linalg.norm(colour)), model)
+    (entry,) = lamp_entries(lamps_of(np.array(colour) / np.linalg.norm(colour)), model, np.ones(1))
 
     assert entry["cct_k"] is None
 
@@ -215,7 +216,7 @@ def test_coloured_light_has_no_temperature(
 def test_light_that_no_camera_sees_is_told_without_negative_colours(
     model: Model, lamps_of: Callable[..., Any]
 ) -> None:
-    (entry,) = lamp_entries(lamps_of(np.array([1.0, 0.1, -0.4])), model)
+    (entry,) = lamp_entries(lamps_of(np.array([1.0, 0.1, -0.4])), model, np.ones(1))
 
     assert min(entry["rgb"]) >= 0
     assert max(entry["rgb"]) == 1
@@ -223,8 +224,11 @@ def test_light_that_no_camera_sees_is_told_without_negative_colours(
 
 def test_confidence_is_rounded(model: Model, lamps_of: Callable[..., Any]) -> None:
     (entry,) = lamp_entries(
-        lamps_of(np.array([0.7, 0.6, 0.3]), lamp_confidence=np.array([0.123456])), model
+        lamps_of(np.array([0.7, 0.6, 0.3]), lamp_confidence=np.array([0.123456])),
+        model,
+        np.array([0.98765]),
     )
 
     assert entry["confidence"] == 0.123
+    assert entry["separated_share"] == 0.988
     assert entry["name"] == "lamp1"

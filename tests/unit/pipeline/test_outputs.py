@@ -20,6 +20,7 @@ from pipeline.options import OUTPUT_NAMES, Options
 from pipeline.outputs import wanted_outputs, write_outputs
 from pipeline.pictures import Pictures
 from pipeline.progress import Progress
+from pipeline.reduced import ReducedPair, reduce_pair
 
 Array = NDArray[np.float64]
 ENTRIES: list[dict[str, Any]] = [
@@ -62,13 +63,22 @@ def pictures() -> Pictures:
         white_balanced_2=balanced[1],
         normals=normals,
         response=None,
+        confidence=np.linspace(0, 1, 40 * 64, dtype=np.float32).reshape(40, 64),
         filled=0.0,
+        separated=np.ones(2),
     )
+
+
+@pytest.fixture
+def reduced(exact: Callable[..., tuple[Any, Array]], warm_to_cool: Array) -> ReducedPair:
+    """A reduced pair of 96 × 64 pixels with two lamps."""
+    return reduce_pair(exact(warm_to_cool[[0, 2]])[0])
 
 
 @pytest.fixture
 def written(
     pictures: Pictures,
+    reduced: ReducedPair,
     model: Model,
     lamps_of: Callable[..., Any],
     warm_to_cool: Array,
@@ -81,6 +91,7 @@ def written(
     ) -> list[dict[str, Any]]:
         return write_outputs(
             given,
+            reduced,
             lamps_of(warm_to_cool[[0, 2]]),
             model,
             ENTRIES,
@@ -103,7 +114,9 @@ def written(
         (("white_balanced_2.jpg",), ["white_balanced_2.jpg"]),
         (("white_balanced.exr",), ["white_balanced.exr"]),
         (("normals.png", "normals.exr"), ["normals.exr", "normals.png"]),
+        (("confidence.tif",), ["confidence.tif"]),
         (("gamma.png",), ["gamma.png"]),
+        (("residual.png",), ["residual.png"]),
         (("response.jpg",), []),
     ],
 )
@@ -126,7 +139,7 @@ def test_entries_describe_the_files(
 
     for name, entry in entries.items():
         assert entry["sha256"] == hashlib.sha256((tmp_path / name).read_bytes()).hexdigest()
-        size = (900, 900) if name == "gamma.png" else (64, 40)
+        size = {"gamma.png": (900, 1050), "residual.png": (960, 760)}.get(name, (64, 40))
         assert (entry["width"], entry["height"]) == size
     assert entries["lamp1.tif"]["colour_space"] == "Rec. 2020"
     assert entries["lamp1.tif"]["encoding"] == "16-bit linear"
@@ -135,6 +148,7 @@ def test_entries_describe_the_files(
     assert "white level of the no-flash photograph" in entries["layers.exr"]["colour_space"]
     assert "neutral light" in entries["white_balanced.exr"]["colour_space"]
     assert "y up" in entries["normals.png"]["colour_space"]
+    assert entries["confidence.tif"]["encoding"].startswith("16-bit linear, 65535 = separated")
 
 
 def test_layers_are_written_to_the_bit_with_their_sum(
@@ -229,13 +243,28 @@ def test_black_pictures_are_written_black(
 
     entries = written(*OUTPUT_NAMES, given=dark)
 
-    assert len(entries) == 11
+    assert len(entries) == 13
     for name in ("lamp1.jpg", "white_balanced_1.jpg", "white_balanced_2.jpg"):
         assert not shown(tmp_path / name).any()
 
 
+def test_confidence_is_written_as_16_bit_grey(
+    written: Callable[..., list[dict[str, Any]]], pictures: Pictures, tmp_path: Path
+) -> None:
+    written("confidence.tif")
+
+    with tifffile.TiffFile(tmp_path / "confidence.tif") as file:
+        assert file.pages.first.photometric == tifffile.PHOTOMETRIC.MINISBLACK
+        codes = file.asarray()
+    assert codes.dtype == np.uint16
+    assert pictures.confidence is not None
+    np.testing.assert_allclose(codes / 65535, pictures.confidence, atol=1 / 65535)
+    assert (codes[0, 0], codes[-1, -1]) == (0, 65535)
+
+
 def test_response_is_written_where_there_is_one(
     pictures: Pictures,
+    reduced: ReducedPair,
     model: Model,
     lamps_of: Callable[..., Any],
     warm_to_cool: Array,
@@ -246,6 +275,7 @@ def test_response_is_written_where_there_is_one(
 
     write_outputs(
         given,
+        reduced,
         lamps_of(warm_to_cool[[0, 2]]),
         other,
         ENTRIES,

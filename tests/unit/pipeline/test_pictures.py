@@ -63,6 +63,7 @@ def rendered(
     ("wanted", "made"),
     [
         ((), set()),
+        (("confidence.tif", "residual.png"), set()),
         (("layers.exr", "lamps.tif", "gamma.png"), set()),
         (("white_balanced_1.jpg",), {"white_balanced_1"}),
         (("white_balanced.exr",), {"white_balanced_1"}),
@@ -79,6 +80,7 @@ def test_only_pictures_that_are_wanted_are_made(
     pictures = rendered(*wanted)
 
     assert {name for name in NAMES if getattr(pictures, name) is not None} == made
+    assert (pictures.confidence is not None) == ("confidence.tif" in wanted)
     assert pictures.layers.shape == (3, 64, 96, 3)
 
 
@@ -107,6 +109,8 @@ def test_strips_make_the_same_pictures(
         assert name == "normals" or np.isfinite(picture).all()
         np.testing.assert_array_equal(picture, getattr(whole, name))
     assert cut.filled == whole.filled
+    np.testing.assert_array_equal(cut.confidence, whole.confidence)
+    np.testing.assert_array_equal(cut.separated, whole.separated)
 
 
 def test_layers_add_up_to_the_photograph(rendered: Callable[..., Pictures]) -> None:
@@ -122,6 +126,54 @@ def test_pixels_that_are_filled_in_are_counted(rendered: Callable[..., Pictures]
 
     assert rendered().filled == 0
     assert rendered(unusable=clipped).filled == pytest.approx(10 * 16 / (64 * 96))
+
+
+def test_confidence_is_0_in_what_is_filled_in_and_1_elsewhere(
+    rendered: Callable[..., Pictures],
+) -> None:
+    unusable = np.zeros((64, 96), bool)
+    unusable[20:28, 40:54] = True
+
+    confidence = rendered("confidence.tif", unusable=unusable).confidence
+
+    assert confidence is not None
+    assert confidence.shape == (64, 96)
+    assert confidence.dtype == np.float32
+    filled = np.zeros((64, 96), bool)
+    filled[19:29, 39:55] = True
+    assert (confidence[filled] == 0).all()
+    assert confidence[~filled].min() > 0.98
+
+
+def test_each_lamp_has_the_share_of_its_light_that_was_separated(
+    rendered: Callable[..., Pictures],
+) -> None:
+    """Σ confidence · layer ÷ Σ layer, of a photograph whose left half is filled in."""
+    unusable = np.zeros((64, 96), bool)
+    unusable[:, :48] = True
+
+    whole, half = rendered(), rendered("confidence.tif", unusable=unusable)
+
+    assert whole.separated.shape == (3,)
+    assert whole.separated.min() > 0.98
+    assert half.confidence is not None
+    expected = (half.layers * half.confidence[..., None]).sum(axis=(1, 2, 3)) / half.layers.sum(
+        axis=(1, 2, 3)
+    )
+    np.testing.assert_allclose(half.separated, expected, rtol=1e-5)
+    assert half.separated[0] < 0.4 < half.separated[1]  # the first lamp shines on the left
+
+
+def test_a_layer_without_light_has_no_separated_share(
+    rendered: Callable[..., Pictures],
+) -> None:
+    unusable = np.ones((64, 96), bool)
+    unusable[:4, :4] = False
+
+    share = rendered(unusable=unusable, method="paper").separated
+
+    assert np.isfinite(share).all()
+    assert (share <= 1).all()
 
 
 def test_cancel_stops_the_rendering(rendered: Callable[..., Pictures]) -> None:
