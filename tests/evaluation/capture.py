@@ -1,0 +1,105 @@
+"""The two files that a photographer would send of a rendered scene."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from dataclasses import dataclass
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+from PIL import Image as PillowImage
+
+from pipeline.colour.curves import linear_to_srgb
+from pipeline.colour.spaces import XYZ_TO_SRGB
+from pipeline.frames import Image
+from pipeline.spectra.colorimetry import camera_to_xyz
+from pipeline.spectra.lights import find_light
+from tests.evaluation.scenes import WHITE_LEVEL, RenderedScene
+from tests.evaluation.spectra import reflectances, sensitivities
+
+JPEG_QUALITY = 92
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A sensor and its converter. full_well, read_noise: electrons; bits: of the converter."""
+
+    full_well: float = 20_000.0
+    read_noise: float = 5.0
+    bits: int = 14
+
+
+@dataclass(frozen=True)
+class Capture:
+    """A pair of files. truth: float32 (N, H, W, 3), the layers in the values of the files.
+
+    encoding: to be passed on as the option of that name.
+    """
+
+    no_flash: bytes
+    flash: bytes
+    truth: NDArray[np.float32]
+    encoding: str
+
+
+def capture(
+    rendered: RenderedScene, sensor: Sensor | None = None, exposure: float = 1.0
+) -> Capture:
+    """Take linear pictures in the camera's own colours.
+
+    sensor: None for float files of the exact values. Else 16-bit files of the noisy ones: photons
+    and read noise in electrons, black cut off at 0 and white at 1, then the converter's steps.
+    exposure: share of the light let in; the files and the truth are darker by it.
+    Noise is drawn anew for each photograph and is the same in each run.
+    """
+    frames = [rendered.no_flash_frame * exposure, rendered.flash_frame * exposure]
+    if sensor is not None:
+        frames = [
+            _expose(frame, sensor, f"{rendered.scene.name} {which} {exposure:g}")
+            for which, frame in enumerate(frames)
+        ]
+    no_flash, flash = (_tiff(frame, exact=sensor is None) for frame in frames)
+    return Capture(no_flash, flash, np.float32(exposure) * rendered.lamps, "linear")
+
+
+def capture_jpeg(rendered: RenderedScene) -> Capture:
+    """Have the camera make JPEGs: its colours brought to sRGB for daylight, then sRGB's curve.
+
+    No noise reduction, no contrast curve of its own; exposed as scenes are, for the brightest
+    channel of sRGB. What sRGB cannot hold is cut off.
+    """
+    scene = rendered.scene
+    to_xyz = camera_to_xyz(
+        sensitivities(scene.camera), find_light("D65"), reflectances(scene.split)
+    )
+    matrix = (XYZ_TO_SRGB @ to_xyz).astype(np.float32)
+    brightest = np.percentile((rendered.flash_frame @ matrix.T).max(axis=2), 99.9)
+    matrix *= WHITE_LEVEL / brightest
+    frames = (rendered.no_flash_frame, rendered.flash_frame)
+    no_flash, flash = (_jpeg(frame @ matrix.T) for frame in frames)
+    return Capture(no_flash, flash, rendered.lamps @ matrix.T, "auto")
+
+
+def _expose(light: Image, sensor: Sensor, seed: str) -> Image:
+    random = np.random.default_rng(int.from_bytes(hashlib.sha256(seed.encode()).digest()[:8]))
+    electrons = random.poisson(np.clip(light, 0, None) * sensor.full_well).astype(np.float64)
+    electrons += sensor.read_noise * random.standard_normal(light.shape)
+    steps = 2**sensor.bits - 1
+    codes = np.clip(np.round(electrons / sensor.full_well * steps), 0, steps)
+    return np.asarray(codes / steps, np.float32)
+
+
+def _tiff(values: Image, exact: bool) -> bytes:
+    data = values if exact else np.round(np.clip(values, 0, 1) * 65535).astype(np.uint16)
+    file = io.BytesIO()
+    tifffile.imwrite(file, data, photometric="rgb", metadata=None)
+    return file.getvalue()
+
+
+def _jpeg(linear: Image) -> bytes:
+    codes = np.round(255 * linear_to_srgb(np.clip(linear, 0, 1))).astype(np.uint8)
+    file = io.BytesIO()
+    PillowImage.fromarray(codes).save(file, "JPEG", quality=JPEG_QUALITY, subsampling="4:4:4")
+    return file.getvalue()

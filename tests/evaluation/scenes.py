@@ -1,0 +1,284 @@
+"""The scenes of the evaluation: groups as data, and what a camera sees of them.
+
+Development scenes are for building the method, report scenes for the figures; they share no
+geometry, no lamp and no reflectance.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.frames import Image
+from tests.evaluation import cache
+from tests.evaluation.geometry import Geometry
+from tests.evaluation.layouts import LIGHT, PALETTE, Layout, make_geometry, moved
+from tests.evaluation.spectra import (
+    Lamps,
+    Split,
+    angle_deg,
+    flash_spectrum,
+    lamps,
+    reflectances,
+    sensitivities,
+)
+
+Array = NDArray[np.float64]
+
+SIZE = (256, 192)
+CAMERA, FLASH = "Nikon D5100", "xenon"
+
+SWEEP_DEG = (1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 60.0)
+DEPTHS: tuple[int | None, ...] = (2, 3, 4, 6, None)
+ROUGHNESSES = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0)
+
+WHITE_LEVEL = 0.9
+"""What the 99.9th percentile of the brightest channel is exposed to."""
+
+_LIGHT_WALL = 0.3
+_TRIES = 100_000
+_WIDEST_BARE_DEG = 40.0  # few measured lamps are further apart
+_SHADES = 8
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene before it is photographed.
+
+    name: its own in all groups. lamp_spectra: (N, W), each summing to 1. lamp_names: of the table,
+    or how they were made. strengths: (N,) mean of each lamp's picture relative to the others'.
+    palette: (m, W) reflectances. angle_deg: least angle between two lamps, as camera sees them,
+    0 with one lamp. camera, flash: names as in spectra.
+    """
+
+    name: str
+    group: str
+    split: Split
+    geometry: Geometry
+    palette: Array
+    lamp_spectra: Array
+    lamp_names: tuple[str, ...]
+    strengths: tuple[float, ...]
+    camera: str = CAMERA
+    flash: str = FLASH
+
+    @property
+    def angle_deg(self) -> float:
+        """Least angle between two lamps' coefficient vectors, 0 with one lamp."""
+        return min(
+            (angle_deg(a, b, self.camera) for a, b in combinations(self.lamp_spectra, 2)),
+            default=0.0,
+        )
+
+
+@dataclass(frozen=True)
+class RenderedScene:
+    """What a camera without noise sees, in linear camera RGB, 1.0 the white level.
+
+    lamps: float32 (N, H, W, 3), each lamp alone: the truth. flash: (H, W, 3), the flash alone.
+    flash_frame: (H, W, 3) flash and lamps as the flash photograph shows them, from where the hand
+    had moved to by then. Values may exceed 1 in a highlight.
+    """
+
+    scene: Scene
+    lamps: NDArray[np.float32]
+    flash: Image
+    flash_frame: Image
+
+    @property
+    def no_flash_frame(self) -> Image:
+        """All lamps together, (H, W, 3)."""
+        return np.asarray(self.lamps.sum(axis=0))
+
+
+def render_scene(
+    scene: Scene, size: tuple[int, int] = SIZE, motion_px: float = 0.0
+) -> RenderedScene:
+    """Photograph a scene; renderings are cached.
+
+    size: (width, height). motion_px: how far the hand turns between the photographs, in pixels at
+    the middle of the picture; it rolls and wanders in proportion.
+
+    The flash is as strong as all lamps together, in the mean of green, and the exposure such that
+    the 99.9th percentile of the brightest channel of both together is 0.9.
+    """
+    s = sensitivities(scene.camera)
+    spectra = [*scene.lamp_spectra, flash_spectrum(scene.flash)]
+    responses = [spectrum[:, None] * s.T for spectrum in spectra]
+    pictures = _pictures(scene, scene.geometry, responses, size)
+    strengths = np.array([*scene.strengths, sum(scene.strengths)])
+    scales = strengths / np.array([picture[..., 1].mean() for picture in pictures])
+    both = sum(scale * picture for scale, picture in zip(scales, pictures, strict=True))
+    scales *= WHITE_LEVEL / np.percentile(np.max(both, axis=2), 99.9)
+    lit = np.stack([s * p for s, p in zip(scales, pictures, strict=True)]).astype(np.float32)
+    frame = lit.sum(axis=0)
+    if motion_px:
+        seed = int.from_bytes(hashlib.sha256(scene.name.encode()).digest()[:4])
+        elsewhere = moved(scene.geometry, motion_px / size[0], seed)
+        pictures = _pictures(scene, elsewhere, responses, size)
+        frame = sum(s * p for s, p in zip(scales, pictures, strict=True)).astype(np.float32)
+    return RenderedScene(scene, lit[:-1], lit[-1], frame)
+
+
+def scenes(group: str, split: Split) -> list[Scene]:
+    """Return the scenes of one of GROUPS."""
+    return GROUPS[group](group, split)
+
+
+def _pictures(
+    scene: Scene, geometry: Geometry, responses: list[Array], size: tuple[int, int]
+) -> list[Image]:
+    transport = cache.transport(geometry, scene.palette, size)
+    return [
+        transport.picture(lamp, response, scene.palette) for lamp, response in enumerate(responses)
+    ]
+
+
+def _make(
+    group: str,
+    split: Split,
+    number: int,
+    layout: Layout,
+    count: int,
+    choose: Callable[[Lamps, np.random.Generator], tuple[Array, tuple[str, ...]]],
+) -> Scene:
+    """Make a scene; its seed depends on its group, half and number alone."""
+    name = f"{group}-{split}-{number:02d}"
+    seed = int.from_bytes(hashlib.sha256(name.encode()).digest()[:4])
+    random = np.random.default_rng(seed)
+    table = reflectances(split)
+    light = np.flatnonzero(table.mean(axis=1) > _LIGHT_WALL)
+    colours = [
+        *random.choice(light, LIGHT, replace=False),
+        *random.choice(len(table), PALETTE - LIGHT, replace=False),
+    ]
+    spectra, names = choose(lamps(split), random)
+    strengths = tuple(float(s) for s in random.uniform(0.6, 1.4, count))
+    geometry = make_geometry(layout, seed, count)
+    return Scene(name, group, split, geometry, table[colours], spectra, names, strengths)
+
+
+def _apart(
+    count: int, least_deg: float, broad: bool = False
+) -> Callable[[Lamps, np.random.Generator], tuple[Array, tuple[str, ...]]]:
+    """Choose lamps at random, each pair at least so many degrees apart."""
+
+    def choose(own: Lamps, random: np.random.Generator) -> tuple[Array, tuple[str, ...]]:
+        candidates = np.flatnonzero(own.broad) if broad else np.arange(len(own.names))
+        near = _cosines(own.spectra) > np.cos(np.radians(least_deg))
+        np.fill_diagonal(near, val=False)
+        for _try in range(_TRIES):
+            chosen = random.choice(candidates, count, replace=False)
+            if not near[np.ix_(chosen, chosen)].any():
+                return own.spectra[chosen], tuple(own.names[i] for i in chosen)
+        raise ValueError(f"no {count} lamps are {least_deg}° apart")
+
+    return choose
+
+
+def _cosines(spectra: Array) -> Array:
+    """Cosines (n, n) of the angles between lamps as CAMERA sees them."""
+    seen = spectra @ sensitivities(CAMERA).T
+    seen /= np.linalg.norm(seen, axis=1, keepdims=True)
+    return np.asarray(seen @ seen.T)
+
+
+def _group(
+    count: int, lamp_count: int, least_deg: float, layout: Layout = "room", broad: bool = False
+) -> Callable[[str, Split], list[Scene]]:
+    def make(group: str, split: Split) -> list[Scene]:
+        choose = _apart(lamp_count, least_deg, broad)
+        return [_make(group, split, n, layout, lamp_count, choose) for n in range(count)]
+
+    return make
+
+
+def _sweep(group: str, split: Split) -> list[Scene]:
+    """Four rooms, each with pairs of lamps at every angle of SWEEP_DEG."""
+    out = []
+    for n in range(4):
+        for angle in SWEEP_DEG:
+            base = _make(group, split, n, "room", 2, _at_angle(angle))
+            out.append(replace(base, name=f"{base.name}-{angle:g}deg"))
+    return out
+
+
+def _at_angle(
+    wanted_deg: float,
+) -> Callable[[Lamps, np.random.Generator], tuple[Array, tuple[str, ...]]]:
+    """Choose a pair wider apart, and mix of the one into the other until the angle is right.
+
+    Where no measured pair is as wide, both get the coloured shades that part them most.
+    """
+
+    def choose(own: Lamps, random: np.random.Generator) -> tuple[Array, tuple[str, ...]]:
+        if wanted_deg > _WIDEST_BARE_DEG:
+            own = _shaded(own)
+        wide = np.argwhere(_cosines(own.spectra) < np.cos(np.radians(wanted_deg)))
+        i, j = wide[random.integers(len(wide))]
+        a, b = own.spectra[i], own.spectra[j]
+        low, high = 0.0, 1.0
+        for _halving in range(50):
+            share = (low + high) / 2
+            mixed = (1 - share) * a + share * b
+            low, high = (share, high) if angle_deg(a, mixed, CAMERA) < wanted_deg else (low, share)
+        names = (own.names[i], f"{share:.0%} {own.names[j]}, {1 - share:.0%} {own.names[i]}")
+        return np.stack([a, mixed]), names
+
+    return choose
+
+
+def _shaded(own: Lamps) -> Lamps:
+    """Lamps behind shades of the most saturated surfaces: their light reflected twice."""
+    table = reflectances("development" if own is lamps("development") else "report")
+    vivid = np.argsort(table.std(axis=1) / table.mean(axis=1))[-_SHADES:]
+    lit = (own.spectra[:, None] * table[vivid] ** 2).reshape(-1, table.shape[1])
+    names = tuple(f"{name}, shade {i}" for name in own.names for i in vivid)
+    spectra = lit / lit.sum(axis=1, keepdims=True)
+    return Lamps(names, spectra, np.repeat(own.broad, _SHADES))
+
+
+def _depths(group: str, split: Split) -> list[Scene]:
+    """Three corners, each with light of every number of bounces."""
+    choose = _apart(2, 10.0)
+    out = []
+    for n in range(3):
+        base = _make(group, split, n, "corner", 2, choose)
+        for depth in DEPTHS:
+            name = f"{base.name}-depth{'inf' if depth is None else depth}"
+            out.append(replace(base, name=name, geometry=replace(base.geometry, depth=depth)))
+    return out
+
+
+def _roughnesses(group: str, split: Split) -> list[Scene]:
+    """Three rooms, their things of plastic of every roughness."""
+    choose = _apart(2, 10.0)
+    out = []
+    for n in range(3):
+        base = _make(group, split, n, "room", 2, choose)
+        for alpha in ROUGHNESSES:
+            geometry = replace(base.geometry, roughness=alpha)
+            out.append(replace(base, name=f"{base.name}-rough{alpha:g}", geometry=geometry))
+    return out
+
+
+GROUPS: dict[str, Callable[[str, Split], list[Scene]]] = {
+    "one": _group(12, 1, 0.0),
+    "two": _group(22, 2, 5.0),
+    "three": _group(26, 3, 20.0),
+    "four": _group(12, 4, 12.0),
+    "broad-two": _group(12, 2, 15.0, broad=True),
+    "broad-three": _group(12, 3, 15.0, broad=True),
+    "angle": _sweep,
+    "bounces": _depths,
+    "roughness": _roughnesses,
+    "smooth-two": _group(8, 2, 10.0, "smooth"),
+    "smooth-three": _group(6, 3, 15.0, "smooth"),
+}
+"""Groups of scenes. two, three: figures 2, 3 and 9 of Hui et al. 2018; angle: 4; bounces: 15;
+roughness: 16; broad: lamps of broad spectra, as the source's own."""

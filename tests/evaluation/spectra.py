@@ -1,0 +1,134 @@
+"""Measured lamps, reflectances and cameras from which the pipeline's bases were not learned.
+
+Lamps: the light sources of IES TM-30-15 that were measured (not modelled). Reflectances: Munsell
+chips (1269, Joensuu), natural and man-made objects (215, Opstelten 1983) and real samples (210,
+CRI2012). All as tabled by luxpy, whose files are read without importing it. Near twins of what the
+bases were learned from are left out, so are near twins among themselves: no spectrum of the one
+half has a twin in the other.
+"""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.spectra.grid import STEP_NM, on_grid
+from pipeline.spectra.library import colour_science, without_warnings
+from pipeline.spectra.lights import find_light, lamp_spectra, reflectance_spectra
+
+Array = NDArray[np.float64]
+Split = Literal["development", "report"]
+
+CAMERAS = {"Nikon D5100": "Nikon 5100 (NPL)", "Sigma SD1 Merrill": "Sigma SDMerill (NPL)"}
+"""Measured cameras: their proper names and colour-science's."""
+FLASHES = ("xenon", "led")
+
+_TWIN_COSINE = 0.999
+_BROAD_NM = 120.0
+_MEASURED = ("Commercial", "Experimental")
+_REFLECTANCE_TABLES = ("Munsell1269.dat", "Opstelten1983_215.dat", "CRI2012_R210.dat")
+
+
+@dataclass(frozen=True)
+class Lamps:
+    """Lamps of one half. names: n; spectra: (n, W), each summing to 1; broad: bool (n,).
+
+    broad: effective width 5 nm/Σp² of at least 120 nm, as of halogen lamps and white LEDs.
+    """
+
+    names: tuple[str, ...]
+    spectra: Array
+    broad: NDArray[np.bool_]
+
+
+@cache
+def lamps(split: Split) -> Lamps:
+    """Lamps of a half, by turns of the table, so that both hold every kind."""
+    folder = _folder() / "spds"
+    with (folder / "IESTM30_15_Sinfo.txt").open(encoding="utf-8") as file:
+        rows = [[cell.strip() for cell in row] for row in csv.reader(file)][1:]
+    table = _table(folder / "IESTM30_15_Sspds.dat")
+    spectra = table / table.sum(axis=1, keepdims=True)
+    measured = [i for i, row in enumerate(rows) if row[3] in _MEASURED]
+    own = np.array(_without_twins(spectra, measured, lamp_spectra()))[_turn(split) :: 2]
+    width_nm = STEP_NM / np.sum(spectra**2, axis=1)
+    names = tuple(f"{rows[i][1]} ({rows[i][2]})" for i in own)
+    return Lamps(names, _frozen(spectra[own]), width_nm[own] >= _BROAD_NM)
+
+
+@cache
+def reflectances(split: Split) -> Array:
+    """Reflectances (m, W) of a half, 0 to 1."""
+    folder = _folder() / "rfls"
+    table = np.concatenate([_table(folder / name) for name in _REFLECTANCE_TABLES])
+    own = _without_twins(table, list(range(len(table))), reflectance_spectra())[_turn(split) :: 2]
+    return _frozen(table[own])
+
+
+@cache
+def sensitivities(camera: str) -> Array:
+    """Sensitivities (3, W) of one of CAMERAS, the largest value 1, ratio of channels as measured.
+
+    Read here anew, so that a slip in the pipeline's own reading shows.
+    """
+    with without_warnings():
+        table = colour_science().MSDS_CAMERA_SENSITIVITIES[CAMERAS[camera]]
+    values = on_grid(table.wavelengths, table.values, "zero").T
+    return _frozen(values / values.max())
+
+
+def flash_spectrum(name: str) -> Array:
+    """Spectrum (W,) of one of FLASHES, summing to 1."""
+    return find_light(name)
+
+
+def angle_deg(a: Array, b: Array, camera: str) -> float:
+    """Angle between two lamps' coefficient vectors: camera RGB of a white card under each.
+
+    Hui et al. 2018 state their scenes' lamps by this angle (supplement, figures 4 and 9).
+    """
+    s = sensitivities(camera)
+    u, v = s @ a, s @ b
+    across = np.linalg.norm(np.cross(u, v))  # exact where the cosine is near 1
+    return float(np.degrees(np.arctan2(across, u @ v)))
+
+
+def _without_twins(spectra: Array, candidates: list[int], known: Array) -> list[int]:
+    """Candidates unlike every known spectrum and every candidate kept before."""
+    unit = spectra / np.linalg.norm(spectra, axis=1, keepdims=True)
+    others = known / np.linalg.norm(known, axis=1, keepdims=True)
+    kept: list[int] = []
+    for i in candidates:
+        near = max((others @ unit[i]).max(), (unit[kept] @ unit[i]).max() if kept else 0.0)
+        if near <= _TWIN_COSINE:
+            kept.append(i)
+    return kept
+
+
+def _turn(split: Split) -> int:
+    return {"development": 0, "report": 1}[split]
+
+
+def _folder() -> Path:
+    spec = find_spec("luxpy")
+    if spec is None or spec.origin is None:
+        raise FileNotFoundError("The evaluation needs the spectra of luxpy: run make setup.")
+    return Path(spec.origin).parent / "data"
+
+
+def _table(path: Path) -> Array:
+    """Columns of a table whose first one is the wavelength, (n, W)."""
+    columns = np.loadtxt(path, delimiter=",")
+    return np.clip(on_grid(columns[:, 0], columns[:, 1:], "hold").T, 0.0, None)
+
+
+def _frozen(values: Array) -> Array:
+    values.setflags(write=False)
+    return values
