@@ -41,6 +41,7 @@ WHITE_LEVEL = 0.9
 """What the 99.9th percentile of the brightest channel is exposed to."""
 
 _LIGHT_WALL = 0.3
+_MUTED_WALL = 0.4
 _TRIES = 100_000
 _WIDEST_BARE_DEG = 40.0  # few measured lamps are further apart
 _SHADES = 8
@@ -152,7 +153,8 @@ def _make(
     seed = int.from_bytes(hashlib.sha256(name.encode()).digest()[:4])
     random = np.random.default_rng(seed)
     table = reflectances(split)
-    light = np.flatnonzero(table.mean(axis=1) > _LIGHT_WALL)
+    mean = table.mean(axis=1)
+    light = np.flatnonzero((mean > _LIGHT_WALL) & (table.std(axis=1) < _MUTED_WALL * mean))
     colours = [
         *random.choice(light, LIGHT, replace=False),
         *random.choice(len(table), PALETTE - LIGHT, replace=False),
