@@ -41,7 +41,7 @@ WHITE_LEVEL = 0.9
 """What the 99.9th percentile of the brightest channel is exposed to."""
 
 _LIGHT_WALL = 0.3
-_MUTED_WALL = 0.4
+_MUTED_WALL = 0.3
 _TRIES = 100_000
 _WIDEST_BARE_DEG = 40.0  # few measured lamps are further apart
 _SHADES = 8
