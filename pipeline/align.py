@@ -2,7 +2,8 @@
 
 Source: Evangelidis & Psarakis, "Parametric Image Alignment Using Enhanced Correlation Coefficient
 Maximization", PAMI 2008, in OpenCV's multi-scale form. It runs on a normalised gradient image,
-because flash and no-flash pictures share edges, not brightness.
+because flash and no-flash pictures share edges, not brightness; least squares on steps of
+reflectance then make it exact.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frames import Image, Mask
+from pipeline.refine import log_detail, refine_motion
 
 _WORKING_SIZES = (1600, 800)  # longer side; the second for pairs whose noise drowns fine edges
 _LOCAL = 16.0
@@ -62,16 +64,20 @@ def _attempt(no_flash: Image, flash: Image, working_size: int) -> Alignment:
     height, width = no_flash.shape[:2]
     scale = min(1.0, working_size / max(height, width))
     size = (max(round(width * scale), 1), max(round(height * scale), 1))
-    reference, sample = (
-        _edges(np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32))
+    small_pair = [
+        np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
         for image in (no_flash, flash)
-    )
+    ]
+    reference, sample = (_edges(image) for image in small_pair)
     try:
         correlation, small = _estimate(reference, sample, size)
     except cv2.error:
         return _refused(None, "no common structure was found")
     if not np.isfinite(small).all() or not np.isfinite(correlation):
         return _refused(None, "no common structure was found")
+    if not np.array_equal(small, np.eye(3)):
+        details = [log_detail(image) for image in small_pair]
+        small = refine_motion(details[0], details[1], small)
     matrix = _to_full_size(small, size, (width, height))
     motion = _corner_motion(matrix, width, height)
     if correlation < _MIN_CORRELATION:
