@@ -1,0 +1,119 @@
+"""How well lamps could be separated if they were known, within what 3×3 matrices can express."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.frames import Image, Mask, Matrix
+from pipeline.proportions import normalised
+from pipeline.shares import shares
+from pipeline.spectra.lights import reflectance_spectra
+from tests.evaluation.scoring import joint_snr
+
+Array = NDArray[np.float64]
+Layers = NDArray[np.float32]
+
+_WEIGHTINGS = (0.0, 0.5, 1.0)  # exponent: errors count as they are … relative to brightness
+_FITTING, _ALTERNATING = 6, 12  # rounds
+_DARK = 1e-3  # of the mean light, so that no pixel counts without bound
+
+
+def dealt_out(photograph: Image, no_flash: Image, flash: Image, matrices: Matrix) -> Layers:
+    """Layers (N, H, W, 3) of known lamps: the photograph in the proportions of z_j T_j I_flash.
+
+    z ≥ 0 by least squares in the image, each channel weighed by 1 ÷ its mean as in the pipeline.
+
+    Parameters
+    ----------
+    photograph : (H, W, 3), the photograph without the flash
+    no_flash, flash : (H, W, 3), it and the flash part, with their noise filtered
+    matrices : (N, 3, 3) T_j
+    """
+    parts = _parts(no_flash, flash, matrices)
+    return np.asarray(normalised(parts) * photograph, dtype=np.float32)
+
+
+def regressed_matrices(sensitivities: Array, flash: Array, lamps: Array) -> Matrix:
+    """Lamps known exactly: the best matrices (N, 3, 3) from the flash's light to each lamp's.
+
+    They are regressed over the reflectances of the pipeline, not those of the scene, errors
+    relative to brightness. sensitivities: (3, W). flash: (W,). lamps: (N, W) spectra.
+    """
+    rho = reflectance_spectra()
+    before = rho @ (sensitivities * flash).T
+    weight = 1.0 / before.sum(axis=1, keepdims=True)
+    after = [rho @ (sensitivities * lamp).T for lamp in lamps]
+    return np.stack(
+        [np.linalg.lstsq(before * weight, one * weight, rcond=None)[0].T for one in after]
+    )
+
+
+def best_matrices(
+    truth: Layers, photograph: Image, no_flash: Image, flash: Image, valid: Mask
+) -> Matrix:
+    """Matrices (N, 3, 3) whose dealt-out layers come nearest to the truth.
+
+    For each of some weightings of bright against dark pixels, matrices are fitted to every lamp
+    alone, then shares and matrices are improved by turns; the best joint SNR seen on the way wins.
+    No search finds the very best there is; `make evaluate` shows where another method does better.
+
+    Parameters
+    ----------
+    truth : (N, H, W, 3)
+    photograph, no_flash, flash : as for dealt_out
+    valid : (H, W), the pixels that count
+    """
+    wanted = truth[:, valid].astype(np.float64)
+    raw, lit, x = photograph[valid], no_flash[valid], flash[valid]
+    everywhere = np.ones(raw[None].shape[:2], dtype=np.bool_)
+    best, highest = np.empty((len(truth), 3, 3)), -np.inf
+    for power in _WEIGHTINGS:
+        matrices = np.stack([_alone(one, x, power) for one in wanted])
+        total = wanted.sum(axis=(0, 2))
+        weight = (total + _DARK * total.mean()) ** -power
+        for _ in range(_ALTERNATING):
+            layers = dealt_out(raw[None], lit[None], x[None], matrices)
+            snr, _order = joint_snr(wanted[:, None], layers, everywhere)
+            if snr > highest:
+                best, highest = matrices, snr
+            z = _shares(lit, x, matrices)
+            matrices = np.stack(
+                [
+                    _regress(share[:, None] * x, one, weight)
+                    for share, one in zip(z, wanted, strict=True)
+                ]
+            )
+    return best
+
+
+def _alone(light: Array, flash: Image, power: float) -> Matrix:
+    """Matrix of one lamp: light ≈ z T flash with z of each pixel free, by turns."""
+    total = light.sum(axis=1)
+    weight = (total + _DARK * total.mean()) ** -power
+    z = total / np.maximum(flash.sum(axis=1), 1e-12)
+    for _ in range(_FITTING):
+        matrix = _regress(z[:, None] * flash, light, weight)
+        predicted = flash @ matrix.T
+        square = np.square(predicted).sum(axis=1)
+        z = np.maximum((predicted * light).sum(axis=1) / np.maximum(square, 1e-12), 0.0)
+    return matrix
+
+
+def _regress(before: Array, after: Array, weight: Array) -> Matrix:
+    w = weight[:, None]
+    return np.asarray(np.linalg.lstsq(before * w, after * w, rcond=None)[0].T)
+
+
+def _shares(no_flash: Image, flash: Image, matrices: Matrix) -> Layers:
+    weight = (1.0 / np.maximum(no_flash.reshape(-1, 3).mean(axis=0), 1e-12)).astype(np.float32)
+    return shares(no_flash * weight, _predictions(flash, matrices) * weight)
+
+
+def _parts(no_flash: Image, flash: Image, matrices: Matrix) -> Layers:
+    return _shares(no_flash, flash, matrices)[..., None] * _predictions(flash, matrices)
+
+
+def _predictions(flash: Image, matrices: Matrix) -> Layers:
+    """T_j I_flash, (N, ..., 3), ≥ 0."""
+    return np.stack([np.maximum(flash @ one.T.astype(np.float32), 0.0) for one in matrices])

@@ -1,0 +1,112 @@
+"""The methods that are compared, all on the files that a photographer would send."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import OpenEXR
+from numpy.typing import NDArray
+
+from pipeline.decode.quiet import muted
+from pipeline.options import Options
+from pipeline.process import separate_files
+from pipeline.progress import Progress
+from pipeline.proportions import normalised
+from tests.evaluation.baselines import equal_split, nnmf, von_kries_matrices
+from tests.evaluation.ceilings import best_matrices, dealt_out, regressed_matrices
+from tests.evaluation.shots import Shot
+
+Array = NDArray[np.float64]
+Layers = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a method says of a pair.
+
+    layers: (N, H, W, 3) on the scale of the no-flash photograph. coefficients: (N, 3) camera RGB
+    of a white card under each lamp, None where the method does not tell. confidence: 0…1 that the
+    number of lamps is right. warnings: of the manifest.
+    """
+
+    layers: Layers
+    coefficients: Array | None = None
+    confidence: float | None = None
+    warnings: tuple[str, ...] = ()
+
+
+def _product(
+    shot: Shot, method: Literal["best", "paper"], basis: Literal["wpca", "pca", "joint"] = "wpca"
+) -> Answer:
+    """Run the whole way of the service, from files to files. Raises InputError as it does."""
+    options = Options(
+        method=method, basis=basis, lights=shot.lights, outputs=["layers.exr"], **shot.options
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        directory = Path(folder)
+        manifest = separate_files(*shot.files, options, directory, Progress())
+        layers = _read_layers(directory / "layers.exr", len(manifest["lamps"]))
+    return Answer(
+        layers,
+        np.array([lamp["coefficients"] for lamp in manifest["lamps"]]),
+        manifest["lights"]["confidence"],
+        tuple(manifest["warnings"]),
+    )
+
+
+def _read_layers(path: Path, count: int) -> Layers:
+    with muted():
+        channels: dict[str, Any] = OpenEXR.File(str(path), separate_channels=True).channels()
+    return np.stack(
+        [
+            np.stack([channels[f"lamp{lamp + 1}.{name}"].pixels for name in "RGB"], axis=-1)
+            for lamp in range(count)
+        ]
+    )
+
+
+def _paper_shared(shot: Shot) -> Answer:
+    """The published layers' proportions, dealt out over the photograph."""
+    answer = _product(shot, "paper")
+    parts = np.maximum(answer.layers, 0.0)
+    return Answer(normalised(parts) * shot.photograph, answer.coefficients)
+
+
+def _von_kries(shot: Shot) -> Answer:
+    reduced = shot.reduced
+    no_flash, flash = (
+        image[reduced.usable].astype(np.float64) for image in (reduced.no_flash, reduced.flash)
+    )
+    matrices = von_kries_matrices(no_flash, flash, shot.count)
+    return Answer(dealt_out(shot.photograph, *shot.filtered, matrices))
+
+
+def _known(shot: Shot) -> Answer:
+    matrices = regressed_matrices(shot.sensitivities, shot.flash_spectrum, shot.lamp_spectra)
+    return Answer(dealt_out(shot.photograph, *shot.filtered, matrices), shot.coefficients)
+
+
+def _best_3x3(shot: Shot) -> Answer:
+    matrices = best_matrices(shot.truth, shot.photograph, *shot.filtered, shot.valid)
+    return Answer(dealt_out(shot.photograph, *shot.filtered, matrices))
+
+
+METHODS: dict[str, Callable[[Shot], Answer]] = {
+    "equal": lambda shot: Answer(equal_split(shot.photograph, shot.count)),
+    "nnmf": lambda shot: Answer(nnmf(shot.photograph, shot.count)),
+    "von_kries": _von_kries,
+    "paper_pca": partial(_product, method="paper", basis="pca"),
+    "paper_joint": partial(_product, method="paper", basis="joint"),
+    "paper": partial(_product, method="paper"),
+    "paper_shared": _paper_shared,
+    "best": partial(_product, method="best"),
+    "known": _known,
+    "best_3x3": _best_3x3,
+}
+"""In the order of the tables."""

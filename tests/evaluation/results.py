@@ -1,0 +1,152 @@
+"""What came of one method on one scene, kept between runs so that an interrupted one goes on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from dataclasses import asdict, astuple, dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+import pipeline
+from pipeline.errors import InputError
+from tests.evaluation.cache import folder
+from tests.evaluation.conditions import Condition, make_shot
+from tests.evaluation.methods import METHODS
+from tests.evaluation.render import VERSION
+from tests.evaluation.scenes import Scene
+from tests.evaluation.scoring import coefficient_error_deg, joint_snr
+from tests.evaluation.shots import Shot
+
+_PRODUCT = "."
+_YARDSTICKS = (
+    "align.py",
+    "decode",
+    "errors.py",
+    "frames.py",
+    "hui2018",
+    "noise.py",
+    "pair.py",
+    "proportions.py",
+    "reduced.py",
+    "shares.py",
+    "spectra",
+    "vectors.py",
+)
+"""What of the pipeline the methods use that are not the product."""
+_OWN = ("baselines", "ceilings", "conditions", "methods", "scoring", "shots")
+_WITHOUT_PRODUCT = ("equal", "nnmf", "von_kries", "known", "best_3x3")
+
+
+@dataclass(frozen=True)
+class Result:
+    """One method on one scene.
+
+    snr_db: joint SNR; None where the number of layers is not that of the lamps. A refusal gives no
+    light to any layer, which is 0 dB. error_deg: of the lamps' coefficients, None where the method
+    tells none. lamps, found: how many there are, how many were found. confidence: in that number.
+    warnings: of the manifest. refusal: the message, "" where there is a result. cpu_s: seconds of
+    processor time.
+    """
+
+    scene: str
+    method: str
+    snr_db: float | None
+    error_deg: float | None
+    lamps: int
+    found: int
+    confidence: float | None
+    warnings: tuple[str, ...]
+    refusal: str
+    cpu_s: float
+
+
+def run_scene(scene: Scene, condition: Condition, methods: tuple[str, ...]) -> list[Result]:
+    """Results of the methods on a scene under a condition, from the cache where they are there."""
+    results = []
+    shot: Shot | None = None
+    for method in methods:
+        path = folder() / "results" / f"{_key(scene, condition, method)}.json"
+        known = _read(path)
+        if known is None:
+            shot = shot or make_shot(scene, condition)
+            known = _run(scene.name, replace(shot), method)  # a copy, which has cached nothing yet
+            _write(path, known)
+        results.append(known)
+    return results
+
+
+def _run(name: str, shot: Shot, method: str) -> Result:
+    start = time.process_time()
+    try:
+        answer = METHODS[method](shot)
+    except InputError as error:
+        spent = time.process_time() - start
+        return Result(name, method, 0.0, None, shot.count, 0, None, (), str(error), spent)
+    spent = time.process_time() - start
+    found = len(answer.layers)
+    snr, error = None, None
+    if found == shot.count:
+        snr, order = joint_snr(shot.truth, answer.layers, shot.valid)
+        if answer.coefficients is not None:
+            error = coefficient_error_deg(shot.coefficients, answer.coefficients, order)
+    return Result(
+        scene=name,
+        method=method,
+        snr_db=snr,
+        error_deg=error,
+        lamps=shot.count,
+        found=found,
+        confidence=answer.confidence,
+        warnings=answer.warnings,
+        refusal="",
+        cpu_s=spent,
+    )
+
+
+def _read(path: Path) -> Result | None:
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+        return Result(**values | {"warnings": tuple(values["warnings"])})
+    except (OSError, ValueError, TypeError, KeyError):  # missing, cut short or of another version
+        return None
+
+
+def _write(path: Path, result: Result) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    whole = path.with_suffix(".tmp")
+    whole.write_text(json.dumps(asdict(result)), encoding="utf-8")
+    whole.replace(path)
+
+
+def _key(scene: Scene, condition: Condition, method: str) -> str:
+    digest = hashlib.sha256(
+        repr((scene.name, VERSION, scene.geometry, scene.strengths, method)).encode()
+    )
+    digest.update(repr((scene.camera, scene.flash, astuple(condition))).encode())
+    for array in (scene.palette, scene.lamp_spectra):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    parts = _YARDSTICKS if method in _WITHOUT_PRODUCT else (_PRODUCT,)
+    digest.update(_sources(parts).encode())
+    return digest.hexdigest()[:32]
+
+
+@cache
+def _sources(parts: tuple[str, ...]) -> str:
+    """Digest of the named parts of the pipeline and of what measures them."""
+    assert pipeline.__file__
+    root = Path(pipeline.__file__).parent
+    own = Path(__file__).parent
+    files = [own / f"{name}.py" for name in _OWN]
+    for part in parts:
+        path = root / part
+        files += (
+            sorted(path.rglob("*.py")) + sorted(path.rglob("*.csv")) if path.is_dir() else [path]
+        )
+    digest = hashlib.sha256()
+    for file in files:
+        digest.update(file.name.encode() + file.read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,76 @@
+"""A scene as a photographer would send it, with what only its rendering knows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.decode import decode
+from pipeline.frames import Image, Mask
+from pipeline.noise import sigma_filter
+from pipeline.options import Options
+from pipeline.pair import Pair, make_pair
+from pipeline.progress import Progress
+from pipeline.reduced import ReducedPair, reduce_pair
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Shot:
+    """Files, what to say of them, and the truth.
+
+    files: without the flash and with it. options: what the photographer knows, for Options.
+    lights: the number of lamps to ask for. truth: (N, H, W, 3), each lamp's light on the scale of
+    the file without the flash, 1.0 = its white. valid: (H, W), the pixels that count.
+    lamp_spectra (N, W), flash_spectrum (W,), sensitivities (3, W): those of the rendering.
+    """
+
+    files: tuple[bytes, bytes]
+    options: dict[str, Any]
+    lights: Literal["auto", 1, 2, 3]
+    truth: NDArray[np.float32]
+    valid: Mask
+    lamp_spectra: Array
+    flash_spectrum: Array
+    sensitivities: Array
+
+    @property
+    def count(self) -> int:
+        """The number of lamps that there are."""
+        return len(self.truth)
+
+    @property
+    def coefficients(self) -> Array:
+        """Camera RGB (N, 3) of a white card under each lamp."""
+        return np.asarray(self.lamp_spectra @ self.sensitivities.T)
+
+    @cached_property
+    def pair(self) -> Pair:
+        """The pair as the pipeline lays it together."""
+        options = Options(**self.options)
+        before, after = (decode(file, options.encoding, "photograph") for file in self.files)
+        return make_pair(before, after, options, Progress())
+
+    @cached_property
+    def reduced(self) -> ReducedPair:
+        """The pair at the size at which lamps are estimated."""
+        return reduce_pair(self.pair)
+
+    @property
+    def photograph(self) -> Image:
+        """The photograph without the flash, (H, W, 3)."""
+        return self.pair.no_flash
+
+    @cached_property
+    def filtered(self) -> tuple[Image, Image]:
+        """The photograph without the flash, and the flash part, with their noise filtered."""
+        pair = self.pair
+        no_flash, flash, _ = sigma_filter(
+            (pair.no_flash, pair.flash), (pair.no_flash_noise, pair.flash_noise)
+        )
+        return no_flash, flash if pair.flash_only else flash - no_flash
