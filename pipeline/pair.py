@@ -149,7 +149,7 @@ def _exposure_ratio(no_flash: Frame, flash: Frame, options: Options, warnings: l
     if not options.flash_only:
         warnings.append(
             "The files do not say how they were exposed; equal exposures are taken for granted. "
-            "Pass the exposure ratio if they differ."
+            "Expose both alike by hand, or pass the exposure ratio if they differ."
         )
     return 1.0
 
@@ -203,7 +203,8 @@ def _copy_warnings(no_flash: Image, flash: Image, flash_only: bool) -> list[str]
         return []
     return [
         "What the flash added looks like the photograph without it in most of the picture: the "
-        "flash may not reach that far, or the exposure ratio is wrong."
+        "flash may not reach that far, or the exposure ratio is wrong. Bring the flash nearer or "
+        "raise its power, or pass the right exposure ratio."
     ]
 
 
