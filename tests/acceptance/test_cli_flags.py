@@ -280,7 +280,9 @@ def test_outputs_default_and_all(two: Any, plain: Any, separated: Callable[..., 
         *(f"lamp{i}.{suffix}" for i in (1, 2) for suffix in ("tif", "jpg")),
         "white_balanced_1.jpg",
         "white_balanced_2.jpg",
+        "confidence.tif",
         "gamma.png",
+        "residual.png",
     }
 
     everything = separated(two.exact, *EXACT, "--outputs", "all")
