@@ -1,13 +1,14 @@
 """Render the transport of a geometry with Mitsuba 3.
 
 Rays go through fixed points of every pixel and lamps are made of points, so that direct light has
-no noise, and is the same at all wavelengths. With bounces the paths do not depend on colours: what
-noise is left is grain in how a surface is lit, the same in every band, and part of the truth.
+no noise, and is the same at all wavelengths. Light that bounces is followed along random paths that
+do not depend on colours; the grain they leave is smoothed and then is part of the truth.
 """
 
 from __future__ import annotations
 
 import importlib
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -16,21 +17,28 @@ from numpy.typing import NDArray
 
 from pipeline.spectra.grid import WAVELENGTHS_NM
 from tests.evaluation.geometry import Geometry, Lamp, Shape, View
+from tests.evaluation.grain import smooth_bounces
 from tests.evaluation.meshes import mesh_of
 from tests.evaluation.patterns import Texels, paint
 from tests.evaluation.transport import BANDS_NM, BandTransport, DirectTransport, Transport
 
 Array = NDArray[np.float64]
 
-VERSION = 1
+VERSION = 2
 """Counts up when the same geometry renders differently."""
 
 _FACTOR = 3  # sub-pixels per side
 _LAMP_POINTS = 8
-_PATHS = 144  # per pixel, with bounces
+_PATHS = 64  # per pixel, with bounces
 _LONGEST_PATH = 20  # segments; what is left then is below 0.1 % among surfaces of 70 %
 _GOLDEN_ANGLE = np.pi * (3 - 5**0.5)
 _GLASS = 1.49  # refractive index of plastic
+_LAMP = {
+    "type": "point",
+    "position": [0.0, 9.0, 0.0],  # before it is moved to where a lamp is
+    "intensity": {"type": "rgb", "value": [np.pi] * 3},
+}
+_DIRECT = {"type": "direct", "bsdf_samples": 0, "emitter_samples": 1, "hide_emitters": True}
 
 
 def render(geometry: Geometry, palette: Array, size: tuple[int, int]) -> Transport:
@@ -39,12 +47,20 @@ def render(geometry: Geometry, palette: Array, size: tuple[int, int]) -> Transpo
     palette: (m, W) reflectances, used where light bounces. size: (width, height) in pixels.
     A lamp of unit power gives a perfect white that faces it at 1 m the value 1.
     """
-    if geometry.depth == 2:
-        return _direct(geometry, (size[0] * _FACTOR, size[1] * _FACTOR))
-    return _bounces(geometry, palette, size)
+    direct, shown = _direct(geometry, (size[0] * _FACTOR, size[1] * _FACTOR))
+    return direct if geometry.depth == 2 else _bounces(geometry, palette, size, direct, shown)
 
 
-def _direct(geometry: Geometry, size: tuple[int, int]) -> DirectTransport:
+@dataclass(frozen=True)
+class _Shown:
+    """What sub-pixels show: their texels, which shape (h, w), its normal (h, w, 3)."""
+
+    texels: Texels
+    shape: NDArray[np.float32]
+    normals: NDArray[np.float32]
+
+
+def _direct(geometry: Geometry, size: tuple[int, int]) -> tuple[DirectTransport, _Shown]:
     """Red sees surfaces of reflectance 0, so their gloss alone, green those of reflectance 1."""
     white = _rgb([0.0, 1.0, 1.0])
     shapes = {
@@ -52,17 +68,18 @@ def _direct(geometry: Geometry, size: tuple[int, int]) -> DirectTransport:
         for name, shape in _named(geometry)
     }
     sensor = _sensor(geometry.view, size, 1)
-    light = {"type": "direct", "bsdf_samples": 0, "emitter_samples": 1, "hide_emitters": True}
-    scene = _load({**shapes, "sensor": sensor, "lamp": _point((0, 9, 0)), "integrator": light})
+    scene = _load({**shapes, "sensor": sensor, "lamp": _LAMP, "integrator": _DIRECT})
     diffuse, gloss = [], []
     for lamp in geometry.lamps:
         points = _points(lamp, geometry.view)
         seen = np.mean([_moved(scene, point) for point in points], axis=0)
         diffuse.append(seen[..., 1] - seen[..., 0])
         gloss.append(seen[..., 0])
-    what = _image(_load({**shapes, "sensor": sensor, "integrator": _aov("u:uv,i:shape_index")}))
-    texels = _texels(geometry, [shape.id() for shape in scene.shapes()], what)
-    return DirectTransport(
+    aov = {"type": "aov", "aovs": "u:uv,n:sh_normal,i:shape_index"}
+    plain = _load({**shapes, "sensor": sensor, "integrator": aov})
+    what = _image(plain)
+    texels = _texels(geometry, [shape.id() for shape in plain.shapes()], what[..., [0, 1, 5]])
+    transport = DirectTransport(
         np.stack(diffuse),
         np.stack(gloss) if geometry.roughness is not None else None,
         texels.first,
@@ -70,25 +87,47 @@ def _direct(geometry: Geometry, size: tuple[int, int]) -> DirectTransport:
         texels.share,
         _FACTOR,
     )
+    return transport, _Shown(texels, what[..., 5], what[..., 2:5])
 
 
-def _bounces(geometry: Geometry, palette: Array, size: tuple[int, int]) -> BandTransport:
-    """Three bands at a time, as red, green and blue of one rendering."""
+def _bounces(
+    geometry: Geometry,
+    palette: Array,
+    size: tuple[int, int],
+    direct: DirectTransport,
+    shown: _Shown,
+) -> BandTransport:
+    """Add what paths of more than two segments bring, three bands in one rendering."""
+    if geometry.roughness is not None:
+        raise ValueError("bounces are rendered among matte surfaces alone")
     in_bands = np.array([np.interp(BANDS_NM, WAVELENGTHS_NM, colour) for colour in palette])
+    each = np.eye(len(BANDS_NM))
+    lit = [
+        direct.picture(lamp, each, in_bands).transpose(2, 0, 1)
+        for lamp in range(len(geometry.lamps))
+    ]
+    bare = replace(direct, diffuse=np.ones_like(direct.diffuse[:1]))
+    reflectance = bare.picture(0, each, in_bands).transpose(2, 0, 1)
     depth = _LONGEST_PATH if geometry.depth is None else geometry.depth
     path = {"type": "path", "max_depth": depth, "rr_depth": 1000, "hide_emitters": True}
-    bands: list[list[NDArray[np.float32]]] = [[] for _lamp in geometry.lamps]
+    bounced: list[list[NDArray[np.float32]]] = [[] for _lamp in geometry.lamps]
     for start in range(0, len(BANDS_NM), 3):
         rgb = in_bands[:, start : start + 3]
         shapes = {
-            name: _shape(name, shape, _surface(_painted(shape, rgb), shape, geometry.roughness))
+            name: _shape(name, shape, _surface(_painted(shape, rgb), shape, None))
             for name, shape in _named(geometry)
         }
-        sensor = _sensor(geometry.view, size, _PATHS)
-        scene = _load({**shapes, "sensor": sensor, "lamp": _point((0, 9, 0)), "integrator": path})
-        for lamp, own in zip(geometry.lamps, bands, strict=True):
-            own.extend(np.moveaxis(_moved(scene, lamp.centre), 2, 0))
-    return BandTransport(np.array(bands))
+        common = {**shapes, "sensor": _sensor(geometry.view, size, _PATHS), "lamp": _LAMP}
+        longer, two = (_load({**common, "integrator": kind}) for kind in (path, _DIRECT))
+        for lamp, own in zip(geometry.lamps, bounced, strict=True):
+            rest = _moved(longer, lamp.centre) - _moved(two, lamp.centre)
+            own.extend(rest.transpose(2, 0, 1))
+    blocks = shown.shape.reshape(size[1], _FACTOR, size[0], _FACTOR)
+    one = blocks.min(axis=(1, 3)) == blocks.max(axis=(1, 3))
+    surface = np.where(one, blocks[:, 0, :, 0], -1)
+    normals = shown.normals[_FACTOR // 2 :: _FACTOR, _FACTOR // 2 :: _FACTOR]
+    smooth = [smooth_bounces(np.array(own), reflectance, normals, surface) for own in bounced]
+    return BandTransport(np.array(lit) + np.array(smooth))
 
 
 def _named(geometry: Geometry) -> list[tuple[str, Shape]]:
@@ -96,12 +135,15 @@ def _named(geometry: Geometry) -> list[tuple[str, Shape]]:
 
 
 def _texels(geometry: Geometry, ids: list[str], what: NDArray[np.float32]) -> Texels:
-    """Find what each sub-pixel is made of. what: (h, w, 3) of u, v and the place in ids."""
+    """Find what each sub-pixel is made of.
+
+    what: (h, w, 3) of u, v and the place in ids, from 1; 0 is nothing.
+    """
     u, v, index = np.moveaxis(what.astype(np.float64), 2, 0)
     first = np.zeros(u.shape, np.int16)
     second, share = first.copy(), np.zeros(u.shape, np.float32)
     named = dict(_named(geometry))
-    for place, name in enumerate(ids):
+    for place, name in enumerate(ids, start=1):
         own = index == place
         seen = paint(named[name].pattern).at(u[own], v[own])
         first[own], second[own], share[own] = seen.first, seen.second, seen.share
@@ -150,14 +192,6 @@ def _moved(scene: Any, lamp: Any) -> NDArray[np.float32]:
     return _image(scene)
 
 
-def _aov(what: str) -> dict[str, Any]:
-    return {"type": "aov", "aovs": what}
-
-
-def _point(centre: tuple[float, float, float]) -> dict[str, Any]:
-    return {"type": "point", "position": list(centre), "intensity": _rgb([np.pi] * 3)}
-
-
 def _rgb(values: list[float]) -> dict[str, Any]:
     return {"type": "rgb", "value": values}
 
@@ -203,7 +237,7 @@ def _painted(shape: Shape, palette: Array) -> dict[str, Any]:
     colours = (1 - share) * palette[texels.first] + share * palette[texels.second]
     return {
         "type": "bitmap",
-        "bitmap": _mitsuba().Bitmap(np.ascontiguousarray(colours[::-1], np.float32)),
+        "bitmap": _mitsuba().Bitmap(np.ascontiguousarray(colours, np.float32)),
         "raw": True,
         "filter_type": "nearest",
     }

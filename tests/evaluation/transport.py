@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,9 +35,9 @@ class DirectTransport:
     factor: int
 
     def picture(self, lamp: int, response: Array, palette: Array) -> Image:
-        """Light of one lamp, float32 (H, W, 3).
+        """Light of one lamp, float32 (H, W, C).
 
-        response: (W, 3), sensitivities × the lamp's spectrum. palette: (m, W) reflectances.
+        response: (W, C), sensitivities × the lamp's spectrum. palette: (m, W) reflectances.
         """
         colours = (palette @ response).astype(np.float32)
         share = self.share[..., None]
@@ -47,8 +46,9 @@ class DirectTransport:
         if self.gloss is not None:
             light += self.gloss[lamp][..., None] * response.sum(0).astype(np.float32)
         height, width = self.first.shape
-        size = (width // self.factor, height // self.factor)
-        return np.asarray(cv2.resize(light, size, interpolation=cv2.INTER_AREA), np.float32)
+        blocks = light.reshape(height // self.factor, self.factor, width // self.factor, -1)
+        wide = blocks.sum(axis=1).reshape(*blocks.shape[::2], self.factor, response.shape[1])
+        return np.asarray(wide.mean(axis=2) / self.factor, np.float32)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """What a file needs to hold. Half floats err by 0.03 %, the same at each wavelength."""
