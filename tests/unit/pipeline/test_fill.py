@@ -67,6 +67,14 @@ def test_a_gap_between_two_sides_takes_from_the_nearer_one() -> None:
     assert np.diff(found[16:48]).min() > -0.05
 
 
+def test_one_known_pixel_speaks_for_its_neighbours() -> None:
+    values, weight = np.zeros((32, 32, 1), np.float32), np.zeros((32, 32), np.float32)
+    weight[:, :4] = weight[16, 16] = 1.0
+    values[16, 16] = 1.0
+
+    assert push_pull(values, weight)[15:18, 15:18].min() > 0.4
+
+
 def test_half_known_pixels_are_blended() -> None:
     values = np.full((16, 16, 1), 0.2, np.float32)
     values[8, 8] = 1.0

@@ -96,6 +96,20 @@ def test_neutral_matrix_turns_measured_surfaces_into_those_under_neutral(
     assert np.median(best) < np.median(basis)
 
 
+def test_neutral_matrix_errs_as_little_on_dark_surfaces_as_on_light_ones(
+    model: Model, camera: Camera, surfaces: Array
+) -> None:
+    """Least squares of errors relative to brightness: none of them is left along the signal."""
+    light = find_light("D65")
+    true = seen(camera, light) / (camera.sensitivities @ light)[1]
+    brightness = surfaces.sum(axis=1, keepdims=True)
+
+    error = (surfaces @ model.flash_to_neutral.T - true) / brightness
+
+    assert np.abs(error).max() > 1e-3
+    np.testing.assert_allclose((surfaces / brightness).T @ error, 0, atol=1e-9)
+
+
 def test_the_invariant_hardly_depends_on_the_surface(
     model: Model, camera: Camera, surfaces: Array
 ) -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import permutations
 from typing import Any
 
@@ -27,11 +28,11 @@ def unit(vectors: Array) -> Array:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
-def view() -> Array:
+def view(focal_px: float = FOCAL_PX) -> Array:
     """Unit vectors (h, w, 3) from the surface to the camera."""
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     right, up = x - (WIDTH - 1) / 2, (HEIGHT - 1) / 2 - y
-    return unit(np.stack([-right, -up, np.full(x.shape, FOCAL_PX)], axis=-1))
+    return unit(np.stack([-right, -up, np.full(x.shape, focal_px)], axis=-1))
 
 
 def ball() -> Array:
@@ -39,6 +40,13 @@ def ball() -> Array:
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     right, up = (x - WIDTH / 2) / 110, (HEIGHT / 2 - y) / 110
     return np.stack([right, up, np.sqrt(1 - right**2 - up**2)], axis=-1)
+
+
+def saddle() -> Array:
+    """Unit normals (h, w, 3) of z = x·y / 400, gently twisted and nowhere steep."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    right, up = (x - WIDTH / 2) / 400, (HEIGHT / 2 - y) / 400
+    return unit(np.stack([-up, -right, np.ones(x.shape)], axis=-1))
 
 
 def lights(
@@ -75,12 +83,19 @@ def shone(
 ) -> Callable[..., tuple[Any, Strip]]:
     """A body of many materials that the model describes exactly, under three distant lamps."""
 
-    def build(facing: Array | None = None, materials: int = 12) -> tuple[Any, Strip]:
+    def build(
+        facing: Array | None = None,
+        materials: int = 12,
+        focal_px: float = FOCAL_PX,
+        glossy: float = 0.0,
+    ) -> tuple[Any, Strip]:
+        """glossy: by how much the flash may come back brighter or fainter than matt."""
         field = ball() if facing is None else facing
         rng = np.random.default_rng(6)
         kinds = rng.integers(0, materials, (HEIGHT // 10, WIDTH // 10)).repeat(10, 0).repeat(10, 1)
         albedo = surfaces[rng.integers(0, len(surfaces), materials)][kinds]
-        flash = 0.6 * albedo * np.maximum((field * view()).sum(-1), 0.0)[..., None]
+        flash = 0.6 * albedo * np.maximum((field * view(focal_px)).sum(-1), 0.0)[..., None]
+        flash *= rng.uniform(1 - glossy, 1 + glossy, (HEIGHT, WIDTH, 1))
         matrices = model.lamp_matrix(warm_to_cool)
         greens = (matrices @ model.flash_white)[:, 1]
         lit = np.maximum(field @ unit(DIRECTIONS).T, 0.0) * STRENGTHS / greens
@@ -136,6 +151,24 @@ def test_lights_without_colour_are_assigned_to_the_lamps(
     assert np.nanmedian(angles(found, ball())) < 0.5
 
 
+@pytest.mark.parametrize("order", list(permutations(range(3))))
+def test_lights_are_assigned_so_that_the_normals_are_those_of_a_surface(
+    shone: Callable[..., tuple[Any, Strip]],
+    model: Model,
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Array,
+    order: tuple[int, ...],
+) -> None:
+    """Seen from afar, nearly flat and a little glossy: the flash fits every assignment."""
+    far_px = 4000.0
+    pair, strip = shone(saddle(), focal_px=far_px, glossy=0.1)
+    lamps, given = lamps_of(warm_to_cool), lights(order, strengths=(None, None, None))
+
+    photometry = solve_photometry(given, reduce_pair(pair), lamps, model, far_px)
+
+    assert np.nanmedian(angles(normals(strip, lamps, photometry), saddle())) < 5
+
+
 @pytest.mark.parametrize("missing", [(0,), (1, 2), (0, 1, 2)])
 @pytest.mark.parametrize("named", [True, False], ids=["named", "not named"])
 def test_missing_strengths_are_found(
@@ -161,6 +194,44 @@ def test_strengths_a_little_wrong_are_mended_by_the_flash(
 
     np.testing.assert_allclose(relative(strengths), STRENGTHS, rtol=0.02)
     assert np.nanmedian(angles(found, ball())) < 0.5
+
+
+@pytest.mark.parametrize("spoilt", ["shadow", "highlights", "unusable"])
+def test_strengths_are_found_from_the_sound_pixels(
+    shone: Callable[..., tuple[Any, Strip]],
+    model: Model,
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Array,
+    spoilt: str,
+) -> None:
+    pair, strip = shone()
+    reduced = reduce_pair(pair)
+    if spoilt == "shadow":
+        reduced.no_flash[:, :40] -= strip.layers[0, :, :40]
+    if spoilt == "highlights":
+        reduced.flash[:, 80:] *= 1.5
+    if spoilt == "unusable":
+        reduced.flash[:, :60] *= np.linspace(0.2, 1, 60)[:, None]
+        reduced.usable[:, :60] = False
+    given = lights(strengths=(None, None, None), rgb=warm_to_cool)
+
+    photometry = solve_photometry(given, reduced, lamps_of(warm_to_cool), model, FOCAL_PX)
+
+    np.testing.assert_allclose(relative(photometry.strengths), STRENGTHS, rtol=0.05)
+
+
+def test_pixels_of_a_reduced_picture_count_as_often_as_they_are_wide(
+    shone: Callable[..., tuple[Any, Strip]],
+    model: Model,
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Array,
+) -> None:
+    reduced = replace(reduce_pair(shone()[0]), block=3)
+    given = lights(strengths=(None, None, None), rgb=warm_to_cool)
+
+    photometry = solve_photometry(given, reduced, lamps_of(warm_to_cool), model, 3 * FOCAL_PX)
+
+    np.testing.assert_allclose(relative(photometry.strengths), STRENGTHS, rtol=0.01)
 
 
 def test_on_a_flat_surface_the_strengths_given_hold(
@@ -198,6 +269,14 @@ def test_only_the_ratios_of_strengths_matter(
     bright, _ = found_normals(lights(strengths=(50.0, 30.0, 40.0), rgb=warm_to_cool))
 
     np.testing.assert_allclose(bright, once, atol=1e-4)
+
+
+def test_colours_a_little_wrong_still_name_the_lamps_found(
+    found_normals: Callable[..., tuple[Image, Array]], warm_to_cool: Array
+) -> None:
+    found, _ = found_normals(lights(rgb=warm_to_cool * (1.3, 1.0, 0.8)))
+
+    assert np.nanmedian(angles(found, ball())) < 0.5
 
 
 def test_colours_that_do_not_fit_give_other_normals(
@@ -245,6 +324,7 @@ def test_unknown_normals_are_nan(
         lights(rgb=warm_to_cool), reduce_pair(pair), lamps, model, FOCAL_PX
     )
     strip.no_flash[:10] -= strip.layers[1, :10]
+    strip.no_flash[60:70] -= 0.9 * strip.layers[1, 60:70]  # dim is not dark
     strip.confidence[20:30] = 0
     strip.flash[40:45] = strip.no_flash[40:45] = 0
 
@@ -254,6 +334,8 @@ def test_unknown_normals_are_nan(
     assert np.isnan(found[20:30]).all()
     assert np.isnan(found[40:45]).all()
     assert np.isfinite(found[50:]).mean() > 0.98
+    away = replace(photometry, inverse=-photometry.inverse)
+    assert np.isnan(normals(strip, lamps, away)).all()
 
 
 @pytest.mark.parametrize(

@@ -109,6 +109,20 @@ def test_proportions_stay_proportions(trust: float, seed: int) -> None:
     np.testing.assert_allclose(found.sum(axis=0), 1, atol=1e-5)
 
 
+def test_a_brighter_spot_leaves_the_sum_of_three_lamps_whole() -> None:
+    """The guide goes beyond what was seen around: one lamp would be more than all the light."""
+    left = np.arange(WIDTH) < WIDTH // 2
+    parts = (np.where(left, 0.2, 0.8), np.full(WIDTH, 0.1), np.where(left, 0.7, 0.1))
+    proportions = np.stack([np.broadcast_to(part, (HEIGHT, WIDTH)) for part in parts])
+    light = np.tile(np.where(left, 0.4, 0.45), (HEIGHT, 1))
+    light[30, WIDTH // 2 + 4] = 0.52
+
+    found = smoothed(proportions[..., None].repeat(3, 3).astype(np.float32), light, 1 - light)
+
+    assert found[0, 30, WIDTH // 2 + 4, 1] > 0.9
+    np.testing.assert_allclose(found.sum(axis=0), 1, atol=1e-5)
+
+
 def test_even_proportions_stay_as_they_are() -> None:
     light = np.random.default_rng(4).uniform(0, 0.8, (HEIGHT, WIDTH))
 

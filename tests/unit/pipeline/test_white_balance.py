@@ -141,6 +141,27 @@ def test_filled_in_pixels_scale_the_channels_of_the_layers(
     np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-5)
 
 
+@pytest.mark.parametrize("approach", [approach_1, approach_2])
+def test_a_lamp_without_blue_does_not_make_filled_in_pixels_glow(
+    exact: Exact,
+    model: Model,
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Array,
+    approach: Callable[..., Image],
+) -> None:
+    """The least blue a lamp is taken to have is a fiftieth of its strongest channel."""
+    pair, layers = exact(warm_to_cool[:1])
+    lamps = lamps_of(warm_to_cool[:1])
+    lamps.matrices[:, 2] = 0
+    strongest = (lamps.matrices[0] @ model.flash_white).max()
+    green = (lamps.matrices[0] @ model.flash_white)[1]
+
+    found = approach(strip_of(pair, layers, confidence=0.0), lamps, model, "best")
+
+    gain = model.neutral[2] / (0.02 * strongest / green)
+    np.testing.assert_allclose(found[..., 2], gain * layers[0, ..., 2], rtol=1e-4, atol=1e-6)
+
+
 def test_no_pixel_of_approach_2_gets_far_brighter_than_the_photograph(
     exact: Exact, model: Model, lamps_of: Callable[..., Any], warm_to_cool: Array
 ) -> None:
@@ -160,6 +181,7 @@ def test_no_pixel_of_approach_2_gets_far_brighter_than_the_photograph(
 @pytest.mark.parametrize("approach", [approach_1, approach_2])
 @pytest.mark.parametrize("method", ["paper", "best"])
 @pytest.mark.parametrize("value", [0.0, -0.01, 1e-9])
+@pytest.mark.parametrize("confidence", [1.0, 0.0])
 def test_dark_pixels_stay_finite_and_not_negative(
     pair_of: Callable[..., Any],
     model: Model,
@@ -168,9 +190,10 @@ def test_dark_pixels_stay_finite_and_not_negative(
     approach: Callable[..., Image],
     method: str,
     value: float,
+    confidence: float,
 ) -> None:
     dark = np.full((4, 6, 3), value)
-    strip = strip_of(pair_of(dark, dark), np.stack([dark / 3] * 3))
+    strip = strip_of(pair_of(dark, dark), np.stack([dark / 3] * 3), confidence)
 
     found = approach(strip, lamps_of(warm_to_cool), model, method)
 

@@ -46,6 +46,22 @@ def test_colours_far_from_any_black_body_have_no_cct(xyz: tuple[float, float, fl
     assert cct(xyz, np.eye(3)) is None
 
 
+@pytest.mark.parametrize("kelvin", [900, 20000])
+def test_black_bodies_beyond_the_range_have_no_cct(kelvin: float) -> None:
+    shape = colour.SpectralShape(380, 780, 5)
+
+    assert cct(cie_1931() @ colour.sd_blackbody(kelvin, shape).values, np.eye(3)) is None
+
+
+@pytest.mark.parametrize(("duv", "known"), [(0.04, True), (0.06, False)])
+def test_colours_off_the_locus_have_a_cct_up_to_a_distance(duv: float, known: bool) -> None:
+    """Straight up in CIE 1960 uv from the black body of 4000 K, where the locus is nearly level."""
+    u, v = colour.CCT_to_uv([4000, duv], "Ohno 2013")
+    xyz = colour.xy_to_XYZ(colour.UCS_uv_to_xy([u, v]))
+
+    assert (cct(xyz, np.eye(3)) is not None) == known
+
+
 def test_cct_goes_through_the_matrix() -> None:
     xyz = cie_1931() @ find_light("A")
     camera = np.array([[0.5, 0.2, 0.1], [0.1, 0.9, 0.0], [0.0, 0.2, 0.8]])
