@@ -29,7 +29,7 @@ VERSION = 2
 
 _FACTOR = 3  # sub-pixels per side
 _LAMP_POINTS = 8
-_PATHS = 64  # per pixel, with bounces
+_PATHS = 36  # per pixel, with bounces
 _LONGEST_PATH = 20  # segments; what is left then is below 0.1 % among surfaces of 70 %
 _GOLDEN_ANGLE = np.pi * (3 - 5**0.5)
 _GLASS = 1.49  # refractive index of plastic
