@@ -140,13 +140,14 @@ def test_a_pair_is_taken_in_order_and_reported(clock: Clock) -> None:
         assert fractions == sorted(fractions)
 
 
-def test_automatic_settings_are_fixed_first(clock: Clock) -> None:
+@pytest.mark.parametrize("white_balance", ["auto", "one_push"])
+def test_automatic_settings_are_fixed_first(clock: Clock, white_balance: str) -> None:
     camera = FakeCamera()
     camera.set(SettingName.PROGRAM, "auto")
     camera.set(SettingName.FOCUS, "auto")
     camera.set(SettingName.DRIVE, "burst")
     camera.set(SettingName.ISO, "auto", "auto", 400, 200)
-    camera.set(SettingName.WHITE_BALANCE, "auto")
+    camera.set(SettingName.WHITE_BALANCE, white_balance)
     capture_pair(camera, clock=clock)
     assert {name: setting.value for name, setting in camera.table.items()} == {
         **MANUAL,
@@ -240,6 +241,11 @@ def test_a_late_event_does_not_end_the_wait_for_its_successor(clock: Clock) -> N
     assert (pair.no_flash.best, pair.flash.best) == (NO_FLASH, FLASH)
 
 
+def test_what_was_told_before_the_release_is_of_no_account(clock: Clock) -> None:
+    camera = FakeCamera(waiting=[Event(EventKind.STORE_FULL)])  # and a card changed since
+    assert capture_pair(camera, clock=clock).flash.best == FLASH
+
+
 def test_no_photograph_is_an_error_after_the_patience(clock: Clock) -> None:
     class Waits(FakeCamera):
         def events(self, timeout_s: float) -> list[Event]:
@@ -262,10 +268,12 @@ def test_two_photographs_of_one_kind_are_an_error(clock: Clock) -> None:
 
 
 def test_a_transfer_goes_on_where_it_broke_off(clock: Clock) -> None:
-    camera = FakeCamera(failures=9)  # more than may happen in a row, but each gained something
+    long = NO_FLASH + bytes(1000)
+    camera = FakeCamera([{"jpeg": long}, {"jpeg": FLASH}])
+    camera.failures = 9  # more than may happen in a row, but each gained something
     pair = capture_pair(camera, clock=clock)
-    assert camera.failures < 9
-    assert (pair.no_flash.best, pair.flash.best) == (NO_FLASH, FLASH)
+    assert camera.failures == 0
+    assert (pair.no_flash.best, pair.flash.best) == (long, FLASH)
 
 
 @pytest.mark.parametrize(("stalls", "fails"), [(3, False), (4, True)])

@@ -10,6 +10,7 @@ from drivers.ptp.properties import CODECS
     ("name", "value", "number"),
     [
         (SettingName.SHUTTER_S, 0.02, 200),
+        (SettingName.SHUTTER_S, 0.0125, 125),
         (SettingName.SHUTTER_S, 1, 10_000),
         (SettingName.F_NUMBER, 5.6, 560),
         (SettingName.ISO, 6400, 6400),
@@ -18,6 +19,7 @@ from drivers.ptp.properties import CODECS
         (SettingName.FLASH, "fill", 3),
         (SettingName.FLASH, "0x8010", 0x8010),
         (SettingName.WHITE_BALANCE, "daylight", 4),
+        (SettingName.WHITE_BALANCE, "flash", 7),
         (SettingName.PROGRAM, "manual", 1),
         (SettingName.FOCUS, "manual", 1),
         (SettingName.DRIVE, "single", 1),

@@ -14,12 +14,15 @@ FLOOR = {"kind": "box", "materials": ["b"], "centre": [0, -1, 0], "half": [9, 0.
 
 
 def scene(
-    *shapes: Mapping[str, object], direction: tuple[float, ...] = (0, 1, 0), radius_deg: float = 0
+    *shapes: Mapping[str, object],
+    direction: tuple[float, ...] = (0, 1, 0),
+    radius_deg: float = 0,
+    position: tuple[float, ...] = (0, 0, 4),
 ) -> Scene:
     return Scene.model_validate(
         {
             "version": 1,
-            "view": {"position": [0, 0, 4], "look_at": [0, 0, 0], "focal_35mm": 50},
+            "view": {"position": position, "look_at": [0, 0, 0], "focal_35mm": 50},
             "highlight": 0.9,
             "flash": 1.0,
             "lamps": [
@@ -73,6 +76,11 @@ def test_normals_are_unit_and_in_the_cameras_axes() -> None:
     assert np.allclose(normals[32, 48], [0, 0, 1], atol=1e-6)  # the middle faces the camera
     assert normals[32, 52, 0] > 0.2  # right of it they point right
     assert normals[28, 48, 1] > 0.2  # above it, up
+
+
+def test_normals_turn_with_the_camera() -> None:
+    _, normals = rendered(scene(FLOOR, position=(0, 3, 3)), 96, 64)
+    assert np.allclose(normals[60, 48], [0, 0.5**0.5, 0.5**0.5], atol=1e-6)  # seen at 45°
 
 
 def test_the_flash_casts_no_shadow_and_falls_off() -> None:
@@ -149,3 +157,5 @@ def test_materials_colour_what_they_cover() -> None:
     assert np.allclose(lamp[40], [1, 0], atol=1e-6)
     assert np.allclose(lamp[56], [0, 1], atol=1e-6)
     assert np.allclose(lamp[44:52].sum(1), 1, atol=1e-6)  # blended where they meet
+    assert np.allclose(lamp[:, 0], lamp[::-1, 1], atol=1e-6)  # in the very middle
+    assert np.allclose(light[0], light[0, ::-1], atol=1e-6)

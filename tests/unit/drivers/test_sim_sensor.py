@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivers.sim.sensor import BLACK, FULL_WELL_E, READ_NOISE_E, WHITE, digitise
+from drivers.sim.sensor import BLACK, WHITE, digitise
 
 
 def flat(level: float, side: int = 256) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
@@ -29,8 +29,9 @@ def test_iso_amplifies(iso: float) -> None:
 
 @pytest.mark.parametrize("level", [0.0, 0.05, 0.5])
 def test_noise_has_the_variance_of_electrons_and_amplifier(level: float) -> None:
-    gain = (WHITE - BLACK) / FULL_WELL_E
+    """40,000 electrons at white and 3 electrons of readout, as docs/decisions/0003 says."""
+    gain = (WHITE - BLACK) / 40_000
     numbers = digitise(flat(level), 100, np.random.default_rng(7)).astype(float)
-    variance = (level * FULL_WELL_E + READ_NOISE_E**2) * gain**2 + 1 / 12  # and rounding
+    variance = (level * 40_000 + 3.0**2) * gain**2 + 1 / 12  # and rounding
     assert numbers.var() == pytest.approx(variance, rel=0.03)
     assert numbers.mean() == pytest.approx(BLACK + level * (WHITE - BLACK), abs=0.3)

@@ -17,6 +17,7 @@ import numpy as np
 import OpenEXR
 import pillow_heif
 import pytest
+import tifffile
 from numpy.typing import NDArray
 
 from pipeline.decode import check_header, decode
@@ -324,6 +325,15 @@ def test_a_tiff_whose_size_is_no_number_is_damaged(tiff_file: Write, tag: int, c
     struct.pack_into("<I", data, entry + 4, count)
 
     assert "damaged" in refusal(bytes(data))
+
+
+def test_a_tiff_with_a_strip_without_data_is_damaged(tiff_file: Write) -> None:
+    file = io.BytesIO(tiff_file(np.full((64, 64, 3), 128, np.uint8), rowsperstrip=16))
+    with tifffile.TiffFile(file, mode="r+") as tiff:
+        counts = tiff.pages.first.databytecounts
+        tiff.pages.first.tags["StripByteCounts"].overwrite([*counts[:-1], 0])
+
+    assert "damaged" in refusal(file.getvalue())
 
 
 def test_16_bit_png_of_one_colour_channel_is_grey(codes: Codes) -> None:

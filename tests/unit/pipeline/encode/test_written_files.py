@@ -95,6 +95,17 @@ def test_jpeg_takes_pixels_through_the_matrix(tmp_path: Path) -> None:
     np.testing.assert_allclose(values[8, 8], codes_of(np.array([0.4, 0.2, 0.1])), atol=2)
 
 
+def test_jpeg_keeps_the_border_of_two_colours_where_it_is(tmp_path: Path) -> None:
+    """Two colours of one brightness, side by side: coarser colour would blend them."""
+    picture = np.full((32, 32, 3), (0.5, 0.2, 0.2), np.float32)
+    picture[:, 15:] = (0.2, 0.289, 0.2)
+
+    write_jpeg(tmp_path / "a.jpg", picture)
+
+    values = simplejpeg.decode_jpeg((tmp_path / "a.jpg").read_bytes())
+    np.testing.assert_allclose(values[16, 14:16], codes_of(picture[16, 14:16]), atol=8)
+
+
 def test_srgb8_is_exact_inside_the_gamut() -> None:
     light = np.random.default_rng(2).uniform(0, 1, (40, 30, 3)).astype(np.float32)
 
