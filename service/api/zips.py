@@ -7,8 +7,6 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import IO, cast
 
-_OLDEST = (1980, 1, 1, 0, 0, 0)  # the format's first day: equal files make equal ZIPs
-
 
 @dataclass(frozen=True)
 class Member:
@@ -43,7 +41,7 @@ def stored_zip(members: Iterable[Member]) -> Iterator[bytes]:
     outbox = _Outbox()
     with zipfile.ZipFile(cast(IO[bytes], outbox), "w", zipfile.ZIP_STORED) as archive:
         for member in members:
-            info = zipfile.ZipInfo(member.name, _OLDEST)
+            info = zipfile.ZipInfo(member.name)  # of 1980: equal files make equal ZIPs
             info.file_size = member.size  # so that files over 4 GiB get the larger headers
             with archive.open(info, "w") as file:
                 for chunk in member.chunks():

@@ -19,6 +19,7 @@ from service.settings import Settings
         ("192.168.1.7", False),
         ("0.0.0.0", False),
         ("evil.example", False),
+        ("evillocalhost", False),
         ("localhost.evil.example", False),
         ("127.0.0.1.evil.example", False),
         ("", False),

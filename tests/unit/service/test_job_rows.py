@@ -89,6 +89,15 @@ def test_a_dead_workers_job_is_taken_over_and_the_attempt_counts_as_lost(engine:
     assert (job.attempt, job.lost, job.worker) == (2, 1, "w2")
 
 
+def test_a_job_has_started_with_its_first_attempt(engine: sa.Engine) -> None:
+    _add(engine, "a")
+    _claimed(engine, "a", "w1")
+    with engine.begin() as connection:
+        connection.execute(sa.update(database.jobs).values(started=5.0))
+    _dies(engine, "w1")
+    assert _claimed(engine, "a", "w2").started == 5.0
+
+
 def test_an_attempt_that_was_taken_over_writes_nothing(engine: sa.Engine) -> None:
     _add(engine, "a")
     frozen = _claimed(engine, "a", "w1")
@@ -149,6 +158,15 @@ def test_a_running_job_is_canceled_by_its_worker(engine: sa.Engine) -> None:
     assert _find(engine, "a").state == State.CANCELED
 
 
+def test_a_canceled_job_is_not_put_back(engine: sa.Engine) -> None:
+    _add(engine, "a")
+    held = _claimed(engine, "a", "w1")
+    with engine.begin() as connection:
+        jobs.request_cancel(connection, "a")
+        jobs.release(connection, held)
+    assert _find(engine, "a").state == State.CANCELING
+
+
 def test_a_dead_workers_canceled_job_stays_so(engine: sa.Engine) -> None:
     _add(engine, "a")
     _claimed(engine, "a", "w1")
@@ -195,7 +213,12 @@ def test_jobs_without_a_key_do_not_clash(engine: sa.Engine) -> None:
 
 
 def test_pages_go_from_new_to_old_and_meet_every_job_once(engine: sa.Engine) -> None:
-    created = [_add(engine, job_id) for job_id in "abcdef"]
+    for job_id in "abcdef":
+        _add(engine, job_id)
+    with engine.begin() as connection:  # some of one moment
+        rounded = sa.func.round(database.jobs.c.created)
+        connection.execute(sa.update(database.jobs).values(created=rounded))
+    created = [_find(engine, job_id) for job_id in "cafebd"]
     expected = sorted(created, key=lambda job: (job.created, job.id), reverse=True)
     with engine.connect() as connection:
         first = jobs.page(connection, 4, None)

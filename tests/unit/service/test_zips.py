@@ -35,6 +35,11 @@ def test_no_member_is_held_back_until_the_end() -> None:
     assert next(parts) == b"2"
 
 
+def test_members_over_4_gib_get_the_larger_headers() -> None:
+    head = next(stored_zip([Member("a", 5 * 2**30, lambda: [b"1"])]))
+    assert head[4:6] == b"\x2d\0"  # needs version 4.5 of the format, ZIP64
+
+
 def test_an_empty_zip_is_a_zip() -> None:
     with zipfile.ZipFile(io.BytesIO(_zip({}))) as archive:
         assert archive.namelist() == []
