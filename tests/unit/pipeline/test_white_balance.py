@@ -16,6 +16,7 @@ from pipeline.white_balance import approach_1, approach_2
 
 Array = NDArray[np.float64]
 Exact = Callable[..., tuple[Any, Array]]
+Lit = Callable[[Array], tuple[Strip, Any]]
 
 
 def strip_of(pair: Any, layers: Array, confidence: float = 1.0) -> Strip:
@@ -29,12 +30,21 @@ def strip_of(pair: Any, layers: Array, confidence: float = 1.0) -> Strip:
     )
 
 
+@pytest.fixture
+def lit(exact: Exact, lamps_of: Callable[..., Any]) -> Lit:
+    """A pair under lamps of these coefficients, as if truly separated, and the lamps."""
+
+    def build(coefficients: Array) -> tuple[Strip, Any]:
+        return strip_of(*exact(coefficients)), lamps_of(coefficients)
+
+    return build
+
+
 @pytest.mark.parametrize("count", [1, 2, 3])
 @pytest.mark.parametrize("method", ["paper", "best"])
 def test_approach_1_keeps_the_green_of_every_lamp(
-    exact: Exact,
+    lit: Lit,
     model: Model,
-    lamps_of: Callable[..., Any],
     shares_of: Callable[[int], Array],
     flash_part: Image,
     warm_to_cool: Array,
@@ -42,12 +52,11 @@ def test_approach_1_keeps_the_green_of_every_lamp(
     method: str,
 ) -> None:
     """Σ_j z_j (g_j / g_n) T_n I_f."""
-    pair, layers = exact(warm_to_cool[:count])
-    lamps = lamps_of(warm_to_cool[:count])
+    strip, lamps = lit(warm_to_cool[:count])
     greens = (lamps.matrices @ model.flash_white)[:, 1]
     matrix = model.lamp_matrix(model.neutral) if method == "paper" else model.flash_to_neutral
 
-    found = approach_1(strip_of(pair, layers), lamps, model, method)
+    found = approach_1(strip, lamps, model, method)
 
     brightness = np.einsum("nhw,n->hw", shares_of(count), greens / (matrix @ model.flash_white)[1])
     expected = brightness[..., None] * (flash_part @ matrix.T)
@@ -58,9 +67,8 @@ def test_approach_1_keeps_the_green_of_every_lamp(
 @pytest.mark.parametrize("count", [1, 2, 3])
 @pytest.mark.parametrize("method", ["paper", "best"])
 def test_approach_2_keeps_the_strength_of_all_light(
-    exact: Exact,
+    lit: Lit,
     model: Model,
-    lamps_of: Callable[..., Any],
     shares_of: Callable[[int], Array],
     flash_part: Image,
     warm_to_cool: Array,
@@ -68,11 +76,11 @@ def test_approach_2_keeps_the_strength_of_all_light(
     method: str,
 ) -> None:
     """‖β‖ / ‖b_n‖ T_n I_f, with β = Σ_j z_j b_j."""
-    pair, layers = exact(warm_to_cool[:count])
+    strip, lamps = lit(warm_to_cool[:count])
     beta = np.einsum("nhw,nk->hwk", shares_of(count), warm_to_cool[:count])
     strength = np.linalg.norm(beta, axis=2) / np.linalg.norm(model.neutral)
 
-    found = approach_2(strip_of(pair, layers), lamps_of(warm_to_cool[:count]), model, method)
+    found = approach_2(strip, lamps, model, method)
 
     expected = strength[..., None] * (flash_part @ model.lamp_matrix(model.neutral).T)
     np.testing.assert_allclose(found, expected, atol=2e-5)
@@ -81,20 +89,15 @@ def test_approach_2_keeps_the_strength_of_all_light(
 @pytest.mark.parametrize("approach", [approach_1, approach_2])
 @pytest.mark.parametrize("method", ["paper", "best"])
 def test_under_the_neutral_light_nothing_changes(
-    exact: Exact,
-    model: Model,
-    lamps_of: Callable[..., Any],
-    approach: Callable[..., Image],
-    method: str,
+    lit: Lit, model: Model, approach: Callable[..., Image], method: str
 ) -> None:
-    neutral = model.neutral / np.linalg.norm(model.neutral)
-    pair, layers = exact(neutral)
+    strip, lamps = lit(model.neutral / np.linalg.norm(model.neutral))
 
-    found = approach(strip_of(pair, layers), lamps_of(neutral), model, method)
+    found = approach(strip, lamps, model, method)
 
     # best takes colours from measured surfaces, not from the model
-    limit = 1e-5 if method == "paper" else 0.06 * pair.no_flash.max()
-    assert np.abs(found - pair.no_flash).max() < limit
+    limit = 1e-5 if method == "paper" else 0.06 * strip.no_flash.max()
+    assert np.abs(found - strip.no_flash).max() < limit
 
 
 @pytest.mark.parametrize(("approach", "tolerance"), [(approach_1, 0.03), (approach_2, 0.1)])
@@ -123,57 +126,47 @@ def test_white_surfaces_become_neutral_under_any_lamps(
 
 @pytest.mark.parametrize("approach", [approach_1, approach_2])
 def test_filled_in_pixels_scale_the_channels_of_the_layers(
-    exact: Exact,
-    model: Model,
-    lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
-    approach: Callable[..., Image],
+    lit: Lit, model: Model, warm_to_cool: Array, approach: Callable[..., Image]
 ) -> None:
     """Without any confidence in the flash part: von Kries, lamp by lamp."""
-    pair, layers = exact(warm_to_cool)
-    lamps = lamps_of(warm_to_cool)
+    strip, lamps = lit(warm_to_cool)
+    strip.confidence[...] = 0
     whites = lamps.matrices @ model.flash_white
 
-    found = approach(strip_of(pair, layers, confidence=0.0), lamps, model, "best")
+    found = approach(strip, lamps, model, "best")
 
     ratios = model.neutral / (whites / whites[:, 1:2])
-    expected = np.einsum("nhwk,nk->hwk", layers, ratios)
+    expected = np.einsum("nhwk,nk->hwk", strip.layers, ratios)
     np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-5)
 
 
 @pytest.mark.parametrize("approach", [approach_1, approach_2])
 def test_a_lamp_without_blue_does_not_make_filled_in_pixels_glow(
-    exact: Exact,
-    model: Model,
-    lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
-    approach: Callable[..., Image],
+    lit: Lit, model: Model, warm_to_cool: Array, approach: Callable[..., Image]
 ) -> None:
     """The least blue a lamp is taken to have is a fiftieth of its strongest channel."""
-    pair, layers = exact(warm_to_cool[:1])
-    lamps = lamps_of(warm_to_cool[:1])
+    strip, lamps = lit(warm_to_cool[:1])
+    strip.confidence[...] = 0
     lamps.matrices[:, 2] = 0
     strongest = (lamps.matrices[0] @ model.flash_white).max()
     green = (lamps.matrices[0] @ model.flash_white)[1]
 
-    found = approach(strip_of(pair, layers, confidence=0.0), lamps, model, "best")
+    found = approach(strip, lamps, model, "best")
 
     gain = model.neutral[2] / (0.02 * strongest / green)
-    np.testing.assert_allclose(found[..., 2], gain * layers[0, ..., 2], rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(found[..., 2], gain * strip.layers[0, ..., 2], rtol=1e-4, atol=1e-6)
 
 
 def test_no_pixel_of_approach_2_gets_far_brighter_than_the_photograph(
-    exact: Exact, model: Model, lamps_of: Callable[..., Any], warm_to_cool: Array
+    lit: Lit, model: Model, warm_to_cool: Array
 ) -> None:
     """Colours of which the flash part holds next to nothing ask for any amount of light."""
-    pair, layers = exact(warm_to_cool[[0, 2]])
-    strip = strip_of(pair, layers)
+    strip, lamps = lit(warm_to_cool[[0, 2]])
     strip.flash[...] = np.array([0.4, 1e-6, 1e-6])
 
-    lamps = lamps_of(warm_to_cool[[0, 2]])
     found = approach_2(strip, lamps, model, "best")
 
-    peak = found.max(axis=2) / pair.no_flash.max(axis=2)
+    peak = found.max(axis=2) / strip.no_flash.max(axis=2)
     assert peak.max() <= 4.001
     assert np.isfinite(approach_2(strip, lamps, model, "paper")).all()
 
