@@ -32,7 +32,7 @@ def transport(geometry: Geometry, palette: NDArray[np.float64], size: tuple[int,
     """
     path = folder() / f"{_key(geometry, palette, size)}.npz"
     try:
-        with np.load(path) as arrays:
+        with path.open("rb") as kept, np.load(kept) as arrays:
             return from_arrays(dict(arrays))
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):  # missing or cut short
         arrays = render.render(geometry, palette, size).arrays()

@@ -29,7 +29,7 @@ VERSION = 2
 
 _FACTOR = 3  # sub-pixels per side
 _LAMP_POINTS = 8
-_PATHS = 36  # per pixel, with bounces
+_PATHS = 64  # per pixel, with bounces; a power of 4
 _LONGEST_PATH = 20  # segments; what is left then is below 0.1 % among surfaces of 70 %
 _GOLDEN_ANGLE = np.pi * (3 - 5**0.5)
 _GLASS = 1.49  # refractive index of plastic
@@ -67,7 +67,8 @@ def _direct(geometry: Geometry, size: tuple[int, int]) -> tuple[DirectTransport,
         name: _shape(name, shape, _surface(white, shape, geometry.roughness))
         for name, shape in _named(geometry)
     }
-    sensor = _sensor(geometry.view, size, 1)
+    centred = {"type": "stratified", "sample_count": 1, "jitter": False}
+    sensor = _sensor(geometry.view, size, centred)
     scene = _load({**shapes, "sensor": sensor, "lamp": _LAMP, "integrator": _DIRECT})
     diffuse, gloss = [], []
     for lamp in geometry.lamps:
@@ -111,13 +112,16 @@ def _bounces(
     depth = _LONGEST_PATH if geometry.depth is None else geometry.depth
     path = {"type": "path", "max_depth": depth, "rr_depth": 1000, "hide_emitters": True}
     bounced: list[list[NDArray[np.float32]]] = [[] for _lamp in geometry.lamps]
+    # its rays through a pixel do not depend on the integrator, so that direct light cancels
+    sampler = {"type": "ldsampler", "sample_count": _PATHS}
+    sensor = _sensor(geometry.view, size, sampler)
     for start in range(0, len(BANDS_NM), 3):
         rgb = in_bands[:, start : start + 3]
         shapes = {
             name: _shape(name, shape, _surface(_painted(shape, rgb), shape, None))
             for name, shape in _named(geometry)
         }
-        common = {**shapes, "sensor": _sensor(geometry.view, size, _PATHS), "lamp": _LAMP}
+        common = {**shapes, "sensor": sensor, "lamp": _LAMP}
         longer, two = (_load({**common, "integrator": kind}) for kind in (path, _DIRECT))
         for lamp, own in zip(geometry.lamps, bounced, strict=True):
             rest = _moved(longer, lamp.centre) - _moved(two, lamp.centre)
@@ -196,7 +200,7 @@ def _rgb(values: list[float]) -> dict[str, Any]:
     return {"type": "rgb", "value": values}
 
 
-def _sensor(view: View, size: tuple[int, int], samples: int) -> dict[str, Any]:
+def _sensor(view: View, size: tuple[int, int], sampler: dict[str, Any]) -> dict[str, Any]:
     transform = _mitsuba().ScalarTransform4f
     pose = transform().look_at(
         origin=list(view.position), target=list(view.look_at), up=[0.0, 1.0, 0.0]
@@ -214,7 +218,7 @@ def _sensor(view: View, size: tuple[int, int], samples: int) -> dict[str, Any]:
             "pixel_format": "rgb",
             "component_format": "float32",
         },
-        "sampler": {"type": "stratified", "sample_count": samples, "jitter": False},
+        "sampler": sampler,
     }
 
 

@@ -173,10 +173,9 @@ def _apart(
     def choose(own: Lamps, random: np.random.Generator) -> tuple[Array, tuple[str, ...]]:
         candidates = np.flatnonzero(own.broad) if broad else np.arange(len(own.names))
         near = _cosines(own.spectra) > np.cos(np.radians(least_deg))
-        np.fill_diagonal(near, val=False)
         for _try in range(_TRIES):
             chosen = random.choice(candidates, count, replace=False)
-            if not near[np.ix_(chosen, chosen)].any():
+            if not any(near[i, j] for i, j in combinations(chosen, 2)):
                 return own.spectra[chosen], tuple(own.names[i] for i in chosen)
         raise ValueError(f"no {count} lamps are {least_deg}° apart")
 
