@@ -36,7 +36,7 @@ def nnmf(photograph: Image, count: int) -> Layers:
         h *= (w.T @ v) / (w.T @ w @ h + _TINY)
         w *= (v @ h.T) / (w @ (h @ h.T) + _TINY)
     layers = w.T[:, :, None] * h[:, None, :]
-    return layers.reshape(count, *photograph.shape).astype(np.float32)
+    return np.asarray(layers.reshape(count, *photograph.shape), dtype=np.float32)
 
 
 def von_kries_matrices(no_flash: Array, flash: Array, count: int) -> Matrix:

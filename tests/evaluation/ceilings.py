@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from pipeline.frames import Image, Mask, Matrix
 from pipeline.proportions import normalised
@@ -16,6 +17,8 @@ Layers = NDArray[np.float32]
 
 _WEIGHTINGS = (0.0, 0.5, 1.0)  # exponent: errors count as they are … relative to brightness
 _FITTING, _ALTERNATING = 6, 12  # rounds
+_TUNED_PIXELS, _TUNING = 3000, 30  # pixels taken, rounds at most
+_STEP = 1e-4  # of finite differences, relative
 _DARK = 1e-3  # of the mean light, so that no pixel counts without bound
 
 
@@ -54,9 +57,9 @@ def best_matrices(
 ) -> Matrix:
     """Matrices (N, 3, 3) whose dealt-out layers come nearest to the truth.
 
-    For each of some weightings of bright against dark pixels, matrices are fitted to every lamp
-    alone, then shares and matrices are improved by turns; the best joint SNR seen on the way wins.
-    No search finds the very best there is; `make evaluate` shows where another method does better.
+    For each of some weightings of bright against dark pixels, matrices are fitted to every lamp's
+    light alone, then shares and matrices are improved by turns; the best joint SNR on the way wins.
+    These matrices describe the lamps; tuned_matrices asks for the score alone.
 
     Parameters
     ----------
@@ -66,11 +69,11 @@ def best_matrices(
     """
     wanted = truth[:, valid].astype(np.float64)
     raw, lit, x = photograph[valid], no_flash[valid], flash[valid]
-    everywhere = np.ones(raw[None].shape[:2], dtype=np.bool_)
+    everywhere = np.ones((1, len(raw)), dtype=np.bool_)
     best, highest = np.empty((len(truth), 3, 3)), -np.inf
     for power in _WEIGHTINGS:
         matrices = np.stack([_alone(one, x, power) for one in wanted])
-        total = wanted.sum(axis=(0, 2))
+        total = np.maximum(wanted.sum(axis=(0, 2)), 0.0)
         weight = (total + _DARK * total.mean()) ** -power
         for _ in range(_ALTERNATING):
             layers = dealt_out(raw[None], lit[None], x[None], matrices)
@@ -87,16 +90,40 @@ def best_matrices(
     return best
 
 
+def tuned_matrices(
+    truth: Layers, photograph: Image, no_flash: Image, flash: Image, valid: Mask, start: Matrix
+) -> Matrix:
+    """Matrices (N, 3, 3) with the highest joint SNR of the dealt-out layers, whatever lamps are.
+
+    Least squares on the layers themselves, shares and all, from start: the most that shares of N
+    matrices can give, to within the search. The rest as for best_matrices.
+    """
+    pick = np.flatnonzero(valid)
+    pick = pick[np.linspace(0, len(pick) - 1, min(len(pick), _TUNED_PIXELS)).astype(np.intp)]
+    raw, lit, x = (image.reshape(1, -1, 3)[:, pick] for image in (photograph, no_flash, flash))
+    wanted = truth.reshape(len(truth), 1, -1, 3)[:, :, pick]
+
+    def errors(values: Array) -> Array:
+        layers = dealt_out(raw, lit, x, values.reshape(start.shape))
+        return np.asarray((layers - wanted).ravel(), dtype=np.float64)
+
+    unit = start / np.linalg.norm(start, axis=(1, 2), keepdims=True)
+    found = least_squares(errors, unit.ravel(), diff_step=_STEP, max_nfev=_TUNING)
+    return np.asarray(found.x.reshape(start.shape), dtype=np.float64)
+
+
 def _alone(light: Array, flash: Image, power: float) -> Matrix:
     """Matrix of one lamp: light ≈ z T flash with z of each pixel free, by turns."""
-    total = light.sum(axis=1)
+    total = np.maximum(light.sum(axis=1), 0.0)
     weight = (total + _DARK * total.mean()) ** -power
-    z = total / np.maximum(flash.sum(axis=1), 1e-12)
+    strength = flash.sum(axis=1)
+    z = total / np.maximum(strength, _DARK * strength.mean())
     for _ in range(_FITTING):
         matrix = _regress(z[:, None] * flash, light, weight)
         predicted = flash @ matrix.T
         square = np.square(predicted).sum(axis=1)
-        z = np.maximum((predicted * light).sum(axis=1) / np.maximum(square, 1e-12), 0.0)
+        least = _DARK**2 * square.mean()
+        z = np.maximum((predicted * light).sum(axis=1) / np.maximum(square, least), 0.0)
     return matrix
 
 

@@ -1,56 +1,72 @@
-"""Under which conditions scenes are photographed and sent."""
+"""Under which conditions a scene is photographed, and what the photographer says of it."""
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
-from pipeline.encode.exr import write_exr
-from pipeline.frames import Image
+from tests.evaluation.capture import Sensor, capture, capture_jpeg
 from tests.evaluation.scenes import SIZE, Scene, render_scene
 from tests.evaluation.scoring import valid_pixels
 from tests.evaluation.shots import Shot
 from tests.evaluation.spectra import flash_spectrum, sensitivities
 
+_SENSOR = Sensor()
+
 
 @dataclass(frozen=True)
 class Condition:
-    """How a scene is photographed and what the photographer says.
+    """How a scene is photographed and sent.
 
-    size: (width, height). motion_px: of the hand between the photographs. lights: the number of
-    lamps asked for.
+    size: (width, height). files: exact linear values, those of a sensor with its noise, or JPEG.
+    exposure: share of the light that is let in. motion_px: of the hand between the photographs.
+    camera, flash: names to be told, None for the right ones; nothing is told with a JPEG, whose
+    colours are those of sRGB. lights: whether the number of lamps is told.
     """
 
     size: tuple[int, int] = SIZE
+    files: Literal["exact", "noisy", "jpeg"] = "exact"
+    exposure: float = 1.0
     motion_px: float = 0.0
-    lights: Literal["auto", "given"] = "given"
+    camera: str | None = None
+    flash: str | None = None
+    lights: Literal["told", "auto"] = "told"
 
 
 def make_shot(scene: Scene, condition: Condition) -> Shot:
+    """Photograph a scene. Only the first time it is rendered."""
     rendered = render_scene(scene, condition.size, condition.motion_px)
-    files = (_exr(rendered.no_flash_frame), _exr(rendered.flash_frame))
+    if condition.files == "jpeg":
+        taken = capture_jpeg(rendered)
+    else:
+        sensor = _SENSOR if condition.files == "noisy" else None
+        taken = capture(rendered, sensor, condition.exposure)
     options: dict[str, Any] = {
-        "camera": scene.camera,
-        "flash_spectrum": scene.flash,
+        "encoding": taken.encoding,
+        "flash_spectrum": condition.flash or scene.flash,
         "exposure_ratio": 1.0,
     }
-    lights: Any = "auto" if condition.lights == "auto" else len(rendered.lamps)
+    if condition.files != "jpeg":
+        options["camera"] = condition.camera or scene.camera
+    s = sensitivities(scene.camera)
     return Shot(
-        files,
-        options,
-        lights,
-        rendered.lamps,
-        valid_pixels(rendered.lamps, rendered.flash, 1.0),
-        scene.lamp_spectra,
-        flash_spectrum(scene.flash),
-        sensitivities(scene.camera),
+        files=(taken.no_flash, taken.flash),
+        options=options,
+        lights=_lights(len(scene.lamp_spectra)) if condition.lights == "told" else "auto",
+        truth=taken.truth,
+        valid=valid_pixels(rendered.lamps, rendered.flash, 1.0),
+        lamp_spectra=scene.lamp_spectra,
+        flash_spectrum=flash_spectrum(scene.flash),
+        sensitivities=s,
+        coefficients=None if condition.files == "jpeg" else scene.lamp_spectra @ s.T,
     )
 
 
-def _exr(image: Image) -> bytes:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "a.exr"
-        write_exr(path, {c: image[..., k] for k, c in enumerate("RGB")})
-        return path.read_bytes()
+def _lights(count: int) -> Literal[1, 2, 3]:
+    if count == 1:
+        return 1
+    if count == 2:
+        return 2
+    if count == 3:
+        return 3
+    raise ValueError(f"{count} lamps cannot be asked for")

@@ -5,10 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from tests.evaluation.conditions import Condition
-from tests.evaluation.scenes import GROUPS
 
 BASES = ("paper_pca", "paper_joint")
-ROWS = ("equal", "nnmf", "von_kries", "paper", "paper_shared", "best", "known", "best_3x3")
+ALL = (
+    "equal",
+    "nnmf",
+    "von_kries",
+    "paper",
+    "paper_shared",
+    "best",
+    "known",
+    "best_3x3",
+    "tuned_3x3",
+)
+FEW = ("equal", "paper", "paper_shared", "best", "best_3x3", "tuned_3x3")
+OURS = ("best",)
 
 
 @dataclass(frozen=True)
@@ -16,8 +27,54 @@ class Experiment:
     """Scenes of a group under a condition. group: one of scenes.GROUPS."""
 
     group: str
+    methods: tuple[str, ...] = FEW
     condition: Condition = field(default_factory=Condition)
-    methods: tuple[str, ...] = ROWS
 
 
-EXPERIMENTS: dict[str, Experiment] = {group: Experiment(group) for group in GROUPS}
+def _noisy(exposure: float) -> Condition:
+    return Condition(files="noisy", exposure=exposure)
+
+
+_AUTO = Condition(lights="auto")
+_AUTO_NOISY = Condition(lights="auto", files="noisy")
+
+EXPERIMENTS: dict[str, Experiment] = {
+    "two": Experiment("two", (*ALL, *BASES)),
+    "three": Experiment("three", ALL),
+    "broad-two": Experiment("broad-two", ALL),
+    "broad-three": Experiment("broad-three", ALL),
+    "angle": Experiment("angle"),
+    "bounces": Experiment("bounces"),
+    "roughness": Experiment("roughness"),
+    "smooth-two": Experiment("smooth-two", ALL),
+    "smooth-three": Experiment("smooth-three", ALL),
+    "two-noise": Experiment("two", FEW, _noisy(1.0)),
+    "two-noise-half": Experiment("two", FEW, _noisy(1 / 2)),
+    "two-noise-quarter": Experiment("two", FEW, _noisy(1 / 4)),
+    "two-noise-eighth": Experiment("two", FEW, _noisy(1 / 8)),
+    "three-noise": Experiment("three", FEW, _noisy(1.0)),
+    "three-noise-half": Experiment("three", FEW, _noisy(1 / 2)),
+    "three-noise-quarter": Experiment("three", FEW, _noisy(1 / 4)),
+    "three-noise-eighth": Experiment("three", FEW, _noisy(1 / 8)),
+    "angle-noise": Experiment("angle", FEW, _noisy(1.0)),
+    "smooth-two-noise": Experiment("smooth-two", FEW, _noisy(1.0)),
+    "smooth-three-noise": Experiment("smooth-three", FEW, _noisy(1.0)),
+    "two-motion": Experiment("two", FEW, Condition(motion_px=2.0)),
+    "three-motion": Experiment("three", FEW, Condition(motion_px=2.0)),
+    "two-wrong-flash": Experiment("two", FEW, Condition(flash="led")),
+    "three-wrong-flash": Experiment("three", FEW, Condition(flash="led")),
+    "two-wrong-camera": Experiment("two", FEW, Condition(camera="Sigma SD1 Merrill")),
+    "three-wrong-camera": Experiment("three", FEW, Condition(camera="Sigma SD1 Merrill")),
+    "two-jpeg": Experiment("two", FEW, Condition(files="jpeg")),
+    "three-jpeg": Experiment("three", FEW, Condition(files="jpeg")),
+    **{
+        f"{group}-auto": Experiment(group, OURS, _AUTO)
+        for group in ("one", "two", "three", "four", "broad-two", "broad-three")
+    },
+    **{
+        f"{group}-auto-noise": Experiment(group, OURS, _AUTO_NOISY)
+        for group in ("one", "two", "three", "four")
+    },
+}
+"""By name. A name is that of the group, and of what differs from exact files of equal exposure,
+taken from a tripod, with everything told."""

@@ -19,7 +19,12 @@ from pipeline.process import separate_files
 from pipeline.progress import Progress
 from pipeline.proportions import normalised
 from tests.evaluation.baselines import equal_split, nnmf, von_kries_matrices
-from tests.evaluation.ceilings import best_matrices, dealt_out, regressed_matrices
+from tests.evaluation.ceilings import (
+    best_matrices,
+    dealt_out,
+    regressed_matrices,
+    tuned_matrices,
+)
 from tests.evaluation.shots import Shot
 
 Array = NDArray[np.float64]
@@ -97,6 +102,12 @@ def _best_3x3(shot: Shot) -> Answer:
     return Answer(dealt_out(shot.photograph, *shot.filtered, matrices))
 
 
+def _tuned_3x3(shot: Shot) -> Answer:
+    known = (shot.truth, shot.photograph, *shot.filtered, shot.valid)
+    matrices = tuned_matrices(*known, start=best_matrices(*known))
+    return Answer(dealt_out(shot.photograph, *shot.filtered, matrices))
+
+
 METHODS: dict[str, Callable[[Shot], Answer]] = {
     "equal": lambda shot: Answer(equal_split(shot.photograph, shot.count)),
     "nnmf": lambda shot: Answer(nnmf(shot.photograph, shot.count)),
@@ -108,5 +119,6 @@ METHODS: dict[str, Callable[[Shot], Answer]] = {
     "best": partial(_product, method="best"),
     "known": _known,
     "best_3x3": _best_3x3,
+    "tuned_3x3": _tuned_3x3,
 }
 """In the order of the tables."""

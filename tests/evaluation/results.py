@@ -38,7 +38,7 @@ _YARDSTICKS = (
 )
 """What of the pipeline the methods use that are not the product."""
 _OWN = ("baselines", "ceilings", "conditions", "methods", "scoring", "shots")
-_WITHOUT_PRODUCT = ("equal", "nnmf", "von_kries", "known", "best_3x3")
+_WITHOUT_PRODUCT = ("equal", "nnmf", "von_kries", "known", "best_3x3", "tuned_3x3")
 
 
 @dataclass(frozen=True)
@@ -83,15 +83,15 @@ def _run(name: str, shot: Shot, method: str) -> Result:
     start = time.process_time()
     try:
         answer = METHODS[method](shot)
-    except InputError as error:
+    except InputError as refusal:
         spent = time.process_time() - start
-        return Result(name, method, 0.0, None, shot.count, 0, None, (), str(error), spent)
+        return Result(name, method, 0.0, None, shot.count, 0, None, (), str(refusal), spent)
     spent = time.process_time() - start
     found = len(answer.layers)
     snr, error = None, None
     if found == shot.count:
         snr, order = joint_snr(shot.truth, answer.layers, shot.valid)
-        if answer.coefficients is not None:
+        if answer.coefficients is not None and shot.coefficients is not None:
             error = coefficient_error_deg(shot.coefficients, answer.coefficients, order)
     return Result(
         scene=name,

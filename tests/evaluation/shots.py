@@ -28,6 +28,8 @@ class Shot:
     lights: the number of lamps to ask for. truth: (N, H, W, 3), each lamp's light on the scale of
     the file without the flash, 1.0 = its white. valid: (H, W), the pixels that count.
     lamp_spectra (N, W), flash_spectrum (W,), sensitivities (3, W): those of the rendering.
+    coefficients: (N, 3) camera RGB of a white card under each lamp, None where the files hold
+    other colours than the camera's.
     """
 
     files: tuple[bytes, bytes]
@@ -38,16 +40,12 @@ class Shot:
     lamp_spectra: Array
     flash_spectrum: Array
     sensitivities: Array
+    coefficients: Array | None
 
     @property
     def count(self) -> int:
         """The number of lamps that there are."""
         return len(self.truth)
-
-    @property
-    def coefficients(self) -> Array:
-        """Camera RGB (N, 3) of a white card under each lamp."""
-        return np.asarray(self.lamp_spectra @ self.sensitivities.T)
 
     @cached_property
     def pair(self) -> Pair:
