@@ -7,7 +7,6 @@ do not depend on colours; the grain they leave is smoothed and then is part of t
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -173,7 +172,8 @@ def _points(lamp: Lamp, view: View) -> list[Array]:
 
 @cache
 def _mitsuba() -> Any:
-    mi = importlib.import_module("mitsuba")
+    import mitsuba as mi  # here, as it takes a second and a cached scene needs none of it
+
     mi.set_variant("scalar_rgb")
     mi.set_log_level(mi.LogLevel.Error)
     return mi
