@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import OptionError
 from pipeline.frames import Image
+from pipeline.lamps import Lamps
 from pipeline.model import Model
 from pipeline.normals import normals, solve_photometry
 from pipeline.options import DirectedLight
@@ -110,17 +111,21 @@ def shone(
 
 
 @pytest.fixture
+def lamps(lamps_of: Callable[..., Lamps], warm_to_cool: Array) -> Lamps:
+    """The three lamps, as if truly found."""
+    return lamps_of(warm_to_cool)
+
+
+@pytest.fixture
 def found_normals(
     shone: Callable[..., tuple[Any, Strip]],
     model: Model,
-    lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    lamps: Lamps,
 ) -> Callable[[list[DirectedLight]], tuple[Image, Array]]:
     """Normals of the ball, and the strengths used."""
 
     def run(given: list[DirectedLight]) -> tuple[Image, Array]:
         pair, strip = shone()
-        lamps = lamps_of(warm_to_cool)
         photometry = solve_photometry(given, reduce_pair(pair), lamps, model, FOCAL_PX)
         return normals(strip, lamps, photometry), photometry.strengths
 
@@ -155,14 +160,13 @@ def test_lights_without_colour_are_assigned_to_the_lamps(
 def test_lights_are_assigned_so_that_the_normals_are_those_of_a_surface(
     shone: Callable[..., tuple[Any, Strip]],
     model: Model,
-    lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    lamps: Lamps,
     order: tuple[int, ...],
 ) -> None:
     """Seen from afar, nearly flat and a little glossy: the flash fits every assignment."""
     far_px = 4000.0
     pair, strip = shone(saddle(), focal_px=far_px, glossy=0.1)
-    lamps, given = lamps_of(warm_to_cool), lights(order, strengths=(None, None, None))
+    given = lights(order, strengths=(None, None, None))
 
     photometry = solve_photometry(given, reduce_pair(pair), lamps, model, far_px)
 
@@ -200,7 +204,7 @@ def test_strengths_a_little_wrong_are_mended_by_the_flash(
 def test_strengths_are_found_from_the_sound_pixels(
     shone: Callable[..., tuple[Any, Strip]],
     model: Model,
-    lamps_of: Callable[..., Any],
+    lamps: Lamps,
     warm_to_cool: Array,
     spoilt: str,
 ) -> None:
@@ -215,7 +219,7 @@ def test_strengths_are_found_from_the_sound_pixels(
         reduced.usable[:, :60] = False
     given = lights(strengths=(None, None, None), rgb=warm_to_cool)
 
-    photometry = solve_photometry(given, reduced, lamps_of(warm_to_cool), model, FOCAL_PX)
+    photometry = solve_photometry(given, reduced, lamps, model, FOCAL_PX)
 
     np.testing.assert_allclose(relative(photometry.strengths), STRENGTHS, rtol=0.05)
 
@@ -223,13 +227,13 @@ def test_strengths_are_found_from_the_sound_pixels(
 def test_pixels_of_a_reduced_picture_count_as_often_as_they_are_wide(
     shone: Callable[..., tuple[Any, Strip]],
     model: Model,
-    lamps_of: Callable[..., Any],
+    lamps: Lamps,
     warm_to_cool: Array,
 ) -> None:
     reduced = replace(reduce_pair(shone()[0]), block=3)
     given = lights(strengths=(None, None, None), rgb=warm_to_cool)
 
-    photometry = solve_photometry(given, reduced, lamps_of(warm_to_cool), model, 3 * FOCAL_PX)
+    photometry = solve_photometry(given, reduced, lamps, model, 3 * FOCAL_PX)
 
     np.testing.assert_allclose(relative(photometry.strengths), STRENGTHS, rtol=0.01)
 
@@ -237,13 +241,12 @@ def test_pixels_of_a_reduced_picture_count_as_often_as_they_are_wide(
 def test_on_a_flat_surface_the_strengths_given_hold(
     shone: Callable[..., tuple[Any, Strip]],
     model: Model,
-    lamps_of: Callable[..., Any],
+    lamps: Lamps,
     warm_to_cool: Array,
 ) -> None:
     """Surfaces that are all parallel say nothing of strengths."""
     wall = np.broadcast_to(np.array([0.0, 0.0, 1.0]), (HEIGHT, WIDTH, 3))
     pair, strip = shone(wall)
-    lamps = lamps_of(warm_to_cool)
 
     photometry = solve_photometry(
         lights(rgb=warm_to_cool), reduce_pair(pair), lamps, model, FOCAL_PX
@@ -291,11 +294,9 @@ def test_colours_that_do_not_fit_give_other_normals(
 def test_the_strip_of_a_picture_has_the_normals_of_the_picture(
     shone: Callable[..., tuple[Any, Strip]],
     model: Model,
-    lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    lamps: Lamps,
 ) -> None:
     pair, strip = shone()
-    lamps = lamps_of(warm_to_cool)
     photometry = solve_photometry(lights(), reduce_pair(pair), lamps, model, FOCAL_PX)
     rows = slice(17, 31)
     part = Strip(
@@ -314,12 +315,11 @@ def test_the_strip_of_a_picture_has_the_normals_of_the_picture(
 def test_unknown_normals_are_nan(
     shone: Callable[..., tuple[Any, Strip]],
     model: Model,
-    lamps_of: Callable[..., Any],
+    lamps: Lamps,
     warm_to_cool: Array,
 ) -> None:
     """Where a lamp does not shine, and where nothing is known of the flash part."""
     pair, strip = shone()
-    lamps = lamps_of(warm_to_cool)
     photometry = solve_photometry(
         lights(rgb=warm_to_cool), reduce_pair(pair), lamps, model, FOCAL_PX
     )
@@ -350,15 +350,14 @@ def test_unknown_normals_are_nan(
 def test_directions_that_fix_no_normals_are_refused(
     shone: Callable[..., tuple[Any, Strip]],
     model: Model,
-    lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    lamps: Lamps,
     directions: tuple[tuple[float, float, float], ...],
 ) -> None:
     pair, _ = shone()
     given = [DirectedLight(direction=direction) for direction in directions]
 
     with pytest.raises(OptionError, match=r"^The three light directions lie nearly in one plane"):
-        solve_photometry(given, reduce_pair(pair), lamps_of(warm_to_cool), model, FOCAL_PX)
+        solve_photometry(given, reduce_pair(pair), lamps, model, FOCAL_PX)
 
 
 @pytest.mark.parametrize("count", [1, 2])
@@ -386,8 +385,7 @@ def test_fewer_than_three_lamps_are_refused_unless_all_colours_are_given(
 def test_a_picture_without_light_has_no_normals(
     pair_of: Callable[..., Any],
     model: Model,
-    lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
+    lamps: Lamps,
 ) -> None:
     dark = np.zeros((40, 50, 3))
     pair = pair_of(dark, dark)
@@ -398,7 +396,6 @@ def test_a_picture_without_light_has_no_normals(
         flash=pair.no_flash,
         confidence=np.ones((40, 50), np.float32),
     )
-    lamps = lamps_of(warm_to_cool)
 
     photometry = solve_photometry(lights(), reduce_pair(pair), lamps, model, FOCAL_PX)
 

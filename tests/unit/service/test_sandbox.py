@@ -34,6 +34,16 @@ for i in range(3):
     assert _run(said) == [("separate", 0.0), ("separate", 0.5), ("separate", 1.0)]
 
 
+def test_a_report_may_come_in_pieces() -> None:
+    said = """
+import time
+print('{"stage": "la', end="", flush=True)
+time.sleep(0.3)
+print('yers", "fraction": 1.0}')
+"""
+    assert _run(said) == [("layers", 1.0)]
+
+
 def test_the_process_learns_who_its_parent_is() -> None:
     assert _run("sys.exit(0 if int(sys.argv[1]) == os.getppid() else 1)") == []
 
