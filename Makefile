@@ -1,11 +1,12 @@
 # The same commands for people and for continuous integration.
 PYTHON ?= python3
 HOST = 127.0.0.1
+SET = report
 BIN := .venv/bin
 INSTALLED := .venv/installed
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint serve openapi clean
+.PHONY: help setup demo test lint evaluate serve openapi clean
 
 help:  ## Show this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/\1\t\2/p' Makefile | expand -t 12
@@ -25,6 +26,9 @@ lint: setup  ## Check style, types and the import rules
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+evaluate: setup  ## Measure the separation on rendered scenes, hours; SET=development for tuning
+	$(BIN)/python -m tests.evaluation --set $(SET)
 
 serve: setup  ## Serve on http://localhost:8000; HOST=0.0.0.0 for phones on this network, too
 	$(BIN)/lightlayers serve --host $(HOST)

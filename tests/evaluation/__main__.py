@@ -1,57 +1,71 @@
-"""make evaluate: how well lamps are separated on rendered scenes.
+"""How well lamps are separated, on rendered scenes.
 
-The report scenes make docs/evaluation.md. For tuning there are the development scenes:
-python -m tests.evaluation --set development --groups two --methods paper,best
+All groups and methods on the report scenes write docs/evaluation.md, its data and its plots.
+Anything less prints a table.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from pathlib import Path
 
 from tests.evaluation.experiments import EXPERIMENTS
 from tests.evaluation.methods import METHODS
+from tests.evaluation.report import write_report
 from tests.evaluation.results import Result
 from tests.evaluation.runs import run
-from tests.evaluation.tables import aligned, summary_rows
+from tests.evaluation.tables import aligned, summary
+
+_DOCS = Path(__file__).parents[2] / "docs"
 
 
 def main() -> None:
     """Run what the arguments ask for."""
     arguments = _arguments()
-    results = run(arguments.groups, arguments.methods, arguments.set, _tell)
-    sys.stdout.write("\n" + aligned(summary_rows(results)) + "\n")
+    outcome = run(arguments.groups, arguments.methods, arguments.set, _tell)
+    sys.stdout.write(f"\n{aligned(summary(outcome))}\n")
+    everything = (tuple(EXPERIMENTS), tuple(METHODS))
+    if arguments.set == "report" and (arguments.groups, arguments.methods) == everything:
+        write_report(outcome, _DOCS)
 
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tests.evaluation", description=__doc__)
     parser.add_argument("--set", choices=("development", "report"), default="report")
-    parser.add_argument("--groups", type=_some_of(EXPERIMENTS), default=tuple(EXPERIMENTS))
-    parser.add_argument("--methods", type=_some_of(METHODS), default=tuple(METHODS))
+    for name, known in (("--groups", EXPERIMENTS), ("--methods", METHODS)):
+        parser.add_argument(
+            name,
+            type=_some_of(known),
+            default=tuple(known),
+            metavar="A,B,…",
+            help=f"some of {', '.join(known)}; default: all",
+        )
     return parser.parse_args()
 
 
-class _some_of:  # noqa: N801  argparse shows it as a function
-    def __init__(self, known: Iterable[str]) -> None:
-        self._known = tuple(known)
+def _some_of(known: Iterable[str]) -> Callable[[str], tuple[str, ...]]:
+    names = tuple(known)
 
-    def __call__(self, text: str) -> tuple[str, ...]:
+    def parse(text: str) -> tuple[str, ...]:
         chosen = tuple(text.split(","))
-        unknown = [name for name in chosen if name not in self._known]
+        unknown = ", ".join(name for name in chosen if name not in names)
         if unknown:
-            raise argparse.ArgumentTypeError(
-                f"{', '.join(unknown)} is none of {', '.join(self._known)}"
-            )
+            raise argparse.ArgumentTypeError(f"{unknown}: there are {', '.join(names)}")
         return chosen
 
+    return parse
 
-def _tell(_name: str, results: list[Result]) -> None:
-    figures = "  ".join(
-        f"{r.method} {'–' if r.snr_db is None else f'{r.snr_db:.1f}'}" for r in results
-    )
-    sys.stdout.write(f"{results[0].scene}  {figures}\n" if results else "")
+
+def _tell(experiment: str, results: list[Result]) -> None:
+    sys.stdout.write("  ".join([experiment, results[0].scene, *map(_short, results)]) + "\n")
     sys.stdout.flush()
+
+
+def _short(result: Result) -> str:
+    snr = f"{result.found} of {result.lamps}" if result.snr_db is None else f"{result.snr_db:.1f}"
+    return f"{result.method} {snr}"
 
 
 if __name__ == "__main__":

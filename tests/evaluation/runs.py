@@ -8,8 +8,9 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 
 from tests.evaluation.experiments import EXPERIMENTS
+from tests.evaluation.figures import Outcome
 from tests.evaluation.results import Result, run_scene
-from tests.evaluation.scenes import scenes
+from tests.evaluation.scenes import Scene, scenes
 from tests.evaluation.spectra import Split
 
 _WORKERS = 2
@@ -20,22 +21,28 @@ def run(
     methods: tuple[str, ...],
     split: Split,
     tell: Callable[[str, list[Result]], None],
-) -> dict[str, list[Result]]:
+) -> Outcome:
     """Run experiments by name, with those of their methods that are among the given ones.
 
     tell: called with the experiment's name and the results of each scene as they come.
-    Returns for each experiment its results, in the order of scenes and methods, however they came.
+    The results of each experiment are in the order of scenes and methods, however they came.
+    Experiments with none of the methods are left out.
     """
     # before a worker loads numpy: its threads would wait for each other
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
-    done: dict[str, dict[int, list[Result]]] = {name: {} for name in names}
+    chosen = {
+        name: tuple(method for method in EXPERIMENTS[name].methods if method in methods)
+        for name in names
+    }
+    done: dict[str, dict[int, list[Result]]] = {name: {} for name in names if chosen[name]}
+    known: dict[str, Scene] = {}
     with ProcessPoolExecutor(_WORKERS, mp_context=get_context("spawn")) as pool:
         waiting = {}
-        for name in names:
+        for name in done:
             experiment = EXPERIMENTS[name]
-            chosen = tuple(method for method in experiment.methods if method in methods)
             for number, scene in enumerate(scenes(experiment.group, split)):
-                future = pool.submit(run_scene, scene, experiment.condition, chosen)
+                known[scene.name] = scene
+                future = pool.submit(run_scene, scene, experiment.condition, chosen[name])
                 waiting[future] = name, number
         try:
             for future in as_completed(waiting):
@@ -45,7 +52,8 @@ def run(
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
-    return {
+    results = {
         name: [result for _, results in sorted(of.items()) for result in results]
         for name, of in done.items()
     }
+    return Outcome(results, known)

@@ -2,40 +2,178 @@
 
 from __future__ import annotations
 
+import math
 import statistics
+from collections.abc import Callable, Iterable
+from itertools import pairwise
 
+from tests.evaluation.figures import SURE, Outcome, confusion, right
+from tests.evaluation.goals import Failure, Goal
 from tests.evaluation.results import Result
+from tests.evaluation.scenes import Scene
+
+Rows = list[list[str]]
+"""Cells, the first row the header."""
+
+_ANSWERS = ("1", "2", "3", "4 or more", "refused")
+_CONFIDENCES = (0.0, 0.5, 0.7, 0.8, SURE, 1.0)
 
 
-def values_of(results: list[Result], method: str) -> list[float]:
-    """Joint SNR of every scene by a method, where there is one."""
-    return [r.snr_db for r in results if r.method == method and r.snr_db is not None]
-
-
-def summary_rows(results: dict[str, list[Result]]) -> list[list[str]]:
-    """Header and one row per experiment and method: scenes, median and worst SNR."""
+def summary(outcome: Outcome) -> Rows:
+    """A row per experiment and method: scenes, median and worst SNR, error of coefficients."""
     rows = [["group", "method", "scenes", "median dB", "worst dB", "coefficients °"]]
-    for name, of in results.items():
-        for method in dict.fromkeys(result.method for result in of):
-            values = values_of(of, method)
-            errors = [r.error_deg for r in of if r.method == method and r.error_deg is not None]
+    for name, results in outcome.results.items():
+        for method in dict.fromkeys(result.method for result in results):
+            values = outcome.snr(name, method).values()
+            errors = outcome.errors(name, method).values()
             rows.append(
                 [
                     name,
                     method,
                     str(len(values)),
-                    f"{statistics.median(values):.1f}" if values else "",
-                    f"{min(values):.1f}" if values else "",
-                    f"{statistics.median(errors):.1f}" if errors else "",
+                    _number(statistics.median(values) if values else None),
+                    _number(min(values, default=None)),
+                    _number(statistics.median(errors) if errors else None),
                 ]
             )
     return rows
 
 
-def aligned(rows: list[list[str]]) -> str:
+def compared(outcome: Outcome, experiments: Iterable[str], methods: tuple[str, ...]) -> Rows:
+    """A row per experiment, a column per method: "median / worst" SNR in dB."""
+    rows = [["group", "scenes", *methods]]
+    for name in experiments:
+        cells = []
+        for method in methods:
+            values = outcome.snr(name, method).values()
+            cells.append(f"{statistics.median(values):.1f} / {min(values):.1f}" if values else "–")
+        scenes = {result.scene for result in outcome.results[name]}
+        rows.append([name, str(len(scenes)), *cells])
+    return rows
+
+
+def curves(
+    outcome: Outcome,
+    experiment: str,
+    methods: tuple[str, ...],
+    along: Callable[[Scene], float],
+    header: str,
+) -> Rows:
+    """A row per value of a property of scenes, a column per method: median SNR in dB."""
+    by_method = [outcome.curve(outcome.snr(experiment, method), along) for method in methods]
+    places = sorted({at for curve in by_method for at in curve})
+    rows = [[header, *methods]]
+    for at in places:
+        label = "∞" if math.isinf(at) else f"{at:g}"
+        rows.append([label, *(_number(curve.get(at)) for curve in by_method)])
+    return rows
+
+
+def angle_errors(
+    outcome: Outcome, experiment: str, methods: tuple[str, ...], along: Callable[[Scene], float]
+) -> Rows:
+    """As curves, of the coefficients' error in degrees."""
+    by_method = [outcome.curve(outcome.errors(experiment, method), along) for method in methods]
+    places = sorted({at for curve in by_method for at in curve})
+    return [
+        ["angle °", *(f"{method} °" for method in methods)],
+        *(
+            [f"{at:g}", *("" if at not in c else f"{c[at]:.2f}" for c in by_method)]
+            for at in places
+        ),
+    ]
+
+
+def confusions(results: list[Result]) -> Rows:
+    """A row per number of lamps, a column per answer."""
+    return [
+        ["lamps", *_ANSWERS],
+        *(
+            [str(lamps), *(str(answers[answer]) for answer in _ANSWERS)]
+            for lamps, answers in confusion(results).items()
+        ),
+    ]
+
+
+def calibration(results: list[Result]) -> Rows:
+    """A row per range of confidence: scenes, and how many of them are right."""
+    rows = [["confidence", "scenes", "right", "share right"]]
+    for low, high in pairwise(_CONFIDENCES):
+        inside = [
+            r
+            for r in results
+            if r.confidence is not None
+            and low <= r.confidence
+            and (r.confidence < high or high == 1.0)
+        ]
+        good = sum(right(r) for r in inside)
+        share = f"{100 * good / len(inside):.0f} %" if inside else ""
+        rows.append([f"{low:g} … {high:g}", str(len(inside)), str(good), share])
+    return rows
+
+
+def costs(outcome: Outcome, experiments: tuple[str, ...]) -> Rows:
+    """A row per method: processor time in multiples of the cheapest, to 1, 2 or 5 times 10ⁿ."""
+    rows = [["method", *experiments]]
+    columns = []
+    for name in experiments:
+        seconds: dict[str, list[float]] = {}
+        for result in outcome.results[name]:
+            seconds.setdefault(result.method, []).append(result.cpu_s)
+        columns.append({method: statistics.median(s) for method, s in seconds.items()})
+    for method in columns[0]:
+        cells = [
+            f"{_one_two_five(column[method] / min(column.values())):g}" if method in column else ""
+            for column in columns
+        ]
+        rows.append([method, *cells])
+    return rows
+
+
+def goal_rows(goals: list[Goal]) -> Rows:
+    """A row per goal."""
+    return [
+        ["asked", "figure", "limit", "met"],
+        *(
+            [
+                goal.text,
+                f"{goal.figure:.1f}",
+                f"{'≥' if goal.at_least else '≤'} {goal.limit:g}",
+                "yes" if goal.met else "**no**",
+            ]
+            for goal in goals
+        ),
+    ]
+
+
+def failure_rows(failures: list[Failure]) -> Rows:
+    """A row per failure."""
+    return [
+        ["group", "scene", "failure"],
+        *([one.experiment, one.scene, one.text] for one in failures),
+    ]
+
+
+def aligned(rows: Rows) -> str:
     """Text with columns under each other."""
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     return "\n".join(
         "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
         for row in rows
     )
+
+
+def markdown(rows: Rows) -> str:
+    """A table in Markdown."""
+    header, *body = ["| " + " | ".join(row) + " |" for row in rows]
+    rule = "|" + "---|" * len(rows[0])
+    return "\n".join([header, rule, *body])
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.1f}"
+
+
+def _one_two_five(ratio: float) -> float:
+    decade = 10.0 ** math.floor(math.log10(ratio))
+    return float(min((1, 2, 5, 10), key=lambda step: abs(math.log(ratio / decade / step))) * decade)

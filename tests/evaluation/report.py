@@ -1,0 +1,123 @@
+"""Writes docs/evaluation.md, docs/evaluation.json and the plots."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from tests.evaluation import tables
+from tests.evaluation.experiments import ALL, BASES, EXPERIMENTS, FEW
+from tests.evaluation.figures import Outcome, angle, depth, roughness
+from tests.evaluation.goals import failures, goals
+from tests.evaluation.plots import draw_plots
+from tests.evaluation.results import Result
+
+_HEAD = Path(__file__).with_name("report_head.md")
+_DECIMALS = 2
+_CLEAN = ("two", "three", "broad-two", "broad-three", "smooth-two", "smooth-three")
+_SWEEPS = ("angle", "bounces", "roughness")
+
+
+def write_report(outcome: Outcome, docs: Path) -> None:
+    """Write everything into the folder of the documentation; all experiments are needed."""
+    draw_plots(outcome, docs / "images")
+    (docs / "evaluation.md").write_text(_text(outcome), encoding="utf-8")
+    values = json.dumps(_values(outcome), indent=1, ensure_ascii=False, allow_nan=False)
+    (docs / "evaluation.json").write_text(values + "\n", encoding="utf-8")
+
+
+def _values(outcome: Outcome) -> dict[str, Any]:
+    return {
+        "goals": [
+            {**asdict(goal), "figure": round(goal.figure, _DECIMALS), "met": goal.met}
+            for goal in goals(outcome)
+        ],
+        "experiments": {name: _experiment(outcome, name) for name in outcome.results},
+    }
+
+
+def _experiment(outcome: Outcome, name: str) -> dict[str, Any]:
+    scenes: dict[str, Any] = {}
+    for result in outcome.results[name]:
+        scene = outcome.scenes[result.scene]
+        entry = scenes.setdefault(
+            scene.name,
+            {
+                "lamps": list(scene.lamp_names),
+                "angle_deg": round(scene.angle_deg, _DECIMALS),
+                "methods": {},
+            },
+        )
+        entry["methods"][result.method] = _result(result)
+    return {"condition": asdict(EXPERIMENTS[name].condition), "scenes": scenes}
+
+
+def _result(result: Result) -> dict[str, Any]:
+    return {
+        "snr_db": _rounded(result.snr_db),
+        "coefficient_error_deg": _rounded(result.error_deg),
+        "found": result.found,
+        "confidence": result.confidence,
+        "warnings": list(result.warnings),
+        "refusal": result.refusal,
+    }
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(value, _DECIMALS)
+
+
+def _text(outcome: Outcome) -> str:
+    clean, noisy = outcome.counted("-auto"), outcome.counted("-auto-noise")
+    compared = [
+        name
+        for name in outcome.results
+        if name not in (*_CLEAN, *_SWEEPS) and EXPERIMENTS[name].methods == FEW
+    ]
+    parts = [
+        _HEAD.read_text(encoding="utf-8").rstrip(),
+        "## What is asked of `best`",
+        tables.markdown(tables.goal_rows(goals(outcome))),
+        "## Layers\n\nMedian / worst joint SNR in dB.",
+        tables.markdown(tables.compared(outcome, _CLEAN, ALL)),
+        "The same under other conditions, and over all scenes of the curves below.",
+        tables.markdown(tables.compared(outcome, [*_SWEEPS, *compared], FEW)),
+        "## Bases (figure 2)\n\nThe published method with each of its bases, on two lamps.",
+        tables.markdown(tables.compared(outcome, ["two"], (*BASES, "paper"))),
+        _picture("bases", "Joint SNR of every scene with two lamps, for three bases"),
+        "## Angle between two lamps (figure 4)\n\nMedian joint SNR in dB, files without noise.",
+        tables.markdown(tables.curves(outcome, "angle", FEW, angle, "angle °")),
+        "With sensor noise:",
+        tables.markdown(tables.curves(outcome, "angle-noise", FEW, angle, "angle °")),
+        "Median error of the lamps' coefficients, files without noise:",
+        tables.markdown(tables.angle_errors(outcome, "angle", ("paper", "best"), angle)),
+        _picture("angle", "Joint SNR and coefficient error against the angle between lamps"),
+        "## Three lamps (figure 9)",
+        _picture("three", "Joint SNR of every scene with three lamps"),
+        "## Bounces of light (figure 15)\n\nMedian joint SNR in dB; 2 segments are direct light.",
+        tables.markdown(tables.curves(outcome, "bounces", FEW, depth, "longest path")),
+        _picture("bounces", "Joint SNR against the longest path of light"),
+        "## Roughness (figure 16)\n\nMedian joint SNR in dB, plastic things.",
+        tables.markdown(tables.curves(outcome, "roughness", FEW, roughness, "α")),
+        _picture("roughness", "Joint SNR against roughness"),
+        "## Noise and exposure",
+        _picture("noise", "Joint SNR against exposure, two and three lamps"),
+        "## Number of lamps\n\nRows: how many there are. Columns: what `--lights auto` says.",
+        tables.markdown(tables.confusions(clean)),
+        "With sensor noise:",
+        tables.markdown(tables.confusions(noisy)),
+        "How often the number is right, by the confidence given, without noise and with it:",
+        tables.markdown(tables.calibration([*clean, *noisy])),
+        "## Cost\n\nProcessor time in multiples of the cheapest method, files at 256 × 192.",
+        tables.markdown(tables.costs(outcome, ("two", "three"))),
+        "## Failures\n\nScenes where `best` is more than 0.5 dB below the published method, below "
+        "what is asked of every scene of its kind, refuses, or miscounts.",
+        tables.markdown(tables.failure_rows(failures(outcome))),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _picture(name: str, caption: str) -> str:
+    return f"![{caption}](images/evaluation_{name}.png)"
