@@ -68,7 +68,7 @@ def _attempt(no_flash: Image, flash: Image, working_size: int) -> Alignment:
         np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
         for image in (no_flash, flash)
     ]
-    reference, sample = (_edges(image) for image in small_pair)
+    reference, sample = (edges(image) for image in small_pair)
     try:
         correlation, small = _estimate(reference, sample, size)
     except cv2.error:
@@ -146,7 +146,7 @@ def warp(image: Image, saturated: Mask, alignment: Alignment) -> tuple[Image, Ma
     return np.asarray(warped, dtype=np.float32), bad > 0
 
 
-def _edges(image: Image) -> Image:
+def edges(image: Image) -> Image:
     """Gradient magnitude of the brightness, divided by its own local mean and compressed."""
     gray = np.maximum(image.mean(axis=2), 0.0)
     gray = np.sqrt(gray / max(float(np.percentile(gray, 95)), 1e-9))

@@ -1,0 +1,128 @@
+"""Motion that no homography explains: parallax of near things, and what moved by itself.
+
+Dense inverse search, Kroeger et al., "Fast Optical Flow using Dense Inverse Search", ECCV 2016, on
+edges, which flash and lamps share; taken only where it makes steps of reflectance fit.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.align import Alignment, edges
+from pipeline.fill import push_pull
+from pipeline.frames import Image, Mask
+from pipeline.progress import STRIP_ROWS
+from pipeline.refine import log_detail
+
+Array = NDArray[np.float32]
+
+_WORKING_SIZE = 1000  # longer side
+_WINDOW = 5.0  # standard deviation of the window of local correlations, pixels
+_GAIN = 0.15  # by which the correlation must rise to believe a motion
+_FITS = 0.6  # correlation of what lies right
+_RETURNS_PX = 0.7  # forward and back again
+_MOVED_PX = 0.4  # less is within the error of the flow
+_TEXTURE = 0.02  # root mean square of log steps that tell of motion, against noise
+_WORTH_IT = 0.01  # share of the picture; less is chance
+_CODES = 110.0  # edges run from 0 to 2
+
+
+def residual_flow(no_flash: Image, flash: Image) -> Array | None:
+    """Find where pixels of the no-flash photograph lie in the flash photograph.
+
+    no_flash, flash: (H, W, 3) linear, aligned but for parallax. Returns (h, w, 2) float32 of
+    displacements (x, y) in pixels of the full size, on a grid that may be coarser; None where no
+    notable part of the picture is explained better by any motion.
+    """
+    height, width = no_flash.shape[:2]
+    scale = min(1.0, _WORKING_SIZE / max(height, width))
+    size = (max(round(width * scale), 1), max(round(height * scale), 1))
+    pair = [
+        np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
+        for image in (no_flash, flash)
+    ]
+    codes = [np.clip(edges(image) * _CODES, 0, 255).astype(np.uint8) for image in pair]
+    forward, backward = _search(codes[0], codes[1]), _search(codes[1], codes[0])
+    reference, sample = (log_detail(image) for image in pair)
+    returns = np.linalg.norm(forward + _moved(backward, forward), axis=2) < _RETURNS_PX
+    before, texture = _correlation(reference, sample)
+    after, _ = _correlation(reference, _moved(sample, forward))
+    far = np.linalg.norm(forward, axis=2) > _MOVED_PX
+    moves = returns & far & (texture > _TEXTURE) & (after > before + _GAIN) & (after > _FITS)
+    moves = cv2.morphologyEx(moves.astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5))) > 0
+    if moves.mean() < _WORTH_IT:
+        return None
+    stays = ~moves & ((before > _FITS) | (texture < _TEXTURE))
+    flow = np.where(moves[..., None], forward, np.float32(0.0))
+    flow = push_pull(flow, (moves | stays).astype(np.float32))
+    return np.asarray(
+        flow / np.array([size[0] / width, size[1] / height], dtype=np.float32), dtype=np.float32
+    )
+
+
+def warp_along(
+    image: Image, saturated: Mask, alignment: Alignment, flow: Array
+) -> tuple[Image, Mask]:
+    """Resample the flash frame on the no-flash frame's pixels, by homography and flow in one.
+
+    image: (H, W, 3), saturated: (H, W), as they were taken. flow: from residual_flow, of the
+    aligned frame. Returns the image and the mask of pixels that are saturated or have no
+    counterpart.
+    """
+    height, width = saturated.shape
+    warped = np.empty_like(image)
+    bad = np.empty_like(saturated)
+    sources = saturated.astype(np.float32)
+    matrix = alignment.matrix.astype(np.float32)
+    for top in range(0, height, STRIP_ROWS):
+        rows = slice(top, min(top + STRIP_ROWS, height))
+        x, y = (_rows_of(flow[..., axis], rows, (width, height)) for axis in (0, 1))
+        x += np.arange(width, dtype=np.float32)
+        y += np.arange(rows.start, rows.stop, dtype=np.float32)[:, None]
+        u, v, w = (row[0] * x + row[1] * y + row[2] for row in matrix)
+        u, v = u / w, v / w
+        warped[rows] = cv2.remap(image, u, v, cv2.INTER_CUBIC)
+        bad[rows] = cv2.remap(sources, u, v, cv2.INTER_LINEAR, borderValue=1.0) > 0
+    return warped, bad
+
+
+def _rows_of(plane: Array, rows: slice, full: tuple[int, int]) -> Array:
+    """Some rows of a plane enlarged to (width, height), bilinear."""
+    width, height = full
+    x = (np.arange(width, dtype=np.float32) + 0.5) * (plane.shape[1] / width) - 0.5
+    y = (np.arange(rows.start, rows.stop, dtype=np.float32) + 0.5) * (plane.shape[0] / height) - 0.5
+    xs, ys = np.meshgrid(x, y)
+    return np.asarray(
+        cv2.remap(
+            np.ascontiguousarray(plane), xs, ys, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+    )
+
+
+def _search(reference: NDArray[np.uint8], sample: NDArray[np.uint8]) -> Array:
+    search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    search.setFinestScale(1)
+    return np.asarray(
+        search.calc(reference, sample, np.zeros((*reference.shape, 2), np.float32)),
+        dtype=np.float32,
+    )
+
+
+def _moved(image: Array, flow: Array) -> Array:
+    height, width = flow.shape[:2]
+    x = flow[..., 0] + np.arange(width, dtype=np.float32)
+    y = flow[..., 1] + np.arange(height, dtype=np.float32)[:, None]
+    moved = cv2.remap(image, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(moved, dtype=np.float32)
+
+
+def _correlation(reference: Image, sample: Image) -> tuple[Array, Array]:
+    """Local correlation of steps, −1…1, and their strength in the weaker photograph, (h, w)."""
+    cross, first, second = (
+        cv2.GaussianBlur((a * b).sum(axis=2), (0, 0), _WINDOW)
+        for a, b in ((reference, sample), (reference, reference), (sample, sample))
+    )
+    strength = np.sqrt(np.minimum(first, second) / 3.0)
+    return np.asarray(cross / np.sqrt(first * second + 1e-12)), np.asarray(strength)
