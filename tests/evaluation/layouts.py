@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import combinations
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,8 @@ from tests.evaluation.geometry import Geometry, Kind, Lamp, Shape, Vector, View
 from tests.evaluation.patterns import Pattern
 
 Array = NDArray[np.float64]
-Layout = Literal["room", "corner", "smooth"]
+Layout = Literal["room", "corner", "smooth", "close"]
+_LAYOUTS = get_args(Layout)
 
 PALETTE = 40
 """Colours a scene may use; the first _LIGHT of them are light ones, for walls and floors."""
@@ -30,10 +31,10 @@ def make_geometry(layout: Layout, seed: int, lamps: int) -> Geometry:
     """Geometry with so many lamps, the flash the last of them.
 
     room: a floor, a back wall and 5 to 12 things on it. corner: two walls at right angles close
-    around 4 to 7 things, where light bounces. smooth: one to three round things in the
-    dark, none of which casts a shadow on another.
+    around 4 to 7 things, where light bounces. smooth: one to three round things in the dark, none
+    of which casts a shadow on another. close: a room whose things fill much of the picture.
     """
-    random = np.random.default_rng([seed, ("room", "corner", "smooth").index(layout)])
+    random = np.random.default_rng([seed, _LAYOUTS.index(layout)])
     paints = _paints(random)
     if layout == "smooth":
         return _smooth(random, paints, lamps)
@@ -42,9 +43,13 @@ def make_geometry(layout: Layout, seed: int, lamps: int) -> Geometry:
         look_at=(random.uniform(-0.1, 0.1), random.uniform(0.3, 0.45), -0.2),
     )
     floor = _plane((0, 0, 0), 6.0, _background(random), tilt=-90)
-    if layout == "room":
+    if layout in ("room", "close"):
         walls = [_plane((0, 0, random.uniform(-2.4, -1.7)), 6.0, _background(random))]
+    if layout == "room":
         things = _things(random, paints, int(random.integers(5, 13)), 1.3, (-1.3, 1.1))
+    elif layout == "close":
+        view = replace(view, fov_deg=26.0)
+        things = _things(random, paints, 6, 0.7, (-0.7, 0.7), (0.25, 0.42))
     else:
         walls = [
             _plane((side * 2.2, 0, 0.4), 3.6, _background(random), turn=-side * 45)
@@ -141,6 +146,7 @@ def _things(
     count: int,
     reach: float,
     depth: tuple[float, float],
+    radii: tuple[float, float] = (0.14, 0.4),
 ) -> list[Shape]:
     """Things that stand on the floor beside each other."""
     taken: list[tuple[float, float, float]] = []
@@ -148,7 +154,7 @@ def _things(
     for _try in range(_TRIES):
         if len(things) == count:
             break
-        radius = random.uniform(0.14, 0.4)
+        radius = random.uniform(*radii)
         x, z = random.uniform(-reach, reach), random.uniform(*depth)
         if all(np.hypot(x - a, z - b) > radius + r for a, b, r in taken):
             taken.append((x, z, radius))

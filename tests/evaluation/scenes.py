@@ -257,11 +257,11 @@ def _depths(group: str, split: Split) -> list[Scene]:
 
 
 def _roughnesses(group: str, split: Split) -> list[Scene]:
-    """Three rooms, their things of plastic of every roughness."""
+    """Three rooms seen from close, their things of plastic of every roughness."""
     choose = _apart(2, 10.0)
     out = []
     for n in range(3):
-        base = _make(group, split, n, "room", 2, choose)
+        base = _make(group, split, n, "close", 2, choose)
         for alpha in ROUGHNESSES:
             geometry = replace(base.geometry, roughness=alpha)
             out.append(replace(base, name=f"{base.name}-rough{alpha:g}", geometry=geometry))
