@@ -22,6 +22,7 @@ from tests.evaluation.spectra import (
     Lamps,
     Split,
     angle_deg,
+    coefficients,
     flash_spectrum,
     lamps,
     reflectances,
@@ -53,7 +54,7 @@ class Scene:
 
     name: its own in all groups. lamp_spectra: (N, W), each summing to 1. lamp_names: of the table,
     or how they were made. strengths: (N,) mean of each lamp's picture relative to the others'.
-    palette: (m, W) reflectances. angle_deg: least angle between two lamps, as camera sees them,
+    palette: (m, W) reflectances. angle_deg: least angle between two lamps' coefficient vectors,
     0 with one lamp. camera, flash: names as in spectra.
     """
 
@@ -183,10 +184,9 @@ def _apart(
 
 
 def _cosines(spectra: Array) -> Array:
-    """Cosines (n, n) of the angles between lamps as CAMERA sees them."""
-    seen = spectra @ sensitivities(CAMERA).T
-    seen /= np.linalg.norm(seen, axis=1, keepdims=True)
-    return np.asarray(seen @ seen.T)
+    """Cosines (n, n) of the angles between lamps' coefficient vectors."""
+    found = coefficients(spectra, CAMERA)
+    return np.asarray(found @ found.T)
 
 
 def _group(

@@ -19,9 +19,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.spectra.bases import learn_basis
 from pipeline.spectra.grid import STEP_NM, on_grid
 from pipeline.spectra.library import colour_science, without_warnings
 from pipeline.spectra.lights import find_light, lamp_spectra, reflectance_spectra
+from pipeline.vectors import unit
 
 Array = NDArray[np.float64]
 Split = Literal["development", "report"]
@@ -89,13 +91,24 @@ def flash_spectrum(name: str) -> Array:
     return find_light(name)
 
 
-def angle_deg(a: Array, b: Array, camera: str) -> float:
-    """Angle between two lamps' coefficient vectors: camera RGB of a white card under each.
+@cache
+def _to_coefficients(camera: str) -> Array:
+    basis = learn_basis("wpca", sensitivities(camera), reflectance_spectra(), lamp_spectra())
+    return basis.published @ basis.to_coefficients
 
-    Hui et al. 2018 state their scenes' lamps by this angle (supplement, figures 4 and 9).
+
+def coefficients(spectra: Array, camera: str) -> Array:
+    """Coefficients (n, 3) of lamps (n, W), of length one, in an orthonormal weighted-PCA basis.
+
+    These are the coordinates in which Hui et al. 2018 state the angles between their lamps
+    (supplement, figures 4 and 9).
     """
-    s = sensitivities(camera)
-    u, v = s @ a, s @ b
+    return unit(spectra @ _to_coefficients(camera).T)
+
+
+def angle_deg(a: Array, b: Array, camera: str) -> float:
+    """Angle between two lamps' coefficient vectors (see coefficients)."""
+    u, v = coefficients(np.stack([a, b]), camera)
     across = np.linalg.norm(np.cross(u, v))  # exact where the cosine is near 1
     return float(np.degrees(np.arctan2(across, u @ v)))
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.spectra.bases import learn_basis
 from pipeline.spectra.lights import lamp_spectra, reflectance_spectra
 from tests.evaluation.spectra import (
     CAMERAS,
@@ -62,10 +63,14 @@ def test_cameras_see_three_colours_in_their_order(camera: str) -> None:
     assert 430 <= blue < green < red <= 640
 
 
-def test_the_angle_between_lamps_is_that_between_white_cards() -> None:
-    a, b = lamps("report").spectra[[3, 40]]
-    s = sensitivities("Nikon D5100")
-    u, v = s @ a, s @ b
-    expected = np.degrees(np.arccos(u @ v / np.linalg.norm(u) / np.linalg.norm(v)))
-    assert angle_deg(a, b, "Nikon D5100") == pytest.approx(expected)
-    assert angle_deg(a, 3 * a, "Nikon D5100") == pytest.approx(0, abs=1e-9)
+def test_the_angle_between_lamps_is_taken_in_an_orthonormal_basis() -> None:
+    camera = "Nikon D5100"
+    basis = learn_basis("wpca", sensitivities(camera), reflectance_spectra(), lamp_spectra())
+    orthonormal = np.linalg.inv(basis.published).T @ basis.lights
+    np.testing.assert_allclose(orthonormal @ orthonormal.T, np.eye(3), atol=1e-9)
+    # lamps that lie in the basis have their own angle
+    mixtures = np.array([[1.0, 0.2, 0.1], [0.7, -0.3, 0.2]]) @ orthonormal
+    cosine = np.prod([1 / np.linalg.norm(m) for m in mixtures]) * (mixtures[0] @ mixtures[1])
+    found = angle_deg(mixtures[0], mixtures[1], camera)
+    assert found == pytest.approx(np.degrees(np.arccos(cosine)), abs=0.01)
+    assert angle_deg(mixtures[0], 3 * mixtures[0], camera) == pytest.approx(0, abs=1e-6)
