@@ -2,13 +2,15 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
-from service import jobs, sandbox
+from service import database, jobs, sandbox
 from service.api.context import Context
 from service.attempt import FRAMES, Attempt, describe_inputs, inputs_key, results_key
 from service.errors import CrashError
@@ -102,6 +104,69 @@ def test_results_are_stored_with_what_an_answer_needs(
         }
     ]
     assert context.storage.get(results_key("a", 1, "a.png")) == b"hsalf_on"
+
+
+def test_results_of_lost_attempts_go(
+    run: Run, context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def separate(task: sandbox.Task, *_rest: object) -> None:
+        with context.engine.begin() as connection:
+            connection.execute(sa.update(database.jobs).values(attempt=3))
+        (Path(task.directory) / "results").mkdir()
+
+    claim = jobs.claim
+
+    def third(connection: sa.Connection, job_id: str, worker: str) -> jobs.Job | None:
+        held = claim(connection, job_id, worker)
+        return held and replace(held, attempt=3)
+
+    monkeypatch.setattr(jobs, "claim", third)
+    monkeypatch.setattr(sandbox, "run", separate)
+    for lost in (1, 2):
+        context.storage.put(results_key("a", lost, "a.png"), b"half")
+    job = run()
+    assert job is not None and job.state == jobs.State.SUCCEEDED
+    assert context.storage.list("jobs/a/") == [inputs_key("a", frame) for frame in sorted(FRAMES)]
+
+
+def test_progress_is_written_now_and_then(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    written: list[tuple[str, float]] = []
+
+    def separate(task: sandbox.Task, _seconds: float, report: Any, _must_stop: object) -> None:
+        for stage in ("layers", "encode"):
+            for step in range(1000):
+                report(stage, step / 1000)
+        (Path(task.directory) / "results").mkdir()
+
+    monkeypatch.setattr(sandbox, "run", separate)
+    monkeypatch.setattr(
+        jobs, "report", lambda _connection, _job, *progress: written.append(progress)
+    )
+    run()
+    assert [written[0], written[-1][0]] == [("layers", 0.0), "encode"]
+    assert ("encode", 0.0) in written
+    assert len(written) < 100
+
+
+def test_a_pair_that_was_captured_is_not_taken_again(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kinds: list[str] = []
+
+    def separate(task: sandbox.Task, *_rest: object) -> None:
+        kinds.append(task.kind)
+        (Path(task.directory) / "results").mkdir()
+
+    claim = jobs.claim
+
+    def captured(connection: sa.Connection, job_id: str, worker: str) -> jobs.Job | None:
+        held = claim(connection, job_id, worker)
+        return held and replace(held, capture={"camera": "sim://studio"})
+
+    monkeypatch.setattr(jobs, "claim", captured)
+    monkeypatch.setattr(sandbox, "run", separate)
+    run()
+    assert kinds == ["separate"]
 
 
 def test_an_attempt_that_was_canceled_leaves_no_results(

@@ -1,12 +1,18 @@
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal
 
 import pytest
 
 from service import sandbox
+from service.child import OUT_OF_MEMORY
 from service.errors import MemoryLimitError, TimeLimitError
 
 GIB = 2**30
@@ -92,3 +98,44 @@ def test_a_camera_that_fails_is_a_problem(address: str, kind: str, tmp_path: Pat
         _run("capture", tmp_path, capture={"camera": address})
     assert caught.value.problem["type"] == f"urn:lightlayers:problem:{kind}"
     assert list(tmp_path.iterdir()) == []
+
+
+def _in_a_child(work: str) -> subprocess.CompletedProcess[bytes]:
+    """Run a task whose work is this Python code, with `tell` to tell of it."""
+    code = f"""
+import os, resource, sys
+from service import child
+def work(task, tell):
+    {work}
+child._WORK["check"] = work
+sys.exit(child.main())
+"""
+    task = sandbox.Task("check", "7", "f" * 32, "", GIB, 60, {}, None)
+    return subprocess.run(
+        [sys.executable, "-c", code, str(os.getpid())],
+        input=json.dumps(asdict(task)).encode(),
+        capture_output=True,
+        timeout=100,
+        check=False,
+    )
+
+
+def test_what_libraries_print_does_not_get_among_the_messages() -> None:
+    done = _in_a_child('print("hello"); os.write(1, b"hello"); tell({"stage": "a"})')
+    assert (done.returncode, done.stdout) == (0, b'{"stage": "a"}\n')
+    assert done.stderr.count(b"hello") == 2
+
+
+def test_a_crash_leaves_no_photograph_in_a_core_dump() -> None:
+    done = _in_a_child('tell({"core": resource.getrlimit(resource.RLIMIT_CORE)})')
+    assert json.loads(done.stdout) == {"core": [0, 0]}
+
+
+def test_a_child_dies_before_the_service_when_the_machine_is_full() -> None:
+    done = _in_a_child('tell({"score": open("/proc/self/oom_score_adj").read()})')
+    assert json.loads(done.stdout) == {"score": "1000\n"}
+
+
+def test_want_of_memory_in_opencv_is_want_of_memory() -> None:
+    work = "import cv2, numpy; cv2.resize(numpy.zeros((9, 9)), (60000, 60000))"
+    assert _in_a_child(work).returncode == OUT_OF_MEMORY

@@ -30,6 +30,19 @@ def test_results_move_in_when_all_are_there(tmp_path: Path) -> None:
     assert (target / "lamp1.jpg").read_text() == "light"
 
 
+def test_the_manifest_moves_in_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    moved: list[str] = []
+    move = Path.replace
+
+    def replace(path: Path, target: Path) -> Path:
+        moved.append(path.name)
+        return move(path, target)
+
+    monkeypatch.setattr(Path, "replace", replace)
+    _write(tmp_path, "white_balanced_1.jpg", "lamp1.jpg")
+    assert moved == ["lamp1.jpg", "white_balanced_1.jpg", "manifest.json"]
+
+
 def test_an_earlier_runs_results_are_replaced_and_nothing_else(tmp_path: Path) -> None:
     _write(tmp_path, "lamp1.jpg", "lamp2.jpg")
     (tmp_path / "notes.txt").write_text("mine")

@@ -49,6 +49,19 @@ def test_results_are_fetched_when_the_job_is_done(
     }
 
 
+def test_names_of_results_do_not_lead_out_of_the_folder(
+    client: Client, finish: Finish, tmp_path: Path
+) -> None:
+    job = client.submit_capture("sim://studio", Options())
+    finish(job["id"], {"lamp1.jpg": b"light"})
+    job = client.wait(job, _ignore)
+    job["files"][0]["name"] = "../lamp1.jpg"  # as a wicked service might say
+    (tmp_path / "out").mkdir()
+    client.download(job, tmp_path / "out")
+    assert (tmp_path / "out" / "lamp1.jpg").read_bytes() == b"light"
+    assert not (tmp_path / "lamp1.jpg").exists()
+
+
 def test_progress_is_told(
     client: Client, context: Context, finish: Finish, http: httpx.Client
 ) -> None:
