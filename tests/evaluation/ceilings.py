@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from itertools import product
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
@@ -17,7 +20,8 @@ Layers = NDArray[np.float32]
 
 _WEIGHTINGS = (0.0, 0.5, 1.0)  # exponent: errors count as they are … relative to brightness
 _FITTING, _ALTERNATING = 6, 12  # rounds
-_TUNED_PIXELS, _TUNING = 3000, 30  # pixels taken, rounds at most
+_PIXELS = 6000
+_TUNING = 30  # rounds at most
 _STEP = 1e-4  # of finite differences, relative
 _DARK = 1e-3  # of the mean light, so that no pixel counts without bound
 
@@ -57,9 +61,9 @@ def best_matrices(
 ) -> Matrix:
     """Matrices (N, 3, 3) whose dealt-out layers come nearest to the truth.
 
-    For each of some weightings of bright against dark pixels, matrices are fitted to every lamp's
-    light alone, then shares and matrices are improved by turns; the best joint SNR on the way wins.
-    These matrices describe the lamps; tuned_matrices asks for the score alone.
+    For each of some weightings of bright against dark pixels, matrices are fitted in two ways to
+    every lamp's light alone, then shares and matrices are improved by turns; the best joint SNR on
+    the way wins. These matrices describe the lamps; tuned_matrices asks for the score alone.
 
     Parameters
     ----------
@@ -67,24 +71,24 @@ def best_matrices(
     photograph, no_flash, flash : as for dealt_out
     valid : (H, W), the pixels that count
     """
-    wanted = truth[:, valid].astype(np.float64)
-    raw, lit, x = photograph[valid], no_flash[valid], flash[valid]
-    everywhere = np.ones((1, len(raw)), dtype=np.bool_)
+    raw, lit, x, wanted = _sample(truth, photograph, no_flash, flash, valid)
+    everywhere = np.ones(raw.shape[:2], dtype=np.bool_)
+    total = np.maximum(wanted.sum(axis=(0, 1, 3)), 0.0)
+    seen, lights = x[0].astype(np.float64), wanted[:, 0].astype(np.float64)
     best, highest = np.empty((len(truth), 3, 3)), -np.inf
-    for power in _WEIGHTINGS:
-        matrices = np.stack([_alone(one, x, power) for one in wanted])
-        total = np.maximum(wanted.sum(axis=(0, 2)), 0.0)
+    for power, start in product(_WEIGHTINGS, (_by_ratio, _by_direction)):
+        matrices = np.stack([_alone(one, seen, power, start) for one in lights])
         weight = (total + _DARK * total.mean()) ** -power
         for _ in range(_ALTERNATING):
-            layers = dealt_out(raw[None], lit[None], x[None], matrices)
-            snr, _order = joint_snr(wanted[:, None], layers, everywhere)
+            layers = dealt_out(raw, lit, x, matrices)
+            snr, _order = joint_snr(wanted, layers, everywhere)
             if snr > highest:
                 best, highest = matrices, snr
-            z = _shares(lit, x, matrices)
+            held = _shares(lit, x, matrices)[:, 0]
             matrices = np.stack(
                 [
-                    _regress(share[:, None] * x, one, weight)
-                    for share, one in zip(z, wanted, strict=True)
+                    _regress(share[:, None] * seen, one, weight)
+                    for share, one in zip(held, lights, strict=True)
                 ]
             )
     return best
@@ -98,10 +102,7 @@ def tuned_matrices(
     Least squares on the layers themselves, shares and all, from start: the most that shares of N
     matrices can give, to within the search. The rest as for best_matrices.
     """
-    pick = np.flatnonzero(valid)
-    pick = pick[np.linspace(0, len(pick) - 1, min(len(pick), _TUNED_PIXELS)).astype(np.intp)]
-    raw, lit, x = (image.reshape(1, -1, 3)[:, pick] for image in (photograph, no_flash, flash))
-    wanted = truth.reshape(len(truth), 1, -1, 3)[:, :, pick]
+    raw, lit, x, wanted = _sample(truth, photograph, no_flash, flash, valid)
 
     def errors(values: Array) -> Array:
         layers = dealt_out(raw, lit, x, values.reshape(start.shape))
@@ -112,19 +113,49 @@ def tuned_matrices(
     return np.asarray(found.x.reshape(start.shape), dtype=np.float64)
 
 
-def _alone(light: Array, flash: Image, power: float) -> Matrix:
-    """Matrix of one lamp: light ≈ z T flash with z of each pixel free, by turns."""
+def _sample(
+    truth: Layers, photograph: Image, no_flash: Image, flash: Image, valid: Mask
+) -> tuple[Image, Image, Image, Layers]:
+    """Photograph, filtered pair (1, n, 3) and truth (N, 1, n, 3) in pixels spread over the valid.
+
+    Matrices of a few numbers need no more of them.
+    """
+    pick = np.flatnonzero(valid)
+    pick = pick[np.linspace(0, len(pick) - 1, min(len(pick), _PIXELS)).astype(np.intp)]
+    raw, lit, x = (image.reshape(1, -1, 3)[:, pick] for image in (photograph, no_flash, flash))
+    return raw, lit, x, truth.reshape(len(truth), 1, -1, 3)[:, :, pick]
+
+
+def _alone(
+    light: Array, flash: Array, power: float, start: Callable[[Array, Array, Array], Matrix]
+) -> Matrix:
+    """Matrix of one lamp, light ≈ z T flash with z of each pixel free: z and T by turns."""
     total = np.maximum(light.sum(axis=1), 0.0)
     weight = (total + _DARK * total.mean()) ** -power
-    strength = flash.sum(axis=1)
-    z = total / np.maximum(strength, _DARK * strength.mean())
+    matrix = start(light, flash, weight)
     for _ in range(_FITTING):
-        matrix = _regress(z[:, None] * flash, light, weight)
         predicted = flash @ matrix.T
         square = np.square(predicted).sum(axis=1)
-        least = _DARK**2 * square.mean()
-        z = np.maximum((predicted * light).sum(axis=1) / np.maximum(square, least), 0.0)
+        z = (predicted * light).sum(axis=1) / np.maximum(square, _DARK**2 * square.mean())
+        matrix = _regress(np.maximum(z, 0.0)[:, None] * flash, light, weight)
     return matrix
+
+
+def _by_ratio(light: Array, flash: Array, weight: Array) -> Matrix:
+    """First matrix from z = brightness of the light ÷ that of the flash."""
+    strength = flash.sum(axis=1)
+    z = light.sum(axis=1) / np.maximum(strength, _DARK * strength.mean())
+    return _regress(np.maximum(z, 0.0)[:, None] * flash, light, weight)
+
+
+def _by_direction(light: Array, flash: Array, weight: Array) -> Matrix:
+    """First matrix from light × T flash = 0: both point the same way, which is linear in T."""
+    across = np.square(light).sum(axis=1)[:, None, None] * np.eye(3)
+    across -= light[:, :, None] * light[:, None, :]
+    normal = np.einsum("p,pkm,pl,pn->klmn", weight**2, across, flash, flash, optimize=True)
+    matrix = np.linalg.eigh(normal.reshape(9, 9))[1][:, 0].reshape(3, 3)
+    # T and −T point alike; one of them gives light
+    return np.asarray(matrix * np.sign(((flash @ matrix.T) * light).sum()))
 
 
 def _regress(before: Array, after: Array, weight: Array) -> Matrix:

@@ -9,7 +9,7 @@ from tests.evaluation.capture import Sensor, capture, capture_jpeg
 from tests.evaluation.scenes import SIZE, Scene, render_scene
 from tests.evaluation.scoring import valid_pixels
 from tests.evaluation.shots import Shot
-from tests.evaluation.spectra import flash_spectrum, sensitivities
+from tests.evaluation.spectra import axes, coefficients, flash_spectrum, sensitivities
 
 _SENSOR = Sensor()
 
@@ -48,7 +48,7 @@ def make_shot(scene: Scene, condition: Condition) -> Shot:
     }
     if condition.files != "jpeg":
         options["camera"] = condition.camera or scene.camera
-    s = sensitivities(scene.camera)
+    seen = coefficients(scene.lamp_spectra, scene.camera)
     return Shot(
         files=(taken.no_flash, taken.flash),
         options=options,
@@ -57,8 +57,9 @@ def make_shot(scene: Scene, condition: Condition) -> Shot:
         valid=valid_pixels(rendered.lamps, rendered.flash, 1.0),
         lamp_spectra=scene.lamp_spectra,
         flash_spectrum=flash_spectrum(scene.flash),
-        sensitivities=s,
-        coefficients=None if condition.files == "jpeg" else scene.lamp_spectra @ s.T,
+        sensitivities=sensitivities(scene.camera),
+        axes=axes(scene.camera),
+        coefficients=None if condition.files == "jpeg" else seen,
     )
 
 

@@ -94,7 +94,7 @@ def _von_kries(shot: Shot) -> Answer:
 
 def _known(shot: Shot) -> Answer:
     matrices = regressed_matrices(shot.sensitivities, shot.flash_spectrum, shot.lamp_spectra)
-    return Answer(dealt_out(shot.photograph, *shot.filtered, matrices), shot.coefficients)
+    return Answer(dealt_out(shot.photograph, *shot.filtered, matrices))
 
 
 def _best_3x3(shot: Shot) -> Answer:

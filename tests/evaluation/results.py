@@ -92,7 +92,8 @@ def _run(name: str, shot: Shot, method: str) -> Result:
     if found == shot.count:
         snr, order = joint_snr(shot.truth, answer.layers, shot.valid)
         if answer.coefficients is not None and shot.coefficients is not None:
-            error = coefficient_error_deg(shot.coefficients, answer.coefficients, order)
+            found_there = answer.coefficients @ shot.axes.T
+            error = coefficient_error_deg(shot.coefficients, found_there, order)
     return Result(
         scene=name,
         method=method,

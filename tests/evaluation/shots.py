@@ -28,8 +28,9 @@ class Shot:
     lights: the number of lamps to ask for. truth: (N, H, W, 3), each lamp's light on the scale of
     the file without the flash, 1.0 = its white. valid: (H, W), the pixels that count.
     lamp_spectra (N, W), flash_spectrum (W,), sensitivities (3, W): those of the rendering.
-    coefficients: (N, 3) camera RGB of a white card under each lamp, None where the files hold
-    other colours than the camera's.
+    axes: (3, 3) camera RGB of a white card under a lamp → coordinates in which angles are stated.
+    coefficients: (N, 3) of the lamps in them, None where the files hold other colours than the
+    camera's.
     """
 
     files: tuple[bytes, bytes]
@@ -40,6 +41,7 @@ class Shot:
     lamp_spectra: Array
     flash_spectrum: Array
     sensitivities: Array
+    axes: Array
     coefficients: Array | None
 
     @property

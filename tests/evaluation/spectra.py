@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.spectra.bases import learn_basis
+from pipeline.spectra.bases import SpectralBasis, learn_basis
 from pipeline.spectra.grid import STEP_NM, on_grid
 from pipeline.spectra.library import colour_science, without_warnings
 from pipeline.spectra.lights import find_light, lamp_spectra, reflectance_spectra
@@ -91,10 +91,14 @@ def flash_spectrum(name: str) -> Array:
     return find_light(name)
 
 
+def axes(camera: str) -> Array:
+    """(3, 3), camera RGB of a white card under a lamp → the coordinates of coefficients."""
+    return _basis(camera).published
+
+
 @cache
-def _to_coefficients(camera: str) -> Array:
-    basis = learn_basis("wpca", sensitivities(camera), reflectance_spectra(), lamp_spectra())
-    return basis.published @ basis.to_coefficients
+def _basis(camera: str) -> SpectralBasis:
+    return learn_basis("wpca", sensitivities(camera), reflectance_spectra(), lamp_spectra())
 
 
 def coefficients(spectra: Array, camera: str) -> Array:
@@ -103,7 +107,8 @@ def coefficients(spectra: Array, camera: str) -> Array:
     These are the coordinates in which Hui et al. 2018 state the angles between their lamps
     (supplement, figures 4 and 9).
     """
-    return unit(spectra @ _to_coefficients(camera).T)
+    basis = _basis(camera)
+    return unit(spectra @ (basis.published @ basis.to_coefficients).T)
 
 
 def angle_deg(a: Array, b: Array, camera: str) -> float:
