@@ -21,6 +21,7 @@ from tests.evaluation.scenes import Scene
 from tests.evaluation.scoring import coefficient_error_deg, joint_snr
 from tests.evaluation.shots import Shot
 
+_EXACT_DB = 100.0
 _PRODUCT = "."
 _YARDSTICKS = (
     "align.py",
@@ -45,11 +46,11 @@ _WITHOUT_PRODUCT = ("equal", "nnmf", "von_kries", "known", "best_3x3", "tuned_3x
 class Result:
     """One method on one scene.
 
-    snr_db: joint SNR; None where the number of layers is not that of the lamps. A refusal gives no
-    light to any layer, which is 0 dB. error_deg: of the lamps' coefficients, None where the method
-    tells none. lamps, found: how many there are, how many were found. confidence: in that number.
-    warnings: of the manifest. refusal: the message, "" where there is a result. cpu_s: seconds of
-    processor time.
+    snr_db: joint SNR, 100 and more as 100; None where the number of layers is not that of the
+    lamps. A refusal gives no light to any layer, which is 0 dB. error_deg: of the lamps'
+    coefficients, None where the method tells none. lamps, found: how many there are, how many were
+    found. confidence: in that number. warnings: of the manifest. refusal: the message, "" where
+    there is a result. cpu_s: seconds of processor time.
     """
 
     scene: str
@@ -91,6 +92,7 @@ def _run(name: str, shot: Shot, method: str) -> Result:
     snr, error = None, None
     if found == shot.count:
         snr, order = joint_snr(shot.truth, answer.layers, shot.valid)
+        snr = min(snr, _EXACT_DB)
         if answer.coefficients is not None and shot.coefficients is not None:
             found_there = answer.coefficients @ shot.axes.T
             error = coefficient_error_deg(shot.coefficients, found_there, order)

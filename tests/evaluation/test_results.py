@@ -1,0 +1,180 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pipeline
+from pipeline.errors import UnusablePairError
+from tests.evaluation import results
+from tests.evaluation.cache import folder
+from tests.evaluation.conditions import Condition, make_shot
+from tests.evaluation.methods import METHODS, Answer
+from tests.evaluation.results import run_scene
+from tests.evaluation.scenes import Scene, scenes
+from tests.evaluation.shots import Shot
+
+SMALL = Condition(size=(64, 48))
+
+
+@pytest.fixture(autouse=True)
+def own_results(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Keep the results of each test apart; what is rendered stays shared."""
+    monkeypatch.setattr(results, "folder", lambda: tmp_path)
+
+
+def scene() -> Scene:
+    return scenes("two", "development")[0]
+
+
+def test_a_result_says_what_a_method_did() -> None:
+    (equal,) = run_scene(scene(), SMALL, ("equal",))
+
+    assert (equal.scene, equal.method) == (scene().name, "equal")
+    assert equal.lamps == equal.found == 2
+    assert equal.snr_db is not None
+    assert 0 < equal.snr_db < 12
+    assert equal.error_deg is None
+    assert equal.confidence is None
+
+
+def test_a_result_is_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    first = run_scene(scene(), SMALL, ("equal", "known"))
+    monkeypatch.setattr(results, "make_shot", lambda *_: pytest.fail("photographed again"))
+
+    assert run_scene(scene(), SMALL, ("known", "equal")) == first[::-1]
+
+
+def test_another_condition_and_another_scene_are_other_results() -> None:
+    one = run_scene(scene(), SMALL, ("equal",))
+    dark = run_scene(scene(), replace(SMALL, files="noisy"), ("equal",))
+    other = run_scene(replace(scene(), strengths=(1.0, 0.2)), SMALL, ("equal",))
+
+    assert len({r[0].snr_db for r in (one, dark, other)}) == 3
+
+
+def test_a_change_of_the_pipeline_asks_for_new_results_of_the_product_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def keys(product: str) -> dict[str, str]:
+        known = {results._PRODUCT: product}
+        monkeypatch.setattr(results, "_sources", lambda parts: known.get(parts[0], "the rest"))
+        return {method: results._key(scene(), SMALL, method) for method in METHODS}
+
+    before, after = keys("as it was"), keys("changed")
+
+    changed = {method for method in METHODS if before[method] != after[method]}
+    assert changed == {"paper", "paper_pca", "paper_joint", "paper_shared", "best"}
+
+
+def test_sources_are_those_of_the_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "decode").mkdir()
+    for name in ("__init__.py", "noise.py", "decode/tiff.py", "decode/table.csv"):
+        (tmp_path / name).write_text("1")
+    monkeypatch.setattr(pipeline, "__file__", str(tmp_path / "__init__.py"))
+
+    def digest(*parts: str) -> str:
+        results._sources.cache_clear()
+        return results._sources(parts)
+
+    first = digest("noise.py", "decode")
+    assert digest("noise.py", "decode") == first
+    (tmp_path / "decode" / "table.csv").write_text("2")
+    second = digest("noise.py", "decode")
+    (tmp_path / "noise.py").write_text("2")
+    third = digest("noise.py", "decode")
+    (tmp_path / "__init__.py").write_text("2")
+
+    assert len({first, second, third}) == 3
+    assert digest("noise.py", "decode") == third
+    results._sources.cache_clear()
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"scene": "x"}'])
+def test_a_broken_file_is_computed_anew(tmp_path: Path, content: str) -> None:
+    first = run_scene(scene(), SMALL, ("equal",))
+    (path,) = (tmp_path / "results").iterdir()
+    path.write_text(content)
+
+    again = run_scene(scene(), SMALL, ("equal",))
+
+    assert again[0].snr_db == first[0].snr_db
+    assert json.loads(path.read_text())["method"] == "equal"
+
+
+def test_a_refusal_is_no_light_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_: Shot) -> Answer:
+        raise UnusablePairError("The lamps are too alike.")
+
+    monkeypatch.setitem(METHODS, "equal", refuse)
+
+    (refused,) = run_scene(scene(), SMALL, ("equal",))
+
+    assert (refused.snr_db, refused.found) == (0.0, 0)
+    assert refused.refusal == "The lamps are too alike."
+
+
+def test_exact_layers_have_a_finite_score(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(METHODS, "equal", lambda shot: Answer(shot.truth))
+
+    assert run_scene(scene(), SMALL, ("equal",))[0].snr_db == 100.0
+
+
+def test_layers_of_another_number_have_no_score(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(METHODS, "equal", lambda shot: Answer(shot.truth[:1], None, 0.7))
+
+    (one,) = run_scene(scene(), SMALL, ("equal",))
+
+    assert one.snr_db is None
+    assert (one.found, one.lamps, one.confidence) == (1, 2, 0.7)
+
+
+def test_the_right_coefficients_have_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    def right(shot: Shot) -> Answer:
+        assert shot.coefficients is not None
+        white_cards = shot.coefficients @ np.linalg.inv(shot.axes).T
+        return Answer(shot.truth[::-1] * 0.9, 3 * white_cards[::-1])
+
+    monkeypatch.setitem(METHODS, "equal", right)
+
+    (one,) = run_scene(scene(), SMALL, ("equal",))
+
+    assert one.snr_db == pytest.approx(20.0, abs=1e-3)
+    assert one.error_deg == pytest.approx(0.0, abs=1e-6)
+
+
+def test_what_is_told_and_what_is_not() -> None:
+    told = make_shot(scene(), SMALL)
+    jpeg = make_shot(scene(), replace(SMALL, files="jpeg", lights="auto"))
+    wrong = make_shot(scene(), replace(SMALL, camera="Sigma SD1 Merrill", flash="led"))
+
+    assert told.options == {
+        "encoding": "linear",
+        "camera": "Nikon D5100",
+        "flash_spectrum": "xenon",
+        "exposure_ratio": 1.0,
+    }
+    assert told.lights == 2
+    assert "camera" not in jpeg.options
+    assert jpeg.lights == "auto"
+    assert jpeg.coefficients is None
+    assert (wrong.options["camera"], wrong.options["flash_spectrum"]) == (
+        "Sigma SD1 Merrill",
+        "led",
+    )
+    assert (wrong.truth == told.truth).all()
+
+
+def test_four_lamps_cannot_be_asked_for() -> None:
+    with pytest.raises(ValueError, match="4 lamps"):
+        make_shot(scenes("four", "development")[0], SMALL)
+
+
+def test_renderings_are_kept_apart_from_results(tmp_path: Path) -> None:
+    run_scene(scene(), SMALL, ("equal",))
+
+    assert [path.name for path in tmp_path.iterdir()] == ["results"]
+    assert folder().is_dir()
