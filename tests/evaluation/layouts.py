@@ -42,6 +42,7 @@ def make_geometry(layout: Layout, seed: int, lamps: int) -> Geometry:
         position=(random.uniform(-0.6, 0.6), random.uniform(1.0, 1.9), random.uniform(3.6, 4.4)),
         look_at=(random.uniform(-0.1, 0.1), random.uniform(0.3, 0.45), -0.2),
     )
+    spread_deg = 200.0
     floor = _plane((0, 0, 0), 6.0, _background(random), tilt=-90)
     if layout in ("room", "close"):
         walls = [_plane((0, 0, random.uniform(-2.4, -1.7)), 6.0, _background(random))]
@@ -56,9 +57,9 @@ def make_geometry(layout: Layout, seed: int, lamps: int) -> Geometry:
             for side in (-1.0, 1.0)
         ]
         things = _things(random, paints, int(random.integers(4, 8)), 0.9, (-0.9, 0.9))
-    return Geometry(
-        (floor, *walls, *things), (*_lamps_around(random, lamps), _flash(random, view)), view
-    )
+        spread_deg = 120.0  # in front of both walls
+    around = _lamps_around(random, lamps, spread_deg)
+    return Geometry((floor, *walls, *things), (*around, _flash(random, view)), view)
 
 
 def _smooth(random: np.random.Generator, paints: Iterator[Pattern], lamps: int) -> Geometry:
@@ -121,10 +122,10 @@ def _lamp_towards(random: np.random.Generator) -> Lamp:
     )
 
 
-def _lamps_around(random: np.random.Generator, count: int) -> tuple[Lamp, ...]:
+def _lamps_around(random: np.random.Generator, count: int, spread_deg: float) -> tuple[Lamp, ...]:
     """Lamps spread around the things, from side to side, 20° to 60° high, 1.8 to 3.5 m away."""
-    sector = 200.0 / count
-    middle = (np.arange(count) + 0.5) * sector - 100.0
+    sector = spread_deg / count
+    middle = (np.arange(count) + 0.5) * sector - spread_deg / 2
     turns = np.radians(random.permutation(middle + random.uniform(-0.35, 0.35, count) * sector))
     lamps = []
     for turn in turns:

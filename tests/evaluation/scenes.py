@@ -114,7 +114,10 @@ def render_scene(
     responses = [spectrum[:, None] * s.T for spectrum in spectra]
     pictures = _pictures(scene, scene.geometry, responses, size)
     strengths = np.array([*scene.strengths, sum(scene.strengths)])
-    scales = strengths / np.array([picture[..., 1].mean() for picture in pictures])
+    means = np.array([picture[..., 1].mean() for picture in pictures])
+    if not (means > 0).all():
+        raise ValueError(f"a lamp of {scene.name} lights nothing that the camera sees")
+    scales = strengths / means
     both = sum(scale * picture for scale, picture in zip(scales, pictures, strict=True))
     scales *= WHITE_LEVEL / np.percentile(np.max(both, axis=2), 99.9)
     lit = np.stack([s * p for s, p in zip(scales, pictures, strict=True)]).astype(np.float32)

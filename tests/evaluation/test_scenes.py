@@ -106,3 +106,22 @@ def test_lamps_behind_shades_widen_the_sweep_beyond_measured_pairs() -> None:
     assert angle_deg(first, second, widest.camera) == pytest.approx(60)
     assert "shade" in widest.lamp_names[0]
     assert widest.lamp_spectra.min() >= 0
+
+
+def test_lamps_of_corners_stand_before_both_walls() -> None:
+    for half in ("development", "report"):
+        for scene in scenes.scenes("bounces", half):
+            for wall in scene.geometry.shapes[1:3]:
+                turn = np.radians(wall.turn_deg)
+                out = np.array([np.sin(turn), 0, np.cos(turn)])
+                for lamp in scene.geometry.lamps:
+                    assert (np.array(lamp.centre) - wall.centre) @ out > 0.3
+
+
+def test_a_lamp_behind_a_wall_is_refused() -> None:
+    scene = scenes.scenes("one", "report")[1]
+    lamp, flash = scene.geometry.lamps
+    hidden = replace(lamp, centre=(0.0, 1.0, -9.0))
+    geometry = replace(scene.geometry, lamps=(hidden, flash))
+    with pytest.raises(ValueError, match="lights nothing"):
+        render_scene(replace(scene, geometry=geometry), SMALL)
