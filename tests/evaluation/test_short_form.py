@@ -1,0 +1,56 @@
+"""The evaluation in small: four scenes of 128 × 96."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import pytest
+
+from tests.evaluation.conditions import Condition
+from tests.evaluation.results import Result, run_scene
+from tests.evaluation.scenes import scenes
+
+SMALL = (128, 96)
+METHODS = ("equal", "paper", "best", "best_3x3", "tuned_3x3")
+
+
+@cache
+def results(group: str, number: int) -> dict[str, Result]:
+    scene = scenes(group, "development")[number]
+    return {r.method: r for r in run_scene(scene, Condition(size=SMALL), METHODS)}
+
+
+def snr(group: str, number: int, method: str) -> float:
+    value = results(group, number)[method].snr_db
+    assert value is not None
+    return value
+
+
+@pytest.mark.parametrize(("group", "number", "least"), [("two", 2, 22.0), ("three", 1, 6.0)])
+def test_lamps_are_separated(group: str, number: int, least: float) -> None:
+    assert snr(group, number, "best") > least
+    assert snr(group, number, "best") > snr(group, number, "paper") - 0.5
+    assert snr(group, number, "best") > snr(group, number, "equal") + 1
+
+
+@pytest.mark.parametrize(("group", "number"), [("two", 2), ("three", 1)])
+def test_the_ceilings_are_above_the_published_method(group: str, number: int) -> None:
+    assert snr(group, number, "best_3x3") > snr(group, number, "paper") + 3
+    assert snr(group, number, "tuned_3x3") > snr(group, number, "best_3x3") - 0.2
+
+
+def test_coefficients_of_the_lamps_are_found() -> None:
+    error = results("two", 2)["best"].error_deg
+    assert error is not None
+    assert error < 6
+
+
+@pytest.mark.parametrize(("group", "count"), [("one", 1), ("two", 2)])
+def test_lamps_are_counted(group: str, count: int) -> None:
+    scene = scenes(group, "development")[2]
+
+    (best,) = run_scene(scene, Condition(size=SMALL, lights="auto"), ("best",))
+
+    assert best.found == count
+    assert best.confidence is not None
+    assert best.confidence > 0.5
