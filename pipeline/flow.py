@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.align import Alignment, edges
-from pipeline.fill import push_pull
 from pipeline.frames import Image, Mask
 from pipeline.progress import STRIP_ROWS
+from pipeline.push_pull import push_pull
 from pipeline.refine import log_detail
 
 Array = NDArray[np.float32]

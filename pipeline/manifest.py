@@ -77,11 +77,14 @@ def make_manifest(
             "flash_only": pair.flash_only,
         },
         "exposure_ratio": round(pair.exposure_ratio, 6),
+        "exposure_source": pair.exposure_source,
         "alignment": {
             "applied": alignment.applied,
             "matrix": [[round(float(v), 9) for v in row] for row in alignment.matrix],
             "correlation": None if correlation is None else round(correlation, 4),
+            "parallax": round(pair.parallax, 4),
         },
+        "moved": round(pair.moved, 4),
         "lights": {
             "requested": lamps.requested,
             "found": len(lamps),

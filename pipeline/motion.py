@@ -32,7 +32,8 @@ _SPECK = 2e-4  # of the picture; less is chance
 _SMALLEST = 12  # pixels
 _REACH = 0.02  # of the diagonal: gaps between edges of one thing
 _THIN = 0.006  # of the diagonal: half the width of what is a thing and no edge
-_ALONE = 0.01  # of the picture: what only appeared may be the flash's own shadows and gloss
+_EDGE_SHARE = 0.03  # of a thing's area that must be edges
+_ALONE = 0.01  # of the picture
 _CLIPPED_REACH = 7  # pixels around unusable ones, whose edges are no edges
 
 
@@ -63,9 +64,8 @@ def find_moved(
 
     lost = _lost(before, after, variances, _LOST_RENDERED if rendered else _LOST)
     gone, appeared = _edges_that_differ(before, after, variances)
-    sure = (lost | gone) & usable
-    moved = _things(sure | (appeared & usable))
-    moved = _with_evidence(moved, sure)
+    moved = _things((lost | gone | (appeared & _evenly_lit(before, after))) & usable)
+    moved = _with_edges(moved, gone & usable, appeared & usable)
     found = np.zeros(unusable.shape, dtype=np.uint8)
     found[crop] = cv2.resize(
         moved.astype(np.uint8), (crop[1].stop, crop[0].stop), interpolation=cv2.INTER_NEAREST
@@ -95,12 +95,16 @@ def _edges_that_differ(before: Image, after: Image, variances: list[Array]) -> t
     gone = strong & (np.abs(shared) < _GONE * own) & (other < own)
     step = other / other_level
     would_show = step * level > noise
-    flash = np.maximum(after - before, 0.0).sum(axis=2)
-    square = np.ones((_NEAR, _NEAR), np.uint8)
-    even = cv2.erode(flash, square) > _EVEN_FLASH * cv2.dilate(flash, square)
-    appeared = (other > other_noise) & (step > _STEP**2) & would_show & even
+    appeared = (other > other_noise) & (step > _STEP**2) & would_show
     appeared &= own / level < _APPEARED**2 * step
     return np.asarray(gone), np.asarray(appeared)
+
+
+def _evenly_lit(before: Image, after: Image) -> Mask:
+    """Pixels beside which the flash neither casts a shadow nor is mirrored."""
+    flash = np.maximum(after - before, 0.0).sum(axis=2)
+    square = np.ones((_NEAR, _NEAR), np.uint8)
+    return np.asarray(cv2.erode(flash, square) > _EVEN_FLASH * cv2.dilate(flash, square))
 
 
 def _gradient(image: Image) -> tuple[Array, Array]:
@@ -136,12 +140,17 @@ def _things(evidence: Mask) -> Mask:
     return np.asarray(opened[reach:-reach, reach:-reach] > 0)
 
 
-def _with_evidence(things: Mask, sure: Mask) -> Mask:
-    """Keep things that lost light or edges, or that are large."""
+def _with_edges(things: Mask, gone: Mask, appeared: Mask) -> Mask:
+    """Keep things whose edges are gone or new; where light alone was lost, a lamp changed.
+
+    What only appeared may be the flash's own shadows and gloss, and must be large.
+    """
     count, labels, stats, _ = cv2.connectedComponentsWithStats(things.astype(np.uint8))
-    share = np.bincount(labels[sure], minlength=count) / stats[:, cv2.CC_STAT_AREA]
-    kept = (share > 0.05) | (stats[:, cv2.CC_STAT_AREA] > _ALONE * things.size)
-    kept[0] = False
+    area = np.maximum(stats[:, cv2.CC_STAT_AREA], 1)
+    lost_edges = np.bincount(labels[gone], minlength=count) / area
+    any_edges = np.bincount(labels[gone | appeared], minlength=count) / area
+    kept = (lost_edges > _EDGE_SHARE) | ((any_edges > _EDGE_SHARE) & (area > _ALONE * things.size))
+    kept[0] = False  # the background
     return np.asarray(kept[labels])
 
 

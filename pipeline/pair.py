@@ -10,21 +10,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.align import NOT_ATTEMPTED, Alignment, estimate_alignment, warp
-from pipeline.errors import OptionError, PairMismatchError, UnusablePairError
+from pipeline.errors import PairMismatchError, UnusablePairError
+from pipeline.exposure import settled_ratio, written_ratio
+from pipeline.flow import residual_flow, warp_along
 from pipeline.frames import Frame, Image, Mask
+from pipeline.motion import find_moved
 from pipeline.noise import Noise, estimate_noise
 from pipeline.options import Options
 from pipeline.progress import Progress
+from pipeline.steadiness import Ratios, bands, block_ratios, darker_share
 
 _BLACK = 2e-4  # of the white level; an 8-bit sRGB code of 1 is 3e-4
 _MIN_USABLE = 0.02
 _FEW_USABLE = 0.5
 _DARKER = 0.6  # share of lit pixels that lose light with the flash on: the frames are swapped
-_MAX_PLAUSIBLE_RATIO = 1000.0
 _EXPOSURES_DIFFER = 0.15  # in stops
 _COPY_BLOCK = 8  # pixels averaged, against noise
 _COPY_SPREAD = 0.4  # stops between the quartiles of flash part ÷ no-flash light
 _COPY_COLOUR_SPREAD = 1.0  # the same over all channels: lamp and flash differ in colour
+_PARALLAX_PX = 0.5
+_NOTABLE_MOTION = 0.002
+_NOTABLE_DIMMING = 0.03
 _SMALLEST = 32
 _SAMPLE_STEP = 4
 
@@ -36,8 +42,12 @@ class Pair:
     no_flash, flash: float32 (H, W, 3) linear camera RGB, 1.0 = white level of the no-flash
         photograph as given. flash is the flash photograph, laid on the other and divided by
         exposure_ratio, or the flash part alone when flash_only.
-    unusable: bool (H, W), saturated in either, or without counterpart.
+    unusable: bool (H, W), saturated in either, without counterpart, or showing something that
+        moved.
+    exposure_source: where exposure_ratio comes from, see ExposureRatio.
     no_flash_noise, flash_noise: the noise of each.
+    parallax: share of the picture that lies elsewhere than the homography says, 0…1.
+    moved: share of the picture in which something moved, 0…1.
     """
 
     no_flash: Image
@@ -45,9 +55,12 @@ class Pair:
     unusable: Mask
     flash_only: bool
     exposure_ratio: float
+    exposure_source: str
     no_flash_noise: Noise
     flash_noise: Noise
     alignment: Alignment
+    parallax: float
+    moved: float
     warnings: tuple[str, ...]
 
 
@@ -57,38 +70,101 @@ def make_pair(no_flash: Frame, flash: Frame, options: Options, progress: Progres
     Raises PairMismatchError for frames that do not belong together, UnusablePairError when there
     is no light to separate, OptionError for an exposure ratio that cannot be.
     """
-    warnings: list[str] = []
     _check_belonging(no_flash, flash)
-    ratio = _exposure_ratio(no_flash, flash, options, warnings)
+    ratio = written_ratio(no_flash, flash, options)
     _check_light(no_flash, flash)
-    warnings += _rendering_warnings(no_flash, flash, ratio)
+    warnings = _rendering_warnings(no_flash, flash, ratio.value)
 
     progress.report("align", 0.0)
     alignment = NOT_ATTEMPTED
-    pixels, saturated = flash.pixels, flash.saturated
+    pixels, saturated, parallax = flash.pixels, flash.saturated, 0.0
     if options.align:
         alignment = estimate_alignment(no_flash.pixels, pixels)
-        progress.report("align", 0.6)
+        progress.report("align", 0.4)
         if alignment.problem:
             warnings.append(alignment.problem)
-        if alignment.applied:
-            pixels, saturated = warp(pixels, saturated, alignment)
-    pixels = pixels / np.float32(ratio)
-    progress.report("align", 0.8)
+        else:
+            pixels, saturated, parallax = _laid_on(no_flash.pixels, flash, alignment)
+    progress.report("align", 0.6)
+    pixels = pixels / np.float32(ratio.value)
+    noises = estimate_noise(no_flash.pixels), estimate_noise(pixels)
+    unusable = no_flash.saturated | saturated
+    moved = 0.0
+    if not options.flash_only:
+        rendered = no_flash.encoding == "srgb"
+        progress.report("align", 0.7)
+        ratios = block_ratios(no_flash.pixels, pixels, unusable, noises)
+        settled, doubts = settled_ratio(ratio, ratios, rendered)
+        warnings += doubts
+        if settled.value != ratio.value:
+            pixels = pixels * np.float32(ratio.value / settled.value)
+            noises = noises[0], estimate_noise(pixels)
+            ratio = settled
+        _check_flash_adds(no_flash.pixels, pixels, unusable, noises)
+        progress.report("align", 0.8)
+        if alignment.problem is None:
+            there = find_moved(no_flash.pixels, pixels, unusable, noises, rendered)
+            moved = float(there.mean())
+            unusable = unusable | there
+        steady = block_ratios(no_flash.pixels, pixels, unusable, noises)
+        warnings += _unsteady_warnings(steady, moved, rendered, bool(doubts))
+    progress.report("align", 0.9)
     pair = Pair(
         no_flash=no_flash.pixels,
         flash=pixels,
-        unusable=no_flash.saturated | saturated,
+        unusable=unusable,
         flash_only=options.flash_only,
-        exposure_ratio=ratio,
-        no_flash_noise=estimate_noise(no_flash.pixels),
-        flash_noise=estimate_noise(pixels),
+        exposure_ratio=ratio.value,
+        exposure_source=ratio.source,
+        no_flash_noise=noises[0],
+        flash_noise=noises[1],
         alignment=alignment,
+        parallax=parallax,
+        moved=moved,
         warnings=(*warnings, *_copy_warnings(no_flash.pixels, pixels, options.flash_only)),
     )
-    _check_flash_adds(pair)
     progress.report("align", 1.0)
     return pair
+
+
+def _laid_on(no_flash: Image, flash: Frame, alignment: Alignment) -> tuple[Image, Mask, float]:
+    """Flash frame and its mask on the no-flash frame's pixels, and the share that has parallax."""
+    pixels, saturated = flash.pixels, flash.saturated
+    if alignment.applied:
+        pixels, saturated = warp(pixels, saturated, alignment)
+    flow = residual_flow(no_flash, pixels)
+    if flow is None:
+        return pixels, saturated, 0.0
+    pixels, saturated = warp_along(flash.pixels, flash.saturated, alignment, flow)
+    return pixels, saturated, float(np.mean(np.abs(flow).max(axis=2) > _PARALLAX_PX))
+
+
+def _unsteady_warnings(
+    ratios: Ratios, moved: float, rendered: bool, ratio_in_doubt: bool
+) -> list[str]:
+    """What moved or changed between the photographs, and how to shoot without it."""
+    warnings = []
+    if moved > _NOTABLE_MOTION:
+        warnings.append(
+            f"Something moved between the photographs in {moved:.1%} of the picture; the layers "
+            "are filled in there from their surroundings. Keep people and things still, and take "
+            "the two photographs in quick succession."
+        )
+    darker = darker_share(ratios, rendered)
+    if darker > _NOTABLE_DIMMING and not ratio_in_doubt:
+        warnings.append(
+            f"In {darker:.1%} of the picture a lamp or daylight was weaker in the flash photograph "
+            "than in the other: wait for steady light, and under lamps on the mains expose for a "
+            "multiple of 1/100 s (1/120 s where the mains has 60 Hz)."
+        )
+    height = bands(ratios)
+    if height is not None:
+        warnings.append(
+            f"Bands of {height:.1%} of the light run across the picture: a lamp flickers with the "
+            "mains. Expose for a multiple of 1/100 s (1/120 s where the mains has 60 Hz), or use "
+            "the mechanical shutter."
+        )
+    return warnings
 
 
 def check_sizes(no_flash: tuple[int, int], flash: tuple[int, int]) -> None:
@@ -127,35 +203,6 @@ def _words(frame: Frame) -> str:
     return {"raw": "sensor values", "linear": "linear values", "srgb": "sRGB values"}[
         frame.encoding
     ]
-
-
-def _exposure_ratio(no_flash: Frame, flash: Frame, options: Options, warnings: list[str]) -> float:
-    if options.exposure_ratio is not None:
-        if not _plausible(options.exposure_ratio):
-            raise OptionError(
-                f"An exposure ratio of {options.exposure_ratio:.3g} cannot be: pass the flash "
-                "frame's exposure divided by the other's."
-            )
-        return options.exposure_ratio
-    before, after = no_flash.exposure.relative, flash.exposure.relative
-    if before is not None and after is not None:
-        ratio = after / before
-        if not _plausible(ratio):
-            raise OptionError(
-                f"The exposures in the files differ {ratio:.3g} times: pass the right ratio with "
-                "exposure_ratio."
-            )
-        return ratio
-    if not options.flash_only:
-        warnings.append(
-            "The files do not say how they were exposed; equal exposures are taken for granted. "
-            "Expose both alike by hand, or pass the exposure ratio if they differ."
-        )
-    return 1.0
-
-
-def _plausible(ratio: float) -> bool:
-    return 1 / _MAX_PLAUSIBLE_RATIO < ratio < _MAX_PLAUSIBLE_RATIO
 
 
 def _rendering_warnings(no_flash: Frame, flash: Frame, ratio: float) -> list[str]:
@@ -214,16 +261,14 @@ def _spread(ratio: NDArray[Any]) -> float:
     return float(high - low)
 
 
-def _check_flash_adds(pair: Pair) -> None:
+def _check_flash_adds(
+    no_flash: Image, flash: Image, unusable: Mask, noises: tuple[Noise, Noise]
+) -> None:
     """Refuse pairs whose flash part is missing or negative; what is left to use is told later."""
-    if pair.flash_only:
-        return
-    part = _sampled(pair.flash).sum(axis=2) - _sampled(pair.no_flash).sum(axis=2)
-    noise = np.sqrt(
-        pair.no_flash_noise.variance(_sampled(pair.no_flash)).sum(axis=2)
-        + pair.flash_noise.variance(_sampled(pair.flash)).sum(axis=2)
-    )
-    open_ = ~pair.unusable[::_SAMPLE_STEP, ::_SAMPLE_STEP]
+    before, after = _sampled(no_flash), _sampled(flash)
+    part = after.sum(axis=2) - before.sum(axis=2)
+    noise = np.sqrt(noises[0].variance(before).sum(axis=2) + noises[1].variance(after).sum(axis=2))
+    open_ = ~unusable[::_SAMPLE_STEP, ::_SAMPLE_STEP]
     if not open_.any():
         raise UnusablePairError(
             "Every pixel is clipped in one of the photographs: expose both shorter."

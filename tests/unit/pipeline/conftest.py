@@ -98,9 +98,12 @@ def pair_of() -> Callable[..., Pair]:
             "unusable": np.zeros(no_flash.shape[:2], dtype=bool),
             "flash_only": False,
             "exposure_ratio": 1.0,
+            "exposure_source": "option",
             "no_flash_noise": quiet,
             "flash_noise": quiet,
             "alignment": NOT_ATTEMPTED,
+            "parallax": 0.0,
+            "moved": 0.0,
             "warnings": (),
         }
         given.update(more)

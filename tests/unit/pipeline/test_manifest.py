@@ -78,10 +78,13 @@ def test_the_manifest_says_what_is_needed(manifest_of: Callable[..., dict[str, A
     assert found["camera"] == {"name": "Nikon D5100", "source": "measured"}
     assert found["flash"] == {"name": "xenon", "source": "named", "flash_only": False}
     assert found["exposure_ratio"] == 1.0
+    assert found["exposure_source"] == "option"
+    assert found["moved"] == 0.0
     assert found["alignment"] == {
         "applied": False,
         "matrix": np.eye(3).tolist(),
         "correlation": None,
+        "parallax": 0.0,
     }
     assert found["normals"] is None
     assert found["filled"] == 0.1235

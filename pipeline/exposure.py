@@ -1,0 +1,105 @@
+"""The ratio of the exposures: what was given or written, held against the pixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.errors import OptionError
+from pipeline.frames import Frame
+from pipeline.options import Options
+from pipeline.steadiness import Ratios, darker_share, largest_ratio, ratio_without_flash
+
+_MAX_PLAUSIBLE = 1000.0
+_AGREES = 0.06  # natural logarithm; inter-reflected flash light alone makes 0.02
+_AGREES_RENDERED = 0.35  # a camera's curves differ
+_MANY_DARKER = 0.15  # share of the picture that no lamp or motion makes darker
+
+
+@dataclass(frozen=True)
+class ExposureRatio:
+    """Flash frame's exposure ÷ no-flash frame's.
+
+    source: "option" when given, "exif", "pixels" when estimated, "assumed" when nothing is known.
+    """
+
+    value: float
+    source: str
+
+
+def written_ratio(no_flash: Frame, flash: Frame, options: Options) -> ExposureRatio:
+    """Take the ratio that was given, else the files', else 1. Raises OptionError if absurd."""
+    if options.exposure_ratio is not None:
+        if not _plausible(options.exposure_ratio):
+            raise OptionError(
+                f"An exposure ratio of {options.exposure_ratio:.3g} cannot be: pass the flash "
+                "frame's exposure divided by the other's."
+            )
+        return ExposureRatio(options.exposure_ratio, "option")
+    before, after = no_flash.exposure.relative, flash.exposure.relative
+    if before is None or after is None:
+        return ExposureRatio(1.0, "assumed")
+    ratio = after / before
+    if not _plausible(ratio):
+        raise OptionError(
+            f"The exposures in the files differ {ratio:.3g} times: pass the right ratio with "
+            "exposure_ratio."
+        )
+    return ExposureRatio(ratio, "exif")
+
+
+def settled_ratio(
+    ratio: ExposureRatio, ratios: Ratios, rendered: bool
+) -> tuple[ExposureRatio, list[str]]:
+    """Hold a ratio against the pixels; returns the one to use and what to warn of.
+
+    ratios: of the pair on the scale of that ratio. rendered: a camera made pictures of it. A
+    ratio that was given or written is kept, one that nobody knows is estimated where that is safe.
+    """
+    peak = ratio_without_flash(ratios)
+    if ratio.source == "assumed":
+        if peak is None:
+            return ratio, [
+                "The files do not say how they were exposed; equal exposures are taken for "
+                f"granted{_unless_darker(ratio, ratios, rendered)}. Pass the exposure ratio if "
+                "they differ."
+            ]
+        found = ExposureRatio(ratio.value * peak, "pixels")
+        return found, [
+            "The files do not say how they were exposed; what the flash does not reach shows a "
+            f"ratio of {found.value:.3g}, which was taken. Pass the exposure ratio if you know it."
+        ]
+    said = "The exposure ratio given" if ratio.source == "option" else "The files' exposure ratio"
+    advice = (
+        "Pass the right exposure ratio, and if it was right, take both photographs in steady "
+        "light: daylight or a lamp may have changed in between."
+    )
+    if peak is not None:
+        if abs(np.log(peak)) < (_AGREES_RENDERED if rendered else _AGREES):
+            return ratio, []
+        return ratio, [
+            f"{said}, {ratio.value:.3g}, does not fit: what the flash does not reach shows "
+            f"{ratio.value * peak:.3g}. {advice}"
+        ]
+    share = darker_share(ratios, rendered)
+    if share < _MANY_DARKER:
+        return ratio, []
+    return ratio, [
+        f"{said}, {ratio.value:.3g}, makes {share:.0%} of the picture darker with the flash than "
+        f"without: it can be {ratio.value * largest_ratio(ratios):.3g} at most. {advice}"
+    ]
+
+
+def _unless_darker(ratio: ExposureRatio, ratios: Ratios, rendered: bool) -> str:
+    share = darker_share(ratios, rendered)
+    if share < _MANY_DARKER:
+        return ""
+    return (
+        f", though {share:.0%} of the picture is then darker with the flash than without and the "
+        f"ratio can be {ratio.value * largest_ratio(ratios):.3g} at most"
+    )
+
+
+def _plausible(ratio: float) -> bool:
+    return 1 / _MAX_PLAUSIBLE < ratio < _MAX_PLAUSIBLE

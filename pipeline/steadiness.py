@@ -1,0 +1,180 @@
+"""Checks the pair's exposures and the steadiness of its lamps against the pixels themselves.
+
+Where the flash does not reach, both photographs hold the lamps' light alone: there the flash
+photograph is the other one times the ratio of the exposures, alike in all three channels, and
+nowhere is it darker. What departs from that tells of a wrong ratio, or of lamps that changed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.frames import Image, Mask
+from pipeline.noise import Noise
+
+Array = NDArray[np.float64]
+
+_LONGER_SIDE = 384
+_DARK = 0.01  # of the 99th percentile; darker blocks are mostly stray light
+_SURE = 0.05  # noise of a block's logarithm
+_ALIKE = 0.03  # natural logarithms; channels of blocks without flash differ by less, or by noise
+_BIN = 0.02
+_PEAK = 0.04  # half width of the peak that blocks without flash make
+_PEAK_SHARE = 0.02
+_BELOW = 0.1  # of the blocks may lie below the peak: what moved
+_VALLEY = (0.06, 0.14, 0.5)  # above the peak from, to; share of the peak's blocks there at most
+_FLASH_COLOUR = 0.12  # by which channels of blocks with flash differ, or colour tells nothing
+_NEGATIVE = 0.05  # below the ratio: darker with the flash than without
+_NEGATIVE_RENDERED = 0.25
+_FEW_BLOCKS = 200
+_LOW = 0.01
+_FROM_CYCLES, _MOST_CYCLES = 4, 60
+_ROWS_KNOWN = 0.5
+_LINE = 2  # cycles on either side that a wave leaks to
+_BAND_HEIGHT = 0.004
+_STANDS_OUT = 3.0  # times all other waves, and those across the rows
+
+
+@dataclass(frozen=True)
+class Ratios:
+    """Flash photograph ÷ no-flash photograph in blocks of the pair.
+
+    logs: float64 (h, w, 3), natural logarithms. noise: (h, w, 3), standard deviations.
+    usable: bool (h, w), bright and unclipped in both.
+    """
+
+    logs: Array
+    noise: Array
+    usable: Mask
+
+    @property
+    def sure(self) -> Mask:
+        """Blocks whose noise leaves the ratio known within 5 %."""
+        return np.asarray(self.usable & (self.noise.max(axis=2) < _SURE))
+
+
+def block_ratios(
+    no_flash: Image, flash: Image, unusable: Mask, noises: tuple[Noise, Noise]
+) -> Ratios:
+    """Divide the flash photograph by the other, block by block, at most 384 to a side.
+
+    no_flash, flash: (H, W, 3) linear, aligned, the flash photograph with the lamps' light in it.
+    unusable: (H, W). noises: of each.
+    """
+    height, width = unusable.shape
+    block = -(-max(height, width) // _LONGER_SIDE)
+    size = (width // block, height // block)
+    crop = (slice(size[1] * block), slice(size[0] * block))
+
+    def means(values: NDArray[np.float32]) -> Array:
+        return np.asarray(cv2.resize(values[crop], size, interpolation=cv2.INTER_AREA), np.float64)
+
+    before, after = means(no_flash), means(flash)
+    total = before.sum(axis=2)
+    usable = (
+        (means(unusable.astype(np.float32)) == 0)
+        & (before > 0).all(axis=2)
+        & (after > 0).all(axis=2)
+        & (total > _DARK * np.percentile(total, 99))
+    )
+    first, second = np.maximum(before, 1e-9), np.maximum(after, 1e-9)
+    relative = [
+        noise.of_means(block).variance(image) / np.square(image)
+        for noise, image in zip(noises, (first, second), strict=True)
+    ]
+    return Ratios(np.log(second / first), np.sqrt(relative[0] + relative[1]), usable)
+
+
+def ratio_without_flash(ratios: Ratios) -> float | None:
+    """Ratio of the exposures by what the flash does not reach; None where that does not show.
+
+    It must show as a peak at the lower end of all ratios, whose blocks have the same ratio in all
+    channels, in a scene where the flash's own colour is another.
+    """
+    logs, noise = ratios.logs[ratios.sure], ratios.noise[ratios.sure]
+    if len(logs) < _FEW_BLOCKS:
+        return None
+    middle = logs.mean(axis=1)
+    spread = logs.max(axis=1) - logs.min(axis=1)
+    alike = spread < np.maximum(_ALIKE, 3 * noise.max(axis=1))
+    if np.count_nonzero(alike) < _PEAK_SHARE * len(logs):
+        return None
+    edges = np.arange(middle.min() - _BIN, middle.max() + 2 * _BIN, _BIN)
+    counts, _ = np.histogram(middle[alike], edges)
+    smooth = np.convolve(counts, np.ones(3), "same")
+    mode = float(edges[int(np.argmax(smooth))] + _BIN / 2)
+    peak = np.abs(middle - mode) < _PEAK
+    mode = float(np.median(middle[peak & alike]))
+    valley = (middle > mode + _VALLEY[0]) & (middle < mode + _VALLEY[1])
+    lit = middle > mode + 2 * _VALLEY[1]
+    if (
+        np.mean(peak & alike) < _PEAK_SHARE
+        or np.mean(middle < mode - _VALLEY[0]) > _BELOW
+        or np.count_nonzero(valley) > _VALLEY[2] * np.count_nonzero(peak)
+        or not lit.any()
+        or np.median(spread[lit]) < max(_FLASH_COLOUR, 2 * float(np.median(spread[peak])))
+    ):
+        return None
+    return float(np.exp(mode))
+
+
+def darker_share(ratios: Ratios, rendered: bool) -> float:
+    """Share of the blocks that the flash seems to have made darker, in every channel, 0…1."""
+    least = _NEGATIVE_RENDERED if rendered else _NEGATIVE
+    sure = ratios.sure
+    if np.count_nonzero(sure) < _FEW_BLOCKS:
+        return 0.0
+    limit = -np.maximum(least, 4 * ratios.noise[sure])
+    return float(np.mean((ratios.logs[sure] < limit).all(axis=1)))
+
+
+def largest_ratio(ratios: Ratios) -> float:
+    """Ratio of the exposures that leaves next to no block darker with the flash than without."""
+    return float(np.exp(np.quantile(ratios.logs[ratios.sure].mean(axis=1), _LOW)))
+
+
+def bands(ratios: Ratios) -> float | None:
+    """Height of periodic bands along the rows, relative to the light; None where there are none.
+
+    A lamp that flickers with the mains, read out row by row, leaves them in the ratio of two
+    photographs. Fewer than five to the picture cannot be told from the fall-off of the flash.
+    """
+    logs = np.where(ratios.usable[..., None], ratios.logs, np.nan).mean(axis=2)
+    rows, columns = _waves(logs), _waves(logs.T)
+    if rows is None:
+        return None
+    strongest = int(np.argmax(rows))
+    near = slice(max(strongest - _LINE, 0), strongest + _LINE + 1)
+    others = float(np.delete(rows, near)[1:].max(initial=0.0))
+    across = 0.0 if columns is None else float(columns[near].max(initial=0.0))
+    height = float(rows[strongest])
+    if strongest == 0 or height < max(_BAND_HEIGHT, _STANDS_OUT * max(others, across)):
+        return None
+    return height
+
+
+def _waves(plane: Array) -> Array | None:
+    """Amplitude of waves down the rows, from 4 to 60 cycles, of what neighbouring rows differ in.
+
+    Differences of rows are taken in each column before the median over columns, so that neither
+    surfaces nor the fall-off of light count, and are summed again.
+    """
+    height, width = plane.shape
+    if height < 4 * _FROM_CYCLES:
+        return None
+    steps = np.diff(plane, axis=0)
+    enough = np.isfinite(steps).sum(axis=1) >= max(8, width // 10)
+    if enough.mean() < _ROWS_KNOWN:
+        return None
+    medians = np.zeros(height - 1)
+    medians[enough] = np.nanmedian(steps[enough], axis=1)
+    profile = np.concatenate([[0.0], np.cumsum(medians)])
+    y = np.linspace(-1, 1, height)
+    profile = profile - np.polynomial.Polynomial.fit(y, profile, 3)(y)
+    window = np.hanning(height)
+    waves = np.abs(np.fft.rfft(profile * window)) * 2 / window.sum()
+    return np.asarray(waves[_FROM_CYCLES : min(_MOST_CYCLES, height // 4) + 1])
