@@ -69,7 +69,18 @@ EXPERIMENTS: dict[str, Experiment] = {
     "three-jpeg": Experiment("three", FEW, Condition(files="jpeg")),
     **{
         f"{group}-auto": Experiment(group, OURS, _AUTO)
-        for group in ("one", "two", "three", "four", "broad-two", "broad-three")
+        for group in (
+            "one",
+            "two",
+            "three",
+            "four",
+            "broad-two",
+            "broad-three",
+            "bounces",
+            "roughness",
+            "smooth-two",
+            "smooth-three",
+        )
     },
     **{
         f"{group}-auto-noise": Experiment(group, OURS, _AUTO_NOISY)

@@ -116,7 +116,7 @@ def _noise(outcome: Outcome) -> Figure:
 
 
 def _canvas(xlabel: str, ylabel: str, panels: int = 1) -> tuple[Figure, list[Any]]:
-    figure = Figure(figsize=(4.0 * panels + 0.8, 3.0), dpi=100, layout="constrained")
+    figure = Figure(figsize=(4.0 * panels + 0.8, 3.0), dpi=80, layout="constrained")
     grid = figure.subplots(1, panels, squeeze=False)
     axes = list(grid[0])
     for one in axes:

@@ -13,6 +13,7 @@ from tests.evaluation.figures import Outcome, angle, depth, roughness
 from tests.evaluation.goals import failures, goals
 from tests.evaluation.plots import draw_plots
 from tests.evaluation.results import Result
+from tests.evaluation.scenes import Scene
 
 _HEAD = Path(__file__).with_name("report_head.md")
 _DECIMALS = 2
@@ -34,35 +35,38 @@ def _values(outcome: Outcome) -> dict[str, Any]:
             {**asdict(goal), "figure": round(goal.figure, _DECIMALS), "met": goal.met}
             for goal in goals(outcome)
         ],
-        "experiments": {name: _experiment(outcome, name) for name in outcome.results},
+        "scenes": {name: _scene(scene) for name, scene in sorted(outcome.scenes.items())},
+        "experiments": {
+            name: {
+                "group": EXPERIMENTS[name].group,
+                "condition": asdict(EXPERIMENTS[name].condition),
+                "results": _by_scene(results),
+            }
+            for name, results in outcome.results.items()
+        },
     }
 
 
-def _experiment(outcome: Outcome, name: str) -> dict[str, Any]:
-    scenes: dict[str, Any] = {}
-    for result in outcome.results[name]:
-        scene = outcome.scenes[result.scene]
-        entry = scenes.setdefault(
-            scene.name,
-            {
-                "lamps": list(scene.lamp_names),
-                "angle_deg": round(scene.angle_deg, _DECIMALS),
-                "methods": {},
-            },
-        )
-        entry["methods"][result.method] = _result(result)
-    return {"condition": asdict(EXPERIMENTS[name].condition), "scenes": scenes}
+def _scene(scene: Scene) -> dict[str, Any]:
+    return {"lamps": list(scene.lamp_names), "angle_deg": round(scene.angle_deg, _DECIMALS)}
 
 
-def _result(result: Result) -> dict[str, Any]:
-    return {
-        "snr_db": _rounded(result.snr_db),
-        "coefficient_error_deg": _rounded(result.error_deg),
-        "found": result.found,
-        "confidence": result.confidence,
-        "warnings": list(result.warnings),
-        "refusal": result.refusal,
-    }
+def _by_scene(results: list[Result]) -> dict[str, Any]:
+    """Every figure of every method, by scene; what a method does not tell is left out."""
+    scenes: dict[str, dict[str, dict[str, Any]]] = {}
+    for result in results:
+        figures = {
+            "snr_db": _rounded(result.snr_db),
+            "coefficient_error_deg": _rounded(result.error_deg),
+            "found": result.found if result.found != result.lamps else None,
+            "confidence": result.confidence if result.confidence != 1.0 else None,
+            "refusal": result.refusal or None,
+        }
+        scene = scenes.setdefault(result.scene, {})
+        for name, value in figures.items():
+            if value is not None:
+                scene.setdefault(name, {})[result.method] = value
+    return scenes
 
 
 def _rounded(value: float | None) -> float | None:
