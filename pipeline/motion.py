@@ -32,7 +32,7 @@ _SPECK = 2e-4  # of the picture; less is chance
 _SMALLEST = 12  # pixels
 _REACH = 0.02  # of the diagonal: gaps between edges of one thing
 _THIN = 0.006  # of the diagonal: half the width of what is a thing and no edge
-_EDGE_SHARE = 0.03  # of a thing's area that must be edges
+_EVIDENCE = 0.02  # of a thing's area that must show in a way
 _ALONE = 0.01  # of the picture
 _CLIPPED_REACH = 7  # pixels around unusable ones, whose edges are no edges
 
@@ -62,10 +62,10 @@ def find_moved(
     reach = np.ones((_CLIPPED_REACH, _CLIPPED_REACH), np.uint8)
     usable = cv2.dilate(out.astype(np.uint8), reach) == 0
 
-    lost = _lost(before, after, variances, _LOST_RENDERED if rendered else _LOST)
-    gone, appeared = _edges_that_differ(before, after, variances)
-    moved = _things((lost | gone | (appeared & _evenly_lit(before, after))) & usable)
-    moved = _with_edges(moved, gone & usable, appeared & usable)
+    lost = usable & _lost(before, after, variances, _LOST_RENDERED if rendered else _LOST)
+    gone, appeared = (usable & edges for edges in _edges_that_differ(before, after, variances))
+    moved = _things(lost | gone | (appeared & _evenly_lit(before, after)))
+    moved = _with_evidence(moved, lost, gone, appeared)
     found = np.zeros(unusable.shape, dtype=np.uint8)
     found[crop] = cv2.resize(
         moved.astype(np.uint8), (crop[1].stop, crop[0].stop), interpolation=cv2.INTER_NEAREST
@@ -140,16 +140,21 @@ def _things(evidence: Mask) -> Mask:
     return np.asarray(opened[reach:-reach, reach:-reach] > 0)
 
 
-def _with_edges(things: Mask, gone: Mask, appeared: Mask) -> Mask:
-    """Keep things whose edges are gone or new; where light alone was lost, a lamp changed.
+def _with_evidence(things: Mask, lost: Mask, gone: Mask, appeared: Mask) -> Mask:
+    """Keep what shows in more than one way.
 
-    What only appeared may be the flash's own shadows and gloss, and must be large.
+    Edges alone may fade where lamps and flash shade a surface in opposite ways; light alone is lost
+    where a lamp changed; and what only appeared may be the flash's shadow or gloss, if not large.
     """
     count, labels, stats, _ = cv2.connectedComponentsWithStats(things.astype(np.uint8))
     area = np.maximum(stats[:, cv2.CC_STAT_AREA], 1)
-    lost_edges = np.bincount(labels[gone], minlength=count) / area
-    any_edges = np.bincount(labels[gone | appeared], minlength=count) / area
-    kept = (lost_edges > _EDGE_SHARE) | ((any_edges > _EDGE_SHARE) & (area > _ALONE * things.size))
+
+    def share(evidence: Mask) -> NDArray[np.float64]:
+        return np.asarray(np.bincount(labels[evidence], minlength=count) / area)
+
+    kept = (share(gone) > _EVIDENCE) & (share(lost | appeared) > _EVIDENCE)
+    kept |= (share(lost) > _EVIDENCE) & (share(gone | appeared) > _EVIDENCE)
+    kept |= (share(appeared) > _EVIDENCE) & (area > _ALONE * things.size)
     kept[0] = False  # the background
     return np.asarray(kept[labels])
 
