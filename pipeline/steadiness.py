@@ -35,8 +35,9 @@ _LOW = 0.01
 _FROM_CYCLES, _MOST_CYCLES = 4, 60
 _ROWS_KNOWN = 0.5
 _LINE = 2  # cycles on either side that a wave leaks to
-_BAND_HEIGHT = 0.004
-_STANDS_OUT = 3.0  # times all other waves, and those across the rows
+_BAND_HEIGHT = 0.02
+_STANDS_OUT = 3.5  # times all other waves, and those across the rows
+_TOGETHER = 0.25  # of the mean wave must be in every channel
 
 
 @dataclass(frozen=True)
@@ -141,40 +142,48 @@ def bands(ratios: Ratios) -> float | None:
     """Height of periodic bands along the rows, relative to the light; None where there are none.
 
     A lamp that flickers with the mains, read out row by row, leaves them in the ratio of two
-    photographs. Fewer than five to the picture cannot be told from the fall-off of the flash.
+    photographs, in all channels at once; stripes of a surface differ in colour. Fewer than five to
+    the picture cannot be told from the fall-off of the flash.
     """
-    logs = np.where(ratios.usable[..., None], ratios.logs, np.nan).mean(axis=2)
-    rows, columns = _waves(logs), _waves(logs.T)
+    logs = np.where(ratios.usable[..., None], ratios.logs, np.nan)
+    rows, columns = (_waves(planes) for planes in (logs, logs.transpose(1, 0, 2)))
     if rows is None:
         return None
-    strongest = int(np.argmax(rows))
+    heights = np.abs(rows.mean(axis=1))
+    strongest = int(np.argmax(heights))
     near = slice(max(strongest - _LINE, 0), strongest + _LINE + 1)
-    others = float(np.delete(rows, near)[1:].max(initial=0.0))
-    across = 0.0 if columns is None else float(columns[near].max(initial=0.0))
-    height = float(rows[strongest])
-    if strongest == 0 or height < max(_BAND_HEIGHT, _STANDS_OUT * max(others, across)):
+    others = np.delete(heights, near)[1:].max(initial=0.0)
+    across = 0.0 if columns is None else np.abs(columns[near].mean(axis=1)).max(initial=0.0)
+    height = float(heights[strongest])
+    together = (rows[strongest] / rows[strongest].mean()).real.min()
+    if (
+        strongest == 0
+        or height < max(_BAND_HEIGHT, _STANDS_OUT * others, _STANDS_OUT * across)
+        or together < _TOGETHER
+    ):
         return None
     return height
 
 
-def _waves(plane: Array) -> Array | None:
-    """Amplitude of waves down the rows, from 4 to 60 cycles, of what neighbouring rows differ in.
+def _waves(planes: Array) -> NDArray[np.complex128] | None:
+    """Waves down the rows (n, 3), from 4 to 60 cycles, of what neighbouring rows differ in.
 
     Differences of rows are taken in each column before the median over columns, so that neither
     surfaces nor the fall-off of light count, and are summed again.
     """
-    height, width = plane.shape
+    height, width = planes.shape[:2]
     if height < 4 * _FROM_CYCLES:
         return None
-    steps = np.diff(plane, axis=0)
-    enough = np.isfinite(steps).sum(axis=1) >= max(8, width // 10)
+    steps = np.diff(planes, axis=0)
+    enough = np.isfinite(steps[..., 0]).sum(axis=1) >= max(8, width // 10)
     if enough.mean() < _ROWS_KNOWN:
         return None
-    medians = np.zeros(height - 1)
-    medians[enough] = np.nanmedian(steps[enough], axis=1)
-    profile = np.concatenate([[0.0], np.cumsum(medians)])
+    medians = np.zeros((height, 3))
+    medians[1:][enough] = np.nanmedian(steps[enough], axis=1)
+    profiles = np.cumsum(medians, axis=0)
     y = np.linspace(-1, 1, height)
-    profile = profile - np.polynomial.Polynomial.fit(y, profile, 3)(y)
-    window = np.hanning(height)
-    waves = np.abs(np.fft.rfft(profile * window)) * 2 / window.sum()
+    powers = np.vander(y, 4)
+    profiles -= powers @ np.linalg.lstsq(powers, profiles, rcond=None)[0]
+    window = np.hanning(height)[:, None]
+    waves = np.fft.rfft(profiles * window, axis=0) * 2 / window.sum()
     return np.asarray(waves[_FROM_CYCLES : min(_MOST_CYCLES, height // 4) + 1])
