@@ -15,12 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frames import Image, Mask
-from pipeline.refine import log_detail, refine_motion
+from pipeline.refine import HOMOGRAPHY, SHIFT, TURN, agreement, log_detail, refine_motion
 
 _WORKING_SIZES = (1600, 800)  # longer side; the second for pairs whose noise drowns fine edges
 _LOCAL = 16.0
-_MOTIONS = ((cv2.MOTION_TRANSLATION, 2), (cv2.MOTION_EUCLIDEAN, 2), (cv2.MOTION_HOMOGRAPHY, 3))
-_WORTH_IT = 0.003  # tripod pairs gain at most 0.001 from any motion, hand-held ones 0.01 and more
+_MOTIONS = (  # of OpenCV, if it is to search; what the refinement may change; what it must gain
+    (cv2.MOTION_TRANSLATION, SHIFT, 0.015),  # in agreement; tripod pairs gain less
+    (cv2.MOTION_EUCLIDEAN, TURN, 0.015),
+    (None, HOMOGRAPHY, 0.01),  # a search would bend it to shadows where there are few edges
+)
+_MAX_TURN = 0.03  # of the diagonal: what three degrees do to a corner, more is no hand
 _MIN_CORRELATION = 0.25  # related pairs reach 0.4 to 0.9, unrelated ones at most 0.1
 _STILL_PX = 0.3  # a smaller motion is within the estimate's error; resampling would only blur
 _MAX_MOTION = 0.15  # of the diagonal; a hand-held pair moves less
@@ -69,15 +73,14 @@ def _attempt(no_flash: Image, flash: Image, working_size: int) -> Alignment:
         for image in (no_flash, flash)
     ]
     reference, sample = (edges(image) for image in small_pair)
+    details = [log_detail(image) for image in small_pair]
     try:
-        correlation, small = _estimate(reference, sample, size)
+        small = _estimate(reference, sample, details[0], details[1])
+        correlation = _correlation(reference, sample, small, size)
     except cv2.error:
         return _refused(None, "no common structure was found")
     if not np.isfinite(small).all() or not np.isfinite(correlation):
         return _refused(None, "no common structure was found")
-    if not np.array_equal(small, np.eye(3)):
-        details = [log_detail(image) for image in small_pair]
-        small = refine_motion(details[0], details[1], small)
     matrix = _to_full_size(small, size, (width, height))
     motion = _corner_motion(matrix, width, height)
     if correlation < _MIN_CORRELATION:
@@ -88,34 +91,44 @@ def _attempt(no_flash: Image, flash: Image, working_size: int) -> Alignment:
 
 
 def _estimate(
-    reference: Image, sample: Image, size: tuple[int, int]
-) -> tuple[float, NDArray[np.float64]]:
-    """Correlation reached and homography: the simplest motion that explains the edges.
+    reference: Image, sample: Image, reference_steps: Image, sample_steps: Image
+) -> NDArray[np.float64]:
+    """Homography of the simplest motion that explains the photographs.
 
-    A richer motion must raise the correlation, so that a pair from a tripod stays as it is: the
-    homography of edges that flash and lamps draw differently is off by half a pixel at the corners.
+    reference, sample: edges; reference_steps, sample_steps: from log_detail. A richer motion must
+    make the steps agree better, so that a pair from a tripod stays as it is: the homography of
+    edges that flash and lamps draw differently is off by half a pixel at the corners.
     """
-    found = np.eye(3, dtype=np.float32)
-    best = float(cv2.computeECC(reference, sample))
+    found = np.eye(3)
+    best = agreement(reference_steps, sample_steps, found)
     parameters = cv2.ECCParameters()
-    parameters.nlevels = int(np.clip(np.log2(min(size) / 16), 1, 5))
-    for motion, rows in _MOTIONS:
-        parameters.motionType = motion
-        try:
-            _, small = cv2.findTransformECCMultiScale(reference, sample, found[:rows], parameters)
-        except cv2.error:
-            if motion == cv2.MOTION_TRANSLATION:
-                raise
-            continue  # too few edges for so rich a motion
-        candidate = np.vstack([small, np.eye(3, dtype=np.float32)[rows:]])
-        correlation = _correlation(reference, sample, candidate, size)
-        if correlation > best + _WORTH_IT:
-            found, best = candidate, correlation
-    return best, found.astype(np.float64)
+    parameters.nlevels = int(np.clip(np.log2(min(reference.shape) / 16), 1, 5))
+    for motion, freedoms, worth_it in _MOTIONS:
+        start = found
+        if motion is not None:
+            parameters.motionType = motion
+            try:
+                _, rows = cv2.findTransformECCMultiScale(
+                    reference, sample, found[:2].astype(np.float32), parameters
+                )
+            except cv2.error:
+                if motion == cv2.MOTION_TRANSLATION:
+                    raise
+                continue  # too few edges for so rich a motion
+            start = np.vstack([rows, found[2:]]).astype(np.float64)
+        candidate = refine_motion(reference_steps, sample_steps, start, freedoms)
+        turned = _corner_motion(candidate @ np.linalg.inv(found), *reference.shape[::-1])
+        if motion != cv2.MOTION_TRANSLATION and turned > _MAX_TURN * np.hypot(*reference.shape):
+            continue
+        agrees = agreement(reference_steps, sample_steps, candidate)
+        if agrees > best + worth_it:
+            found = candidate
+        best = max(best, agrees)
+    return found
 
 
 def _correlation(
-    reference: Image, sample: Image, matrix: NDArray[np.float32], size: tuple[int, int]
+    reference: Image, sample: Image, matrix: NDArray[np.float64], size: tuple[int, int]
 ) -> float:
     """Correlation of the edges where the warped sample covers the reference."""
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP

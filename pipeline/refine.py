@@ -20,6 +20,13 @@ _MAD = 1.4826
 _EDGES = 0.85  # quantile of the gradient above which pixels tell of motion
 _ROUNDS = 12
 _DONE_PX = 0.005
+HOMOGRAPHY = np.eye(8)
+SHIFT = HOMOGRAPHY[[2, 5]]
+TURN = np.concatenate([SHIFT, [HOMOGRAPHY[1] - HOMOGRAPHY[3], HOMOGRAPHY[0] + HOMOGRAPHY[4]]])
+"""Freedoms of a motion, rows of the upper eight entries of its matrix; TURN is a similarity."""
+
+_LEVELS = 3
+_SMALLEST = 48
 _MARGIN = 6  # pixels at the border, where the local mean is one-sided
 
 
@@ -36,13 +43,44 @@ def log_detail(image: Image) -> Image:
 
 
 def refine_motion(
-    reference: Image, sample: Image, matrix: NDArray[np.float64]
+    reference: Image, sample: Image, matrix: NDArray[np.float64], freedoms: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Refine a homography that is right within a pixel or two.
 
     reference, sample: (h, w, 3) from log_detail. matrix: (3, 3), from a reference pixel to the
-    sample's. Returns the matrix given where the equations have no solution.
+    sample's. freedoms: (n, 8), what may change: SHIFT, TURN or HOMOGRAPHY. Returns the matrix
+    given where the equations have no solution.
     """
+    for level in range(_LEVELS - 1, 0, -1):
+        if min(reference.shape[:2]) >> level < _SMALLEST:
+            continue
+        matrix = _at_level(reference, sample, matrix, freedoms, level)
+    return _refined(reference, sample, matrix, freedoms)
+
+
+def _at_level(
+    reference: Image,
+    sample: Image,
+    matrix: NDArray[np.float64],
+    freedoms: NDArray[np.float64],
+    level: int,
+) -> NDArray[np.float64]:
+    """Refine on photographs of 1/2^level the size, where larger errors are mended."""
+    size = (reference.shape[1] >> level, reference.shape[0] >> level)
+    small = [
+        np.asarray(cv2.resize(steps, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+        for steps in (reference, sample)
+    ]
+    x, y = size[0] / reference.shape[1], size[1] / reference.shape[0]
+    shrink = np.array([[x, 0, x / 2 - 0.5], [0, y, y / 2 - 0.5], [0, 0, 1]])
+    enlarge = np.linalg.inv(shrink)
+    found = _refined(small[0], small[1], shrink @ matrix @ enlarge, freedoms)
+    return np.asarray(enlarge @ found @ shrink)
+
+
+def _refined(
+    reference: Image, sample: Image, matrix: NDArray[np.float64], freedoms: NDArray[np.float64]
+) -> NDArray[np.float64]:
     height, width = reference.shape[:2]
     inside = np.zeros((height, width), dtype=np.bool_)
     inside[_MARGIN:-_MARGIN, _MARGIN:-_MARGIN] = True
@@ -53,7 +91,7 @@ def refine_motion(
     from_unit = np.linalg.inv(to_unit)
     found = matrix
     for _ in range(_ROUNDS):
-        step = _step(reference, sample, found, inside, to_unit)
+        step = _step(reference, sample, found, inside, to_unit, freedoms)
         if step is None:
             return matrix
         found = found @ (from_unit @ step @ to_unit)
@@ -69,6 +107,7 @@ def _step(
     matrix: NDArray[np.float64],
     inside: NDArray[np.bool_],
     to_unit: NDArray[np.float64],
+    freedoms: NDArray[np.float64],
 ) -> NDArray[np.float64] | None:
     """One round: the small motion, in unit coordinates, that takes away most of the difference."""
     height, width = inside.shape
@@ -103,9 +142,23 @@ def _step(
         normal += weighted @ jacobian.T
         right += weighted @ difference
     try:
-        solution = np.linalg.solve(normal, right)
+        solution = freedoms.T @ np.linalg.solve(freedoms @ normal @ freedoms.T, freedoms @ right)
     except np.linalg.LinAlgError:
         return None
     if not np.isfinite(solution).all():
         return None
     return np.asarray(np.eye(3) + np.append(solution, 0.0).reshape(3, 3))
+
+
+def agreement(reference: Image, sample: Image, matrix: NDArray[np.float64]) -> float:
+    """Correlation of the steps that two photographs share under a motion, −1…1."""
+    height, width = reference.shape[:2]
+    flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
+    warped = cv2.warpPerspective(sample, matrix, (width, height), flags=flags)
+    covered = cv2.warpPerspective(
+        np.ones((height, width), np.uint8), matrix, (width, height), flags=cv2.WARP_INVERSE_MAP
+    )
+    inside = cv2.erode(covered, np.ones((3, 3), np.uint8)) > 0
+    first, second = reference[inside], warped[inside]
+    norm = float(np.sqrt(np.square(first).sum() * np.square(second).sum()))
+    return float((first * second).sum()) / max(norm, 1e-12)
