@@ -1,7 +1,7 @@
 """How well lamps are separated, on rendered scenes.
 
 All groups and methods on the report scenes write docs/evaluation.md, its data and its plots.
-Anything less prints a table.
+Anything less prints failures and a table.
 """
 
 from __future__ import annotations
@@ -12,11 +12,12 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from tests.evaluation.experiments import EXPERIMENTS
+from tests.evaluation.goals import failures
 from tests.evaluation.methods import METHODS
 from tests.evaluation.report import write_report
 from tests.evaluation.results import Result
 from tests.evaluation.runs import run
-from tests.evaluation.tables import aligned, summary
+from tests.evaluation.tables import aligned, failure_rows, summary
 
 _DOCS = Path(__file__).parents[2] / "docs"
 
@@ -25,7 +26,8 @@ def main() -> None:
     """Run what the arguments ask for."""
     arguments = _arguments()
     outcome = run(arguments.groups, arguments.methods, arguments.set, _tell)
-    sys.stdout.write(f"\n{aligned(summary(outcome))}\n")
+    for rows in (failure_rows(failures(outcome)), summary(outcome)):
+        sys.stdout.write(f"\n{aligned(rows)}\n")
     everything = (tuple(EXPERIMENTS), tuple(METHODS))
     if arguments.set == "report" and (arguments.groups, arguments.methods) == everything:
         write_report(outcome, _DOCS)

@@ -253,7 +253,9 @@ def test_a_part_of_the_evaluation_prints_a_table_and_writes_nothing(
         assert callable(tell)
         own = scenes_of("two")[:2]
         tell("two", [result(own[0], "paper"), result(own[0], "best", snr_db=None, found=1)])
-        return Outcome({"two": [result(s, "best") for s in own]}, {s.name: s for s in own})
+        of = [result(s, m, snr_db=26.5) for s in own for m in ("paper", "best")]
+        of[3] = replace(of[3], snr_db=20.5)
+        return Outcome({"two": of}, {s.name: s for s in own})
 
     monkeypatch.setattr(program, "run", run)
     monkeypatch.setattr(program, "write_report", lambda *_: pytest.fail("wrote the report"))
@@ -265,7 +267,8 @@ def test_a_part_of_the_evaluation_prints_a_table_and_writes_nothing(
     assert asked == [(("two",), ("paper", "best"), "development")]
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "two  two-report-00  paper 17.0  best 1 of 2"
-    assert lines[-1].split() == ["two", "best", "2", "26.5", "26.5", "1.5"]
+    assert "two    two-report-01  6.0 dB below the published method, 20.5 dB" in lines
+    assert lines[-1].split() == ["two", "best", "2", "23.5", "20.5", "1.5"]
 
 
 def test_everything_on_report_scenes_writes_the_report(
