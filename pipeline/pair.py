@@ -29,6 +29,7 @@ _COPY_BLOCK = 8  # pixels averaged, against noise
 _COPY_SPREAD = 0.4  # stops between the quartiles of flash part ÷ no-flash light
 _COPY_COLOUR_SPREAD = 1.0  # the same over all channels: lamp and flash differ in colour
 _PARALLAX_PX = 0.5
+_REGISTRATION_PX = 0.35  # of alignment and interpolation, measured
 _NOTABLE_MOTION = 0.002
 _NOTABLE_DIMMING = 0.03
 _SMALLEST = 32
@@ -46,6 +47,8 @@ class Pair:
         moved.
     exposure_source: where exposure_ratio comes from, see ExposureRatio.
     no_flash_noise, flash_noise: the noise of each.
+    registration: standard deviation in pixels of what the flash photograph lies beside the other; 0
+        where it was taken as it is.
     parallax: share of the picture that lies elsewhere than the homography says, 0…1.
     moved: share of the picture in which something moved, 0…1.
     """
@@ -59,6 +62,7 @@ class Pair:
     no_flash_noise: Noise
     flash_noise: Noise
     alignment: Alignment
+    registration: float
     parallax: float
     moved: float
     warnings: tuple[str, ...]
@@ -119,6 +123,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: Options, progress: Progres
         no_flash_noise=noises[0],
         flash_noise=noises[1],
         alignment=alignment,
+        registration=_REGISTRATION_PX * float(alignment.applied or parallax > 0),
         parallax=parallax,
         moved=moved,
         warnings=(*warnings, *_copy_warnings(no_flash.pixels, pixels, options.flash_only)),

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pipeline.frames import Image, Mask
 from pipeline.noise import sigma_filter
 from pipeline.pair import Pair
+from pipeline.registration import registration_variance
 
 _LONGER_SIDE = 512
 _MIN_OPEN = 0.5  # share of a block's pixels that must be usable
@@ -57,6 +58,8 @@ def reduce_pair(pair: Pair) -> ReducedPair:
     count = np.maximum(share * block**2, 1.0)[..., None] * averaged[..., None]
     no_flash_variance = pair.no_flash_noise.variance(no_flash, count)
     flash_variance = pair.flash_noise.variance(flash, count)
+    if pair.registration > 0:
+        flash_variance = flash_variance + registration_variance(flash, pair.registration / block)
     if not pair.flash_only:
         flash = flash - no_flash
         flash_variance = flash_variance + no_flash_variance

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import noise, smoothing
+from pipeline import noise, registration, smoothing
 from pipeline.fill import Surroundings
 from pipeline.frames import Image
 from pipeline.hui2018.separation import published_layers
@@ -135,6 +135,10 @@ def _light_and_noise(
     no_flash, flash = pair.no_flash[rows], pair.flash[rows]
     no_flash_variance = pair.no_flash_noise.variance(no_flash).sum(axis=2)
     flash_variance = pair.flash_noise.variance(flash).sum(axis=2)
+    if pair.registration > 0:
+        wide, inner = _widened(rows, registration.HALO, len(pair.unusable))
+        beside = registration.registration_variance(pair.flash[wide], pair.registration)
+        flash_variance = flash_variance + beside[inner].sum(axis=2)
     light, part = no_flash.sum(axis=2), flash.sum(axis=2)
     if not pair.flash_only:
         part = part - light

@@ -102,6 +102,7 @@ def pair_of() -> Callable[..., Pair]:
             "no_flash_noise": quiet,
             "flash_noise": quiet,
             "alignment": NOT_ATTEMPTED,
+            "registration": 0.0,
             "parallax": 0.0,
             "moved": 0.0,
             "warnings": (),

@@ -1,0 +1,23 @@
+"""What a flash photograph that lies a little beside the other does to its values."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.frames import Image
+
+HALO = 1
+"""Rows beyond either end of a strip that registration_variance needs."""
+
+
+def registration_variance(flash: Image, deviation: float) -> NDArray[np.float32]:
+    """Variance (h, w, 3) of values that come from a little beside where they should.
+
+    flash: (h, w, 3) linear. deviation: standard deviation of the offset in pixels. The slope is
+    half the range within a pixel's neighbourhood, which is not zero on the ridge of a line.
+    """
+    square = np.ones((3, 3), np.uint8)
+    slope = 0.5 * (cv2.dilate(flash, square) - cv2.erode(flash, square))
+    return np.asarray(np.square(np.float32(deviation) * slope), dtype=np.float32)
