@@ -35,12 +35,14 @@ class Sensor:
 class Capture:
     """A pair of files. truth: float32 (N, H, W, 3), the layers in the values of the files.
 
+    flash_part: (H, W, 3), the flash's light alone in the same values, without noise and motion.
     encoding: to be passed on as the option of that name.
     """
 
     no_flash: bytes
     flash: bytes
     truth: NDArray[np.float32]
+    flash_part: Image
     encoding: str
 
 
@@ -61,7 +63,8 @@ def capture(
             for which, frame in enumerate(frames)
         ]
     no_flash, flash = (_tiff(frame, exact=sensor is None) for frame in frames)
-    return Capture(no_flash, flash, np.float32(exposure) * rendered.lamps, "linear")
+    truth, flash_part = (np.float32(exposure) * light for light in (rendered.lamps, rendered.flash))
+    return Capture(no_flash, flash, truth, flash_part, "linear")
 
 
 def capture_jpeg(rendered: RenderedScene) -> Capture:
@@ -79,7 +82,8 @@ def capture_jpeg(rendered: RenderedScene) -> Capture:
     matrix *= WHITE_LEVEL / brightest
     frames = (rendered.no_flash_frame, rendered.flash_frame)
     no_flash, flash = (_jpeg(frame @ matrix.T) for frame in frames)
-    return Capture(no_flash, flash, rendered.lamps @ matrix.T, "auto")
+    truth, flash_part = (light @ matrix.T for light in (rendered.lamps, rendered.flash))
+    return Capture(no_flash, flash, truth, flash_part, "auto")
 
 
 def _expose(light: Image, sensor: Sensor, seed: str) -> Image:

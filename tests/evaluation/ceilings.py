@@ -27,18 +27,22 @@ _DARK = 1e-3  # of the mean light, so that no pixel counts without bound
 
 
 def dealt_out(photograph: Image, no_flash: Image, flash: Image, matrices: Matrix) -> Layers:
-    """Layers (N, H, W, 3) of known lamps: the photograph in the proportions of z_j T_j I_flash.
+    """Layers (N, H, W, 3) of known lamps: the photograph (H, W, 3) in their proportions."""
+    return np.asarray(proportions(no_flash, flash, matrices) * photograph, dtype=np.float32)
+
+
+def proportions(no_flash: Image, flash: Image, matrices: Matrix) -> Layers:
+    """Parts (N, H, W, 3) of known lamps in every channel, those of z_j T_j I_flash.
 
     z ≥ 0 by least squares in the image, each channel weighed by 1 ÷ its mean as in the pipeline.
 
     Parameters
     ----------
-    photograph : (H, W, 3), the photograph without the flash
-    no_flash, flash : (H, W, 3), it and the flash part, with their noise filtered
+    no_flash, flash : (H, W, 3), photograph without the flash and flash part, noise filtered
     matrices : (N, 3, 3) T_j
     """
-    parts = _parts(no_flash, flash, matrices)
-    return np.asarray(normalised(parts) * photograph, dtype=np.float32)
+    z = _shares(no_flash, flash, matrices)
+    return normalised(z[..., None] * _predictions(flash, matrices))
 
 
 def regressed_matrices(sensitivities: Array, flash: Array, lamps: Array) -> Matrix:
@@ -57,24 +61,32 @@ def regressed_matrices(sensitivities: Array, flash: Array, lamps: Array) -> Matr
 
 
 def best_matrices(
-    truth: Layers, photograph: Image, no_flash: Image, flash: Image, valid: Mask
+    truth: Layers,
+    flash_part: Image,
+    photograph: Image,
+    no_flash: Image,
+    flash: Image,
+    valid: Mask,
 ) -> Matrix:
-    """Matrices (N, 3, 3) whose dealt-out layers come nearest to the truth.
+    """Matrices (N, 3, 3) of the lamps whose dealt-out layers come nearest to the truth.
 
     For each of some weightings of bright against dark pixels, matrices are fitted in two ways to
-    every lamp's light alone, then shares and matrices are improved by turns; the best joint SNR on
-    the way wins. These matrices describe the lamps; tuned_matrices asks for the score alone.
+    every lamp's light alone, then shares and matrices are improved by turns, all on light without
+    noise and motion; the best joint SNR of the photographs' layers on the way wins. These matrices
+    describe the lamps; tuned_matrices asks for the score alone.
 
     Parameters
     ----------
-    truth : (N, H, W, 3)
-    photograph, no_flash, flash : as for dealt_out
+    truth, flash_part : (N, H, W, 3) and (H, W, 3), the light of every lamp and of the flash
+    photograph : (H, W, 3), the photograph without the flash as it is
+    no_flash, flash : as for proportions
     valid : (H, W), the pixels that count
     """
     raw, lit, x, wanted = _sample(truth, photograph, no_flash, flash, valid)
+    seen = _sample(truth, photograph, no_flash, flash_part, valid)[2][0].astype(np.float64)
+    lights = wanted[:, 0].astype(np.float64)
     everywhere = np.ones(raw.shape[:2], dtype=np.bool_)
-    total = np.maximum(wanted.sum(axis=(0, 1, 3)), 0.0)
-    seen, lights = x[0].astype(np.float64), wanted[:, 0].astype(np.float64)
+    total = np.maximum(lights.sum(axis=(0, 2)), 0.0)
     best, highest = np.empty((len(truth), 3, 3)), -np.inf
     for power, start in product(_WEIGHTINGS, (_by_ratio, _by_direction)):
         matrices = np.stack([_alone(one, seen, power, start) for one in lights])
@@ -84,7 +96,7 @@ def best_matrices(
             snr, _order = joint_snr(wanted, layers, everywhere)
             if snr > highest:
                 best, highest = matrices, snr
-            held = _shares(lit, x, matrices)[:, 0]
+            held = _shares(lights.sum(axis=0), seen, matrices)
             matrices = np.stack(
                 [
                     _regress(share[:, None] * seen, one, weight)
@@ -163,15 +175,13 @@ def _regress(before: Array, after: Array, weight: Array) -> Matrix:
     return np.asarray(np.linalg.lstsq(before * w, after * w, rcond=None)[0].T)
 
 
-def _shares(no_flash: Image, flash: Image, matrices: Matrix) -> Layers:
+def _shares(
+    no_flash: NDArray[np.floating], flash: NDArray[np.floating], matrices: Matrix
+) -> Layers:
     weight = (1.0 / np.maximum(no_flash.reshape(-1, 3).mean(axis=0), 1e-12)).astype(np.float32)
     return shares(no_flash * weight, _predictions(flash, matrices) * weight)
 
 
-def _parts(no_flash: Image, flash: Image, matrices: Matrix) -> Layers:
-    return _shares(no_flash, flash, matrices)[..., None] * _predictions(flash, matrices)
-
-
-def _predictions(flash: Image, matrices: Matrix) -> Layers:
+def _predictions(flash: NDArray[np.floating], matrices: Matrix) -> Layers:
     """T_j I_flash, (N, ..., 3), ≥ 0."""
     return np.stack([np.maximum(flash @ one.T.astype(np.float32), 0.0) for one in matrices])

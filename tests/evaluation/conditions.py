@@ -54,6 +54,7 @@ def make_shot(scene: Scene, condition: Condition) -> Shot:
         options=options,
         lights=_lights(len(scene.lamp_spectra)) if condition.lights == "told" else "auto",
         truth=taken.truth,
+        flash_part=taken.flash_part,
         valid=valid_pixels(rendered.lamps, rendered.flash, 1.0),
         lamp_spectra=scene.lamp_spectra,
         flash_spectrum=flash_spectrum(scene.flash),

@@ -14,14 +14,16 @@ import OpenEXR
 from numpy.typing import NDArray
 
 from pipeline.decode.quiet import muted
+from pipeline.frames import Matrix
 from pipeline.options import Options
 from pipeline.process import separate_files
 from pipeline.progress import Progress
 from pipeline.proportions import normalised
+from pipeline.push_pull import push_pull
 from tests.evaluation.baselines import equal_split, nnmf, von_kries_matrices
 from tests.evaluation.ceilings import (
     best_matrices,
-    dealt_out,
+    proportions,
     regressed_matrices,
     tuned_matrices,
 )
@@ -89,23 +91,36 @@ def _von_kries(shot: Shot) -> Answer:
         image[reduced.usable].astype(np.float64) for image in (reduced.no_flash, reduced.flash)
     )
     matrices = von_kries_matrices(no_flash, flash, shot.count)
-    return Answer(dealt_out(shot.photograph, *shot.filtered, matrices))
+    return _answer(shot, matrices)
 
 
 def _known(shot: Shot) -> Answer:
     matrices = regressed_matrices(shot.sensitivities, shot.flash_spectrum, shot.lamp_spectra)
-    return Answer(dealt_out(shot.photograph, *shot.filtered, matrices))
+    return _answer(shot, matrices)
 
 
 def _best_3x3(shot: Shot) -> Answer:
-    matrices = best_matrices(shot.truth, shot.photograph, *shot.filtered, shot.valid)
-    return Answer(dealt_out(shot.photograph, *shot.filtered, matrices))
+    return _answer(shot, _best_matrices(shot))
 
 
 def _tuned_3x3(shot: Shot) -> Answer:
-    known = (shot.truth, shot.photograph, *shot.filtered, shot.valid)
-    matrices = tuned_matrices(*known, start=best_matrices(*known))
-    return Answer(dealt_out(shot.photograph, *shot.filtered, matrices))
+    start = _best_matrices(shot)
+    seen = (shot.photograph, *shot.filtered)
+    return _answer(shot, tuned_matrices(shot.truth, *seen, shot.valid & shot.usable, start))
+
+
+def _best_matrices(shot: Shot) -> Matrix:
+    truth, seen = (shot.truth, shot.flash_part), (shot.photograph, *shot.filtered)
+    return best_matrices(*truth, *seen, shot.valid & shot.usable)
+
+
+def _answer(shot: Shot, matrices: Matrix) -> Answer:
+    """The photograph in the proportions of known lamps, or of the surroundings where need be."""
+    parts = proportions(*shot.filtered, matrices)
+    count, height, width, channels = parts.shape
+    planes = np.moveaxis(parts, 0, 2).reshape(height, width, count * channels)
+    filled = push_pull(planes, shot.usable.astype(np.float32)).reshape(height, width, count, -1)
+    return Answer(np.moveaxis(filled, 2, 0) * shot.photograph)
 
 
 METHODS: dict[str, Callable[[Shot], Answer]] = {

@@ -26,7 +26,8 @@ class Shot:
 
     files: without the flash and with it. options: what the photographer knows, for Options.
     lights: the number of lamps to ask for. truth: (N, H, W, 3), each lamp's light on the scale of
-    the file without the flash, 1.0 = its white. valid: (H, W), the pixels that count.
+    the file without the flash, 1.0 = its white. flash_part: (H, W, 3), the flash's light alone on
+    the same scale, without noise and motion. valid: (H, W), the pixels that count.
     lamp_spectra (N, W), flash_spectrum (W,), sensitivities (3, W): those of the rendering.
     axes: (3, 3) camera RGB of a white card under a lamp → coordinates in which angles are stated.
     coefficients: (N, 3) of the lamps in them, None where the files hold other colours than the
@@ -37,6 +38,7 @@ class Shot:
     options: dict[str, Any]
     lights: Literal["auto", 1, 2, 3]
     truth: NDArray[np.float32]
+    flash_part: Image
     valid: Mask
     lamp_spectra: Array
     flash_spectrum: Array
@@ -65,6 +67,11 @@ class Shot:
     def photograph(self) -> Image:
         """The photograph without the flash, (H, W, 3)."""
         return self.pair.no_flash
+
+    @property
+    def usable(self) -> Mask:
+        """Pixels that have a counterpart and are not clipped, as far as the pipeline knows."""
+        return ~self.pair.unusable
 
     @cached_property
     def filtered(self) -> tuple[Image, Image]:

@@ -48,6 +48,7 @@ def exact() -> Shot:
         options={"camera": CAMERA, "align": False, "exposure_ratio": 1.0},
         lights=2,
         truth=truth,
+        flash_part=light,
         valid=valid_pixels(truth, light, 2.0),
         lamp_spectra=lamps,
         flash_spectrum=find_light("xenon"),
@@ -72,7 +73,7 @@ def snr(method: str) -> float:
 def test_best_matrices_are_found_where_matrices_are_the_truth() -> None:
     shot = exact()
 
-    found = best_matrices(shot.truth, shot.photograph, *shot.filtered, shot.valid)
+    found = best_matrices(shot.truth, shot.flash_part, shot.photograph, *shot.filtered, shot.valid)
 
     for one, true in zip(found, matrices(), strict=True):
         scaled = one * (true * one).sum() / (one * one).sum()
