@@ -26,7 +26,6 @@ _MOTIONS = (  # of OpenCV, if it is to search; what the refinement may change; w
 )
 _MAX_TURN = 0.03  # of the diagonal: what three degrees do to a corner, more is no hand
 _MIN_CORRELATION = 0.25  # related pairs reach 0.4 to 0.9, unrelated ones at most 0.1
-_STILL_PX = 0.3  # a smaller motion is within the estimate's error; resampling would only blur
 _MAX_MOTION = 0.15  # of the diagonal; a hand-held pair moves less
 
 
@@ -87,7 +86,7 @@ def _attempt(no_flash: Image, flash: Image, working_size: int) -> Alignment:
         return _refused(float(correlation), f"their edges correlate by only {correlation:.2f}")
     if motion > _MAX_MOTION * np.hypot(width, height):
         return _refused(float(correlation), f"a motion of {motion:.0f} pixels is implausible")
-    return Alignment(motion > _STILL_PX, matrix, float(correlation))
+    return Alignment(not np.array_equal(small, np.eye(3)), matrix, float(correlation))
 
 
 def _estimate(

@@ -129,8 +129,10 @@ def darker_share(ratios: Ratios, rendered: bool) -> float:
     sure = ratios.sure
     if np.count_nonzero(sure) < _FEW_BLOCKS:
         return 0.0
-    limit = -np.maximum(least, 4 * ratios.noise[sure])
-    return float(np.mean((ratios.logs[sure] < limit).all(axis=1)))
+    logs = ratios.logs[sure]
+    noise = np.sqrt(np.square(ratios.noise[sure]).mean(axis=1) / 3)
+    darker = (logs < 0).all(axis=1) & (logs.mean(axis=1) < -np.maximum(least, 4 * noise))
+    return float(np.mean(darker))
 
 
 def largest_ratio(ratios: Ratios) -> float:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.align import NOT_ATTEMPTED, Alignment, estimate_alignment, warp
+from pipeline.align import NOT_ATTEMPTED, Alignment, _to_full_size, estimate_alignment, warp
 
 Image = NDArray[np.float32]
 Array = NDArray[np.float64]
@@ -213,3 +213,53 @@ def test_saturated_pixels_move_along_and_spread_over_every_pixel_they_touch() ->
     _, bad = warp(np.ones((20, 30, 3), np.float32), clipped, Alignment(True, matrix, 0.9))
 
     np.testing.assert_array_equal(np.argwhere(bad[:, :25]), [[10, 12], [10, 13]])
+
+
+def test_pixel_centers_are_kept_when_a_motion_is_enlarged() -> None:
+    """Four full pixels to a small one: x = 4u + 1.5, so u → 2u is x → 2x − 1.5."""
+    found = _to_full_size(np.diag([2.0, 2.0, 1.0]), (80, 60), (320, 240))
+
+    expected = np.array([[2, 0, -1.5], [0, 2, -1.5], [0, 0, 1]])
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def shift_found(pixels: float) -> Alignment:
+    canvas = surfaces()
+    no_flash = by_lamps(moved(canvas, np.eye(3)))
+    return estimate_alignment(no_flash, by_flash(moved(canvas, turn(0, pixels))))
+
+
+def test_motions_within_the_error_are_no_reason_to_resample() -> None:
+    found = shift_found(0.15)
+
+    assert not found.applied
+    np.testing.assert_array_equal(found.matrix, np.eye(3))
+
+
+@pytest.mark.parametrize("pixels", [0.6, 1.0, 2.0])
+def test_small_motions_are_found(pixels: float) -> None:
+    found = shift_found(pixels)
+
+    assert found.applied
+    assert -found.matrix[0, 2] == pytest.approx(pixels, abs=0.1)
+
+
+@pytest.mark.parametrize("motion", [SHIFT, TURN], ids=["shift", "turn"])
+def test_known_motions_are_found_within_an_eighth_of_a_pixel(motion: Array) -> None:
+    canvas = surfaces()
+    no_flash = by_lamps(moved(canvas, np.eye(3)))
+    flash = by_flash(moved(canvas, np.linalg.inv(motion)))
+
+    found = estimate_alignment(no_flash, flash)
+
+    assert np.linalg.norm(where(found.matrix) - where(motion), axis=1).max() < 0.125
+
+
+def test_a_motion_that_no_hand_makes_is_not_taken_for_the_turn_of_round_things() -> None:
+    """Balls without texture look alike however the camera is turned about them."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    ball = np.clip(1 - np.hypot(x - 160, y - 120) / 90, 0, 1)[..., None] * np.ones(3)
+
+    found = estimate_alignment(by_lamps(ball + 0.02), by_flash(ball + 0.02))
+
+    assert np.linalg.norm(where(found.matrix) - where(np.eye(3)), axis=1).max() < 0.5

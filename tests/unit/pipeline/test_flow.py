@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.align import NOT_ATTEMPTED, Alignment
+from pipeline.flow import residual_flow, warp_along
+
+Image = NDArray[np.float32]
+HEIGHT, WIDTH = 240, 320
+
+
+def patches(seed: int) -> NDArray[np.float64]:
+    """Surfaces of many colours, (240, 320, 3)."""
+    rng = np.random.default_rng(seed)
+    canvas = np.full((HEIGHT, WIDTH, 3), 0.4)
+    for _ in range(300):
+        center = (int(rng.integers(0, WIDTH)), int(rng.integers(0, HEIGHT)))
+        box = cv2.boxPoints((center, (int(rng.integers(6, 30)), 12), float(rng.uniform(0, 90))))
+        colour = rng.uniform(0.1, 0.9, 3).tolist()
+        cv2.fillConvexPoly(canvas, box.astype(np.int32), colour, cv2.LINE_AA)
+    return np.asarray(cv2.GaussianBlur(canvas, (0, 0), 0.8))
+
+
+NEAR = np.zeros((HEIGHT, WIDTH), bool)
+NEAR[60:180, 100:220] = True
+
+
+def two_depths(x: float, y: float) -> tuple[Image, Image, Image]:
+    """Photographs without and with the flash of a near thing that moves before a wall.
+
+    Third is the flash photograph as it is when nothing moves.
+    """
+    wall, thing = patches(1), patches(2)
+    move = np.array([[1, 0, x], [0, 1, y]], dtype=float)
+    size = (WIDTH, HEIGHT)
+    thing_moved = cv2.warpAffine(thing, move, size, flags=cv2.INTER_CUBIC)
+    where = cv2.warpAffine(NEAR.astype(np.float64), move, size)[..., None]
+    light = np.linspace(0.9, 0.2, WIDTH)[None, :, None] * np.array([1.0, 0.7, 0.4])
+    both = 0.6 * light + 0.5 * np.array([0.7, 0.9, 1.0])
+    still = np.where(NEAR[..., None], thing, wall)
+    rng = np.random.default_rng(3)
+    grain = rng.normal(0, 0.002, (2, HEIGHT, WIDTH, 3))
+    no_flash = 0.6 * light * still + grain[0]
+    flash = both * (wall * (1 - where) + thing_moved * where) + grain[1]
+    one, other, true = (np.asarray(i, np.float32) for i in (no_flash, flash, both * still))
+    return one, other, true
+
+
+def test_what_lies_still_has_no_flow() -> None:
+    no_flash, flash, _ = two_depths(0, 0)
+
+    assert residual_flow(no_flash, flash) is None
+
+
+@pytest.mark.parametrize(("x", "y"), [(1.5, -0.5), (3.0, 1.0), (8.0, -3.0)])
+def test_parallax_is_found_within_half_a_pixel(x: float, y: float) -> None:
+    no_flash, flash, _ = two_depths(x, y)
+
+    found = residual_flow(no_flash, flash)
+
+    assert found is not None
+    inside = cv2.erode(NEAR.astype(np.uint8), np.ones((25, 25), np.uint8)) > 0
+    outside = cv2.dilate(NEAR.astype(np.uint8), np.ones((41, 41), np.uint8)) == 0
+    assert np.linalg.norm(found[inside] - [x, y], axis=1).mean() < 0.5
+    assert np.linalg.norm(found[outside], axis=1).mean() < 0.1
+
+
+def test_parallax_is_taken_away_from_the_flash_photograph() -> None:
+    no_flash, flash, still = two_depths(3.0, 1.0)
+    flow = residual_flow(no_flash, flash)
+    assert flow is not None
+
+    found, bad = warp_along(flash, np.zeros((HEIGHT, WIDTH), bool), NOT_ATTEMPTED, flow)
+
+    inside = cv2.erode(NEAR.astype(np.uint8), np.ones((25, 25), np.uint8)) > 0
+    assert np.abs(found - still)[inside].mean() < 0.2 * np.abs(flash - still)[inside].mean()
+    assert bad.mean() < 0.01
+
+
+@pytest.mark.parametrize("value", [0.0, 0.4])
+def test_pictures_without_edges_have_no_flow(value: float) -> None:
+    even = np.full((64, 64, 3), value, np.float32)
+
+    assert residual_flow(even, even + np.float32(0.1)) is None
+
+
+@pytest.mark.parametrize("grid", [(120, 160), (60, 80)])
+def test_homography_and_flow_are_applied_in_one(grid: tuple[int, int]) -> None:
+    """Two pixels by the matrix and three by a flow on a coarser grid are five."""
+    picture = patches(4).astype(np.float32)
+    clipped = np.zeros((HEIGHT, WIDTH), bool)
+    clipped[100, 200] = True
+    matrix = np.array([[1, 0, 2.0], [0, 1, 0], [0, 0, 1]])
+    flow = np.zeros((*grid, 2), np.float32)
+    flow[..., 0] = 3.0
+
+    found, bad = warp_along(picture, clipped, Alignment(True, matrix, 0.9), flow)
+
+    np.testing.assert_allclose(found[:, :-6], picture[:, 5:-1], atol=1e-4)
+    np.testing.assert_array_equal(np.argwhere(bad[:, :-5]), [[100, 195]])
+    assert bad[:, -5:].all()
+
+
+def test_pictures_larger_than_a_strip_have_no_seams() -> None:
+    tall = np.ascontiguousarray(np.tile(patches(5).astype(np.float32), (3, 1, 1)))
+    flow = np.full((90, 40, 2), 1.25, np.float32)
+
+    found, _ = warp_along(tall, np.zeros(tall.shape[:2], bool), NOT_ATTEMPTED, flow)
+
+    y, x = np.mgrid[: tall.shape[0], :WIDTH].astype(np.float32) + np.float32(1.25)
+    expected = cv2.remap(tall, x, y, cv2.INTER_CUBIC)
+    np.testing.assert_allclose(found, expected, atol=1e-3)

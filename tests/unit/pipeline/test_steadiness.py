@@ -1,0 +1,174 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.noise import Noise, estimate_noise
+from pipeline.steadiness import (
+    Ratios,
+    bands,
+    block_ratios,
+    darker_share,
+    largest_ratio,
+    ratio_without_flash,
+)
+
+Array = NDArray[np.float64]
+HEIGHT, WIDTH = 192, 256
+LAMP, FLASH = np.array([1.0, 0.7, 0.4]), np.array([0.7, 0.9, 1.0])
+QUIET = Noise(np.full(3, 1e-8), np.full(3, 1e-11))
+
+
+def albedo(seed: int = 1) -> Array:
+    values = np.random.default_rng(seed).uniform(0.2, 0.9, (HEIGHT // 16, WIDTH // 16, 3))
+    return values.repeat(16, 0).repeat(16, 1)
+
+
+def ratios_of(
+    lamps: Array, flash_frame: Array, unusable: NDArray[np.bool_] | None = None
+) -> Ratios:
+    """Of the photographs with the noise of a sensor."""
+    rng = np.random.default_rng(5)
+    one, other = (
+        (light + rng.normal(size=light.shape) * np.sqrt(light / 2e4 + 1e-7)).astype(np.float32)
+        for light in (lamps, flash_frame)
+    )
+    bad = np.zeros(lamps.shape[:2], bool) if unusable is None else unusable
+    return block_ratios(one, other, bad, (estimate_noise(one), estimate_noise(other)))
+
+
+def scene(reach: float = 1.0) -> tuple[Array, Array]:
+    """Light of lamps and of a flash that reaches so much of the picture from the right."""
+    u = np.linspace(0, 1, WIDTH)[None, :, None]
+    lamps = albedo() * (0.2 + 0.4 * (1 - u)) * LAMP
+    flash = albedo() * 0.4 * FLASH * (0.5 + 0.5 * u) * (u > 1 - reach)
+    return lamps, flash
+
+
+def test_ratios_are_those_of_the_blocks() -> None:
+    before = np.full((64, 800, 3), 0.2, np.float32)
+    after = before * np.array([1.5, 2.0, 3.0], np.float32)
+    clipped = np.zeros((64, 800), bool)
+    clipped[:, 400:] = True
+
+    found = block_ratios(before, after, clipped, (QUIET, QUIET))
+
+    assert found.logs.shape == (64 // 3, 800 // 3, 3)
+    np.testing.assert_allclose(
+        np.exp(found.logs[:, :133]), np.tile([1.5, 2, 3], (21, 133, 1)), rtol=1e-5
+    )
+    assert found.usable[:, :133].all()
+    assert not found.usable[:, 133:].any()
+
+
+def test_noise_of_a_ratio_is_that_of_both_parts() -> None:
+    noise = Noise(np.zeros(3), np.full(3, 1e-4))
+    before, after = np.full((40, 40, 3), 0.2, np.float32), np.full((40, 40, 3), 0.5, np.float32)
+
+    found = block_ratios(before, after, np.zeros((40, 40), bool), (noise, noise))
+
+    np.testing.assert_allclose(found.noise, np.sqrt(1e-4 / 0.04 + 1e-4 / 0.25), rtol=1e-4)
+
+
+@pytest.mark.parametrize("ratio", [0.25, 0.7, 1.0, 2.0])
+@pytest.mark.parametrize("reach", [0.5, 0.9])
+def test_what_the_flash_does_not_reach_shows_the_ratio(ratio: float, reach: float) -> None:
+    lamps, flash = scene(reach)
+
+    found = ratio_without_flash(ratios_of(lamps, ratio * (lamps + flash)))
+
+    assert found == pytest.approx(ratio, rel=0.02)
+
+
+def test_a_flash_that_reaches_everything_shows_no_ratio() -> None:
+    lamps, flash = scene()
+
+    assert ratio_without_flash(ratios_of(lamps, lamps + flash)) is None
+
+
+def test_a_wall_that_the_flash_lights_evenly_shows_no_ratio() -> None:
+    """A peak at one ratio, but the channels have ratios of their own."""
+    even = albedo() * 0.3 * LAMP
+    u = np.linspace(0, 1, WIDTH)[None, :, None]
+
+    found = ratios_of(even, even + albedo() * FLASH * np.where(u < 0.5, 0.2, 0.2 + 0.4 * u))
+
+    assert ratio_without_flash(found) is None
+
+
+def test_a_lamp_of_the_colour_of_the_flash_shows_no_ratio() -> None:
+    """Channels agree everywhere, so that agreement tells nothing."""
+    u = np.linspace(0, 1, WIDTH)[None, :, None]
+    lamps, flash = albedo() * 0.3, albedo() * np.where(u < 0.4, 0.1, 0.3 + 0.3 * u)
+
+    assert ratio_without_flash(ratios_of(lamps, lamps + flash)) is None
+
+
+def test_black_pictures_show_nothing() -> None:
+    dark = np.zeros((64, 64, 3), np.float32)
+    found = block_ratios(dark, dark, np.zeros((64, 64), bool), (QUIET, QUIET))
+
+    assert not found.sure.any()
+    assert ratio_without_flash(found) is None
+    assert darker_share(found, rendered=False) == 0
+    assert bands(found) is None
+
+
+@pytest.mark.parametrize(
+    ("left", "rendered", "share"),
+    [(1.0, False, 0.0), (0.9, False, 0.4), (0.9, True, 0.0), (0.7, True, 0.4)],
+)
+def test_share_that_is_darker_with_the_flash(left: float, rendered: bool, share: float) -> None:
+    lamps, flash = scene(reach=0.6)
+
+    found = ratios_of(lamps, np.where(flash > 0, lamps + flash, left * lamps))
+
+    assert darker_share(found, rendered) == pytest.approx(share, abs=0.02)
+
+
+def test_the_largest_ratio_leaves_nothing_darker() -> None:
+    lamps, flash = scene(reach=0.5)
+
+    assert largest_ratio(ratios_of(lamps, 0.6 * (lamps + flash))) == pytest.approx(0.6, rel=0.04)
+
+
+def flicker(cycles: float, height: float, phase: float) -> Array:
+    y = np.arange(HEIGHT)[:, None, None] / HEIGHT
+    return np.asarray(1 + height * np.sin(2 * np.pi * (cycles * y + phase)))
+
+
+@pytest.mark.parametrize("cycles", [6.0, 9.5, 20.0])
+def test_bands_of_a_flickering_lamp_are_found(cycles: float) -> None:
+    lamps, flash = scene()
+
+    found = bands(
+        ratios_of(lamps * flicker(cycles, 0.1, 0.1), lamps * flicker(cycles, 0.1, 0.4) + flash)
+    )
+
+    assert found is not None
+    assert 0.04 < found < 0.25
+
+
+def test_steady_lamps_leave_no_bands() -> None:
+    lamps, flash = scene()
+
+    assert bands(ratios_of(lamps, lamps + flash)) is None
+
+
+def test_stripes_of_a_surface_are_no_bands() -> None:
+    """Red and green in turn: the channels' ratios go opposite ways."""
+    lamps, flash = scene()
+    y = np.arange(HEIGHT)[:, None, None] / HEIGHT
+    stripe = 0.3 * np.sin(2 * np.pi * 10 * y) * np.array([1.0, -1.0, 0.2])
+
+    assert bands(ratios_of(lamps, lamps + flash * (1 + stripe))) is None
+
+
+def test_bands_along_columns_are_no_flicker() -> None:
+    lamps, flash = scene()
+    x = np.arange(WIDTH)[None, :, None] / WIDTH
+
+    found = ratios_of(lamps, (lamps + flash) * (1 + 0.1 * np.sin(2 * np.pi * 9 * x)))
+
+    assert bands(found) is None
