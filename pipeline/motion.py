@@ -64,8 +64,8 @@ def find_moved(
 
     lost = usable & _lost(before, after, variances, _LOST_RENDERED if rendered else _LOST)
     gone, appeared = (usable & edges for edges in _edges_that_differ(before, after, variances))
-    moved = _things(lost | gone | (appeared & _evenly_lit(before, after)))
-    moved = _with_evidence(moved, lost, gone, appeared)
+    appeared &= _evenly_lit(before, after)
+    moved = _with_evidence(_things(lost | gone | appeared), lost, gone, appeared)
     found = np.zeros(unusable.shape, dtype=np.uint8)
     found[crop] = cv2.resize(
         moved.astype(np.uint8), (crop[1].stop, crop[0].stop), interpolation=cv2.INTER_NEAREST

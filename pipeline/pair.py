@@ -103,7 +103,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: Options, progress: Progres
         if settled.value != ratio.value:
             pixels = pixels * np.float32(ratio.value / settled.value)
             noises = noises[0], estimate_noise(pixels)
-            ratio = settled
+        ratio = settled
         _check_flash_adds(no_flash.pixels, pixels, unusable, noises)
         progress.report("align", 0.8)
         if alignment.problem is None:

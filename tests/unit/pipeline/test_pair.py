@@ -451,3 +451,49 @@ def test_cancel_is_heard_between_the_steps(
         make_pair(*frames(), Options(), progress)
 
     assert reports == ["align"] * after_reports
+
+
+# what moved, and what the exposures are held against
+
+
+def test_what_moved_is_unusable_and_told(
+    frames: Callable[..., tuple[Frame, Frame]], frame: Callable[..., Frame]
+) -> None:
+    """A red thing that left: dark against the flash photograph's wall."""
+    before, after = frames()
+    moved = before.pixels.copy()
+    moved[30:66, 40:80] = [0.5, 0.05, 0.05] * np.ones((36, 40, 3), np.float32)
+
+    pair = paired((frame(moved, exposure=EXPOSURE), after))
+
+    assert pair.unusable[34:62, 44:76].mean() > 0.8
+    assert pair.unusable[:20].mean() < 0.02
+    assert pair.moved == pytest.approx(pair.unusable.mean(), abs=1e-6)
+    assert any(w.startswith("Something moved between the photographs") for w in pair.warnings)
+
+
+def test_a_ratio_from_the_pixels_scales_the_flash_frame(
+    frame: Callable[..., Frame],
+    light: tuple[Array, Array],
+) -> None:
+    lamps, flash = light
+    part = flash * np.array([0.6, 0.8, 1.0])
+    part[:40] = 0
+    rng = np.random.default_rng(1)
+    grain = rng.normal(0, 0.001, (2, *lamps.shape))
+    both = frame(lamps + grain[0]), frame(0.5 * (lamps + part) + grain[1])
+
+    pair = paired(both, align=False)
+
+    assert pair.exposure_source == "pixels"
+    assert pair.exposure_ratio == pytest.approx(0.5, rel=0.02)
+    np.testing.assert_allclose(pair.flash, both[1].pixels / np.float32(pair.exposure_ratio), 1e-5)
+
+
+def test_a_frame_that_was_moved_lies_beside_by_a_part_of_a_pixel(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    before, after = frames()
+
+    assert paired((before, after)).registration == 0
+    assert 0.1 < paired((before, shifted(after))).registration < 1

@@ -1,0 +1,208 @@
+"""Pairs that moved, flickered or were exposed otherwise than the files say, by command line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image as PillowImage
+from PIL.TiffImagePlugin import IFDRational
+
+FLAGS = ("--camera", "Nikon D5100", "--lights", 2, "--outputs", "layers.exr")
+
+
+def write_pair(folder: Path, no_flash: Any, flash: Any) -> tuple[Path, Path]:
+    """Float TIFFs with the noise of a sensor: 20,000 electrons at white, 5 from reading."""
+    rng = np.random.default_rng(7)
+    paths = folder / "one.tif", folder / "two.tif"
+    for path, light in zip(paths, (no_flash, flash), strict=True):
+        deviation = np.sqrt(np.maximum(light, 0) / 2e4 + (5 / 2e4) ** 2)
+        noisy = (light + rng.normal(size=light.shape) * deviation).astype(np.float32)
+        tifffile.imwrite(path, noisy, photometric="rgb", metadata=None)
+    return paths
+
+
+def write_jpeg(path: Path, light: Any, time_s: float) -> Path:
+    """A JPEG whose EXIF tells of f/8, ISO 100 and that time."""
+    code = np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.abs(light) ** (1 / 2.4) - 0.055)
+    picture = PillowImage.fromarray(np.rint(255 * np.clip(code, 0, 1)).astype(np.uint8))
+    exif = PillowImage.Exif()
+    facts = {0x829A: IFDRational(time_s), 0x829D: IFDRational(8), 0x8827: 100}
+    exif.get_ifd(0x8769).update(facts)
+    picture.save(path, "JPEG", quality=98, subsampling=0, exif=exif)
+    return path
+
+
+@pytest.fixture(scope="module")
+def light(scene: Callable[..., Any]) -> tuple[Any, Any]:
+    """What the lamps and what the flash gives."""
+    truth = scene(2).truth
+    return truth.layers.sum(0), truth.flash
+
+
+@pytest.fixture(scope="module")
+def short_reach(light: tuple[Any, Any]) -> Any:
+    """A flash that the back of the room gets next to nothing of."""
+    part = light[1].copy()
+    part[: len(part) // 3] *= 0.01
+    return part
+
+
+def warnings_of(results: Any) -> list[str]:
+    return list(results.manifest["warnings"])
+
+
+def test_a_still_pair_is_not_warned_of(
+    light: tuple[Any, Any], separated: Callable[..., Any], tmp_path: Path
+) -> None:
+    lamps, part = light
+    pair = write_pair(tmp_path, lamps, lamps + part)
+
+    results = separated(pair, *FLAGS, "--exposure-ratio", 1)
+
+    assert warnings_of(results) == []
+    assert results.manifest["moved"] == 0
+    assert results.manifest["alignment"]["applied"] is False
+    assert results.manifest["alignment"]["parallax"] == 0
+    assert results.manifest["exposure_source"] == "option"
+
+
+def test_something_that_moved_is_masked_and_warned_of(
+    light: tuple[Any, Any], separated: Callable[..., Any], tmp_path: Path
+) -> None:
+    """A red ball that rolled to the right: filled in from its surroundings in both places."""
+    lamps, part = light
+    height, width = lamps.shape[:2]
+    photographs = []
+    for x, here in ((0.45, lamps), (0.6, lamps + part)):
+        ball = np.zeros((height, width))
+        cv2.circle(ball, (int(x * width), int(0.3 * height)), height // 8, 1.0, -1, cv2.LINE_AA)
+        colour = here.mean((0, 1)) * np.array([1.2, 0.25, 0.2])
+        photographs.append(here * (1 - ball[..., None]) + colour * ball[..., None])
+    pair = write_pair(tmp_path, *photographs)
+
+    results = separated(pair, *FLAGS, "--exposure-ratio", 1)
+
+    (warning,) = warnings_of(results)
+    assert warning.startswith("Something moved between the photographs in ")
+    assert "Keep people and things still" in warning
+    two_balls = 2 * np.pi * (height // 8) ** 2 / (height * width)
+    assert results.manifest["moved"] == pytest.approx(two_balls, rel=0.35)
+    assert results.manifest["filled"] >= 0.9 * results.manifest["moved"]
+
+
+@pytest.mark.parametrize("ratio", [0.5, 2.0])
+def test_an_exposure_ratio_that_nobody_wrote_is_found(
+    light: tuple[Any, Any],
+    short_reach: Any,
+    separated: Callable[..., Any],
+    tmp_path: Path,
+    ratio: float,
+) -> None:
+    lamps, _ = light
+    pair = write_pair(tmp_path, lamps, ratio * (lamps + short_reach))
+
+    results = separated(pair, *FLAGS)
+
+    assert results.manifest["exposure_ratio"] == pytest.approx(ratio, rel=0.03)
+    assert results.manifest["exposure_source"] == "pixels"
+    assert any("shows a ratio of" in w and "was taken" in w for w in warnings_of(results))
+
+
+def test_a_wrong_exposure_ratio_given_is_noticed(
+    light: tuple[Any, Any], short_reach: Any, separated: Callable[..., Any], tmp_path: Path
+) -> None:
+    lamps, _ = light
+    pair = write_pair(tmp_path, lamps, lamps + short_reach)
+
+    wrong = separated(pair, *FLAGS, "--exposure-ratio", 1.5)
+
+    assert wrong.manifest["exposure_ratio"] == 1.5
+    assert any(
+        w.startswith("The exposure ratio given, 1.5, does not fit") for w in warnings_of(wrong)
+    )
+
+
+def test_a_wrong_exposure_in_the_files_is_noticed(
+    light: tuple[Any, Any], short_reach: Any, separated: Callable[..., Any], tmp_path: Path
+) -> None:
+    lamps, _ = light
+    paths = [
+        write_jpeg(tmp_path / f"{name}.jpg", values, time_s)
+        for name, values, time_s in (
+            ("one", lamps, 1 / 60),
+            ("two", lamps + short_reach, 1 / 40),
+            ("right", lamps + short_reach, 1 / 60),
+        )
+    ]
+
+    wrong = separated((paths[0], paths[1]), *FLAGS)
+    right = separated((paths[0], paths[2]), *FLAGS)
+
+    assert any(
+        w.startswith("The files' exposure ratio, 1.5, does not fit") for w in warnings_of(wrong)
+    )
+    assert not any("exposure ratio" in w for w in warnings_of(right))
+
+
+def test_flicker_is_noticed(
+    light: tuple[Any, Any], separated: Callable[..., Any], tmp_path: Path
+) -> None:
+    """Lamps on the mains, read out row by row: nine bands to the picture."""
+    lamps, part = light
+    y = np.arange(len(lamps))[:, None, None] / len(lamps)
+    waves = [1 + 0.15 * np.sin(2 * np.pi * (9 * y + phase)) for phase in (0.1, 0.45)]
+    pair = write_pair(tmp_path, lamps * waves[0], lamps * waves[1] + part)
+
+    results = separated(pair, *FLAGS, "--exposure-ratio", 1)
+
+    assert any(
+        w.startswith("Bands of ") and "multiple of 1/100 s" in w for w in warnings_of(results)
+    )
+
+
+def test_a_cloud_between_the_photographs_is_noticed(
+    light: tuple[Any, Any], short_reach: Any, separated: Callable[..., Any], tmp_path: Path
+) -> None:
+    lamps, _ = light
+    pair = write_pair(tmp_path, lamps, 0.8 * lamps + short_reach)
+
+    results = separated(pair, *FLAGS, "--exposure-ratio", 1)
+
+    assert any("steady light" in w for w in warnings_of(results))
+    assert results.manifest["moved"] < 0.01
+
+
+def test_a_thing_nearer_than_the_rest_is_followed(
+    light: tuple[Any, Any],
+    scene: Callable[..., Any],
+    separated: Callable[..., Any],
+    tmp_path: Path,
+) -> None:
+    """Four pixels of parallax in the lower half."""
+    lamps, part = light
+    truth = scene(2).truth
+    height, width = lamps.shape[:2]
+    near = np.clip((np.arange(height) / height - 0.5) / 0.05, 0, 1)[:, None] * np.ones((1, width))
+    x = np.arange(width)[None, :] - 4.0 * near
+    y = np.arange(height)[:, None] * np.ones((1, width))
+    maps = (x.astype(np.float32), y.astype(np.float32))
+    flash = lamps + part
+    shifted = cv2.remap(flash, *maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    (tmp_path / "still").mkdir()
+    still = write_pair(tmp_path / "still", lamps, flash)
+    moved = write_pair(tmp_path, lamps, shifted)
+
+    followed = separated(moved, *FLAGS, "--exposure-ratio", 1)
+    left = separated(moved, *FLAGS, "--exposure-ratio", 1, "--no-align")
+    without = separated(still, *FLAGS, "--exposure-ratio", 1)
+
+    snr = [np.mean(results.layer_snr_db(truth)) for results in (followed, left, without)]
+    assert followed.manifest["alignment"]["parallax"] > 0.05
+    assert snr[0] > snr[1] + 2
+    assert snr[0] > snr[2] - 5
