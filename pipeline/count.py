@@ -1,150 +1,122 @@
-"""How many lamps a pair needs, by what is left over when one or two lamps explain it.
+"""How many lamps a pair needs: by how much better one more explains it.
 
-One lamp is one 3×3 matrix from flash to lamp, whatever the surfaces. So the best single matrix
-leaves only noise and metamerism; more is the mark of a second lamp, and likewise of a third.
+A second lamp earns its place by the likelihood that it gains. A third is told by that gain, too,
+and by differences across the edges of shadows: with two lamps, nearly all show one of them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Matrix
+from pipeline.matrixfit.evidence import Data, Evidence
+from pipeline.matrixfit.fit import Fit
 from pipeline.reduced import ReducedPair
 from pipeline.shares import shares
 
 Array = NDArray[np.float64]
 
-_PIXELS = 6_000
-_DARK = 0.1  # of the 99th percentile: below, rendering curves and stray light bend colours
-_DIM_FLASH = 0.02
+# Measured on development scenes, exact and noisy: a second lamp that is not there gains at most
+# 173, one that is gains 462 and more; evidence of a third is at most 1.2 and at least 2.1
+_SECOND_LAMP = 300.0
+_THIRD_LAMP, _THIRD_GAIN, _THIRD_OFF = 1.6, 150.0, 0.125
+_SECOND_STEEPNESS, _THIRD_STEEPNESS = 4.0, 3.0
+_OFF, _OUTSIDE = 0.03, 0.005  # chromaticity, beyond two standard deviations
+# three lamps give at most 1.5, ten of twelve scenes with four more
+_FOURTH_LAMP, _FOURTH_LEFT, _FOURTH_OFF, _FOURTH_OUTSIDE = 1.45, 0.01, 0.4, 0.1
+_UNSURE = 0.3
 _QUANTILE = 0.9
-
-# Measured on rendered scenes: one lamp leaves at most .038, two lamps 9° apart at least .046.
-_ONE_LAMP = 0.040
-_TWO_LAMPS = 0.022  # two leave .010 to .023, three at least 20° apart .024 and more
-_RENDERED = 1.6  # tone curves and gamut mapping leave more
-_STEEPNESS = 4.0
-
-_ROUNDS_ONE, _ROUNDS_TWO = 12, 8
-_RIDGE_ONE, _RIDGE_TWO = 1e-3, 3e-3
 
 
 @dataclass(frozen=True)
-class _Sample:
-    """Usable pixels: no_flash, flash (n, 3), variance (n,) of the sum of no-flash channels."""
+class Count:
+    """number: of lamps, 1 to 3. confidence: 0…1 that it is right. more: signs of a fourth."""
 
-    no_flash: Array
-    flash: Array
-    variance: Array
-
-
-def count_lamps(
-    reduced: ReducedPair, one: Matrix, two: Matrix, rendered: bool
-) -> tuple[int, float]:
-    """Number of lamps, 1 to 3, and the confidence in it, 0…1.
-
-    Parameters
-    ----------
-    reduced : the pair
-    one : (3, 3) first guess of the matrix of a single lamp
-    two : (2, 3, 3) first guess of two lamps' matrices
-    rendered : the photographs are not sensor values
-    """
-    sample = _draw(reduced)
-    left_by_one = _left_over(sample, sample.flash @ _single(sample, one).T)
-    sure = _sureness(left_by_one, _ONE_LAMP)
-    if left_by_one <= _ONE_LAMP:
-        return 1, sure
-    left_by_two = _left_over(sample, _double(sample, two))
-    limit = _TWO_LAMPS * (_RENDERED if rendered else 1.0)
-    sure *= _sureness(left_by_two, limit)
-    return (2 if left_by_two <= limit else 3), sure
+    number: int
+    confidence: float
+    more: bool
 
 
-def _draw(reduced: ReducedPair) -> _Sample:
-    light, flash = reduced.no_flash.sum(axis=2), reduced.flash.sum(axis=2)
-    use = (
-        reduced.usable
-        & (light > _DARK * np.percentile(light, 99))
-        & (flash > _DIM_FLASH * np.percentile(flash, 99))
-    )
-    if not use.any():
-        use = reduced.usable
-    step = -(-int(use.sum()) // _PIXELS)
-    return _Sample(
-        reduced.no_flash[use][::step].astype(np.float64),
-        reduced.flash[use][::step].astype(np.float64),
-        reduced.no_flash_variance.sum(axis=2)[use][::step].astype(np.float64),
-    )
+def count_lamps(reduced: ReducedPair, evidence: Evidence, fit: Callable[[int], Fit]) -> Count:
+    """Count the lamps of a pair. fit: gives the best fit of a number of lamps, 1 to 3."""
+    gain = max(fit(1).cost - fit(2).cost, 1.0)
+    several = _logistic(_SECOND_STEEPNESS * np.log(gain / _SECOND_LAMP))
+    if gain < _SECOND_LAMP:
+        return Count(1, 1.0 - several, more=False)
+    third = (fit(2).cost - fit(3).cost) / _THIRD_GAIN
+    third += _share_off(evidence.differences, fit(2).matrices) / _THIRD_OFF
+    three = _logistic(_THIRD_STEEPNESS * (third - _THIRD_LAMP))
+    if third < _THIRD_LAMP:
+        return Count(2, min(several, 1.0 - three), more=False)
+    if signs_of_fourth(reduced, evidence, fit(3).matrices):
+        return Count(3, min(three, _UNSURE), more=True)
+    return Count(3, min(several, three), more=False)
 
 
-def _sureness(value: float, limit: float) -> float:
-    """0.5 at the limit, towards 1 as the value leaves it on either side."""
-    ratio = max(value, 1e-6) / limit
-    return float(1.0 / (1.0 + min(ratio, 1.0 / ratio) ** _STEEPNESS))
+def signs_of_fourth(reduced: ReducedPair, evidence: Evidence, matrices: Array) -> bool:
+    """Whether three lamps (3, 3, 3) leave more unexplained than three real ones do."""
+    signs = left_over(reduced, matrices) / _FOURTH_LEFT
+    signs += _share_off(evidence.differences, matrices) / _FOURTH_OFF
+    signs += _share_outside(evidence.pixels, matrices) / _FOURTH_OUTSIDE
+    return bool(signs > _FOURTH_LAMP)
 
 
-def _left_over(sample: _Sample, fitted: Array) -> float:
-    """Nine tenths of the pixels lie nearer to the fit, in chromaticity, noise taken off."""
-    total = sample.no_flash.sum(1)
-    fitted_total = np.maximum(fitted.sum(1), 1e-3 * total)
-    distance = sample.no_flash / total[:, None] - fitted / fitted_total[:, None]
-    squared = (distance**2).sum(1) - sample.variance / total**2
-    return float(np.sqrt(max(np.quantile(squared, _QUANTILE), 0.0)))
+def left_over(reduced: ReducedPair, matrices: Array) -> float:
+    """Relative light that lamps (N, 3, 3) leave unexplained: a quantile, less the noise's own."""
+    no_flash, flash = reduced.no_flash[reduced.usable], reduced.flash[reduced.usable]
+    weights = (1.0 / no_flash.mean(axis=0)).astype(np.float32)
+    predicted = np.maximum(np.einsum("nkl,pl->npk", matrices.astype(np.float32), flash), 0.0)
+    explained = (shares(no_flash * weights, predicted * weights)[..., None] * predicted).sum(axis=0)
+    light = no_flash.sum(axis=1)
+    left = _weighted_quantile(np.abs(no_flash - explained).sum(axis=1) / light, light)
+    variance = reduced.no_flash_variance[reduced.usable].sum(axis=1)
+    noise = _weighted_quantile(np.sqrt(variance) / light, light)
+    return float(np.sqrt(max(left**2 - noise**2, 0.0)))
 
 
-def _single(sample: _Sample, start: Matrix) -> Matrix:
-    """Fit one matrix to every chromaticity, robustly (Gauss–Newton)."""
-    x = sample.flash / sample.flash.sum(1, keepdims=True)
-    u = sample.no_flash / sample.no_flash.sum(1, keepdims=True)
-    start = start / np.linalg.norm(start)
-    matrix = start
-    for _ in range(_ROUNDS_ONE):
-        raw = x @ matrix.T
-        total = np.maximum(raw.sum(1), 1e-3)
-        p = raw / total[:, None]
-        error = u - p
-        weight = _robust(np.linalg.norm(error, axis=1))
-        # ∂p_k/∂T_ml = x_l (δ_km − p_k) / Σ_k (T x)_k
-        jacobian = (np.eye(3) - p[:, :, None]) / total[:, None, None]
-        jacobian = (jacobian[..., None] * x[:, None, None, :]).reshape(-1, 3, 9)
-        hessian = np.einsum("pka,pkb,p->ab", jacobian, jacobian, weight, optimize=True)
-        gradient = np.einsum("pka,pk,p->a", jacobian, error, weight, optimize=True)
-        ridge = _RIDGE_ONE * np.trace(hessian) / 9
-        gradient += ridge * (start - matrix).ravel()
-        matrix = matrix + np.linalg.solve(hessian + ridge * np.eye(9), gradient).reshape(3, 3)
-        matrix = matrix / np.linalg.norm(matrix)
-    return np.asarray(matrix)
+def _share_off(differences: Data, matrices: Array) -> float:
+    """Share of the differences that show none of the lamps alone."""
+    if not len(differences):
+        return 0.0
+    off = np.linalg.norm(differences.u - _corners(differences, matrices), axis=2).min(axis=0)
+    return float((off > _OFF + 2 * _deviation(differences)).mean())
 
 
-def _double(sample: _Sample, start: Matrix) -> Array:
-    """Light (n, 3) of two lamps fitted by turns: shares of the pixels, matrices of the lamps."""
-    x, y = sample.flash, sample.no_flash
-    relative = 1.0 / y.sum(1)
-    matrices = start
-    for _ in range(_ROUNDS_TWO):
-        z, fitted = _mixed(sample, matrices)
-        weight = relative * np.sqrt(_robust(np.abs(y - fitted).sum(1) * relative))
-        design = np.concatenate([z[j][:, None] * x for j in range(2)], axis=1) * weight[:, None]
-        normal = design.T @ design
-        ridge = _RIDGE_TWO * np.trace(normal) / len(normal)
-        known = start.transpose(0, 2, 1).reshape(6, 3)
-        target = design.T @ (y * weight[:, None]) + ridge * known
-        solved = np.linalg.solve(normal + ridge * np.eye(6), target)
-        matrices = solved.reshape(2, 3, 3).transpose(0, 2, 1)
-    return _mixed(sample, matrices)[1]
+def _share_outside(pixels: Data, matrices: Array) -> float:
+    """Share of the pixels outside the triangle of three lamps."""
+    corners = _corners(pixels, matrices)
+    turn = np.sign(_cross(corners[1] - corners[0], corners[2] - corners[0]))
+    inside = []
+    for a, b in ((0, 1), (1, 2), (2, 0)):
+        edge = corners[b] - corners[a]
+        length = np.maximum(np.linalg.norm(edge, axis=1), 1e-9)
+        inside.append(turn * _cross(edge, pixels.u - corners[a]) / length)
+    outside = -np.min(inside, axis=0)
+    return float((outside > _OUTSIDE + 2 * _deviation(pixels)).mean())
 
 
-def _mixed(sample: _Sample, matrices: Matrix) -> tuple[NDArray[np.float32], Array]:
-    predictions = np.einsum("nkl,pl->npk", matrices, sample.flash)
-    z = shares(sample.no_flash.astype(np.float32), predictions.astype(np.float32))
-    return z, np.asarray((z[..., None] * predictions).sum(0))
+def _corners(data: Data, matrices: Array) -> Array:
+    """Chromaticities (N, n, 2) of the lamps on each datum's surface."""
+    light = np.einsum("jkl,nl->jnk", matrices, data.x)
+    return np.asarray(light[..., :2] / light.sum(axis=2, keepdims=True))
 
 
-def _robust(distance: Array) -> Array:
-    """Cauchy weights at twice the standard deviation of the bulk."""
-    scale = 2 * (1.48 * float(np.median(distance)) + 1e-9)
-    return np.asarray(1.0 / (1.0 + (distance / scale) ** 2))
+def _cross(a: Array, b: Array) -> Array:
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
+def _deviation(data: Data) -> Array:
+    return np.asarray(np.sqrt((data.covariance[:, 0] + data.covariance[:, 2]) / 2))
+
+
+def _weighted_quantile(values: NDArray[np.floating], weights: NDArray[np.floating]) -> float:
+    order = np.argsort(values)
+    ladder = np.cumsum(weights[order], dtype=np.float64)
+    return float(values[order][np.searchsorted(ladder, _QUANTILE * ladder[-1])])
+
+
+def _logistic(x: float) -> float:
+    return float(1.0 / (1.0 + np.exp(-x)))

@@ -2,36 +2,35 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.count import count_lamps
+from pipeline.count import Count, count_lamps, left_over, signs_of_fourth
 from pipeline.errors import UnusablePairError
 from pipeline.frames import Matrix
 from pipeline.hui2018.invariant import light_coefficients
-from pipeline.hui2018.lamps import one_lamp, prune, three_lamps, two_lamps, unit
+from pipeline.hui2018.lights import lights_of_pair
+from pipeline.hui2018.pruning import prune
+from pipeline.matrixfit.evidence import gather_evidence
+from pipeline.matrixfit.fit import Fit, fit_matrices
 from pipeline.model import Model
 from pipeline.reduced import ReducedPair
-from pipeline.shares import shares
+from pipeline.vectors import unit
 
 Array = NDArray[np.float64]
 
 _MIN_PIXELS = 200
-_PRUNED = 0.03
-_PRUNED_FOR_THREE = (0.06, 0.1, 0.15, 0.2)  # the smallest triangle obeys every outlier
-_LINE_TOLERANCE = 0.04  # in the tangent plane, 2.3°: the scatter of one lamp over reflectances
-_TAIL = 0.01
+_MUCH_LEFT = 0.08  # relative; bounced and shiny light leave up to 0.05
 _SIMILAR_DEGREES = 6.0
 _ALONE_DEGREES = 10.0
 _LEAST_CONTRAST = 1e-3
 _TYPICAL_SCATTER_DEGREES = 1.7  # median over lamps and reflectances, weighted PCA
 
-
 _MOST = 3
-_PURE_SHARE, _PURE_PIXELS, _MANY_PURE_PIXELS = 0.7, 0.003, 0.0145
 
 
 @dataclass(frozen=True)
@@ -67,78 +66,79 @@ class Lamps:
 
 
 def estimate_lamps(
-    reduced: ReducedPair, model: Model, requested: Literal["auto", 1, 2, 3], rendered: bool
+    reduced: ReducedPair,
+    model: Model,
+    requested: Literal["auto", 1, 2, 3],
+    method: Literal["best", "paper"],
+    flash_only: bool,
 ) -> Lamps:
-    """Estimate the lamps' colours by the published algorithms, and their number where not given.
+    """Estimate the lamps, and their number where it is not given.
 
-    rendered: the photographs are not sensor values, so that the model fits them less well.
+    method: "best" fits a matrix to each lamp (matrixfit), "paper" takes the published algorithms.
+    flash_only: the flash file was the flash part alone, so that its noise is independent.
     Raises UnusablePairError where too few pixels are usable.
     """
     no_flash = reduced.no_flash[reduced.usable].astype(np.float64)
     flash = reduced.flash[reduced.usable].astype(np.float64)
-    if len(no_flash) < _MIN_PIXELS:
+    evidence = gather_evidence(reduced, flash_only)
+    if len(evidence.pixels) < _MIN_PIXELS:
         raise UnusablePairError(
             "Too few pixels show both lamps and flash unclipped: bring the flash nearer or raise "
             "its power, and expose so that little is clipped."
         )
-    gammas = unit(light_coefficients(no_flash, flash, model.tensor))
-    gammas = prune(gammas[gammas.any(axis=1)], _PRUNED)
-    if len(gammas) < _MIN_PIXELS:
-        raise UnusablePairError(
-            "The light of hardly any pixel fits the camera's model: check camera and encoding."
-        )
-    candidates = {
-        1: one_lamp(gammas),
-        2: two_lamps(gammas, _LINE_TOLERANCE, _TAIL),
-        3: three_lamps(gammas),
-    }
+    gammas = _invariants(no_flash, flash, model)
+
+    @cache
+    def fit(lamps: int) -> Fit:
+        return fit_matrices(evidence, model.tensor, model.prior, lamps)
+
     if requested == "auto":
-        one, two = model.lamp_matrix(candidates[1])[0], model.lamp_matrix(candidates[2])
-        count, confidence = count_lamps(reduced, one, two, rendered)
-        if count == _MOST and _purity(reduced, model, candidates[count]) < _PURE_PIXELS:
-            # the triangle's corners lie where no light is: outliers made it
-            count, confidence = 2, 1.0 - confidence
+        count = count_lamps(reduced, evidence, fit)
     else:
-        count, confidence = int(requested), 1.0
-    if count == _MOST:
-        candidates[_MOST] = _filled_triangle(reduced, model, gammas, candidates[_MOST])
-    coefficients = _warm_first(candidates[count])
+        count = Count(requested, confidence=1.0, more=False)
+    if method == "paper":
+        coefficients = lights_of_pair(no_flash, flash, model.tensor, model.published, count.number)
+        matrices = model.lamp_matrix(coefficients)
+    else:
+        coefficients, matrices = _normalised(fit(count.number).matrices, model)
+        if requested == _MOST and signs_of_fourth(reduced, evidence, matrices):
+            count = replace(count, more=True)
+    order = _warm_first(coefficients)
     return Lamps(
-        coefficients=coefficients,
-        matrices=model.lamp_matrix(coefficients),
+        coefficients=coefficients[order],
+        matrices=matrices[order],
         channel_weights=1.0 / no_flash.mean(axis=0),
         requested=requested,
-        confidence=confidence,
-        lamp_confidence=_stand_out(coefficients, gammas),
+        confidence=count.confidence,
+        lamp_confidence=_stand_out(coefficients[order], gammas),
         invariants=gammas,
-        warnings=tuple(_warnings(coefficients)),
+        warnings=tuple(_warnings(coefficients, count, left_over(reduced, matrices))),
     )
 
 
-def _filled_triangle(reduced: ReducedPair, model: Model, gammas: Array, whole: Array) -> Array:
-    """The largest triangle with light in all its corners, of ever more pruned invariants.
-
-    Where there is none, as on smooth things without cast shadows, the whole one.
-    """
-    for triangle in (whole, *(three_lamps(prune(gammas, share)) for share in _PRUNED_FOR_THREE)):
-        if _purity(reduced, model, triangle) >= _MANY_PURE_PIXELS:
-            return triangle
-    return whole
-
-
-def _purity(reduced: ReducedPair, model: Model, coefficients: Array) -> float:
-    """Share of pixels lit nearly by one lamp alone, for the lamp that has fewest of them."""
-    no_flash = reduced.no_flash[reduced.usable]
-    matrices = model.lamp_matrix(coefficients).astype(np.float32)
-    predicted = np.einsum("nkl,pl->npk", matrices, reduced.flash[reduced.usable])
-    light = (shares(no_flash, predicted)[..., None] * predicted).sum(axis=-1)
-    share = light / np.maximum(light.sum(axis=0), 1e-9)
-    return float((share > _PURE_SHARE).mean(axis=1).min())
+def _invariants(no_flash: Array, flash: Array, model: Model) -> Array:
+    """Unit Γ (n, 3) of the pixels, pruned as published."""
+    gammas = unit(light_coefficients(no_flash, flash, model.tensor) @ model.published.T)
+    kept = prune(gammas[gammas.any(axis=1)])
+    if not len(kept):
+        raise UnusablePairError(
+            "The light of hardly any pixel agrees with that of another: use a stronger flash and "
+            "less ISO speed, or check camera and encoding."
+        )
+    return unit(kept @ np.linalg.inv(model.published).T)
 
 
-def _warm_first(coefficients: Array) -> Array:
-    """Order the lamps from warm to cool, so that equal scenes give equal names."""
-    return np.asarray(coefficients[np.argsort(-coefficients[:, 0] / coefficients.sum(1))])
+def _normalised(matrices: Matrix, model: Model) -> tuple[Array, Matrix]:
+    """Coefficients (N, 3) of unit length, and the matrices that go with them."""
+    whites = matrices @ model.flash_white
+    # chromaticities do not tell T from −T
+    scale = np.sign(whites.sum(axis=1)) * np.linalg.norm(whites, axis=1)
+    return whites / scale[:, None], matrices / scale[:, None, None]
+
+
+def _warm_first(coefficients: Array) -> NDArray[np.int64]:
+    """Order (N,) of the lamps from warm to cool, so that equal scenes give equal names."""
+    return np.argsort(-coefficients[:, 0] / coefficients.sum(1), kind="stable")
 
 
 def _stand_out(coefficients: Array, gammas: Array) -> Array:
@@ -161,13 +161,27 @@ def _angles(coefficients: Array) -> Array:
     return np.degrees(np.arccos(cosines[~np.eye(n, dtype=bool)].reshape(n, n - 1)))
 
 
-def _warnings(coefficients: Array) -> list[str]:
+def _warnings(coefficients: Array, count: Count, left: float) -> list[str]:
+    warnings = []
+    if count.more:
+        warnings.append(
+            "Three lamps do not explain the light at all shadow edges: there may be four or more, "
+            "which three colour channels cannot tell apart. Switch some off, or photograph them "
+            "in groups."
+        )
+    elif left > _MUCH_LEFT:
+        lamps = "One lamp does" if count.number == 1 else f"{count.number} lamps do"
+        warnings.append(
+            f"{lamps} not explain the photograph: {left:.0%} of the light is left over in a tenth "
+            "of it. Ask for more lamps, or check camera and flash spectrum; residual.png shows "
+            "where."
+        )
     if len(coefficients) < 2:
-        return []
+        return warnings
     nearest = float(_angles(coefficients).min())
-    if nearest >= _SIMILAR_DEGREES:
-        return []
-    return [
-        f"Two lamps are only {nearest:.1f}° apart in colour; their layers may hold each other's "
-        "light. A coloured filter on one of the lamps helps."
-    ]
+    if nearest < _SIMILAR_DEGREES:
+        warnings.append(
+            f"Two lamps are only {nearest:.1f}° apart in colour; their layers may hold each "
+            "other's light. A coloured filter on one of the lamps helps."
+        )
+    return warnings

@@ -11,7 +11,6 @@ from pipeline.errors import UnusablePairError
 from pipeline.frames import Frame
 from pipeline.lamps import estimate_lamps
 from pipeline.manifest import lamp_entries, make_manifest
-from pipeline.matrixfit.lamps import fit_lamps
 from pipeline.model import Model, build_model
 from pipeline.normals import solve_photometry
 from pipeline.options import Options
@@ -65,15 +64,12 @@ def separate_files(
     pair = make_pair(before, after, options, progress)
     progress.report("lamps", 0.0)
     reduced = reduce_pair(pair)
-    rendered = before.encoding == "srgb"
-    lamps = estimate_lamps(reduced, model, options.lights, rendered)
-    if options.method == "best" and not rendered:  # a tone curve is more than a matrix can follow
-        lamps = fit_lamps(lamps, reduced, options.flash_only, model)
+    lamps = estimate_lamps(reduced, model, options.lights, options.method, options.flash_only)
     warnings = [*pair.warnings, *_model_warnings(before, camera), *lamps.warnings]
     if lamps.confidence < _UNSURE:
         warnings.append(
             f"It is not certain that the scene has {len(lamps)} lamps; if you know their number, "
-            "ask for it."
+            "ask for it. A stronger flash and a hard shadow of each lamp make it plainer."
         )
     photometry = None
     if options.light_directions is not None:
@@ -89,7 +85,8 @@ def separate_files(
         warnings.append(
             f"The flash is too weak, or a photograph is clipped, in {pictures.filled:.0%} of the "
             "picture, where the layers are filled in from their surroundings: bring the flash "
-            "nearer, raise its power or lower the ISO speed."
+            "nearer, raise its power or lower the ISO speed, and expose shorter where it is "
+            "clipped."
         )
     entries = lamp_entries(lamps, model, pictures.separated)
     directory.mkdir(parents=True, exist_ok=True)

@@ -11,16 +11,17 @@ from pipeline.reduced import ReducedPair
 
 Array = NDArray[np.float64]
 
-_PIXELS, _DIFFERENCES = 2400, 1600
-_LEAST_STEP = 0.15  # of the mean light relative to the flash
 _DIM_FLASH, _DARK = 0.01, 0.005  # of the 99th percentile
 _MAX_NOISE = 0.04  # relative
+_LEAST_SHARE = 0.3
 _MIN_NOISE = 1.5e-4  # relative: no photograph is better
 _SPACING = 256 / 3  # of the longer side: pixels compared lie 3 of 256 apart
 _SAME_SURFACE, _SAME_SHADING = 0.006, 0.15
 _MAX_DIFFERENCE_NOISE = 0.05
 _MIN_COLOUR = -0.15
 _PIXEL_WEIGHT, _DIFFERENCE_WEIGHT, _MANY_DIFFERENCES = 400.0, 250.0, 600.0
+_PIXELS, _DIFFERENCES = 3600, 3200
+_LEAST_STEP = 0.25  # of the mean light relative to the flash
 _CELL, _FLATTENING, _MIN_FLASH_COLOUR = 0.01, 0.6, 1e-3
 _DIRECTIONS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2))
 
@@ -73,9 +74,10 @@ def gather_evidence(reduced: ReducedPair, flash_only: bool) -> Evidence:
         reduced.usable
         & (s_f > _DIM_FLASH * np.percentile(s_f, 99))
         & (s_n > _DARK * np.percentile(s_n, 99))
-        & (np.sqrt(v_n.sum(axis=2)) < _MAX_NOISE * safe_n)
-        & (np.sqrt(v_f.sum(axis=2)) < _MAX_NOISE * safe_f)
     )
+    noise = np.maximum(np.sqrt(v_n.sum(axis=2)) / safe_n, np.sqrt(v_f.sum(axis=2)) / safe_f)
+    if use.any():  # of a very noisy pair, what is least noisy
+        use &= noise <= max(_MAX_NOISE, float(np.quantile(noise[use], _LEAST_SHARE)))
     coupled = 0.0 if flash_only else 1.0
     return Evidence(
         _pixels(no_flash[use], flash[use], v_n[use], v_f[use], coupled),
@@ -168,7 +170,7 @@ def _draw(worth: Array, count: int) -> NDArray[np.int64]:
 
 
 def _rarity(u: Array, x: Array) -> Array:
-    """How rare a pixel's light is: else a wall lit evenly would pass for a lamp of its own."""
+    """How rare a pixel's light is."""
     ratio = u / np.maximum(x, _MIN_FLASH_COLOUR)
     ratio = ratio / ratio.sum(axis=1, keepdims=True)
     _, cell, count = np.unique(

@@ -1,82 +1,104 @@
-"""The fit: from evidence to the matrices of two lamps."""
+"""The fit: from evidence to the matrices of N lamps."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from pipeline.hui2018.lamps import unit
-from pipeline.matrixfit.evidence import gather_evidence
+from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.objective import Term, Whitened, make_terms, posterior
 from pipeline.matrixfit.prior import MatrixPrior
 from pipeline.matrixfit.starts import start_points
-from pipeline.reduced import ReducedPair
+from pipeline.vectors import unit
 
 Array = NDArray[np.float64]
 
-_FEWEST_PIXELS = 200
 _FEW_DIFFERENCES = 0.01  # of the usable pixels
-_SCORING_DATA = 600
-_FIRST, _SECOND, _LAST = 0.02, 0.016, (0.008, 0.004, 0.002)
-_KEPT_FIRST, _KEPT_SECOND = 6, 3
+_SCORING_DATA = 300
+_SCORING_LEVEL = 0.01
+_STARTS = 12
+_FIRST_DATA, _FIRST_KEPT = 800, 5
+_LEVELS = ((0.008, 2), (0.004, 2), (0.002, 1))
+"""Annealing: level s0, and how many of the best go on."""
+_COST_LEVEL = 0.004
 _ALIKE = float(np.cos(np.radians(2.5)))
 _ROUNDS, _STEPS = 3, 25
 
 
-def fit_matrices(
-    reduced: ReducedPair, flash_only: bool, tensor: Array, prior: MatrixPrior
-) -> Array | None:
-    """Fit the matrices (2, 3, 3) of two lamps, of unit Frobenius norm; deterministic.
+@dataclass(frozen=True)
+class Fit:
+    """Fitted lamps.
 
-    tensor: (3, 3, 3) D of the model, which the starts are read from. None where there are too few
-    pixels to go by.
+    matrices: (N, 3, 3), unit Frobenius norm. cost: −log likelihood at one fixed level, lower is
+    better; costs of different numbers of lamps on the same evidence can be compared.
     """
-    evidence = gather_evidence(reduced, flash_only)
-    if len(evidence.pixels) < _FEWEST_PIXELS:
-        return None
+
+    matrices: Array
+    cost: float
+
+
+def fit_matrices(evidence: Evidence, tensor: Array, prior: MatrixPrior, lamps: int) -> Fit:
+    """Fit the matrices of one to three lamps; deterministic.
+
+    tensor: (3, 3, 3) D of the model, which the starts are read from.
+    """
     hull = evidence.difference_share < _FEW_DIFFERENCES
-    terms = make_terms(evidence.pixels, evidence.differences, hull)
+    terms = make_terms(evidence.pixels, evidence.differences, lamps, hull)
     weights = [term.weights for term in terms]
-    first = [
-        _refined(theta, weights, terms, prior, _FIRST, inside_only=True)
-        for theta in _best_starts(start_points(evidence, tensor), terms, tensor, prior)
+    level = _LEVELS[0][0]
+    thin = [replace(term, data=term.data.thinned(_FIRST_DATA)) for term in terms]
+    candidates = [
+        _refined(theta, weights, thin, prior, level, inside_only=True)
+        for theta in _best_starts(evidence, terms, tensor, prior, lamps)
     ]
-    first.sort(key=lambda one: one[0])
-    second = [_refined(theta, w, terms, prior, _SECOND) for _, theta, w in first[:_KEPT_SECOND]]
-    if not second:
-        return None
-    _, theta, weights = min(second, key=lambda one: one[0])
-    for level in _LAST:
-        _, theta, weights = _refined(theta, weights, terms, prior, level)
-    return prior.matrices(theta / np.linalg.norm(theta, axis=1, keepdims=True))
+    candidates = sorted(candidates, key=lambda one: one[0])[:_FIRST_KEPT]
+    for level, kept in _LEVELS:
+        candidates = [_refined(theta, w, terms, prior, level) for _, theta, w in candidates]
+        candidates = sorted(candidates, key=lambda one: one[0])[:kept]
+    _, theta, weights = candidates[0]
+    matrices = prior.matrices(theta / np.linalg.norm(theta, axis=1, keepdims=True))
+    return Fit(matrices, _cost(matrices, terms))
+
+
+def _cost(matrices: Array, terms: list[Term]) -> float:
+    total = 0.0
+    for term in terms:
+        if len(term.data):
+            whitened = Whitened(term, _COST_LEVEL)
+            total += whitened.value(matrices, whitened.reweighted(matrices, term.weights))[0]
+    return total
 
 
 def _best_starts(
-    candidates: Array, terms: list[Term], tensor: Array, prior: MatrixPrior
+    evidence: Evidence, terms: list[Term], tensor: Array, prior: MatrixPrior, lamps: int
 ) -> list[Array]:
-    """The few pairs of lamps (2, 9) that explain a sample of the data best."""
+    """The few sets of lamps (N, 9) that explain a sample of the data best."""
+    candidates = start_points(evidence, tensor)
+    sets = list(combinations(range(len(candidates)), lamps))
     theta = prior.coordinates(np.einsum("klj,nj->nkl", tensor, candidates))
+    matrices = prior.matrices(theta)
     share = _SCORING_DATA // len(terms)
-    thin = [Whitened(replace(term, data=term.data.thinned(share)), _FIRST) for term in terms]
-    weights = [term.weights for term in terms]
-    pairs = [theta[list(pair)] for pair in combinations(range(len(theta)), 2)]
-    scores = [posterior(pair, prior, thin, weights)[0] for pair in pairs]
+    thin = [
+        Whitened(replace(term, data=term.data.thinned(share)), _SCORING_LEVEL) for term in terms
+    ]
+    scores = np.zeros(len(sets))
+    for term in thin:
+        if len(term.term.data):
+            scores += [term.value(matrices[list(one)], term.term.weights)[0] for one in sets]
     kept: list[Array] = []
     for i in np.argsort(scores, kind="stable"):
-        # pairs of nearly the same lamps lead to the same optimum
-        if all(_unlike(_whites(pairs[i], prior), _whites(other, prior)) for other in kept):
-            kept.append(pairs[i])
-        if len(kept) == _KEPT_FIRST:
+        chosen = list(sets[i])
+        one = unit(matrices[chosen].sum(axis=2))
+        # sets of nearly the same lamps lead to the same optimum
+        if all(_unlike(one, unit(prior.matrices(other).sum(axis=2))) for other in kept):
+            kept.append(theta[chosen])
+        if len(kept) == _STARTS:
             break
     return kept
-
-
-def _whites(theta: Array, prior: MatrixPrior) -> Array:
-    return unit(prior.matrices(theta).sum(axis=2))
 
 
 def _unlike(one: Array, other: Array) -> bool:

@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.hui2018.invariant import light_coefficients
-from pipeline.hui2018.lamps import from_plane, to_plane, unit
+from pipeline.hui2018.projection import from_plane, to_plane
 from pipeline.matrixfit.evidence import Data, Evidence
+from pipeline.vectors import unit
 
 Array = NDArray[np.float64]
 
