@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline.frames import Image, Mask
 from pipeline.noise import sigma_filter
 from pipeline.pair import Pair
-from pipeline.registration import registration_variance
+from pipeline.registration import registration_variance, softened
 
 _LONGER_SIDE = 512
 _MIN_OPEN = 0.5  # share of a block's pixels that must be usable
@@ -51,8 +51,10 @@ def reduce_pair(pair: Pair) -> ReducedPair:
     share = _means(open_, size)
     weight = open_[..., None]
     filled = np.maximum(share, 1.0 / block**2)[..., None]
-    no_flash = _means(pair.no_flash[crop] * weight, size) / filled
-    flash = _means(pair.flash[crop] * weight, size) / filled
+    pictures = [pair.no_flash[crop], pair.flash[crop]]
+    if pair.registration > 0:
+        pictures = [softened(picture) for picture in pictures]
+    no_flash, flash = (_means(picture * weight, size) / filled for picture in pictures)
     noises = (pair.no_flash_noise.of_means(block), pair.flash_noise.of_means(block))
     no_flash, flash, averaged = sigma_filter((no_flash, flash), noises)
     count = np.maximum(share * block**2, 1.0)[..., None] * averaged[..., None]

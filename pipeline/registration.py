@@ -11,6 +11,11 @@ from pipeline.frames import Image
 HALO = 1
 """Rows beyond either end of a strip that registration_variance needs."""
 
+SOFTENED_HALO = 3
+"""Rows beyond either end of a strip that softened needs."""
+
+_SOFT = 0.6  # pixels; as blurred as the interpolation of a shift by half a pixel
+
 
 def registration_variance(flash: Image, deviation: float) -> NDArray[np.float32]:
     """Variance (h, w, 3) of values that come from a little beside where they should.
@@ -21,3 +26,8 @@ def registration_variance(flash: Image, deviation: float) -> NDArray[np.float32]
     square = np.ones((3, 3), np.uint8)
     slope = 0.5 * (cv2.dilate(flash, square) - cv2.erode(flash, square))
     return np.asarray(np.square(np.float32(deviation) * slope), dtype=np.float32)
+
+
+def softened(image: Image) -> Image:
+    """Blur a photograph (h, w, 3) so that edges of two that lie beside each other still fit."""
+    return np.asarray(cv2.GaussianBlur(image, (7, 7), _SOFT), dtype=np.float32)

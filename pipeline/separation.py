@@ -96,9 +96,13 @@ def _widened(rows: slice, halo: int, height: int) -> tuple[slice, slice]:
 
 def _filtered(pair: Pair, rows: slice) -> tuple[Image, Image]:
     """Return no-flash photograph and flash part of some rows, noise filtered."""
-    wide, inner = _widened(rows, noise.HALO, len(pair.unusable))
+    halo = noise.HALO + (registration.SOFTENED_HALO if pair.registration > 0 else 0)
+    wide, inner = _widened(rows, halo, len(pair.unusable))
+    no_flash, flash = pair.no_flash[wide], pair.flash[wide]
+    if pair.registration > 0:
+        no_flash, flash = registration.softened(no_flash), registration.softened(flash)
     no_flash, flash, _ = noise.sigma_filter(
-        (pair.no_flash[wide], pair.flash[wide]), (pair.no_flash_noise, pair.flash_noise), inner
+        (no_flash, flash), (pair.no_flash_noise, pair.flash_noise), inner
     )
     return no_flash, flash if pair.flash_only else flash - no_flash
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.registration import HALO, registration_variance
+from pipeline.registration import HALO, SOFTENED_HALO, registration_variance, softened
 
 
 def test_an_even_picture_does_not_mind() -> None:
@@ -36,3 +36,23 @@ def test_strips_with_their_halo_are_as_the_whole() -> None:
     part = registration_variance(image[10 - HALO : 20 + HALO], 0.3)[HALO:-HALO]
 
     np.testing.assert_array_equal(part, whole[10:20])
+
+
+def test_softened_strips_with_their_halo_are_as_the_whole() -> None:
+    image = np.random.default_rng(1).uniform(0, 1, (30, 12, 3)).astype(np.float32)
+
+    part = softened(image[10 - SOFTENED_HALO : 20 + SOFTENED_HALO])[SOFTENED_HALO:-SOFTENED_HALO]
+
+    np.testing.assert_allclose(part, softened(image)[10:20], atol=1e-6)
+
+
+def test_photographs_half_a_pixel_apart_differ_less_once_softened() -> None:
+    step = np.zeros((12, 24, 3), np.float32)
+    step[:, 12:] = 1.0
+    beside = step.copy()
+    beside[:, 11] = 0.5
+
+    sharp, soft = np.abs(step - beside).max(), np.abs(softened(step) - softened(beside)).max()
+
+    assert soft < 0.75 * sharp
+    assert softened(step).mean() == pytest.approx(step.mean(), abs=1e-3)

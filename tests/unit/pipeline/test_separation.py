@@ -118,6 +118,7 @@ def test_layers_of_best_add_up_to_the_photograph(
 
 @pytest.mark.parametrize("method", ["best", "paper"])
 @pytest.mark.parametrize("rows", [1, 7, 23, 63, 64])
+@pytest.mark.parametrize("registration", [0.0, 0.35])
 def test_results_do_not_depend_on_the_strips_by_a_bit(
     grainy: Callable[..., Any],
     separated: Callable[..., Strip],
@@ -125,8 +126,9 @@ def test_results_do_not_depend_on_the_strips_by_a_bit(
     warm_to_cool: Array,
     method: str,
     rows: int,
+    registration: float,
 ) -> None:
-    pair, _ = grainy(3)
+    pair, _ = grainy(3, registration=registration)
     lamps = lamps_of(warm_to_cool)
 
     whole, cut = separated(pair, lamps, method), separated(pair, lamps, method, rows)
