@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, combinations_with_replacement
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,8 @@ from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.objective import Term, Whitened, make_terms, posterior
 from pipeline.matrixfit.prior import MatrixPrior
 from pipeline.matrixfit.starts import start_points
+from pipeline.matrixfit.unexplained import unexplained
+from pipeline.reduced import ReducedPair
 from pipeline.vectors import unit
 
 Array = NDArray[np.float64]
@@ -20,6 +22,8 @@ Array = NDArray[np.float64]
 _FEW_DIFFERENCES = 0.01  # of the usable pixels
 _SCORING_DATA = 300
 _SCORING_LEVEL = 0.01
+_PURE_SHARE, _OTHER_PURE_SHARES = 0.02, (0.03, 0.01)
+_LITTLE = 0.6  # unexplained by three lamps
 _STARTS = 12
 _FIRST_DATA, _FIRST_KEPT = 800, 5
 _LEVELS = ((0.008, 2), (0.004, 2), (0.002, 1))
@@ -41,13 +45,30 @@ class Fit:
     cost: float
 
 
-def fit_matrices(evidence: Evidence, tensor: Array, prior: MatrixPrior, lamps: int) -> Fit:
+def fit_matrices(
+    reduced: ReducedPair, evidence: Evidence, tensor: Array, prior: MatrixPrior, lamps: int
+) -> Fit:
     """Fit the matrices of one to three lamps; deterministic.
 
-    tensor: (3, 3, 3) D of the model, which the starts are read from.
+    tensor: (3, 3, 3) D of the model, which the starts are read from. How many pixels one lamp
+    lights alone decides where corners come to lie, so three lamps that leave much unexplained are
+    fitted with other shares of such pixels, and those that leave least are taken.
     """
+    first = _fit(evidence, tensor, prior, lamps, _PURE_SHARE)
+    if lamps < 3 or (left := unexplained(reduced, evidence, first.matrices)) < _LITTLE:
+        return first
+    found = [(left, first)]
+    for share in _OTHER_PURE_SHARES:
+        other = _fit(evidence, tensor, prior, lamps, share)
+        found.append((unexplained(reduced, evidence, other.matrices), other))
+    return min(found, key=lambda one: one[0])[1]
+
+
+def _fit(
+    evidence: Evidence, tensor: Array, prior: MatrixPrior, lamps: int, pure_share: float
+) -> Fit:
     hull = evidence.difference_share < _FEW_DIFFERENCES
-    terms = make_terms(evidence.pixels, evidence.differences, lamps, hull)
+    terms = make_terms(evidence.pixels, evidence.differences, lamps, hull, pure_share)
     weights = [term.weights for term in terms]
     level = _LEVELS[0][0]
     thin = [replace(term, data=term.data.thinned(_FIRST_DATA)) for term in terms]
@@ -78,7 +99,9 @@ def _best_starts(
 ) -> list[Array]:
     """The few sets of lamps (N, 9) that explain a sample of the data best."""
     candidates = start_points(evidence, tensor)
-    sets = list(combinations(range(len(candidates)), lamps))
+    # where a pair shows fewer colours than lamps are asked for, some lamps start alike
+    choose = combinations if len(candidates) >= lamps else combinations_with_replacement
+    sets = list(choose(range(len(candidates)), lamps))
     theta = prior.coordinates(np.einsum("klj,nj->nkl", tensor, candidates))
     matrices = prior.matrices(theta)
     share = _SCORING_DATA // len(terms)
