@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.count import Count, count_lamps, left_over, signs_of_fourth
+from pipeline.count import Count, count_lamps, signs_of_fourth
 from pipeline.errors import UnusablePairError
 from pipeline.frames import Matrix
 from pipeline.hui2018.invariant import light_coefficients
@@ -17,6 +17,7 @@ from pipeline.hui2018.lights import lights_of_pair
 from pipeline.hui2018.pruning import prune
 from pipeline.matrixfit.evidence import gather_evidence
 from pipeline.matrixfit.fit import Fit, fit_matrices
+from pipeline.matrixfit.unexplained import left_over
 from pipeline.model import Model
 from pipeline.reduced import ReducedPair
 from pipeline.vectors import unit
@@ -90,7 +91,7 @@ def estimate_lamps(
 
     @cache
     def fit(lamps: int) -> Fit:
-        return fit_matrices(evidence, model.tensor, model.prior, lamps)
+        return fit_matrices(reduced, evidence, model.tensor, model.prior, lamps)
 
     if requested == "auto":
         count = count_lamps(reduced, evidence, fit)

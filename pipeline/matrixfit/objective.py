@@ -108,9 +108,12 @@ def posterior(
     return value, gradient
 
 
-def make_terms(pixels: Data, differences: Data, lamps: int, hull: bool) -> list[Term]:
+def make_terms(
+    pixels: Data, differences: Data, lamps: int, hull: bool, pure_share: float
+) -> list[Term]:
     """The mixtures for a number of lamps.
 
+    pure_share: of three lamps, the share of pixels that each lights alone.
     hull: there are no shadow edges, so that only the outline of the pixels' cloud speaks.
     """
     if hull:
@@ -124,7 +127,7 @@ def make_terms(pixels: Data, differences: Data, lamps: int, hull: bool) -> list[
     inside = {
         1: (0.97, 0.03),
         2: (0.15, 0.15, 0.67, 0.03),
-        3: (0.02,) * 3 + (0.03,) * 3 + (0.825, 0.025),
+        3: (pure_share,) * 3 + (1.5 * pure_share,) * 3 + (0.975 - 7.5 * pure_share, 0.025),
     }
     across = {1: (0.8, 0.2), 2: (0.2, 0.2, 0.4, 0.2), 3: (0.13,) * 3 + (0.1,) * 3 + (0.31,)}
     pixel_shape = Shape(True, 0.0, 1.5, 1.0)

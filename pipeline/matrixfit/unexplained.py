@@ -1,0 +1,82 @@
+"""What lamps leave unexplained, told without their likelihood.
+
+The likelihood prefers narrow triangles, also where they are wrong. These signs do not: light that
+no mixture of the lamps gives, differences across shadow edges that show none of them, and pixels
+outside their triangle.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.matrixfit.evidence import Data, Evidence
+from pipeline.reduced import ReducedPair
+from pipeline.shares import shares
+
+Array = NDArray[np.float64]
+
+_QUANTILE = 0.9
+_OFF, _OUTSIDE = 0.03, 0.005  # chromaticity, beyond two standard deviations
+_MUCH_LEFT, _MUCH_OFF, _MUCH_OUTSIDE = 0.01, 0.4, 0.1
+
+
+def unexplained(reduced: ReducedPair, evidence: Evidence, matrices: Array) -> float:
+    """How much three lamps (3, 3, 3) leave unexplained, all signs together; 1 is much."""
+    signs = left_over(reduced, matrices) / _MUCH_LEFT
+    signs += share_off(evidence.differences, matrices) / _MUCH_OFF
+    return signs + share_outside(evidence.pixels, matrices) / _MUCH_OUTSIDE
+
+
+def left_over(reduced: ReducedPair, matrices: Array) -> float:
+    """Relative light that lamps (N, 3, 3) leave unexplained: a quantile, less the noise's own."""
+    no_flash, flash = reduced.no_flash[reduced.usable], reduced.flash[reduced.usable]
+    weights = (1.0 / no_flash.mean(axis=0)).astype(np.float32)
+    predicted = np.maximum(np.einsum("nkl,pl->npk", matrices.astype(np.float32), flash), 0.0)
+    explained = (shares(no_flash * weights, predicted * weights)[..., None] * predicted).sum(axis=0)
+    light = no_flash.sum(axis=1)
+    left = _weighted_quantile(np.abs(no_flash - explained).sum(axis=1) / light, light)
+    variance = reduced.no_flash_variance[reduced.usable].sum(axis=1)
+    noise = _weighted_quantile(np.sqrt(variance) / light, light)
+    return float(np.sqrt(max(left**2 - noise**2, 0.0)))
+
+
+def share_off(differences: Data, matrices: Array) -> float:
+    """Share of the differences that show none of the lamps alone."""
+    if not len(differences):
+        return 0.0
+    off = np.linalg.norm(differences.u - _corners(differences, matrices), axis=2).min(axis=0)
+    return float((off > _OFF + 2 * _deviation(differences)).mean())
+
+
+def share_outside(pixels: Data, matrices: Array) -> float:
+    """Share of the pixels outside the triangle of three lamps."""
+    corners = _corners(pixels, matrices)
+    turn = np.sign(_cross(corners[1] - corners[0], corners[2] - corners[0]))
+    inside = []
+    for a, b in ((0, 1), (1, 2), (2, 0)):
+        edge = corners[b] - corners[a]
+        length = np.maximum(np.linalg.norm(edge, axis=1), 1e-9)
+        inside.append(turn * _cross(edge, pixels.u - corners[a]) / length)
+    outside = -np.min(inside, axis=0)
+    return float((outside > _OUTSIDE + 2 * _deviation(pixels)).mean())
+
+
+def _corners(data: Data, matrices: Array) -> Array:
+    """Chromaticities (N, n, 2) of the lamps on each datum's surface."""
+    light = np.einsum("jkl,nl->jnk", matrices, data.x)
+    return np.asarray(light[..., :2] / light.sum(axis=2, keepdims=True))
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
+def _deviation(data: Data) -> Array:
+    return np.asarray(np.sqrt((data.covariance[:, 0] + data.covariance[:, 2]) / 2))
+
+
+def _weighted_quantile(values: NDArray[np.floating], weights: NDArray[np.floating]) -> float:
+    order = np.argsort(values)
+    ladder = np.cumsum(weights[order], dtype=np.float64)
+    return float(values[order][np.searchsorted(ladder, _QUANTILE * ladder[-1])])
