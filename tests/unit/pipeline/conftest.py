@@ -162,3 +162,23 @@ def exact(
         return pair_of(layers.sum(axis=0), flash_part, **more), layers
 
     return build
+
+
+@pytest.fixture(scope="session")
+def shadowed(
+    model: Model, flash_part: Image, pair_of: Callable[..., Pair]
+) -> Callable[[Array], Pair]:
+    """Make a pair that the model describes exactly, in which 1 to 4 lamps cast hard shadows."""
+
+    def build(coefficients: Array) -> Pair:
+        matrices = model.lamp_matrix(np.atleast_2d(coefficients))
+        v, u = np.mgrid[:HEIGHT, :WIDTH] / np.array([HEIGHT, WIDTH])[:, None, None]
+        falloff = np.array([0.9 - 0.5 * u, 0.4 + 0.5 * u, 0.4 + 0.4 * v, 0.8 - 0.4 * v])
+        lit = np.ones_like(falloff)
+        for j, one in enumerate(lit):
+            one[(np.hypot(u - 0.3 - 0.11 * j, v - 0.5) < 0.22) | (u + (j - 1) * v < 0.15)] = 0.0
+        z = (falloff * lit)[: len(matrices)]
+        light = np.einsum("nhw,nkl,hwl->hwk", z, matrices, flash_part.astype(np.float64))
+        return pair_of(light, flash_part)
+
+    return build

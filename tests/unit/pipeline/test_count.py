@@ -1,148 +1,158 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.count import count_lamps
+from pipeline.count import Count, count_lamps, signs_of_fourth
+from pipeline.matrixfit.evidence import Evidence, gather_evidence
+from pipeline.matrixfit.fit import Fit, fit_matrices
 from pipeline.model import Model
 from pipeline.noise import Noise
-from pipeline.reduced import reduce_pair
+from pipeline.reduced import ReducedPair, reduce_pair
 
 Array = NDArray[np.float64]
+Shadowed = Callable[[Array], Any]
+
+SETS = [(0,), (1,), (2,), (0, 2), (0, 1), (1, 2), (0, 1, 2)]
+FOURTH = np.array([[0.69, 0.3, 0.65]])
+
+
+@dataclass(frozen=True)
+class Counting:
+    """Counting with one model's fits."""
+
+    model: Model
+
+    def evidence(self, pair: Any) -> tuple[ReducedPair, Evidence]:
+        reduced = reduce_pair(pair)
+        return reduced, gather_evidence(reduced, pair.flash_only)
+
+    def fit(self, reduced: ReducedPair, evidence: Evidence, lamps: int) -> Fit:
+        return fit_matrices(reduced, evidence, self.model.tensor, self.model.prior, lamps)
+
+    def __call__(self, pair: Any) -> Count:
+        reduced, evidence = self.evidence(pair)
+        return count_lamps(reduced, evidence, lambda lamps: self.fit(reduced, evidence, lamps))
 
 
 @pytest.fixture
-def counted(model: Model, warm_to_cool: Array) -> Callable[..., tuple[int, float]]:
-    """Count the lamps of a pair, told first guesses that are some way off the truth."""
-
-    def count(
-        pair: Any,
-        one: Array | None = None,
-        two: Array | None = None,
-        rendered: bool = False,
-    ) -> tuple[int, float]:
-        reduced = reduce_pair(pair)
-        first = warm_to_cool.mean(axis=0) if one is None else one
-        ends = warm_to_cool[[0, 2]] if two is None else two
-        return count_lamps(reduced, model.lamp_matrix(first), model.lamp_matrix(ends), rendered)
-
-    return count
+def counted(model: Model) -> Counting:
+    return Counting(model)
 
 
-def test_one_matrix_is_one_lamp(
-    counted: Callable[..., tuple[int, float]],
+@pytest.mark.parametrize("which", SETS)
+@pytest.mark.parametrize("scene", ["shadowed", "smooth"])
+def test_lamps_are_counted(
+    counted: Counting,
     exact: Callable[..., tuple[Any, Array]],
+    shadowed: Shadowed,
     warm_to_cool: Array,
+    which: tuple[int, ...],
+    scene: str,
 ) -> None:
-    for coefficients in warm_to_cool:
-        pair, _ = exact(coefficients)
+    true = warm_to_cool[list(which)]
 
-        found, confidence = counted(pair)
+    found = counted(shadowed(true) if scene == "shadowed" else exact(true)[0])
 
-        assert found == 1
-        assert 0.9 < confidence <= 1
+    assert found.number == len(which)
+    assert 0.9 < found.confidence <= 1
+    assert not found.more
 
 
 def test_one_lamp_need_not_fit_the_model(
-    counted: Callable[..., tuple[int, float]],
-    pair_of: Callable[..., Any],
-    flash_part: NDArray[np.float32],
+    counted: Counting, pair_of: Callable[..., Any], flash_part: NDArray[np.float32]
 ) -> None:
-    """Any 3×3 matrix will do, even one that no lamp of the model has."""
     matrix = np.array([[0.8, 0.15, 0.0], [0.1, 0.4, 0.1], [0.0, 0.2, 0.3]])
 
-    assert counted(pair_of(flash_part @ matrix.T, flash_part))[0] == 1
+    assert counted(pair_of(flash_part @ matrix.T, flash_part)).number == 1
 
 
-@pytest.mark.parametrize("which", [(0, 2), (0, 1), (1, 2)])
-@pytest.mark.parametrize("rendered", [False, True])
-def test_two_matrices_are_two_lamps(
-    counted: Callable[..., tuple[int, float]],
-    exact: Callable[..., tuple[Any, Array]],
-    warm_to_cool: Array,
-    which: tuple[int, int],
-    rendered: bool,
+def test_four_lamps_are_three_and_more(
+    counted: Counting, shadowed: Shadowed, warm_to_cool: Array
 ) -> None:
-    ends = warm_to_cool[list(which)]
-    pair, _ = exact(ends)
+    found = counted(shadowed(np.vstack([warm_to_cool, FOURTH])))
 
-    found, confidence = counted(pair, ends.mean(axis=0), 0.9 * ends + 0.1 * ends[::-1], rendered)
-
-    assert found == 2
-    assert 0.8 < confidence <= 1
+    assert found.number == 3
+    assert found.more
+    assert found.confidence <= 0.3
 
 
-def test_three_matrices_are_three_lamps(
-    counted: Callable[..., tuple[int, float]],
-    exact: Callable[..., tuple[Any, Array]],
-    warm_to_cool: Array,
+def test_signs_of_a_fourth_lamp_are_those_of_four(
+    counted: Counting, shadowed: Shadowed, warm_to_cool: Array
 ) -> None:
-    pair, _ = exact(warm_to_cool)
+    for lamps, more in ((warm_to_cool, False), (np.vstack([warm_to_cool, FOURTH]), True)):
+        reduced, evidence = counted.evidence(shadowed(lamps))
+        matrices = counted.fit(reduced, evidence, 3).matrices
 
-    found, confidence = counted(pair)
-
-    assert found == 3
-    assert 0.8 < confidence <= 1
+        assert signs_of_fourth(reduced, evidence, matrices) is more
 
 
 def test_nearly_equal_lamps_count_as_one_and_less_surely(
-    counted: Callable[..., tuple[int, float]],
-    exact: Callable[..., tuple[Any, Array]],
-    warm_to_cool: Array,
+    counted: Counting, shadowed: Shadowed, warm_to_cool: Array
 ) -> None:
     warm, _, cool = warm_to_cool
-    confidences = []
-    for part in (0.0, 0.02, 0.05):
-        pair, _ = exact(np.array([warm, (1 - part) * warm + part * cool]))
-        found, confidence = counted(pair)
-        assert found == 1
-        confidences.append(confidence)
+    found = [
+        counted(shadowed(np.array([warm, (1 - part) * warm + part * cool])))
+        for part in (0.0, 0.02, 0.5)
+    ]
 
-    assert confidences == sorted(confidences, reverse=True)
+    assert [one.number for one in found] == [1, 1, 2]
+    assert found[1].confidence <= found[0].confidence
 
 
 def test_noise_that_is_known_does_not_make_a_lamp(
-    counted: Callable[..., tuple[int, float]],
+    counted: Counting,
     pair_of: Callable[..., Any],
-    exact: Callable[..., tuple[Any, Array]],
+    shadowed: Shadowed,
     warm_to_cool: Array,
 ) -> None:
-    clean, _ = exact(warm_to_cool[0])
+    clean = shadowed(warm_to_cool[:1])
     drawn = np.random.default_rng(5).normal(0, 0.003, clean.no_flash.shape)
-    noisy, part = clean.no_flash + drawn, clean.flash - clean.no_flash
     noise = Noise(np.full(3, 1e-8), np.full(3, 0.003**2))
+    noisy = pair_of(
+        clean.no_flash + drawn,
+        clean.flash - clean.no_flash,
+        no_flash_noise=noise,
+        flash_noise=noise,
+    )
 
-    assert counted(pair_of(noisy, part, no_flash_noise=noise, flash_noise=noise))[0] == 1
-    assert counted(pair_of(noisy, part))[0] > 1
+    assert counted(noisy).number == 1
 
 
-def test_rendered_pictures_may_leave_more(
-    counted: Callable[..., tuple[int, float]],
-    exact: Callable[..., tuple[Any, Array]],
-    warm_to_cool: Array,
+def costs(*values: float) -> Callable[[int], Fit]:
+    """Fits of given costs, with lamps that leave nothing off."""
+    return lambda lamps: Fit(np.tile(np.eye(3), (lamps, 1, 1)), values[lamps - 1])
+
+
+@pytest.mark.parametrize(
+    ("second", "third", "number"), [(299, 999, 1), (301, 0, 2), (900, 239, 2), (900, 241, 3)]
+)
+def test_a_lamp_is_counted_by_what_it_gains(
+    counted: Counting,
+    pair_of: Callable[..., Any],
+    flash_part: NDArray[np.float32],
+    second: float,
+    third: float,
+    number: int,
 ) -> None:
-    """Between the limits for sensor values and for rendered ones lies a third lamp that is weak."""
-    counts = []
-    for part in np.linspace(0.0, 1.0, 6):
-        third = (1 - part) * (warm_to_cool[0] + warm_to_cool[2]) / 2 + part * warm_to_cool[1]
-        pair, _ = exact(np.array([warm_to_cool[0], warm_to_cool[2], third]))
-        counts.append([counted(pair, rendered=rendered)[0] for rendered in (False, True)])
+    """A second lamp gains 300 at least, a third 1.6 times 150."""
+    reduced, evidence = counted.evidence(pair_of(0.5 * flash_part, flash_part))
+    assert not len(evidence.differences)
 
-    assert counts[0] == [2, 2]
-    assert counts[-1] == [3, 3]
-    assert [2, 3] not in counts
-    assert [3, 2] in counts
+    found = count_lamps(reduced, evidence, costs(0, -second, -second - third))
+
+    assert found.number == number
+    assert 0.5 <= found.confidence < 0.6 or number == 2
 
 
 def test_counting_is_the_same_every_time(
-    counted: Callable[..., tuple[int, float]],
-    exact: Callable[..., tuple[Any, Array]],
-    warm_to_cool: Array,
+    counted: Counting, shadowed: Shadowed, warm_to_cool: Array
 ) -> None:
-    pair, _ = exact(warm_to_cool)
+    pair = shadowed(warm_to_cool)
 
     assert counted(pair) == counted(pair)

@@ -2,19 +2,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from pipeline.errors import UnusablePairError
+from pipeline.hui2018.lights import lights_of_pair
 from pipeline.lamps import estimate_lamps
 from pipeline.model import Model
 from pipeline.reduced import reduce_pair
 
 Array = NDArray[np.float64]
 Exact = Callable[..., tuple[Any, Array]]
+Shadowed = Callable[[Array], Any]
 
 
 def angles(a: Array, b: Array) -> Array:
@@ -23,30 +25,69 @@ def angles(a: Array, b: Array) -> Array:
     return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
+def whites(model: Model, coefficients: Array) -> Array:
+    """What lamps of the model make of a white card."""
+    return np.asarray(model.lamp_matrix(coefficients) @ model.flash_white)
+
+
 @pytest.mark.parametrize("which", [(0,), (2,), (0, 2), (0, 1), (1, 2), (0, 1, 2)])
 @pytest.mark.parametrize("automatic", [True, False], ids=["auto", "given"])
-@pytest.mark.parametrize("rendered", [False, True], ids=["sensor", "rendered"])
+@pytest.mark.parametrize("scene", ["shadowed", "smooth"])
 def test_lamps_of_the_model_are_found(
     exact: Exact,
+    shadowed: Shadowed,
     model: Model,
     warm_to_cool: Array,
     which: tuple[int, ...],
     automatic: bool,
-    rendered: bool,
+    scene: str,
 ) -> None:
     true = warm_to_cool[list(which)]
-    pair, _ = exact(true)
+    pair = shadowed(true) if scene == "shadowed" else exact(true)[0]
     requested: Any = "auto" if automatic else len(which)
 
-    found = estimate_lamps(reduce_pair(pair), model, requested, rendered)
+    found = estimate_lamps(reduce_pair(pair), model, requested, "best", False)
 
     assert len(found) == len(which)
     assert found.requested == requested
     assert found.coefficients.shape == (len(which), 3)
     np.testing.assert_allclose(np.linalg.norm(found.coefficients, axis=1), 1)
-    assert angles(found.coefficients, true).max() < 1
+    np.testing.assert_allclose(found.matrices @ model.flash_white, found.coefficients, atol=1e-9)
+    limit = 0.3 if scene == "shadowed" else 2.0
+    assert angles(found.coefficients, whites(model, true)).max() < limit
     assert found.warnings == ()
-    assert found.confidence == 1 if not automatic else 0.8 < found.confidence <= 1
+    assert found.confidence > 0.9 if automatic else found.confidence == 1
+
+
+@pytest.mark.parametrize("requested", [1, 2, 3])
+def test_the_published_method_is_that_of_the_paper(
+    exact: Exact, model: Model, warm_to_cool: Array, requested: Any
+) -> None:
+    reduced = reduce_pair(exact(warm_to_cool)[0])
+
+    found = estimate_lamps(reduced, model, requested, "paper", False)
+
+    usable = reduced.usable
+    published = lights_of_pair(
+        reduced.no_flash[usable].astype(np.float64),
+        reduced.flash[usable].astype(np.float64),
+        model.tensor,
+        model.published,
+        requested,
+    )
+    redness = published[:, 0] / published.sum(axis=1)
+    np.testing.assert_allclose(found.coefficients, published[np.argsort(-redness)])
+    np.testing.assert_allclose(found.matrices, model.lamp_matrix(found.coefficients))
+
+
+def test_methods_count_alike(exact: Exact, model: Model, warm_to_cool: Array) -> None:
+    reduced = reduce_pair(exact(warm_to_cool)[0])
+
+    best = estimate_lamps(reduced, model, "auto", "best", False)
+    paper = estimate_lamps(reduced, model, "auto", "paper", False)
+
+    assert len(best) == len(paper) == 3
+    assert best.confidence == paper.confidence
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 2, 0)])
@@ -55,7 +96,7 @@ def test_lamps_are_named_from_warm_to_cool(
 ) -> None:
     pair, _ = exact(warm_to_cool[list(order)])
 
-    found = estimate_lamps(reduce_pair(pair), model, 3, False)
+    found = estimate_lamps(reduce_pair(pair), model, 3, "best", False)
 
     redness = found.coefficients[:, 0] / found.coefficients.sum(axis=1)
     assert (np.diff(redness) < 0).all()
@@ -66,7 +107,7 @@ def test_matrices_are_those_of_the_lamps(exact: Exact, model: Model, warm_to_coo
     pair, layers = exact(warm_to_cool[[0, 2]])
     part = pair.flash - pair.no_flash
 
-    found = estimate_lamps(reduce_pair(pair), model, 2, False)
+    found = estimate_lamps(reduce_pair(pair), model, 2, "best", False)
 
     for matrix, layer in zip(found.matrices, layers, strict=True):
         lit = layer.sum(axis=2) > 0.01
@@ -79,7 +120,7 @@ def test_what_is_asked_for_is_given(
 ) -> None:
     pair, _ = exact(warm_to_cool[[0, 2]])
 
-    found = estimate_lamps(reduce_pair(pair), model, requested, False)
+    found = estimate_lamps(reduce_pair(pair), model, requested, "best", False)
 
     assert len(found) == requested
     assert found.confidence == 1.0
@@ -95,7 +136,7 @@ def test_channels_are_weighed_by_their_light(
     pair, _ = exact(warm_to_cool[[0, 2]])
     reduced = reduce_pair(pair)
 
-    found = estimate_lamps(reduced, model, 2, False)
+    found = estimate_lamps(reduced, model, 2, "best", False)
 
     mean = reduced.no_flash[reduced.usable].mean(axis=0)
     np.testing.assert_allclose(found.channel_weights * mean, 1, rtol=1e-4)
@@ -106,7 +147,7 @@ def test_invariants_are_unit_vectors_between_the_lamps(
 ) -> None:
     pair, _ = exact(warm_to_cool[[0, 2]])
 
-    found = estimate_lamps(reduce_pair(pair), model, 2, False)
+    found = estimate_lamps(reduce_pair(pair), model, 2, "best", False)
 
     np.testing.assert_allclose(np.linalg.norm(found.invariants, axis=1), 1, rtol=1e-6)
     plane = np.cross(warm_to_cool[0], warm_to_cool[2])
@@ -117,7 +158,7 @@ def test_similar_lamps_are_warned_of(exact: Exact, model: Model, warm_to_cool: A
     warm, _, cool = warm_to_cool
     pair, _ = exact(np.array([warm, 0.92 * warm + 0.08 * cool]))
 
-    found = estimate_lamps(reduce_pair(pair), model, 2, False)
+    found = estimate_lamps(reduce_pair(pair), model, 2, "best", False)
 
     (warning,) = found.warnings
     assert warning.startswith("Two lamps are only ")
@@ -134,7 +175,7 @@ def test_lamps_that_stand_out_less_are_less_sure(
         clean, _ = exact(np.array([warm, (1 - part) * warm + part * cool]))
         noisy = clean.no_flash * (1 + rng.normal(0, 0.03, clean.no_flash.shape))
         reduced = reduce_pair(pair_of(noisy, clean.flash - clean.no_flash))
-        sureness.append(estimate_lamps(reduced, model, 2, False).lamp_confidence.min())
+        sureness.append(estimate_lamps(reduced, model, 2, "best", False).lamp_confidence.min())
 
     assert sureness == sorted(sureness, reverse=True)
     assert sureness[0] > 0.8
@@ -150,7 +191,7 @@ def test_lamps_are_found_in_noise(
     noisy[stray] = rng.uniform(0, 0.5, (int(stray.sum()), 3))
     pair = pair_of(noisy, clean.flash - clean.no_flash)
 
-    found = estimate_lamps(reduce_pair(pair), model, 2, False)
+    found = estimate_lamps(reduce_pair(pair), model, 2, "best", False)
 
     assert angles(found.coefficients, warm_to_cool[[0, 2]]).max() < 3
 
@@ -158,7 +199,7 @@ def test_lamps_are_found_in_noise(
 def test_estimating_is_the_same_every_time(exact: Exact, model: Model, warm_to_cool: Array) -> None:
     reduced = reduce_pair(exact(warm_to_cool)[0])
 
-    once, again = (estimate_lamps(reduced, model, "auto", False) for _ in range(2))
+    once, again = (estimate_lamps(reduced, model, "auto", "best", False) for _ in range(2))
 
     np.testing.assert_array_equal(once.coefficients, again.coefficients)
     assert once.confidence == again.confidence
@@ -175,7 +216,11 @@ def test_too_few_pixels_are_refused(
 
     with pytest.raises(UnusablePairError, match=r"^Too few pixels show both lamps and flash"):
         estimate_lamps(
-            replace(reduced, usable=few.reshape(reduced.usable.shape)), model, requested, False
+            replace(reduced, usable=few.reshape(reduced.usable.shape)),
+            model,
+            requested,
+            "best",
+            False,
         )
 
 
@@ -186,7 +231,35 @@ def test_a_pair_of_one_even_colour_is_one_lamp_or_what_was_asked(
     part = np.tile(np.array([0.3, 0.5, 0.4]), (40, 60, 1))
     pair = pair_of(part @ model.lamp_matrix(0.5 * warm_to_cool[0]).T, part)
 
-    found = estimate_lamps(reduce_pair(pair), model, requested, False)
+    found = estimate_lamps(reduce_pair(pair), model, requested, "best", False)
 
     assert len(found) == (1 if requested == "auto" else requested)
     assert angles(found.coefficients, np.tile(warm_to_cool[0], (len(found), 1))).max() < 0.1
+
+
+def test_four_lamps_are_warned_of(shadowed: Shadowed, model: Model, warm_to_cool: Array) -> None:
+    four = np.vstack([warm_to_cool, [[0.69, 0.3, 0.65]]])
+    reduced = reduce_pair(shadowed(four))
+
+    given: tuple[Literal["auto", 3], ...] = ("auto", 3)
+    for requested in given:
+        found = estimate_lamps(reduced, model, requested, "best", False)
+
+        assert len(found) == 3
+        (warning,) = found.warnings
+        assert warning.startswith("Three lamps do not explain the light")
+        assert "four or more" in warning
+
+
+@pytest.mark.parametrize("scene", ["shadowed", "smooth"])
+def test_one_lamp_for_two_does_not_explain_the_photograph(
+    exact: Exact, shadowed: Shadowed, model: Model, warm_to_cool: Array, scene: str
+) -> None:
+    two = warm_to_cool[[0, 2]]
+    pair = shadowed(two) if scene == "shadowed" else exact(two)[0]
+
+    found = estimate_lamps(reduce_pair(pair), model, 1, "best", False)
+
+    (warning,) = found.warnings
+    assert warning.startswith("One lamp does not explain the photograph: ")
+    assert "Ask for more lamps" in warning

@@ -1,80 +1,244 @@
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from pipeline.matrixfit.mixture import Shape, log_densities
+from pipeline.matrixfit.mixture import mixture
 
-INSIDE = Shape(extension=0.0, outlier=1.5, spread=1.0)
-ACROSS = Shape(extension=0.5, outlier=6.0, spread=1.5)
+Array = NDArray[np.float64]
 
-
-def at(points: list[tuple[float, float]], shape: Shape = INSIDE, sigma: float = 0.01) -> np.ndarray:
-    """Densities (4, n) with corners at (0.2, 0.3) and (0.5, 0.4)."""
-    corners = np.array([[[0.2, 0.3]], [[0.5, 0.4]]]).repeat(len(points), axis=1)
-    return log_densities(np.array(points), corners, np.full(len(points), sigma), shape)[0]
+GREY = np.full(3, 1 / 3)
+CORNERS = ((0.2, 0.3), (0.5, 0.4), (0.3, 0.6))
+S = 0.01
 
 
-def test_a_corner_is_a_normal_distribution() -> None:
-    found = at([(0.2, 0.3), (0.21, 0.3)])
-
-    np.testing.assert_allclose(found[0, 0], 1 / (2 * np.pi * 0.01**2))
-    np.testing.assert_allclose(found[0, 1], np.exp(-0.5) * found[0, 0])
+def lamp(corner: tuple[float, float]) -> Array:
+    """The diagonal matrix whose light on grey has that chromaticity."""
+    return 3 * np.diag([*corner, 1 - sum(corner)])
 
 
-def test_the_line_is_even_between_its_ends_and_ends_there() -> None:
-    quarter, middle, beyond = at([(0.275, 0.325), (0.35, 0.35), (0.59, 0.43)])[2]
-
-    assert quarter == pytest.approx(middle, rel=1e-3)
-    assert middle == pytest.approx(1 / (np.sqrt(2 * np.pi) * 0.01 * np.hypot(0.3, 0.1)), rel=1e-3)
-    assert beyond < 1e-6 * middle
-
-
-def test_lines_of_differences_reach_beyond_their_ends() -> None:
-    middle, beyond, far = at([(0.35, 0.35), (0.6, 0.4333), (0.8, 0.5)], ACROSS)[2]
-
-    assert beyond == pytest.approx(middle, rel=0.02)
-    assert far < 1e-6 * middle
-
-
-def test_densities_integrate_to_one() -> None:
-    axis = np.linspace(-0.5, 1.2, 500)
-    x, y = np.meshgrid(axis, axis)
-    points = np.stack([x.ravel(), y.ravel()], axis=1)
-    corners = np.array([[[0.2, 0.3]], [[0.5, 0.4]]]).repeat(len(points), axis=1)
-
-    for shape in (INSIDE, ACROSS):
-        found = log_densities(points, corners, np.full(len(points), 0.02), shape)[0]
-        np.testing.assert_allclose(found[:3].sum(axis=1) * (axis[1] - axis[0]) ** 2, 1, rtol=1e-3)
-
-
-@pytest.mark.parametrize("shape", [INSIDE, ACROSS])
-def test_gradients_are_those_of_differences(shape: Shape) -> None:
-    rng = np.random.default_rng(3)
-    u, sigma = rng.uniform(0.1, 0.6, (40, 2)), rng.uniform(0.02, 0.1, 40)
-    corners = rng.uniform(0.1, 0.6, (2, 40, 2))
-    densities, gradients = log_densities(u, corners, sigma, shape)
-
-    for lamp in (0, 1):
-        for axis in (0, 1):
-            step = np.zeros_like(corners)
-            step[lamp, :, axis] = 1e-6
-            up, down = (
-                np.log(log_densities(u, corners + sign * step, sigma, shape)[0]) for sign in (1, -1)
-            )
-            for part, gradient in enumerate(gradients):
-                expected = gradient[lamp][:, axis] if lamp in gradient else np.zeros(40)
-                strong = densities[part] > 1e-12
-                np.testing.assert_allclose(
-                    ((up - down) / 2e-6)[part][strong], expected[strong], rtol=1e-3, atol=1e-3
-                )
+def evaluate(
+    matrices: Array, x: Array, u: Array, weights: Array, **more: Any
+) -> tuple[float, Array, Array]:
+    """Value, gradient and counts, by default for data that are isotropic already."""
+    gradient, counts = np.full_like(matrices, np.nan), np.full_like(weights, np.nan)
+    given: dict[str, Any] = {
+        "whitener": np.tile(np.eye(2), (len(x), 1, 1)),
+        "sigma": np.full(len(x), S),
+        "worth": np.ones(len(x)),
+        "extension": 0.0,
+        "outlier": 1.5,
+        "area_power": 0.5,
+        "interior": len(matrices) == 3,
+    }
+    given.update(more)
+    value = mixture(
+        matrices,
+        x,
+        u,
+        given["whitener"],
+        given["sigma"],
+        given["worth"],
+        weights,
+        given["extension"],
+        given["outlier"],
+        given["area_power"],
+        given["interior"],
+        gradient,
+        counts,
+    )
+    return value, gradient, counts
 
 
-def test_corners_at_one_place_are_no_error() -> None:
-    corners = np.full((2, 3, 2), 0.3)
-    densities, gradients = log_densities(
-        np.array([[0.3, 0.3], [0.31, 0.3], [0.9, 0.1]]), corners, np.full(3, 0.01), INSIDE
+def density(point: tuple[float, float], lamps: int, component: int, **more: Any) -> float:
+    """Density of one component at a point, the others being switched off."""
+    size = {1: 2, 2: 4, 3: 8 if more.get("interior", True) else 7}[lamps]
+    weights = np.zeros(size)
+    weights[component] = 1.0
+    matrices = np.array([lamp(corner) for corner in CORNERS[:lamps]])
+    value, _, counts = evaluate(matrices, GREY[None], np.array([point]), weights, **more)
+    assert counts[component] == pytest.approx(1)
+    return math.exp(-value)
+
+
+def normal_cdf(z: float) -> float:
+    return (1 + math.erf(z / math.sqrt(2))) / 2
+
+
+@pytest.mark.parametrize("lamps", [1, 2, 3])
+def test_a_corner_is_a_normal_distribution(lamps: int) -> None:
+    peak = 1 / (2 * math.pi * S**2)
+    x, y = CORNERS[lamps - 1]
+
+    assert density((x, y), lamps, lamps - 1) == pytest.approx(peak)
+    assert density((x + S, y - 2 * S), lamps, lamps - 1) == pytest.approx(peak * math.exp(-2.5))
+
+
+@pytest.mark.parametrize("component", [1, 3, 7])
+def test_outliers_are_even(component: int) -> None:
+    lamps = {1: 1, 3: 2, 7: 3}[component]
+
+    assert density((0.9, -0.4), lamps, component) == pytest.approx(1.5)
+    assert density((0.3, 0.3), lamps, component, outlier=6.0) == pytest.approx(6.0)
+
+
+@pytest.mark.parametrize("extension", [0.0, 0.5])
+@pytest.mark.parametrize("along", [-0.6, -0.01, 0.25, 0.5, 1.02, 1.51])
+def test_an_edge_is_even_along_it_and_normal_across(extension: float, along: float) -> None:
+    length = math.hypot(0.3, 0.1)
+    point = (0.2 + 0.3 * along + S * 0.1 / length, 0.3 + 0.1 * along - S * 0.3 / length)
+
+    found = density(point, 2, 2, extension=extension)
+
+    across = math.exp(-0.5) / (math.sqrt(2 * math.pi) * S)
+    from_low = normal_cdf((along + extension) * length / S)
+    from_high = normal_cdf((1 + extension - along) * length / S)
+    expected = across * (from_low + from_high - 1) / ((1 + 2 * extension) * length)
+    assert found == pytest.approx(max(expected, 1e-300), rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize("edge", [3, 4, 5])
+def test_edges_join_the_corners_in_order(edge: int) -> None:
+    a, b = ((0, 1), (0, 2), (1, 2))[edge - 3]
+    middle = tuple(np.mean([CORNERS[a], CORNERS[b]], axis=0))
+    length = math.dist(CORNERS[a], CORNERS[b])
+
+    found = density((middle[0], middle[1]), 3, edge)
+
+    assert found == pytest.approx(1 / (math.sqrt(2 * math.pi) * S * length))
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (0, 2, 1), (2, 0, 1), (1, 0, 2)])
+@pytest.mark.parametrize("power", [0.2, 0.5, 1.0])
+def test_the_interior_is_even_within_the_triangle(order: tuple[int, ...], power: float) -> None:
+    area = abs(0.3 * 0.3 - 0.1 * 0.1) / 2
+    matrices = np.array([lamp(CORNERS[i]) for i in order])
+    weights = np.eye(8)[6]
+
+    def at(x: float, y: float) -> float:
+        u = np.array([[x, y]])
+        return math.exp(-evaluate(matrices, GREY[None], u, weights, area_power=power)[0])
+
+    even = 50 * (50 * (area + 2 * S**2)) ** -power
+    assert at(1 / 3, 1.3 / 3) == pytest.approx(even, rel=1e-6)
+    on_edge = at(0.35, 0.35)
+    assert on_edge == pytest.approx(even / 2, rel=1e-6)
+    assert at(0.35, 0.25) < 1e-12 * even
+
+
+def test_densities_add_up_by_their_weights() -> None:
+    matrices = np.array([lamp(corner) for corner in CORNERS[:2]])
+    point = (0.21, 0.305)
+    weights = np.array([0.2, 0.3, 0.4, 0.1])
+
+    value, _, counts = evaluate(
+        matrices, GREY[None], np.array([point]), weights, worth=np.array([3.0])
     )
 
-    assert np.isfinite(densities).all()
-    assert all(np.isfinite(part).all() for one in gradients for part in one.values())
+    parts = weights * [density(point, 2, k) if k != 1 else 0.0 for k in range(4)]
+    assert value == pytest.approx(-3 * math.log(parts.sum()))
+    np.testing.assert_allclose(counts, 3 * parts / parts.sum(), atol=1e-9)
+
+
+def test_the_flash_colour_moves_the_corner() -> None:
+    """A lamp of diag(1, 2, 3) on flash colour (½, ¼, ¼) gives (2, 2, 3) / 7."""
+    matrices = np.diag([1.0, 2.0, 3.0])[None]
+
+    value, _, _ = evaluate(
+        matrices, np.array([[0.5, 0.25, 0.25]]), np.array([[2 / 7, 2 / 7]]), np.array([1.0, 0.0])
+    )
+
+    assert value == pytest.approx(math.log(2 * math.pi * S**2))
+
+
+def test_a_line_and_corners_integrate_to_one() -> None:
+    axis = np.linspace(-0.5, 1.2, 400)
+    points = np.stack(np.meshgrid(axis, axis), axis=2).reshape(-1, 2)
+    matrices = np.array([lamp(corner) for corner in CORNERS[:2]])
+    total = 0.0
+    for u in points:
+        value, _, _ = evaluate(
+            matrices,
+            GREY[None],
+            u[None],
+            np.array([0.3, 0.3, 0.4, 0.0]),
+            sigma=np.full(1, 0.02),
+            extension=0.5,
+        )
+        total += math.exp(-value)
+
+    assert total * (axis[1] - axis[0]) ** 2 == pytest.approx(1, rel=1e-3)
+
+
+def random_case(lamps: int, interior: bool) -> tuple[Array, Array, dict[str, Any]]:
+    rng = np.random.default_rng(10 * lamps + interior)
+    n, size = 30, {1: 2, 2: 4, 3: 7 + interior}[lamps]
+    skew = rng.normal(0, 0.2, (n, 2, 2))
+    given = {
+        "x": rng.dirichlet(np.full(3, 4.0), n),
+        "u": rng.uniform(0.1, 0.6, (n, 2)),
+        "weights": rng.dirichlet(np.ones(size)),
+        "whitener": np.eye(2) + skew,
+        "sigma": rng.uniform(0.02, 0.1, n),
+        "worth": rng.uniform(0.5, 2, n),
+        "interior": interior,
+    }
+    matrices = np.array([lamp(corner) for corner in CORNERS[:lamps]])
+    return matrices + rng.normal(0, 0.1, matrices.shape), given["weights"], given
+
+
+@pytest.mark.parametrize(
+    ("lamps", "interior"), [(1, False), (2, False), (3, False), (3, True)], ids=str
+)
+@pytest.mark.parametrize("extension", [0.0, 0.5])
+def test_the_gradient_is_that_of_differences(lamps: int, interior: bool, extension: float) -> None:
+    matrices, _, given = random_case(lamps, interior)
+    _, gradient, _ = evaluate(matrices, extension=extension, **given)
+
+    for place in np.ndindex(matrices.shape):
+        step = np.zeros_like(matrices)
+        step[place] = 1e-6
+        up, down = (
+            evaluate(matrices + sign * step, extension=extension, **given)[0] for sign in (1, -1)
+        )
+        assert gradient[place] == pytest.approx((up - down) / 2e-6, rel=1e-4, abs=1e-4)
+
+
+@pytest.mark.parametrize(("lamps", "interior"), [(1, False), (2, False), (3, False), (3, True)])
+def test_counts_sum_to_the_weights_of_the_data(lamps: int, interior: bool) -> None:
+    matrices, weights, given = random_case(lamps, interior)
+
+    _, _, counts = evaluate(matrices, **given)
+
+    assert counts.shape == weights.shape
+    assert (counts > 0).all()
+    assert counts.sum() == pytest.approx(given["worth"].sum())
+
+
+@pytest.mark.parametrize("lamps", [2, 3])
+def test_corners_at_one_place_are_no_error(lamps: int) -> None:
+    matrices = np.tile(lamp(CORNERS[0]), (lamps, 1, 1))
+    weights = np.full(4 if lamps == 2 else 8, 0.1)
+    u = np.array([CORNERS[0], (0.21, 0.3), (0.9, 0.1)])
+
+    value, gradient, counts = evaluate(matrices, np.tile(GREY, (3, 1)), u, weights)
+
+    assert np.isfinite(value)
+    assert np.isfinite(gradient).all()
+    assert counts.sum() == pytest.approx(3)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_lamp_whose_light_sums_to_nothing_is_no_error(sign: float) -> None:
+    matrices = sign * np.diag([1.0, 1.0, -2.0])[None]
+
+    value, gradient, _ = evaluate(
+        matrices, GREY[None], np.array([[0.3, 0.3]]), np.array([0.9, 0.1])
+    )
+
+    assert value == pytest.approx(-math.log(0.1 * 1.5))
+    assert np.isfinite(gradient).all()

@@ -2,49 +2,75 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from pipeline.matrixfit.evidence import Data
-from pipeline.matrixfit.objective import Whitened, make_terms, posterior
+from pipeline.matrixfit.objective import Shape, Term, Whitened, make_terms, posterior
 from pipeline.model import Model
 
-LIGHTS = np.array([[0.8, 0.5, 0.2], [0.4, 0.6, 0.7]])
+Array = NDArray[np.float64]
+
+LIGHTS = np.array([[0.8, 0.5, 0.2], [0.4, 0.6, 0.7], [0.4, 0.8, 0.3]])
+PURE = 0.02
+EMPTY = Data(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0))
 
 
-def drawn(model: Model, count: int, seed: int, noise: float = 0.004) -> Data:
-    """Mixtures of two lamps on surfaces of many colours, with noise."""
+def drawn(model: Model, count: int, seed: int, lamps: int = 2, noise: float = 0.004) -> Data:
+    """Mixtures of lamps on surfaces of many colours, with noise."""
     rng = np.random.default_rng(seed)
     x = rng.uniform(0.2, 1.0, (count, 3))
     x /= x.sum(axis=1, keepdims=True)
-    share = rng.uniform(0, 1, (2, count, 1))
-    light = (share * np.einsum("jkl,nl->jnk", model.lamp_matrix(LIGHTS), x)).sum(axis=0)
+    share = rng.uniform(0, 1, (lamps, count, 1))
+    light = (share * np.einsum("jkl,nl->jnk", model.lamp_matrix(LIGHTS[:lamps]), x)).sum(axis=0)
     u = light[:, :2] / light.sum(axis=1, keepdims=True) + rng.normal(0, noise, (count, 2))
     covariance = np.tile([noise**2, 0.3 * noise**2, noise**2], (count, 1))
     return Data(x, u, covariance, np.full(count, 400.0 / count))
 
 
-def test_the_gradient_is_that_of_differences(model: Model) -> None:
-    terms = [Whitened(t, 0.01) for t in make_terms(drawn(model, 60, 1), drawn(model, 40, 2), False)]
-    weights = [term.term.weights for term in terms]
+def pure(data: Data, matrix: Array) -> Data:
+    """The same surfaces, lit by one lamp."""
+    light = data.x @ matrix.T
+    u = light[:, :2] / light.sum(axis=1, keepdims=True)
+    return Data(data.x, u, data.covariance, data.weight)
+
+
+@pytest.mark.parametrize("lamps", [1, 2, 3])
+@pytest.mark.parametrize("hull", [False, True])
+def test_the_gradient_is_that_of_differences(model: Model, lamps: int, hull: bool) -> None:
+    made = make_terms(drawn(model, 60, 1, lamps), drawn(model, 40, 2, lamps), lamps, hull, PURE)
+    terms = [Whitened(term, 0.01) for term in made]
+    weights = [term.weights for term in made]
     rng = np.random.default_rng(0)
-    theta = model.prior.coordinates(model.lamp_matrix(LIGHTS)) + rng.normal(0, 0.02, (2, 9))
+    theta = model.prior.coordinates(model.lamp_matrix(LIGHTS[:lamps]))
+    theta = theta + rng.normal(0, 0.02, theta.shape)
 
     _, gradient = posterior(theta, model.prior, terms, weights)
 
-    for place in np.ndindex(2, 9):
-        step = np.zeros((2, 9))
+    for place in np.ndindex(theta.shape):
+        step = np.zeros_like(theta)
         step[place] = 1e-6
         up, down = (posterior(theta + s * step, model.prior, terms, weights)[0] for s in (1, -1))
-        slope = (up - down) / 2e-6
-        assert gradient[place] == pytest.approx(slope, rel=1e-3, abs=1e-2)
+        assert gradient[place] == pytest.approx((up - down) / 2e-6, rel=1e-3, abs=1e-2)
+
+
+def test_without_data_the_prior_is_left(model: Model) -> None:
+    terms = [Whitened(term, 0.01) for term in make_terms(EMPTY, EMPTY, 2, False, PURE)]
+    weights = [term.term.weights for term in terms]
+    theta = np.random.default_rng(0).normal(0, 0.3, (2, 9))
+
+    value, gradient = posterior(theta, model.prior, terms, weights)
+
+    expected, slope = model.prior.penalty(theta)
+    assert value == expected
+    np.testing.assert_array_equal(gradient, slope)
 
 
 def test_the_true_lamps_explain_the_data_best(model: Model) -> None:
-    terms = [
-        Whitened(t, 0.005) for t in make_terms(drawn(model, 300, 3), drawn(model, 9, 4), False)
-    ]
-    weights = [term.term.weights for term in terms]
+    made = make_terms(drawn(model, 300, 3), drawn(model, 9, 4), 2, False, PURE)
+    terms = [Whitened(term, 0.005) for term in made]
+    weights = [term.weights for term in made]
 
-    def value(lights: np.ndarray) -> float:
+    def value(lights: Array) -> float:
         theta = model.prior.coordinates(model.lamp_matrix(lights))
         return posterior(theta, model.prior, terms, weights)[0]
 
@@ -53,36 +79,100 @@ def test_the_true_lamps_explain_the_data_best(model: Model) -> None:
         [LIGHTS[0], [0.5, 0.6, 0.6]],
         [[0.9, 0.4, 0.1], LIGHTS[1]],
     ):
-        assert value(LIGHTS) < value(np.array(wrong))
+        assert value(LIGHTS[:2]) < value(np.array(wrong))
 
 
-def test_whitened_data_have_noise_alike_in_every_direction() -> None:
-    noise = np.random.default_rng(5).multivariate_normal([0, 0], [[9e-6, 5e-6], [5e-6, 4e-6]], 4000)
-    data = Data(
-        np.full((4000, 3), 1 / 3),
-        0.3 + noise,
-        np.tile([9e-6, 5e-6, 4e-6], (4000, 1)),
-        np.ones(4000),
-    )
+def test_whitened_data_are_isotropic_and_keep_their_areas() -> None:
+    """A normal density is the same whitened: over its peak, 1 / (2π √det covariance)."""
+    covariance = np.array([[9e-6, 5e-6], [5e-6, 4e-6]])
+    floor = np.eye(2) * 0.002**2
+    full = covariance + floor
+    offset = np.array([0.004, -0.001])
+    grey = np.full((1, 3), 1 / 3)
+    data = Data(grey, 1 / 3 + offset[None], np.array([[9e-6, 5e-6, 4e-6]]), np.ones(1))
+    term = Term(data, Shape(False, 0.0, 1.5, 1.0), np.array([1.0, 0.0]), None)
 
-    white = Whitened(make_terms(data, data, True)[0], 1e-9)
+    value, _, _ = Whitened(term, 0.002).value(np.eye(3)[None], term.weights)
 
-    covariance = np.cov(white.u.T)
-    np.testing.assert_allclose(covariance, np.eye(2) * white.sigma[0] ** 2, atol=2e-7)
+    expected = 0.5 * offset @ np.linalg.solve(full, offset)
+    expected += np.log(2 * np.pi * np.sqrt(np.linalg.det(full)))
+    assert value == pytest.approx(expected)
+
+
+def test_differences_are_spread_more_widely_at_a_level() -> None:
+    grey = np.full((1, 3), 1 / 3)
+    data = Data(grey, grey[:, :2], np.zeros((1, 3)), np.ones(1))
+    term = Term(data, Shape(False, 0.0, 1.5, 1.5), np.array([1.0, 0.0]), None)
+
+    value, _, _ = Whitened(term, 0.002).value(np.eye(3)[None], term.weights)
+
+    assert value == pytest.approx(np.log(2 * np.pi * 0.003**2))
 
 
 def test_reweighting_finds_how_much_is_pure(model: Model) -> None:
-    """Data of which most lie at the first corner."""
-    mixed = drawn(model, 400, 6)
-    matrices = model.lamp_matrix(LIGHTS)
-    light = mixed.x @ matrices[0].T
-    pure = Data(
-        mixed.x, light[:, :2] / light.sum(axis=1, keepdims=True), mixed.covariance, mixed.weight
-    )
-    term = Whitened(make_terms(pure, pure, False)[0], 0.004)
+    """Differences of which all lie at the first corner."""
+    matrices = model.lamp_matrix(LIGHTS[:2])
+    data = pure(drawn(model, 400, 6), matrices[0])
+    term = Whitened(make_terms(EMPTY, data, 2, False, PURE)[1], 0.004)
 
     found = term.reweighted(matrices, term.term.weights)
 
     assert found.sum() == pytest.approx(1)
-    assert found[0] > 0.6
-    assert 0.005 <= found[-1] <= 0.03
+    assert found[0] > 0.8
+    assert (found > 0).all()
+    assert found[1] < term.term.weights[1]
+
+
+def test_a_pseudo_count_keeps_weights_near_where_they_began(model: Model) -> None:
+    matrices = model.lamp_matrix(LIGHTS[:2])
+    data = pure(drawn(model, 400, 6), matrices[0])
+    made = make_terms(EMPTY, data, 2, False, PURE)[1]
+    firm = Term(made.data, made.shape, made.weights, 1e9)
+
+    found = Whitened(firm, 0.004).reweighted(matrices, made.weights)
+
+    np.testing.assert_allclose(found, made.weights, atol=1e-6)
+
+
+@pytest.mark.parametrize("hull", [False, True])
+def test_weights_of_pixels_stay(model: Model, hull: bool) -> None:
+    matrices = model.lamp_matrix(LIGHTS[:2])
+    term = make_terms(pure(drawn(model, 400, 6), matrices[0]), EMPTY, 2, hull, PURE)[0]
+
+    found = Whitened(term, 0.004).reweighted(matrices, term.weights)
+
+    np.testing.assert_array_equal(found, term.weights)
+
+
+def test_no_differences_leave_their_weights(model: Model) -> None:
+    term = make_terms(EMPTY, EMPTY, 2, False, PURE)[1]
+
+    found = Whitened(term, 0.004).reweighted(model.lamp_matrix(LIGHTS[:2]), term.weights)
+
+    np.testing.assert_array_equal(found, term.weights)
+
+
+@pytest.mark.parametrize("lamps", [1, 2, 3])
+@pytest.mark.parametrize("hull", [False, True])
+def test_weights_begin_as_shares_of_all_components(lamps: int, hull: bool) -> None:
+    terms = make_terms(EMPTY, EMPTY, lamps, hull, PURE)
+
+    assert len(terms) == (1 if hull else 2)
+    for term in terms:
+        interior = lamps == 3 and term.shape.interior
+        assert len(term.weights) == {1: 2, 2: 4, 3: 7}[lamps] + interior
+        assert term.weights.sum() == pytest.approx(1)
+
+
+def test_the_share_of_pure_pixels_is_that_of_three_lamps_alone() -> None:
+    pixels, differences = make_terms(EMPTY, EMPTY, 3, False, 0.03)
+
+    np.testing.assert_allclose(pixels.weights[:3], 0.03)
+    assert pixels.weights.sum() == pytest.approx(1)
+    np.testing.assert_array_equal(
+        differences.weights, make_terms(EMPTY, EMPTY, 3, False, 0.01)[1].weights
+    )
+    np.testing.assert_array_equal(
+        make_terms(EMPTY, EMPTY, 2, False, 0.03)[0].weights,
+        make_terms(EMPTY, EMPTY, 2, False, 0.01)[0].weights,
+    )

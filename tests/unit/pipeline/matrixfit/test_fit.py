@@ -1,0 +1,124 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.matrixfit.evidence import gather_evidence
+from pipeline.matrixfit.fit import Fit, fit_matrices
+from pipeline.model import Model
+from pipeline.reduced import reduce_pair
+
+Array = NDArray[np.float64]
+Fitted = Callable[[Any, int], Fit]
+
+SETS = [(0,), (2,), (0, 2), (0, 1), (1, 2), (0, 1, 2)]
+
+
+@pytest.fixture
+def fitted(model: Model) -> Fitted:
+    """Fit a number of lamps to a pair."""
+
+    def fit(pair: Any, lamps: int) -> Fit:
+        reduced = reduce_pair(pair)
+        evidence = gather_evidence(reduced, pair.flash_only)
+        return fit_matrices(reduced, evidence, model.tensor, model.prior, lamps)
+
+    return fit
+
+
+def off(found: Array, true: Array) -> float:
+    """Largest entry by which a true matrix of unit norm differs from the nearest one found."""
+    unit = true / np.linalg.norm(true, axis=(1, 2), keepdims=True)
+    return float(np.abs(found[:, None] - unit[None]).max(axis=(2, 3)).min(axis=0).max())
+
+
+@pytest.mark.parametrize("which", SETS)
+def test_matrices_behind_shadows_are_recovered(
+    shadowed: Callable[[Array], Any],
+    fitted: Fitted,
+    model: Model,
+    warm_to_cool: Array,
+    which: tuple[int, ...],
+) -> None:
+    true = warm_to_cool[list(which)]
+
+    found = fitted(shadowed(true), len(which))
+
+    assert found.matrices.shape == (len(which), 3, 3)
+    np.testing.assert_allclose(np.linalg.norm(found.matrices, axis=(1, 2)), 1)
+    assert off(found.matrices, model.lamp_matrix(true)) < 0.006
+
+
+@pytest.mark.parametrize("which", SETS)
+def test_matrices_are_recovered_from_the_outline_without_shadows(
+    exact: Callable[..., Any],
+    fitted: Fitted,
+    model: Model,
+    warm_to_cool: Array,
+    which: tuple[int, ...],
+) -> None:
+    true = warm_to_cool[list(which)]
+
+    found = fitted(exact(true)[0], len(which))
+
+    assert off(found.matrices, model.lamp_matrix(true)) < 0.04
+
+
+def test_a_lamp_need_not_be_of_the_model(
+    fitted: Fitted,
+    model: Model,
+    pair_of: Callable[..., Any],
+    flash_part: Array,
+    warm_to_cool: Array,
+) -> None:
+    """A lamp a little outside the model's space is found nearer than the model can."""
+    inside = model.prior.coordinates(model.lamp_matrix(warm_to_cool[:1]))
+    theta = inside.copy()
+    theta[0, 3] += 0.06
+    true = model.prior.matrices(theta / np.linalg.norm(theta))
+
+    found = fitted(pair_of(0.5 * flash_part @ true[0].T, flash_part), 1)
+
+    assert off(found.matrices, true) < 0.5 * off(model.prior.matrices(inside), true)
+
+
+def test_the_same_pair_gives_the_same_fit(
+    shadowed: Callable[[Array], Any], fitted: Fitted, warm_to_cool: Array
+) -> None:
+    first, second = (fitted(shadowed(warm_to_cool), 3) for _ in range(2))
+
+    np.testing.assert_array_equal(first.matrices, second.matrices)
+    assert first.cost == second.cost
+
+
+@pytest.mark.parametrize("which", [(0,), (0, 2), (0, 1, 2)])
+def test_the_true_number_of_lamps_costs_least(
+    shadowed: Callable[[Array], Any],
+    fitted: Fitted,
+    warm_to_cool: Array,
+    which: tuple[int, ...],
+) -> None:
+    pair = shadowed(warm_to_cool[list(which)])
+
+    costs = [fitted(pair, lamps).cost for lamps in (1, 2, 3)]
+
+    assert min(costs) == pytest.approx(costs[len(which) - 1], abs=1e-3)
+
+
+@pytest.mark.parametrize("lamps", [2, 3])
+def test_more_lamps_than_colours_are_found_alike(
+    pair_of: Callable[..., Any], fitted: Fitted, model: Model, warm_to_cool: Array, lamps: int
+) -> None:
+    part = np.tile(np.array([0.3, 0.5, 0.4]), (40, 60, 1))
+    light = part @ model.lamp_matrix(0.5 * warm_to_cool[0]).T
+
+    found = fitted(pair_of(light, part), lamps)
+
+    assert found.matrices.shape == (lamps, 3, 3)
+    seen, true = found.matrices @ part[0, 0], light[0, 0]
+    cosines = seen @ true / np.linalg.norm(seen, axis=1) / np.linalg.norm(true)
+    assert cosines.max() > 0.9999

@@ -1,0 +1,79 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.matrixfit.evidence import gather_evidence
+from pipeline.matrixfit.starts import invariants, start_points
+from pipeline.model import Model
+from pipeline.reduced import reduce_pair
+
+Array = NDArray[np.float64]
+
+SETS = [(0,), (2,), (0, 2), (0, 1), (1, 2), (0, 1, 2)]
+
+
+def off(candidates: Array, lamps: Array) -> Array:
+    """Angle in degrees from each lamp to the nearest candidate."""
+    return np.asarray(np.degrees(np.arccos(np.clip(lamps @ candidates.T, -1, 1))).min(axis=1))
+
+
+@pytest.mark.parametrize("which", SETS)
+def test_the_true_lamps_are_among_the_candidates(
+    shadowed: Callable[[Array], Any], model: Model, warm_to_cool: Array, which: tuple[int, ...]
+) -> None:
+    true = warm_to_cool[list(which)]
+    evidence = gather_evidence(reduce_pair(shadowed(true)), False)
+
+    found = start_points(evidence, model.tensor)
+
+    assert off(found, true).max() < 0.6
+    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1)
+    assert len(found) <= 30
+
+
+@pytest.mark.parametrize("which", [(0, 2), (0, 1, 2)])
+def test_without_shadows_the_outermost_pixels_tell(
+    exact: Callable[..., Any], model: Model, warm_to_cool: Array, which: tuple[int, ...]
+) -> None:
+    true = warm_to_cool[list(which)]
+    evidence = gather_evidence(reduce_pair(exact(true)[0]), False)
+    assert not len(evidence.differences)
+
+    assert off(start_points(evidence, model.tensor), true).max() < 1.5
+
+
+def test_candidates_are_unlike_each_other(
+    shadowed: Callable[[Array], Any], model: Model, warm_to_cool: Array
+) -> None:
+    evidence = gather_evidence(reduce_pair(shadowed(warm_to_cool)), False)
+
+    found = start_points(evidence, model.tensor)
+
+    cosines = found @ found.T - 2 * np.eye(len(found))
+    assert np.degrees(np.arccos(cosines.max())) > 1.499
+
+
+def test_candidates_are_the_same_every_time(
+    shadowed: Callable[[Array], Any], model: Model, warm_to_cool: Array
+) -> None:
+    evidence = gather_evidence(reduce_pair(shadowed(warm_to_cool)), False)
+
+    first, second = (start_points(evidence, model.tensor) for _ in range(2))
+
+    np.testing.assert_array_equal(first, second)
+
+
+def test_invariants_of_one_lamp_are_its_coefficients(
+    exact: Callable[..., Any], model: Model, warm_to_cool: Array
+) -> None:
+    evidence = gather_evidence(reduce_pair(exact(warm_to_cool[1])[0]), False)
+
+    found = invariants(evidence.pixels, model.tensor)
+
+    assert len(found) == len(evidence.pixels)
+    np.testing.assert_allclose(found, np.tile(warm_to_cool[1], (len(found), 1)), atol=1e-4)

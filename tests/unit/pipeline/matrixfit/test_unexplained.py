@@ -1,0 +1,103 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.matrixfit.evidence import Data, Evidence
+from pipeline.matrixfit.unexplained import left_over, share_off, share_outside, unexplained
+from pipeline.reduced import ReducedPair
+
+Array = NDArray[np.float64]
+
+GREY = np.full(3, 1 / 3)
+CORNERS = ((0.2, 0.2), (0.6, 0.2), (0.2, 0.6))
+LAMPS = np.array([3 * np.diag([r, g, 1 - r - g]) for r, g in CORNERS])
+
+
+def on_grey(*points: tuple[float, float], deviation: float = 0.001) -> Data:
+    n = len(points)
+    covariance = np.tile([deviation**2, 0.0, deviation**2], (n, 1))
+    return Data(np.tile(GREY, (n, 1)), np.array(points).reshape(-1, 2), covariance, np.ones(n))
+
+
+def off_by(d: float, share: float = 1.0, variance: float = 0.0) -> ReducedPair:
+    """Grey light of half the flash, red less and green more, or the reverse, in some pixels."""
+    no_flash = np.full((20, 50, 3), 0.5, np.float32)
+    off = no_flash.reshape(-1, 3)[: round(1000 * share)]
+    off[::2] += (d, -d, 0)
+    off[1::2] -= (d, -d, 0)
+    noise = np.full_like(no_flash, variance)
+    return ReducedPair(no_flash, np.ones_like(no_flash), noise, noise, np.ones((20, 50), bool), 1)
+
+
+@pytest.mark.parametrize("d", [0.0, 0.03, 0.15])
+def test_light_left_over_is_what_lamps_cannot_give(d: float) -> None:
+    """One grey lamp explains 1.5 of the light, and leaves ±d in two channels."""
+    assert left_over(off_by(d), np.eye(3)[None]) == pytest.approx(2 * d / 1.5, abs=1e-5)
+
+
+@pytest.mark.parametrize(("share", "left"), [(0.08, 0.0), (0.12, 0.2)])
+def test_a_tenth_of_the_light_tells(share: float, left: float) -> None:
+    assert left_over(off_by(0.15, share), np.eye(3)[None]) == pytest.approx(left, abs=1e-4)
+
+
+@pytest.mark.parametrize(("noise", "left"), [(0.12, 0.16), (0.25, 0.0)])
+def test_noise_is_not_left_over(noise: float, left: float) -> None:
+    """Of 0.2 left, noise that is 0.12 of the light leaves √(0.2² − 0.12²)."""
+    variance = (noise * 1.5) ** 2 / 3
+
+    found = left_over(off_by(0.15, variance=variance), np.eye(3)[None])
+
+    assert found == pytest.approx(left, abs=1e-4)
+
+
+def test_two_lamps_leave_what_neither_gives() -> None:
+    """Lamps of red and green together, and blue, explain any mixture of theirs."""
+    pair = off_by(0.0)
+    pair.no_flash[::2, :, 2] = 0.1
+    yellow_and_blue = np.array([np.diag([1.0, 1.0, 0.0]), np.diag([0.0, 0.0, 1.0])])
+
+    assert left_over(pair, yellow_and_blue) == pytest.approx(0, abs=1e-5)
+    assert left_over(pair, np.eye(3)[None]) > 0.1
+
+
+def test_unusable_pixels_are_not_looked_at() -> None:
+    pair = off_by(0.15, 0.5)
+    usable = np.zeros((20, 50), bool)
+    usable[10:] = True
+
+    assert left_over(replace(pair, usable=usable), np.eye(3)[None]) == pytest.approx(0, abs=1e-5)
+
+
+def test_differences_off_all_lamps_are_counted() -> None:
+    at_lamps = ((0.2, 0.2), (0.6, 0.225), (0.2, 0.57))
+    off = ((0.4, 0.2), (0.25, 0.2))
+
+    assert share_off(on_grey(*at_lamps), LAMPS) == 0
+    assert share_off(on_grey(*at_lamps, *off), LAMPS) == pytest.approx(0.4)
+    assert share_off(on_grey(*off, deviation=0.02), LAMPS) == pytest.approx(0.5)
+    assert share_off(on_grey(), LAMPS) == 0
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (0, 2, 1)])
+def test_pixels_outside_the_triangle_are_counted(order: tuple[int, ...]) -> None:
+    lamps = LAMPS[list(order)]
+    inside = ((0.3, 0.3), (0.2, 0.4), (0.4, 0.197))
+    outside = ((0.4, 0.19), (0.45, 0.45))
+
+    assert share_outside(on_grey(*inside), lamps) == 0
+    assert share_outside(on_grey(*inside, *outside), lamps) == pytest.approx(0.4)
+    assert share_outside(on_grey(*outside, deviation=0.02), lamps) == pytest.approx(0.5)
+
+
+def test_signs_add_up() -> None:
+    """Nothing left over, 0.4 of the differences off and 0.5 of the pixels outside."""
+    differences = on_grey((0.2, 0.2), (0.6, 0.2), (0.2, 0.6), (0.4, 0.2), (0.25, 0.2))
+    evidence = Evidence(on_grey((0.3, 0.3), (0.45, 0.45)), differences, 0.1)
+
+    assert unexplained(off_by(0.0), evidence, LAMPS) == pytest.approx(
+        0.4 / 0.4 + 0.5 / 0.1, abs=1e-3
+    )
