@@ -53,7 +53,8 @@ def test_lamps_of_the_model_are_found(
     assert found.coefficients.shape == (len(which), 3)
     np.testing.assert_allclose(np.linalg.norm(found.coefficients, axis=1), 1)
     np.testing.assert_allclose(found.matrices @ model.flash_white, found.coefficients, atol=1e-9)
-    limit = 0.3 if scene == "shadowed" else 2.0
+    # without shadows only the outline of the pixels' cloud speaks, less plainly of three lamps
+    limit = 0.3 if scene == "shadowed" else (0.8 if len(which) < 3 else 2.0)
     assert angles(found.coefficients, whites(model, true)).max() < limit
     assert found.warnings == ()
     assert found.confidence > 0.9 if automatic else found.confidence == 1
@@ -100,7 +101,7 @@ def test_lamps_are_named_from_warm_to_cool(
 
     redness = found.coefficients[:, 0] / found.coefficients.sum(axis=1)
     assert (np.diff(redness) < 0).all()
-    assert angles(found.coefficients[[0, 2]], warm_to_cool[[0, 2]]).max() < 1
+    assert angles(found.coefficients, whites(model, warm_to_cool)).max() < 2
 
 
 def test_matrices_are_those_of_the_lamps(exact: Exact, model: Model, warm_to_cool: Array) -> None:
@@ -193,7 +194,7 @@ def test_lamps_are_found_in_noise(
 
     found = estimate_lamps(reduce_pair(pair), model, 2, "best", False)
 
-    assert angles(found.coefficients, warm_to_cool[[0, 2]]).max() < 3
+    assert angles(found.coefficients, whites(model, warm_to_cool[[0, 2]])).max() < 3
 
 
 def test_estimating_is_the_same_every_time(exact: Exact, model: Model, warm_to_cool: Array) -> None:
@@ -234,7 +235,8 @@ def test_a_pair_of_one_even_colour_is_one_lamp_or_what_was_asked(
     found = estimate_lamps(reduce_pair(pair), model, requested, "best", False)
 
     assert len(found) == (1 if requested == "auto" else requested)
-    assert angles(found.coefficients, np.tile(warm_to_cool[0], (len(found), 1))).max() < 0.1
+    white = whites(model, warm_to_cool[:1]).repeat(len(found), axis=0)
+    assert angles(found.coefficients, white).max() < 0.1
 
 
 def test_four_lamps_are_warned_of(shadowed: Shadowed, model: Model, warm_to_cool: Array) -> None:
