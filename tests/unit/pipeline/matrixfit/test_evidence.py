@@ -15,7 +15,7 @@ HEIGHT, WIDTH = 40, 80  # so that differences are of pixels next to each other
 CENTRED = np.eye(3) - 1 / 3
 
 
-def reduced_pair(no_flash: Array, flash: Array, **more: Any) -> ReducedPair:
+def reduced_pair(no_flash: Any, flash: Any, **more: Any) -> ReducedPair:
     given: dict[str, Any] = {
         "no_flash_variance": np.zeros_like(no_flash),
         "flash_variance": np.zeros_like(flash),

@@ -178,17 +178,18 @@ def random_case(lamps: int, interior: bool) -> tuple[Array, Array, dict[str, Any
     rng = np.random.default_rng(10 * lamps + interior)
     n, size = 30, {1: 2, 2: 4, 3: 7 + interior}[lamps]
     skew = rng.normal(0, 0.2, (n, 2, 2))
-    given = {
+    weights = rng.dirichlet(np.ones(size))
+    given: dict[str, Any] = {
         "x": rng.dirichlet(np.full(3, 4.0), n),
         "u": rng.uniform(0.1, 0.6, (n, 2)),
-        "weights": rng.dirichlet(np.ones(size)),
+        "weights": weights,
         "whitener": np.eye(2) + skew,
         "sigma": rng.uniform(0.02, 0.1, n),
         "worth": rng.uniform(0.5, 2, n),
         "interior": interior,
     }
     matrices = np.array([lamp(corner) for corner in CORNERS[:lamps]])
-    return matrices + rng.normal(0, 0.1, matrices.shape), given["weights"], given
+    return matrices + rng.normal(0, 0.1, matrices.shape), weights, given
 
 
 @pytest.mark.parametrize(
