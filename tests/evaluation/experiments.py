@@ -18,7 +18,7 @@ ALL = (
     "best_3x3",
     "tuned_3x3",
 )
-FEW = ("equal", "paper", "paper_shared", "best", "best_3x3", "tuned_3x3")
+FEW = ("equal", "paper", "paper_shared", "best", "best_3x3")
 OURS = ("best",)
 
 
@@ -53,34 +53,18 @@ EXPERIMENTS: dict[str, Experiment] = {
     "two-noise-quarter": Experiment("two", FEW, _noisy(1 / 4)),
     "two-noise-eighth": Experiment("two", FEW, _noisy(1 / 8)),
     "three-noise": Experiment("three", FEW, _noisy(1.0)),
-    "three-noise-half": Experiment("three", FEW, _noisy(1 / 2)),
-    "three-noise-quarter": Experiment("three", FEW, _noisy(1 / 4)),
     "three-noise-eighth": Experiment("three", FEW, _noisy(1 / 8)),
-    "angle-noise": Experiment("angle", FEW, _noisy(1.0)),
     "smooth-two-noise": Experiment("smooth-two", FEW, _noisy(1.0)),
     "smooth-three-noise": Experiment("smooth-three", FEW, _noisy(1.0)),
     "two-motion": Experiment("two", FEW, Condition(motion_px=2.0)),
     "three-motion": Experiment("three", FEW, Condition(motion_px=2.0)),
     "two-wrong-flash": Experiment("two", FEW, Condition(flash="led")),
-    "three-wrong-flash": Experiment("three", FEW, Condition(flash="led")),
     "two-wrong-camera": Experiment("two", FEW, Condition(camera="Sigma SD1 Merrill")),
-    "three-wrong-camera": Experiment("three", FEW, Condition(camera="Sigma SD1 Merrill")),
     "two-jpeg": Experiment("two", FEW, Condition(files="jpeg")),
     "three-jpeg": Experiment("three", FEW, Condition(files="jpeg")),
     **{
         f"{group}-auto": Experiment(group, OURS, _AUTO)
-        for group in (
-            "one",
-            "two",
-            "three",
-            "four",
-            "broad-two",
-            "broad-three",
-            "bounces",
-            "roughness",
-            "smooth-two",
-            "smooth-three",
-        )
+        for group in ("one", "two", "three", "four", "broad-two", "broad-three")
     },
     **{
         f"{group}-auto-noise": Experiment(group, OURS, _AUTO_NOISY)

@@ -37,15 +37,17 @@ Layers = NDArray[np.float32]
 class Answer:
     """What a method says of a pair.
 
-    layers: (N, H, W, 3) on the scale of the no-flash photograph. coefficients: (N, 3) camera RGB
-    of a white card under each lamp, None where the method does not tell. confidence: 0…1 that the
-    number of lamps is right. warnings: of the manifest.
+    layers: (N, H, W, 3) on the scale of the no-flash photograph. coefficients: (N, 3) of
+    the lamps, None where the method does not tell. confidence: 0…1 that the
+    number of lamps is right. warnings: of the manifest. of_white: the coefficients are the camera
+    RGB of a white card under each lamp, not coordinates in the basis of lights.
     """
 
     layers: Layers
     coefficients: Array | None = None
     confidence: float | None = None
     warnings: tuple[str, ...] = ()
+    of_white: bool = False
 
 
 def _product(
@@ -64,6 +66,7 @@ def _product(
         np.array([lamp["coefficients"] for lamp in manifest["lamps"]]),
         manifest["lights"]["confidence"],
         tuple(manifest["warnings"]),
+        of_white=method == "best",  # its matrices need no basis
     )
 
 

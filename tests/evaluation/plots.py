@@ -60,15 +60,14 @@ def _bases(outcome: Outcome) -> Figure:
 
 def _angles(outcome: Outcome) -> Figure:
     figure, (left, right) = _canvas("angle between the lamps, °", "joint SNR, dB", panels=2)
-    for name, style, suffix in (("angle", "o-", ""), ("angle-noise", "s:", ", noise")):
-        for method in _COMPARED:
-            label, colour = _STYLES[method]
-            kind: dict[str, Any] = {"ms": 3, "color": colour, "label": label + suffix}
-            snr = outcome.curve(outcome.snr(name, method), angle)
-            left.plot(list(snr), list(snr.values()), style, **kind)
-            errors = outcome.curve(outcome.errors(name, method), angle)
-            if errors:
-                right.plot(list(errors), list(errors.values()), style, **kind)
+    for method in _COMPARED:
+        label, colour = _STYLES[method]
+        kind: dict[str, Any] = {"ms": 3, "color": colour, "label": label}
+        snr = outcome.curve(outcome.snr("angle", method), angle)
+        left.plot(list(snr), list(snr.values()), "o-", **kind)
+        errors = outcome.curve(outcome.errors("angle", method), angle)
+        if errors:
+            right.plot(list(errors), list(errors.values()), "o-", **kind)
     right.set_ylabel("error of the coefficients, °")
     for axes in (left, right):
         axes.set_xscale("log")
@@ -105,8 +104,10 @@ def _noise(outcome: Outcome) -> Figure:
     for axes, group in zip(panels, ("two", "three"), strict=True):
         for method in _COMPARED:
             label, colour = _STYLES[method]
-            values = [outcome.median(f"{group}-noise{suffix}", method) for suffix in _EXPOSURES]
-            axes.plot(values, "o-", ms=3, color=colour, label=label)
+            taken = [s for s in _EXPOSURES if f"{group}-noise{s}" in outcome.results]
+            values = [outcome.median(f"{group}-noise{suffix}", method) for suffix in taken]
+            places = [list(_EXPOSURES).index(suffix) for suffix in taken]
+            axes.plot(places, values, "o-", ms=3, color=colour, label=label)
             clean = outcome.median(group, method)
             axes.axhline(clean, color=colour, lw=0.8, ls=":")
         axes.set_xticks(range(len(_EXPOSURES)), labels=["1", "1/2", "1/4", "1/8"])

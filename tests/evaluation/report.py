@@ -93,8 +93,6 @@ def _text(outcome: Outcome) -> str:
         _picture("bases", "Joint SNR of every scene with two lamps, for three bases"),
         "## Angle between two lamps (figure 4)\n\nMedian joint SNR in dB, files without noise.",
         tables.markdown(tables.curves(outcome, "angle", FEW, angle, "angle °")),
-        "With sensor noise:",
-        tables.markdown(tables.curves(outcome, "angle-noise", FEW, angle, "angle °")),
         "Median error of the lamps' coefficients, files without noise:",
         tables.markdown(tables.angle_errors(outcome, "angle", ("paper", "best"), angle)),
         _picture("angle", "Joint SNR and coefficient error against the angle between lamps"),

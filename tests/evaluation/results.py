@@ -94,7 +94,9 @@ def _run(name: str, shot: Shot, method: str) -> Result:
         snr = min(snr, _EXACT_DB)
         if answer.coefficients is not None and shot.coefficients is not None:
             found_there = answer.coefficients @ shot.axes.T
-            error = coefficient_error_deg(shot.coefficients, found_there, order)
+            whites = shot.lamp_spectra @ shot.sensitivities.T @ shot.axes.T
+            there = whites if answer.of_white else shot.coefficients
+            error = coefficient_error_deg(there, found_there, order)
     return Result(
         scene=name,
         method=method,
