@@ -19,6 +19,7 @@ _SPACING = 256 / 3  # of the longer side: pixels compared lie 3 of 256 apart
 _SAME_SURFACE, _SAME_SHADING = 0.006, 0.15
 _MAX_DIFFERENCE_NOISE = 0.05
 _MIN_COLOUR = -0.15
+_BEYOND = 0.5  # change of light on both sides of a shadow's edge, of that across it
 _PIXEL_WEIGHT, _DIFFERENCE_WEIGHT, _MANY_DIFFERENCES = 400.0, 250.0, 600.0
 _PIXELS, _DIFFERENCES = 3600, 3200
 _LEAST_STEP = 0.25  # of the mean light relative to the flash
@@ -132,6 +133,7 @@ def _differences(
         good &= np.abs(np.log(s_f[a] / s_f[b])) < _SAME_SHADING
         near = np.abs(c[a] - c[b]).max(axis=2) < _SAME_SURFACE + np.hypot(r[a], r[b])
         good &= near & (np.abs(total_y[a] - total_y[b]) > step_size)
+        good &= _is_edge(total_y, use, ox, oy)
         if not good.any():
             continue
         d = y[a][good] - y[b][good]
@@ -190,6 +192,27 @@ def _shifted(
     rows = (slice(0, height - abs(oy)), slice(abs(oy), height))
     a_rows, b_rows = rows if oy >= 0 else rows[::-1]
     return (a_rows, slice(0, width - ox)), (b_rows, slice(ox, width))
+
+
+def _is_edge(light: Array, use: NDArray[np.bool_], ox: int, oy: int) -> NDArray[np.bool_]:
+    """Whether the light changes between two pixels (ox, oy) apart and hardly beyond them.
+
+    Across the edge of a shadow one lamp changes; along a bent surface all of them do.
+    """
+    padded = np.pad(np.where(use, light, np.nan), ((abs(oy), abs(oy)), (ox, ox)), mode="edge")
+    height, width = light.shape
+    inner = (slice(abs(oy), abs(oy) + height), slice(ox, ox + width))
+
+    def at(steps: int) -> Array:
+        rows = slice(inner[0].start + steps * oy, inner[0].stop + steps * oy)
+        columns = slice(inner[1].start + steps * ox, inner[1].stop + steps * ox)
+        return padded[rows, columns]
+
+    before, after = np.abs(at(-1) - light), np.abs(at(1) - light)
+    a, b = _shifted(use.shape, ox, oy)
+    # what lies outside or cannot be used says nothing
+    beyond = np.nan_to_num(before[a]) + np.nan_to_num(after[b])
+    return np.asarray(beyond < _BEYOND * np.abs(light[a] - light[b]))
 
 
 def _sandwich(left: Array, variance: Array, right: Array) -> Array:
