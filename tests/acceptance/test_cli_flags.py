@@ -66,18 +66,20 @@ def test_method_paper_gives_the_published_layers(
     assert min(paper.layer_snr_db(two.truth)) > 10
 
 
-def test_basis_changes_what_is_learnt(two: Any, plain: Any, separated: Callable[..., Any]) -> None:
-    found = {"wpca": plain} | {
-        basis: separated(two.exact, *EXACT, "--basis", basis) for basis in ("pca", "joint")
+def test_basis_changes_what_is_learnt(two: Any, separated: Callable[..., Any]) -> None:
+    """Of the published method, which is bound to its basis; fitted matrices hardly are."""
+    found = {
+        basis: separated(two.exact, *EXACT, "--method", "paper", "--basis", basis)
+        for basis in ("wpca", "pca", "joint")
     }
 
     colours = {
         basis: np.array([lamp["coefficients"] for lamp in results.manifest["lamps"]])
         for basis, results in found.items()
     }
-    assert plain.manifest["options"]["basis"] == "wpca"
+    assert found["joint"].manifest["options"]["basis"] == "joint"
     for one, other in (("wpca", "pca"), ("wpca", "joint"), ("pca", "joint")):
-        assert np.abs(colours[one] - colours[other]).max() > 2e-4  # the fit brings them together
+        assert np.abs(colours[one] - colours[other]).max() > 1e-3
 
 
 def test_camera_by_name_makes_the_layers_right(
