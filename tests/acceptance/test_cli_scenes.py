@@ -242,7 +242,7 @@ def test_normals_of_an_exact_pair(
 
     assert facing_error(found.truth) > 35
     assert results.normal_error(found.truth) < 21
-    assert min(likeness(results, found.truth)) > 0.85
+    assert min(likeness(results, found.truth)) > 0.8  # three fitted lamps without shadows
     assert not any("focal" in warning for warning in results.manifest["warnings"])
 
 
