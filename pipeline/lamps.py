@@ -91,7 +91,7 @@ def estimate_lamps(
 
     @cache
     def fit(lamps: int) -> Fit:
-        return fit_matrices(reduced, evidence, model.tensor, model.prior, lamps)
+        return fit_matrices(reduced, evidence, model, lamps)
 
     if requested == "auto":
         count = count_lamps(reduced, evidence, fit)

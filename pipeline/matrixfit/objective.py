@@ -109,14 +109,14 @@ def posterior(
 
 
 def make_terms(
-    pixels: Data, differences: Data, lamps: int, hull: bool, pure_share: float
+    pixels: Data, differences: Data, lamps: int, outline: bool, pure_share: float
 ) -> list[Term]:
     """The mixtures for a number of lamps.
 
     pure_share: of three lamps, the share of pixels that each lights alone.
-    hull: there are no shadow edges, so that only the outline of the pixels' cloud speaks.
+    outline: there are no shadow edges, so that only the outline of the pixels' cloud speaks.
     """
-    if hull:
+    if outline:
         shape = Shape(True, 0.0, 1.5, 1.0, area_power=0.2)
         weights = {
             1: (0.98, 0.02),

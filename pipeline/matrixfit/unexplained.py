@@ -30,15 +30,16 @@ def unexplained(reduced: ReducedPair, evidence: Evidence, matrices: Array) -> fl
 
 def left_over(reduced: ReducedPair, matrices: Array) -> float:
     """Relative light that lamps (N, 3, 3) leave unexplained: a quantile, less the noise's own."""
-    no_flash, flash = reduced.no_flash[reduced.usable], reduced.flash[reduced.usable]
-    weights = (1.0 / no_flash.mean(axis=0)).astype(np.float32)
-    predicted = np.maximum(np.einsum("nkl,pl->npk", matrices.astype(np.float32), flash), 0.0)
-    explained = (shares(no_flash * weights, predicted * weights)[..., None] * predicted).sum(axis=0)
-    light = no_flash.sum(axis=1)
-    left = _weighted_quantile(np.abs(no_flash - explained).sum(axis=1) / light, light)
+    left, light = _left_of_pixels(reduced, matrices)
     variance = reduced.no_flash_variance[reduced.usable].sum(axis=1)
     noise = _weighted_quantile(np.sqrt(variance) / light, light)
-    return float(np.sqrt(max(left**2 - noise**2, 0.0)))
+    return float(np.sqrt(max(_weighted_quantile(left / light, light) ** 2 - noise**2, 0.0)))
+
+
+def mean_left_over(reduced: ReducedPair, matrices: Array) -> float:
+    """Share of all light that lamps (N, 3, 3) leave unexplained, noise included."""
+    left, light = _left_of_pixels(reduced, matrices)
+    return float(left.sum(dtype=np.float64) / light.sum(dtype=np.float64))
 
 
 def share_off(differences: Data, matrices: Array) -> float:
@@ -60,6 +61,17 @@ def share_outside(pixels: Data, matrices: Array) -> float:
         inside.append(turn * _cross(edge, pixels.u - corners[a]) / length)
     outside = -np.min(inside, axis=0)
     return float((outside > _OUTSIDE + 2 * _deviation(pixels)).mean())
+
+
+def _left_of_pixels(
+    reduced: ReducedPair, matrices: Array
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Light (n,) of the usable pixels that lamps (N, 3, 3) leave unexplained, and all of it."""
+    no_flash, flash = reduced.no_flash[reduced.usable], reduced.flash[reduced.usable]
+    weights = (1.0 / no_flash.mean(axis=0)).astype(np.float32)
+    predicted = np.maximum(np.einsum("nkl,pl->npk", matrices.astype(np.float32), flash), 0.0)
+    explained = (shares(no_flash * weights, predicted * weights)[..., None] * predicted).sum(axis=0)
+    return np.abs(no_flash - explained).sum(axis=1), no_flash.sum(axis=1)
 
 
 def _corners(data: Data, matrices: Array) -> Array:

@@ -33,7 +33,7 @@ class Counting:
         return reduced, gather_evidence(reduced, pair.flash_only)
 
     def fit(self, reduced: ReducedPair, evidence: Evidence, lamps: int) -> Fit:
-        return fit_matrices(reduced, evidence, self.model.tensor, self.model.prior, lamps)
+        return fit_matrices(reduced, evidence, self.model, lamps)
 
     def __call__(self, pair: Any) -> Count:
         reduced, evidence = self.evidence(pair)

@@ -25,7 +25,7 @@ def fitted(model: Model) -> Fitted:
     def fit(pair: Any, lamps: int) -> Fit:
         reduced = reduce_pair(pair)
         evidence = gather_evidence(reduced, pair.flash_only)
-        return fit_matrices(reduced, evidence, model.tensor, model.prior, lamps)
+        return fit_matrices(reduced, evidence, model, lamps)
 
     return fit
 

@@ -35,9 +35,9 @@ def pure(data: Data, matrix: Array) -> Data:
 
 
 @pytest.mark.parametrize("lamps", [1, 2, 3])
-@pytest.mark.parametrize("hull", [False, True])
-def test_the_gradient_is_that_of_differences(model: Model, lamps: int, hull: bool) -> None:
-    made = make_terms(drawn(model, 60, 1, lamps), drawn(model, 40, 2, lamps), lamps, hull, PURE)
+@pytest.mark.parametrize("outline", [False, True])
+def test_the_gradient_is_that_of_differences(model: Model, lamps: int, outline: bool) -> None:
+    made = make_terms(drawn(model, 60, 1, lamps), drawn(model, 40, 2, lamps), lamps, outline, PURE)
     terms = [Whitened(term, 0.01) for term in made]
     weights = [term.weights for term in made]
     rng = np.random.default_rng(0)
@@ -134,10 +134,10 @@ def test_a_pseudo_count_keeps_weights_near_where_they_began(model: Model) -> Non
     np.testing.assert_allclose(found, made.weights, atol=1e-6)
 
 
-@pytest.mark.parametrize("hull", [False, True])
-def test_weights_of_pixels_stay(model: Model, hull: bool) -> None:
+@pytest.mark.parametrize("outline", [False, True])
+def test_weights_of_pixels_stay(model: Model, outline: bool) -> None:
     matrices = model.lamp_matrix(LIGHTS[:2])
-    term = make_terms(pure(drawn(model, 400, 6), matrices[0]), EMPTY, 2, hull, PURE)[0]
+    term = make_terms(pure(drawn(model, 400, 6), matrices[0]), EMPTY, 2, outline, PURE)[0]
 
     found = Whitened(term, 0.004).reweighted(matrices, term.weights)
 
@@ -153,11 +153,11 @@ def test_no_differences_leave_their_weights(model: Model) -> None:
 
 
 @pytest.mark.parametrize("lamps", [1, 2, 3])
-@pytest.mark.parametrize("hull", [False, True])
-def test_weights_begin_as_shares_of_all_components(lamps: int, hull: bool) -> None:
-    terms = make_terms(EMPTY, EMPTY, lamps, hull, PURE)
+@pytest.mark.parametrize("outline", [False, True])
+def test_weights_begin_as_shares_of_all_components(lamps: int, outline: bool) -> None:
+    terms = make_terms(EMPTY, EMPTY, lamps, outline, PURE)
 
-    assert len(terms) == (1 if hull else 2)
+    assert len(terms) == (1 if outline else 2)
     for term in terms:
         interior = lamps == 3 and term.shape.interior
         assert len(term.weights) == {1: 2, 2: 4, 3: 7}[lamps] + interior

@@ -1,0 +1,139 @@
+"""The search for the likeliest matrices: starts compared, the best followed by annealing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import combinations, combinations_with_replacement
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from pipeline.matrixfit.evidence import Evidence
+from pipeline.matrixfit.objective import Term, Whitened, posterior
+from pipeline.matrixfit.prior import MatrixPrior
+from pipeline.matrixfit.starts import start_points
+from pipeline.vectors import unit
+
+Array = NDArray[np.float64]
+
+LEVELS = ((0.008, 2), (0.004, 2), (0.002, 1))
+"""Annealing: level s0, and how many of the best go on."""
+
+_SCORING_DATA = 300
+_SCORING_LEVEL = 0.01
+_STARTS = 12
+_FIRST_DATA, _FIRST_KEPT = 800, 5
+_ALIKE = float(np.cos(np.radians(2.5)))
+_ROUNDS, _STEPS = 3, 25
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is to be fitted, and how: lamps, their mixtures and prior, levels as in LEVELS."""
+
+    lamps: int
+    terms: list[Term]
+    prior: MatrixPrior
+    levels: tuple[tuple[float, int], ...]
+
+
+def search(problem: Problem, evidence: Evidence, tensor: Array) -> Array:
+    """Matrices (N, 3, 3) of unit norm, the likeliest that the evidence's own starts lead to.
+
+    tensor: (3, 3, 3) D of the model, which the starts are read from.
+    """
+    terms, level = problem.terms, problem.levels[0][0]
+    weights = [term.weights for term in terms]
+    thin = [replace(term, data=term.data.thinned(_FIRST_DATA)) for term in terms]
+    tried = [
+        _refined(theta, weights, thin, problem.prior, level, inside_only=True)
+        for theta in _best_starts(problem, evidence, tensor)
+    ]
+    best = sorted(tried, key=lambda one: one[0])[:_FIRST_KEPT]
+    return follow(problem, [theta for _, theta, _ in best])
+
+
+def follow(problem: Problem, starts: list[Array]) -> Array:
+    """Matrices (N, 3, 3) of unit norm, the likeliest that these starts (N, 9) lead to."""
+    found = [(0.0, theta, [term.weights for term in problem.terms]) for theta in starts]
+    for level, kept in problem.levels:
+        found = [_refined(t, w, problem.terms, problem.prior, level) for _, t, w in found]
+        found = sorted(found, key=lambda one: one[0])[:kept]
+    theta = found[0][1]
+    return problem.prior.matrices(theta / np.linalg.norm(theta, axis=1, keepdims=True))
+
+
+def _best_starts(problem: Problem, evidence: Evidence, tensor: Array) -> list[Array]:
+    """The few sets of lamps (N, 9) that explain a sample of the data best."""
+    terms, prior, lamps = problem.terms, problem.prior, problem.lamps
+    candidates = start_points(evidence, tensor)
+    # where a pair shows fewer colours than lamps are asked for, some lamps start alike
+    choose = combinations if len(candidates) >= lamps else combinations_with_replacement
+    sets = list(choose(range(len(candidates)), lamps))
+    theta = prior.coordinates(np.einsum("klj,nj->nkl", tensor, candidates))
+    matrices = prior.matrices(theta)
+    share = _SCORING_DATA // len(terms)
+    thin = [
+        Whitened(replace(term, data=term.data.thinned(share)), _SCORING_LEVEL) for term in terms
+    ]
+    scores = np.zeros(len(sets))
+    for term in thin:
+        if len(term.term.data):
+            scores += [term.value(matrices[list(one)], term.term.weights)[0] for one in sets]
+    kept: list[Array] = []
+    for i in np.argsort(scores, kind="stable"):
+        chosen = list(sets[i])
+        one = unit(matrices[chosen].sum(axis=2))
+        # sets of nearly the same lamps lead to the same optimum
+        if all(_unlike(one, unit(prior.matrices(other).sum(axis=2))) for other in kept):
+            kept.append(theta[chosen])
+        if len(kept) == _STARTS:
+            break
+    return kept
+
+
+def _unlike(one: Array, other: Array) -> bool:
+    """Whether some lamp of one set is far from every lamp of the other."""
+    return bool((one @ other.T).max(axis=1).min() < _ALIKE)
+
+
+def _refined(
+    theta: Array,
+    weights: list[Array],
+    terms: list[Term],
+    prior: MatrixPrior,
+    s0: float,
+    inside_only: bool = False,
+) -> tuple[float, Array, list[Array]]:
+    """Alternate EM on the weights and L-BFGS on the matrices at one annealing level.
+
+    inside_only: move only within the model's three-dimensional space.
+    """
+    whitened = [Whitened(term, s0) for term in terms]
+    free = slice(0, 3) if inside_only else slice(0, 9)
+    shape = theta[:, free].shape
+    value = np.inf
+    for _ in range(_ROUNDS):
+        matrices = prior.matrices(theta)
+        weights = [w.reweighted(matrices, old) for w, old in zip(whitened, weights, strict=True)]
+
+        def objective(
+            flat: Array, theta: Array = theta, weights: list[Array] = weights
+        ) -> tuple[float, Array]:
+            moved = theta.copy()
+            moved[:, free] = flat.reshape(shape)
+            result, gradient = posterior(moved, prior, whitened, weights)
+            return result, gradient[:, free].ravel()
+
+        solved = minimize(
+            objective,
+            theta[:, free].ravel(),
+            jac=True,
+            method="L-BFGS-B",
+            options={"maxiter": _STEPS},
+        )
+        theta = theta.copy()
+        theta[:, free] = solved.x.reshape(shape)
+        value = float(solved.fun)
+    return value, theta, weights
