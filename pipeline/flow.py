@@ -25,6 +25,7 @@ _FITS = 0.6  # correlation of what lies right
 _RETURNS_PX = 0.7  # forward and back again
 _MOVED_PX = 0.4  # less is within the error of the flow
 _TEXTURE = 0.02  # root mean square of log steps that tell of motion, against noise
+_DARK, _REACH = 0.03, 9  # of the 95th percentile; pixels that log_detail reaches
 _WORTH_IT = 0.01  # share of the picture; less is chance
 _CODES = 110.0  # edges run from 0 to 2
 
@@ -47,8 +48,9 @@ def residual_flow(no_flash: Image, flash: Image) -> Array | None:
     forward, backward = _search(codes[0], codes[1]), _search(codes[1], codes[0])
     reference, sample = (log_detail(image) for image in pair)
     returns = np.linalg.norm(forward + _moved(backward, forward), axis=2) < _RETURNS_PX
-    before, texture = _correlation(reference, sample)
-    after, _ = _correlation(reference, _moved(sample, forward))
+    lit = [_lit(image) for image in pair]
+    before, texture = _correlation(reference * lit[0], sample * lit[1])
+    after, _ = _correlation(reference * lit[0], _moved(sample * lit[1], forward))
     far = np.linalg.norm(forward, axis=2) > _MOVED_PX
     moves = returns & far & (texture > _TEXTURE) & (after > before + _GAIN) & (after > _FITS)
     moves = cv2.morphologyEx(moves.astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5))) > 0
@@ -116,6 +118,14 @@ def _moved(image: Array, flow: Array) -> Array:
     y = flow[..., 1] + np.arange(height, dtype=np.float32)[:, None]
     moved = cv2.remap(image, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(moved, dtype=np.float32)
+
+
+def _lit(image: Image) -> Array:
+    """Where light falls (h, w, 1), 0 or 1: at its ends, steps are of light, not of reflectance."""
+    light = image.sum(axis=2)
+    dark = (light < _DARK * np.percentile(light, 95)).astype(np.uint8)
+    near = cv2.dilate(dark, np.ones((_REACH, _REACH), np.uint8))
+    return np.asarray(1.0 - near, dtype=np.float32)[..., None]
 
 
 def _correlation(reference: Image, sample: Image) -> tuple[Array, Array]:

@@ -80,6 +80,30 @@ def test_parallax_is_taken_away_from_the_flash_photograph() -> None:
     assert bad.mean() < 0.01
 
 
+@pytest.mark.parametrize("turn_deg", [30.0, 40.0, 50.0])
+def test_where_light_ends_on_balls_is_not_taken_for_motion(turn_deg: float) -> None:
+    """Balls in the dark, lit from the side and then from the front."""
+    y, x = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
+    lit = np.zeros((2, HEIGHT, WIDTH, 3))
+    aside = np.array([np.sin(np.radians(turn_deg)), -0.4, np.cos(np.radians(turn_deg))])
+    for center_x, center_y in ((80, 120), (230, 110)):
+        across, down = (x - center_x) / 70, (y - center_y) / 70
+        toward = np.sqrt(np.clip(1 - across**2 - down**2, 0, None))
+        ball = toward > 0
+        normal = np.stack([across, down, toward], axis=-1)
+        for i, direction in enumerate((aside, np.array([0.05, 0.0, 1.0]))):
+            shading = np.clip(normal @ direction, 0, None) * ball
+            lit[i] += shading[..., None] * np.array([0.6, 0.5, 0.3])
+    no_flash, flash_part = (
+        cv2.GaussianBlur(lit[0], (0, 0), 0.6),
+        cv2.GaussianBlur(lit[1], (0, 0), 0.6),
+    )
+
+    found = residual_flow(no_flash.astype(np.float32), (no_flash + flash_part).astype(np.float32))
+
+    assert found is None
+
+
 @pytest.mark.parametrize("value", [0.0, 0.4])
 def test_pictures_without_edges_have_no_flow(value: float) -> None:
     even = np.full((64, 64, 3), value, np.float32)
