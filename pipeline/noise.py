@@ -222,7 +222,7 @@ def _through(x: NDArray[np.floating], y: NDArray[np.floating]) -> tuple[float, f
             0.0,
             float(np.average(y, weights=weight) / max(np.average(x, weights=weight), 1e-9)),
         )
-    return max(float(gain), 1e-8), max(float(floor), 1e-11)
+    return max(float(gain), 1e-10), max(float(floor), 1e-13)
 
 
 def sigma_filter(

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.matrixfit import fit
 from pipeline.matrixfit.evidence import gather_evidence
 from pipeline.matrixfit.fit import Fit, fit_matrices
 from pipeline.model import Model
@@ -22,12 +23,12 @@ SETS = [(0,), (2,), (0, 2), (0, 1), (1, 2), (0, 1, 2)]
 def fitted(model: Model) -> Fitted:
     """Fit a number of lamps to a pair."""
 
-    def fit(pair: Any, lamps: int) -> Fit:
+    def of_pair(pair: Any, lamps: int) -> Fit:
         reduced = reduce_pair(pair)
         evidence = gather_evidence(reduced, pair.flash_only)
         return fit_matrices(reduced, evidence, model, lamps)
 
-    return fit
+    return of_pair
 
 
 def off(found: Array, true: Array) -> float:
@@ -66,6 +67,46 @@ def test_matrices_are_recovered_from_the_outline_without_shadows(
     found = fitted(exact(true)[0], len(which))
 
     assert off(found.matrices, model.lamp_matrix(true)) < 0.04
+
+
+@pytest.mark.parametrize("which", [(0, 2), (0, 1, 2)])
+def test_an_exact_outline_is_taken_as_it_is(
+    pair_of: Callable[..., Any],
+    fitted: Fitted,
+    model: Model,
+    warm_to_cool: Array,
+    which: tuple[int, ...],
+) -> None:
+    """One surface, light without edges, and pixels that each lamp lights alone."""
+    true = model.lamp_matrix(warm_to_cool[list(which)])
+    v, u = np.mgrid[:120, :160] / np.array([120, 160])[:, None, None]
+    spots = [(0.1, 0.1), (0.9, 0.1), (0.5, 0.9)][: len(which)]
+    z = np.array([np.clip(0.7 - np.hypot(u - x, v - y), 0.0, None) for x, y in spots])
+    part = np.array([0.3, 0.5, 0.4]) * (0.6 + 0.4 * u[..., None])
+
+    found = fitted(pair_of(np.einsum("nhw,nkl,hwl->hwk", z, true, part), part), len(which))
+
+    seen, wanted = (light @ part[0, 0] for light in (found.matrices, true))
+    cosines = (seen @ wanted.T) / np.linalg.norm(seen, axis=1)[:, None]
+    cosines /= np.linalg.norm(wanted, axis=1)
+    assert np.degrees(np.arccos(np.clip(cosines.max(axis=0), -1, 1))).max() < 0.02
+
+
+def test_three_lamps_that_leave_much_are_found_otherwise(
+    shadowed: Callable[[Array], Any],
+    fitted: Fitted,
+    model: Model,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    true = model.lamp_matrix(warm_to_cool)
+    wrong = np.roll(true, 1, axis=2) / np.linalg.norm(true, axis=(1, 2), keepdims=True)
+    monkeypatch.setattr(fit, "search", lambda *_: wrong)
+
+    found = fitted(shadowed(warm_to_cool), 3)
+
+    assert off(wrong, true) > 0.1
+    assert off(found.matrices, true) < 0.006
 
 
 def test_a_lamp_need_not_be_of_the_model(

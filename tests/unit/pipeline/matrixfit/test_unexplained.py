@@ -7,7 +7,13 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.matrixfit.evidence import Data, Evidence
-from pipeline.matrixfit.unexplained import left_over, share_off, share_outside, unexplained
+from pipeline.matrixfit.unexplained import (
+    left_over,
+    mean_left_over,
+    share_off,
+    share_outside,
+    unexplained,
+)
 from pipeline.reduced import ReducedPair
 
 Array = NDArray[np.float64]
@@ -52,6 +58,14 @@ def test_noise_is_not_left_over(noise: float, left: float) -> None:
     found = left_over(off_by(0.15, variance=variance), np.eye(3)[None])
 
     assert found == pytest.approx(left, abs=1e-4)
+
+
+@pytest.mark.parametrize(("share", "variance"), [(1.0, 0.0), (0.25, 0.0), (0.5, 0.1)])
+def test_all_light_left_over_counts_in_the_mean(share: float, variance: float) -> None:
+    """±0.15 in two of three channels that hold 1.5, in a share of the pixels."""
+    found = mean_left_over(off_by(0.15, share, variance), np.eye(3)[None])
+
+    assert found == pytest.approx(share * 0.3 / 1.5, abs=1e-5)
 
 
 def test_two_lamps_leave_what_neither_gives() -> None:
