@@ -20,7 +20,7 @@ from pipeline.refine import HOMOGRAPHY, SHIFT, TURN, agreement, log_detail, refi
 _WORKING_SIZES = (1600, 800)  # longer side; the second for pairs whose noise drowns fine edges
 _LOCAL = 16.0
 _MOTIONS = (  # of OpenCV, if it is to search; what the refinement may change; what it must gain
-    (cv2.MOTION_TRANSLATION, SHIFT, 0.015),  # in agreement; tripod pairs gain less
+    (cv2.MOTION_TRANSLATION, SHIFT, 0.02),  # in agreement; tripod pairs gain less
     (cv2.MOTION_EUCLIDEAN, TURN, 0.015),
     (None, HOMOGRAPHY, 0.01),  # a search would bend it to shadows where there are few edges
 )

@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.fit import Fit
+from pipeline.matrixfit.fourth import look_for_fourth
 from pipeline.matrixfit.unexplained import share_off, unexplained
+from pipeline.model import Model
 from pipeline.reduced import ReducedPair
 
 Array = NDArray[np.float64]
@@ -24,8 +26,9 @@ Array = NDArray[np.float64]
 _SECOND_LAMP = 300.0
 _THIRD_LAMP, _THIRD_GAIN, _THIRD_OFF = 1.6, 150.0, 0.125
 _SECOND_STEEPNESS, _THIRD_STEEPNESS = 4.0, 3.0
-# three lamps leave at most 1.5, ten of twelve scenes with four more
 _FOURTH_LAMP = 1.45
+# of twelve exact scenes with four lamps, all; of those with three that are fitted well, a tenth
+_FOURTH_GAIN, _LEAST_SHOWN = 15.0, 0.045
 _UNSURE = 0.3
 
 
@@ -38,7 +41,9 @@ class Count:
     more: bool
 
 
-def count_lamps(reduced: ReducedPair, evidence: Evidence, fit: Callable[[int], Fit]) -> Count:
+def count_lamps(
+    reduced: ReducedPair, evidence: Evidence, model: Model, fit: Callable[[int], Fit]
+) -> Count:
     """Count the lamps of a pair. fit: gives the best fit of a number of lamps, 1 to 3."""
     gain = max(fit(1).cost - fit(2).cost, 1.0)
     several = _logistic(_SECOND_STEEPNESS * np.log(gain / _SECOND_LAMP))
@@ -49,14 +54,19 @@ def count_lamps(reduced: ReducedPair, evidence: Evidence, fit: Callable[[int], F
     three = _logistic(_THIRD_STEEPNESS * (third - _THIRD_LAMP))
     if third < _THIRD_LAMP:
         return Count(2, min(several, 1.0 - three), more=False)
-    if signs_of_fourth(reduced, evidence, fit(3).matrices):
+    if signs_of_fourth(reduced, evidence, model, fit(3).matrices):
         return Count(3, min(three, _UNSURE), more=True)
     return Count(3, min(several, three), more=False)
 
 
-def signs_of_fourth(reduced: ReducedPair, evidence: Evidence, matrices: Array) -> bool:
+def signs_of_fourth(
+    reduced: ReducedPair, evidence: Evidence, model: Model, matrices: Array
+) -> bool:
     """Whether three lamps (3, 3, 3) leave more unexplained than three real ones do."""
-    return unexplained(reduced, evidence, matrices) > _FOURTH_LAMP
+    if unexplained(reduced, evidence, matrices) > _FOURTH_LAMP:
+        return True
+    fourth = look_for_fourth(evidence, model, matrices)
+    return fourth.gain > _FOURTH_GAIN and fourth.least_shown < _LEAST_SHOWN
 
 
 def _logistic(x: float) -> float:

@@ -94,7 +94,7 @@ def estimate_lamps(
         return fit_matrices(reduced, evidence, model, lamps)
 
     if requested == "auto":
-        count = count_lamps(reduced, evidence, fit)
+        count = count_lamps(reduced, evidence, model, fit)
     else:
         count = Count(requested, confidence=1.0, more=False)
     if method == "paper":
@@ -102,7 +102,7 @@ def estimate_lamps(
         matrices = model.lamp_matrix(coefficients)
     else:
         coefficients, matrices = _normalised(fit(count.number).matrices, model)
-        if requested == _MOST and signs_of_fourth(reduced, evidence, matrices):
+        if requested == _MOST and signs_of_fourth(reduced, evidence, model, matrices):
             count = replace(count, more=True)
     order = _warm_first(coefficients)
     return Lamps(

@@ -33,8 +33,9 @@ _COST_LEVEL = 0.004
 class Fit:
     """Fitted lamps.
 
-    matrices: (N, 3, 3), unit Frobenius norm. cost: −log likelihood at one fixed level, lower is
-    better; costs of different numbers of lamps on the same evidence can be compared.
+    matrices: (N, 3, 3), unit Frobenius norm. cost: −log likelihood at one fixed level of the
+    likeliest that were found, lower is better; costs of different numbers of lamps on the same
+    evidence can be compared.
     """
 
     matrices: Array
@@ -60,7 +61,8 @@ def fit_matrices(reduced: ReducedPair, evidence: Evidence, model: Model, lamps: 
         found = [(left, matrices)]
         for other in _otherwise(problem, evidence, model, published):
             found.append((unexplained(reduced, evidence, other), other))
-        matrices = min(found, key=lambda one: one[0])[1]
+        cost = min(_cost(other, problem.terms) for _, other in found)
+        return Fit(min(found, key=lambda one: one[0])[1], cost)
     return Fit(matrices, _cost(matrices, problem.terms))
 
 

@@ -129,11 +129,15 @@ def make_terms(
         2: (0.15, 0.15, 0.67, 0.03),
         3: (pure_share,) * 3 + (1.5 * pure_share,) * 3 + (0.975 - 7.5 * pure_share, 0.025),
     }
-    across = {1: (0.8, 0.2), 2: (0.2, 0.2, 0.4, 0.2), 3: (0.13,) * 3 + (0.1,) * 3 + (0.31,)}
-    pixel_shape = Shape(True, 0.0, 1.5, 1.0)
-    difference_shape = Shape(False, 0.5, 6.0, 1.5)
-    return [
-        # re-estimated, the weights of pixels give way until a corner sits in a cluster of them
-        Term(pixels, pixel_shape, np.array(inside[lamps]), None),
-        Term(differences, difference_shape, np.array(across[lamps]), 25.0),
-    ]
+    # re-estimated, the weights of pixels give way until a corner sits in a cluster of them
+    shown = Term(pixels, Shape(True, 0.0, 1.5, 1.0), np.array(inside[lamps]), None)
+    return [shown, difference_term(differences, lamps)]
+
+
+def difference_term(differences: Data, lamps: int) -> Term:
+    """The mixture of differences across edges of shadows for one to four lamps."""
+    corners, edges = {1: (0.8, 0.0), 2: (0.4, 0.4)}.get(lamps, (0.39, 0.3))
+    pairs = lamps * (lamps - 1) // 2
+    weights = np.array([corners / lamps] * lamps + [edges / max(pairs, 1)] * pairs + [0.0])
+    weights[-1] = 1.0 - weights.sum()
+    return Term(differences, Shape(False, 0.5, 6.0, 1.5), weights, 25.0)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,8 @@ class Counting:
 
     def __call__(self, pair: Any) -> Count:
         reduced, evidence = self.evidence(pair)
-        return count_lamps(reduced, evidence, lambda lamps: self.fit(reduced, evidence, lamps))
+        fit = partial(self.fit, reduced, evidence)
+        return count_lamps(reduced, evidence, self.model, fit)
 
 
 @pytest.fixture
@@ -89,7 +91,7 @@ def test_signs_of_a_fourth_lamp_are_those_of_four(
         reduced, evidence = counted.evidence(shadowed(lamps))
         matrices = counted.fit(reduced, evidence, 3).matrices
 
-        assert signs_of_fourth(reduced, evidence, matrices) is more
+        assert signs_of_fourth(reduced, evidence, counted.model, matrices) is more
 
 
 def test_nearly_equal_lamps_count_as_one_and_less_surely(
@@ -144,7 +146,7 @@ def test_a_lamp_is_counted_by_what_it_gains(
     reduced, evidence = counted.evidence(pair_of(0.5 * flash_part, flash_part))
     assert not len(evidence.differences)
 
-    found = count_lamps(reduced, evidence, costs(0, -second, -second - third))
+    found = count_lamps(reduced, evidence, counted.model, costs(0, -second, -second - third))
 
     assert found.number == number
     assert 0.5 <= found.confidence < 0.6 or number == 2
