@@ -1,0 +1,78 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.matrixfit.evidence import Evidence, gather_evidence
+from pipeline.matrixfit.fourth import Fourth, look_for_fourth
+from pipeline.model import Model
+from pipeline.reduced import reduce_pair
+
+Array = NDArray[np.float64]
+
+FOURTH = np.array([[0.69, 0.3, 0.65]])
+
+
+@pytest.fixture
+def four(warm_to_cool: Array) -> Array:
+    return np.vstack([warm_to_cool, FOURTH])
+
+
+@pytest.fixture
+def seen(shadowed: Callable[[Array], Any]) -> Callable[[Array], Evidence]:
+    """Evidence of lamps that cast hard shadows."""
+
+    def of(lamps: Array) -> Evidence:
+        pair = shadowed(lamps)
+        return gather_evidence(reduce_pair(pair), pair.flash_only)
+
+    return of
+
+
+def test_three_lamps_leave_no_room_for_a_fourth(
+    seen: Callable[[Array], Evidence], model: Model, warm_to_cool: Array
+) -> None:
+    found = look_for_fourth(seen(warm_to_cool), model, model.lamp_matrix(warm_to_cool))
+
+    assert found.gain < 30
+    assert found.least_shown > 0.1
+
+
+def test_a_fourth_lamp_is_missed_by_its_three_fellows(
+    seen: Callable[[Array], Evidence], model: Model, four: Array, warm_to_cool: Array
+) -> None:
+    found = look_for_fourth(seen(four), model, model.lamp_matrix(warm_to_cool))
+
+    assert found.gain > 100
+
+
+def test_a_lamp_between_others_is_shown_by_no_edge(
+    seen: Callable[[Array], Evidence], model: Model, four: Array
+) -> None:
+    between = np.vstack([four[:2], four[2:].mean(axis=0)])
+
+    assert look_for_fourth(seen(four), model, model.lamp_matrix(between)).least_shown < 0.02
+
+
+def test_without_edges_of_shadows_nothing_is_said(
+    seen: Callable[[Array], Evidence], model: Model, four: Array, warm_to_cool: Array
+) -> None:
+    evidence = seen(four)
+    none = replace(
+        evidence.differences,
+        **{
+            name: getattr(evidence.differences, name)[:0]
+            for name in ("x", "u", "covariance", "weight")
+        },
+    )
+
+    found = look_for_fourth(
+        replace(evidence, differences=none), model, model.lamp_matrix(warm_to_cool)
+    )
+
+    assert found == Fourth(0.0, 1.0)
