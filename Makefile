@@ -27,7 +27,7 @@ lint: setup  ## Check style, types and the import rules
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-evaluate: setup  ## Measure the separation on rendered scenes, hours; SET=development for tuning
+evaluate: setup  ## Measure the separation on rendered scenes, an hour; SET=development for tuning
 	$(BIN)/python -m tests.evaluation --set $(SET)
 
 serve: setup  ## Serve on http://localhost:8000; HOST=0.0.0.0 for phones on this network, too

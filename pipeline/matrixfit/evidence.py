@@ -69,7 +69,8 @@ def gather_evidence(reduced: ReducedPair, flash_only: bool) -> Evidence:
     no_flash, flash = (a.astype(np.float64) for a in (reduced.no_flash, reduced.flash))
     s_n, s_f = no_flash.sum(axis=2), flash.sum(axis=2)
     v_n = np.maximum(reduced.no_flash_variance, (_MIN_NOISE * s_n[..., None]) ** 2)
-    v_f = np.maximum(reduced.flash_variance, (_MIN_NOISE * s_f[..., None]) ** 2)
+    coupled = 0.0 if flash_only else 1.0
+    v_f = np.maximum(reduced.flash_variance, (_MIN_NOISE * s_f[..., None]) ** 2 + coupled * v_n)
     safe_n, safe_f = np.where(s_n > 0, s_n, 1.0), np.where(s_f > 0, s_f, 1.0)
     use = (
         reduced.usable
@@ -79,7 +80,6 @@ def gather_evidence(reduced: ReducedPair, flash_only: bool) -> Evidence:
     noise = np.maximum(np.sqrt(v_n.sum(axis=2)) / safe_n, np.sqrt(v_f.sum(axis=2)) / safe_f)
     if use.any():  # of a very noisy pair, what is least noisy
         use &= noise <= max(_MAX_NOISE, float(np.quantile(noise[use], _LEAST_SHARE)))
-    coupled = 0.0 if flash_only else 1.0
     return Evidence(
         _pixels(no_flash[use], flash[use], v_n[use], v_f[use], coupled),
         *_differences(no_flash, flash, v_n, v_f, use, coupled),
