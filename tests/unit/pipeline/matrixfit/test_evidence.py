@@ -130,6 +130,21 @@ def test_differences_are_the_lamp_that_is_shadowed() -> None:
     assert data.weight.sum() == pytest.approx(250 * len(data) / 600)
 
 
+@pytest.mark.parametrize("flash", [0.5, 0.05, 0.02])
+def test_differences_under_a_dim_flash_have_covariances(flash: float) -> None:
+    """The flash part is a difference: it cannot be less noisy than the photograph."""
+    lamp, rest = np.array([0.2, 0.1, 0.1]), even(0.7, 0.05, 0.05)
+    light = left_and_right(rest + lamp, rest)
+
+    found = gather_evidence(reduced_pair(light, even(flash, flash, flash)), False).differences
+
+    assert len(found) >= HEIGHT
+    xx, xy, yy = found.covariance.T
+    assert (xx > 0).all()
+    assert (yy > 0).all()
+    assert (xx * yy > xy * xy).all()
+
+
 def test_noise_of_grey_differences_is_known() -> None:
     a, less, b, v_n, v_f = 0.6, 0.3, 0.5, 1e-6, 3e-6
     pair = reduced_pair(
