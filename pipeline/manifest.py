@@ -31,7 +31,9 @@ def lamp_entries(
     for index, (coefficients, matrix) in enumerate(
         zip(lamps.coefficients, lamps.matrices, strict=True)
     ):
-        rgb = (matrix @ model.flash_white).clip(min=0.0)
+        white = matrix @ model.flash_white
+        # under a wrong camera the published lights may point the other way
+        rgb = (-white if white.sum() < 0 else white).clip(min=0.0)
         kelvin = cct(rgb, model.camera_to_xyz)
         entries.append(
             {

@@ -225,6 +225,20 @@ def test_light_that_no_camera_sees_is_told_without_negative_colours(
     assert max(entry["rgb"]) == 1
 
 
+def test_light_that_points_the_other_way_is_told_by_its_colour(
+    model: Model, lamps_of: Callable[..., Any]
+) -> None:
+    """As the published lights may under a wrong camera."""
+    colour = np.array([0.7, 0.6, 0.3])
+
+    (away,), (toward,) = (
+        lamp_entries(lamps_of(sign * colour), model, np.ones(1)) for sign in (-1, 1)
+    )
+
+    assert away["rgb"] == toward["rgb"]
+    assert away["cct_k"] == toward["cct_k"]
+
+
 def test_confidence_is_rounded(model: Model, lamps_of: Callable[..., Any]) -> None:
     (entry,) = lamp_entries(
         lamps_of(np.array([0.7, 0.6, 0.3]), lamp_confidence=np.array([0.123456])),
