@@ -57,7 +57,9 @@ def fit_matrices(reduced: ReducedPair, evidence: Evidence, model: Model, lamps: 
     if outline and mean_left_over(reduced, published) < _NOTHING:
         return Fit(published, _cost(published, problem.terms))
     matrices = search(problem, evidence, model.tensor)
-    if lamps == _MOST and (left := unexplained(reduced, evidence, matrices)) > _LITTLE:
+    # the few differences of an outline are chance, and tell nothing of what is left unexplained
+    left = 0.0 if outline or lamps < _MOST else unexplained(reduced, evidence, matrices)
+    if left > _LITTLE:
         found = [(left, matrices)]
         for other in _otherwise(problem, evidence, model, published):
             found.append((unexplained(reduced, evidence, other), other))
