@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from pipeline.count import Count, count_lamps, signs_of_fourth
 from pipeline.errors import UnusablePairError
 from pipeline.frames import Matrix
-from pipeline.hui2018.invariant import light_coefficients
-from pipeline.hui2018.lights import lights_of_pair
+from pipeline.hui2018.lights import invariants_of_pair, lights_of_pair
 from pipeline.hui2018.pruning import prune
 from pipeline.matrixfit.evidence import gather_evidence
-from pipeline.matrixfit.fit import Fit, fit_matrices
+from pipeline.matrixfit.fit import MOST_LAMPS, Fit, fit_matrices
 from pipeline.matrixfit.unexplained import left_over
 from pipeline.model import Model
 from pipeline.reduced import ReducedPair
@@ -30,8 +29,6 @@ _SIMILAR_DEGREES = 6.0
 _ALONE_DEGREES = 10.0
 _LEAST_CONTRAST = 1e-3
 _TYPICAL_SCATTER_DEGREES = 1.7  # median over lamps and reflectances, weighted PCA
-
-_MOST = 3
 
 
 @dataclass(frozen=True)
@@ -79,15 +76,13 @@ def estimate_lamps(
     flash_only: the flash file was the flash part alone, so that its noise is independent.
     Raises UnusablePairError where too few pixels are usable.
     """
-    no_flash = reduced.no_flash[reduced.usable].astype(np.float64)
-    flash = reduced.flash[reduced.usable].astype(np.float64)
     evidence = gather_evidence(reduced, flash_only)
     if len(evidence.pixels) < _MIN_PIXELS:
         raise UnusablePairError(
             "Too few pixels show both lamps and flash unclipped: bring the flash nearer or raise "
             "its power, and expose so that little is clipped."
         )
-    gammas = _invariants(no_flash, flash, model)
+    gammas = _invariants(reduced, model)
 
     @cache
     def fit(lamps: int) -> Fit:
@@ -98,17 +93,17 @@ def estimate_lamps(
     else:
         count = Count(requested, confidence=1.0, more=False)
     if method == "paper":
-        coefficients = lights_of_pair(no_flash, flash, model.tensor, model.published, count.number)
+        coefficients = lights_of_pair(reduced, model, count.number)
         matrices = model.lamp_matrix(coefficients)
     else:
         coefficients, matrices = _normalised(fit(count.number).matrices, model)
-        if requested == _MOST and signs_of_fourth(reduced, evidence, model, matrices):
+        if requested == MOST_LAMPS and signs_of_fourth(reduced, evidence, model, matrices):
             count = replace(count, more=True)
     order = _warm_first(coefficients)
     return Lamps(
         coefficients=coefficients[order],
         matrices=matrices[order],
-        channel_weights=1.0 / no_flash.mean(axis=0),
+        channel_weights=1.0 / reduced.no_flash[reduced.usable].mean(axis=0, dtype=np.float64),
         requested=requested,
         confidence=count.confidence,
         lamp_confidence=_stand_out(coefficients[order], gammas),
@@ -117,9 +112,9 @@ def estimate_lamps(
     )
 
 
-def _invariants(no_flash: Array, flash: Array, model: Model) -> Array:
-    """Unit Γ (n, 3) of the pixels, pruned as published."""
-    gammas = unit(light_coefficients(no_flash, flash, model.tensor) @ model.published.T)
+def _invariants(reduced: ReducedPair, model: Model) -> Array:
+    """Unit Γ (n, 3) of the usable pixels, pruned as published, in the model's coordinates."""
+    gammas = invariants_of_pair(reduced, model)
     kept = prune(gammas[gammas.any(axis=1)])
     if not len(kept):
         raise UnusablePairError(

@@ -14,6 +14,8 @@ from pipeline.hui2018.invariant import light_coefficients
 from pipeline.hui2018.pruning import prune
 from pipeline.hui2018.three_lights import three_lights
 from pipeline.hui2018.two_lights import two_lights
+from pipeline.model import Model
+from pipeline.reduced import ReducedPair
 from pipeline.vectors import unit
 
 Array = NDArray[np.float64]
@@ -21,28 +23,23 @@ Array = NDArray[np.float64]
 _FEWEST = 3
 
 
-def lights_of_pair(
-    no_flash: NDArray[np.floating],
-    flash: NDArray[np.floating],
-    d: Array,
-    axes: Array,
-    count: int,
-) -> Array:
-    """Coefficients of the lights of a pair, by published_lights on the invariants of its pixels.
+def lights_of_pair(reduced: ReducedPair, model: Model, count: int) -> Array:
+    """Coefficients (count, 3) of the lights of a pair, unit vectors in the model's coordinates.
 
-    Parameters
-    ----------
-    no_flash, flash : (n, 3) linear camera RGB of usable pixels; flash is the flash part alone
-    d : (3, 3, 3) from flash_tensor
-    axes : (3, 3) to the published coordinates (SpectralBasis.published), in which Γ = β/‖β‖
-    count : number of lights, 1, 2 or 3
-
-    Returns
-    -------
-    (count, 3) unit coefficients in the coordinates of d. Raises as published_lights does.
+    They are found by published_lights among the invariants of the pair, and raise as it does.
     """
-    gammas = unit(light_coefficients(no_flash, flash, d) @ axes.T)
-    return unit(published_lights(gammas, count) @ np.linalg.inv(axes).T)
+    found = published_lights(invariants_of_pair(reduced, model), count)
+    return unit(found @ np.linalg.inv(model.published).T)
+
+
+def invariants_of_pair(reduced: ReducedPair, model: Model) -> Array:
+    """Unit Γ = β/‖β‖ (n, 3) of the usable pixels in the published coordinates (Model.published).
+
+    They are zero where the model cannot solve a pixel.
+    """
+    no_flash = reduced.no_flash[reduced.usable].astype(np.float64)
+    flash = reduced.flash[reduced.usable].astype(np.float64)
+    return unit(light_coefficients(no_flash, flash, model.tensor) @ model.published.T)
 
 
 def published_lights(gammas: Array, count: int) -> Array:

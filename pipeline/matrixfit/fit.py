@@ -13,13 +13,16 @@ from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.objective import Term, Whitened, make_terms
 from pipeline.matrixfit.prior import MatrixPrior
 from pipeline.matrixfit.search import LEVELS, Problem, follow, search
+from pipeline.matrixfit.starts import start_points
 from pipeline.matrixfit.unexplained import mean_left_over, unexplained
 from pipeline.model import Model
 from pipeline.reduced import ReducedPair
 
 Array = NDArray[np.float64]
 
-_MOST = 3
+MOST_LAMPS = 3
+"""As many as three colour channels tell apart."""
+
 _FEW_DIFFERENCES = 0.003  # of the usable pixels
 _PURE_SHARE, _OTHER_PURE_SHARES = 0.02, (0.03, 0.01)
 _LITTLE = 0.6  # unexplained by three lamps
@@ -56,12 +59,13 @@ def fit_matrices(reduced: ReducedPair, evidence: Evidence, model: Model, lamps: 
     problem = _problem(evidence, model.prior, lamps, outline, _PURE_SHARE)
     if outline and mean_left_over(reduced, published) < _NOTHING:
         return Fit(published, _cost(published, problem.terms))
-    matrices = search(problem, evidence, model.tensor)
+    candidates = model.lamp_matrix(start_points(evidence, model.tensor))
+    matrices = search(problem, candidates)
     # the few differences of an outline are chance, and tell nothing of what is left unexplained
-    left = 0.0 if outline or lamps < _MOST else unexplained(reduced, evidence, matrices)
+    left = 0.0 if outline or lamps < MOST_LAMPS else unexplained(reduced, evidence, matrices)
     if left > _LITTLE:
         found = [(left, matrices)]
-        for other in _otherwise(problem, evidence, model, published):
+        for other in _otherwise(problem, evidence, candidates, published):
             found.append((unexplained(reduced, evidence, other), other))
         cost = min(_cost(other, problem.terms) for _, other in found)
         return Fit(min(found, key=lambda one: one[0])[1], cost)
@@ -69,21 +73,18 @@ def fit_matrices(reduced: ReducedPair, evidence: Evidence, model: Model, lamps: 
 
 
 def _otherwise(
-    problem: Problem, evidence: Evidence, model: Model, published: Array
+    problem: Problem, evidence: Evidence, candidates: Array, published: Array
 ) -> Iterator[Array]:
     """Three lamps (3, 3, 3) from another start, by the outline, by other shares of pure pixels."""
-    yield follow(problem, [model.prior.coordinates(published)])
+    yield follow(problem, [published])
     for outline, share in ((True, _PURE_SHARE), *((False, one) for one in _OTHER_PURE_SHARES)):
-        other = _problem(evidence, model.prior, _MOST, outline, share)
-        yield search(other, evidence, model.tensor)
+        other = _problem(evidence, problem.prior, MOST_LAMPS, outline, share)
+        yield search(other, candidates)
 
 
 def _published(reduced: ReducedPair, model: Model, lamps: int) -> Array:
     """Matrices (N, 3, 3) of unit norm of the lamps that the published method finds."""
-    no_flash = reduced.no_flash[reduced.usable].astype(np.float64)
-    flash = reduced.flash[reduced.usable].astype(np.float64)
-    lights = lights_of_pair(no_flash, flash, model.tensor, model.published, lamps)
-    matrices = model.lamp_matrix(lights)
+    matrices = model.lamp_matrix(lights_of_pair(reduced, model, lamps))
     return np.asarray(matrices / np.linalg.norm(matrices, axis=(1, 2), keepdims=True))
 
 

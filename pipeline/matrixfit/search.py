@@ -9,10 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.objective import Term, Whitened, posterior
 from pipeline.matrixfit.prior import MatrixPrior
-from pipeline.matrixfit.starts import start_points
 from pipeline.vectors import unit
 
 Array = NDArray[np.float64]
@@ -38,25 +36,26 @@ class Problem:
     levels: tuple[tuple[float, int], ...]
 
 
-def search(problem: Problem, evidence: Evidence, tensor: Array) -> Array:
-    """Matrices (N, 3, 3) of unit norm, the likeliest that the evidence's own starts lead to.
+def search(problem: Problem, candidates: Array) -> Array:
+    """Matrices (N, 3, 3) of unit norm, the likeliest that sets of candidates lead to.
 
-    tensor: (3, 3, 3) D of the model, which the starts are read from.
+    candidates: (k, 3, 3) matrices that may be lamps.
     """
     terms, level = problem.terms, problem.levels[0][0]
     weights = [term.weights for term in terms]
     thin = [replace(term, data=term.data.thinned(_FIRST_DATA)) for term in terms]
     tried = [
         _refined(theta, weights, thin, problem.prior, level, inside_only=True)
-        for theta in _best_starts(problem, evidence, tensor)
+        for theta in _best_starts(problem, candidates)
     ]
     best = sorted(tried, key=lambda one: one[0])[:_FIRST_KEPT]
-    return follow(problem, [theta for _, theta, _ in best])
+    return follow(problem, [problem.prior.matrices(theta) for _, theta, _ in best])
 
 
 def follow(problem: Problem, starts: list[Array]) -> Array:
-    """Matrices (N, 3, 3) of unit norm, the likeliest that these starts (N, 9) lead to."""
-    found = [(0.0, theta, [term.weights for term in problem.terms]) for theta in starts]
+    """Matrices (N, 3, 3) of unit norm, the likeliest that these starts (N, 3, 3) lead to."""
+    weights = [term.weights for term in problem.terms]
+    found = [(0.0, problem.prior.coordinates(one), weights) for one in starts]
     for level, kept in problem.levels:
         found = [_refined(t, w, problem.terms, problem.prior, level) for _, t, w in found]
         found = sorted(found, key=lambda one: one[0])[:kept]
@@ -64,14 +63,13 @@ def follow(problem: Problem, starts: list[Array]) -> Array:
     return problem.prior.matrices(theta / np.linalg.norm(theta, axis=1, keepdims=True))
 
 
-def _best_starts(problem: Problem, evidence: Evidence, tensor: Array) -> list[Array]:
+def _best_starts(problem: Problem, candidates: Array) -> list[Array]:
     """The few sets of lamps (N, 9) that explain a sample of the data best."""
     terms, prior, lamps = problem.terms, problem.prior, problem.lamps
-    candidates = start_points(evidence, tensor)
     # where a pair shows fewer colours than lamps are asked for, some lamps start alike
     choose = combinations if len(candidates) >= lamps else combinations_with_replacement
     sets = list(choose(range(len(candidates)), lamps))
-    theta = prior.coordinates(np.einsum("klj,nj->nkl", tensor, candidates))
+    theta = prior.coordinates(candidates)
     matrices = prior.matrices(theta)
     share = _SCORING_DATA // len(terms)
     thin = [

@@ -68,14 +68,7 @@ def test_the_published_method_is_that_of_the_paper(
 
     found = estimate_lamps(reduced, model, requested, "paper", False)
 
-    usable = reduced.usable
-    published = lights_of_pair(
-        reduced.no_flash[usable].astype(np.float64),
-        reduced.flash[usable].astype(np.float64),
-        model.tensor,
-        model.published,
-        requested,
-    )
+    published = lights_of_pair(reduced, model, requested)
     redness = published[:, 0] / published.sum(axis=1)
     np.testing.assert_allclose(found.coefficients, published[np.argsort(-redness)])
     np.testing.assert_allclose(found.matrices, model.lamp_matrix(found.coefficients))

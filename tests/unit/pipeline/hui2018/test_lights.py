@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,8 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.errors import UnusablePairError
-from pipeline.hui2018.lights import lights_of_pair, published_lights
+from pipeline.hui2018.lights import invariants_of_pair, lights_of_pair, published_lights
 from pipeline.model import Model
+from pipeline.reduced import reduce_pair
 from pipeline.vectors import unit
 
 Array = NDArray[np.float64]
@@ -113,24 +115,37 @@ def test_lights_of_a_pair_are_found_in_the_coordinates_of_the_model(
     which: list[int],
 ) -> None:
     pair, _ = exact(warm_to_cool[which])
-    no_flash = pair.no_flash.reshape(-1, 3)
 
-    found = lights_of_pair(
-        no_flash, pair.flash.reshape(-1, 3) - no_flash, model.tensor, model.published, len(which)
-    )
+    found = lights_of_pair(reduce_pair(pair), model, len(which))
 
     assert worst_angle(found, warm_to_cool[which]) < 1
 
 
 def test_the_published_coordinates_decide_about_the_triangle(
-    model: Model, warm_to_cool: Array, surfaces: Array
+    model: Model, warm_to_cool: Array, surfaces: Array, pair_of: Callable[..., Any]
 ) -> None:
     """Without pure pixels the smallest triangle is another in other coordinates."""
-    z = np.random.default_rng(7).dirichlet(2 * np.ones(3), len(surfaces) * 20)
-    flash = np.tile(surfaces, (20, 1))
-    no_flash = np.einsum("klj,nj,nl->nk", model.tensor, z @ warm_to_cool, flash)
+    rows = np.random.default_rng(7).integers(0, len(surfaces), (60, 90))
+    z = np.random.default_rng(8).dirichlet(2 * np.ones(3), rows.shape)
+    flash = surfaces[rows]
+    light = np.einsum("klj,hwj,hwl->hwk", model.tensor, z @ warm_to_cool, flash)
+    reduced = reduce_pair(pair_of(light, flash))
 
-    published = lights_of_pair(no_flash, flash, model.tensor, model.published, 3)
-    others = lights_of_pair(no_flash, flash, model.tensor, np.eye(3), 3)
+    published = lights_of_pair(reduced, model, 3)
+    others = lights_of_pair(reduced, replace(model, published=np.eye(3)), 3)
 
     assert worst_angle(published, others) > 0.5
+
+
+def test_invariants_of_a_pair_are_those_of_its_usable_pixels(
+    model: Model, exact: Callable[..., tuple[Any, Array]], warm_to_cool: Array
+) -> None:
+    pair, _ = exact(warm_to_cool[:1])
+    pair.unusable[:4] = True
+    reduced = reduce_pair(pair)
+
+    found = invariants_of_pair(reduced, model)
+
+    assert found.shape == (np.count_nonzero(reduced.usable), 3)
+    expected = unit(model.published @ warm_to_cool[0])
+    np.testing.assert_allclose(found, np.tile(expected, (len(found), 1)), atol=1e-4)

@@ -14,6 +14,7 @@ from pipeline.model import Model
 from pipeline.reduced import reduce_pair
 
 Array = NDArray[np.float64]
+Off = Callable[[Array, Array], float]
 Fitted = Callable[[Any, int], Fit]
 
 SETS = [(0,), (2,), (0, 2), (0, 1), (1, 2), (0, 1, 2)]
@@ -31,42 +32,27 @@ def fitted(model: Model) -> Fitted:
     return of_pair
 
 
-def off(found: Array, true: Array) -> float:
-    """Largest entry by which a true matrix of unit norm differs from the nearest one found."""
-    unit = true / np.linalg.norm(true, axis=(1, 2), keepdims=True)
-    return float(np.abs(found[:, None] - unit[None]).max(axis=(2, 3)).min(axis=0).max())
-
-
 @pytest.mark.parametrize("which", SETS)
-def test_matrices_behind_shadows_are_recovered(
+@pytest.mark.parametrize(("scene", "limit"), [("shadowed", 0.006), ("outline", 0.04)])
+def test_matrices_are_recovered(
     shadowed: Callable[[Array], Any],
-    fitted: Fitted,
-    model: Model,
-    warm_to_cool: Array,
-    which: tuple[int, ...],
-) -> None:
-    true = warm_to_cool[list(which)]
-
-    found = fitted(shadowed(true), len(which))
-
-    assert found.matrices.shape == (len(which), 3, 3)
-    np.testing.assert_allclose(np.linalg.norm(found.matrices, axis=(1, 2)), 1)
-    assert off(found.matrices, model.lamp_matrix(true)) < 0.006
-
-
-@pytest.mark.parametrize("which", SETS)
-def test_matrices_are_recovered_from_the_outline_without_shadows(
     exact: Callable[..., Any],
     fitted: Fitted,
     model: Model,
     warm_to_cool: Array,
     which: tuple[int, ...],
+    scene: str,
+    limit: float,
+    off: Off,
 ) -> None:
     true = warm_to_cool[list(which)]
+    pair = shadowed(true) if scene == "shadowed" else exact(true)[0]
 
-    found = fitted(exact(true)[0], len(which))
+    found = fitted(pair, len(which))
 
-    assert off(found.matrices, model.lamp_matrix(true)) < 0.04
+    assert found.matrices.shape == (len(which), 3, 3)
+    np.testing.assert_allclose(np.linalg.norm(found.matrices, axis=(1, 2)), 1)
+    assert off(found.matrices, model.lamp_matrix(true)) < limit
 
 
 @pytest.mark.parametrize("which", [(0, 2), (0, 1, 2)])
@@ -98,6 +84,7 @@ def test_three_lamps_that_leave_much_are_found_otherwise(
     model: Model,
     warm_to_cool: Array,
     monkeypatch: pytest.MonkeyPatch,
+    off: Off,
 ) -> None:
     true = model.lamp_matrix(warm_to_cool)
     wrong = np.roll(true, 1, axis=2) / np.linalg.norm(true, axis=(1, 2), keepdims=True)
@@ -115,6 +102,7 @@ def test_a_lamp_need_not_be_of_the_model(
     pair_of: Callable[..., Any],
     flash_part: Array,
     warm_to_cool: Array,
+    off: Off,
 ) -> None:
     """A lamp a little outside the model's space is found nearer than the model can."""
     inside = model.prior.coordinates(model.lamp_matrix(warm_to_cool[:1]))

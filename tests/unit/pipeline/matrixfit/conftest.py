@@ -1,0 +1,20 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@pytest.fixture(scope="session")
+def off() -> Callable[[Array, Array], float]:
+    """Largest entry by which a true matrix of unit norm differs from the nearest one found."""
+
+    def of_matrices(found: Array, true: Array) -> float:
+        unit = true / np.linalg.norm(true, axis=(1, 2), keepdims=True)
+        return float(np.abs(found[:, None] - unit[None]).max(axis=(2, 3)).min(axis=0).max())
+
+    return of_matrices

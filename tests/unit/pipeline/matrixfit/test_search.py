@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.matrixfit.evidence import gather_evidence
+from pipeline.matrixfit.objective import make_terms
+from pipeline.matrixfit.search import LEVELS, Problem, follow, search
+from pipeline.model import Model
+from pipeline.reduced import reduce_pair
+
+Array = NDArray[np.float64]
+Off = Callable[[Array, Array], float]
+
+
+@pytest.fixture
+def problem(
+    shadowed: Callable[[Array], Any], model: Model, warm_to_cool: Array
+) -> Callable[[int], Problem]:
+    """Pose the problem of finding the lamps behind shadows."""
+
+    def of_lamps(lamps: int) -> Problem:
+        evidence = gather_evidence(reduce_pair(shadowed(warm_to_cool[:lamps])), False)
+        terms = make_terms(evidence.pixels, evidence.differences, lamps, False, 0.02)
+        return Problem(lamps, terms, model.prior, LEVELS)
+
+    return of_lamps
+
+
+@pytest.mark.parametrize("lamps", [1, 2, 3])
+def test_the_likeliest_of_the_candidates_are_found(
+    problem: Callable[[int], Problem], model: Model, warm_to_cool: Array, lamps: int, off: Off
+) -> None:
+    """Wrong candidates stand before the true ones, which are a little off."""
+    true = model.lamp_matrix(warm_to_cool[:lamps])
+    wrong = model.lamp_matrix(np.random.default_rng(5).dirichlet(5 * np.ones(3), 8))
+    near = model.lamp_matrix(warm_to_cool[:lamps] + np.array([0.01, 0.0, -0.01]))
+
+    found = search(problem(lamps), np.concatenate([wrong, near]))
+
+    assert found.shape == (lamps, 3, 3)
+    np.testing.assert_allclose(np.linalg.norm(found, axis=(1, 2)), 1)
+    assert off(near, true) > 0.006
+    assert off(found, true) < 0.006
+
+
+@pytest.mark.parametrize("lamps", [1, 2, 3])
+def test_fewer_candidates_than_lamps_are_taken_more_than_once(
+    problem: Callable[[int], Problem], model: Model, warm_to_cool: Array, lamps: int, off: Off
+) -> None:
+    found = search(problem(lamps), model.lamp_matrix(warm_to_cool[:1]))
+
+    assert found.shape == (lamps, 3, 3)
+    assert off(found, model.lamp_matrix(warm_to_cool[:1])) < 0.006
+
+
+def test_of_starts_the_one_is_followed_that_leads_to_the_likeliest(
+    problem: Callable[[int], Problem], model: Model, warm_to_cool: Array, off: Off
+) -> None:
+    true = model.lamp_matrix(warm_to_cool[:2])
+    alike = np.repeat(model.lamp_matrix(warm_to_cool.mean(axis=0))[None], 2, axis=0)
+    posed = problem(2)
+
+    found = [follow(posed, starts) for starts in ([alike, true], [true, alike])]
+
+    np.testing.assert_array_equal(found[0], found[1])
+    assert off(found[0], true) < 0.006
+    assert off(follow(posed, [alike]), true) > 0.02
+
+
+def test_the_scale_of_a_start_does_not_matter(
+    problem: Callable[[int], Problem], model: Model, warm_to_cool: Array
+) -> None:
+    start = model.lamp_matrix(warm_to_cool[:2] + 0.02)
+    posed = problem(2)
+
+    once, tenfold = follow(posed, [start]), follow(posed, [10 * start])
+
+    np.testing.assert_allclose(once, tenfold, atol=1e-4)
