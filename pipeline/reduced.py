@@ -16,6 +16,7 @@ from pipeline.registration import registration_variance, softened
 _LONGER_SIDE = 512
 _MIN_OPEN = 0.5  # share of a block's pixels that must be usable
 _SIGNIFICANT = 4.0  # standard deviations
+_LIKELY_OFFSET = 0.4  # of the registration's deviation: most pixels beside edges lie better
 _MIN_FLASH, _MIN_LIGHT = 0.01, 0.003  # of the 99th percentile; darker pixels are mostly stray light
 
 
@@ -61,7 +62,9 @@ def reduce_pair(pair: Pair) -> ReducedPair:
     no_flash_variance = pair.no_flash_noise.variance(no_flash, count)
     flash_variance = pair.flash_noise.variance(flash, count)
     if pair.registration > 0:
-        flash_variance = flash_variance + registration_variance(flash, pair.registration / block)
+        flash_variance = flash_variance + registration_variance(
+            flash, _LIKELY_OFFSET * pair.registration / block
+        )
     if not pair.flash_only:
         flash = flash - no_flash
         flash_variance = flash_variance + no_flash_variance
