@@ -14,21 +14,18 @@ from numpy.typing import NDArray
 
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.fit import Fit
-from pipeline.matrixfit.fourth import look_for_fourth
+from pipeline.matrixfit.fourth import gain_of_fourth
 from pipeline.matrixfit.unexplained import share_off, unexplained
 from pipeline.model import Model
 from pipeline.reduced import ReducedPair
 
 Array = NDArray[np.float64]
 
-# Measured on development scenes, exact and noisy: a second lamp that is not there gains at most
-# 173, one that is gains 462 and more; evidence of a third is at most 1.2 and at least 2.1
+# Chosen on development scenes, exact and noisy (docs/decisions/0005-fitted-lamps.md)
 _SECOND_LAMP = 300.0
 _THIRD_LAMP, _THIRD_GAIN, _THIRD_OFF = 1.6, 150.0, 0.125
 _SECOND_STEEPNESS, _THIRD_STEEPNESS = 4.0, 3.0
-_FOURTH_LAMP = 1.45
-# of twelve exact scenes with four lamps, all; of those with three that are fitted well, a tenth
-_FOURTH_GAIN, _LEAST_SHOWN = 15.0, 0.045
+_FOURTH_UNEXPLAINED, _FOURTH_GAIN = 1.45, 45.0
 _UNSURE = 0.3
 
 
@@ -63,10 +60,9 @@ def signs_of_fourth(
     reduced: ReducedPair, evidence: Evidence, model: Model, matrices: Array
 ) -> bool:
     """Whether three lamps (3, 3, 3) leave more unexplained than three real ones do."""
-    if unexplained(reduced, evidence, matrices) > _FOURTH_LAMP:
+    if unexplained(reduced, evidence, matrices) > _FOURTH_UNEXPLAINED:
         return True
-    fourth = look_for_fourth(evidence, model, matrices)
-    return fourth.gain > _FOURTH_GAIN and fourth.least_shown < _LEAST_SHOWN
+    return gain_of_fourth(evidence, model, matrices) > _FOURTH_GAIN
 
 
 def _logistic(x: float) -> float:

@@ -184,3 +184,21 @@ def test_pixels_that_the_flash_made_darker_are_not_used(pair_of: Callable[..., A
 
 def test_a_black_pair_has_nothing_to_use(pair_of: Callable[..., Any]) -> None:
     assert not reduce_pair(pair_of(even(40, 60, 0), even(40, 60, 0))).usable.any()
+
+
+def test_edges_of_a_pair_laid_together_are_less_certain(pair_of: Callable[..., Any]) -> None:
+    """Two fifths of the deviation count: at a step of 0.2, whose slope is 0.1 after softening."""
+    part = even(40, 60, 0.2)
+    part[:, 30:] = 0.4
+    before = even(40, 60, 0.1)
+    at_rest, laid = (
+        reduce_pair(pair_of(before, part, registration=deviation)) for deviation in (0.0, 0.35)
+    )
+
+    added = np.sqrt(laid.flash_variance - at_rest.flash_variance)
+
+    both = laid.flash[0, 29:31, 0].astype(np.float64)
+    beyond = laid.flash[0, 28:32:3, 0].astype(np.float64)
+    slopes = [(both[1] - beyond[0]) / 2, (beyond[1] - both[0]) / 2]
+    np.testing.assert_allclose(added[20, 29:31, 0], 0.4 * 0.35 * np.array(slopes), rtol=1e-3)
+    assert added[:, :20].max() < 1e-5

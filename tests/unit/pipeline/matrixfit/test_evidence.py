@@ -189,6 +189,15 @@ def test_differences_are_steps_of_some_size(drop: float) -> None:
     assert bool(len(gather_evidence(pair, True).differences)) is (drop == 0.6)
 
 
+@pytest.mark.parametrize(("columns", "some"), [(1, True), (2, False), (4, False)])
+def test_differences_are_of_steps_that_end(columns: int, some: bool) -> None:
+    """Where the light goes on changing, a surface bends and all lamps change."""
+    fall = np.clip((np.arange(WIDTH) - WIDTH // 2) / columns + 1, 0, 1)[None, :, None]
+    pair = reduced_pair((1 - 0.8 * fall) * even(0.5, 0.5, 0.4), even(0.5, 0.5, 0.5))
+
+    assert bool(len(gather_evidence(pair, True).differences)) is some
+
+
 def two_brightnesses(share: float = 0.5) -> ReducedPair:
     """Of 10,000 pixels, those on the left have four times the light; flash colours differ."""
     left = np.arange(100)[None, :, None] < 100 * share

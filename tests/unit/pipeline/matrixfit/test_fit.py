@@ -88,12 +88,30 @@ def test_three_lamps_that_leave_much_are_found_otherwise(
 ) -> None:
     true = model.lamp_matrix(warm_to_cool)
     wrong = np.roll(true, 1, axis=2) / np.linalg.norm(true, axis=(1, 2), keepdims=True)
+    likeliest = fitted(shadowed(warm_to_cool), 3).cost
     monkeypatch.setattr(fit, "search", lambda *_: wrong)
 
     found = fitted(shadowed(warm_to_cool), 3)
 
     assert off(wrong, true) > 0.1
     assert off(found.matrices, true) < 0.006
+    assert found.cost == pytest.approx(likeliest, abs=5)
+
+
+def test_an_outline_is_not_judged_by_its_few_differences(
+    exact: Callable[..., Any],
+    fitted: Fitted,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pair = exact(warm_to_cool)[0]
+    alone = fitted(pair, 3)
+    monkeypatch.setattr(fit, "unexplained", lambda *_: 9.0)
+    monkeypatch.setattr(fit, "_otherwise", lambda *_: [np.tile(np.eye(3), (3, 1, 1))])
+
+    found = fitted(pair, 3)
+
+    np.testing.assert_array_equal(found.matrices, alone.matrices)
 
 
 def test_a_lamp_need_not_be_of_the_model(
