@@ -20,7 +20,9 @@ from pipeline.process import separate_files
 from pipeline.progress import Progress
 from pipeline.proportions import normalised
 from pipeline.push_pull import push_pull
-from tests.evaluation.baselines import equal_split, nnmf, von_kries_matrices
+from tests.evaluation.baselines.equal_split import equal_split
+from tests.evaluation.baselines.nnmf import nnmf
+from tests.evaluation.baselines.von_kries import von_kries_matrices
 from tests.evaluation.ceilings import (
     best_matrices,
     proportions,

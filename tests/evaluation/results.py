@@ -37,7 +37,16 @@ _ESTIMATOR = (
     "white_balance.py",
 )
 """What of the pipeline the methods that are not the product do not use."""
-_OWN = ("baselines", "ceilings", "conditions", "methods", "scoring", "shots")
+_OWN = (
+    "baselines/equal_split",
+    "baselines/nnmf",
+    "baselines/von_kries",
+    "ceilings",
+    "conditions",
+    "methods",
+    "scoring",
+    "shots",
+)
 _WITHOUT_PRODUCT = ("equal", "nnmf", "von_kries", "known", "best_3x3", "tuned_3x3")
 
 
@@ -145,7 +154,7 @@ def _sources(unused: tuple[str, ...]) -> str:
     root = Path(pipeline.__file__).parent
     files = sorted([*root.rglob("*.py"), *root.rglob("*.csv")])
     digest = hashlib.sha256()
-    for file in [*files, *(Path(__file__).with_name(f"{name}.py") for name in _OWN)]:
+    for file in [*files, *(Path(__file__).parent / f"{name}.py" for name in _OWN)]:
         if not file.is_relative_to(root) or file.relative_to(root).parts[0] not in unused:
             digest.update(file.name.encode() + file.read_bytes())
     return digest.hexdigest()
