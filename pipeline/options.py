@@ -19,6 +19,8 @@ OUTPUT_NAMES = (
     "residual.png",
     "normals.png",
     "normals.exr",
+    "white_balanced_1.tif",
+    "white_balanced_2.tif",
     "white_balanced.exr",
     "response.jpg",
 )

@@ -25,7 +25,7 @@ from pipeline.progress import Progress
 from pipeline.reduced import ReducedPair
 from pipeline.residual_map import draw_residual_map, relative_residual
 
-_ONLY_ON_REQUEST = frozenset({"white_balanced.exr"})
+_ONLY_ON_REQUEST = frozenset({"white_balanced_1.tif", "white_balanced_2.tif", "white_balanced.exr"})
 _CAMERA_RGB = "linear camera RGB, 1.0 = white level of the no-flash photograph"
 _SHOWN_GAIN = (0.25, 8.0)
 _SHOWN_WHITE = 99.5  # percentile of a picture's brightest channel that becomes white
@@ -93,9 +93,7 @@ def _layer_jobs(pictures: Pictures, model: Model, wanted: frozenset[str]) -> lis
         jobs.append(
             ("layers.exr", "32-bit float", _CAMERA_RGB, lambda path: write_exr(path, planes))
         )
-    to_rec2020 = XYZ_TO_REC2020 @ model.camera_to_xyz
-    # what the sensor's white becomes must fit: else the brightest light of warm lamps is cut off
-    to_rec2020 = to_rec2020 / max(1.0, float((to_rec2020 @ np.ones(3)).max()))
+    to_rec2020 = _fitting(XYZ_TO_REC2020 @ model.camera_to_xyz)
     to_srgb = _shown(pictures.photograph, XYZ_TO_SRGB @ model.camera_to_xyz)
     for name, layer in zip(names, pictures.layers, strict=True):
         if "lamps.tif" in wanted:
@@ -119,9 +117,13 @@ def _balanced_jobs(pictures: Pictures, model: Model, wanted: frozenset[str]) -> 
         if name in wanted and picture is not None:
             write = _jpeg(picture, _shown(picture, to_srgb))
             jobs.append((name, "8-bit sRGB curve", "sRGB", write))
-    balanced = pictures.white_balanced_1
-    if "white_balanced.exr" in wanted and balanced is not None:
-        planes = _planes(balanced)
+    both = (pictures.white_balanced_1, pictures.white_balanced_2)
+    to_rec2020 = _fitting(XYZ_TO_REC2020 @ model.neutral_to_xyz)
+    for name, picture in zip(("white_balanced_1.tif", "white_balanced_2.tif"), both, strict=True):
+        if name in wanted and picture is not None:
+            jobs.append((name, "16-bit linear", "Rec. 2020", _tiff(picture, to_rec2020)))
+    if "white_balanced.exr" in wanted and both[0] is not None and both[1] is not None:
+        planes = _planes(both[0]) | _planes(both[1], "any.")
         jobs.append(
             (
                 "white_balanced.exr",
@@ -171,8 +173,13 @@ def _jpeg(picture: Image, matrix: Matrix) -> Callable[[Path], None]:
     return lambda path: write_jpeg(path, picture, matrix)
 
 
-def _planes(picture: Image) -> dict[str, NDArray[np.float32]]:
-    return {channel: picture[..., k] for k, channel in enumerate("RGB")}
+def _planes(picture: Image, prefix: str = "") -> dict[str, NDArray[np.float32]]:
+    return {f"{prefix}{channel}": picture[..., k] for k, channel in enumerate("RGB")}
+
+
+def _fitting(to_rec2020: Matrix) -> Matrix:
+    """Make what the sensor's white becomes fit: else the brightest warm light is cut off."""
+    return np.asarray(to_rec2020 / max(1.0, float((to_rec2020 @ np.ones(3)).max())))
 
 
 def _shown(picture: Image, matrix: Matrix) -> Matrix:

@@ -64,8 +64,8 @@ def render(
         return np.empty(shape, dtype=np.float32) if wanted & set(outputs) else None
 
     layers = np.empty((len(lamps), *shape), dtype=np.float32)
-    balanced_1 = canvas("white_balanced_1.jpg", "white_balanced.exr")
-    balanced_2 = canvas("white_balanced_2.jpg")
+    balanced_1 = canvas("white_balanced_1.jpg", "white_balanced_1.tif", "white_balanced.exr")
+    balanced_2 = canvas("white_balanced_2.jpg", "white_balanced_2.tif", "white_balanced.exr")
     facing = canvas("normals.png", "normals.exr") if photometry else None
     response = canvas("response.jpg") if model.response else None
     confidence = np.empty(shape[:2], dtype=np.float32) if "confidence.tif" in wanted else None

@@ -26,10 +26,9 @@ def approach_1(strip: Strip, lamps: Lamps, model: Model, method: str) -> Image:
     (approach I), "best" the matrix that fits measured reflectances best, and where the flash part
     is of no use scales the channels of the layers instead (von Kries).
     """
-    matrix = model.flash_to_neutral if method == "best" else model.lamp_matrix(model.neutral)
+    matrix = _to_neutral(model, method)
     whites = _whites(lamps, model)
     brightness = np.zeros(strip.flash.shape[:2], dtype=np.float32)
-    scaled = np.zeros_like(strip.flash)
     for layer, predicted, white in zip(
         strip.layers, predictions(strip.flash, lamps), whites, strict=True
     ):
@@ -37,28 +36,30 @@ def approach_1(strip: Strip, lamps: Lamps, model: Model, method: str) -> Image:
         lit = energy > 0
         z = np.where(lit, (layer * predicted).sum(axis=2) / np.where(lit, energy, 1.0), 0.0)
         brightness += z * white[1]
-        scaled += layer * (model.neutral / (white / white[1])).astype(np.float32)
     neutral = _neutral(strip.flash, brightness / (matrix @ model.flash_white)[1], matrix)
-    return neutral if method == "paper" else _blend(strip, neutral, scaled)
+    return neutral if method == "paper" else _filled(strip, neutral, whites, model)
 
 
 def approach_2(strip: Strip, lamps: Lamps, model: Model, method: str) -> Image:
     """All light replaced by neutral light of the same strength ‖β‖; (h, W, 3) camera RGB.
 
-    Any number of lamps will do, since none is told from the other. Where the flash part is of no
-    use, "best" scales the channels of the layers instead (von Kries).
+    I = ‖β‖/‖b_n‖ T_n I_f. Any number of lamps will do, since none is told from the other. T_n and
+    what is done where the flash part is of no use are those of approach I.
     """
     length = np.linalg.norm(light_coefficients(strip.no_flash, strip.flash, model.tensor), axis=-1)
     strength = (length / np.linalg.norm(model.neutral)).astype(np.float32)
-    neutral = _neutral(strip.flash, strength, model.lamp_matrix(model.neutral))
+    neutral = _neutral(strip.flash, strength, _to_neutral(model, method))
     if method == "paper":
         return neutral
     # near-singular pixels give any length: nothing gets far brighter than the photograph
     limit = _BRIGHTEST * strip.no_flash.max(axis=2, keepdims=True)
     neutral *= np.minimum(1.0, limit / np.maximum(neutral.max(axis=2, keepdims=True), 1e-9))
-    whites = _whites(lamps, model)
-    ratios = (model.neutral / (whites / whites[:, 1:2])).astype(np.float32)
-    return _blend(strip, neutral, np.einsum("nhwk,nk->hwk", strip.layers, ratios))
+    return _filled(strip, neutral, _whites(lamps, model), model)
+
+
+def _to_neutral(model: Model, method: str) -> Matrix:
+    """Matrix (3, 3) T_n from the flash part to the same under the neutral light."""
+    return model.flash_to_neutral if method == "best" else model.lamp_matrix(model.neutral)
 
 
 def _whites(lamps: Lamps, model: Model) -> Matrix:
@@ -72,6 +73,10 @@ def _neutral(flash: Image, strength: Image, matrix: Matrix) -> Image:
     return np.asarray(np.maximum(strength[..., None] * lit, 0.0), dtype=np.float32)
 
 
-def _blend(strip: Strip, neutral: Image, scaled: Image) -> Image:
+def _filled(strip: Strip, neutral: Image, whites: Matrix, model: Model) -> Image:
+    """Scale the channels of the layers instead where the flash part is of no use (von Kries)."""
+    white = model.flash_to_neutral @ model.flash_white
+    ratios = (white / white[1] / (whites / whites[:, 1:2])).astype(np.float32)
+    scaled = np.einsum("nhwk,nk->hwk", strip.layers, ratios)
     trust = strip.confidence[..., None]
     return np.asarray(trust * neutral + (1.0 - trust) * np.maximum(scaled, 0.0))

@@ -36,7 +36,11 @@ def shown(path: Path) -> NDArray[np.uint8]:
 
 
 def test_default_leaves_out_what_is_made_on_request() -> None:
-    assert wanted_outputs(Options()) == frozenset(OUTPUT_NAMES) - {"white_balanced.exr"}
+    assert wanted_outputs(Options()) == frozenset(OUTPUT_NAMES) - {
+        "white_balanced_1.tif",
+        "white_balanced_2.tif",
+        "white_balanced.exr",
+    }
 
 
 def test_all_is_all() -> None:
@@ -112,6 +116,8 @@ def written(
         (("lamps.jpg",), ["lamp1.jpg", "lamp2.jpg"]),
         (("white_balanced_1.jpg",), ["white_balanced_1.jpg"]),
         (("white_balanced_2.jpg",), ["white_balanced_2.jpg"]),
+        (("white_balanced_1.tif",), ["white_balanced_1.tif"]),
+        (("white_balanced_2.tif",), ["white_balanced_2.tif"]),
         (("white_balanced.exr",), ["white_balanced.exr"]),
         (("normals.png", "normals.exr"), ["normals.exr", "normals.png"]),
         (("confidence.tif",), ["confidence.tif"]),
@@ -149,6 +155,38 @@ def test_entries_describe_the_files(
     assert "neutral light" in entries["white_balanced.exr"]["colour_space"]
     assert "y up" in entries["normals.png"]["colour_space"]
     assert entries["confidence.tif"]["encoding"].startswith("16-bit linear, 65535 = separated")
+
+
+def test_white_balanced_pictures_are_written_to_the_bit(
+    written: Callable[..., list[dict[str, Any]]], pictures: Pictures, tmp_path: Path
+) -> None:
+    written("white_balanced.exr")
+
+    file = OpenEXR.File(str(tmp_path / "white_balanced.exr"), separate_channels=True)
+    channels = {name: channel.pixels for name, channel in file.channels().items()}
+    assert set(channels) == {"R", "G", "B", "any.R", "any.G", "any.B"}
+    for picture, prefix in ((pictures.white_balanced_1, ""), (pictures.white_balanced_2, "any.")):
+        found = np.stack([channels[f"{prefix}{name}"] for name in "RGB"], axis=-1)
+        np.testing.assert_array_equal(found, picture)
+
+
+def test_a_neutral_picture_is_grey_in_16_bits(
+    written: Callable[..., list[dict[str, Any]]],
+    pictures: Pictures,
+    model: Model,
+    tmp_path: Path,
+) -> None:
+    """A white card under daylight, which is the white of Rec. 2020."""
+    white = 0.5 * model.flash_to_neutral @ model.flash_white
+    card = np.broadcast_to(white, (40, 64, 3)).astype(np.float32)
+    neutral = replace(pictures, white_balanced_1=card, white_balanced_2=0.5 * card)
+
+    written("white_balanced_1.tif", "white_balanced_2.tif", given=neutral)
+
+    first, second = (tifffile.imread(tmp_path / f"white_balanced_{i}.tif") for i in (1, 2))
+    assert first.dtype == np.uint16
+    assert first.max() < 1.01 * first.min()
+    np.testing.assert_allclose(second, first / 2, atol=1)
 
 
 def test_layers_are_written_to_the_bit_with_their_sum(
@@ -243,7 +281,7 @@ def test_black_pictures_are_written_black(
 
     entries = written(*OUTPUT_NAMES, given=dark)
 
-    assert len(entries) == 13
+    assert len(entries) == 15
     for name in ("lamp1.jpg", "white_balanced_1.jpg", "white_balanced_2.jpg"):
         assert not shown(tmp_path / name).any()
 
