@@ -1,4 +1,4 @@
-"""How well lamps are separated, on rendered scenes.
+"""How well lamps are separated and white is balanced, on rendered scenes.
 
 All groups and methods on the report scenes write docs/evaluation.md, its data and its plots.
 Anything less prints failures and a table.
@@ -18,7 +18,9 @@ from tests.evaluation.report import write_report
 from tests.evaluation.results import Result
 from tests.evaluation.runs import run
 from tests.evaluation.tables import aligned, failure_rows, summary
+from tests.evaluation.white_balance import BALANCES
 
+_METHODS = (*METHODS, *BALANCES)
 _DOCS = Path(__file__).parents[2] / "docs"
 
 
@@ -28,7 +30,7 @@ def main() -> None:
     outcome = run(arguments.groups, arguments.methods, arguments.set, _tell)
     for rows in (failure_rows(failures(outcome)), summary(outcome)):
         sys.stdout.write(f"\n{aligned(rows)}\n")
-    everything = (tuple(EXPERIMENTS), tuple(METHODS))
+    everything = (tuple(EXPERIMENTS), _METHODS)
     if arguments.set == "report" and (arguments.groups, arguments.methods) == everything:
         write_report(outcome, _DOCS)
 
@@ -36,7 +38,7 @@ def main() -> None:
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tests.evaluation", description=__doc__)
     parser.add_argument("--set", choices=("development", "report"), default="report")
-    for name, known in (("--groups", EXPERIMENTS), ("--methods", METHODS)):
+    for name, known in (("--groups", EXPERIMENTS), ("--methods", _METHODS)):
         parser.add_argument(
             name,
             type=_some_of(known),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from tests.evaluation.conditions import Condition
+from tests.evaluation.white_balance import BALANCES
 
 BASES = ("paper_pca", "paper_joint")
 ALL = (
@@ -20,11 +21,15 @@ ALL = (
 )
 FEW = ("equal", "paper", "paper_shared", "best", "best_3x3")
 OURS = ("best",)
+WHITE = tuple(BALANCES)
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """Scenes of a group under a condition. group: one of scenes.GROUPS."""
+    """Scenes of a group under a condition. group: one of scenes.GROUPS.
+
+    methods: all of them ways to separate, or all of them ways to balance white.
+    """
 
     group: str
     methods: tuple[str, ...] = FEW
@@ -70,6 +75,10 @@ EXPERIMENTS: dict[str, Experiment] = {
         f"{group}-auto-noise": Experiment(group, OURS, _AUTO_NOISY)
         for group in ("one", "two", "three", "four")
     },
+    "white-two": Experiment("two", WHITE),
+    "white-three": Experiment("three", WHITE),
+    "white-two-led": Experiment("two-led", WHITE),
+    "white-two-noise": Experiment("two", WHITE, _noisy(1.0)),
 }
 """By name. A name is that of the group, and of what differs from exact files of equal exposure,
 taken from a tripod, with everything told."""

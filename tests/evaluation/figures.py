@@ -35,7 +35,7 @@ class Outcome:
         return statistics.median(self.snr(experiment, method).values())
 
     def errors(self, experiment: str, method: str) -> dict[str, float]:
-        """Mean angle of the lamps' coefficients to the true ones, in degrees, by scene."""
+        """Angles in degrees by scene, as Result.error_deg."""
         return {
             r.scene: r.error_deg
             for r in self.results[experiment]

@@ -52,6 +52,7 @@ def goals(outcome: Outcome) -> list[Goal]:
         *_conditions(outcome),
         *_counts(outcome),
         *_never_worse(outcome),
+        *_white(outcome),
     ]
 
 
@@ -192,3 +193,13 @@ def _never_worse(outcome: Outcome) -> Iterator[Goal]:
         _SLACK_DB,
         at_least=False,
     )
+
+
+def _white(outcome: Outcome) -> Iterator[Goal]:
+    for group, most_deg, least_db in (("two", 0.35, 32.0), ("three", 0.35, 28.0)):
+        colour = statistics.median(outcome.errors(f"white-{group}", "best_1").values())
+        snr = outcome.median(f"white-{group}", "best_1")
+        yield Goal(f"white balance, {group} lamps: colour, °", colour, most_deg, at_least=False)
+        yield Goal(f"white balance, {group} lamps: SNR, dB", snr, least_db)
+    phone = statistics.median(outcome.errors("white-two-led", "best_1").values())
+    yield Goal("white balance, LED flash: colour, °", phone, 0.8, at_least=False)

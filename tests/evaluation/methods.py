@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-import OpenEXR
 from numpy.typing import NDArray
 
-from pipeline.decode.quiet import muted
 from pipeline.frames import Matrix
-from pipeline.options import Options
-from pipeline.process import separate_files
-from pipeline.progress import Progress
 from pipeline.proportions import normalised
 from pipeline.push_pull import push_pull
 from tests.evaluation.baselines.equal_split import equal_split
@@ -29,6 +22,7 @@ from tests.evaluation.ceilings import (
     regressed_matrices,
     tuned_matrices,
 )
+from tests.evaluation.product import picture, run_product
 from tests.evaluation.shots import Shot
 
 Array = NDArray[np.float64]
@@ -56,30 +50,15 @@ def _product(
     shot: Shot, method: Literal["best", "paper"], basis: Literal["wpca", "pca", "joint"] = "wpca"
 ) -> Answer:
     """Run the whole way of the service, from files to files. Raises InputError as it does."""
-    options = Options(
-        method=method, basis=basis, lights=shot.lights, outputs=["layers.exr"], **shot.options
-    )
-    with tempfile.TemporaryDirectory() as folder:
-        directory = Path(folder)
-        manifest = separate_files(*shot.files, options, directory, Progress())
-        layers = _read_layers(directory / "layers.exr", len(manifest["lamps"]))
+    manifest, planes = run_product(shot, "layers.exr", method=method, basis=basis)
+    count = len(manifest["lamps"])
+    layers = np.stack([picture(planes, f"lamp{lamp + 1}.") for lamp in range(count)])
     return Answer(
         layers,
         np.array([lamp["coefficients"] for lamp in manifest["lamps"]]),
         manifest["lights"]["confidence"],
         tuple(manifest["warnings"]),
         of_white=method == "best",  # its matrices need no basis
-    )
-
-
-def _read_layers(path: Path, count: int) -> Layers:
-    with muted():
-        channels: dict[str, Any] = OpenEXR.File(str(path), separate_channels=True).channels()
-    return np.stack(
-        [
-            np.stack([channels[f"lamp{lamp + 1}.{name}"].pixels for name in "RGB"], axis=-1)
-            for lamp in range(count)
-        ]
     )
 
 

@@ -14,10 +14,12 @@ from tests.evaluation.goals import failures, goals
 from tests.evaluation.plots import draw_plots
 from tests.evaluation.results import Result
 from tests.evaluation.scenes import Scene
+from tests.evaluation.white_balance import BALANCES
 
 _HEAD = Path(__file__).with_name("report_head.md")
 _DECIMALS = 2
 _CLEAN = ("two", "three", "broad-two", "broad-three", "smooth-two", "smooth-three")
+_WHITE = tuple(name for name in EXPERIMENTS if name.startswith("white-"))
 _SWEEPS = ("angle", "bounces", "roughness")
 
 
@@ -55,9 +57,11 @@ def _by_scene(results: list[Result]) -> dict[str, Any]:
     """Every figure of every method, by scene; what a method does not tell is left out."""
     scenes: dict[str, dict[str, dict[str, Any]]] = {}
     for result in results:
+        balances = result.method in BALANCES
+        error = "colour_error_deg" if balances else "coefficient_error_deg"
         figures = {
             "snr_db": _rounded(result.snr_db),
-            "coefficient_error_deg": _rounded(result.error_deg),
+            error: _rounded(result.error_deg),
             "found": result.found if result.found != result.lamps else None,
             "confidence": result.confidence if result.confidence != 1.0 else None,
             "refusal": result.refusal or None,
@@ -106,6 +110,9 @@ def _text(outcome: Outcome) -> str:
         _picture("roughness", "Joint SNR against roughness"),
         "## Noise and exposure",
         _picture("noise", "Joint SNR against exposure, two and three lamps"),
+        "## White balance\n\nMedian error of colour / median SNR after one scale for the whole "
+        "picture, against the scene rendered with every lamp shining like D65.",
+        tables.markdown(tables.balances(outcome, _WHITE)),
         "## Number of lamps\n\nRows: how many there are. Columns: what `--lights auto` says.",
         tables.markdown(tables.confusions(clean)),
         "With sensor noise:",

@@ -17,9 +17,10 @@ from tests.evaluation.cache import folder
 from tests.evaluation.conditions import Condition, make_shot
 from tests.evaluation.methods import METHODS
 from tests.evaluation.render import VERSION
-from tests.evaluation.scenes import Scene
+from tests.evaluation.scenes import Scene, render_neutral
 from tests.evaluation.scoring import coefficient_error_deg, joint_snr
 from tests.evaluation.shots import Shot
+from tests.evaluation.white_balance import BALANCES, score
 
 _EXACT_DB = 100.0
 _ESTIMATOR = (
@@ -39,20 +40,37 @@ _ESTIMATOR = (
 """What of the pipeline the methods that are not the product do not use."""
 _OWN = (
     "baselines/equal_split",
+    "baselines/hui2016",
     "baselines/nnmf",
+    "baselines/shades_of_grey",
     "baselines/von_kries",
     "ceilings",
     "conditions",
     "methods",
+    "product",
     "scoring",
     "shots",
+    "white_balance",
 )
-_WITHOUT_PRODUCT = ("equal", "nnmf", "von_kries", "known", "best_3x3", "tuned_3x3")
+_WITHOUT_PRODUCT = (
+    "equal",
+    "nnmf",
+    "von_kries",
+    "known",
+    "best_3x3",
+    "tuned_3x3",
+    "uncorrected",
+    "grey_world",
+    "shades_of_grey",
+    "hui_2016",
+)
 
 
 @dataclass(frozen=True)
 class Result:
     """One method on one scene.
+
+    Of white balance, snr_db is that of the picture and error_deg that of its colours.
 
     snr_db: joint SNR, 100 and more as 100; None where the number of layers is not that of the
     lamps. A refusal gives no light to any layer, which is 0 dB. error_deg: of the lamps'
@@ -82,7 +100,11 @@ def run_scene(scene: Scene, condition: Condition, methods: tuple[str, ...]) -> l
         known = _read(path)
         if known is None:
             shot = shot or make_shot(scene, condition)
-            known = _run(scene.name, replace(shot), method)  # a copy, which has cached nothing yet
+            fresh = replace(shot)  # a copy, which has cached nothing yet
+            if method in BALANCES:
+                known = _balance(scene, condition, fresh, method)
+            else:
+                known = _run(scene.name, fresh, method)
             _write(path, known)
         results.append(known)
     return results
@@ -118,6 +140,19 @@ def _run(name: str, shot: Shot, method: str) -> Result:
         refusal="",
         cpu_s=spent,
     )
+
+
+def _balance(scene: Scene, condition: Condition, shot: Shot, method: str) -> Result:
+    start = time.process_time()
+    try:
+        balanced = BALANCES[method](shot)
+    except InputError as refusal:
+        spent = time.process_time() - start
+        return Result(scene.name, method, 0.0, 90.0, shot.count, 0, None, (), str(refusal), spent)
+    spent = time.process_time() - start
+    snr, error = score(render_neutral(scene, condition.size), balanced, shot.valid)
+    snr = min(snr, _EXACT_DB)
+    return Result(scene.name, method, snr, error, shot.count, shot.count, None, (), "", spent)
 
 
 def _read(path: Path) -> Result | None:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frames import Image
+from pipeline.spectra.lights import find_light
 from tests.evaluation import cache
 from tests.evaluation.geometry import Geometry
 from tests.evaluation.layouts import LIGHT, PALETTE, Layout, make_geometry, moved
@@ -33,6 +34,9 @@ Array = NDArray[np.float64]
 
 SIZE = (256, 192)
 CAMERA, FLASH = "Nikon D5100", "xenon"
+
+NEUTRAL = "D65"
+"""The light that pictures are balanced for."""
 
 SWEEP_DEG = (1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 60.0)
 DEPTHS: tuple[int | None, ...] = (2, 3, 4, 6, None)
@@ -128,6 +132,27 @@ def render_scene(
         pictures = _pictures(scene, elsewhere, responses, size)
         frame = sum(s * p for s, p in zip(scales, pictures, strict=True)).astype(np.float32)
     return RenderedScene(scene, lit[:-1], lit[-1], frame)
+
+
+def render_neutral(scene: Scene, size: tuple[int, int] = SIZE) -> Image:
+    """Show a scene as if every lamp shone like NEUTRAL, each as bright as it is.
+
+    A lamp keeps its green response on a white card. (H, W, 3) linear camera RGB, on the scale of
+    render_scene.
+    """
+    s, neutral = sensitivities(scene.camera), find_light(NEUTRAL)
+    whites = np.array([s[1] @ lamp for lamp in scene.lamp_spectra]) / (s[1] @ neutral)
+    own = [lamp[:, None] * s.T for lamp in scene.lamp_spectra]
+    balanced = [white * neutral[:, None] * s.T for white in whites]
+    dark = np.zeros_like(own[0])  # of the flash, which is not shown
+    before = _pictures(scene, scene.geometry, [*own, dark], size)
+    after = _pictures(scene, scene.geometry, [*balanced, dark], size)
+    lit = render_scene(scene, size).lamps
+    shown = [
+        one[..., 1].mean() / old[..., 1].mean() * new
+        for one, old, new in zip(lit, before[:-1], after[:-1], strict=True)
+    ]
+    return np.asarray(sum(shown), dtype=np.float32)
 
 
 def scenes(group: str, split: Split) -> list[Scene]:
@@ -247,6 +272,15 @@ def _shaded(own: Lamps) -> Lamps:
     return Lamps(names, spectra, np.repeat(own.broad, _SHADES))
 
 
+def _under(flash: str, base: Callable[[str, Split], list[Scene]]) -> Callable[..., list[Scene]]:
+    """Scenes of their own under another flash."""
+
+    def make(group: str, split: Split) -> list[Scene]:
+        return [replace(scene, flash=flash) for scene in base(group, split)]
+
+    return make
+
+
 def _depths(group: str, split: Split) -> list[Scene]:
     """Three corners, each with light of every number of bounces."""
     choose = _apart(2, 10.0)
@@ -274,6 +308,7 @@ def _roughnesses(group: str, split: Split) -> list[Scene]:
 GROUPS: dict[str, Callable[[str, Split], list[Scene]]] = {
     "one": _group(12, 1, 0.0),
     "two": _group(22, 2, 5.0),
+    "two-led": _under("led", _group(12, 2, 5.0)),
     "three": _group(26, 3, 20.0),
     "four": _group(12, 4, 12.0),
     "broad-two": _group(12, 2, 15.0, broad=True),
@@ -285,4 +320,4 @@ GROUPS: dict[str, Callable[[str, Split], list[Scene]]] = {
     "smooth-three": _group(6, 3, 15.0, "smooth"),
 }
 """Groups of scenes. two, three: figures 2, 3 and 9 of Hui et al. 2018; angle: 4; bounces: 15;
-roughness: 16; broad: lamps of broad spectra, as the source's own."""
+roughness: 16; broad: lamps of broad spectra, as the source's own; led: the flash of a phone."""

@@ -52,6 +52,20 @@ def compared(outcome: Outcome, experiments: Iterable[str], methods: tuple[str, .
     return rows
 
 
+def balances(outcome: Outcome, experiments: tuple[str, ...]) -> Rows:
+    """A row per way to balance white, a column per experiment: medians of colour error and SNR."""
+    methods = list(dict.fromkeys(result.method for result in outcome.results[experiments[0]]))
+    rows = [["white balance", *experiments]]
+    for method in methods:
+        cells = [
+            f"{statistics.median(outcome.errors(name, method).values()):.2f}° / "
+            f"{outcome.median(name, method):.1f} dB"
+            for name in experiments
+        ]
+        rows.append([method, *cells])
+    return rows
+
+
 def curves(
     outcome: Outcome,
     experiment: str,
@@ -137,7 +151,7 @@ def goal_rows(goals: list[Goal]) -> Rows:
         *(
             [
                 goal.text,
-                f"{goal.figure:.1f}",
+                f"{goal.figure:.{2 if '°' in goal.text else 1}f}",
                 f"{'≥' if goal.at_least else '≤'} {goal.limit:g}",
                 "yes" if goal.met else "**no**",
             ]

@@ -17,6 +17,7 @@ from tests.evaluation.methods import METHODS
 from tests.evaluation.report import write_report
 from tests.evaluation.results import Result
 from tests.evaluation.scenes import Scene, scenes
+from tests.evaluation.white_balance import BALANCES
 
 FIGURES = dict.fromkeys(METHODS, 10.0) | {
     "paper": 17.0,
@@ -24,7 +25,10 @@ FIGURES = dict.fromkeys(METHODS, 10.0) | {
     "best": 26.5,
     "best_3x3": 27.0,
     "tuned_3x3": 30.0,
+    **dict.fromkeys(BALANCES, 35.0),
 }
+
+_ERRORS = {"paper": 1.5, "best": 1.5, **dict.fromkeys(BALANCES, 0.2)}
 
 
 def result(scene: Scene, method: str, **changes: object) -> Result:
@@ -33,7 +37,7 @@ def result(scene: Scene, method: str, **changes: object) -> Result:
         scene=scene.name,
         method=method,
         snr_db=FIGURES[method] if count < 4 else None,
-        error_deg=1.5 if method in ("paper", "best") else None,
+        error_deg=_ERRORS.get(method),
         lamps=count,
         found=min(count, 3),
         confidence=0.95,
@@ -93,8 +97,12 @@ def test_equal_results_give_equal_files_that_hold_every_figure(tmp_path: Path) -
     values = json.loads((tmp_path / "a" / "evaluation.json").read_text())
     assert list(values["experiments"]) == list(EXPERIMENTS)
     figures = values["experiments"]["two"]["results"][scene]
-    assert figures["snr_db"] == FIGURES | {"best": 12.35}
+    layers = {method: FIGURES[method] for method in EXPERIMENTS["two"].methods}
+    assert figures["snr_db"] == layers | {"best": 12.35}
     assert figures["coefficient_error_deg"] == {"paper": 1.5, "best": 1.5}
+    balanced = values["experiments"]["white-two"]["results"][scene]
+    assert balanced["colour_error_deg"] == dict.fromkeys(BALANCES, 0.2)
+    assert balanced["snr_db"] == dict.fromkeys(BALANCES, 35.0)
     assert values["scenes"][scene]["lamps"] == list(outcome.scenes[scene].lamp_names)
     four = values["experiments"]["four-auto"]["results"]["four-report-00"]
     assert {"found": {"best": 3}, "confidence": {"best": 0.95}}.items() <= four.items()
@@ -102,6 +110,8 @@ def test_equal_results_give_equal_files_that_hold_every_figure(tmp_path: Path) -
     text = (tmp_path / "a" / "evaluation.md").read_text()
     assert text.startswith("# Evaluation\n")
     assert f"| two | {scene} | 4.7 dB below the published method, 12.3 dB |" in text
+    assert "| best_1 | 0.20° / 35.0 dB |" in text
+    assert "| white balance, two lamps: colour, ° | 0.20 | ≤ 0.35 | yes |" in text
     assert "![" in text
     for name in [line.split("](")[1][:-1] for line in text.splitlines() if line[:2] == "!["]:
         assert (tmp_path / "a" / name).is_file()

@@ -1,0 +1,73 @@
+"""White balance under mixed light: what is compared, all on the same files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.frames import Image, Mask
+from pipeline.spectra.lights import find_light
+from tests.evaluation.baselines.hui2016 import pixel_kernels
+from tests.evaluation.baselines.shades_of_grey import shades_of_grey
+from tests.evaluation.product import picture, run_product
+from tests.evaluation.scenes import NEUTRAL
+from tests.evaluation.shots import Shot
+
+Array = NDArray[np.float64]
+
+_SHADES = 6.0
+
+
+def _hui_2016(shot: Shot) -> Image:
+    pair = shot.pair
+    flash = pair.flash if pair.flash_only else pair.flash - pair.no_flash
+    white = shot.sensitivities @ shot.flash_spectrum
+    return pixel_kernels(shot.photograph, flash, white / white[1], _white(shot))
+
+
+def _product(shot: Shot, method: Literal["best", "paper"], approach: Literal[1, 2]) -> Image:
+    _, planes = run_product(shot, "white_balanced.exr", method=method, neutral=NEUTRAL)
+    return picture(planes, "" if approach == 1 else "any.")
+
+
+def _white(shot: Shot) -> Array:
+    """A white card's colour (3,) under the neutral light, green 1."""
+    white = shot.sensitivities @ find_light(NEUTRAL)
+    return np.asarray(white / white[1])
+
+
+BALANCES: dict[str, Callable[[Shot], Image]] = {
+    "uncorrected": lambda shot: shot.photograph,
+    "grey_world": lambda shot: shades_of_grey(shot.photograph, _white(shot), 1.0),
+    "shades_of_grey": lambda shot: shades_of_grey(shot.photograph, _white(shot), _SHADES),
+    "hui_2016": _hui_2016,
+    "paper_1": partial(_product, method="paper", approach=1),
+    "paper_2": partial(_product, method="paper", approach=2),
+    "best_1": partial(_product, method="best", approach=1),
+    "best_2": partial(_product, method="best", approach=2),
+}
+"""In the order of the tables."""
+
+
+def score(truth: Image, balanced: Image, valid: Mask) -> tuple[float, float]:
+    """Signal-to-noise ratio in dB after one scale for all, and median error of colour in degrees.
+
+    truth, balanced: (H, W, 3) linear camera RGB. valid: (H, W). A colour's error is the angle
+    between the two; a pixel without any light is 90° off. Raises ValueError for values that are
+    not finite.
+    """
+    wanted, found = truth[valid].astype(np.float64), balanced[valid].astype(np.float64)
+    if not np.isfinite(found).all():
+        raise ValueError("the balanced picture holds values that are not finite")
+    scale = (found * wanted).sum() / max(np.square(found).sum(), 1e-30)
+    noise = np.square(scale * found - wanted).sum()
+    with np.errstate(divide="ignore"):  # no error at all is infinitely good
+        snr = float(10 * np.log10(np.square(wanted).sum() / noise))
+    across = np.linalg.norm(np.cross(found, wanted), axis=1)
+    along = (found * wanted).sum(axis=1)
+    angles = np.where(found.any(axis=1), np.arctan2(across, along), np.pi / 2)
+    return snr, float(np.degrees(np.median(angles)))
