@@ -24,6 +24,7 @@ _MOTIONS = (  # of OpenCV, if it is to search; what the refinement may change; w
     (cv2.MOTION_EUCLIDEAN, TURN, 0.015),
     (None, HOMOGRAPHY, 0.01),  # a search would bend it to shadows where there are few edges
 )
+_PLAIN_PX = 1.0  # shadows are taken for shorter shifts; longer ones need to gain half as much
 _MAX_TURN = 0.03  # of the diagonal: what three degrees do to a corner, more is no hand
 _MIN_CORRELATION = 0.25  # related pairs reach 0.4 to 0.9, unrelated ones at most 0.1
 _MAX_MOTION = 0.15  # of the diagonal; a hand-held pair moves less
@@ -116,11 +117,12 @@ def _estimate(
                 continue  # too few edges for so rich a motion
             start = np.vstack([rows, found[2:]]).astype(np.float64)
         candidate = refine_motion(reference_steps, sample_steps, start, freedoms)
-        turned = _corner_motion(candidate @ np.linalg.inv(found), *reference.shape[::-1])
-        if motion != cv2.MOTION_TRANSLATION and turned > _MAX_TURN * np.hypot(*reference.shape):
+        moves = _corner_motion(candidate @ np.linalg.inv(found), *reference.shape[::-1])
+        if motion != cv2.MOTION_TRANSLATION and moves > _MAX_TURN * np.hypot(*reference.shape):
             continue
+        plain = moves > _PLAIN_PX and motion is not None
         agrees = agreement(reference_steps, sample_steps, candidate)
-        if agrees > best + worth_it:
+        if agrees > best + (worth_it / 2 if plain else worth_it):
             found = candidate
         best = max(best, agrees)
     return found
