@@ -47,7 +47,8 @@ def count_lamps(
     if gain < _SECOND_LAMP:
         return Count(1, 1.0 - several, more=False)
     third = (fit(2).cost - fit(3).cost) / _THIRD_GAIN
-    third += share_off(evidence.differences, fit(2).matrices) / _THIRD_OFF
+    if _edges_tell(reduced, evidence):
+        third += share_off(evidence.differences, fit(2).matrices) / _THIRD_OFF
     three = _logistic(_THIRD_STEEPNESS * (third - _THIRD_LAMP))
     if third < _THIRD_LAMP:
         return Count(2, min(several, 1.0 - three), more=False)
@@ -60,9 +61,16 @@ def signs_of_fourth(
     reduced: ReducedPair, evidence: Evidence, model: Model, matrices: Array
 ) -> bool:
     """Whether three lamps (3, 3, 3) leave more unexplained than three real ones do."""
+    if not _edges_tell(reduced, evidence):
+        return False
     if unexplained(reduced, evidence, matrices) > _FOURTH_UNEXPLAINED:
         return True
     return gain_of_fourth(evidence, model, matrices) > _FOURTH_GAIN
+
+
+def _edges_tell(reduced: ReducedPair, evidence: Evidence) -> bool:
+    """Whether differences show lamps, and not the curve of a camera's rendering."""
+    return evidence.has_edges and not reduced.rendered
 
 
 def _logistic(x: float) -> float:

@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 
 _MIN_PIXELS = 200
 _MUCH_LEFT = 0.08  # relative; bounced and shiny light leave up to 0.05
+_DOUBTFUL = 0.5  # confidence in a number of lamps that do not explain the photograph
 _SIMILAR_DEGREES = 6.0
 _ALONE_DEGREES = 10.0
 _LEAST_CONTRAST = 1e-3
@@ -99,6 +100,9 @@ def estimate_lamps(
         coefficients, matrices = _normalised(fit(count.number).matrices, model)
         if requested == MOST_LAMPS and signs_of_fourth(reduced, evidence, model, matrices):
             count = replace(count, more=True)
+    left = left_over(reduced, matrices)
+    if requested == "auto" and left > _MUCH_LEFT:
+        count = replace(count, confidence=min(count.confidence, _DOUBTFUL))
     order = _warm_first(coefficients)
     return Lamps(
         coefficients=coefficients[order],
@@ -108,7 +112,7 @@ def estimate_lamps(
         confidence=count.confidence,
         lamp_confidence=_stand_out(coefficients[order], gammas),
         invariants=gammas,
-        warnings=tuple(_warnings(coefficients, count, left_over(reduced, matrices))),
+        warnings=tuple(_warnings(coefficients, count, left)),
     )
 
 

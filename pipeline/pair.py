@@ -46,6 +46,7 @@ class Pair:
     unusable: bool (H, W), saturated in either, without counterpart, or showing something that
         moved.
     exposure_source: where exposure_ratio comes from, see ExposureRatio.
+    rendered: whether a camera's rendering to sRGB has bent the values.
     no_flash_noise, flash_noise: the noise of each.
     registration: standard deviation in pixels of what the flash photograph lies beside the other; 0
         where it was taken as it is.
@@ -59,6 +60,7 @@ class Pair:
     flash_only: bool
     exposure_ratio: float
     exposure_source: str
+    rendered: bool
     no_flash_noise: Noise
     flash_noise: Noise
     alignment: Alignment
@@ -75,6 +77,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: Options, progress: Progres
     is no light to separate, OptionError for an exposure ratio that cannot be.
     """
     _check_belonging(no_flash, flash)
+    rendered = no_flash.encoding == "srgb"
     ratio = written_ratio(no_flash, flash, options)
     _check_light(no_flash, flash)
     warnings = _rendering_warnings(no_flash, flash, ratio.value)
@@ -95,7 +98,6 @@ def make_pair(no_flash: Frame, flash: Frame, options: Options, progress: Progres
     unusable = no_flash.saturated | saturated
     moved = 0.0
     if not options.flash_only:
-        rendered = no_flash.encoding == "srgb"
         progress.report("align", 0.7)
         ratios = block_ratios(no_flash.pixels, pixels, unusable, noises)
         settled, doubts = settled_ratio(ratio, ratios, rendered)
@@ -120,6 +122,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: Options, progress: Progres
         flash_only=options.flash_only,
         exposure_ratio=ratio.value,
         exposure_source=ratio.source,
+        rendered=rendered,
         no_flash_noise=noises[0],
         flash_noise=noises[1],
         alignment=alignment,

@@ -28,6 +28,7 @@ class ReducedPair:
     no_flash_variance, flash_variance: float32 (h, w, 3), of the means.
     usable: bool (h, w): enough light of both kinds to tell lamps by.
     block: side of a block in pixels of the pair.
+    rendered: whether a camera's rendering has bent the values.
     """
 
     no_flash: Image
@@ -36,6 +37,7 @@ class ReducedPair:
     flash_variance: Image
     usable: Mask
     block: int
+    rendered: bool
 
 
 def reduce_pair(pair: Pair) -> ReducedPair:
@@ -80,6 +82,7 @@ def reduce_pair(pair: Pair) -> ReducedPair:
         flash_variance.astype(np.float32),
         usable,
         block,
+        pair.rendered,
     )
 
 

@@ -23,6 +23,7 @@ _BEYOND = 0.5  # change of light on both sides of a shadow's edge, of that acros
 _PIXEL_WEIGHT, _DIFFERENCE_WEIGHT, _MANY_DIFFERENCES = 400.0, 250.0, 600.0
 _PIXELS, _DIFFERENCES = 3600, 3200
 _LEAST_STEP = 0.25  # of the mean light relative to the flash
+_FEW_DIFFERENCES = 0.003  # of the usable pixels
 _CELL, _FLATTENING, _MIN_FLASH_COLOUR = 0.01, 0.6, 1e-3
 _DIRECTIONS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2))
 
@@ -59,6 +60,11 @@ class Evidence:
     pixels: Data
     differences: Data
     difference_share: float
+
+    @property
+    def has_edges(self) -> bool:
+        """Whether the scene has edges of shadows; the few differences of others are chance."""
+        return self.difference_share >= _FEW_DIFFERENCES
 
 
 def gather_evidence(reduced: ReducedPair, flash_only: bool) -> Evidence:

@@ -23,13 +23,12 @@ Array = NDArray[np.float64]
 MOST_LAMPS = 3
 """As many as three colour channels tell apart."""
 
-_FEW_DIFFERENCES = 0.003  # of the usable pixels
 _PURE_SHARE, _OTHER_PURE_SHARES = 0.02, (0.03, 0.01)
 _LITTLE = 0.6  # unexplained by three lamps
 _NOTHING = 1e-6  # of the light
 _OUTLINE_LEVELS = (*LEVELS, (0.001, 1))
 _OUTLINE_WIDENED = 3**0.5  # with one kind of data instead of two, the prior would weigh too much
-_COST_LEVEL = 0.004
+_COST_LEVEL, _RENDERED_COST_LEVEL = 0.004, 0.016  # a camera's rendering bends chromaticities
 
 
 @dataclass(frozen=True)
@@ -55,10 +54,11 @@ def fit_matrices(reduced: ReducedPair, evidence: Evidence, model: Model, lamps: 
     leave much unexplained are found in other ways, too, and those that leave least are taken.
     """
     published = _published(reduced, model, lamps)
-    outline = evidence.difference_share < _FEW_DIFFERENCES
+    outline = not evidence.has_edges
     problem = _problem(evidence, model.prior, lamps, outline, _PURE_SHARE)
+    level = _RENDERED_COST_LEVEL if reduced.rendered else _COST_LEVEL
     if outline and mean_left_over(reduced, published) < _NOTHING:
-        return Fit(published, _cost(published, problem.terms))
+        return Fit(published, _cost(published, problem.terms, level))
     candidates = model.lamp_matrix(start_points(evidence, model.tensor))
     matrices = search(problem, candidates)
     # the few differences of an outline are chance, and tell nothing of what is left unexplained
@@ -67,9 +67,9 @@ def fit_matrices(reduced: ReducedPair, evidence: Evidence, model: Model, lamps: 
         found = [(left, matrices)]
         for other in _otherwise(problem, evidence, candidates, published):
             found.append((unexplained(reduced, evidence, other), other))
-        cost = min(_cost(other, problem.terms) for _, other in found)
+        cost = min(_cost(other, problem.terms, level) for _, other in found)
         return Fit(min(found, key=lambda one: one[0])[1], cost)
-    return Fit(matrices, _cost(matrices, problem.terms))
+    return Fit(matrices, _cost(matrices, problem.terms, level))
 
 
 def _otherwise(
@@ -98,10 +98,10 @@ def _problem(
     return Problem(lamps, terms, wide, _OUTLINE_LEVELS)
 
 
-def _cost(matrices: Array, terms: list[Term]) -> float:
+def _cost(matrices: Array, terms: list[Term], level: float) -> float:
     total = 0.0
     for term in terms:
         if len(term.data):
-            whitened = Whitened(term, _COST_LEVEL)
+            whitened = Whitened(term, level)
             total += whitened.value(matrices, whitened.reweighted(matrices, term.weights))[0]
     return total

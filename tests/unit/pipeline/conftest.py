@@ -99,6 +99,7 @@ def pair_of() -> Callable[..., Pair]:
             "flash_only": False,
             "exposure_ratio": 1.0,
             "exposure_source": "option",
+            "rendered": False,
             "no_flash_noise": quiet,
             "flash_noise": quiet,
             "alignment": NOT_ATTEMPTED,

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline import align
 from pipeline.align import NOT_ATTEMPTED, Alignment, _to_full_size, estimate_alignment, warp
 
 Image = NDArray[np.float32]
@@ -263,3 +264,20 @@ def test_a_motion_that_no_hand_makes_is_not_taken_for_the_turn_of_round_things()
     found = estimate_alignment(by_lamps(ball + 0.02), by_flash(ball + 0.02))
 
     assert np.linalg.norm(where(found.matrix) - where(np.eye(3)), axis=1).max() < 0.5
+
+
+@pytest.mark.parametrize(("pixels", "applied"), [(3.0, True), (0.5, False)])
+def test_a_plain_shift_needs_to_mend_less_than_a_short_one(
+    monkeypatch: pytest.MonkeyPatch, pixels: float, applied: bool
+) -> None:
+    """Shadows that differ let even the right motion raise the agreement by 0.015 alone."""
+    agreements = iter([0.1, *[0.115] * 9])
+    monkeypatch.setattr(align, "agreement", lambda *_: next(agreements))
+    canvas = surfaces()
+
+    found = estimate_alignment(
+        by_lamps(moved(canvas, np.eye(3))), by_flash(moved(canvas, turn(0, pixels)))
+    )
+
+    assert found.applied is applied
+    assert found.problem is None

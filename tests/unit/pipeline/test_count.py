@@ -158,3 +158,22 @@ def test_counting_is_the_same_every_time(
     pair = shadowed(warm_to_cool)
 
     assert counted(pair) == counted(pair)
+
+
+@pytest.mark.parametrize(("rendered", "numbers"), [(True, {1}), (False, {2, 3})])
+def test_a_rendering_that_bends_colours_does_not_make_a_lamp(
+    counted: Counting,
+    pair_of: Callable[..., Any],
+    shadowed: Shadowed,
+    warm_to_cool: Array,
+    rendered: bool,
+    numbers: set[int],
+) -> None:
+    """A camera's curve rolls off what is bright, and the colours of one lamp drift apart."""
+    clean = shadowed(warm_to_cool[:1])
+    no_flash, flash = (1 - np.exp(-2 * image) for image in (clean.no_flash, clean.flash))
+
+    found = counted(pair_of(no_flash, flash - no_flash, rendered=rendered))
+
+    assert found.number in numbers
+    assert not (rendered and found.more)

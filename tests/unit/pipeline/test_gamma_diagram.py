@@ -27,7 +27,7 @@ def reduced_of(gammas: Array, model: Model, unusable: int = 0) -> ReducedPair:
     before, part = (plane[:, None].astype(np.float32) for plane in (no_flash, flash))
     quiet = np.full_like(part, 1e-12)
     usable = (np.arange(len(light)) < len(gammas))[:, None]
-    return ReducedPair(before, part, quiet, quiet, usable, 1)
+    return ReducedPair(before, part, quiet, quiet, usable, 1, False)
 
 
 @pytest.fixture

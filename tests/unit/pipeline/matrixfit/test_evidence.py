@@ -21,6 +21,7 @@ def reduced_pair(no_flash: Any, flash: Any, **more: Any) -> ReducedPair:
         "flash_variance": np.zeros_like(flash),
         "usable": np.ones(no_flash.shape[:2], bool),
         "block": 1,
+        "rendered": False,
     }
     given.update({k: np.broadcast_to(v, no_flash.shape) for k, v in more.items() if k != "usable"})
     if "usable" in more:

@@ -36,7 +36,8 @@ def off_by(d: float, share: float = 1.0, variance: float = 0.0) -> ReducedPair:
     off[::2] += (d, -d, 0)
     off[1::2] -= (d, -d, 0)
     noise = np.full_like(no_flash, variance)
-    return ReducedPair(no_flash, np.ones_like(no_flash), noise, noise, np.ones((20, 50), bool), 1)
+    usable = np.ones((20, 50), bool)
+    return ReducedPair(no_flash, np.ones_like(no_flash), noise, noise, usable, 1, False)
 
 
 @pytest.mark.parametrize("d", [0.0, 0.03, 0.15])
