@@ -80,7 +80,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: Options, progress: Progres
     rendered = no_flash.encoding == "srgb"
     ratio = written_ratio(no_flash, flash, options)
     _check_light(no_flash, flash)
-    warnings = _rendering_warnings(no_flash, flash, ratio.value)
+    warnings = _rendering_warnings(no_flash, flash, ratio.value) if rendered else []
 
     progress.report("align", 0.0)
     alignment = NOT_ATTEMPTED
@@ -215,8 +215,6 @@ def _words(frame: Frame) -> str:
 
 def _rendering_warnings(no_flash: Frame, flash: Frame, ratio: float) -> list[str]:
     """What a camera's rendering to sRGB may have done to one photograph and not to the other."""
-    if no_flash.encoding != "srgb":
-        return []
     warnings = []
     if no_flash.auto_white_balance and flash.auto_white_balance:
         warnings.append(

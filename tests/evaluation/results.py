@@ -15,14 +15,15 @@ import pipeline
 from pipeline.errors import InputError
 from tests.evaluation.cache import folder
 from tests.evaluation.conditions import Condition, make_shot
-from tests.evaluation.methods import METHODS
+from tests.evaluation.methods import METHODS, Answer
 from tests.evaluation.render import VERSION
 from tests.evaluation.scenes import Scene, render_neutral
-from tests.evaluation.scoring import coefficient_error_deg, joint_snr
+from tests.evaluation.scoring import balance_score, coefficient_error_deg, joint_snr
 from tests.evaluation.shots import Shot
-from tests.evaluation.white_balance import BALANCES, score
+from tests.evaluation.white_balance import BALANCES
 
 _EXACT_DB = 100.0
+_NO_COLOUR_DEG = 90.0
 _ESTIMATOR = (
     "count.py",
     "lamps.py",
@@ -39,11 +40,6 @@ _ESTIMATOR = (
 )
 """What of the pipeline the methods that are not the product do not use."""
 _OWN = (
-    "baselines/equal_split",
-    "baselines/hui2016",
-    "baselines/nnmf",
-    "baselines/shades_of_grey",
-    "baselines/von_kries",
     "ceilings",
     "conditions",
     "methods",
@@ -70,13 +66,12 @@ _WITHOUT_PRODUCT = (
 class Result:
     """One method on one scene.
 
-    Of white balance, snr_db is that of the picture and error_deg that of its colours.
-
-    snr_db: joint SNR, 100 and more as 100; None where the number of layers is not that of the
-    lamps. A refusal gives no light to any layer, which is 0 dB. error_deg: of the lamps'
-    coefficients, None where the method tells none. lamps, found: how many there are, how many were
-    found. confidence: in that number. warnings: of the manifest. refusal: the message, "" where
-    there is a result. cpu_s: seconds of processor time.
+    snr_db: joint SNR of the layers or SNR of the balanced picture, 100 and more as 100; None where
+    the number of layers is not that of the lamps. A refusal gives no light, which is 0 dB.
+    error_deg: of the lamps' coefficients or of the picture's colours, None where none are told.
+    lamps, found: how many there are, how many were found. confidence: in that number. warnings: of
+    the manifest. refusal: the message, "" where there is a result. cpu_s: seconds of processor
+    time.
     """
 
     scene: str
@@ -100,24 +95,30 @@ def run_scene(scene: Scene, condition: Condition, methods: tuple[str, ...]) -> l
         known = _read(path)
         if known is None:
             shot = shot or make_shot(scene, condition)
-            fresh = replace(shot)  # a copy, which has cached nothing yet
-            if method in BALANCES:
-                known = _balance(scene, condition, fresh, method)
-            else:
-                known = _run(scene.name, fresh, method)
+            # a copy, which has cached nothing yet
+            known = _run(scene, condition, replace(shot), method)
             _write(path, known)
         results.append(known)
     return results
 
 
-def _run(name: str, shot: Shot, method: str) -> Result:
+def _run(scene: Scene, condition: Condition, shot: Shot, method: str) -> Result:
     start = time.process_time()
     try:
-        answer = METHODS[method](shot)
+        made = BALANCES[method](shot) if method in BALANCES else METHODS[method](shot)
     except InputError as refusal:
         spent = time.process_time() - start
-        return Result(name, method, 0.0, None, shot.count, 0, None, (), str(refusal), spent)
+        error = _NO_COLOUR_DEG if method in BALANCES else None
+        return Result(scene.name, method, 0.0, error, shot.count, 0, None, (), str(refusal), spent)
     spent = time.process_time() - start
+    if isinstance(made, Answer):
+        return _of_layers(scene.name, method, shot, made, spent)
+    snr, error = balance_score(render_neutral(scene, condition.size), made, shot.valid)
+    snr = min(snr, _EXACT_DB)
+    return Result(scene.name, method, snr, error, shot.count, shot.count, None, (), "", spent)
+
+
+def _of_layers(name: str, method: str, shot: Shot, answer: Answer, spent: float) -> Result:
     found = len(answer.layers)
     snr, error = None, None
     if found == shot.count:
@@ -140,19 +141,6 @@ def _run(name: str, shot: Shot, method: str) -> Result:
         refusal="",
         cpu_s=spent,
     )
-
-
-def _balance(scene: Scene, condition: Condition, shot: Shot, method: str) -> Result:
-    start = time.process_time()
-    try:
-        balanced = BALANCES[method](shot)
-    except InputError as refusal:
-        spent = time.process_time() - start
-        return Result(scene.name, method, 0.0, 90.0, shot.count, 0, None, (), str(refusal), spent)
-    spent = time.process_time() - start
-    snr, error = score(render_neutral(scene, condition.size), balanced, shot.valid)
-    snr = min(snr, _EXACT_DB)
-    return Result(scene.name, method, snr, error, shot.count, shot.count, None, (), "", spent)
 
 
 def _read(path: Path) -> Result | None:
@@ -188,8 +176,10 @@ def _sources(unused: tuple[str, ...]) -> str:
     assert pipeline.__file__
     root = Path(pipeline.__file__).parent
     files = sorted([*root.rglob("*.py"), *root.rglob("*.csv")])
+    files += [Path(__file__).with_name(f"{name}.py") for name in _OWN]
+    files += sorted(Path(__file__).with_name("baselines").glob("[!t]*.py"))  # and not their tests
     digest = hashlib.sha256()
-    for file in [*files, *(Path(__file__).parent / f"{name}.py" for name in _OWN)]:
+    for file in files:
         if not file.is_relative_to(root) or file.relative_to(root).parts[0] not in unused:
             digest.update(file.name.encode() + file.read_bytes())
     return digest.hexdigest()

@@ -142,15 +142,16 @@ def render_neutral(scene: Scene, size: tuple[int, int] = SIZE) -> Image:
     """
     s, neutral = sensitivities(scene.camera), find_light(NEUTRAL)
     whites = np.array([s[1] @ lamp for lamp in scene.lamp_spectra]) / (s[1] @ neutral)
-    own = [lamp[:, None] * s.T for lamp in scene.lamp_spectra]
-    balanced = [white * neutral[:, None] * s.T for white in whites]
-    dark = np.zeros_like(own[0])  # of the flash, which is not shown
-    before = _pictures(scene, scene.geometry, [*own, dark], size)
-    after = _pictures(scene, scene.geometry, [*balanced, dark], size)
+    before = _pictures(
+        scene, scene.geometry, [lamp[:, None] * s.T for lamp in scene.lamp_spectra], size
+    )
+    after = _pictures(
+        scene, scene.geometry, [white * neutral[:, None] * s.T for white in whites], size
+    )
     lit = render_scene(scene, size).lamps
     shown = [
         one[..., 1].mean() / old[..., 1].mean() * new
-        for one, old, new in zip(lit, before[:-1], after[:-1], strict=True)
+        for one, old, new in zip(lit, before, after, strict=True)
     ]
     return np.asarray(sum(shown), dtype=np.float32)
 
@@ -218,11 +219,17 @@ def _cosines(spectra: Array) -> Array:
 
 
 def _group(
-    count: int, lamp_count: int, least_deg: float, layout: Layout = "room", broad: bool = False
+    count: int,
+    lamp_count: int,
+    least_deg: float,
+    layout: Layout = "room",
+    broad: bool = False,
+    flash: str = FLASH,
 ) -> Callable[[str, Split], list[Scene]]:
     def make(group: str, split: Split) -> list[Scene]:
         choose = _apart(lamp_count, least_deg, broad)
-        return [_make(group, split, n, layout, lamp_count, choose) for n in range(count)]
+        made = [_make(group, split, n, layout, lamp_count, choose) for n in range(count)]
+        return [replace(scene, flash=flash) for scene in made]
 
     return make
 
@@ -272,15 +279,6 @@ def _shaded(own: Lamps) -> Lamps:
     return Lamps(names, spectra, np.repeat(own.broad, _SHADES))
 
 
-def _under(flash: str, base: Callable[[str, Split], list[Scene]]) -> Callable[..., list[Scene]]:
-    """Scenes of their own under another flash."""
-
-    def make(group: str, split: Split) -> list[Scene]:
-        return [replace(scene, flash=flash) for scene in base(group, split)]
-
-    return make
-
-
 def _depths(group: str, split: Split) -> list[Scene]:
     """Three corners, each with light of every number of bounces."""
     choose = _apart(2, 10.0)
@@ -308,7 +306,7 @@ def _roughnesses(group: str, split: Split) -> list[Scene]:
 GROUPS: dict[str, Callable[[str, Split], list[Scene]]] = {
     "one": _group(12, 1, 0.0),
     "two": _group(22, 2, 5.0),
-    "two-led": _under("led", _group(12, 2, 5.0)),
+    "two-led": _group(12, 2, 5.0, flash="led"),
     "three": _group(26, 3, 20.0),
     "four": _group(12, 4, 12.0),
     "broad-two": _group(12, 2, 15.0, broad=True),

@@ -1,4 +1,4 @@
-"""How good layers are, against the light of each lamp rendered alone."""
+"""How good layers and balanced pictures are, against renderings."""
 
 from __future__ import annotations
 
@@ -60,6 +60,26 @@ def joint_snr(
     noise = errors[np.arange(count), list(order)].sum()
     with np.errstate(divide="ignore"):  # no error at all is infinitely good
         return float(10 * np.log10(np.square(wanted).sum() / noise)), order
+
+
+def balance_score(truth: Image, balanced: Image, valid: Mask) -> tuple[float, float]:
+    """Signal-to-noise ratio in dB after one scale for all, and median error of colour in degrees.
+
+    truth, balanced: (H, W, 3) linear camera RGB. valid: (H, W). A colour's error is the angle
+    between the two; a pixel without any light is 90° off. Raises ValueError for values that are
+    not finite.
+    """
+    wanted, found = truth[valid].astype(np.float64), balanced[valid].astype(np.float64)
+    if not np.isfinite(found).all():
+        raise ValueError("the balanced picture holds values that are not finite")
+    scale = (found * wanted).sum() / max(np.square(found).sum(), 1e-30)
+    noise = np.square(scale * found - wanted).sum()
+    with np.errstate(divide="ignore"):  # no error at all is infinitely good
+        snr = float(10 * np.log10(np.square(wanted).sum() / noise))
+    across = np.linalg.norm(np.cross(found, wanted), axis=1)
+    along = (found * wanted).sum(axis=1)
+    angles = np.where(found.any(axis=1), np.arctan2(across, along), np.pi / 2)
+    return snr, float(np.degrees(np.median(angles)))
 
 
 def coefficient_error_deg(truth: Array, found: Array, order: tuple[int, ...]) -> float:

@@ -20,8 +20,8 @@ _CONFIDENCES = (0.0, 0.5, 0.7, 0.8, SURE, 1.0)
 
 
 def summary(outcome: Outcome) -> Rows:
-    """A row per experiment and method: scenes, median and worst SNR, error of coefficients."""
-    rows = [["group", "method", "scenes", "median dB", "worst dB", "coefficients °"]]
+    """A row per experiment and method: scenes, median and worst SNR, median Result.error_deg."""
+    rows = [["group", "method", "scenes", "median dB", "worst dB", "error °"]]
     for name, results in outcome.results.items():
         for method in dict.fromkeys(result.method for result in results):
             values = outcome.snr(name, method).values()
@@ -151,7 +151,7 @@ def goal_rows(goals: list[Goal]) -> Rows:
         *(
             [
                 goal.text,
-                f"{goal.figure:.{2 if '°' in goal.text else 1}f}",
+                f"{goal.figure:.{2 if goal.text.endswith('°') else 1}f}",
                 f"{'≥' if goal.at_least else '≤'} {goal.limit:g}",
                 "yes" if goal.met else "**no**",
             ]

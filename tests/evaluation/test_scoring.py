@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.evaluation.scoring import coefficient_error_deg, joint_snr, valid_pixels
+from tests.evaluation.scoring import (
+    balance_score,
+    coefficient_error_deg,
+    joint_snr,
+    valid_pixels,
+)
 
 EVERYWHERE = np.ones((2, 4), dtype=np.bool_)
 
@@ -98,3 +103,46 @@ def test_coefficient_error_is_exact_for_small_angles() -> None:
     lamps, found = np.array([[1.0, 0.0, 0.0]]), np.array([[1.0, 1e-9, 0.0]])
 
     assert coefficient_error_deg(lamps, found, (0,)) == pytest.approx(np.degrees(1e-9))
+
+
+def pictures() -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    truth = np.random.default_rng(3).uniform(0.1, 1, (8, 10, 3)).astype(np.float32)
+    return truth, np.ones((8, 10), np.bool_)
+
+
+def test_one_scale_for_all_costs_nothing() -> None:
+    truth, valid = pictures()
+
+    snr, degrees = balance_score(truth, 3 * truth, valid)
+
+    assert snr > 100
+    assert degrees < 1e-4
+
+
+def test_the_scale_is_that_which_fits_best() -> None:
+    """Of (1, 0) and (0, 1) against (1, 1) each, half of the power is left: 10·log10 2."""
+    truth = np.ones((1, 2, 3), np.float32)
+    found = truth * np.array([1, 0], np.float32)[:, None]
+
+    snr, degrees = balance_score(truth, found, np.ones((1, 2), np.bool_))
+
+    assert snr == pytest.approx(10 * np.log10(2))
+    assert degrees == pytest.approx(45)  # of 0° and of 90°, where there is no light at all
+
+
+def test_only_valid_pixels_count() -> None:
+    truth, valid = pictures()
+    found = truth.copy()
+    found[2:4] = 7
+    valid[2:4] = False
+
+    assert balance_score(truth, found, valid)[0] > 100
+
+
+def test_values_must_be_finite() -> None:
+    truth, valid = pictures()
+    found = truth.copy()
+    found[0, 0, 0] = np.nan
+
+    with pytest.raises(ValueError, match="not finite"):
+        balance_score(truth, found, valid)

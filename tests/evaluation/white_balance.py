@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Image, Mask
+from pipeline.frames import Image
 from pipeline.spectra.lights import find_light
 from tests.evaluation.baselines.hui2016 import pixel_kernels
 from tests.evaluation.baselines.shades_of_grey import shades_of_grey
@@ -23,8 +23,7 @@ _SHADES = 6.0
 
 
 def _hui_2016(shot: Shot) -> Image:
-    pair = shot.pair
-    flash = pair.flash if pair.flash_only else pair.flash - pair.no_flash
+    flash = shot.pair.flash - shot.photograph
     white = shot.sensitivities @ shot.flash_spectrum
     return pixel_kernels(shot.photograph, flash, white / white[1], _white(shot))
 
@@ -51,23 +50,3 @@ BALANCES: dict[str, Callable[[Shot], Image]] = {
     "best_2": partial(_product, method="best", approach=2),
 }
 """In the order of the tables."""
-
-
-def score(truth: Image, balanced: Image, valid: Mask) -> tuple[float, float]:
-    """Signal-to-noise ratio in dB after one scale for all, and median error of colour in degrees.
-
-    truth, balanced: (H, W, 3) linear camera RGB. valid: (H, W). A colour's error is the angle
-    between the two; a pixel without any light is 90° off. Raises ValueError for values that are
-    not finite.
-    """
-    wanted, found = truth[valid].astype(np.float64), balanced[valid].astype(np.float64)
-    if not np.isfinite(found).all():
-        raise ValueError("the balanced picture holds values that are not finite")
-    scale = (found * wanted).sum() / max(np.square(found).sum(), 1e-30)
-    noise = np.square(scale * found - wanted).sum()
-    with np.errstate(divide="ignore"):  # no error at all is infinitely good
-        snr = float(10 * np.log10(np.square(wanted).sum() / noise))
-    across = np.linalg.norm(np.cross(found, wanted), axis=1)
-    along = (found * wanted).sum(axis=1)
-    angles = np.where(found.any(axis=1), np.arctan2(across, along), np.pi / 2)
-    return snr, float(np.degrees(np.median(angles)))

@@ -35,6 +35,12 @@ def shown(path: Path) -> NDArray[np.uint8]:
         return np.asarray(picture)
 
 
+def planes(path: Path) -> dict[str, NDArray[np.float32]]:
+    """Channels (H, W) of an EXR file, by name."""
+    file = OpenEXR.File(str(path), separate_channels=True)
+    return {name: channel.pixels for name, channel in file.channels().items()}
+
+
 def test_default_leaves_out_what_is_made_on_request() -> None:
     assert wanted_outputs(Options()) == frozenset(OUTPUT_NAMES) - {
         "white_balanced_1.tif",
@@ -162,8 +168,7 @@ def test_white_balanced_pictures_are_written_to_the_bit(
 ) -> None:
     written("white_balanced.exr")
 
-    file = OpenEXR.File(str(tmp_path / "white_balanced.exr"), separate_channels=True)
-    channels = {name: channel.pixels for name, channel in file.channels().items()}
+    channels = planes(tmp_path / "white_balanced.exr")
     assert set(channels) == {"R", "G", "B", "any.R", "any.G", "any.B"}
     for picture, prefix in ((pictures.white_balanced_1, ""), (pictures.white_balanced_2, "any.")):
         found = np.stack([channels[f"{prefix}{name}"] for name in "RGB"], axis=-1)
@@ -194,8 +199,7 @@ def test_layers_are_written_to_the_bit_with_their_sum(
 ) -> None:
     written("layers.exr")
 
-    file = OpenEXR.File(str(tmp_path / "layers.exr"), separate_channels=True)
-    channels = {name: channel.pixels for name, channel in file.channels().items()}
+    channels = planes(tmp_path / "layers.exr")
     assert set(channels) == {*"RGB", *(f"lamp{i}.{c}" for i in (1, 2) for c in "RGB")}
     for k, letter in enumerate("RGB"):
         for i in (0, 1):
@@ -210,8 +214,7 @@ def test_unknown_normals_are_kept_apart(
 ) -> None:
     written("normals.exr")
 
-    file = OpenEXR.File(str(tmp_path / "normals.exr"), separate_channels=True)
-    z = file.channels()["B"].pixels
+    z = planes(tmp_path / "normals.exr")["B"]
     assert np.isnan(z[:5]).all()
     assert (z[5:] == 1).all()
 
