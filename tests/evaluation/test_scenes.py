@@ -24,6 +24,8 @@ def test_groups_have_the_scenes_of_the_figures() -> None:
     assert Counter(s.geometry.depth for s in report["bounces"]) == dict.fromkeys(
         (2, 3, 4, 6, None), 3
     )
+    assert {s.flash for s in report["two-led"]} == {"led"}
+    assert {s.flash for s in report["two"]} == {"xenon"}
     assert {s.geometry.roughness for s in report["roughness"]} == {0.1, 0.2, 0.3, 0.5, 0.7, 1.0}
     for group, count in {"one": 1, "two": 2, "three": 3, "four": 4, "smooth-three": 3}.items():
         assert all(len(s.lamp_spectra) == count for s in report[group])

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline import lamps
 from pipeline.errors import UnusablePairError
 from pipeline.hui2018.lights import lights_of_pair
 from pipeline.lamps import estimate_lamps
+from pipeline.matrixfit.fit import Fit
 from pipeline.model import Model
 from pipeline.reduced import reduce_pair
 
@@ -230,6 +232,37 @@ def test_a_pair_of_one_even_colour_is_one_lamp_or_what_was_asked(
     assert len(found) == (1 if requested == "auto" else requested)
     white = whites(model, warm_to_cool[:1]).repeat(len(found), axis=0)
     assert angles(found.coefficients, white).max() < 0.1
+
+
+def test_matrices_that_point_the_other_way_are_turned(
+    shadowed: Shadowed, model: Model, warm_to_cool: Array, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Chromaticities do not tell T from −T."""
+    true = model.lamp_matrix(warm_to_cool[[0, 2]])
+    monkeypatch.setattr(lamps, "fit_matrices", lambda *_: Fit(true * [[[1]], [[-1]]], 0.0))
+
+    found = estimate_lamps(reduce_pair(shadowed(warm_to_cool[[0, 2]])), model, 2, "best", False)
+
+    assert angles(found.coefficients, whites(model, warm_to_cool[[0, 2]])).max() < 1e-4
+    np.testing.assert_allclose(found.matrices @ model.flash_white, found.coefficients)
+
+
+@pytest.mark.parametrize(("requested", "confidence"), [("auto", 0.5), (1, 1.0)])
+def test_lamps_that_do_not_explain_the_photograph_are_half_certain(
+    shadowed: Shadowed,
+    model: Model,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+    requested: Literal["auto", 1],
+    confidence: float,
+) -> None:
+    monkeypatch.setattr(lamps, "left_over", lambda *_: 0.09)
+    pair = shadowed(warm_to_cool[:1])
+
+    found = estimate_lamps(reduce_pair(pair), model, requested, "best", False)
+
+    assert found.confidence == confidence
+    assert "9% of the light is left over" in found.warnings[0]
 
 
 def test_four_lamps_are_warned_of(shadowed: Shadowed, model: Model, warm_to_cool: Array) -> None:

@@ -497,3 +497,18 @@ def test_a_frame_that_was_moved_lies_beside_by_a_part_of_a_pixel(
 
     assert paired((before, after)).registration == 0
     assert 0.1 < paired((before, shifted(after))).registration < 1
+
+
+@pytest.mark.parametrize(
+    ("encoding", "rendered"), [("srgb", True), ("linear", False), ("raw", False)]
+)
+@pytest.mark.parametrize("flash_only", [False, True])
+def test_a_rendered_pair_is_known_as_one(
+    frames: Callable[..., tuple[Frame, Frame]],
+    encoding: Any,
+    rendered: bool,
+    flash_only: bool,
+) -> None:
+    before, after = (replace(one, encoding=encoding) for one in frames())
+
+    assert paired((before, after), flash_only=flash_only).rendered is rendered

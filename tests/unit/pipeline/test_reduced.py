@@ -202,3 +202,12 @@ def test_edges_of_a_pair_laid_together_are_less_certain(pair_of: Callable[..., A
     slopes = [(both[1] - beyond[0]) / 2, (beyond[1] - both[0]) / 2]
     np.testing.assert_allclose(added[20, 29:31, 0], 0.4 * 0.35 * np.array(slopes), rtol=1e-3)
     assert added[:, :20].max() < 1e-5
+
+
+@pytest.mark.parametrize("rendered", [True, False])
+def test_it_is_told_whether_a_rendering_has_bent_the_values(
+    pair_of: Callable[..., Any], rendered: bool
+) -> None:
+    pair = pair_of(even(40, 60, 0.1), even(40, 60, 0.2), rendered=rendered)
+
+    assert reduce_pair(pair).rendered is rendered

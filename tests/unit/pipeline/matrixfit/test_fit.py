@@ -55,6 +55,35 @@ def test_matrices_are_recovered(
     assert off(found.matrices, model.lamp_matrix(true)) < limit
 
 
+@pytest.mark.parametrize(
+    ("which", "outside", "limit"),
+    [((0, 2), 0.0, 0.004), ((0, 1), 0.0, 0.002), ((1, 2), 0.0, 0.009), ((0, 1, 2), 0.1, 0.06)],
+)
+def test_an_outline_is_followed_finely(
+    pair_of: Callable[..., Any],
+    fitted: Fitted,
+    model: Model,
+    flash_part: Array,
+    shares_of: Callable[[int], Array],
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+    which: tuple[int, ...],
+    outside: float,
+    limit: float,
+    off: Off,
+) -> None:
+    """Also that of lamps that lie outside the model's space."""
+    monkeypatch.setattr(fit, "mean_left_over", lambda *_: 1.0)  # or nothing would be fitted
+    theta = model.prior.coordinates(model.lamp_matrix(warm_to_cool[list(which)]))
+    theta[:, 3] += outside * np.linspace(1, -1, len(which))
+    true = model.prior.matrices(theta)
+    light = np.einsum("nhw,nkl,hwl->hwk", shares_of(len(which)), true, flash_part)
+
+    found = fitted(pair_of(light, flash_part), len(which))
+
+    assert off(found.matrices, true) < limit
+
+
 @pytest.mark.parametrize("which", [(0, 2), (0, 1, 2)])
 def test_an_exact_outline_is_taken_as_it_is(
     pair_of: Callable[..., Any],
@@ -105,6 +134,7 @@ def test_an_outline_is_not_judged_by_its_few_differences(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     pair = exact(warm_to_cool)[0]
+    monkeypatch.setattr(fit, "mean_left_over", lambda *_: 1.0)  # or nothing would be fitted
     alone = fitted(pair, 3)
     monkeypatch.setattr(fit, "unexplained", lambda *_: 9.0)
     monkeypatch.setattr(fit, "_otherwise", lambda *_: [np.tile(np.eye(3), (3, 1, 1))])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.matrixfit import search as search_module
 from pipeline.matrixfit.evidence import gather_evidence
 from pipeline.matrixfit.objective import make_terms
 from pipeline.matrixfit.search import LEVELS, Problem, follow, search
@@ -81,3 +82,21 @@ def test_the_scale_of_a_start_does_not_matter(
     once, tenfold = follow(posed, [start]), follow(posed, [10 * start])
 
     np.testing.assert_allclose(once, tenfold, atol=1e-4)
+
+
+def test_what_explains_a_sample_best_is_tried_first(
+    problem: Callable[[int], Problem],
+    model: Model,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+    off: Off,
+) -> None:
+    """Each pair of candidates is an optimum for itself, as nothing is moved."""
+    monkeypatch.setattr(search_module, "_STARTS", 1)
+    monkeypatch.setattr(search_module, "_STEPS", 0)
+    true = model.lamp_matrix(warm_to_cool[:2])
+    wrong = model.lamp_matrix(np.random.default_rng(5).dirichlet(5 * np.ones(3), 8))
+
+    found = search(problem(2), np.concatenate([wrong, true]))
+
+    assert off(found, true) < 0.005
