@@ -12,7 +12,7 @@ from pipeline.colour.temperature import cct
 from pipeline.frames import Frame
 from pipeline.lamps import Lamps
 from pipeline.model import Model
-from pipeline.normals import Photometry
+from pipeline.normals import Facing
 from pipeline.options import Options
 from pipeline.pair import Pair
 from pipeline.spectra.cameras import Camera
@@ -55,14 +55,14 @@ def make_manifest(
     pair: Pair,
     lamps: Lamps,
     entries: list[dict[str, Any]],
-    photometry: Photometry | None,
+    facing: Facing | None,
     filled: float,
     files: list[dict[str, Any]],
     warnings: list[str],
 ) -> dict[str, Any]:
     """Build the manifest; equal input and options give equal bytes.
 
-    entries: from lamp_entries. photometry: of the normals, None without. filled: share of pixels
+    entries: from lamp_entries. facing: of the normals, None without. filled: share of pixels
     whose layers are filled in from their surroundings. files: from describe.
     """
     no_flash, flash = frames
@@ -93,7 +93,7 @@ def make_manifest(
             "confidence": round(lamps.confidence, 3),
         },
         "lamps": entries,
-        "normals": None if photometry is None else _normals(photometry),
+        "normals": None if facing is None else _normals(facing),
         "filled": round(filled, 4),
         "files": files,
         "warnings": warnings,
@@ -101,10 +101,10 @@ def make_manifest(
     }
 
 
-def _normals(photometry: Photometry) -> dict[str, Any]:
+def _normals(facing: Facing) -> dict[str, Any]:
     return {
         "convention": "x right, y up, z to the viewer (OpenGL)",
-        "strengths": [round(float(strength), 4) for strength in photometry.strengths],
+        "strengths": [round(float(strength), 4) for strength in facing.strengths],
     }
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pipeline.frames import Image
 from pipeline.lamps import Lamps
 from pipeline.model import Model
-from pipeline.normals import Photometry, normals
+from pipeline.normals import Facing
 from pipeline.pair import Pair
 from pipeline.progress import Progress
 from pipeline.reduced import ReducedPair
@@ -48,7 +48,7 @@ def render(
     reduced: ReducedPair,
     lamps: Lamps,
     model: Model,
-    photometry: Photometry | None,
+    facing: Facing | None,
     method: str,
     wanted: frozenset[str],
     progress: Progress,
@@ -66,7 +66,7 @@ def render(
     layers = np.empty((len(lamps), *shape), dtype=np.float32)
     balanced_1 = canvas("white_balanced_1.jpg", "white_balanced_1.tif", "white_balanced.exr")
     balanced_2 = canvas("white_balanced_2.jpg", "white_balanced_2.tif", "white_balanced.exr")
-    facing = canvas("normals.png", "normals.exr") if photometry else None
+    normals = canvas("normals.png", "normals.exr") if facing else None
     response = canvas("response.jpg") if model.response else None
     confidence = np.empty(shape[:2], dtype=np.float32) if "confidence.tif" in wanted else None
     filled = 0
@@ -84,8 +84,8 @@ def render(
             balanced_1[rows] = approach_1(strip, lamps, model, method)
         if balanced_2 is not None:
             balanced_2[rows] = approach_2(strip, lamps, model, method)
-        if facing is not None and photometry is not None:
-            facing[rows] = normals(strip, lamps, photometry)
+        if normals is not None and facing is not None:
+            normals[rows] = facing.of(strip)
         if response is not None and model.response is not None:
             response[rows] = other_response(strip, lamps, model.response)
     return Pictures(
@@ -93,7 +93,7 @@ def render(
         layers=layers,
         white_balanced_1=balanced_1,
         white_balanced_2=balanced_2,
-        normals=facing,
+        normals=normals,
         response=response,
         confidence=confidence,
         filled=filled / (shape[0] * shape[1]),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pipeline.decode import check_header, decode
 from pipeline.errors import UnusablePairError
@@ -12,10 +12,11 @@ from pipeline.frames import Frame
 from pipeline.lamps import estimate_lamps
 from pipeline.manifest import lamp_entries, make_manifest
 from pipeline.model import Model, build_model
-from pipeline.normals import solve_photometry
+from pipeline.normals import find_facing
 from pipeline.options import Options
 from pipeline.outputs import wanted_outputs, write_outputs
 from pipeline.pair import check_sizes, make_pair
+from pipeline.photometric_stereo.responses import LampBank
 from pipeline.pictures import render
 from pipeline.progress import STRIP_ROWS, Progress
 from pipeline.reduced import reduce_pair
@@ -64,22 +65,25 @@ def separate_files(
     pair = make_pair(before, after, options, progress)
     progress.report("lamps", 0.0)
     reduced = reduce_pair(pair)
-    lamps = estimate_lamps(reduced, model, options.lights, options.method, options.flash_only)
+    lamps = estimate_lamps(reduced, model, _number(options), options.method, options.flash_only)
     warnings = [*pair.warnings, *_model_warnings(before, camera), *lamps.warnings]
     if lamps.confidence < _UNSURE:
         warnings.append(
             f"It is not certain that the scene has {len(lamps)} lamps; if you know their number, "
             "ask for it. A stronger flash and a hard shadow of each lamp make it plainer."
         )
-    photometry = None
+    facing = None
     if options.light_directions is not None:
         focal_px = _focal_px(before, options, warnings)
-        photometry = solve_photometry(options.light_directions, reduced, lamps, model, focal_px)
+        bank = LampBank(camera.sensitivities, find_light(options.flash_spectrum))
+        facing = find_facing(
+            options.light_directions, reduced, lamps, model, bank, focal_px, options.method
+        )
     progress.report("lamps", 1.0)
 
     wanted = wanted_outputs(options)
     pictures = render(
-        pair, reduced, lamps, model, photometry, options.method, wanted, progress, strip_rows
+        pair, reduced, lamps, model, facing, options.method, wanted, progress, strip_rows
     )
     if pictures.filled > _MANY_FILLED:
         warnings.append(
@@ -98,7 +102,7 @@ def separate_files(
         pair,
         lamps,
         entries,
-        photometry,
+        facing,
         pictures.filled,
         files,
         warnings,
@@ -107,6 +111,11 @@ def separate_files(
     progress.report("encode", 1.0)  # before the manifest, which only a finished run has
     (directory / "manifest.json").write_text(text + "\n", encoding="utf-8")
     return manifest
+
+
+def _number(options: Options) -> Literal["auto", 1, 2, 3]:
+    """The number of lamps, which their directions tell, too."""
+    return 3 if options.lights == "auto" and options.light_directions else options.lights
 
 
 def _model(camera: Camera, frame: Frame, options: Options) -> Model:

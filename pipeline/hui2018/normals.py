@@ -1,0 +1,205 @@
+"""Surface normals from three lamps of known directions.
+
+Source: Hui et al. 2018, supplement, flash/no-flash photometric stereo; after Woodham 1980.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import OptionError
+from pipeline.frames import Image, Matrix
+from pipeline.lamps import Lamps
+from pipeline.model import Model
+from pipeline.options import DirectedLight
+from pipeline.reduced import ReducedPair
+from pipeline.separation import Strip
+from pipeline.shares import shares
+
+Array = NDArray[np.float64]
+
+_MIN_PIXELS = 50
+_HELD, _HARDLY_HELD, _MIN_GAIN = 0.002, 0.001, 0.05
+_MIN_VOLUME = 0.02  # of the parallelepiped of the unit directions; flatter ones fix no normal
+_MIN_LIT = 0.02  # of a lamp's strong pixels: darker ones are in its shadow
+_MIN_SHARE = 0.01  # of a pixel's strongest lamp: less is what noise leaves of a lamp's shadow
+_MIN_CONFIDENCE = 0.2
+_MIN_FACING = 0.05  # n·v of a visible surface
+
+
+@dataclass(frozen=True)
+class Photometry:
+    """The lamps as normals need them, in the order of the user's list.
+
+    matrices: (3, 3, 3) T_j, flash part → lamp. greens: (3,) green response of a white card that
+    lamp j lights like the flash does. inverse: (3, 3), relative brightness q → scaled normal.
+    strengths: (3,) relative strengths, as given or as estimated.
+    """
+
+    matrices: Matrix
+    greens: Array
+    inverse: Array
+    strengths: Array
+
+
+def solve_photometry(
+    lights: Sequence[DirectedLight],
+    reduced: ReducedPair,
+    lamps: Lamps,
+    model: Model,
+    focal_px: float,
+) -> Photometry:
+    """Settle which lamp is which light, and the strengths that were not given.
+
+    lights: three. With `rgb` for all of them these name the lamps found, or stand in for them
+    where that gives the better normals; else the lamps found are assigned so that the normals are
+    most integrable. Strengths follow from the flash, which sits at the camera: relative to it, the
+    scaled normal has the same component towards the camera in every pixel. focal_px: of the
+    full-size picture.
+    Raises OptionError for directions nearly in a plane, and when there are not three lamps.
+    """
+    directions = np.array([light.direction for light in lights], dtype=np.float64)
+    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+    if not lengths.all() or abs(np.linalg.det(directions / lengths)) < _MIN_VOLUME:
+        raise OptionError(
+            "The three light directions lie nearly in one plane, which fixes no normals: place "
+            "the lamps more widely around the camera."
+        )
+    inverse = np.linalg.inv(directions / lengths)
+    candidates = _candidates(lights, lamps, model)
+    view = _view(reduced, focal_px)
+    tried = []
+    for matrices in candidates:
+        greens = (matrices @ model.flash_white)[:, 1]
+        q = _relative_brightness(
+            reduced.no_flash, reduced.flash, matrices, greens, lamps.channel_weights
+        )
+        use = reduced.usable & _lit_by_all(q)
+        strengths, spread = _strengths(lights, inverse, q[:, use], view[use])
+        field = _unit(inverse / strengths, q)
+        tried.append((_unevenness(field, use) + spread, strengths, matrices, greens))
+    _, strengths, matrices, greens = min(tried, key=lambda one: one[0])
+    return Photometry(matrices, greens, inverse / strengths, strengths)
+
+
+def _candidates(lights: Sequence[DirectedLight], lamps: Lamps, model: Model) -> list[Matrix]:
+    """Matrices (3, 3, 3) that the lamps may have, in the order of the lights."""
+    found = [lamps.matrices[list(o)] for o in permutations(range(3))] if len(lamps) == 3 else []
+    if not all(light.rgb for light in lights):
+        if not found:
+            raise OptionError(
+                f"Normals need three lamps, and the number found is {len(lamps)}: ask for three, "
+                "or give the rgb of each light."
+            )
+        return found
+    colours = np.array([light.rgb for light in lights], dtype=np.float64)
+    colours = colours / np.linalg.norm(colours, axis=1, keepdims=True)
+    named = model.lamp_matrix(colours)
+
+    def likeness(matrices: Matrix) -> float:
+        whites = matrices @ model.flash_white
+        return float((whites * colours).sum(axis=1) @ (1 / np.linalg.norm(whites, axis=1)))
+
+    return [named, max(found, key=likeness)] if found else [named]
+
+
+def normals(strip: Strip, lamps: Lamps, photometry: Photometry) -> Image:
+    """Unit normals (h, W, 3), n ∝ L⁻¹(q/e): x right, y up, z to the viewer.
+
+    NaN where one of the lamps does not shine, where nothing is known of the flash part, and where
+    the surface would face away.
+    """
+    q = _relative_brightness(
+        strip.no_flash, strip.flash, photometry.matrices, photometry.greens, lamps.channel_weights
+    )
+    field = _unit(photometry.inverse, q)
+    lit = (q > _MIN_SHARE * q.max(axis=0)).all(axis=0)
+    known = lit & (strip.confidence > _MIN_CONFIDENCE) & (field[..., 2] > 0)
+    return np.where(known[..., None], field, np.float32(np.nan))
+
+
+def _relative_brightness(
+    no_flash: Image, flash: Image, matrices: Matrix, greens: Array, weights: Array
+) -> NDArray[np.float32]:
+    """q_j (3, h, W), green response of a white card under each lamp ÷ the same under the flash."""
+    predicted = np.stack([flash @ matrix.T.astype(np.float32) for matrix in matrices])
+    w = weights.astype(np.float32)
+    return np.asarray(
+        shares(no_flash * w, predicted * w) * greens[:, None, None].astype(np.float32)
+    )
+
+
+def _unit(inverse: Array, q: NDArray[np.float32]) -> Image:
+    scaled = np.einsum("cj,jhw->hwc", inverse, q)
+    length = np.linalg.norm(scaled, axis=-1, keepdims=True)
+    return np.asarray(scaled / np.where(length > 0, length, 1.0), dtype=np.float32)
+
+
+def _lit_by_all(q: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Pixels lit by every lamp: q above a small part of its bright values."""
+    bright = np.quantile(q, 0.9, axis=(1, 2), keepdims=True)
+    return np.asarray((q > _MIN_LIT * bright).all(axis=0))
+
+
+def _view(reduced: ReducedPair, focal_px: float) -> Array:
+    """Unit vectors (h, w, 3) from the surface to the camera."""
+    height, width = reduced.usable.shape
+    y, x = np.mgrid[:height, :width].astype(np.float64)
+    focal = focal_px / reduced.block
+    view = np.stack(
+        [-(x - (width - 1) / 2) / focal, (y - (height - 1) / 2) / focal, np.ones_like(x)], axis=-1
+    )
+    return np.asarray(view / np.linalg.norm(view, axis=-1, keepdims=True))
+
+
+def _strengths(
+    lights: Sequence[DirectedLight], inverse: Array, q: NDArray[np.float32], view: Array
+) -> tuple[Array, float]:
+    """Effective strengths from v·L⁻¹(q/e) = constant over pixels (n,), and how far it is none.
+
+    Strengths given are where the search starts and hold where pixels say little (all surfaces
+    parallel): an error of the lamps' matrices is an error of q's scale, so that even a strength
+    known exactly is not the one that gives the best normals.
+    """
+    given = np.array([light.strength or 0.0 for light in lights])
+    start = np.where(given > 0, given, np.mean(given[given > 0]) if given.any() else 1.0)
+    if q.shape[1] < _MIN_PIXELS:
+        return start, np.inf
+    columns = (view @ inverse) * q.T / start  # (n, 3); gains on them make their sum constant
+    columns = columns / np.median(columns.sum(axis=1))
+    held = np.sqrt(len(columns)) * np.where(given > 0, _HELD, _HARDLY_HELD)
+    weight = np.ones(len(columns))
+    gains = np.ones(3)
+    for _ in range(10):
+        design = np.concatenate([columns * weight[:, None], np.diag(held)])
+        target = np.concatenate([weight, held])
+        gains = np.linalg.lstsq(design, target, rcond=None)[0]
+        error = np.abs(columns @ gains - 1.0)
+        weight = 1.0 / np.sqrt(1.0 + (error / (3 * np.median(error) + 1e-9)) ** 2)
+    spread = float(np.quantile(error, 0.75))
+    if (gains <= _MIN_GAIN).any():
+        return start, np.inf
+    return start / gains, spread
+
+
+def _unevenness(field: Image, use: NDArray[np.bool_]) -> float:
+    """How far normals are from the normals of a surface: curl against slope changes, median.
+
+    Pixels that would face away count as fully uneven.
+    """
+    facing = field[..., 2]
+    slope = -field[..., :2] / np.where(np.abs(facing) < _MIN_FACING, _MIN_FACING, facing)[..., None]
+    slope[..., 1] *= -1  # rows run down, y runs up
+    dy, dx = slope[1:, :-1] - slope[:-1, :-1], slope[:-1, 1:] - slope[:-1, :-1]
+    inner = use[:-1, :-1] & use[1:, :-1] & use[:-1, 1:]
+    if not inner.any():
+        return np.inf
+    curl = np.abs(dy[..., 0] - dx[..., 1])[inner]
+    change = (np.abs(dy).sum(axis=-1) + np.abs(dx).sum(axis=-1))[inner] + 1e-6
+    uneven = np.where(facing[:-1, :-1][inner] > _MIN_FACING, curl / change, 1.0)
+    return float(uneven.mean())

@@ -1,0 +1,115 @@
+"""Normals at the picture's own size: the fitted surface, and what each pixel's light adds to it."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from pipeline.frames import Image
+from pipeline.photometric_stereo.solve import Surface
+from pipeline.separation import Strip
+
+Array = NDArray[np.float32]
+
+_KNOWN = 0.3  # share of the surroundings in which the surface is known
+_MIN_CONFIDENCE = 0.2
+_LIGHT_ERROR = 0.01  # of a pixel's light, and of its channels' mean
+_NORMAL_ERROR = 0.05  # of the surface that is fitted at a reduced size
+
+
+def surface_normals(strip: Strip, surface: Surface) -> Image:
+    """Unit normals (h, W, 3) of a strip: x right, y up, z to the viewer.
+
+    NaN where nothing is known of the flash part.
+    """
+    height, width = strip.confidence.shape
+    mask = _spread(surface.mask.astype(np.float32)[..., None], surface.block, strip.rows, width)
+    known = (mask[..., 0] > _KNOWN) & (strip.confidence > _MIN_CONFIDENCE)
+    share = np.maximum(mask, _KNOWN)
+    fields = (surface.w, surface.lit, surface.deviations.reshape(*surface.mask.shape, 9))
+    w, lit, deviations = (_spread(one, surface.block, strip.rows, width) / share for one in fields)
+    if surface.block > 1:
+        ratio = _spread(surface.correction, surface.block, strip.rows, width) / share
+        light = strip.no_flash * ratio
+        matrices, directions = surface.matrices, surface.directions
+        _add_detail(w, lit, deviations, light, strip.flash, matrices, directions)
+    length = np.linalg.norm(w, axis=2, keepdims=True)
+    normals = w / np.where(length > 0, length, 1.0)
+    return np.where(known[..., None], normals, np.float32(np.nan)).reshape(height, width, 3)
+
+
+def surface_depth(surface: Surface, size: tuple[int, int]) -> Array:
+    """Depth (H, W) along the camera's axis, 1 in the median, NaN where it is not known.
+
+    size: (H, W) of the picture.
+    """
+    rows = slice(0, size[0])
+    mask = _spread(surface.mask.astype(np.float32)[..., None], surface.block, rows, size[1])
+    depth = _spread(surface.z[..., None], surface.block, rows, size[1])
+    known = mask > _KNOWN
+    return np.where(known, depth / np.maximum(mask, _KNOWN), np.float32(np.nan))[..., 0]
+
+
+def _spread(field: NDArray[np.floating], block: int, rows: slice, width: int) -> Array:
+    """Some rows of a field (h, w, C) at the picture's own size, bilinear; 0 outside."""
+    y, x = (
+        (np.arange(start, stop, dtype=np.float32) + 0.5) / block - 0.5
+        for start, stop in ((rows.start, rows.stop), (0, width))
+    )
+    xs, ys = np.meshgrid(x, y)
+    planes = np.ascontiguousarray(field.transpose(2, 0, 1), dtype=np.float32)
+    spread = [cv2.remap(plane, xs, ys, cv2.INTER_LINEAR) for plane in planes]
+    return np.stack(spread, axis=-1, dtype=np.float32)
+
+
+@njit(cache=True)
+def _add_detail(
+    w: Array,
+    lit: Array,
+    deviations: Array,
+    light: Array,
+    flash: Array,
+    matrices: NDArray[np.float64],
+    directions: NDArray[np.float64],
+) -> None:
+    """Move w (h, W, 3) so that it explains the light, as far as the light is surer than w."""
+    a, m = np.empty((3, 3)), np.empty((3, 3))
+    for y in range(w.shape[0]):
+        for x in range(w.shape[1]):
+            f, own = flash[y, x], w[y, x]
+            squared = own[0] ** 2 + own[1] ** 2 + own[2] ** 2
+            total = f[0] + f[1] + f[2]
+            mean = (light[y, x, 0] + light[y, x, 1] + light[y, x, 2]) / 3
+            if not (squared > 0 and total > 0 and mean > 0):
+                continue
+            # light of channel k by w: Σ_j lit_j r_jk l_j
+            for k in range(3):
+                a[k] = 0.0
+                for j in range(3):
+                    t = matrices[j, k]
+                    r = (
+                        t[0] * f[0]
+                        + t[1] * f[1]
+                        + t[2] * f[2]
+                        + total * deviations[y, x, 3 * j + k]
+                    )
+                    for c in range(3):
+                        a[k, c] += lit[y, x, j] * r * directions[j, c]
+            m[:] = 0.0
+            right = np.zeros(3)
+            for c in range(3):
+                m[c, c] = 1 / (_NORMAL_ERROR**2 * squared)
+            for k in range(3):
+                precision = 1 / (_LIGHT_ERROR**2 * (light[y, x, k] ** 2 + mean**2))
+                off = light[y, x, k]
+                for c in range(3):
+                    off -= a[k, c] * own[c]
+                for c in range(3):
+                    right[c] += precision * off * a[k, c]
+                    for d in range(3):
+                        m[c, d] += precision * a[k, c] * a[k, d]
+            moved = np.linalg.solve(m, right)
+            for c in range(3):
+                w[y, x, c] += moved[c]

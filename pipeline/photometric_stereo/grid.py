@@ -1,0 +1,97 @@
+"""The surface before the camera as squared depths, in which light is linear.
+
+Axes: x right, y up, z to the viewer, the camera in the origin. A pixel's ray is d = (X, Y, −1).
+With h = z² at the corners of pixels, the normal n in the length D²/(n·v), D being the distance and
+v the direction to the camera, is
+
+    w = |d|³ (f h_x/2, −f h_y/2, h + X f h_x/2 − Y f h_y/2),
+
+rows running down. A flash at the camera gives albedo/|w|, a distant lamp l gives albedo (l·w)/|w|,
+so that the light of the lamps is (l·w) times the flash part: linear in h.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage, sparse
+
+Array = NDArray[np.float64]
+
+_FAR, _BULGE = 8.0, 1.0  # of the inflated start: distance and height in radii
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The pixels of a surface, and what w is of the squared depths at their corners.
+
+    mask: bool (H, W), n pixels. corners: (n, 4), places among the c corners. to_w: (n, 3, 4), w
+    from the corners' h. bends: sparse (m, c), f/2 times second differences of h along rows and
+    columns, in which slopes change by 1 per pixel where h is 1.
+    """
+
+    mask: NDArray[np.bool_]
+    corners: NDArray[np.intp]
+    to_w: Array
+    bends: sparse.csr_array
+    corner_mask: NDArray[np.bool_]
+
+    def w(self, h: Array) -> Array:
+        """Normals (n, 3) of length D²/(n·v). h: (c,) squared depths."""
+        return np.asarray(np.einsum("nck,nk->nc", self.to_w, h[self.corners]))
+
+    def flat(self) -> Array:
+        """Squared depths (c,) of a plane that faces the camera."""
+        return np.ones(int(self.corner_mask.sum()))
+
+    def inflated(self) -> Array:
+        """Squared depths (c,) of the silhouette blown up like a balloon."""
+        rim = np.pad(self.mask, 1)
+        inside = ndimage.distance_transform_edt(rim)
+        # a corner is as far inside as the pixels around it
+        e = (inside[:-1, :-1] + inside[1:, :-1] + inside[:-1, 1:] + inside[1:, 1:]) / 4
+        radius = e.max()
+        height = np.sqrt(radius**2 - (radius - e) ** 2) / radius
+        return np.asarray(((_FAR - _BULGE * height) / _FAR) ** 2)[self.corner_mask]
+
+    def at(self, picture: Array) -> Array:
+        """Values (c,) at the corners of a field over all corners (H + 1, W + 1)."""
+        return np.asarray(picture[self.corner_mask])
+
+
+def make_grid(mask: NDArray[np.bool_], focal_px: float, centre: tuple[float, float]) -> Grid:
+    """Lay the grid. focal_px, centre (x, y): in pixels of the mask, the first at (0, 0)."""
+    height, width = mask.shape
+    corner_mask = np.zeros((height + 1, width + 1), dtype=bool)
+    for dy in (0, 1):
+        for dx in (0, 1):
+            corner_mask[dy : dy + height, dx : dx + width] |= mask
+    index = np.full(corner_mask.shape, -1)
+    index[corner_mask] = np.arange(corner_mask.sum())
+    y, x = np.nonzero(mask)
+    corners = np.stack([index[y, x], index[y, x + 1], index[y + 1, x], index[y + 1, x + 1]], axis=1)
+    X, Y = (x - centre[0]) / focal_px, -(y - centre[1]) / focal_px
+    mean = np.full(4, 0.25)
+    across = focal_px / 4 * np.array([-1.0, 1.0, -1.0, 1.0])
+    down = focal_px / 4 * np.array([-1.0, -1.0, 1.0, 1.0])
+    zero = np.zeros_like(X)[:, None]
+    rows = [across + zero, -down + zero, mean + X[:, None] * across - Y[:, None] * down]
+    to_w = np.stack(rows, axis=1) * ((1 + X**2 + Y**2) ** 1.5)[:, None, None]
+    return Grid(mask, corners, to_w, _bends(index, focal_px), corner_mask)
+
+
+def _bends(index: NDArray[np.intp], focal_px: float) -> sparse.csr_array:
+    triples = []
+    for a, b, c in (
+        (index[:, :-2], index[:, 1:-1], index[:, 2:]),
+        (index[:-2], index[1:-1], index[2:]),
+    ):
+        whole = (a >= 0) & (b >= 0) & (c >= 0)
+        triples.append(np.stack([a[whole], b[whole], c[whole]], axis=1))
+    places = np.concatenate(triples)
+    rows = np.repeat(np.arange(len(places)), 3)
+    values = np.tile(focal_px / 2 * np.array([1.0, -2.0, 1.0]), len(places))
+    shape = (len(places), int(index.max()) + 1)
+    return sparse.csr_array((values, (rows, places.ravel())), shape=shape)

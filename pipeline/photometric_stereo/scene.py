@@ -1,0 +1,118 @@
+"""What is known of a surface before it is fitted, and what is not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.photometric_stereo.grid import Grid
+from pipeline.photometric_stereo.materials import Materials, find_segments
+from pipeline.photometric_stereo.responses import ResponsePrior
+
+Array = NDArray[np.float64]
+
+_DARK = 30.0  # percentile of the flash part below which albedo tells less
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The n pixels of a surface under J lamps.
+
+    grid: of the pixels. directions: (J, 3) unit, to the lamps. flash, light: (n, 3), the flash part
+    and the light of the lamps. variance: (n, 3), what noise of both makes of their comparison.
+    priors: of each lamp. materials: of the surface.
+    """
+
+    grid: Grid
+    directions: Array
+    flash: Array
+    light: Array
+    variance: Array
+    priors: tuple[ResponsePrior, ...]
+    materials: Materials
+
+    @cached_property
+    def total(self) -> Array:
+        """Sum (n,) of the flash part's channels."""
+        return np.asarray(self.flash.sum(axis=1))
+
+    @cached_property
+    def shares(self) -> tuple[NDArray[np.intp], Array]:
+        """Materials of each pixel and their weights, both (n, k)."""
+        return self.materials.shares(self._chromaticity)
+
+    @cached_property
+    def segments(self) -> NDArray[np.intp]:
+        """Number (n,) of the connected area of one material that a pixel is in, −1 in none."""
+        return find_segments(self.shares[0][:, 0], self.grid.mask)
+
+    @cached_property
+    def segment_count(self) -> int:
+        """How many segments there are."""
+        return int(self.segments.max(initial=-1)) + 1
+
+    @cached_property
+    def tinted(self) -> NDArray[np.intp]:
+        """Places (t,) of the pixels that are in a segment."""
+        return np.flatnonzero(self.segments >= 0)
+
+    @cached_property
+    def tints(self) -> Array:
+        """1 and the chromaticity beside the segment's mean, (t, 3): what albedo varies with."""
+        own, chromaticity = self.segments[self.tinted], self._chromaticity[self.tinted]
+        count = np.bincount(own, minlength=self.segment_count)
+        mean = [np.bincount(own, c, self.segment_count) / count for c in chromaticity.T]
+        beside = chromaticity - np.stack(mean, axis=1)[own]
+        return np.concatenate([np.ones((len(own), 1)), beside], axis=1)
+
+    @cached_property
+    def tint_weights(self) -> Array:
+        """How much (t,) the albedo of each pixel in a segment counts, 0…1."""
+        return np.minimum(1.0, self.total / np.percentile(self.total, _DARK))[self.tinted]
+
+    @property
+    def _chromaticity(self) -> Array:
+        return np.asarray(self.flash[:, :2] / self.total[:, None])
+
+
+@dataclass(frozen=True)
+class State:
+    """The unknowns.
+
+    h: (c,) squared depths at the corners of pixels. modes: (J, k) of each lamp's matrix along its
+    prior's modes. own: (m, J, 3) each material's deviations, whitened. albedo: (S, 3) log albedo of
+    each segment at its mean chromaticity, and its slopes. lit: bool (n, J).
+    """
+
+    h: Array
+    modes: Array
+    own: Array
+    albedo: Array
+    lit: NDArray[np.bool_]
+
+
+def response_matrices(scene: Scene, state: State) -> tuple[Array, Array]:
+    """Matrices (J, 3, 3) of the lamps, and deviations (n, J, 3) of each pixel's material."""
+    mean, modes = (np.stack([getattr(p, name) for p in scene.priors]) for name in ("mean", "modes"))
+    material = np.stack([prior.material for prior in scene.priors])
+    own = np.einsum("jxc,mjc->mjx", material, state.own)
+    which, share = scene.shares
+    matrices = mean + np.einsum("jk,jkxy->jxy", state.modes, modes)
+    return matrices, np.einsum("nm,nmjx->njx", share, own[which])
+
+
+def responses(scene: Scene, state: State) -> Array:
+    """Light (n, J, 3) of each lamp where l·w is 1: T_j I_f + s_f Σ_m φ_m δ_mj."""
+    matrices, deviations = response_matrices(scene, state)
+    light = np.einsum("jxy,ny->njx", matrices, scene.flash)
+    return np.asarray(light + scene.total[:, None, None] * deviations)
+
+
+def predicted(scene: Scene, state: State) -> Array:
+    """Light (n, 3) of the lamps."""
+    brightness = (scene.grid.w(state.h) @ scene.directions.T) * state.lit
+    response = responses(scene, state)
+    return np.asarray(np.einsum("nj,njx->nx", brightness, response))

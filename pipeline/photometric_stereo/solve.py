@@ -1,0 +1,238 @@
+"""From a reduced pair and lamps of known directions to a surface."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import permutations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from pipeline.errors import OptionError, UnusablePairError
+from pipeline.frames import Mask
+from pipeline.lamps import Lamps
+from pipeline.model import Model
+from pipeline.options import DirectedLight
+from pipeline.photometric_stereo.fit import fit, refine
+from pipeline.photometric_stereo.grid import make_grid
+from pipeline.photometric_stereo.materials import Materials, find_materials
+from pipeline.photometric_stereo.responses import LampBank, ResponsePrior
+from pipeline.photometric_stereo.scene import Scene, State, predicted, response_matrices
+from pipeline.reduced import ReducedPair
+
+Array = NDArray[np.float64]
+
+_TRIAL, _COARSE, _FINE = 1_200, 5_000, 60_000  # pixels at most
+_MIN_PIXELS = 100
+_MIN_OPEN = 0.5
+_MIN_VOLUME = 0.02  # of the parallelepiped of the unit directions; flatter ones fix no normal
+_MOST_GAIN, _MOST_CORRECTION = 5.0, 2.0
+_RADIUS, _RADIUS_BY_NOISE = 0.008, 0.5  # of a material in chromaticity
+
+
+@dataclass(frozen=True)
+class Surface:
+    """The surface in the picture, at a reduced size.
+
+    block: side of one of its pixels in pixels of the picture. mask: bool (h, w), where it is known.
+    w: (h, w, 3) normals of length D²/(n·v), D the distance to the camera and v the direction to it.
+    z: (h, w) depth along the camera's axis, 1 in the median. lit: (h, w, 3) 0 or 1, by which lamps.
+    deviations: (h, w, 3, 3) of the surface's material from the lamps' matrices, by the flash part's
+    sum of channels. correction: (h, w, 3) light that the fit gives ÷ light there is. All of them 0
+    outside the mask.
+    directions: (3, 3) unit. matrices: (3, 3, 3) flash part → light of each lamp where l·w is 1.
+    strengths: (3,) green brightness of a white card that faces the lamp, the largest 1.
+    """
+
+    block: int
+    mask: Mask
+    w: Array
+    z: Array
+    lit: Array
+    deviations: Array
+    correction: Array
+    directions: Array
+    matrices: Array
+    strengths: Array
+
+
+def solve_surface(
+    lights: Sequence[DirectedLight],
+    reduced: ReducedPair,
+    lamps: Lamps,
+    model: Model,
+    bank: LampBank,
+    focal_px: float,
+) -> Surface:
+    """Fit surface, materials and lamps to the pair, whose flash sits at the camera.
+
+    lights: three distant lamps. With `rgb` for all of them their colours are known, and which is
+    which; else they are those of the lamps found, in the order that explains the pair best. bank:
+    of the camera and the flash. focal_px: of the full-size picture, through whose middle the
+    camera's axis goes.
+    Raises OptionError for directions nearly in a plane, and where there are not three lamps;
+    UnusablePairError where hardly anything is lit.
+    """
+    directions = np.array([light.direction for light in lights], dtype=np.float64)
+    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+    if not lengths.all() or abs(np.linalg.det(directions / lengths)) < _MIN_VOLUME:
+        raise OptionError(
+            "The three light directions lie nearly in one plane, which fixes no normals: place "
+            "the lamps more widely around the camera."
+        )
+    if reduced.usable.sum() < _MIN_PIXELS:
+        raise UnusablePairError(
+            "Too few pixels show both lamps and flash for normals: bring the flash nearer or raise "
+            "its power."
+        )
+    views = {most: _view(reduced, focal_px, most) for most in (_TRIAL, _COARSE, _FINE)}
+    materials = _materials(views[_COARSE])
+
+    def scene(most: int, priors: tuple[ResponsePrior, ...]) -> Scene:
+        return views[most].scene(directions / lengths, priors, materials)
+
+    priors = [tuple(bank.prior(*one) for one in few) for few in _colours(lights, lamps, model)]
+    likeliest = priors[0]
+    if len(priors) > 1:
+        likeliest = min(priors, key=lambda some: fit(scene(_TRIAL, some))[1])
+    coarse = scene(_COARSE, likeliest)
+    state, _ = fit(coarse)
+    fine = scene(_FINE, likeliest)
+    h = _between(coarse, state.h, views[_COARSE].step, fine, views[_FINE].step)
+    state = refine(fine, h, state)
+    return _surface(fine, state, model, reduced.block * views[_FINE].step)
+
+
+@dataclass(frozen=True)
+class _View:
+    """Means over step × step pixels of a reduced pair. All pictures (h, w, …)."""
+
+    step: int
+    focal: float
+    centre: tuple[float, float]
+    mask: Mask
+    flash: Array
+    light: Array
+    flash_variance: Array
+    light_variance: Array
+
+    def scene(
+        self, directions: Array, priors: tuple[ResponsePrior, ...], materials: Materials
+    ) -> Scene:
+        grid = make_grid(self.mask, self.focal, self.centre)
+        flash, light = self.flash[self.mask], self.light[self.mask]
+        # light − gain · flash: an error of the flash part counts by the lamps' brightness beside it
+        gain = np.clip(light / flash, 0, _MOST_GAIN)
+        variance = self.light_variance[self.mask] + gain**2 * self.flash_variance[self.mask]
+        return Scene(grid, directions, flash, light, variance, priors, materials)
+
+
+def _view(reduced: ReducedPair, focal_px: float, most: int) -> _View:
+    """Average so that at most so many usable pixels are left."""
+    step = int(np.ceil(np.sqrt(reduced.usable.sum() / most)))
+    height, width = (side // step for side in reduced.usable.shape)
+    crop = np.s_[: height * step, : width * step]
+    usable = reduced.usable[crop].astype(np.float64)
+
+    def means(picture: NDArray[np.floating]) -> Array:
+        return np.asarray(
+            cv2.resize(picture.astype(np.float64), (width, height), interpolation=cv2.INTER_AREA)
+        )
+
+    share = means(usable)
+    weight = np.maximum(share, 1e-9)[..., None]
+
+    def of_usable(picture: NDArray[np.floating]) -> Array:
+        return means(picture[crop] * usable[..., None]) / weight
+
+    block = reduced.block * step
+    size = [side * reduced.block for side in reduced.usable.shape]
+    return _View(
+        step=step,
+        focal=focal_px / block,
+        centre=(size[1] / 2 / block - 0.5, size[0] / 2 / block - 0.5),
+        mask=share >= _MIN_OPEN,
+        flash=of_usable(reduced.flash),
+        light=of_usable(reduced.no_flash),
+        # noise that was filtered hangs together
+        flash_variance=of_usable(reduced.flash_variance) / step,
+        light_variance=of_usable(reduced.no_flash_variance) / step,
+    )
+
+
+def _materials(view: _View) -> Materials:
+    flash = view.flash[view.mask]
+    total = flash.sum(axis=1)
+    noise = np.sqrt(view.flash_variance[view.mask].sum(axis=1)) / total
+    radius = _RADIUS + _RADIUS_BY_NOISE * float(np.median(noise))
+    return find_materials(flash[:, :2] / total[:, None], radius)
+
+
+def _colours(
+    lights: Sequence[DirectedLight], lamps: Lamps, model: Model
+) -> list[list[tuple[Array, bool]]]:
+    """What the lamps' colours on a grey card may be, in the order of the lights; whether known."""
+    given = np.array([light.strength or 0.0 for light in lights])
+    strengths = np.where(given > 0, given, given[given > 0].mean() if given.any() else 1.0)
+    if all(light.rgb for light in lights):
+        rgb = np.array([light.rgb for light in lights], dtype=np.float64)
+        return [[(one, True) for one in _of_strength(rgb, strengths)]]
+    if len(lamps) != len(lights):
+        raise OptionError(
+            f"Normals need three lamps, and the number found is {len(lamps)}: ask for three, "
+            "or give the rgb of each light."
+        )
+    whites = lamps.matrices @ model.flash_white
+    return [
+        [(one, False) for one in _of_strength(whites[list(order)], strengths)]
+        for order in permutations(range(len(lights)))
+    ]
+
+
+def _of_strength(rgb: Array, strengths: Array) -> Array:
+    """Colours (n, 3) whose green is the lamp's strength."""
+    positive = np.maximum(rgb, 1e-3 * rgb.max(axis=1, keepdims=True))
+    return np.asarray(positive * (strengths / positive[:, 1])[:, None])
+
+
+def _between(coarse: Scene, h: Array, coarse_step: int, fine: Scene, fine_step: int) -> Array:
+    """Squared depths at the corners of the finer grid."""
+    if coarse_step == fine_step:
+        return h
+    known = coarse.grid.corner_mask
+    field = np.zeros(known.shape)
+    field[known] = h
+    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    places = np.array(np.nonzero(fine.grid.corner_mask)) * (fine_step / coarse_step)
+    return np.asarray(
+        ndimage.map_coordinates(field[tuple(nearest)], places, order=1, mode="nearest")
+    )
+
+
+def _surface(scene: Scene, state: State, model: Model, block: int) -> Surface:
+    mask = scene.grid.mask
+
+    def field(values: Array) -> Array:
+        picture = np.zeros((*mask.shape, *values.shape[1:]))
+        picture[mask] = values
+        return picture
+
+    matrices, deviations = response_matrices(scene, state)
+    strengths = (matrices @ model.flash_white)[:, 1]
+    ratio = predicted(scene, state) / np.maximum(scene.light, 1e-9)
+    z = np.sqrt(state.h[scene.grid.corners].mean(axis=1))
+    return Surface(
+        block=block,
+        mask=mask,
+        w=field(scene.grid.w(state.h)),
+        z=field(z / np.median(z)),
+        lit=field(state.lit.astype(np.float64)),
+        deviations=field(deviations),
+        correction=field(np.clip(ratio, 1 / _MOST_CORRECTION, _MOST_CORRECTION)),
+        directions=scene.directions,
+        matrices=matrices,
+        strengths=strengths / strengths.max(),
+    )
