@@ -117,7 +117,10 @@ class Options(_Strict):
         default="D65", description="The light white-balanced pictures are shown under."
     )
     light_directions: list[DirectedLight] | None = Field(
-        default=None, min_length=3, max_length=3, description="Three distant lamps, for normals."
+        default=None,
+        min_length=2,
+        max_length=3,
+        description="Two or three distant lamps, for normals; the flash is one more light.",
     )
     response: str | Sensitivities | None = Field(
         default=None, description="Camera through which the picture is shown anew."

@@ -115,7 +115,9 @@ def separate_files(
 
 def _number(options: Options) -> Literal["auto", 1, 2, 3]:
     """The number of lamps, which their directions tell, too."""
-    return 3 if options.lights == "auto" and options.light_directions else options.lights
+    if options.lights != "auto" or options.light_directions is None:
+        return options.lights
+    return 3 if len(options.light_directions) == 3 else 2
 
 
 def _model(camera: Camera, frame: Frame, options: Options) -> Model:

@@ -63,6 +63,11 @@ def solve_photometry(
     full-size picture.
     Raises OptionError for directions nearly in a plane, and when there are not three lamps.
     """
+    if len(lights) != 3:
+        raise OptionError(
+            f"The published normals need three light directions, and there are {len(lights)}: "
+            "give three, or ask for the method best."
+        )
     directions = np.array([light.direction for light in lights], dtype=np.float64)
     lengths = np.linalg.norm(directions, axis=1, keepdims=True)
     if not lengths.all() or abs(np.linalg.det(directions / lengths)) < _MIN_VOLUME:

@@ -27,12 +27,16 @@ def surface_normals(strip: Strip, surface: Surface) -> Image:
     height, width = strip.confidence.shape
     mask = _spread(surface.mask.astype(np.float32)[..., None], surface.block, strip.rows, width)
     known = (mask[..., 0] > _KNOWN) & (strip.confidence > _MIN_CONFIDENCE)
-    share = np.maximum(mask, _KNOWN)
-    fields = (surface.w, surface.lit, surface.deviations.reshape(*surface.mask.shape, 9))
-    w, lit, deviations = (_spread(one, surface.block, strip.rows, width) / share for one in fields)
+    share: Array = np.maximum(mask, np.float32(_KNOWN))
+
+    def of_surface(field: NDArray[np.floating]) -> Array:
+        return _spread(field, surface.block, strip.rows, width) / share
+
+    w = of_surface(surface.w)
     if surface.block > 1:
-        ratio = _spread(surface.correction, surface.block, strip.rows, width) / share
-        light = strip.no_flash * ratio
+        lit = of_surface(surface.lit)
+        deviations = of_surface(surface.deviations.reshape(*surface.mask.shape, -1))
+        light = strip.no_flash * of_surface(surface.correction)
         matrices, directions = surface.matrices, surface.directions
         _add_detail(w, lit, deviations, light, strip.flash, matrices, directions)
     length = np.linalg.norm(w, axis=2, keepdims=True)
@@ -87,7 +91,7 @@ def _add_detail(
             # light of channel k by w: Σ_j lit_j r_jk l_j
             for k in range(3):
                 a[k] = 0.0
-                for j in range(3):
+                for j in range(len(matrices)):
                     t = matrices[j, k]
                     r = (
                         t[0] * f[0]

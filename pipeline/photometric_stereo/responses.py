@@ -22,8 +22,7 @@ _ENOUGH = 12.0  # lamps of like colour
 _GREY_CARD = 30.0
 _SLACK = 0.03
 _WIDER, _MATERIAL_WIDER = 3.0, 10.0
-_STRENGTH = 0.5
-_COLOUR = 0.1
+_STRENGTH, _COLOUR = 0.5, 0.1  # relative: what is given may be off by so much
 _MODES = 6
 _LEAST = 1e-3  # of the strongest channel
 
@@ -73,10 +72,10 @@ class LampBank:
         # (lamps, reflectances, 3)
         self._seen = np.einsum("lw,rw,kw->lrk", lights, rho, sensitivities, optimize=True)
 
-    def prior(self, colour: Array, known: bool = True) -> ResponsePrior:
+    def prior(self, colour: Array, measured: bool = True) -> ResponsePrior:
         """Learn the prior of a lamp from its colour (3,) on a grey card, scaled to its strength.
 
-        known: whether the colour was measured; else it may be off, too.
+        measured: whether the colour was; else it may be off, too.
         """
         colour = np.maximum(colour, _LEAST * colour.max())
         like, weights = self._alike(colour)
@@ -101,7 +100,7 @@ class LampBank:
         values, vectors = np.linalg.eigh(spread)
         material = _MATERIAL_WIDER * vectors * np.sqrt(np.maximum(values, 0))
         modes = np.concatenate([modes.reshape(-1, 3, 3), _STRENGTH * mean[None]])
-        if not known:
+        if not measured:
             channels = _COLOUR * np.eye(3)[:, :, None] * mean
             modes = np.concatenate([modes, channels])
         return ResponsePrior(mean, modes, material)

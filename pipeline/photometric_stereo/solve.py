@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 _TRIAL, _COARSE, _FINE = 1_200, 5_000, 60_000  # pixels at most
 _MIN_PIXELS = 100
 _MIN_OPEN = 0.5
-_MIN_VOLUME = 0.02  # of the parallelepiped of the unit directions; flatter ones fix no normal
+_MIN_VOLUME = 0.02  # of the parallelepiped, or area of the parallelogram, of the unit directions
 _MOST_GAIN, _MOST_CORRECTION = 5.0, 2.0
 _RADIUS, _RADIUS_BY_NOISE = 0.008, 0.5  # of a material in chromaticity
 
@@ -39,12 +39,12 @@ class Surface:
 
     block: side of one of its pixels in pixels of the picture. mask: bool (h, w), where it is known.
     w: (h, w, 3) normals of length D²/(n·v), D the distance to the camera and v the direction to it.
-    z: (h, w) depth along the camera's axis, 1 in the median. lit: (h, w, 3) 0 or 1, by which lamps.
-    deviations: (h, w, 3, 3) of the surface's material from the lamps' matrices, by the flash part's
+    z: (h, w) depth along the camera's axis, 1 in the median. lit: (h, w, J) 0 or 1, by which lamps.
+    deviations: (h, w, J, 3) of the surface's material from the lamps' matrices, by the flash part's
     sum of channels. correction: (h, w, 3) light that the fit gives ÷ light there is. All of them 0
     outside the mask.
-    directions: (3, 3) unit. matrices: (3, 3, 3) flash part → light of each lamp where l·w is 1.
-    strengths: (3,) green brightness of a white card that faces the lamp, the largest 1.
+    directions: (J, 3) unit. matrices: (J, 3, 3) flash part → light of each lamp where l·w is 1.
+    strengths: (J,) green brightness of a white card that faces the lamp, the largest 1.
     """
 
     block: int
@@ -69,20 +69,16 @@ def solve_surface(
 ) -> Surface:
     """Fit surface, materials and lamps to the pair, whose flash sits at the camera.
 
-    lights: three distant lamps. With `rgb` for all of them their colours are known, and which is
-    which; else they are those of the lamps found, in the order that explains the pair best. bank:
-    of the camera and the flash. focal_px: of the full-size picture, through whose middle the
-    camera's axis goes.
-    Raises OptionError for directions nearly in a plane, and where there are not three lamps;
-    UnusablePairError where hardly anything is lit.
+    lights: two or three distant lamps. With `rgb` for all of them their colours are known, and
+    which is which; else they are those of the lamps found, in the order that explains the pair
+    best. bank: of the camera and the flash. focal_px: of the full-size picture, through whose
+    middle the camera's axis goes.
+    Raises OptionError for directions nearly alike or in a plane, and where the lamps found are not
+    as many; UnusablePairError where hardly anything is lit.
     """
     directions = np.array([light.direction for light in lights], dtype=np.float64)
-    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
-    if not lengths.all() or abs(np.linalg.det(directions / lengths)) < _MIN_VOLUME:
-        raise OptionError(
-            "The three light directions lie nearly in one plane, which fixes no normals: place "
-            "the lamps more widely around the camera."
-        )
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    _check_spread(directions)
     if reduced.usable.sum() < _MIN_PIXELS:
         raise UnusablePairError(
             "Too few pixels show both lamps and flash for normals: bring the flash nearer or raise "
@@ -92,7 +88,7 @@ def solve_surface(
     materials = _materials(views[_COARSE])
 
     def scene(most: int, priors: tuple[ResponsePrior, ...]) -> Scene:
-        return views[most].scene(directions / lengths, priors, materials)
+        return views[most].scene(directions, priors, materials)
 
     priors = [tuple(bank.prior(*one) for one in few) for few in _colours(lights, lamps, model)]
     likeliest = priors[0]
@@ -104,6 +100,16 @@ def solve_surface(
     h = _between(coarse, state.h, views[_COARSE].step, fine, views[_FINE].step)
     state = refine(fine, h, state)
     return _surface(fine, state, model, reduced.block * views[_FINE].step)
+
+
+def _check_spread(directions: Array) -> None:
+    """Raise OptionError for unit directions (J, 3) that fix no normals."""
+    volume = np.sqrt(max(np.linalg.det(directions @ directions.T), 0.0))
+    if volume < _MIN_VOLUME:
+        raise OptionError(
+            "The light directions are nearly alike, or lie nearly in one plane, which fixes no "
+            "normals: place the lamps more widely around the camera."
+        )
 
 
 @dataclass(frozen=True)
@@ -182,8 +188,8 @@ def _colours(
         return [[(one, True) for one in _of_strength(rgb, strengths)]]
     if len(lamps) != len(lights):
         raise OptionError(
-            f"Normals need three lamps, and the number found is {len(lamps)}: ask for three, "
-            "or give the rgb of each light."
+            f"There are {len(lights)} light directions, and the number of lamps is {len(lamps)}: "
+            "give one direction for each, or the rgb of each light."
         )
     whites = lamps.matrices @ model.flash_white
     return [
