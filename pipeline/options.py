@@ -19,13 +19,15 @@ OUTPUT_NAMES = (
     "residual.png",
     "normals.png",
     "normals.exr",
+    "depth.exr",
     "white_balanced_1.tif",
     "white_balanced_2.tif",
     "white_balanced.exr",
     "response.jpg",
 )
 """Names for `outputs`; lamps.tif and lamps.jpg stand for one file per lamp. manifest.json is
-always written, normals only with light directions, response.jpg only with a response."""
+always written, normals and depth only with light directions, depth not with the method paper,
+response.jpg only with a response."""
 
 
 class _Strict(BaseModel):

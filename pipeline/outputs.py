@@ -63,6 +63,7 @@ def write_outputs(
         *_layer_jobs(pictures, model, wanted),
         *_balanced_jobs(pictures, model, wanted),
         *_normal_jobs(pictures.normals, wanted),
+        *_depth_jobs(pictures.depth, wanted),
         *_confidence_jobs(pictures.confidence, wanted),
     ]
     if "gamma.png" in wanted:
@@ -156,6 +157,13 @@ def _normal_jobs(field: Image | None, wanted: frozenset[str]) -> list[Job]:
             )
         )
     return jobs
+
+
+def _depth_jobs(depth: NDArray[np.float32] | None, wanted: frozenset[str]) -> list[Job]:
+    if depth is None or "depth.exr" not in wanted:
+        return []
+    encoding = "32-bit float, along the camera's axis, 1 in the median, NaN = unknown"
+    return [("depth.exr", encoding, "none", lambda path: write_exr(path, {"Z": depth}))]
 
 
 def _confidence_jobs(confidence: NDArray[np.float32] | None, wanted: frozenset[str]) -> list[Job]:

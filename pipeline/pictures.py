@@ -12,6 +12,7 @@ from pipeline.lamps import Lamps
 from pipeline.model import Model
 from pipeline.normals import Facing
 from pipeline.pair import Pair
+from pipeline.photometric_stereo.detail import surface_depth
 from pipeline.progress import Progress
 from pipeline.reduced import ReducedPair
 from pipeline.response import other_response
@@ -26,10 +27,11 @@ class Pictures:
     """Linear pictures (H, W, 3); None where not wanted.
 
     photograph: the no-flash photograph. layers: (N, H, W, 3). white_balanced_1, _2: camera RGB as
-    under the neutral light, by approach I and II. normals: unit, NaN where unknown. response: RGB
-    of the other camera. confidence: (H, W) 0…1, 0 where the layers are filled in from their
-    surroundings. filled: share of pixels filled in, 0…1. separated: (N,) part 0…1 of each lamp's
-    light that was separated and not filled in, Σ confidence · layer ÷ Σ layer.
+    under the neutral light, by approach I and II. normals: unit, NaN where unknown. depth: (H, W),
+    relative, NaN where unknown. response: RGB of the other camera. confidence: (H, W) 0…1, 0 where
+    the layers are filled in from their surroundings. filled: share of pixels filled in, 0…1.
+    separated: (N,) part 0…1 of each lamp's light that was separated and not filled in, Σ confidence
+    · layer ÷ Σ layer.
     """
 
     photograph: Image
@@ -37,6 +39,7 @@ class Pictures:
     white_balanced_1: Image | None
     white_balanced_2: Image | None
     normals: Image | None
+    depth: NDArray[np.float32] | None
     response: Image | None
     confidence: NDArray[np.float32] | None
     filled: float
@@ -69,6 +72,9 @@ def render(
     normals = canvas("normals.png", "normals.exr") if facing else None
     response = canvas("response.jpg") if model.response else None
     confidence = np.empty(shape[:2], dtype=np.float32) if "confidence.tif" in wanted else None
+    depth = None
+    if facing is not None and facing.surface is not None and "depth.exr" in wanted:
+        depth = surface_depth(facing.surface, shape[:2])
     filled = 0
     light, sure = np.zeros((2, len(lamps), shape[0]))  # of each row, so that strips do not matter
     for strip in separate(pair, reduced, lamps, model, method, progress, strip_rows):
@@ -94,6 +100,7 @@ def render(
         white_balanced_1=balanced_1,
         white_balanced_2=balanced_2,
         normals=normals,
+        depth=depth,
         response=response,
         confidence=confidence,
         filled=filled / (shape[0] * shape[1]),

@@ -157,9 +157,7 @@ def with_even_albedo(scene: Scene, state: State) -> State:
     level = np.zeros((scene.segment_count, 3))
     off = _albedo_residual(scene, replace(state, albedo=level))
     own = scene.segments[scene.tinted]
-    order = np.argsort(own, kind="stable")
-    ends = np.cumsum(np.bincount(own, minlength=scene.segment_count))[:-1]
-    level[:, 0] = [np.median(part) for part in np.split(off[order], ends)]
+    level[:, 0] = [np.median(off[own == segment]) for segment in range(scene.segment_count)]
     return replace(state, albedo=level)
 
 

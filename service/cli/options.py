@@ -75,7 +75,8 @@ class Flags:
     light_directions: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE.json", help="Directions of two or three lamps, for normals; see the README."
+            metavar="FILE.json",
+            help="Directions of two or three lamps, for normals; see the README.",
         ),
     ] = None
     response: Annotated[

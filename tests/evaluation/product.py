@@ -29,10 +29,14 @@ def run_product(shot: Shot, output: str, **options: Any) -> tuple[dict[str, Any]
     with tempfile.TemporaryDirectory() as folder:
         directory = Path(folder)
         manifest = separate_files(*shot.files, chosen, directory, Progress())
-        with muted():
-            file = OpenEXR.File(str(directory / output), separate_channels=True)
-            planes = {name: channel.pixels for name, channel in file.channels().items()}
-    return manifest, planes
+        return manifest, planes_of(directory / output)
+
+
+def planes_of(path: Path) -> Planes:
+    """Channels (H, W) of an EXR file by name."""
+    with muted():
+        file = OpenEXR.File(str(path), separate_channels=True)
+        return {name: channel.pixels for name, channel in file.channels().items()}
 
 
 def picture(planes: Planes, prefix: str) -> NDArray[np.float32]:

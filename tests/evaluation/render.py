@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.spectra.grid import WAVELENGTHS_NM
+from pipeline.vectors import unit
 from tests.evaluation.geometry import Geometry, Lamp, Shape, View
 from tests.evaluation.grain import smooth_bounces
 from tests.evaluation.meshes import mesh_of
@@ -51,12 +52,42 @@ def render(geometry: Geometry, palette: Array, size: tuple[int, int]) -> Transpo
 
 
 @dataclass(frozen=True)
+class Facing:
+    """What pixels show. normals: (H, W, 3) unit, NaN where there is nothing or several things.
+
+    places: (H, W, 3), metres. lit: bool (L, H, W), wholly lit by a lamp.
+    """
+
+    normals: Array
+    places: Array
+    lit: NDArray[np.bool_]
+
+
+def render_facing(geometry: Geometry, size: tuple[int, int]) -> tuple[DirectTransport, Facing]:
+    """Render direct light, and where surfaces face. size: (width, height) in pixels."""
+    transport, shown = _direct(geometry, (size[0] * _FACTOR, size[1] * _FACTOR))
+
+    def blocks(picture: NDArray[np.floating]) -> Array:
+        shape = (size[1], _FACTOR, size[0], _FACTOR, *picture.shape[2:])
+        return picture.reshape(shape).astype(np.float64)
+
+    one = (blocks(shown.shape).min(axis=(1, 3)) == blocks(shown.shape).max(axis=(1, 3))) & (
+        blocks(shown.shape).min(axis=(1, 3)) > 0
+    )
+    normals = unit(blocks(shown.normals).mean(axis=(1, 3)))
+    normals[~one] = np.nan
+    lit = [blocks(light).min(axis=(1, 3)) > 0 for light in transport.diffuse]
+    return transport, Facing(normals, blocks(shown.places).mean(axis=(1, 3)), np.array(lit) & one)
+
+
+@dataclass(frozen=True)
 class _Shown:
-    """What sub-pixels show: their texels, which shape (h, w), its normal (h, w, 3)."""
+    """What sub-pixels show: texels, which shape (h, w), its normal and its place (h, w, 3)."""
 
     texels: Texels
     shape: NDArray[np.float32]
     normals: NDArray[np.float32]
+    places: NDArray[np.float32]
 
 
 def _direct(geometry: Geometry, size: tuple[int, int]) -> tuple[DirectTransport, _Shown]:
@@ -75,7 +106,7 @@ def _direct(geometry: Geometry, size: tuple[int, int]) -> tuple[DirectTransport,
         seen = np.mean([_moved(scene, point) for point in points], axis=0)
         diffuse.append(seen[..., 1] - seen[..., 0])
         gloss.append(seen[..., 0])
-    aov = {"type": "aov", "aovs": "u:uv,n:sh_normal,i:shape_index"}
+    aov = {"type": "aov", "aovs": "u:uv,n:sh_normal,i:shape_index,p:position"}
     plain = _load({**shapes, "sensor": sensor, "integrator": aov})
     what = _image(plain)
     texels = _texels(geometry, [shape.id() for shape in plain.shapes()], what[..., [0, 1, 5]])
@@ -87,7 +118,7 @@ def _direct(geometry: Geometry, size: tuple[int, int]) -> tuple[DirectTransport,
         texels.share,
         _FACTOR,
     )
-    return transport, _Shown(texels, what[..., 5], what[..., 2:5])
+    return transport, _Shown(texels, what[..., 5], what[..., 2:5], what[..., 6:9])
 
 
 def _bounces(

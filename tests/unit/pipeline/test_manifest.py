@@ -14,7 +14,7 @@ from pipeline.align import Alignment
 from pipeline.frames import Exposure, Frame
 from pipeline.manifest import lamp_entries, make_manifest
 from pipeline.model import Model
-from pipeline.normals import Photometry
+from pipeline.normals import Facing
 from pipeline.options import DirectedLight, Options
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light
@@ -57,7 +57,7 @@ def manifest_of(
             "pair": pair,
             "lamps": lamps,
             "entries": lamp_entries(lamps, model, np.array([1.0, 0.25])),
-            "photometry": None,
+            "facing": None,
             "filled": 0.123456,
             "files": [{"name": "layers.exr", "sha256": "cc"}],
             "warnings": ["Something is odd."],
@@ -163,12 +163,10 @@ def test_alignment_is_told_with_its_matrix(manifest_of: Callable[..., dict[str, 
 def test_normals_are_told_with_their_strengths(
     manifest_of: Callable[..., dict[str, Any]],
 ) -> None:
-    photometry = Photometry(
-        np.zeros((3, 3, 3)), np.ones(3), np.eye(3), np.array([1, 0.56789, 0.25])
-    )
+    facing = Facing(lambda strip: strip.flash, np.array([1, 0.56789, 0.25]), None)
     options = Options(light_directions=[DirectedLight(direction=(0, 0, 1))] * 3)
 
-    found = manifest_of(photometry=photometry, options=options)["normals"]
+    found = manifest_of(facing=facing, options=options)["normals"]
 
     assert found["strengths"] == [1.0, 0.5679, 0.25]
     assert "y up" in found["convention"]

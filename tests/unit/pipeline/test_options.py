@@ -67,7 +67,7 @@ def test_more_than_three_lamps_are_refused_with_the_reason(lights: int) -> None:
         ({"exposure_ratio": float("inf")}, "exposure_ratio"),
         ({"focal_px": 0}, "focal_px"),
         ({"focal_px": float("inf")}, "focal_px"),
-        ({"light_directions": [DIRECTION] * 2}, "light_directions"),
+        ({"light_directions": [DIRECTION]}, "light_directions"),
         ({"light_directions": [DIRECTION] * 4}, "light_directions"),
         ({"light_directions": [{**DIRECTION, "strength": 0}] * 3}, "strength"),
         ({"light_directions": [{"direction": [0, 0]}] * 3}, "direction"),
@@ -84,9 +84,9 @@ def test_what_cannot_be_is_refused_by_name(options: dict[str, Any], part: str) -
 
 
 def test_unknown_outputs_are_named_with_the_known_ones() -> None:
-    said = reason({"outputs": ["layers.exr", "depth.exr", "album.pdf"]})
+    said = reason({"outputs": ["layers.exr", "depths.exr", "album.pdf"]})
 
-    assert "unknown output album.pdf, depth.exr" in said
+    assert "unknown output album.pdf, depths.exr" in said
     assert all(name in said for name in OUTPUT_NAMES)
 
 

@@ -72,6 +72,7 @@ def pictures() -> Pictures:
         white_balanced_1=balanced[0],
         white_balanced_2=balanced[1],
         normals=normals,
+        depth=np.where(normals[..., 2] == 1, np.float32(1.25), np.float32(np.nan)),
         response=None,
         confidence=np.linspace(0, 1, 40 * 64, dtype=np.float32).reshape(40, 64),
         filled=0.0,
@@ -126,6 +127,7 @@ def written(
         (("white_balanced_2.tif",), ["white_balanced_2.tif"]),
         (("white_balanced.exr",), ["white_balanced.exr"]),
         (("normals.png", "normals.exr"), ["normals.exr", "normals.png"]),
+        (("depth.exr",), ["depth.exr"]),
         (("confidence.tif",), ["confidence.tif"]),
         (("gamma.png",), ["gamma.png"]),
         (("residual.png",), ["residual.png"]),
@@ -160,6 +162,7 @@ def test_entries_describe_the_files(
     assert "white level of the no-flash photograph" in entries["layers.exr"]["colour_space"]
     assert "neutral light" in entries["white_balanced.exr"]["colour_space"]
     assert "y up" in entries["normals.png"]["colour_space"]
+    assert "1 in the median" in entries["depth.exr"]["encoding"]
     assert entries["confidence.tif"]["encoding"].startswith("16-bit linear, 65535 = separated")
 
 
@@ -212,11 +215,12 @@ def test_layers_are_written_to_the_bit_with_their_sum(
 def test_unknown_normals_are_kept_apart(
     written: Callable[..., list[dict[str, Any]]], tmp_path: Path
 ) -> None:
-    written("normals.exr")
+    written("normals.exr", "depth.exr")
 
-    z = planes(tmp_path / "normals.exr")["B"]
-    assert np.isnan(z[:5]).all()
-    assert (z[5:] == 1).all()
+    for name, channel, known in (("normals.exr", "B", 1), ("depth.exr", "Z", 1.25)):
+        plane = planes(tmp_path / name)[channel]
+        assert np.isnan(plane[:5]).all()
+        assert (plane[5:] == known).all()
 
 
 def test_lamps_are_written_in_rec_2020_on_one_scale(
@@ -284,7 +288,7 @@ def test_black_pictures_are_written_black(
 
     entries = written(*OUTPUT_NAMES, given=dark)
 
-    assert len(entries) == 15
+    assert len(entries) == 16
     for name in ("lamp1.jpg", "white_balanced_1.jpg", "white_balanced_2.jpg"):
         assert not shown(tmp_path / name).any()
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,10 @@ from numpy.typing import NDArray
 
 from pipeline.errors import Canceled
 from pipeline.model import Model, build_model
-from pipeline.normals import Photometry
+from pipeline.normals import Facing
 from pipeline.options import OUTPUT_NAMES
+from pipeline.photometric_stereo.detail import surface_normals
+from pipeline.photometric_stereo.solve import Surface
 from pipeline.pictures import Pictures, render
 from pipeline.progress import Progress
 from pipeline.reduced import reduce_pair
@@ -18,7 +21,7 @@ from pipeline.spectra.cameras import Camera, srgb_stand_in
 from pipeline.spectra.lights import find_light
 
 Array = NDArray[np.float64]
-NAMES = ("white_balanced_1", "white_balanced_2", "normals", "response")
+NAMES = ("white_balanced_1", "white_balanced_2", "normals", "depth", "response")
 
 
 @pytest.fixture(scope="module")
@@ -27,9 +30,22 @@ def model_with_response(camera: Camera) -> Model:
 
 
 @pytest.fixture
-def photometry(lamps_of: Callable[..., Any], warm_to_cool: Array) -> Photometry:
-    lamps = lamps_of(warm_to_cool)
-    return Photometry(lamps.matrices, np.ones(3), np.eye(3), np.ones(3))
+def facing() -> Facing:
+    """A surface of the picture's size that faces the camera, known in its upper half."""
+    mask = np.arange(64)[:, None] < np.full((64, 96), 32)
+    surface = Surface(
+        block=1,
+        mask=mask,
+        w=np.where(mask[..., None], [0.0, 0.0, 2.0], 0.0),
+        z=np.where(mask, 1.5, 0.0),
+        lit=np.ones((64, 96, 3)),
+        deviations=np.zeros((64, 96, 3, 3)),
+        correction=np.ones((64, 96, 3)),
+        directions=np.eye(3),
+        matrices=np.zeros((3, 3, 3)),
+        strengths=np.ones(3),
+    )
+    return Facing(partial(surface_normals, surface=surface), surface.strengths, surface)
 
 
 @pytest.fixture
@@ -38,7 +54,7 @@ def rendered(
     lamps_of: Callable[..., Any],
     warm_to_cool: Array,
     model_with_response: Model,
-    photometry: Photometry,
+    facing: Facing,
 ) -> Callable[..., Pictures]:
     """Render the pictures that a set of outputs needs."""
 
@@ -49,7 +65,7 @@ def rendered(
             reduce_pair(pair),
             lamps_of(warm_to_cool),
             more.get("model", model_with_response),
-            more.get("photometry", photometry),
+            more.get("facing", facing),
             more.get("method", "best"),
             frozenset(wanted),
             more.get("progress", Progress()),
@@ -72,6 +88,7 @@ def rendered(
         (("white_balanced_2.jpg",), {"white_balanced_2"}),
         (("normals.png",), {"normals"}),
         (("normals.exr",), {"normals"}),
+        (("depth.exr",), {"depth"}),
         (("response.jpg",), {"response"}),
         (OUTPUT_NAMES, set(NAMES)),
     ],
@@ -89,9 +106,10 @@ def test_only_pictures_that_are_wanted_are_made(
 def test_without_directions_and_without_another_camera_there_is_neither_picture(
     rendered: Callable[..., Pictures], model: Model
 ) -> None:
-    pictures = rendered(*OUTPUT_NAMES, model=model, photometry=None)
+    pictures = rendered(*OUTPUT_NAMES, model=model, facing=None)
 
     assert pictures.normals is None
+    assert pictures.depth is None
     assert pictures.response is None
     assert pictures.white_balanced_1 is not None
 
@@ -108,7 +126,7 @@ def test_strips_make_the_same_pictures(
     for name in ("photograph", "layers", *NAMES):
         picture = getattr(cut, name)
         assert picture.dtype == np.float32
-        assert name == "normals" or np.isfinite(picture).all()
+        assert name in ("normals", "depth") or np.isfinite(picture).all()
         np.testing.assert_array_equal(picture, getattr(whole, name))
     assert cut.filled == whole.filled
     np.testing.assert_array_equal(cut.confidence, whole.confidence)

@@ -86,7 +86,7 @@ ONE = {"direction": [0, 0, 1]}
         ([ONE] * 3, "is not JSON of the form"),
         ({"lamps": []}, "is not JSON of the form"),
         ({"lights": {"direction": [0, 0, 1]}}, "must be a list"),
-        ({"lights": [ONE] * 2}, "light_directions"),
+        ({"lights": [ONE]}, "light_directions"),
         ({"lights": [ONE] * 4}, "light_directions"),
         ({"lights": [ONE, ONE, {"direction": [0, 1]}]}, "light_directions.2.direction"),
         ({"lights": [ONE, ONE, {"direction": [0, 0, 1], "strength": 0}]}, "2.strength"),

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from pipeline.errors import OptionError
 from pipeline.frames import Image
+from pipeline.hui2018.normals import normals, solve_photometry
 from pipeline.lamps import Lamps
 from pipeline.model import Model
-from pipeline.hui2018.normals import normals, solve_photometry
 from pipeline.options import DirectedLight
 from pipeline.reduced import reduce_pair
 from pipeline.separation import Strip

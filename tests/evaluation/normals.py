@@ -1,0 +1,254 @@
+"""How well normals and depth are found, on rendered objects of known shape.
+
+All conditions on the report objects write docs/normals.md and its data. Anything less prints.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass, replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.decode import decode
+from pipeline.errors import InputError
+from pipeline.options import Options
+from pipeline.process import separate_files
+from pipeline.progress import Progress
+from pipeline.vectors import unit
+from tests.evaluation.baselines.woodham1980 import single_shot_normals
+from tests.evaluation.objects import CAMERA, OBJECTS, Kind, Object, ObjectShot, photograph
+from tests.evaluation.product import planes_of
+from tests.evaluation.spectra import Split, flash_spectrum, sensitivities
+from tests.evaluation.tables import markdown
+
+Array = NDArray[np.float64]
+
+_DOCS = Path(__file__).parents[2] / "docs"
+_HEAD = Path(__file__).with_name("normals_head.md")
+_WRONG_DEG = 90.0  # of a refusal
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What the photographer has and says. lamps: which of the three are on. said: of each light."""
+
+    kind: Kind = "measured"
+    flash: str = "xenon"
+    noise: bool = False
+    said: tuple[str, ...] = ("direction", "strength", "rgb")
+    lamps: tuple[int, ...] = (0, 1, 2)
+
+
+CONDITIONS = {
+    "measured lamps": Condition(),
+    "peaked lamps": Condition(kind="peaked"),
+    "filtered lamps": Condition(kind="filtered"),
+    "LED flash": Condition(flash="led"),
+    "sensor noise": Condition(noise=True),
+    "strengths unknown": Condition(said=("direction", "rgb")),
+    "strengths unknown, noise": Condition(said=("direction", "rgb"), noise=True),
+    "directions alone": Condition(said=("direction",)),
+    "two lamps": Condition(lamps=(0, 1)),
+}
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Of one method on one object.
+
+    error_deg: mean over the pixels that all lamps light. coverage: share of them that have a
+    normal. depth_error: RMS over the object ÷ its relief, None without depth. cpu_s: processor time
+    of everything, from files to files.
+    """
+
+    condition: str
+    object: str
+    materials: int
+    method: str
+    error_deg: float
+    coverage: float
+    depth_error: float | None
+    refusal: str
+    cpu_s: float
+
+
+Method = Callable[[ObjectShot, Condition], tuple[Array, Array | None]]
+
+
+def _product(method: str) -> Method:
+    def run(shot: ObjectShot, condition: Condition) -> tuple[Array, Array | None]:
+        lights = [{name: shot.lights[j][name] for name in condition.said} for j in condition.lamps]
+        options = Options.model_validate(
+            {
+                **shot.options,
+                "method": method,
+                "lights": len(lights),
+                "light_directions": lights,
+                "outputs": ["normals.exr", "depth.exr"],
+            }
+        )
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            separate_files(*shot.files, options, folder, Progress())
+            normals = planes_of(folder / "normals.exr")
+            depth = folder / "depth.exr"
+            z = planes_of(depth)["Z"].astype(np.float64) if depth.exists() else None
+        return np.stack([normals[c] for c in "RGB"], axis=-1).astype(np.float64), z
+
+    return run
+
+
+def _single_shot(shot: ObjectShot, condition: Condition) -> tuple[Array, Array | None]:
+    before, after = (decode(file, "linear", "photograph").pixels for file in shot.files)
+    white = sensitivities(CAMERA) @ flash_spectrum(condition.flash)
+    surface = (after - before)[shot.lit].mean(axis=0) / white
+    rgb = np.array([light["rgb"] for light in shot.lights])
+    strengths = np.array([light["strength"] for light in shot.lights])
+    colours = (rgb / rgb[:, 1:2] * strengths[:, None]).T
+    directions = unit(np.array([light["direction"] for light in shot.lights]))
+    even = before / (surface / surface[1]).astype(np.float32)
+    return single_shot_normals(even, colours, directions).astype(np.float64), None
+
+
+def _facing_camera(shot: ObjectShot, _: Condition) -> tuple[Array, Array | None]:
+    return np.broadcast_to([0.0, 0.0, 1.0], shot.normals.shape), None
+
+
+METHODS: dict[str, Method] = {
+    "best": _product("best"),
+    "paper": _product("paper"),
+    "single shot": _single_shot,
+    "facing the camera": _facing_camera,
+}
+
+
+def measure(name: str, thing: Object, split: Split, method: str) -> Figures:
+    """Run one method on one object under a condition."""
+    condition = CONDITIONS[name]
+    shot = photograph(
+        thing, split, condition.kind, condition.flash, condition.noise, condition.lamps
+    )
+    start = time.process_time()
+    depth, refusal = None, ""
+    try:
+        normals, depth = METHODS[method](shot, condition)
+    except InputError as refused:
+        normals, refusal = np.full(shot.normals.shape, np.nan), str(refused)
+    spent = time.process_time() - start
+    known = shot.lit & np.isfinite(normals).all(axis=2)
+    cosine = np.clip((normals[known] * shot.normals[known]).sum(axis=1), -1, 1)
+    degrees = np.degrees(np.arccos(cosine))
+    return Figures(
+        condition=name,
+        object=thing.name,
+        materials=thing.materials,
+        method=method,
+        error_deg=float(degrees.mean()) if known.any() else _WRONG_DEG,
+        coverage=float(known.sum() / shot.lit.sum()),
+        depth_error=None if depth is None else _depth_error(depth, shot),
+        refusal=refusal,
+        cpu_s=spent,
+    )
+
+
+def _depth_error(depth: Array, shot: ObjectShot) -> float:
+    """RMS error over the object after the best scale, by the difference of far and near."""
+    known = np.isfinite(shot.normals).all(axis=2) & np.isfinite(depth)
+    true, found = shot.depth[known], depth[known]
+    scale = (true @ found) / (found @ found)
+    return float(np.sqrt(np.mean((scale * found - true) ** 2)) / np.ptp(true))
+
+
+def main() -> None:
+    """Run what the arguments ask for."""
+    parser = argparse.ArgumentParser(prog="python -m tests.evaluation.normals", description=__doc__)
+    parser.add_argument("--set", choices=get_args(Split), default="report")
+    parser.add_argument("--condition", choices=CONDITIONS, action="append")
+    parser.add_argument("--method", choices=METHODS, action="append")
+    arguments = parser.parse_args()
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    jobs = [
+        (name, thing, arguments.set, method)
+        for name in arguments.condition or CONDITIONS
+        for thing in OBJECTS[arguments.set]
+        for method in arguments.method or METHODS
+        if method in ("best", "facing the camera") or len(CONDITIONS[name].lamps) == 3
+    ]
+    found = []
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        for figures in pool.map(measure, *zip(*jobs, strict=True)):
+            found.append(figures)
+            sys.stdout.write(f"{_line(figures)}\n")
+            sys.stdout.flush()
+    table = markdown(_rows(found))
+    sys.stdout.write(f"\n{table}\n")
+    if arguments.set == "report" and not (arguments.condition or arguments.method):
+        _write(found, table)
+
+
+def _line(figures: Figures) -> str:
+    depth = "" if figures.depth_error is None else f"  depth {figures.depth_error:.2%}"
+    return (
+        f"{figures.condition}  {figures.object}  {figures.method}  {figures.error_deg:.2f}°  "
+        f"coverage {figures.coverage:.3f}{depth}  {figures.refusal}"
+    )
+
+
+def _rows(found: list[Figures]) -> list[list[str]]:
+    """A row for each condition: median / worst error of each method, coverage and depth of best."""
+    methods = [name for name in METHODS if any(one.method == name for one in found)]
+    rows = [["", *methods, "coverage", "depth, % of relief"]]
+    for name in dict.fromkeys(one.condition for one in found):
+        own = [one for one in found if one.condition == name]
+        row = [name]
+        for method in methods:
+            errors = [one.error_deg for one in own if one.method == method]
+            row.append(f"{np.median(errors):.2f} / {max(errors):.2f}" if errors else "–")
+        best = [one for one in own if one.method == "best"]
+        depths = [100 * one.depth_error for one in best if one.depth_error is not None]
+        row.append(f"{min(one.coverage for one in best):.3f}" if best else "–")
+        row.append(f"{np.median(depths):.2f} / {max(depths):.2f}" if depths else "–")
+        rows.append(row)
+    return rows
+
+
+def _write(found: list[Figures], table: str) -> None:
+    best = {(one.object, one.condition): one for one in found if one.method == "best"}
+    errors, depths = [["object", "colours", *CONDITIONS]], [["object", "colours", *CONDITIONS]]
+    for thing in OBJECTS["report"]:
+        own = [best[thing.name, name] for name in CONDITIONS]
+        first = [thing.name, str(thing.materials)]
+        errors.append([*first, *(f"{one.error_deg:.2f}" for one in own)])
+        depths.append([*first, *(f"{100 * (one.depth_error or 0):.2f}" for one in own)])
+    parts = [
+        _HEAD.read_text(encoding="utf-8").rstrip(),
+        table,
+        "## Every object\n\nMean error of `best` in degrees.",
+        markdown(errors),
+        "RMS error of its depth in % of the relief.",
+        markdown(depths),
+    ]
+    (_DOCS / "normals.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+    text = json.dumps([_rounded(one) for one in found], indent=1, allow_nan=False)
+    (_DOCS / "normals.json").write_text(text + "\n", encoding="utf-8")
+
+
+def _rounded(figures: Figures) -> dict[str, Any]:
+    values = asdict(replace(figures, cpu_s=round(figures.cpu_s)))
+    return {name: round(v, 4) if isinstance(v, float) else v for name, v in values.items()}
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,127 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.photometric_stereo.detail import surface_depth, surface_normals
+from pipeline.photometric_stereo.solve import Surface
+from pipeline.separation import Strip
+
+Array = NDArray[np.float64]
+
+SIZE, BLOCK = 64, 4
+DIRECTIONS = np.array([[-0.6, 0.35, 0.7], [0.65, 0.3, 0.7], [0.05, -0.55, 0.8]])
+DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
+MATRICES = np.array([np.diag(d) for d in ((1.2, 0.8, 0.3), (0.5, 1.1, 0.6), (0.3, 0.5, 1.2))])
+
+
+def flat(block: int, w: Any = (0.0, 0.0, 1.0), **more: Any) -> Surface:
+    """A surface known everywhere, the same in every pixel."""
+    side = SIZE // block
+    given: dict[str, Any] = {
+        "block": block,
+        "mask": np.ones((side, side), bool),
+        "w": np.broadcast_to(np.array(w), (side, side, 3)),
+        "z": np.ones((side, side)),
+        "lit": np.ones((side, side, 3)),
+        "deviations": np.zeros((side, side, 3, 3)),
+        "correction": np.ones((side, side, 3)),
+        "directions": DIRECTIONS,
+        "matrices": MATRICES,
+        "strengths": np.ones(3),
+    }
+    return Surface(**{**given, **more})
+
+
+def strip_of(normals: Array, rows: slice = slice(0, SIZE), confidence: float = 1.0) -> Strip:
+    """Light of a surface of these normals (h, W, 3) and |w| = 1, and its flash part."""
+    flash = np.full(normals.shape, 0.4)
+    lit = np.einsum("hwj,jkl,hwl->hwk", np.maximum(normals @ DIRECTIONS.T, 0), MATRICES, flash)
+    light, part = lit.astype(np.float32)[rows], flash.astype(np.float32)[rows]
+    return Strip(rows, light[None], light, part, np.full(light.shape[:2], confidence, np.float32))
+
+
+@pytest.fixture
+def ripples() -> Array:
+    """Unit normals (64, 64, 3) that sway by 10° every 6 pixels."""
+    y, x = np.mgrid[:SIZE, :SIZE]
+    tilt = np.tan(np.radians(10))
+    slope = [tilt * np.sin(x * 2 * np.pi / 6), tilt * np.cos(y * 2 * np.pi / 6)]
+    normals = np.stack([*slope, np.ones(x.shape)], axis=-1)
+    return np.asarray(normals / np.linalg.norm(normals, axis=2, keepdims=True))
+
+
+def angle(found: NDArray[np.float32], true: Array) -> float:
+    return float(np.degrees(np.arccos(np.clip((found * true).sum(axis=2), -1, 1))).mean())
+
+
+def test_details_come_back_that_the_reduced_surface_lacks(ripples: Array) -> None:
+    smooth = np.broadcast_to([0.0, 0.0, 1.0], ripples.shape).astype(np.float32)
+
+    found = surface_normals(strip_of(ripples), flat(BLOCK))
+
+    assert angle(smooth, ripples) > 8
+    assert angle(found, ripples) < 0.5 * angle(smooth, ripples)
+
+
+def test_a_surface_at_full_size_is_taken_as_it_is(ripples: Array) -> None:
+    surface = flat(1, w=2.0 * ripples)
+
+    found = surface_normals(strip_of(ripples[::-1]), surface)
+
+    np.testing.assert_allclose(found, ripples, atol=1e-6)
+
+
+def test_what_the_fit_leaves_over_is_no_detail(ripples: Array) -> None:
+    """A light that the fit explains but for its scale moves no normal."""
+    level = np.broadcast_to([0.0, 0.0, 1.0], ripples.shape)
+    strip = strip_of(level)
+    dimmed = replace(strip, no_flash=strip.no_flash * np.float32(0.8))
+    surface = flat(BLOCK, correction=np.full((SIZE // BLOCK, SIZE // BLOCK, 3), 1 / 0.8))
+
+    assert angle(surface_normals(dimmed, surface), level) < 1e-2
+    assert angle(surface_normals(dimmed, flat(BLOCK)), level) > 0.3
+
+
+@pytest.mark.parametrize("block", [1, BLOCK])
+def test_strips_fit_together(ripples: Array, block: int) -> None:
+    surface = flat(block)
+    whole = surface_normals(strip_of(ripples), surface)
+    parts = [
+        surface_normals(strip_of(ripples, slice(top, top + 16)), surface)
+        for top in range(0, SIZE, 16)
+    ]
+
+    np.testing.assert_array_equal(np.concatenate(parts), whole)
+
+
+def test_what_is_not_known_is_nan(ripples: Array) -> None:
+    mask = np.ones((SIZE // BLOCK, SIZE // BLOCK), bool)
+    mask[:, 8:] = False
+    w = np.where(mask[..., None], [0.0, 0.0, 1.0], 0.0)
+
+    found = surface_normals(strip_of(ripples), flat(BLOCK, w=w, mask=mask))
+    doubtful = surface_normals(strip_of(ripples, confidence=0.1), flat(BLOCK))
+
+    assert np.isfinite(found[:, :32]).all()
+    assert np.isnan(found[:, 36:]).all()
+    assert np.isnan(doubtful).all()
+    np.testing.assert_allclose(np.linalg.norm(found[:, :32], axis=2), 1, atol=1e-6)
+
+
+def test_depth_is_spread_to_the_pictures_size() -> None:
+    side = SIZE // BLOCK
+    z = 1 + 0.01 * np.broadcast_to(np.arange(side), (side, side))
+    mask = np.ones((side, side), bool)
+    mask[:4] = False
+
+    depth = surface_depth(flat(BLOCK, z=np.where(mask, z, 0), mask=mask), (SIZE + 2, SIZE))
+
+    assert depth.shape == (SIZE + 2, SIZE)
+    assert np.isnan(depth[:12]).all()
+    expected = 1 + 0.01 * ((np.arange(8, 56) + 0.5) / BLOCK - 0.5)
+    np.testing.assert_allclose(depth[30, 8:56], expected, rtol=1e-5)

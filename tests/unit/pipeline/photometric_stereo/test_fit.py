@@ -1,0 +1,96 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.photometric_stereo.fit import fit, refine
+from pipeline.photometric_stereo.scene import Scene, State
+
+Array = NDArray[np.float64]
+
+
+def normals(scene: Scene, state: State) -> Array:
+    """(h, w, 3), NaN outside."""
+    field = np.full((*scene.grid.mask.shape, 3), np.nan)
+    w = scene.grid.w(state.h)
+    field[scene.grid.mask] = w / np.linalg.norm(w, axis=1, keepdims=True)
+    return field
+
+
+@pytest.mark.parametrize(("materials", "lamps", "limit"), [(1, 3, 0.3), (4, 3, 0.6), (1, 2, 0.4)])
+def test_a_ball_is_found(
+    ball: Callable[..., Any],
+    scene_of: Callable[..., Scene],
+    materials: int,
+    lamps: int,
+    limit: float,
+) -> None:
+    one = ball(48, materials, lamps)
+    scene = scene_of(one)
+
+    state, _ = fit(scene)
+
+    assert one.error(normals(scene, state), one.lit) < limit
+
+
+@pytest.mark.parametrize("order", [(0, 2, 1), (1, 0, 2), (2, 0, 1)])
+def test_the_true_order_of_lamps_is_the_likeliest(
+    ball: Callable[..., Any], scene_of: Callable[..., Scene], order: tuple[int, ...]
+) -> None:
+    """Even of a ball, which every order of the lamps would make another round body."""
+    scene = scene_of(ball(32))
+    swapped = replace(scene, priors=tuple(scene.priors[j] for j in order))
+
+    assert fit(swapped)[1] > fit(scene)[1] + 5
+
+
+def test_cast_shadows_are_left_out(
+    ball: Callable[..., Any], scene_of: Callable[..., Scene]
+) -> None:
+    """A shadow of the first lamp falls on the middle of the ball."""
+    one = ball(48)
+    shadow = np.zeros(one.inside.shape, bool)
+    shadow[18:28, 20:30] = True
+    lamps = one.lamps.copy()
+    lamps[0][shadow] = 0
+    scene = scene_of(replace(one, lamps=lamps))
+
+    state, _ = fit(scene)
+
+    lit = np.zeros(shadow.shape, bool)
+    lit[scene.grid.mask] = state.lit[:, 0]
+    assert lit[shadow].mean() < 0.05
+    assert lit[one.lit & ~shadow].mean() > 0.98
+    assert one.error(normals(scene, state), shadow) < 1
+
+
+def test_a_finer_surface_is_found_from_a_coarse_one(
+    ball: Callable[..., Any], scene_of: Callable[..., Scene]
+) -> None:
+    """With lamps and materials as they are; the start has forgotten every detail."""
+    one = ball(48)
+    scene = scene_of(one)
+    state, _ = fit(scene)
+    smooth = np.full_like(state.h, state.h.mean())
+
+    found = refine(scene, smooth, state)
+
+    assert one.error(normals(scene, replace(state, h=smooth)), one.lit) > 15
+    assert one.error(normals(scene, found), one.lit) < 1
+    np.testing.assert_array_equal(found.modes, state.modes)
+    np.testing.assert_array_equal(found.own, state.own)
+
+
+def test_equal_scenes_have_equal_surfaces(
+    ball: Callable[..., Any], scene_of: Callable[..., Scene]
+) -> None:
+    one = ball(24, 2)
+
+    first, second = fit(scene_of(one))[0], fit(scene_of(one))[0]
+
+    np.testing.assert_array_equal(first.h, second.h)

@@ -1,0 +1,98 @@
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.photometric_stereo.responses import LampBank
+from pipeline.spectra.cameras import Camera
+from pipeline.spectra.lights import find_light, reflectance_spectra
+
+Array = NDArray[np.float64]
+
+
+def seen(camera: Camera, light: Array) -> Array:
+    """Reflectances (m, 3) as the camera sees them, a white card having green 1."""
+    s = camera.sensitivities
+    return np.asarray(reflectance_spectra() @ (s * light).T / (s[1] @ light))
+
+
+def white(camera: Camera, light: Array) -> Array:
+    s = camera.sensitivities
+    return np.asarray(s @ light / (s[1] @ light))
+
+
+@pytest.mark.parametrize("lamp", ["A", "D50", "FL2", "LED-B3"])
+@pytest.mark.parametrize("strength", [1.0, 3.0])
+def test_a_grey_card_has_the_lamps_colour(
+    bank: LampBank, camera: Camera, lamp: str, strength: float
+) -> None:
+    colour = strength * white(camera, find_light(lamp))
+
+    prior = bank.prior(colour)
+
+    np.testing.assert_allclose(prior.mean @ bank.flash_white, colour, rtol=0.01)
+
+
+@pytest.mark.parametrize("lamp", ["A", "D50", "FL2", "HP1"])
+def test_surfaces_lie_within_what_the_prior_allows(
+    bank: LampBank, camera: Camera, lamp: str
+) -> None:
+    """Nearly all light of a lamp is what its mean matrix says, and none is far off."""
+    light = find_light(lamp)
+    prior = bank.prior(white(camera, light))
+    flash, lit = seen(camera, find_light("xenon")), seen(camera, light)
+
+    off = np.linalg.norm(flash @ prior.mean.T - lit, axis=1) / np.linalg.norm(lit, axis=1)
+
+    assert np.median(off) < 0.1
+    best = np.linalg.lstsq(flash, lit, rcond=None)[0].T - prior.mean
+    modes = prior.modes.reshape(len(prior.modes), 9).T
+    along = np.linalg.lstsq(modes, best.ravel(), rcond=None)[0]
+    assert np.linalg.norm(modes @ along - best.ravel()) < 0.3 * np.linalg.norm(best)
+    assert np.abs(along).max() < 3
+
+
+def test_modes_leave_the_grey_card_alone_but_for_the_strength(
+    bank: LampBank, camera: Camera
+) -> None:
+    colour = white(camera, find_light("A"))
+
+    prior = bank.prior(colour)
+
+    moved = prior.modes @ bank.flash_white
+    assert np.abs(moved[:-1]).max() < 0.05 * np.linalg.norm(colour)
+    np.testing.assert_allclose(moved[-1], 0.5 * (prior.mean @ bank.flash_white))
+
+
+def test_a_colour_that_was_not_measured_may_be_off(bank: LampBank, camera: Camera) -> None:
+    colour = white(camera, find_light("A"))
+
+    measured, found = bank.prior(colour), bank.prior(colour, measured=False)
+
+    assert len(found.modes) == len(measured.modes) + 3
+    moved = found.modes[-3:] @ bank.flash_white
+    np.testing.assert_allclose(moved, 0.1 * np.diag(found.mean @ bank.flash_white), atol=1e-9)
+
+
+@pytest.mark.parametrize("colour", [(1.0, 0.02, 0.001), (0.0, 1.0, 0.0), (0.01, 0.1, 1.0)])
+def test_colours_of_filters_are_possible(
+    bank: LampBank, colour: tuple[float, float, float]
+) -> None:
+    prior = bank.prior(np.array(colour))
+
+    assert np.isfinite(prior.mean).all()
+    assert np.isfinite(prior.modes).all()
+    assert np.isfinite(prior.material).all()
+    np.testing.assert_allclose(prior.mean @ bank.flash_white, colour, atol=0.05 * max(colour))
+
+
+def test_the_prior_changes_smoothly_with_the_colour(bank: LampBank, camera: Camera) -> None:
+    warm, cool = (white(camera, find_light(name)) for name in ("A", "D65"))
+    path = [bank.prior(warm + t * (cool - warm)).mean for t in np.linspace(0, 1, 21)]
+
+    steps = [np.linalg.norm(b - a) for a, b in pairwise(path)]
+
+    assert max(steps) < 6 * np.mean(steps)

@@ -1,0 +1,93 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pipeline.photometric_stereo.scene import Scene, predicted, response_matrices, responses
+
+
+@pytest.fixture
+def painted(ball: Callable[..., Any], scene_of: Callable[..., Scene]) -> tuple[Any, Scene]:
+    one = ball(materials=4)
+    return one, scene_of(one)
+
+
+def test_the_true_surface_predicts_the_light(
+    ball: Callable[..., Any], scene_of: Callable[..., Scene], true_state: Callable[..., Any]
+) -> None:
+    """As nearly as the usual matrices of the lamps' colours do."""
+    one = ball()
+    scene = scene_of(one)
+
+    found = predicted(scene, true_state(one, scene))
+
+    lit = one.lit[one.inside]
+    ratio = found[lit].sum(axis=1) / scene.light[lit].sum(axis=1)
+    assert np.abs(np.median(ratio) - 1) < 0.06
+    assert np.ptp(np.quantile(ratio, [0.05, 0.95])) < 0.12
+
+
+def test_a_lamp_that_is_off_gives_no_light(
+    painted: tuple[Any, Scene], true_state: Callable[..., Any]
+) -> None:
+    one, scene = painted
+    state = true_state(one, scene)
+    alone = [
+        predicted(scene, replace(state, lit=state.lit & (np.arange(3) == j))) for j in range(3)
+    ]
+
+    np.testing.assert_allclose(np.sum(alone, axis=0), predicted(scene, state), rtol=1e-12)
+    assert (alone[0][~state.lit[:, 0]] == 0).all()
+
+
+def test_deviations_belong_to_their_material_and_their_lamp(
+    painted: tuple[Any, Scene], true_state: Callable[..., Any]
+) -> None:
+    one, scene = painted
+    state = true_state(one, scene)
+    own = state.own.copy()
+    own[2, 1] = [1.0, -2.0, 0.5]
+
+    matrices, deviations = response_matrices(scene, replace(state, own=own))
+
+    of_it = (scene.shares[0] == 2) * scene.shares[1]
+    expected = of_it.sum(axis=1)[:, None] * (scene.priors[1].material @ own[2, 1])
+    np.testing.assert_allclose(deviations[:, 1], expected, atol=1e-15)
+    assert (deviations[:, [0, 2]] == 0).all()
+    np.testing.assert_array_equal(matrices, [prior.mean for prior in scene.priors])
+
+
+def test_responses_are_the_matrices_and_what_materials_add(
+    painted: tuple[Any, Scene], true_state: Callable[..., Any]
+) -> None:
+    one, scene = painted
+    state = true_state(one, scene)
+    modes = state.modes.copy()
+    modes[0, 1] = 0.7
+    state = replace(state, modes=modes, own=np.full_like(state.own, 0.3))
+
+    matrices, deviations = response_matrices(scene, state)
+    found = responses(scene, state)
+
+    np.testing.assert_allclose(
+        matrices[0], scene.priors[0].mean + 0.7 * scene.priors[0].modes[1], rtol=1e-12
+    )
+    pixel = 100
+    for j in range(3):
+        expected = matrices[j] @ scene.flash[pixel] + scene.total[pixel] * deviations[pixel, j]
+        np.testing.assert_allclose(found[pixel, j], expected, rtol=1e-12)
+
+
+def test_tints_are_beside_the_mean_of_their_segment(painted: tuple[Any, Scene]) -> None:
+    _, scene = painted
+
+    own = scene.segments[scene.tinted]
+    assert (own >= 0).all()
+    for number in range(scene.segment_count):
+        np.testing.assert_allclose(scene.tints[own == number, 1:].mean(axis=0), 0, atol=1e-12)
+    assert (scene.tints[:, 0] == 1).all()
+    assert 0 < scene.tint_weights.min() <= scene.tint_weights.max() == 1

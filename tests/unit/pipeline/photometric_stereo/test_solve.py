@@ -1,0 +1,176 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError, OptionError, UnusablePairError
+from pipeline.lamps import Lamps
+from pipeline.model import Model
+from pipeline.options import DirectedLight
+from pipeline.photometric_stereo.responses import LampBank
+from pipeline.photometric_stereo.solve import Surface, solve_surface
+from pipeline.reduced import reduce_pair
+
+Array = NDArray[np.float64]
+
+
+@pytest.fixture(scope="module")
+def solved(
+    pair_of: Callable[..., Any],
+    lamps_of: Callable[..., Lamps],
+    model: Model,
+    bank: LampBank,
+) -> Callable[..., Surface]:
+    """Solve for a ball. whites: (J, 3) colours of the lamps found, in any order."""
+
+    def build(
+        ball: Any,
+        lights: list[DirectedLight],
+        whites: Array | None = None,
+        fill: int = 1,
+    ) -> Surface:
+        """fill: how often every pixel is repeated, in both directions."""
+        light, flash = (one.repeat(fill, 0).repeat(fill, 1) for one in (ball.light, ball.flash))
+        pair = pair_of(0.3 * light, 0.3 * flash)
+        found = lamps_of(ball.colours if whites is None else whites)
+        return solve_surface(lights, reduce_pair(pair), found, model, bank, fill * ball.focal_px)
+
+    return build
+
+
+def error(ball: Any, surface: Surface) -> float:
+    length = np.linalg.norm(surface.w, axis=2, keepdims=True)
+    normals = surface.w / np.where(length > 0, length, 1)
+    return float(ball.error(normals, ball.lit & surface.mask))
+
+
+@pytest.mark.parametrize("said", [("strength", "rgb"), ("rgb",)])
+def test_normals_depth_and_strengths_are_found(
+    ball: Callable[..., Any], solved: Callable[..., Surface], said: tuple[str, ...]
+) -> None:
+    one = ball(64, 3)
+
+    surface = solved(one, one.lights(*said))
+
+    known = one.lit & surface.mask
+    assert known.sum() > 0.99 * one.lit.sum()
+    assert error(one, surface) < 0.6
+    np.testing.assert_allclose(surface.strengths, [1 / 1.2, 0.7 / 1.2, 1], rtol=0.2)
+    ratio = surface.z[known] / one.depth[known]
+    assert np.std(ratio / ratio.mean()) * 2 < 0.005 * 10  # relief is a fifth of the distance
+    assert np.median(surface.z[surface.mask]) == pytest.approx(1)
+    assert (surface.w[~surface.mask] == 0).all()
+    assert surface.block == 1
+
+
+def test_directions_alone_will_do(ball: Callable[..., Any], solved: Callable[..., Surface]) -> None:
+    """The lamps found may come in any order, and their colours be a little off."""
+    one = ball(64, 3)
+    whites = one.colours[[2, 0, 1]] * [1.02, 1.0, 0.98]
+
+    surface = solved(one, one.lights(), whites)
+
+    assert error(one, surface) < 1.0
+
+
+def test_two_lamps_and_the_flash_will_do(
+    ball: Callable[..., Any], solved: Callable[..., Surface]
+) -> None:
+    one = ball(64, 3, lamps=2)
+
+    surface = solved(one, one.lights("strength", "rgb"))
+
+    assert error(one, surface) < 1.0
+    assert surface.lit.shape[2] == 2
+
+
+def test_lengths_of_directions_mean_nothing(
+    ball: Callable[..., Any], solved: Callable[..., Surface]
+) -> None:
+    one = ball(40)
+    lights = one.lights("strength", "rgb")
+    longer = [
+        light.model_copy(update={"direction": tuple(3 * x for x in light.direction)})
+        for light in lights
+    ]
+
+    np.testing.assert_allclose(solved(one, longer).w, solved(one, lights).w, rtol=1e-6)
+
+
+def test_a_large_picture_is_solved_at_a_reduced_size(
+    ball: Callable[..., Any], solved: Callable[..., Surface]
+) -> None:
+    one = ball(64, 3)
+
+    surface = solved(one, one.lights("strength", "rgb"), fill=10)
+
+    assert surface.block * len(surface.mask) <= 640
+    assert surface.mask.sum() < 60_000
+    step = surface.block / 10
+    centres = ((np.arange(len(surface.mask)) + 0.5) * step).astype(int)
+    known = surface.mask & one.lit[np.ix_(centres, centres)]
+    w = surface.w[known]
+    cosine = (w * one.normals[np.ix_(centres, centres)][known]).sum(axis=1)
+    angle = np.degrees(np.arccos(np.clip(cosine / np.linalg.norm(w, axis=1), -1, 1)))
+    assert np.median(angle) < 1.5  # a pixel of the ball spans 2°
+
+
+@pytest.mark.parametrize(
+    "directions",
+    [
+        [(0.0, 0.0, 1.0)] * 3,
+        [(-0.5, 0.0, 1.0), (0.5, 0.0, 1.0), (0.1, 0.0, 1.0)],
+        [(0.1, 0.2, 0.9), (0.1, 0.2, 0.9)],
+    ],
+)
+def test_directions_that_fix_nothing_are_refused(
+    ball: Callable[..., Any], solved: Callable[..., Surface], directions: Any
+) -> None:
+    with pytest.raises(OptionError, match="nearly alike, or lie nearly in one plane"):
+        solved(ball(32), [DirectedLight(direction=one) for one in directions])
+
+
+def test_as_many_lamps_as_directions_are_needed(
+    ball: Callable[..., Any], solved: Callable[..., Surface]
+) -> None:
+    one = ball(32)
+
+    with pytest.raises(OptionError, match="3 light directions, and the number of lamps is 2"):
+        solved(one, one.lights(), one.colours[:2])
+
+
+def test_a_picture_with_hardly_any_light_is_refused(
+    ball: Callable[..., Any], solved: Callable[..., Surface]
+) -> None:
+    one = ball(10)
+
+    with pytest.raises(UnusablePairError, match="Too few pixels"):
+        solved(one, one.lights("strength", "rgb"))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_light_without_sense_is_solved_or_refused(
+    pair_of: Callable[..., Any],
+    lamps_of: Callable[..., Lamps],
+    ball: Callable[..., Any],
+    model: Model,
+    bank: LampBank,
+    seed: int,
+) -> None:
+    """Noise for a picture: no crash, no unending search, and no number that is none."""
+    random = np.random.default_rng(seed)
+    one = ball(32)
+    pair = pair_of(random.uniform(0.01, 0.4, (40, 40, 3)), random.uniform(0.01, 0.4, (40, 40, 3)))
+    given = (one.lights("rgb"), reduce_pair(pair), lamps_of(one.colours), model, bank, 80.0)
+
+    try:
+        surface = solve_surface(*given)
+    except InputError:
+        return
+
+    assert np.isfinite(surface.w).all()
+    assert np.isfinite(surface.z[surface.mask]).all()

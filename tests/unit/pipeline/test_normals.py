@@ -1,0 +1,78 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.errors import OptionError
+from pipeline.lamps import Lamps
+from pipeline.model import Model
+from pipeline.normals import find_facing
+from pipeline.options import DirectedLight
+from pipeline.photometric_stereo.responses import LampBank
+from pipeline.reduced import reduce_pair
+from pipeline.separation import Strip
+from pipeline.spectra.cameras import Camera
+from pipeline.spectra.lights import find_light
+
+Array = NDArray[np.float64]
+
+DIRECTIONS = ((-0.6, 0.35, 0.7), (0.65, 0.3, 0.7), (0.05, -0.55, 0.8))
+
+
+@pytest.fixture
+def found(
+    exact: Callable[..., tuple[Any, Array]],
+    lamps_of: Callable[..., Lamps],
+    model: Model,
+    camera: Camera,
+    warm_to_cool: Array,
+) -> Callable[..., Any]:
+    """Find where surfaces face in a pair of three lamps; the strip is all of it."""
+
+    def run(method: Literal["best", "paper"], count: int = 3) -> tuple[Any, Strip]:
+        pair, layers = exact(warm_to_cool)
+        lights = [DirectedLight(direction=one) for one in DIRECTIONS[:count]]
+        bank = LampBank(camera.sensitivities, find_light("xenon"))
+        reduced, lamps = reduce_pair(pair), lamps_of(warm_to_cool[:count])
+        facing = find_facing(lights, reduced, lamps, model, bank, 150.0, method)
+        height, width = pair.unusable.shape
+        strip = Strip(
+            slice(0, height),
+            layers.astype(np.float32),
+            pair.no_flash,
+            pair.flash - pair.no_flash,
+            np.ones((height, width), np.float32),
+        )
+        return facing, strip
+
+    return run
+
+
+@pytest.mark.parametrize("method", ["best", "paper"])
+def test_normals_are_of_unit_length_or_unknown(found: Callable[..., Any], method: str) -> None:
+    facing, strip = found(method)
+
+    normals = facing.of(strip)
+
+    known = np.isfinite(normals).all(axis=2)
+    assert normals.shape == strip.no_flash.shape
+    assert known.mean() > 0.05
+    np.testing.assert_allclose(np.linalg.norm(normals[known], axis=1), 1, atol=1e-5)
+    assert (facing.strengths > 0).all()
+
+
+def test_a_surface_is_fitted_by_best_alone(found: Callable[..., Any]) -> None:
+    assert found("best")[0].surface is not None
+    assert found("paper")[0].surface is None
+
+
+def test_two_lamps_will_do_for_best_alone(found: Callable[..., Any]) -> None:
+    facing, strip = found("best", 2)
+
+    assert np.isfinite(facing.of(strip)).all(axis=2).mean() > 0.5
+    with pytest.raises(OptionError, match="published normals need three light directions"):
+        found("paper", 2)
