@@ -27,8 +27,9 @@ lint: setup  ## Check style, types and the import rules
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-evaluate: setup  ## Measure the separation on rendered scenes, an hour; SET=development for tuning
+evaluate: setup  ## Measure separation and normals on rendered scenes; SET=development for tuning
 	$(BIN)/python -m tests.evaluation --set $(SET)
+	$(BIN)/python -m tests.evaluation.normals --set $(SET)
 
 serve: setup  ## Serve on http://localhost:8000; HOST=0.0.0.0 for phones on this network, too
 	$(BIN)/lightlayers serve --host $(HOST)

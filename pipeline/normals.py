@@ -21,18 +21,22 @@ from pipeline.photometric_stereo.solve import Surface, solve_surface
 from pipeline.reduced import ReducedPair
 from pipeline.separation import Strip
 
+_MUCH_LEFT = 0.05  # relative; sensor noise leaves up to 0.025
+
 
 @dataclass(frozen=True)
 class Facing:
     """Where surfaces face.
 
     of: unit normals (h, W, 3) of a strip, x right, y up, z to the viewer, NaN where unknown.
-    strengths: (3,) of the lamps, relative. surface: its depth, None as published.
+    strengths: (J,) of the lamps, relative. surface: what was fitted, None as published. warnings:
+    that the lamps do not explain the light.
     """
 
     of: Callable[[Strip], Image]
     strengths: NDArray[np.float64]
     surface: Surface | None
+    warnings: tuple[str, ...] = ()
 
 
 def find_facing(
@@ -54,4 +58,15 @@ def find_facing(
         of = partial(normals, lamps=lamps, photometry=photometry)
         return Facing(of, photometry.strengths, None)
     surface = solve_surface(lights, reduced, lamps, model, bank, focal_px)
-    return Facing(partial(surface_normals, surface=surface), surface.strengths, surface)
+    of = partial(surface_normals, surface=surface)
+    return Facing(of, surface.strengths, surface, _warnings(surface))
+
+
+def _warnings(surface: Surface) -> tuple[str, ...]:
+    if surface.misfit < _MUCH_LEFT and (surface.strengths > 0).all():
+        return ()
+    return (
+        "Lamps in the directions given do not explain the light, so that normals and depth are "
+        f"doubtful: {surface.misfit:.0%} of it is left over in half the picture. Check the "
+        "directions, the focal length, and that the flash sits at the camera.",
+    )

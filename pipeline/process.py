@@ -79,6 +79,7 @@ def separate_files(
         facing = find_facing(
             options.light_directions, reduced, lamps, model, bank, focal_px, options.method
         )
+        warnings.extend(facing.warnings)
     progress.report("lamps", 1.0)
 
     wanted = wanted_outputs(options)

@@ -44,6 +44,7 @@ class Surface:
     sum of channels. correction: (h, w, 3) light that the fit gives ÷ light there is. All of them 0
     outside the mask.
     directions: (J, 3) unit. matrices: (J, 3, 3) flash part → light of each lamp where l·w is 1.
+    misfit: median relative light that the fit does not explain.
     strengths: (J,) green brightness of a white card that faces the lamp, the largest 1.
     """
 
@@ -56,6 +57,7 @@ class Surface:
     correction: Array
     directions: Array
     matrices: Array
+    misfit: float
     strengths: Array
 
 
@@ -228,7 +230,9 @@ def _surface(scene: Scene, state: State, model: Model, block: int) -> Surface:
 
     matrices, deviations = response_matrices(scene, state)
     strengths = (matrices @ model.flash_white)[:, 1]
-    ratio = predicted(scene, state) / np.maximum(scene.light, 1e-9)
+    explained = predicted(scene, state)
+    ratio = explained / np.maximum(scene.light, 1e-9)
+    off = np.abs(explained - scene.light).sum(axis=1)
     z = np.sqrt(state.h[scene.grid.corners].mean(axis=1))
     return Surface(
         block=block,
@@ -240,5 +244,6 @@ def _surface(scene: Scene, state: State, model: Model, block: int) -> Surface:
         correction=field(np.clip(ratio, 1 / _MOST_CORRECTION, _MOST_CORRECTION)),
         directions=scene.directions,
         matrices=matrices,
+        misfit=float(np.median(off / scene.light.sum(axis=1))),
         strengths=strengths / strengths.max(),
     )

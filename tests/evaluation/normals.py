@@ -192,7 +192,7 @@ def main() -> None:
             found.append(figures)
             sys.stdout.write(f"{_line(figures)}\n")
             sys.stdout.flush()
-    table = markdown(_rows(found))
+    table = markdown(rows(found))
     sys.stdout.write(f"\n{table}\n")
     if arguments.set == "report" and not (arguments.condition or arguments.method):
         _write(found, table)
@@ -206,7 +206,7 @@ def _line(figures: Figures) -> str:
     )
 
 
-def _rows(found: list[Figures]) -> list[list[str]]:
+def rows(found: list[Figures]) -> list[list[str]]:
     """A row for each condition: median / worst error of each method, coverage and depth of best."""
     methods = [name for name in METHODS if any(one.method == name for one in found)]
     rows = [["", *methods, "coverage", "depth, % of relief"]]

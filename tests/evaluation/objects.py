@@ -32,7 +32,7 @@ _WHITE_LEVEL = 0.9
 _COLOURS = 6
 _LIGHT = 0.2  # mean reflectance of the colours, at least
 _LEAST_ANGLE_DEG = 8.0  # between two lamps' camera colours
-_NARROW_NM = 75.0
+_PEAKED = 12  # how many lamps are: those of the least effective width 5 nm/Σp²
 _SATURATED = 5.0  # largest ÷ least reflectance of what a filter is made of
 
 
@@ -214,7 +214,7 @@ def _lamps(random: np.random.Generator, split: Split, kind: Kind, s: Array) -> A
     """Three spectra (3, W) whose colours differ."""
     known = lamps(split).spectra
     if kind == "peaked":
-        known = known[5.0 / np.sum(known**2, axis=1) < _NARROW_NM]
+        known = known[np.argsort(-np.sum(known**2, axis=1), kind="stable")[:_PEAKED]]
     if kind == "filtered":
         rho = reflectances(split)
         filters = rho[rho.max(axis=1) > _SATURATED * (rho.min(axis=1) + 0.02)]

@@ -62,7 +62,15 @@ def test_normals_are_of_unit_length_or_unknown(found: Callable[..., Any], method
     assert normals.shape == strip.no_flash.shape
     assert known.mean() > 0.05
     np.testing.assert_allclose(np.linalg.norm(normals[known], axis=1), 1, atol=1e-5)
-    assert (facing.strengths > 0).all()
+
+
+def test_light_that_no_surface_explains_is_warned_of(found: Callable[..., Any]) -> None:
+    """The shares of the lamps in this picture are not those of any surface."""
+    warned = found("best")[0].warnings
+
+    assert len(warned) == 1
+    assert "do not explain the light" in warned[0]
+    assert found("paper")[0].warnings == ()
 
 
 def test_a_surface_is_fitted_by_best_alone(found: Callable[..., Any]) -> None:

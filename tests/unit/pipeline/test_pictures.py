@@ -43,6 +43,7 @@ def facing() -> Facing:
         correction=np.ones((64, 96, 3)),
         directions=np.eye(3),
         matrices=np.zeros((3, 3, 3)),
+        misfit=0.0,
         strengths=np.ones(3),
     )
     return Facing(partial(surface_normals, surface=surface), surface.strengths, surface)

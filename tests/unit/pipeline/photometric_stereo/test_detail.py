@@ -32,6 +32,7 @@ def flat(block: int, w: Any = (0.0, 0.0, 1.0), **more: Any) -> Surface:
         "correction": np.ones((side, side, 3)),
         "directions": DIRECTIONS,
         "matrices": MATRICES,
+        "misfit": 0.0,
         "strengths": np.ones(3),
     }
     return Surface(**{**given, **more})

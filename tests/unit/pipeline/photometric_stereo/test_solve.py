@@ -65,6 +65,7 @@ def test_normals_depth_and_strengths_are_found(
     assert np.median(surface.z[surface.mask]) == pytest.approx(1)
     assert (surface.w[~surface.mask] == 0).all()
     assert surface.block == 1
+    assert surface.misfit < 0.005
 
 
 def test_directions_alone_will_do(ball: Callable[..., Any], solved: Callable[..., Surface]) -> None:

@@ -1,0 +1,61 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.evaluation.normals import CONDITIONS, Figures, measure, rows
+from tests.evaluation.objects import OBJECTS
+
+BALL = OBJECTS["development"][0]
+
+
+def test_the_zero_of_the_scale_is_that_of_a_ball() -> None:
+    """The mean angle of a ball's lit normals to the camera; half a ball would have 45°."""
+    found = measure("measured lamps", BALL, "development", "facing the camera")
+
+    assert 25 < found.error_deg < 40
+    assert found.coverage == 1
+    assert found.depth_error is None
+
+
+@pytest.mark.parametrize(
+    ("condition", "limit"), [("measured lamps", 0.3), ("two lamps", 1.0), ("sensor noise", 3.0)]
+)
+def test_the_product_is_measured_from_file_to_file(condition: str, limit: float) -> None:
+    found = measure(condition, BALL, "development", "best")
+
+    assert found.error_deg < limit
+    assert found.coverage > 0.98
+    assert found.depth_error is not None
+    assert found.depth_error < 0.02
+    assert not found.refusal
+
+
+def test_a_refusal_is_told_and_counts_as_wrong() -> None:
+    found = measure("two lamps", BALL, "development", "paper")
+
+    assert "three light directions" in found.refusal
+    assert found.error_deg == 90
+    assert found.coverage == 0
+
+
+def test_rows_are_medians_and_worst_values() -> None:
+    def one(method: str, error: float, depth: float | None) -> Figures:
+        return Figures("sensor noise", "ball", 1, method, error, 0.5 + error / 10, depth, "", 1.0)
+
+    found = [one("best", error, 0.01 * error) for error in (1.0, 2.0, 4.0)]
+
+    table = rows([*found, one("paper", 30.0, None)])
+
+    assert table[0] == ["", "best", "paper", "coverage", "depth, % of relief"]
+    assert table[1] == ["sensor noise", "2.00 / 4.00", "30.00 / 30.00", "0.600", "2.00 / 4.00"]
+
+
+def test_conditions_say_what_they_are_named() -> None:
+    assert CONDITIONS["directions alone"].said == ("direction",)
+    assert CONDITIONS["two lamps"].lamps == (0, 1)
+    assert [name for name, one in CONDITIONS.items() if one.noise] == [
+        "sensor noise",
+        "strengths unknown, noise",
+    ]
+    assert np.all(["strength" not in CONDITIONS[n].said for n in CONDITIONS if "unknown" in n])
