@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.colour.temperature import cct
+from pipeline.colour.spaces import XYZ_TO_SRGB
+from pipeline.colour.temperature import cct_duv
+from pipeline.encode.jpeg import to_srgb8
 from pipeline.frames import Frame
 from pipeline.lamps import Lamps
 from pipeline.model import Model
@@ -23,8 +25,10 @@ _LIBRARIES = ("numpy", "opencv-python-headless", "scipy", "colour-science", "raw
 def lamp_entries(
     lamps: Lamps, model: Model, separated: NDArray[np.float64]
 ) -> list[dict[str, Any]]:
-    """One entry per lamp: name, coefficients, rgb on a grey card (largest 1), CCT, confidence.
+    """One entry per lamp: name, coefficients, colour, confidence.
 
+    The colour is that of a grey card: rgb as the camera sees it, the largest 1; CCT and Duv, None
+    far from white (cct_duv); srgb, for a screen, "#rrggbb", its largest channel full.
     separated: (N,) part 0…1 of each lamp's light that was separated and not filled in.
     """
     entries = []
@@ -34,18 +38,28 @@ def lamp_entries(
         white = matrix @ model.flash_white
         # under a wrong camera the published lights may point the other way
         rgb = (-white if white.sum() < 0 else white).clip(min=0.0)
-        kelvin = cct(rgb, model.camera_to_xyz)
+        white_like = cct_duv(rgb, model.camera_to_xyz)
         entries.append(
             {
                 "name": f"lamp{index + 1}",
                 "coefficients": [round(float(c), 6) for c in coefficients],
                 "rgb": [round(float(c), 4) for c in rgb / rgb.max()],
-                "cct_k": None if kelvin is None else round(kelvin),
+                "cct_k": None if white_like is None else round(white_like[0]),
+                "duv": None if white_like is None else round(white_like[1], 4),
+                "srgb": _on_screen(rgb, model),
                 "confidence": round(float(lamps.lamp_confidence[index]), 3),
                 "separated_share": round(float(separated[index]), 3),
             }
         )
     return entries
+
+
+def _on_screen(rgb: NDArray[np.float64], model: Model) -> str:
+    to_srgb = XYZ_TO_SRGB @ model.camera_to_xyz
+    brightest = max(float((to_srgb @ rgb).max()), 1e-9)
+    colour = (rgb / brightest).astype(np.float32).reshape(1, 1, 3)
+    red, green, blue = to_srgb8(colour, to_srgb)[0, 0]
+    return f"#{red:02x}{green:02x}{blue:02x}"
 
 
 def make_manifest(

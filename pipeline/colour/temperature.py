@@ -1,4 +1,4 @@
-"""Colour temperature of a light from its camera RGB."""
+"""Colour temperature of a light, and how far off white it is, from its camera RGB."""
 
 from __future__ import annotations
 
@@ -12,11 +12,13 @@ _MAX_DUV = 0.05
 """Farther than this from the Planckian locus a colour has no CCT (CIE 15:2018)."""
 
 
-def cct(rgb: ArrayLike, matrix: Matrix) -> float | None:
-    """Correlated colour temperature in kelvin of a camera RGB.
+def cct_duv(rgb: ArrayLike, matrix: Matrix) -> tuple[float, float] | None:
+    """Correlated colour temperature in kelvin of a camera RGB, and its Duv.
 
     matrix: camera RGB → CIE XYZ. None for a colour more than 0.05 (CIE 1960 uv) off the Planckian
-    locus or outside CCT_RANGE_K. The locus is Krystek's (1985) approximation.
+    locus or outside CCT_RANGE_K. Duv (ANSI C78.377) is the distance from the locus in CIE 1960 uv,
+    positive above it, where lights look greenish, and negative below it, where they look pink. The
+    locus is Krystek's (1985) approximation.
     """
     X, Y, Z = matrix @ np.asarray(rgb, dtype=np.float64)
     total = X + 15 * Y + 3 * Z
@@ -26,12 +28,14 @@ def cct(rgb: ArrayLike, matrix: Matrix) -> float | None:
     low, high = (1e6 / kelvin for kelvin in reversed(CCT_RANGE_K))
     for _ in range(4):  # each round looks ten times as closely in reciprocal temperature
         mired = np.linspace(low, high, 201)
-        distance = np.hypot(*(_planckian_uv(1e6 / mired) - point[:, None]))
+        locus = _planckian_uv(1e6 / mired)
+        distance = np.hypot(*(locus - point[:, None]))
         best = int(np.argmin(distance))
         if best in (0, mired.size - 1) or distance[best] > _MAX_DUV:
             return None
         low, high = mired[best - 1], mired[best + 1]
-    return float(1e6 / mired[best])
+    above = np.sign(point[1] - locus[1, best])
+    return float(1e6 / mired[best]), float(above * distance[best])
 
 
 def _planckian_uv(kelvin: NDArray[np.float64]) -> NDArray[np.float64]:

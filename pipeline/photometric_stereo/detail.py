@@ -16,7 +16,7 @@ Array = NDArray[np.float32]
 _KNOWN = 0.3  # share of the surroundings in which the surface is known
 _MIN_CONFIDENCE = 0.2
 _LIGHT_ERROR = 0.01  # of a pixel's light, and of its channels' mean
-_NORMAL_ERROR = 0.05  # of the surface that is fitted at a reduced size
+_NORMAL_ERROR, _CUT_ERROR = 0.05, 0.5  # of the surface at a reduced size, and where it was cut
 
 
 def surface_normals(strip: Strip, surface: Surface) -> Image:
@@ -33,12 +33,14 @@ def surface_normals(strip: Strip, surface: Surface) -> Image:
         return _spread(field, surface.block, strip.rows, width) / share
 
     w = of_surface(surface.w)
-    if surface.block > 1:
+    if surface.block > 1 or surface.cut.any():
+        cut = of_surface(surface.cut[..., None].astype(np.float32))[..., 0]
+        error = np.where(cut > 0, _CUT_ERROR, _NORMAL_ERROR if surface.block > 1 else 0.0)
         lit = of_surface(surface.lit)
         deviations = of_surface(surface.deviations.reshape(*surface.mask.shape, -1))
         light = strip.no_flash * of_surface(surface.correction)
         matrices, directions = surface.matrices, surface.directions
-        _add_detail(w, lit, deviations, light, strip.flash, matrices, directions)
+        _add_detail(w, error, lit, deviations, light, strip.flash, matrices, directions)
     length = np.linalg.norm(w, axis=2, keepdims=True)
     normals = w / np.where(length > 0, length, 1.0)
     return np.where(known[..., None], normals, np.float32(np.nan)).reshape(height, width, 3)
@@ -71,6 +73,7 @@ def _spread(field: NDArray[np.floating], block: int, rows: slice, width: int) ->
 @njit(cache=True)
 def _add_detail(
     w: Array,
+    error: NDArray[np.float64],
     lit: Array,
     deviations: Array,
     light: Array,
@@ -78,7 +81,10 @@ def _add_detail(
     matrices: NDArray[np.float64],
     directions: NDArray[np.float64],
 ) -> None:
-    """Move w (h, W, 3) so that it explains the light, as far as the light is surer than w."""
+    """Move w (h, W, 3) so that it explains the light, as far as the light is surer than w.
+
+    error: (h, W), relative, of w; where it is 0 nothing moves.
+    """
     a, m = np.empty((3, 3)), np.empty((3, 3))
     for y in range(w.shape[0]):
         for x in range(w.shape[1]):
@@ -86,7 +92,7 @@ def _add_detail(
             squared = own[0] ** 2 + own[1] ** 2 + own[2] ** 2
             total = f[0] + f[1] + f[2]
             mean = (light[y, x, 0] + light[y, x, 1] + light[y, x, 2]) / 3
-            if not (squared > 0 and total > 0 and mean > 0):
+            if not (error[y, x] > 0 and squared > 0 and total > 0 and mean > 0):
                 continue
             # light of channel k by w: Σ_j lit_j r_jk l_j
             for k in range(3):
@@ -104,7 +110,7 @@ def _add_detail(
             m[:] = 0.0
             right = np.zeros(3)
             for c in range(3):
-                m[c, c] = 1 / (_NORMAL_ERROR**2 * squared)
+                m[c, c] = 1 / (error[y, x] ** 2 * squared)
             for k in range(3):
                 precision = 1 / (_LIGHT_ERROR**2 * (light[y, x, k] ** 2 + mean**2))
                 off = light[y, x, k]

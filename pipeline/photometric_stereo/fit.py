@@ -6,7 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
+from pipeline.frames import Mask
 from pipeline.photometric_stereo.objective import Objective, make_objective, with_even_albedo
 from pipeline.photometric_stereo.scene import Scene, State, predicted
 
@@ -17,6 +19,9 @@ _STEPS = 3
 _LENGTHS = (1.0, 0.5, 0.25, 0.1)
 _FINE_SCALE, _FINE_STEPS, _FINE_STIFFNESS = 0.01, 3, 10.0
 _SHADOWS_FROM, _SHADOW_CHI2, _SHADOW_GAIN = 0.02, 50.0, 10.0
+_MOST_CUTS, _LEAST_CUT, _CUT_SCALE, _CUT_CHI2 = 3, 0.01, 0.02, 10.0
+_FEWER = 0.5  # of the pixels that a surface without seams leaves unexplained
+_LEAST_PART, _LEAST_LEFT = 0.01, 0.5  # of the surface
 _LEAST_DEPTH = 1e-3  # squared, of the median
 
 
@@ -27,6 +32,62 @@ def fit(scene: Scene) -> tuple[State, float]:
     """
     found = [_follow(scene, h) for h in (scene.grid.flat(), scene.grid.inflated())]
     return min(found, key=lambda one: one[1])
+
+
+def fit_in_parts(scene: Scene) -> tuple[Scene, State]:
+    """The likeliest surface of a scene, cut where no continuous one explains the light.
+
+    A jump of depth leaves pixels beside it that no lamp explains. Without them its sides hang
+    together no longer, and each finds its own distance by the fall-off of the flash. Returns what
+    is left of the scene as well.
+    """
+    state, _ = fit(scene)
+    whole, off, cuts = scene, _unexplained(scene, state), 0
+    many = _FEWER * off.mean()
+    while off.mean() > _LEAST_CUT and cuts < _MOST_CUTS:
+        mask = scene.grid.mask.copy()
+        mask[mask] = ~off
+        left = _parts(mask) > 0
+        if left.sum() < _LEAST_LEFT * len(whole.light):
+            break
+        scene, cuts = scene.without(~left[scene.grid.mask]), cuts + 1
+        state, _ = fit(scene)
+        off = _unexplained(scene, state)
+    if not cuts:
+        return scene, state
+    # most of what was cut out belongs to one side or the other
+    seams = _seams(whole.grid.mask, scene.grid.mask)
+    seamed = whole.without(seams[whole.grid.mask])
+    found, _ = fit(seamed)
+    return (seamed, found) if _unexplained(seamed, found).mean() < many else (scene, state)
+
+
+def _parts(mask: Mask) -> NDArray[np.intp]:
+    """Number the parts of a mask that hang together, from 1; 0 outside and in crumbs."""
+    parts, _ = ndimage.label(mask)
+    sizes = np.bincount(parts.ravel())
+    parts[sizes[parts] < _LEAST_PART * mask.sum()] = 0
+    return np.asarray(parts)
+
+
+def _unexplained(scene: Scene, state: State) -> Mask:
+    """Pixels (n,) whose light the lamps do not give."""
+    return make_objective(scene, state, _CUT_SCALE).chi2(state) > _CUT_CHI2
+
+
+def _seams(whole: Mask, kept: Mask) -> Mask:
+    """Where parts of what was kept meet, when they are widened to fill the whole again."""
+    # thin bridges between parts are none
+    parts = _parts(ndimage.binary_erosion(kept | ~whole) & whole)
+    nearest = ndimage.distance_transform_edt(
+        parts == 0, return_distances=False, return_indices=True
+    )
+    widened = np.where(whole, parts[*nearest], 0)
+    seams = np.zeros_like(whole)
+    for ahead, behind in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
+        meet = (widened[ahead] != widened[behind]) & (widened[ahead] > 0) & (widened[behind] > 0)
+        seams[ahead] |= meet
+    return seams
 
 
 def refine(scene: Scene, h: Array, found: State) -> State:

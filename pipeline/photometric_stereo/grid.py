@@ -29,7 +29,8 @@ class Grid:
 
     mask: bool (H, W), n pixels. corners: (n, 4), places among the c corners. to_w: (n, 3, 4), w
     from the corners' h. bends: sparse (m, c), f/2 times second differences of h along rows and
-    columns, in which slopes change by 1 per pixel where h is 1.
+    columns, in which slopes change by 1 per pixel where h is 1. corner_mask: bool (H + 1, W + 1).
+    focal_px, centre: as of make_grid.
     """
 
     mask: NDArray[np.bool_]
@@ -37,6 +38,14 @@ class Grid:
     to_w: Array
     bends: sparse.csr_array
     corner_mask: NDArray[np.bool_]
+    focal_px: float
+    centre: tuple[float, float]
+
+    def without(self, off: NDArray[np.bool_]) -> Grid:
+        """The grid without some of its pixels (n,)."""
+        mask = self.mask.copy()
+        mask[mask] = ~off
+        return make_grid(mask, self.focal_px, self.centre)
 
     def w(self, h: Array) -> Array:
         """Normals (n, 3) of length D²/(n·v). h: (c,) squared depths."""
@@ -79,7 +88,8 @@ def make_grid(mask: NDArray[np.bool_], focal_px: float, centre: tuple[float, flo
     zero = np.zeros_like(X)[:, None]
     rows = [across + zero, -down + zero, mean + X[:, None] * across - Y[:, None] * down]
     to_w = np.stack(rows, axis=1) * ((1 + X**2 + Y**2) ** 1.5)[:, None, None]
-    return Grid(mask, corners, to_w, _bends(index, focal_px), corner_mask)
+    bends = _bends(index, focal_px)
+    return Grid(mask, corners, to_w, bends, corner_mask, focal_px, centre)
 
 
 def _bends(index: NDArray[np.intp], focal_px: float) -> sparse.csr_array:

@@ -34,6 +34,18 @@ class Scene:
     priors: tuple[ResponsePrior, ...]
     materials: Materials
 
+    def without(self, off: NDArray[np.bool_]) -> Scene:
+        """The scene without some of its pixels (n,)."""
+        return Scene(
+            self.grid.without(off),
+            self.directions,
+            self.flash[~off],
+            self.light[~off],
+            self.variance[~off],
+            self.priors,
+            self.materials,
+        )
+
     @cached_property
     def total(self) -> Array:
         """Sum (n,) of the flash part's channels."""

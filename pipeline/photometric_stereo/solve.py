@@ -16,7 +16,7 @@ from pipeline.frames import Mask
 from pipeline.lamps import Lamps
 from pipeline.model import Model
 from pipeline.options import DirectedLight
-from pipeline.photometric_stereo.fit import fit, refine
+from pipeline.photometric_stereo.fit import fit, fit_in_parts, refine
 from pipeline.photometric_stereo.grid import make_grid
 from pipeline.photometric_stereo.materials import Materials, find_materials
 from pipeline.photometric_stereo.responses import LampBank, ResponsePrior
@@ -38,6 +38,7 @@ class Surface:
     """The surface in the picture, at a reduced size.
 
     block: side of one of its pixels in pixels of the picture. mask: bool (h, w), where it is known.
+    cut: bool (h, w), where the fit leaves it out, and all is as beside it.
     w: (h, w, 3) normals of length D²/(n·v), D the distance to the camera and v the direction to it.
     z: (h, w) depth along the camera's axis, 1 in the median. lit: (h, w, J) 0 or 1, by which lamps.
     deviations: (h, w, J, 3) of the surface's material from the lamps' matrices, by the flash part's
@@ -50,6 +51,7 @@ class Surface:
 
     block: int
     mask: Mask
+    cut: Mask
     w: Array
     z: Array
     lit: Array
@@ -96,12 +98,14 @@ def solve_surface(
     likeliest = priors[0]
     if len(priors) > 1:
         likeliest = min(priors, key=lambda some: fit(scene(_TRIAL, some))[1])
-    coarse = scene(_COARSE, likeliest)
-    state, _ = fit(coarse)
+    coarse, state = fit_in_parts(scene(_COARSE, likeliest))
+    steps = views[_COARSE].step, views[_FINE].step
+    cut = views[_COARSE].mask & ~coarse.grid.mask
     fine = scene(_FINE, likeliest)
-    h = _between(coarse, state.h, views[_COARSE].step, fine, views[_FINE].step)
+    fine = fine.without(_finer(cut, *steps, fine.grid.mask.shape)[fine.grid.mask])
+    h = _between(coarse, state.h, steps[0], fine, steps[1])
     state = refine(fine, h, state)
-    return _surface(fine, state, model, reduced.block * views[_FINE].step)
+    return _surface(fine, state, model, reduced.block * steps[1], views[_FINE].mask)
 
 
 def _check_spread(directions: Array) -> None:
@@ -206,6 +210,15 @@ def _of_strength(rgb: Array, strengths: Array) -> Array:
     return np.asarray(positive * (strengths / positive[:, 1])[:, None])
 
 
+def _finer(mask: Mask, coarse_step: int, fine_step: int, shape: tuple[int, ...]) -> Mask:
+    """A mask of the coarse view on the fine one."""
+    y, x = (
+        np.minimum((np.arange(size) + 0.5) * fine_step / coarse_step, limit - 1).astype(np.intp)
+        for size, limit in zip(shape, mask.shape, strict=True)
+    )
+    return mask[np.ix_(y, x)]
+
+
 def _between(coarse: Scene, h: Array, coarse_step: int, fine: Scene, fine_step: int) -> Array:
     """Squared depths at the corners of the finer grid."""
     if coarse_step == fine_step:
@@ -220,13 +233,15 @@ def _between(coarse: Scene, h: Array, coarse_step: int, fine: Scene, fine_step: 
     )
 
 
-def _surface(scene: Scene, state: State, model: Model, block: int) -> Surface:
-    mask = scene.grid.mask
+def _surface(scene: Scene, state: State, model: Model, block: int, mask: Mask) -> Surface:
+    """mask: where the surface is wanted; what was cut out of it is as beside it."""
+    fitted = scene.grid.mask
+    nearest = ndimage.distance_transform_edt(~fitted, return_distances=False, return_indices=True)
 
     def field(values: Array) -> Array:
-        picture = np.zeros((*mask.shape, *values.shape[1:]))
-        picture[mask] = values
-        return picture
+        picture = np.zeros((*fitted.shape, *values.shape[1:]))
+        picture[fitted] = values
+        return np.where(np.expand_dims(mask, (*range(2, picture.ndim),)), picture[*nearest], 0.0)
 
     matrices, deviations = response_matrices(scene, state)
     strengths = (matrices @ model.flash_white)[:, 1]
@@ -237,6 +252,7 @@ def _surface(scene: Scene, state: State, model: Model, block: int) -> Surface:
     return Surface(
         block=block,
         mask=mask,
+        cut=mask & ~fitted,
         w=field(scene.grid.w(state.h)),
         z=field(z / np.median(z)),
         lit=field(state.lit.astype(np.float64)),

@@ -69,9 +69,11 @@ def print_results(manifest: Mapping[str, Any], folder: Path, as_json: bool) -> N
 
 
 def _lamps(lamps: list[Mapping[str, Any]]) -> Table:
-    table = Table("lamp", "colour", "CCT", "confidence")
+    table = Table("lamp", "", "colour", "CCT", "Duv", "confidence")
     for lamp in lamps:
+        chip = Text("██", style=lamp["srgb"])
         colour = " ".join(f"{value:.3f}" for value in lamp["rgb"])
         cct = f"{lamp['cct_k']:.0f} K" if lamp["cct_k"] else "none"
-        table.add_row(Text(lamp["name"]), colour, cct, f"{lamp['confidence']:.2f}")
+        duv = "none" if lamp["duv"] is None else f"{lamp['duv']:+.3f}"
+        table.add_row(Text(lamp["name"]), chip, colour, cct, duv, f"{lamp['confidence']:.2f}")
     return table

@@ -107,6 +107,22 @@ OBJECTS: dict[Split, tuple[Object, ...]] = {
             ),
             _ASKEW,
         ),
+        Object(
+            "ball before a vase",
+            (
+                Shape("vase", (0.12, 0.0, -0.2), (0.42,) * 3, _some("patches", 5, 6, 2), seed=5),
+                Shape("sphere", (-0.2, -0.15, 0.25), (0.2,) * 3, _some("stripes", 3, 6, 1)),
+            ),
+            _BELOW,
+        ),
+        Object(
+            "plain balls",
+            (
+                Shape("sphere", (0.16, 0.1, -0.1), (0.27,) * 3, _PLAIN),
+                Shape("sphere", (-0.12, -0.1, 0.35), (0.18,) * 3, _PLAIN),
+            ),
+            _ABOVE,
+        ),
     ),
     "report": (
         Object(

@@ -31,6 +31,16 @@ def test_the_product_is_measured_from_file_to_file(condition: str, limit: float)
     assert not found.refusal
 
 
+def test_a_surface_may_jump() -> None:
+    """A ball before another, which would be 22° off as one surface."""
+    things = {one.name: one for one in OBJECTS["development"]}
+
+    found = measure("measured lamps", things["plain balls"], "development", "best")
+
+    assert found.error_deg < 2
+    assert found.coverage > 0.98
+
+
 def test_a_refusal_is_told_and_counts_as_wrong() -> None:
     found = measure("two lamps", BALL, "development", "paper")
 

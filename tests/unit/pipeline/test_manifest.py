@@ -188,6 +188,7 @@ def test_lamps_are_told_by_colour_and_temperature(
     for entry, kelvin, vector in zip(entries, lights.values(), coefficients, strict=True):
         assert entry["cct_k"] == pytest.approx(kelvin, rel=0.1)
         assert isinstance(entry["cct_k"], int)
+        assert abs(entry["duv"]) < 0.015
         assert max(entry["rgb"]) == 1
         np.testing.assert_allclose(entry["coefficients"], vector, atol=1e-6)
         rgb = np.array(entry["rgb"]) / np.linalg.norm(entry["rgb"])
@@ -212,6 +213,21 @@ def test_coloured_light_has_no_temperature(
     (entry,) = lamp_entries(lamps_of(np.array(colour) / np.linalg.norm(colour)), model, np.ones(1))
 
     assert entry["cct_k"] is None
+    assert entry["duv"] is None
+
+
+@pytest.mark.parametrize(("light", "warm"), [("A", True), ("D150", False)])
+def test_a_lamp_has_a_colour_for_a_screen(
+    model: Model, camera: Camera, lamps_of: Callable[..., Any], light: str, warm: bool
+) -> None:
+    white = camera.sensitivities @ find_light(light)
+
+    (entry,) = lamp_entries(lamps_of(white / np.linalg.norm(white)), model, np.ones(1))
+
+    red, green, blue = bytes.fromhex(entry["srgb"].removeprefix("#"))
+    assert max(red, green, blue) > 250
+    assert (red > green > blue) is warm
+    assert (blue > green > red) is not warm
 
 
 def test_light_that_no_camera_sees_is_told_without_negative_colours(

@@ -36,6 +36,7 @@ def facing() -> Facing:
     surface = Surface(
         block=1,
         mask=mask,
+        cut=np.zeros_like(mask),
         w=np.where(mask[..., None], [0.0, 0.0, 2.0], 0.0),
         z=np.where(mask, 1.5, 0.0),
         lit=np.ones((64, 96, 3)),

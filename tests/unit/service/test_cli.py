@@ -203,7 +203,16 @@ def test_cameras_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 MANIFEST = {
-    "lamps": [{"name": "lamp1", "rgb": [0.25, 0.5, 1], "cct_k": 2856.4, "confidence": 0.9}],
+    "lamps": [
+        {
+            "name": "lamp1",
+            "rgb": [0.25, 0.5, 1],
+            "cct_k": 2856.4,
+            "duv": -0.0123,
+            "srgb": "#80c0ff",
+            "confidence": 0.9,
+        }
+    ],
     "files": [{"name": "lamp1.jpg"}],
     "warnings": ["The lamps are alike."],
 }
@@ -230,6 +239,7 @@ def test_a_summary_is_printed(
     said = capsys.readouterr()
     assert "0.250 0.500 1.000" in said.out
     assert "2856 K" in said.out
+    assert "-0.012" in said.out
     assert str(out / "lamp1.jpg") in said.out
     assert "Warning: The lamps are alike." in said.out
     assert said.err == ""

@@ -2,13 +2,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike, NDArray
 
-from pipeline.colour.temperature import cct
+from pipeline.colour.temperature import cct_duv
 from pipeline.spectra.library import colour_science
 from pipeline.spectra.lights import find_light
 from pipeline.spectra.observer import cie_1931
 
 colour = colour_science()
+
+
+def cct(xyz: ArrayLike, matrix: NDArray[np.float64]) -> float | None:
+    found = cct_duv(xyz, matrix)
+    return None if found is None else found[0]
 
 
 @pytest.mark.parametrize(
@@ -67,3 +73,24 @@ def test_cct_goes_through_the_matrix() -> None:
     camera = np.array([[0.5, 0.2, 0.1], [0.1, 0.9, 0.0], [0.0, 0.2, 0.8]])
 
     assert cct(camera @ xyz, np.linalg.inv(camera)) == pytest.approx(2856, rel=0.005)
+
+
+@pytest.mark.parametrize("kelvin", [2200, 3000, 4000, 6500, 10000])
+@pytest.mark.parametrize("duv", [-0.03, -0.01, 0.0, 0.006, 0.02])
+def test_duv_agrees_with_an_independent_method(kelvin: float, duv: float) -> None:
+    u, v = colour.CCT_to_uv([kelvin, duv], "Ohno 2013")
+    xyz = colour.xy_to_XYZ(colour.UCS_uv_to_xy([u, v]))
+
+    found = cct_duv(xyz, np.eye(3))
+
+    assert found is not None
+    assert found[0] == pytest.approx(kelvin, rel=0.01)
+    assert found[1] == pytest.approx(duv, abs=0.0005)
+
+
+@pytest.mark.parametrize(("light", "duv"), [("D65", 0.0032), ("A", 0.0), ("FL2", 0.0018)])
+def test_duv_of_standard_illuminants(light: str, duv: float) -> None:
+    found = cct_duv(cie_1931() @ find_light(light), np.eye(3))
+
+    assert found is not None
+    assert found[1] == pytest.approx(duv, abs=0.0008)

@@ -25,6 +25,7 @@ def flat(block: int, w: Any = (0.0, 0.0, 1.0), **more: Any) -> Surface:
     given: dict[str, Any] = {
         "block": block,
         "mask": np.ones((side, side), bool),
+        "cut": np.zeros((side, side), bool),
         "w": np.broadcast_to(np.array(w), (side, side, 3)),
         "z": np.ones((side, side)),
         "lit": np.ones((side, side, 3)),
@@ -75,6 +76,18 @@ def test_a_surface_at_full_size_is_taken_as_it_is(ripples: Array) -> None:
     found = surface_normals(strip_of(ripples[::-1]), surface)
 
     np.testing.assert_allclose(found, ripples, atol=1e-6)
+
+
+def test_what_was_cut_out_follows_its_own_light(ripples: Array) -> None:
+    """Also at full size, and what was not cut out is left as it is."""
+    cut = np.zeros((SIZE, SIZE), bool)
+    cut[:, 32:] = True
+    smooth = np.broadcast_to(np.array([0.0, 0.0, 1.0]), ripples.shape)
+
+    found = surface_normals(strip_of(ripples), flat(1, cut=cut))
+
+    np.testing.assert_allclose(found[:, :32], smooth[:, :32])
+    assert angle(found[:, 32:], ripples[:, 32:]) < 0.5
 
 
 def test_what_the_fit_leaves_over_is_no_detail(ripples: Array) -> None:

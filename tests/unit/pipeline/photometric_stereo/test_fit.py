@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import ndimage
 
-from pipeline.photometric_stereo.fit import fit, refine
+from pipeline.photometric_stereo.fit import fit, fit_in_parts, refine
 from pipeline.photometric_stereo.scene import Scene, State
 
 Array = NDArray[np.float64]
@@ -84,6 +85,35 @@ def test_a_finer_surface_is_found_from_a_coarse_one(
     assert one.error(normals(scene, found), one.lit) < 1
     np.testing.assert_array_equal(found.modes, state.modes)
     np.testing.assert_array_equal(found.own, state.own)
+
+
+def test_a_continuous_surface_stays_in_one_piece(
+    ball: Callable[..., Any], scene_of: Callable[..., Scene]
+) -> None:
+    scene = scene_of(ball(32, 3))
+
+    left, state = fit_in_parts(scene)
+
+    assert left is scene
+    np.testing.assert_array_equal(state.h, fit(scene)[0].h)
+
+
+def test_light_that_no_lamp_gives_is_cut_out(
+    ball: Callable[..., Any], scene_of: Callable[..., Scene]
+) -> None:
+    """A scratch across the ball in wrong colours, two pixels wide; a seam is one pixel wide."""
+    one = ball(40)
+    scratch = np.zeros(one.inside.shape, bool)
+    scratch[19:21] = True
+    lamps = np.where(scratch[..., None], 0.3 * one.lamps[:, :, ::-1], one.lamps)
+    scene = scene_of(replace(one, lamps=lamps))
+
+    left, state = fit_in_parts(scene)
+
+    assert left.grid.mask[scratch].sum() <= 0.5 * one.inside[scratch].sum()
+    assert ndimage.label(left.grid.mask)[1] == 2
+    assert left.grid.mask[~scratch].sum() > 0.9 * one.inside[~scratch].sum()
+    assert one.error(normals(left, state), one.lit & left.grid.mask & ~scratch) < 1
 
 
 def test_equal_scenes_have_equal_surfaces(

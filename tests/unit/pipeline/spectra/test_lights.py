@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.colour.temperature import cct
+from pipeline.colour.temperature import cct_duv
 from pipeline.errors import OptionError
 from pipeline.options import Spectrum
 from pipeline.spectra.grid import WAVELENGTHS_NM
@@ -14,7 +14,8 @@ from pipeline.spectra.observer import cie_1931
 
 
 def kelvin(light: np.typing.NDArray[np.float64]) -> float | None:
-    return cct(cie_1931() @ light, np.eye(3))
+    found = cct_duv(cie_1931() @ light, np.eye(3))
+    return None if found is None else found[0]
 
 
 @pytest.mark.parametrize(
