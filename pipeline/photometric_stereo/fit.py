@@ -47,7 +47,7 @@ def fit_in_parts(scene: Scene) -> tuple[Scene, State]:
     while off.mean() > _LEAST_CUT and cuts < _MOST_CUTS:
         mask = scene.grid.mask.copy()
         mask[mask] = ~off
-        left = _parts(mask) > 0
+        left = parts_of(mask) > 0
         if left.sum() < _LEAST_LEFT * len(whole.light):
             break
         scene, cuts = scene.without(~left[scene.grid.mask]), cuts + 1
@@ -62,8 +62,8 @@ def fit_in_parts(scene: Scene) -> tuple[Scene, State]:
     return (seamed, found) if _unexplained(seamed, found).mean() < many else (scene, state)
 
 
-def _parts(mask: Mask) -> NDArray[np.intp]:
-    """Number the parts of a mask that hang together, from 1; 0 outside and in crumbs."""
+def parts_of(mask: Mask) -> NDArray[np.intp]:
+    """Number the parts (H, W) of a mask that hang together, from 1; 0 outside and in crumbs."""
     parts, _ = ndimage.label(mask)
     sizes = np.bincount(parts.ravel())
     parts[sizes[parts] < _LEAST_PART * mask.sum()] = 0
@@ -78,7 +78,7 @@ def _unexplained(scene: Scene, state: State) -> Mask:
 def _seams(whole: Mask, kept: Mask) -> Mask:
     """Where parts of what was kept meet, when they are widened to fill the whole again."""
     # thin bridges between parts are none
-    parts = _parts(ndimage.binary_erosion(kept | ~whole) & whole)
+    parts = parts_of(ndimage.binary_erosion(kept | ~whole) & whole)
     nearest = ndimage.distance_transform_edt(
         parts == 0, return_distances=False, return_indices=True
     )

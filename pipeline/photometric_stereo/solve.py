@@ -16,7 +16,7 @@ from pipeline.frames import Mask
 from pipeline.lamps import Lamps
 from pipeline.model import Model
 from pipeline.options import DirectedLight
-from pipeline.photometric_stereo.fit import fit, fit_in_parts, refine
+from pipeline.photometric_stereo.fit import fit, fit_in_parts, parts_of, refine
 from pipeline.photometric_stereo.grid import make_grid
 from pipeline.photometric_stereo.materials import Materials, find_materials
 from pipeline.photometric_stereo.responses import LampBank, ResponsePrior
@@ -102,7 +102,9 @@ def solve_surface(
     steps = views[_COARSE].step, views[_FINE].step
     cut = views[_COARSE].mask & ~coarse.grid.mask
     fine = scene(_FINE, likeliest)
-    fine = fine.without(_finer(cut, *steps, fine.grid.mask.shape)[fine.grid.mask])
+    if cut.any():
+        left = fine.grid.mask & ~_finer(cut, *steps, fine.grid.mask.shape)
+        fine = fine.without(parts_of(left)[fine.grid.mask] == 0)
     h = _between(coarse, state.h, steps[0], fine, steps[1])
     state = refine(fine, h, state)
     return _surface(fine, state, model, reduced.block * steps[1], views[_FINE].mask)
