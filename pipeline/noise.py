@@ -1,4 +1,4 @@
-"""How noisy a photograph is, and a filter that knows it."""
+"""How noisy a photograph is."""
 
 from __future__ import annotations
 
@@ -27,10 +27,6 @@ _MOST = 0.45  # share that lies within, or the quieter blocks are not like the o
 _FLAT = 2.1  # times the noise's variance; of blocks without texture 1 in 300 is above
 _WHITE = 2.0  # factor by which the variance of means may miss that of independent pixels
 _UPPER, _UPPER_OF_MEAN = 0.75, 1.32  # quantile of χ² of one degree of freedom over its mean
-_WINDOWS = ((2, 1), (1, 3), (1, 6), (1, 12))  # reach and gap of each round
-_JOIN = 4.2  # standard deviations of one pixel, over six channels
-HALO = sum(reach * gap for reach, gap in _WINDOWS)
-"""Rows that sigma_filter needs beyond either end of a strip."""
 
 
 @dataclass(frozen=True)
@@ -57,11 +53,12 @@ class Noise:
         less = min(1.0, self.grain / block**2)
         return Noise(self.gain * less, self.floor * less, max(self.grain / block**2, 1.0))
 
-    def stabilize(self, pixels: Image) -> Image:
-        """Transform values so that their noise has unit variance everywhere, (..., 3)."""
-        gain = np.maximum(self.gain, 1e-9).astype(np.float32)
-        floor = np.maximum(self.floor, 1e-12).astype(np.float32)
-        return np.asarray(2.0 / gain * np.sqrt(gain * np.maximum(pixels, 0.0) + floor))
+    def stabilize(self, planes: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Transform values (3, ...) so that their noise has unit variance everywhere."""
+        shape = (3, *(1,) * (planes.ndim - 1))
+        gain = np.maximum(self.gain, 1e-9).astype(np.float32).reshape(shape)
+        floor = np.maximum(self.floor, 1e-12).astype(np.float32).reshape(shape)
+        return np.asarray(2.0 / gain * np.sqrt(gain * np.maximum(planes, 0.0) + floor))
 
 
 def estimate_noise(pixels: Image) -> Noise:
@@ -223,70 +220,3 @@ def _through(x: NDArray[np.floating], y: NDArray[np.floating]) -> tuple[float, f
             float(np.average(y, weights=weight) / max(np.average(x, weights=weight), 1e-9)),
         )
     return max(float(gain), 1e-10), max(float(floor), 1e-13)
-
-
-def sigma_filter(
-    images: tuple[Image, Image], noises: tuple[Noise, Noise], keep: slice = slice(None)
-) -> tuple[Image, Image, NDArray[np.float32]]:
-    """Average each pixel of a pair with the neighbours that differ from it only by noise.
-
-    A neighbour joins when the six channels' squared differences, each divided by the variance
-    of one pixel, sum to less than 4.2² (Lee, "Digital image smoothing and the sigma filter",
-    1983, on the pair). First the 5×5 window, then 3×3 windows with ever wider gaps on what came
-    out, so that flat areas are averaged widely at little cost (à trous, Holschneider et al. 1989).
-
-    Parameters
-    ----------
-    images : two (h, W, 3) photographs, independent of each other
-    noises : the noise of each
-    keep : the rows to return; the others, HALO on either side or up to the border, are halo
-
-    Returns
-    -------
-    two (len(keep), W, 3) filtered photographs, and (len(keep), W) how many pixels were averaged
-    """
-    values = np.concatenate(images, axis=2)
-    certainty = np.ones(values.shape[:2], dtype=np.float32)  # pixels averaged so far
-    for reach, gap in _WINDOWS:
-        values, certainty = _join(values, certainty, noises, reach, gap)
-    values = values[keep]
-    first, second = (np.ascontiguousarray(values[..., part]) for part in (slice(3), slice(3, 6)))
-    return first, second, certainty[keep]
-
-
-def _join(
-    values: Image, certainty: Image, noises: tuple[Noise, Noise], reach: int, gap: int
-) -> tuple[Image, Image]:
-    """One round of the filter on (h, W, 6): neighbours at −reach … reach gaps in both axes."""
-    stable = np.concatenate(
-        [noise.stabilize(values[..., 3 * i : 3 * i + 3]) for i, noise in enumerate(noises)], axis=2
-    ).transpose(2, 0, 1)
-    height, width = certainty.shape
-    edge = reach * gap
-    pad = ((0, 0), (edge, edge), (edge, edge))
-    center = np.ascontiguousarray(stable)
-    around = np.pad(center, pad, constant_values=np.inf)  # what lies outside never joins
-    planes = np.pad(values.transpose(2, 0, 1), pad)
-    weights = np.pad(certainty, pad[1:], constant_values=1.0)
-    total = planes[:, edge : edge + height, edge : edge + width] * certainty
-    count = certainty.copy()
-    limit = np.float32(_JOIN**2)
-    distance, scratch = np.empty_like(count), np.empty_like(count)
-    for dy in range(-reach, reach + 1):
-        for dx in range(-reach, reach + 1):
-            if dy == dx == 0:
-                continue
-            ys = slice(edge + dy * gap, edge + dy * gap + height)
-            xs = slice(edge + dx * gap, edge + dx * gap + width)
-            distance.fill(0.0)
-            for channel in range(6):
-                np.subtract(center[channel], around[channel, ys, xs], out=scratch)
-                np.multiply(scratch, scratch, out=scratch)
-                np.add(distance, scratch, out=distance)
-            joins = np.where(distance < limit, weights[ys, xs], np.float32(0.0))
-            count += joins
-            for channel in range(6):
-                np.multiply(joins, planes[channel, ys, xs], out=scratch)
-                total[channel] += scratch
-    total /= count
-    return np.ascontiguousarray(total.transpose(1, 2, 0)), count
