@@ -19,6 +19,7 @@ from pipeline.photometric_stereo.detail import surface_normals
 from pipeline.photometric_stereo.responses import LampBank
 from pipeline.photometric_stereo.solve import Surface, solve_surface
 from pipeline.reduced import ReducedPair
+from pipeline.remarks import Code, Remark
 from pipeline.separation import Strip
 
 _MUCH_LEFT = 0.05  # relative; sensor noise leaves up to 0.025
@@ -36,7 +37,7 @@ class Facing:
     of: Callable[[Strip], Image]
     strengths: NDArray[np.float64]
     surface: Surface | None
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Remark, ...] = ()
 
 
 def find_facing(
@@ -62,11 +63,12 @@ def find_facing(
     return Facing(of, surface.strengths, surface, _warnings(surface))
 
 
-def _warnings(surface: Surface) -> tuple[str, ...]:
+def _warnings(surface: Surface) -> tuple[Remark, ...]:
     if surface.misfit < _MUCH_LEFT and (surface.strengths > 0).all():
         return ()
-    return (
+    message = (
         "Lamps in the directions given do not explain the light, so that normals and depth are "
         f"doubtful: {surface.misfit:.0%} of it is left over in half the picture. Check the "
-        "directions, the focal length, and that the flash sits at the camera.",
+        "directions, the focal length, and that the flash sits at the camera."
     )
+    return (Remark(Code.NORMALS_DOUBTFUL, message, {"left_over": surface.misfit}),)

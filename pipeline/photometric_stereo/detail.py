@@ -25,12 +25,12 @@ def surface_normals(strip: Strip, surface: Surface) -> Image:
     NaN where nothing is known of the flash part.
     """
     height, width = strip.confidence.shape
-    mask = _spread(surface.mask.astype(np.float32)[..., None], surface.block, strip.rows, width)
+    mask = spread(surface.mask.astype(np.float32)[..., None], surface.block, strip.rows, width)
     known = (mask[..., 0] > _KNOWN) & (strip.confidence > _MIN_CONFIDENCE)
     share: Array = np.maximum(mask, np.float32(_KNOWN))
 
     def of_surface(field: NDArray[np.floating]) -> Array:
-        return _spread(field, surface.block, strip.rows, width) / share
+        return spread(field, surface.block, strip.rows, width) / share
 
     w = of_surface(surface.w)
     if surface.block > 1 or surface.cut.any():
@@ -52,13 +52,13 @@ def surface_depth(surface: Surface, size: tuple[int, int]) -> Array:
     size: (H, W) of the picture.
     """
     rows = slice(0, size[0])
-    mask = _spread(surface.mask.astype(np.float32)[..., None], surface.block, rows, size[1])
-    depth = _spread(surface.z[..., None], surface.block, rows, size[1])
+    mask = spread(surface.mask.astype(np.float32)[..., None], surface.block, rows, size[1])
+    depth = spread(surface.z[..., None], surface.block, rows, size[1])
     known = mask > _KNOWN
     return np.where(known, depth / np.maximum(mask, _KNOWN), np.float32(np.nan))[..., 0]
 
 
-def _spread(field: NDArray[np.floating], block: int, rows: slice, width: int) -> Array:
+def spread(field: NDArray[np.floating], block: int, rows: slice, width: int) -> Array:
     """Some rows of a field (h, w, C) at the picture's own size, bilinear; 0 outside."""
     y, x = (
         (np.arange(start, stop, dtype=np.float32) + 0.5) / block - 0.5

@@ -6,88 +6,45 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from pipeline.frames import Mask
 from pipeline.photometric_stereo.objective import Objective, make_objective, with_even_albedo
-from pipeline.photometric_stereo.scene import Scene, State, predicted
+from pipeline.photometric_stereo.scene import Scene, State, lamp_light, predicted
 
 Array = NDArray[np.float64]
 
 _SCALES = (0.3, 0.2, 0.1, 0.05, 0.03, 0.02, 0.01, 0.005, 0.003, 0.003)
+_SCALES_AGAIN, _ROUNDS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.003, 0.003), 2
 _STEPS = 3
 _LENGTHS = (1.0, 0.5, 0.25, 0.1)
 _FINE_SCALE, _FINE_STEPS, _FINE_STIFFNESS = 0.01, 3, 10.0
 _SHADOWS_FROM, _SHADOW_CHI2, _SHADOW_GAIN = 0.02, 50.0, 10.0
-_MOST_CUTS, _LEAST_CUT, _CUT_SCALE, _CUT_CHI2 = 3, 0.01, 0.02, 10.0
-_FEWER = 0.5  # of the pixels that a surface without seams leaves unexplained
-_LEAST_PART, _LEAST_LEFT = 0.01, 0.5  # of the surface
+_UNEXPLAINED, _LIGHT_SCALE, _LIGHT_CHI2 = (0.01, 0.3), 0.02, 10.0
+_DARK = 0.06  # l·w of a lamp that does not shine, of the median squared depth
 _LEAST_DEPTH = 1e-3  # squared, of the median
 
 
-def fit(scene: Scene) -> tuple[State, float]:
+def fit(scene: Scene, rounds: int = _ROUNDS) -> tuple[State, float]:
     """The likeliest surface, lamps and materials, and −2 log posterior.
 
     From a flat and from an inflated start, as one of them may lead astray: the likelier is taken.
+    Where it leaves light unexplained, a shadow has bent the surface: with lamps and materials as
+    found, the light itself tells which lamps shine where, and the surface starts anew, at most so
+    many rounds. What leaves most of the light unexplained is no matter of shadows.
     """
-    found = [_follow(scene, h) for h in (scene.grid.flat(), scene.grid.inflated())]
-    return min(found, key=lambda one: one[1])
-
-
-def fit_in_parts(scene: Scene) -> tuple[Scene, State]:
-    """The likeliest surface of a scene, cut where no continuous one explains the light.
-
-    A jump of depth leaves pixels beside it that no lamp explains. Without them its sides hang
-    together no longer, and each finds its own distance by the fall-off of the flash. Returns what
-    is left of the scene as well.
-    """
-    state, _ = fit(scene)
-    whole, off, cuts = scene, _unexplained(scene, state), 0
-    many = _FEWER * off.mean()
-    while off.mean() > _LEAST_CUT and cuts < _MOST_CUTS:
-        mask = scene.grid.mask.copy()
-        mask[mask] = ~off
-        left = parts_of(mask) > 0
-        if left.sum() < _LEAST_LEFT * len(whole.light):
+    starts = scene.grid.flat(), scene.grid.inflated()
+    found = min((_follow(scene, _start(scene, h)) for h in starts), key=_cost)
+    for _ in range(rounds):
+        if not _UNEXPLAINED[0] < unexplained(scene, found[0]).mean() < _UNEXPLAINED[1]:
             break
-        scene, cuts = scene.without(~left[scene.grid.mask]), cuts + 1
-        state, _ = fit(scene)
-        off = _unexplained(scene, state)
-    if not cuts:
-        return scene, state
-    # most of what was cut out belongs to one side or the other
-    seams = _seams(whole.grid.mask, scene.grid.mask)
-    seamed = whole.without(seams[whole.grid.mask])
-    found, _ = fit(seamed)
-    return (seamed, found) if _unexplained(seamed, found).mean() < many else (scene, state)
+        again = [_follow_again(scene, found[0], h) for h in (*starts, found[0].h)]
+        found = min([found, *again], key=_cost)
+    return found
 
 
-def parts_of(mask: Mask) -> NDArray[np.intp]:
-    """Number the parts (H, W) of a mask that hang together, from 1; 0 outside and in crumbs."""
-    parts, _ = ndimage.label(mask)
-    sizes = np.bincount(parts.ravel())
-    parts[sizes[parts] < _LEAST_PART * mask.sum()] = 0
-    return np.asarray(parts)
-
-
-def _unexplained(scene: Scene, state: State) -> Mask:
+def unexplained(scene: Scene, state: State) -> Mask:
     """Pixels (n,) whose light the lamps do not give."""
-    return make_objective(scene, state, _CUT_SCALE).chi2(state) > _CUT_CHI2
-
-
-def _seams(whole: Mask, kept: Mask) -> Mask:
-    """Where parts of what was kept meet, when they are widened to fill the whole again."""
-    # thin bridges between parts are none
-    parts = parts_of(ndimage.binary_erosion(kept | ~whole) & whole)
-    nearest = ndimage.distance_transform_edt(
-        parts == 0, return_distances=False, return_indices=True
-    )
-    widened = np.where(whole, parts[*nearest], 0)
-    seams = np.zeros_like(whole)
-    for ahead, behind in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
-        meet = (widened[ahead] != widened[behind]) & (widened[ahead] > 0) & (widened[behind] > 0)
-        seams[ahead] |= meet
-    return seams
+    return make_objective(scene, state, _LIGHT_SCALE).chi2(state) > _LIGHT_CHI2
 
 
 def refine(scene: Scene, h: Array, found: State) -> State:
@@ -100,13 +57,27 @@ def refine(scene: Scene, h: Array, found: State) -> State:
     return state
 
 
-def _follow(scene: Scene, h: Array) -> tuple[State, float]:
-    """Follow a start h (c,) while what counts as an outlier becomes less and less."""
-    state = _start(scene, h)
+def _cost(found: tuple[State, float]) -> float:
+    return found[1]
+
+
+def _follow(scene: Scene, state: State) -> tuple[State, float]:
+    """Follow a start while what counts as an outlier becomes less and less."""
     for scale in _SCALES:
         for _ in range(_STEPS):
             objective = make_objective(scene, state, scale)
             state = _relit(_moved(objective, state), objective)
+    return state, make_objective(scene, state, _SCALES[-1]).cost(state)
+
+
+def _follow_again(scene: Scene, found: State, h: Array) -> tuple[State, float]:
+    """Follow a start h (c,) with lamps and materials found; lamps shine where the light says so."""
+    state = replace(found, h=h * np.median(found.h) / np.median(h))
+    state = _shone_on(with_even_albedo(scene, state), make_objective(scene, state, _SCALES[-1]))
+    for scale in _SCALES_AGAIN:
+        for _ in range(_STEPS):
+            objective = make_objective(scene, state, scale)
+            state = _shone_on(_moved(objective, state), objective)
     return state, make_objective(scene, state, _SCALES[-1]).cost(state)
 
 
@@ -156,3 +127,9 @@ def _relit(state: State, objective: Objective) -> State:
         less = objective.chi2(replace(state, lit=without))
         shadowed[:, j] = (chi2 > _SHADOW_CHI2) & (_SHADOW_GAIN * less < chi2)
     return replace(state, lit=facing & ~shadowed)
+
+
+def _shone_on(state: State, objective: Objective) -> State:
+    """Find anew which lamps light which pixels: those that the light itself cannot do without."""
+    shining = lamp_light(objective.scene, state, objective.precision)
+    return replace(state, lit=shining > _DARK * np.median(state.h))

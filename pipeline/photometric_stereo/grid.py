@@ -28,8 +28,8 @@ class Grid:
     """The pixels of a surface, and what w is of the squared depths at their corners.
 
     mask: bool (H, W), n pixels. corners: (n, 4), places among the c corners. to_w: (n, 3, 4), w
-    from the corners' h. bends: sparse (m, c), f/2 times second differences of h along rows and
-    columns, in which slopes change by 1 per pixel where h is 1. corner_mask: bool (H + 1, W + 1).
+    from the corners' h. bends: sparse (m, c), f/2 times second differences of h along the sides of
+    pixels, in which slopes change by 1 per pixel where h is 1. corner_mask: bool (H + 1, W + 1).
     focal_px, centre: as of make_grid.
     """
 
@@ -88,18 +88,20 @@ def make_grid(mask: NDArray[np.bool_], focal_px: float, centre: tuple[float, flo
     zero = np.zeros_like(X)[:, None]
     rows = [across + zero, -down + zero, mean + X[:, None] * across - Y[:, None] * down]
     to_w = np.stack(rows, axis=1) * ((1 + X**2 + Y**2) ** 1.5)[:, None, None]
-    bends = _bends(index, focal_px)
+    bends = _bends(index, mask, focal_px)
     return Grid(mask, corners, to_w, bends, corner_mask, focal_px, centre)
 
 
-def _bends(index: NDArray[np.intp], focal_px: float) -> sparse.csr_array:
+def _bends(index: NDArray[np.intp], mask: NDArray[np.bool_], focal_px: float) -> sparse.csr_array:
+    rim = np.pad(mask, 1)
+    # between corners that no pixel joins the surface may jump
+    across, down = rim[:-1, 1:-1] | rim[1:, 1:-1], rim[1:-1, :-1] | rim[1:-1, 1:]
     triples = []
-    for a, b, c in (
-        (index[:, :-2], index[:, 1:-1], index[:, 2:]),
-        (index[:-2], index[1:-1], index[2:]),
+    for a, b, c, joined in (
+        (index[:, :-2], index[:, 1:-1], index[:, 2:], across[:, :-1] & across[:, 1:]),
+        (index[:-2], index[1:-1], index[2:], down[:-1] & down[1:]),
     ):
-        whole = (a >= 0) & (b >= 0) & (c >= 0)
-        triples.append(np.stack([a[whole], b[whole], c[whole]], axis=1))
+        triples.append(np.stack([a[joined], b[joined], c[joined]], axis=1))
     places = np.concatenate(triples)
     rows = np.repeat(np.arange(len(places)), 3)
     values = np.tile(focal_px / 2 * np.array([1.0, -2.0, 1.0]), len(places))

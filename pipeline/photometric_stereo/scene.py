@@ -14,6 +14,7 @@ from pipeline.photometric_stereo.responses import ResponsePrior
 
 Array = NDArray[np.float64]
 
+_RIDGE = 1e-9  # of the trace, so that nothing is singular
 _DARK = 30.0  # percentile of the flash part below which albedo tells less
 
 
@@ -128,3 +129,15 @@ def predicted(scene: Scene, state: State) -> Array:
     brightness = (scene.grid.w(state.h) @ scene.directions.T) * state.lit
     response = responses(scene, state)
     return np.asarray(np.einsum("nj,njx->nx", brightness, response))
+
+
+def lamp_light(scene: Scene, state: State, precision: Array) -> Array:
+    """How bright (n, J) each lamp is by the light of a pixel alone, in units of l·w.
+
+    precision: (n, 3), 1 ÷ variance of the light. Least squares in the lamps' responses.
+    """
+    by_lamp = responses(scene, state)
+    normal = np.einsum("njx,nx,nkx->njk", by_lamp, precision, by_lamp)
+    right = np.einsum("njx,nx->nj", by_lamp, precision * scene.light)
+    ridge = _RIDGE * np.einsum("njj->n", normal)[:, None, None] * np.eye(normal.shape[1])
+    return np.asarray(np.linalg.solve(normal + ridge, right[..., None])[..., 0])

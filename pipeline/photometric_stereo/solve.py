@@ -16,9 +16,10 @@ from pipeline.frames import Mask
 from pipeline.lamps import Lamps
 from pipeline.model import Model
 from pipeline.options import DirectedLight
-from pipeline.photometric_stereo.fit import fit, fit_in_parts, parts_of, refine
+from pipeline.photometric_stereo.fit import fit, refine
 from pipeline.photometric_stereo.grid import make_grid
 from pipeline.photometric_stereo.materials import Materials, find_materials
+from pipeline.photometric_stereo.parts import fit_in_parts, parts_of
 from pipeline.photometric_stereo.responses import LampBank, ResponsePrior
 from pipeline.photometric_stereo.scene import Scene, State, predicted, response_matrices
 from pipeline.reduced import ReducedPair
@@ -47,6 +48,7 @@ class Surface:
     directions: (J, 3) unit. matrices: (J, 3, 3) flash part → light of each lamp where l·w is 1.
     misfit: median relative light that the fit does not explain.
     strengths: (J,) green brightness of a white card that faces the lamp, the largest 1.
+    focal_px: of the picture.
     """
 
     block: int
@@ -61,6 +63,7 @@ class Surface:
     matrices: Array
     misfit: float
     strengths: Array
+    focal_px: float
 
 
 def solve_surface(
@@ -97,7 +100,7 @@ def solve_surface(
     priors = [tuple(bank.prior(*one) for one in few) for few in _colours(lights, lamps, model)]
     likeliest = priors[0]
     if len(priors) > 1:
-        likeliest = min(priors, key=lambda some: fit(scene(_TRIAL, some))[1])
+        likeliest = min(priors, key=lambda some: fit(scene(_TRIAL, some), rounds=0)[1])
     coarse, state = fit_in_parts(scene(_COARSE, likeliest))
     steps = views[_COARSE].step, views[_FINE].step
     cut = views[_COARSE].mask & ~coarse.grid.mask
@@ -264,4 +267,5 @@ def _surface(scene: Scene, state: State, model: Model, block: int, mask: Mask) -
         matrices=matrices,
         misfit=float(np.median(off / scene.light.sum(axis=1))),
         strengths=strengths / strengths.max(),
+        focal_px=scene.grid.focal_px * block,
     )

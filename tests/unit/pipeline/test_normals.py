@@ -69,7 +69,7 @@ def test_light_that_no_surface_explains_is_warned_of(found: Callable[..., Any]) 
     warned = found("best")[0].warnings
 
     assert len(warned) == 1
-    assert "do not explain the light" in warned[0]
+    assert "do not explain the light" in warned[0].message
     assert found("paper")[0].warnings == ()
 
 

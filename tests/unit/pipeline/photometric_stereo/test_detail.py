@@ -35,6 +35,7 @@ def flat(block: int, w: Any = (0.0, 0.0, 1.0), **more: Any) -> Surface:
         "matrices": MATRICES,
         "misfit": 0.0,
         "strengths": np.ones(3),
+        "focal_px": 100.0,
     }
     return Surface(**{**given, **more})
 

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy import ndimage
 
-from pipeline.photometric_stereo.fit import fit, fit_in_parts, refine
+from pipeline.photometric_stereo.fit import fit, refine
 from pipeline.photometric_stereo.scene import Scene, State
 
 Array = NDArray[np.float64]
@@ -87,35 +86,6 @@ def test_a_finer_surface_is_found_from_a_coarse_one(
     np.testing.assert_array_equal(found.own, state.own)
 
 
-def test_a_continuous_surface_stays_in_one_piece(
-    ball: Callable[..., Any], scene_of: Callable[..., Scene]
-) -> None:
-    scene = scene_of(ball(32, 3))
-
-    left, state = fit_in_parts(scene)
-
-    assert left is scene
-    np.testing.assert_array_equal(state.h, fit(scene)[0].h)
-
-
-def test_light_that_no_lamp_gives_is_cut_out(
-    ball: Callable[..., Any], scene_of: Callable[..., Scene]
-) -> None:
-    """A scratch across the ball in wrong colours, two pixels wide; a seam is one pixel wide."""
-    one = ball(40)
-    scratch = np.zeros(one.inside.shape, bool)
-    scratch[19:21] = True
-    lamps = np.where(scratch[..., None], 0.3 * one.lamps[:, :, ::-1], one.lamps)
-    scene = scene_of(replace(one, lamps=lamps))
-
-    left, state = fit_in_parts(scene)
-
-    assert left.grid.mask[scratch].sum() <= 0.5 * one.inside[scratch].sum()
-    assert ndimage.label(left.grid.mask)[1] == 2
-    assert left.grid.mask[~scratch].sum() > 0.9 * one.inside[~scratch].sum()
-    assert one.error(normals(left, state), one.lit & left.grid.mask & ~scratch) < 1
-
-
 def test_equal_scenes_have_equal_surfaces(
     ball: Callable[..., Any], scene_of: Callable[..., Scene]
 ) -> None:
@@ -124,3 +94,22 @@ def test_equal_scenes_have_equal_surfaces(
     first, second = fit(scene_of(one))[0], fit(scene_of(one))[0]
 
     np.testing.assert_array_equal(first.h, second.h)
+
+
+def test_a_wide_shadow_does_not_bend_the_surface(
+    ball: Callable[..., Any], scene_of: Callable[..., Scene]
+) -> None:
+    """Of the first lamp, over a third of the ball and up to its rim."""
+    one = ball(48)
+    shadow = np.zeros(one.inside.shape, bool)
+    shadow[:, :18] = True
+    lamps = one.lamps.copy()
+    lamps[0][shadow] = 0
+    scene = scene_of(replace(one, lamps=lamps))
+
+    state, _ = fit(scene)
+
+    known = one.lit & shadow
+    assert known.sum() > 200
+    assert one.error(normals(scene, state), known) < 1
+    assert one.error(normals(scene, state), one.lit & ~shadow) < 0.5

@@ -77,3 +77,13 @@ def test_the_inflated_start_is_nearest_in_the_middle(ball: Callable[..., Any]) -
     middle = grid.corners[np.flatnonzero(one.inside.ravel()[one.inside.ravel()])[0]]
     assert inflated[middle].mean() > inflated.min()
     assert inflated.min() == pytest.approx((7 / 8) ** 2, rel=0.01)
+
+
+def test_bends_do_not_reach_across_a_cut_one_pixel_wide() -> None:
+    """Corners on both sides of it are neighbours, and the surface may jump between them."""
+    mask = np.ones((3, 5), bool)
+    mask[:, 2] = False
+    grid = make_grid(mask, 6.0, (2.0, 1.0))
+    h = np.where(np.arange(6) < 3, 1.0, 5.0) * np.ones((4, 1))
+
+    np.testing.assert_array_equal(grid.bends @ grid.at(h), 0)

@@ -7,7 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.photometric_stereo.scene import Scene, predicted, response_matrices, responses
+from pipeline.photometric_stereo.scene import (
+    Scene,
+    State,
+    lamp_light,
+    predicted,
+    response_matrices,
+    responses,
+)
 
 
 @pytest.fixture
@@ -91,3 +98,21 @@ def test_tints_are_beside_the_mean_of_their_segment(painted: tuple[Any, Scene]) 
         np.testing.assert_allclose(scene.tints[own == number, 1:].mean(axis=0), 0, atol=1e-12)
     assert (scene.tints[:, 0] == 1).all()
     assert 0 < scene.tint_weights.min() <= scene.tint_weights.max() == 1
+
+
+def test_the_light_alone_tells_how_bright_each_lamp_is(
+    ball: Callable[..., Any],
+    scene_of: Callable[..., Scene],
+    true_state: Callable[..., State],
+) -> None:
+    """By lamps as fitted: of light made of them, with one in shadow."""
+    one = ball(24)
+    scene = scene_of(one)
+    state = true_state(one, scene)
+    shaded = replace(state, lit=state.lit & [True, False, True])
+    made = replace(scene, light=predicted(scene, shaded))
+
+    found = lamp_light(made, state, np.ones_like(made.light))
+
+    brightness = (scene.grid.w(state.h) @ scene.directions.T) * shaded.lit
+    np.testing.assert_allclose(found, brightness, atol=1e-5)

@@ -1,0 +1,102 @@
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image as PillowImage
+
+from pipeline.encode.files import describe
+from pipeline.encode.glb import write_glb
+from pipeline.encode.jpeg import write_jpeg
+from pipeline.mesh import Mesh, make_mesh
+
+
+@pytest.fixture
+def mesh() -> Mesh:
+    y, x = np.mgrid[:8, :12]
+    normals = np.broadcast_to(np.array([0, 0, 1], np.float32), (8, 12, 3))
+    return make_mesh((1 + 0.001 * x + 0.002 * y).astype(np.float32), normals, 50.0)
+
+
+@pytest.fixture
+def picture() -> np.ndarray:
+    """Red at the left, green at the upper edge."""
+    picture = np.zeros((8, 12, 3), np.float32)
+    picture[:, :6, 0] = 0.8
+    picture[:4, :, 1] = 0.8
+    return picture
+
+
+def test_a_mesh_reads_back_in_another_reader(
+    mesh: Mesh, picture: np.ndarray, tmp_path: Path
+) -> None:
+    path = tmp_path / "surface.glb"
+    write_glb(path, mesh, picture, np.eye(3))
+
+    scene = trimesh.load_scene(path)
+    (body,) = scene.geometry.values()
+
+    np.testing.assert_allclose(body.vertices, mesh.vertices, atol=1e-6)
+    np.testing.assert_array_equal(body.faces, mesh.faces)
+    np.testing.assert_allclose(body.vertex_normals, mesh.normals, atol=1e-6)
+    np.testing.assert_allclose(body.visual.uv, mesh.uv * [1, -1] + [0, 1], atol=1e-6)
+    np.testing.assert_array_equal(scene.graph.get("surface")[0], np.eye(4))
+    np.testing.assert_array_less(0, body.face_normals[:, 2])
+
+
+def test_the_texture_is_the_picture_as_encoded_once(
+    mesh: Mesh, picture: np.ndarray, tmp_path: Path
+) -> None:
+    path, alone = tmp_path / "surface.glb", io.BytesIO()
+    write_glb(path, mesh, picture, np.eye(3))
+    write_jpeg(alone, picture)
+
+    data = path.read_bytes()
+
+    assert alone.getvalue() in data
+    (body,) = trimesh.load_scene(path).geometry.values()
+    assert body.visual.material.baseColorTexture.size == (12, 8)
+
+
+def test_a_large_texture_is_made_smaller(mesh: Mesh, tmp_path: Path) -> None:
+    path = tmp_path / "surface.glb"
+    write_glb(path, mesh, np.full((3, 5000, 3), 0.5, np.float32), np.eye(3))
+
+    (body,) = trimesh.load_scene(path).geometry.values()
+
+    texture: PillowImage.Image = body.visual.material.baseColorTexture
+    assert texture.size == (4096, 2)
+
+
+def test_bytes_are_the_same_each_time_and_tell_of_nobody(
+    mesh: Mesh, picture: np.ndarray, tmp_path: Path
+) -> None:
+    paths = tmp_path / "a.glb", tmp_path / "b.glb"
+    for path in paths:
+        write_glb(path, mesh, picture, np.eye(3))
+
+    first, second = (path.read_bytes() for path in paths)
+
+    assert first == second
+    head = json.loads(first[20 : 20 + int.from_bytes(first[12:16], "little")])
+    assert head["asset"] == {"version": "2.0"}
+    assert b"Exif" not in first
+
+
+def test_a_surface_of_nothing_is_an_empty_scene(picture: np.ndarray, tmp_path: Path) -> None:
+    nothing = make_mesh(np.full((8, 12), np.nan, np.float32), picture, 50.0)
+    path = tmp_path / "surface.glb"
+
+    write_glb(path, nothing, picture, np.eye(3))
+
+    assert path.read_bytes()[:4] == b"glTF"
+    assert set(describe(path, "glTF", "sRGB")) == {"name", "sha256", "encoding", "colour_space"}
+
+
+def test_a_full_disk_is_told(mesh: Mesh, picture: np.ndarray, tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="No such file"):
+        write_glb(tmp_path / "missing" / "surface.glb", mesh, picture, np.eye(3))
