@@ -8,7 +8,8 @@ import numpy as np
 
 from pipeline.errors import OptionError
 from pipeline.frames import Frame
-from pipeline.options import Options
+from pipeline.options import PairOptions
+from pipeline.remarks import Code, Remark
 from pipeline.steadiness import Ratios, darker_share, largest_ratio, ratio_without_flash
 
 _MAX_PLAUSIBLE = 1000.0
@@ -28,7 +29,7 @@ class ExposureRatio:
     source: str
 
 
-def written_ratio(no_flash: Frame, flash: Frame, options: Options) -> ExposureRatio:
+def written_ratio(no_flash: Frame, flash: Frame, options: PairOptions) -> ExposureRatio:
     """Take the ratio that was given, else the files', else 1. Raises OptionError if absurd."""
     if options.exposure_ratio is not None:
         if not _plausible(options.exposure_ratio):
@@ -51,7 +52,7 @@ def written_ratio(no_flash: Frame, flash: Frame, options: Options) -> ExposureRa
 
 def settled_ratio(
     ratio: ExposureRatio, ratios: Ratios, rendered: bool
-) -> tuple[ExposureRatio, list[str]]:
+) -> tuple[ExposureRatio, list[Remark]]:
     """Hold a ratio against the pixels; returns the one to use and what to warn of.
 
     ratios: of the pair on the scale of that ratio. rendered: a camera made pictures of it. A
@@ -60,16 +61,18 @@ def settled_ratio(
     peak = ratio_without_flash(ratios)
     if ratio.source == "assumed":
         if peak is None:
-            return ratio, [
+            message = (
                 "The files do not say how they were exposed; equal exposures are taken for "
                 f"granted{_unless_darker(ratio, ratios, rendered)}. Pass the exposure ratio if "
                 "they differ."
-            ]
+            )
+            return ratio, [Remark(Code.EXPOSURE_ASSUMED, message)]
         found = ExposureRatio(ratio.value * peak, "pixels")
-        return found, [
+        message = (
             "The files do not say how they were exposed; what the flash does not reach shows a "
             f"ratio of {found.value:.3g}, which was taken. Pass the exposure ratio if you know it."
-        ]
+        )
+        return found, [Remark(Code.EXPOSURE_ESTIMATED, message, {"ratio": found.value})]
     said = "The exposure ratio given" if ratio.source == "option" else "The files' exposure ratio"
     advice = (
         "Pass the right exposure ratio, and if it was right, take both photographs in steady "
@@ -78,17 +81,23 @@ def settled_ratio(
     if peak is not None:
         if abs(np.log(peak)) < (_AGREES_RENDERED if rendered else _AGREES):
             return ratio, []
-        return ratio, [
+        shown = ratio.value * peak
+        message = (
             f"{said}, {ratio.value:.3g}, does not fit: what the flash does not reach shows "
-            f"{ratio.value * peak:.3g}. {advice}"
-        ]
+            f"{shown:.3g}. {advice}"
+        )
+        figures = {"ratio": ratio.value, "ratio_shown": shown}
+        return ratio, [Remark(Code.EXPOSURE_MISMATCH, message, figures)]
     share = darker_share(ratios, rendered)
     if share < _MANY_DARKER:
         return ratio, []
-    return ratio, [
+    most = ratio.value * largest_ratio(ratios)
+    message = (
         f"{said}, {ratio.value:.3g}, makes {share:.0%} of the picture darker with the flash than "
-        f"without: it can be {ratio.value * largest_ratio(ratios):.3g} at most. {advice}"
-    ]
+        f"without: it can be {most:.3g} at most. {advice}"
+    )
+    figures = {"ratio": ratio.value, "ratio_at_most": most, "share": share}
+    return ratio, [Remark(Code.EXPOSURE_MISMATCH, message, figures)]
 
 
 def _unless_darker(ratio: ExposureRatio, ratios: Ratios, rendered: bool) -> str:

@@ -157,14 +157,10 @@ def bands(ratios: Ratios) -> float | None:
     others = np.delete(heights, near)[1:].max(initial=0.0)
     across = 0.0 if columns is None else np.abs(columns[near].mean(axis=1)).max(initial=0.0)
     height = float(heights[strongest])
-    together = (rows[strongest] / rows[strongest].mean()).real.min()
-    if (
-        strongest == 0
-        or height < max(_BAND_HEIGHT, _STANDS_OUT * others, _STANDS_OUT * across)
-        or together < _TOGETHER
-    ):
+    if strongest == 0 or height < max(_BAND_HEIGHT, _STANDS_OUT * others, _STANDS_OUT * across):
         return None
-    return height
+    together = (rows[strongest] / rows[strongest].mean()).real.min()
+    return height if together >= _TOGETHER else None
 
 
 def _waves(planes: Array) -> NDArray[np.complex128] | None:

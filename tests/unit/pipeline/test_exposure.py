@@ -68,9 +68,9 @@ def test_a_ratio_that_was_written_is_kept_and_doubted(unreached: float, shown: s
 
     assert found == ratio
     (warning,) = warnings
-    assert warning.startswith("The files' exposure ratio, 2, does not fit")
-    assert f"shows {shown}. Pass the right exposure ratio" in warning
-    assert "steady light" in warning
+    assert warning.message.startswith("The files' exposure ratio, 2, does not fit")
+    assert f"shows {shown}. Pass the right exposure ratio" in warning.message
+    assert "steady light" in warning.message
 
 
 def test_a_camera_may_render_a_picture_a_little_brighter() -> None:
@@ -86,8 +86,8 @@ def test_where_the_flash_reaches_everything_a_bound_is_told() -> None:
     )
 
     assert found.value == 2.0
-    assert warning.startswith("The exposure ratio given, 2, makes ")
-    assert "of the picture darker with the flash than without: it can be 1." in warning
+    assert warning.message.startswith("The exposure ratio given, 2, makes ")
+    assert "of the picture darker with the flash than without: it can be 1." in warning.message
 
 
 @pytest.mark.parametrize("unreached", [0.5, 1.0, 4.0])
@@ -98,7 +98,7 @@ def test_a_ratio_that_nobody_knows_is_taken_from_the_pixels(unreached: float) ->
 
     assert found.source == "pixels"
     assert found.value == pytest.approx(unreached, rel=0.01)
-    assert f"shows a ratio of {found.value:.3g}, which was taken" in warning
+    assert f"shows a ratio of {found.value:.3g}, which was taken" in warning.message
 
 
 @pytest.mark.parametrize(("reached", "said"), [(1.2, False), (0.4, True)])
@@ -108,8 +108,8 @@ def test_without_evidence_exposures_count_as_equal(reached: float, said: bool) -
     found, (warning,) = settled_ratio(ratio, ratios(reached, None), rendered=False)
 
     assert found == ratio
-    assert warning.startswith("The files do not say how they were exposed; equal exposures")
-    assert ("at most" in warning) is said
+    assert warning.message.startswith("The files do not say how they were exposed; equal exposures")
+    assert ("at most" in warning.message) is said
 
 
 def test_too_few_sure_blocks_tell_nothing() -> None:

@@ -9,45 +9,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.errors import Canceled, InputError, OptionError, PairMismatchError, UnusablePairError
+from pipeline.errors import Canceled, OptionError
 from pipeline.frames import Exposure, Frame
 from pipeline.noise import estimate_noise
 from pipeline.options import Options
-from pipeline.pair import Pair, check_sizes, make_pair
+from pipeline.pair import Pair, make_pair
 from pipeline.progress import Progress
 
 Array = NDArray[np.float64]
 EXPOSURE = Exposure(time_s=1 / 60, iso=200, f_number=4)
-
-
-@pytest.fixture(scope="module")
-def light() -> tuple[Array, Array]:
-    """What lamps and flash give (96, 128, 3): patches, lamps from the left, flash in the middle."""
-    rng = np.random.default_rng(7)
-    albedo = cv2.GaussianBlur(
-        rng.uniform(0.05, 0.9, (12, 16, 3)).repeat(8, 0).repeat(8, 1), (0, 0), 0.6
-    )
-    v, u = np.mgrid[:96, :128] / np.array([96, 128])[:, None, None]
-    lamps = albedo * (0.1 + 0.5 * (1 - u)[..., None]) * np.array([0.9, 0.7, 0.4])
-    flash = albedo * (0.6 - 0.8 * ((u - 0.5) ** 2 + (v - 0.5) ** 2))[..., None]
-    return lamps, flash
-
-
-@pytest.fixture
-def frames(
-    light: tuple[Array, Array], frame: Callable[..., Frame]
-) -> Callable[..., tuple[Frame, Frame]]:
-    """Photographs without and with the flash; scaled, with noise, and with what else is given."""
-
-    def build(scale: float = 1.0, **more: Any) -> tuple[Frame, Frame]:
-        lamps, flash = light
-        rng = np.random.default_rng(1)
-        grain = rng.normal(0, 0.002, (2, *lamps.shape))
-        given = {"exposure": EXPOSURE, **more}
-        with_flash = scale * (lamps + flash) + grain[1]
-        return frame(lamps + grain[0], **given), frame(with_flash, **given)
-
-    return build
 
 
 def paired(frames: tuple[Frame, Frame], **options: Any) -> Pair:
@@ -135,7 +105,7 @@ def test_equal_exposures_are_assumed_with_a_warning(
 
     assert pair.exposure_ratio == 1
     (warning,) = pair.warnings
-    assert warning.startswith("The files do not say how they were exposed")
+    assert warning.message.startswith("The files do not say how they were exposed")
 
 
 def test_a_flash_part_alone_needs_no_exposure(
@@ -174,162 +144,6 @@ def test_an_absurd_ratio_given_is_refused(
         paired(frames(), exposure_ratio=ratio)
 
 
-# frames that do not belong together
-
-
-@pytest.mark.parametrize("size", [(96, 127), (95, 128), (128, 96)])
-def test_other_sizes_are_refused(
-    frames: Callable[..., tuple[Frame, Frame]],
-    frame: Callable[..., Frame],
-    size: tuple[int, int],
-) -> None:
-    before, _ = frames()
-
-    with pytest.raises(PairMismatchError) as refused:
-        paired((before, frame(np.full((*size, 3), 0.3))))
-
-    assert f"128 × 96 without the flash and {size[1]} × {size[0]} with it" in str(refused.value)
-
-
-@pytest.mark.parametrize(
-    ("no_flash", "flash", "error"),
-    [
-        ((10, 20), (10, 21), PairMismatchError),
-        ((31, 400), (31, 400), UnusablePairError),
-        ((400, 1), (400, 1), UnusablePairError),
-    ],
-)
-def test_sizes_are_checked_before_anything_is_decoded(
-    no_flash: tuple[int, int], flash: tuple[int, int], error: type[InputError]
-) -> None:
-    with pytest.raises(error, match=r"\d+ × \d+"):
-        check_sizes(no_flash, flash)
-
-
-def test_the_smallest_size_is_32_pixels() -> None:
-    check_sizes((32, 32), (32, 32))
-
-    with pytest.raises(UnusablePairError, match="have only 32 × 31 pixels"):
-        check_sizes((32, 31), (32, 31))
-
-
-@pytest.mark.parametrize(
-    ("encodings", "words"),
-    [
-        (("raw", "srgb"), ("sensor values", "sRGB values")),
-        (("srgb", "linear"), ("sRGB values", "linear values")),
-    ],
-)
-def test_encodings_are_not_mixed(
-    frames: Callable[..., tuple[Frame, Frame]],
-    encodings: tuple[str, str],
-    words: tuple[str, str],
-) -> None:
-    both = [replace(one, encoding=kind) for one, kind in zip(frames(), encodings, strict=True)]
-
-    with pytest.raises(PairMismatchError) as refused:
-        paired((both[0], both[1]))
-
-    assert f"without the flash holds {words[0]}, the one with it {words[1]}" in str(refused.value)
-
-
-def test_sensor_values_and_linear_values_go_together(
-    frames: Callable[..., tuple[Frame, Frame]],
-) -> None:
-    before, after = frames()
-
-    assert paired((replace(before, encoding="raw"), after)).warnings == ()
-
-
-@pytest.mark.parametrize("same", ["file", "pixels"])
-def test_identical_photographs_are_refused(
-    frames: Callable[..., tuple[Frame, Frame]], same: str
-) -> None:
-    before, after = frames()
-    twin = replace(after, sha256=before.sha256) if same == "file" else replace(before, sha256="x")
-
-    with pytest.raises(UnusablePairError, match=r"^The two photographs are identical: send one"):
-        paired((before, twin))
-
-
-def test_a_swapped_pair_is_told_by_the_exif(
-    frames: Callable[..., tuple[Frame, Frame]],
-) -> None:
-    before, after = frames()
-
-    with pytest.raises(UnusablePairError, match=r"swap the two\.$"):
-        paired((replace(after, flash_fired=True), replace(before, flash_fired=False)))
-
-
-def test_a_swapped_pair_is_told_by_its_light(
-    frames: Callable[..., tuple[Frame, Frame]],
-) -> None:
-    before, after = frames()
-
-    with pytest.raises(
-        UnusablePairError, match=r"^The photograph with the flash is darker than the one without"
-    ):
-        paired((after, before))
-
-
-def test_a_flash_that_exif_does_not_know_of_is_no_reason_to_refuse(
-    frames: Callable[..., tuple[Frame, Frame]],
-) -> None:
-    """A radio trigger: the camera fired no flash of its own, and the light is there."""
-    before, after = frames(flash_fired=False)
-
-    assert paired((before, after)).warnings == ()
-
-
-# photographs without light
-
-
-@pytest.mark.parametrize(("which", "name"), [(0, "without"), (1, "with")])
-def test_black_photographs_are_refused(
-    frames: Callable[..., tuple[Frame, Frame]],
-    frame: Callable[..., Frame],
-    which: int,
-    name: str,
-) -> None:
-    both = list(frames())
-    both[which] = frame(np.random.default_rng(2).normal(0, 3e-5, (96, 128, 3)))
-
-    with pytest.raises(UnusablePairError, match=rf"^The photograph {name} the flash is black"):
-        paired((both[0], both[1]), exposure_ratio=1.0)
-
-
-def test_a_dark_photograph_is_not_black(
-    frames: Callable[..., tuple[Frame, Frame]],
-) -> None:
-    """A hundredth of the light: told to be darker, since it is the one with the flash."""
-    before, _ = frames()
-    dim = replace(before, pixels=before.pixels * np.float32(0.01), sha256="another")
-
-    with pytest.raises(UnusablePairError, match=r"^The photograph with the flash is darker"):
-        paired((before, dim))
-
-
-def test_a_flash_that_adds_nothing_is_refused(
-    light: tuple[Array, Array], frame: Callable[..., Frame]
-) -> None:
-    rng = np.random.default_rng(3)
-    before, after = (frame(light[0] + rng.normal(0, 0.004, light[0].shape)) for _ in range(2))
-
-    with pytest.raises(UnusablePairError, match=r"^The flash adds too little light to measure"):
-        paired((before, after))
-
-
-@pytest.mark.parametrize("which", [0, 1])
-def test_pairs_clipped_everywhere_are_refused(
-    frames: Callable[..., tuple[Frame, Frame]], which: int
-) -> None:
-    both = list(frames())
-    both[which] = replace(both[which], saturated=np.ones((96, 128), bool))
-
-    with pytest.raises(UnusablePairError, match=r"^Every pixel is clipped in one of the"):
-        paired((both[0], both[1]))
-
-
 def test_pixels_clipped_in_either_are_marked(
     frames: Callable[..., tuple[Frame, Frame]],
 ) -> None:
@@ -357,7 +171,7 @@ def test_what_looks_like_the_photograph_over_again_is_warned_of(
 
     (warning,) = paired((before, after)).warnings
 
-    assert warning.startswith("What the flash added looks like the photograph without it")
+    assert warning.message.startswith("What the flash added looks like the photograph without it")
 
 
 @pytest.mark.parametrize(
@@ -378,7 +192,7 @@ def test_rendering_that_may_differ_is_warned_of(
 
     assert len(pair.warnings) == len(said)
     for warning, start in zip(pair.warnings, said, strict=True):
-        assert warning.startswith(start)
+        assert warning.message.startswith(start)
 
 
 def test_linear_values_may_be_exposed_as_they_like(
@@ -435,7 +249,7 @@ def test_a_failed_alignment_is_a_warning(
     pair = paired((before, frame(other, exposure=EXPOSURE)))
 
     assert not pair.alignment.applied
-    assert any("could not be aligned" in warning for warning in pair.warnings)
+    assert any("could not be aligned" in warning.message for warning in pair.warnings)
 
 
 @pytest.mark.parametrize("after_reports", [0, 1, 2, 3])
@@ -469,7 +283,9 @@ def test_what_moved_is_unusable_and_told(
     assert pair.unusable[34:62, 44:76].mean() > 0.8
     assert pair.unusable[:20].mean() < 0.02
     assert pair.moved == pytest.approx(pair.unusable.mean(), abs=1e-6)
-    assert any(w.startswith("Something moved between the photographs") for w in pair.warnings)
+    assert any(
+        w.message.startswith("Something moved between the photographs") for w in pair.warnings
+    )
 
 
 def test_a_ratio_from_the_pixels_scales_the_flash_frame(

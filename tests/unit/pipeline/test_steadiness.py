@@ -156,6 +156,12 @@ def test_steady_lamps_leave_no_bands() -> None:
     assert bands(ratios_of(lamps, lamps + flash)) is None
 
 
+def test_even_light_without_noise_leaves_no_bands() -> None:
+    before = np.full((HEIGHT, WIDTH, 3), 0.2, np.float32)
+    open_ = np.zeros(before.shape[:2], bool)
+    assert bands(block_ratios(before, 2 * before, open_, (QUIET, QUIET))) is None
+
+
 def test_stripes_of_a_surface_are_no_bands() -> None:
     """Red and green in turn: the channels' ratios go opposite ways."""
     lamps, flash = scene()

@@ -1,0 +1,97 @@
+"""Whether two photographs are a pair that can be separated at all; refusals with what to do."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pipeline.errors import PairMismatchError, UnusablePairError
+from pipeline.frames import Frame, Image, Mask
+from pipeline.noise import Noise
+
+_BLACK = 2e-4  # of the white level; an 8-bit sRGB code of 1 is 3e-4
+_MIN_USABLE = 0.02
+_DARKER = 0.6  # share of lit pixels that lose light with the flash on: the frames are swapped
+_SMALLEST = 32
+_SAMPLE_STEP = 4
+
+
+def check_sizes(no_flash: tuple[int, int], flash: tuple[int, int]) -> None:
+    """Check two (width, height): PairMismatchError if unequal, UnusablePairError if tiny."""
+    if no_flash != flash:
+        (w1, h1), (w2, h2) = no_flash, flash
+        raise PairMismatchError(
+            f"The photographs have different sizes, {w1} × {h1} without the flash and {w2} × {h2} "
+            "with it: send both as the camera made them, uncropped."
+        )
+    if min(no_flash) < _SMALLEST:
+        width, height = no_flash
+        raise UnusablePairError(
+            f"The photographs have only {width} × {height} pixels: send them in full size."
+        )
+
+
+def check_belonging(no_flash: Frame, flash: Frame) -> None:
+    """Check sizes and encodings, and that the flash fired in the right one of two photographs.
+
+    Raises PairMismatchError, UnusablePairError.
+    """
+    check_sizes(no_flash.size, flash.size)
+    if (no_flash.encoding == "srgb") != (flash.encoding == "srgb"):
+        raise PairMismatchError(
+            f"The photograph without the flash holds {_words(no_flash)}, the one with it "
+            f"{_words(flash)}: send two files of one kind."
+        )
+    if no_flash.sha256 == flash.sha256 or np.array_equal(no_flash.pixels, flash.pixels):
+        raise UnusablePairError(
+            "The two photographs are identical: send one without the flash and one with it."
+        )
+    if no_flash.flash_fired and flash.flash_fired is False:
+        raise UnusablePairError(
+            "The flash fired in the photograph that should be without it: swap the two."
+        )
+
+
+def _words(frame: Frame) -> str:
+    return {"raw": "sensor values", "linear": "linear values", "srgb": "sRGB values"}[
+        frame.encoding
+    ]
+
+
+def check_light(no_flash: Frame, flash: Frame) -> None:
+    """Raise UnusablePairError where one of the photographs is black."""
+    for frame, name in ((no_flash, "without the flash"), (flash, "with the flash")):
+        if np.quantile(frame.pixels[::_SAMPLE_STEP, ::_SAMPLE_STEP].max(axis=2), 0.99) < _BLACK:
+            raise UnusablePairError(
+                f"The photograph {name} is black: expose it longer or raise the ISO speed."
+            )
+
+
+def check_flash_adds(
+    no_flash: Image, flash: Image, unusable: Mask, noises: tuple[Noise, Noise]
+) -> None:
+    """Raise UnusablePairError where the flash part is missing or negative, or all is clipped.
+
+    no_flash, flash: (H, W, 3) on one scale. What is left to use is told later.
+    """
+    before, after = _sampled(no_flash), _sampled(flash)
+    part = after.sum(axis=2) - before.sum(axis=2)
+    noise = np.sqrt(noises[0].variance(before).sum(axis=2) + noises[1].variance(after).sum(axis=2))
+    open_ = ~unusable[::_SAMPLE_STEP, ::_SAMPLE_STEP]
+    if not open_.any():
+        raise UnusablePairError(
+            "Every pixel is clipped in one of the photographs: expose both shorter."
+        )
+    if np.mean(part[open_] < -2 * noise[open_]) > _DARKER:
+        raise UnusablePairError(
+            "The photograph with the flash is darker than the one without it: swap the two, or "
+            "pass the exposure ratio if the camera did not write it."
+        )
+    if np.mean(part[open_] > 3 * noise[open_]) < _MIN_USABLE:
+        raise UnusablePairError(
+            "The flash adds too little light to measure: bring it nearer, raise its power, or "
+            "shorten both exposures."
+        )
+
+
+def _sampled(image: Image) -> Image:
+    return image[::_SAMPLE_STEP, ::_SAMPLE_STEP]

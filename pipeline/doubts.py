@@ -1,0 +1,146 @@
+"""What makes the layers of a pair doubtful, told from the pair and its lamps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal
+
+import numpy as np
+from scipy import ndimage
+
+from pipeline.flash_reach import MOST_STOPS, flash_reach
+from pipeline.lamps import Lamps
+from pipeline.pair import Pair
+from pipeline.pure_light import without_pure_light
+from pipeline.reduced import ReducedPair
+from pipeline.remarks import Code, Remark
+from pipeline.residual_map import MARKED, relative_residual
+
+# Chosen on development scenes (docs/decisions/0009-warnings.md)
+_UNSURE = 0.6
+_SIMILAR_DEGREES = 6.0
+_LEAST_CONTRAST = 1e-3
+_MUCH_WEAK = 0.1
+_MUCH_CLIPPED = 0.05
+_MUCH_MARKED = 0.015
+_LEAST_ERROR, _ERROR_OF_LAMPS, _NOISE_COUNTS, _WORST_DB = 0.045, 0.01, 0.5, 4.0
+
+
+def doubts(
+    pair: Pair, reduced: ReducedPair, lamps: Lamps, method: Literal["best", "paper"]
+) -> list[Remark]:
+    """Warnings of the flash, the lamps and the light; none where layers can be relied on.
+
+    method: which found the lamps; only fitted ones tell where one is alone.
+    """
+    hidden = without_pure_light(reduced, lamps) if method == "best" else []
+    return [*_of_photographs(pair, reduced), *_of_lamps(reduced, lamps, hidden)]
+
+
+def expected_snr_db(angle_deg: float, noise: float) -> float:
+    """Joint SNR in dB that layers of two lamps reach at an angle between their colours.
+
+    noise: relative, as relative_noise. The lamps' own errors and noise both grow with 1/sin of the
+    angle; what the model misses does not. Lamps that cannot be told apart at all still share out
+    the photograph. Fitted on development scenes.
+    """
+    contrast = max(float(np.sin(np.radians(angle_deg))), _LEAST_CONTRAST)
+    mixed_up = (_ERROR_OF_LAMPS**2 + (_NOISE_COUNTS * noise) ** 2) / contrast**2
+    return max(float(-10.0 * np.log10(mixed_up + _LEAST_ERROR**2)), _WORST_DB)
+
+
+def relative_noise(reduced: ReducedPair) -> float:
+    """Noise of flash part and no-flash light against themselves, both together, median."""
+    use = reduced.usable
+    squared = [
+        variance[use].sum(axis=1) / np.square(light[use].sum(axis=1))
+        for light, variance in (
+            (reduced.no_flash, reduced.no_flash_variance),
+            (reduced.flash, reduced.flash_variance),
+        )
+    ]
+    return float(np.sqrt(np.median(squared[0] + squared[1])))
+
+
+def _of_photographs(pair: Pair, reduced: ReducedPair) -> Iterator[Remark]:
+    reach = flash_reach(pair, reduced)
+    if reach.weak > _MUCH_WEAK:
+        most = "at least " if reach.stops >= MOST_STOPS else ""
+        message = (
+            f"The flash is too weak in {reach.weak:.0%} of what the lamps light, where the layers "
+            f"are filled in from their surroundings; {1 - reach.weak:.0%} can be separated. Make "
+            f"the flash {most}{reach.stops:.1f} stops stronger: raise its power or bring it "
+            "nearer; a wider aperture with a shorter exposure helps, too."
+        )
+        figures = {"share": reach.weak, "usable_share": 1 - reach.weak, "stops": reach.stops}
+        yield Remark(Code.FLASH_TOO_WEAK, message, figures)
+    if pair.clipped > _MUCH_CLIPPED:
+        message = (
+            f"A photograph is clipped in {pair.clipped:.0%} of the picture, where the layers are "
+            "filled in from their surroundings: expose both shorter."
+        )
+        yield Remark(Code.CLIPPED, message, {"share": pair.clipped})
+
+
+def _of_lamps(reduced: ReducedPair, lamps: Lamps, hidden: list[int]) -> Iterator[Remark]:
+    if lamps.more:
+        message = (
+            "Three lamps do not explain the light at all shadow edges: there may be four or more, "
+            "which three colour channels cannot tell apart. Switch some off, or photograph them "
+            "in groups."
+        )
+        yield Remark(Code.FOUR_OR_MORE, message)
+    elif lamps.unexplained:
+        number = "One lamp does" if len(lamps) == 1 else f"{len(lamps)} lamps do"
+        message = (
+            f"{number} not explain the photograph: {lamps.left_over:.0%} of the light is left over "
+            "in a tenth of it. Ask for more lamps, or check camera and flash spectrum; "
+            "residual.png shows where."
+        )
+        yield Remark(Code.UNEXPLAINED, message, {"left_over": lamps.left_over})
+    else:
+        yield from _of_reflections(reduced, lamps)
+    yield from lamps.contradictions
+    yield from _of_likeness(reduced, lamps)
+    if hidden:
+        names = " and ".join(f"lamp{index + 1}" for index in hidden)
+        message = (
+            f"Nowhere in the picture does {names} light anything alone, and no edge of a shadow "
+            "tells its colour, so how bright its layer is, is a guess. Show some place that the "
+            "other lamps do not reach, such as the shadow of a thing put into the picture."
+        )
+        yield Remark(Code.NO_PURE_LIGHT, message, {"lamps": len(hidden)})
+    if lamps.confidence < _UNSURE:
+        message = (
+            f"It is not certain that the number of lamps is {len(lamps)}; if you know it, ask for "
+            "it. A stronger flash and a hard shadow of each lamp make it plainer."
+        )
+        yield Remark(Code.NUMBER_UNCERTAIN, message, {"confidence": lamps.confidence})
+
+
+def _of_reflections(reduced: ReducedPair, lamps: Lamps) -> Iterator[Remark]:
+    marked = relative_residual(reduced, lamps) > MARKED
+    spots = ndimage.binary_opening(marked, np.ones((2, 2)))  # lines are the demosaicing's
+    share = float(np.mean(spots[reduced.usable]))
+    if share > _MUCH_MARKED:
+        message = (
+            f"In {share:.1%} of the picture the lamps leave more than {MARKED:.0%} of the light "
+            "unexplained: shiny things mirror it, or it has met another surface before. Layers are "
+            "approximate there; residual.png shows where. Turn shiny things away from the lamps, "
+            "and check camera and flash spectrum if it is all over the picture."
+        )
+        yield Remark(Code.REFLECTIONS, message, {"share": share})
+
+
+def _of_likeness(reduced: ReducedPair, lamps: Lamps) -> Iterator[Remark]:
+    if lamps.least_angle_deg >= _SIMILAR_DEGREES:
+        return
+    snr = expected_snr_db(lamps.least_angle_deg, relative_noise(reduced))
+    message = (
+        f"Two lamps are only {lamps.least_angle_deg:.1f}° apart in colour, so their layers hold "
+        f"each other's light: expect a signal-to-noise ratio of about {snr:.0f} dB. A coloured "
+        "filter on one of the lamps helps."
+    )
+    yield Remark(
+        Code.LAMPS_ALIKE, message, {"angle_deg": lamps.least_angle_deg, "expected_snr_db": snr}
+    )

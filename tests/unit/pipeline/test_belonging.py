@@ -1,0 +1,178 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.belonging import check_sizes
+from pipeline.errors import InputError, PairMismatchError, UnusablePairError
+from pipeline.frames import Frame
+from pipeline.options import Options
+from pipeline.pair import Pair, make_pair
+from pipeline.progress import Progress
+
+Array = NDArray[np.float64]
+
+
+def paired(frames: tuple[Frame, Frame], **options: Any) -> Pair:
+    return make_pair(*frames, Options(**options), Progress())
+
+
+# frames that do not belong together
+
+
+@pytest.mark.parametrize("size", [(96, 127), (95, 128), (128, 96)])
+def test_other_sizes_are_refused(
+    frames: Callable[..., tuple[Frame, Frame]],
+    frame: Callable[..., Frame],
+    size: tuple[int, int],
+) -> None:
+    before, _ = frames()
+
+    with pytest.raises(PairMismatchError) as refused:
+        paired((before, frame(np.full((*size, 3), 0.3))))
+
+    assert f"128 × 96 without the flash and {size[1]} × {size[0]} with it" in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("no_flash", "flash", "error"),
+    [
+        ((10, 20), (10, 21), PairMismatchError),
+        ((31, 400), (31, 400), UnusablePairError),
+        ((400, 1), (400, 1), UnusablePairError),
+    ],
+)
+def test_sizes_are_checked_before_anything_is_decoded(
+    no_flash: tuple[int, int], flash: tuple[int, int], error: type[InputError]
+) -> None:
+    with pytest.raises(error, match=r"\d+ × \d+"):
+        check_sizes(no_flash, flash)
+
+
+def test_the_smallest_size_is_32_pixels() -> None:
+    check_sizes((32, 32), (32, 32))
+
+    with pytest.raises(UnusablePairError, match="have only 32 × 31 pixels"):
+        check_sizes((32, 31), (32, 31))
+
+
+@pytest.mark.parametrize(
+    ("encodings", "words"),
+    [
+        (("raw", "srgb"), ("sensor values", "sRGB values")),
+        (("srgb", "linear"), ("sRGB values", "linear values")),
+    ],
+)
+def test_encodings_are_not_mixed(
+    frames: Callable[..., tuple[Frame, Frame]],
+    encodings: tuple[str, str],
+    words: tuple[str, str],
+) -> None:
+    both = [replace(one, encoding=kind) for one, kind in zip(frames(), encodings, strict=True)]
+
+    with pytest.raises(PairMismatchError) as refused:
+        paired((both[0], both[1]))
+
+    assert f"without the flash holds {words[0]}, the one with it {words[1]}" in str(refused.value)
+
+
+def test_sensor_values_and_linear_values_go_together(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    before, after = frames()
+
+    assert paired((replace(before, encoding="raw"), after)).warnings == ()
+
+
+@pytest.mark.parametrize("same", ["file", "pixels"])
+def test_identical_photographs_are_refused(
+    frames: Callable[..., tuple[Frame, Frame]], same: str
+) -> None:
+    before, after = frames()
+    twin = replace(after, sha256=before.sha256) if same == "file" else replace(before, sha256="x")
+
+    with pytest.raises(UnusablePairError, match=r"^The two photographs are identical: send one"):
+        paired((before, twin))
+
+
+def test_a_swapped_pair_is_told_by_the_exif(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    before, after = frames()
+
+    with pytest.raises(UnusablePairError, match=r"swap the two\.$"):
+        paired((replace(after, flash_fired=True), replace(before, flash_fired=False)))
+
+
+def test_a_swapped_pair_is_told_by_its_light(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    before, after = frames()
+
+    with pytest.raises(
+        UnusablePairError, match=r"^The photograph with the flash is darker than the one without"
+    ):
+        paired((after, before))
+
+
+def test_a_flash_that_exif_does_not_know_of_is_no_reason_to_refuse(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    """A radio trigger: the camera fired no flash of its own, and the light is there."""
+    before, after = frames(flash_fired=False)
+
+    assert paired((before, after)).warnings == ()
+
+
+# photographs without light
+
+
+@pytest.mark.parametrize(("which", "name"), [(0, "without"), (1, "with")])
+def test_black_photographs_are_refused(
+    frames: Callable[..., tuple[Frame, Frame]],
+    frame: Callable[..., Frame],
+    which: int,
+    name: str,
+) -> None:
+    both = list(frames())
+    both[which] = frame(np.random.default_rng(2).normal(0, 3e-5, (96, 128, 3)))
+
+    with pytest.raises(UnusablePairError, match=rf"^The photograph {name} the flash is black"):
+        paired((both[0], both[1]), exposure_ratio=1.0)
+
+
+def test_a_dark_photograph_is_not_black(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    """A hundredth of the light: told to be darker, since it is the one with the flash."""
+    before, _ = frames()
+    dim = replace(before, pixels=before.pixels * np.float32(0.01), sha256="another")
+
+    with pytest.raises(UnusablePairError, match=r"^The photograph with the flash is darker"):
+        paired((before, dim))
+
+
+def test_a_flash_that_adds_nothing_is_refused(
+    light: tuple[Array, Array], frame: Callable[..., Frame]
+) -> None:
+    rng = np.random.default_rng(3)
+    before, after = (frame(light[0] + rng.normal(0, 0.004, light[0].shape)) for _ in range(2))
+
+    with pytest.raises(UnusablePairError, match=r"^The flash adds too little light to measure"):
+        paired((before, after))
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_pairs_clipped_everywhere_are_refused(
+    frames: Callable[..., tuple[Frame, Frame]], which: int
+) -> None:
+    both = list(frames())
+    both[which] = replace(both[which], saturated=np.ones((96, 128), bool))
+
+    with pytest.raises(UnusablePairError, match=r"^Every pixel is clipped in one of the"):
+        paired((both[0], both[1]))

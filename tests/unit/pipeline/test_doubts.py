@@ -1,0 +1,186 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline import doubts as doubts_module
+from pipeline.doubts import doubts, expected_snr_db, relative_noise
+from pipeline.flash_reach import FlashReach
+from pipeline.reduced import reduce_pair
+from pipeline.remarks import Code, Remark
+
+Array = NDArray[np.float64]
+Build = Callable[..., Any]
+
+
+@pytest.fixture
+def said(
+    exact: Build, lamps_of: Build, warm_to_cool: Array, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., list[Remark]]:
+    """Doubts of a clean pair of two lamps, but for what is given of pair, lamps or light."""
+
+    def find(
+        residual: Array | None = None,
+        reach: FlashReach | None = None,
+        hidden: list[int] | None = None,
+        clipped: float = 0.0,
+        coefficients: Array | None = None,
+        method: Literal["best", "paper"] = "best",
+        **lamps: Any,
+    ) -> list[Remark]:
+        colours = warm_to_cool[[0, 2]] if coefficients is None else coefficients
+        pair, _ = exact(warm_to_cool[[0, 2]], clipped=clipped)
+        if residual is not None:
+            monkeypatch.setattr(doubts_module, "relative_residual", lambda *_: residual)
+        if reach is not None:
+            monkeypatch.setattr(doubts_module, "flash_reach", lambda *_: reach)
+        if hidden is not None:
+            monkeypatch.setattr(doubts_module, "without_pure_light", lambda *_: hidden)
+        return doubts(pair, reduce_pair(pair), lamps_of(colours, **lamps), method)
+
+    return find
+
+
+def test_a_clean_pair_has_none(said: Callable[..., list[Remark]]) -> None:
+    assert said() == []
+
+
+def test_four_lamps_are_told_instead_of_what_they_leave(
+    said: Callable[..., list[Remark]],
+) -> None:
+    (remark,) = said(more=True, left_over=0.2)
+
+    assert remark.code == Code.FOUR_OR_MORE
+    assert "four or more" in remark.message
+
+
+def test_what_lamps_leave_everywhere_is_not_called_a_reflection(
+    said: Callable[..., list[Remark]],
+) -> None:
+    (remark,) = said(left_over=0.09, residual=np.full((64, 96), 0.15))
+
+    assert remark.code == Code.UNEXPLAINED
+    assert remark.figures == {"left_over": 0.09}
+    assert remark.message.startswith("2 lamps do not explain the photograph: 9%")
+
+
+@pytest.mark.parametrize(("rows", "warned"), [(0, False), (8, True)])
+def test_what_lamps_leave_in_places_is_a_reflection(
+    said: Callable[..., list[Remark]], rows: int, warned: bool
+) -> None:
+    residual = np.full((64, 96), 0.09)
+    residual[:rows] = 0.11
+
+    found = said(residual=residual)
+
+    assert [remark.code for remark in found] == [Code.REFLECTIONS] * warned
+    if warned:
+        assert found[0].figures["share"] == pytest.approx(rows / 64)
+        assert "residual.png" in found[0].message
+
+
+def test_lines_along_edges_are_no_reflections(said: Callable[..., list[Remark]]) -> None:
+    residual = np.zeros((64, 96))
+    residual[::3], residual[:, ::48] = 0.3, 0.3
+
+    assert said(residual=residual) == []
+
+
+@pytest.mark.parametrize(("degrees", "warned"), [(5.9, True), (6.1, False)])
+def test_lamps_that_are_alike_come_with_angle_and_expectation(
+    said: Callable[..., list[Remark]], warm_to_cool: Array, degrees: float, warned: bool
+) -> None:
+    warm, _, cool = warm_to_cool
+    aside = cool - (cool @ warm) * warm
+    angle = np.radians(degrees)
+    other = np.cos(angle) * warm + np.sin(angle) * aside / np.linalg.norm(aside)
+
+    found = said(coefficients=np.stack([warm, other]), hidden=[], residual=np.zeros((64, 96)))
+
+    assert [remark.code for remark in found] == [Code.LAMPS_ALIKE] * warned
+    if warned:
+        figures = found[0].figures
+        assert figures["angle_deg"] == pytest.approx(degrees, abs=0.01)
+        assert figures["expected_snr_db"] == pytest.approx(expected_snr_db(degrees, 0.0), abs=0.5)
+        assert f"{degrees}° apart" in found[0].message
+
+
+def test_lamps_never_seen_alone_are_named(said: Callable[..., list[Remark]]) -> None:
+    (remark,) = said(hidden=[0, 1])
+
+    assert remark.code == Code.NO_PURE_LIGHT
+    assert "lamp1 and lamp2" in remark.message
+    assert remark.figures == {"lamps": 2}
+    assert said(hidden=[0, 1], method="paper") == []
+
+
+@pytest.mark.parametrize(("confidence", "warned"), [(0.59, True), (0.6, False)])
+def test_an_uncertain_number_is_told(
+    said: Callable[..., list[Remark]], confidence: float, warned: bool
+) -> None:
+    found = said(confidence=confidence)
+
+    assert [remark.code for remark in found] == [Code.NUMBER_UNCERTAIN] * warned
+
+
+@pytest.mark.parametrize(
+    ("weak", "stops", "words"),
+    [(0.4, 2.26, "flash 2.3 stops stronger"), (1.0, 6.0, "at least 6.0 stops")],
+)
+def test_a_weak_flash_comes_with_what_to_do(
+    said: Callable[..., list[Remark]], weak: float, stops: float, words: str
+) -> None:
+    (remark,) = said(reach=FlashReach(weak, stops))
+
+    assert remark.code == Code.FLASH_TOO_WEAK
+    assert remark.figures == {"share": weak, "usable_share": 1 - weak, "stops": stops}
+    assert words in remark.message
+
+
+def test_a_flash_that_misses_little_is_strong_enough(said: Callable[..., list[Remark]]) -> None:
+    assert said(reach=FlashReach(0.05, 3.0)) == []
+
+
+@pytest.mark.parametrize(("clipped", "warned"), [(0.04, False), (0.06, True)])
+def test_clipping_is_told(said: Callable[..., list[Remark]], clipped: float, warned: bool) -> None:
+    found = said(clipped=clipped)
+
+    assert [(one.code, one.figures) for one in found] == [
+        (Code.CLIPPED, {"share": clipped})
+    ] * warned
+
+
+def test_expected_snr_falls_with_noise_and_likeness() -> None:
+    by_angle = [expected_snr_db(angle, 0.0) for angle in (1, 2, 5, 10, 40)]
+
+    assert by_angle == sorted(by_angle)
+    # twice the angle parts small ones by 6 dB
+    assert by_angle[1] - by_angle[0] == pytest.approx(6.0, abs=0.3)
+    assert expected_snr_db(2, 0.02) == pytest.approx(by_angle[1] - 3.0, abs=0.1)
+    assert expected_snr_db(0.0, 0.0) == expected_snr_db(0.01, 0.0) == 4.0
+
+
+def test_noise_is_that_of_both_lights_in_the_middle(exact: Build, warm_to_cool: Array) -> None:
+    reduced = reduce_pair(exact(warm_to_cool[:1])[0])
+    light, part = np.full((4, 5, 3), 0.1, np.float32), np.full((4, 5, 3), 0.2, np.float32)
+    noise = np.full((4, 5, 3), 3e-6, np.float32)
+    usable = np.ones((4, 5), bool)
+    light[0, 0], usable[0, 0] = 1e-6, False
+
+    found = relative_noise(
+        replace(
+            reduced,
+            no_flash=light,
+            flash=part,
+            no_flash_variance=noise,
+            flash_variance=noise,
+            usable=usable,
+        )
+    )
+
+    assert found == pytest.approx(np.hypot(0.01, 0.005))

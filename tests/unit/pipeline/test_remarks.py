@@ -1,0 +1,20 @@
+from __future__ import annotations
+
+import json
+
+from pipeline.remarks import Code, Remark
+
+
+def test_an_entry_is_plain_json_with_rounded_figures() -> None:
+    entry = Remark(Code.LAMPS_ALIKE, "Too alike.", {"angle_deg": 3.123456, "count": 2}).entry()
+
+    assert json.loads(json.dumps(entry)) == {
+        "code": "lamps_alike",
+        "message": "Too alike.",
+        "figures": {"angle_deg": 3.1235, "count": 2},
+    }
+
+
+def test_codes_are_words_and_no_two_are_alike() -> None:
+    assert all(code.value == code.name.lower() for code in Code)
+    assert len({code.value for code in Code}) == len(Code)
