@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from pipeline.matrixfit.evidence import Evidence
-from pipeline.matrixfit.fit import Fit
+from pipeline.matrixfit.fit import MOST_LAMPS, Fit
 from pipeline.matrixfit.fourth import gain_of_fourth
 from pipeline.matrixfit.unexplained import share_off, unexplained
 from pipeline.model import Model
@@ -39,19 +40,33 @@ class Count:
 
 
 def count_lamps(
-    reduced: ReducedPair, evidence: Evidence, model: Model, fit: Callable[[int], Fit]
+    reduced: ReducedPair,
+    evidence: Evidence,
+    model: Model,
+    fit: Callable[[int], Fit],
+    least: int = 1,
 ) -> Count:
-    """Count the lamps of a pair. fit: gives the best fit of a number of lamps, 1 to 3."""
-    gain = max(fit(1).cost - fit(2).cost, 1.0)
-    several = _logistic(_SECOND_STEEPNESS * np.log(gain / _SECOND_LAMP))
-    if gain < _SECOND_LAMP:
-        return Count(1, 1.0 - several, more=False)
-    third = (fit(2).cost - fit(3).cost) / _THIRD_GAIN
-    if _edges_tell(reduced, evidence):
-        third += share_off(evidence.differences, fit(2).matrices) / _THIRD_OFF
-    three = _logistic(_THIRD_STEEPNESS * (third - _THIRD_LAMP))
-    if third < _THIRD_LAMP:
-        return Count(2, min(several, 1.0 - three), more=False)
+    """Count the lamps of a pair.
+
+    fit: gives the best fit of a number of lamps, 1 to 3. least: how many there are for certain.
+    """
+    can_be = (number for number in range(least, MOST_LAMPS + 1) if fit(number).cost < np.inf)
+    least = next(can_be, least)
+    if fit(least).cost == np.inf:  # what is forbidden leaves no number, which the caller tells
+        return Count(least, 1.0, more=False)
+    several = three = 1.0
+    if least < 2:
+        gain = max(fit(1).cost - fit(2).cost, 1.0)
+        several = _logistic(_SECOND_STEEPNESS * np.log(gain / _SECOND_LAMP))
+        if gain < _SECOND_LAMP:
+            return Count(1, 1.0 - several, more=False)
+    if least < 3:
+        third = (fit(2).cost - fit(3).cost) / _THIRD_GAIN
+        if _edges_tell(reduced, evidence):
+            third += share_off(evidence.differences, fit(2).matrices) / _THIRD_OFF
+        three = _logistic(_THIRD_STEEPNESS * (third - _THIRD_LAMP))
+        if third < _THIRD_LAMP:
+            return Count(2, min(several, 1.0 - three), more=False)
     if signs_of_fourth(reduced, evidence, model, fit(3).matrices):
         return Count(3, min(three, _UNSURE), more=True)
     return Count(3, min(several, three), more=False)
@@ -74,4 +89,4 @@ def _edges_tell(reduced: ReducedPair, evidence: Evidence) -> bool:
 
 
 def _logistic(x: float) -> float:
-    return float(1.0 / (1.0 + np.exp(-x)))
+    return float(expit(x))

@@ -9,16 +9,19 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.contradictions import contradictions
 from pipeline.count import Count, count_lamps, signs_of_fourth
-from pipeline.errors import UnusablePairError
+from pipeline.errors import OptionError, UnusablePairError
 from pipeline.frames import Matrix
 from pipeline.hui2018.lights import invariants_of_pair, lights_of_pair
 from pipeline.hui2018.pruning import prune
 from pipeline.matrixfit.evidence import gather_evidence
 from pipeline.matrixfit.fit import MOST_LAMPS, Fit, fit_matrices
-from pipeline.matrixfit.unexplained import left_over
+from pipeline.matrixfit.known import FORBIDDEN_DEGREES, Known, nothing_known
+from pipeline.matrixfit.unexplained import left_over, shares_alone
 from pipeline.model import Model
 from pipeline.reduced import ReducedPair
+from pipeline.remarks import Remark
 from pipeline.vectors import unit
 
 Array = NDArray[np.float64]
@@ -26,7 +29,6 @@ Array = NDArray[np.float64]
 _MIN_PIXELS = 200
 _MUCH_LEFT = 0.08  # relative; bounced and shiny light leave up to 0.05
 _DOUBTFUL = 0.5  # confidence in a number of lamps that do not explain the photograph
-_SIMILAR_DEGREES = 6.0
 _ALONE_DEGREES = 10.0
 _LEAST_CONTRAST = 1e-3
 _TYPICAL_SCATTER_DEGREES = 1.7  # median over lamps and reflectances, weighted PCA
@@ -41,7 +43,12 @@ class Lamps:
     channel_weights: (3,) 1 ÷ mean of the usable light of each channel, so that all count alike.
     requested: what was asked for; confidence: 0…1 that N is right (1 when it was given).
     lamp_confidence: (N,) 0…1, how far each lamp's colour stands out from the scatter.
+    pinned: (N,) which pinned lamp each is, counted from 0, −1 for one that was free.
     invariants: (n, 3) the unit Γ they were estimated from, after pruning, for the diagram.
+    more: whether there are signs of a fourth lamp. left_over: relative light that they do not
+    explain in the worst tenth of it. edges: (N,) places at edges of shadows that show each lamp
+    alone ÷ usable pixels. contradictions: where the photograph speaks against what was pinned or
+    forbidden.
     """
 
     coefficients: Array
@@ -50,18 +57,30 @@ class Lamps:
     requested: Literal["auto", 1, 2, 3]
     confidence: float
     lamp_confidence: Array
+    pinned: NDArray[np.int64]
     invariants: Array
-    warnings: tuple[str, ...]
+    more: bool
+    left_over: float
+    edges: Array
+    contradictions: tuple[Remark, ...]
 
     def __len__(self) -> int:
         return len(self.coefficients)
 
     @property
+    def least_angle_deg(self) -> float:
+        """Least angle between the colours of two lamps in degrees, 90 with one lamp."""
+        return 90.0 if len(self) == 1 else float(_angles(self.coefficients).min())
+
+    @property
     def contrast(self) -> float:
         """Sine of the least angle between two lamps: how little noise it takes to mix them up."""
-        if len(self) == 1:
-            return 1.0
-        return max(float(np.sin(np.radians(_angles(self.coefficients).min()))), _LEAST_CONTRAST)
+        return max(float(np.sin(np.radians(self.least_angle_deg))), _LEAST_CONTRAST)
+
+    @property
+    def unexplained(self) -> bool:
+        """Whether the lamps leave much of the light unexplained."""
+        return self.left_over > _MUCH_LEFT
 
 
 def estimate_lamps(
@@ -70,13 +89,16 @@ def estimate_lamps(
     requested: Literal["auto", 1, 2, 3],
     method: Literal["best", "paper"],
     flash_only: bool,
+    known: Known | None = None,
 ) -> Lamps:
     """Estimate the lamps, and their number where it is not given.
 
     method: "best" fits a matrix to each lamp (matrixfit), "paper" takes the published algorithms.
     flash_only: the flash file was the flash part alone, so that its noise is independent.
-    Raises UnusablePairError where too few pixels are usable.
+    known: pinned and forbidden lamps, of which "paper" knows nothing. Raises UnusablePairError
+    where too few pixels are usable, OptionError where every fit has a forbidden lamp.
     """
+    known = known or nothing_known(model.flash_white)
     evidence = gather_evidence(reduced, flash_only)
     if len(evidence.pixels) < _MIN_PIXELS:
         raise UnusablePairError(
@@ -87,19 +109,30 @@ def estimate_lamps(
 
     @cache
     def fit(lamps: int) -> Fit:
-        return fit_matrices(reduced, evidence, model, lamps)
+        return fit_matrices(reduced, evidence, model, lamps, known)
 
     if requested == "auto":
-        count = count_lamps(reduced, evidence, model, fit)
+        count = count_lamps(reduced, evidence, model, fit, max(1, len(known.pinned)))
     else:
         count = Count(requested, confidence=1.0, more=False)
     if method == "paper":
         coefficients = lights_of_pair(reduced, model, count.number)
         matrices = model.lamp_matrix(coefficients)
     else:
+        if fit(count.number).cost == np.inf:
+            raise OptionError(
+                f"Whatever {count.number} lamps explain the photograph, one of them is less than "
+                f"{FORBIDDEN_DEGREES:g}° in colour from a forbidden one: forbid fewer, or ask for "
+                "another number of lamps."
+            )
         coefficients, matrices = _normalised(fit(count.number).matrices, model)
         if requested == MOST_LAMPS and signs_of_fourth(reduced, evidence, model, matrices):
             count = replace(count, more=True)
+    against: list[Remark] = []
+    if known.pinned or len(known.forbidden):
+        nothing = nothing_known(model.flash_white)
+        free = fit_matrices(reduced, evidence, model, count.number, nothing)
+        against = contradictions(reduced, evidence, known, fit(count.number), free)
     left = left_over(reduced, matrices)
     if requested == "auto" and left > _MUCH_LEFT:
         count = replace(count, confidence=min(count.confidence, _DOUBTFUL))
@@ -111,8 +144,12 @@ def estimate_lamps(
         requested=requested,
         confidence=count.confidence,
         lamp_confidence=_stand_out(coefficients[order], gammas),
+        pinned=np.where(order < len(known.pinned), order, -1),
         invariants=gammas,
-        warnings=tuple(_warnings(coefficients, count, left)),
+        more=count.more,
+        left_over=left,
+        edges=evidence.difference_share * shares_alone(evidence.differences, matrices[order]),
+        contradictions=tuple(against),
     )
 
 
@@ -159,29 +196,3 @@ def _angles(coefficients: Array) -> Array:
     cosines = np.clip(coefficients @ coefficients.T, -1.0, 1.0)
     n = len(coefficients)
     return np.degrees(np.arccos(cosines[~np.eye(n, dtype=bool)].reshape(n, n - 1)))
-
-
-def _warnings(coefficients: Array, count: Count, left: float) -> list[str]:
-    warnings = []
-    if count.more:
-        warnings.append(
-            "Three lamps do not explain the light at all shadow edges: there may be four or more, "
-            "which three colour channels cannot tell apart. Switch some off, or photograph them "
-            "in groups."
-        )
-    elif left > _MUCH_LEFT:
-        lamps = "One lamp does" if count.number == 1 else f"{count.number} lamps do"
-        warnings.append(
-            f"{lamps} not explain the photograph: {left:.0%} of the light is left over in a tenth "
-            "of it. Ask for more lamps, or check camera and flash spectrum; residual.png shows "
-            "where."
-        )
-    if len(coefficients) < 2:
-        return warnings
-    nearest = float(_angles(coefficients).min())
-    if nearest < _SIMILAR_DEGREES:
-        warnings.append(
-            f"Two lamps are only {nearest:.1f}° apart in colour; their layers may hold each "
-            "other's light. A coloured filter on one of the lamps helps."
-        )
-    return warnings

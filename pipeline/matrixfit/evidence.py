@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.frames import Mask
 from pipeline.reduced import ReducedPair
 
 Array = NDArray[np.float64]
@@ -21,6 +22,7 @@ _MAX_DIFFERENCE_NOISE = 0.05
 _MIN_COLOUR = -0.15
 _BEYOND = 0.5  # change of light on both sides of a shadow's edge, of that across it
 _PIXEL_WEIGHT, _DIFFERENCE_WEIGHT, _MANY_DIFFERENCES = 400.0, 250.0, 600.0
+_AREA_WEIGHT, _SURFACE_WEIGHT = 60.0, 400.0  # people seldom find places of one lamp alone
 _PIXELS, _DIFFERENCES = 3600, 3200
 _LEAST_STEP = 0.25  # of the mean light relative to the flash
 _FEW_DIFFERENCES = 0.003  # of the usable pixels
@@ -72,11 +74,8 @@ def gather_evidence(reduced: ReducedPair, flash_only: bool) -> Evidence:
 
     flash_only: the flash file was the flash part alone, so that its noise is independent.
     """
-    no_flash, flash = (a.astype(np.float64) for a in (reduced.no_flash, reduced.flash))
+    no_flash, flash, v_n, v_f, coupled = _readings(reduced, flash_only)
     s_n, s_f = no_flash.sum(axis=2), flash.sum(axis=2)
-    v_n = np.maximum(reduced.no_flash_variance, (_MIN_NOISE * s_n[..., None]) ** 2)
-    coupled = 0.0 if flash_only else 1.0
-    v_f = np.maximum(reduced.flash_variance, (_MIN_NOISE * s_f[..., None]) ** 2 + coupled * v_n)
     safe_n, safe_f = np.where(s_n > 0, s_n, 1.0), np.where(s_f > 0, s_f, 1.0)
     use = (
         reduced.usable
@@ -90,6 +89,37 @@ def gather_evidence(reduced: ReducedPair, flash_only: bool) -> Evidence:
         _pixels(no_flash[use], flash[use], v_n[use], v_f[use], coupled),
         *_differences(no_flash, flash, v_n, v_f, use, coupled),
     )
+
+
+def evidence_of_area(reduced: ReducedPair, flash_only: bool, area: Mask) -> Data:
+    """What the usable pixels of an area (h, w) show.
+
+    flash_only: as gather_evidence takes it.
+    """
+    n, f, v_n, v_f, coupled = _readings(reduced, flash_only)
+    use = area & reduced.usable
+    data = _pixels(n[use], f[use], v_n[use], v_f[use], coupled)
+    return replace(data, weight=data.weight * (_AREA_WEIGHT / _PIXEL_WEIGHT))
+
+
+def evidence_of_surfaces(flash: Array, light: Array) -> Data:
+    """What surfaces show under one lamp, exactly.
+
+    flash, light: (m, 3) camera RGB of surfaces under the flash and under the lamp.
+    """
+    x, u = (a / a.sum(axis=1, keepdims=True) for a in (flash, light))
+    weight = np.full(len(x), _SURFACE_WEIGHT / len(x))
+    return Data(x, u[:, :2], np.zeros_like(x), weight)
+
+
+def _readings(reduced: ReducedPair, flash_only: bool) -> tuple[Array, Array, Array, Array, float]:
+    """No-flash photograph, flash part, their variances (h, w, 3), and how far they are coupled."""
+    no_flash, flash = (a.astype(np.float64) for a in (reduced.no_flash, reduced.flash))
+    s_n, s_f = no_flash.sum(axis=2), flash.sum(axis=2)
+    v_n = np.maximum(reduced.no_flash_variance, (_MIN_NOISE * s_n[..., None]) ** 2)
+    coupled = 0.0 if flash_only else 1.0
+    v_f = np.maximum(reduced.flash_variance, (_MIN_NOISE * s_f[..., None]) ** 2 + coupled * v_n)
+    return no_flash, flash, v_n, v_f, coupled
 
 
 def _pixels(n: Array, f: Array, v_n: Array, v_f: Array, coupled: float) -> Data:

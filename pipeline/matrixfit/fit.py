@@ -9,14 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.hui2018.lights import lights_of_pair
-from pipeline.matrixfit.evidence import Evidence
-from pipeline.matrixfit.objective import Term, Whitened, make_terms
+from pipeline.matrixfit.evidence import Data, Evidence
+from pipeline.matrixfit.known import Known, Pin, nothing_known
+from pipeline.matrixfit.objective import Term, Whitened, alone_term, make_terms
 from pipeline.matrixfit.prior import MatrixPrior
 from pipeline.matrixfit.search import LEVELS, Problem, follow, search
-from pipeline.matrixfit.starts import start_points
+from pipeline.matrixfit.starts import invariants, start_points
 from pipeline.matrixfit.unexplained import mean_left_over, unexplained
 from pipeline.model import Model
 from pipeline.reduced import ReducedPair
+from pipeline.vectors import unit
 
 Array = NDArray[np.float64]
 
@@ -35,17 +37,28 @@ _COST_LEVEL, _RENDERED_COST_LEVEL = 0.004, 0.016  # a camera's rendering bends c
 class Fit:
     """Fitted lamps.
 
-    matrices: (N, 3, 3), unit Frobenius norm. cost: −log likelihood at one fixed level of the
-    likeliest that were found, lower is better; costs of different numbers of lamps on the same
-    evidence can be compared.
+    matrices: (N, 3, 3), unit Frobenius norm, pinned lamps first. cost: −log likelihood at one
+    fixed level of the likeliest that were found, lower is better; costs of different numbers of
+    lamps on the same evidence can be compared. It is infinite where no fit avoids what is
+    forbidden.
     """
 
     matrices: Array
     cost: float
 
 
-def fit_matrices(reduced: ReducedPair, evidence: Evidence, model: Model, lamps: int) -> Fit:
-    """Fit the matrices of one to three lamps; deterministic.
+def fit_pin(data: Data, model: Model, of_area: bool) -> Pin:
+    """Pin the lamp that shows these data alone: the likeliest matrix, however few colours."""
+    term = alone_term(data)
+    start = model.lamp_matrix(unit(invariants(data, model.tensor).sum(axis=0)))
+    problem = Problem(1, [term], model.prior, LEVELS, nothing_known(model.flash_white))
+    return Pin(term, follow(problem, [start[None]])[0], of_area)
+
+
+def fit_matrices(
+    reduced: ReducedPair, evidence: Evidence, model: Model, lamps: int, known: Known
+) -> Fit:
+    """Fit the matrices of one to three lamps, beside those that are pinned; deterministic.
 
     Without edges of shadows only the outline of the pixels' cloud speaks. Where the published
     lamps leave no light over, the outline is exact, and nothing is gained by fitting.
@@ -55,30 +68,33 @@ def fit_matrices(reduced: ReducedPair, evidence: Evidence, model: Model, lamps: 
     """
     published = _published(reduced, model, lamps)
     outline = not evidence.has_edges
-    problem = _problem(evidence, model.prior, lamps, outline, _PURE_SHARE)
+    problem = _problem(evidence, model.prior, lamps, outline, _PURE_SHARE, known)
     level = _RENDERED_COST_LEVEL if reduced.rendered else _COST_LEVEL
-    if outline and mean_left_over(reduced, published) < _NOTHING:
+    free = not known.pinned and not known.rejects(published)
+    if outline and free and mean_left_over(reduced, published) < _NOTHING:
         return Fit(published, _cost(published, problem.terms, level))
     candidates = model.lamp_matrix(start_points(evidence, model.tensor))
     matrices = search(problem, candidates)
     # the few differences of an outline are chance, and tell nothing of what is left unexplained
     left = 0.0 if outline or lamps < MOST_LAMPS else unexplained(reduced, evidence, matrices)
     if left > _LITTLE:
-        found = [(left, matrices)]
-        for other in _otherwise(problem, evidence, candidates, published):
-            found.append((unexplained(reduced, evidence, other), other))
-        cost = min(_cost(other, problem.terms, level) for _, other in found)
-        return Fit(min(found, key=lambda one: one[0])[1], cost)
-    return Fit(matrices, _cost(matrices, problem.terms, level))
+        found = [matrices, *_otherwise(problem, evidence, candidates, published)]
+        found = [one for one in found if not known.rejects(one)] or found[:1]
+        cost = min(_cost(one, problem.terms, level) for one in found)
+        matrices = min(found, key=lambda one: unexplained(reduced, evidence, one))
+    else:
+        cost = _cost(matrices, problem.terms, level)
+    return Fit(matrices, np.inf if known.rejects(matrices) else cost)
 
 
 def _otherwise(
     problem: Problem, evidence: Evidence, candidates: Array, published: Array
 ) -> Iterator[Array]:
     """Three lamps (3, 3, 3) from another start, by the outline, by other shares of pure pixels."""
-    yield follow(problem, [published])
+    known = problem.known
+    yield follow(problem, [known.completed(published)])
     for outline, share in ((True, _PURE_SHARE), *((False, one) for one in _OTHER_PURE_SHARES)):
-        other = _problem(evidence, problem.prior, MOST_LAMPS, outline, share)
+        other = _problem(evidence, problem.prior, MOST_LAMPS, outline, share, known)
         yield search(other, candidates)
 
 
@@ -89,13 +105,18 @@ def _published(reduced: ReducedPair, model: Model, lamps: int) -> Array:
 
 
 def _problem(
-    evidence: Evidence, prior: MatrixPrior, lamps: int, outline: bool, pure_share: float
+    evidence: Evidence,
+    prior: MatrixPrior,
+    lamps: int,
+    outline: bool,
+    pure_share: float,
+    known: Known,
 ) -> Problem:
     terms = make_terms(evidence.pixels, evidence.differences, lamps, outline, pure_share)
     if not outline:
-        return Problem(lamps, terms, prior, LEVELS)
+        return Problem(lamps, terms, prior, LEVELS, known)
     wide = replace(prior, deviations=_OUTLINE_WIDENED * prior.deviations)
-    return Problem(lamps, terms, wide, _OUTLINE_LEVELS)
+    return Problem(lamps, terms, wide, _OUTLINE_LEVELS, known)
 
 
 def _cost(matrices: Array, terms: list[Term], level: float) -> float:

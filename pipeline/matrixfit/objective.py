@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,11 +96,27 @@ class Whitened:
 
 
 def posterior(
-    theta: Array, prior: MatrixPrior, terms: list[Whitened], weights: list[Array]
+    theta: Array,
+    prior: MatrixPrior,
+    terms: list[Whitened],
+    weights: list[Array],
+    alone: list[Whitened],
+    fence: Callable[[Array], tuple[float, Array]],
 ) -> tuple[float, Array]:
-    """Objective and gradient at θ (N, 9)."""
+    """Objective and gradient at θ (N, 9).
+
+    alone: what each of the first lamps shows alone. fence: a penalty of matrices (N, 3, 3) and its
+    gradient, where lamps may not be.
+    """
     matrices = prior.matrices(theta)
     value, gradient = prior.penalty(theta)
+    height, by_matrix = fence(matrices)
+    value += height
+    gradient += by_matrix.reshape(-1, 9) @ prior.basis
+    for lamp, term in enumerate(alone):
+        more, by_matrix, _ = term.value(matrices[lamp : lamp + 1], term.term.weights)
+        value += more
+        gradient[lamp] += by_matrix.ravel() @ prior.basis
     for term, weight in zip(terms, weights, strict=True):
         if len(term.term.data):
             more, by_matrix, _ = term.value(matrices, weight)
@@ -132,6 +149,11 @@ def make_terms(
     # re-estimated, the weights of pixels give way until a corner sits in a cluster of them
     shown = Term(pixels, Shape(True, 0.0, 1.5, 1.0), np.array(inside[lamps]), None)
     return [shown, difference_term(differences, lamps)]
+
+
+def alone_term(data: Data) -> Term:
+    """The mixture of what one lamp shows alone."""
+    return Term(data, Shape(False, 0.0, 1.5, 1.0), np.array([0.98, 0.02]), None)
 
 
 def difference_term(differences: Data, lamps: int) -> Term:

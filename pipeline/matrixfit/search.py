@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from pipeline.matrixfit.known import Known
 from pipeline.matrixfit.objective import Term, Whitened, posterior
 from pipeline.matrixfit.prior import MatrixPrior
 from pipeline.vectors import unit
@@ -28,24 +29,28 @@ _ROUNDS, _STEPS = 3, 25
 
 @dataclass(frozen=True)
 class Problem:
-    """What is to be fitted, and how: lamps, their mixtures and prior, levels as in LEVELS."""
+    """What is to be fitted, and how.
+
+    lamps: how many, those that known pins first. terms: their mixtures. levels: as in LEVELS.
+    """
 
     lamps: int
     terms: list[Term]
     prior: MatrixPrior
     levels: tuple[tuple[float, int], ...]
+    known: Known
 
 
 def search(problem: Problem, candidates: Array) -> Array:
     """Matrices (N, 3, 3) of unit norm, the likeliest that sets of candidates lead to.
 
-    candidates: (k, 3, 3) matrices that may be lamps.
+    candidates: (k, 3, 3) matrices that may be lamps. As follow, it may end at a forbidden lamp.
     """
     terms, level = problem.terms, problem.levels[0][0]
     weights = [term.weights for term in terms]
     thin = [replace(term, data=term.data.thinned(_FIRST_DATA)) for term in terms]
     tried = [
-        _refined(theta, weights, thin, problem.prior, level, inside_only=True)
+        _refined(theta, weights, replace(problem, terms=thin), level, inside_only=True)
         for theta in _best_starts(problem, candidates)
     ]
     best = sorted(tried, key=lambda one: one[0])[:_FIRST_KEPT]
@@ -53,11 +58,14 @@ def search(problem: Problem, candidates: Array) -> Array:
 
 
 def follow(problem: Problem, starts: list[Array]) -> Array:
-    """Matrices (N, 3, 3) of unit norm, the likeliest that these starts (N, 3, 3) lead to."""
+    """Matrices (N, 3, 3) of unit norm, the likeliest that these starts (N, 3, 3) lead to.
+
+    They have a forbidden lamp among them only where every start leads to one.
+    """
     weights = [term.weights for term in problem.terms]
     found = [(0.0, problem.prior.coordinates(one), weights) for one in starts]
     for level, kept in problem.levels:
-        found = [_refined(t, w, problem.terms, problem.prior, level) for _, t, w in found]
+        found = [_refined(t, w, problem, level) for _, t, w in found]
         found = sorted(found, key=lambda one: one[0])[:kept]
     theta = found[0][1]
     return problem.prior.matrices(theta / np.linalg.norm(theta, axis=1, keepdims=True))
@@ -65,10 +73,14 @@ def follow(problem: Problem, starts: list[Array]) -> Array:
 
 def _best_starts(problem: Problem, candidates: Array) -> list[Array]:
     """The few sets of lamps (N, 9) that explain a sample of the data best."""
-    terms, prior, lamps = problem.terms, problem.prior, problem.lamps
+    terms, prior, known = problem.terms, problem.prior, problem.known
+    pinned = tuple(range(len(known.pinned)))
+    allowed = candidates[~known.forbids(candidates)]
+    candidates = np.concatenate([known.matrices, allowed if len(allowed) else candidates])
+    free, places = problem.lamps - len(pinned), range(len(pinned), len(candidates))
     # where a pair shows fewer colours than lamps are asked for, some lamps start alike
-    choose = combinations if len(candidates) >= lamps else combinations_with_replacement
-    sets = list(choose(range(len(candidates)), lamps))
+    choose = combinations if len(places) >= free else combinations_with_replacement
+    sets = [(*pinned, *chosen) for chosen in choose(places, free)]
     theta = prior.coordinates(candidates)
     matrices = prior.matrices(theta)
     share = _SCORING_DATA // len(terms)
@@ -99,16 +111,18 @@ def _unlike(one: Array, other: Array) -> bool:
 def _refined(
     theta: Array,
     weights: list[Array],
-    terms: list[Term],
-    prior: MatrixPrior,
+    problem: Problem,
     s0: float,
     inside_only: bool = False,
 ) -> tuple[float, Array, list[Array]]:
     """Alternate EM on the weights and L-BFGS on the matrices at one annealing level.
 
-    inside_only: move only within the model's three-dimensional space.
+    inside_only: move only within the model's three-dimensional space. The cost that is returned
+    first is infinite where a lamp comes near a forbidden one.
     """
-    whitened = [Whitened(term, s0) for term in terms]
+    prior, known = problem.prior, problem.known
+    whitened = [Whitened(term, s0) for term in problem.terms]
+    alone = [Whitened(pin.term, s0) for pin in known.pinned]
     free = slice(0, 3) if inside_only else slice(0, 9)
     shape = theta[:, free].shape
     value = np.inf
@@ -121,7 +135,7 @@ def _refined(
         ) -> tuple[float, Array]:
             moved = theta.copy()
             moved[:, free] = flat.reshape(shape)
-            result, gradient = posterior(moved, prior, whitened, weights)
+            result, gradient = posterior(moved, prior, whitened, weights, alone, known.fence)
             return result, gradient[:, free].ravel()
 
         solved = minimize(
@@ -134,4 +148,4 @@ def _refined(
         theta = theta.copy()
         theta[:, free] = solved.x.reshape(shape)
         value = float(solved.fun)
-    return value, theta, weights
+    return np.inf if known.rejects(prior.matrices(theta)) else value, theta, weights

@@ -22,9 +22,11 @@ _MUCH_LEFT, _MUCH_OFF, _MUCH_OUTSIDE = 0.01, 0.4, 0.1
 
 
 def unexplained(reduced: ReducedPair, evidence: Evidence, matrices: Array) -> float:
-    """How much three lamps (3, 3, 3) leave unexplained, all signs together; 1 is much."""
+    """How much lamps (N, 3, 3) leave unexplained, all signs together; of three, 1 is much."""
     signs = left_over(reduced, matrices) / _MUCH_LEFT
     signs += share_off(evidence.differences, matrices) / _MUCH_OFF
+    if len(matrices) < 3:
+        return signs
     return signs + share_outside(evidence.pixels, matrices) / _MUCH_OUTSIDE
 
 
@@ -46,8 +48,17 @@ def share_off(differences: Data, matrices: Array) -> float:
     """Share of the differences that show none of the lamps alone."""
     if not len(differences):
         return 0.0
-    off = np.linalg.norm(differences.u - _corners(differences, matrices), axis=2).min(axis=0)
-    return float((off > _OFF + 2 * _deviation(differences)).mean())
+    return float(1.0 - shares_alone(differences, matrices).sum())
+
+
+def shares_alone(differences: Data, matrices: Array) -> Array:
+    """Shares (N,) of the differences that show each of the lamps (N, 3, 3) alone, 0 without any."""
+    if not len(differences):
+        return np.zeros(len(matrices))
+    off = np.linalg.norm(differences.u - _corners(differences, matrices), axis=2)
+    shown = off.min(axis=0) <= _OFF + 2 * _deviation(differences)
+    nearest = off.argmin(axis=0)
+    return np.array([np.mean(shown & (nearest == lamp)) for lamp in range(len(matrices))])
 
 
 def share_outside(pixels: Data, matrices: Array) -> float:

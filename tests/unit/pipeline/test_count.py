@@ -13,6 +13,7 @@ from pipeline import count
 from pipeline.count import Count, count_lamps, signs_of_fourth
 from pipeline.matrixfit.evidence import Evidence, gather_evidence
 from pipeline.matrixfit.fit import Fit, fit_matrices
+from pipeline.matrixfit.known import nothing_known
 from pipeline.model import Model
 from pipeline.noise import Noise
 from pipeline.reduced import ReducedPair, reduce_pair
@@ -35,7 +36,9 @@ class Counting:
         return reduced, gather_evidence(reduced, pair.flash_only)
 
     def fit(self, reduced: ReducedPair, evidence: Evidence, lamps: int) -> Fit:
-        return fit_matrices(reduced, evidence, self.model, lamps)
+        return fit_matrices(
+            reduced, evidence, self.model, lamps, nothing_known(self.model.flash_white)
+        )
 
     def __call__(self, pair: Any) -> Count:
         reduced, evidence = self.evidence(pair)
@@ -190,6 +193,60 @@ def test_a_lamp_is_counted_by_what_it_gains(
 
     assert found.number == number
     assert 0.5 <= found.confidence < 0.6
+
+
+@pytest.mark.parametrize(
+    ("second", "third", "least", "number", "confidence"),
+    [
+        (1.0, 0.0, 2, 2, 0.99),
+        (1.0, 241.0, 2, 3, 0.5),
+        (1.0, 1.0, 3, 3, 1.0),
+        (299.0, 999.0, 1, 1, 0.5),
+    ],
+)
+def test_no_fewer_lamps_are_counted_than_are_known(
+    counted: Counting,
+    pair_of: Callable[..., Any],
+    flash_part: NDArray[np.float32],
+    second: float,
+    third: float,
+    least: int,
+    number: int,
+    confidence: float,
+) -> None:
+    """And of what is known, no more is to be told: 0.5 belongs to a gain at the limit."""
+    reduced, evidence = counted.evidence(pair_of(0.5 * flash_part, flash_part))
+    fits = costs(0, -second, -second - third)
+
+    found = count_lamps(reduced, evidence, counted.model, fits, least)
+
+    assert found.number == number
+    assert found.confidence == pytest.approx(confidence, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("values", "number"),
+    [
+        ((0.0, np.inf, np.inf), 1),
+        ((np.inf, -900.0, np.inf), 2),
+        ((np.inf, np.inf, -900.0), 3),
+        ((np.inf, np.inf, np.inf), 1),
+    ],
+)
+def test_numbers_that_cannot_be_are_not_counted(
+    counted: Counting,
+    pair_of: Callable[..., Any],
+    flash_part: NDArray[np.float32],
+    values: tuple[float, ...],
+    number: int,
+) -> None:
+    """A forbidden lamp makes the cost of a number infinite."""
+    reduced, evidence = counted.evidence(pair_of(0.5 * flash_part, flash_part))
+
+    found = count_lamps(reduced, evidence, counted.model, costs(*values))
+
+    assert found.number == number
+    assert 0 <= found.confidence <= 1
 
 
 def test_counting_is_the_same_every_time(

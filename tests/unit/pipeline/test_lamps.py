@@ -9,12 +9,15 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline import lamps
-from pipeline.errors import UnusablePairError
+from pipeline.errors import OptionError, UnusablePairError
 from pipeline.hui2018.lights import lights_of_pair
 from pipeline.lamps import estimate_lamps
-from pipeline.matrixfit.fit import Fit
+from pipeline.matrixfit.evidence import evidence_of_surfaces
+from pipeline.matrixfit.fit import Fit, fit_pin
+from pipeline.matrixfit.known import Known, nothing_known
 from pipeline.model import Model
 from pipeline.reduced import reduce_pair
+from pipeline.remarks import Code
 
 Array = NDArray[np.float64]
 Exact = Callable[..., tuple[Any, Array]]
@@ -58,7 +61,8 @@ def test_lamps_of_the_model_are_found(
     # without shadows only the outline of the pixels' cloud speaks, less plainly of three lamps
     limit = 0.3 if scene == "shadowed" else (0.8 if len(which) < 3 else 2.0)
     assert angles(found.coefficients, whites(model, true)).max() < limit
-    assert found.warnings == ()
+    assert not found.more
+    assert not found.unexplained
     assert found.confidence > 0.9 if automatic else found.confidence == 1
 
 
@@ -150,15 +154,18 @@ def test_invariants_are_unit_vectors_between_the_lamps(
     assert np.abs(found.invariants @ plane).max() < 0.01
 
 
-def test_similar_lamps_are_warned_of(exact: Exact, model: Model, warm_to_cool: Array) -> None:
+def test_the_least_angle_is_that_of_similar_lamps(
+    exact: Exact, model: Model, warm_to_cool: Array
+) -> None:
     warm, _, cool = warm_to_cool
     pair, _ = exact(np.array([warm, 0.92 * warm + 0.08 * cool]))
 
     found = estimate_lamps(reduce_pair(pair), model, 2, "best", False)
 
-    (warning,) = found.warnings
-    assert warning.startswith("Two lamps are only ")
-    assert "° apart in colour" in warning
+    mixed = 0.92 * warm + 0.08 * cool
+    true = np.degrees(np.arccos(warm @ mixed / np.linalg.norm(mixed)))
+    assert found.least_angle_deg == pytest.approx(true, abs=0.3)
+    assert found.contrast == pytest.approx(np.sin(np.radians(found.least_angle_deg)))
 
 
 def test_lamps_that_stand_out_less_are_less_sure(
@@ -262,10 +269,13 @@ def test_lamps_that_do_not_explain_the_photograph_are_half_certain(
     found = estimate_lamps(reduce_pair(pair), model, requested, "best", False)
 
     assert found.confidence == confidence
-    assert "9% of the light is left over" in found.warnings[0]
+    assert found.left_over == 0.09
+    assert found.unexplained
 
 
-def test_four_lamps_are_warned_of(shadowed: Shadowed, model: Model, warm_to_cool: Array) -> None:
+def test_signs_of_four_lamps_are_told(
+    shadowed: Shadowed, model: Model, warm_to_cool: Array
+) -> None:
     four = np.vstack([warm_to_cool, [[0.69, 0.3, 0.65]]])
     reduced = reduce_pair(shadowed(four))
 
@@ -274,9 +284,7 @@ def test_four_lamps_are_warned_of(shadowed: Shadowed, model: Model, warm_to_cool
         found = estimate_lamps(reduced, model, requested, "best", False)
 
         assert len(found) == 3
-        (warning,) = found.warnings
-        assert warning.startswith("Three lamps do not explain the light")
-        assert "four or more" in warning
+        assert found.more
 
 
 @pytest.mark.parametrize("scene", ["shadowed", "smooth"])
@@ -288,6 +296,93 @@ def test_one_lamp_for_two_does_not_explain_the_photograph(
 
     found = estimate_lamps(reduce_pair(pair), model, 1, "best", False)
 
-    (warning,) = found.warnings
-    assert warning.startswith("One lamp does not explain the photograph: ")
-    assert "Ask for more lamps" in warning
+    assert found.unexplained
+    assert found.left_over > 0.08
+
+
+def test_one_lamp_is_like_no_other(exact: Exact, model: Model, warm_to_cool: Array) -> None:
+    found = estimate_lamps(reduce_pair(exact(warm_to_cool[:1])[0]), model, 1, "best", False)
+
+    assert found.least_angle_deg == 90.0
+    assert found.contrast == 1.0
+
+
+def test_edges_tell_which_lamp_casts_a_shadow(
+    shadowed: Shadowed, exact: Exact, model: Model, warm_to_cool: Array
+) -> None:
+    two = warm_to_cool[[0, 2]]
+
+    with_shadows = estimate_lamps(reduce_pair(shadowed(two)), model, 2, "best", False)
+    without = estimate_lamps(reduce_pair(exact(two)[0]), model, 2, "best", False)
+
+    assert with_shadows.edges.shape == (2,)
+    assert (with_shadows.edges > 0.01).all()
+    assert (without.edges < 0.002).all()
+
+
+@pytest.fixture
+def pinned(model: Model, surfaces: Array) -> Callable[[Array], Known]:
+    """Pin lamps by their coefficients."""
+
+    def of_lamps(coefficients: Array) -> Known:
+        matrices = model.lamp_matrix(coefficients)
+        pins = [
+            fit_pin(evidence_of_surfaces(surfaces, surfaces @ matrix.T), model, False)
+            for matrix in matrices
+        ]
+        return replace(nothing_known(model.flash_white), pinned=tuple(pins))
+
+    return of_lamps
+
+
+@pytest.mark.parametrize(
+    ("which", "expected"), [((2, 0), [1, 0]), ((0, 2), [0, 1]), ((2,), [-1, 0])]
+)
+def test_it_is_told_which_lamps_were_pinned(
+    shadowed: Shadowed,
+    model: Model,
+    warm_to_cool: Array,
+    pinned: Callable[[Array], Known],
+    which: tuple[int, ...],
+    expected: list[int],
+) -> None:
+    true = warm_to_cool[[0, 2]]
+    known = pinned(warm_to_cool[list(which)])
+
+    found = estimate_lamps(reduce_pair(shadowed(true)), model, "auto", "best", False, known)
+
+    assert found.pinned.tolist() == expected
+    assert angles(found.coefficients, whites(model, true)).max() < 0.3
+    assert found.contradictions == ()
+
+
+def test_as_many_lamps_are_found_as_are_pinned(
+    shadowed: Shadowed, model: Model, warm_to_cool: Array, pinned: Callable[[Array], Known]
+) -> None:
+    reduced = reduce_pair(shadowed(warm_to_cool[:1]))
+
+    found = estimate_lamps(reduced, model, "auto", "best", False, pinned(warm_to_cool[[2, 0]]))
+
+    assert found.pinned.tolist() == [1, 0]
+    assert angles(found.coefficients, whites(model, warm_to_cool[[0, 2]])).max() < 1
+
+
+def test_pins_that_the_photograph_contradicts_are_doubted(
+    shadowed: Shadowed, model: Model, warm_to_cool: Array, pinned: Callable[[Array], Known]
+) -> None:
+    reduced = reduce_pair(shadowed(warm_to_cool[[0, 2]]))
+
+    found = estimate_lamps(reduced, model, 2, "best", False, pinned(warm_to_cool[[1]]))
+
+    assert 0 in found.pinned
+    (remark,) = found.contradictions
+    assert (remark.code, remark.figures) == (Code.PIN_CONTRADICTED, {"pin": 1})
+
+
+def test_a_forbidden_lamp_that_cannot_be_avoided_is_an_error(
+    shadowed: Shadowed, model: Model, warm_to_cool: Array, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    true = model.lamp_matrix(warm_to_cool[:2])
+    monkeypatch.setattr(lamps, "fit_matrices", lambda *_: Fit(true, np.inf))
+    with pytest.raises(OptionError, match="Whatever 2 lamps explain the photograph"):
+        estimate_lamps(reduce_pair(shadowed(warm_to_cool[:2])), model, 2, "best", False)

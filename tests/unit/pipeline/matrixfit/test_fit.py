@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pipeline.matrixfit import fit
 from pipeline.matrixfit.evidence import gather_evidence
 from pipeline.matrixfit.fit import Fit, fit_matrices
+from pipeline.matrixfit.known import nothing_known
 from pipeline.model import Model
 from pipeline.reduced import reduce_pair
 
@@ -27,7 +28,7 @@ def fitted(model: Model) -> Fitted:
     def of_pair(pair: Any, lamps: int) -> Fit:
         reduced = reduce_pair(pair)
         evidence = gather_evidence(reduced, pair.flash_only)
-        return fit_matrices(reduced, evidence, model, lamps)
+        return fit_matrices(reduced, evidence, model, lamps, nothing_known(model.flash_white))
 
     return of_pair
 

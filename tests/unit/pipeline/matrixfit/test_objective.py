@@ -1,12 +1,23 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from pipeline.matrixfit.evidence import Data
-from pipeline.matrixfit.objective import Shape, Term, Whitened, make_terms, posterior
+from pipeline.matrixfit.known import nothing_known
+from pipeline.matrixfit.objective import (
+    Shape,
+    Term,
+    Whitened,
+    alone_term,
+    make_terms,
+    posterior,
+)
 from pipeline.model import Model
+from pipeline.vectors import unit
 
 Array = NDArray[np.float64]
 
@@ -27,6 +38,11 @@ def drawn(model: Model, count: int, seed: int, lamps: int = 2, noise: float = 0.
     return Data(x, u, covariance, np.full(count, 400.0 / count))
 
 
+def open_field(matrices: Array) -> tuple[float, Array]:
+    """No place where lamps may not be."""
+    return 0.0, np.zeros_like(matrices)
+
+
 def pure(data: Data, matrix: Array) -> Data:
     """The same surfaces, lit by one lamp."""
     light = data.x @ matrix.T
@@ -36,20 +52,30 @@ def pure(data: Data, matrix: Array) -> Data:
 
 @pytest.mark.parametrize("lamps", [1, 2, 3])
 @pytest.mark.parametrize("outline", [False, True])
-def test_the_gradient_is_that_of_differences(model: Model, lamps: int, outline: bool) -> None:
+@pytest.mark.parametrize("pinned", [0, 1])
+def test_the_gradient_is_that_of_differences(
+    model: Model, lamps: int, outline: bool, pinned: int
+) -> None:
     made = make_terms(drawn(model, 60, 1, lamps), drawn(model, 40, 2, lamps), lamps, outline, PURE)
     terms = [Whitened(term, 0.01) for term in made]
     weights = [term.weights for term in made]
+    shown = pure(drawn(model, 30, 5), model.lamp_matrix(LIGHTS[2]))
+    alone = [Whitened(alone_term(shown), 0.01)] * pinned
+    white = model.lamp_matrix(LIGHTS[:1] + 0.01) @ model.flash_white
+    fence = replace(nothing_known(model.flash_white), forbidden=unit(white)).fence
     rng = np.random.default_rng(0)
     theta = model.prior.coordinates(model.lamp_matrix(LIGHTS[:lamps]))
     theta = theta + rng.normal(0, 0.02, theta.shape)
 
-    _, gradient = posterior(theta, model.prior, terms, weights)
+    _, gradient = posterior(theta, model.prior, terms, weights, alone, fence)
 
     for place in np.ndindex(theta.shape):
         step = np.zeros_like(theta)
         step[place] = 1e-6
-        up, down = (posterior(theta + s * step, model.prior, terms, weights)[0] for s in (1, -1))
+        up, down = (
+            posterior(theta + s * step, model.prior, terms, weights, alone, fence)[0]
+            for s in (1, -1)
+        )
         assert gradient[place] == pytest.approx((up - down) / 2e-6, rel=1e-3, abs=1e-2)
 
 
@@ -58,7 +84,7 @@ def test_without_data_the_prior_is_left(model: Model) -> None:
     weights = [term.term.weights for term in terms]
     theta = np.random.default_rng(0).normal(0, 0.3, (2, 9))
 
-    value, gradient = posterior(theta, model.prior, terms, weights)
+    value, gradient = posterior(theta, model.prior, terms, weights, [], open_field)
 
     expected, slope = model.prior.penalty(theta)
     assert value == expected
@@ -72,7 +98,7 @@ def test_the_true_lamps_explain_the_data_best(model: Model) -> None:
 
     def value(lights: Array) -> float:
         theta = model.prior.coordinates(model.lamp_matrix(lights))
-        return posterior(theta, model.prior, terms, weights)[0]
+        return posterior(theta, model.prior, terms, weights, [], open_field)[0]
 
     for wrong in (
         [[0.8, 0.5, 0.3], LIGHTS[1]],
@@ -80,6 +106,20 @@ def test_the_true_lamps_explain_the_data_best(model: Model) -> None:
         [[0.9, 0.4, 0.1], LIGHTS[1]],
     ):
         assert value(LIGHTS[:2]) < value(np.array(wrong))
+
+
+def test_what_a_lamp_shows_alone_counts_for_that_lamp(model: Model) -> None:
+    theta = model.prior.coordinates(model.lamp_matrix(LIGHTS[:2]))
+    shown = pure(drawn(model, 30, 5), model.lamp_matrix(LIGHTS[0]))
+    alone = [Whitened(alone_term(shown), 0.01)]
+
+    right, _ = posterior(theta, model.prior, [], [], alone, open_field)
+    swapped, _ = posterior(theta[::-1], model.prior, [], [], alone, open_field)
+
+    # a corner of density 0.98 / (2π 0.01²) at the datum, and outliers of 1.5 everywhere
+    corner = 0.98 / (2 * np.pi * (1e-4 + shown.covariance[:, 0].mean())) + 0.03
+    assert right == pytest.approx(-shown.weight.sum() * np.log(corner), rel=0.02)
+    assert swapped - right > 5 * shown.weight.sum()
 
 
 def test_whitened_data_are_isotropic_and_keep_their_areas() -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.matrixfit import search as search_module
-from pipeline.matrixfit.evidence import gather_evidence
+from pipeline.matrixfit.evidence import evidence_of_surfaces, gather_evidence
+from pipeline.matrixfit.fit import fit_pin
+from pipeline.matrixfit.known import nothing_known
 from pipeline.matrixfit.objective import make_terms
 from pipeline.matrixfit.search import LEVELS, Problem, follow, search
 from pipeline.model import Model
@@ -27,7 +30,7 @@ def problem(
     def of_lamps(lamps: int) -> Problem:
         evidence = gather_evidence(reduce_pair(shadowed(warm_to_cool[:lamps])), False)
         terms = make_terms(evidence.pixels, evidence.differences, lamps, False, 0.02)
-        return Problem(lamps, terms, model.prior, LEVELS)
+        return Problem(lamps, terms, model.prior, LEVELS, nothing_known(model.flash_white))
 
     return of_lamps
 
@@ -100,3 +103,37 @@ def test_what_explains_a_sample_best_is_tried_first(
     found = search(problem(2), np.concatenate([wrong, true]))
 
     assert off(found, true) < 0.005
+
+
+def test_pinned_lamps_come_first_and_are_held(
+    problem: Callable[[int], Problem],
+    model: Model,
+    surfaces: Array,
+    warm_to_cool: Array,
+    off: Off,
+) -> None:
+    """Also one that the evidence does not show."""
+    pinned = model.lamp_matrix(np.array([0.6, 0.7, 0.3]))
+    pin = fit_pin(evidence_of_surfaces(surfaces, surfaces @ pinned.T), model, True)
+    true = model.lamp_matrix(warm_to_cool[:2])
+    known = replace(nothing_known(model.flash_white), pinned=(pin,))
+
+    found = search(replace(problem(2), lamps=3, known=known, terms=problem(3).terms), true)
+
+    assert off(found[:1], pinned[None]) < 0.01
+    assert off(found[1:], true) < 0.02
+
+
+def test_no_free_lamp_ends_at_a_forbidden_one(
+    problem: Callable[[int], Problem], model: Model, warm_to_cool: Array, off: Off
+) -> None:
+    true = model.lamp_matrix(warm_to_cool[:2])
+    others = model.lamp_matrix(np.array([[0.6, 0.7, 0.4], [0.5, 0.8, 0.2]]))
+    posed = problem(2)
+    assert off(search(posed, np.concatenate([true, others])), true) < 0.006
+    white = true[0] @ model.flash_white
+    known = replace(posed.known, forbidden=white[None] / np.linalg.norm(white))
+
+    found = search(replace(posed, known=known), np.concatenate([true, others]))
+
+    assert not known.forbids(found).any()

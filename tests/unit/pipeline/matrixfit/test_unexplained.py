@@ -12,6 +12,7 @@ from pipeline.matrixfit.unexplained import (
     mean_left_over,
     share_off,
     share_outside,
+    shares_alone,
     unexplained,
 )
 from pipeline.reduced import ReducedPair
@@ -116,3 +117,12 @@ def test_signs_add_up() -> None:
     assert unexplained(off_by(0.0), evidence, LAMPS) == pytest.approx(
         0.4 / 0.4 + 0.5 / 0.1, abs=1e-3
     )
+
+
+def test_differences_are_counted_for_the_lamp_they_show() -> None:
+    shown = ((0.2, 0.2), (0.6, 0.225), (0.6, 0.2), (0.2, 0.57))
+
+    found = shares_alone(on_grey(*shown, (0.4, 0.2)), LAMPS)
+
+    np.testing.assert_allclose(found, [0.2, 0.4, 0.2])
+    np.testing.assert_array_equal(shares_alone(on_grey(), LAMPS), np.zeros(3))

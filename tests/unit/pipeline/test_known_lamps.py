@@ -1,0 +1,133 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.errors import OptionError
+from pipeline.known_lamps import find_known
+from pipeline.matrixfit.known import Known
+from pipeline.model import Model
+from pipeline.options import Options, Spectrum
+from pipeline.reduced import reduce_pair
+from pipeline.spectra.cameras import Camera
+from pipeline.spectra.lights import find_light
+
+Array = NDArray[np.float64]
+Find = Callable[..., Known]
+
+SIZE = (96, 64)
+LEFT, RIGHT = {"x": 6, "y": 32, "radius": 5}, {"x": 90, "y": 32, "radius": 5}
+
+
+@pytest.fixture
+def find(exact: Callable[..., Any], warm_to_cool: Array, camera: Camera, model: Model) -> Find:
+    """Find what options say of the lamps of a scene: a bulb at the left, blue sky at the right."""
+
+    def of_options(
+        pinned: Any = (), forbidden: Any = (), size: Any = SIZE, **changes: Any
+    ) -> Known:
+        reduced = replace(reduce_pair(exact(warm_to_cool[[0, 2]])[0]), **changes)
+        options = Options(pinned_lamps=list(pinned), forbidden_lamps=list(forbidden))
+        return find_known(options, size, reduced, camera, model)
+
+    return of_options
+
+
+def refusal(find: Find, *known: Any, **changes: Any) -> str:
+    with pytest.raises(OptionError) as refused:
+        find(*known, **changes)
+    return str(refused.value)
+
+
+def angle(a: Array, b: Array) -> float:
+    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
+
+
+def test_nothing_is_known_without_options(find: Find) -> None:
+    known = find()
+    assert known.pinned == ()
+    assert known.forbidden.shape == (0, 3)
+
+
+def test_areas_show_the_lamps_that_light_them(
+    find: Find, model: Model, warm_to_cool: Array
+) -> None:
+    known = find([LEFT, RIGHT])
+
+    whites = known.matrices @ model.flash_white
+    assert angle(whites[0], model.lamp_matrix(warm_to_cool[0]) @ model.flash_white) < 0.3
+    assert angle(whites[1], model.lamp_matrix(warm_to_cool[2]) @ model.flash_white) < 0.3
+
+
+@pytest.mark.parametrize("form", ["name", "table"])
+def test_spectra_show_their_lamps(find: Find, camera: Camera, model: Model, form: str) -> None:
+    grid = np.arange(380, 785, 5, dtype=float)
+    table = Spectrum(wavelength_nm=list(grid), power=list(find_light("A")))
+
+    known = find(["A" if form == "name" else table], ["D65"])
+
+    (pinned,) = known.matrices @ model.flash_white
+    assert angle(pinned, camera.sensitivities @ find_light("A")) < 1.0
+    assert angle(known.forbidden[0], camera.sensitivities @ find_light("D65")) < 1.0
+    assert np.linalg.norm(known.forbidden[0]) == pytest.approx(1)
+
+
+def test_forbidden_areas_are_told_like_pinned_ones(find: Find, model: Model) -> None:
+    (pinned,) = find([LEFT]).matrices @ model.flash_white
+    assert angle(find((), [LEFT]).forbidden[0], pinned) < 1e-3
+
+
+def test_an_area_is_given_in_pixels_of_the_photograph(find: Find) -> None:
+    """Blocks of four pixels lie in a disc four times as wide."""
+    fine = find([LEFT])
+    coarse = find([{name: 4 * value for name, value in LEFT.items()}], block=4, size=(384, 256))
+    np.testing.assert_array_equal(fine.matrices, coarse.matrices)
+
+
+@pytest.mark.parametrize(
+    "place", [{"x": 96, "y": 3}, {"x": 3, "y": 64}, {"x": 1e9, "y": 3}, {"x": -1, "y": 3}]
+)
+def test_areas_outside_are_refused(find: Find, place: dict[str, float]) -> None:
+    said = refusal(find, ["A", {**place, "radius": 5}])
+    assert "The area of pinned lamp 2 has its middle at" in said
+    assert "outside of the photograph's 96 × 64 pixels" in said
+    assert "forbidden lamp 1" in refusal(find, (), [{**place, "radius": 5}])
+
+
+def test_tiny_areas_are_refused_with_a_radius_that_will_do(find: Find) -> None:
+    assert "radius of 2 pixels or more" in refusal(find, [{"x": 40, "y": 30, "radius": 1}])
+    assert len(find([{"x": 40, "y": 30, "radius": 2}]).pinned) == 1
+
+
+def test_areas_without_usable_pixels_are_refused(find: Find) -> None:
+    usable = np.ones((64, 96), dtype=bool)
+    usable[:, :40] = False
+    said = refusal(find, [LEFT], usable=usable)
+    assert "area of pinned lamp 1 is clipped, dark or out of the flash's reach" in said
+    assert len(find([RIGHT], usable=usable).pinned) == 1
+
+
+@pytest.mark.parametrize("name", ["FL77", "", "1,2"])
+def test_unknown_names_are_refused(find: Find, name: str) -> None:
+    assert f"No pinned lamp 1 spectrum is called '{name}'" in refusal(find, [name])
+
+
+def test_a_near_name_is_given(find: Find) -> None:
+    assert "FL12" in refusal(find, (), ["FL12x"])
+
+
+def test_one_lamp_cannot_be_pinned_twice(find: Find) -> None:
+    near = {**LEFT, "y": 40}
+    assert "Pinned lamps 1 and 2 have the same colour" in refusal(find, [LEFT, near])
+    assert len(find([LEFT, RIGHT]).pinned) == 2
+
+
+def test_a_lamp_cannot_be_pinned_and_forbidden(find: Find) -> None:
+    said = refusal(find, ["D65", LEFT], [RIGHT, {**LEFT, "y": 40}])
+    assert "Pinned lamp 2 is less than 3° in colour from a forbidden one" in said
+    assert len(find([LEFT], [RIGHT]).pinned) == 1
