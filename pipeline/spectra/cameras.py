@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from typing import Literal
@@ -40,6 +41,11 @@ class Camera:
     sensitivities: NDArray[np.float64]
     source: Literal["measured", "file", "approximate", "stand-in"]
 
+    @property
+    def approximate(self) -> bool:
+        """Whether the sensitivities are not the camera's own."""
+        return self.source in ("approximate", "stand-in")
+
 
 def find_camera(request: str | Sensitivities | None, frame: Frame) -> Camera:
     """Sensitivities asked for, or those that fit the frame best.
@@ -69,6 +75,15 @@ def find_camera(request: str | Sensitivities | None, frame: Frame) -> Camera:
         return Camera("typical sensor", _typical_sensor().sensitivities, "stand-in")
     functions = frame.xyz_to_camera @ _sensor_xyz()
     return Camera(name or "camera", _scaled(np.maximum(functions, 0.0)), "approximate")
+
+
+def measured_cameras() -> list[Camera]:
+    """All cameras of which sensitivities were measured: the packaged and those of the folder."""
+    cameras = [_measured_by_colour(name) for name in _PACKAGED]
+    for name, path in folder_spectra().items():
+        with suppress(OptionError):  # a light's table, or none
+            cameras.append(_from_table(name, parse_sensitivities(path.read_bytes()), "measured"))
+    return cameras
 
 
 @cache

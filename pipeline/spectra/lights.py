@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import OptionError
 from pipeline.options import Spectrum
+from pipeline.spectra.colorchecker import colorchecker_spectra
 from pipeline.spectra.folder import folder_spectra
 from pipeline.spectra.grid import STEP_NM, WAVELENGTHS_NM, on_grid
 from pipeline.spectra.library import colour_science, without_warnings
@@ -46,14 +47,14 @@ def find_light(request: str | Spectrum, purpose: str = "flash") -> NDArray[np.fl
         return find_light(parse_spectrum(own[wanted].read_bytes()), purpose)
     if wanted == _XENON:
         return _xenon()
-    packaged = _packaged_lights()
+    packaged = packaged_lights()
     entry = key_of(_FLASHES.get(wanted, request))
     for name, spectrum in packaged.items():
         if key_of(name) == entry:
             return spectrum
-    daylight = _daylight(request)
-    if daylight is not None:
-        return daylight
+    named = _named_daylight(request)
+    if named is not None:
+        return named
     names = [_XENON, *_FLASHES, *packaged, *folder_spectra()]
     raise OptionError(unknown(f"{purpose} spectrum", request, names))
 
@@ -65,16 +66,13 @@ def lamp_spectra() -> NDArray[np.float64]:
     The lamps of colour-science without near-monochromatic ones and near duplicates, black bodies
     of 2000 to 3800 K and daylight of 4000 to 10000 K.
     """
-    colour = colour_science()
     candidates = [
         spectrum
-        for name, spectrum in _packaged_lights().items()
+        for name, spectrum in packaged_lights().items()
         if not name.startswith("ISO 7589") and name not in _NO_LAMPS
     ]
-    shape = colour.SpectralShape(WAVELENGTHS_NM[0], WAVELENGTHS_NM[-1], STEP_NM)
-    with without_warnings():
-        candidates += [_unit(colour.sd_blackbody(k, shape).values) for k in range(2000, 4000, 300)]
-    candidates += [_daylight_of(kelvin) for kelvin in range(4000, 10001, 1000)]
+    candidates += [black_body(kelvin) for kelvin in range(2000, 4000, 300)]
+    candidates += [daylight(kelvin) for kelvin in range(4000, 10001, 1000)]
     kept: list[NDArray[np.float64]] = []
     for spectrum in candidates:
         width_nm = STEP_NM / float(np.sum(spectrum**2))
@@ -97,11 +95,10 @@ def reflectance_spectra() -> NDArray[np.float64]:
         from colour.characterisation import read_training_data_rawtoaces_v1
         from colour.quality.cfi2017 import load_TCS_CIE2017
 
-        checker = colour.SDS_COLOURCHECKERS["BabelColor Average"].values()
         training = read_training_data_rawtoaces_v1()
         samples = load_TCS_CIE2017(shape)
     tables = [
-        np.array([on_grid(patch.wavelengths, patch.values, "hold") for patch in checker]),
+        colorchecker_spectra(),
         on_grid(training.wavelengths, training.values, "hold").T,
         on_grid(samples.wavelengths, samples.values, "hold").T,
     ]
@@ -115,7 +112,8 @@ def _xenon() -> NDArray[np.float64]:
 
 
 @cache
-def _packaged_lights() -> dict[str, NDArray[np.float64]]:
+def packaged_lights() -> dict[str, NDArray[np.float64]]:
+    """Lights (W,) of colour-science by name, each summing to 1."""
     colour = colour_science()
     tables = {**colour.SDS_ILLUMINANTS, **colour.SDS_LIGHT_SOURCES}
     return {
@@ -124,17 +122,25 @@ def _packaged_lights() -> dict[str, NDArray[np.float64]]:
     }
 
 
-def _daylight(name: str) -> NDArray[np.float64] | None:
+def _named_daylight(name: str) -> NDArray[np.float64] | None:
     match = _DAYLIGHT.fullmatch(name.strip())
     if match is None:
         return None
     kelvin = int(match[1]) * 100
     low, high = _DAYLIGHT_RANGE_K
-    return _daylight_of(kelvin) if low <= kelvin <= high else None
+    return daylight(kelvin) if low <= kelvin <= high else None
 
 
-def _daylight_of(kelvin: float) -> NDArray[np.float64]:
-    """CIE daylight of a nominal temperature, CIE 15:2018 (with its 1.4388/1.4380 correction)."""
+def black_body(kelvin: float) -> NDArray[np.float64]:
+    """Black body (W,) of a temperature, summing to 1 (Planck)."""
+    colour = colour_science()
+    shape = colour.SpectralShape(WAVELENGTHS_NM[0], WAVELENGTHS_NM[-1], STEP_NM)
+    with without_warnings():
+        return _unit(colour.sd_blackbody(kelvin, shape).values)
+
+
+def daylight(kelvin: float) -> NDArray[np.float64]:
+    """CIE daylight (W,) of a nominal temperature (CIE 15:2018, corrected by 1.4388/1.4380)."""
     colour = colour_science()
     with without_warnings():
         xy = colour.temperature.CCT_to_xy_CIE_D(kelvin * 1.4388 / 1.4380)

@@ -41,6 +41,24 @@ def parse_spectrum(data: bytes) -> Spectrum:
         raise OptionError(_sentence("light table", error)) from error
 
 
+def write_sensitivities(table: Sensitivities) -> bytes:
+    """Write a camera's sensitivities as AMPAS JSON, which parse_sensitivities reads."""
+    return _ampas(CAMERA_COLUMNS, table.wavelength_nm, table.r, table.g, table.b)
+
+
+def write_spectrum(table: Spectrum) -> bytes:
+    """Write a light's spectrum as AMPAS JSON, which parse_spectrum reads."""
+    return _ampas(LIGHT_COLUMNS, table.wavelength_nm, table.power)
+
+
+def _ampas(names: tuple[str, ...], wavelengths: list[float], *columns: list[float]) -> bytes:
+    rows = zip(wavelengths, *columns, strict=True)
+    main = {f"{nm:g}": [float(f"{value:.6g}") for value in row] for nm, *row in rows}
+    heads = [name.upper() if len(name) == 1 else name for name in names]
+    content = {"spectral_data": {"index": {"main": heads}, "data": {"main": main}}}
+    return (json.dumps(content, indent=1) + "\n").encode()
+
+
 def _table(
     data: bytes, columns: tuple[str, ...], what: str
 ) -> tuple[list[float], list[list[float]]]:

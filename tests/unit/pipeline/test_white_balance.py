@@ -11,7 +11,8 @@ from pipeline.frames import Image
 from pipeline.model import Model
 from pipeline.separation import Strip
 from pipeline.spectra.cameras import Camera
-from pipeline.spectra.lights import find_light
+from pipeline.spectra.lights import find_light, reflectance_spectra
+from pipeline.spectra.matrices import best_matrix
 from pipeline.white_balance import approach_1, approach_2
 
 Array = NDArray[np.float64]
@@ -127,20 +128,84 @@ def test_white_surfaces_become_neutral_under_any_lamps(
 
 
 @pytest.mark.parametrize("approach", [approach_1, approach_2])
-def test_filled_in_pixels_scale_the_channels_of_the_layers(
-    lit: Lit, model: Model, warm_to_cool: Array, approach: Callable[..., Image]
+@pytest.mark.parametrize(("name", "most"), [("A", 2.0), ("D50", 0.6), ("FL2", 2.5)])
+def test_filled_in_pixels_take_their_colour_from_the_layers(
+    model: Model,
+    camera: Camera,
+    pair_of: Callable[..., Any],
+    lamps_of: Callable[..., Any],
+    approach: Callable[..., Image],
+    name: str,
+    most: float,
 ) -> None:
-    """Without any confidence in the flash part: von Kries, lamp by lamp."""
-    strip, lamps = lit(warm_to_cool)
-    strip.confidence[...] = 0
-    whites = lamps.matrices @ model.flash_white
+    """Without any flash part: measured surfaces as in daylight, better than by scaled channels."""
+    s, lamp, daylight = camera.sensitivities, find_light(name), find_light("D65")
+    seen = (reflectance_spectra() @ (s * lamp).T / (s[1] @ lamp))[None]
+    wanted = (reflectance_spectra() @ (s * daylight).T / (s[1] @ daylight))[None]
+    white, neutral = s @ lamp / (s[1] @ lamp), s @ daylight / (s[1] @ daylight)
+    lamps = lamps_of(white, matrices=best_matrix(s * find_light("xenon"), s * lamp)[None])
+    pair = pair_of(0.5 * seen, np.zeros_like(seen))
 
-    found = approach(strip, lamps, model, "best")
+    found = approach(strip_of(pair, 0.5 * seen[None], 0.0), lamps, model, "best")
+
+    def degrees(colours: Any) -> float:
+        across = np.linalg.norm(np.cross(colours, wanted), axis=2)
+        return float(np.degrees(np.arctan2(across, (colours * wanted).sum(axis=2))).mean())
+
+    assert degrees(found) < most
+    assert degrees(found) < degrees(seen * neutral / white)
+    assert found[..., 1].mean() == pytest.approx(0.5 * wanted[..., 1].mean(), rel=0.03)
+
+
+@pytest.mark.parametrize("approach", [approach_1, approach_2])
+@pytest.mark.parametrize(
+    ("colour", "whitened"),
+    [
+        ((1.0, 1.0, 1.0), 1.0),
+        ((1.0, 1.0, 0.4), 1.0),
+        ((0.2, 0.99, 1.0), 1.0),
+        ((1.0, 0.945, 0.1), 0.5),
+        ((1.0, 0.7, 0.3), 0.0),
+        ((0.89, 0.89, 0.89), 0.0),
+    ],
+)
+def test_clipped_highlights_become_white(
+    model: Model,
+    pair_of: Callable[..., Any],
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Array,
+    approach: Callable[..., Image],
+    colour: tuple[float, float, float],
+    whitened: float,
+) -> None:
+    """As the light is not known, nothing is separated there; one clipped channel keeps its hue."""
+    lamps = lamps_of(warm_to_cool[0])
+
+    def balanced(light: float) -> Any:
+        photograph = light * np.tile(colour, (6, 7, 1))
+        pair = pair_of(photograph, np.zeros((6, 7, 3)))
+        return approach(strip_of(pair, photograph[None], 0.0), lamps, model, "best")[3, 3] / light
+
+    found = balanced(1.0)
 
     white = model.flash_to_neutral @ model.flash_white
-    ratios = white / white[1] / (whites / whites[:, 1:2])
-    expected = np.einsum("nhwk,nk->hwk", strip.layers, ratios)
-    np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-5)
+    white /= white[1]
+    gained = balanced(0.5)
+    expected = (1 - whitened) * gained + whitened * (gained / white).max() * white
+    np.testing.assert_allclose(found, expected, rtol=1e-4)
+
+
+@pytest.mark.parametrize("approach", [approach_1, approach_2])
+def test_paper_leaves_highlights_as_they_are(
+    lit: Lit, model: Model, warm_to_cool: Array, approach: Callable[..., Image]
+) -> None:
+    strip, lamps = lit(warm_to_cool)
+    plain = approach(strip, lamps, model, "paper")
+    strip.layers[...] *= 10  # of the photograph's values, not of what paper makes of them
+    scaled = approach(strip, lamps, model, "paper")
+
+    factor = 10 if approach is approach_1 else 1
+    np.testing.assert_allclose(scaled, factor * plain, rtol=1e-3, atol=1e-5)
 
 
 @pytest.mark.parametrize("approach", [approach_1, approach_2])

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.errors import OptionError
 from pipeline.frames import Frame
-from pipeline.options import Sensitivities
-from pipeline.spectra.cameras import find_camera, srgb_stand_in
+from pipeline.options import Sensitivities, Spectrum
+from pipeline.spectra.cameras import find_camera, measured_cameras, srgb_stand_in
 from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.library import colour_science
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from pipeline.spectra.observer import cie_1931
+from pipeline.spectra.tables import write_sensitivities, write_spectrum
 
 FrameOf = Callable[..., Frame]
 XYZ_TO_D700 = np.array(
@@ -200,3 +201,20 @@ def test_the_stand_in_sees_daylight_colours_as_srgb_shows_them() -> None:
 def test_sensitivities_cannot_be_changed_by_accident(frame_of: FrameOf) -> None:
     with pytest.raises(ValueError, match="read-only"):
         find_camera("Nikon D5100", frame_of()).sensitivities[0, 0] = 5
+
+
+def test_measured_cameras_are_the_packaged_and_the_folders(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("LIGHTLAYERS_SPECTRA", raising=False)
+    packaged = ["Nikon D5100", "Sigma SD1 Merrill"]
+    assert [camera.name for camera in measured_cameras()] == packaged
+    nm = [380.0, 500.0, 780.0]
+    table = Sensitivities(wavelength_nm=nm, r=[0, 1, 2], g=[0, 2, 1], b=[2, 1, 0])
+    (tmp_path / "My_Own_380_780_200.json").write_bytes(write_sensitivities(table))
+    light = Spectrum(wavelength_nm=nm, power=[1, 1, 1])
+    (tmp_path / "lamp.json").write_bytes(write_spectrum(light))
+    monkeypatch.setenv("LIGHTLAYERS_SPECTRA", str(tmp_path))
+    found = measured_cameras()
+    assert [camera.name for camera in found] == [*packaged, "My Own"]
+    assert found[2].sensitivities[:, 0] == pytest.approx([0, 0, 1])

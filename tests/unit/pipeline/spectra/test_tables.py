@@ -9,7 +9,13 @@ from typing import Any
 import pytest
 
 from pipeline.errors import OptionError
-from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
+from pipeline.options import Sensitivities, Spectrum
+from pipeline.spectra.tables import (
+    parse_sensitivities,
+    parse_spectrum,
+    write_sensitivities,
+    write_spectrum,
+)
 
 CAMERA = "wavelength_nm,R,G,B\n400,0,0,1\n550,0,1,0\n700,1,0,0\n"
 LIGHT = "wavelength_nm,power\n400,1\n550,2\n700,1\n"
@@ -112,3 +118,11 @@ def test_ampas_json_must_have_its_columns_in_order(ampas: bytes, index: Any) -> 
     document["spectral_data"]["index"]["main"] = index
     with pytest.raises(OptionError, match="it needs"):
         parse_sensitivities(json.dumps(document).encode())
+
+
+def test_written_tables_are_read_back() -> None:
+    nm = [380.0, 405.5, 700.0]
+    light = Spectrum(wavelength_nm=nm, power=[0.0, 1.234567e-7, 3.0])
+    assert parse_spectrum(write_spectrum(light)).power == [0.0, 1.23457e-7, 3.0]
+    camera = Sensitivities(wavelength_nm=nm, r=[0.0, 0.5, -0.25], g=[1.0, 0.0, 0.0], b=[0.1] * 3)
+    assert parse_sensitivities(write_sensitivities(camera)) == camera

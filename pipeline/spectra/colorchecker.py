@@ -1,0 +1,22 @@
+"""The 24 patches of the ColorChecker Classic."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.spectra.grid import on_grid
+from pipeline.spectra.library import colour_science
+
+ROWS, COLUMNS = 4, 6
+
+
+@cache
+def colorchecker_spectra() -> NDArray[np.float64]:
+    """Reflectances (24, W), 0 to 1, row by row from dark skin to black (average of BabelColor)."""
+    patches = colour_science().SDS_COLOURCHECKERS["BabelColor Average"].values()
+    values = np.array([on_grid(patch.wavelengths, patch.values, "hold") for patch in patches])
+    values.setflags(write=False)
+    return values

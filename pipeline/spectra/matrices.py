@@ -1,0 +1,39 @@
+"""The best 3×3 matrix between two ways of seeing surfaces."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.frames import Matrix
+from pipeline.spectra.lights import reflectance_spectra
+
+Array = NDArray[np.float64]
+
+
+def best_matrix(before: Array, after: Array) -> Matrix:
+    """Matrix (3, 3) from camera RGB seen by one response to that by another, over reflectances.
+
+    before, after: (3, W), sensitivities × the spectrum of a light. Least squares; errors count
+    relative to brightness, so that dark surfaces matter as much as light ones.
+    """
+    rho = reflectance_spectra()
+    seen = rho @ before.T
+    weight = _weight(seen)
+    return np.asarray(np.linalg.lstsq(seen * weight, rho @ after.T * weight, rcond=None)[0].T)
+
+
+def by_spectrum(sensitivities: Array, before: Array) -> Array:
+    """Tensor G (3, 3, W) with best_matrix(before, sensitivities × l) = G @ l for any light l.
+
+    sensitivities, before: (3, W).
+    """
+    rho = reflectance_spectra()
+    seen = rho @ before.T
+    weight = _weight(seen)
+    solve = np.linalg.pinv(seen * weight) * weight.T
+    return np.asarray(np.einsum("lw,kw->klw", solve @ rho, sensitivities))
+
+
+def _weight(seen: Array) -> Array:
+    return np.asarray(1.0 / np.abs(seen).sum(1, keepdims=True))
