@@ -1,0 +1,177 @@
+"""The way of a calibration: decode → align → read the marks → estimate → save."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.calibration.camera import estimate_camera
+from pipeline.calibration.chart import read_card, read_chart
+from pipeline.calibration.flash import FAMILY, estimate_flash
+from pipeline.calibration.lamps import estimate_lamps
+from pipeline.calibration.options import (
+    CameraCalibration,
+    FlashCalibration,
+    LampsCalibration,
+)
+from pipeline.colour.temperature import cct_duv
+from pipeline.decode import decode
+from pipeline.errors import OptionError
+from pipeline.focal import focal_length_px
+from pipeline.frames import Frame
+from pipeline.manifest import input_entry, versions
+from pipeline.options import Sensitivities, Spectrum
+from pipeline.pair import Pair, make_pair
+from pipeline.process import FLASH, NO_FLASH, check_pair
+from pipeline.progress import Progress
+from pipeline.remarks import Code, Remark
+from pipeline.spectra.cameras import find_camera, measured_cameras
+from pipeline.spectra.grid import WAVELENGTHS_NM
+from pipeline.spectra.lights import find_light
+from pipeline.spectra.observer import cie_1931
+from pipeline.spectra.tables import write_sensitivities, write_spectrum
+
+FILES = {"flash": "flash.json", "camera": "camera.json", "lamps": "lights.json"}
+"""The file that a calibration of each kind writes, as the option of a separation reads it."""
+
+_FAR_ASIDE_DEG = 5.0
+
+
+@dataclass(frozen=True)
+class _Found:
+    """file: what the option of a separation reads. said: what people want to know of it."""
+
+    file: bytes
+    said: dict[str, Any]
+
+
+def calibrate_files(
+    no_flash: bytes,
+    flash: bytes,
+    options: FlashCalibration | CameraCalibration | LampsCalibration,
+    directory: Path,
+    progress: Progress,
+) -> dict[str, Any]:
+    """Calibrate from a pair of files; writes the file of FILES and manifest.json, returns the last.
+
+    no_flash, flash: whole files of any format that decode reads. directory: made if missing.
+    Raises InputError for what the user can mend, Canceled, OSError.
+    """
+    progress.report("decode", 0.0)
+    check_pair(no_flash, flash)
+    before = decode(no_flash, options.encoding, NO_FLASH)
+    progress.report("decode", 0.5)
+    after = decode(flash, options.encoding, FLASH)
+    progress.report("decode", 1.0)
+    warnings: list[Remark] = []
+    if isinstance(options, CameraCalibration) and before.encoding == "srgb":
+        raise OptionError(
+            "The photographs are rendered to sRGB, which hides what the sensor saw: calibrate a "
+            "camera with RAW or linear files."
+        )
+    pair = make_pair(before, after, options, progress)
+    progress.report("calibrate", 0.0)
+    if isinstance(options, FlashCalibration):
+        found = _flash(pair, before, options)
+    elif isinstance(options, CameraCalibration):
+        found = _camera(pair, before, options)
+    else:
+        found = _lamps(pair, before, options, warnings)
+    progress.report("calibrate", 1.0)
+    directory.mkdir(parents=True, exist_ok=True)
+    name = FILES[options.kind]
+    (directory / name).write_bytes(found.file)
+    manifest = {
+        "inputs": {"no_flash": input_entry(before), "flash": input_entry(after)},
+        "options": options.model_dump(mode="json"),
+        "found": found.said,
+        "files": [{"name": name, "sha256": hashlib.sha256(found.file).hexdigest()}],
+        "warnings": [warning.entry() for warning in (*pair.warnings, *warnings)],
+        "versions": versions(),
+    }
+    text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False)
+    (directory / "manifest.json").write_text(text + "\n", encoding="utf-8")
+    return manifest
+
+
+def _flash(pair: Pair, frame: Frame, options: FlashCalibration) -> _Found:
+    camera = find_camera(options.camera, frame)
+    if options.chart is not None:
+        patches = read_chart(pair, options.chart)
+    else:
+        assert options.card is not None  # one of the two, as the options say
+        patches = read_card(pair, options.card)
+    flash = estimate_flash(patches, camera.sensitivities)
+    white = cct_duv(cie_1931() @ flash.spectrum, np.eye(3))
+    table = Spectrum(wavelength_nm=WAVELENGTHS_NM.tolist(), power=flash.spectrum.tolist())
+    said = {
+        "camera": {"name": camera.name, "source": camera.source},
+        "nearest": flash.nearest,
+        "cct_k": None if white is None else round(white[0]),
+        "duv": None if white is None else round(white[1], 4),
+        "patches": len(patches.flash),
+        "misfit": round(flash.misfit, 4),
+    }
+    return _Found(write_spectrum(table), said)
+
+
+def _camera(pair: Pair, frame: Frame, options: CameraCalibration) -> _Found:
+    given = options.flash_spectrum
+    if given is None:
+        flashes = {name: find_light(name) for name in FAMILY}
+    else:
+        flashes = {given if isinstance(given, str) else "table": find_light(given)}
+    known = measured_cameras()
+    approximate = find_camera(None, frame)
+    if approximate.source == "approximate":
+        known.append(approximate)
+    camera = estimate_camera(read_chart(pair, options.chart), flashes, known)
+    said = {
+        "nearest": camera.nearest,
+        "flash": camera.flash,
+        "known_cameras": len(known),
+        "misfit": round(camera.misfit, 4),
+    }
+    return _Found(write_sensitivities(_table(camera.sensitivities)), said)
+
+
+def _table(sensitivities: NDArray[np.float64]) -> Sensitivities:
+    r, g, b = sensitivities.tolist()
+    return Sensitivities(wavelength_nm=WAVELENGTHS_NM.tolist(), r=r, g=g, b=b)
+
+
+def _lamps(pair: Pair, frame: Frame, options: LampsCalibration, warnings: list[Remark]) -> _Found:
+    focal_px = focal_length_px(frame, options.focal_px, warnings)
+    lamps = estimate_lamps(pair, options.sphere, options.lights, focal_px)
+    if lamps.flash_aside_deg > _FAR_ASIDE_DEG:
+        message = (
+            f"The flash shines from {lamps.flash_aside_deg:.0f}° beside the camera, where normals "
+            "are exact only with a flash at the camera: move it nearer to the lens, or step back."
+        )
+        figures = {"angle_deg": lamps.flash_aside_deg}
+        warnings.append(Remark(Code.FLASH_ASIDE, message, figures))
+    strongest = float(lamps.colours[:, 1].max())
+    lights = [
+        {
+            "direction": [round(float(c), 5) for c in direction],
+            "strength": max(round(float(colour[1]) / strongest, 5), 1e-5),
+            "rgb": [round(float(c), 5) for c in colour / colour.max()],
+        }
+        for direction, colour in zip(lamps.directions, lamps.colours, strict=True)
+    ]
+    said = {
+        "lights": [
+            {**light, "deviation_deg": round(float(deviation), 3)}
+            for light, deviation in zip(lights, lamps.deviations_deg, strict=True)
+        ],
+        "sphere": {k: round(v, 2) for k, v in lamps.circle.model_dump().items()},
+        "flash_aside_deg": round(lamps.flash_aside_deg, 2),
+        "misfit": round(lamps.misfit, 4),
+    }
+    return _Found((json.dumps({"lights": lights}, indent=1) + "\n").encode(), said)

@@ -1,0 +1,109 @@
+"""Spectral sensitivities of a camera from the patches of a ColorChecker."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.calibration.patches import Patches
+from pipeline.calibration.posterior import best_scale, posterior, smooth, weights
+from pipeline.errors import UnusablePairError
+from pipeline.spectra.cameras import Camera
+from pipeline.spectra.grid import STEP_NM
+
+Array = NDArray[np.float64]
+
+_GAIN, _TINT, _TINT_REACH_NM = 0.2, 0.4, 40.0
+_TAIL, _TAIL_REACH_NM = 0.02, 30.0  # of the channel's peak
+_SHIFT_NM = 2.0
+_ROUNDS = 3
+_NO_CHART = 0.15
+
+
+@dataclass(frozen=True)
+class CameraEstimate:
+    """A camera as it was found.
+
+    sensitivities: (3, W), the largest value 1. nearest: the name of the known camera that it is
+    most like. flash: the name of the flash that was told or is the likeliest. misfit: relative
+    error of the patches' light as predicted with them, root mean square.
+    """
+
+    sensitivities: Array
+    nearest: str
+    flash: str
+    misfit: float
+
+
+def estimate_camera(
+    patches: Patches, flashes: Mapping[str, Array], known: Sequence[Camera]
+) -> CameraEstimate:
+    """Estimate the sensitivities of a camera.
+
+    flashes: (W,) spectra of what the flash may be, by name; one where it is known. known: cameras
+    that it may resemble. A camera is a known one whose curves are scaled, tinted and shifted a
+    little, with tails of their own. Which one, and which flash, is a matter of evidence, by which
+    the estimates are averaged. Raises UnusablePairError where no camera explains the patches.
+    """
+    found, evidence, names = [], [], []
+    for flash, spectrum in flashes.items():
+        for camera in known:
+            curves, likely = _of_member(patches, spectrum, camera.sensitivities)
+            found.append(curves / curves.max())
+            evidence.append(likely)
+            names.append((flash, camera.name))
+    share = weights(evidence)
+    sensitivities = np.tensordot(share, np.array(found), axes=1)
+    best = int(np.argmax(evidence))
+    flash, nearest = names[best]
+    misfit = patches.misfit(_predicted(patches, flashes[flash], found[best]))
+    if misfit > _NO_CHART:
+        raise UnusablePairError(
+            f"No camera explains the patches' colours, which stay off by {misfit:.0%}: check the "
+            "corners and the flash."
+        )
+    return CameraEstimate(sensitivities / sensitivities.max(), nearest, flash, misfit)
+
+
+def _of_member(patches: Patches, flash: Array, member: Array) -> tuple[Array, float]:
+    """Estimate (3, W) about one known camera, and its log evidence."""
+    seen_by = patches.reflectances * flash
+    curves, evidence = member, 0.0
+    for _ in range(_ROUNDS):
+        scales = [
+            best_scale(seen_by @ curves[k], patches.flash[:, k], patches.tolerance[:, k])
+            for k in range(3)
+        ]
+        curves = curves * np.array(scales)[:, None]
+        gain = patches.fall_off(seen_by @ curves.T)
+        seen, variance = patches.flash / gain, patches.tolerance / gain**2
+        found = []
+        evidence = 0.0
+        for k in range(3):
+            mean = member[k] * best_scale(seen_by @ member[k], seen[:, k], variance[:, k])
+            channel, likely = posterior(
+                seen_by, seen[:, k], variance[:, k], mean, _covariance(mean)
+            )
+            found.append(np.maximum(channel, 0.0))
+            evidence += likely
+        curves = np.array(found)
+    return curves, evidence
+
+
+def _covariance(curve: Array) -> Array:
+    slope = np.gradient(curve, STEP_NM)
+    return np.asarray(
+        np.outer(curve, curve) * (_GAIN**2 + _TINT**2 * smooth(_TINT_REACH_NM))
+        + (_TAIL * curve.max()) ** 2 * smooth(_TAIL_REACH_NM)
+        + _SHIFT_NM**2 * np.outer(slope, slope)
+    )
+
+
+def _predicted(patches: Patches, flash: Array, curves: Array) -> Array:
+    even = patches.reflectances @ (curves * flash).T
+    lit = even * patches.fall_off(even)
+    scales = [best_scale(lit[:, k], patches.flash[:, k], patches.tolerance[:, k]) for k in range(3)]
+    return np.asarray(lit * np.array(scales))

@@ -1,0 +1,132 @@
+"""Directions, strengths and colours of distant lamps, from a matt grey sphere.
+
+The light of lamp j on a surface of normal n is albedo · c_j max(n·l_j, 0) (Lambert). The flash part
+gives the albedo; where the shadow lines of lamps lie on the sphere tells the lamps apart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.calibration.chart import disc
+from pipeline.calibration.light import lights_of
+from pipeline.calibration.sphere_fit import SphereFit, SphereLight, fit_lamps
+from pipeline.errors import OptionError, UnusablePairError
+from pipeline.options import Circle
+from pipeline.pair import Pair
+
+Array = NDArray[np.float64]
+
+_INNER = 0.9  # of the radius: beyond, the outline that was marked may miss the sphere
+_SMALLEST_PX = 12.0
+_MOST_UNUSABLE = 0.2
+_BLOCKS = 4_000  # at least, of a large sphere
+_NO_SPHERE = 0.12  # relative error of the flash part as that of a matt sphere
+_ELSEWHERE = 0.1  # of the radius: no mark is so wrong
+_NO_LAMPS = 0.08  # the same of the lamps' light
+_ONE_MORE = 0.03  # what one more lamp must explain, in squares of what paint and noise allow
+_UNSURE_DEG = 3.0
+
+
+@dataclass(frozen=True)
+class LampsEstimate:
+    """Distant lamps as they were found, the strongest first.
+
+    directions: (N, 3) unit, from the surface to the lamp, x right, y up, z to the viewer.
+    colours: (N, 3) camera RGB of a grey card that faces the lamp, one scale for all.
+    deviations_deg: (N,) standard deviation of each direction, as far as noise and paint go.
+    misfit: relative error of the light on the sphere, root mean square.
+    circle: the sphere's outline as it was found near the one that was marked.
+    flash_aside_deg: angle at the sphere between the camera and the flash.
+    """
+
+    directions: Array
+    colours: Array
+    deviations_deg: Array
+    misfit: float
+    circle: Circle
+    flash_aside_deg: float
+
+
+def estimate_lamps(
+    pair: Pair, sphere: Circle, count: Literal["auto", 1, 2, 3], focal_px: float
+) -> LampsEstimate:
+    """Find the lamps that light a matt grey sphere.
+
+    sphere: its outline, which is trusted to two hundredths of its radius. focal_px: focal length
+    in pixels. Raises OptionError for a circle that is too small or outside; UnusablePairError
+    where the sphere is clipped or dark or none, where distant lamps do not explain its light, and
+    where lamps cannot be told apart.
+    """
+    seen = _look(pair, sphere, focal_px)
+    best = fit_lamps(seen, 1 if count == "auto" else count)
+    for more in (2, 3) if count == "auto" else ():
+        fit = fit_lamps(seen, more)
+        if best.cost - fit.cost < _ONE_MORE:
+            break
+        best = fit
+    _check_sphere(best)
+    if best.misfit > _NO_LAMPS:
+        raise UnusablePairError(
+            f"Distant lamps do not explain {best.misfit:.0%} of the light on the sphere: check "
+            "the circle, the number of lamps, and that nothing near throws light or shadow on it."
+        )
+    if (best.deviations_deg > _UNSURE_DEG).any() or not (best.colours.max(axis=1) > 0).all():
+        raise UnusablePairError(
+            "The lamps cannot be told apart on this sphere: move them farther from each other, or "
+            "photograph it under each of them alone."
+        )
+    order = np.argsort(-best.colours[:, 1])
+    dx, dy, wider = best.moved * sphere.radius
+    return LampsEstimate(
+        directions=best.directions[order],
+        colours=np.maximum(best.colours[order], 0.0),
+        deviations_deg=best.deviations_deg[order],
+        misfit=best.misfit,
+        circle=Circle(x=sphere.x + dx, y=sphere.y + dy, radius=sphere.radius + wider),
+        flash_aside_deg=best.flash_aside_deg,
+    )
+
+
+def _look(pair: Pair, sphere: Circle, focal_px: float) -> SphereLight:
+    """Light of the sphere, means over blocks of pixels where there are many."""
+    if sphere.radius < _SMALLEST_PX:
+        raise OptionError(
+            f"The sphere has a radius of only {sphere.radius:.3g} pixels: it must have "
+            f"{_SMALLEST_PX:g}, so photograph it from nearer."
+        )
+    disc(pair.unusable.shape, sphere, "sphere")
+    inner = Circle(x=sphere.x, y=sphere.y, radius=_INNER * sphere.radius)
+    mask = disc(pair.unusable.shape, inner, "sphere")
+    if pair.unusable[mask].mean() > _MOST_UNUSABLE:
+        raise UnusablePairError(
+            "The sphere is clipped, or moved between the photographs: expose shorter, and keep it "
+            "still."
+        )
+    height, width = mask.shape
+    side = max(1, int(np.sqrt(mask.sum() / _BLOCKS)))
+    size = (width // side, height // side)
+    crop = np.s_[: size[1] * side, : size[0] * side]
+
+    def means(picture: NDArray[Any]) -> NDArray[np.float32]:
+        shrunk = cv2.resize(picture[crop].astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        return np.asarray(shrunk)
+
+    whole = means(mask & ~pair.unusable) > 1 - 0.5 / side**2
+    rows, columns = np.nonzero(whole)
+    lights = lights_of(pair, means(pair.no_flash)[whole], means(pair.flash)[whole], side**2)
+    x, y = ((at.astype(np.float64) + 0.5) * side for at in (columns, rows))
+    return SphereLight(x, y, lights, sphere, focal_px, (width, height))
+
+
+def _check_sphere(fit: SphereFit) -> None:
+    if fit.flash_misfit > _NO_SPHERE or np.abs(fit.moved).max() > _ELSEWHERE:
+        raise UnusablePairError(
+            "The circle is not the outline of a matt sphere of one grey in the light of the flash: "
+            "check the circle, and that the flash reaches the sphere."
+        )

@@ -1,0 +1,69 @@
+"""The light that an area of a pair shows, with and without the flash."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import OptionError, UnusablePairError
+from pipeline.frames import Mask
+from pipeline.pair import Pair
+
+Array = NDArray[np.float64]
+
+_MOST_UNUSABLE = 0.1  # share of an area
+_LEAST_PIXELS = 9
+_UNLIT = 4.0  # standard deviations
+
+
+@dataclass(frozen=True)
+class Lights:
+    """Light of a pair's pixels or areas: the lamps' alone and the flash's alone, (…, 3) each.
+
+    lamps_variance, flash_variance: (…, 3) of them.
+    """
+
+    lamps: Array
+    flash: Array
+    lamps_variance: Array
+    flash_variance: Array
+
+
+def lights_of(
+    pair: Pair, no_flash: NDArray[np.floating], flash: NDArray[np.floating], averaged: float
+) -> Lights:
+    """Light of values (…, 3) of the pair's photographs, means of so many neighbouring pixels."""
+    lamps, both = np.asarray(no_flash, np.float64), np.asarray(flash, np.float64)
+    lamps_variance = pair.no_flash_noise.variance(lamps, averaged)
+    flash_variance = pair.flash_noise.variance(both, averaged)
+    if pair.flash_only:
+        return Lights(lamps, both, lamps_variance, flash_variance)
+    return Lights(lamps, both - lamps, lamps_variance, flash_variance + lamps_variance)
+
+
+def mean_light(pair: Pair, mask: Mask, what: str) -> Lights:
+    """Mean light (3,) of an area that shows one surface.
+
+    mask: bool (H, W). what: the area as messages call it. Raises OptionError for an area too
+    small, UnusablePairError where it is clipped or the flash does not reach it.
+    """
+    if mask.sum() < _LEAST_PIXELS:
+        raise OptionError(
+            f"The mark of {what} covers hardly a pixel of the photograph: check its coordinates, "
+            "which are pixels of the photograph without the flash."
+        )
+    if pair.unusable[mask].mean() > _MOST_UNUSABLE:
+        raise UnusablePairError(
+            f"{what[:1].upper()}{what[1:]} is clipped, or moved between the photographs: expose "
+            "shorter, and keep it still."
+        )
+    open_ = mask & ~pair.unusable
+    no_flash, flash = (frame[open_].mean(axis=0) for frame in (pair.no_flash, pair.flash))
+    found = lights_of(pair, no_flash, flash, float(open_.sum()))
+    if (found.flash <= _UNLIT * np.sqrt(found.flash_variance)).any():
+        raise UnusablePairError(
+            f"The flash does not reach {what}: bring it nearer or raise its power."
+        )
+    return found

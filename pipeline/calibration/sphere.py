@@ -1,0 +1,76 @@
+"""A sphere as a camera sees it: where its surface faces, from its outline alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import OptionError
+from pipeline.options import Circle
+from pipeline.vectors import unit
+
+Array = NDArray[np.float64]
+
+_ROUNDS = 30
+
+
+@dataclass(frozen=True)
+class SphereView:
+    """What pixels inside a sphere's outline show.
+
+    normals: (n, 3) unit, x right, y up, z to the viewer. towards: (n, 3) unit, to the camera.
+    distance: (n,) to the camera, 1 that of the sphere's middle.
+    """
+
+    normals: Array
+    towards: Array
+    distance: Array
+
+
+def view_sphere(
+    circle: Circle, x: Array, y: Array, focal_px: float, size: tuple[int, int]
+) -> SphereView:
+    """Find where the surface of a sphere faces at pixels (n,) of its picture.
+
+    circle: with the middle and the area of the ellipse that the outline is. x, y: of the pixels,
+    from the upper left corner of the picture. focal_px: focal length in pixels. size: (width,
+    height) of the picture, through whose middle the camera's axis goes. Pixels beside the sphere
+    are taken for its edge. Raises OptionError for a sphere too near, or too far to the side.
+    """
+    middle = np.array([circle.x - size[0] / 2, size[1] / 2 - circle.y]) / focal_px
+    axis_angle, half_angle = _cone(float(np.hypot(*middle)), circle.radius / focal_px)
+    aside = middle / max(float(np.hypot(*middle)), 1e-12)
+    centre = np.array([*(aside * np.sin(axis_angle)), -np.cos(axis_angle)])
+    rays = np.stack(
+        [(x - size[0] / 2) / focal_px, (size[1] / 2 - y) / focal_px, -np.ones_like(x)], axis=1
+    )
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    along = rays @ centre
+    radius = np.sin(half_angle)
+    inside = np.maximum(radius**2 - (1 - along**2), 0.0)
+    distance = along - np.sqrt(inside)
+    return SphereView(unit(rays * distance[:, None] - centre), -rays, distance)
+
+
+def _cone(offset: float, radius: float) -> tuple[float, float]:
+    """Angles of the cone of rays around a sphere: its axis to the camera's, and half its opening.
+
+    offset, radius: of the outline's ellipse, by the focal length. A cone of half angle α about an
+    axis θ aside is seen as an ellipse with the middle at sin 2θ/(cos 2θ + cos 2α), the semi-axes
+    sin 2α/(cos 2θ + cos 2α) and sin α/√(cos²α − sin²θ).
+    """
+    axis, half = float(np.arctan(offset)), float(np.arctan(radius))
+    for _ in range(_ROUNDS):
+        both = np.cos(2 * axis) + np.cos(2 * half)
+        across = np.cos(half) ** 2 - np.sin(axis) ** 2
+        if both < 0.1 or across < 0.05:
+            raise OptionError(
+                "The sphere is too near to the camera, or the focal length too short: step back, "
+                "or check the focal length."
+            )
+        shape = np.sqrt(2 * np.cos(half) / (both * np.sqrt(across)))  # √(ab) ÷ sin α
+        half = float(np.arcsin(min(radius / shape, 0.99)))
+        axis = float(0.5 * np.arcsin(min(offset * both, 0.99)))
+    return axis, half

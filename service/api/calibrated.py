@@ -1,0 +1,74 @@
+"""What finished calibrations are to the options of other jobs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from pipeline.calibration.calibrate import FILES
+from pipeline.errors import OptionError
+from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
+from service import jobs
+from service.api.context import Context
+from service.api.models import Calibrated
+from service.attempt import results_key
+
+_KINDS = {
+    "camera": "camera",
+    "response": "camera",
+    "flash_spectrum": "flash",
+    "neutral": "flash",
+    "light_directions": "lamps",
+}
+"""Options that a calibration may fill in, and of which kind it must be."""
+
+_WORDS = {"camera": "a camera", "flash": "a flash", "lamps": "lamps"}
+
+
+def fill_in(context: Context, options: Any) -> Any:
+    """Put what calibrations found where options name them, so that a job's row is complete.
+
+    options: as sent. Raises OptionError for a calibration that is unknown, of another kind, or
+    has not succeeded.
+    """
+    if not isinstance(options, dict):
+        return options
+    return {
+        name: _found(context, name, value["calibration"])
+        if name in _KINDS and isinstance(value, Mapping) and set(value) == {"calibration"}
+        else value
+        for name, value in options.items()
+    }
+
+
+def _found(context: Context, option: str, job_id: object) -> Any:
+    kind = _KINDS[option]
+    with context.engine.connect() as connection:
+        job = jobs.find(connection, job_id) if isinstance(job_id, str) else None
+    if job is None or job.task != "calibrate":
+        raise OptionError(
+            f"{option}: there is no calibration {str(job_id)[:32]!r}; it may have been deleted."
+        )
+    if job.options["kind"] != kind:
+        raise OptionError(
+            f"{option}: the calibration is one of {_WORDS[job.options['kind']]}, and this takes "
+            f"one of {_WORDS[kind]}."
+        )
+    if job.state != jobs.State.SUCCEEDED:
+        advice = "make another" if job.ended else "wait until it has succeeded"
+        raise OptionError(f"{option}: the calibration is {job.state}; {advice}.")
+    data = context.storage.get(results_key(job.id, job.attempt, FILES[kind]))
+    if kind == "camera":
+        return parse_sensitivities(data).model_dump()
+    if kind == "flash":
+        return parse_spectrum(data).model_dump()
+    return json.loads(data)["lights"]
+
+
+def allow_calibrations(schemas: dict[str, Any]) -> None:
+    """Say in the schemas of options that a calibration may stand for a table."""
+    for schema in schemas.values():
+        for name, field in schema.get("properties", {}).items():
+            if name in _KINDS and "anyOf" in field:
+                field["anyOf"].append({"$ref": f"#/components/schemas/{Calibrated.__name__}"})

@@ -1,0 +1,140 @@
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pipeline.calibration.calibrate import FILES, calibrate_files
+from pipeline.calibration.options import CALIBRATION_OPTIONS
+from pipeline.errors import Canceled, OptionError, UnusablePairError
+from pipeline.options import DirectedLight
+from pipeline.progress import Progress
+from pipeline.spectra.lights import find_light
+from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
+from pipeline.vectors import unit
+from tests.evaluation.spectra import sensitivities
+from tests.targets import (
+    CIRCLE,
+    CORNERS,
+    FOCAL_PX,
+    Shot,
+    other_colorchecker,
+    photograph_chart,
+    photograph_sphere,
+)
+
+S, LED, LAMP = sensitivities("Nikon D5100"), find_light("led"), find_light("A")
+DIRECTIONS = unit(np.array([(-0.9, 0.3, 0.2), (0.7, -0.5, 0.4)]))
+
+
+@pytest.fixture(scope="module")
+def chart() -> Shot:
+    return photograph_chart(S, LED, LAMP, other_colorchecker(), noise=1.0)
+
+
+def _run(shot: Shot, folder: Path, **options: Any) -> dict[str, Any]:
+    given = {"encoding": "linear", "exposure_ratio": 1.0, **options}
+    return calibrate_files(
+        *shot.files, CALIBRATION_OPTIONS.validate_python(given), folder, Progress()
+    )
+
+
+def test_a_flash_is_saved_as_separations_read_it(chart: Shot, tmp_path: Path) -> None:
+    manifest = _run(chart, tmp_path, kind="flash", chart=CORNERS, camera="Nikon D5100")
+    data = (tmp_path / "flash.json").read_bytes()
+    spectrum = find_light(parse_spectrum(data))
+    seen, true = S @ spectrum, S @ LED
+    assert seen / seen[1] == pytest.approx(true / true[1], rel=0.02)
+    found = manifest["found"]
+    assert found["nearest"] == "LED-B5"
+    assert found["cct_k"] == pytest.approx(6598, abs=150)
+    assert (found["patches"], found["camera"]["source"]) == (24, "measured")
+    assert 0 < found["misfit"] < 0.05
+    assert manifest["files"] == [{"name": "flash.json", "sha256": hashlib.sha256(data).hexdigest()}]
+    assert json.loads((tmp_path / "manifest.json").read_bytes()) == manifest
+    assert manifest["options"]["kind"] == "flash"
+    assert len(manifest["inputs"]["flash"]["sha256"]) == 64
+
+
+def test_a_card_tells_the_flashs_colour(chart: Shot, tmp_path: Path) -> None:
+    card = {"x": 30, "y": 120, "radius": 15}
+    found = _run(chart, tmp_path, kind="flash", card=card, camera="Nikon D5100")["found"]
+    spectrum = find_light(parse_spectrum((tmp_path / "flash.json").read_bytes()))
+    seen, true = S @ spectrum, S @ LED
+    assert found["patches"] == 1
+    assert seen / seen[1] == pytest.approx(true / true[1], rel=0.01)
+
+
+@pytest.mark.parametrize("told", ["led", None])
+def test_a_camera_is_saved_as_separations_read_it(
+    chart: Shot, tmp_path: Path, told: str | None
+) -> None:
+    found = _run(chart, tmp_path, kind="camera", chart=CORNERS, flash_spectrum=told)["found"]
+    table = parse_sensitivities((tmp_path / "camera.json").read_bytes())
+    curves = np.array([table.r, table.g, table.b])
+    cosines = (curves * S).sum(1) / np.linalg.norm(curves, axis=1) / np.linalg.norm(S, axis=1)
+    assert cosines.min() > np.cos(np.radians(8))
+    assert (found["nearest"], found["known_cameras"]) == ("Nikon D5100", 2)
+    assert found["flash"] == (told or "LED-B5")
+
+
+def test_lamps_are_saved_as_separations_read_them(tmp_path: Path) -> None:
+    shot = photograph_sphere(DIRECTIONS, np.array([(0.3, 0.2, 0.1), (0.2, 0.4, 0.3)]))
+    manifest = _run(shot, tmp_path, kind="lamps", sphere=CIRCLE, focal_px=FOCAL_PX)
+    lights = json.loads((tmp_path / "lights.json").read_bytes())["lights"]
+    read = [DirectedLight.model_validate(light) for light in lights]
+    assert np.array([light.direction for light in read]) == pytest.approx(
+        DIRECTIONS[::-1], abs=0.002
+    )
+    assert [light.strength for light in read] == pytest.approx([1.0, 0.5], abs=0.01)
+    assert [light.rgb for light in read] == [
+        pytest.approx([0.5, 1, 0.75], abs=0.01),
+        pytest.approx([1, 2 / 3, 1 / 3], abs=0.01),
+    ]
+    assert [light["deviation_deg"] < 0.1 for light in manifest["found"]["lights"]] == [True, True]
+    assert manifest["found"]["flash_aside_deg"] < 0.1
+    assert "flash_aside" not in [warning["code"] for warning in manifest["warnings"]]
+
+
+def test_a_flash_far_beside_and_an_unknown_lens_are_warned_of(tmp_path: Path) -> None:
+    colours = np.array([(0.3, 0.2, 0.1), (0.2, 0.4, 0.3)])
+    shot = photograph_sphere(DIRECTIONS, colours, flash_at=(0.12, 0.0))
+    warnings = _run(shot, tmp_path, kind="lamps", sphere=CIRCLE)["warnings"]
+    said = {warning["code"]: warning["message"] for warning in warnings}
+    assert said["flash_aside"].startswith("The flash shines from 7° beside")
+    assert said["focal_length_assumed"].startswith("The focal length is not known")
+
+
+def test_a_rendered_picture_tells_no_sensitivities(chart: Shot, tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match="rendered to sRGB"):
+        _run(chart, tmp_path, kind="camera", chart=CORNERS, encoding="srgb")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_wrong_camera_is_noticed(chart: Shot, tmp_path: Path) -> None:
+    red_for_blue = {"wavelength_nm": [380.0 + 5 * i for i in range(81)]}
+    table = {**red_for_blue, "r": S[2].tolist(), "g": S[1].tolist(), "b": S[0].tolist()}
+    with pytest.raises(UnusablePairError, match="check the marks and the camera"):
+        _run(chart, tmp_path, kind="flash", chart=CORNERS, camera=table)
+
+
+def test_progress_tells_its_stages_and_may_stop(chart: Shot, tmp_path: Path) -> None:
+    told: list[str] = []
+    options = CALIBRATION_OPTIONS.validate_python(
+        {"kind": "flash", "card": {"x": 30, "y": 120, "radius": 15}, "encoding": "linear"}
+    )
+    progress = Progress(lambda stage, _fraction: told.append(stage))
+    calibrate_files(*chart.files, options, tmp_path, progress)
+    assert list(dict.fromkeys(told)) == ["decode", "align", "calibrate"]
+    stop = Progress(canceled=lambda: True)
+    with pytest.raises(Canceled):
+        calibrate_files(*chart.files, options, tmp_path / "other", stop)
+    assert not (tmp_path / "other").exists()
+
+
+def test_every_kind_has_its_file() -> None:
+    assert FILES == {"flash": "flash.json", "camera": "camera.json", "lamps": "lights.json"}

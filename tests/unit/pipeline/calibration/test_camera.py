@@ -1,0 +1,85 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.calibration.camera import estimate_camera
+from pipeline.calibration.patches import Patches
+from pipeline.errors import UnusablePairError
+from pipeline.spectra.cameras import Camera, measured_cameras
+from pipeline.spectra.colorchecker import colorchecker_spectra
+from pipeline.spectra.grid import WAVELENGTHS_NM
+from pipeline.spectra.lights import find_light
+from tests.evaluation.spectra import sensitivities
+from tests.targets import other_colorchecker
+
+Array = NDArray[np.float64]
+XENON = find_light("xenon")
+X, Y = np.meshgrid(np.linspace(-1, 1, 6), np.linspace(-0.6, 0.6, 4))
+PLACES = np.stack([X.ravel(), Y.ravel()], axis=1)
+
+
+def _unlike() -> Array:
+    """A camera whose channels are the Nikon's, shifted, tinted and scaled."""
+    base = sensitivities("Nikon D5100")
+    moved = [
+        np.interp(WAVELENGTHS_NM - shift, WAVELENGTHS_NM, channel) * gain
+        for channel, shift, gain in zip(base, (6, -4, 5), (0.8, 1.0, 1.3), strict=True)
+    ]
+    tinted = np.array(moved) * np.exp(0.3 * np.sin(WAVELENGTHS_NM / 40.0))
+    return np.asarray(tinted / tinted.max())
+
+
+def _chart(s: Array, flash: Array, reflectances: Array) -> Patches:
+    lit = reflectances @ (s * flash).T * np.exp(0.2 * PLACES[:, 1:])
+    return Patches(lit, np.full(lit.shape, 1e-12), colorchecker_spectra(), PLACES)
+
+
+def _angles(a: Array, b: Array) -> Array:
+    unit_a, unit_b = (x / np.linalg.norm(x, axis=1, keepdims=True) for x in (a, b))
+    return np.asarray(np.degrees(np.arccos((unit_a * unit_b).sum(axis=1))))
+
+
+@pytest.mark.parametrize("name", ["Nikon D5100", "Sigma SD1 Merrill"])
+def test_a_known_camera_is_found(name: str) -> None:
+    truth = sensitivities(name)
+    patches = _chart(truth, XENON, colorchecker_spectra())
+    found = estimate_camera(patches, {"xenon": XENON}, measured_cameras())
+    assert (found.nearest, found.flash) == (name, "xenon")
+    assert _angles(found.sensitivities, truth) == pytest.approx(0.0, abs=1.5)
+    assert found.sensitivities.max() == 1.0
+    assert found.misfit < 0.001
+
+
+def test_an_unknown_camera_is_found_nearer_than_any_known() -> None:
+    truth = _unlike()
+    patches = _chart(truth, XENON, other_colorchecker())
+    found = estimate_camera(patches, {"xenon": XENON}, measured_cameras())
+    before = _angles(sensitivities("Nikon D5100"), truth)
+    after = _angles(found.sensitivities, truth)
+    assert before.mean() > 6.0
+    assert after.mean() < 0.7 * before.mean()
+    white, seen = truth @ XENON, found.sensitivities @ XENON
+    assert seen / seen[1] == pytest.approx(white / white[1], rel=0.02)
+
+
+def test_the_likeliest_flash_is_taken_where_it_is_not_told() -> None:
+    light = find_light("LED-B4")
+    patches = _chart(sensitivities("Nikon D5100"), light, colorchecker_spectra())
+    flashes = {name: find_light(name) for name in ("xenon", "LED-B4", "D50")}
+    assert estimate_camera(patches, flashes, measured_cameras()).flash == "LED-B4"
+
+
+def test_curves_are_never_negative() -> None:
+    patches = _chart(_unlike(), XENON, other_colorchecker())
+    found = estimate_camera(patches, {"xenon": XENON}, measured_cameras())
+    assert (found.sensitivities >= 0).all()
+
+
+def test_a_chart_that_no_camera_explains_is_refused() -> None:
+    blind = Camera("blind", np.ones((3, 81)) * [[1.0], [0.9], [0.8]], "measured")
+    shuffled = colorchecker_spectra()[np.random.default_rng(1).permutation(24)]
+    patches = _chart(sensitivities("Nikon D5100"), XENON, shuffled)
+    with pytest.raises(UnusablePairError, match="No camera explains the patches' colours"):
+        estimate_camera(patches, {"xenon": XENON}, [blind])

@@ -1,0 +1,108 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from pipeline.calibration.chart import disc, read_card, read_chart
+from pipeline.errors import OptionError, UnusablePairError
+from pipeline.options import Circle
+from pipeline.pair import Pair
+from pipeline.spectra.colorchecker import colorchecker_spectra
+from pipeline.spectra.lights import find_light
+from tests.evaluation.spectra import sensitivities
+from tests.targets import CORNERS, SIZE, photograph_chart
+
+S, XENON, LAMP = sensitivities("Nikon D5100"), find_light("xenon"), find_light("A")
+GRID = np.arange(24).reshape(4, 6)
+
+
+@pytest.fixture(scope="module")
+def chart(pair_of: Callable[..., Pair]) -> Pair:
+    return pair_of(photograph_chart(S, XENON, LAMP, colorchecker_spectra()))
+
+
+def test_patches_have_the_colours_of_their_reflectances(chart: Pair) -> None:
+    patches = read_chart(chart, CORNERS)
+    true = colorchecker_spectra() @ (S * XENON).T
+    colours, wanted = (x / x.sum(axis=1, keepdims=True) for x in (patches.flash, true))
+    assert colours == pytest.approx(wanted, abs=1e-5)
+    assert patches.places[[0, 5, 18, 23]] == pytest.approx(
+        np.array([[-1, -0.6], [1, -0.6], [-1, 0.6], [1, 0.6]])
+    )
+    # brightest at the upper left, as the flash falls off
+    brightness = patches.flash.sum(axis=1) / true.sum(axis=1)
+    assert brightness.max() / brightness.min() == pytest.approx(1.295, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("order", "words"),
+    [
+        (GRID[::-1, ::-1], "looks like black's, white's, dark skin's, bluish green's"),
+        (GRID[:, ::-1], "looks like bluish green's, dark skin's, white's, black's"),
+        (GRID[::-1], "looks like white's, black's, bluish green's, dark skin's"),
+    ],
+)
+def test_a_turned_or_mirrored_chart_is_refused(
+    pair_of: Callable[..., Pair],
+    order: np.ndarray,
+    words: str,
+) -> None:
+    turned = tuple(int(i) for i in order.ravel())
+    pair = pair_of(photograph_chart(S, XENON, LAMP, colorchecker_spectra(), order=turned))
+    with pytest.raises(OptionError, match=words):
+        read_chart(pair, CORNERS)
+
+
+def test_marks_in_another_order_are_refused(chart: Pair) -> None:
+    with pytest.raises(OptionError, match="turned or mirrored"):
+        read_chart(chart, CORNERS[2:] + CORNERS[:2])
+
+
+def test_no_chart_is_refused(pair_of: Callable[..., Pair]) -> None:
+    random = np.random.default_rng(3)
+    shuffled = tuple(int(i) for i in random.permutation(24))
+    pair = pair_of(photograph_chart(S, XENON, LAMP, colorchecker_spectra(), order=shuffled))
+    with pytest.raises(OptionError, match="does not look like a ColorChecker"):
+        read_chart(pair, CORNERS)
+
+
+def test_corners_must_lie_inside_and_around(chart: Pair) -> None:
+    with pytest.raises(OptionError, match="not all inside the photograph of 360 × 240"):
+        read_chart(chart, ((-1.0, 5.0), *CORNERS[1:]))
+    with pytest.raises(OptionError, match="cross each other"):
+        read_chart(chart, (CORNERS[0], CORNERS[2], CORNERS[1], CORNERS[3]))
+    tiny = tuple((100 + x / 60, 100 + y / 60) for x, y in CORNERS)
+    with pytest.raises(OptionError, match="covers hardly a pixel"):
+        read_chart(chart, tiny)
+
+
+def test_clipped_and_unlit_patches_are_named(pair_of: Callable[..., Pair]) -> None:
+    shot = photograph_chart(S, XENON, LAMP, colorchecker_spectra(), noise=1.0)
+    clipped = np.zeros((SIZE[1], SIZE[0]), bool)
+    clipped[170:200, 50:90] = True
+    with pytest.raises(UnusablePairError, match="Patch 19 of the chart is clipped"):
+        read_chart(pair_of(shot, unusable=clipped), CORNERS)
+    dark = pair_of(shot, flash=shot.frames[0].astype(np.float32))
+    with pytest.raises(UnusablePairError, match="flash does not reach patch 1 of the chart"):
+        read_chart(dark, CORNERS)
+
+
+def test_a_card_is_one_patch_of_flat_reflectance(chart: Pair) -> None:
+    card = read_card(chart, Circle(x=30, y=120, radius=12))
+    assert (card.flash.shape, card.reflectances.shape) == ((1, 3), (1, 81))
+    white = S @ XENON
+    assert card.flash[0] / card.flash[0].sum() == pytest.approx(white / white.sum(), abs=1e-5)
+    assert (card.reflectances == 1).all()
+
+
+def test_a_disc_holds_the_pixels_whose_middles_are_within() -> None:
+    mask = disc((8, 10), Circle(x=4, y=3, radius=1), "sphere")
+    assert np.argwhere(mask).tolist() == [[2, 3], [2, 4], [3, 3], [3, 4]]
+
+
+@pytest.mark.parametrize(("x", "y"), [(1.5, 4), (8.5, 4), (5, 1.5), (5, 6.5)])
+def test_a_circle_outside_is_refused(x: float, y: float) -> None:
+    with pytest.raises(OptionError, match="circle of the grey card is not wholly inside"):
+        disc((8, 10), Circle(x=x, y=y, radius=2), "grey card")

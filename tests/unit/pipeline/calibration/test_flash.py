@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.calibration.flash import FAMILY, estimate_flash
+from pipeline.calibration.patches import Patches
+from pipeline.errors import UnusablePairError
+from pipeline.spectra.colorchecker import colorchecker_spectra
+from pipeline.spectra.grid import WAVELENGTHS_NM
+from pipeline.spectra.lights import find_light
+from tests.evaluation.spectra import sensitivities
+from tests.targets import other_colorchecker
+
+Array = NDArray[np.float64]
+S = sensitivities("Nikon D5100")
+X, Y = np.meshgrid(np.linspace(-1, 1, 6), np.linspace(-0.6, 0.6, 4))
+PLACES = np.stack([X.ravel(), Y.ravel()], axis=1)
+
+
+def _tinted(name: str) -> Array:
+    """A light through a filter that no table has."""
+    light = find_light(name) * np.exp(0.25 * np.sin(WAVELENGTHS_NM / 45.0))
+    return np.asarray(light / light.sum())
+
+
+def _chart(flash: Array, reflectances: Array, s: Array = S) -> Patches:
+    lit = reflectances @ (s * flash).T * np.exp(-0.2 * PLACES[:, :1])
+    return Patches(lit, np.full(lit.shape, 1e-12), colorchecker_spectra(), PLACES)
+
+
+def _card(flash: Array) -> Patches:
+    lit = (S @ flash)[None]
+    return Patches(lit, np.full(lit.shape, 1e-12), np.ones((1, 81)), np.zeros((1, 2)))
+
+
+def _angle(a: Array, b: Array) -> float:
+    return float(np.degrees(np.arccos(a @ b / np.linalg.norm(a) / np.linalg.norm(b))))
+
+
+@pytest.mark.parametrize("name", ["xenon", "LED-B4", "LED-V1"])
+def test_a_light_of_the_family_is_found_by_a_chart(name: str) -> None:
+    found = estimate_flash(_chart(find_light(name), colorchecker_spectra()), S)
+    assert found.nearest == name
+    assert _angle(found.spectrum, find_light(name)) < 4.0
+    assert found.spectrum.sum() == pytest.approx(1.0)
+    assert found.misfit < 0.002
+
+
+@pytest.mark.parametrize("name", ["xenon", "D50"])
+def test_a_tinted_light_is_found_nearer_than_the_family_has_one(name: str) -> None:
+    truth = _tinted(name)
+    nearest = min(_angle(find_light(one), truth) for one in FAMILY)
+    chart = estimate_flash(_chart(truth, other_colorchecker()), S)
+    card = estimate_flash(_card(truth), S)
+    assert nearest > 8.0
+    assert _angle(chart.spectrum, truth) < 0.75 * nearest
+    # what the camera sees of a white card
+    seen, true = S @ np.array([chart.spectrum, card.spectrum]).T, S @ truth
+    assert seen / seen[1] == pytest.approx(np.stack([true, true], axis=1) / true[1], rel=0.025)
+
+
+def test_a_spectrum_is_never_negative() -> None:
+    deep = find_light("xenon") * np.exp(1.2 * np.sin(WAVELENGTHS_NM / 30.0))
+    patches = _chart(deep / deep.sum(), colorchecker_spectra())
+    assert (estimate_flash(patches, S).spectrum >= 0).all()
+
+
+def test_noise_is_believed_less() -> None:
+    truth = _tinted("xenon")
+    patches = _card(truth)
+    loud = Patches(patches.flash, (0.1 * patches.flash) ** 2, patches.reflectances, patches.places)
+    quiet_seen, loud_seen = (S @ estimate_flash(p, S).spectrum for p in (patches, loud))
+    true = S @ truth
+    quiet, loudly = (abs(x[0] / x[1] - true[0] / true[1]) for x in (quiet_seen, loud_seen))
+    assert loudly > 1.5 * quiet
+
+
+def test_a_chart_that_no_flash_explains_is_refused() -> None:
+    wrong = S[[2, 0, 1]]
+    with pytest.raises(UnusablePairError, match="No flash explains the patches' colours"):
+        estimate_flash(_chart(find_light("xenon"), colorchecker_spectra(), wrong), S)

@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from pipeline.calibration.light import lights_of, mean_light
+from pipeline.errors import OptionError, UnusablePairError
+from pipeline.noise import Noise
+from pipeline.pair import Pair
+from tests.targets import Shot
+
+_NOISE = Noise(np.full(3, 1e-4), np.full(3, 1e-6))
+
+
+@pytest.fixture
+def flat(pair_of: Callable[..., Pair]) -> Callable[..., Pair]:
+    def build(flash: float = 0.5, **more: object) -> Pair:
+        lit = np.full((40, 40, 3), 0.2)
+        shot = Shot((lit, lit + np.array([1.0, 0.5, 0.25]) * flash), (b"", b""))
+        return pair_of(shot, no_flash_noise=_NOISE, flash_noise=_NOISE, **more)
+
+    return build
+
+
+def _middle() -> np.ndarray:
+    mask = np.zeros((40, 40), bool)
+    mask[10:20, 10:20] = True
+    return mask
+
+
+def test_the_flash_part_is_the_difference_and_has_the_noise_of_both(
+    flat: Callable[..., Pair],
+) -> None:
+    found = mean_light(flat(), _middle(), "the card")
+    assert found.lamps == pytest.approx(0.2)
+    assert found.flash == pytest.approx([0.5, 0.25, 0.125], rel=1e-5)
+    single = 1e-4 * np.array([0.2 + 0.7, 0.2 + 0.45, 0.2 + 0.325]) + 2e-6
+    assert found.flash_variance == pytest.approx(single / 100, rel=1e-5)
+
+
+def test_a_flash_part_alone_is_taken_as_it_is(flat: Callable[..., Pair]) -> None:
+    found = mean_light(flat(flash_only=True), _middle(), "the card")
+    assert found.flash == pytest.approx([0.7, 0.45, 0.325])
+    assert found.flash_variance == pytest.approx((1e-4 * found.flash + 1e-6) / 100)
+
+
+def test_means_of_blocks_are_less_noisy(flat: Callable[..., Pair]) -> None:
+    value = np.array([0.3, 0.3, 0.3])
+    one, nine = (lights_of(flat(), value, 2 * value, averaged) for averaged in (1.0, 9.0))
+    assert nine.flash == pytest.approx(value)
+    assert nine.lamps_variance == pytest.approx(one.lamps_variance / 9)
+
+
+def test_areas_that_tell_nothing_are_refused(flat: Callable[..., Pair]) -> None:
+    with pytest.raises(OptionError, match="mark of the card covers hardly a pixel"):
+        mean_light(flat(), np.zeros((40, 40), bool), "the card")
+    clipped = _middle()
+    clipped[:, 12:] = False
+    with pytest.raises(UnusablePairError, match="The card is clipped"):
+        mean_light(flat(unusable=clipped), _middle(), "the card")
+    with pytest.raises(UnusablePairError, match="flash does not reach the card"):
+        mean_light(flat(flash=1e-5), _middle(), "the card")

@@ -1,0 +1,49 @@
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from pipeline.calibration.options import (
+    CALIBRATION_OPTIONS,
+    CameraCalibration,
+    FlashCalibration,
+    LampsCalibration,
+)
+
+CARD = {"x": 5, "y": 6, "radius": 3}
+CHART = [[0, 0], [50, 0], [50, 30], [0, 30]]
+
+
+def test_the_kind_says_what_is_read() -> None:
+    read = CALIBRATION_OPTIONS.validate_python
+    flash = read({"kind": "flash", "card": CARD, "flash_only": True})
+    assert isinstance(flash, FlashCalibration) and flash.card is not None
+    assert (flash.card.radius, flash.flash_only, flash.align) == (3.0, True, True)
+    camera = read({"kind": "camera", "chart": CHART})
+    assert isinstance(camera, CameraCalibration)
+    assert (camera.chart[2], camera.flash_spectrum) == ((50.0, 30.0), None)
+    lamps = read({"kind": "lamps", "sphere": CARD})
+    assert isinstance(lamps, LampsCalibration) and lamps.lights == "auto"
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({}, "kind"),
+        ({"kind": "lens"}, "kind"),
+        ({"kind": "flash"}, "mark either a grey card or a ColorChecker"),
+        ({"kind": "flash", "card": CARD, "chart": CHART}, "mark either a grey card"),
+        ({"kind": "flash", "card": {**CARD, "radius": 0}}, "greater than 0"),
+        ({"kind": "flash", "card": {**CARD, "x": float("nan")}}, "finite"),
+        ({"kind": "camera"}, "required"),
+        ({"kind": "camera", "chart": CHART[:3]}, "required"),
+        ({"kind": "lamps", "sphere": CARD, "lights": 4}, "'auto', 1, 2 or 3"),
+        ({"kind": "lamps", "sphere": CARD, "focal_px": -1}, "greater than 0"),
+        ({"kind": "lamps", "sphere": CARD, "card": CARD}, "Extra inputs"),
+    ],
+)
+def test_what_cannot_be_is_refused(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValidationError, match=words):
+        CALIBRATION_OPTIONS.validate_python(options)

@@ -1,0 +1,44 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pipeline.calibration.patches import Patches
+from pipeline.spectra.colorchecker import colorchecker_spectra
+
+_PLACES = np.array([(x, y) for y in (-0.6, -0.2, 0.2, 0.6) for x in np.linspace(-1, 1, 6)])
+
+
+def _patches(flash: np.ndarray) -> Patches:
+    return Patches(flash, np.full_like(flash, 1e-8), colorchecker_spectra(), _PLACES)
+
+
+def test_the_fall_off_is_found_beside_the_colours() -> None:
+    even = np.random.default_rng(2).uniform(0.1, 0.8, (24, 3))
+    x, y = _PLACES.T
+    field = np.exp(-0.3 * x + 0.1 * y - 0.2 * x * x)
+    field /= np.exp(np.log(field).mean())
+    found = _patches(even * field[:, None]).fall_off(7.0 * even)
+    assert found[:, 0] == pytest.approx(field, rel=1e-6)
+
+
+def test_few_patches_have_no_fall_off() -> None:
+    one = Patches(np.ones((1, 3)), np.zeros((1, 3)), np.ones((1, 81)), np.zeros((1, 2)))
+    assert one.fall_off(np.full((1, 3), 5.0)) == pytest.approx(np.ones((1, 1)))
+
+
+def test_misfit_is_relative_with_dark_patches_counting_little() -> None:
+    flash = np.full((24, 3), 1.0)
+    assert _patches(flash).misfit(1.1 * flash) == pytest.approx(0.1 / 1.02)
+    flash[23] = 0.0
+    off = flash.copy()
+    off[23] = 0.02
+    assert _patches(flash).misfit(off) == pytest.approx(np.sqrt(1 / 24))
+
+
+def test_the_tolerance_adds_noise_pigments_and_glare() -> None:
+    flash = np.full((24, 3), 0.5)
+    flash[0] = 1.0
+    tolerance = _patches(flash).tolerance
+    assert tolerance[0, 0] == pytest.approx(1e-8 + 0.015**2 + 0.003**2)
+    assert tolerance[1, 0] == pytest.approx(1e-8 + 0.0075**2 + 0.003**2)

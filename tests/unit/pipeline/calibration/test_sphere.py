@@ -1,0 +1,61 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pipeline.calibration.sphere import view_sphere
+from pipeline.errors import OptionError
+from pipeline.options import Circle
+
+FOCAL, SIZE = 500.0, (400, 300)
+
+
+def _outline(axis: float, half: float) -> Circle:
+    """Ellipse of the cone of rays around a sphere to the right, by its own points."""
+    d = np.array([np.sin(axis), 0, -np.cos(axis)])
+    u, v = np.array([np.cos(axis), 0, np.sin(axis)]), np.array([0.0, 1.0, 0.0])
+    t = np.linspace(0, 2 * np.pi, 20_001)[:, None]
+    edge = np.cos(half) * d + np.sin(half) * (u * np.cos(t) + v * np.sin(t))
+    x, y = FOCAL * edge[:, 0] / -edge[:, 2], FOCAL * edge[:, 1] / -edge[:, 2]
+    radius = np.sqrt(np.ptp(x) * np.ptp(y)) / 2
+    return Circle(x=(x.max() + x.min()) / 2 + SIZE[0] / 2, y=SIZE[1] / 2, radius=radius)
+
+
+@pytest.mark.parametrize(("axis", "half"), [(0.0, 0.1), (0.15, 0.15), (0.3, 0.05)])
+def test_points_lie_on_the_sphere(axis: float, half: float) -> None:
+    circle = _outline(axis, half)
+    angle = np.linspace(0, 6, 40)
+    reach = circle.radius * np.linspace(0, 0.9, 40)
+    x, y = circle.x + reach * np.cos(angle), circle.y + reach * np.sin(angle)
+    view = view_sphere(circle, x, y, FOCAL, SIZE)
+    centre = np.array([np.sin(axis), 0, -np.cos(axis)])
+    points = -view.towards * view.distance[:, None]
+    assert np.linalg.norm(points - centre, axis=1) == pytest.approx(np.sin(half), rel=1e-4)
+    assert view.normals == pytest.approx((points - centre) / np.sin(half), abs=1e-3)
+    assert (np.einsum("ij,ij->i", view.normals, view.towards) > 0).all()
+    # the pixel that a ray goes through
+    assert -view.towards[:, 0] / view.towards[:, 2] * FOCAL + SIZE[0] / 2 == pytest.approx(x)
+
+
+def test_axes_are_right_up_and_to_the_viewer() -> None:
+    circle = Circle(x=200, y=150, radius=40)
+    view = view_sphere(
+        circle, np.array([200.0, 230.0, 200.0]), np.array([150.0, 150.0, 120.0]), FOCAL, SIZE
+    )
+    assert view.normals[0] == pytest.approx([0, 0, 1])
+    assert view.normals[1, 0] > 0.7 and view.normals[1, 1] == pytest.approx(0)
+    assert view.normals[2, 1] > 0.7 and view.normals[2, 0] == pytest.approx(0)
+    assert view.distance[0] == pytest.approx(1 - np.sin(np.arctan(40 / FOCAL)))
+
+
+def test_pixels_beside_the_sphere_are_its_edge() -> None:
+    circle = Circle(x=200, y=150, radius=40)
+    view = view_sphere(circle, np.array([260.0]), np.array([150.0]), FOCAL, SIZE)
+    assert view.normals @ view.towards[0] == pytest.approx(0, abs=1e-9)
+    assert view.normals[0, 0] > 0.99
+
+
+def test_a_sphere_too_near_is_refused() -> None:
+    circle = Circle(x=380, y=290, radius=90)
+    with pytest.raises(OptionError, match="too near to the camera"):
+        view_sphere(circle, np.array([200.0]), np.array([150.0]), 30, SIZE)

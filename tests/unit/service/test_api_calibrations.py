@@ -1,0 +1,186 @@
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import httpx
+import pytest
+
+from pipeline.options import Sensitivities, Spectrum
+from pipeline.spectra.tables import write_sensitivities, write_spectrum
+from service import jobs
+from service.api.context import Context
+
+Png = Callable[..., bytes]
+Finish = Callable[[str, dict[str, bytes]], None]
+
+CIRCLE = {"x": 20, "y": 20, "radius": 5}
+CHART = [[5, 5], [55, 5], [55, 40], [5, 40]]
+LIGHTS: list[dict[str, Any]] = [
+    {"direction": [0.0, 0.6, 0.8]},
+    {"direction": [0.8, 0.0, 0.6], "strength": 0.5},
+]
+NM = [400.0, 500.0, 700.0]
+TABLES = {
+    "flash": write_spectrum(Spectrum(wavelength_nm=NM, power=[1.0, 2.0, 1.0])),
+    "camera": write_sensitivities(
+        Sensitivities(wavelength_nm=NM, r=[0.0, 0.2, 1.0], g=[0.1, 1.0, 0.2], b=[1.0, 0.3, 0.0])
+    ),
+    "lamps": json.dumps({"lights": LIGHTS}).encode(),
+}
+OPTIONS: dict[str, dict[str, Any]] = {
+    "flash": {"kind": "flash", "card": CIRCLE},
+    "camera": {"kind": "camera", "chart": CHART},
+    "lamps": {"kind": "lamps", "sphere": CIRCLE},
+}
+FILES = {"flash": "flash.json", "camera": "camera.json", "lamps": "lights.json"}
+
+
+@pytest.fixture
+def post(http: httpx.Client, png: Png) -> Callable[..., httpx.Response]:
+    """Send a pair with these options: post(path, options)."""
+
+    def send(path: str, options: Any, **headers: str) -> httpx.Response:
+        files = {"no_flash": ("a", png(64, 48)), "flash": ("b", png(64, 48, True))}
+        return http.post(path, files=files, data={"options": json.dumps(options)}, headers=headers)
+
+    return send
+
+
+@pytest.fixture
+def calibrated(post: Callable[..., httpx.Response], finish: Finish) -> Callable[[str], str]:
+    """Id of a finished calibration of a kind."""
+
+    def make(kind: str) -> str:
+        job: dict[str, str] = post("/calibrations", OPTIONS[kind]).json()
+        finish(job["id"], {FILES[kind]: TABLES[kind], "manifest.json": b"{}"})
+        return job["id"]
+
+    return make
+
+
+@pytest.mark.parametrize("kind", OPTIONS)
+def test_a_calibration_becomes_a_queued_job(
+    post: Callable[..., httpx.Response], http: httpx.Client, context: Context, kind: str
+) -> None:
+    answer = post("/calibrations", OPTIONS[kind])
+    assert answer.status_code == 202, answer.text
+    job = answer.json()
+    assert answer.headers["location"] == f"/jobs/{job['id']}" == job["links"]["self"]
+    assert job["state"] == "queued"
+    assert job["options"]["kind"] == kind
+    assert http.get(f"/jobs/{job['id']}").json() == job
+    with context.engine.connect() as connection:
+        row = jobs.find(connection, job["id"])
+    assert row is not None and row.task == "calibrate"
+
+
+def test_a_separation_is_another_task(
+    post: Callable[..., httpx.Response], context: Context
+) -> None:
+    job = post("/jobs", {"lights": 2}).json()
+    with context.engine.connect() as connection:
+        row = jobs.find(connection, job["id"])
+    assert row is not None and row.task == "separate"
+
+
+def test_sending_twice_with_a_key_makes_one_job(post: Callable[..., httpx.Response]) -> None:
+    key = {"Idempotency-Key": "once"}
+    first, again = (post("/calibrations", OPTIONS["lamps"], **key).json() for _ in range(2))
+    assert first["id"] == again["id"]
+    other = post("/calibrations", OPTIONS["flash"], **key)
+    assert (other.status_code, other.json()["type"][-22:]) == (422, "idempotency-key-reused")
+
+
+@pytest.mark.parametrize(
+    ("options", "status", "words"),
+    [
+        ({"kind": "lens"}, 422, "'flash', 'camera', 'lamps'"),
+        ({"kind": "flash"}, 422, "mark either a grey card or a ColorChecker"),
+        ({"kind": "lamps", "sphere": {**CIRCLE, "radius": -1}}, 422, "greater than 0"),
+        ({"kind": "camera", "chart": CHART[:2]}, 422, "chart"),
+        ([1], 422, "object"),
+    ],
+)
+def test_bad_options_are_refused(
+    post: Callable[..., httpx.Response], options: Any, status: int, words: str
+) -> None:
+    answer = post("/calibrations", options)
+    assert answer.status_code == status
+    assert words in answer.json()["detail"]
+
+
+def test_bad_requests_are_refused(http: httpx.Client, png: Png) -> None:
+    files: dict[str, Any] = {
+        "no_flash": ("a", png(64, 48)),
+        "flash": ("b", png(64, 48, True)),
+    }
+    without = http.post("/calibrations", files=files)
+    assert (without.status_code, without.json()["detail"]) == (
+        400,
+        "The part options is missing; it says what to calibrate.",
+    )
+    as_json = http.post("/calibrations", json=OPTIONS["flash"])
+    assert (as_json.status_code, as_json.json()["title"]) == (415, "Neither multipart nor JSON")
+    files["flash"] = ("b", b"no picture")
+    options = {"options": json.dumps(OPTIONS["flash"])}
+    assert http.post("/calibrations", files=files, data=options).status_code == 422
+
+
+def test_a_job_is_filled_in_from_calibrations(
+    post: Callable[..., httpx.Response], calibrated: Callable[[str], str], http: httpx.Client
+) -> None:
+    ids = {kind: calibrated(kind) for kind in OPTIONS}
+    asked: dict[str, Any] = {
+        "camera": {"calibration": ids["camera"]},
+        "flash_spectrum": {"calibration": ids["flash"]},
+        "light_directions": {"calibration": ids["lamps"]},
+    }
+    job = post("/jobs", asked).json()
+    kept = job["options"]
+    assert kept["flash_spectrum"] == {"wavelength_nm": NM, "power": [1.0, 2.0, 1.0]}
+    assert (kept["camera"]["g"], kept["camera"]["r"]) == ([0.1, 1.0, 0.2], [0.0, 0.2, 1.0])
+    directions = [light["direction"] for light in kept["light_directions"]]
+    assert directions == [light["direction"] for light in LIGHTS]
+    # the row is complete: nothing changes when the calibration goes
+    assert http.delete(f"/jobs/{ids['camera']}").status_code == 204
+    assert http.get(f"/jobs/{job['id']}").json()["options"] == kept
+
+
+def test_captures_and_calibrations_take_calibrations(
+    http: httpx.Client,
+    post: Callable[..., httpx.Response],
+    calibrated: Callable[[str], str],
+) -> None:
+    camera = {"camera": {"calibration": calibrated("camera")}}
+    wanted = {"capture": {"camera": "sim://studio"}, "options": camera}
+    assert http.post("/jobs", json=wanted).json()["options"]["camera"]["wavelength_nm"] == NM
+    flash = post("/calibrations", {**OPTIONS["flash"], **camera}).json()
+    assert flash["options"]["camera"]["b"] == [1.0, 0.3, 0.0]
+
+
+def test_calibrations_that_cannot_be_used_are_named(
+    post: Callable[..., httpx.Response], calibrated: Callable[[str], str], http: httpx.Client
+) -> None:
+    waiting = post("/calibrations", OPTIONS["camera"]).json()["id"]
+    canceled = post("/calibrations", OPTIONS["camera"]).json()["id"]
+    http.post(f"/jobs/{canceled}/cancel")
+    separation = post("/jobs", {}).json()["id"]
+    flash = calibrated("flash")
+    for named, words in {
+        "0123": "camera: there is no calibration '0123'; it may have been deleted.",
+        separation: f"camera: there is no calibration {separation!r}; it may have been deleted.",
+        flash: "camera: the calibration is one of a flash, and this takes one of a camera.",
+        waiting: "camera: the calibration is queued; wait until it has succeeded.",
+        canceled: "camera: the calibration is canceled; make another.",
+    }.items():
+        answer = post("/jobs", {"camera": {"calibration": named}})
+        assert (answer.status_code, answer.json()["detail"]) == (422, words)
+
+
+def test_other_objects_are_judged_as_tables(post: Callable[..., httpx.Response]) -> None:
+    for camera in ({"calibration": "1", "r": [1]}, {"name": "x"}, {"calibration": {"id": 1}}):
+        answer = post("/jobs", {"camera": camera})
+        assert answer.status_code == 422
+        assert "camera" in answer.json()["detail"]
