@@ -27,9 +27,13 @@ lint: setup  ## Check style, types and the import rules
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-evaluate: setup  ## Measure separation and normals on rendered scenes; SET=development for tuning
+evaluate: setup  ## Measure on rendered scenes what is promised; SET=development for tuning
 	$(BIN)/python -m tests.evaluation --set $(SET)
 	$(BIN)/python -m tests.evaluation.normals --set $(SET)
+	$(BIN)/python -m tests.evaluation.editing --set $(SET)
+	$(BIN)/python -m tests.evaluation.known_lamps --set $(SET)
+	$(BIN)/python -m tests.evaluation.calibration $(if $(filter development,$(SET)),--set $(SET))
+	$(BIN)/python -m tests.evaluation.warnings
 
 serve: setup  ## Serve on http://localhost:8000; HOST=0.0.0.0 for phones on this network, too
 	$(BIN)/lightlayers serve --host $(HOST)

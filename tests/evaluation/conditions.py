@@ -21,7 +21,8 @@ class Condition:
     size: (width, height). files: exact linear values, those of a sensor with its noise, or JPEG.
     exposure: share of the light that is let in. motion_px: of the hand between the photographs.
     camera, flash: names to be told, None for the right ones; nothing is told with a JPEG, whose
-    colours are those of sRGB. lights: whether the number of lamps is told.
+    colours are those of sRGB. lights: whether the number of lamps is told, or a wrong one.
+    flash_strength: of all lamps together. exposure_ratio: to be told; the true one is 1.
     """
 
     size: tuple[int, int] = SIZE
@@ -30,12 +31,14 @@ class Condition:
     motion_px: float = 0.0
     camera: str | None = None
     flash: str | None = None
-    lights: Literal["told", "auto"] = "told"
+    lights: Literal["told", "auto", 1] = "told"
+    flash_strength: float = 1.0
+    exposure_ratio: float = 1.0
 
 
 def make_shot(scene: Scene, condition: Condition) -> Shot:
     """Photograph a scene. Only the first time it is rendered."""
-    rendered = render_scene(scene, condition.size, condition.motion_px)
+    rendered = render_scene(scene, condition.size, condition.motion_px, condition.flash_strength)
     if condition.files == "jpeg":
         taken = capture_jpeg(rendered)
     else:
@@ -44,7 +47,7 @@ def make_shot(scene: Scene, condition: Condition) -> Shot:
     options: dict[str, Any] = {
         "encoding": taken.encoding,
         "flash_spectrum": condition.flash or scene.flash,
-        "exposure_ratio": 1.0,
+        "exposure_ratio": condition.exposure_ratio,
     }
     if condition.files != "jpeg":
         options["camera"] = condition.camera or scene.camera
@@ -52,7 +55,7 @@ def make_shot(scene: Scene, condition: Condition) -> Shot:
     return Shot(
         files=(taken.no_flash, taken.flash),
         options=options,
-        lights=_lights(len(scene.lamp_spectra)) if condition.lights == "told" else "auto",
+        lights=_told(len(scene.lamp_spectra)) if condition.lights == "told" else condition.lights,
         truth=taken.truth,
         flash_part=taken.flash_part,
         valid=valid_pixels(rendered.lamps, rendered.flash, 1.0),
@@ -64,7 +67,7 @@ def make_shot(scene: Scene, condition: Condition) -> Shot:
     )
 
 
-def _lights(count: int) -> Literal[1, 2, 3]:
+def _told(count: int) -> Literal[1, 2, 3]:
     if count == 1:
         return 1
     if count == 2:

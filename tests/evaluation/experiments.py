@@ -22,6 +22,7 @@ ALL = (
 FEW = ("equal", "paper", "paper_shared", "best", "best_3x3")
 OURS = ("best",)
 WHITE = tuple(BALANCES)
+WHITE_OF_MORE = tuple(name for name in BALANCES if name != "hsu_2008")
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         for group in ("one", "two", "three", "four")
     },
     "white-two": Experiment("two", WHITE),
-    "white-three": Experiment("three", WHITE),
+    "white-three": Experiment("three", WHITE_OF_MORE),
     "white-two-led": Experiment("two-led", WHITE),
     "white-two-noise": Experiment("two", WHITE, _noisy(1.0)),
 }

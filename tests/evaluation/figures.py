@@ -7,11 +7,10 @@ from collections import Counter, defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from pipeline.remarks import Code
 from tests.evaluation.results import Result
 from tests.evaluation.scenes import Scene
 
-_TOO_ALIKE = ("apart in colour", "too alike")
-_FOUR = ("four",)
 SURE = 0.9
 
 
@@ -78,12 +77,12 @@ def roughness(scene: Scene) -> float:
 
 def too_alike(result: Result) -> bool:
     """Whether the method says that lamps are too alike."""
-    return _says(result, _TOO_ALIKE)
+    return Code.LAMPS_ALIKE in codes(result)
 
 
 def four_or_more(result: Result) -> bool:
     """Whether the method says that three lamps do not explain the light."""
-    return _says(result, _FOUR)
+    return Code.FOUR_OR_MORE in codes(result)
 
 
 def right(result: Result) -> bool:
@@ -102,6 +101,6 @@ def confusion(results: list[Result]) -> dict[int, Counter[str]]:
     return dict(sorted(table.items()))
 
 
-def _says(result: Result, words: tuple[str, ...]) -> bool:
-    said = " ".join((*result.warnings, result.refusal)).lower()
-    return any(word in said for word in words)
+def codes(result: Result) -> set[str]:
+    """Codes of what the method warns of."""
+    return {warning["code"] for warning in result.warnings}

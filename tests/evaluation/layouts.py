@@ -14,7 +14,7 @@ from tests.evaluation.geometry import Geometry, Kind, Lamp, Shape, Vector, View
 from tests.evaluation.patterns import Pattern
 
 Array = NDArray[np.float64]
-Layout = Literal["room", "corner", "smooth", "close"]
+Layout = Literal["room", "corner", "smooth", "close", "panels"]
 _LAYOUTS = get_args(Layout)
 
 PALETTE = 40
@@ -24,6 +24,7 @@ LIGHT = 8
 _OBJECTS: tuple[Kind, ...] = ("box", "sphere", "ellipsoid", "cylinder", "cone", "vase", "torus")
 _ROUND: tuple[Kind, ...] = ("sphere", "ellipsoid")
 _FLASH_BESIDE_LENS = 0.06
+_PANEL, _PANEL_COLOURS = 2.4, 12
 _TRIES = 1000
 
 
@@ -33,11 +34,14 @@ def make_geometry(layout: Layout, seed: int, lamps: int) -> Geometry:
     room: a floor, a back wall and 5 to 12 things on it. corner: two walls at right angles close
     around 4 to 7 things, where light bounces. smooth: one to three round things in the dark, none
     of which casts a shadow on another. close: a room whose things fill much of the picture.
+    panels: two painted walls that meet, all of which all lamps light, so that none is ever alone.
     """
     random = np.random.default_rng([seed, _LAYOUTS.index(layout)])
     paints = _paints(random)
     if layout == "smooth":
         return _smooth(random, paints, lamps)
+    if layout == "panels":
+        return _panels(random, lamps)
     view = View(
         position=(random.uniform(-0.6, 0.6), random.uniform(1.0, 1.9), random.uniform(3.6, 4.4)),
         look_at=(random.uniform(-0.1, 0.1), random.uniform(0.3, 0.45), -0.2),
@@ -73,6 +77,27 @@ def _smooth(random: np.random.Generator, paints: Iterator[Pattern], lamps: int) 
         if apart and not any(_shadows(lamp, shapes) for lamp in chosen):
             return Geometry(shapes, (*chosen, _flash(random, view)), view)
     raise ValueError(f"no place for {lamps} lamps that cast no shadow")
+
+
+def _panels(random: np.random.Generator, lamps: int) -> Geometry:
+    view = View(position=(0.0, 0.0, 4.0), look_at=(0.0, 0.0, 0.0))
+    shapes = []
+    for side in (-1.0, 1.0):
+        colours = tuple(int(c) for c in random.permutation(PALETTE)[:_PANEL_COLOURS])
+        cells, seed = int(random.integers(12, 24)), int(random.integers(1 << 31))
+        pattern = Pattern("patches", colours, cells, seed)
+        bend = np.radians(random.uniform(4, 14))
+        centre = _vector(_PANEL * np.array([side * np.cos(bend), 0.0, np.sin(bend)]))
+        turn = -side * float(np.degrees(bend))
+        shapes.append(Shape("plane", centre, (_PANEL,) * 3, pattern, turn, plastic=False))
+    turns = np.radians(np.linspace(-40, 40, lamps) + random.uniform(-12, 12, lamps))
+    around = []
+    for turn in random.permutation(turns):
+        high, away = np.radians(random.uniform(-5, 40)), random.uniform(2.4, 4.0)
+        beside = away * np.cos(high)
+        centre = beside * np.sin(turn), away * np.sin(high), beside * np.cos(turn)
+        around.append(Lamp(_vector(np.array(centre)), random.uniform(0.01, 0.08)))
+    return Geometry(tuple(shapes), (*around, _flash(random, view)), view)
 
 
 def _side_by_side(random: np.random.Generator, paints: Iterator[Pattern]) -> tuple[Shape, ...]:

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
+import tifffile
 from numpy.typing import NDArray
 
 from pipeline.decode import decode
@@ -69,8 +70,9 @@ class Figures:
     """Of one method on one object.
 
     error_deg: mean over the pixels that all lamps light. coverage: share of them that have a
-    normal. depth_error: RMS over the object ÷ its relief, None without depth. cpu_s: processor time
-    of everything, from files to files.
+    normal. depth_error: RMS over the object ÷ its relief, None without depth. unsure_deg, sure_deg:
+    mean over the tenth of the object's pixels that confidence trusts least, and the half that it
+    trusts most, None without confidence. cpu_s: processor time of everything, from files to files.
     """
 
     condition: str
@@ -80,15 +82,26 @@ class Figures:
     error_deg: float
     coverage: float
     depth_error: float | None
+    unsure_deg: float | None
+    sure_deg: float | None
     refusal: str
     cpu_s: float
 
 
-Method = Callable[[ObjectShot, Condition], tuple[Array, Array | None]]
+@dataclass(frozen=True)
+class Found:
+    """What a method finds: normals (H, W, 3), depth (H, W), confidence (H, W) 0…1 of normals."""
+
+    normals: Array
+    depth: Array | None = None
+    confidence: Array | None = None
+
+
+Method = Callable[[ObjectShot, Condition], Found]
 
 
 def _product(method: str) -> Method:
-    def run(shot: ObjectShot, condition: Condition) -> tuple[Array, Array | None]:
+    def run(shot: ObjectShot, condition: Condition) -> Found:
         lights = [{name: shot.lights[j][name] for name in condition.said} for j in condition.lamps]
         options = Options.model_validate(
             {
@@ -96,21 +109,24 @@ def _product(method: str) -> Method:
                 "method": method,
                 "lights": len(lights),
                 "light_directions": lights,
-                "outputs": ["normals.exr", "depth.exr"],
+                "outputs": ["normals.exr", "depth.exr", "normals_confidence.tif"],
             }
         )
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             separate_files(*shot.files, options, folder, Progress())
-            normals = planes_of(folder / "normals.exr")
-            depth = folder / "depth.exr"
-            z = planes_of(depth)["Z"].astype(np.float64) if depth.exists() else None
-        return np.stack([normals[c] for c in "RGB"], axis=-1).astype(np.float64), z
+            planes = planes_of(folder / "normals.exr")
+            normals = np.stack([planes[c] for c in "RGB"], axis=-1).astype(np.float64)
+            if method == "paper":
+                return Found(normals)
+            depth = planes_of(folder / "depth.exr")["Z"].astype(np.float64)
+            confidence = tifffile.imread(folder / "normals_confidence.tif") / 65535
+        return Found(normals, depth, confidence)
 
     return run
 
 
-def _single_shot(shot: ObjectShot, condition: Condition) -> tuple[Array, Array | None]:
+def _single_shot(shot: ObjectShot, condition: Condition) -> Found:
     before, after = (decode(file, "linear", "photograph").pixels for file in shot.files)
     white = sensitivities(CAMERA) @ flash_spectrum(condition.flash)
     surface = (after - before)[shot.lit].mean(axis=0) / white
@@ -119,11 +135,11 @@ def _single_shot(shot: ObjectShot, condition: Condition) -> tuple[Array, Array |
     colours = (rgb / rgb[:, 1:2] * strengths[:, None]).T
     directions = unit(np.array([light["direction"] for light in shot.lights]))
     even = before / (surface / surface[1]).astype(np.float32)
-    return single_shot_normals(even, colours, directions).astype(np.float64), None
+    return Found(single_shot_normals(even, colours, directions).astype(np.float64))
 
 
-def _facing_camera(shot: ObjectShot, _: Condition) -> tuple[Array, Array | None]:
-    return np.broadcast_to([0.0, 0.0, 1.0], shot.normals.shape), None
+def _facing_camera(shot: ObjectShot, _: Condition) -> Found:
+    return Found(np.broadcast_to([0.0, 0.0, 1.0], shot.normals.shape))
 
 
 METHODS: dict[str, Method] = {
@@ -141,26 +157,41 @@ def measure(name: str, thing: Object, split: Split, method: str) -> Figures:
         thing, split, condition.kind, condition.flash, condition.noise, condition.lamps
     )
     start = time.process_time()
-    depth, refusal = None, ""
+    refusal = ""
     try:
-        normals, depth = METHODS[method](shot, condition)
+        found = METHODS[method](shot, condition)
     except InputError as refused:
-        normals, refusal = np.full(shot.normals.shape, np.nan), str(refused)
+        found, refusal = Found(np.full(shot.normals.shape, np.nan)), str(refused)
     spent = time.process_time() - start
-    known = shot.lit & np.isfinite(normals).all(axis=2)
-    cosine = np.clip((normals[known] * shot.normals[known]).sum(axis=1), -1, 1)
+    cosine = np.clip((found.normals * shot.normals).sum(axis=2), -1, 1)
     degrees = np.degrees(np.arccos(cosine))
+    known = shot.lit & np.isfinite(degrees)
+    unsure, sure = _by_confidence(degrees, found.confidence)
     return Figures(
         condition=name,
         object=thing.name,
         materials=thing.materials,
         method=method,
-        error_deg=float(degrees.mean()) if known.any() else _WRONG_DEG,
+        error_deg=float(degrees[known].mean()) if known.any() else _WRONG_DEG,
         coverage=float(known.sum() / shot.lit.sum()),
-        depth_error=None if depth is None else _depth_error(depth, shot),
+        depth_error=None if found.depth is None else _depth_error(found.depth, shot),
+        unsure_deg=unsure,
+        sure_deg=sure,
         refusal=refusal,
         cpu_s=spent,
     )
+
+
+def _by_confidence(
+    degrees: Array, confidence: Array | None
+) -> tuple[float, float] | tuple[None, None]:
+    """Mean error of the tenth least trusted and of the half most trusted of all known pixels."""
+    if confidence is None:
+        return None, None
+    known = np.isfinite(degrees)
+    ordered = degrees[known][np.argsort(confidence[known], kind="stable")]
+    tenth, half = len(ordered) // 10, len(ordered) // 2
+    return float(ordered[:tenth].mean()), float(ordered[half:].mean())
 
 
 def _depth_error(depth: Array, shot: ObjectShot) -> float:
@@ -200,6 +231,8 @@ def main() -> None:
 
 def _line(figures: Figures) -> str:
     depth = "" if figures.depth_error is None else f"  depth {figures.depth_error:.2%}"
+    if figures.unsure_deg is not None:
+        depth += f"  least / most sure {figures.unsure_deg:.2f}° / {figures.sure_deg:.2f}°"
     return (
         f"{figures.condition}  {figures.object}  {figures.method}  {figures.error_deg:.2f}°  "
         f"coverage {figures.coverage:.3f}{depth}  {figures.refusal}"
@@ -209,7 +242,7 @@ def _line(figures: Figures) -> str:
 def rows(found: list[Figures]) -> list[list[str]]:
     """A row for each condition: median / worst error of each method, coverage and depth of best."""
     methods = [name for name in METHODS if any(one.method == name for one in found)]
-    rows = [["", *methods, "coverage", "depth, % of relief"]]
+    table = [["", *methods, "coverage", "depth, % of relief", "least / most sure"]]
     for name in dict.fromkeys(one.condition for one in found):
         own = [one for one in found if one.condition == name]
         row = [name]
@@ -220,8 +253,13 @@ def rows(found: list[Figures]) -> list[list[str]]:
         depths = [100 * one.depth_error for one in best if one.depth_error is not None]
         row.append(f"{min(one.coverage for one in best):.3f}" if best else "–")
         row.append(f"{np.median(depths):.2f} / {max(depths):.2f}" if depths else "–")
-        rows.append(row)
-    return rows
+        unsure, sure = (
+            [value for one in best if (value := getattr(one, which)) is not None]
+            for which in ("unsure_deg", "sure_deg")
+        )
+        row.append(f"{np.median(unsure):.2f} / {np.median(sure):.2f}" if unsure else "–")
+        table.append(row)
+    return table
 
 
 def _write(found: list[Figures], table: str) -> None:

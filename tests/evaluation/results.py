@@ -8,6 +8,7 @@ import time
 from dataclasses import asdict, astuple, dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +26,10 @@ from tests.evaluation.white_balance import BALANCES
 _EXACT_DB = 100.0
 _NO_COLOUR_DEG = 90.0
 _ESTIMATOR = (
+    "contradictions.py",
     "count.py",
+    "families.py",
+    "known_lamps.py",
     "lamps.py",
     "manifest.py",
     "matrixfit",
@@ -58,6 +62,7 @@ _WITHOUT_PRODUCT = (
     "uncorrected",
     "grey_world",
     "shades_of_grey",
+    "hsu_2008",
     "hui_2016",
 )
 
@@ -81,7 +86,7 @@ class Result:
     lamps: int
     found: int
     confidence: float | None
-    warnings: tuple[str, ...]
+    warnings: tuple[dict[str, Any], ...]
     refusal: str
     cpu_s: float
 

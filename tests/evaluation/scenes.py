@@ -103,21 +103,37 @@ class RenderedScene:
 
 
 def render_scene(
-    scene: Scene, size: tuple[int, int] = SIZE, motion_px: float = 0.0
+    scene: Scene,
+    size: tuple[int, int] = SIZE,
+    motion_px: float = 0.0,
+    flash_strength: float = 1.0,
 ) -> RenderedScene:
     """Photograph a scene; renderings are cached.
 
     size: (width, height). motion_px: how far the hand turns between the photographs, in pixels at
-    the middle of the picture; it rolls and wanders in proportion.
+    the middle of the picture; it rolls and wanders in proportion. flash_strength: of all lamps
+    together, in the mean of green.
 
-    The flash is as strong as all lamps together, in the mean of green, and the exposure such that
-    the 99.9th percentile of the brightest channel of both together is 0.9.
+    The exposure is such that the 99.9th percentile of the brightest channel of both together is
+    0.9.
     """
-    s = sensitivities(scene.camera)
-    spectra = [*scene.lamp_spectra, flash_spectrum(scene.flash)]
+    spectra = sensitivities(scene.camera), flash_spectrum(scene.flash)
+    return render_seen(scene, *spectra, size, motion_px, flash_strength)
+
+
+def render_seen(
+    scene: Scene,
+    s: Array,
+    flash: Array,
+    size: tuple[int, int] = SIZE,
+    motion_px: float = 0.0,
+    flash_strength: float = 1.0,
+) -> RenderedScene:
+    """Photograph a scene with another camera, of sensitivities (3, W), and flash (W,)."""
+    spectra = [*scene.lamp_spectra, flash]
     responses = [spectrum[:, None] * s.T for spectrum in spectra]
     pictures = _pictures(scene, scene.geometry, responses, size)
-    strengths = np.array([*scene.strengths, sum(scene.strengths)])
+    strengths = np.array([*scene.strengths, flash_strength * sum(scene.strengths)])
     means = np.array([picture[..., 1].mean() for picture in pictures])
     if not (means > 0).all():
         raise ValueError(f"a lamp of {scene.name} lights nothing that the camera sees")
@@ -135,12 +151,22 @@ def render_scene(
 
 
 def render_neutral(scene: Scene, size: tuple[int, int] = SIZE) -> Image:
-    """Show a scene as if every lamp shone like NEUTRAL, each as bright as it is.
+    """Show a scene as if every lamp shone like NEUTRAL; see neutral_seen."""
+    lit = render_scene(scene, size).lamps
+    return neutral_seen(scene, sensitivities(scene.camera), lit, size)
+
+
+def neutral_seen(
+    scene: Scene, s: Array, lit: NDArray[np.float32], size: tuple[int, int] = SIZE
+) -> Image:
+    """Show a scene to a camera (3, W) as if every lamp shone like NEUTRAL, as bright as it is.
+
+    lit: (N, H, W, 3), what the camera sees of each lamp, from render_seen.
 
     A lamp keeps its green response on a white card. (H, W, 3) linear camera RGB, on the scale of
     render_scene.
     """
-    s, neutral = sensitivities(scene.camera), find_light(NEUTRAL)
+    neutral = find_light(NEUTRAL)
     whites = np.array([s[1] @ lamp for lamp in scene.lamp_spectra]) / (s[1] @ neutral)
     before = _pictures(
         scene, scene.geometry, [lamp[:, None] * s.T for lamp in scene.lamp_spectra], size
@@ -148,12 +174,34 @@ def render_neutral(scene: Scene, size: tuple[int, int] = SIZE) -> Image:
     after = _pictures(
         scene, scene.geometry, [white * neutral[:, None] * s.T for white in whites], size
     )
-    lit = render_scene(scene, size).lamps
     shown = [
         one[..., 1].mean() / old[..., 1].mean() * new
         for one, old, new in zip(lit, before, after, strict=True)
     ]
     return np.asarray(sum(shown), dtype=np.float32)
+
+
+def render_response(scene: Scene, camera: str, size: tuple[int, int] = SIZE) -> NDArray[np.float32]:
+    """Show every lamp of a scene alone as another camera sees it, (N, H, W, 3), its linear RGB.
+
+    The camera is exposed so that a white card in daylight, D65, gives it the same green. The scale
+    is that of render_scene.
+    """
+    s, other = sensitivities(scene.camera), sensitivities(camera)
+    daylight = find_light("D65")
+    other = other * (s[1] @ daylight) / (other[1] @ daylight)
+    before, after = (
+        _pictures(
+            scene, scene.geometry, [lamp[:, None] * one.T for lamp in scene.lamp_spectra], size
+        )
+        for one in (s, other)
+    )
+    lit = render_scene(scene, size).lamps
+    shown = [
+        one[..., 1].mean() / old[..., 1].mean() * new
+        for one, old, new in zip(lit, before, after, strict=True)
+    ]
+    return np.asarray(shown, dtype=np.float32)
 
 
 def scenes(group: str, split: Split) -> list[Scene]:
@@ -316,6 +364,9 @@ GROUPS: dict[str, Callable[[str, Split], list[Scene]]] = {
     "roughness": _roughnesses,
     "smooth-two": _group(8, 2, 10.0, "smooth"),
     "smooth-three": _group(6, 3, 15.0, "smooth"),
+    "panels-two": _group(12, 2, 10.0, "panels"),
+    "panels-three": _group(6, 3, 20.0, "panels"),
 }
 """Groups of scenes. two, three: figures 2, 3 and 9 of Hui et al. 2018; angle: 4; bounces: 15;
-roughness: 16; broad: lamps of broad spectra, as the source's own; led: the flash of a phone."""
+roughness: 16; broad: lamps of broad spectra, as the source's own; led: the flash of a phone;
+panels: no lamp is alone anywhere."""

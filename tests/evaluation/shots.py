@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from pipeline.decode import decode
 from pipeline.frames import Image, Mask
-from pipeline.noise import sigma_filter
 from pipeline.options import Options
 from pipeline.pair import Pair, make_pair
 from pipeline.progress import Progress
 from pipeline.reduced import ReducedPair, reduce_pair
+from pipeline.sigma_filter import sigma_filter
 
 Array = NDArray[np.float64]
 

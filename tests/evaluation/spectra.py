@@ -10,6 +10,7 @@ half has a twin in the other.
 from __future__ import annotations
 
 import csv
+import json
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
@@ -20,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.spectra.bases import SpectralBasis, learn_basis
+from pipeline.spectra.folder import folder_spectra
 from pipeline.spectra.grid import STEP_NM, on_grid
 from pipeline.spectra.library import colour_science, without_warnings
 from pipeline.spectra.lights import find_light, lamp_spectra, reflectance_spectra
@@ -76,13 +78,24 @@ def reflectances(split: Split) -> Array:
 
 @cache
 def sensitivities(camera: str) -> Array:
-    """Sensitivities (3, W) of one of CAMERAS, the largest value 1, ratio of channels as measured.
+    """Sensitivities (3, W) of a camera, the largest value 1, ratio of channels as measured.
 
-    Read here anew, so that a slip in the pipeline's own reading shows.
+    camera: one of CAMERAS, or an AMPAS JSON in the folder that LIGHTLAYERS_SPECTRA names. Read here
+    anew, so that a slip in the pipeline's own reading shows.
     """
+    if camera not in CAMERAS:
+        return _ampas(folder_spectra()[camera])
     with without_warnings():
         table = colour_science().MSDS_CAMERA_SENSITIVITIES[CAMERAS[camera]]
     values = on_grid(table.wavelengths, table.values, "zero").T
+    return _frozen(values / values.max())
+
+
+def _ampas(path: Path) -> Array:
+    rows = json.loads(path.read_text(encoding="utf-8"))["spectral_data"]["data"]["main"]
+    values = on_grid(
+        [float(nm) for nm in rows], [list(map(float, row)) for row in rows.values()], "zero"
+    ).T
     return _frozen(values / values.max())
 
 

@@ -57,11 +57,11 @@ def balances(outcome: Outcome, experiments: tuple[str, ...]) -> Rows:
     methods = list(dict.fromkeys(result.method for result in outcome.results[experiments[0]]))
     rows = [["white balance", *experiments]]
     for method in methods:
-        cells = [
-            f"{statistics.median(outcome.errors(name, method).values()):.2f}° / "
-            f"{outcome.median(name, method):.1f} dB"
-            for name in experiments
-        ]
+        cells = []
+        for name in experiments:
+            errors, values = outcome.errors(name, method), outcome.snr(name, method)
+            colour, snr = (statistics.median(v.values()) if v else None for v in (errors, values))
+            cells.append("–" if colour is None else f"{colour:.2f}° / {snr:.1f} dB")
         rows.append([method, *cells])
     return rows
 

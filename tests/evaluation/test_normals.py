@@ -29,6 +29,8 @@ def test_the_product_is_measured_from_file_to_file(condition: str, limit: float)
     assert found.depth_error is not None
     assert found.depth_error < 0.02
     assert not found.refusal
+    assert found.unsure_deg is not None and found.sure_deg is not None
+    assert found.unsure_deg > 2 * found.sure_deg
 
 
 def test_a_surface_may_jump() -> None:
@@ -37,8 +39,10 @@ def test_a_surface_may_jump() -> None:
 
     found = measure("measured lamps", things["plain balls"], "development", "best")
 
-    assert found.error_deg < 2
+    assert found.error_deg < 0.5
     assert found.coverage > 0.98
+    assert found.depth_error is not None
+    assert found.depth_error < 0.08
 
 
 def test_a_refusal_is_told_and_counts_as_wrong() -> None:
@@ -51,14 +55,24 @@ def test_a_refusal_is_told_and_counts_as_wrong() -> None:
 
 def test_rows_are_medians_and_worst_values() -> None:
     def one(method: str, error: float, depth: float | None) -> Figures:
-        return Figures("sensor noise", "ball", 1, method, error, 0.5 + error / 10, depth, "", 1.0)
+        sure = None if depth is None else 3 * error
+        return Figures(
+            "sensor noise", "ball", 1, method, error, 0.5 + error / 10, depth, sure, 1, "", 1
+        )
 
     found = [one("best", error, 0.01 * error) for error in (1.0, 2.0, 4.0)]
 
     table = rows([*found, one("paper", 30.0, None)])
 
-    assert table[0] == ["", "best", "paper", "coverage", "depth, % of relief"]
-    assert table[1] == ["sensor noise", "2.00 / 4.00", "30.00 / 30.00", "0.600", "2.00 / 4.00"]
+    assert table[0] == ["", "best", "paper", "coverage", "depth, % of relief", "least / most sure"]
+    assert table[1] == [
+        "sensor noise",
+        "2.00 / 4.00",
+        "30.00 / 30.00",
+        "0.600",
+        "2.00 / 4.00",
+        "6.00 / 1.00",
+    ]
 
 
 def test_conditions_say_what_they_are_named() -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.remarks import Code, Remark
 from tests.evaluation import __main__ as program
 from tests.evaluation import tables
 from tests.evaluation.experiments import EXPERIMENTS
@@ -28,6 +29,7 @@ FIGURES = dict.fromkeys(METHODS, 10.0) | {
     **dict.fromkeys(BALANCES, 35.0),
 }
 
+_FOUR = Remark(Code.FOUR_OR_MORE, "It looks like four lamps or more.").entry()
 _ERRORS = {"paper": 1.5, "best": 1.5, **dict.fromkeys(BALANCES, 0.2)}
 
 
@@ -41,7 +43,7 @@ def result(scene: Scene, method: str, **changes: object) -> Result:
         lamps=count,
         found=min(count, 3),
         confidence=0.95,
-        warnings=("It looks like four lamps or more.",) if count > 3 else (),
+        warnings=(_FOUR,) if count > 3 else (),
         refusal="",
         cpu_s=FIGURES[method],
     )
@@ -182,7 +184,7 @@ def test_some_kinds_of_scenes_have_a_least_figure(experiment: str, least: float)
 
 def test_one_degree_is_a_failure_unless_it_is_said() -> None:
     silent, honest = good(), good()
-    warning = "Two lamps are only 1.0° apart in colour; their layers may hold each other's light."
+    warning = Remark(Code.LAMPS_ALIKE, "Two lamps are alike.").entry()
     scene = changed(silent, "angle", 0, snr_db=3.0)
     changed(honest, "angle", 0, snr_db=3.0, warnings=(warning,))
 
@@ -195,7 +197,7 @@ def test_one_degree_is_a_failure_unless_it_is_said() -> None:
 def test_the_number_of_lamps_is_counted_by_answer() -> None:
     outcome = good()
     changed(outcome, "two-auto", 0, found=3, snr_db=None)
-    changed(outcome, "two-auto", 1, warnings=("Four or more lamps light the scene.",))
+    changed(outcome, "two-auto", 1, warnings=(_FOUR,))
     changed(outcome, "one-auto", 0, found=0, refusal="Too dark.")
 
     table = confusion(outcome.counted("-auto"))

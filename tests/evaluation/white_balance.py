@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.frames import Image
 from pipeline.spectra.lights import find_light
+from tests.evaluation.baselines.hsu2008 import mixture_balance
 from tests.evaluation.baselines.hui2016 import pixel_kernels
 from tests.evaluation.baselines.shades_of_grey import shades_of_grey
 from tests.evaluation.product import picture, run_product
@@ -20,6 +21,10 @@ from tests.evaluation.shots import Shot
 Array = NDArray[np.float64]
 
 _SHADES = 6.0
+
+
+def _hsu_2008(shot: Shot) -> Image:
+    return mixture_balance(shot.photograph, shot.lamp_spectra @ shot.sensitivities.T, _white(shot))
 
 
 def _hui_2016(shot: Shot) -> Image:
@@ -43,10 +48,11 @@ BALANCES: dict[str, Callable[[Shot], Image]] = {
     "uncorrected": lambda shot: shot.photograph,
     "grey_world": lambda shot: shades_of_grey(shot.photograph, _white(shot), 1.0),
     "shades_of_grey": lambda shot: shades_of_grey(shot.photograph, _white(shot), _SHADES),
+    "hsu_2008": _hsu_2008,
     "hui_2016": _hui_2016,
     "paper_1": partial(_product, method="paper", approach=1),
     "paper_2": partial(_product, method="paper", approach=2),
     "best_1": partial(_product, method="best", approach=1),
     "best_2": partial(_product, method="best", approach=2),
 }
-"""In the order of the tables."""
+"""In the order of the tables. hsu_2008 is for two lamps alone."""
