@@ -27,7 +27,7 @@ from drivers.errors import (
     TransferError,
 )
 from drivers.exif import ExposureFacts
-from drivers.registry import list_cameras, open_camera, simulated_truth
+from drivers.registry import check_address, list_cameras, open_camera, simulated_truth
 from drivers.truth import SimulatedTruth
 
 __all__ = [
@@ -58,6 +58,7 @@ __all__ = [
     "StoreFullError",
     "TransferError",
     "capture_pair",
+    "check_address",
     "list_cameras",
     "open_camera",
     "simulated_truth",

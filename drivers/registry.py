@@ -22,6 +22,9 @@ class Backend(Protocol):
     def open_camera(self, address: str) -> Camera:
         """Open the camera at the address."""
 
+    def check_address(self, address: str) -> None:
+        """Raise BadAddressError or CameraNotFoundError where no camera could ever be."""
+
     def list_cameras(self) -> list[CameraInfo]:
         """Cameras that can be opened now."""
 
@@ -32,6 +35,14 @@ def open_camera(address: str) -> Camera:
     Raises BadAddressError, CameraNotFoundError, CameraBusyError.
     """
     return _load(_scheme(address)).open_camera(address)
+
+
+def check_address(address: str) -> None:
+    """Refuse, without opening anything, an address at which no camera could ever be.
+
+    Raises BadAddressError, CameraNotFoundError.
+    """
+    _load(_scheme(address)).check_address(address)
 
 
 def list_cameras() -> list[CameraInfo]:

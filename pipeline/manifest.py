@@ -17,6 +17,7 @@ from pipeline.model import Model
 from pipeline.normals import Facing
 from pipeline.options import Options
 from pipeline.pair import Pair
+from pipeline.remarks import Remark
 from pipeline.spectra.cameras import Camera
 
 _LIBRARIES = ("numpy", "opencv-python-headless", "scipy", "colour-science", "rawpy")
@@ -25,10 +26,12 @@ _LIBRARIES = ("numpy", "opencv-python-headless", "scipy", "colour-science", "raw
 def lamp_entries(
     lamps: Lamps, model: Model, separated: NDArray[np.float64]
 ) -> list[dict[str, Any]]:
-    """One entry per lamp: name, coefficients, colour, confidence.
+    """One entry per lamp: name, coefficients, colour, family, confidence.
 
     The colour is that of a grey card: rgb as the camera sees it, the largest 1; CCT and Duv, None
     far from white (cct_duv); srgb, for a screen, "#rrggbb", its largest channel full.
+    family: the nearest of FAMILIES, family_confidence: 0…1 that it is this one.
+    pinned: its place in the option pinned_lamps, from 0, None where it was free.
     separated: (N,) part 0…1 of each lamp's light that was separated and not filled in.
     """
     entries = []
@@ -39,6 +42,7 @@ def lamp_entries(
         # under a wrong camera the published lights may point the other way
         rgb = (-white if white.sum() < 0 else white).clip(min=0.0)
         white_like = cct_duv(rgb, model.camera_to_xyz)
+        family, family_confidence = model.families.nearest(matrix)
         entries.append(
             {
                 "name": f"lamp{index + 1}",
@@ -47,7 +51,10 @@ def lamp_entries(
                 "cct_k": None if white_like is None else round(white_like[0]),
                 "duv": None if white_like is None else round(white_like[1], 4),
                 "srgb": _on_screen(rgb, model),
+                "family": family,
+                "family_confidence": round(family_confidence, 3),
                 "confidence": round(float(lamps.lamp_confidence[index]), 3),
+                "pinned": None if lamps.pinned[index] < 0 else int(lamps.pinned[index]),
                 "separated_share": round(float(separated[index]), 3),
             }
         )
@@ -72,7 +79,7 @@ def make_manifest(
     facing: Facing | None,
     filled: float,
     files: list[dict[str, Any]],
-    warnings: list[str],
+    warnings: list[Remark],
 ) -> dict[str, Any]:
     """Build the manifest; equal input and options give equal bytes.
 
@@ -84,7 +91,7 @@ def make_manifest(
     alignment = pair.alignment
     correlation = alignment.correlation
     return {
-        "inputs": {"no_flash": _input(no_flash), "flash": _input(flash)},
+        "inputs": {"no_flash": input_entry(no_flash), "flash": input_entry(flash)},
         "options": options.model_dump(mode="json"),
         "camera": {"name": camera.name, "source": camera.source},
         "flash": {
@@ -110,9 +117,14 @@ def make_manifest(
         "normals": None if facing is None else _normals(facing),
         "filled": round(filled, 4),
         "files": files,
-        "warnings": warnings,
-        "versions": {name: version(name) for name in ("lightlayers", *_LIBRARIES)},
+        "warnings": [warning.entry() for warning in warnings],
+        "versions": versions(),
     }
+
+
+def versions() -> dict[str, str]:
+    """Versions of the product and of what its results depend on."""
+    return {name: version(name) for name in ("lightlayers", *_LIBRARIES)}
 
 
 def _normals(facing: Facing) -> dict[str, Any]:
@@ -122,7 +134,8 @@ def _normals(facing: Facing) -> dict[str, Any]:
     }
 
 
-def _input(frame: Frame) -> dict[str, Any]:
+def input_entry(frame: Frame) -> dict[str, Any]:
+    """What is said of a photograph: its digest, size and exposure, and nothing of its place."""
     width, height = frame.size
     return {
         "sha256": frame.sha256,

@@ -8,13 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import OptionError
+from pipeline.families import FamilyBank, learn_families
 from pipeline.frames import Matrix
 from pipeline.hui2018.invariant import flash_tensor
+from pipeline.lamp_spectrum import SpectrumPrior, learn_spectra
 from pipeline.matrixfit.prior import MatrixPrior, learn_prior
 from pipeline.spectra.bases import SpectralBasis, learn_basis
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.colorimetry import camera_to_xyz
+from pipeline.spectra.families import family_spectra
 from pipeline.spectra.lights import find_light, lamp_spectra, reflectance_spectra
+from pipeline.spectra.matrices import best_matrix
 
 Array = NDArray[np.float64]
 
@@ -28,10 +32,12 @@ class Response:
     """Another camera, exposed so that its green response to D65 is that of the first.
 
     tensor: (3, 3, 3) D with I_lamp, as the other camera sees it, = z · (Σ_j b_j D[:, :, j]) I_flash
-    of the first. camera_to_xyz: (3, 3) the other camera's RGB → CIE XYZ under D65.
+    of the first. sensitivities: (3, W). camera_to_xyz: (3, 3) the other camera's RGB → CIE XYZ
+    under D65.
     """
 
     tensor: Array
+    sensitivities: Array
     camera_to_xyz: Matrix
 
 
@@ -42,11 +48,13 @@ class Model:
     Lights are written as coefficients b (3,), in coordinates where b is the camera RGB of a white
     card (docs/decisions/0002-light-coordinates.md).
 
+    sensitivities: (3, W) of the camera. lamp_spectra: what spectrum a lamp has by its matrix.
     tensor: (3, 3, 3) D, with I_lamp = z · (Σ_j b_j D[:, :, j]) I_flash.
     published: (3, 3) coefficients b → the published coordinates (SpectralBasis.published).
-    prior: what the matrices T of lamps may be.
+    prior: what the matrices T of lamps may be. families: those of lamps of each family.
     flash_white: (3,) camera RGB of a white card under the flash, green 1.
     neutral: (3,) coefficients of the neutral light, green 1.
+    neutral_light: (W,) its spectrum, which gives a white card green 1.
     flash_to_neutral: (3, 3) best matrix from I_flash to the same under the neutral light, scaled
         so that a white card's green response is that of the neutral light with green 1.
     camera_to_xyz: (3, 3) camera RGB → CIE XYZ for showing photographs as they are, learnt under
@@ -55,11 +63,15 @@ class Model:
     response: another camera on the same scene, None where none was asked for.
     """
 
+    sensitivities: Array
+    lamp_spectra: SpectrumPrior
     tensor: Array
     published: Matrix
     prior: MatrixPrior
+    families: FamilyBank
     flash_white: Array
     neutral: Array
+    neutral_light: Array
     flash_to_neutral: Matrix
     camera_to_xyz: Matrix
     neutral_to_xyz: Matrix
@@ -87,13 +99,21 @@ def build_model(
     neutral_white = s @ neutral
     b_neutral = learnt.to_coefficients @ neutral
     tensor = flash_tensor(learnt.tensor(s), learnt.to_coefficients @ flash)
+    prior = learn_prior(tensor, _lamp_matrices(s, flash, lamp_spectra()))
+    of_families = {
+        family: _lamp_matrices(s, flash, spectra) for family, spectra in family_spectra().items()
+    }
     return Model(
+        sensitivities=s,
+        lamp_spectra=learn_spectra(s, flash),
         tensor=tensor,
         published=learnt.published,
-        prior=learn_prior(tensor, _lamp_matrices(s, flash)),
+        prior=prior,
+        families=learn_families(prior, of_families, s @ flash, camera.approximate),
         flash_white=s @ flash,
         neutral=b_neutral / b_neutral[1],
-        flash_to_neutral=_between_lights(s, flash, neutral / neutral_white[1]),
+        neutral_light=neutral / neutral_white[1],
+        flash_to_neutral=best_matrix(s * flash, s * neutral / neutral_white[1]),
         camera_to_xyz=_shown(s, find_light(_DISPLAY_LIGHT)),
         neutral_to_xyz=_shown(s, neutral),
         response=None if response is None else _response(learnt, s, flash, response),
@@ -122,24 +142,14 @@ def _response(basis: SpectralBasis, s: Array, flash: Array, response: Camera) ->
     coefficients = basis.to_coefficients @ flash
     return Response(
         tensor=flash_tensor(basis.tensor(s), coefficients, seen_by=basis.tensor(other)),
+        sensitivities=other,
         camera_to_xyz=_shown(other, daylight),
     )
 
 
-def _between_lights(s: Array, source: Array, target: Array) -> Matrix:
-    """Matrix from camera RGB under one light to camera RGB under another, over reflectances.
-
-    Errors count relative to brightness, so that dark surfaces matter as much as light ones.
-    """
-    rho = reflectance_spectra()
-    before, after = rho @ (s * source).T, rho @ (s * target).T
-    weight = 1.0 / np.abs(before).sum(1, keepdims=True)
-    return np.asarray(np.linalg.lstsq(before * weight, after * weight, rcond=None)[0].T)
-
-
-def _lamp_matrices(s: Array, flash: Array) -> Array:
-    """Best matrices (m, 3, 3) from the flash to each measured lamp."""
-    return np.stack([_between_lights(s, flash, lamp) for lamp in lamp_spectra()])
+def _lamp_matrices(s: Array, flash: Array, lamps: Array) -> Array:
+    """Best matrices (m, 3, 3) from the flash to each lamp (m, W)."""
+    return np.stack([best_matrix(s * flash, s * lamp) for lamp in lamps])
 
 
 def _shown(s: Array, light: Array) -> Matrix:

@@ -3,9 +3,17 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    field_validator,
+    model_validator,
+)
 
 Vector = tuple[float, float, float]
 OUTPUT_NAMES = (
@@ -19,22 +27,29 @@ OUTPUT_NAMES = (
     "residual.png",
     "normals.png",
     "normals.exr",
+    "normals_confidence.tif",
     "depth.exr",
+    "surface.glb",
     "white_balanced_1.tif",
     "white_balanced_2.tif",
     "white_balanced.exr",
     "response.jpg",
+    "response_lamps.jpg",
+    "response.exr",
 )
-"""Names for `outputs`; lamps.tif and lamps.jpg stand for one file per lamp. manifest.json is
-always written, normals and depth only with light directions, depth not with the method paper,
-response.jpg only with a response."""
+"""Names for `outputs`; lamps.tif, lamps.jpg and response_lamps.jpg stand for one file per lamp.
+manifest.json is always written; normals, their confidence, depth and surface only with light
+directions, and but for the normals not with the method paper; the responses only with a
+response."""
 
 
-class _Strict(BaseModel):
+class Strict(BaseModel):
+    """What is asked for: no unknown names, no infinite numbers."""
+
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class Spectrum(_Strict):
+class Spectrum(Strict):
     """A spectral power distribution."""
 
     wavelength_nm: list[float] = Field(min_length=2, description="Ascending, in nanometres.")
@@ -46,7 +61,7 @@ class Spectrum(_Strict):
         return self
 
 
-class Sensitivities(_Strict):
+class Sensitivities(Strict):
     """A camera's spectral sensitivities."""
 
     wavelength_nm: list[float] = Field(min_length=2, description="Ascending, in nanometres.")
@@ -60,7 +75,7 @@ class Sensitivities(_Strict):
         return self
 
 
-class DirectedLight(_Strict):
+class DirectedLight(Strict):
     """A distant lamp whose place is known."""
 
     direction: Vector = Field(
@@ -85,7 +100,49 @@ class DirectedLight(_Strict):
         return value
 
 
-class Options(_Strict):
+class Circle(Strict):
+    """A circle in the photograph without the flash, in pixels from its upper left corner."""
+
+    x: float = Field(description="Of the middle, to the right.")
+    y: float = Field(description="Of the middle, downwards.")
+    radius: float = Field(gt=0)
+
+
+def _kind_of_lamp(value: Any) -> str:
+    if isinstance(value, Spectrum) or (isinstance(value, dict) and "wavelength_nm" in value):
+        return "table"
+    return "area" if isinstance(value, Circle | dict) else "name"
+
+
+KnownLamp = Annotated[
+    Annotated[Circle, Tag("area")]
+    | Annotated[Spectrum, Tag("table")]
+    | Annotated[str, Tag("name")],
+    Discriminator(_kind_of_lamp),
+]
+"""A lamp by the light of an area, which is its alone, or by its spectrum."""
+
+
+class PairOptions(Strict):
+    """How the two photographs are read and laid together."""
+
+    encoding: Literal["auto", "linear", "srgb"] = Field(
+        default="auto",
+        description="How pixel values are encoded; auto: RAW and DNG linear, 8-bit sRGB, 16-bit "
+        "integer and float TIFF and EXR linear.",
+    )
+    flash_only: bool = Field(
+        default=False, description="The flash file already is the flash part alone."
+    )
+    exposure_ratio: float | None = Field(
+        default=None,
+        gt=0,
+        description="Flash frame's exposure ÷ no-flash frame's; default from EXIF, else 1.",
+    )
+    align: bool = Field(default=True, description="Warp the flash frame onto the other.")
+
+
+class Options(PairOptions):
     """Options of a separation."""
 
     lights: Literal["auto", 1, 2, 3] = Field(default="auto", description="Number of lamps.")
@@ -101,20 +158,6 @@ class Options(_Strict):
     flash_spectrum: str | Spectrum = Field(
         default="xenon", description="Name of a flash or light source, or its table."
     )
-    encoding: Literal["auto", "linear", "srgb"] = Field(
-        default="auto",
-        description="How pixel values are encoded; auto: RAW and DNG linear, 8-bit sRGB, 16-bit "
-        "integer and float TIFF and EXR linear.",
-    )
-    flash_only: bool = Field(
-        default=False, description="The flash file already is the flash part alone."
-    )
-    exposure_ratio: float | None = Field(
-        default=None,
-        gt=0,
-        description="Flash frame's exposure ÷ no-flash frame's; default from EXIF, else 1.",
-    )
-    align: bool = Field(default=True, description="Warp the flash frame onto the other.")
     neutral: str | Spectrum = Field(
         default="D65", description="The light white-balanced pictures are shown under."
     )
@@ -124,8 +167,20 @@ class Options(_Strict):
         max_length=3,
         description="Two or three distant lamps, for normals; the flash is one more light.",
     )
+    pinned_lamps: list[KnownLamp] = Field(
+        default=[],
+        max_length=3,
+        description="Lamps that are among those found: a disc of the photograph without the flash "
+        "that one lamp lights alone, or the name or table of a spectrum. With the method best.",
+    )
+    forbidden_lamps: list[KnownLamp] = Field(
+        default=[],
+        max_length=10,
+        description="Lights that none of the other lamps may come near, as pinned_lamps are given.",
+    )
     response: str | Sensitivities | None = Field(
-        default=None, description="Camera through which the picture is shown anew."
+        default=None,
+        description="Camera through which the photograph and each layer are shown anew.",
     )
     focal_px: float | None = Field(
         default=None,
@@ -149,11 +204,44 @@ class Options(_Strict):
         return value
 
     @model_validator(mode="after")
+    def _lamps_in_keeping(self) -> Options:
+        pinned, forbidden = self.pinned_lamps, self.forbidden_lamps
+        if (pinned or forbidden) and self.method == "paper":
+            raise ValueError(
+                "the method paper finds lamps as published, which leaves no room for pinned or "
+                "forbidden ones; use the method best"
+            )
+        for done, lamps in (("pinned", pinned), ("forbidden", forbidden)):
+            if any(lamp in lamps[:place] for place, lamp in enumerate(lamps)):
+                raise ValueError(f"the same lamp is {done} twice")
+        if any(lamp in forbidden for lamp in pinned):
+            raise ValueError("a lamp cannot be pinned and forbidden at once")
+        most = self.number_of_lamps
+        if most != "auto" and len(pinned) > most:
+            raise ValueError(
+                f"{len(pinned)} lamps are pinned and only {most} asked for; pin fewer, or ask for "
+                "more"
+            )
+        return self
+
+    @property
+    def number_of_lamps(self) -> Literal["auto", 1, 2, 3]:
+        """The number of lamps asked for, which their directions tell, too."""
+        if self.lights != "auto" or self.light_directions is None:
+            return self.lights
+        return 3 if len(self.light_directions) == 3 else 2
+
+    @model_validator(mode="after")
     def _known_outputs(self) -> Options:
         unknown = set(self.outputs) - set(OUTPUT_NAMES) if isinstance(self.outputs, list) else ()
         if unknown:
             raise ValueError(
                 f"unknown output {', '.join(sorted(unknown))}; known are {', '.join(OUTPUT_NAMES)}"
+            )
+        through = [name for name in self.outputs if name.startswith("response")]
+        if isinstance(self.outputs, list) and through and self.response is None:
+            raise ValueError(
+                f"the output {through[0]} needs a response: name the camera to look through"
             )
         return self
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
 from pipeline.encode.exr import write_exr
 from pipeline.encode.files import describe
+from pipeline.encode.glb import write_glb
 from pipeline.encode.jpeg import write_jpeg
 from pipeline.encode.png import write_normals_png, write_png8
 from pipeline.encode.tiff import write_gray_tiff, write_tiff
@@ -25,7 +26,9 @@ from pipeline.progress import Progress
 from pipeline.reduced import ReducedPair
 from pipeline.residual_map import draw_residual_map, relative_residual
 
-_ONLY_ON_REQUEST = frozenset({"white_balanced_1.tif", "white_balanced_2.tif", "white_balanced.exr"})
+_ONLY_ON_REQUEST = frozenset(
+    {"white_balanced_1.tif", "white_balanced_2.tif", "white_balanced.exr", "response.exr"}
+)
 _CAMERA_RGB = "linear camera RGB, 1.0 = white level of the no-flash photograph"
 _SHOWN_GAIN = (0.25, 8.0)
 _SHOWN_WHITE = 99.5  # percentile of a picture's brightest channel that becomes white
@@ -62,9 +65,10 @@ def write_outputs(
     jobs = [
         *_layer_jobs(pictures, model, wanted),
         *_balanced_jobs(pictures, model, wanted),
+        *_response_jobs(pictures, model, wanted),
         *_normal_jobs(pictures.normals, wanted),
-        *_depth_jobs(pictures.depth, wanted),
-        *_confidence_jobs(pictures.confidence, wanted),
+        *_surface_jobs(pictures, model, wanted),
+        *_confidence_jobs(pictures, wanted),
     ]
     if "gamma.png" in wanted:
         diagram = draw_gamma_diagram(reduced, lamps, model, [_label(one) for one in entries])
@@ -107,18 +111,11 @@ def _layer_jobs(pictures: Pictures, model: Model, wanted: frozenset[str]) -> lis
 def _balanced_jobs(pictures: Pictures, model: Model, wanted: frozenset[str]) -> list[Job]:
     jobs: list[Job] = []
     neutral = XYZ_TO_SRGB @ model.neutral_to_xyz
-    shown: list[tuple[str, Image | None, Matrix]] = [
-        ("white_balanced_1.jpg", pictures.white_balanced_1, neutral),
-        ("white_balanced_2.jpg", pictures.white_balanced_2, neutral),
-    ]
-    if model.response is not None:
-        other = XYZ_TO_SRGB @ model.response.camera_to_xyz
-        shown.append(("response.jpg", pictures.response, other))
-    for name, picture, to_srgb in shown:
-        if name in wanted and picture is not None:
-            write = _jpeg(picture, _shown(picture, to_srgb))
-            jobs.append((name, "8-bit sRGB curve", "sRGB", write))
     both = (pictures.white_balanced_1, pictures.white_balanced_2)
+    for name, picture in zip(("white_balanced_1.jpg", "white_balanced_2.jpg"), both, strict=True):
+        if name in wanted and picture is not None:
+            write = _jpeg(picture, _shown(picture, neutral))
+            jobs.append((name, "8-bit sRGB curve", "sRGB", write))
     to_rec2020 = _fitting(XYZ_TO_REC2020 @ model.neutral_to_xyz)
     for name, picture in zip(("white_balanced_1.tif", "white_balanced_2.tif"), both, strict=True):
         if name in wanted and picture is not None:
@@ -134,6 +131,47 @@ def _balanced_jobs(pictures: Pictures, model: Model, wanted: frozenset[str]) -> 
             )
         )
     return jobs
+
+
+def _response_jobs(pictures: Pictures, model: Model, wanted: frozenset[str]) -> list[Job]:
+    """Through the other camera, the layers on the scale of the photograph."""
+    photograph, changes = pictures.response, pictures.camera_changes
+    if model.response is None or photograph is None or changes is None:
+        return []
+    to_srgb = _shown(photograph, XYZ_TO_SRGB @ model.response.camera_to_xyz)
+    shown = [("response.jpg", photograph, to_srgb)] if "response.jpg" in wanted else []
+    if "response_lamps.jpg" in wanted:
+        shown += [
+            (f"response_lamp{index + 1}.jpg", layer, to_srgb @ change)
+            for index, (layer, change) in enumerate(zip(pictures.layers, changes, strict=True))
+        ]
+    jobs: list[Job] = [
+        (name, "8-bit sRGB curve", "sRGB", _jpeg(picture, matrix))
+        for name, picture, matrix in shown
+    ]
+    if "response.exr" in wanted:
+        jobs.append(
+            (
+                "response.exr",
+                "32-bit float",
+                "linear RGB of the other camera, exposed to the same green of D65",
+                lambda path: write_exr(path, _response_planes(pictures.layers, changes)),
+            )
+        )
+    return jobs
+
+
+def _response_planes(
+    layers: NDArray[np.float32], changes: NDArray[np.float64]
+) -> dict[str, NDArray[np.float32]]:
+    """Layers and their sum, made when they are written: they are large."""
+    seen = [
+        layer @ change.T.astype(np.float32) for layer, change in zip(layers, changes, strict=True)
+    ]
+    planes = _planes(np.asarray(sum(seen)))
+    for index, layer in enumerate(seen):
+        planes |= _planes(layer, f"lamp{index + 1}.")
+    return planes
 
 
 def _normal_jobs(field: Image | None, wanted: frozenset[str]) -> list[Job]:
@@ -159,18 +197,44 @@ def _normal_jobs(field: Image | None, wanted: frozenset[str]) -> list[Job]:
     return jobs
 
 
-def _depth_jobs(depth: NDArray[np.float32] | None, wanted: frozenset[str]) -> list[Job]:
-    if depth is None or "depth.exr" not in wanted:
-        return []
-    encoding = "32-bit float, along the camera's axis, 1 in the median, NaN = unknown"
-    return [("depth.exr", encoding, "none", lambda path: write_exr(path, {"Z": depth}))]
+def _surface_jobs(pictures: Pictures, model: Model, wanted: frozenset[str]) -> list[Job]:
+    depth, mesh, texture = pictures.depth, pictures.mesh, pictures.white_balanced_1
+    jobs: list[Job] = []
+    if depth is not None and "depth.exr" in wanted:
+        encoding = "32-bit float, along the camera's axis, 1 in the median, NaN = unknown"
+        jobs.append(("depth.exr", encoding, "none", lambda path: write_exr(path, {"Z": depth})))
+    if mesh is not None and texture is not None and "surface.glb" in wanted:
+        encoding = (
+            "glTF 2.0 binary, camera in the origin, x right, y up, z to the viewer, depth 1 in the "
+            "median"
+        )
+        matrix = _shown(texture, XYZ_TO_SRGB @ model.neutral_to_xyz)
+        jobs.append(
+            ("surface.glb", encoding, "sRGB", lambda path: write_glb(path, mesh, texture, matrix))
+        )
+    return jobs
 
 
-def _confidence_jobs(confidence: NDArray[np.float32] | None, wanted: frozenset[str]) -> list[Job]:
-    if confidence is None or "confidence.tif" not in wanted:
-        return []
-    encoding = "16-bit linear, 65535 = separated, 0 = filled in from the surroundings"
-    return [("confidence.tif", encoding, "none", lambda path: write_gray_tiff(path, confidence))]
+def _confidence_jobs(pictures: Pictures, wanted: frozenset[str]) -> list[Job]:
+    planes = {
+        "confidence.tif": (
+            pictures.confidence,
+            "65535 = separated, 0 = filled in from the surroundings",
+        ),
+        "normals_confidence.tif": (
+            pictures.normals_confidence,
+            "65535 = the normal can be trusted, 0 = it cannot, or there is none",
+        ),
+    }
+    return [
+        (name, f"16-bit linear, {means}", "none", _gray_tiff(plane))
+        for name, (plane, means) in planes.items()
+        if name in wanted and plane is not None
+    ]
+
+
+def _gray_tiff(plane: NDArray[np.float32]) -> Callable[[Path], None]:
+    return lambda path: write_gray_tiff(path, plane)
 
 
 def _tiff(picture: Image, matrix: Matrix) -> Callable[[Path], None]:
@@ -198,5 +262,5 @@ def _shown(picture: Image, matrix: Matrix) -> Matrix:
 
 
 def _label(entry: dict[str, Any]) -> str:
-    kelvin = entry["cct_k"]
-    return entry["name"] if kelvin is None else f"{entry['name']}, {kelvin} K"
+    kelvin = "" if entry["cct_k"] is None else f", {entry['cct_k']} K"
+    return f"{entry['name']}, {entry['family']} {entry['family_confidence']:.0%}{kelvin}"

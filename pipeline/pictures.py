@@ -9,13 +9,15 @@ from numpy.typing import NDArray
 
 from pipeline.frames import Image
 from pipeline.lamps import Lamps
+from pipeline.mesh import Mesh, make_mesh
 from pipeline.model import Model
 from pipeline.normals import Facing
 from pipeline.pair import Pair
+from pipeline.photometric_stereo.confidence import normals_confidence
 from pipeline.photometric_stereo.detail import surface_depth
 from pipeline.progress import Progress
 from pipeline.reduced import ReducedPair
-from pipeline.response import other_response
+from pipeline.response import camera_changes, other_response
 from pipeline.separation import separate
 from pipeline.white_balance import approach_1, approach_2
 
@@ -28,7 +30,9 @@ class Pictures:
 
     photograph: the no-flash photograph. layers: (N, H, W, 3). white_balanced_1, _2: camera RGB as
     under the neutral light, by approach I and II. normals: unit, NaN where unknown. depth: (H, W),
-    relative, NaN where unknown. response: RGB of the other camera. confidence: (H, W) 0…1, 0 where
+    relative, NaN where unknown. mesh: the same as triangles. normals_confidence: (H, W) 0…1, how
+    far the normals can be trusted. response: the photograph in linear RGB of the other camera.
+    camera_changes: (N, 3, 3), layers → the other camera's RGB. confidence: (H, W) 0…1, 0 where
     the layers are filled in from their surroundings. filled: share of pixels filled in, 0…1.
     separated: (N,) part 0…1 of each lamp's light that was separated and not filled in, Σ confidence
     · layer ÷ Σ layer.
@@ -39,8 +43,11 @@ class Pictures:
     white_balanced_1: Image | None
     white_balanced_2: Image | None
     normals: Image | None
+    normals_confidence: NDArray[np.float32] | None
     depth: NDArray[np.float32] | None
+    mesh: Mesh | None
     response: Image | None
+    camera_changes: NDArray[np.float64] | None
     confidence: NDArray[np.float32] | None
     filled: float
     separated: NDArray[np.float64]
@@ -67,14 +74,30 @@ def render(
         return np.empty(shape, dtype=np.float32) if wanted & set(outputs) else None
 
     layers = np.empty((len(lamps), *shape), dtype=np.float32)
-    balanced_1 = canvas("white_balanced_1.jpg", "white_balanced_1.tif", "white_balanced.exr")
+    surface = None if facing is None else facing.surface
+    meshed = surface is not None and "surface.glb" in wanted
+    balanced_1 = canvas(
+        "white_balanced_1.jpg",
+        "white_balanced_1.tif",
+        "white_balanced.exr",
+        *(["surface.glb"] if meshed else []),
+    )
     balanced_2 = canvas("white_balanced_2.jpg", "white_balanced_2.tif", "white_balanced.exr")
-    normals = canvas("normals.png", "normals.exr") if facing else None
-    response = canvas("response.jpg") if model.response else None
+    normals = (
+        canvas("normals.png", "normals.exr", "normals_confidence.tif", "surface.glb")
+        if facing
+        else None
+    )
+    response, changes = None, None
+    if model.response is not None:
+        response = canvas("response.jpg", "response_lamps.jpg", "response.exr")
+        changes = camera_changes(lamps, model, model.response, method)
     confidence = np.empty(shape[:2], dtype=np.float32) if "confidence.tif" in wanted else None
-    depth = None
-    if facing is not None and facing.surface is not None and "depth.exr" in wanted:
-        depth = surface_depth(facing.surface, shape[:2])
+    trust, depth = None, None
+    if surface is not None and "normals_confidence.tif" in wanted:
+        trust = np.empty(shape[:2], dtype=np.float32)
+    if surface is not None and wanted & {"depth.exr", "surface.glb"}:
+        depth = surface_depth(surface, shape[:2])
     filled = 0
     light, sure = np.zeros((2, len(lamps), shape[0]))  # of each row, so that strips do not matter
     for strip in separate(pair, reduced, lamps, model, method, progress, strip_rows):
@@ -92,16 +115,24 @@ def render(
             balanced_2[rows] = approach_2(strip, lamps, model, method)
         if normals is not None and facing is not None:
             normals[rows] = facing.of(strip)
-        if response is not None and model.response is not None:
-            response[rows] = other_response(strip, lamps, model.response)
+            if trust is not None and surface is not None:
+                trust[rows] = normals_confidence(strip, surface, normals[rows])
+        if response is not None and changes is not None:
+            response[rows] = other_response(strip, changes)
+    mesh = None
+    if meshed and surface is not None and depth is not None and normals is not None:
+        mesh = make_mesh(depth, normals, surface.focal_px)
     return Pictures(
         photograph=pair.no_flash,
         layers=layers,
         white_balanced_1=balanced_1,
         white_balanced_2=balanced_2,
         normals=normals,
+        normals_confidence=trust,
         depth=depth,
+        mesh=mesh,
         response=response,
+        camera_changes=changes,
         confidence=confidence,
         filled=filled / (shape[0] * shape[1]),
         separated=sure.sum(axis=1) / np.maximum(light.sum(axis=1), 1e-12),

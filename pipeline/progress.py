@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from pipeline.errors import Canceled
 
 STAGES = ("decode", "align", "lamps", "layers", "encode")
-"""The stages of a run, in order."""
+"""The stages of a separation, in order. A calibration has decode, align and calibrate."""
 
 STRIP_ROWS = 256
 """Rows worked on at a time, so that peak memory is the images and one strip."""
@@ -16,7 +16,7 @@ STRIP_ROWS = 256
 class Progress:
     """Tells a caller how far a run is and asks whether to go on.
 
-    callback(stage, fraction): stage is one of STAGES, fraction runs from 0 to 1 within it.
+    callback(stage, fraction): stage is what is being done, fraction runs from 0 to 1 within it.
     canceled(): true when the run should stop.
     """
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frames import Image, Mask
-from pipeline.noise import sigma_filter
 from pipeline.pair import Pair
 from pipeline.registration import registration_variance, softened
+from pipeline.sigma_filter import sigma_filter
 
 _LONGER_SIDE = 512
 _MIN_OPEN = 0.5  # share of a block's pixels that must be usable

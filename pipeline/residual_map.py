@@ -17,6 +17,9 @@ Picture = NDArray[np.uint8]
 MOST = 0.2
 """Relative residual at the end of the scale; fixed, so that pictures of pairs compare."""
 
+MARKED = 0.1
+"""Relative residual above which a place counts as one that the lamps do not explain."""
+
 LEGEND = 120
 """Height of the legend below the map in pixels."""
 

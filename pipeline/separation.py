@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import noise, registration, smoothing
+from pipeline import registration, sigma_filter, smoothing
 from pipeline.fill import Surroundings
 from pipeline.frames import Image
 from pipeline.hui2018.separation import published_layers
@@ -96,12 +96,12 @@ def _widened(rows: slice, halo: int, height: int) -> tuple[slice, slice]:
 
 def _filtered(pair: Pair, rows: slice) -> tuple[Image, Image]:
     """Return no-flash photograph and flash part of some rows, noise filtered."""
-    halo = noise.HALO + (registration.SOFTENED_HALO if pair.registration > 0 else 0)
+    halo = sigma_filter.HALO + (registration.SOFTENED_HALO if pair.registration > 0 else 0)
     wide, inner = _widened(rows, halo, len(pair.unusable))
     no_flash, flash = pair.no_flash[wide], pair.flash[wide]
     if pair.registration > 0:
         no_flash, flash = registration.softened(no_flash), registration.softened(flash)
-    no_flash, flash, _ = noise.sigma_filter(
+    no_flash, flash, _ = sigma_filter.sigma_filter(
         (no_flash, flash), (pair.no_flash_noise, pair.flash_noise), inner
     )
     return no_flash, flash if pair.flash_only else flash - no_flash

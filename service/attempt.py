@@ -90,7 +90,7 @@ class Attempt:
             else:
                 for frame in FRAMES:
                     self._storage.get_file(inputs_key(self._job.id, frame), directory / frame)
-            self._run_task("separate", directory)
+            self._run_task(self._job.task, directory)
             results = [self._store(path) for path in sandbox.results_of(directory)]
         with self._engine.begin() as connection:
             counts = jobs.succeed(connection, self._job, results)
@@ -109,7 +109,7 @@ class Attempt:
         with self._engine.begin() as connection:
             jobs.set_inputs(connection, self._job, describe_inputs(self._job.id, digests))
 
-    def _run_task(self, kind: Literal["separate", "capture"], directory: Path) -> None:
+    def _run_task(self, kind: Literal["separate", "calibrate", "capture"], directory: Path) -> None:
         task = sandbox.Task(
             kind=kind,
             job=self._job.id,

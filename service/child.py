@@ -99,6 +99,19 @@ def _separate(task: dict[str, Any], tell: Tell) -> None:
     )
 
 
+def _calibrate(task: dict[str, Any], tell: Tell) -> None:
+    from pipeline.calibration.calibrate import calibrate_files
+    from pipeline.calibration.options import CALIBRATION_OPTIONS
+    from pipeline.progress import Progress
+
+    calibrate_files(
+        *_photographs(task),
+        CALIBRATION_OPTIONS.validate_python(task["options"]),
+        Path(task["directory"]) / "results",
+        Progress(lambda stage, fraction: tell({"stage": stage, "fraction": fraction})),
+    )
+
+
 def _capture(task: dict[str, Any], tell: Tell) -> None:
     import drivers
 
@@ -122,6 +135,7 @@ def _photographs(task: dict[str, Any]) -> tuple[bytes, bytes]:
 _WORK: dict[str, Callable[[dict[str, Any], Tell], None]] = {
     "check": _check,
     "separate": _separate,
+    "calibrate": _calibrate,
     "capture": _capture,
 }
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, Literal
 
 import sqlalchemy as sa
 
@@ -56,6 +56,11 @@ class Job:
     created: float
     started: float | None
     finished: float | None
+
+    @property
+    def task(self) -> Literal["separate", "calibrate"]:
+        """What a worker is to do: only the options of a calibration name their kind."""
+        return "calibrate" if "kind" in self.options else "separate"
 
     @property
     def ended(self) -> bool:

@@ -8,6 +8,7 @@ _TYPES = {
     "tif": "image/tiff",
     "jpg": "image/jpeg",
     "png": "image/png",
+    "glb": "model/gltf-binary",
 }
 
 

@@ -71,6 +71,11 @@ def open_camera(address: str, clock: Clock | None = None) -> Camera:
     return PtpCamera(address, InProcessTransport(Body(options, clock), clock), clock)
 
 
+def check_address(address: str) -> None:
+    """Read the address. Raises BadAddressError, CameraNotFoundError."""
+    parse(address)
+
+
 def list_cameras() -> list[CameraInfo]:
     """List the one simulated camera, with the settings of a bare address."""
     with open_camera("sim://studio") as camera:

@@ -12,24 +12,24 @@ from pipeline.decode.rendered import jpeg_size, png_size
 
 
 def describe(path: Path, encoding: str, colour_space: str) -> dict[str, str | int]:
-    """Name, SHA-256, encoding, colour space, width and height of a written picture.
+    """Name, SHA-256, encoding, colour space of a written file; of a picture, width and height.
 
     encoding, colour_space: words for people and programs, passed through. Raises OSError.
     """
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
-    width, height = _size(path)
-    return {
+    entry: dict[str, str | int] = {
         "name": path.name,
         "sha256": digest,
         "encoding": encoding,
         "colour_space": colour_space,
-        "width": width,
-        "height": height,
     }
+    return entry | dict(zip(("width", "height"), _size(path), strict=False))
 
 
-def _size(path: Path) -> tuple[int, int]:
+def _size(path: Path) -> tuple[int, ...]:
+    if path.suffix == ".glb":
+        return ()
     if path.suffix == ".exr":
         (left, top), (right, bottom) = OpenEXR.File(str(path), header_only=True).header()[
             "dataWindow"

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ _LUMINANCE = rgb_to_xyz(SRGB_PRIMARIES)[1].astype(np.float32)
 _STEPS = 65535
 
 
-def write_jpeg(path: Path, linear: Image, to_srgb: Matrix = _IDENTITY) -> None:
+def write_jpeg(file: Path | BinaryIO, linear: Image, to_srgb: Matrix = _IDENTITY) -> None:
     """Write (H, W, 3) as an 8-bit sRGB JPEG of quality 92 with its ICC profile and no EXIF.
 
     linear: linear values, 1.0 = white; to_srgb: matrix (3, 3) that takes a pixel to linear sRGB.
@@ -28,7 +29,7 @@ def write_jpeg(path: Path, linear: Image, to_srgb: Matrix = _IDENTITY) -> None:
     show. Raises OSError where the file cannot be written.
     """
     PillowImage.fromarray(to_srgb8(linear, to_srgb)).save(
-        path, "JPEG", quality=QUALITY, subsampling="4:4:4", icc_profile=srgb_profile()
+        file, "JPEG", quality=QUALITY, subsampling="4:4:4", icc_profile=srgb_profile()
     )
 
 

@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+import json
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from fastapi import Request
+from fastapi.concurrency import run_in_threadpool
 from pydantic import ValidationError
 from starlette.datastructures import UploadFile
 from starlette.exceptions import HTTPException
 from starlette.types import Message
 
+import drivers
+from pipeline.calibration.options import (
+    CALIBRATION_OPTIONS,
+    CameraCalibration,
+    FlashCalibration,
+    LampsCalibration,
+)
 from pipeline.errors import OptionError
 from pipeline.options import Options
 from service.api.models import CaptureRequest
@@ -26,43 +36,63 @@ from service.errors import (
 
 _JSON_BYTES = 1024 * 1024
 
+CalibrationRequest = FlashCalibration | CameraCalibration | LampsCalibration
+FillIn = Callable[[Any], Any]
+Form = dict[str, UploadFile | str]
+
 
 @dataclass(frozen=True)
 class Intake:
     """A request for a job: a pair of files by frame, or a camera to take it; and the options."""
 
-    options: Options
+    options: Options | CalibrationRequest
     files: dict[str, UploadFile]
     capture: dict[str, Any] | None
 
 
 @asynccontextmanager
-async def read(request: Request, limit: int) -> AsyncIterator[Intake]:
-    """Read the request's job; its files live as long as the context.
+async def read(request: Request, limit: int, fill_in: FillIn) -> AsyncIterator[Intake]:
+    """Read a request for a separation; its files live as long as the context.
 
-    limit: bytes. Raises MalformedRequestError, UnsupportedMediaError, UploadTooLargeError,
-    OptionError.
+    limit: bytes. fill_in: puts tables where options name calibrations. Raises
+    MalformedRequestError, UnsupportedMediaError, UploadTooLargeError, OptionError, and for a camera
+    that cannot be drivers.BadAddressError or CameraNotFoundError.
     """
-    kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
-    if kind == "application/json":
-        yield await _read_json(_limited(request, min(limit, _JSON_BYTES)))
-    elif kind == "multipart/form-data":
-        body = _limited(request, limit)
-        try:
-            form = await body.form(max_files=2, max_fields=1, max_part_size=_JSON_BYTES)
-        except HTTPException as error:
-            raise MalformedRequestError(
-                f"The multipart body cannot be read: {error.detail}"
-            ) from error
-        try:
-            yield _pair(dict(form.multi_items()))
-        finally:
-            await form.close()
-    else:
+    if _media_type(request) == "application/json":
+        body = await _limited(request, min(limit, _JSON_BYTES)).body()
+        yield await run_in_threadpool(_capture, body, fill_in)
+        return
+    async with _form(request, limit) as form:
+        yield await run_in_threadpool(_pair, form, "{}", partial(_options, fill_in=fill_in))
+
+
+@asynccontextmanager
+async def read_calibration(request: Request, limit: int, fill_in: FillIn) -> AsyncIterator[Intake]:
+    """Read a request for a calibration, as `read` does."""
+    async with _form(request, limit) as form:
+        yield await run_in_threadpool(_pair, form, "", partial(_calibration, fill_in=fill_in))
+
+
+def _media_type(request: Request) -> str:
+    return request.headers.get("content-type", "").partition(";")[0].strip().lower()
+
+
+@asynccontextmanager
+async def _form(request: Request, limit: int) -> AsyncIterator[Form]:
+    if _media_type(request) != "multipart/form-data":
         raise UnsupportedMediaError(
-            "Send a pair as multipart/form-data with the parts no_flash and flash, "
-            "or a capture as application/json."
+            "Send a pair as multipart/form-data with the parts no_flash, flash and options, or, "
+            "to have it separated, a capture as application/json."
         )
+    body = _limited(request, limit)
+    try:
+        form = await body.form(max_files=2, max_fields=1, max_part_size=_JSON_BYTES)
+    except HTTPException as error:
+        raise MalformedRequestError(f"The multipart body cannot be read: {error.detail}") from error
+    try:
+        yield dict(form.multi_items())
+    finally:
+        await form.close()
 
 
 def _limited(request: Request, limit: int) -> Request:
@@ -85,15 +115,24 @@ def _limited(request: Request, limit: int) -> Request:
     return Request(request.scope, receive)
 
 
-async def _read_json(request: Request) -> Intake:
+def _capture(body: bytes, fill_in: FillIn) -> Intake:
     try:
-        wanted = CaptureRequest.model_validate_json(await request.body())
+        values = json.loads(body)
+    except (ValueError, RecursionError):  # told where it is read
+        values = None
+    if isinstance(values, dict) and "options" in values:
+        values["options"] = fill_in(values["options"])
+        body = json.dumps(values).encode()
+    try:
+        wanted = CaptureRequest.model_validate_json(body)
     except ValidationError as error:
         raise OptionError(sentence_of(error)) from error
+    drivers.check_address(wanted.capture.camera)
     return Intake(wanted.options, {}, wanted.capture.model_dump())
 
 
-def _pair(form: dict[str, UploadFile | str]) -> Intake:
+def _pair(form: Form, without: str, parse: Callable[[str], Options | CalibrationRequest]) -> Intake:
+    """without: what stands for options that were not sent."""
     unknown = sorted(set(form) - {*FRAMES, "options"})
     if unknown:
         raise MalformedRequestError(
@@ -105,15 +144,30 @@ def _pair(form: dict[str, UploadFile | str]) -> Intake:
         if not isinstance(file, UploadFile):
             raise MalformedRequestError(f"The file {frame} is missing; send no_flash and flash.")
         files[frame] = file
-    options = form.get("options", "{}")
+    options = form.get("options", without)
     if not isinstance(options, str):
         raise MalformedRequestError("The part options must be JSON text, not a file.")
-    return Intake(parse_options(options), files, None)
+    return Intake(parse(options), files, None)
 
 
-def parse_options(text: str) -> Options:
-    """Options from JSON text. Raises OptionError."""
+def _options(text: str, fill_in: FillIn) -> Options:
     try:
-        return Options.model_validate_json(text)
+        return Options.model_validate_json(_filled_in(text, fill_in))
     except ValidationError as error:
         raise OptionError(sentence_of(error)) from error
+
+
+def _calibration(text: str, fill_in: FillIn) -> CalibrationRequest:
+    if not text:
+        raise MalformedRequestError("The part options is missing; it says what to calibrate.")
+    try:
+        return CALIBRATION_OPTIONS.validate_json(_filled_in(text, fill_in))
+    except ValidationError as error:
+        raise OptionError(sentence_of(error)) from error
+
+
+def _filled_in(text: str, fill_in: FillIn) -> str:
+    try:
+        return json.dumps(fill_in(json.loads(text)))
+    except (ValueError, RecursionError):
+        return text  # what is wrong with it is told where it is read

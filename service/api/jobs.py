@@ -5,17 +5,20 @@ from __future__ import annotations
 import asyncio
 import re
 import time
+from functools import partial
 from typing import Annotated
 
 import sqlalchemy as sa
 from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
+import drivers
 from pipeline import errors as pipeline_errors
 from pipeline.options import Options
 from service import jobs
 from service.api import intake
 from service.api.accept import accept, refuse_when_full
+from service.api.calibrated import fill_in
 from service.api.context import Context, Parts, TraceId
 from service.api.models import CaptureRequest, JobAnswer, JobPage
 from service.api.problems import responses
@@ -83,6 +86,7 @@ SCHEMAS = (Options, CaptureRequest)
             UploadTooLargeError,
             UnsupportedMediaError,
             pipeline_errors.InputError,
+            drivers.CameraNotFoundError,
             IdempotencyError,
             QueueFullError,
             CrashError,
@@ -108,11 +112,12 @@ async def create_job(
 ) -> JobAnswer:
     """Separate a pair of photographs, or have a camera take one and separate it."""
     await run_in_threadpool(refuse_when_full, context)
-    async with intake.read(request, context.settings.upload_bytes) as wanted:
+    limit, named = context.settings.upload_bytes, partial(fill_in, context)
+    async with intake.read(request, limit, named) as wanted:
         job_id = await run_in_threadpool(accept, context, wanted, idempotency_key, trace_id)
     await _wait(context, job_id, _preferred_wait(prefer))
     response.headers["Location"] = f"/jobs/{job_id}"
-    return await run_in_threadpool(_answer, context, job_id)
+    return await run_in_threadpool(answer, context, job_id)
 
 
 @router.get(
@@ -145,7 +150,7 @@ def list_jobs(
 )
 def get_job(context: Parts, job_id: str) -> JobAnswer:
     """Tell how far a job is, what it gave, or why it failed."""
-    return _answer(context, job_id)
+    return answer(context, job_id)
 
 
 @router.post(
@@ -161,7 +166,7 @@ def cancel_job(context: Parts, job_id: str) -> JobAnswer:
         job = _found(connection, job_id)
     if job.state == jobs.State.CANCELED:
         context.queue.withdraw(job_id)
-    return _answer(context, job_id)
+    return answer(context, job_id)
 
 
 @router.delete(
@@ -187,7 +192,8 @@ def _found(connection: sa.Connection, job_id: str) -> jobs.Job:
     return job
 
 
-def _answer(context: Context, job_id: str) -> JobAnswer:
+def answer(context: Context, job_id: str) -> JobAnswer:
+    """Make the answer for a job. Raises UnknownJobError."""
     with context.engine.connect() as connection:
         job = _found(connection, job_id)
         places = jobs.positions(connection, [job])

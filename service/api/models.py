@@ -29,6 +29,14 @@ class CaptureRequest(BaseModel):
     options: Options = Options()
 
 
+class Calibrated(BaseModel):
+    """What a calibration found, in place of a table."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    calibration: str = Field(description="Id of the job that POST /calibrations made.")
+
+
 class ResultFile(BaseModel):
     """One result of a job."""
 
@@ -53,7 +61,9 @@ class JobAnswer(BaseModel):
 
     id: str
     state: jobs.State
-    stage: str | None = Field(description="capture, decode, align, lamps, layers or encode.")
+    stage: str | None = Field(
+        description="capture, decode, align, lamps, layers, encode or calibrate."
+    )
     fraction: float = Field(ge=0, le=1, description="How much of the stage is done.")
     position: int | None = Field(description="Place in the queue, from 1; null once it runs.")
     attempt: int = Field(description="How often the job was started.")

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header
+from fastapi import APIRouter, Header, Request
 from fastapi.responses import Response, StreamingResponse
 
+from pipeline.remarks import Code
 from service import jobs
 from service.api.context import Context, Parts
 from service.api.problems import responses
@@ -20,15 +21,45 @@ router = APIRouter(tags=["results"])
 
 MANIFEST = "manifest.json"
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
+_MANIFEST_SCHEMA = {
+    "type": "object",
+    "required": ["warnings"],
+    "properties": {
+        "warnings": {
+            "type": "array",
+            "items": {
+                "type": "object",
+                "required": ["code", "message", "figures"],
+                "properties": {
+                    "code": {
+                        "type": "string",
+                        "enum": [code.value for code in Code],
+                        "description": "Stays the same from version to version.",
+                    },
+                    "message": {
+                        "type": "string",
+                        "description": "What, where and what to do, for people.",
+                    },
+                    "figures": {
+                        "type": "object",
+                        "additionalProperties": {"type": "number"},
+                        "description": "What the message is based on; shares are 0 to 1.",
+                    },
+                },
+            },
+        }
+    },
+}
 
 
+@router.head("/jobs/{job_id}/results", include_in_schema=False)
 @router.get(
     "/jobs/{job_id}/results",
     response_class=Response,
     responses={
         200: {
             "description": "The manifest.",
-            "content": {"application/json": {"schema": {"type": "object"}}},
+            "content": {"application/json": {"schema": _MANIFEST_SCHEMA}},
         },
         **responses(UnknownJobError, NotReadyError, status=(503,)),
     },
@@ -41,6 +72,7 @@ def get_manifest(context: Parts, job_id: str) -> Response:
     return Response(data, media_type="application/json")
 
 
+@router.head("/jobs/{job_id}/results/{name}", include_in_schema=False)
 @router.get(
     "/jobs/{job_id}/results/{name}",
     response_class=Response,
@@ -52,6 +84,7 @@ def get_manifest(context: Parts, job_id: str) -> Response:
     },
 )
 def get_result(
+    request: Request,
     context: Parts,
     job_id: str,
     name: str,
@@ -73,6 +106,9 @@ def get_result(
     if if_none_match and (if_none_match.strip() == "*" or etag in if_none_match):
         return Response(status_code=304, headers=headers)
     size = result["size"]
+    if request.method == "HEAD":  # to which Range means nothing
+        headers["Content-Length"] = str(size)
+        return Response(headers=headers, media_type=result["media_type"])
     wanted = range if if_range in (None, etag) else None
     part = parse_range(wanted, size)
     start, end = part or (0, size)

@@ -8,16 +8,16 @@ from typing import Annotated
 
 import typer
 
-from service.cli.options import Flags, read_file, with_flags
+from service.cli import calibrate
+from service.cli.options import Flags, Flash, NoFlash, read_file, with_flags
 
 app = typer.Typer(
     help="Separates the light of every lamp, from a photograph with the flash and one without.",
     add_completion=False,
     rich_markup_mode=None,
 )
+app.add_typer(calibrate.app, name="calibrate")
 
-NoFlash = Annotated[Path, typer.Argument(metavar="NO_FLASH", help="Photograph without the flash.")]
-Flash = Annotated[Path, typer.Argument(metavar="FLASH", help="Photograph with the flash.")]
 Output = Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of results.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the manifest.")]
 

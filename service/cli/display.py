@@ -18,7 +18,7 @@ from rich.progress import (
     TextColumn,
     TimeElapsedColumn,
 )
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 Report = Callable[[str, float], None]
@@ -65,15 +65,21 @@ def print_results(manifest: Mapping[str, Any], folder: Path, as_json: bool) -> N
     for file in [*manifest["files"], {"name": "manifest.json"}]:
         console.print(Text(str(folder / file["name"])), soft_wrap=True)
     for warning in manifest["warnings"]:
-        console.print(Text(f"Warning: {warning}"), soft_wrap=True)
+        console.print(Text(f"Warning: {warning['message']}"), soft_wrap=True)
 
 
 def _lamps(lamps: list[Mapping[str, Any]]) -> Table:
-    table = Table("lamp", "", "colour", "CCT", "Duv", "confidence")
+    table = Table(
+        *(Column(name, no_wrap=True) for name in ("lamp", "", "colour", "CCT", "Duv")),
+        "family",
+        "confidence",
+    )
     for lamp in lamps:
         chip = Text("██", style=lamp["srgb"])
         colour = " ".join(f"{value:.3f}" for value in lamp["rgb"])
         cct = f"{lamp['cct_k']:.0f} K" if lamp["cct_k"] else "none"
         duv = "none" if lamp["duv"] is None else f"{lamp['duv']:+.3f}"
-        table.add_row(Text(lamp["name"]), chip, colour, cct, duv, f"{lamp['confidence']:.2f}")
+        family = f"{lamp['family']} {lamp['family_confidence']:.2f}"
+        confidence = f"{lamp['confidence']:.2f}"
+        table.add_row(Text(lamp["name"]), chip, colour, cct, duv, family, confidence)
     return table

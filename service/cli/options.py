@@ -15,10 +15,48 @@ if TYPE_CHECKING:
     from pipeline.options import Options
 
 Table = TypeVar("Table")
+NoFlash = Annotated[Path, typer.Argument(metavar="NO_FLASH", help="Photograph without the flash.")]
+Flash = Annotated[Path, typer.Argument(metavar="FLASH", help="Photograph with the flash.")]
 
 
 @dataclass(frozen=True)
-class Flags:
+class PairFlags:
+    """How the photographs are read and laid together; see pipeline.options.PairOptions."""
+
+    encoding: Annotated[
+        str,
+        typer.Option(
+            metavar="auto|linear|srgb",
+            help="How the pixel values are encoded; auto: RAW, DNG, 16-bit and float files linear, "
+            "8-bit ones sRGB.",
+        ),
+    ] = "auto"
+    flash_only: Annotated[
+        bool, typer.Option("--flash-only", help="FLASH already is the flash part alone.")
+    ] = False
+    exposure_ratio: Annotated[
+        float | None,
+        typer.Option(
+            metavar="R",
+            help="Flash frame's exposure ÷ no-flash frame's. Default: from EXIF, else 1.",
+        ),
+    ] = None
+    no_align: Annotated[
+        bool, typer.Option("--no-align", help="Do not warp the flash frame onto the other.")
+    ] = False
+
+    def pair_values(self) -> dict[str, Any]:
+        """Values of PairOptions by name, None where nothing was typed."""
+        return {
+            "encoding": self.encoding,
+            "flash_only": self.flash_only,
+            "exposure_ratio": self.exposure_ratio,
+            "align": not self.no_align,
+        }
+
+
+@dataclass(frozen=True)
+class Flags(PairFlags):
     """What was typed; see pipeline.options.Options for what it means."""
 
     lights: Annotated[str, typer.Option(metavar="auto|1|2|3", help="Number of lamps.")] = "auto"
@@ -43,27 +81,6 @@ class Flags:
             help="The flash; FILE: CSV wavelength_nm,power. Default: xenon.",
         ),
     ] = None
-    encoding: Annotated[
-        str,
-        typer.Option(
-            metavar="auto|linear|srgb",
-            help="How the pixel values are encoded; auto: RAW, DNG, 16-bit and float files linear, "
-            "8-bit ones sRGB.",
-        ),
-    ] = "auto"
-    flash_only: Annotated[
-        bool, typer.Option("--flash-only", help="FLASH already is the flash part alone.")
-    ] = False
-    exposure_ratio: Annotated[
-        float | None,
-        typer.Option(
-            metavar="R",
-            help="Flash frame's exposure ÷ no-flash frame's. Default: from EXIF, else 1.",
-        ),
-    ] = None
-    no_align: Annotated[
-        bool, typer.Option("--no-align", help="Do not warp the flash frame onto the other.")
-    ] = False
     neutral: Annotated[
         str | None,
         typer.Option(
@@ -77,6 +94,21 @@ class Flags:
         typer.Option(
             metavar="FILE.json",
             help="Directions of two or three lamps, for normals; see the README.",
+        ),
+    ] = None
+    pin_lamp: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="X,Y,RADIUS|NAME|FILE",
+            help="A lamp that is there: by an area that it lights alone, in pixels of NO_FLASH, or "
+            "by its spectrum. Once for every such lamp.",
+        ),
+    ] = None
+    forbid_lamp: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="X,Y,RADIUS|NAME|FILE",
+            help="A light that is none of the other lamps, given like --pin-lamp.",
         ),
     ] = None
     response: Annotated[
@@ -113,19 +145,21 @@ class Flags:
         from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
         from service.errors import sentence_of
 
+        pinned, forbidden = self.pin_lamp or (), self.forbid_lamp or ()
         values = {
             "lights": int(self.lights) if self.lights.isdecimal() else self.lights,
             "method": self.method,
             "basis": self.basis,
-            "camera": _table(self.camera, parse_sensitivities),
-            "flash_spectrum": _table(self.flash_spectrum, parse_spectrum),
-            "encoding": self.encoding,
-            "flash_only": self.flash_only,
-            "exposure_ratio": self.exposure_ratio,
-            "align": not self.no_align,
-            "neutral": _table(self.neutral, parse_spectrum),
+            "camera": read_table(self.camera, parse_sensitivities),
+            "flash_spectrum": read_table(self.flash_spectrum, parse_spectrum),
+            **self.pair_values(),
+            "neutral": read_table(self.neutral, parse_spectrum),
             "light_directions": _directions(self.light_directions),
-            "response": _table(self.response, parse_sensitivities),
+            "pinned_lamps": [_area(text) or read_table(text, parse_spectrum) for text in pinned],
+            "forbidden_lamps": [
+                _area(text) or read_table(text, parse_spectrum) for text in forbidden
+            ],
+            "response": read_table(self.response, parse_sensitivities),
             "focal_px": self.focal_px,
             "outputs": self.outputs
             if self.outputs in ("default", "all")
@@ -140,13 +174,14 @@ class Flags:
 
 
 def with_flags(command: Callable[..., None]) -> Callable[..., None]:
-    """Replace the parameter `flags` of a command by one command line option for each of Flags."""
-    own = [
-        parameter
-        for parameter in inspect.signature(command, eval_str=True).parameters.values()
-        if parameter.name != "flags"
-    ]
-    hints = get_type_hints(Flags, include_extras=True)
+    """Replace the parameter `flags` of a command by one command line option per field of its type.
+
+    The type is Flags or PairFlags.
+    """
+    parameters = inspect.signature(command, eval_str=True).parameters
+    kind = parameters["flags"].annotation
+    own = [parameter for parameter in parameters.values() if parameter.name != "flags"]
+    hints = get_type_hints(kind, include_extras=True)
     added = [
         inspect.Parameter(
             field.name,
@@ -154,11 +189,11 @@ def with_flags(command: Callable[..., None]) -> Callable[..., None]:
             default=field.default,
             annotation=hints[field.name],
         )
-        for field in fields(Flags)
+        for field in fields(kind)
     ]
 
     def wrapper(**arguments: Any) -> None:
-        flags = Flags(**{field.name: arguments.pop(field.name) for field in fields(Flags)})
+        flags = kind(**{field.name: arguments.pop(field.name) for field in fields(kind)})
         command(**arguments, flags=flags)
 
     wrapper.__name__ = command.__name__
@@ -179,7 +214,7 @@ def read_file(path: Path, what: str) -> bytes:
         raise InputError(f"The {what} {path} cannot be read: {reason}.") from error
 
 
-def _table(value: str | None, parse: Callable[[bytes], Table]) -> Table | str | None:
+def read_table(value: str | None, parse: Callable[[bytes], Table]) -> Table | str | None:
     """Read a table when a file was named, else the name."""
     if value is None:
         return None
@@ -187,6 +222,20 @@ def _table(value: str | None, parse: Callable[[bytes], Table]) -> Table | str | 
     if path.suffix.lower() in (".csv", ".json") or path.is_file():
         return parse(read_file(path, "file"))
     return value
+
+
+def _area(text: str) -> dict[str, float] | None:
+    """Read X,Y,RADIUS; None for what is no list of numbers."""
+    from pipeline.errors import OptionError
+
+    parts = text.split(",")
+    try:
+        numbers = [float(part) for part in parts]
+    except ValueError:
+        return None
+    if len(numbers) != 3:
+        raise OptionError(f"The area {text[:80]} is not three numbers X,Y,RADIUS in pixels.")
+    return dict(zip(("x", "y", "radius"), numbers, strict=True))
 
 
 def _directions(path: Path | None) -> list[Any] | None:

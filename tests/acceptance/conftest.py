@@ -134,6 +134,10 @@ class Results:
         content: dict[str, Any] = json.loads((self.folder / "manifest.json").read_bytes())
         return content
 
+    def warnings(self) -> list[str]:
+        """Codes of what the manifest warns of."""
+        return [warning["code"] for warning in self.manifest["warnings"]]
+
     @property
     def files(self) -> set[str]:
         """Names of what lies in the folder."""

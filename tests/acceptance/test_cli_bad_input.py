@@ -68,6 +68,7 @@ BAD_FLAGS = {
     "--flash-spectrum unknown": (["--flash-spectrum", "xenn"], ["xenn", "xenon"]),
     "--neutral unknown": (["--neutral", "D9"], ["neutral", "D9"]),
     "--response unknown": (["--response", "Nikon D5200"], ["Nikon D5200", "Nikon D5100"]),
+    "a response of no camera": (["--outputs", "response.exr"], ["response.exr needs a response"]),
     "--encoding other": (["--encoding", "gamma"], ["encoding", "linear", "srgb"]),
     "--exposure-ratio 0": (["--exposure-ratio", "0"], ["exposure_ratio"]),
     "--exposure-ratio nan": (["--exposure-ratio", "nan"], ["exposure_ratio"]),

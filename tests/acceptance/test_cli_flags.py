@@ -254,8 +254,30 @@ def test_response_shows_the_picture_through_another_camera(
 ) -> None:
     results = separated(two.exact, *EXACT, "--response", "Sigma SD1 Merrill")
 
-    assert results.files - plain.files == {"response.jpg"}
-    assert any(file["name"] == "response.jpg" for file in results.manifest["files"])
+    shown = {"response.jpg", "response_lamp1.jpg", "response_lamp2.jpg"}
+    assert results.files - plain.files == shown
+    assert shown <= {file["name"] for file in results.manifest["files"]}
+
+
+@pytest.mark.parametrize("method", ["best", "paper"])
+def test_layers_through_another_camera_add_up_to_the_photograph(
+    two: Any, separated: Callable[..., Any], method: str
+) -> None:
+    """Through the same camera they are the layers; through another one they are not."""
+    flags = (*EXACT, "--method", method, "--outputs", "layers.exr,response.exr")
+    same, other = (
+        separated(two.exact, *flags, "--response", name)
+        for name in ("Nikon D5100", "Sigma SD1 Merrill")
+    )
+
+    plain = same.layers()
+    light = plain.sum(0)
+    np.testing.assert_allclose(same.exr("response.exr"), light, atol=1e-4)
+    seen = other.exr("response.exr")
+    layers = [other.exr("response.exr", f"lamp{i}.") for i in (1, 2)]
+    np.testing.assert_allclose(sum(layers), seen, atol=1e-4)
+    assert np.median(np.abs(seen - light)) > 0.03 * np.median(light)
+    np.testing.assert_allclose(np.median(seen[..., 1]), np.median(light[..., 1]), rtol=0.15)
 
 
 @pytest.mark.parametrize(

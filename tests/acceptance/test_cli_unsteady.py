@@ -54,7 +54,7 @@ def short_reach(light: tuple[Any, Any]) -> Any:
 
 
 def warnings_of(results: Any) -> list[str]:
-    return list(results.manifest["warnings"])
+    return [warning["message"] for warning in results.manifest["warnings"]]
 
 
 def test_a_still_pair_is_not_warned_of(

@@ -57,6 +57,16 @@ def test_a_pair_gives_what_the_command_line_gives(
         assert answer.content == (local.folder / name).read_bytes(), name
 
 
+def test_warnings_have_codes_and_figures(service: httpx.Client, scene: Callable[..., Any]) -> None:
+    job = finished(service, send(service, scene(2).jpeg, lights=1))
+
+    warnings = service.get(f"/jobs/{job['id']}/results").json()["warnings"]
+    told = {one["code"]: one["figures"] for one in warnings}
+    assert told["rendered_srgb"] == {}
+    assert told["unexplained"]["left_over"] > 0.08
+    assert all(one["message"].endswith(".") for one in warnings)
+
+
 def test_a_camera_takes_the_pair_itself(
     service: httpx.Client, scene: Callable[..., Any], separated: Callable[..., Any]
 ) -> None:

@@ -9,6 +9,14 @@ import drivers
 def test_addresses_of_no_backend_are_refused(address: str) -> None:
     with pytest.raises(drivers.BadAddressError, match="must start with sim://"):
         drivers.open_camera(address)
+    with pytest.raises(drivers.BadAddressError, match="must start with sim://"):
+        drivers.check_address(address)
+
+
+def test_an_address_is_checked_by_its_backend() -> None:
+    drivers.check_address("sim://studio?lights=3")
+    with pytest.raises(drivers.BadAddressError, match="no parameter 'lamps'"):
+        drivers.check_address("sim://studio?lamps=3")
 
 
 def test_the_light_of_real_cameras_is_not_known() -> None:

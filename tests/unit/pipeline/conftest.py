@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from pipeline.align import NOT_ATTEMPTED
-from pipeline.frames import Frame, Image
+from pipeline.frames import Exposure, Frame, Image
 from pipeline.lamps import Lamps
 from pipeline.model import Model, build_model
 from pipeline.noise import Noise
@@ -80,8 +81,12 @@ def lamps_of(model: Model) -> Callable[..., Lamps]:
             "requested": len(vectors),
             "confidence": 1.0,
             "lamp_confidence": np.ones(len(vectors)),
+            "pinned": np.full(len(vectors), -1),
             "invariants": np.repeat(vectors, 100, axis=0),
-            "warnings": (),
+            "more": False,
+            "left_over": 0.0,
+            "edges": np.full(len(vectors), 0.01),
+            "contradictions": (),
         }
         return Lamps(**{**given, **more})
 
@@ -106,6 +111,7 @@ def pair_of() -> Callable[..., Pair]:
             "registration": 0.0,
             "parallax": 0.0,
             "moved": 0.0,
+            "clipped": 0.0,
             "warnings": (),
         }
         given.update(more)
@@ -181,5 +187,35 @@ def shadowed(
         z = (falloff * lit)[: len(matrices)]
         light = np.einsum("nhw,nkl,hwl->hwk", z, matrices, flash_part.astype(np.float64))
         return pair_of(light, flash_part)
+
+    return build
+
+
+@pytest.fixture(scope="module")
+def light() -> tuple[Array, Array]:
+    """What lamps and flash give (96, 128, 3): patches, lamps from the left, flash in the middle."""
+    rng = np.random.default_rng(7)
+    albedo = cv2.GaussianBlur(
+        rng.uniform(0.05, 0.9, (12, 16, 3)).repeat(8, 0).repeat(8, 1), (0, 0), 0.6
+    )
+    v, u = np.mgrid[:96, :128] / np.array([96, 128])[:, None, None]
+    lamps = albedo * (0.1 + 0.5 * (1 - u)[..., None]) * np.array([0.9, 0.7, 0.4])
+    flash = albedo * (0.6 - 0.8 * ((u - 0.5) ** 2 + (v - 0.5) ** 2))[..., None]
+    return lamps, flash
+
+
+@pytest.fixture
+def frames(
+    light: tuple[Array, Array], frame: Callable[..., Frame]
+) -> Callable[..., tuple[Frame, Frame]]:
+    """Photographs without and with the flash; scaled, with noise, and with what else is given."""
+
+    def build(scale: float = 1.0, **more: Any) -> tuple[Frame, Frame]:
+        lamps, flash = light
+        rng = np.random.default_rng(1)
+        grain = rng.normal(0, 0.002, (2, *lamps.shape))
+        given = {"exposure": Exposure(time_s=1 / 60, iso=200, f_number=4), **more}
+        with_flash = scale * (lamps + flash) + grain[1]
+        return frame(lamps + grain[0], **given), frame(with_flash, **given)
 
     return build

@@ -16,6 +16,7 @@ from pipeline.manifest import lamp_entries, make_manifest
 from pipeline.model import Model
 from pipeline.normals import Facing
 from pipeline.options import DirectedLight, Options
+from pipeline.remarks import Code, Remark
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light
 
@@ -60,7 +61,7 @@ def manifest_of(
             "facing": None,
             "filled": 0.123456,
             "files": [{"name": "layers.exr", "sha256": "cc"}],
-            "warnings": ["Something is odd."],
+            "warnings": [Remark(Code.FLICKER, "Something is odd.", {"height": 0.123456})],
         }
         given.update({key: value for key, value in more.items() if key in given})
         given["pair"] = replace(given["pair"], **more.get("pair_with", {}))
@@ -89,7 +90,9 @@ def test_the_manifest_says_what_is_needed(manifest_of: Callable[..., dict[str, A
     assert found["normals"] is None
     assert found["filled"] == 0.1235
     assert found["files"] == [{"name": "layers.exr", "sha256": "cc"}]
-    assert found["warnings"] == ["Something is odd."]
+    assert found["warnings"] == [
+        {"code": "flicker", "message": "Something is odd.", "figures": {"height": 0.1235}}
+    ]
     assert found["versions"]["lightlayers"] == version("lightlayers")
     assert found["versions"]["numpy"] == np.__version__
 
@@ -193,6 +196,32 @@ def test_lamps_are_told_by_colour_and_temperature(
         np.testing.assert_allclose(entry["coefficients"], vector, atol=1e-6)
         rgb = np.array(entry["rgb"]) / np.linalg.norm(entry["rgb"])
         np.testing.assert_allclose(rgb, vector, atol=0.03)
+
+
+def test_lamps_are_named_by_their_family(
+    model: Model, camera: Camera, lamps_of: Callable[..., Any]
+) -> None:
+    white = camera.sensitivities @ find_light("D150")
+
+    (entry,) = lamp_entries(lamps_of(white / np.linalg.norm(white)), model, np.ones(1))
+
+    family, confidence = model.families.nearest(model.lamp_matrix(white))
+    assert entry["family"] == family == "daylight"
+    assert entry["family_confidence"] == round(confidence, 3)
+    assert confidence > 0.6
+
+
+def test_pinned_lamps_are_told_by_their_place_in_the_option(
+    lamps_of: Callable[..., Any], model: Model
+) -> None:
+    lamps = lamps_of(
+        [[0.7, 0.6, 0.3], [0.4, 0.8, 0.4], [0.3, 0.6, 0.7]], pinned=np.array([1, -1, 0])
+    )
+
+    entries = lamp_entries(lamps, model, np.ones(3))
+
+    assert [entry["pinned"] for entry in entries] == [1, None, 0]
+    assert all(type(entry["pinned"]) is int for entry in entries[::2])
 
 
 def test_a_lamp_of_the_colour_of_the_flash_has_its_grey_card(

@@ -5,9 +5,10 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from pipeline.options import OUTPUT_NAMES, DirectedLight, Options, Sensitivities, Spectrum
+from pipeline.options import OUTPUT_NAMES, Circle, DirectedLight, Options, Sensitivities, Spectrum
 
 DIRECTION = {"direction": [0, 0, 1]}
+AREA = {"x": 10, "y": 20, "radius": 5}
 RANGE: list[float] = [400, 500, 600, 700]
 
 
@@ -40,6 +41,8 @@ def test_options_survive_json() -> None:
         camera=Sensitivities(wavelength_nm=RANGE, r=[0, 0, 1, 1], g=[0, 1, 1, 0], b=[1, 1, 0, 0]),
         flash_spectrum=Spectrum(wavelength_nm=RANGE, power=[1, 1, 1, 1]),
         light_directions=[DirectedLight(direction=(0, 0, 1), strength=0.5, rgb=(1, 0.5, 0.2))] * 3,
+        pinned_lamps=["A", Circle(x=1, y=2.5, radius=3)],
+        forbidden_lamps=[Spectrum(wavelength_nm=RANGE, power=[1, 1, 1, 1])],
         outputs=["gamma.png"],
     )
 
@@ -77,10 +80,50 @@ def test_more_than_three_lamps_are_refused_with_the_reason(lights: int) -> None:
         ({"light_directions": [{**DIRECTION, "color": "red"}] * 3}, "color"),
         ({"outputs": "some"}, "outputs"),
         ({"colour": "red"}, "colour"),
+        ({"pinned_lamps": "A"}, "valid list"),
+        ({"pinned_lamps": [7]}, "pinned_lamps.0.name"),
+        ({"pinned_lamps": [None]}, "pinned_lamps.0.name"),
+        ({"pinned_lamps": [{**AREA, "radius": 0}]}, "pinned_lamps.0.area.radius"),
+        ({"pinned_lamps": [{**AREA, "radius": -1}]}, "pinned_lamps.0.area.radius"),
+        ({"pinned_lamps": ["A", {"x": 1, "y": 2}]}, "pinned_lamps.1.area.radius"),
+        ({"pinned_lamps": [{**AREA, "y": float("inf")}]}, "pinned_lamps.0.area.y"),
+        ({"pinned_lamps": [{**AREA, "z": 1}]}, "pinned_lamps.0.area.z"),
+        ({"forbidden_lamps": [{"wavelength_nm": RANGE, "power": [1]}]}, "forbidden_lamps.0.table"),
+        ({"pinned_lamps": ["A", "B", "C", "E"]}, "at most 3"),
+        ({"forbidden_lamps": [f"D{k}" for k in range(40, 51)]}, "at most 10"),
+        ({"pinned_lamps": [AREA, AREA]}, "the same lamp is pinned twice"),
+        ({"forbidden_lamps": ["A", "A"]}, "the same lamp is forbidden twice"),
+        ({"pinned_lamps": [AREA], "forbidden_lamps": ["A", AREA]}, "pinned and forbidden at once"),
+        ({"lights": 1, "pinned_lamps": ["A", "B"]}, "2 lamps are pinned and only 1 asked for"),
+        (
+            {"light_directions": [DIRECTION] * 2, "pinned_lamps": ["A", "B", "C"]},
+            "3 lamps are pinned and only 2 asked for",
+        ),
+        ({"method": "paper", "pinned_lamps": ["A"]}, "no room for pinned or forbidden"),
+        ({"method": "paper", "forbidden_lamps": ["A"]}, "no room for pinned or forbidden"),
     ],
 )
 def test_what_cannot_be_is_refused_by_name(options: dict[str, Any], part: str) -> None:
     assert part in reason(options)
+
+
+@pytest.mark.parametrize(
+    ("options", "number"),
+    [
+        ({}, "auto"),
+        ({"lights": 2}, 2),
+        ({"light_directions": [DIRECTION] * 3}, 3),
+        ({"light_directions": [DIRECTION] * 2}, 2),
+        ({"light_directions": [DIRECTION] * 3, "lights": 1}, 1),
+    ],
+)
+def test_directions_tell_the_number_of_lamps(options: dict[str, Any], number: object) -> None:
+    assert Options.model_validate(options).number_of_lamps == number
+
+
+def test_as_many_lamps_as_are_asked_for_can_be_pinned() -> None:
+    options = Options.model_validate({"lights": 2, "pinned_lamps": ["A", AREA]})
+    assert options.pinned_lamps == ["A", Circle(x=10, y=20, radius=5)]
 
 
 def test_unknown_outputs_are_named_with_the_known_ones() -> None:
@@ -88,6 +131,13 @@ def test_unknown_outputs_are_named_with_the_known_ones() -> None:
 
     assert "unknown output album.pdf, depths.exr" in said
     assert all(name in said for name in OUTPUT_NAMES)
+
+
+@pytest.mark.parametrize("name", ["response.jpg", "response_lamps.jpg", "response.exr"])
+def test_pictures_through_another_camera_need_one(name: str) -> None:
+    assert f"{name} needs a response" in reason({"outputs": ["gamma.png", name]})
+    assert Options(outputs=[name], response="Nikon D5100").outputs == [name]
+    assert Options(outputs="all").response is None
 
 
 @pytest.mark.parametrize(

@@ -15,17 +15,20 @@ from PIL import Image as PillowImage
 
 from pipeline.colour.spaces import XYZ_TO_REC2020
 from pipeline.errors import Canceled
-from pipeline.model import Model, Response
+from pipeline.mesh import make_mesh
+from pipeline.model import Model, build_model
 from pipeline.options import OUTPUT_NAMES, Options
 from pipeline.outputs import wanted_outputs, write_outputs
 from pipeline.pictures import Pictures
 from pipeline.progress import Progress
 from pipeline.reduced import ReducedPair, reduce_pair
+from pipeline.spectra.cameras import Camera
+from pipeline.spectra.lights import find_light
 
 Array = NDArray[np.float64]
 ENTRIES: list[dict[str, Any]] = [
-    {"name": "lamp1", "cct_k": 2850},
-    {"name": "lamp2", "cct_k": None},
+    {"name": "lamp1", "cct_k": 2850, "family": "incandescent", "family_confidence": 0.934},
+    {"name": "lamp2", "cct_k": None, "family": "RGB LED", "family_confidence": 0.4},
 ]
 
 
@@ -46,6 +49,7 @@ def test_default_leaves_out_what_is_made_on_request() -> None:
         "white_balanced_1.tif",
         "white_balanced_2.tif",
         "white_balanced.exr",
+        "response.exr",
     }
 
 
@@ -73,7 +77,10 @@ def pictures() -> Pictures:
         white_balanced_2=balanced[1],
         normals=normals,
         depth=np.where(normals[..., 2] == 1, np.float32(1.25), np.float32(np.nan)),
+        normals_confidence=np.full((40, 64), 0.5, np.float32),
+        mesh=make_mesh(np.full((40, 64), 1.25, np.float32), normals, 100.0),
         response=None,
+        camera_changes=None,
         confidence=np.linspace(0, 1, 40 * 64, dtype=np.float32).reshape(40, 64),
         filled=0.0,
         separated=np.ones(2),
@@ -128,10 +135,12 @@ def written(
         (("white_balanced.exr",), ["white_balanced.exr"]),
         (("normals.png", "normals.exr"), ["normals.exr", "normals.png"]),
         (("depth.exr",), ["depth.exr"]),
+        (("surface.glb",), ["surface.glb"]),
         (("confidence.tif",), ["confidence.tif"]),
+        (("normals_confidence.tif",), ["normals_confidence.tif"]),
         (("gamma.png",), ["gamma.png"]),
         (("residual.png",), ["residual.png"]),
-        (("response.jpg",), []),
+        (("response.jpg", "response_lamps.jpg", "response.exr"), []),
     ],
 )
 def test_what_is_wanted_is_written_and_nothing_else(
@@ -153,6 +162,10 @@ def test_entries_describe_the_files(
 
     for name, entry in entries.items():
         assert entry["sha256"] == hashlib.sha256((tmp_path / name).read_bytes()).hexdigest()
+        if name == "surface.glb":
+            assert "width" not in entry
+            assert "y up" in entry["encoding"]
+            continue
         size = {"gamma.png": (900, 1050), "residual.png": (960, 760)}.get(name, (64, 40))
         assert (entry["width"], entry["height"]) == size
     assert entries["lamp1.tif"]["colour_space"] == "Rec. 2020"
@@ -288,7 +301,7 @@ def test_black_pictures_are_written_black(
 
     entries = written(*OUTPUT_NAMES, given=dark)
 
-    assert len(entries) == 16
+    assert len(entries) == 18
     for name in ("lamp1.jpg", "white_balanced_1.jpg", "white_balanced_2.jpg"):
         assert not shown(tmp_path / name).any()
 
@@ -307,29 +320,86 @@ def test_confidence_is_written_as_16_bit_grey(
     assert (codes[0, 0], codes[-1, -1]) == (0, 65535)
 
 
-def test_response_is_written_where_there_is_one(
+CHANGES = np.array([np.diag([2.0, 1.0, 0.5]), [[0.0, 1, 0], [1, 0, 0], [0, 0, 1]]])
+"""Of each lamp's layer through the other camera: other gains; red and green exchanged."""
+
+
+@pytest.fixture
+def responded(
     pictures: Pictures,
     reduced: ReducedPair,
-    model: Model,
+    camera: Camera,
     lamps_of: Callable[..., Any],
     warm_to_cool: Array,
     tmp_path: Path,
+) -> Callable[..., list[dict[str, Any]]]:
+    """Write outputs through another camera, which is the same with other names for channels."""
+
+    def run(*wanted: str) -> list[dict[str, Any]]:
+        model = build_model(camera, find_light("xenon"), find_light("D65"), "wpca", camera)
+        seen = np.einsum("nhwl,nkl->hwk", pictures.layers, CHANGES).astype(np.float32)
+        return write_outputs(
+            replace(pictures, response=seen, camera_changes=CHANGES),
+            reduced,
+            lamps_of(warm_to_cool[[0, 2]]),
+            model,
+            ENTRIES,
+            frozenset(wanted),
+            tmp_path,
+            Progress(),
+        )
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("wanted", "names"),
+    [
+        ("response.jpg", ["response.jpg"]),
+        ("response_lamps.jpg", ["response_lamp1.jpg", "response_lamp2.jpg"]),
+        ("response.exr", ["response.exr"]),
+        ("gamma.png", ["gamma.png"]),
+    ],
+)
+def test_responses_that_are_wanted_are_written(
+    responded: Callable[..., list[dict[str, Any]]], tmp_path: Path, wanted: str, names: list[str]
 ) -> None:
-    other = replace(model, response=Response(model.tensor, model.camera_to_xyz))
-    given = replace(pictures, response=pictures.photograph)
+    assert [entry["name"] for entry in responded(wanted)] == names
+    assert sorted(path.name for path in tmp_path.iterdir()) == names
 
-    write_outputs(
-        given,
-        reduced,
-        lamps_of(warm_to_cool[[0, 2]]),
-        other,
-        ENTRIES,
-        frozenset({"response.jpg"}),
-        tmp_path,
-        Progress(),
-    )
 
-    assert shown(tmp_path / "response.jpg").shape == (40, 64, 3)
+def test_layers_through_the_other_camera_are_written_with_their_sum(
+    responded: Callable[..., list[dict[str, Any]]], pictures: Pictures, tmp_path: Path
+) -> None:
+    (entry,) = responded("response.exr")
+
+    channels = planes(tmp_path / "response.exr")
+    assert set(channels) == {*"RGB", *(f"lamp{i}.{c}" for i in (1, 2) for c in "RGB")}
+    first, second = pictures.layers
+    for letter, one, two in (
+        ("R", 2 * first[..., 0], second[..., 1]),
+        ("G", first[..., 1], second[..., 0]),
+        ("B", 0.5 * first[..., 2], second[..., 2]),
+    ):
+        np.testing.assert_allclose(channels[f"lamp1.{letter}"], one, rtol=1e-6)
+        np.testing.assert_allclose(channels[f"lamp2.{letter}"], two, rtol=1e-6)
+        np.testing.assert_allclose(channels[letter], one + two, rtol=1e-6)
+    assert "other camera" in entry["colour_space"]
+
+
+def test_layers_through_the_other_camera_are_shown_on_the_scale_of_the_photograph(
+    responded: Callable[..., list[dict[str, Any]]], tmp_path: Path
+) -> None:
+    """Light adds up: the sum of the linear layers is the linear photograph."""
+    responded("response.jpg", "response_lamps.jpg")
+
+    def light(name: str) -> Array:
+        code = shown(tmp_path / name) / 255
+        return np.where(code < 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
+
+    whole, first, second = map(light, ("response.jpg", "response_lamp1.jpg", "response_lamp2.jpg"))
+    np.testing.assert_allclose(first.mean() + second.mean(), whole.mean(), rtol=0.1)
+    assert first[..., 2].mean() < 0.8 * second[..., 2].mean()
 
 
 def test_cancel_stops_between_files(

@@ -21,7 +21,14 @@ from pipeline.spectra.cameras import Camera, srgb_stand_in
 from pipeline.spectra.lights import find_light
 
 Array = NDArray[np.float64]
-NAMES = ("white_balanced_1", "white_balanced_2", "normals", "depth", "response")
+NAMES = (
+    "white_balanced_1",
+    "white_balanced_2",
+    "normals",
+    "normals_confidence",
+    "depth",
+    "response",
+)
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +53,7 @@ def facing() -> Facing:
         matrices=np.zeros((3, 3, 3)),
         misfit=0.0,
         strengths=np.ones(3),
+        focal_px=100.0,
     )
     return Facing(partial(surface_normals, surface=surface), surface.strengths, surface)
 
@@ -91,7 +99,11 @@ def rendered(
         (("normals.png",), {"normals"}),
         (("normals.exr",), {"normals"}),
         (("depth.exr",), {"depth"}),
+        (("normals_confidence.tif",), {"normals", "normals_confidence"}),
+        (("surface.glb",), {"white_balanced_1", "normals", "depth"}),
         (("response.jpg",), {"response"}),
+        (("response_lamps.jpg",), {"response"}),
+        (("response.exr",), {"response"}),
         (OUTPUT_NAMES, set(NAMES)),
     ],
 )
@@ -101,6 +113,7 @@ def test_only_pictures_that_are_wanted_are_made(
     pictures = rendered(*wanted)
 
     assert {name for name in NAMES if getattr(pictures, name) is not None} == made
+    assert (pictures.mesh is not None) == ("surface.glb" in wanted)
     assert (pictures.confidence is not None) == ("confidence.tif" in wanted)
     assert pictures.layers.shape == (3, 64, 96, 3)
 
@@ -112,7 +125,10 @@ def test_without_directions_and_without_another_camera_there_is_neither_picture(
 
     assert pictures.normals is None
     assert pictures.depth is None
+    assert pictures.mesh is None
+    assert pictures.normals_confidence is None
     assert pictures.response is None
+    assert pictures.camera_changes is None
     assert pictures.white_balanced_1 is not None
 
 

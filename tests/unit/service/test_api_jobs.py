@@ -211,6 +211,22 @@ def test_json_that_is_no_capture_is_refused(body: bytes, words: str, http: httpx
     assert words.lower() in detail.lower()
 
 
+@pytest.mark.parametrize(
+    ("camera", "status", "kind"),
+    [
+        ("usb://1", 422, "bad-camera-address"),
+        ("sim://studio?lights=9", 422, "bad-camera-address"),
+        ("sim://attic", 404, "camera-not-found"),
+    ],
+)
+def test_a_camera_that_cannot_be_is_refused_at_once(
+    camera: str, status: int, kind: str, http: httpx.Client
+) -> None:
+    answer = http.post("/jobs", json={"capture": {"camera": camera}})
+    assert _problem(answer)[:2] == (status, kind)
+    assert http.get("/jobs").json()["jobs"] == []
+
+
 class TestSmallLimits:
     @pytest.fixture
     def settings(self, settings: Settings) -> Settings:

@@ -8,6 +8,8 @@ from collections.abc import Callable
 import httpx
 import pytest
 
+from service.api.context import Context
+
 FILES = {
     "lamp1.jpg": b"0123456789",
     "layers.exr": b"light" * 1000,
@@ -55,6 +57,19 @@ def test_a_result_says_what_it_is(http: httpx.Client, job: str) -> None:
     assert answer.headers["x-content-type-options"] == "nosniff"
     assert answer.headers["etag"].strip('"') == f"{10:064x}"
     assert "private" in answer.headers["cache-control"]
+
+
+@pytest.mark.parametrize("what", ["results", "results/layers.exr"])
+def test_what_a_result_is_can_be_asked_without_it(
+    what: str, http: httpx.Client, job: str, context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = http.get(f"{job}/{what}")
+    monkeypatch.delattr(type(context.storage), "stream")
+    head = http.head(f"{job}/{what}", headers={"range": "bytes=2-4"})
+    assert (head.status_code, head.content) == (200, b"")
+    for name in ("content-length", "content-type"):
+        assert head.headers[name] == whole.headers[name]
+    assert head.headers.get("etag") == whole.headers.get("etag")
 
 
 def test_a_part_of_a_result_can_be_fetched(http: httpx.Client, job: str) -> None:

@@ -210,11 +210,13 @@ MANIFEST = {
             "cct_k": 2856.4,
             "duv": -0.0123,
             "srgb": "#80c0ff",
+            "family": "mercury or metal halide",
+            "family_confidence": 0.934,
             "confidence": 0.9,
         }
     ],
     "files": [{"name": "lamp1.jpg"}],
-    "warnings": ["The lamps are alike."],
+    "warnings": [{"code": "lamps_alike", "message": "The lamps are alike.", "figures": {}}],
 }
 
 
@@ -240,6 +242,9 @@ def test_a_summary_is_printed(
     assert "0.250 0.500 1.000" in said.out
     assert "2856 K" in said.out
     assert "-0.012" in said.out
+    assert "mercury or" in said.out
+    assert "halide" in said.out
+    assert "0.93" in said.out
     assert str(out / "lamp1.jpg") in said.out
     assert "Warning: The lamps are alike." in said.out
     assert said.err == ""
@@ -262,6 +267,7 @@ def test_help_names_every_flag(capsys: pytest.CaptureFixture[str]) -> None:
     for flag in (
         "--lights", "--method", "--basis", "--camera", "--flash-spectrum", "--encoding",
         "--flash-only", "--exposure-ratio", "--no-align", "--neutral", "--light-directions",
+        "--pin-lamp", "--forbid-lamp",
         "--response", "--focal-px", "--outputs", "--json", "-o",
     ):  # fmt: skip
         assert flag in said

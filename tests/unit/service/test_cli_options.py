@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from pipeline.errors import InputError, OptionError
-from pipeline.options import Options, Sensitivities, Spectrum
+from pipeline.options import Circle, Options, Sensitivities, Spectrum
 from service.cli.options import Flags
 
 CAMERA = "wavelength_nm,R,G,B\n400,0.1,0.2,0.3\n550,0.2,0.9,0.1\n700,0.5,0.1,0\n"
@@ -54,6 +54,18 @@ def test_files_become_tables(tmp_path: Path) -> None:
     assert isinstance(options.flash_spectrum, Spectrum)
     assert options.flash_spectrum == options.neutral
     assert options.neutral.power == [0.5, 1.0]
+
+
+def test_lamps_are_areas_names_or_files(tmp_path: Path) -> None:
+    light = tmp_path / "bulb, warm.csv"
+    light.write_text(LIGHT)
+    flags = Flags(pin_lamp=["10, 20.5,3", "A"], forbid_lamp=[str(light), "1e3,4,5"])
+    options = flags.options()
+    assert options.pinned_lamps == [Circle(x=10, y=20.5, radius=3), "A"]
+    assert options.forbidden_lamps == [
+        Spectrum(wavelength_nm=[400, 700], power=[0.5, 1]),
+        Circle(x=1000, y=4, radius=5),
+    ]
 
 
 def _directions(tmp_path: Path, content: Any) -> Options:
@@ -118,6 +130,14 @@ def test_directions_that_cannot_be_used_are_told(content: Any, words: str, tmp_p
         (Flags(outputs="layers.exr,lamp9.gif"), "lamp9.gif"),
         (Flags(outputs=""), "Unknown output"),
         (Flags(camera="nothing.csv"), "nothing.csv cannot be read: no such file"),
+        (Flags(pin_lamp=["1,2"]), "The area 1,2 is not three numbers X,Y,RADIUS"),
+        (Flags(forbid_lamp=["1,2,3,4"]), "is not three numbers"),
+        (Flags(pin_lamp=["1"]), "The area 1 is not three numbers"),
+        (Flags(pin_lamp=["1,2,0"]), "pinned_lamps.0.area.radius"),
+        (Flags(pin_lamp=["1,nan,2"]), "pinned_lamps.0.area.y"),
+        (Flags(pin_lamp=["none.csv"]), "none.csv cannot be read: no such file"),
+        (Flags(lights="1", pin_lamp=["A", "D65"]), "2 lamps are pinned and only 1"),
+        (Flags(method="paper", pin_lamp=["A"]), "no room for pinned"),
         (Flags(light_directions=Path("nothing.json")), "nothing.json cannot be read"),
         (Flags(light_directions=Path()), "is a directory"),
     ],

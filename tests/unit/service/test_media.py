@@ -13,6 +13,7 @@ from service.media import media_type
         ("lamp1.tif", "image/tiff"),
         ("white_balanced_1.jpg", "image/jpeg"),
         ("gamma.png", "image/png"),
+        ("surface.glb", "model/gltf-binary"),
         ("surface.unknown", "application/octet-stream"),
         ("none", "application/octet-stream"),
     ],

@@ -26,6 +26,7 @@ def test_the_routes_are_the_contract(paths: dict[str, dict[str, Any]]) -> None:
         f"{method.upper()} {path}" for path, methods in paths.items() for method in methods
     } == {
         "POST /jobs",
+        "POST /calibrations",
         "GET /jobs",
         "GET /jobs/{job_id}",
         "POST /jobs/{job_id}/cancel",
