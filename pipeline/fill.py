@@ -1,9 +1,9 @@
-"""What fills pixels that cannot be separated: the proportions of the light around them."""
+"""What fills pixels that cannot be separated: the proportions of the light around."""
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from pipeline.lamps import Lamps
@@ -27,14 +27,39 @@ class Surroundings:
 
     def rows(self, rows: slice, width: int) -> Array:
         """Proportions (N, h, width, 3) for some rows of the full-size picture, bilinear."""
-        y, x = (
-            (np.arange(start, stop, dtype=np.float32) + 0.5) / self._block - 0.5
-            for start, stop in ((rows.start, rows.stop), (0, width))
-        )
-        xs, ys = np.meshgrid(x, y)
-        planes = [
-            cv2.remap(plane, xs, ys, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            for plane in np.ascontiguousarray(self._map.transpose(2, 0, 1))
-        ]
-        proportions = np.stack(planes, axis=-1).reshape(len(y), width, self._count, 3)
-        return np.asarray(proportions.transpose(2, 0, 1, 3), dtype=np.float32)
+        around = np.empty((self._count, rows.stop - rows.start, width, 3), dtype=np.float32)
+        x, right = self._between(0, width, self._map.shape[1])
+        y, lower = self._between(rows.start, rows.stop, self._map.shape[0])
+        _enlarge(self._map, x, right, y, lower, around)
+        return around
+
+    def _between(self, start: int, stop: int, blocks: int) -> tuple[NDArray[np.int64], Array]:
+        """First of the two blocks beside each pixel start…stop of an axis, the second's weight."""
+        place = (np.arange(start, stop) + 0.5) / self._block - 0.5
+        first = np.clip(np.floor(place), 0, max(blocks - 2, 0))
+        return first.astype(np.int64), np.clip(place - first, 0.0, 1.0).astype(np.float32)
+
+
+@njit(cache=True, error_model="numpy")
+def _enlarge(
+    blocks: Array,
+    x: NDArray[np.int64],
+    right: Array,
+    y: NDArray[np.int64],
+    lower: Array,
+    around: Array,
+) -> None:
+    """Write blocks (h, w, 3N) between which pixels lie into (N, H, W, 3)."""
+    one = np.float32(1.0)
+    height, width, planes = blocks.shape
+    row = np.empty((width, planes), np.float32)
+    for i in range(len(y)):
+        top, bottom = blocks[y[i]], blocks[min(y[i] + 1, height - 1)]
+        for c in range(width):
+            for p in range(planes):
+                row[c, p] = (one - lower[i]) * top[c, p] + lower[i] * bottom[c, p]
+        for n in range(planes // 3):
+            for j in range(len(x)):
+                first, second = row[x[j]], row[min(x[j] + 1, width - 1)]
+                for k in range(3 * n, 3 * n + 3):
+                    around[n, i, j, k - 3 * n] = (one - right[j]) * first[k] + right[j] * second[k]

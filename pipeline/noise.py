@@ -53,13 +53,6 @@ class Noise:
         less = min(1.0, self.grain / block**2)
         return Noise(self.gain * less, self.floor * less, max(self.grain / block**2, 1.0))
 
-    def stabilize(self, planes: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Transform values (3, ...) so that their noise has unit variance everywhere."""
-        shape = (3, *(1,) * (planes.ndim - 1))
-        gain = np.maximum(self.gain, 1e-9).astype(np.float32).reshape(shape)
-        floor = np.maximum(self.floor, 1e-12).astype(np.float32).reshape(shape)
-        return np.asarray(2.0 / gain * np.sqrt(gain * np.maximum(planes, 0.0) + floor))
-
 
 def estimate_noise(pixels: Image) -> Noise:
     """Estimate the noise of a photograph from its own flat areas.

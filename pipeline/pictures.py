@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from pipeline.frames import Image
+from pipeline.hui2018.white_balance import PublishedWhiteBalance
 from pipeline.lamps import Lamps
 from pipeline.mesh import Mesh, make_mesh
 from pipeline.model import Model
@@ -19,7 +21,7 @@ from pipeline.progress import Progress
 from pipeline.reduced import ReducedPair
 from pipeline.response import camera_changes, other_response
 from pipeline.separation import separate
-from pipeline.white_balance import approach_1, approach_2
+from pipeline.white_balance import WhiteBalance
 
 _FILLED = 0.5  # confidence below which a pixel counts as filled in
 
@@ -98,21 +100,19 @@ def render(
         trust = np.empty(shape[:2], dtype=np.float32)
     if surface is not None and wanted & {"depth.exr", "surface.glb"}:
         depth = surface_depth(surface, shape[:2])
+    balance = (WhiteBalance if method == "best" else PublishedWhiteBalance)(lamps, model)
     filled = 0
     light, sure = np.zeros((2, len(lamps), shape[0]))  # of each row, so that strips do not matter
     for strip in separate(pair, reduced, lamps, model, method, progress, strip_rows):
         rows = strip.rows
         layers[:, rows] = strip.layers
-        filled += int((strip.confidence < _FILLED).sum())
-        row_light = np.maximum(strip.layers, 0.0).sum(axis=3, dtype=np.float64)
-        light[:, rows] = row_light.sum(axis=2)
-        sure[:, rows] = (row_light * strip.confidence).sum(axis=2)
+        filled += _add_up(strip.layers, strip.confidence, light[:, rows], sure[:, rows])
         if confidence is not None:
             confidence[rows] = strip.confidence
         if balanced_1 is not None:
-            balanced_1[rows] = approach_1(strip, lamps, model, method)
+            balanced_1[rows] = balance.approach_1(strip)
         if balanced_2 is not None:
-            balanced_2[rows] = approach_2(strip, lamps, model, method)
+            balanced_2[rows] = balance.approach_2(strip)
         if normals is not None and facing is not None:
             normals[rows] = facing.of(strip)
             if trust is not None and surface is not None:
@@ -137,3 +137,26 @@ def render(
         filled=filled / (shape[0] * shape[1]),
         separated=sure.sum(axis=1) / np.maximum(light.sum(axis=1), 1e-12),
     )
+
+
+@njit(cache=True)
+def _add_up(
+    layers: NDArray[np.float32],
+    confidence: NDArray[np.float32],
+    light: NDArray[np.float64],
+    sure: NDArray[np.float64],
+) -> int:
+    """Write the light of each row (N, h), and what of it is sure; return how many are filled."""
+    filled = 0
+    for y in range(confidence.shape[0]):
+        for j in range(len(layers)):
+            light[j, y] = sure[j, y] = 0.0
+            for x in range(confidence.shape[1]):
+                total = 0.0
+                for k in range(3):
+                    total += max(np.float64(layers[j, y, x, k]), 0.0)
+                light[j, y] += total
+                sure[j, y] += total * confidence[y, x]
+        for x in range(confidence.shape[1]):
+            filled += confidence[y, x] < _FILLED
+    return filled

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from pipeline import registration, sigma_filter, smoothing
@@ -71,20 +72,17 @@ def separate(
             continue
         wide, inner = _widened(rows, smoothing.HALO, height)
         no_flash, flash = _filtered(pair, wide)
-        confidence = _open(pair, wide) * _certainty(pair, wide)
-        uncertainty = _relative_noise(pair, wide) / lamps.contrast
-        proportions = smoothing.smooth_proportions(
+        confidence, uncertainty = _reliability(pair, wide, lamps.contrast)
+        layers = smoothing.smooth_proportions(
             model_proportions(no_flash, flash, lamps),
             no_flash,
             flash,
             confidence,
-            np.minimum(uncertainty, 1.0),
+            uncertainty,
             inner,
         )
         no_flash, flash, confidence = no_flash[inner], flash[inner], confidence[inner]
-        trust = confidence[..., None]
-        around = surroundings.rows(rows, width)
-        layers = (trust * proportions + (1 - trust) * around) * pair.no_flash[rows]
+        _deal_out(pair.no_flash[rows], confidence, surroundings.rows(rows, width), layers)
         yield Strip(rows, layers, no_flash, flash, confidence)
 
 
@@ -115,36 +113,91 @@ def _open(pair: Pair, rows: slice) -> NDArray[np.float32]:
     return np.asarray(1.0 - near[inner], dtype=np.float32)
 
 
-def _certainty(pair: Pair, rows: slice) -> NDArray[np.float32]:
-    """How far flash part and no-flash light stand out from their noise, 0…1."""
-    certainty = np.ones((rows.stop - rows.start, pair.unusable.shape[1]))
-    for light, variance in _light_and_noise(pair, rows):
-        squared = np.square(np.maximum(light, 0.0))
-        certainty *= squared / (squared + _DOUBT**2 * variance)
-    return certainty.astype(np.float32)
+def _reliability(
+    pair: Pair, rows: slice, contrast: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Confidence and uncertainty (h, W), each 0…1.
 
-
-def _relative_noise(pair: Pair, rows: slice) -> NDArray[np.float32]:
-    """Noise of flash part and no-flash light against themselves, both together."""
-    total = np.zeros((rows.stop - rows.start, pair.unusable.shape[1]))
-    for light, variance in _light_and_noise(pair, rows):
-        total += variance / np.maximum(np.square(light), variance)
-    return np.sqrt(total).astype(np.float32)
-
-
-def _light_and_noise(
-    pair: Pair, rows: slice
-) -> list[tuple[NDArray[np.float32], NDArray[np.float64]]]:
-    """(light, its variance), summed over channels, (h, W): of the flash part, of the lamps."""
-    no_flash, flash = pair.no_flash[rows], pair.flash[rows]
-    no_flash_variance = pair.no_flash_noise.variance(no_flash).sum(axis=2)
-    flash_variance = pair.flash_noise.variance(flash).sum(axis=2)
+    Confidence is how far flash part and no-flash light stand out from their noise, 0 in unusable
+    pixels. Uncertainty is what noise may do to proportions.
+    """
+    beside = np.zeros((0, 0, 3), np.float32)
     if pair.registration > 0:
         wide, inner = _widened(rows, registration.HALO, len(pair.unusable))
-        beside = registration.registration_variance(pair.flash[wide], pair.registration)
-        flash_variance = flash_variance + beside[inner].sum(axis=2)
-    light, part = no_flash.sum(axis=2), flash.sum(axis=2)
-    if not pair.flash_only:
-        part = part - light
-        flash_variance = flash_variance + no_flash_variance
-    return [(part, flash_variance), (light, no_flash_variance)]
+        variance = registration.registration_variance(pair.flash[wide], pair.registration)
+        beside = variance[inner]
+    confidence = _open(pair, rows)
+    uncertainty = np.empty_like(confidence)
+    _weigh_noise(
+        pair.no_flash[rows],
+        pair.flash[rows],
+        beside,
+        (pair.no_flash_noise.gain, pair.no_flash_noise.floor),
+        (pair.flash_noise.gain, pair.flash_noise.floor),
+        pair.flash_only,
+        contrast,
+        confidence,
+        uncertainty,
+    )
+    return confidence, uncertainty
+
+
+@njit(cache=True, error_model="numpy")
+def _weigh_noise(
+    no_flash: Image,
+    flash: Image,
+    beside: Image,
+    no_flash_noise: tuple[NDArray[np.float64], NDArray[np.float64]],
+    flash_noise: tuple[NDArray[np.float64], NDArray[np.float64]],
+    flash_only: bool,
+    contrast: float,
+    confidence: NDArray[np.float32],
+    uncertainty: NDArray[np.float32],
+) -> None:
+    """Multiply confidence (h, W), and write uncertainty.
+
+    beside: variance (h, W, 3) of a flash photograph that lies beside the other, or nothing.
+    """
+    for y in range(no_flash.shape[0]):
+        for x in range(no_flash.shape[1]):
+            light = part = variance = part_variance = 0.0
+            for k in range(3):
+                n, f = np.float64(no_flash[y, x, k]), np.float64(flash[y, x, k])
+                light += n
+                part += f
+                variance += no_flash_noise[0][k] * max(n, 0.0) + no_flash_noise[1][k]
+                part_variance += flash_noise[0][k] * max(f, 0.0) + flash_noise[1][k]
+                if len(beside):
+                    part_variance += beside[y, x, k]
+            if not flash_only:
+                part -= light
+                part_variance += variance
+            squared, part_squared = light * light, part * part
+            certain = (
+                max(part, 0.0)
+                * part
+                / (part_squared + _DOUBT**2 * part_variance)
+                * (max(light, 0.0) * light / (squared + _DOUBT**2 * variance))
+            )
+            relative = variance / max(squared, variance)
+            relative += part_variance / max(part_squared, part_variance)
+            confidence[y, x] *= certain
+            uncertainty[y, x] = min(np.sqrt(relative) / contrast, 1.0)
+
+
+@njit(cache=True, error_model="numpy")
+def _deal_out(
+    photograph: Image,
+    confidence: NDArray[np.float32],
+    around: NDArray[np.float32],
+    proportions: NDArray[np.float32],
+) -> None:
+    """Turn proportions (N, h, W, 3) into layers, with those around for what is not trusted."""
+    for lamp in range(len(proportions)):
+        for y in range(confidence.shape[0]):
+            for x in range(confidence.shape[1]):
+                trust = confidence[y, x]
+                rest = np.float32(1.0) - trust
+                for k in range(3):
+                    own = trust * proportions[lamp, y, x, k] + rest * around[lamp, y, x, k]
+                    proportions[lamp, y, x, k] = own * photograph[y, x, k]

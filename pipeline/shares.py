@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from itertools import combinations
+from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float32]
-Doubles = NDArray[np.float64]
+Colour = tuple[Any, Any, Any]
 
 _REGULAR = 1e-6  # relative determinant below which lamps are too alike at a pixel to be told apart
 
@@ -28,66 +29,115 @@ def shares(no_flash: Array, predictions: Array) -> Array:
     -------
     (N, ...) float32
     """
-    count = len(predictions)
-    gram = {
-        (i, j): _dot(predictions[i], predictions[j]) for i in range(count) for j in range(i, count)
-    }
-    seen = [_dot(predictions[j], no_flash) for j in range(count)]
-    best = np.zeros((count, *no_flash.shape[:-1]), dtype=np.float32)
-    gain = np.zeros(no_flash.shape[:-1])
-    for size in range(1, count + 1):
-        for subset in combinations(range(count), size):
-            solution = _solve(subset, gram, seen)
-            # ‖I‖² − ‖I − Pz‖² at the least squares solution
-            explained = sum(z * seen[j] for j, z in zip(subset, solution, strict=True))
-            better = (explained > gain) & np.logical_and.reduce([z >= 0 for z in solution])
-            gain = np.where(better, explained, gain)
-            for j in range(count):
-                value = solution[subset.index(j)] if j in subset else 0.0
-                best[j] = np.where(better, value, best[j])
-    return best
+    count, shape = len(predictions), no_flash.shape[:-1]
+    light = np.ascontiguousarray(no_flash, dtype=np.float32).reshape(-1, 3)
+    found = np.empty((count, len(light)), dtype=np.float32)
+    _shares(light, np.ascontiguousarray(predictions, np.float32).reshape(count, -1, 3), found)
+    return found.reshape(count, *shape)
 
 
-def _solve(
-    subset: tuple[int, ...], gram: dict[tuple[int, int], Doubles], seen: list[Doubles]
-) -> list[Doubles]:
-    """Least squares for some of the lamps; −1 where they cannot be told apart."""
-    if len(subset) == 1:
-        (a,) = subset
-        return [_divide(seen[a], gram[a, a], gram[a, a] > 0)]
-    if len(subset) == 2:
-        a, b = subset
-        determinant = gram[a, a] * gram[b, b] - gram[a, b] ** 2
-        regular = determinant > _REGULAR * gram[a, a] * gram[b, b]
-        return [
-            _divide(gram[b, b] * seen[a] - gram[a, b] * seen[b], determinant, regular),
-            _divide(gram[a, a] * seen[b] - gram[a, b] * seen[a], determinant, regular),
-        ]
-    cofactor = {
-        (0, 0): gram[1, 1] * gram[2, 2] - gram[1, 2] ** 2,
-        (0, 1): gram[0, 2] * gram[1, 2] - gram[0, 1] * gram[2, 2],
-        (0, 2): gram[0, 1] * gram[1, 2] - gram[0, 2] * gram[1, 1],
-        (1, 1): gram[0, 0] * gram[2, 2] - gram[0, 2] ** 2,
-        (1, 2): gram[0, 1] * gram[0, 2] - gram[0, 0] * gram[1, 2],
-        (2, 2): gram[0, 0] * gram[1, 1] - gram[0, 1] ** 2,
-    }
-    determinant = np.stack([gram[0, j] * cofactor[0, j] for j in range(3)]).sum(axis=0)
-    regular = determinant > _REGULAR**1.5 * gram[0, 0] * gram[1, 1] * gram[2, 2]
-    return [
-        _divide(
-            np.stack([cofactor[min(i, j), max(i, j)] * seen[j] for j in range(3)]).sum(axis=0),
-            determinant,
-            regular,
+@njit(cache=True, error_model="numpy")
+def _shares(light: Array, predictions: Array, found: Array) -> None:
+    """Write shares (N, n) of n pixels."""
+    for i in range(light.shape[0]):
+        seen = light[i, 0], light[i, 1], light[i, 2]
+        p = predictions[0, i]
+        first = p[0], p[1], p[2]
+        if len(predictions) == 1:
+            found[0, i] = share_of_one(seen, first)
+            continue
+        p = predictions[1, i]
+        second = p[0], p[1], p[2]
+        if len(predictions) == 2:
+            found[0, i], found[1, i] = shares_of_two(seen, first, second)
+            continue
+        p = predictions[2, i]
+        found[0, i], found[1, i], found[2, i] = shares_of_three(
+            seen, first, second, (p[0], p[1], p[2])
         )
-        for i in range(3)
-    ]
 
 
-def _dot(a: Array, b: Array) -> Doubles:
-    """Sum over the channels, in double precision: lamps that look alike at a pixel need it."""
-    red, green, blue = (np.multiply(a[..., k], b[..., k], dtype=np.float64) for k in range(3))
-    return red + green + blue
+@njit(cache=True, error_model="numpy", inline="always")
+def _dot(a: Colour, b: Colour) -> float:
+    """In double precision: lamps that look alike at a pixel need it."""
+    return (
+        np.float64(a[0]) * np.float64(b[0])
+        + np.float64(a[1]) * np.float64(b[1])
+        + np.float64(a[2]) * np.float64(b[2])
+    )
 
 
-def _divide(numerator: Doubles, denominator: Doubles, regular: NDArray[np.bool_]) -> Doubles:
-    return np.where(regular, numerator / np.where(regular, denominator, 1.0), -1.0)
+@njit(cache=True, error_model="numpy", inline="always")
+def _alone(seen: float, power: float) -> float:
+    return seen / power if power > 0 and seen > 0 else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _together(
+    s0: float, s1: float, g00: float, g01: float, g11: float
+) -> tuple[float, float, float]:
+    """Shares of two lamps that are both there, and what they explain; −1 where they are not."""
+    determinant = g00 * g11 - g01 * g01
+    if not determinant > _REGULAR * g00 * g11:
+        return 0.0, 0.0, -1.0
+    z0, z1 = g11 * s0 - g01 * s1, g00 * s1 - g01 * s0
+    if z0 < 0 or z1 < 0:
+        return 0.0, 0.0, -1.0
+    z0, z1 = z0 / determinant, z1 / determinant
+    return z0, z1, z0 * s0 + z1 * s1
+
+
+@njit(cache=True, error_model="numpy")
+def share_of_one(seen: Colour, first: Colour) -> float:
+    """Share of one pixel, as shares defines it; for other compiled loops."""
+    return _alone(_dot(first, seen), _dot(first, first))
+
+
+@njit(cache=True, error_model="numpy")
+def shares_of_two(seen: Colour, first: Colour, second: Colour) -> tuple[float, float]:
+    """Shares of one pixel, as shares defines them; for other compiled loops."""
+    s0, s1 = _dot(first, seen), _dot(second, seen)
+    g00, g01, g11 = _dot(first, first), _dot(first, second), _dot(second, second)
+    z0, z1, explained = _together(s0, s1, g00, g01, g11)
+    if explained >= 0:  # no solution on the border is better than one inside
+        return z0, z1
+    z0, z1 = _alone(s0, g00), _alone(s1, g11)
+    return (z0, 0.0) if z0 * s0 >= z1 * s1 else (0.0, z1)
+
+
+@njit(cache=True, error_model="numpy")
+def shares_of_three(
+    seen: Colour, first: Colour, second: Colour, third: Colour
+) -> tuple[float, float, float]:
+    """Shares of one pixel, as shares defines them; for other compiled loops."""
+    s0, s1, s2 = _dot(first, seen), _dot(second, seen), _dot(third, seen)
+    g00, g01, g02 = _dot(first, first), _dot(first, second), _dot(first, third)
+    g11, g12, g22 = _dot(second, second), _dot(second, third), _dot(third, third)
+    c00, c01, c02 = g11 * g22 - g12 * g12, g02 * g12 - g01 * g22, g01 * g12 - g02 * g11
+    determinant = g00 * c00 + g01 * c01 + g02 * c02
+    if determinant > _REGULAR**1.5 * g00 * g11 * g22:
+        c11, c12, c22 = g00 * g22 - g02 * g02, g01 * g02 - g00 * g12, g00 * g11 - g01 * g01
+        z0 = c00 * s0 + c01 * s1 + c02 * s2
+        z1 = c01 * s0 + c11 * s1 + c12 * s2
+        z2 = c02 * s0 + c12 * s1 + c22 * s2
+        if z0 >= 0 and z1 >= 0 and z2 >= 0:
+            return z0 / determinant, z1 / determinant, z2 / determinant
+    # else the best of the solutions that lack a lamp
+    z0, z1, z2 = _alone(s0, g00), 0.0, 0.0
+    gain = z0 * s0
+    one = _alone(s1, g11)
+    if one * s1 > gain:
+        gain, z0, z1 = one * s1, 0.0, one
+    one = _alone(s2, g22)
+    if one * s2 > gain:
+        gain, z0, z1, z2 = one * s2, 0.0, 0.0, one
+    a, b, explained = _together(s0, s1, g00, g01, g11)
+    if explained > gain:
+        gain, z0, z1, z2 = explained, a, b, 0.0
+    a, b, explained = _together(s0, s2, g00, g02, g22)
+    if explained > gain:
+        gain, z0, z1, z2 = explained, a, 0.0, b
+    a, b, explained = _together(s1, s2, g11, g12, g22)
+    if explained > gain:
+        z0, z1, z2 = 0.0, a, b
+    return z0, z1, z2

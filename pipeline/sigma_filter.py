@@ -43,17 +43,41 @@ def sigma_filter(
     two (len(keep), W, 3) filtered photographs, and (len(keep), W) how many pixels were averaged
     """
     planes = np.ascontiguousarray(np.concatenate(images, axis=2).transpose(2, 0, 1))
+    height = planes.shape[1]
+    first, last, _ = keep.indices(height)
+    gain = np.concatenate([np.maximum(noise.gain, 1e-9) for noise in noises]).astype(np.float32)
+    floor = np.concatenate([np.maximum(noise.floor, 1e-12) for noise in noises]).astype(np.float32)
+    stable, total = np.empty_like(planes), np.empty_like(planes)
     certainty = np.ones(planes.shape[1:], dtype=np.float32)  # pixels averaged so far
+    count = np.empty_like(certainty)
+    top, bottom, halo = 0, height, HALO
     for reach, gap in _WINDOWS:
-        stable = np.empty_like(planes)
-        for i, noise in enumerate(noises):
-            stable[3 * i : 3 * i + 3] = noise.stabilize(planes[3 * i : 3 * i + 3])
-        total, count = np.empty_like(planes), np.empty_like(certainty)
-        _join(planes, certainty, stable, reach, gap, np.float32(_JOIN**2), total, count)
-        planes, certainty = total, count
+        _stabilize(planes, gain, floor, top, bottom, stable)
+        halo -= reach * gap
+        top, bottom = max(first - halo, 0), min(last + halo, height)
+        _join(planes, certainty, stable, reach, gap, top, bottom, total, count)
+        planes, total = total, planes
+        certainty, count = count, certainty
     kept = planes[:, keep].transpose(1, 2, 0)
-    first, second = (np.ascontiguousarray(kept[..., part]) for part in (slice(3), slice(3, 6)))
-    return first, second, certainty[keep]
+    before, after = (np.ascontiguousarray(kept[..., part]) for part in (slice(3), slice(3, 6)))
+    return before, after, certainty[keep]
+
+
+@njit(cache=True)
+def _stabilize(
+    planes: Planes, gain: Planes, floor: Planes, top: int, bottom: int, stable: Planes
+) -> None:
+    """Write rows top…bottom of planes (6, h, W) so that their noise has unit variance everywhere.
+
+    Source: Anscombe 1948, for the noise of a photograph. gain, floor: (6,).
+    """
+    zero, two = np.float32(0.0), np.float32(2.0)
+    for k in range(_CHANNELS):
+        scale, slope, level = two / gain[k], gain[k], floor[k]
+        for y in range(top, bottom):
+            values, written = planes[k, y], stable[k, y]
+            for x in range(values.shape[0]):
+                written[x] = scale * np.sqrt(slope * max(values[x], zero) + level)
 
 
 @njit(cache=True)
@@ -63,20 +87,21 @@ def _join(
     stable: Planes,
     reach: int,
     gap: int,
-    limit: np.float32,
+    top: int,
+    bottom: int,
     total: Planes,
     count: Planes,
 ) -> None:
-    """One round: neighbours at −reach … reach gaps in both axes.
+    """One round for rows top…bottom: neighbours at −reach … reach gaps in both axes.
 
     planes, stable: (6, h, W), the pair and the same with noise of variance one. certainty: (h, W).
     total, count: the averages and how many pixels they are of, overwritten. Rows are worked on
     whole, plane by plane, which the compiler turns into vector instructions.
     """
-    zero = np.float32(0.0)
+    zero, limit = np.float32(0.0), np.float32(_JOIN**2)
     _, height, width = planes.shape
     scratch = np.empty(width, np.float32)
-    for y in range(height):
+    for y in range(top, bottom):
         for x in range(width):
             count[y, x] = certainty[y, x]
         for k in range(_CHANNELS):

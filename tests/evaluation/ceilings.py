@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from pipeline.frames import Image, Mask, Matrix
-from pipeline.proportions import normalised
 from pipeline.shares import shares
 from pipeline.spectra.lights import reflectance_spectra
+from tests.definitions import normalised
 from tests.evaluation.scoring import joint_snr
 
 Array = NDArray[np.float64]

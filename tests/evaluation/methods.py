@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frames import Matrix
-from pipeline.proportions import normalised
 from pipeline.push_pull import push_pull
+from tests.definitions import normalised
 from tests.evaluation.baselines.equal_split import equal_split
 from tests.evaluation.baselines.nnmf import nnmf
 from tests.evaluation.baselines.von_kries import von_kries_matrices

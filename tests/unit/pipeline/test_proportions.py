@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pipeline.frames import Image
 from pipeline.model import Model
 from pipeline.proportions import model_proportions, predictions
+from tests import definitions
 
 Array = NDArray[np.float64]
 
@@ -112,3 +113,19 @@ def test_channel_weights_settle_what_counts_where_the_model_does_not_fit(
     assert warm_part((1, 1, 1)) == pytest.approx(0.5, abs=1e-5)
     assert warm_part((1, 1, 0.01)) > 0.9
     assert warm_part((0.01, 1, 1)) < 0.1
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_proportions_are_what_they_are_defined_to_be(
+    lamps_of: Callable[..., Any], warm_to_cool: Array, count: int
+) -> None:
+    rng = np.random.default_rng(9)
+    no_flash, flash = rng.uniform(0, 1, (2, 50, 60, 3)).astype(np.float32)
+    no_flash[:4, :9], flash[2:6, 5:] = 0, 0
+    lamps = lamps_of(warm_to_cool[:count], channel_weights=np.array([2.0, 1.0, 3.0]))
+
+    found = model_proportions(no_flash, flash, lamps)
+
+    off = np.abs(found - definitions.model_proportions(no_flash, flash, lamps))
+    # where lamps look alike, rounding decides between them
+    assert np.quantile(off, 0.998) < 1e-4

@@ -13,6 +13,7 @@ from pipeline.noise import Noise
 from pipeline.progress import Progress
 from pipeline.reduced import reduce_pair
 from pipeline.separation import Strip, separate
+from tests import definitions
 
 Array = NDArray[np.float64]
 Exact = Callable[..., tuple[Any, Array]]
@@ -245,3 +246,25 @@ def test_cancel_stops_between_strips(
         next(strips)
     assert done == [8, 16, 24]
     assert reports == pytest.approx([0, 8 / 64, 16 / 64])
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("more", [{}, {"flash_only": True}, {"registration": 0.35}], ids=str)
+def test_best_is_what_it_is_defined_to_be(
+    grainy: Callable[..., Any],
+    separated: Callable[..., Strip],
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Array,
+    count: int,
+    more: dict[str, Any],
+) -> None:
+    pair, _ = grainy(count, **more)
+    lamps = lamps_of(warm_to_cool if count == 3 else warm_to_cool[[0, 2]][:count])
+
+    found = separated(pair, lamps, rows=13)
+
+    layers, confidence = definitions.separate(pair, reduce_pair(pair), lamps)
+    # where the flash does not reach, rounding decides between lamps, and smoothing spreads it
+    reached = (slice(None), slice(20, None), slice(20, None))
+    np.testing.assert_allclose(found.layers[reached], layers[reached], atol=3e-6)
+    np.testing.assert_allclose(found.confidence, confidence, atol=1e-5)

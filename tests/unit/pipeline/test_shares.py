@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from pipeline.shares import shares
+from tests import definitions
 
 Array = NDArray[np.float64]
 
@@ -125,3 +126,21 @@ def test_pictures_keep_their_shape() -> None:
     predictions = np.full((3, 6, 5, 3), 0.5, np.float32)
 
     assert shares(np.zeros((6, 5, 3), np.float32), predictions).shape == (3, 6, 5)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("alike", [0.0, 0.9, 0.9999])
+def test_shares_are_what_they_are_defined_to_be(count: int, alike: float) -> None:
+    """Any values, among them negative light, channels without any, and lamps that are alike."""
+    rng = np.random.default_rng(7)
+    no_flash = rng.normal(0.3, 0.4, (4000, 3)).astype(np.float32)
+    apart = np.maximum(rng.normal(0.3, 0.4, (count, 4000, 3)), 0)
+    predictions = (alike * apart[:1] + (1 - alike) * apart).astype(np.float32)
+
+    found = shares(no_flash, predictions)
+
+    defined = definitions.shares(no_flash, predictions)
+    mixed, expected = ((z[..., None] * predictions).sum(axis=0) for z in (found, defined))
+    np.testing.assert_allclose(mixed, expected, atol=2e-4)
+    if alike < 0.99:
+        np.testing.assert_allclose(found, defined, rtol=1e-4, atol=1e-5)

@@ -5,6 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.smoothing import HALO, smooth_proportions
+from tests import definitions
 
 Array = NDArray[np.float32]
 HEIGHT, WIDTH = 60, 80
@@ -165,3 +166,20 @@ def test_one_lamp_has_nothing_to_smooth() -> None:
     alone = np.ones((1, HEIGHT, WIDTH, 3), np.float32)
 
     np.testing.assert_array_equal(smoothed(alone, np.full((HEIGHT, WIDTH), 0.4), rows=16), alone)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_smoothing_is_what_it_is_defined_to_be(count: int) -> None:
+    rng = np.random.default_rng(6)
+    size = (HEIGHT, WIDTH)
+    drawn = rng.dirichlet(np.full(count, 0.4), (*size, 3)).transpose(3, 0, 1, 2)
+    proportions = np.ascontiguousarray(drawn, np.float32)
+    light, flash = rng.uniform(-0.05, 0.8, (2, *size, 3)).astype(np.float32)
+    trust = rng.uniform(size=size).astype(np.float32) * (rng.uniform(size=size) > 0.2)
+    unsure = rng.uniform(size=size).astype(np.float32)
+    given = (light, flash, trust.astype(np.float32), unsure, slice(5, 41))
+
+    found = smooth_proportions(proportions, *given)
+
+    defined = definitions.smooth_proportions(proportions, *given)
+    np.testing.assert_allclose(found, defined, atol=1e-5)

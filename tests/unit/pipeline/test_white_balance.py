@@ -8,16 +8,30 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.frames import Image
+from pipeline.hui2018.white_balance import PublishedWhiteBalance
 from pipeline.model import Model
 from pipeline.separation import Strip
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from pipeline.spectra.matrices import best_matrix
-from pipeline.white_balance import approach_1, approach_2
+from pipeline.white_balance import WhiteBalance, whites_of
+from tests import definitions
 
 Array = NDArray[np.float64]
 Exact = Callable[..., tuple[Any, Array]]
 Lit = Callable[[Array], tuple[Strip, Any]]
+
+
+def approach_1(strip: Strip, lamps: Any, model: Model, method: str) -> Image:
+    return balance_of(method)(lamps, model).approach_1(strip)
+
+
+def approach_2(strip: Strip, lamps: Any, model: Model, method: str) -> Image:
+    return balance_of(method)(lamps, model).approach_2(strip)
+
+
+def balance_of(method: str) -> type[WhiteBalance | PublishedWhiteBalance]:
+    return WhiteBalance if method == "best" else PublishedWhiteBalance
 
 
 def strip_of(pair: Any, layers: Array, confidence: float = 1.0) -> Strip:
@@ -261,3 +275,43 @@ def test_dark_pixels_stay_finite_and_not_negative(
 
     assert np.isfinite(found).all()
     assert (found >= 0).all()
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_approaches_are_what_they_are_defined_to_be(
+    lit: Lit, model: Model, warm_to_cool: Array, count: int
+) -> None:
+    """With noise, negative values, and a flash that does not reach everywhere."""
+    strip, lamps = lit(warm_to_cool[:count])
+    rng = np.random.default_rng(3)
+    for values in (strip.layers, strip.flash, strip.no_flash):
+        values += rng.normal(0, 0.01, values.shape)
+    strip.flash[30:40, 20:50] = 0
+    matrix = model.flash_to_neutral
+    greens = whites_of(lamps, model)[:, 1] / (matrix @ model.flash_white)[1]
+    balance = WhiteBalance(lamps, model)
+
+    found = balance.approach_1(strip), balance.approach_2(strip)
+
+    defined = (
+        definitions.approach_1(strip, lamps, greens, matrix),
+        definitions.approach_2(strip, model, matrix),
+    )
+    np.testing.assert_allclose(found[0], defined[0], rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(found[1], defined[1], rtol=1e-3, atol=1e-6)
+
+
+@pytest.mark.parametrize("approach", [approach_1, approach_2])
+def test_confidence_is_the_share_of_the_flash_photograph(
+    lit: Lit, model: Model, warm_to_cool: Array, approach: Callable[..., Image]
+) -> None:
+    strip, lamps = lit(warm_to_cool)
+    trust = np.random.default_rng(2).uniform(0, 1, strip.confidence.shape).astype(np.float32)
+    strip.layers[...] *= 0.8 / strip.layers.sum(axis=0).max()  # nothing clipped
+    made = []
+    for confidence in (np.float32(1), np.float32(0), trust):
+        strip.confidence[...] = confidence
+        made.append(approach(strip, lamps, model, "best"))
+
+    share = trust[..., None]
+    np.testing.assert_allclose(made[2], share * made[0] + (1 - share) * made[1], atol=1e-6)

@@ -1,0 +1,56 @@
+"""The photograph as under one neutral light, as published.
+
+Source: Hui et al. 2018, supplement, white balance I and II.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pipeline.frames import Image, Matrix
+from pipeline.hui2018.invariant import light_coefficients
+from pipeline.lamps import Lamps
+from pipeline.model import Model
+from pipeline.proportions import predictions
+from pipeline.separation import Strip
+from pipeline.white_balance import whites_of
+
+
+class PublishedWhiteBalance:
+    """Approaches I and II, with T_n from the model's basis."""
+
+    def __init__(self, lamps: Lamps, model: Model) -> None:
+        self._lamps = lamps
+        self._tensor = model.tensor
+        self._to_neutral = model.lamp_matrix(model.neutral)
+        greens = whites_of(lamps, model)[:, 1]
+        self._brightness = greens / (self._to_neutral @ model.flash_white)[1]
+        self._strength = float(np.linalg.norm(model.neutral))
+
+    def approach_1(self, strip: Strip) -> Image:
+        """Every lamp replaced by the neutral light of the same green response; (h, W, 3).
+
+        I = Σ_j (z_j g_j / g_n) T_n I_f, g the green response of a white card, linear camera RGB.
+        """
+        brightness = np.zeros(strip.flash.shape[:2], dtype=np.float32)
+        predicted = predictions(strip.flash, self._lamps)
+        for layer, one, scale in zip(strip.layers, predicted, self._brightness, strict=True):
+            energy = (one * one).sum(axis=2)
+            lit = energy > 0
+            z = np.where(lit, (layer * one).sum(axis=2) / np.where(lit, energy, 1.0), 0.0)
+            brightness += z * scale
+        return _neutral(strip.flash, brightness, self._to_neutral)
+
+    def approach_2(self, strip: Strip) -> Image:
+        """All light replaced by neutral light of the same strength ‖β‖; (h, W, 3).
+
+        I = ‖β‖/‖b_n‖ T_n I_f. Any number of lamps will do, since none is told from the other.
+        """
+        beta = light_coefficients(strip.no_flash, strip.flash, self._tensor)
+        strength = (np.linalg.norm(beta, axis=-1) / self._strength).astype(np.float32)
+        return _neutral(strip.flash, strength, self._to_neutral)
+
+
+def _neutral(flash: Image, strength: Image, matrix: Matrix) -> Image:
+    lit = flash @ matrix.T.astype(np.float32)
+    return np.asarray(np.maximum(strength[..., None] * lit, 0.0), dtype=np.float32)

@@ -1,0 +1,224 @@
+"""What is compiled in the pipeline, in plain NumPy: slower, and easier to read.
+
+Tests hold the compiled loops against these definitions.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.fill import Surroundings
+from pipeline.frames import Image
+from pipeline.hui2018.invariant import light_coefficients
+from pipeline.lamps import Lamps
+from pipeline.model import Model
+from pipeline.pair import Pair
+from pipeline.proportions import predictions
+from pipeline.reduced import ReducedPair
+from pipeline.registration import registration_variance, softened
+from pipeline.separation import Strip
+from pipeline.sigma_filter import sigma_filter
+
+Array = NDArray[np.float32]
+Doubles = NDArray[np.float64]
+
+_REGULAR = 1e-6
+_RADIUS, _EPSILON, _TOLERANCE = 4, 1e-4, 0.25
+_DOUBT = 1.5
+_BRIGHTEST = 4.0
+
+
+def shares(no_flash: Array, predictions: Array) -> Array:
+    """pipeline.shares.shares: the best of every subset's solution that has z ≥ 0, (N, ...)."""
+    count = len(predictions)
+    gram = {
+        (i, j): _dot(predictions[i], predictions[j]) for i in range(count) for j in range(i, count)
+    }
+    seen = [_dot(predictions[j], no_flash) for j in range(count)]
+    best = np.zeros((count, *no_flash.shape[:-1]), dtype=np.float32)
+    gain = np.zeros(no_flash.shape[:-1])
+    for size in range(1, count + 1):
+        for subset in combinations(range(count), size):
+            solution = _solve(subset, gram, seen)
+            # ‖I‖² − ‖I − Pz‖² at the least squares solution
+            explained = sum(z * seen[j] for j, z in zip(subset, solution, strict=True))
+            better = (explained > gain) & np.logical_and.reduce([z >= 0 for z in solution])
+            gain = np.where(better, explained, gain)
+            for j in range(count):
+                value = solution[subset.index(j)] if j in subset else 0.0
+                best[j] = np.where(better, value, best[j])
+    return best
+
+
+def _solve(
+    subset: tuple[int, ...], gram: dict[tuple[int, int], Doubles], seen: list[Doubles]
+) -> list[Doubles]:
+    """Least squares for some of the lamps; −1 where they cannot be told apart."""
+    if len(subset) == 1:
+        (a,) = subset
+        return [_divide(seen[a], gram[a, a], gram[a, a] > 0)]
+    if len(subset) == 2:
+        a, b = subset
+        determinant = gram[a, a] * gram[b, b] - gram[a, b] ** 2
+        regular = determinant > _REGULAR * gram[a, a] * gram[b, b]
+        return [
+            _divide(gram[b, b] * seen[a] - gram[a, b] * seen[b], determinant, regular),
+            _divide(gram[a, a] * seen[b] - gram[a, b] * seen[a], determinant, regular),
+        ]
+    cofactor = {
+        (0, 0): gram[1, 1] * gram[2, 2] - gram[1, 2] ** 2,
+        (0, 1): gram[0, 2] * gram[1, 2] - gram[0, 1] * gram[2, 2],
+        (0, 2): gram[0, 1] * gram[1, 2] - gram[0, 2] * gram[1, 1],
+        (1, 1): gram[0, 0] * gram[2, 2] - gram[0, 2] ** 2,
+        (1, 2): gram[0, 1] * gram[0, 2] - gram[0, 0] * gram[1, 2],
+        (2, 2): gram[0, 0] * gram[1, 1] - gram[0, 1] ** 2,
+    }
+    determinant = np.stack([gram[0, j] * cofactor[0, j] for j in range(3)]).sum(axis=0)
+    regular = determinant > _REGULAR**1.5 * gram[0, 0] * gram[1, 1] * gram[2, 2]
+    return [
+        _divide(
+            np.stack([cofactor[min(i, j), max(i, j)] * seen[j] for j in range(3)]).sum(axis=0),
+            determinant,
+            regular,
+        )
+        for i in range(3)
+    ]
+
+
+def _dot(a: Array, b: Array) -> Doubles:
+    """Sum over the channels, in double precision: lamps that look alike at a pixel need it."""
+    red, green, blue = (np.multiply(a[..., k], b[..., k], dtype=np.float64) for k in range(3))
+    return red + green + blue
+
+
+def _divide(numerator: Doubles, denominator: Doubles, regular: NDArray[np.bool_]) -> Doubles:
+    return np.where(regular, numerator / np.where(regular, denominator, 1.0), -1.0)
+
+
+def model_proportions(no_flash: Image, flash: Image, lamps: Lamps) -> Array:
+    """pipeline.proportions.model_proportions, (N, h, W, 3)."""
+    predicted = predictions(flash, lamps)
+    weights = lamps.channel_weights.astype(np.float32)
+    z = shares(no_flash * weights, predicted * weights)
+    parts = predicted * z[..., None]
+    return normalised(parts)
+
+
+def normalised(parts: Array) -> Array:
+    """Parts of the whole, (N, h, W, 3), 0…1, summing to 1 in each channel.
+
+    parts: each lamp's light, ≥ 0. Where a channel has none, the parts of the pixel's whole light
+    are taken, and equal ones where there is no light at all.
+    """
+    total = parts.sum(axis=0)
+    whole = parts.sum(axis=-1)
+    whole_total = whole.sum(axis=0)
+    equal = np.float32(1.0 / len(parts))
+    overall = np.where(whole_total > 0, whole / np.where(whole_total > 0, whole_total, 1), equal)
+    return np.where(total > 0, parts / np.where(total > 0, total, 1), overall[..., None])
+
+
+def smooth_proportions(
+    proportions: Array,
+    no_flash: Image,
+    flash: Image,
+    trust: Array,
+    uncertainty: Array,
+    keep: slice,
+) -> Array:
+    """pipeline.smoothing.smooth_proportions: a guided filter of every lamp and channel."""
+    if len(proportions) == 1:
+        return proportions[:, keep]
+    light, flashed = (np.maximum(image.sum(axis=2), 0.0) for image in (no_flash, flash))
+    guide = light / np.maximum(light + flashed, 1e-9)
+    weight = trust + np.float32(1e-6)
+    total = _box(weight)
+    mean = _box(weight * guide) / total
+    variance = np.maximum(_box(weight * guide * guide) / total - mean * mean, 0.0)
+    smooth = np.empty((len(proportions), *proportions[0, keep].shape), dtype=np.float32)
+    for lamp, one in enumerate(proportions):
+        for channel in range(3):
+            p = one[..., channel]
+            p_mean = _box(weight * p) / total
+            slope = (_box(weight * guide * p) / total - mean * p_mean) / (variance + _EPSILON)
+            offset = p_mean - slope * mean
+            fitted = (_box(weight * slope) * guide + _box(weight * offset)) / total
+            smooth[lamp, ..., channel] = np.clip(fitted[keep], 0.0, 1.0)
+    smooth /= np.maximum(smooth.sum(axis=0), 1e-6)
+    change = smooth - proportions[:, keep]
+    noise = np.square(uncertainty[keep])
+    largest = np.square(_TOLERANCE * np.abs(change).max(axis=(0, 3)))
+    share = noise / np.maximum(noise + largest, 1e-12)
+    return np.asarray(proportions[:, keep] + share[..., None] * change)
+
+
+def _box(plane: Array) -> Array:
+    mean = cv2.blur(plane, (2 * _RADIUS + 1, 2 * _RADIUS + 1), borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(mean, dtype=np.float32)
+
+
+def separate(pair: Pair, reduced: ReducedPair, lamps: Lamps) -> tuple[Array, Doubles]:
+    """pipeline.separation.separate by "best", in one piece: layers, confidence."""
+    pictures = pair.no_flash, pair.flash
+    if pair.registration > 0:
+        pictures = softened(pair.no_flash), softened(pair.flash)
+    no_flash, flash, _ = sigma_filter(pictures, (pair.no_flash_noise, pair.flash_noise))
+    if not pair.flash_only:
+        flash = flash - no_flash
+    confidence, uncertainty = _reliability(pair, lamps.contrast)
+    near = cv2.dilate(pair.unusable.astype(np.uint8), np.ones((3, 3), np.uint8))
+    confidence = np.where(near > 0, 0.0, confidence)
+    parts = smooth_proportions(
+        model_proportions(no_flash, flash, lamps),
+        no_flash,
+        flash,
+        confidence.astype(np.float32),
+        uncertainty.astype(np.float32),
+        slice(None),
+    )
+    height, width = confidence.shape
+    around = Surroundings(reduced, lamps).rows(slice(0, height), width)
+    trust = confidence[..., None]
+    layers = (trust * parts + (1.0 - trust) * around) * pair.no_flash
+    return layers.astype(np.float32), confidence
+
+
+def _reliability(pair: Pair, contrast: float) -> tuple[Doubles, Doubles]:
+    """Confidence, unusable pixels or not, and uncertainty (H, W)."""
+    light, part = pair.no_flash.sum(axis=2), pair.flash.sum(axis=2)
+    variance = pair.no_flash_noise.variance(pair.no_flash).sum(axis=2)
+    part_variance = pair.flash_noise.variance(pair.flash).sum(axis=2)
+    if pair.registration > 0:
+        part_variance += registration_variance(pair.flash, pair.registration).sum(axis=2)
+    if not pair.flash_only:
+        part, part_variance = part - light, part_variance + variance
+    certain, relative = np.ones(light.shape), np.zeros(light.shape)
+    for value, noise in ((part, part_variance), (light, variance)):
+        squared = np.square(np.maximum(value, 0.0))
+        certain *= squared / (squared + _DOUBT**2 * noise)
+        relative += noise / np.maximum(np.square(value), noise)
+    return certain, np.minimum(np.sqrt(relative) / contrast, 1.0)
+
+
+def approach_1(strip: Strip, lamps: Lamps, greens: Doubles, to_neutral: Doubles) -> Image:
+    """Σ_j greens_j z_j T_n I_f, greens those of white cards against the neutral light's."""
+    predicted = predictions(strip.flash, lamps)
+    energy = (predicted * predicted).sum(axis=3)
+    z = np.where(energy > 0, (strip.layers * predicted).sum(axis=3) / np.maximum(energy, 1e-30), 0)
+    brightness = np.einsum("nhw,n->hw", z, greens)
+    neutral = np.maximum(brightness[..., None] * (strip.flash @ to_neutral.T), 0.0)
+    return np.asarray(neutral, dtype=np.float32)
+
+
+def approach_2(strip: Strip, model: Model, to_neutral: Doubles) -> Image:
+    """‖β‖/‖b_n‖ T_n I_f, at most four times as bright as the photograph."""
+    length = np.linalg.norm(light_coefficients(strip.no_flash, strip.flash, model.tensor), axis=-1)
+    strength = length / np.linalg.norm(model.neutral)
+    neutral = np.maximum(strength[..., None] * (strip.flash @ to_neutral.T), 0.0)
+    limit = _BRIGHTEST * np.maximum(strip.no_flash.max(axis=2, keepdims=True), 0.0)
+    gain = np.minimum(1.0, limit / np.maximum(neutral.max(axis=2, keepdims=True), 1e-9))
+    return np.asarray(neutral * gain, dtype=np.float32)
