@@ -29,7 +29,7 @@ from PIL import Image as PillowImage
 from drivers import CapturedPair, SimulatedTruth, capture_pair, open_camera, simulated_truth
 
 COMMAND = Path(sys.executable).parent / "lightlayers"
-PATIENCE_SECONDS = 120
+PATIENCE_SECONDS = 240
 WIDTH, HEIGHT = 360, 240
 
 Image = NDArray[np.float32]

@@ -1,0 +1,39 @@
+"""Compile what jobs run, once, where the service is installed: python -m service.compile.
+
+Numba keeps what it compiles beside the source, or in NUMBA_CACHE_DIR. Without this the first jobs
+after an installation would pay for it.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import drivers
+from pipeline.options import Options
+from pipeline.process import separate_files
+from pipeline.progress import Progress
+
+_SIZE = "width=96&height=64&noise=off"
+
+
+def main() -> None:
+    """Separate tiny pairs of the simulated camera in every way that compiled code takes."""
+    for count in (1, 2, 3):
+        _separate(f"sim://studio?lights={count}&{_SIZE}", {"lights": count})
+    objects = f"sim://studio?scene=objects&lights=3&{_SIZE}"
+    truth = drivers.simulated_truth(objects)
+    lights = [{"direction": tuple(one)} for one in truth.directions.tolist()]
+    _separate(objects, {"lights": 3, "light_directions": lights})
+
+
+def _separate(address: str, options: dict[str, Any]) -> None:
+    with drivers.open_camera(address) as camera, tempfile.TemporaryDirectory() as folder:
+        pair = drivers.capture_pair(camera)
+        files = pair.no_flash.best, pair.flash.best
+        separate_files(*files, Options(**options), Path(folder), Progress())
+
+
+if __name__ == "__main__":
+    main()
