@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from pipeline.directions import unit_directions
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.frames import Mask
 from pipeline.lamps import Lamps
@@ -26,7 +27,6 @@ Array = NDArray[np.float64]
 
 _TRIAL, _COARSE, _FINE = 1_200, 5_000, 60_000  # pixels at most
 _MIN_PIXELS = 100
-_MIN_VOLUME = 0.02  # of the parallelepiped, or area of the parallelogram, of the unit directions
 _MOST_CORRECTION = 2.0
 
 
@@ -79,9 +79,7 @@ def solve_surface(
     Raises OptionError for directions nearly alike or in a plane, and where the lamps found are not
     as many; UnusablePairError where hardly anything is lit.
     """
-    directions = np.array([light.direction for light in lights], dtype=np.float64)
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    _check_spread(directions)
+    directions = unit_directions(lights)
     if reduced.usable.sum() < _MIN_PIXELS:
         raise UnusablePairError(
             "Too few pixels show both lamps and flash for normals: bring the flash nearer or raise "
@@ -107,16 +105,6 @@ def solve_surface(
     h = _between(coarse, state.h, steps[0], fine, steps[1])
     state = refine(fine, h, state)
     return _surface(fine, state, model, reduced.block * steps[1], views[_FINE].mask)
-
-
-def _check_spread(directions: Array) -> None:
-    """Raise OptionError for unit directions (J, 3) that fix no normals."""
-    volume = np.sqrt(max(np.linalg.det(directions @ directions.T), 0.0))
-    if volume < _MIN_VOLUME:
-        raise OptionError(
-            "The light directions are nearly alike, or lie nearly in one plane, which fixes no "
-            "normals: place the lamps more widely around the camera."
-        )
 
 
 def _colours(
