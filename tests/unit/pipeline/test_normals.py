@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
@@ -21,7 +22,7 @@ Array = NDArray[np.float64]
 DIRECTIONS = ((-0.6, 0.35, 0.7), (0.65, 0.3, 0.7), (0.05, -0.55, 0.8))
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def found(
     exact: Callable[..., tuple[Any, Array]],
     lamps_of: Callable[..., Lamps],
@@ -30,9 +31,13 @@ def found(
 ) -> Callable[..., Any]:
     """Find where surfaces face in a pair of three lamps; the strip is all of it."""
 
+    @cache
     def run(method: Literal["best", "paper"], count: int = 3) -> tuple[Any, Strip]:
         pair, layers = exact(warm_to_cool)
-        lights = [DirectedLight(direction=one) for one in DIRECTIONS[:count]]
+        lights = [
+            DirectedLight(direction=direction, rgb=tuple(colour))
+            for direction, colour in zip(DIRECTIONS, warm_to_cool[:count], strict=False)
+        ]
         reduced, lamps = reduce_pair(pair), lamps_of(warm_to_cool[:count])
         facing = find_facing(lights, reduced, lamps, model, find_light("xenon"), 150.0, method)
         height, width = pair.unusable.shape
