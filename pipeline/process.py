@@ -20,7 +20,6 @@ from pipeline.normals import find_facing
 from pipeline.options import Options
 from pipeline.outputs import wanted_outputs, write_outputs
 from pipeline.pair import make_pair
-from pipeline.photometric_stereo.responses import LampBank
 from pipeline.pictures import render
 from pipeline.progress import STRIP_ROWS, Progress
 from pipeline.reduced import reduce_pair
@@ -77,9 +76,14 @@ def separate_files(
     facing = None
     if options.light_directions is not None:
         focal_px = focal_length_px(before, options.focal_px, warnings)
-        bank = LampBank(camera.sensitivities, find_light(options.flash_spectrum))
         facing = find_facing(
-            options.light_directions, reduced, lamps, model, bank, focal_px, options.method
+            options.light_directions,
+            reduced,
+            lamps,
+            model,
+            find_light(options.flash_spectrum),
+            focal_px,
+            options.method,
         )
         warnings.extend(facing.warnings)
     progress.report("lamps", 1.0)

@@ -12,6 +12,7 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.directions import unit_directions
 from pipeline.errors import OptionError
 from pipeline.frames import Image, Matrix
 from pipeline.lamps import Lamps
@@ -25,7 +26,6 @@ Array = NDArray[np.float64]
 
 _MIN_PIXELS = 50
 _HELD, _HARDLY_HELD, _MIN_GAIN = 0.002, 0.001, 0.05
-_MIN_VOLUME = 0.02  # of the parallelepiped of the unit directions; flatter ones fix no normal
 _MIN_LIT = 0.02  # of a lamp's strong pixels: darker ones are in its shadow
 _MIN_SHARE = 0.01  # of a pixel's strongest lamp: less is what noise leaves of a lamp's shadow
 _MIN_CONFIDENCE = 0.2
@@ -68,14 +68,7 @@ def solve_photometry(
             f"The published normals need three light directions, and there are {len(lights)}: "
             "give three, or ask for the method best."
         )
-    directions = np.array([light.direction for light in lights], dtype=np.float64)
-    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
-    if not lengths.all() or abs(np.linalg.det(directions / lengths)) < _MIN_VOLUME:
-        raise OptionError(
-            "The three light directions lie nearly in one plane, which fixes no normals: place "
-            "the lamps more widely around the camera."
-        )
-    inverse = np.linalg.inv(directions / lengths)
+    inverse = np.linalg.inv(unit_directions(lights)).astype(np.float64)
     candidates = _candidates(lights, lamps, model)
     view = _view(reduced, focal_px)
     tried = []

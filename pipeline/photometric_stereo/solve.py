@@ -6,32 +6,28 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import permutations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from pipeline.directions import unit_directions
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.frames import Mask
 from pipeline.lamps import Lamps
 from pipeline.model import Model
 from pipeline.options import DirectedLight
 from pipeline.photometric_stereo.fit import fit, refine
-from pipeline.photometric_stereo.grid import make_grid
-from pipeline.photometric_stereo.materials import Materials, find_materials
 from pipeline.photometric_stereo.parts import fit_in_parts, parts_of
 from pipeline.photometric_stereo.responses import LampBank, ResponsePrior
 from pipeline.photometric_stereo.scene import Scene, State, predicted, response_matrices
+from pipeline.photometric_stereo.view import make_view
 from pipeline.reduced import ReducedPair
 
 Array = NDArray[np.float64]
 
 _TRIAL, _COARSE, _FINE = 1_200, 5_000, 60_000  # pixels at most
 _MIN_PIXELS = 100
-_MIN_OPEN = 0.5
-_MIN_VOLUME = 0.02  # of the parallelepiped, or area of the parallelogram, of the unit directions
-_MOST_GAIN, _MOST_CORRECTION = 5.0, 2.0
-_RADIUS, _RADIUS_BY_NOISE = 0.008, 0.5  # of a material in chromaticity
+_MOST_CORRECTION = 2.0
 
 
 @dataclass(frozen=True)
@@ -83,16 +79,14 @@ def solve_surface(
     Raises OptionError for directions nearly alike or in a plane, and where the lamps found are not
     as many; UnusablePairError where hardly anything is lit.
     """
-    directions = np.array([light.direction for light in lights], dtype=np.float64)
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    _check_spread(directions)
+    directions = unit_directions(lights)
     if reduced.usable.sum() < _MIN_PIXELS:
         raise UnusablePairError(
             "Too few pixels show both lamps and flash for normals: bring the flash nearer or raise "
             "its power."
         )
-    views = {most: _view(reduced, focal_px, most) for most in (_TRIAL, _COARSE, _FINE)}
-    materials = _materials(views[_COARSE])
+    views = {most: make_view(reduced, focal_px, most) for most in (_TRIAL, _COARSE, _FINE)}
+    materials = views[_COARSE].materials()
 
     def scene(most: int, priors: tuple[ResponsePrior, ...]) -> Scene:
         return views[most].scene(directions, priors, materials)
@@ -111,81 +105,6 @@ def solve_surface(
     h = _between(coarse, state.h, steps[0], fine, steps[1])
     state = refine(fine, h, state)
     return _surface(fine, state, model, reduced.block * steps[1], views[_FINE].mask)
-
-
-def _check_spread(directions: Array) -> None:
-    """Raise OptionError for unit directions (J, 3) that fix no normals."""
-    volume = np.sqrt(max(np.linalg.det(directions @ directions.T), 0.0))
-    if volume < _MIN_VOLUME:
-        raise OptionError(
-            "The light directions are nearly alike, or lie nearly in one plane, which fixes no "
-            "normals: place the lamps more widely around the camera."
-        )
-
-
-@dataclass(frozen=True)
-class _View:
-    """Means over step × step pixels of a reduced pair. All pictures (h, w, …)."""
-
-    step: int
-    focal: float
-    centre: tuple[float, float]
-    mask: Mask
-    flash: Array
-    light: Array
-    flash_variance: Array
-    light_variance: Array
-
-    def scene(
-        self, directions: Array, priors: tuple[ResponsePrior, ...], materials: Materials
-    ) -> Scene:
-        grid = make_grid(self.mask, self.focal, self.centre)
-        flash, light = self.flash[self.mask], self.light[self.mask]
-        # light − gain · flash: an error of the flash part counts by the lamps' brightness beside it
-        gain = np.clip(light / flash, 0, _MOST_GAIN)
-        variance = self.light_variance[self.mask] + gain**2 * self.flash_variance[self.mask]
-        return Scene(grid, directions, flash, light, variance, priors, materials)
-
-
-def _view(reduced: ReducedPair, focal_px: float, most: int) -> _View:
-    """Average so that at most so many usable pixels are left."""
-    step = int(np.ceil(np.sqrt(reduced.usable.sum() / most)))
-    height, width = (side // step for side in reduced.usable.shape)
-    crop = np.s_[: height * step, : width * step]
-    usable = reduced.usable[crop].astype(np.float64)
-
-    def means(picture: NDArray[np.floating]) -> Array:
-        return np.asarray(
-            cv2.resize(picture.astype(np.float64), (width, height), interpolation=cv2.INTER_AREA)
-        )
-
-    share = means(usable)
-    weight = np.maximum(share, 1e-9)[..., None]
-
-    def of_usable(picture: NDArray[np.floating]) -> Array:
-        return means(picture[crop] * usable[..., None]) / weight
-
-    block = reduced.block * step
-    size = [side * reduced.block for side in reduced.usable.shape]
-    return _View(
-        step=step,
-        focal=focal_px / block,
-        centre=(size[1] / 2 / block - 0.5, size[0] / 2 / block - 0.5),
-        mask=share >= _MIN_OPEN,
-        flash=of_usable(reduced.flash),
-        light=of_usable(reduced.no_flash),
-        # noise that was filtered hangs together
-        flash_variance=of_usable(reduced.flash_variance) / step,
-        light_variance=of_usable(reduced.no_flash_variance) / step,
-    )
-
-
-def _materials(view: _View) -> Materials:
-    flash = view.flash[view.mask]
-    total = flash.sum(axis=1)
-    noise = np.sqrt(view.flash_variance[view.mask].sum(axis=1)) / total
-    radius = _RADIUS + _RADIUS_BY_NOISE * float(np.median(noise))
-    return find_materials(flash[:, :2] / total[:, None], radius)
 
 
 def _colours(

@@ -58,7 +58,7 @@ def find_camera(request: str | Sensitivities | None, frame: Frame) -> Camera:
     Raises OptionError for an unknown name.
     """
     if isinstance(request, Sensitivities):
-        return _from_table("table", request, "file")
+        return camera_from_table("table", request, "file")
     if request is not None:
         camera = _measured(request)
         if camera is None:
@@ -82,8 +82,23 @@ def measured_cameras() -> list[Camera]:
     cameras = [_measured_by_colour(name) for name in _PACKAGED]
     for name, path in folder_spectra().items():
         with suppress(OptionError):  # a light's table, or none
-            cameras.append(_from_table(name, parse_sensitivities(path.read_bytes()), "measured"))
+            cameras.append(
+                camera_from_table(name, parse_sensitivities(path.read_bytes()), "measured")
+            )
     return cameras
+
+
+def camera_from_table(
+    name: str, table: Sensitivities, source: Literal["measured", "file"]
+) -> Camera:
+    """Camera of a table. Raises OptionError where it is zero in a channel."""
+    columns = np.array([table.r, table.g, table.b]).T
+    values = on_grid(table.wavelength_nm, columns, outside="zero").T
+    if not (values.max(axis=1) > 0).all():
+        raise OptionError(
+            "The camera table is zero from 380 to 780 nm: give its wavelengths in nm."
+        )
+    return Camera(name, _scaled(values), source)
 
 
 @cache
@@ -119,7 +134,7 @@ def _measured(name: str) -> Camera | None:
     wanted = key_of(name)
     for known, path in folder_spectra().items():
         if wanted in _keys(known):
-            return _from_table(known, parse_sensitivities(path.read_bytes()), "measured")
+            return camera_from_table(known, parse_sensitivities(path.read_bytes()), "measured")
     for known, entry in _PACKAGED.items():
         if wanted in _keys(known) or wanted == key_of(entry):
             return _measured_by_colour(known)
@@ -136,16 +151,6 @@ def _measured_by_colour(name: str) -> Camera:
 def _keys(name: str) -> set[str]:
     """Keys a camera answers to: with its make, and by its model alone."""
     return {key_of(name), key_of(name.partition(" ")[2])} - {""}
-
-
-def _from_table(name: str, table: Sensitivities, source: Literal["measured", "file"]) -> Camera:
-    columns = np.array([table.r, table.g, table.b]).T
-    values = on_grid(table.wavelength_nm, columns, outside="zero").T
-    if not (values.max(axis=1) > 0).all():
-        raise OptionError(
-            "The camera table is zero from 380 to 780 nm: give its wavelengths in nm."
-        )
-    return Camera(name, _scaled(values), source)
 
 
 def _scaled(sensitivities: NDArray[np.float64]) -> NDArray[np.float64]:

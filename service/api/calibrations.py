@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Annotated
 
-from fastapi import APIRouter, Header, Request, Response
+from fastapi import APIRouter, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
-from pipeline import errors as pipeline_errors
 from pipeline.calibration.options import CameraCalibration, FlashCalibration, LampsCalibration
 from service.api import intake
 from service.api.accept import accept, refuse_when_full
@@ -16,16 +14,7 @@ from service.api.calibrated import fill_in
 from service.api.context import Parts, TraceId
 from service.api.jobs import answer
 from service.api.models import Calibrated, JobAnswer
-from service.api.problems import responses
-from service.attempt import FRAMES
-from service.errors import (
-    CrashError,
-    IdempotencyError,
-    MalformedRequestError,
-    QueueFullError,
-    UnsupportedMediaError,
-    UploadTooLargeError,
-)
+from service.api.uploads import IdempotencyKey, accepted, pair_form
 
 router = APIRouter(tags=["calibrations"])
 
@@ -33,32 +22,13 @@ _KIND_SCHEMAS = (FlashCalibration, CameraCalibration, LampsCalibration)
 SCHEMAS = (Calibrated, *_KIND_SCHEMAS)
 """Models that the OpenAPI document names only in bodies."""
 
-_FRAME = {"type": "string", "format": "binary"}
 _BODY = {
     "required": True,
-    "content": {
-        "multipart/form-data": {
-            "schema": {
-                "type": "object",
-                "required": [*FRAMES, "options"],
-                "properties": {
-                    "no_flash": {**_FRAME, "description": "The photograph without the flash."},
-                    "flash": {**_FRAME, "description": "The photograph with the flash."},
-                    "options": {
-                        "type": "string",
-                        "contentMediaType": "application/json",
-                        "contentSchema": {
-                            "oneOf": [
-                                {"$ref": f"#/components/schemas/{model.__name__}"}
-                                for model in _KIND_SCHEMAS
-                            ]
-                        },
-                        "description": "What to calibrate, and the marks, as JSON text.",
-                    },
-                },
-            }
-        }
-    },
+    "content": pair_form(
+        {"oneOf": [{"$ref": f"#/components/schemas/{one.__name__}"} for one in _KIND_SCHEMAS]},
+        "What to calibrate, and the marks, as JSON text.",
+        required=True,
+    ),
 }
 
 
@@ -67,29 +37,14 @@ _BODY = {
     status_code=202,
     response_model=JobAnswer,
     openapi_extra={"requestBody": _BODY},
-    responses={
-        202: {"headers": {"Location": {"schema": {"type": "string"}}}},
-        **responses(
-            MalformedRequestError,
-            UploadTooLargeError,
-            UnsupportedMediaError,
-            pipeline_errors.InputError,
-            IdempotencyError,
-            QueueFullError,
-            CrashError,
-            status=(503,),
-        ),
-    },
+    responses=accepted(),
 )
 async def create_calibration(
     request: Request,
     response: Response,
     context: Parts,
     trace_id: TraceId,
-    idempotency_key: Annotated[
-        str | None,
-        Header(min_length=1, max_length=255, description="Makes sending twice as good as once."),
-    ] = None,
+    idempotency_key: IdempotencyKey = None,
 ) -> JobAnswer:
     """Calibrate a flash, a camera or lamps; a job, whose id other jobs' options may name."""
     await run_in_threadpool(refuse_when_full, context)

@@ -1,4 +1,4 @@
-"""Reads the body of POST /jobs without ever holding more than a part of it, up to a limit."""
+"""Reads the body of an upload without ever holding more than a part of it, up to a limit."""
 
 from __future__ import annotations
 

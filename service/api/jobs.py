@@ -13,7 +13,6 @@ from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
 import drivers
-from pipeline import errors as pipeline_errors
 from pipeline.options import Options
 from service import jobs
 from service.api import intake
@@ -22,16 +21,8 @@ from service.api.calibrated import fill_in
 from service.api.context import Context, Parts, TraceId
 from service.api.models import CaptureRequest, JobAnswer, JobPage
 from service.api.problems import responses
-from service.attempt import FRAMES
-from service.errors import (
-    CrashError,
-    IdempotencyError,
-    MalformedRequestError,
-    QueueFullError,
-    UnknownJobError,
-    UnsupportedMediaError,
-    UploadTooLargeError,
-)
+from service.api.uploads import IdempotencyKey, accepted, pair_form
+from service.errors import UnknownJobError
 
 router = APIRouter(tags=["jobs"])
 
@@ -43,30 +34,7 @@ _LOOK_SECONDS = 0.2
 _BODY = {
     "required": True,
     "content": {
-        "multipart/form-data": {
-            "schema": {
-                "type": "object",
-                "required": list(FRAMES),
-                "properties": {
-                    "no_flash": {
-                        "type": "string",
-                        "format": "binary",
-                        "description": "The photograph without the flash, in any format we read.",
-                    },
-                    "flash": {
-                        "type": "string",
-                        "format": "binary",
-                        "description": "The photograph with the flash.",
-                    },
-                    "options": {
-                        "type": "string",
-                        "contentMediaType": "application/json",
-                        "contentSchema": {"$ref": "#/components/schemas/Options"},
-                        "description": "Options as JSON text.",
-                    },
-                },
-            }
-        },
+        **pair_form({"$ref": "#/components/schemas/Options"}, "Options as JSON text."),
         "application/json": {"schema": {"$ref": "#/components/schemas/CaptureRequest"}},
     },
 }
@@ -79,30 +47,14 @@ SCHEMAS = (Options, CaptureRequest)
     status_code=202,
     response_model=JobAnswer,
     openapi_extra={"requestBody": _BODY},
-    responses={
-        202: {"headers": {"Location": {"schema": {"type": "string"}}}},
-        **responses(
-            MalformedRequestError,
-            UploadTooLargeError,
-            UnsupportedMediaError,
-            pipeline_errors.InputError,
-            drivers.CameraNotFoundError,
-            IdempotencyError,
-            QueueFullError,
-            CrashError,
-            status=(503,),
-        ),
-    },
+    responses=accepted(drivers.CameraNotFoundError),
 )
 async def create_job(
     request: Request,
     response: Response,
     context: Parts,
     trace_id: TraceId,
-    idempotency_key: Annotated[
-        str | None,
-        Header(min_length=1, max_length=255, description="Makes sending twice as good as once."),
-    ] = None,
+    idempotency_key: IdempotencyKey = None,
     prefer: Annotated[
         str | None,
         Header(

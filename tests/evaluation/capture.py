@@ -51,18 +51,18 @@ def capture(
 ) -> Capture:
     """Take linear pictures in the camera's own colours.
 
-    sensor: None for float files of the exact values. Else 16-bit files of the noisy ones: photons
-    and read noise in electrons, black cut off at 0 and white at 1, then the converter's steps.
+    sensor: None for float files of the exact values, else 16-bit files of the noisy ones.
     exposure: share of the light let in; the files and the truth are darker by it.
     Noise is drawn anew for each photograph and is the same in each run.
     """
     frames = [rendered.no_flash_frame * exposure, rendered.flash_frame * exposure]
     if sensor is not None:
+        randoms = (_random(f"{rendered.scene.name} {which} {exposure:g}") for which in range(2))
         frames = [
-            _expose(frame, sensor, f"{rendered.scene.name} {which} {exposure:g}")
-            for which, frame in enumerate(frames)
+            expose(frame, sensor, random).astype(np.float32)
+            for frame, random in zip(frames, randoms, strict=True)
         ]
-    no_flash, flash = (_tiff(frame, exact=sensor is None) for frame in frames)
+    no_flash, flash = (tiff(frame, exact=sensor is None) for frame in frames)
     truth, flash_part = (np.float32(exposure) * light for light in (rendered.lamps, rendered.flash))
     return Capture(no_flash, flash, truth, flash_part, "linear")
 
@@ -86,20 +86,28 @@ def capture_jpeg(rendered: RenderedScene) -> Capture:
     return Capture(no_flash, flash, truth, flash_part, "auto")
 
 
-def _expose(light: Image, sensor: Sensor, seed: str) -> Image:
-    random = np.random.default_rng(int.from_bytes(hashlib.sha256(seed.encode()).digest()[:8]))
+def expose(light: Image, sensor: Sensor, random: np.random.Generator) -> NDArray[np.float64]:
+    """What a sensor makes of light: photons and read noise in electrons, then codes from 0 to 1."""
     electrons = random.poisson(np.clip(light, 0, None) * sensor.full_well).astype(np.float64)
     electrons += sensor.read_noise * random.standard_normal(light.shape)
     steps = 2**sensor.bits - 1
-    codes = np.clip(np.round(electrons / sensor.full_well * steps), 0, steps)
-    return np.asarray(codes / steps, np.float32)
+    return np.asarray(np.clip(np.round(electrons / sensor.full_well * steps), 0, steps) / steps)
 
 
-def _tiff(values: Image, exact: bool) -> bytes:
-    data = values if exact else np.round(np.clip(values, 0, 1) * 65535).astype(np.uint16)
+def tiff(values: NDArray[np.floating], exact: bool) -> bytes:
+    """A linear TIFF, of float if exact, else of 16 bits."""
+    data = (
+        values.astype(np.float32)
+        if exact
+        else np.round(np.clip(values, 0, 1) * 65535).astype(np.uint16)
+    )
     file = io.BytesIO()
     tifffile.imwrite(file, data, photometric="rgb", metadata=None)
     return file.getvalue()
+
+
+def _random(seed: str) -> np.random.Generator:
+    return np.random.default_rng(int.from_bytes(hashlib.sha256(seed.encode()).digest()[:8]))
 
 
 def _jpeg(linear: Image) -> bytes:

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Literal
 
 import numpy as np
-import tifffile
 from numpy.typing import NDArray
 
 from pipeline.spectra.lights import find_light
-from tests.evaluation.geometry import Geometry, Lamp, Shape, View
+from tests.evaluation.capture import Sensor, expose, tiff
+from tests.evaluation.geometry import Geometry, Lamp, Shape, Vector, View
 from tests.evaluation.patterns import Pattern
 from tests.evaluation.render import Facing, render_facing
+from tests.evaluation.scenes import WHITE_LEVEL
 from tests.evaluation.spectra import Split, flash_spectrum, lamps, reflectances, sensitivities
 from tests.evaluation.transport import DirectTransport
 
@@ -23,12 +23,10 @@ Kind = Literal["measured", "peaked", "filtered"]
 
 CAMERA = "Nikon D5100"
 SIZE = (192, 192)
-FULL_WELL, READ_NOISE = 20_000.0, 5.0
 
 _VIEW = View(position=(0.0, 0.0, 2.0), look_at=(0.0, 0.0, 0.0), fov_deg=30.0)
 _FAR = 300.0  # metres
 _FLASH = 8.8  # on a white card at 1 m, against lamps of about 1
-_WHITE_LEVEL = 0.9
 _COLOURS = 6
 _LIGHT = 0.2  # mean reflectance of the colours, at least
 _LEAST_ANGLE_DEG = 8.0  # between two lamps' camera colours
@@ -72,8 +70,10 @@ _BELOW = ((-0.5, -0.4, 0.75), (0.6, -0.25, 0.75), (0.1, 0.65, 0.75))
 _ASKEW = ((0.2, 0.6, 0.77), (-0.65, -0.1, 0.75), (0.55, -0.4, 0.73))
 
 
-def _one(kind: Any, pattern: Pattern, size: float = 0.42, **more: Any) -> tuple[Shape, ...]:
-    return (Shape(kind, (0.0, 0.0, 0.0), (size, size, size), pattern, **more),)
+def _one(
+    kind: Any, pattern: Pattern, size: Vector = (0.42, 0.42, 0.42), **more: Any
+) -> tuple[Shape, ...]:
+    return (Shape(kind, (0.0, 0.0, 0.0), size, pattern, **more),)
 
 
 def _some(
@@ -95,15 +95,8 @@ OBJECTS: dict[Split, tuple[Object, ...]] = {
         Object("chequered ring", _one("torus", _some("checker", 4, 6, 1), tilt_deg=60), _ABOVE),
         Object(
             "patched egg",
-            (
-                Shape(
-                    "ellipsoid",
-                    (0.0, 0.0, 0.0),
-                    (0.45, 0.3, 0.3),
-                    _some("patches", 6, 5, 8),
-                    turn_deg=35,
-                    tilt_deg=15,
-                ),
+            _one(
+                "ellipsoid", _some("patches", 6, 5, 8), (0.45, 0.3, 0.3), tilt_deg=15, turn_deg=35
             ),
             _ASKEW,
         ),
@@ -125,11 +118,7 @@ OBJECTS: dict[Split, tuple[Object, ...]] = {
         ),
     ),
     "report": (
-        Object(
-            "egg",
-            (Shape("ellipsoid", (0.0, 0.0, 0.0), (0.3, 0.45, 0.32), _PLAIN, tilt_deg=-20),),
-            _ASKEW,
-        ),
+        Object("egg", _one("ellipsoid", _PLAIN, (0.3, 0.45, 0.32), tilt_deg=-20), _ASKEW),
         Object("ring", _one("torus", _PLAIN, tilt_deg=75), _BELOW),
         Object("slender vase", _one("vase", _PLAIN, tilt_deg=-15, seed=13), _ABOVE),
         Object("chequered ball", _one("sphere", _some("checker", 5, 8, 2), tilt_deg=30), _ASKEW),
@@ -140,15 +129,12 @@ OBJECTS: dict[Split, tuple[Object, ...]] = {
         ),
         Object(
             "striped egg",
-            (
-                Shape(
-                    "ellipsoid",
-                    (0.0, 0.0, 0.0),
-                    (0.32, 0.45, 0.32),
-                    _some("stripes", 6, 12, 4),
-                    tilt_deg=30,
-                    turn_deg=20,
-                ),
+            _one(
+                "ellipsoid",
+                _some("stripes", 6, 12, 4),
+                (0.32, 0.45, 0.32),
+                tilt_deg=30,
+                turn_deg=20,
             ),
             _ABOVE,
         ),
@@ -176,8 +162,7 @@ def photograph(
     """Photograph an object under lamps of a kind; the same each time.
 
     measured: lamps of the split. peaked: those of narrow bands alone. filtered: lamps behind
-    coloured filters. on: which of the three are lit. noise: of a sensor of 20,000 electrons,
-    5 of them read noise, 14 bit.
+    coloured filters. on: which of the three are lit. noise: of the usual sensor.
     """
     number = [one.name for one in OBJECTS[split]].index(thing.name)
     random = np.random.default_rng([number, len(kind), 3 if split == "report" else 1])
@@ -192,12 +177,14 @@ def photograph(
     )
     flash_part = transport.picture(3, _response(flash_spectrum(flash), s, _FLASH), palette)
     both = lit + flash_part
-    scale = _WHITE_LEVEL / np.percentile(both.max(axis=2)[facing.lit[3]], 99.9)
-    frames = (lit * scale, both * scale)
+    scale = WHITE_LEVEL / np.percentile(both.max(axis=2)[facing.lit[3]], 99.9)
+    frames = [lit * scale, both * scale]
+    if noise:
+        frames = [expose(frame, Sensor(), random) for frame in frames]
     colours = spectra @ s.T
     directions = np.array(thing.directions)
     return ObjectShot(
-        files=(_file(frames[0], random, noise), _file(frames[1], random, noise)),
+        files=(tiff(frames[0], exact=not noise), tiff(frames[1], exact=not noise)),
         options={
             "camera": CAMERA,
             "flash_spectrum": flash,
@@ -250,16 +237,3 @@ def _lamps(random: np.random.Generator, split: Split, kind: Kind, s: Array) -> A
 def _response(spectrum: Array, s: Array, strength: float) -> Array:
     response = spectrum[:, None] * s.T
     return np.asarray(strength * response / response[:, 1].sum())
-
-
-def _file(light: NDArray[np.floating], random: np.random.Generator, noise: bool) -> bytes:
-    if noise:
-        electrons = random.poisson(np.clip(light, 0, None) * FULL_WELL).astype(np.float64)
-        electrons += READ_NOISE * random.standard_normal(light.shape)
-        codes = np.clip(np.round(electrons / FULL_WELL * 16383), 0, 16383) / 16383
-        data = np.round(codes * 65535).astype(np.uint16)
-    else:
-        data = light.astype(np.float32)
-    file = io.BytesIO()
-    tifffile.imwrite(file, data, photometric="rgb", metadata=None)
-    return file.getvalue()

@@ -168,16 +168,8 @@ def neutral_seen(
     """
     neutral = find_light(NEUTRAL)
     whites = np.array([s[1] @ lamp for lamp in scene.lamp_spectra]) / (s[1] @ neutral)
-    before = _pictures(
-        scene, scene.geometry, [lamp[:, None] * s.T for lamp in scene.lamp_spectra], size
-    )
-    after = _pictures(
-        scene, scene.geometry, [white * neutral[:, None] * s.T for white in whites], size
-    )
-    shown = [
-        one[..., 1].mean() / old[..., 1].mean() * new
-        for one, old, new in zip(lit, before, after, strict=True)
-    ]
+    seen = [lamp[:, None] * s.T for lamp in scene.lamp_spectra]
+    shown = _changed(scene, lit, seen, [white * neutral[:, None] * s.T for white in whites], size)
     return np.asarray(sum(shown), dtype=np.float32)
 
 
@@ -190,23 +182,29 @@ def render_response(scene: Scene, camera: str, size: tuple[int, int] = SIZE) -> 
     s, other = sensitivities(scene.camera), sensitivities(camera)
     daylight = find_light("D65")
     other = other * (s[1] @ daylight) / (other[1] @ daylight)
-    before, after = (
-        _pictures(
-            scene, scene.geometry, [lamp[:, None] * one.T for lamp in scene.lamp_spectra], size
-        )
-        for one in (s, other)
-    )
+    seen, shown = ([lamp[:, None] * one.T for lamp in scene.lamp_spectra] for one in (s, other))
     lit = render_scene(scene, size).lamps
-    shown = [
-        one[..., 1].mean() / old[..., 1].mean() * new
-        for one, old, new in zip(lit, before, after, strict=True)
-    ]
-    return np.asarray(shown, dtype=np.float32)
+    return np.asarray(_changed(scene, lit, seen, shown, size), dtype=np.float32)
 
 
 def scenes(group: str, split: Split) -> list[Scene]:
     """Return the scenes of one of GROUPS."""
     return GROUPS[group](group, split)
+
+
+def _changed(
+    scene: Scene,
+    lit: NDArray[np.float32],
+    seen: list[Array],
+    shown: list[Array],
+    size: tuple[int, int],
+) -> list[Image]:
+    """Pictures of the lamps by other responses (W, 3), on the scale of lit (N, H, W, 3)."""
+    before, after = (_pictures(scene, scene.geometry, one, size) for one in (seen, shown))
+    return [
+        one[..., 1].mean() / old[..., 1].mean() * new
+        for one, old, new in zip(lit, before, after, strict=True)
+    ]
 
 
 def _pictures(

@@ -4,15 +4,10 @@ import numpy as np
 
 from pipeline.calibration.flash import FAMILY
 from pipeline.spectra.lights import find_light
-from tests.evaluation.calibration import (
-    Figure,
-    SphereFigure,
-    _cameras,
-    _flashes,
-    rows,
-    sphere_rows,
-)
+from tests.evaluation.calibrated import cameras, flashes
+from tests.evaluation.calibration import Figure, rows
 from tests.evaluation.spectra import sensitivities
+from tests.evaluation.spheres import SphereFigure, sphere_rows
 
 
 def _cosines(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -23,7 +18,7 @@ def _cosines(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def test_flashes_are_none_that_calibration_knows() -> None:
     family = np.array([find_light(name) for name in FAMILY])
-    for flash in [*_flashes("development"), *_flashes("report")]:
+    for flash in [*flashes("development", 6), *flashes("report", 6)]:
         assert abs(flash.sum() - 1) < 1e-9
         assert _cosines(family, flash).max() < np.cos(np.radians(2))
 
@@ -31,10 +26,10 @@ def test_flashes_are_none_that_calibration_knows() -> None:
 def test_cameras_are_as_far_from_the_assumed_one_as_measured_ones_are() -> None:
     degrees = [
         np.degrees(np.arccos(_cosines(camera, sensitivities("Nikon D5100")))).mean()
-        for camera in [*_cameras("development"), *_cameras("report")]
+        for camera in [*cameras("development", 6), *cameras("report", 6)]
     ]
     assert 6 < np.median(degrees) < 13
-    assert np.array_equal(_cameras("report"), _cameras("report"))
+    assert np.array_equal(cameras("report", 6), cameras("report", 6))
 
 
 def test_rows_give_the_median_and_the_worst() -> None:

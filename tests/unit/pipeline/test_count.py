@@ -169,27 +169,31 @@ def test_noise_that_is_known_does_not_make_a_lamp(
     assert counted(noisy).number == 1
 
 
-def costs(*values: float) -> Callable[[int], Fit]:
-    """Fits of given costs, with lamps that leave nothing off."""
-    return lambda lamps: Fit(np.tile(np.eye(3), (lamps, 1, 1)), values[lamps - 1])
+@pytest.fixture
+def by_costs(
+    counted: Counting, pair_of: Callable[..., Any], flash_part: NDArray[np.float32]
+) -> Callable[..., Count]:
+    """Count by the costs of one to three lamps alone, which leave nothing off."""
+    reduced, evidence = counted.evidence(pair_of(0.5 * flash_part, flash_part))
+    assert not len(evidence.differences)
+
+    def run(*values: float, least: int = 1) -> Count:
+        def fit(lamps: int) -> Fit:
+            return Fit(np.tile(np.eye(3), (lamps, 1, 1)), values[lamps - 1])
+
+        return count_lamps(reduced, evidence, counted.model, fit, least)
+
+    return run
 
 
 @pytest.mark.parametrize(
     ("second", "third", "number"), [(299, 999, 1), (301, 0, 2), (900, 239, 2), (900, 241, 3)]
 )
 def test_a_lamp_is_counted_by_what_it_gains(
-    counted: Counting,
-    pair_of: Callable[..., Any],
-    flash_part: NDArray[np.float32],
-    second: float,
-    third: float,
-    number: int,
+    by_costs: Callable[..., Count], second: float, third: float, number: int
 ) -> None:
     """A second lamp gains 300 at least, a third 1.6 times 150."""
-    reduced, evidence = counted.evidence(pair_of(0.5 * flash_part, flash_part))
-    assert not len(evidence.differences)
-
-    found = count_lamps(reduced, evidence, counted.model, costs(0, -second, -second - third))
+    found = by_costs(0, -second, -second - third)
 
     assert found.number == number
     assert 0.5 <= found.confidence < 0.6
@@ -205,9 +209,7 @@ def test_a_lamp_is_counted_by_what_it_gains(
     ],
 )
 def test_no_fewer_lamps_are_counted_than_are_known(
-    counted: Counting,
-    pair_of: Callable[..., Any],
-    flash_part: NDArray[np.float32],
+    by_costs: Callable[..., Count],
     second: float,
     third: float,
     least: int,
@@ -215,10 +217,7 @@ def test_no_fewer_lamps_are_counted_than_are_known(
     confidence: float,
 ) -> None:
     """And of what is known, no more is to be told: 0.5 belongs to a gain at the limit."""
-    reduced, evidence = counted.evidence(pair_of(0.5 * flash_part, flash_part))
-    fits = costs(0, -second, -second - third)
-
-    found = count_lamps(reduced, evidence, counted.model, fits, least)
+    found = by_costs(0, -second, -second - third, least=least)
 
     assert found.number == number
     assert found.confidence == pytest.approx(confidence, abs=0.02)
@@ -234,16 +233,10 @@ def test_no_fewer_lamps_are_counted_than_are_known(
     ],
 )
 def test_numbers_that_cannot_be_are_not_counted(
-    counted: Counting,
-    pair_of: Callable[..., Any],
-    flash_part: NDArray[np.float32],
-    values: tuple[float, ...],
-    number: int,
+    by_costs: Callable[..., Count], values: tuple[float, ...], number: int
 ) -> None:
     """A forbidden lamp makes the cost of a number infinite."""
-    reduced, evidence = counted.evidence(pair_of(0.5 * flash_part, flash_part))
-
-    found = count_lamps(reduced, evidence, counted.model, costs(*values))
+    found = by_costs(*values)
 
     assert found.number == number
     assert 0 <= found.confidence <= 1

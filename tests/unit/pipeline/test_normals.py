@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
@@ -12,10 +13,8 @@ from pipeline.lamps import Lamps
 from pipeline.model import Model
 from pipeline.normals import find_facing
 from pipeline.options import DirectedLight
-from pipeline.photometric_stereo.responses import LampBank
 from pipeline.reduced import reduce_pair
 from pipeline.separation import Strip
-from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light
 
 Array = NDArray[np.float64]
@@ -23,22 +22,24 @@ Array = NDArray[np.float64]
 DIRECTIONS = ((-0.6, 0.35, 0.7), (0.65, 0.3, 0.7), (0.05, -0.55, 0.8))
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def found(
     exact: Callable[..., tuple[Any, Array]],
     lamps_of: Callable[..., Lamps],
     model: Model,
-    camera: Camera,
     warm_to_cool: Array,
 ) -> Callable[..., Any]:
     """Find where surfaces face in a pair of three lamps; the strip is all of it."""
 
+    @cache
     def run(method: Literal["best", "paper"], count: int = 3) -> tuple[Any, Strip]:
         pair, layers = exact(warm_to_cool)
-        lights = [DirectedLight(direction=one) for one in DIRECTIONS[:count]]
-        bank = LampBank(camera.sensitivities, find_light("xenon"))
+        lights = [
+            DirectedLight(direction=direction, rgb=tuple(colour))
+            for direction, colour in zip(DIRECTIONS, warm_to_cool[:count], strict=False)
+        ]
         reduced, lamps = reduce_pair(pair), lamps_of(warm_to_cool[:count])
-        facing = find_facing(lights, reduced, lamps, model, bank, 150.0, method)
+        facing = find_facing(lights, reduced, lamps, model, find_light("xenon"), 150.0, method)
         height, width = pair.unusable.shape
         strip = Strip(
             slice(0, height),

@@ -3,6 +3,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -105,13 +106,16 @@ def written(
     """Write outputs into a folder; returns what is said of them."""
 
     def run(
-        *wanted: str, given: Pictures = pictures, progress: Progress | None = None
+        *wanted: str,
+        given: Pictures = pictures,
+        by: Model = model,
+        progress: Progress | None = None,
     ) -> list[dict[str, Any]]:
         return write_outputs(
             given,
             reduced,
             lamps_of(warm_to_cool[[0, 2]]),
-            model,
+            by,
             ENTRIES,
             frozenset(wanted),
             tmp_path,
@@ -326,30 +330,14 @@ CHANGES = np.array([np.diag([2.0, 1.0, 0.5]), [[0.0, 1, 0], [1, 0, 0], [0, 0, 1]
 
 @pytest.fixture
 def responded(
-    pictures: Pictures,
-    reduced: ReducedPair,
-    camera: Camera,
-    lamps_of: Callable[..., Any],
-    warm_to_cool: Array,
-    tmp_path: Path,
+    written: Callable[..., list[dict[str, Any]]], pictures: Pictures, camera: Camera
 ) -> Callable[..., list[dict[str, Any]]]:
     """Write outputs through another camera, which is the same with other names for channels."""
-
-    def run(*wanted: str) -> list[dict[str, Any]]:
-        model = build_model(camera, find_light("xenon"), find_light("D65"), "wpca", camera)
-        seen = np.einsum("nhwl,nkl->hwk", pictures.layers, CHANGES).astype(np.float32)
-        return write_outputs(
-            replace(pictures, response=seen, camera_changes=CHANGES),
-            reduced,
-            lamps_of(warm_to_cool[[0, 2]]),
-            model,
-            ENTRIES,
-            frozenset(wanted),
-            tmp_path,
-            Progress(),
-        )
-
-    return run
+    model = build_model(camera, find_light("xenon"), find_light("D65"), "wpca", camera)
+    seen = np.einsum("nhwl,nkl->hwk", pictures.layers, CHANGES).astype(np.float32)
+    return partial(
+        written, given=replace(pictures, response=seen, camera_changes=CHANGES), by=model
+    )
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,8 @@ from pipeline.errors import (
 )
 from pipeline.options import OUTPUT_NAMES, DirectedLight, Options
 from pipeline.progress import STAGES, Progress
+from pipeline.spectra.cameras import Camera
+from tests.ball import make_ball
 
 Array = NDArray[np.float64]
 Files = tuple[bytes, bytes]
@@ -57,6 +59,18 @@ def files(exact: Callable[..., tuple[Any, Array]], warm_to_cool: Array) -> Calla
         return write(pair.no_flash), write(pair.flash)
 
     return build
+
+
+@pytest.fixture
+def shaped(camera: Camera) -> tuple[Files, dict[str, Any]]:
+    """The files of a ball in three colours under three lamps, and options that name the lamps."""
+    ball = make_ball(camera.sensitivities, size=40, materials=3)
+    given = {
+        "lights": 3,
+        "light_directions": ball.lights("strength", "rgb"),
+        "focal_px": ball.focal_px,
+    }
+    return (tiff(0.3 * ball.light), tiff(0.3 * (ball.light + ball.flash))), given
 
 
 def separated(
@@ -149,19 +163,13 @@ def test_inputs_are_named_by_their_digests(files: Callable[..., Files], tmp_path
 
 @pytest.mark.parametrize("method", ["best", "paper"])
 def test_no_byte_depends_on_the_strips(
-    files: Callable[..., Files], tmp_path: Path, method: str
+    shaped: tuple[Files, dict[str, Any]], tmp_path: Path, method: str
 ) -> None:
-    given: dict[str, Any] = {
-        "lights": 3,
-        "method": method,
-        "outputs": "all",
-        "light_directions": DIRECTIONS,
-        "focal_px": 150.0,
-        "response": "Sigma SD1 Merrill",
-    }
+    both, lit = shaped
+    given = {**lit, "method": method, "outputs": "all", "response": "Sigma SD1 Merrill"}
 
-    whole = separated(files(3), tmp_path / "whole", **given)
-    cut = separated(files(3), tmp_path / "cut", rows=7, **given)
+    whole = separated(both, tmp_path / "whole", **given)
+    cut = separated(both, tmp_path / "cut", rows=7, **given)
 
     assert cut == whole
     assert {entry["name"] for entry in whole["files"]} >= {"normals.exr", "response.jpg"}
@@ -224,16 +232,16 @@ def test_an_unknown_sensor_is_warned_of(files: Callable[..., Files], tmp_path: P
     assert "camera_approximate" in codes(manifest)
 
 
-@pytest.mark.parametrize("focal_px", [None, 150.0])
+@pytest.mark.parametrize("told", [False, True])
 def test_an_unknown_focal_length_is_warned_of(
-    files: Callable[..., Files], tmp_path: Path, focal_px: float | None
+    shaped: tuple[Files, dict[str, Any]], tmp_path: Path, told: bool
 ) -> None:
-    manifest = separated(
-        files(3), tmp_path, lights=3, light_directions=DIRECTIONS, focal_px=focal_px, outputs=[]
-    )
+    both, lit = shaped
+    given = lit if told else {**lit, "focal_px": None}
 
-    warned = "focal_length_assumed" in codes(manifest)
-    assert warned == (focal_px is None)
+    manifest = separated(both, tmp_path, **given, method="paper", outputs=[])
+
+    assert ("focal_length_assumed" in codes(manifest)) is not told
     assert manifest["normals"] is not None
 
 

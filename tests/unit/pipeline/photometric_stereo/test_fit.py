@@ -6,20 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from pipeline.photometric_stereo.fit import fit, refine
-from pipeline.photometric_stereo.scene import Scene, State
-
-Array = NDArray[np.float64]
-
-
-def normals(scene: Scene, state: State) -> Array:
-    """(h, w, 3), NaN outside."""
-    field = np.full((*scene.grid.mask.shape, 3), np.nan)
-    w = scene.grid.w(state.h)
-    field[scene.grid.mask] = w / np.linalg.norm(w, axis=1, keepdims=True)
-    return field
+from pipeline.photometric_stereo.scene import Scene
 
 
 @pytest.mark.parametrize(("materials", "lamps", "limit"), [(1, 3, 0.3), (4, 3, 0.6), (1, 2, 0.4)])
@@ -35,18 +24,19 @@ def test_a_ball_is_found(
 
     state, _ = fit(scene)
 
-    assert one.error(normals(scene, state), one.lit) < limit
+    assert one.error_of(scene, state, one.lit) < limit
 
 
-@pytest.mark.parametrize("order", [(0, 2, 1), (1, 0, 2), (2, 0, 1)])
 def test_the_true_order_of_lamps_is_the_likeliest(
-    ball: Callable[..., Any], scene_of: Callable[..., Scene], order: tuple[int, ...]
+    ball: Callable[..., Any], scene_of: Callable[..., Scene]
 ) -> None:
     """Even of a ball, which every order of the lamps would make another round body."""
     scene = scene_of(ball(32))
-    swapped = replace(scene, priors=tuple(scene.priors[j] for j in order))
+    _, true = fit(scene)
 
-    assert fit(swapped)[1] > fit(scene)[1] + 5
+    for order in ((0, 2, 1), (1, 0, 2), (2, 0, 1)):
+        swapped = replace(scene, priors=tuple(scene.priors[j] for j in order))
+        assert fit(swapped)[1] > true + 5
 
 
 def test_cast_shadows_are_left_out(
@@ -66,7 +56,7 @@ def test_cast_shadows_are_left_out(
     lit[scene.grid.mask] = state.lit[:, 0]
     assert lit[shadow].mean() < 0.05
     assert lit[one.lit & ~shadow].mean() > 0.98
-    assert one.error(normals(scene, state), shadow) < 1
+    assert one.error_of(scene, state, shadow) < 1
 
 
 def test_a_finer_surface_is_found_from_a_coarse_one(
@@ -80,8 +70,8 @@ def test_a_finer_surface_is_found_from_a_coarse_one(
 
     found = refine(scene, smooth, state)
 
-    assert one.error(normals(scene, replace(state, h=smooth)), one.lit) > 15
-    assert one.error(normals(scene, found), one.lit) < 1
+    assert one.error_of(scene, replace(state, h=smooth), one.lit) > 15
+    assert one.error_of(scene, found, one.lit) < 1
     np.testing.assert_array_equal(found.modes, state.modes)
     np.testing.assert_array_equal(found.own, state.own)
 
@@ -100,9 +90,9 @@ def test_a_wide_shadow_does_not_bend_the_surface(
     ball: Callable[..., Any], scene_of: Callable[..., Scene]
 ) -> None:
     """Of the first lamp, over a third of the ball and up to its rim."""
-    one = ball(48)
+    one = ball(40)
     shadow = np.zeros(one.inside.shape, bool)
-    shadow[:, :18] = True
+    shadow[:, :15] = True
     lamps = one.lamps.copy()
     lamps[0][shadow] = 0
     scene = scene_of(replace(one, lamps=lamps))
@@ -110,6 +100,6 @@ def test_a_wide_shadow_does_not_bend_the_surface(
     state, _ = fit(scene)
 
     known = one.lit & shadow
-    assert known.sum() > 200
-    assert one.error(normals(scene, state), known) < 1
-    assert one.error(normals(scene, state), one.lit & ~shadow) < 0.5
+    assert known.sum() > 150
+    assert one.error_of(scene, state, known) < 1
+    assert one.error_of(scene, state, one.lit & ~shadow) < 0.5

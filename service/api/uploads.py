@@ -1,0 +1,67 @@
+"""What the routes that take a pair of photographs say of themselves in the OpenAPI document."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import Header
+
+from pipeline import errors as pipeline_errors
+from service.api.problems import responses
+from service.attempt import FRAMES
+from service.errors import (
+    CrashError,
+    IdempotencyError,
+    MalformedRequestError,
+    QueueFullError,
+    UnsupportedMediaError,
+    UploadTooLargeError,
+)
+
+IdempotencyKey = Annotated[
+    str | None,
+    Header(min_length=1, max_length=255, description="Makes sending twice as good as once."),
+]
+
+_FILE = {"type": "string", "format": "binary"}
+
+
+def pair_form(options: dict[str, Any], told: str, required: bool = False) -> dict[str, Any]:
+    """Describe the form with a pair, an entry of a body's content.
+
+    options: schema of that part. told: what it is. required: whether it has to be there.
+    """
+    properties = {
+        "no_flash": {
+            **_FILE,
+            "description": "The photograph without the flash, in any format we read.",
+        },
+        "flash": {**_FILE, "description": "The photograph with the flash."},
+        "options": {
+            "type": "string",
+            "contentMediaType": "application/json",
+            "contentSchema": options,
+            "description": told,
+        },
+    }
+    parts = [*FRAMES, "options"] if required else list(FRAMES)
+    schema = {"type": "object", "required": parts, "properties": properties}
+    return {"multipart/form-data": {"schema": schema}}
+
+
+def accepted(*errors: type[Exception]) -> dict[int | str, Any]:
+    """Describe the answers of a route that makes a job of a pair; errors: its own problems."""
+    return {
+        202: {"headers": {"Location": {"schema": {"type": "string"}}}},
+        **responses(
+            MalformedRequestError,
+            UploadTooLargeError,
+            UnsupportedMediaError,
+            pipeline_errors.InputError,
+            IdempotencyError,
+            QueueFullError,
+            CrashError,
+            *errors,
+            status=(503,),
+        ),
+    }

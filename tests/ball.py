@@ -1,0 +1,122 @@
+"""A ball before the camera, under distant lamps and a flash, computed from first principles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.options import DirectedLight
+from pipeline.photometric_stereo.grid import Grid, make_grid
+from pipeline.photometric_stereo.scene import Scene, State
+from pipeline.spectra.lights import find_light, reflectance_spectra
+
+Array = NDArray[np.float64]
+
+LAMPS = ("A", "FL2", "D100")
+
+
+@dataclass(frozen=True)
+class Ball:
+    """All (size, size, …). lamps: (J, size, size, 3) each alone. inside: bool, off the rim."""
+
+    focal_px: float
+    normals: Array
+    depth: Array
+    flash: Array
+    lamps: Array
+    inside: NDArray[np.bool_]
+    directions: Array
+    colours: Array
+
+    @property
+    def light(self) -> Array:
+        return np.asarray(self.lamps.sum(axis=0))
+
+    @property
+    def lit(self) -> NDArray[np.bool_]:
+        return np.asarray((self.lamps.sum(axis=3) > 0).all(axis=0) & self.inside)
+
+    @property
+    def grid(self) -> Grid:
+        middle = len(self.depth) / 2 - 0.5
+        return make_grid(self.inside, self.focal_px, (middle, middle))
+
+    def lights(self, *said: str) -> list[DirectedLight]:
+        """The lamps as a user describes them, by direction and what is said beside it."""
+        return [
+            DirectedLight(
+                direction=tuple(direction),
+                strength=float(colour[1]) if "strength" in said else None,
+                rgb=tuple(colour) if "rgb" in said else None,
+            )
+            for direction, colour in zip(self.directions, self.colours, strict=True)
+        ]
+
+    def error(self, normals: Array, where: NDArray[np.bool_]) -> float:
+        """Mean angle in degrees."""
+        cosine = np.clip((normals * self.normals).sum(axis=2), -1, 1)
+        return float(np.degrees(np.arccos(cosine))[where].mean())
+
+    def error_of(self, scene: Scene, state: State, where: NDArray[np.bool_]) -> float:
+        """The same of a fit."""
+        field = np.full(self.normals.shape, np.nan)
+        w = scene.grid.w(state.h)
+        field[scene.grid.mask] = w / np.linalg.norm(w, axis=1, keepdims=True)
+        return self.error(field, where)
+
+
+def make_ball(sensitivities: Array, size: int = 48, materials: int = 1, lamps: int = 3) -> Ball:
+    """Build a ball of radius 0.4 at a distance of 2, seen through a sensor's own sensitivities.
+
+    size: of the picture in pixels, which it nearly fills. materials: painted as a chequer board.
+    lamps: how many of LAMPS.
+    """
+    focal = 2.2 * size
+    y, x = np.mgrid[:size, :size] - (size / 2 - 0.5)
+    ray = np.stack([x / focal, -y / focal, -np.ones_like(x)], axis=-1)
+    centre = np.array([0.0, 0.0, -2.0])
+    a, b = (ray**2).sum(axis=2), ray @ centre
+    root = b**2 - a * (4 - 0.4**2)
+    inside = root > 0.02 * root.max()
+    depth = (b - np.sqrt(np.maximum(root, 0))) / a
+    place = depth[..., None] * ray
+    normals = (place - centre) / 0.4
+    distance = np.linalg.norm(place, axis=2)
+    facing = (normals * -place).sum(axis=2) / distance
+    directions = np.array([[-0.6, 0.35, 0.7], [0.65, 0.3, 0.7], [0.05, -0.55, 0.8]])[:lamps]
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    rho = reflectance_spectra()
+    light = np.flatnonzero(rho.mean(axis=1) > 0.3)
+    palette = rho[np.random.default_rng(5).choice(light, materials, replace=False)]
+    cells = np.floor((normals[..., :2] + 1) * 3).astype(int)
+    which = (cells[..., 0] + 2 * cells[..., 1]) % materials
+
+    def seen(spectrum: Array) -> Array:
+        return np.asarray(
+            (palette @ (sensitivities * spectrum).T)[which] / (sensitivities[1] @ spectrum)
+        )
+
+    shading = np.maximum(normals @ directions.T, 0) * np.array([1.0, 0.7, 1.2])[:lamps]
+    spectra = [find_light(name) for name in LAMPS[:lamps]]
+    dark = ~inside[..., None]
+    lit = [
+        np.where(dark, 0, seen(spectrum) * shading[..., j, None])
+        for j, spectrum in enumerate(spectra)
+    ]
+    flash = seen(find_light("xenon")) * (facing / distance**2)[..., None]
+    colours = [
+        sensitivities @ spectrum / (sensitivities[1] @ spectrum) * strength
+        for spectrum, strength in zip(spectra, (1.0, 0.7, 1.2), strict=False)
+    ]
+    return Ball(
+        focal,
+        normals,
+        depth,
+        np.where(dark, 0, flash),
+        np.array(lit),
+        inside,
+        directions,
+        np.array(colours),
+    )

@@ -1,0 +1,37 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pipeline.directions import unit_directions
+from pipeline.errors import OptionError
+from pipeline.options import DirectedLight, Vector
+
+
+def lights(*directions: Vector) -> list[DirectedLight]:
+    return [DirectedLight(direction=one) for one in directions]
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_directions_have_length_one(count: int) -> None:
+    found = unit_directions(lights((3, 0, 4), (0, -5, 12), (-6, 8, 0))[:count])
+
+    expected = [(0.6, 0, 0.8), (0, -5 / 13, 12 / 13), (-0.6, 0.8, 0)]
+    np.testing.assert_allclose(found, expected[:count])
+
+
+@pytest.mark.parametrize(
+    "directions",
+    [
+        ((1, 0, 1), (0, 0, 1), (-1, 0, 1)),
+        ((-0.5, 0, 1), (0.5, 0, 1), (0.1, 0, 1)),
+        ((0, 0, 1), (0, 0, 1), (0, 1, 1)),
+        ((0, 0, 1), (0, 0, 2), (0, 0, 3)),
+        ((0.01, 0, 1), (0, 0.01, 1), (-0.01, -0.01, 1)),
+        ((0.1, 0.2, 0.9), (0.1, 0.2, 0.9)),
+    ],
+    ids=["fan", "fan aside", "two alike", "three alike", "from the camera", "two alike of two"],
+)
+def test_directions_that_fix_no_normals_are_refused(directions: tuple[Vector, ...]) -> None:
+    with pytest.raises(OptionError, match="nearly alike, or lie nearly in one plane"):
+        unit_directions(lights(*directions))
