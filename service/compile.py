@@ -13,7 +13,7 @@ from typing import Any
 import drivers
 from pipeline.options import Options
 from pipeline.process import separate_files
-from pipeline.progress import Progress
+from pipeline.progress import STRIP_ROWS, Progress
 
 _SIZE = "width=96&height=64&noise=off"
 
@@ -21,18 +21,19 @@ _SIZE = "width=96&height=64&noise=off"
 def main() -> None:
     """Separate tiny pairs of the simulated camera in every way that compiled code takes."""
     for count in (1, 2, 3):
-        _separate(f"sim://studio?lights={count}&{_SIZE}", {"lights": count})
+        for rows in (24, STRIP_ROWS):  # one strip alone lies otherwise in memory than several
+            _separate(f"sim://studio?lights={count}&{_SIZE}", {"lights": count}, rows)
     objects = f"sim://studio?scene=objects&lights=3&{_SIZE}"
     truth = drivers.simulated_truth(objects)
     lights = [{"direction": tuple(one)} for one in truth.directions.tolist()]
-    _separate(objects, {"lights": 3, "light_directions": lights})
+    _separate(objects, {"lights": 3, "light_directions": lights}, STRIP_ROWS)
 
 
-def _separate(address: str, options: dict[str, Any]) -> None:
+def _separate(address: str, options: dict[str, Any], strip_rows: int) -> None:
     with drivers.open_camera(address) as camera, tempfile.TemporaryDirectory() as folder:
         pair = drivers.capture_pair(camera)
         files = pair.no_flash.best, pair.flash.best
-        separate_files(*files, Options(**options), Path(folder), Progress())
+        separate_files(*files, Options(**options), Path(folder), Progress(), strip_rows)
 
 
 if __name__ == "__main__":
