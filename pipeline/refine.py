@@ -119,7 +119,9 @@ def _step(
     """One round: the small motion, in unit coordinates, that takes away most of the difference."""
     height, width = inside.shape
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
-    warped = cv2.warpPerspective(sample, matrix, (width, height), flags=flags)
+    warped = np.asarray(
+        cv2.warpPerspective(sample, matrix, (width, height), flags=flags), np.float32
+    )
     outside = cv2.warpPerspective(
         np.zeros((height, width), np.float32), matrix, (width, height), flags=flags, borderValue=1.0
     )
