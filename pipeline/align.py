@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frames import Image, Mask
+from pipeline.order import quantile
 from pipeline.refine import HOMOGRAPHY, SHIFT, TURN, agreement, log_detail, refine_motion
 
 _WORKING_SIZES = (1600, 800)  # longer side; the second for pairs whose noise drowns fine edges
@@ -162,9 +163,9 @@ def warp(image: Image, saturated: Mask, alignment: Alignment) -> tuple[Image, Ma
 
 def edges(image: Image) -> Image:
     """Gradient magnitude of the brightness, divided by its own local mean and compressed."""
-    gray = np.maximum(image.mean(axis=2), 0.0)
-    gray = np.sqrt(gray / max(float(np.percentile(gray, 95)), 1e-9))
-    gray = cv2.GaussianBlur(gray.astype(np.float32), (0, 0), 1.0)
+    gray = np.maximum(cv2.transform(image, np.full((1, 3), 1 / 3)), np.float32(0.0))
+    gray = np.sqrt(gray / np.float32(max(quantile(gray, 0.95), 1e-9)))
+    gray = np.asarray(cv2.GaussianBlur(gray, (0, 0), 1.0), np.float32)
     magnitude = cv2.magnitude(cv2.Scharr(gray, -1, 1, 0), cv2.Scharr(gray, -1, 0, 1))
     local = cv2.GaussianBlur(magnitude, (0, 0), _LOCAL)
     edges = magnitude / (local + 0.2 * local.mean() + 1e-9)

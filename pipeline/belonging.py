@@ -7,6 +7,8 @@ import numpy as np
 from pipeline.errors import PairMismatchError, UnusablePairError
 from pipeline.frames import Frame, Image, Mask
 from pipeline.noise import Noise
+from pipeline.order import quantile
+from pipeline.progress import STRIP_ROWS
 
 _BLACK = 2e-4  # of the white level; an 8-bit sRGB code of 1 is 3e-4
 _MIN_USABLE = 0.02
@@ -41,7 +43,7 @@ def check_belonging(no_flash: Frame, flash: Frame) -> None:
             f"The photograph without the flash holds {_words(no_flash)}, the one with it "
             f"{_words(flash)}: send two files of one kind."
         )
-    if no_flash.sha256 == flash.sha256 or np.array_equal(no_flash.pixels, flash.pixels):
+    if no_flash.sha256 == flash.sha256 or _equal(no_flash.pixels, flash.pixels):
         raise UnusablePairError(
             "The two photographs are identical: send one without the flash and one with it."
         )
@@ -49,6 +51,14 @@ def check_belonging(no_flash: Frame, flash: Frame) -> None:
         raise UnusablePairError(
             "The flash fired in the photograph that should be without it: swap the two."
         )
+
+
+def _equal(first: Image, second: Image) -> bool:
+    """Whether all values are the same; two photographs differ in their first rows."""
+    return all(
+        np.array_equal(first[top : top + STRIP_ROWS], second[top : top + STRIP_ROWS])
+        for top in range(0, len(first), STRIP_ROWS)
+    )
 
 
 def _words(frame: Frame) -> str:
@@ -60,7 +70,7 @@ def _words(frame: Frame) -> str:
 def check_light(no_flash: Frame, flash: Frame) -> None:
     """Raise UnusablePairError where one of the photographs is black."""
     for frame, name in ((no_flash, "without the flash"), (flash, "with the flash")):
-        if np.quantile(frame.pixels[::_SAMPLE_STEP, ::_SAMPLE_STEP].max(axis=2), 0.99) < _BLACK:
+        if quantile(_sampled(frame.pixels).max(axis=2), 0.99) < _BLACK:
             raise UnusablePairError(
                 f"The photograph {name} is black: expose it longer or raise the ISO speed."
             )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.align import Alignment, edges
 from pipeline.frames import Image, Mask
+from pipeline.order import quantile
 from pipeline.progress import STRIP_ROWS
 from pipeline.push_pull import push_pull
 from pipeline.refine import log_detail
@@ -28,6 +29,7 @@ _TEXTURE = 0.02  # root mean square of log steps that tell of motion, against no
 _DARK, _REACH = 0.03, 9  # of the 95th percentile; pixels that log_detail reaches
 _WORTH_IT = 0.01  # share of the picture; less is chance
 _CODES = 110.0  # edges run from 0 to 2
+_SUM = np.ones((1, 3), np.float32)  # over channels, as a matrix
 
 
 def residual_flow(no_flash: Image, flash: Image) -> Array | None:
@@ -122,8 +124,8 @@ def _moved(image: Array, flow: Array) -> Array:
 
 def _lit(image: Image) -> Array:
     """Where light falls (h, w, 1), 0 or 1: at its ends, steps are of light, not of reflectance."""
-    light = image.sum(axis=2)
-    dark = (light < _DARK * np.percentile(light, 95)).astype(np.uint8)
+    light = np.asarray(cv2.transform(image, _SUM))
+    dark = (light < np.float32(_DARK * quantile(light, 0.95))).astype(np.uint8)
     near = cv2.dilate(dark, np.ones((_REACH, _REACH), np.uint8))
     return np.asarray(1.0 - near, dtype=np.float32)[..., None]
 
@@ -131,7 +133,7 @@ def _lit(image: Image) -> Array:
 def _correlation(reference: Image, sample: Image) -> tuple[Array, Array]:
     """Local correlation of steps, −1…1, and their strength in the weaker photograph, (h, w)."""
     cross, first, second = (
-        cv2.GaussianBlur((a * b).sum(axis=2), (0, 0), _WINDOW)
+        cv2.GaussianBlur(cv2.transform(a * b, _SUM), (0, 0), _WINDOW)
         for a, b in ((reference, sample), (reference, reference), (sample, sample))
     )
     strength = np.sqrt(np.minimum(first, second) / 3.0)

@@ -35,6 +35,7 @@ _THIN = 0.006  # of the diagonal: half the width of what is a thing and no edge
 _EVIDENCE = 0.02  # of a thing's area that must show in a way
 _ALONE = 0.01  # of the picture
 _CLIPPED_REACH = 7  # pixels around unusable ones, whose edges are no edges
+_SUM = np.ones((1, 3), np.float32)  # over channels, as a matrix
 
 
 def find_moved(
@@ -102,7 +103,7 @@ def _edges_that_differ(before: Image, after: Image, variances: list[Array]) -> t
 
 def _evenly_lit(before: Image, after: Image) -> Mask:
     """Pixels beside which the flash neither casts a shadow nor is mirrored."""
-    flash = np.maximum(after - before, 0.0).sum(axis=2)
+    flash = cv2.transform(np.maximum(after - before, 0.0), _SUM)
     square = np.ones((_NEAR, _NEAR), np.uint8)
     return np.asarray(cv2.erode(flash, square) > _EVEN_FLASH * cv2.dilate(flash, square))
 
@@ -119,7 +120,7 @@ def _window(first: tuple[Array, Array], second: tuple[Array, Array]) -> Array:
 
 def _sum(values: Array) -> Array:
     """Sum over channels and mean over a small window."""
-    return np.asarray(cv2.GaussianBlur(values.sum(axis=2), (0, 0), _EDGE_WINDOW))
+    return np.asarray(cv2.GaussianBlur(cv2.transform(values, _SUM), (0, 0), _EDGE_WINDOW))
 
 
 def _things(evidence: Mask) -> Mask:

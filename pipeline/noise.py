@@ -9,9 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frames import Image
+from pipeline.order import quantile
+from pipeline.second_differences import (
+    BLOCK,
+    block_squares,
+    block_variances,
+    relative_squares,
+    squares_within,
+)
 
 _BINS = 24
-_BLOCK = 8
 _SCALES = (2, 4, 8)  # of the means that tell how far noise hangs together
 _SMALLEST, _SPARSE = 32, 8
 _FEW = 50  # second differences that still give a quantile
@@ -63,69 +70,53 @@ def estimate_noise(pixels: Image) -> Noise:
     leave noise that hides from neighbouring pixels; smaller than 64 pixels, once.
     """
     height, width = pixels.shape[:2]
-    scales = [1, *(s for s in _SCALES if min(height, width) >= _SMALLEST * s)]
-    lines = [_line(_shrunk(pixels, scale)) for scale in scales[:2]]
+    pixels = np.ascontiguousarray(pixels)
+    scales = [s for s in _SCALES if min(height, width) >= _SMALLEST * s]
+    means = _halved(pixels) if scales else pixels
+    lines = [_line(image) for image in ([pixels, means] if scales else [pixels])]
     typical = np.median(pixels[::_SPARSE, ::_SPARSE].reshape(-1, 3), axis=0)
     levels = [float((gain * np.maximum(typical, 0) + floor).sum()) for gain, floor in lines]
     loudest = int(np.argmax(levels))
     noise = Noise(*lines[loudest])
-    return Noise(noise.gain, noise.floor, _grain(pixels, scales[1:], lines[0], noise))
+    return Noise(noise.gain, noise.floor, _grain(pixels, means, scales, lines[0], noise))
 
 
 def _grain(
     pixels: Image,
+    means: Image,
     scales: list[int],
     line: tuple[NDArray[np.float64], NDArray[np.float64]],
     noise: Noise,
 ) -> float:
-    """Area over which the noise hangs together, from means of ever more pixels."""
+    """Area over which the noise hangs together, from means of ever more pixels.
+
+    means: of 2×2 pixels.
+    """
     grain = 1.0
     if not scales:
         return grain
     flat = _flat_blocks(pixels, line)
     for scale in scales:
-        found = scale**2 * _relative_variance(pixels, flat, scale, noise)
+        means = means if scale == scales[0] else _halved(means)
+        found = scale**2 * _relative_variance(means, flat, scale, noise)
         if scale == scales[0] and abs(np.log(max(found, 1e-9))) < np.log(_WHITE):
             break  # bare noise: what larger means hold beyond it is texture
         grain = max(grain, found)
     return grain
 
 
-def _shrunk(pixels: Image, scale: int) -> Image:
-    if scale == 1:
-        return pixels
-    size = (pixels.shape[1] // scale, pixels.shape[0] // scale)
-    crop = pixels[: size[1] * scale, : size[0] * scale]
+def _halved(pixels: Image) -> Image:
+    size = (pixels.shape[1] // 2, pixels.shape[0] // 2)
+    crop = pixels[: size[1] * 2, : size[0] * 2]
     return np.asarray(cv2.resize(crop, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
-
-
-def _second_differences(plane: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Of both axes at once, with the variance of the noise where that is white."""
-    kernel = np.outer([1, -2, 1], [1, -2, 1]).astype(np.float32) / 6.0
-    detail = cv2.filter2D(plane, -1, kernel, borderType=cv2.BORDER_REFLECT_101)
-    return np.asarray(detail, dtype=np.float32)
-
-
-def _blocks(strip: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Mean (n,) and squared second differences (n, 48) of each block in one row of blocks."""
-    width = strip.shape[1] // _BLOCK * _BLOCK
-    squares = np.square(_second_differences(strip)[1:-1, :width])
-    means = strip[:, :width].reshape(_BLOCK, -1, _BLOCK).mean(axis=(0, 2))
-    blocks = squares.reshape(_BLOCK - 2, -1, _BLOCK).transpose(1, 0, 2)
-    return means, blocks.reshape(len(means), -1)
 
 
 def _line(pixels: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Gain and floor of each channel."""
     step = max(1, pixels.shape[0] * pixels.shape[1] // 4_000_000)
-    tops = range(0, len(pixels) - _BLOCK + 1, _BLOCK * step)
-    gains, floors = np.empty(3), np.empty(3)
-    for channel in range(3):
-        strips = [
-            _blocks(np.ascontiguousarray(pixels[top : top + _BLOCK, :, channel])) for top in tops
-        ]
-        means, squares = (np.concatenate(values) for values in zip(*strips, strict=True))
-        gains[channel], floors[channel] = _fit_line(means, squares)
+    means, squares = block_squares(pixels, step)
+    lines = [_fit_line(means[c], squares[c]) for c in range(3)]
+    gains, floors = np.array(lines).T
     return gains, floors
 
 
@@ -133,30 +124,20 @@ def _flat_blocks(
     pixels: Image, line: tuple[NDArray[np.float64], NDArray[np.float64]]
 ) -> NDArray[np.bool_]:
     """Blocks (H // 8, W // 8) that hold no more than noise."""
-    gain, floor = line
-    rows = []
-    for top in range(0, len(pixels) - _BLOCK + 1, _BLOCK):
-        flat = np.ones(pixels.shape[1] // _BLOCK, dtype=np.bool_)
-        for channel in range(3):
-            strip = np.ascontiguousarray(pixels[top : top + _BLOCK, :, channel])
-            means, squares = _blocks(strip)
-            expected = gain[channel] * np.maximum(means, 0.0) + floor[channel]
-            flat &= squares.mean(axis=1) < _FLAT * expected
-        rows.append(flat)
-    return np.array(rows)
+    means, variances = block_variances(pixels)
+    return np.asarray((variances < _FLAT * Noise(*line).variance(means)).all(axis=2))
 
 
-def _relative_variance(pixels: Image, flat: NDArray[np.bool_], scale: int, noise: Noise) -> float:
+def _relative_variance(means: Image, flat: NDArray[np.bool_], scale: int, noise: Noise) -> float:
     """Variance of means over scale × scale pixels in flat blocks, relative to the noise's.
 
     0 where there are too few flat places of that size to tell.
     """
-    means = _shrunk(pixels, scale)
     covered = cv2.resize(  # blocks are whole means, and what lies beyond them is not flat
         flat.astype(np.uint8),
         None,
-        fx=_BLOCK // scale,
-        fy=_BLOCK // scale,
+        fx=BLOCK // scale,
+        fy=BLOCK // scale,
         interpolation=cv2.INTER_NEAREST,
     )
     whole = np.zeros(means.shape[:2], dtype=np.uint8)
@@ -167,12 +148,8 @@ def _relative_variance(pixels: Image, flat: NDArray[np.bool_], scale: int, noise
     ).view(np.bool_)
     if np.count_nonzero(inside) < _FEW:
         return 0.0
-    variance = noise.variance(means[inside])
-    ratios = [
-        np.quantile(np.square(_second_differences(means[..., c])[inside]) / variance[:, c], _UPPER)
-        for c in range(3)
-    ]
-    return float(np.mean(ratios)) / _UPPER_OF_MEAN
+    ratios = relative_squares(means, inside, noise.gain, noise.floor)
+    return float(np.mean([quantile(of_channel, _UPPER) for of_channel in ratios])) / _UPPER_OF_MEAN
 
 
 def _fit_line(means: NDArray[np.floating], squares: NDArray[np.floating]) -> tuple[float, float]:
@@ -184,15 +161,13 @@ def _fit_line(means: NDArray[np.floating], squares: NDArray[np.floating]) -> tup
     bins = [b for b in np.array_split(np.argsort(means), _BINS) if len(b)]
     brightness = np.array([means[b].mean() for b in bins])
     variances = squares.mean(axis=1)
-    quiet = np.array([np.quantile(variances[b], _QUIET) for b in bins]) / _QUIET_OF_MEAN
+    quiet = np.array([quantile(variances[b], _QUIET) for b in bins]) / _QUIET_OF_MEAN
     gain, floor = _through(brightness, quiet)
     for _ in range(_ROUNDS):
         limit = _WITHIN**2 * (gain * np.maximum(means, 0.0) + floor)
-        inside = squares < limit[:, None]
-        if inside.mean() < _MOST:
+        counts, totals = squares_within(squares, limit)
+        if counts.sum() / squares.size < _MOST:
             break
-        counts = inside.sum(axis=1)
-        totals = np.where(inside, squares, 0.0).sum(axis=1)
         gain, floor = _through(
             brightness,
             np.array([totals[b].sum() / max(counts[b].sum(), 1) for b in bins]) / _WITHIN_OF_ALL,

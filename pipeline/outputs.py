@@ -21,6 +21,7 @@ from pipeline.gamma_diagram import draw_gamma_diagram
 from pipeline.lamps import Lamps
 from pipeline.model import Model
 from pipeline.options import OUTPUT_NAMES, Options
+from pipeline.order import quantile
 from pipeline.pictures import Pictures
 from pipeline.progress import Progress
 from pipeline.reduced import ReducedPair
@@ -31,7 +32,7 @@ _ONLY_ON_REQUEST = frozenset(
 )
 _CAMERA_RGB = "linear camera RGB, 1.0 = white level of the no-flash photograph"
 _SHOWN_GAIN = (0.25, 8.0)
-_SHOWN_WHITE = 99.5  # percentile of a picture's brightest channel that becomes white
+_SHOWN_WHITE = 0.995  # quantile of a picture's brightest channel that becomes white
 _SAMPLE_STEP = 4
 
 Job = tuple[str, str, str, Callable[[Path], None]]
@@ -88,15 +89,13 @@ def _layer_jobs(pictures: Pictures, model: Model, wanted: frozenset[str]) -> lis
     jobs: list[Job] = []
     names = [f"lamp{index + 1}" for index in range(len(pictures.layers))]
     if "layers.exr" in wanted:
-        planes = {
-            f"{name}.{channel}": layer[..., k]
-            for name, layer in zip(names, pictures.layers, strict=True)
-            for k, channel in enumerate("RGB")
-        }
-        total = pictures.layers.sum(axis=0)
-        planes |= {channel: total[..., k] for k, channel in enumerate("RGB")}
         jobs.append(
-            ("layers.exr", "32-bit float", _CAMERA_RGB, lambda path: write_exr(path, planes))
+            (
+                "layers.exr",
+                "32-bit float",
+                _CAMERA_RGB,
+                lambda path: write_exr(path, _with_sum(pictures.layers)),
+            )
         )
     to_rec2020 = _fitting(XYZ_TO_REC2020 @ model.camera_to_xyz)
     to_srgb = _shown(pictures.photograph, XYZ_TO_SRGB @ model.camera_to_xyz)
@@ -121,13 +120,13 @@ def _balanced_jobs(pictures: Pictures, model: Model, wanted: frozenset[str]) -> 
         if name in wanted and picture is not None:
             jobs.append((name, "16-bit linear", "Rec. 2020", _tiff(picture, to_rec2020)))
     if "white_balanced.exr" in wanted and both[0] is not None and both[1] is not None:
-        planes = _planes(both[0]) | _planes(both[1], "any.")
+        balanced = {"RGB": both[0], "any": both[1]}
         jobs.append(
             (
                 "white_balanced.exr",
                 "32-bit float",
                 f"{_CAMERA_RGB}, as under the neutral light",
-                lambda path: write_exr(path, planes),
+                lambda path: write_exr(path, balanced),
             )
         )
     return jobs
@@ -155,23 +154,24 @@ def _response_jobs(pictures: Pictures, model: Model, wanted: frozenset[str]) -> 
                 "response.exr",
                 "32-bit float",
                 "linear RGB of the other camera, exposed to the same green of D65",
-                lambda path: write_exr(path, _response_planes(pictures.layers, changes)),
+                lambda path: write_exr(path, _with_sum(_seen(pictures.layers, changes))),
             )
         )
     return jobs
 
 
-def _response_planes(
-    layers: NDArray[np.float32], changes: NDArray[np.float64]
-) -> dict[str, NDArray[np.float32]]:
-    """Layers and their sum, made when they are written: they are large."""
-    seen = [
-        layer @ change.T.astype(np.float32) for layer, change in zip(layers, changes, strict=True)
-    ]
-    planes = _planes(np.asarray(sum(seen)))
-    for index, layer in enumerate(seen):
-        planes |= _planes(layer, f"lamp{index + 1}.")
-    return planes
+def _seen(layers: NDArray[np.float32], changes: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Layers through the other camera (N, H, W, 3)."""
+    seen = np.empty_like(layers)
+    for layer, change, out in zip(layers, changes, seen, strict=True):
+        np.matmul(layer, change.T.astype(np.float32), out=out)
+    return seen
+
+
+def _with_sum(layers: NDArray[np.float32]) -> dict[str, Image]:
+    """Layers and their sum by the names of their channels; made when written, as it is large."""
+    named = {f"lamp{index + 1}": layer for index, layer in enumerate(layers)}
+    return named | {"RGB": layers.sum(axis=0)}
 
 
 def _normal_jobs(field: Image | None, wanted: frozenset[str]) -> list[Job]:
@@ -185,13 +185,12 @@ def _normal_jobs(field: Image | None, wanted: frozenset[str]) -> list[Job]:
             ("normals.png", encoding, convention, lambda path: write_normals_png(path, field))
         )
     if "normals.exr" in wanted:
-        planes = _planes(field)
         jobs.append(
             (
                 "normals.exr",
                 "32-bit float, NaN = unknown",
                 convention,
-                lambda path: write_exr(path, planes),
+                lambda path: write_exr(path, {"RGB": field}),
             )
         )
     return jobs
@@ -245,10 +244,6 @@ def _jpeg(picture: Image, matrix: Matrix) -> Callable[[Path], None]:
     return lambda path: write_jpeg(path, picture, matrix)
 
 
-def _planes(picture: Image, prefix: str = "") -> dict[str, NDArray[np.float32]]:
-    return {f"{prefix}{channel}": picture[..., k] for k, channel in enumerate("RGB")}
-
-
 def _fitting(to_rec2020: Matrix) -> Matrix:
     """Make what the sensor's white becomes fit: else the brightest warm light is cut off."""
     return np.asarray(to_rec2020 / max(1.0, float((to_rec2020 @ np.ones(3)).max())))
@@ -257,7 +252,7 @@ def _fitting(to_rec2020: Matrix) -> Matrix:
 def _shown(picture: Image, matrix: Matrix) -> Matrix:
     """Scale the matrix so that the picture's bright parts are shown as white."""
     sample = picture[::_SAMPLE_STEP, ::_SAMPLE_STEP] @ matrix.T.astype(np.float32)
-    white = float(np.percentile(sample.max(axis=2), _SHOWN_WHITE))
+    white = quantile(sample.max(axis=2), _SHOWN_WHITE)
     return matrix * float(np.clip(1.0 / max(white, 1e-6), *_SHOWN_GAIN))
 
 

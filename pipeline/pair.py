@@ -90,7 +90,8 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
         else:
             pixels, saturated, parallax = _laid_on(no_flash.pixels, flash, alignment)
     progress.report("align", 0.6)
-    pixels = pixels / np.float32(ratio.value)
+    if ratio.value != 1.0:
+        pixels = pixels / np.float32(ratio.value)
     noises = estimate_noise(no_flash.pixels), estimate_noise(pixels)
     unusable = no_flash.saturated | saturated
     moved = 0.0

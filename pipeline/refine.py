@@ -8,9 +8,13 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from pipeline.frames import Image
+from pipeline.order import quantile
+
+Plane = NDArray[np.float32]
 
 _BLUR = 0.5
 _LOCAL = 2.0  # what is smoother than this is light, not reflectance
@@ -36,10 +40,13 @@ def log_detail(image: Image) -> Image:
     A step of reflectance is the same under any light, channel by channel, as far as the light is
     smooth; edges of shadows are not.
     """
-    smooth = cv2.GaussianBlur(np.maximum(image, 0.0), (0, 0), _BLUR)
-    dark = _DARK * np.percentile(smooth.reshape(-1, 3), 95, axis=0) + 1e-9
-    logarithm = np.log(smooth + dark.astype(np.float32))
-    return np.asarray(logarithm - cv2.GaussianBlur(logarithm, (0, 0), _LOCAL), dtype=np.float32)
+    steps = np.asarray(cv2.GaussianBlur(np.maximum(image, 0.0), (0, 0), _BLUR), dtype=np.float32)
+    for channel in range(3):
+        bright = quantile(cv2.extractChannel(steps, channel), 0.95)
+        steps[..., channel] += np.float32(_DARK * bright + 1e-9)
+    np.log(steps, out=steps)
+    steps -= cv2.GaussianBlur(steps, (0, 0), _LOCAL)
+    return steps
 
 
 def refine_motion(
@@ -112,35 +119,28 @@ def _step(
     """One round: the small motion, in unit coordinates, that takes away most of the difference."""
     height, width = inside.shape
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
-    warped = cv2.warpPerspective(sample, matrix, (width, height), flags=flags)
+    warped = np.asarray(
+        cv2.warpPerspective(sample, matrix, (width, height), flags=flags), np.float32
+    )
     outside = cv2.warpPerspective(
         np.zeros((height, width), np.float32), matrix, (width, height), flags=flags, borderValue=1.0
     )
     used = inside & (cv2.dilate(outside, np.ones((3, 3), np.uint8)) == 0)
     normal, right = np.zeros((8, 8)), np.zeros(8)
-    unit = to_unit[0, 0]
     for channel in range(3):
-        both = 0.5 * (reference[..., channel] + warped[..., channel])
-        gx = cv2.Sobel(both, -1, 1, 0, scale=0.125) / unit
-        gy = cv2.Sobel(both, -1, 0, 1, scale=0.125) / unit
-        strength = np.hypot(gx, gy)
-        if not used.any():
+        both, strength, of_used = _strengths(reference, warped, used, channel)
+        if not of_used.size:
             return None
-        telling = used & (strength > np.quantile(strength[used], _EDGES))
-        y, x = np.nonzero(telling)
-        if len(x) < 50:
+        # more than the quantile is more than the value below it
+        below = int(_EDGES * (of_used.size - 1))
+        least = np.partition(of_used, below)[below]
+        places = np.flatnonzero((strength > least) & used.ravel())
+        if len(places) < 50:
             return None
-        gx, gy = gx[telling], gy[telling]
-        difference = (reference[..., channel] - warped[..., channel])[telling].astype(np.float64)
-        scale = _MAD * np.median(np.abs(difference)) + 1e-9
-        weight = np.square(np.maximum(1.0 - np.square(difference / (_TUKEY * scale)), 0.0))
-        weight /= scale**2
-        x, y = x * unit + to_unit[0, 2], y * unit + to_unit[1, 2]
-        along = gx * x + gy * y
-        jacobian = np.stack([gx * x, gx * y, gx, gy * x, gy * y, gy, -along * x, -along * y])
-        weighted = jacobian * weight
-        normal += weighted @ jacobian.T
-        right += weighted @ difference
+        first, second = (steps.reshape(-1, 3)[places, channel] for steps in (reference, warped))
+        difference = first - second
+        scale = _MAD * quantile(np.abs(difference), 0.5) + 1e-9
+        _add_equations(both, places, difference, scale, to_unit, normal, right)
     try:
         solution = freedoms.T @ np.linalg.solve(freedoms @ normal @ freedoms.T, freedoms @ right)
     except np.linalg.LinAlgError:
@@ -159,6 +159,96 @@ def agreement(reference: Image, sample: Image, matrix: NDArray[np.float64]) -> f
         np.ones((height, width), np.uint8), matrix, (width, height), flags=cv2.WARP_INVERSE_MAP
     )
     inside = cv2.erode(covered, np.ones((3, 3), np.uint8)) > 0
-    first, second = reference[inside], warped[inside]
-    norm = float(np.sqrt(np.square(first).sum() * np.square(second).sum()))
-    return float((first * second).sum()) / max(norm, 1e-12)
+    first, second, shared = _products(reference, np.asarray(warped, np.float32), inside)
+    return float(shared / max(np.sqrt(first * second), 1e-12))
+
+
+@njit(cache=True)
+def _strengths(
+    reference: Image, warped: Image, used: NDArray[np.bool_], channel: int
+) -> tuple[Plane, Plane, Plane]:
+    """Mean of a channel (h, w), its squared gradients (h·w,), and those of the used pixels (n,)."""
+    height, width = used.shape
+    both = np.empty((height, width), np.float32)
+    for y in range(height):
+        for x in range(width):
+            both[y, x] = np.float32(0.5) * (reference[y, x, channel] + warped[y, x, channel])
+    strength = np.zeros((height, width), np.float32)
+    of_used = np.empty(height * width, np.float32)
+    count = 0
+    for y in range(1, height - 1):
+        for x in range(1, width - 1):
+            gx, gy = _gradient(both, y, x)
+            strength[y, x] = gx * gx + gy * gy
+        for x in range(1, width - 1):
+            of_used[count] = strength[y, x]
+            count += used[y, x]
+    return both, strength.ravel(), of_used[:count]
+
+
+@njit(cache=True, inline="always")
+def _gradient(plane: Plane, y: int, x: int) -> tuple[np.float32, np.float32]:
+    """Sobel's."""
+    two, scale = np.float32(2.0), np.float32(0.125)
+    gx = plane[y - 1, x + 1] - plane[y - 1, x - 1] + two * (plane[y, x + 1] - plane[y, x - 1])
+    gy = plane[y + 1, x - 1] - plane[y - 1, x - 1] + two * (plane[y + 1, x] - plane[y - 1, x])
+    corner = plane[y + 1, x + 1]
+    return (
+        scale * (gx + (corner - plane[y + 1, x - 1])),
+        scale * (gy + (corner - plane[y - 1, x + 1])),
+    )
+
+
+@njit(cache=True)
+def _add_equations(
+    both: Plane,
+    places: NDArray[np.intp],
+    difference: Plane,
+    scale: float,
+    to_unit: NDArray[np.float64],
+    normal: NDArray[np.float64],
+    right: NDArray[np.float64],
+) -> None:
+    """Add the equations of a channel's telling pixels, numbered row by row, to (8, 8) and (8,)."""
+    width, unit = both.shape[1], to_unit[0, 0]
+    row, sums = np.empty(9), np.zeros((8, 9))
+    for i in range(len(places)):
+        off = difference[i] / (_TUKEY * scale)
+        weight = 1.0 - off * off
+        if weight <= 0.0:
+            continue
+        weight *= weight / (scale * scale)
+        v, u = places[i] // width, places[i] % width
+        slope_x, slope_y = _gradient(both, v, u)
+        gx, gy = slope_x / unit, slope_y / unit
+        x, y = u * unit + to_unit[0, 2], v * unit + to_unit[1, 2]
+        along = gx * x + gy * y
+        row[0], row[1], row[2] = gx * x, gx * y, gx
+        row[3], row[4], row[5] = gy * x, gy * y, gy
+        row[6], row[7], row[8] = -along * x, -along * y, difference[i]
+        for j in range(8):
+            weighted = weight * row[j]
+            for k in range(j, 9):
+                sums[j, k] += weighted * row[k]
+    for j in range(8):
+        right[j] += sums[j, 8]
+        for k in range(8):
+            normal[j, k] += sums[min(j, k), max(j, k)]
+
+
+@njit(cache=True)
+def _products(
+    reference: Image, warped: Image, inside: NDArray[np.bool_]
+) -> tuple[float, float, float]:
+    """Sums of squares of both, and of their products, inside."""
+    height, width = inside.shape
+    first, second, shared = 0.0, 0.0, 0.0
+    for y in range(height):
+        for x in range(width):
+            if inside[y, x]:
+                for k in range(3):
+                    one, other = reference[y, x, k], warped[y, x, k]
+                    first += one * one
+                    second += other * other
+                    shared += one * other
+    return first, second, shared

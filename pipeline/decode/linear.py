@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.colour.curves import srgb_to_linear
-from pipeline.decode.profiles import differs_from_srgb, profile_to_linear
+from pipeline.decode.profiles import differs_from_srgb, to_linear_srgb
 from pipeline.decode.samples import Samples, UnsuitableError, upright
 from pipeline.frames import Image, Mask
 from pipeline.progress import STRIP_ROWS
@@ -37,16 +37,17 @@ def to_linear(samples: Samples, srgb: bool, profiled: bool = False) -> Image:
     profile = samples.profile if profiled else None
     if profile is not None and not differs_from_srgb(profile):
         profile = None
+    convert = None if profile is None else to_linear_srgb(profile, values.dtype)
     table = None
     if values.dtype.kind == "u":
         codes = np.arange(np.iinfo(values.dtype).max + 1) / samples.white
         table = _curve(codes.astype(np.float32), srgb)
     for top in range(0, out.shape[0], STRIP_ROWS):
         strip = values[top : top + STRIP_ROWS]
-        if profile is not None:
-            out[top : top + STRIP_ROWS] = profile_to_linear(strip, profile)
+        if convert is not None:
+            out[top : top + STRIP_ROWS] = convert(strip)
         elif table is not None:
-            out[top : top + STRIP_ROWS] = table[strip]
+            cv2.LUT(strip, table, dst=out[top : top + STRIP_ROWS])
         else:
             if not np.abs(strip).max() <= _BRIGHTEST:  # nor is NaN
                 raise UnsuitableError(
@@ -68,16 +69,19 @@ def clipped(samples: Samples, raw: bool) -> Mask:
     values = upright(samples.values, samples.orientation)
     if values.dtype.kind == "f":
         limit = 1.0 if values.size and values.max() == 1.0 else np.inf
+        below: float = np.nextafter(np.float32(limit), np.float32(0))
     elif raw:
-        limit = RAW_CLIP * samples.white
+        below = np.ceil(RAW_CLIP * samples.white) - 1
     else:
-        limit = samples.white - (1 if values.dtype == np.uint8 else 0)
+        below = samples.white - (2 if values.dtype == np.uint8 else 1)
     mask: NDArray[Any] = np.empty(values.shape[:2], dtype=np.uint8)
     for top in range(0, values.shape[0], STRIP_ROWS):
-        mask[top : top + STRIP_ROWS] = (values[top : top + STRIP_ROWS] >= limit).any(axis=2)
+        rows = mask[top : top + STRIP_ROWS]
+        cv2.inRange(values[top : top + STRIP_ROWS], (-np.inf,) * 3, (float(below),) * 3, dst=rows)
+    mask = cv2.bitwise_not(mask)
     if raw:
         mask = cv2.dilate(mask, np.ones((_DEMOSAIC_REACH, _DEMOSAIC_REACH), np.uint8))
-    return mask.view(np.bool_)
+    return np.asarray(mask > 0)
 
 
 def _curve(values: NDArray[np.float32], srgb: bool) -> NDArray[np.float32]:

@@ -10,6 +10,9 @@ import tifffile
 
 from pipeline.decode.rendered import jpeg_size, png_size
 
+_HEAD = 65536
+"""Bytes that hold the header of a JPEG or PNG that was written here."""
+
 
 def describe(path: Path, encoding: str, colour_space: str) -> dict[str, str | int]:
     """Name, SHA-256, encoding, colour space of a written file; of a picture, width and height.
@@ -18,16 +21,18 @@ def describe(path: Path, encoding: str, colour_space: str) -> dict[str, str | in
     """
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
+        file.seek(0)
+        head = file.read(_HEAD)
     entry: dict[str, str | int] = {
         "name": path.name,
         "sha256": digest,
         "encoding": encoding,
         "colour_space": colour_space,
     }
-    return entry | dict(zip(("width", "height"), _size(path), strict=False))
+    return entry | dict(zip(("width", "height"), _size(path, head), strict=False))
 
 
-def _size(path: Path) -> tuple[int, ...]:
+def _size(path: Path, head: bytes) -> tuple[int, ...]:
     if path.suffix == ".glb":
         return ()
     if path.suffix == ".exr":
@@ -39,4 +44,4 @@ def _size(path: Path) -> tuple[int, ...]:
         with tifffile.TiffFile(path) as tiff:
             page = tiff.pages.first
             return page.imagewidth, page.imagelength
-    return (png_size if path.suffix == ".png" else jpeg_size)(path.read_bytes())
+    return (png_size if path.suffix == ".png" else jpeg_size)(head)

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
@@ -12,7 +13,6 @@ from pipeline.colour.curves import linear_to_srgb
 from pipeline.colour.icc import srgb_profile
 from pipeline.colour.spaces import SRGB_PRIMARIES, rgb_to_xyz
 from pipeline.frames import Image, Matrix
-from pipeline.progress import STRIP_ROWS
 
 QUALITY = 92
 
@@ -40,21 +40,40 @@ def to_srgb8(linear: Image, to_srgb: Matrix = _IDENTITY) -> NDArray[np.uint8]:
     that hue stays and no channel is cut off by itself; what is brighter than white is white.
     """
     out = np.empty(linear.shape, dtype=np.uint8)
-    matrix = np.asarray(to_srgb.T, dtype=np.float32)
-    for top in range(0, linear.shape[0], STRIP_ROWS):
-        fitting = _into_gamut(linear[top : top + STRIP_ROWS] @ matrix)
-        out[top : top + STRIP_ROWS] = _codes()[np.round(fitting * _STEPS).astype(np.uint16)]
+    _encode(linear, to_srgb.astype(np.float32), _LUMINANCE, _codes(), out)
     return out
 
 
-def _into_gamut(rgb: NDArray[np.float32]) -> NDArray[np.float32]:
-    grey = np.clip(rgb @ _LUMINANCE, 0.0, 1.0)[..., None]
-    away = rgb - grey
-    room = np.where(away > 0, 1.0 - grey, grey)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(np.abs(away) > room, room / np.abs(away), 1.0).min(axis=2, keepdims=True)
-    fitting: NDArray[np.float32] = np.clip(grey + share * away, 0.0, 1.0)
-    return fitting
+@njit(cache=True)
+def _encode(
+    linear: Image,
+    matrix: NDArray[np.float32],
+    luminance: NDArray[np.float32],
+    codes: NDArray[np.uint8],
+    out: NDArray[np.uint8],
+) -> None:
+    """Take pixels through a matrix, move them into the gamut and look up their code values."""
+    zero, one, steps = np.float32(0.0), np.float32(1.0), np.float32(_STEPS)
+    height, width = linear.shape[:2]
+    rgb = np.empty(3, np.float32)
+    for y in range(height):
+        for x in range(width):
+            first, second, third = linear[y, x, 0], linear[y, x, 1], linear[y, x, 2]
+            grey = zero
+            for k in range(3):
+                rgb[k] = matrix[k, 0] * first + matrix[k, 1] * second + matrix[k, 2] * third
+                grey += rgb[k] * luminance[k]
+            grey = min(max(grey, zero), one)
+            share = one
+            for k in range(3):
+                away = rgb[k] - grey
+                room = one - grey if away > zero else grey
+                if abs(away) > room:
+                    share = min(share, room / abs(away))
+            for k in range(3):
+                light = grey + share * (rgb[k] - grey)
+                light = min(light, one) if light > zero else zero  # nor is NaN
+                out[y, x, k] = codes[int(np.rint(light * steps))]
 
 
 @cache

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.belonging import check_sizes
+from pipeline.belonging import check_belonging, check_sizes
 from pipeline.errors import InputError, PairMismatchError, UnusablePairError
 from pipeline.frames import Frame
 from pipeline.options import Options
@@ -176,3 +176,14 @@ def test_pairs_clipped_everywhere_are_refused(
 
     with pytest.raises(UnusablePairError, match=r"^Every pixel is clipped in one of the"):
         paired((both[0], both[1]))
+
+
+def test_photographs_that_differ_in_their_last_row_alone_are_two() -> None:
+    first = Frame(np.full((600, 40, 3), 0.2, np.float32), np.zeros((600, 40), bool), "raw", "a")
+    pixels = first.pixels.copy()
+    pixels[-1, -1, 2] = 0.3
+
+    check_belonging(first, replace(first, pixels=pixels, sha256="b"))
+
+    with pytest.raises(UnusablePairError, match="identical"):
+        check_belonging(first, replace(first, pixels=first.pixels.copy(), sha256="b"))

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline import refine
 from pipeline.refine import HOMOGRAPHY, SHIFT, TURN, agreement, log_detail, refine_motion
 
 Image = NDArray[np.float32]
@@ -101,3 +102,88 @@ def test_agreement_is_one_for_the_same_steps_and_falls_with_the_distance() -> No
     assert found[0] == pytest.approx(1)
     assert 0.6 < found[1] < 0.95
     assert found[2] < 0.5
+
+
+def step_by_numpy(
+    reference: Image, sample: Image, matrix: Array, inside: NDArray[np.bool_]
+) -> Array:
+    """One round of the refinement, as its source has it: the compiled one is to give the same."""
+    size = (WIDTH, HEIGHT)
+    flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
+    warped = cv2.warpPerspective(sample, matrix, size, flags=flags)
+    nothing = np.zeros((HEIGHT, WIDTH), np.float32)
+    outside = cv2.warpPerspective(nothing, matrix, size, flags=flags, borderValue=1.0)
+    used = inside & (cv2.dilate(outside, np.ones((3, 3), np.uint8)) == 0)
+    normal, right = np.zeros((8, 8)), np.zeros(8)
+    unit = TO_UNIT[0, 0]
+    for channel in range(3):
+        both = 0.5 * (reference[..., channel] + warped[..., channel])
+        gx = cv2.Sobel(both, -1, 1, 0, scale=0.125) / unit
+        gy = cv2.Sobel(both, -1, 0, 1, scale=0.125) / unit
+        strength = np.hypot(gx, gy)
+        telling = used & (strength > np.quantile(strength[used], 0.85))
+        y, x = np.nonzero(telling)
+        gx, gy = gx[telling], gy[telling]
+        difference = (reference[..., channel] - warped[..., channel])[telling].astype(np.float64)
+        scale = 1.4826 * np.median(np.abs(difference)) + 1e-9
+        weight = np.square(np.maximum(1.0 - np.square(difference / (4.685 * scale)), 0.0))
+        weight /= scale**2
+        x, y = x * unit + TO_UNIT[0, 2], y * unit + TO_UNIT[1, 2]
+        along = gx * x + gy * y
+        jacobian = np.stack([gx * x, gx * y, gx, gy * x, gy * y, gy, -along * x, -along * y])
+        normal += (jacobian * weight) @ jacobian.T
+        right += (jacobian * weight) @ difference
+    solution = np.linalg.solve(normal, right)
+    return np.asarray(np.eye(3) + np.append(solution, 0.0).reshape(3, 3))
+
+
+TO_UNIT = np.array([[0.01, 0, -1.0], [0, 0.01, -0.8], [0, 0, 1]])
+
+
+@pytest.mark.parametrize("kind", MOVED)
+def test_the_compiled_round_is_the_one_of_the_source(kind: str) -> None:
+    matrix, _ = MOVED[kind]
+    rng = np.random.default_rng(4)
+    noise = rng.normal(0, 0.01, (2, HEIGHT, WIDTH, 3)).astype(np.float32)
+    images = (patches() + noise[0], seen(patches(), matrix) + noise[1])
+    reference, sample = (log_detail(image) for image in images)
+    inside = np.zeros((HEIGHT, WIDTH), np.bool_)
+    inside[6:-6, 6:-6] = True
+
+    step = refine._step(reference, sample, np.eye(3), inside, TO_UNIT, HOMOGRAPHY)
+
+    expected = step_by_numpy(reference, sample, np.eye(3), inside)
+    assert np.abs(expected - np.eye(3)).max() > 1e-3
+    assert step is not None
+    np.testing.assert_allclose(step, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("used", [0, 300])
+def test_a_round_with_too_few_pixels_finds_nothing(used: int) -> None:
+    steps = log_detail(patches())
+    inside = np.zeros((HEIGHT, WIDTH), np.bool_)
+    inside[20].flat[: min(used, WIDTH)] = True
+
+    assert refine._step(steps, steps, np.eye(3), inside, TO_UNIT, HOMOGRAPHY) is None
+
+
+def test_agreement_is_the_correlation_where_both_are_seen() -> None:
+    steps = [log_detail(image) for image in (patches(), patches(1) + patches())]
+    matrix = np.array([[1, 0, 3.0], [0, 1, 2.0], [0, 0, 1]])
+
+    found = agreement(steps[0], steps[1], matrix)
+
+    one, other = steps[0][:-3, :-4].astype(float), steps[1][2:-1, 3:-1].astype(float)
+    expected = (one * other).sum() / np.sqrt((one**2).sum() * (other**2).sum())
+    assert found == pytest.approx(expected, abs=1e-5)
+
+
+def test_steps_are_logarithms_less_their_local_mean() -> None:
+    image = patches() - np.float32(0.15)
+    smooth = cv2.GaussianBlur(np.maximum(image, 0.0), (0, 0), 0.5)
+    dark = 0.01 * np.percentile(smooth.reshape(-1, 3), 95, axis=0) + 1e-9
+    logarithm = np.log(smooth + dark.astype(np.float32))
+
+    expected = logarithm - cv2.GaussianBlur(logarithm, (0, 0), 2.0)
+
+    np.testing.assert_allclose(log_detail(image), expected, atol=1e-5)

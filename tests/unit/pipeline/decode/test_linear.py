@@ -1,9 +1,14 @@
 from __future__ import annotations
 
+from typing import Any
+
+import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from pipeline.decode.linear import clipped, to_linear
+from pipeline.colour.curves import srgb_to_linear
+from pipeline.decode.linear import RAW_CLIP, clipped, to_linear
 from pipeline.decode.samples import Samples, upright
 
 
@@ -14,6 +19,43 @@ def test_pictures_of_any_height_are_converted_to_the_last_row(rows: int) -> None
     linear = to_linear(Samples(values, 65535.0), srgb=False)
 
     np.testing.assert_allclose(linear, values / 65535.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_integers_follow_the_curve_however_the_picture_is_turned(
+    kind: type, orientation: int
+) -> None:
+    white = np.iinfo(kind).max
+    values: NDArray[Any] = np.random.default_rng(0).integers(0, white + 1, (300, 7, 3)).astype(kind)
+
+    linear = to_linear(Samples(values, float(white), orientation), srgb=True)
+
+    turned = (upright(values, orientation) / white).astype(np.float32)
+    np.testing.assert_array_equal(linear, srgb_to_linear(turned))
+
+
+@pytest.mark.parametrize(
+    ("kind", "raw"), [(np.uint8, False), (np.uint16, False), (np.uint16, True)]
+)
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_pixel_is_clipped_where_one_channel_reaches_the_limit(
+    kind: type, raw: bool, orientation: int
+) -> None:
+    white = np.iinfo(kind).max
+    near = int(0.99 * white) if raw else white - 4
+    rng = np.random.default_rng(0)
+    values: NDArray[Any] = rng.integers(near, white, (300, 7, 3), endpoint=True).astype(kind)
+    values[:, :5] = near
+    limit = RAW_CLIP * white if raw else white - (kind == np.uint8)
+
+    mask = clipped(Samples(values, float(white), orientation), raw)
+
+    expected = np.asarray((upright(values, orientation) >= limit).any(axis=2))
+    if raw:
+        expected = np.asarray(cv2.dilate(expected.view(np.uint8), np.ones((5, 5), np.uint8)) > 0)
+    assert mask.dtype == np.bool_
+    np.testing.assert_array_equal(mask, expected)
 
 
 def test_8_bit_samples_are_clipped_from_254() -> None:

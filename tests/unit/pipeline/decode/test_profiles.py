@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pillow_heif
@@ -13,8 +14,8 @@ from PIL import Image as PillowImage
 from PIL import ImageCms
 
 from pipeline.colour.icc import linear_rec2020_profile, matrix_profile, srgb_profile
-from pipeline.decode import decode
-from pipeline.decode.profiles import differs_from_srgb
+from pipeline.decode import decode, profiles
+from pipeline.decode.profiles import differs_from_srgb, profile_to_linear, to_linear_srgb
 
 P3 = ((0.680, 0.320), (0.265, 0.690), (0.150, 0.060))
 P3_TO_SRGB = np.array([[1.2249, -0.2247, 0.0], [-0.0420, 1.0419, 0.0], [-0.0197, -0.0786, 1.0979]])
@@ -129,3 +130,39 @@ def test_a_broken_profile_counts_as_none(
     frame = decode(pillow_file(codes, "PNG", icc_profile=b"\x00" * 64))
 
     np.testing.assert_allclose(frame.pixels, linear(codes), atol=1e-6)
+
+
+ADOBE = ((0.64, 0.33), (0.21, 0.71), (0.15, 0.06))
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+@pytest.mark.parametrize(
+    "profile",
+    [matrix_profile("P3", P3, "srgb"), matrix_profile("A", ADOBE, "linear")],
+    ids=["P3", "Adobe primaries"],
+)
+def test_tables_give_what_the_colour_management_gives(profile: bytes, kind: type) -> None:
+    rng = np.random.default_rng(3)
+    values: NDArray[Any] = rng.integers(0, np.iinfo(kind).max + 1, (40, 50, 3)).astype(kind)
+
+    light = to_linear_srgb(profile, values.dtype)(values)
+
+    assert light.dtype == np.float32
+    np.testing.assert_allclose(light, profile_to_linear(values, profile), atol=5e-7)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.0], ids=["mixed", "black"])
+def test_profiles_that_are_no_curves_and_matrix_go_through_the_colour_management(
+    share: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def by_hand(codes: NDArray[np.uint8], _: bytes) -> NDArray[np.float32]:
+        """What only a table of three dimensions could say."""
+        light = codes.astype(np.float32) / 255 * share
+        return np.asarray(light * light[..., ::-1])
+
+    monkeypatch.setattr(profiles, "profile_to_linear", by_hand)
+    values = np.random.default_rng(3).integers(0, 256, (40, 50, 3), dtype=np.uint8)
+
+    light = to_linear_srgb(b"", values.dtype)(values)
+
+    np.testing.assert_array_equal(light, by_hand(values, b""))

@@ -18,7 +18,7 @@ from PIL import Image as PillowImage
 from PIL import ImageCms
 
 from pipeline.colour.icc import linear_rec2020_profile
-from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
+from pipeline.colour.spaces import SRGB_PRIMARIES, XYZ_TO_REC2020, XYZ_TO_SRGB, rgb_to_xyz
 from pipeline.encode.exr import write_exr
 from pipeline.encode.files import describe
 from pipeline.encode.jpeg import to_srgb8, write_jpeg
@@ -138,6 +138,33 @@ def test_colours_outside_the_gamut_keep_hue_and_brightness(light: tuple[float, .
     assert cosine > 0.999
 
 
+def srgb8_by_numpy(linear: Picture, matrix: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """What to_srgb8 means, pixel by pixel at once; it works one by one, compiled."""
+    rgb = linear @ matrix.T.astype(np.float32)
+    grey = np.clip(rgb @ rgb_to_xyz(SRGB_PRIMARIES)[1].astype(np.float32), 0.0, 1.0)[..., None]
+    away = rgb - grey
+    room = np.where(away > 0, 1.0 - grey, grey)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(np.abs(away) > room, room / np.abs(away), 1.0).min(axis=2, keepdims=True)
+    fitting = np.clip(grey + share * away, 0.0, 1.0)
+    return np.round(codes_of(np.round(fitting * 65535) / 65535)).astype(np.uint8)
+
+
+@pytest.mark.parametrize("scale", [0.02, 1.0, 30.0])
+def test_the_compiled_srgb8_is_the_one_of_numpy(picture: Picture, scale: float) -> None:
+    matrix = scale * np.array([[1.6, -0.5, -0.1], [-0.2, 1.4, -0.2], [0.0, -0.4, 1.4]])
+
+    codes, expected = to_srgb8(picture, matrix), srgb8_by_numpy(picture, matrix)
+
+    assert np.abs(codes.astype(int) - expected).max() <= 1
+    assert (codes != expected).mean() < 1e-3
+    np.testing.assert_array_equal(to_srgb8(picture[::2, ::3], matrix), codes[::2, ::3])
+
+
+def test_what_is_no_light_is_black() -> None:
+    assert not to_srgb8(np.full((2, 2, 3), np.nan, np.float32)).any()
+
+
 @pytest.mark.parametrize("half", [False, True])
 def test_exr_has_named_channels_of_linear_values(
     tmp_path: Path, picture: Picture, half: bool
@@ -154,6 +181,23 @@ def test_exr_has_named_channels_of_linear_values(
     for name in names:
         assert read[name].pixels.dtype == kind
         np.testing.assert_array_equal(read[name].pixels, channels[name].astype(kind))
+
+
+def test_exr_takes_pictures_as_they_lie(tmp_path: Path, picture: Picture) -> None:
+    """Whole, turned or cut out: the file holds what they show."""
+    turned = picture[::-1]
+    path = tmp_path / "layers.exr"
+
+    write_exr(path, {"RGB": picture, "lamp1": turned, "Z": picture[..., 1]})
+
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        read = {name: channel.pixels for name, channel in file.channels().items()}
+        assert file.header()["compression"] == OpenEXR.NO_COMPRESSION
+    expected = {name: picture[..., k] for k, name in enumerate("RGB")} | {"Z": picture[..., 1]}
+    expected |= {f"lamp1.{name}": turned[..., k] for k, name in enumerate("RGB")}
+    assert set(read) == set(expected)
+    for name, plane in expected.items():
+        np.testing.assert_array_equal(read[name], plane)
 
 
 def test_exr_refuses_planes_of_two_sizes(tmp_path: Path) -> None:

@@ -1,0 +1,129 @@
+"""Second differences of a photograph along both axes, by blocks; compiled.
+
+Of both axes at once, [1, −2, 1] ⊗ [1, −2, 1] ÷ 6: the variance of white noise stays as it is, and
+slopes and straight edges along an axis vanish. At the left and right border the picture is
+mirrored about its last pixel.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from pipeline.frames import Image, Mask
+
+Array = NDArray[np.float32]
+
+BLOCK = 8
+_INNER = (BLOCK - 2) * BLOCK
+"""Second differences of a block: its first and last row have none."""
+
+
+@njit(cache=True)
+def _row(pixels: Image, y: int, along: Array, out: Array) -> None:
+    """Squares (W, 3) of the second differences around row y, overwritten; along: scratch."""
+    two, sixth = np.float32(2.0), np.float32(1.0 / 6.0)
+    width = pixels.shape[1]
+    for x in range(width):
+        for k in range(3):
+            along[x + 1, k] = (pixels[y - 1, x, k] - pixels[y, x, k]) + (
+                pixels[y + 1, x, k] - pixels[y, x, k]
+            )
+    for k in range(3):
+        along[0, k] = along[2, k]
+        along[width + 1, k] = along[width - 1, k]
+    for x in range(width):
+        for k in range(3):
+            step = sixth * (along[x, k] - two * along[x + 1, k] + along[x + 2, k])
+            out[x, k] = step * step
+
+
+@njit(cache=True)
+def block_squares(pixels: Image, step: int) -> tuple[Array, Array]:
+    """Mean (3, n) and squared second differences (3, n, 48) of the blocks in each step-th row."""
+    height, width = pixels.shape[:2]
+    rows, columns = (height // BLOCK + step - 1) // step, width // BLOCK
+    means = np.zeros((3, rows * columns), np.float32)
+    squares = np.empty((3, rows * columns, _INNER), np.float32)
+    along, line = np.empty((width + 2, 3), np.float32), np.empty((width, 3), np.float32)
+    for row in range(rows):
+        top = row * step * BLOCK
+        for y in range(BLOCK):
+            for b in range(columns):
+                for x in range(b * BLOCK, (b + 1) * BLOCK):
+                    for k in range(3):
+                        means[k, row * columns + b] += pixels[top + y, x, k]
+            if y == 0 or y == BLOCK - 1:
+                continue
+            _row(pixels, top + y, along, line)
+            for k in range(3):
+                for b in range(columns):
+                    for x in range(BLOCK):
+                        at = (y - 1) * BLOCK + x
+                        squares[k, row * columns + b, at] = line[b * BLOCK + x, k]
+    means /= np.float32(BLOCK * BLOCK)
+    return means, squares
+
+
+@njit(cache=True)
+def block_variances(pixels: Image) -> tuple[Array, Array]:
+    """Means (H // 8, W // 8, 3) of all blocks, and of their squared second differences."""
+    height, width = pixels.shape[:2]
+    rows, columns = height // BLOCK, width // BLOCK
+    means = np.zeros((rows, columns, 3), np.float32)
+    variances = np.zeros((rows, columns, 3), np.float32)
+    along, line = np.empty((width + 2, 3), np.float32), np.empty((width, 3), np.float32)
+    for row in range(rows):
+        for y in range(BLOCK):
+            inner = y != 0 and y != BLOCK - 1
+            if inner:
+                _row(pixels, row * BLOCK + y, along, line)
+            for b in range(columns):
+                for x in range(b * BLOCK, (b + 1) * BLOCK):
+                    for k in range(3):
+                        means[row, b, k] += pixels[row * BLOCK + y, x, k]
+                        if inner:
+                            variances[row, b, k] += line[x, k]
+    means /= np.float32(BLOCK * BLOCK)
+    variances /= np.float32(_INNER)
+    return means, variances
+
+
+@njit(cache=True)
+def relative_squares(
+    pixels: Image, inside: Mask, gain: NDArray[np.float64], floor: NDArray[np.float64]
+) -> Array:
+    """Squared second differences over the noise's variance gain·I + floor, of pixels inside (3, n).
+
+    inside: (H, W), nowhere on the first or last row.
+    """
+    height, width = inside.shape
+    out = np.empty((3, np.count_nonzero(inside)), np.float32)
+    along, line = np.empty((width + 2, 3), np.float32), np.empty((width, 3), np.float32)
+    count = 0
+    for y in range(1, height - 1):
+        if not inside[y].any():
+            continue
+        _row(pixels, y, along, line)
+        for x in range(width):
+            if inside[y, x]:
+                for k in range(3):
+                    variance = gain[k] * max(pixels[y, x, k], 0.0) + floor[k]
+                    out[k, count] = line[x, k] / variance
+                count += 1
+    return out
+
+
+@njit(cache=True)
+def squares_within(squares: Array, limit: Array) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """How many of each row (n, m) are below its limit (n,), and their sums."""
+    counts, totals = np.zeros(len(squares), np.int64), np.zeros(len(squares))
+    for i in range(len(squares)):
+        count, total, most = np.int32(0), np.float32(0.0), limit[i]
+        for j in range(squares.shape[1]):
+            below = squares[i, j] < most
+            count += below
+            total += squares[i, j] if below else np.float32(0.0)
+        counts[i], totals[i] = count, total
+    return counts, totals
