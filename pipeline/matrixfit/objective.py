@@ -108,17 +108,16 @@ def posterior(
     value, gradient = prior.penalty(theta)
     height, by_matrix = fence(matrices)
     value += height
-    gradient += by_matrix.reshape(-1, 9) @ prior.basis
     for lamp, term in enumerate(alone):
-        more, by_matrix, _ = term.value(matrices[lamp : lamp + 1], term.term.weights)
+        more, of_lamp, _ = term.value(matrices[lamp : lamp + 1], term.term.weights)
         value += more
-        gradient[lamp] += by_matrix.ravel() @ prior.basis
+        by_matrix[lamp] += of_lamp[0]
     for term, weight in zip(terms, weights, strict=True):
         if len(term.term.data):
-            more, by_matrix, _ = term.value(matrices, weight)
+            more, of_term, _ = term.value(matrices, weight)
             value += more
-            gradient = gradient + by_matrix.reshape(-1, 9) @ prior.basis
-    return value, gradient
+            by_matrix += of_term
+    return value, gradient + by_matrix.reshape(-1, 9) @ prior.basis
 
 
 def make_terms(
