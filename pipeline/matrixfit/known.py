@@ -62,8 +62,10 @@ class Known:
     def fence(self, matrices: Array) -> tuple[float, Array]:
         """Penalty that keeps free lamps (N, 3, 3) off forbidden ones, and its gradient."""
         value, gradient = 0.0, np.zeros_like(matrices)
+        if not len(self.forbidden):
+            return value, gradient
         limit = np.cos(np.radians(_FENCE_DEGREES))
-        for lamp in range(len(self.pinned), len(matrices) if len(self.forbidden) else 0):
+        for lamp in range(len(self.pinned), len(matrices)):
             white = matrices[lamp] @ self.flash_white
             length = np.linalg.norm(white)
             cosines = self.forbidden @ white / length

@@ -1,4 +1,9 @@
-"""The mixture of corners, edges, interior and outliers, compiled: value, gradient and counts."""
+"""The mixture of corners, edges, interior and outliers, compiled: value, gradient and counts.
+
+Data go through it in blocks of a fixed size, and each component through a block in a loop of its
+own, simple enough to become vector code. What these loops read and write are rows of a block in
+one array, at distances that the compiler knows.
+"""
 
 from __future__ import annotations
 
@@ -8,166 +13,265 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from pipeline.matrixfit.elementary import exp, log, ndtr
+
 Array = NDArray[np.float64]
 
 _SHORT = 0.01  # of σ: edges shorter than this keep a fixed direction
 _AREA_SCALE = 50.0
 _TINY = 1e-300
 _MIN_TOTAL = 0.02  # of the sum of a lamp's light of unit norm: beyond, chromaticity runs away
-_ROOT_TAU = math.sqrt(2.0 * math.pi)
+_PEAK = 1.0 / math.sqrt(2.0 * math.pi)  # of a normal density
+
+_BLOCK = 128
+# Rows of a block of data: colour; chromaticity and whitener in units of σ; 1/σ²; the factor of the
+# interior's density that does not depend on lamps; worth.
+_X0, _X1, _X2, _U0, _U1, _W00, _W01, _W10, _W11, _DENSITY, _EVEN, _WORTH, _DATA = range(
+    0, 13 * _BLOCK, _BLOCK
+)
+# Of a lamp there: its part of the density, derivatives of the density by its corner, the corner
+# itself, whitened and plain, and 1 / sum of its light.
+_PART, _BY0, _BY1, _C0, _C1, _P0, _P1, _INVERSE, _LAMP = range(0, 9 * _BLOCK, _BLOCK)
+# Of an edge, after its part: how far across and along it data are, the latter in its lengths;
+# exp(−across²/2); its direction.
+_ACROSS, _ALONG, _BELL, _E0, _E1, _EDGE = range(_BLOCK, 7 * _BLOCK, _BLOCK)
+
+_compiled = njit(cache=True, error_model="numpy", fastmath={"contract"})
+_inlined = njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+_summing = njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc"})
 
 
-@njit(cache=True)
-def _ndtr(z: float) -> float:
-    return 0.5 * math.erfc(-z * 0.7071067811865476)
+def blocks(
+    x: Array, u: Array, whitener: Array, sigma: Array, worth: Array, area_power: float
+) -> Array:
+    """Data as `mixture` takes them, the last block filled up with data worth nothing.
+
+    Parameters
+    ----------
+    x : (n, 3) flash colours; u : (n, 2) whitened chromaticities; whitener : (n, 2, 2);
+    sigma : (n,) isotropic deviations after whitening; worth : (n,) weights of the data
+    area_power : exponent of the interior's density in its area
+    """
+    rows = [*x.T, *(u / sigma[:, None]).T, *(whitener.reshape(-1, 4) / sigma[:, None]).T]
+    rows += [sigma**-2.0, _AREA_SCALE * (_AREA_SCALE * sigma**2) ** -area_power, worth]
+    count = -(-len(x) // _BLOCK)
+    full = np.zeros((len(rows), count * _BLOCK))
+    full[:, : len(x)] = rows
+    return full.reshape(len(rows), count, _BLOCK).transpose(1, 0, 2).reshape(count, _DATA)
+
+
+@_compiled
+def _corner(data: Array, matrix: Array, weight: float, lamp: Array) -> None:
+    """A lamp's corner and its density: normal about it."""
+    share = weight * _PEAK * _PEAK
+    m00, m01, m02 = matrix[0, 0], matrix[0, 1], matrix[0, 2]
+    m10, m11, m12 = matrix[1, 0], matrix[1, 1], matrix[1, 2]
+    m20, m21, m22 = matrix[2, 0], matrix[2, 1], matrix[2, 2]
+    for i in range(_BLOCK):
+        x0, x1, x2 = data[_X0 + i], data[_X1 + i], data[_X2 + i]
+        r = m00 * x0 + m01 * x1 + m02 * x2
+        g = m10 * x0 + m11 * x1 + m12 * x2
+        total = r + g + (m20 * x0 + m21 * x1 + m22 * x2)
+        least = -_MIN_TOTAL if total < 0.0 else _MIN_TOTAL
+        inverse = 1.0 / (least if abs(total) < _MIN_TOTAL else total)
+        p0, p1 = r * inverse, g * inverse
+        c0 = data[_W00 + i] * p0 + data[_W01 + i] * p1
+        c1 = data[_W10 + i] * p0 + data[_W11 + i] * p1
+        o0, o1 = data[_U0 + i] - c0, data[_U1 + i] - c1
+        p = share * data[_DENSITY + i] * exp(-0.5 * (o0 * o0 + o1 * o1))
+        lamp[_PART + i], lamp[_BY0 + i], lamp[_BY1 + i] = p, p * o0, p * o1
+        lamp[_C0 + i], lamp[_C1 + i] = c0, c1
+        lamp[_P0 + i], lamp[_P1 + i], lamp[_INVERSE + i] = p0, p1, inverse
+
+
+@_compiled
+def _edge(
+    data: Array, first: Array, second: Array, weight: float, extension: float, edge: Array
+) -> None:
+    """An edge's density: normal across it, even along it with ends blurred alike."""
+    share = weight * _PEAK / (1.0 + 2.0 * extension)
+    for i in range(_BLOCK):
+        c0, c1 = first[_C0 + i], first[_C1 + i]
+        d0, d1 = second[_C0 + i] - c0, second[_C1 + i] - c1
+        length = math.sqrt(d0 * d0 + d1 * d1)
+        short = length < _SHORT
+        length = _SHORT if short else length
+        inverse = 1.0 / length
+        e0, e1 = 1.0 if short else d0 * inverse, 0.0 if short else d1 * inverse
+        f0, f1 = data[_U0 + i] - c0, data[_U1 + i] - c1
+        along, across = f0 * e0 + f1 * e1, f0 * e1 - f1 * e0
+        low, high = along + extension * length, along - (1.0 + extension) * length
+        at_low, at_high = exp(-0.5 * low * low), exp(-0.5 * high * high)
+        covered = ndtr(low, at_low) - ndtr(high, at_high)
+        at_low, at_high = at_low * _PEAK, at_high * _PEAK
+        bell = exp(-0.5 * across * across)
+        most = share * data[_DENSITY + i] * bell * inverse
+        p = most * (_TINY if covered < _TINY else covered)
+        # derivatives along the edge and across it
+        slope = most * (at_low - at_high)
+        widen = most * (extension * at_low + (1.0 + extension) * at_high) - p * inverse
+        turn = slope * across * inverse
+        part = along * inverse
+        shift = p * across
+        first[_BY0 + i] += e1 * (shift * (1.0 - part) - turn) - e0 * (slope + widen)
+        first[_BY1 + i] += -e0 * (shift * (1.0 - part) - turn) - e1 * (slope + widen)
+        second[_BY0 + i] += e1 * (shift * part + turn) + e0 * widen
+        second[_BY1 + i] += -e0 * (shift * part + turn) + e1 * widen
+        edge[_PART + i], edge[_ACROSS + i], edge[_BELL + i] = p, across, bell
+        edge[_ALONG + i], edge[_E0 + i], edge[_E1 + i] = part, e0, e1
+
+
+@_compiled
+def _interior(
+    data: Array, lamps: Array, edges: Array, weight: float, area_power: float, inside: Array
+) -> None:
+    """The density of three lamps' triangle: even within it, blurred at its edges."""
+    for i in range(_BLOCK):
+        a, b, c = i, i + _LAMP, i + 2 * _LAMP
+        ab, ac, bc = i, i + _EDGE, i + 2 * _EDGE
+        a0, a1 = lamps[_C0 + a], lamps[_C1 + a]
+        b0, b1 = lamps[_C0 + b], lamps[_C1 + b]
+        c0, c1 = lamps[_C0 + c], lamps[_C1 + c]
+        cross = (b0 - a0) * (c1 - a1) - (b1 - a1) * (c0 - a0)
+        turn = 1.0 if cross >= 0.0 else -1.0
+        reach = 0.5 * abs(cross) + 2.0
+        even = weight * data[_EVEN + i] * exp(-area_power * log(reach))
+        # to the left of an edge, where the inside lies when corners turn left, across is negative
+        in_ab, at_ab = _side(edges[_ACROSS + ab], edges[_BELL + ab], -turn)
+        in_ac, at_ac = _side(edges[_ACROSS + ac], edges[_BELL + ac], turn)
+        in_bc, at_bc = _side(edges[_ACROSS + bc], edges[_BELL + bc], -turn)
+        p = even * in_ab * in_ac * in_bc
+        inside[i] = p
+        ab_a, ab_b = _ends(even * in_ac * in_bc * at_ab, edges[_ALONG + ab])
+        ac_a, ac_c = _ends(even * in_ab * in_bc * at_ac, edges[_ALONG + ac])
+        bc_b, bc_c = _ends(even * in_ab * in_ac * at_bc, edges[_ALONG + bc])
+        ab0, ab1 = edges[_E0 + ab], edges[_E1 + ab]
+        ac0, ac1 = edges[_E0 + ac], edges[_E1 + ac]
+        bc0, bc1 = edges[_E0 + bc], edges[_E1 + bc]
+        widen = -0.5 * area_power / reach * turn * p
+        lamps[_BY0 + a] += ab_a * ab1 + ac_a * ac1 + widen * (b1 - c1)
+        lamps[_BY1 + a] += widen * (c0 - b0) - ab_a * ab0 - ac_a * ac0
+        lamps[_BY0 + b] += ab_b * ab1 + bc_b * bc1 + widen * (c1 - a1)
+        lamps[_BY1 + b] += widen * (a0 - c0) - ab_b * ab0 - bc_b * bc0
+        lamps[_BY0 + c] += ac_c * ac1 + bc_c * bc1 + widen * (a1 - b1)
+        lamps[_BY1 + c] += widen * (b0 - a0) - ac_c * ac0 - bc_c * bc0
+
+
+@_inlined
+def _side(across: float, bell: float, sign: float) -> tuple[float, float]:
+    """How much of the blurred side of an edge is at a distance, and its derivative by that."""
+    covered = ndtr(sign * across, bell)
+    return _TINY if covered < _TINY else covered, sign * bell * _PEAK
+
+
+@_inlined
+def _ends(slope: float, along: float) -> tuple[float, float]:
+    """What moving each end of an edge across it does at a place along it."""
+    return slope * (along - 1.0), -slope * along
+
+
+@_compiled
+def _add(part: Array, mixed: Array) -> None:
+    for i in range(_BLOCK):
+        mixed[i] += part[i]
+
+
+@_summing
+def _settle(data: Array, mixed: Array) -> float:
+    """−Σ worth · log of the mixed density, which becomes worth ÷ density."""
+    value = 0.0
+    for i in range(_BLOCK):
+        density = _TINY if mixed[i] < _TINY else mixed[i]
+        value -= data[_WORTH + i] * log(density)
+        mixed[i] = data[_WORTH + i] / density
+    return value
+
+
+@_summing
+def _dot(part: Array, scale: Array) -> float:
+    total = 0.0
+    for i in range(_BLOCK):
+        total += part[i] * scale[i]
+    return total
+
+
+@_summing
+def _pull(data: Array, lamp: Array, scale: Array, gradient: Array) -> None:
+    """Add the gradient in a lamp's matrix."""
+    g00 = g01 = g02 = g10 = g11 = g12 = g20 = g21 = g22 = 0.0
+    for i in range(_BLOCK):
+        by0, by1 = lamp[_BY0 + i], lamp[_BY1 + i]
+        step = scale[i] * lamp[_INVERSE + i]
+        v0 = (data[_W00 + i] * by0 + data[_W10 + i] * by1) * step
+        v1 = (data[_W01 + i] * by0 + data[_W11 + i] * by1) * step
+        drift = v0 * lamp[_P0 + i] + v1 * lamp[_P1 + i]
+        v0, v1 = v0 - drift, v1 - drift
+        x0, x1, x2 = data[_X0 + i], data[_X1 + i], data[_X2 + i]
+        g00, g01, g02 = g00 + v0 * x0, g01 + v0 * x1, g02 + v0 * x2
+        g10, g11, g12 = g10 + v1 * x0, g11 + v1 * x1, g12 + v1 * x2
+        g20, g21, g22 = g20 + drift * x0, g21 + drift * x1, g22 + drift * x2
+    gradient[0, 0] -= g00
+    gradient[0, 1] -= g01
+    gradient[0, 2] -= g02
+    gradient[1, 0] -= g10
+    gradient[1, 1] -= g11
+    gradient[1, 2] -= g12
+    gradient[2, 0] += g20
+    gradient[2, 1] += g21
+    gradient[2, 2] += g22
 
 
 @njit(cache=True)
 def mixture(
     matrices: Array,
-    x: Array,
-    u: Array,
-    whitener: Array,
-    sigma: Array,
-    worth: Array,
+    data: Array,
     weights: Array,
     extension: float,
     outlier: float,
     area_power: float,
     interior: bool,
-    gradient: Array,
-    counts: Array,
-) -> float:
-    """−Σ worth · log density of the mixture; writes its gradient and the components' counts.
+) -> tuple[float, Array, Array]:
+    """−Σ worth · log density of the mixture, its gradient (N, 3, 3), counts (K,).
 
     Parameters
     ----------
     matrices : (N, 3, 3) T_j
-    x : (n, 3) flash colours; u : (n, 2) whitened chromaticities; whitener : (n, 2, 2);
-    sigma : (n,) isotropic deviations after whitening; worth : (n,) weights of the data
+    data : blocks
     weights : (K,) of the components: N corners, the edges 01, 02, 12, the interior, outliers
     extension : how far edges reach beyond their ends, in lengths; outlier : their density
-    area_power : exponent of the interior's density in its area
+    area_power : exponent of the interior's density in its area, that of the blocks
     interior : whether there is one (three lamps)
-    gradient : (N, 3, 3), overwritten; counts : (K,), overwritten: Σ worth · responsibility
+
+    The counts are Σ worth · responsibility.
     """
-    lamps = matrices.shape[0]
-    gradient[:] = 0.0
-    counts[:] = 0.0
+    count = matrices.shape[0]
+    gradient, counts = np.zeros_like(matrices), np.zeros_like(weights)
+    lamps = np.empty((count, _LAMP))
+    edges = np.empty((count * (count - 1) // 2, _EDGE))
+    inside, scale = np.empty(_BLOCK), np.empty(_BLOCK)
     value = 0.0
-    corner = np.empty((lamps, 2))
-    plain = np.empty((lamps, 2))
-    total = np.empty(lamps)
-    by_corner = np.empty((lamps, 2))
-    part = np.empty(weights.shape[0])
-    side = np.empty(3)
-    side_a = np.empty((3, 2))
-    side_b = np.empty((3, 2))
-    for i in range(x.shape[0]):
-        s = sigma[i]
-        for j in range(lamps):
-            r = g = b = 0.0
-            for k in range(3):
-                r += matrices[j, 0, k] * x[i, k]
-                g += matrices[j, 1, k] * x[i, k]
-                b += matrices[j, 2, k] * x[i, k]
-            t = r + g + b
-            if abs(t) < _MIN_TOTAL:
-                t = math.copysign(_MIN_TOTAL, t)
-            total[j] = t
-            plain[j, 0] = r / t
-            plain[j, 1] = g / t
-            for k in range(2):
-                corner[j, k] = whitener[i, k, 0] * plain[j, 0] + whitener[i, k, 1] * plain[j, 1]
-                by_corner[j, k] = 0.0
-        mixed = weights[-1] * outlier
-        part[-1] = mixed
-        for j in range(lamps):
-            o0, o1 = (u[i, 0] - corner[j, 0]) / s, (u[i, 1] - corner[j, 1]) / s
-            p = weights[j] * math.exp(-0.5 * (o0 * o0 + o1 * o1)) / (2.0 * math.pi * s * s)
-            part[j] = p
-            mixed += p
-            by_corner[j, 0] += p * o0 / s
-            by_corner[j, 1] += p * o1 / s
+    for k in range(data.shape[0]):
+        block = data[k]
+        scale[:] = weights[-1] * outlier
+        for j in range(count):
+            _corner(block, matrices[j], weights[j], lamps[j])
+            _add(lamps[j], scale)
         e = 0
-        for a in range(lamps):
-            for c in range(a + 1, lamps):
-                dx, dy = corner[c, 0] - corner[a, 0], corner[c, 1] - corner[a, 1]
-                length = math.sqrt(dx * dx + dy * dy)
-                if length < _SHORT * s:
-                    e0, e1 = 1.0, 0.0
-                    length = _SHORT * s
-                else:
-                    e0, e1 = dx / length, dy / length
-                m0, m1 = e1, -e0
-                f0, f1 = u[i, 0] - corner[a, 0], u[i, 1] - corner[a, 1]
-                along, d = f0 * e0 + f1 * e1, f0 * m0 + f1 * m1
-                low = (along + extension * length) / s
-                high = (along - (1.0 + extension) * length) / s
-                covered = max(_ndtr(low) - _ndtr(high), _TINY)
-                at_low = math.exp(-0.5 * low * low) / _ROOT_TAU
-                at_high = math.exp(-0.5 * high * high) / _ROOT_TAU
-                across = math.exp(-0.5 * (d / s) ** 2) / (_ROOT_TAU * s)
-                p = weights[lamps + e] * across * covered / ((1.0 + 2.0 * extension) * length)
-                part[lamps + e] = p
-                mixed += p
-                side[e] = d
-                ratio_d, ratio_t = d / length, along / length
-                for k in range(2):
-                    mk = m0 if k == 0 else m1
-                    ek = e0 if k == 0 else e1
-                    dt_b, dt_a = mk * ratio_d, -ek - mk * ratio_d
-                    dd_b, dd_a = -mk * ratio_t, -mk * (1.0 - ratio_t)
-                    side_a[e, k] = dd_a
-                    side_b[e, k] = dd_b
-                    stretch = ek / length
-                    slope = (at_low - at_high) / s / covered
-                    widen = (extension * at_low + (1.0 + extension) * at_high) / s / covered
-                    by_corner[a, k] += p * (
-                        slope * dt_a - widen * ek - d / (s * s) * dd_a + stretch
-                    )
-                    by_corner[c, k] += p * (
-                        slope * dt_b + widen * ek - d / (s * s) * dd_b - stretch
-                    )
+        for a in range(count):
+            for c in range(a + 1, count):
+                _edge(block, lamps[a], lamps[c], weights[count + e], extension, edges[e])
+                _add(edges[e], scale)
                 e += 1
         if interior:
-            cross = (corner[1, 0] - corner[0, 0]) * (corner[2, 1] - corner[0, 1])
-            cross -= (corner[1, 1] - corner[0, 1]) * (corner[2, 0] - corner[0, 0])
-            turn = 1.0 if cross >= 0 else -1.0
-            reach = abs(cross) / 2.0 + 2.0 * s * s
-            p = weights[-2] * _AREA_SCALE * (_AREA_SCALE * reach) ** -area_power
-            # d is negative to the left of an edge, where the inside lies when corners turn left
-            for e in range(3):
-                z = (turn if e == 1 else -turn) * side[e] / s
-                p *= max(_ndtr(z), _TINY)
-            part[-2] = p
-            mixed += p
-            for e in range(3):
-                sign = turn if e == 1 else -turn
-                z = sign * side[e] / s
-                slope = math.exp(-0.5 * z * z) / _ROOT_TAU / max(_ndtr(z), _TINY) * sign / s
-                a, c = (0, 1) if e == 0 else ((0, 2) if e == 1 else (1, 2))
-                for k in range(2):
-                    by_corner[a, k] += p * slope * side_a[e, k]
-                    by_corner[c, k] += p * slope * side_b[e, k]
-            factor = -area_power / reach * turn / 2.0 * p
-            for j in range(3):
-                q, r2 = (j + 1) % 3, (j + 2) % 3
-                by_corner[j, 0] += factor * (corner[q, 1] - corner[r2, 1])
-                by_corner[j, 1] += factor * (corner[r2, 0] - corner[q, 0])
-        if mixed < _TINY:
-            mixed = _TINY
-        value -= worth[i] * math.log(mixed)
-        scale = worth[i] / mixed
-        for k in range(part.shape[0]):
-            counts[k] += scale * part[k]
-        for j in range(lamps):
-            v0 = (whitener[i, 0, 0] * by_corner[j, 0] + whitener[i, 1, 0] * by_corner[j, 1]) * scale
-            v1 = (whitener[i, 0, 1] * by_corner[j, 0] + whitener[i, 1, 1] * by_corner[j, 1]) * scale
-            drift = v0 * plain[j, 0] + v1 * plain[j, 1]
-            for k in range(3):
-                step = x[i, k] / total[j]
-                gradient[j, 0, k] -= (v0 - drift) * step
-                gradient[j, 1, k] -= (v1 - drift) * step
-                gradient[j, 2, k] += drift * step
-    return value
+            _interior(block, lamps.ravel(), edges.ravel(), weights[-2], area_power, inside)
+            _add(inside, scale)
+        value += _settle(block, scale)
+        for j in range(count):
+            counts[j] += _dot(lamps[j], scale)
+            _pull(block, lamps[j], scale, gradient[j])
+        for e in range(edges.shape[0]):
+            counts[count + e] += _dot(edges[e], scale)
+        if interior:
+            counts[-2] += _dot(inside, scale)
+        counts[-1] += weights[-1] * outlier * scale.sum()
+    return value, gradient, counts

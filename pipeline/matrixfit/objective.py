@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.matrixfit.evidence import Data
-from pipeline.matrixfit.mixture import mixture
+from pipeline.matrixfit.mixture import blocks, mixture
 from pipeline.matrixfit.prior import MatrixPrior
 
 Array = NDArray[np.float64]
@@ -57,33 +57,29 @@ class Whitened:
         floor = (term.shape.spread * s0) ** 2
         a, b, c = (term.data.covariance + np.array([floor, 0.0, floor])).T
         root = np.sqrt(np.maximum(a * c - b * b, 1e-24))
-        self._sigma = np.sqrt(root)
-        scale = self._sigma / (root * np.sqrt(a + c + 2 * root))
+        sigma = np.sqrt(root)
+        scale = sigma / (root * np.sqrt(a + c + 2 * root))
         # σ A^(−½), which keeps areas
-        whitener = np.stack([c + root, -b, -b, a + root], axis=1).reshape(-1, 2, 2)
-        self._whitener = np.ascontiguousarray(whitener * scale[:, None, None])
-        self._u = np.einsum("nij,nj->ni", self._whitener, term.data.u)
+        whitener = np.stack([c + root, -b, -b, a + root], axis=1) * scale[:, None]
+        whitener = whitener.reshape(-1, 2, 2)
+        u = np.einsum("nij,nj->ni", whitener, term.data.u)
+        self._blocks = blocks(
+            term.data.x, u, whitener, sigma, term.data.weight, term.shape.area_power
+        )
 
     def value(self, matrices: Array, weights: Array) -> tuple[float, Array, Array]:
         """−Σ weight · log density, its gradient in the matrices (N, 3, 3), counts (K,)."""
-        gradient, counts = np.zeros_like(matrices), np.zeros_like(weights)
-        data, shape = self.term.data, self.term.shape
-        value = mixture(
-            matrices,
-            data.x,
-            self._u,
-            self._whitener,
-            self._sigma,
-            data.weight,
+        shape = self.term.shape
+        found: tuple[float, Array, Array] = mixture(
+            np.ascontiguousarray(matrices),
+            self._blocks,
             weights,
             shape.extension,
             shape.outlier,
             shape.area_power,
             shape.interior and len(matrices) == 3,
-            gradient,
-            counts,
         )
-        return value, gradient, counts
+        return found
 
     def reweighted(self, matrices: Array, weights: Array) -> Array:
         """Weights of the components after some rounds of EM with the matrices held."""
@@ -112,17 +108,16 @@ def posterior(
     value, gradient = prior.penalty(theta)
     height, by_matrix = fence(matrices)
     value += height
-    gradient += by_matrix.reshape(-1, 9) @ prior.basis
     for lamp, term in enumerate(alone):
-        more, by_matrix, _ = term.value(matrices[lamp : lamp + 1], term.term.weights)
+        more, of_lamp, _ = term.value(matrices[lamp : lamp + 1], term.term.weights)
         value += more
-        gradient[lamp] += by_matrix.ravel() @ prior.basis
+        by_matrix[lamp] += of_lamp[0]
     for term, weight in zip(terms, weights, strict=True):
         if len(term.term.data):
-            more, by_matrix, _ = term.value(matrices, weight)
+            more, of_term, _ = term.value(matrices, weight)
             value += more
-            gradient = gradient + by_matrix.reshape(-1, 9) @ prior.basis
-    return value, gradient
+            by_matrix += of_term
+    return value, gradient + by_matrix.reshape(-1, 9) @ prior.basis
 
 
 def make_terms(

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.matrixfit.mixture import mixture
+from pipeline.matrixfit.mixture import blocks, mixture
+from tests.unit.pipeline.matrixfit.plain_mixture import plain_mixture
 
 Array = NDArray[np.float64]
 
@@ -21,11 +22,8 @@ def lamp(corner: tuple[float, float]) -> Array:
     return 3 * np.diag([*corner, 1 - sum(corner)])
 
 
-def evaluate(
-    matrices: Array, x: Array, u: Array, weights: Array, **more: Any
-) -> tuple[float, Array, Array]:
-    """Value, gradient and counts, by default for data that are isotropic already."""
-    gradient, counts = np.full_like(matrices, np.nan), np.full_like(weights, np.nan)
+def arguments(matrices: Array, x: Array, **more: Any) -> dict[str, Any]:
+    """What the mixture takes, by default for data that are isotropic already."""
     given: dict[str, Any] = {
         "whitener": np.tile(np.eye(2), (len(x), 1, 1)),
         "sigma": np.full(len(x), S),
@@ -35,23 +33,29 @@ def evaluate(
         "area_power": 0.5,
         "interior": len(matrices) == 3,
     }
-    given.update(more)
-    value = mixture(
-        matrices,
-        x,
-        u,
-        given["whitener"],
-        given["sigma"],
-        given["worth"],
-        weights,
-        given["extension"],
-        given["outlier"],
-        given["area_power"],
-        given["interior"],
-        gradient,
-        counts,
+    return given | more
+
+
+def evaluate(
+    matrices: Array, x: Array, u: Array, weights: Array, **more: Any
+) -> tuple[float, Array, Array]:
+    """Value, gradient and counts."""
+    given = arguments(matrices, x, **more)
+    power = given["area_power"]
+    data = blocks(x, u, given["whitener"], given["sigma"], given["worth"], power)
+    value, gradient, counts = mixture(
+        matrices, data, weights, given["extension"], given["outlier"], power, given["interior"]
     )
     return value, gradient, counts
+
+
+def assert_as_defined(matrices: Array, x: Array, u: Array, weights: Array, **more: Any) -> None:
+    value, gradient, counts = evaluate(matrices, x, u, weights, **more)
+
+    expected = plain_mixture(matrices, x=x, u=u, weights=weights, **arguments(matrices, x, **more))
+    assert value == pytest.approx(expected[0], rel=1e-12, abs=1e-300)
+    assert abs(gradient - expected[1]).max() <= 1e-11 * abs(expected[1]).max() + 1e-100
+    assert abs(counts - expected[2]).max() <= 1e-12 * expected[2].max()
 
 
 def density(point: tuple[float, float], lamps: int, component: int, **more: Any) -> float:
@@ -156,7 +160,7 @@ def test_the_flash_colour_moves_the_corner() -> None:
 
 
 def test_a_line_and_corners_integrate_to_one() -> None:
-    axis = np.linspace(-0.5, 1.2, 400)
+    axis = np.linspace(-0.5, 1.2, 150)
     points = np.stack(np.meshgrid(axis, axis), axis=2).reshape(-1, 2)
     matrices = np.array([lamp(corner) for corner in CORNERS[:2]])
     total = 0.0
@@ -174,9 +178,9 @@ def test_a_line_and_corners_integrate_to_one() -> None:
     assert total * (axis[1] - axis[0]) ** 2 == pytest.approx(1, rel=1e-3)
 
 
-def random_case(lamps: int, interior: bool) -> tuple[Array, Array, dict[str, Any]]:
+def random_case(lamps: int, interior: bool, n: int = 30) -> tuple[Array, Array, dict[str, Any]]:
     rng = np.random.default_rng(10 * lamps + interior)
-    n, size = 30, {1: 2, 2: 4, 3: 7 + interior}[lamps]
+    size = lamps + lamps * (lamps - 1) // 2 + interior + 1
     skew = rng.normal(0, 0.2, (n, 2, 2))
     weights = rng.dirichlet(np.ones(size))
     given: dict[str, Any] = {
@@ -188,13 +192,67 @@ def random_case(lamps: int, interior: bool) -> tuple[Array, Array, dict[str, Any
         "worth": rng.uniform(0.5, 2, n),
         "interior": interior,
     }
-    matrices = np.array([lamp(corner) for corner in CORNERS[:lamps]])
+    matrices = np.array([lamp(corner) for corner in (*CORNERS, (0.4, 0.45))[:lamps]])
     return matrices + rng.normal(0, 0.1, matrices.shape), weights, given
 
 
-@pytest.mark.parametrize(
-    ("lamps", "interior"), [(1, False), (2, False), (3, False), (3, True)], ids=str
+MIXTURES = pytest.mark.parametrize(
+    ("lamps", "interior"), [(1, False), (2, False), (3, False), (3, True), (4, False)]
 )
+
+
+@MIXTURES
+@pytest.mark.parametrize("extension", [0.0, 0.5])
+@pytest.mark.parametrize("n", [1, 300])
+def test_the_compiled_mixture_is_that_of_the_definition(
+    lamps: int, interior: bool, extension: float, n: int
+) -> None:
+    matrices, _, given = random_case(lamps, interior, n)
+
+    assert_as_defined(matrices, extension=extension, area_power=0.2, **given)
+
+
+@MIXTURES
+@pytest.mark.parametrize("factor", [1e-4, 0.01, 30.0])
+def test_small_and_large_deviations_are_those_of_the_definition(
+    lamps: int, interior: bool, factor: float
+) -> None:
+    matrices, _, given = random_case(lamps, interior, 200)
+    given["sigma"] *= factor
+
+    assert_as_defined(matrices, extension=0.5, **given)
+
+
+@MIXTURES
+def test_far_outliers_are_those_of_the_definition(lamps: int, interior: bool) -> None:
+    matrices, weights, given = random_case(lamps, interior, 40)
+    given["u"][::2] += 100.0
+
+    assert_as_defined(matrices, **given)
+    weights[-1] = 0.0  # nothing explains them
+    assert_as_defined(matrices, **given)
+
+
+@MIXTURES
+def test_lamps_alike_are_those_of_the_definition(lamps: int, interior: bool) -> None:
+    matrices, _, given = random_case(lamps, interior, 40)
+    matrices[-1] = matrices[0]
+
+    assert_as_defined(matrices, **given)
+
+
+@MIXTURES
+def test_no_data_are_worth_nothing(lamps: int, interior: bool) -> None:
+    matrices, _, given = random_case(lamps, interior, 0)
+
+    value, gradient, counts = evaluate(matrices, **given)
+
+    assert value == 0
+    assert not gradient.any()
+    assert not counts.any()
+
+
+@MIXTURES
 @pytest.mark.parametrize("extension", [0.0, 0.5])
 def test_the_gradient_is_that_of_differences(lamps: int, interior: bool, extension: float) -> None:
     matrices, _, given = random_case(lamps, interior)
@@ -209,7 +267,7 @@ def test_the_gradient_is_that_of_differences(lamps: int, interior: bool, extensi
         assert gradient[place] == pytest.approx((up - down) / 2e-6, rel=1e-4, abs=1e-4)
 
 
-@pytest.mark.parametrize(("lamps", "interior"), [(1, False), (2, False), (3, False), (3, True)])
+@MIXTURES
 def test_counts_sum_to_the_weights_of_the_data(lamps: int, interior: bool) -> None:
     matrices, weights, given = random_case(lamps, interior)
 
