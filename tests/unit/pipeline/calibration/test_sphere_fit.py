@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.calibration import sphere_fit as module
 from pipeline.calibration.light import Lights
 from pipeline.calibration.sphere_fit import SphereFit, SphereLight, fit_lamps
 from pipeline.options import Circle
@@ -27,6 +28,7 @@ def seen(
     flash_at: tuple[float, float] = (0.0, 0.0),
     albedo: Any = 1.0,
     noise: float = 0.0,
+    flash_noise: float = 0.0,
     seed: int = 1,
     marked: Circle | None = None,
 ) -> SphereLight:
@@ -57,8 +59,9 @@ def seen(
     lit = albedo * (np.maximum(normals @ lamps.T, 0.0) @ colours)
     lit = lit * (1 + noise * random.standard_normal(lit.shape))
     flash = albedo * by_flash[:, None] * [0.8, 1.0, 0.6]
-    variances = np.full_like(lit, 1e-8) + (noise * lit) ** 2, np.full_like(lit, 1e-8)
-    return SphereLight(x, y, Lights(lit, flash, *variances), marked or circle, focal_px, SIZE)
+    by_flash = flash * (1 + flash_noise * random.standard_normal(flash.shape))
+    variances = 1e-8 + (noise * lit) ** 2, 1e-8 + (flash_noise * flash) ** 2
+    return SphereLight(x, y, Lights(lit, by_flash, *variances), marked or circle, focal_px, SIZE)
 
 
 def errors(found: SphereFit, lamps: Array) -> tuple[Array, list[int]]:
@@ -125,11 +128,50 @@ def test_what_is_told_of_errors_is_what_repeated_photographs_show() -> None:
     clean = seen(lamp, colour, NEAR).lights.lamps
     fits = [fit_lamps(seen(lamp, colour, NEAR, noise=0.05, seed=k), 1) for k in range(8)]
     off = np.array([errors(fit, lamp)[0][0] for fit in fits])
-    assert 0.4 < np.mean(np.square(off / [fit.deviations_deg[0] for fit in fits])) < 1.6
+    assert 0.4 < np.mean(np.square(off / [fit.deviations_deg[0] for fit in fits])) < 1.0
     noise = 0.05 * np.sqrt(np.mean(clean**2)) / clean.mean()
     assert np.mean([fit.misfit for fit in fits]) == pytest.approx(noise, rel=0.05)
     # √(1 + z²) − 1 of normal z is 0.35 in the mean, and the flash adds a third at most
     assert np.mean([fit.cost for fit in fits]) == pytest.approx(0.41, abs=0.06)
+
+
+def test_noise_of_the_flash_is_in_what_is_told_of_it_and_of_the_lamps() -> None:
+    """Of 0.05 in each channel, of which the sum of three has 0.05·√(0.8² + 1² + 0.6²)/2.4."""
+    lamp, colour = LAMPS[1:2], COLOURS[1:2]
+    clean = seen(lamp, colour, NEAR).lights.flash.sum(axis=1)
+    fits = [fit_lamps(seen(lamp, colour, NEAR, flash_noise=0.05, seed=k), 1) for k in range(4)]
+    noise = 0.05 * np.sqrt(2.0) / 2.4 * np.sqrt(np.mean(clean**2)) / clean.mean()
+    assert np.mean([fit.flash_misfit for fit in fits]) == pytest.approx(noise, rel=0.1)
+    # lamps are divided by the flash, and err alike in three channels
+    assert np.mean([fit.cost for fit in fits]) == pytest.approx(0.41, abs=0.1)
+
+
+def test_pixels_that_are_uncertain_hardly_count() -> None:
+    light = seen(LAMPS[:2], COLOURS[:2])
+    light.lights.lamps[::9] += 1.0
+    light.lights.lamps_variance[::9] = 1e6
+    found = fit_lamps(light, 2)
+    off, order = errors(found, LAMPS[:2])
+    assert off == pytest.approx(0, abs=0.05)
+    assert found.colours[order] == pytest.approx(COLOURS[:2], rel=1e-3)
+
+
+def test_a_faint_lamp_is_less_certain() -> None:
+    colours = COLOURS[:2] * [[1.0], [0.1]]
+    found = fit_lamps(seen(LAMPS[:2], colours, noise=0.02), 2)
+    strong, faint = found.deviations_deg[errors(found, LAMPS[:2])[1]]
+    assert faint > 4 * strong
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_the_start_that_ends_best_is_taken(
+    monkeypatch: pytest.MonkeyPatch, order: tuple[int, int]
+) -> None:
+    """From behind the sphere, a lamp that lights nothing leads nowhere."""
+    starts = [np.array([(0.1, 0.0, -1.0)]), np.array([(0.5, -0.5, 0.5)])]
+    monkeypatch.setattr(module, "_starts", lambda *_: [starts[k] for k in order])
+    found = fit_lamps(seen(LAMPS[1:2], COLOURS[1:2], NEAR), 1)
+    assert errors(found, LAMPS[1:2])[0] == pytest.approx(0, abs=0.1)
 
 
 @pytest.mark.parametrize("moved", [(0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.1)])
