@@ -210,6 +210,7 @@ def test_marks_that_cannot_be_used_are_one_sentence(
     said = capsys.readouterr()
     assert (said.out, len(said.err.splitlines())) == ("", 1)
     assert words in said.err
+    assert f"{arguments[0]}.{words}" not in said.err
     assert not asked
     assert not saved.exists()
 
