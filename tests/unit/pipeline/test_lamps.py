@@ -405,6 +405,24 @@ def test_pins_that_the_photograph_contradicts_are_doubted(
     assert (remark.code, remark.figures) == (Code.PIN_CONTRADICTED, {"pin": 1})
 
 
+def test_a_forbidden_lamp_that_is_missed_is_told(
+    shadowed: Shadowed, model: Model, warm_to_cool: Array, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By what the fit is worth without what is known."""
+    true = model.lamp_matrix(warm_to_cool[:2])
+    white = true[0] @ model.flash_white
+    known = replace(nothing_known(model.flash_white), forbidden=white[None] / np.linalg.norm(white))
+    monkeypatch.setattr(
+        lamps, "fit_matrices", lambda *given: Fit(true, 0.0 if len(given[4].forbidden) else -100.0)
+    )
+
+    reduced = reduce_pair(shadowed(warm_to_cool[:2]))
+
+    (remark,) = estimate_lamps(reduced, model, 2, "best", False, known).contradictions
+    assert remark.code == Code.FORBIDDEN_LAMP_SHOWS
+    assert estimate_lamps(reduced, model, 2, "best", False).contradictions == ()
+
+
 def test_a_forbidden_lamp_that_cannot_be_avoided_is_an_error(
     shadowed: Shadowed, model: Model, warm_to_cool: Array, monkeypatch: pytest.MonkeyPatch
 ) -> None:

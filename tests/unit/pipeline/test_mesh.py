@@ -139,14 +139,18 @@ def test_many_pixels_share_a_vertex() -> None:
     np.testing.assert_allclose(mesh.vertices[0], [(2 - 20) * 0.02, (15 - 2) * 0.02, -2])
 
 
-def test_a_block_is_known_where_half_of_it_is() -> None:
-    """Blocks of 2 × 2 pixels; the depth of those is not drawn to nothing by unknown pixels."""
+@pytest.mark.parametrize("focal", [FOCAL, 1.0])
+def test_a_block_is_known_where_half_of_it_is(focal: float) -> None:
+    """Blocks of 2 × 2 pixels; the depth of those is not drawn to nothing by unknown pixels.
+
+    Through the shorter lens it would be no jump if it were.
+    """
     depth, normals = plane(8, 8)
     depth[::2, ::4] = np.nan  # every second block lacks one pixel
     depth[0:2, 0] = np.nan  # the first lacks two
     depth[6:, 7] = depth[6, 6] = np.nan  # the last lacks three
 
-    mesh = make_mesh(depth, normals, FOCAL, most=16)
+    mesh = make_mesh(depth, normals, focal, most=16)
 
     assert len(mesh.vertices) == 15
     np.testing.assert_allclose(mesh.vertices[:, 2], -2, atol=1e-6)
