@@ -51,5 +51,5 @@ def flash_reach(pair: Pair, reduced: ReducedPair) -> FlashReach:
     factor = least / np.maximum(strength, 2.0**-MOST_STOPS * np.maximum(least, 1e-12))
     return FlashReach(
         weak=float(np.mean(strength <= least)),
-        stops=float(np.clip(np.log2(max(np.quantile(factor, _REACHED), 1.0)), 0.0, MOST_STOPS)),
+        stops=float(np.log2(max(np.quantile(factor, _REACHED), 1.0))),
     )

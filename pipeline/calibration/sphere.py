@@ -13,7 +13,7 @@ from pipeline.vectors import unit
 
 Array = NDArray[np.float64]
 
-_ROUNDS = 30
+_NARROWEST = 0.05  # cos(θ − α) cos(θ + α) of the cone, below which its edge is a grazing ray's
 
 
 @dataclass(frozen=True)
@@ -58,19 +58,17 @@ def _cone(offset: float, radius: float) -> tuple[float, float]:
     """Angles of the cone of rays around a sphere: its axis to the camera's, and half its opening.
 
     offset, radius: of the outline's ellipse, by the focal length. A cone of half angle α about an
-    axis θ aside is seen as an ellipse with the middle at sin 2θ/(cos 2θ + cos 2α), the semi-axes
-    sin 2α/(cos 2θ + cos 2α) and sin α/√(cos²α − sin²θ).
+    axis θ aside is seen as an ellipse that reaches from tan(θ − α) to tan(θ + α), with the other
+    semi-axis sin α/√(cos(θ − α) cos(θ + α)). By both, the ratio w of the semi-axes is the one
+    positive root of w³ + radius² w² − (1 + offset²) w − radius².
     """
-    axis, half = float(np.arctan(offset)), float(np.arctan(radius))
-    for _ in range(_ROUNDS):
-        both = np.cos(2 * axis) + np.cos(2 * half)
-        across = np.cos(half) ** 2 - np.sin(axis) ** 2
-        if both < 0.1 or across < 0.05:
-            raise OptionError(
-                "The sphere is too near to the camera, or the focal length too short: step back, "
-                "or check the focal length."
-            )
-        shape = np.sqrt(2 * np.cos(half) / (both * np.sqrt(across)))  # √(ab) ÷ sin α
-        half = float(np.arcsin(min(radius / shape, 0.99)))
-        axis = float(0.5 * np.arcsin(min(offset * both, 0.99)))
-    return axis, half
+    if offset + radius < 1 / _NARROWEST:  # beyond, cos(θ + α) alone is below
+        ratio = float(np.roots([1.0, radius**2, -1.0 - offset**2, -(radius**2)]).real.max())
+        reach = radius * np.sqrt(ratio)
+        near, far = float(np.arctan(offset - reach)), float(np.arctan(offset + reach))
+        if np.cos(near) * np.cos(far) > _NARROWEST:
+            return (near + far) / 2, (far - near) / 2
+    raise OptionError(
+        "The sphere is too near to the camera, or the focal length too short: step back, or check "
+        "the focal length."
+    )

@@ -136,10 +136,8 @@ def _calibrate(
     from service.cli.display import stage_bar
     from service.errors import sentence_of
 
-    values = {"kind": kind, **flags.pair_values(), **own}
-    given = {name: value for name, value in values.items() if value is not None}
     try:
-        options = CALIBRATION_OPTIONS.validate_python(given)
+        options = CALIBRATION_OPTIONS.validate_python({"kind": kind, **flags.pair_values(), **own})
     except ValidationError as error:
         raise OptionError(sentence_of(error).removeprefix(f"{kind}.")) from error
     before, after = read_file(no_flash, "photograph"), read_file(flash, "photograph")
@@ -185,7 +183,7 @@ def _place(light: Mapping[str, Any]) -> str:
     from math import asin, atan2, degrees
 
     x, y, z = light["direction"]
-    side, height = degrees(atan2(x, z)), degrees(asin(max(-1.0, min(1.0, y))))
+    side, height = degrees(atan2(x, z)), degrees(asin(y))
     rgb = " ".join(f"{value:.3f}" for value in light["rgb"])
     return (
         f"{abs(side):.1f}° {'right' if side >= 0 else 'left'}, {abs(height):.1f}° "

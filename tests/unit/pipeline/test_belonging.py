@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.belonging import check_belonging, check_sizes
+from pipeline.belonging import check_belonging, check_flash_adds, check_light, check_sizes
 from pipeline.errors import InputError, PairMismatchError, UnusablePairError
 from pipeline.frames import Frame
+from pipeline.noise import Noise
 from pipeline.options import Options
 from pipeline.pair import Pair, make_pair
 from pipeline.progress import Progress
@@ -129,7 +130,97 @@ def test_a_flash_that_exif_does_not_know_of_is_no_reason_to_refuse(
     assert paired((before, after)).warnings == ()
 
 
+@pytest.mark.parametrize(
+    ("fired", "swapped"),
+    [
+        ((True, False), True),
+        ((True, None), False),
+        ((True, True), False),
+        ((False, False), False),
+        ((None, False), False),
+    ],
+)
+def test_photographs_are_swapped_only_where_the_exif_says_both(
+    frames: Callable[..., tuple[Frame, Frame]],
+    fired: tuple[bool | None, bool | None],
+    swapped: bool,
+) -> None:
+    both = [replace(one, flash_fired=told) for one, told in zip(frames(), fired, strict=True)]
+
+    if swapped:
+        with pytest.raises(UnusablePairError, match="swap the two"):
+            check_belonging(both[0], both[1])
+    else:
+        check_belonging(both[0], both[1])
+
+
 # photographs without light
+
+
+@pytest.mark.parametrize(
+    ("value", "share", "black"),
+    [
+        ((1.9e-4, 1.9e-4, 1.9e-4), 1.0, True),
+        ((2.1e-4, 2.1e-4, 2.1e-4), 1.0, False),
+        ((0.0, 0.0, 2.1e-4), 1.0, False),
+        ((0.5, 0.5, 0.5), 0.02, False),
+        ((0.5, 0.5, 0.5), 0.005, True),
+    ],
+)
+@pytest.mark.parametrize("which", [0, 1])
+def test_black_is_what_the_hundredth_brightest_pixel_is(
+    frame: Callable[..., Frame],
+    value: tuple[float, float, float],
+    share: float,
+    black: bool,
+    which: int,
+) -> None:
+    pixels = np.zeros((800, 40, 3))
+    pixels[: round(800 * share)] = value
+    both = [frame(np.full((800, 40, 3), 0.5))] * 2
+    both[which] = frame(pixels)
+
+    if black:
+        with pytest.raises(UnusablePairError, match=f"{('without', 'with')[which]} the flash is b"):
+            check_light(both[0], both[1])
+    else:
+        check_light(both[0], both[1])
+
+
+@pytest.mark.parametrize(
+    ("part", "share", "rest", "words"),
+    [
+        (3.2, 0.025, 0.0, None),
+        (3.2, 0.01, 0.0, "adds too little light"),
+        (2.8, 1.0, 0.0, "adds too little light"),
+        (-2.2, 0.65, 100.0, "is darker than the one without it"),
+        (-2.2, 0.55, 100.0, None),
+        (-1.8, 1.0, 0.0, "adds too little light"),
+    ],
+)
+@pytest.mark.parametrize("clipped", [-100.0, 100.0])
+def test_the_flash_part_is_measured_by_its_noise(
+    part: float, share: float, rest: float, words: str | None, clipped: float
+) -> None:
+    """In deviations of a pixel's difference, of which each photograph has its own share.
+
+    Nothing is told by clipped pixels, here the lower half.
+    """
+    deviation = np.sqrt(3 * (1e-6 + 3e-6))
+    noises = Noise(np.zeros(3), np.full(3, 1e-6)), Noise(np.zeros(3), np.full(3, 3e-6))
+    unusable = np.zeros((800, 80), bool)
+    unusable[400:] = True
+    deviations = np.full((800, 80, 1), rest)
+    deviations[: round(400 * share)] = part
+    deviations[400:] = clipped
+    before = np.full((800, 80, 3), 0.5, np.float32)
+    after = (before + deviations * deviation / 3).astype(np.float32)
+
+    if words is None:
+        check_flash_adds(before, after, unusable, noises)
+    else:
+        with pytest.raises(UnusablePairError, match=words):
+            check_flash_adds(before, after, unusable, noises)
 
 
 @pytest.mark.parametrize(("which", "name"), [(0, "without"), (1, "with")])

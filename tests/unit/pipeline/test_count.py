@@ -169,6 +169,11 @@ def test_noise_that_is_known_does_not_make_a_lamp(
     assert counted(noisy).number == 1
 
 
+def costs(*values: float) -> Callable[[int], Fit]:
+    """Fits of given costs, with lamps that leave nothing off."""
+    return lambda lamps: Fit(np.tile(np.eye(3), (lamps, 1, 1)), values[lamps - 1])
+
+
 @pytest.fixture
 def by_costs(
     counted: Counting, pair_of: Callable[..., Any], flash_part: NDArray[np.float32]
@@ -178,16 +183,14 @@ def by_costs(
     assert not len(evidence.differences)
 
     def run(*values: float, least: int = 1) -> Count:
-        def fit(lamps: int) -> Fit:
-            return Fit(np.tile(np.eye(3), (lamps, 1, 1)), values[lamps - 1])
-
-        return count_lamps(reduced, evidence, counted.model, fit, least)
+        return count_lamps(reduced, evidence, counted.model, costs(*values), least)
 
     return run
 
 
 @pytest.mark.parametrize(
-    ("second", "third", "number"), [(299, 999, 1), (301, 0, 2), (900, 239, 2), (900, 241, 3)]
+    ("second", "third", "number"),
+    [(299, 999, 1), (301, 0, 2), (900, 239, 2), (900, 241, 3), (301, 999, 3)],
 )
 def test_a_lamp_is_counted_by_what_it_gains(
     by_costs: Callable[..., Count], second: float, third: float, number: int
@@ -197,6 +200,35 @@ def test_a_lamp_is_counted_by_what_it_gains(
 
     assert found.number == number
     assert 0.5 <= found.confidence < 0.6
+
+
+@pytest.mark.parametrize(("third", "number"), [(119, 2), (121, 3)])
+def test_differences_that_two_lamps_leave_off_stand_for_half_of_a_third(
+    counted: Counting,
+    shadowed: Shadowed,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+    third: float,
+    number: int,
+) -> None:
+    """A tenth off is worth 0.8 of the 1.6 times 150 that a third must gain."""
+    monkeypatch.setattr(count, "share_off", lambda *_: 0.1)
+    monkeypatch.setattr(count, "signs_of_fourth", lambda *_: False)
+    reduced, evidence = counted.evidence(shadowed(warm_to_cool[:2]))
+
+    found = count_lamps(reduced, evidence, counted.model, costs(0, -900, -900 - third))
+
+    assert (found.number, found.more) == (number, False)
+    assert 0.5 <= found.confidence < 0.55
+
+
+@pytest.mark.parametrize("third", [241.0, 999.0])
+def test_three_lamps_and_more_are_never_certain(
+    by_costs: Callable[..., Count], monkeypatch: pytest.MonkeyPatch, third: float
+) -> None:
+    monkeypatch.setattr(count, "signs_of_fourth", lambda *_: True)
+
+    assert by_costs(0, -900, -900 - third) == Count(3, 0.3, more=True)
 
 
 @pytest.mark.parametrize(
@@ -240,6 +272,8 @@ def test_numbers_that_cannot_be_are_not_counted(
 
     assert found.number == number
     assert 0 <= found.confidence <= 1
+    # where none can be, nothing was left to choose
+    assert found.confidence == 1 or np.isfinite(values).any()
 
 
 def test_counting_is_the_same_every_time(

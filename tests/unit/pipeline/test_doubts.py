@@ -30,6 +30,7 @@ def said(
         hidden: list[int] | None = None,
         clipped: float = 0.0,
         coefficients: Array | None = None,
+        usable: Any = True,
         method: Literal["best", "paper"] = "best",
         **lamps: Any,
     ) -> list[Remark]:
@@ -41,7 +42,9 @@ def said(
             monkeypatch.setattr(doubts_module, "flash_reach", lambda *_: reach)
         if hidden is not None:
             monkeypatch.setattr(doubts_module, "without_pure_light", lambda *_: hidden)
-        return doubts(pair, reduce_pair(pair), lamps_of(colours, **lamps), method)
+        reduced = reduce_pair(pair)
+        reduced = replace(reduced, usable=reduced.usable & usable)
+        return doubts(pair, reduced, lamps_of(colours, **lamps), method)
 
     return find
 
@@ -67,6 +70,30 @@ def test_what_lamps_leave_everywhere_is_not_called_a_reflection(
     assert remark.code == Code.UNEXPLAINED
     assert remark.figures == {"left_over": 0.09}
     assert remark.message.startswith("2 lamps do not explain the photograph: 9%")
+
+
+def test_one_lamp_that_does_not_explain_the_photograph_is_told(
+    said: Callable[..., list[Remark]], warm_to_cool: Array
+) -> None:
+    (remark,) = said(left_over=0.09, coefficients=warm_to_cool[:1])
+
+    assert remark.message.startswith("One lamp does not explain the photograph: 9%")
+
+
+@pytest.mark.parametrize(("columns", "warned"), [(28, False), (29, True)])
+def test_reflections_are_told_from_a_share_of_the_usable_picture_on(
+    said: Callable[..., list[Remark]], columns: int, warned: bool
+) -> None:
+    """1.5 %; what is not usable has no layers to doubt."""
+    residual, usable = np.zeros((64, 96)), np.ones((64, 96), bool)
+    residual[:2, :columns] = residual[40:] = 0.3
+    usable[40:] = False
+
+    found = said(residual=residual, usable=usable)
+
+    assert [one.code for one in found] == [Code.REFLECTIONS] * warned
+    if warned:
+        assert found[0].figures == {"share": pytest.approx(2 * 29 / (40 * 96))}
 
 
 @pytest.mark.parametrize(("rows", "warned"), [(0, False), (8, True)])
@@ -110,6 +137,25 @@ def test_lamps_that_are_alike_come_with_angle_and_expectation(
         assert f"{degrees}° apart" in found[0].message
 
 
+def test_what_is_expected_of_lamps_that_are_alike_falls_with_noise(
+    said: Callable[..., list[Remark]], warm_to_cool: Array, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(doubts_module, "relative_noise", lambda _: 0.02)
+    near = np.stack([warm_to_cool[0], 0.99 * warm_to_cool[0] + 0.01 * warm_to_cool[2]])
+
+    (remark,) = said(coefficients=near, hidden=[], residual=np.zeros((64, 96)))
+
+    expected = expected_snr_db(remark.figures["angle_deg"], 0.02)
+    assert remark.figures["expected_snr_db"] == expected
+    assert expected < expected_snr_db(remark.figures["angle_deg"], 0.0) - 1
+
+
+def test_what_speaks_against_known_lamps_is_told(said: Callable[..., list[Remark]]) -> None:
+    against = Remark(Code.PIN_CONTRADICTED, "The photograph speaks against it.", {"pin": 1})
+
+    assert said(contradictions=(against,)) == [against]
+
+
 def test_lamps_never_seen_alone_are_named(said: Callable[..., list[Remark]]) -> None:
     (remark,) = said(hidden=[0, 1])
 
@@ -125,7 +171,9 @@ def test_an_uncertain_number_is_told(
 ) -> None:
     found = said(confidence=confidence)
 
-    assert [remark.code for remark in found] == [Code.NUMBER_UNCERTAIN] * warned
+    assert [(one.code, one.figures) for one in found] == [
+        (Code.NUMBER_UNCERTAIN, {"confidence": confidence})
+    ] * warned
 
 
 @pytest.mark.parametrize(
@@ -142,8 +190,11 @@ def test_a_weak_flash_comes_with_what_to_do(
     assert words in remark.message
 
 
-def test_a_flash_that_misses_little_is_strong_enough(said: Callable[..., list[Remark]]) -> None:
-    assert said(reach=FlashReach(0.05, 3.0)) == []
+@pytest.mark.parametrize(("weak", "warned"), [(0.05, False), (0.09, False), (0.11, True)])
+def test_a_flash_that_misses_little_is_strong_enough(
+    said: Callable[..., list[Remark]], weak: float, warned: bool
+) -> None:
+    assert [one.code for one in said(reach=FlashReach(weak, 3.0))] == [Code.FLASH_TOO_WEAK] * warned
 
 
 @pytest.mark.parametrize(("clipped", "warned"), [(0.04, False), (0.06, True)])
@@ -171,6 +222,7 @@ def test_noise_is_that_of_both_lights_in_the_middle(exact: Build, warm_to_cool: 
     noise = np.full((4, 5, 3), 3e-6, np.float32)
     usable = np.ones((4, 5), bool)
     light[0, 0], usable[0, 0] = 1e-6, False
+    light[1] = 1e-3  # fewer than half of the pixels
 
     found = relative_noise(
         replace(

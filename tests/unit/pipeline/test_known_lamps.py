@@ -29,10 +29,16 @@ def find(exact: Callable[..., Any], warm_to_cool: Array, camera: Camera, model: 
     """Find what options say of the lamps of a scene: a bulb at the left, blue sky at the right."""
 
     def of_options(
-        pinned: Any = (), forbidden: Any = (), size: Any = SIZE, **changes: Any
+        pinned: Any = (),
+        forbidden: Any = (),
+        size: Any = SIZE,
+        flash_only: bool = False,
+        **changes: Any,
     ) -> Known:
         reduced = replace(reduce_pair(exact(warm_to_cool[[0, 2]])[0]), **changes)
-        options = Options(pinned_lamps=list(pinned), forbidden_lamps=list(forbidden))
+        options = Options(
+            pinned_lamps=list(pinned), forbidden_lamps=list(forbidden), flash_only=flash_only
+        )
         return find_known(options, size, reduced, camera, model)
 
     return of_options
@@ -75,6 +81,21 @@ def test_spectra_show_their_lamps(find: Find, camera: Camera, model: Model, form
     assert angle(pinned, camera.sensitivities @ find_light("A")) < 1.0
     assert angle(known.forbidden[0], camera.sensitivities @ find_light("D65")) < 1.0
     assert np.linalg.norm(known.forbidden[0]) == pytest.approx(1)
+
+
+def test_areas_are_told_from_spectra(find: Find) -> None:
+    assert [pin.of_area for pin in find(["D65", LEFT]).pinned] == [False, True]
+
+
+def test_a_flash_part_alone_is_not_as_noisy_as_a_difference(find: Find) -> None:
+    """Of a difference, noise is in both lights, and errors of what is seen are less certain."""
+    noise = np.full((64, 96, 3), 1e-4, np.float32)
+    part, difference = (
+        find([LEFT], flash_only=flash_only, no_flash_variance=noise).pinned[0].term.data
+        for flash_only in (True, False)
+    )
+    np.testing.assert_array_equal(part.u, difference.u)
+    assert (difference.covariance[:, 0] > 1.1 * part.covariance[:, 0]).all()
 
 
 def test_forbidden_areas_are_told_like_pinned_ones(find: Find, model: Model) -> None:
@@ -125,6 +146,27 @@ def test_one_lamp_cannot_be_pinned_twice(find: Find) -> None:
     near = {**LEFT, "y": 40}
     assert "Pinned lamps 1 and 2 have the same colour" in refusal(find, [LEFT, near])
     assert len(find([LEFT, RIGHT]).pinned) == 2
+
+
+@pytest.mark.parametrize(("degrees", "same"), [(0.7, True), (1.3, False)])
+def test_pinned_lamps_differ_by_a_degree(
+    find: Find, camera: Camera, degrees: float, same: bool
+) -> None:
+    """Of a bulb, and of the bulb with a little daylight."""
+    bulb, sky = find_light("A"), find_light("D65")
+    seen, other = camera.sensitivities @ bulb, camera.sensitivities @ sky
+    along = seen / np.linalg.norm(seen)
+    across = other - (other @ along) * along
+    # a mixture in which what is across the bulb's colour is tan(angle) of what is along it
+    tangent, height = np.tan(np.radians(degrees)), np.linalg.norm(across)
+    part = tangent * np.linalg.norm(seen) / (height - tangent * (other @ along))
+    grid = list(np.arange(380, 785, 5, dtype=float))
+    mixed = Spectrum(wavelength_nm=grid, power=list(bulb + part * sky))
+
+    if same:
+        assert "have the same colour" in refusal(find, ["A", mixed])
+    else:
+        assert len(find(["A", mixed]).pinned) == 2
 
 
 def test_a_lamp_cannot_be_pinned_and_forbidden(find: Find) -> None:

@@ -367,6 +367,32 @@ def test_as_many_lamps_are_found_as_are_pinned(
     assert angles(found.coefficients, whites(model, warm_to_cool[[0, 2]])).max() < 1
 
 
+@pytest.mark.parametrize(("pins", "least"), [(None, 1), (0, 1), (1, 1), (2, 2), (3, 3)])
+def test_counting_begins_with_what_is_known_and_never_below_one(
+    exact: Exact,
+    model: Model,
+    warm_to_cool: Array,
+    pinned: Callable[[Array], Known],
+    monkeypatch: pytest.MonkeyPatch,
+    pins: int | None,
+    least: int,
+) -> None:
+    """Where no more lamps explain more, it ends there, too."""
+    asked = set()
+
+    def fit(*arguments: Any) -> Fit:
+        asked.add(arguments[3])
+        return Fit(model.lamp_matrix(warm_to_cool[: arguments[3]]), 0.0)
+
+    monkeypatch.setattr(lamps, "fit_matrices", fit)
+    known = None if pins is None else pinned(warm_to_cool[:pins])
+
+    found = estimate_lamps(reduce_pair(exact(warm_to_cool)[0]), model, "auto", "best", False, known)
+
+    assert len(found) == min(asked) == least
+    assert found.pinned.tolist() == [*range(pins or 0), *[-1] * (least - (pins or 0))]
+
+
 def test_pins_that_the_photograph_contradicts_are_doubted(
     shadowed: Shadowed, model: Model, warm_to_cool: Array, pinned: Callable[[Array], Known]
 ) -> None:
@@ -377,6 +403,24 @@ def test_pins_that_the_photograph_contradicts_are_doubted(
     assert 0 in found.pinned
     (remark,) = found.contradictions
     assert (remark.code, remark.figures) == (Code.PIN_CONTRADICTED, {"pin": 1})
+
+
+def test_a_forbidden_lamp_that_is_missed_is_told(
+    shadowed: Shadowed, model: Model, warm_to_cool: Array, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By what the fit is worth without what is known."""
+    true = model.lamp_matrix(warm_to_cool[:2])
+    white = true[0] @ model.flash_white
+    known = replace(nothing_known(model.flash_white), forbidden=white[None] / np.linalg.norm(white))
+    monkeypatch.setattr(
+        lamps, "fit_matrices", lambda *given: Fit(true, 0.0 if len(given[4].forbidden) else -100.0)
+    )
+
+    reduced = reduce_pair(shadowed(warm_to_cool[:2]))
+
+    (remark,) = estimate_lamps(reduced, model, 2, "best", False, known).contradictions
+    assert remark.code == Code.FORBIDDEN_LAMP_SHOWS
+    assert estimate_lamps(reduced, model, 2, "best", False).contradictions == ()
 
 
 def test_a_forbidden_lamp_that_cannot_be_avoided_is_an_error(

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -55,6 +56,48 @@ def test_a_rim_at_the_outline_is_not_an_area(lit: Build, two: Any) -> None:
     assert without_pure_light(reduced, two) == [0, 1]
 
 
+@pytest.mark.parametrize(("height", "width", "hidden"), [(8, 7, [0, 1]), (11, 12, [1])])
+def test_a_tiny_area_tells_no_lamp(
+    lit: Build, two: Any, height: int, width: int, hidden: list[int]
+) -> None:
+    """Of 56 pixels, and of 132: a fiftieth of the picture."""
+    shares = mixture(0.2, 0.8)
+    shares[0, :height, :width], shares[1, :height, :width] = 1.0, 0.0
+
+    assert without_pure_light(lit(two.coefficients, shares), two) == hidden
+
+
+def test_an_area_goes_with_much_that_is_nearly_of_the_lamp(lit: Build, two: Any) -> None:
+    """A tenth alone among a fifth that holds a twelfth of the other; that is not near enough."""
+    shares = mixture(0.2, 0.8)
+    shares[:, :, :30] = np.array([0.92, 0.08])[:, None, None]
+    shares[:, :, :10] = np.array([1.0, 0.0])[:, None, None]
+    light = lit(two.coefficients, shares)
+    by_light = (two.matrices @ light.flash[0, 20]).sum(axis=1) * [0.92, 0.08]
+    assert 0.05 < by_light[1] / by_light.sum() < 0.1
+
+    assert without_pure_light(light, two) == [1]
+
+
+def test_stray_pixels_beyond_an_area_do_not_hide_it(lit: Build, two: Any) -> None:
+    """Three in a thousand, of a lamp found a little off."""
+    shares = mixture(0.2, 0.8)
+    shares[:, :20, :20] = np.array([0.98, 0.02])[:, None, None]
+    shares[:, 60, 60:78] = np.array([1.0, 0.0])[:, None]
+
+    assert without_pure_light(lit(two.coefficients, shares), two) == [1]
+
+
+def test_an_area_that_is_not_usable_tells_nothing(lit: Build, two: Any) -> None:
+    shares = mixture(0.2, 0.8)
+    shares[0, :20, :20], shares[1, :20, :20] = 1.0, 0.0
+    reduced = lit(two.coefficients, shares)
+    usable = reduced.usable.copy()
+    usable[:20, :20] = False
+
+    assert without_pure_light(replace(reduced, usable=usable), two) == [0, 1]
+
+
 @pytest.mark.parametrize("lamp", [0, 1])
 def test_an_area_of_one_lamp_tells_that_lamp(lit: Build, two: Any, lamp: int) -> None:
     shares = mixture(0.2, 0.8)
@@ -64,7 +107,7 @@ def test_an_area_of_one_lamp_tells_that_lamp(lit: Build, two: Any, lamp: int) ->
 
 
 def test_edges_of_shadows_tell_a_lamp(lit: Build, lamps_of: Build, warm_to_cool: Array) -> None:
-    lamps = lamps_of(warm_to_cool[[0, 2]], edges=np.array([0.004, 0.0]))
+    lamps = lamps_of(warm_to_cool[[0, 2]], edges=np.array([0.0011, 0.0009]))
 
     assert without_pure_light(lit(lamps.coefficients, mixture(0.2, 0.8)), lamps) == [1]
 

@@ -240,6 +240,42 @@ def test_a_lamp_without_blue_does_not_make_filled_in_pixels_glow(
     np.testing.assert_allclose(found[..., 2], gain * strip.layers[0, ..., 2], rtol=1e-4, atol=1e-6)
 
 
+@pytest.mark.parametrize("approach", [approach_1, approach_2])
+def test_a_lamp_that_shines_less_than_nothing_in_blue_counts_by_its_strongest_channel(
+    lit: Lit, model: Model, warm_to_cool: Array, approach: Callable[..., Image]
+) -> None:
+    strip, lamps = lit(warm_to_cool[:1])
+    strip.confidence[...] = 0
+    lamps.matrices[0] = np.diag(np.array([1.0, 0.8, -2.0]) / model.flash_white)
+
+    found = approach(strip, lamps, model, "best")
+
+    white = model.flash_to_neutral @ model.flash_white
+    gain = white[2] / white[1] / (0.02 * 2.0 / 0.8)
+    np.testing.assert_allclose(found[..., 2], gain * strip.layers[0, ..., 2], rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("approach", [approach_1, approach_2])
+def test_between_a_colour_and_none_a_lamp_is_believed_by_half(
+    lit: Lit, model: Model, warm_to_cool: Array, approach: Callable[..., Image]
+) -> None:
+    """How much green is made of blue grows as blue is fainter, and goes where there is too little.
+
+    Of the strongest channel blue has a fifth, 0.13 and 0.06.
+    """
+    made = []
+    for blue in (0.2, 0.13, 0.06):
+        strip, lamps = lit(warm_to_cool[:1])
+        strip.confidence[...] = 0
+        strip.layers[...] = [0, 0, 0.05]
+        lamps.matrices[0] = np.diag(np.array([1.0, 0.8, blue]) / model.flash_white)
+        made.append(approach(strip, lamps, model, "best")[3, 3, 1])
+
+    assert made[0] > 0.02
+    assert made[1] / made[0] == pytest.approx(0.5 * 0.2 / 0.13, rel=0.1)
+    assert made[2] == pytest.approx(0, abs=1e-6)
+
+
 def test_no_pixel_of_approach_2_gets_far_brighter_than_the_photograph(
     lit: Lit, model: Model, warm_to_cool: Array
 ) -> None:

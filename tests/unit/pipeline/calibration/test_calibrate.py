@@ -10,7 +10,7 @@ import pytest
 
 from pipeline.calibration.calibrate import FILES, calibrate_files
 from pipeline.calibration.options import CALIBRATION_OPTIONS
-from pipeline.errors import Canceled, OptionError, UnusablePairError
+from pipeline.errors import Canceled, InputError, OptionError, UnusablePairError
 from pipeline.options import DirectedLight
 from pipeline.progress import Progress
 from pipeline.spectra.lights import find_light
@@ -67,6 +67,50 @@ def test_a_card_tells_the_flashs_colour(chart: Shot, tmp_path: Path) -> None:
     seen, true = S @ spectrum, S @ LED
     assert found["patches"] == 1
     assert seen / seen[1] == pytest.approx(true / true[1], rel=0.01)
+
+
+def test_the_manifest_tells_the_photographs_and_what_was_assumed(
+    chart: Shot, tmp_path: Path
+) -> None:
+    card = {"x": 30, "y": 120, "radius": 15}
+    manifest = _run(chart, tmp_path, kind="flash", card=card, exposure_ratio=None)
+    for name, data in zip(("no_flash", "flash"), chart.files, strict=True):
+        assert manifest["inputs"][name]["sha256"] == hashlib.sha256(data).hexdigest()
+    assert "exposure_assumed" in [warning["code"] for warning in manifest["warnings"]]
+    assert "exposure_assumed" not in [
+        warning["code"] for warning in _run(chart, tmp_path, kind="flash", card=card)["warnings"]
+    ]
+
+
+def test_a_flash_like_no_light_has_no_temperature(chart: Shot, tmp_path: Path) -> None:
+    """Of a camera that takes green for the other channels, too."""
+    green = np.array([S[1] * gain for gain in (0.2, 1.0, 0.2)]) + 0.3 * S
+    nm = [380.0 + 5 * i for i in range(81)]
+    table = {"wavelength_nm": nm, **dict(zip("rgb", green.tolist(), strict=True))}
+    card = {"x": 30, "y": 120, "radius": 15}
+    found = _run(chart, tmp_path, kind="flash", card=card, camera=table)["found"]
+    assert (found["cct_k"], found["duv"]) == (None, None)
+
+
+def test_a_camera_is_found_under_a_flash_of_a_table(chart: Shot, tmp_path: Path) -> None:
+    nm = [380.0 + 5 * i for i in range(81)]
+    flash = {"wavelength_nm": nm, "power": LED.tolist()}
+    found = _run(chart, tmp_path, kind="camera", chart=CORNERS, flash_spectrum=flash)["found"]
+    assert (found["nearest"], found["flash"]) == ("Nikon D5100", "table")
+    by_name = _run(chart, tmp_path, kind="camera", chart=CORNERS, flash_spectrum="led")["found"]
+    assert found["misfit"] == by_name["misfit"] < 0.03
+
+
+def test_what_is_no_pair_is_refused(chart: Shot, tmp_path: Path) -> None:
+    no_flash, flash = chart.files
+    for files, error in (
+        ((no_flash, no_flash), UnusablePairError),
+        ((no_flash, b""), InputError),
+        ((no_flash[:1000], flash), InputError),
+    ):
+        with pytest.raises(error):
+            _run(Shot(chart.frames, files), tmp_path, kind="camera", chart=CORNERS)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("told", ["led", None])

@@ -64,6 +64,29 @@ def test_an_unknown_camera_is_found_nearer_than_any_known() -> None:
     assert seen / seen[1] == pytest.approx(white / white[1], rel=0.02)
 
 
+@pytest.mark.parametrize(("unlike", "share"), [("tinted", 0.13), ("tailed", 0.6), ("moved", 0.54)])
+def test_each_way_in_which_cameras_differ_is_allowed_for(unlike: str, share: float) -> None:
+    """What is left of the angle to the known camera; what shifts is least to be told."""
+    base = sensitivities("Nikon D5100")
+    truth = {
+        "tinted": base * np.exp(0.3 * np.sin(WAVELENGTHS_NM / 40.0)),
+        "tailed": base
+        + 0.03
+        * base.max()
+        * np.exp(-0.5 * ((WAVELENGTHS_NM - np.array([[450], [630], [600]])) / 30.0) ** 2),
+        "moved": np.array(
+            [
+                np.interp(WAVELENGTHS_NM - shift, WAVELENGTHS_NM, channel)
+                for channel, shift in zip(base, (4, -4, 4), strict=True)
+            ]
+        ),
+    }[unlike]
+    patches = _chart(truth / truth.max(), XENON, colorchecker_spectra())
+    found = estimate_camera(patches, {"xenon": XENON}, measured_cameras())
+    assert found.nearest == "Nikon D5100"
+    assert _angles(found.sensitivities, truth).mean() < share * _angles(base, truth).mean()
+
+
 def test_the_likeliest_flash_is_taken_where_it_is_not_told() -> None:
     light = find_light("LED-B4")
     patches = _chart(sensitivities("Nikon D5100"), light, colorchecker_spectra())

@@ -5,14 +5,16 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from pipeline.calibration import chart as chart_module
 from pipeline.calibration.chart import disc, read_card, read_chart
 from pipeline.errors import OptionError, UnusablePairError
+from pipeline.noise import Noise
 from pipeline.options import Circle
 from pipeline.pair import Pair
 from pipeline.spectra.colorchecker import colorchecker_spectra
 from pipeline.spectra.lights import find_light
 from tests.evaluation.spectra import sensitivities
-from tests.targets import CORNERS, SIZE, photograph_chart
+from tests.targets import CORNERS, SIZE, Shot, photograph_chart
 
 S, XENON, LAMP = sensitivities("Nikon D5100"), find_light("xenon"), find_light("A")
 GRID = np.arange(24).reshape(4, 6)
@@ -34,6 +36,24 @@ def test_patches_have_the_colours_of_their_reflectances(chart: Pair) -> None:
     # brightest at the upper left, as the flash falls off
     brightness = patches.flash.sum(axis=1) / true.sum(axis=1)
     assert brightness.max() / brightness.min() == pytest.approx(1.295, abs=0.01)
+
+
+def test_patches_are_read_about_their_middles_and_in_their_inner_half(
+    pair_of: Callable[..., Pair], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a picture whose light is its place."""
+    monkeypatch.setattr(chart_module, "_check_order", lambda _: None)
+    x, y = np.meshgrid(np.arange(SIZE[0]) + 0.5, np.arange(SIZE[1]) + 0.5)
+    places = np.stack([x, y, np.ones_like(x)], axis=2)
+    one, none = Noise(np.zeros(3), np.ones(3)), Noise(np.zeros(3), np.zeros(3))
+    shot = Shot((np.zeros_like(places), 1000 * places), (b"", b""))
+    corners = ((60.3, 50.2), (299.8, 50.2), (299.8, 192.1), (60.3, 192.1))
+    found = read_chart(pair_of(shot, no_flash_noise=none, flash_noise=one), corners)
+    columns, rows = np.meshgrid(60.3 + 47.9 * np.arange(6), 50.2 + 47.3 * np.arange(4))
+    off = found.flash[:, :2] / 1000 - np.stack([columns.ravel(), rows.ravel()], axis=1)
+    assert np.abs(off).max() < 0.5
+    assert off.mean(axis=0) == pytest.approx(0.0, abs=0.15)
+    assert 1 / found.variance == pytest.approx(24 * 24, rel=0.1)
 
 
 @pytest.mark.parametrize(
@@ -95,6 +115,15 @@ def test_a_card_is_one_patch_of_flat_reflectance(chart: Pair) -> None:
     white = S @ XENON
     assert card.flash[0] / card.flash[0].sum() == pytest.approx(white / white.sum(), abs=1e-5)
     assert (card.reflectances == 1).all()
+
+
+def test_a_card_has_the_noise_of_its_pixels(pair_of: Callable[..., Pair]) -> None:
+    shot = photograph_chart(S, XENON, LAMP, colorchecker_spectra())
+    one, other = Noise(np.zeros(3), np.full(3, 1e-6)), Noise(np.zeros(3), np.full(3, 2e-6))
+    card = read_card(
+        pair_of(shot, no_flash_noise=one, flash_noise=other), Circle(x=30, y=120, radius=12)
+    )
+    assert card.variance[0] == pytest.approx(3e-6 / (np.pi * 144), rel=0.02)
 
 
 def test_a_disc_holds_the_pixels_whose_middles_are_within() -> None:

@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.calibration import lamps as module
 from pipeline.calibration.lamps import LampsEstimate, estimate_lamps
+from pipeline.calibration.sphere_fit import SphereFit, SphereLight
 from pipeline.errors import OptionError, UnusablePairError
+from pipeline.noise import Noise
 from pipeline.options import Circle
 from pipeline.pair import Pair
 from pipeline.vectors import unit
-from tests.targets import CIRCLE, FOCAL_PX, photograph_sphere
+from tests.targets import CIRCLE, FOCAL_PX, Shot, photograph_sphere
 
 Array = NDArray[np.float64]
 THREE = unit(np.array([(-0.9, 0.3, 0.2), (0.2, 0.7, 0.6), (0.7, -0.5, 0.4)]))
@@ -123,3 +126,146 @@ def test_a_clipped_sphere_is_refused(pair_of: Callable[..., Pair]) -> None:
     pair = pair_of(photograph_sphere(THREE, COLOURS), unusable=clipped)
     with pytest.raises(UnusablePairError, match="sphere is clipped"):
         estimate_lamps(pair, MARKED, 3, FOCAL_PX)
+
+
+def _fit(count: int, **more: Any) -> SphereFit:
+    """Lamps of which each is stronger than the one before, and nothing against them."""
+    given: dict[str, Any] = {
+        "directions": THREE[:count],
+        "colours": np.outer(1.0 + np.arange(count), [0.5, 1.0, 0.25]),
+        "deviations_deg": 0.5 + np.arange(count),
+        "moved": np.array([0.01, -0.02, 0.03]),
+        "flash_aside_deg": 1.5,
+        "cost": 0.5,
+        "misfit": 0.01,
+        "flash_misfit": 0.01,
+    }
+    return SphereFit(**{**given, **more})
+
+
+@pytest.fixture
+def dim(pair_of: Callable[..., Pair]) -> Callable[..., Pair]:
+    """A picture (240, 360) whose light is its place, of which the flash has twice as much."""
+
+    def build(**more: Any) -> Pair:
+        x, y = np.meshgrid(np.arange(360) + 0.5, np.arange(240) + 0.5)
+        places = np.stack([x, y, x + y], axis=2)
+        noise = Noise(np.zeros(3), np.ones(3))
+        shot = Shot((places, 3 * places), (b"", b""))
+        return pair_of(shot, no_flash_noise=noise, flash_noise=noise, **more)
+
+    return build
+
+
+@pytest.mark.parametrize(
+    ("costs", "count"),
+    [((1.0, 0.98, 0.5), 1), ((1.0, 0.96, 0.94), 2), ((1.0, 0.96, 0.92), 3)],
+)
+def test_lamps_are_counted_while_each_explains_more(
+    dim: Callable[..., Pair],
+    monkeypatch: pytest.MonkeyPatch,
+    costs: tuple[float, ...],
+    count: int,
+) -> None:
+    monkeypatch.setattr(module, "fit_lamps", lambda _, n: _fit(n, cost=costs[n - 1]))
+    assert len(estimate_lamps(dim(), MARKED, "auto", FOCAL_PX).directions) == count
+    assert len(estimate_lamps(dim(), MARKED, 2, FOCAL_PX).directions) == 2
+
+
+def test_the_strongest_lamp_comes_first_with_all_that_is_its_own(
+    dim: Callable[..., Pair], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    colours = np.array([[0.2, 0.5, 0.1], [0.9, 1.0, -0.1], [0.3, 0.7, 0.2]])
+    monkeypatch.setattr(module, "fit_lamps", lambda _, n: _fit(n, colours=colours))
+    found = estimate_lamps(dim(), MARKED, 3, FOCAL_PX)
+    assert found.directions == pytest.approx(THREE[[1, 2, 0]])
+    assert found.deviations_deg == pytest.approx([1.5, 2.5, 0.5])
+    assert found.colours == pytest.approx(np.maximum(colours[[1, 2, 0]], 0))
+    outline = (found.circle.x, found.circle.y, found.circle.radius)
+    assert outline == pytest.approx((196 + 0.62, 112 - 1.24, 62 + 1.86))
+    assert (found.misfit, found.flash_aside_deg) == (0.01, 1.5)
+
+
+@pytest.mark.parametrize(
+    ("fine", "too_much", "words"),
+    [
+        ({"misfit": 0.079}, {"misfit": 0.081}, "do not explain 8% of the light"),
+        ({"flash_misfit": 0.119}, {"flash_misfit": 0.121}, "not the outline of a matt sphere"),
+        (
+            {"moved": np.array([0.0, -0.099, 0.0])},
+            {"moved": np.array([0.0, -0.101, 0.0])},
+            "not the outline of a matt sphere",
+        ),
+        (
+            {"deviations_deg": np.array([0.1, 2.9])},
+            {"deviations_deg": np.array([0.1, 3.1])},
+            "cannot be told apart",
+        ),
+        (
+            {"colours": np.array([[1, 1, 1], [-0.2, 0.1, -0.2]])},
+            {"colours": np.array([[1, 1, 1], [-0.2, -0.1, -0.2]])},
+            "cannot be told apart",
+        ),
+    ],
+)
+def test_fits_are_believed_up_to_a_limit(
+    dim: Callable[..., Pair],
+    monkeypatch: pytest.MonkeyPatch,
+    fine: dict[str, Any],
+    too_much: dict[str, Any],
+    words: str,
+) -> None:
+    monkeypatch.setattr(module, "fit_lamps", lambda _, n: _fit(n, **fine))
+    assert len(estimate_lamps(dim(), MARKED, 2, FOCAL_PX).directions) == 2
+    monkeypatch.setattr(module, "fit_lamps", lambda _, n: _fit(n, **too_much))
+    with pytest.raises(UnusablePairError, match=words):
+        estimate_lamps(dim(), MARKED, 2, FOCAL_PX)
+
+
+@pytest.mark.parametrize(("radius", "side"), [(12.0, 1), (62.0, 1), (100.0, 2)])
+def test_the_inner_part_is_seen_in_blocks_where_it_is_large(
+    dim: Callable[..., Pair], monkeypatch: pytest.MonkeyPatch, radius: float, side: int
+) -> None:
+    """Each has the light of its place, four pixels a quarter of the noise; none is clipped."""
+    unusable: Any = np.zeros((240, 360), bool)
+    unusable[110, 180:190] = True
+    seen: list[SphereLight] = []
+
+    def fit(light: SphereLight, count: int) -> SphereFit:
+        seen.append(light)
+        return _fit(count)
+
+    monkeypatch.setattr(module, "fit_lamps", fit)
+    sphere = Circle(x=180, y=110, radius=radius)
+    estimate_lamps(dim(unusable=unusable), sphere, 1, FOCAL_PX)
+    (light,) = seen
+    places = np.stack([light.x, light.y], axis=1)
+    assert light.lights.lamps[:, :2] == pytest.approx(places)
+    assert light.lights.flash[:, :2] == pytest.approx(2 * places)
+    assert light.lights.lamps_variance == pytest.approx(1 / side**2)
+    assert light.lights.flash_variance == pytest.approx(2 / side**2)
+    away = np.hypot(light.x - 180, light.y - 110)
+    assert 0.8 * radius < away.max() <= 0.9 * radius
+    assert len(light.x) == pytest.approx(np.pi * (0.9 * radius / side) ** 2 - 10, rel=0.04)
+    assert not ((light.x > 180) & (light.x < 190) & (np.floor(light.y) == 110)).any()
+    assert (light.circle, light.focal_px, light.size) == (sphere, FOCAL_PX, (360, 240))
+
+
+@pytest.mark.parametrize(("share", "refused"), [(0.19, False), (0.21, True)])
+def test_a_fifth_of_the_sphere_may_be_clipped(
+    dim: Callable[..., Pair], monkeypatch: pytest.MonkeyPatch, share: float, refused: bool
+) -> None:
+    """Of its inner part, by an angle about its middle."""
+    monkeypatch.setattr(module, "fit_lamps", lambda _, n: _fit(n))
+    y, x = np.mgrid[:240, :360] + 0.5
+    clipped = np.arctan2(y - MARKED.y, x - MARKED.x) < np.pi * (2 * share - 1)
+    if refused:
+        with pytest.raises(UnusablePairError, match="sphere is clipped"):
+            estimate_lamps(dim(unusable=clipped), MARKED, 1, FOCAL_PX)
+    else:
+        estimate_lamps(dim(unusable=clipped), MARKED, 1, FOCAL_PX)
+
+
+def test_a_sphere_of_less_than_twelve_pixels_is_refused(dim: Callable[..., Pair]) -> None:
+    with pytest.raises(OptionError, match=r"radius of only 11\.9 pixels: it must have 12"):
+        estimate_lamps(dim(), Circle(x=180, y=110, radius=11.9), 1, FOCAL_PX)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -51,6 +52,49 @@ def test_means_of_blocks_are_less_noisy(flat: Callable[..., Pair]) -> None:
     one, nine = (lights_of(flat(), value, 2 * value, averaged) for averaged in (1.0, 9.0))
     assert nine.flash == pytest.approx(value)
     assert nine.lamps_variance == pytest.approx(one.lamps_variance / 9)
+
+
+def test_each_photograph_has_its_own_noise(flat: Callable[..., Pair]) -> None:
+    value = np.array([0.3, 0.3, 0.3])
+    pair = replace(flat(), flash_noise=Noise(np.zeros(3), np.full(3, 4e-6)))
+    found = lights_of(pair, value, 2 * value, 1.0)
+    assert found.lamps_variance == pytest.approx(3.1e-5)
+    assert found.flash_variance == pytest.approx(3.5e-5)
+
+
+def test_clipped_pixels_do_not_count(flat: Callable[..., Pair]) -> None:
+    pair, clipped = flat(), np.zeros((40, 40), bool)
+    clipped[10, 10:19] = True
+    pair.no_flash[clipped] = pair.flash[clipped] = 9.0
+    found = mean_light(replace(pair, unusable=clipped), _middle(), "the card")
+    assert found.lamps == pytest.approx(0.2)
+    assert found.flash_variance[0] == pytest.approx((1e-4 * 0.9 + 2e-6) / 91, rel=1e-5)
+    clipped[11, 10:12] = True
+    with pytest.raises(UnusablePairError, match="The card is clipped"):
+        mean_light(replace(pair, unusable=clipped), _middle(), "the card")
+
+
+def test_nine_pixels_will_do(flat: Callable[..., Pair]) -> None:
+    mask = np.zeros((40, 40), bool)
+    mask[3, :9] = True
+    assert mean_light(flat(), mask, "the card").flash[0] == pytest.approx(0.5)
+    mask[3, 0] = False
+    with pytest.raises(OptionError, match="covers hardly a pixel"):
+        mean_light(flat(), mask, "the card")
+
+
+@pytest.mark.parametrize(("deviations", "reached"), [(3.9, False), (4.1, True)])
+def test_the_flash_reaches_where_its_faintest_channel_is_told_from_noise(
+    flat: Callable[..., Pair], deviations: float, reached: bool
+) -> None:
+    """Blue, which has a quarter of red's light."""
+    blue = deviations * np.sqrt((1e-4 * 0.4 + 2e-6) / 100)
+    pair = flat(flash=4 * blue)
+    if reached:
+        assert mean_light(pair, _middle(), "the card").flash[2] == pytest.approx(blue, rel=1e-3)
+    else:
+        with pytest.raises(UnusablePairError, match="flash does not reach the card"):
+            mean_light(pair, _middle(), "the card")
 
 
 def test_areas_that_tell_nothing_are_refused(flat: Callable[..., Pair]) -> None:

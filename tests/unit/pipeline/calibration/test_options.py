@@ -11,6 +11,7 @@ from pipeline.calibration.options import (
     FlashCalibration,
     LampsCalibration,
 )
+from pipeline.options import Sensitivities, Spectrum
 
 CARD = {"x": 5, "y": 6, "radius": 3}
 CHART = [[0, 0], [50, 0], [50, 30], [0, 30]]
@@ -26,6 +27,20 @@ def test_the_kind_says_what_is_read() -> None:
     assert (camera.chart[2], camera.flash_spectrum) == ((50.0, 30.0), None)
     lamps = read({"kind": "lamps", "sphere": CARD})
     assert isinstance(lamps, LampsCalibration) and lamps.lights == "auto"
+
+
+def test_tables_stand_for_names() -> None:
+    nm = [400.0, 700.0]
+    table = {"wavelength_nm": nm, "r": [1, 0], "g": [0, 1], "b": [0.5, 0.25]}
+    light = {"wavelength_nm": nm, "power": [1, 2]}
+    flash = CALIBRATION_OPTIONS.validate_python({"kind": "flash", "card": CARD, "camera": table})
+    assert isinstance(flash, FlashCalibration) and isinstance(flash.camera, Sensitivities)
+    assert flash.camera.b == [0.5, 0.25]
+    camera = CALIBRATION_OPTIONS.validate_python(
+        {"kind": "camera", "chart": CHART, "flash_spectrum": light}
+    )
+    assert isinstance(camera, CameraCalibration) and isinstance(camera.flash_spectrum, Spectrum)
+    assert camera.flash_spectrum.power == [1, 2]
 
 
 @pytest.mark.parametrize(

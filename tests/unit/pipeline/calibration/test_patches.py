@@ -16,10 +16,30 @@ def _patches(flash: np.ndarray) -> Patches:
 def test_the_fall_off_is_found_beside_the_colours() -> None:
     even = np.random.default_rng(2).uniform(0.1, 0.8, (24, 3))
     x, y = _PLACES.T
-    field = np.exp(-0.3 * x + 0.1 * y - 0.2 * x * x)
+    field = np.exp(-0.3 * x + 0.1 * y - 0.2 * x * x + 0.15 * x * y + 0.1 * y * y)
     field /= np.exp(np.log(field).mean())
     found = _patches(even * field[:, None]).fall_off(7.0 * even)
     assert found[:, 0] == pytest.approx(field, rel=1e-6)
+
+
+def test_the_fall_off_is_told_by_patches_that_are_bright_and_sure() -> None:
+    """Glare on the darkest patch, and noise on another, hardly count."""
+    even = np.full((24, 3), 0.5)
+    even[23] = 0.001
+    seen, variance = even.copy(), np.full((24, 3), 1e-8)
+    seen[23] += 0.003
+    seen[0] *= 1.5
+    variance[0] = 1.0
+    found = Patches(seen, variance, colorchecker_spectra(), _PLACES).fall_off(even)
+    assert found[1:23] == pytest.approx(np.ones((22, 1)), abs=0.02)
+
+
+@pytest.mark.parametrize("count", [2, 6])
+def test_as_many_patches_as_unknowns_tell_no_fall_off(count: int) -> None:
+    flash = np.random.default_rng(2).uniform(0.1, 0.8, (count, 3))
+    variance = np.full_like(flash, 1e-8)
+    few = Patches(flash, variance, colorchecker_spectra()[:count], _PLACES[4 : 4 + count])
+    assert few.fall_off(np.ones((count, 3))) == pytest.approx(np.ones((count, 1)))
 
 
 def test_few_patches_have_no_fall_off() -> None:

@@ -21,11 +21,24 @@ def _outline(axis: float, half: float) -> Circle:
     return Circle(x=(x.max() + x.min()) / 2 + SIZE[0] / 2, y=SIZE[1] / 2, radius=radius)
 
 
-@pytest.mark.parametrize(("axis", "half"), [(0.0, 0.1), (0.15, 0.15), (0.3, 0.05)])
+@pytest.mark.parametrize(
+    ("axis", "half"),
+    [
+        (0.0, 0.1),
+        (0.15, 0.15),
+        (0.3, 0.05),
+        (0.7, 0.3),
+        (0.9, 0.05),
+        (1.2, 0.1),
+        (0.0, 1.2),
+        (0.0, 1.3),
+        (1.3, 0.02),
+    ],
+)
 def test_points_lie_on_the_sphere(axis: float, half: float) -> None:
     circle = _outline(axis, half)
     angle = np.linspace(0, 6, 40)
-    reach = circle.radius * np.linspace(0, 0.9, 40)
+    reach = circle.radius * np.linspace(0, 0.9, 40) * np.cos(axis)  # within the ellipse
     x, y = circle.x + reach * np.cos(angle), circle.y + reach * np.sin(angle)
     view = view_sphere(circle, x, y, FOCAL, SIZE)
     centre = np.array([np.sin(axis), 0, -np.cos(axis)])
@@ -48,6 +61,18 @@ def test_axes_are_right_up_and_to_the_viewer() -> None:
     assert view.distance[0] == pytest.approx(1 - np.sin(np.arctan(40 / FOCAL)))
 
 
+@pytest.mark.parametrize("axis", [0.3, -0.3])
+def test_a_sphere_above_is_one_beside_in_a_turned_picture(axis: float) -> None:
+    beside = _outline(axis, 0.1)
+    above = Circle(x=200, y=150 - (beside.x - 200), radius=beside.radius)
+    reach = np.linspace(-0.9, 0.9, 7) * beside.radius
+    across = view_sphere(beside, beside.x + reach, np.full(7, 150.0), FOCAL, SIZE)
+    up = view_sphere(above, np.full(7, 200.0), above.y - reach, FOCAL, SIZE)
+    assert up.normals[:, [1, 0, 2]] == pytest.approx(across.normals)
+    assert up.normals[3, 1] * axis < 0
+    assert up.distance == pytest.approx(across.distance)
+
+
 def test_pixels_beside_the_sphere_are_its_edge() -> None:
     circle = Circle(x=200, y=150, radius=40)
     view = view_sphere(circle, np.array([260.0]), np.array([150.0]), FOCAL, SIZE)
@@ -55,7 +80,14 @@ def test_pixels_beside_the_sphere_are_its_edge() -> None:
     assert view.normals[0, 0] > 0.99
 
 
-def test_a_sphere_too_near_is_refused() -> None:
+@pytest.mark.parametrize(("axis", "half"), [(0.0, 1.36), (1.36, 0.02), (0.7, 0.85)])
+def test_a_sphere_too_near_or_too_far_aside_is_refused(axis: float, half: float) -> None:
+    with pytest.raises(OptionError, match="too near to the camera"):
+        view_sphere(_outline(axis, half), np.array([200.0]), np.array([150.0]), FOCAL, SIZE)
+
+
+@pytest.mark.parametrize("focal_px", [30.0, 1.0, 1e-300])
+def test_a_focal_length_too_short_is_refused(focal_px: float) -> None:
     circle = Circle(x=380, y=290, radius=90)
     with pytest.raises(OptionError, match="too near to the camera"):
-        view_sphere(circle, np.array([200.0]), np.array([150.0]), 30, SIZE)
+        view_sphere(circle, np.array([200.0]), np.array([150.0]), focal_px, SIZE)

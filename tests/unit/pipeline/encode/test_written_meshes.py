@@ -62,14 +62,69 @@ def test_the_texture_is_the_picture_as_encoded_once(
     assert body.visual.material.baseColorTexture.size == (12, 8)
 
 
-def test_a_large_texture_is_made_smaller(mesh: Mesh, tmp_path: Path) -> None:
+def test_the_texture_is_in_srgb(mesh: Mesh, picture: np.ndarray, tmp_path: Path) -> None:
+    path, alone = tmp_path / "surface.glb", io.BytesIO()
+    to_srgb = np.array([[1.5, -0.5, 0], [-0.1, 1.2, 0], [0, 0.2, 0.5]])
+    write_glb(path, mesh, picture, to_srgb)
+    write_jpeg(alone, picture, to_srgb)
+
+    assert alone.getvalue() in path.read_bytes()
+
+
+def test_the_surface_is_matt_and_has_two_sides(
+    mesh: Mesh, picture: np.ndarray, tmp_path: Path
+) -> None:
     path = tmp_path / "surface.glb"
-    write_glb(path, mesh, np.full((3, 5000, 3), 0.5, np.float32), np.eye(3))
+    write_glb(path, mesh, picture, np.eye(3))
+
+    data = path.read_bytes()
+
+    head = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
+    (material,) = head["materials"]
+    assert material["doubleSided"]
+    surface = material["pbrMetallicRoughness"]
+    assert (surface["metallicFactor"], surface["roughnessFactor"]) == (0, 1)
+
+
+def test_vertices_in_one_place_stay_apart(picture: np.ndarray, tmp_path: Path) -> None:
+    """As on both sides of a jump that is seen end on."""
+    corners = np.array([[0.0, 0, -1], [1, 0, -1], [0, 1, -1]] * 2)
+    up = np.tile([0.0, 0, 1], (6, 1))
+    faces = np.arange(6).reshape(2, 3)
+    path = tmp_path / "surface.glb"
+    write_glb(path, Mesh(corners, up, np.zeros((6, 2)), faces), picture, np.eye(3))
+
+    (body,) = trimesh.load_scene(path, process=False).geometry.values()
+
+    np.testing.assert_allclose(body.vertices, corners)
+    np.testing.assert_array_equal(body.faces, faces)
+
+
+@pytest.mark.parametrize(
+    ("size", "smaller"), [((5000, 3), (4096, 2)), ((5000, 2), (4096, 2)), ((3, 5000), (2, 4096))]
+)
+def test_a_large_texture_is_made_smaller(
+    mesh: Mesh, tmp_path: Path, size: tuple[int, int], smaller: tuple[int, int]
+) -> None:
+    path = tmp_path / "surface.glb"
+    write_glb(path, mesh, np.full((*size[::-1], 3), 0.5, np.float32), np.eye(3))
 
     (body,) = trimesh.load_scene(path).geometry.values()
 
     texture: PillowImage.Image = body.visual.material.baseColorTexture
-    assert texture.size == (4096, 2)
+    assert texture.size == smaller
+
+
+def test_a_texture_made_smaller_is_the_mean(mesh: Mesh, tmp_path: Path) -> None:
+    """Of stripes of black and grey: 0.25 is 137 in sRGB."""
+    stripes = np.zeros((16, 8192, 3), np.float32)
+    stripes[:, ::2] = 0.5
+    path = tmp_path / "surface.glb"
+    write_glb(path, mesh, stripes, np.eye(3))
+
+    (body,) = trimesh.load_scene(path).geometry.values()
+
+    assert np.asarray(body.visual.material.baseColorTexture) == pytest.approx(137, abs=1)
 
 
 def test_bytes_are_the_same_each_time_and_tell_of_nobody(

@@ -111,6 +111,36 @@ def test_a_fence_stands_about_forbidden_lamps(
         assert gradient[1][place] == pytest.approx(slope, rel=1e-3, abs=1e-2)
 
 
+def test_fences_of_all_lamps_and_lights_add_up(
+    known: Callable[[Array, Array], Known], model: Model, warm_to_cool: Array
+) -> None:
+    """Of lamps of any length and sign, whose gradients are true."""
+    near = warm_to_cool[0] + [0.0, 0.02, 0.0]
+    it = known(warm_to_cool[:0], np.stack([warm_to_cool[0], near, warm_to_cool[2]]))
+    lamps = np.stack(
+        [
+            2 * turned(model, warm_to_cool[0], 1.0),
+            -3 * turned(model, warm_to_cool[0], 2.0),
+            turned(model, warm_to_cool[2], 1.5),
+        ]
+    )
+
+    value, gradient = it.fence(lamps)
+
+    alone = [
+        Known((), it.forbidden[[light]], model.flash_white).fence(lamps[[lamp]])[0]
+        for lamp in range(3)
+        for light in range(3)
+    ]
+    assert np.count_nonzero(alone) == 5
+    assert value == pytest.approx(sum(alone))
+    for place in np.ndindex(3, 3, 3):
+        step = np.zeros_like(lamps)
+        step[place] = 1e-6
+        slope = (it.fence(lamps + step)[0] - it.fence(lamps - step)[0]) / 2e-6
+        assert gradient[place] == pytest.approx(slope, rel=1e-3, abs=1e-2)
+
+
 def test_pinned_lamps_are_not_held_against_a_fit(
     known: Callable[[Array, Array], Known], model: Model, warm_to_cool: Array
 ) -> None:

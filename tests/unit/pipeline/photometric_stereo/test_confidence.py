@@ -45,6 +45,22 @@ def trust(confidence: float = 1.0, normals: Any = UP, **more: Any) -> NDArray[np
 FULL = 1 / 1.09
 
 
+@pytest.mark.parametrize(("first", "expected"), [(0, 0.5), (8, 1.0)])
+def test_trust_is_that_of_the_strips_rows(first: int, expected: float) -> None:
+    """Blocks of two pixels, the upper half of which fit half as well as they might."""
+    off = np.ones((SIZE, SIZE, 3))
+    off[:3] = 1.02
+    light = np.ones((4, 2 * SIZE, 3), np.float32)
+    rows = slice(first, first + 4)
+    strip = Strip(rows, light[None], light, light, np.ones((4, 2 * SIZE), np.float32))
+    up = np.broadcast_to(np.array([0, 0, 1], np.float32), light.shape)
+
+    found = normals_confidence(strip, surface(block=2, correction=off), up)
+
+    assert found.shape == (4, 2 * SIZE)
+    np.testing.assert_allclose(found[1:, 1:-1], expected * FULL, rtol=1e-5)
+
+
 def test_nothing_against_it_is_trust() -> None:
     np.testing.assert_allclose(trust(), FULL, rtol=1e-5)
 

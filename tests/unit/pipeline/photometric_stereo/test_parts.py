@@ -5,8 +5,11 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pytest
 from scipy import ndimage
 
+from pipeline.frames import Mask
+from pipeline.photometric_stereo import parts as parts_module
 from pipeline.photometric_stereo.fit import fit
 from pipeline.photometric_stereo.parts import fit_in_parts, parts_of
 from pipeline.photometric_stereo.scene import Scene
@@ -41,6 +44,86 @@ def test_light_that_no_lamp_gives_is_cut_out(
     assert one.error_of(left, state, one.lit & left.grid.mask & ~scratch) < 1
 
 
+@pytest.fixture
+def cut(
+    ball: Callable[..., Any], scene_of: Callable[..., Scene], monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., tuple[Mask, Mask]]:
+    """Cut a ball whose fits leave these pixels (H, W) unexplained, the last one ever after.
+
+    Returns what is inside, and what is left.
+    """
+
+    def build(*unexplained: Mask) -> tuple[Mask, Mask]:
+        left = list(unexplained)
+
+        def off(scene: Scene, _: object) -> Mask:
+            pixels: Mask = (left.pop(0) if len(left) > 1 else left[0])[scene.grid.mask]
+            return pixels
+
+        monkeypatch.setattr(parts_module, "fit", lambda _: (None, None))
+        monkeypatch.setattr(parts_module, "unexplained", off)
+        scene = scene_of(ball(32))
+        return scene.grid.mask, fit_in_parts(scene)[0].grid.mask
+
+    return build
+
+
+def column(*which: int) -> Mask:
+    mask = np.zeros((32, 32), bool)
+    mask[:, which] = True
+    return mask
+
+
+NOTHING = column()
+
+
+def test_what_fits_but_for_a_hundredth_is_not_cut(cut: Callable[..., tuple[Mask, Mask]]) -> None:
+    few = NOTHING.copy()
+    few[16, 14:19] = True
+    inside, left = cut(few)
+    assert few[inside].mean() < 0.01
+    np.testing.assert_array_equal(left, inside)
+    few[17, 14:19] = True
+    inside, left = cut(few)
+    assert not left[few].any()
+
+
+def test_a_cut_is_closed_to_a_seam(cut: Callable[..., tuple[Mask, Mask]]) -> None:
+    """Three columns fit nowhere; without them all does, and beside a seam of one, too."""
+    inside, left = cut(column(15, 16, 17), NOTHING)
+    lost = inside & ~left
+    middle = inside[:, 15] & inside[:, 17]
+    np.testing.assert_array_equal(lost[middle].sum(axis=1), 1)
+    assert not lost[:, [*range(14), *range(19, 32)]].any()
+    assert ndimage.label(left)[1] == 2
+
+
+@pytest.mark.parametrize(("still", "seam"), [((15,), True), ((15, 16, 14), False)])
+def test_a_seam_must_leave_fewer_than_half_unexplained(
+    cut: Callable[..., tuple[Mask, Mask]], still: tuple[int, ...], seam: bool
+) -> None:
+    """Of what a surface without it leaves: three columns."""
+    three = column(15, 16, 17)
+    inside, left = cut(three, NOTHING, column(*still))
+    if seam:
+        assert left[three & inside].any()
+    else:
+        np.testing.assert_array_equal(left, inside & ~three)
+
+
+def test_there_are_three_cuts_at_most(cut: Callable[..., tuple[Mask, Mask]]) -> None:
+    inside, left = cut(*(column(which) for which in (16, 10, 22, 13)))
+    np.testing.assert_array_equal(left, inside & ~column(16, 10, 22))
+
+
+@pytest.mark.parametrize(("wide", "kept"), [(20, True), (8, False)])
+def test_a_surface_is_not_cut_to_less_than_half(
+    cut: Callable[..., tuple[Mask, Mask]], wide: int, kept: bool
+) -> None:
+    inside, left = cut(column(*range(16 - wide // 2, 16 + wide // 2)), NOTHING)
+    assert bool((left == inside).all()) is kept
+
+
 def test_parts_are_numbered_and_crumbs_are_none() -> None:
     """Two parts that touch at a corner only, and a crumb of a pixel."""
     mask = np.zeros((20, 20), bool)
@@ -52,3 +135,11 @@ def test_parts_are_numbered_and_crumbs_are_none() -> None:
     assert set(np.unique(parts)) == {0, parts[0, 0], parts[15, 15]}
     assert parts[0, 0] != parts[15, 15]
     assert (parts > 0).sum() == 200
+
+
+@pytest.mark.parametrize(("size", "known"), [(1, False), (2, True)])
+def test_a_part_has_a_hundredth_of_all(size: int, known: bool) -> None:
+    mask = np.zeros((20, 20), bool)
+    mask[:10, :15] = mask[15, :size] = True
+
+    assert bool(parts_of(mask)[15, 0]) is known

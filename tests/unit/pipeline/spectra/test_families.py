@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.spectra.families import FAMILIES, family_of_name, family_spectra
-from pipeline.spectra.lights import find_light, packaged_lights
+from pipeline.spectra.lights import black_body, daylight, find_light, packaged_lights
 
 
 def test_families_are_met_with_probabilities() -> None:
@@ -71,3 +71,10 @@ def test_spectra_are_those_of_the_families() -> None:
     for name, family in (("A", "incandescent"), ("D65", "daylight"), ("xenon", "xenon")):
         nearest = np.abs(found[family] - find_light(name)).max(axis=1).min()
         assert nearest < 1e-4
+
+
+def test_bulbs_and_skies_of_all_temperatures_are_among_them() -> None:
+    found = family_spectra()
+    warm = [("incandescent", black_body(kelvin)) for kelvin in (2000, 2600, 3400)]
+    for family, light in (*warm, ("daylight", daylight(4000)), ("daylight", daylight(25000))):
+        assert np.abs(found[family] - light).max(axis=1).min() < 1e-9

@@ -17,14 +17,15 @@ def test_a_change_of_gains_is_found_exactly(camera: Camera) -> None:
     np.testing.assert_allclose(found, np.diag(gains), atol=1e-12)
 
 
-def test_errors_count_relative_to_brightness(camera: Camera) -> None:
-    """No other matrix brings the mean square of error ÷ brightness down."""
-    before = camera.sensitivities * find_light("D65")
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_errors_count_relative_to_brightness(camera: Camera, sign: float) -> None:
+    """No other matrix brings the mean square of error ÷ brightness down, whatever the signs."""
+    before = camera.sensitivities * find_light("D65") * [[1.0], [1.0], [sign]]
     after = camera.sensitivities * find_light("A")
     seen, wanted = reflectance_spectra() @ before.T, reflectance_spectra() @ after.T
 
     def error(matrix: np.ndarray) -> float:
-        off = (seen @ matrix.T - wanted) / seen.sum(axis=1, keepdims=True)
+        off = (seen @ matrix.T - wanted) / np.abs(seen).sum(axis=1, keepdims=True)
         return float(np.square(off).sum())
 
     best = best_matrix(before, after)
