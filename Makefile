@@ -6,7 +6,7 @@ BIN := .venv/bin
 INSTALLED := .venv/installed
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint evaluate serve openapi clean
+.PHONY: help setup demo test lint evaluate bench serve openapi clean
 
 help:  ## Show this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/\1\t\2/p' Makefile | expand -t 12
@@ -34,6 +34,9 @@ evaluate: setup  ## Measure on rendered scenes what is promised; SET=development
 	$(BIN)/python -m tests.evaluation.known_lamps --set $(SET)
 	$(BIN)/python -m tests.evaluation.calibration $(if $(filter development,$(SET)),--set $(SET))
 	$(BIN)/python -m tests.evaluation.warnings
+
+bench: setup  ## Measure what jobs cost, into docs/; QUICK=1 prints the kernel and one job
+	$(BIN)/python -m tests.bench $(if $(QUICK),--quick)
 
 serve: setup  ## Serve on http://localhost:8000; HOST=0.0.0.0 for phones on this network, too
 	$(BIN)/lightlayers serve --host $(HOST)

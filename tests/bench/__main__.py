@@ -1,0 +1,108 @@
+"""How much a job costs: python -m tests.bench [--quick], as `make bench` and `make bench QUICK=1`.
+
+Everything is measured by turns in one run, because machines differ and are noisy: what counts are
+ratios. Without --quick this writes docs/performance.md, its data and its picture.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from tests.bench import align, kernel
+from tests.bench.floor import floor
+from tests.bench.pairs import PAIRS, pair_files
+from tests.bench.report import draw_profile, report
+from tests.bench.usage import Usage, medians, python, run, together
+
+_DOCS = Path(__file__).parents[2] / "docs"
+_ROUNDS = 3
+_JOBS = ("jpeg12_n2", "raw24_n3", "jpeg48_n2")
+_SMALL, _LARGE = "jpeg3_n2", "jpeg12_n2"
+
+
+def main() -> int:
+    """Measure and write; the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m tests.bench")
+    parser.add_argument("--quick", action="store_true", help="the kernel and one job, printed")
+    quick = parser.parse_args().quick
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # as the command has it
+    figures: dict[str, Any] = {"kernel": kernel.measure()}
+    jobs = _JOBS[:1] if quick else _JOBS
+    rounds = 1 if quick else _ROUNDS
+    figures["jobs"] = {name: _job(name, rounds) for name in jobs}
+    if not quick:
+        figures["align"] = align.measure(_LARGE)
+        figures["growth"] = _growth()
+        (_DOCS / "performance.json").write_text(json.dumps(figures, indent=1) + "\n")
+        (_DOCS / "performance.md").write_text(report(figures))
+        draw_profile(figures["jobs"], _DOCS / "images" / "performance.png")
+    print(json.dumps(figures, indent=1))  # noqa: T201  the command's output
+    return 0
+
+
+def _job(name: str, rounds: int) -> dict[str, Any]:
+    """A whole job by the command line, its stages, and the floor, by turns."""
+    lights = PAIRS[name].lights
+    files = pair_files(name)
+    whole, stages, floors = [], [], []
+    for _ in range(rounds):
+        whole.append(_separated(name))
+        stages.append(_stages(name))
+        floors.append(floor(*files, lights))
+    used = medians(whole)
+    by_stage = {key: median(one[key] for one in stages) for key in stages[0]}
+    least = {key: median(one[key] for one in floors) for key in floors[0]}
+    return {
+        "cpu_s": used.cpu_s,
+        "wall_s": used.wall_s,
+        "peak_mb": used.peak_mb,
+        "floor_ratio": used.cpu_s / sum(least.values()),
+        "stages_cpu_s": by_stage,
+        "floor_cpu_s": least,
+    }
+
+
+def _command(name: str, folder: str) -> list[str]:
+    command = str(Path(sys.executable).with_name("lightlayers"))
+    flags = ["--lights", str(PAIRS[name].lights)]
+    return [command, "separate", *map(str, pair_files(name)), "-o", f"{folder}/out", *flags]
+
+
+def _separated(name: str, at_once: int = 1) -> Usage:
+    with tempfile.TemporaryDirectory() as folder:
+        return together([_command(name, f"{folder}/{i}") for i in range(at_once)])
+
+
+def _stages(name: str) -> dict[str, float]:
+    with tempfile.TemporaryDirectory() as folder:
+        said = Path(folder) / "stages.json"
+        files = map(str, pair_files(name))
+        arguments = ["-m", "tests.bench.stages", *files, str(PAIRS[name].lights), str(said)]
+        run(python(*arguments))
+        found: dict[str, float] = json.loads(said.read_text())
+    return found
+
+
+def _growth() -> dict[str, float]:
+    """CPU of four times the pixels, and throughput of two jobs at once against one by one."""
+    small, large, pairs = [], [], []
+    for _ in range(_ROUNDS):
+        small.append(_separated(_SMALL).cpu_s)
+        one = _separated(_LARGE)
+        large.append(one)
+        pairs.append(2 * one.wall_s / _separated(_LARGE, at_once=2).wall_s)
+    return {
+        "pixels4_cpu_ratio": median(one.cpu_s for one in large) / median(small),
+        "parallel2_speedup": median(pairs),
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(main())

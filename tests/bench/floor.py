@@ -1,0 +1,91 @@
+"""What the leanest known route of every stage costs for a pair, without what makes it right.
+
+Decode by libjpeg-turbo or unpacking and edge-aware demosaicing, alignment by one multi-scale ECC
+on gradients of a quarter of the size, per-pixel work at five times a copy of its bytes (what C
+reached), bytes of the same files written and hashed, imports.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import rawpy
+import simplejpeg
+from numpy.typing import NDArray
+
+from tests.bench.usage import python, run
+
+_C_OVER_COPY = 5.0
+_ALIGN_SCALE = 0.25
+_QUALITY = 92
+_IMPORTS = "import cv2, numba, numpy, rawpy, tifffile"
+
+
+def floor(no_flash: Path, flash: Path, lights: int) -> dict[str, float]:
+    """CPU seconds by stage."""
+    start = time.process_time()
+    pictures = [_decoded(path) for path in (no_flash, flash)]
+    seconds = {"decode": time.process_time() - start}
+
+    start = time.process_time()
+    moved = _aligned(*pictures)
+    seconds["align"] = time.process_time() - start
+
+    start = time.process_time()
+    layers = [np.copy(moved) for _ in range(lights + 1)]  # two are read, N + 2 written, by halves
+    seconds["layers"] = _C_OVER_COPY * (time.process_time() - start)
+
+    codes = np.clip(moved * 255, 0, 255).astype(np.uint8)
+    start = time.process_time()
+    with tempfile.TemporaryDirectory() as folder:
+        for i, layer in enumerate(layers):
+            _write(Path(folder) / f"{i}.exr", layer.data)
+            if i < lights:
+                _write(Path(folder) / f"{i}.tif", codes.data)
+                _write(Path(folder) / f"{i}.tif.low", codes.data)  # 16 bits
+        for i in range(lights + 2):
+            jpeg = simplejpeg.encode_jpeg(codes, _QUALITY, "RGB", "444")
+            _write(Path(folder) / f"{i}.jpg", memoryview(jpeg))
+    seconds["encode"] = time.process_time() - start
+    seconds["imports"] = run(python("-c", _IMPORTS)).cpu_s
+    return seconds
+
+
+def _decoded(path: Path) -> NDArray[np.float32]:
+    if path.suffix == ".jpg":
+        codes = simplejpeg.decode_jpeg(path.read_bytes(), "RGB")
+        return np.asarray(cv2.LUT(codes, np.linspace(0, 1, 256, dtype=np.float32)))
+    with rawpy.imread(str(path)) as raw:
+        mosaic = np.ascontiguousarray(raw.raw_image_visible)
+    demosaiced = cv2.demosaicing(mosaic, cv2.COLOR_BayerRG2RGB_EA)
+    return np.asarray(np.multiply(demosaiced, np.float32(1 / 65535), dtype=np.float32))
+
+
+def _aligned(reference: NDArray[np.float32], sample: NDArray[np.float32]) -> NDArray[np.float32]:
+    gradients = []
+    for picture in (reference, sample):
+        small = cv2.resize(
+            picture, None, fx=_ALIGN_SCALE, fy=_ALIGN_SCALE, interpolation=cv2.INTER_AREA
+        )
+        grey = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY)
+        length = cv2.magnitude(cv2.Sobel(grey, -1, 1, 0), cv2.Sobel(grey, -1, 0, 1))
+        gradients.append(length / (cv2.blur(length, (31, 31)) + np.float32(1e-4)))
+    parameters = cv2.ECCParameters()
+    parameters.motionType = cv2.MOTION_HOMOGRAPHY
+    start = np.eye(3, dtype=np.float32)
+    _, matrix = cv2.findTransformECCMultiScale(gradients[0], gradients[1], start, parameters)
+    small_to_full = np.diag([1 / _ALIGN_SCALE, 1 / _ALIGN_SCALE, 1])
+    matrix = small_to_full @ matrix @ np.linalg.inv(small_to_full)
+    size = sample.shape[1::-1]
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return np.asarray(cv2.warpPerspective(sample, matrix, size, flags=flags))
+
+
+def _write(path: Path, data: memoryview) -> None:
+    path.write_bytes(data)
+    hashlib.sha256(data.cast("B")).digest()

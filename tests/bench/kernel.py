@@ -1,0 +1,105 @@
+"""The per-pixel work beside a copy of the same bytes, a batched solver and its definition."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.lamps import Lamps
+from pipeline.model import Model, build_model
+from pipeline.proportions import model_proportions, predictions
+from pipeline.separation import Strip
+from pipeline.spectra.cameras import Camera, measured_cameras
+from pipeline.spectra.lights import find_light
+from pipeline.white_balance import WhiteBalance, whites_of
+from tests import definitions
+from tests.bench.usage import cpu_of
+
+Array = NDArray[np.float32]
+
+_ROWS, _WIDTH, _STRIPS = 256, 4000, 4
+_ROUNDS = 5
+_LAMPS = ("A", "D150")
+
+
+def measure() -> dict[str, float]:
+    """Ratios of CPU time on four megapixels, two lamps: `memcpy_ratio` and so on."""
+    model = _model()
+    lamps = _lamps(model)
+    balance = WhiteBalance(lamps, model)
+    rng = np.random.default_rng(1)
+    flash = rng.uniform(0.01, 1, (_STRIPS, _ROWS, _WIDTH, 3)).astype(np.float32)
+    shares = rng.uniform(0.05, 0.5, (2, _STRIPS, _ROWS, _WIDTH, 1)).astype(np.float32)
+    lit = np.stack([predictions(strip, lamps) for strip in flash], axis=1)
+    photograph = np.asarray((shares * lit).sum(axis=0), dtype=np.float32)
+    layers = np.empty((2, *photograph.shape), np.float32)
+    balanced = np.empty((2, *photograph.shape), np.float32)
+    sure = np.ones((_ROWS, _WIDTH), np.float32)
+
+    def strips() -> Any:
+        return zip(range(_STRIPS), photograph, flash, strict=True)
+
+    def compiled() -> None:
+        for i, seen, part in strips():
+            layers[:, i] = model_proportions(seen, part, lamps) * seen
+            strip = Strip(slice(0, _ROWS), layers[:, i], seen, part, sure)
+            balanced[0, i] = balance.approach_1(strip)
+            balanced[1, i] = balance.approach_2(strip)
+
+    def defined() -> None:
+        matrix = model.flash_to_neutral
+        greens = whites_of(lamps, model)[:, 1] / (matrix @ model.flash_white)[1]
+        for i, seen, part in strips():
+            layers[:, i] = definitions.model_proportions(seen, part, lamps) * seen
+            strip = Strip(slice(0, _ROWS), layers[:, i], seen, part, sure)
+            balanced[0, i] = definitions.approach_1(strip, lamps, greens, matrix)
+            balanced[1, i] = definitions.approach_2(strip, model, matrix)
+
+    def solved() -> None:
+        for i, seen, part in strips():
+            columns = np.stack([part @ d for d in np.moveaxis(model.tensor, 2, 0)], axis=-1)
+            beta = np.linalg.solve(columns.reshape(-1, 3, 3), seen.reshape(-1, 3, 1))
+            layers[0, i] = beta.reshape(seen.shape)
+
+    reads = np.empty_like(photograph), np.empty_like(photograph)
+    writes = np.empty_like(layers), np.empty_like(layers)
+
+    def copied() -> None:
+        # half of the bytes that are read and written: a copy does both
+        np.copyto(reads[0], photograph)
+        np.copyto(writes[0], layers)
+
+    calls = {"compiled": compiled, "defined": defined, "solved": solved, "copied": copied}
+    seconds = cpu_of(calls, _ROUNDS)
+    return {
+        "memcpy_ratio": seconds["compiled"] / seconds["copied"],
+        "numpy_speedup": seconds["defined"] / seconds["compiled"],
+        "solve_speedup": seconds["solved"] / seconds["compiled"],
+    }
+
+
+def _model() -> Model:
+    camera: Camera = next(one for one in measured_cameras() if one.name == "Nikon D5100")
+    return build_model(camera, find_light("xenon"), find_light("D65"), "wpca")
+
+
+def _lamps(model: Model) -> Lamps:
+    seen = np.stack([model.sensitivities @ find_light(name) for name in _LAMPS])
+    coefficients = seen / np.linalg.norm(seen, axis=1, keepdims=True)
+    count = len(coefficients)
+    return Lamps(
+        coefficients=coefficients,
+        matrices=model.lamp_matrix(coefficients),
+        channel_weights=np.ones(3),
+        requested=2,
+        confidence=1.0,
+        lamp_confidence=np.ones(count),
+        pinned=np.full(count, -1),
+        invariants=coefficients,
+        more=False,
+        left_over=0.0,
+        edges=np.full(count, 0.01),
+        contradictions=(),
+    )
