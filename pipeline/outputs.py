@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
 from pipeline.encode.exr import write_exr
 from pipeline.encode.files import describe
-from pipeline.encode.glb import write_glb
 from pipeline.encode.jpeg import write_jpeg
 from pipeline.encode.png import write_normals_png, write_png8
 from pipeline.encode.tiff import write_gray_tiff, write_tiff
@@ -208,6 +207,9 @@ def _surface_jobs(pictures: Pictures, model: Model, wanted: frozenset[str]) -> l
             "median"
         )
         matrix = _shown(texture, XYZ_TO_SRGB @ model.neutral_to_xyz)
+        # imported only here: it takes longer than the rest of the writing
+        from pipeline.encode.glb import write_glb
+
         jobs.append(
             ("surface.glb", encoding, "sRGB", lambda path: write_glb(path, mesh, texture, matrix))
         )

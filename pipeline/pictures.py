@@ -103,16 +103,15 @@ def render(
     balance = (WhiteBalance if method == "best" else PublishedWhiteBalance)(lamps, model)
     filled = 0
     light, sure = np.zeros((2, len(lamps), shape[0]))  # of each row, so that strips do not matter
-    for strip in separate(pair, reduced, lamps, model, method, progress, strip_rows):
+    for strip in separate(pair, reduced, lamps, model, method, progress, strip_rows, layers):
         rows = strip.rows
-        layers[:, rows] = strip.layers
         filled += _add_up(strip.layers, strip.confidence, light[:, rows], sure[:, rows])
         if confidence is not None:
             confidence[rows] = strip.confidence
         if balanced_1 is not None:
-            balanced_1[rows] = balance.approach_1(strip)
+            balance.approach_1(strip, balanced_1[rows])
         if balanced_2 is not None:
-            balanced_2[rows] = balance.approach_2(strip)
+            balance.approach_2(strip, balanced_2[rows])
         if normals is not None and facing is not None:
             normals[rows] = facing.of(strip)
             if trust is not None and surface is not None:

@@ -50,6 +50,7 @@ def separate(
     method: str,
     progress: Progress,
     strip_rows: int,
+    layers: NDArray[np.float32],
 ) -> Iterator[Strip]:
     """Separate the pair, top to bottom.
 
@@ -57,7 +58,8 @@ def separate(
     least squares in the image, on the pair with its noise filtered, and deals the unfiltered
     photograph out in the proportions of the model's layers: the layers add up to the photograph
     and its noise is not amplified. Pixels without a usable flash part take the proportions of
-    their surroundings. The result does not depend on strip_rows.
+    their surroundings. layers: (N, H, W, 3), overwritten; those of a strip are a part of it. The
+    result does not depend on strip_rows.
     """
     height, width = pair.unusable.shape
     surroundings = Surroundings(reduced, lamps)
@@ -65,15 +67,15 @@ def separate(
         if method == "paper":
             no_flash = pair.no_flash[rows]
             flash = pair.flash[rows] - (0 if pair.flash_only else no_flash)
-            layers = published_layers(
+            layers[:, rows] = published_layers(
                 no_flash, flash, lamps.coefficients, model.tensor, model.published
             )
-            yield Strip(rows, layers, no_flash, flash, _open(pair, rows))
+            yield Strip(rows, layers[:, rows], no_flash, flash, _open(pair, rows))
             continue
         wide, inner = _widened(rows, smoothing.HALO, height)
         no_flash, flash = _filtered(pair, wide)
         confidence, uncertainty = _reliability(pair, wide, lamps.contrast)
-        layers = smoothing.smooth_proportions(
+        proportions = smoothing.smooth_proportions(
             model_proportions(no_flash, flash, lamps),
             no_flash,
             flash,
@@ -82,8 +84,9 @@ def separate(
             inner,
         )
         no_flash, flash, confidence = no_flash[inner], flash[inner], confidence[inner]
-        _deal_out(pair.no_flash[rows], confidence, surroundings.rows(rows, width), layers)
-        yield Strip(rows, layers, no_flash, flash, confidence)
+        around = surroundings.rows(rows, width)
+        _deal_out(pair.no_flash[rows], confidence, proportions, around, layers[:, rows])
+        yield Strip(rows, layers[:, rows], no_flash, flash, confidence)
 
 
 def _widened(rows: slice, halo: int, height: int) -> tuple[slice, slice]:
@@ -189,10 +192,11 @@ def _weigh_noise(
 def _deal_out(
     photograph: Image,
     confidence: NDArray[np.float32],
-    around: NDArray[np.float32],
     proportions: NDArray[np.float32],
+    around: NDArray[np.float32],
+    layers: NDArray[np.float32],
 ) -> None:
-    """Turn proportions (N, h, W, 3) into layers, with those around for what is not trusted."""
+    """Write layers (N, h, W, 3) by proportions, and by those around for what is not trusted."""
     for lamp in range(len(proportions)):
         for y in range(confidence.shape[0]):
             for x in range(confidence.shape[1]):
@@ -200,4 +204,4 @@ def _deal_out(
                 rest = np.float32(1.0) - trust
                 for k in range(3):
                     own = trust * proportions[lamp, y, x, k] + rest * around[lamp, y, x, k]
-                    proportions[lamp, y, x, k] = own * photograph[y, x, k]
+                    layers[lamp, y, x, k] = own * photograph[y, x, k]

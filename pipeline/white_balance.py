@@ -40,31 +40,27 @@ class WhiteBalance:
         self._from_layers = _from_layers(lamps, model).astype(np.float32)
         self._white = _neutral_white(model).astype(np.float32)
 
-    def approach_1(self, strip: Strip) -> Image:
-        """Every lamp replaced by the neutral light of the same green response; (h, W, 3).
+    def approach_1(self, strip: Strip, balanced: Image) -> None:
+        """Every lamp replaced by the neutral light of the same green response.
 
         I = Σ_j (z_j g_j / g_n) T_n I_f, brightness z_j from the layers, g the green response of a
-        white card. float32, linear camera RGB as under the neutral light.
+        white card. balanced: (h, W, 3), overwritten, linear camera RGB as under the neutral light.
         """
-        balanced = np.empty_like(strip.no_flash)
         _by_lamps(
             strip.flash, strip.layers, self._matrices, self._brightness, self._to_neutral, balanced
         )
         self._finish(strip, balanced)
-        return balanced
 
-    def approach_2(self, strip: Strip) -> Image:
-        """All light replaced by neutral light of the same strength ‖β‖; (h, W, 3).
+    def approach_2(self, strip: Strip, balanced: Image) -> None:
+        """All light replaced by neutral light of the same strength ‖β‖.
 
         I = ‖β‖/‖b_n‖ T_n I_f, but nowhere far brighter than the photograph. Any number of lamps
-        will do, since none is told from the other. float32, as approach_1.
+        will do, since none is told from the other. balanced: as in approach_1.
         """
-        balanced = np.empty_like(strip.no_flash)
         _by_strength(
             strip.no_flash, strip.flash, self._tensor, self._strength, self._to_neutral, balanced
         )
         self._finish(strip, balanced)
-        return balanced
 
     def _finish(self, strip: Strip, balanced: Image) -> None:
         _finish(strip.layers, strip.confidence, self._from_layers, self._white, balanced)

@@ -45,8 +45,8 @@ def measure() -> dict[str, float]:
         for i, seen, part in strips():
             layers[:, i] = model_proportions(seen, part, lamps) * seen
             strip = Strip(slice(0, _ROWS), layers[:, i], seen, part, sure)
-            balanced[0, i] = balance.approach_1(strip)
-            balanced[1, i] = balance.approach_2(strip)
+            balance.approach_1(strip, balanced[0, i])
+            balance.approach_2(strip, balanced[1, i])
 
     def defined() -> None:
         matrix = model.flash_to_neutral
