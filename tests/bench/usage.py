@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import os
+import json
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from statistics import median
 
-_MIB = 1024.0
+_LAUNCHER = Path(__file__).with_name("launcher.py")
 
 
 @dataclass(frozen=True)
@@ -29,23 +30,20 @@ def run(command: Sequence[str]) -> Usage:
 
 def together(commands: Sequence[Sequence[str]]) -> Usage:
     """Run commands at once: CPU of all, wall time until the last ends, peak of the largest."""
-    start = time.monotonic()
-    pipe = subprocess.PIPE
-    started = [
-        subprocess.Popen(one, stdout=subprocess.DEVNULL, stderr=pipe, text=True) for one in commands
-    ]
-    cpu, peak = 0.0, 0.0
-    for command, process in zip(commands, started, strict=True):
-        said = process.stderr.read() if process.stderr else ""
-        _, status, used = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-        if process.stderr:
-            process.stderr.close()
-        if process.returncode:
-            raise subprocess.CalledProcessError(process.returncode, command, stderr=said)
-        cpu += used.ru_utime + used.ru_stime
-        peak = max(peak, used.ru_maxrss / _MIB)
-    return Usage(cpu, time.monotonic() - start, peak)
+    launched = subprocess.run(
+        [sys.executable, "-S", str(_LAUNCHER)],
+        input=json.dumps([list(map(str, one)) for one in commands]),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    results = json.loads(launched.stdout)
+    for command, one in zip(commands, results, strict=True):
+        if one["code"]:
+            raise subprocess.CalledProcessError(one["code"], command, stderr=one["said"])
+    cpu = sum(one["cpu_s"] for one in results)
+    wall, peak = (max(one[key] for one in results) for key in ("wall_s", "peak_mb"))
+    return Usage(cpu, wall, peak)
 
 
 def python(*arguments: str) -> list[str]:

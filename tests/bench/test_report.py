@@ -1,0 +1,71 @@
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PIL import Image
+
+from tests.bench.report import draw_profile, report
+
+
+@pytest.fixture
+def figures() -> dict[str, Any]:
+    def job(cpu_s: float) -> dict[str, Any]:
+        return {
+            "cpu_s": cpu_s,
+            "wall_s": 5.0,
+            "peak_mb": 700.0,
+            "floor_ratio": 1.5,
+            "stages_cpu_s": {"decode": 0.5, "layers": cpu_s - 0.5},
+            "floor_cpu_s": {"decode": 0.25, "layers": 1.0},
+        }
+
+    return {
+        "kernel": {"memcpy_ratio": 12.5, "numpy_speedup": 6.0, "solve_speedup": 29.0},
+        "jobs": {"jpeg12_n2": job(2.9), "raw24_n3": job(7.5), "jpeg48_n2": job(9.0)},
+        "align": {
+            "cpu_s": 1.0,
+            "error_px": 0.0213,
+            "hugin_cpu_ratio": None,
+            "hugin_error_px": None,
+        },
+        "growth": {"pixels4_cpu_ratio": 4.0, "parallel2_speedup": 1.7},
+    }
+
+
+def test_the_page_says_what_is_met(figures: dict[str, Any]) -> None:
+    lines = report(figures).splitlines()
+
+    def cells(start: str) -> list[str]:
+        row = next(line for line in lines if line.startswith(f"| {start} |"))
+        return [cell.strip() for cell in row.strip("|").split("|")][1:]
+
+    assert cells("jpeg12_n2: CPU, s") == ["2.9", "≤ 3", "yes"]
+    assert cells("jpeg12_n2: peak memory, MiB") == ["700", "≤ 512", "**no**"]
+    assert cells("raw24_n3: CPU, s") == ["7.5", "≤ 7", "**no**"]
+    assert cells("raw24_n3: CPU over the floor's") == ["1.5", "≤ 1.5", "yes"]
+    assert cells("per-pixel work: times faster than NumPy") == ["6", "≥ 6", "yes"]
+    assert cells("… than numpy.linalg.solve") == ["29", "≥ 30", "**no**"]
+    assert cells("alignment beside align_image_stack") == ["not installed", "", ""]
+    assert cells("jpeg48_n2") == ["48", "2", "9.0", "5.0", "700", "1.5"]
+    assert cells("raw24_n3, floor") == ["", "0.25", "", "", "1.00", ""]
+
+
+def test_another_program_that_is_there_is_shown(figures: dict[str, Any]) -> None:
+    figures["align"] |= {"hugin_cpu_ratio": 21.0, "hugin_error_px": 0.12}
+
+    page = report(figures)
+
+    assert "| align_image_stack: CPU over ours | 21 | ≥ 20 | yes |" in page
+    assert "0.120" in page
+
+
+def test_the_picture_has_a_bar_for_each_job(figures: dict[str, Any], tmp_path: Path) -> None:
+    draw_profile(figures["jobs"], tmp_path / "profile.png")
+
+    with Image.open(tmp_path / "profile.png") as picture:
+        assert picture.width == 800
+        colours = picture.convert("RGB").getcolors(1 << 20) or []
+    # decode and layers, the second and fifth colour of the plots
+    assert {(255, 127, 14), (148, 103, 189)} <= {colour for _, colour in colours}
