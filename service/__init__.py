@@ -1,5 +1,5 @@
 import os
 
-# before numpy loads: its threads gain nothing on small matrices, and jobs beside each other wait
-# for each other's
+# before numpy loads: its matrices are small here, and threads that wait for a busy core made them
+# 20 times slower
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

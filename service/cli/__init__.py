@@ -6,7 +6,6 @@ Ctrl-C. Whatever goes wrong is one sentence on stderr.
 
 from __future__ import annotations
 
-import os
 import sys
 import traceback
 import warnings
@@ -20,8 +19,6 @@ from service.cli.commands import app
 
 def main() -> None:
     """Run the command that the process was started with."""
-    # numpy's matrices are small here; threads that wait for a busy core made them 20 times slower
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
     sys.exit(run(sys.argv[1:]))
