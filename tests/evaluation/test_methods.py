@@ -98,7 +98,8 @@ def test_tuning_improves_the_score() -> None:
         for t in (wrong, tuned)
     )
     assert after > before + 10
-    assert snr("tuned_3x3") >= snr("best_3x3") - 0.1
+    exact_db = 120.0  # beyond is rounding
+    assert snr("tuned_3x3") >= min(snr("best_3x3"), exact_db) - 0.1
 
 
 def test_equal_split_is_below_what_separates() -> None:
