@@ -26,6 +26,7 @@ _TINT_SLOPE = 5.0  # standard deviation of log albedo by chromaticity
 _BEND, _BEND_WEIGHT = 0.1, 0.36  # slope per pixel
 _MEDIAN_TO_SIGMA = 1.48
 _RIDGE = 1e-9  # of the mean diagonal, so that nothing is singular
+_WIDE = 0.1  # of all unknowns
 
 
 @dataclass(frozen=True)
@@ -212,12 +213,24 @@ def _plus_one(matrix: sparse.csr_array) -> sparse.csr_array:
 
 
 def _solved(matrix: sparse.sparray, right: Array) -> Array:
-    """Solve a symmetric, positive system."""
+    """Solve a symmetric, positive system, unknowns that most others hang on by themselves.
+
+    Those are few, lamps and wide materials, and would fill up the factors of the rest.
+    """
     ridge = _RIDGE * matrix.diagonal().mean() * sparse.eye_array(matrix.shape[0])
+    whole = sparse.csc_array(matrix + ridge)
+    wide = np.diff(whole.indptr) > _WIDE * whole.shape[0]
+    few = sparse.csc_array(whole[:, wide])
+    border, corner = few[~wide].toarray(), few[wide].toarray()
     factors = splu(
-        sparse.csc_matrix(matrix + ridge),
+        sparse.csc_matrix(whole[:, ~wide][~wide]),
         permc_spec="MMD_AT_PLUS_A",
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
-    return np.asarray(factors.solve(right))
+    by_border = factors.solve(border)
+    alone = factors.solve(right[~wide])
+    solution = np.empty_like(right)
+    solution[wide] = np.linalg.solve(corner - border.T @ by_border, right[wide] - border.T @ alone)
+    solution[~wide] = alone - by_border @ solution[wide]
+    return solution
