@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from pipeline.frames import by_planes, channels_first
 from pipeline.lamps import Lamps
 from pipeline.proportions import model_proportions
 from pipeline.push_pull import push_pull
@@ -27,10 +28,10 @@ class Surroundings:
 
     def rows(self, rows: slice, width: int) -> Array:
         """Proportions (N, h, width, 3) for some rows of the full-size picture, bilinear."""
-        around = np.empty((self._count, rows.stop - rows.start, width, 3), dtype=np.float32)
+        around = by_planes(self._count, rows.stop - rows.start, width, 3)
         x, right = self._between(0, width, self._map.shape[1])
         y, lower = self._between(rows.start, rows.stop, self._map.shape[0])
-        _enlarge(self._map, x, right, y, lower, around)
+        _enlarge(self._map, x, right, y, lower, channels_first(around))
         return around
 
     def _between(self, start: int, stop: int, blocks: int) -> tuple[NDArray[np.int64], Array]:
@@ -49,17 +50,16 @@ def _enlarge(
     lower: Array,
     around: Array,
 ) -> None:
-    """Write blocks (h, w, 3N) between which pixels lie into (N, H, W, 3)."""
+    """Write blocks (h, w, 3N) between which pixels lie into (N, 3, H, W)."""
     one = np.float32(1.0)
     height, width, planes = blocks.shape
-    row = np.empty((width, planes), np.float32)
+    row = np.empty(width, np.float32)
     for i in range(len(y)):
-        top, bottom = blocks[y[i]], blocks[min(y[i] + 1, height - 1)]
-        for c in range(width):
-            for p in range(planes):
-                row[c, p] = (one - lower[i]) * top[c, p] + lower[i] * bottom[c, p]
-        for n in range(planes // 3):
+        for p in range(planes):
+            top, bottom = blocks[y[i], :, p], blocks[min(y[i] + 1, height - 1), :, p]
+            for c in range(width):
+                row[c] = (one - lower[i]) * top[c] + lower[i] * bottom[c]
+            written = around[p // 3, p % 3, i]
             for j in range(len(x)):
-                first, second = row[x[j]], row[min(x[j] + 1, width - 1)]
-                for k in range(3 * n, 3 * n + 3):
-                    around[n, i, j, k - 3 * n] = (one - right[j]) * first[k] + right[j] * second[k]
+                second = row[min(x[j] + 1, width - 1)]
+                written[j] = (one - right[j]) * row[x[j]] + right[j] * second

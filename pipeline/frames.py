@@ -10,6 +10,30 @@ from numpy.typing import NDArray
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Matrix = NDArray[np.float64]
+Plane = NDArray[np.float32]
+Planes = tuple[Plane, Plane, Plane]
+
+
+def planes_of(image: Image) -> Planes:
+    """Channels (h, w) of an image (h, w, 3), contiguous: its own memory where it lies by planes.
+
+    Compiled loops work on planes, since compilers make vector instructions of those alone.
+    """
+    return (
+        np.ascontiguousarray(image[..., 0]),
+        np.ascontiguousarray(image[..., 1]),
+        np.ascontiguousarray(image[..., 2]),
+    )
+
+
+def channels_first(images: Image) -> Image:
+    """Images (…, h, w, 3) as (…, 3, h, w), contiguous: their own memory if it lies by planes."""
+    return np.ascontiguousarray(np.moveaxis(images, -1, -3))
+
+
+def by_planes(*shape: int) -> Image:
+    """Make an empty float32 array (…, h, w, 3) that lies in memory by planes."""
+    return np.moveaxis(np.empty((*shape[:-3], shape[-1], *shape[-3:-1]), np.float32), -3, -1)
 
 
 @dataclass(frozen=True)

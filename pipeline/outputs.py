@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.canvas import Canvas, shown_gain
 from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
-from pipeline.encode.exr import write_exr
+from pipeline.encode.exr import ExrFile, write_exr
 from pipeline.encode.files import describe
-from pipeline.encode.jpeg import write_jpeg
-from pipeline.encode.png import write_normals_png, write_png8
-from pipeline.encode.tiff import write_gray_tiff, write_tiff
+from pipeline.encode.jpeg import JpegFile
+from pipeline.encode.png import NormalsPng, write_png8
+from pipeline.encode.tiff import GrayTiffFile, TiffFile
 from pipeline.frames import Image, Matrix
 from pipeline.gamma_diagram import draw_gamma_diagram
 from pipeline.lamps import Lamps
-from pipeline.model import Model
+from pipeline.mesh import make_mesh
+from pipeline.model import Model, Response
+from pipeline.normals import Facing
 from pipeline.options import OUTPUT_NAMES, Options
-from pipeline.order import quantile
+from pipeline.photometric_stereo.detail import surface_depth
+from pipeline.photometric_stereo.solve import Surface
 from pipeline.pictures import Pictures
 from pipeline.progress import Progress
 from pipeline.reduced import ReducedPair
@@ -30,12 +37,9 @@ _ONLY_ON_REQUEST = frozenset(
     {"white_balanced_1.tif", "white_balanced_2.tif", "white_balanced.exr", "response.exr"}
 )
 _CAMERA_RGB = "linear camera RGB, 1.0 = white level of the no-flash photograph"
-_SHOWN_GAIN = (0.25, 8.0)
-_SHOWN_WHITE = 0.995  # quantile of a picture's brightest channel that becomes white
-_SAMPLE_STEP = 4
-
-Job = tuple[str, str, str, Callable[[Path], None]]
-"""Name of a file, its encoding, its colour space, and what writes it."""
+_NORMALS = "unit normals, x right, y up, z to the viewer (OpenGL)"
+_SRGB = ("8-bit sRGB curve", "sRGB")
+_REC2020 = ("16-bit linear", "Rec. 2020")
 
 
 def wanted_outputs(options: Options) -> frozenset[str]:
@@ -47,215 +51,314 @@ def wanted_outputs(options: Options) -> frozenset[str]:
     return frozenset(options.outputs)
 
 
-def write_outputs(
-    pictures: Pictures,
-    reduced: ReducedPair,
-    lamps: Lamps,
-    model: Model,
-    entries: list[dict[str, Any]],
-    wanted: frozenset[str],
-    directory: Path,
-    progress: Progress,
-) -> list[dict[str, Any]]:
-    """Write the wanted files; returns their entries for the manifest.
+class _Writer(Protocol):
+    """What takes a picture some rows at a time, from top to bottom."""
 
-    reduced: what the lamps were estimated from, for gamma.png and residual.png. entries: of the
-    lamps, for the labels of gamma.png. Raises Canceled between files, OSError.
+    def write(self, rows: Any, /) -> None: ...
+
+    def close(self) -> None: ...
+
+
+@dataclass(frozen=True)
+class _Output:
+    """A file, its encoding, its colour space, and what completes it."""
+
+    path: Path
+    encoding: str
+    colour_space: str
+    complete: Callable[[], None]
+
+
+class Outputs:
+    """The wanted files of a run, written while their pictures are computed.
+
+    As a context it leaves no file behind where the run does not come to its end.
     """
-    jobs = [
-        *_layer_jobs(pictures, model, wanted),
-        *_balanced_jobs(pictures, model, wanted),
-        *_response_jobs(pictures, model, wanted),
-        *_normal_jobs(pictures.normals, wanted),
-        *_surface_jobs(pictures, model, wanted),
-        *_confidence_jobs(pictures, wanted),
-    ]
-    if "gamma.png" in wanted:
-        diagram = draw_gamma_diagram(reduced, lamps, model, [_label(one) for one in entries])
-        jobs.append(("gamma.png", "8-bit", "sRGB", lambda path: write_png8(path, diagram)))
-    if "residual.png" in wanted:
-        residual = draw_residual_map(relative_residual(reduced, lamps))
-        jobs.append(("residual.png", "8-bit", "sRGB", lambda path: write_png8(path, residual)))
-    files = []
-    for index, (name, encoding, colour_space, write) in enumerate(jobs):
-        progress.report("encode", index / len(jobs))
-        write(directory / name)
-        files.append(describe(directory / name, encoding, colour_space))
-    return files
 
+    def __init__(
+        self,
+        photograph: Image,
+        lamps: Lamps,
+        model: Model,
+        facing: Facing | None,
+        changes: NDArray[np.float64] | None,
+        wanted: frozenset[str],
+        directory: Path,
+    ) -> None:
+        """Open the files.
 
-def _layer_jobs(pictures: Pictures, model: Model, wanted: frozenset[str]) -> list[Job]:
-    jobs: list[Job] = []
-    names = [f"lamp{index + 1}" for index in range(len(pictures.layers))]
-    if "layers.exr" in wanted:
-        jobs.append(
-            (
-                "layers.exr",
-                "32-bit float",
-                _CAMERA_RGB,
-                lambda path: write_exr(path, _with_sum(pictures.layers)),
-            )
-        )
-    to_rec2020 = _fitting(XYZ_TO_REC2020 @ model.camera_to_xyz)
-    to_srgb = _shown(pictures.photograph, XYZ_TO_SRGB @ model.camera_to_xyz)
-    for name, layer in zip(names, pictures.layers, strict=True):
-        if "lamps.tif" in wanted:
-            jobs.append((f"{name}.tif", "16-bit linear", "Rec. 2020", _tiff(layer, to_rec2020)))
-        if "lamps.jpg" in wanted:
-            jobs.append((f"{name}.jpg", "8-bit sRGB curve", "sRGB", _jpeg(layer, to_srgb)))
-    return jobs
+        photograph: (H, W, 3), the no-flash photograph, on whose scale layers are shown. facing:
+        None where there are no normals. changes: of camera_changes, None without another camera.
+        wanted: names out of OUTPUT_NAMES; those of what there is not are passed over. directory:
+        where, it exists. Raises OSError.
+        """
+        self._size = photograph.shape[1], photograph.shape[0]
+        self._lamps = lamps
+        self._model = model
+        self._wanted = wanted
+        self._directory = directory
+        self._takers: list[Callable[[Pictures], None]] = []
+        self._outputs: list[_Output] = []
+        try:
+            self._open(photograph, facing, changes)
+        except BaseException:
+            self._remove()
+            raise
 
+    def __enter__(self) -> Self:
+        return self
 
-def _balanced_jobs(pictures: Pictures, model: Model, wanted: frozenset[str]) -> list[Job]:
-    jobs: list[Job] = []
-    neutral = XYZ_TO_SRGB @ model.neutral_to_xyz
-    both = (pictures.white_balanced_1, pictures.white_balanced_2)
-    for name, picture in zip(("white_balanced_1.jpg", "white_balanced_2.jpg"), both, strict=True):
-        if name in wanted and picture is not None:
-            write = _jpeg(picture, _shown(picture, neutral))
-            jobs.append((name, "8-bit sRGB curve", "sRGB", write))
-    to_rec2020 = _fitting(XYZ_TO_REC2020 @ model.neutral_to_xyz)
-    for name, picture in zip(("white_balanced_1.tif", "white_balanced_2.tif"), both, strict=True):
-        if name in wanted and picture is not None:
-            jobs.append((name, "16-bit linear", "Rec. 2020", _tiff(picture, to_rec2020)))
-    if "white_balanced.exr" in wanted and both[0] is not None and both[1] is not None:
-        balanced = {"RGB": both[0], "any": both[1]}
-        jobs.append(
-            (
-                "white_balanced.exr",
-                "32-bit float",
-                f"{_CAMERA_RGB}, as under the neutral light",
-                lambda path: write_exr(path, balanced),
-            )
-        )
-    return jobs
+    def __exit__(
+        self, kind: type[BaseException] | None, _: BaseException | None, __: TracebackType | None
+    ) -> None:
+        if kind is not None:
+            self._remove()
 
+    def _remove(self) -> None:
+        for output in self._outputs:
+            output.path.unlink(missing_ok=True)
 
-def _response_jobs(pictures: Pictures, model: Model, wanted: frozenset[str]) -> list[Job]:
-    """Through the other camera, the layers on the scale of the photograph."""
-    photograph, changes = pictures.response, pictures.camera_changes
-    if model.response is None or photograph is None or changes is None:
-        return []
-    to_srgb = _shown(photograph, XYZ_TO_SRGB @ model.response.camera_to_xyz)
-    shown = [("response.jpg", photograph, to_srgb)] if "response.jpg" in wanted else []
-    if "response_lamps.jpg" in wanted:
-        shown += [
-            (f"response_lamp{index + 1}.jpg", layer, to_srgb @ change)
-            for index, (layer, change) in enumerate(zip(pictures.layers, changes, strict=True))
-        ]
-    jobs: list[Job] = [
-        (name, "8-bit sRGB curve", "sRGB", _jpeg(picture, matrix))
-        for name, picture, matrix in shown
-    ]
-    if "response.exr" in wanted:
-        jobs.append(
-            (
-                "response.exr",
+    def add(self, pictures: Pictures) -> None:
+        """Take the next rows. Raises OSError."""
+        for take in self._takers:
+            take(pictures)
+
+    def finish(
+        self, reduced: ReducedPair, entries: list[dict[str, Any]], progress: Progress
+    ) -> list[dict[str, Any]]:
+        """Complete the files; returns their entries for the manifest.
+
+        reduced: what the lamps were estimated from, for gamma.png and residual.png. entries: of the
+        lamps, for the labels of gamma.png. Raises Canceled between files, OSError.
+        """
+        self._open_diagrams(reduced, entries)
+        described = []
+        for index, output in enumerate(self._outputs):
+            progress.report("encode", index / len(self._outputs))
+            output.complete()
+            described.append(describe(output.path, output.encoding, output.colour_space))
+        return described
+
+    def _open(
+        self, photograph: Image, facing: Facing | None, changes: NDArray[np.float64] | None
+    ) -> None:
+        """Open the files in the order in which the manifest lists them."""
+        surface = None if facing is None else facing.surface
+        self._open_layers(photograph)
+        texture = self._open_balanced(surface is not None and "surface.glb" in self._wanted)
+        if changes is not None and self._model.response is not None:
+            self._open_response(changes, self._model.response)
+        if facing is not None:
+            self._open_normals()
+        if surface is not None:
+            self._open_surface(surface, texture)
+        self._open_confidences(surface is not None)
+
+    def _stream(
+        self,
+        name: str,
+        kind: tuple[str, str],
+        writer: Callable[[Path], _Writer],
+        rows: Callable[[Pictures], Any],
+    ) -> None:
+        """Write a file from what `rows` picks out of every strip."""
+        opened = writer(self._directory / name)
+        self._takers.append(lambda pictures: opened.write(rows(pictures)))
+        self._at_last(name, kind, lambda _: opened.close())
+
+    def _keep(self, rows: Callable[[Pictures], Any]) -> Canvas:
+        """Keep a picture until its brightness is known."""
+        canvas = Canvas(self._size)
+        self._takers.append(lambda pictures: canvas.write(rows(pictures)))
+        return canvas
+
+    def _show(self, name: str, canvas: Canvas, to_srgb: Matrix, gain: Callable[[], float]) -> None:
+        """Write a JPEG of a picture that is kept."""
+
+        def write(path: Path) -> None:
+            file = JpegFile(path, self._size, gain() * to_srgb)
+            for strip in canvas.strips():
+                file.write(strip)
+            file.close()
+
+        self._at_last(name, _SRGB, write)
+
+    def _at_last(self, name: str, kind: tuple[str, str], write: Callable[[Path], None]) -> None:
+        path = self._directory / name
+        self._outputs.append(_Output(path, *kind, lambda: write(path)))
+
+    def _open_layers(self, photograph: Image) -> None:
+        size, wanted, camera_to_xyz = self._size, self._wanted, self._model.camera_to_xyz
+        if "layers.exr" in wanted:
+            exr = partial(ExrFile, size=size)
+            kind = ("32-bit float", _CAMERA_RGB)
+            self._stream("layers.exr", kind, exr, lambda pictures: _with_sum(pictures.layers))
+        to_rec2020 = _fitting(XYZ_TO_REC2020 @ camera_to_xyz)
+        to_srgb = XYZ_TO_SRGB @ camera_to_xyz
+        to_srgb = shown_gain(photograph, to_srgb) * to_srgb
+        for lamp in range(len(self._lamps)):
+            layer = partial(_layer, lamp)
+            if "lamps.tif" in wanted:
+                tiff = partial(TiffFile, size=size, to_rec2020=to_rec2020)
+                self._stream(f"lamp{lamp + 1}.tif", _REC2020, tiff, layer)
+            if "lamps.jpg" in wanted:
+                jpeg = partial(JpegFile, size=size, to_srgb=to_srgb)
+                self._stream(f"lamp{lamp + 1}.jpg", _SRGB, jpeg, layer)
+
+    def _open_balanced(self, textured: bool) -> Canvas | None:
+        """Open the balanced pictures; returns what is kept of the first, for a texture if asked."""
+        wanted, neutral = self._wanted, self._model.neutral_to_xyz
+        to_srgb = XYZ_TO_SRGB @ neutral
+        both = (_balanced_1, _balanced_2)
+        kept = None
+        for number, rows in enumerate(both, 1):
+            name = f"white_balanced_{number}.jpg"
+            textures = number == 1 and textured
+            if name not in wanted and not textures:
+                continue
+            canvas = self._keep(rows)
+            if name in wanted:
+                self._show(name, canvas, to_srgb, partial(canvas.gain, to_srgb))
+            if textures:
+                kept = canvas
+        tiff = partial(TiffFile, size=self._size, to_rec2020=_fitting(XYZ_TO_REC2020 @ neutral))
+        for number, rows in enumerate(both, 1):
+            if f"white_balanced_{number}.tif" in wanted:
+                self._stream(f"white_balanced_{number}.tif", _REC2020, tiff, rows)
+        if "white_balanced.exr" in wanted:
+            kind = ("32-bit float", f"{_CAMERA_RGB}, as under the neutral light")
+            exr = partial(ExrFile, size=self._size)
+            self._stream("white_balanced.exr", kind, exr, _both_balanced)
+        return kept
+
+    def _open_response(self, changes: NDArray[np.float64], response: Response) -> None:
+        """Through the other camera, the layers on the scale of the photograph."""
+        to_srgb = XYZ_TO_SRGB @ response.camera_to_xyz
+        if self._wanted & {"response.jpg", "response_lamps.jpg"}:
+            whole = self._keep(lambda pictures: pictures.response)
+            gain = partial(whole.gain, to_srgb)
+            if "response.jpg" in self._wanted:
+                self._show("response.jpg", whole, to_srgb, gain)
+            if "response_lamps.jpg" in self._wanted:
+                for lamp, change in enumerate(changes):
+                    canvas = self._keep(partial(_layer, lamp))
+                    self._show(f"response_lamp{lamp + 1}.jpg", canvas, to_srgb @ change, gain)
+        if "response.exr" in self._wanted:
+            kind = (
                 "32-bit float",
                 "linear RGB of the other camera, exposed to the same green of D65",
-                lambda path: write_exr(path, _with_sum(_seen(pictures.layers, changes))),
             )
+            exr = partial(ExrFile, size=self._size)
+            self._stream(
+                "response.exr",
+                kind,
+                exr,
+                lambda pictures: _with_sum(_seen(pictures.layers, changes)),
+            )
+
+    def _open_normals(self) -> None:
+        if "normals.png" in self._wanted:
+            kind = ("16-bit, (n + 1)/2 · 65535, 0 = unknown", _NORMALS)
+            png = partial(NormalsPng, size=self._size)
+            self._stream("normals.png", kind, png, lambda pictures: pictures.normals)
+        if "normals.exr" in self._wanted:
+            kind = ("32-bit float, NaN = unknown", _NORMALS)
+            exr = partial(ExrFile, size=self._size)
+            self._stream("normals.exr", kind, exr, lambda pictures: {"RGB": pictures.normals})
+
+    def _open_surface(self, surface: Surface, texture: Canvas | None) -> None:
+        size = self._size[::-1]
+        if "depth.exr" in self._wanted:
+            kind = (
+                "32-bit float, along the camera's axis, 1 in the median, NaN = unknown",
+                "none",
+            )
+            self._at_last(
+                "depth.exr", kind, lambda path: write_exr(path, {"Z": surface_depth(surface, size)})
+            )
+        if texture is None:
+            return
+        normals: list[Image | None] = []
+        self._takers.append(lambda pictures: normals.append(pictures.normals))
+        kind = (
+            "glTF 2.0 binary, camera in the origin, x right, y up, z to the viewer, depth 1 in the "
+            "median",
+            "sRGB",
         )
-    return jobs
+        to_srgb = XYZ_TO_SRGB @ self._model.neutral_to_xyz
+
+        def write(path: Path) -> None:
+            # imported only here: it takes longer than the rest of the writing
+            from pipeline.encode.glb import write_glb
+
+            depth = surface_depth(surface, size)
+            mesh = make_mesh(
+                depth, np.concatenate([one for one in normals if one is not None]), surface.focal_px
+            )
+            write_glb(path, mesh, texture.picture(), texture.gain(to_srgb) * to_srgb)
+
+        self._at_last("surface.glb", kind, write)
+
+    def _open_confidences(self, with_surface: bool) -> None:
+        grey = partial(GrayTiffFile, size=self._size)
+        if "confidence.tif" in self._wanted:
+            kind = (
+                "16-bit linear, 65535 = separated, 0 = filled in from the surroundings",
+                "none",
+            )
+            self._stream("confidence.tif", kind, grey, lambda pictures: pictures.confidence)
+        if "normals_confidence.tif" in self._wanted and with_surface:
+            kind = (
+                "16-bit linear, 65535 = the normal can be trusted, 0 = it cannot, or there is none",
+                "none",
+            )
+            self._stream(
+                "normals_confidence.tif", kind, grey, lambda pictures: pictures.normals_confidence
+            )
+
+    def _open_diagrams(self, reduced: ReducedPair, entries: list[dict[str, Any]]) -> None:
+        kind = ("8-bit", "sRGB")
+        if "gamma.png" in self._wanted:
+            labels = [_label(one) for one in entries]
+            diagram = draw_gamma_diagram(reduced, self._lamps, self._model, labels)
+            self._at_last("gamma.png", kind, lambda path: write_png8(path, diagram))
+        if "residual.png" in self._wanted:
+            residual = draw_residual_map(relative_residual(reduced, self._lamps))
+            self._at_last("residual.png", kind, lambda path: write_png8(path, residual))
+
+
+def _layer(lamp: int, pictures: Pictures) -> Image:
+    return np.asarray(pictures.layers[lamp])
+
+
+def _balanced_1(pictures: Pictures) -> Image | None:
+    return pictures.white_balanced_1
+
+
+def _balanced_2(pictures: Pictures) -> Image | None:
+    return pictures.white_balanced_2
+
+
+def _both_balanced(pictures: Pictures) -> dict[str, Image | None]:
+    return {"RGB": pictures.white_balanced_1, "any": pictures.white_balanced_2}
 
 
 def _seen(layers: NDArray[np.float32], changes: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Layers through the other camera (N, H, W, 3)."""
-    seen = np.empty_like(layers)
-    for layer, change, out in zip(layers, changes, seen, strict=True):
-        np.matmul(layer, change.T.astype(np.float32), out=out)
-    return seen
+    """Layers through the other camera (N, h, W, 3)."""
+    return np.stack(
+        [layer @ change.T.astype(np.float32) for layer, change in zip(layers, changes, strict=True)]
+    )
 
 
 def _with_sum(layers: NDArray[np.float32]) -> dict[str, Image]:
-    """Layers and their sum by the names of their channels; made when written, as it is large."""
+    """Layers and their sum by the names of their channels."""
     named = {f"lamp{index + 1}": layer for index, layer in enumerate(layers)}
     return named | {"RGB": layers.sum(axis=0)}
-
-
-def _normal_jobs(field: Image | None, wanted: frozenset[str]) -> list[Job]:
-    if field is None:
-        return []
-    convention = "unit normals, x right, y up, z to the viewer (OpenGL)"
-    jobs: list[Job] = []
-    if "normals.png" in wanted:
-        encoding = "16-bit, (n + 1)/2 · 65535, 0 = unknown"
-        jobs.append(
-            ("normals.png", encoding, convention, lambda path: write_normals_png(path, field))
-        )
-    if "normals.exr" in wanted:
-        jobs.append(
-            (
-                "normals.exr",
-                "32-bit float, NaN = unknown",
-                convention,
-                lambda path: write_exr(path, {"RGB": field}),
-            )
-        )
-    return jobs
-
-
-def _surface_jobs(pictures: Pictures, model: Model, wanted: frozenset[str]) -> list[Job]:
-    depth, mesh, texture = pictures.depth, pictures.mesh, pictures.white_balanced_1
-    jobs: list[Job] = []
-    if depth is not None and "depth.exr" in wanted:
-        encoding = "32-bit float, along the camera's axis, 1 in the median, NaN = unknown"
-        jobs.append(("depth.exr", encoding, "none", lambda path: write_exr(path, {"Z": depth})))
-    if mesh is not None and texture is not None and "surface.glb" in wanted:
-        encoding = (
-            "glTF 2.0 binary, camera in the origin, x right, y up, z to the viewer, depth 1 in the "
-            "median"
-        )
-        matrix = _shown(texture, XYZ_TO_SRGB @ model.neutral_to_xyz)
-        # imported only here: it takes longer than the rest of the writing
-        from pipeline.encode.glb import write_glb
-
-        jobs.append(
-            ("surface.glb", encoding, "sRGB", lambda path: write_glb(path, mesh, texture, matrix))
-        )
-    return jobs
-
-
-def _confidence_jobs(pictures: Pictures, wanted: frozenset[str]) -> list[Job]:
-    planes = {
-        "confidence.tif": (
-            pictures.confidence,
-            "65535 = separated, 0 = filled in from the surroundings",
-        ),
-        "normals_confidence.tif": (
-            pictures.normals_confidence,
-            "65535 = the normal can be trusted, 0 = it cannot, or there is none",
-        ),
-    }
-    return [
-        (name, f"16-bit linear, {means}", "none", _gray_tiff(plane))
-        for name, (plane, means) in planes.items()
-        if name in wanted and plane is not None
-    ]
-
-
-def _gray_tiff(plane: NDArray[np.float32]) -> Callable[[Path], None]:
-    return lambda path: write_gray_tiff(path, plane)
-
-
-def _tiff(picture: Image, matrix: Matrix) -> Callable[[Path], None]:
-    return lambda path: write_tiff(path, picture, matrix)
-
-
-def _jpeg(picture: Image, matrix: Matrix) -> Callable[[Path], None]:
-    return lambda path: write_jpeg(path, picture, matrix)
 
 
 def _fitting(to_rec2020: Matrix) -> Matrix:
     """Make what the sensor's white becomes fit: else the brightest warm light is cut off."""
     return np.asarray(to_rec2020 / max(1.0, float((to_rec2020 @ np.ones(3)).max())))
-
-
-def _shown(picture: Image, matrix: Matrix) -> Matrix:
-    """Scale the matrix so that the picture's bright parts are shown as white."""
-    sample = picture[::_SAMPLE_STEP, ::_SAMPLE_STEP] @ matrix.T.astype(np.float32)
-    white = quantile(sample.max(axis=2), _SHOWN_WHITE)
-    return matrix * float(np.clip(1.0 / max(white, 1e-6), *_SHOWN_GAIN))
 
 
 def _label(entry: dict[str, Any]) -> str:

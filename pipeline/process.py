@@ -18,14 +18,16 @@ from pipeline.manifest import lamp_entries, make_manifest
 from pipeline.model import Model, build_model
 from pipeline.normals import find_facing
 from pipeline.options import Options
-from pipeline.outputs import wanted_outputs, write_outputs
+from pipeline.outputs import Outputs, wanted_outputs
 from pipeline.pair import make_pair
 from pipeline.pictures import render
 from pipeline.progress import STRIP_ROWS, Progress
 from pipeline.reduced import reduce_pair
 from pipeline.remarks import Code, Remark
+from pipeline.response import camera_changes
 from pipeline.spectra.cameras import Camera, find_camera
 from pipeline.spectra.lights import find_light
+from pipeline.tally import Tally
 
 NO_FLASH, FLASH = "photograph without the flash", "photograph with the flash"
 """What messages call the two files."""
@@ -89,12 +91,28 @@ def separate_files(
     progress.report("lamps", 1.0)
 
     wanted = wanted_outputs(options)
-    pictures = render(
-        pair, reduced, lamps, model, facing, options.method, wanted, progress, strip_rows
-    )
-    entries = lamp_entries(lamps, model, pictures.separated)
+    changes = None
+    if model.response is not None:
+        changes = camera_changes(lamps, model, model.response, options.method)
+    tally = Tally(len(lamps), *pair.unusable.shape)
     directory.mkdir(parents=True, exist_ok=True)
-    files = write_outputs(pictures, reduced, lamps, model, entries, wanted, directory, progress)
+    with Outputs(pair.no_flash, lamps, model, facing, changes, wanted, directory) as outputs:
+        for pictures in render(
+            pair,
+            reduced,
+            lamps,
+            model,
+            facing,
+            changes,
+            options.method,
+            wanted,
+            progress,
+            strip_rows,
+        ):
+            tally.add(pictures.rows, pictures.layers, pictures.confidence)
+            outputs.add(pictures)
+        entries = lamp_entries(lamps, model, tally.separated)
+        files = outputs.finish(reduced, entries, progress)
     manifest = make_manifest(
         (before, after),
         options,
@@ -103,7 +121,7 @@ def separate_files(
         lamps,
         entries,
         facing,
-        pictures.filled,
+        tally.filled,
         files,
         warnings,
     )

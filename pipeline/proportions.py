@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pipeline.frames import Image
+from pipeline.frames import Image, Planes, by_planes, planes_of
 from pipeline.lamps import Lamps
 from pipeline.shares import Colour, shares_of_three, shares_of_two
 
@@ -27,75 +29,92 @@ def model_proportions(no_flash: Image, flash: Image, lamps: Lamps) -> Array:
     the model gives a channel no light, the parts of the pixel's whole light are taken, and equal
     ones where there is no light at all.
     """
-    parts = np.ones((len(lamps), *no_flash.shape), dtype=np.float32)
-    if len(lamps) > 1:
-        matrices, weights = lamps.matrices.astype(np.float32), lamps.channel_weights
-        loop = _two if len(lamps) == 2 else _three
-        loop(
-            np.asarray(no_flash, dtype=np.float32),
-            np.asarray(flash, dtype=np.float32),
-            tuple(tuple(float(one) for one in matrix.ravel()) for matrix in matrices),
-            (float(weights[0]), float(weights[1]), float(weights[2])),
-            parts,
-        )
+    parts = by_planes(len(lamps), *no_flash.shape)
+    if len(lamps) == 1:
+        parts[...] = 1.0
+        return parts
+    matrices, weights = lamps.matrices.astype(np.float32), lamps.channel_weights
+    loop = _two if len(lamps) == 2 else _three
+    loop(
+        planes_of(no_flash),
+        planes_of(flash),
+        tuple(tuple(float(one) for one in matrix.ravel()) for matrix in matrices),
+        (float(weights[0]), float(weights[1]), float(weights[2])),
+        tuple(planes_of(one) for one in parts),
+    )
     return parts
 
 
 @njit(cache=True, error_model="numpy")
 def _two(
-    no_flash: Array,
-    flash: Array,
+    no_flash: Planes,
+    flash: Planes,
     matrices: tuple[tuple[float, ...], ...],
     weights: Colour,
-    parts: Array,
+    parts: tuple[Planes, ...],
 ) -> None:
     one, half = np.float32(1.0), np.float32(0.5)
-    for y in range(no_flash.shape[0]):
-        for x in range(no_flash.shape[1]):
-            f = flash[y, x, 0], flash[y, x, 1], flash[y, x, 2]
-            seen = no_flash[y, x, 0], no_flash[y, x, 1], no_flash[y, x, 2]
+    own, rest = parts
+    for y in range(flash[0].shape[0]):
+        for x in range(flash[0].shape[1]):
+            seen, f = _pixel(no_flash, y, x), _pixel(flash, y, x)
             a, b = _lit(matrices[0], f), _lit(matrices[1], f)
             z0, z1 = shares_of_two(_times(seen, weights), _times(a, weights), _times(b, weights))
             a, b = _scaled(a, z0), _scaled(b, z1)
-            for k in range(3):
-                total = a[k] + b[k]
-                if total > 0:
-                    part = a[k] / total
-                else:
-                    whole_a, whole_b = a[0] + a[1] + a[2], b[0] + b[1] + b[2]
-                    part = whole_a / (whole_a + whole_b) if whole_a + whole_b > 0 else half
-                parts[0, y, x, k], parts[1, y, x, k] = part, one - part
+            overall = _part(_sum(a), _sum(a) + _sum(b), half)
+            p = _part(a[0], a[0] + b[0], overall)
+            q = _part(a[1], a[1] + b[1], overall)
+            r = _part(a[2], a[2] + b[2], overall)
+            own[0][y, x], own[1][y, x], own[2][y, x] = p, q, r
+            rest[0][y, x], rest[1][y, x], rest[2][y, x] = one - p, one - q, one - r
 
 
 @njit(cache=True, error_model="numpy")
 def _three(
-    no_flash: Array,
-    flash: Array,
+    no_flash: Planes,
+    flash: Planes,
     matrices: tuple[tuple[float, ...], ...],
     weights: Colour,
-    parts: Array,
+    parts: tuple[Planes, ...],
 ) -> None:
-    for y in range(no_flash.shape[0]):
-        for x in range(no_flash.shape[1]):
-            f = flash[y, x, 0], flash[y, x, 1], flash[y, x, 2]
-            seen = no_flash[y, x, 0], no_flash[y, x, 1], no_flash[y, x, 2]
+    third = np.float32(1.0 / 3.0)
+    for y in range(flash[0].shape[0]):
+        for x in range(flash[0].shape[1]):
+            seen, f = _pixel(no_flash, y, x), _pixel(flash, y, x)
             a, b, c = _lit(matrices[0], f), _lit(matrices[1], f), _lit(matrices[2], f)
             z0, z1, z2 = shares_of_three(
                 _times(seen, weights), _times(a, weights), _times(b, weights), _times(c, weights)
             )
             a, b, c = _scaled(a, z0), _scaled(b, z1), _scaled(c, z2)
-            whole_a, whole_b, whole_c = a[0] + a[1] + a[2], b[0] + b[1] + b[2], c[0] + c[1] + c[2]
-            whole = whole_a + whole_b + whole_c
-            for k in range(3):
-                total = a[k] + b[k] + c[k]
-                if total > 0:
-                    parts[0, y, x, k], parts[1, y, x, k] = a[k] / total, b[k] / total
-                    parts[2, y, x, k] = c[k] / total
-                elif whole > 0:
-                    parts[0, y, x, k], parts[1, y, x, k] = whole_a / whole, whole_b / whole
-                    parts[2, y, x, k] = whole_c / whole
-                else:
-                    parts[0, y, x, k] = parts[1, y, x, k] = parts[2, y, x, k] = 1.0 / 3.0
+            whole = _sum(a) + _sum(b) + _sum(c)
+            total = a[0] + b[0] + c[0], a[1] + b[1] + c[1], a[2] + b[2] + c[2]
+            _write(parts[0], y, x, a, total, _part(_sum(a), whole, third))
+            _write(parts[1], y, x, b, total, _part(_sum(b), whole, third))
+            _write(parts[2], y, x, c, total, _part(_sum(c), whole, third))
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _pixel(planes: Planes, y: int, x: int) -> Colour:
+    return planes[0][y, x], planes[1][y, x], planes[2][y, x]
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _sum(a: Colour) -> Any:
+    return a[0] + a[1] + a[2]
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _part(light: Any, total: Any, otherwise: Any) -> Any:
+    part = light / total
+    return part if total > 0 else otherwise
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _write(planes: Planes, y: int, x: int, light: Colour, total: Colour, otherwise: Any) -> None:
+    """A lamp's part of every channel of one pixel."""
+    planes[0][y, x] = _part(light[0], total[0], otherwise)
+    planes[1][y, x] = _part(light[1], total[1], otherwise)
+    planes[2][y, x] = _part(light[2], total[2], otherwise)
 
 
 @njit(cache=True, error_model="numpy")

@@ -12,14 +12,16 @@ from numpy.typing import NDArray
 
 from pipeline import registration, sigma_filter, smoothing
 from pipeline.fill import Surroundings
-from pipeline.frames import Image
+from pipeline.frames import Image, Plane, Planes, channels_first, planes_of
 from pipeline.hui2018.separation import published_layers
 from pipeline.lamps import Lamps
 from pipeline.model import Model
+from pipeline.noise import Noise
 from pipeline.pair import Pair
 from pipeline.progress import Progress
 from pipeline.proportions import model_proportions
 from pipeline.reduced import ReducedPair
+from pipeline.shares import Colour
 
 _UNUSABLE_REACH = 1
 _DOUBT = 1.5  # standard deviations of a pixel's light at which it counts for a little less
@@ -32,7 +34,7 @@ class Strip:
     rows: which. layers: float32 (N, h, W, 3), each lamp's light, linear camera RGB, 1.0 = white
     level of the no-flash photograph. no_flash, flash: (h, W, 3), the no-flash photograph and the
     flash part, for `best` with their noise filtered. confidence: (h, W) 0…1, 0 where the layers
-    are filled in from the surroundings.
+    are filled in from the surroundings. `best` lays all of them in memory by planes.
     """
 
     rows: slice
@@ -50,7 +52,6 @@ def separate(
     method: str,
     progress: Progress,
     strip_rows: int,
-    layers: NDArray[np.float32],
 ) -> Iterator[Strip]:
     """Separate the pair, top to bottom.
 
@@ -58,8 +59,7 @@ def separate(
     least squares in the image, on the pair with its noise filtered, and deals the unfiltered
     photograph out in the proportions of the model's layers: the layers add up to the photograph
     and its noise is not amplified. Pixels without a usable flash part take the proportions of
-    their surroundings. layers: (N, H, W, 3), overwritten; those of a strip are a part of it. The
-    result does not depend on strip_rows.
+    their surroundings. The result does not depend on strip_rows.
     """
     height, width = pair.unusable.shape
     surroundings = Surroundings(reduced, lamps)
@@ -67,10 +67,10 @@ def separate(
         if method == "paper":
             no_flash = pair.no_flash[rows]
             flash = pair.flash[rows] - (0 if pair.flash_only else no_flash)
-            layers[:, rows] = published_layers(
+            layers = published_layers(
                 no_flash, flash, lamps.coefficients, model.tensor, model.published
             )
-            yield Strip(rows, layers[:, rows], no_flash, flash, _open(pair, rows))
+            yield Strip(rows, layers, no_flash, flash, _open(pair, rows))
             continue
         wide, inner = _widened(rows, smoothing.HALO, height)
         no_flash, flash = _filtered(pair, wide)
@@ -84,9 +84,14 @@ def separate(
             inner,
         )
         no_flash, flash, confidence = no_flash[inner], flash[inner], confidence[inner]
-        around = surroundings.rows(rows, width)
-        _deal_out(pair.no_flash[rows], confidence, proportions, around, layers[:, rows])
-        yield Strip(rows, layers[:, rows], no_flash, flash, confidence)
+        layers = surroundings.rows(rows, width)
+        _deal_out(
+            planes_of(pair.no_flash[rows]),
+            confidence,
+            channels_first(proportions),
+            channels_first(layers),
+        )
+        yield Strip(rows, layers, no_flash, flash, confidence)
 
 
 def _widened(rows: slice, halo: int, height: int) -> tuple[slice, slice]:
@@ -124,19 +129,19 @@ def _reliability(
     Confidence is how far flash part and no-flash light stand out from their noise, 0 in unusable
     pixels. Uncertainty is what noise may do to proportions.
     """
-    beside = np.zeros((0, 0, 3), np.float32)
+    beside = np.zeros(pair.no_flash[rows].shape[:2], np.float32)
     if pair.registration > 0:
         wide, inner = _widened(rows, registration.HALO, len(pair.unusable))
         variance = registration.registration_variance(pair.flash[wide], pair.registration)
-        beside = variance[inner]
+        beside = variance[inner].sum(axis=2)
     confidence = _open(pair, rows)
     uncertainty = np.empty_like(confidence)
     _weigh_noise(
-        pair.no_flash[rows],
-        pair.flash[rows],
+        planes_of(pair.no_flash[rows]),
+        planes_of(pair.flash[rows]),
         beside,
-        (pair.no_flash_noise.gain, pair.no_flash_noise.floor),
-        (pair.flash_noise.gain, pair.flash_noise.floor),
+        _constants(pair.no_flash_noise),
+        _constants(pair.flash_noise),
         pair.flash_only,
         contrast,
         confidence,
@@ -145,33 +150,34 @@ def _reliability(
     return confidence, uncertainty
 
 
+def _constants(noise: Noise) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Gains and floors (3,), which loops keep in registers as numbers and not as arrays."""
+    return tuple(map(float, noise.gain)), tuple(map(float, noise.floor))
+
+
 @njit(cache=True, error_model="numpy")
 def _weigh_noise(
-    no_flash: Image,
-    flash: Image,
-    beside: Image,
-    no_flash_noise: tuple[NDArray[np.float64], NDArray[np.float64]],
-    flash_noise: tuple[NDArray[np.float64], NDArray[np.float64]],
+    no_flash: Planes,
+    flash: Planes,
+    beside: Plane,
+    no_flash_noise: tuple[tuple[float, ...], tuple[float, ...]],
+    flash_noise: tuple[tuple[float, ...], tuple[float, ...]],
     flash_only: bool,
     contrast: float,
-    confidence: NDArray[np.float32],
-    uncertainty: NDArray[np.float32],
+    confidence: Plane,
+    uncertainty: Plane,
 ) -> None:
     """Multiply confidence (h, W), and write uncertainty.
 
-    beside: variance (h, W, 3) of a flash photograph that lies beside the other, or nothing.
+    beside: variance (h, W) of a flash photograph that lies beside the other.
     """
-    for y in range(no_flash.shape[0]):
-        for x in range(no_flash.shape[1]):
-            light = part = variance = part_variance = 0.0
-            for k in range(3):
-                n, f = np.float64(no_flash[y, x, k]), np.float64(flash[y, x, k])
-                light += n
-                part += f
-                variance += no_flash_noise[0][k] * max(n, 0.0) + no_flash_noise[1][k]
-                part_variance += flash_noise[0][k] * max(f, 0.0) + flash_noise[1][k]
-                if len(beside):
-                    part_variance += beside[y, x, k]
+    for y in range(confidence.shape[0]):
+        for x in range(confidence.shape[1]):
+            n = no_flash[0][y, x], no_flash[1][y, x], no_flash[2][y, x]
+            f = flash[0][y, x], flash[1][y, x], flash[2][y, x]
+            light, part = _total(n), _total(f)
+            variance = _variance(n, no_flash_noise)
+            part_variance = _variance(f, flash_noise) + beside[y, x]
             if not flash_only:
                 part -= light
                 part_variance += variance
@@ -188,20 +194,38 @@ def _weigh_noise(
             uncertainty[y, x] = min(np.sqrt(relative) / contrast, 1.0)
 
 
+@njit(cache=True, error_model="numpy", inline="always")
+def _total(a: Colour) -> float:
+    """In double precision: a sum of what hardly differs may be taken from another."""
+    return np.float64(a[0]) + np.float64(a[1]) + np.float64(a[2])
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _variance(a: Colour, noise: tuple[tuple[float, ...], tuple[float, ...]]) -> float:
+    """Of a pixel's sum."""
+    gain, floor = noise
+    return (
+        gain[0] * max(np.float64(a[0]), 0.0)
+        + gain[1] * max(np.float64(a[1]), 0.0)
+        + gain[2] * max(np.float64(a[2]), 0.0)
+        + (floor[0] + floor[1] + floor[2])
+    )
+
+
 @njit(cache=True, error_model="numpy")
 def _deal_out(
-    photograph: Image,
-    confidence: NDArray[np.float32],
+    photograph: Planes,
+    confidence: Plane,
     proportions: NDArray[np.float32],
-    around: NDArray[np.float32],
     layers: NDArray[np.float32],
 ) -> None:
-    """Write layers (N, h, W, 3) by proportions, and by those around for what is not trusted."""
-    for lamp in range(len(proportions)):
-        for y in range(confidence.shape[0]):
-            for x in range(confidence.shape[1]):
-                trust = confidence[y, x]
-                rest = np.float32(1.0) - trust
-                for k in range(3):
-                    own = trust * proportions[lamp, y, x, k] + rest * around[lamp, y, x, k]
-                    layers[lamp, y, x, k] = own * photograph[y, x, k]
+    """Turn proportions around (N, 3, h, W) into layers, by a pixel's own as far as trusted."""
+    one = np.float32(1.0)
+    for y in range(confidence.shape[0]):
+        trust = confidence[y]
+        for lamp in range(len(layers)):
+            for k in range(3):
+                light, own, layer = photograph[k][y], proportions[lamp, k, y], layers[lamp, k, y]
+                for x in range(len(trust)):
+                    part = trust[x] * own[x] + (one - trust[x]) * layer[x]
+                    layer[x] = part * light[x]

@@ -69,22 +69,21 @@ def _dot(a: Colour, b: Colour) -> float:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _alone(seen: float, power: float) -> float:
-    return seen / power if power > 0 and seen > 0 else 0.0
+    share = seen / power
+    return share if (power > 0) & (seen > 0) else 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _together(
     s0: float, s1: float, g00: float, g01: float, g11: float
 ) -> tuple[float, float, float]:
     """Shares of two lamps that are both there, and what they explain; −1 where they are not."""
     determinant = g00 * g11 - g01 * g01
-    if not determinant > _REGULAR * g00 * g11:
-        return 0.0, 0.0, -1.0
-    z0, z1 = g11 * s0 - g01 * s1, g00 * s1 - g01 * s0
-    if z0 < 0 or z1 < 0:
-        return 0.0, 0.0, -1.0
+    z0, z1 = (g11 * s0 - g01 * s1), (g00 * s1 - g01 * s0)
+    there = (determinant > _REGULAR * g00 * g11) & (z0 >= 0) & (z1 >= 0)
     z0, z1 = z0 / determinant, z1 / determinant
-    return z0, z1, z0 * s0 + z1 * s1
+    explained = z0 * s0 + z1 * s1
+    return z0, z1, explained if there else -1.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -93,51 +92,61 @@ def share_of_one(seen: Colour, first: Colour) -> float:
     return _alone(_dot(first, seen), _dot(first, first))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def shares_of_two(seen: Colour, first: Colour, second: Colour) -> tuple[float, float]:
-    """Shares of one pixel, as shares defines them; for other compiled loops."""
+    """Shares of one pixel, as shares defines them; for other compiled loops.
+
+    Without branches, so that loops over pixels become vector instructions.
+    """
     s0, s1 = _dot(first, seen), _dot(second, seen)
     g00, g01, g11 = _dot(first, first), _dot(first, second), _dot(second, second)
     z0, z1, explained = _together(s0, s1, g00, g01, g11)
-    if explained >= 0:  # no solution on the border is better than one inside
-        return z0, z1
-    z0, z1 = _alone(s0, g00), _alone(s1, g11)
-    return (z0, 0.0) if z0 * s0 >= z1 * s1 else (0.0, z1)
+    one, other = _alone(s0, g00), _alone(s1, g11)
+    stronger = one * s0 >= other * s1
+    both = explained >= 0  # no solution on the border is better than one inside
+    one, other = (one if stronger else 0.0), (0.0 if stronger else other)
+    return (z0 if both else one), (z1 if both else other)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def shares_of_three(
     seen: Colour, first: Colour, second: Colour, third: Colour
 ) -> tuple[float, float, float]:
-    """Shares of one pixel, as shares defines them; for other compiled loops."""
+    """Shares of one pixel, as shares defines them; for other compiled loops, without branches."""
     s0, s1, s2 = _dot(first, seen), _dot(second, seen), _dot(third, seen)
     g00, g01, g02 = _dot(first, first), _dot(first, second), _dot(first, third)
     g11, g12, g22 = _dot(second, second), _dot(second, third), _dot(third, third)
     c00, c01, c02 = g11 * g22 - g12 * g12, g02 * g12 - g01 * g22, g01 * g12 - g02 * g11
+    c11, c12, c22 = g00 * g22 - g02 * g02, g01 * g02 - g00 * g12, g00 * g11 - g01 * g01
     determinant = g00 * c00 + g01 * c01 + g02 * c02
-    if determinant > _REGULAR**1.5 * g00 * g11 * g22:
-        c11, c12, c22 = g00 * g22 - g02 * g02, g01 * g02 - g00 * g12, g00 * g11 - g01 * g01
-        z0 = c00 * s0 + c01 * s1 + c02 * s2
-        z1 = c01 * s0 + c11 * s1 + c12 * s2
-        z2 = c02 * s0 + c12 * s1 + c22 * s2
-        if z0 >= 0 and z1 >= 0 and z2 >= 0:
-            return z0 / determinant, z1 / determinant, z2 / determinant
+    all0 = c00 * s0 + c01 * s1 + c02 * s2
+    all1 = c01 * s0 + c11 * s1 + c12 * s2
+    all2 = c02 * s0 + c12 * s1 + c22 * s2
+    there = (determinant > _REGULAR**1.5 * g00 * g11 * g22) & (all0 >= 0) & (all1 >= 0)
+    there &= all2 >= 0
     # else the best of the solutions that lack a lamp
     z0, z1, z2 = _alone(s0, g00), 0.0, 0.0
     gain = z0 * s0
     one = _alone(s1, g11)
-    if one * s1 > gain:
-        gain, z0, z1 = one * s1, 0.0, one
+    better = one * s1 > gain
+    gain, z0, z1 = (one * s1 if better else gain), (0.0 if better else z0), (one if better else z1)
     one = _alone(s2, g22)
-    if one * s2 > gain:
-        gain, z0, z1, z2 = one * s2, 0.0, 0.0, one
+    better = one * s2 > gain
+    gain, z0 = (one * s2 if better else gain), (0.0 if better else z0)
+    z1, z2 = (0.0 if better else z1), (one if better else z2)
     a, b, explained = _together(s0, s1, g00, g01, g11)
-    if explained > gain:
-        gain, z0, z1, z2 = explained, a, b, 0.0
+    better = explained > gain
+    gain, z0 = (explained if better else gain), (a if better else z0)
+    z1, z2 = (b if better else z1), (0.0 if better else z2)
     a, b, explained = _together(s0, s2, g00, g02, g22)
-    if explained > gain:
-        gain, z0, z1, z2 = explained, a, 0.0, b
+    better = explained > gain
+    gain, z0 = (explained if better else gain), (a if better else z0)
+    z1, z2 = (0.0 if better else z1), (b if better else z2)
     a, b, explained = _together(s1, s2, g11, g12, g22)
-    if explained > gain:
-        z0, z1, z2 = 0.0, a, b
-    return z0, z1, z2
+    better = explained > gain
+    z0, z1, z2 = (0.0 if better else z0), (a if better else z1), (b if better else z2)
+    return (
+        all0 / determinant if there else z0,
+        all1 / determinant if there else z1,
+        all2 / determinant if there else z2,
+    )

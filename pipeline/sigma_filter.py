@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pipeline.frames import Image
+from pipeline.frames import Image, planes_of
 from pipeline.noise import Noise
 
 Planes = NDArray[np.float32]
@@ -40,9 +40,10 @@ def sigma_filter(
 
     Returns
     -------
-    two (len(keep), W, 3) filtered photographs, and (len(keep), W) how many pixels were averaged
+    two (len(keep), W, 3) filtered photographs, laid by planes, and (len(keep), W) how many pixels
+    were averaged
     """
-    planes = np.ascontiguousarray(np.concatenate(images, axis=2).transpose(2, 0, 1))
+    planes = np.stack([plane for image in images for plane in planes_of(image)])
     height = planes.shape[1]
     first, last, _ = keep.indices(height)
     gain = np.concatenate([np.maximum(noise.gain, 1e-9) for noise in noises]).astype(np.float32)
@@ -58,9 +59,8 @@ def sigma_filter(
         _join(planes, certainty, stable, reach, gap, top, bottom, total, count)
         planes, total = total, planes
         certainty, count = count, certainty
-    kept = planes[:, keep].transpose(1, 2, 0)
-    before, after = (np.ascontiguousarray(kept[..., part]) for part in (slice(3), slice(3, 6)))
-    return before, after, certainty[keep]
+    kept = np.moveaxis(planes[:, keep], 0, -1)
+    return kept[..., :3], kept[..., 3:], certainty[keep]
 
 
 @njit(cache=True)

@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pipeline.frames import Image
+from pipeline.frames import Image, Plane, Planes, by_planes, channels_first, planes_of
 
 Array = NDArray[np.float32]
 
@@ -49,23 +49,26 @@ def smooth_proportions(
     if len(proportions) == 1:
         return proportions[:, keep]
     guide, weight, guided, squared = np.empty((4, *trust.shape), dtype=np.float32)
-    _write_guide(no_flash, flash, trust, guide, weight, guided, squared)
+    _write_guide(planes_of(no_flash), planes_of(flash), trust, guide, weight, guided, squared)
     total, mean, variance = _box(weight), _box(guided), _box(squared)
     _to_variance(total, mean, variance)
-    smooth = np.empty((len(proportions), *proportions[0, keep].shape), dtype=np.float32)
-    p_mean, slope, inside = np.empty_like(guide), np.empty_like(guide), (guide[keep], total[keep])
-    for lamp, one in enumerate(proportions[:-1]):  # the last lamp has what is left
-        for channel in range(3):
-            _weigh(one, channel, weight, guide, p_mean, slope)
-            offset, slope = _box(p_mean), _box(slope)
+    smooth = by_planes(*proportions[:, keep].shape)
+    weighed, guided = np.empty_like(guide), np.empty_like(guide)
+    for lamp in range(len(proportions) - 1):  # the last lamp has what is left
+        for plane, fitted in zip(
+            planes_of(proportions[lamp]), planes_of(smooth[lamp]), strict=True
+        ):
+            _weigh(plane, weight, guide, weighed, guided)
+            offset, slope = _box(weighed), _box(guided)
             _to_line(offset, slope, total, mean, variance, weight)
             slope, offset = _box(slope), _box(offset)
-            _write_fitted(slope[keep], offset[keep], *inside, smooth[lamp], channel)
-    _blend(proportions[:, keep], uncertainty[keep], smooth)
+            _fit(slope[keep], offset[keep], guide[keep], total[keep], fitted)
+    first, _, _ = keep.indices(len(trust))
+    _blend(channels_first(proportions), first, uncertainty[keep], channels_first(smooth))
     return smooth
 
 
-def _box(plane: Array) -> Array:
+def _box(plane: Plane) -> Plane:
     # not cv2.blur, whose running sums round differently in every strip
     mean = cv2.sepFilter2D(plane, -1, _KERNEL, _KERNEL, borderType=cv2.BORDER_REPLICATE)
     return np.asarray(mean, dtype=np.float32)
@@ -73,50 +76,47 @@ def _box(plane: Array) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def _write_guide(
-    no_flash: Image,
-    flash: Image,
-    trust: Array,
-    guide: Array,
-    weight: Array,
-    guided: Array,
-    squared: Array,
+    no_flash: Planes,
+    flash: Planes,
+    trust: Plane,
+    guide: Plane,
+    weight: Plane,
+    guided: Plane,
+    squared: Plane,
 ) -> None:
     """Write the guide, the weight, and the weight times the guide and its square."""
     zero, least = np.float32(0.0), np.float32(1e-9)
     for y in range(trust.shape[0]):
         for x in range(trust.shape[1]):
-            n, f = no_flash[y, x], flash[y, x]
-            light, flashed = max(n[0] + n[1] + n[2], zero), max(f[0] + f[1] + f[2], zero)
-            guide[y, x] = light / max(light + flashed, least)
-            weight[y, x] = trust[y, x] + np.float32(1e-6)
-            guided[y, x] = weight[y, x] * guide[y, x]
-            squared[y, x] = guided[y, x] * guide[y, x]
+            light = max(no_flash[0][y, x] + no_flash[1][y, x] + no_flash[2][y, x], zero)
+            flashed = max(flash[0][y, x] + flash[1][y, x] + flash[2][y, x], zero)
+            edge, sure = light / max(light + flashed, least), trust[y, x] + np.float32(1e-6)
+            guide[y, x], weight[y, x] = edge, sure
+            guided[y, x], squared[y, x] = sure * edge, sure * edge * edge
 
 
 @njit(cache=True, error_model="numpy")
-def _to_variance(total: Array, mean: Array, variance: Array) -> None:
+def _to_variance(total: Plane, mean: Plane, variance: Plane) -> None:
     """Turn means of weight, of weighted guide and of its square into mean and variance."""
     for y in range(total.shape[0]):
         for x in range(total.shape[1]):
-            mean[y, x] /= total[y, x]
-            spread = variance[y, x] / total[y, x] - mean[y, x] * mean[y, x]
-            variance[y, x] = max(spread, np.float32(0.0))
+            middle = mean[y, x] / total[y, x]
+            spread = variance[y, x] / total[y, x] - middle * middle
+            mean[y, x], variance[y, x] = middle, max(spread, np.float32(0.0))
 
 
 @njit(cache=True, error_model="numpy")
-def _weigh(
-    one: Image, channel: int, weight: Array, guide: Array, weighed: Array, guided: Array
-) -> None:
+def _weigh(part: Plane, weight: Plane, guide: Plane, weighed: Plane, guided: Plane) -> None:
     """Write a lamp's proportion of a channel, weighed, and times the guide."""
     for y in range(weight.shape[0]):
         for x in range(weight.shape[1]):
-            weighed[y, x] = weight[y, x] * one[y, x, channel]
-            guided[y, x] = weighed[y, x] * guide[y, x]
+            one = weight[y, x] * part[y, x]
+            weighed[y, x], guided[y, x] = one, one * guide[y, x]
 
 
 @njit(cache=True, error_model="numpy")
 def _to_line(
-    offset: Array, slope: Array, total: Array, mean: Array, variance: Array, weight: Array
+    offset: Plane, slope: Plane, total: Plane, mean: Plane, variance: Plane, weight: Plane
 ) -> None:
     """Turn means of weighed proportion and of its product with the guide into lines, weighed."""
     for y in range(total.shape[0]):
@@ -130,37 +130,45 @@ def _to_line(
 
 
 @njit(cache=True, error_model="numpy")
-def _write_fitted(
-    slope: Array, offset: Array, guide: Array, total: Array, smooth: Image, channel: int
-) -> None:
+def _fit(slope: Plane, offset: Plane, guide: Plane, total: Plane, fitted: Plane) -> None:
     for y in range(total.shape[0]):
         for x in range(total.shape[1]):
-            fitted = (slope[y, x] * guide[y, x] + offset[y, x]) / total[y, x]
-            smooth[y, x, channel] = fitted
+            fitted[y, x] = (slope[y, x] * guide[y, x] + offset[y, x]) / total[y, x]
 
 
 @njit(cache=True, error_model="numpy")
-def _blend(proportions: Array, uncertainty: Array, smooth: Array) -> None:
-    """Complete the fitted proportions, and go from the given ones as far as noise allows."""
+def _blend(proportions: Array, first: int, uncertainty: Plane, smooth: Array) -> None:
+    """Complete the fitted proportions, and go from the given ones as far as noise allows.
+
+    proportions: (N, 3, H, w), of which row first belongs to row 0 of smooth (N, 3, h, w).
+    """
     zero, one, tolerance = np.float32(0.0), np.float32(1.0), np.float32(_TOLERANCE)
-    count = len(smooth)
-    for y in range(uncertainty.shape[0]):
-        for x in range(uncertainty.shape[1]):
-            most = zero
-            for k in range(3):
-                left, total = one, zero
-                for j in range(count - 1):
-                    left -= smooth[j, y, x, k]
-                smooth[count - 1, y, x, k] = left
-                for j in range(count):
-                    smooth[j, y, x, k] = min(max(smooth[j, y, x, k], zero), one)
-                    total += smooth[j, y, x, k]
-                total = max(total, np.float32(1e-6))
-                for j in range(count):
-                    smooth[j, y, x, k] = smooth[j, y, x, k] / total - proportions[j, y, x, k]
-                    most = max(most, abs(smooth[j, y, x, k]))
-            noise = uncertainty[y, x] * uncertainty[y, x]
-            share = noise / max(noise + (tolerance * most) * (tolerance * most), np.float32(1e-12))
+    count, _, height, width = smooth.shape
+    most, total = np.empty((2, width), np.float32)
+    for y in range(height):
+        most[:] = zero
+        for k in range(3):
+            last = smooth[count - 1, k, y]
+            last[:] = one
+            total[:] = zero
             for j in range(count):
-                for k in range(3):
-                    smooth[j, y, x, k] = proportions[j, y, x, k] + share * smooth[j, y, x, k]
+                part = smooth[j, k, y]
+                if j < count - 1:
+                    for x in range(width):
+                        last[x] -= part[x]
+                for x in range(width):
+                    part[x] = min(max(part[x], zero), one)
+                    total[x] += part[x]
+            for j in range(count):
+                part, given = smooth[j, k, y], proportions[j, k, first + y]
+                for x in range(width):
+                    change = part[x] / max(total[x], np.float32(1e-6)) - given[x]
+                    part[x], most[x] = change, max(most[x], abs(change))
+        for x in range(width):
+            noise, change = uncertainty[y, x] * uncertainty[y, x], tolerance * most[x]
+            most[x] = noise / max(noise + change * change, np.float32(1e-12))
+        for j in range(count):
+            for k in range(3):
+                part, given = smooth[j, k, y], proportions[j, k, first + y]
+                for x in range(width):
+                    part[x] = given[x] + most[x] * part[x]

@@ -9,11 +9,13 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pipeline.frames import Image, Matrix
+from pipeline.frames import Image, Matrix, Plane, Planes, by_planes, channels_first, planes_of
 from pipeline.lamps import Lamps
 from pipeline.model import Model
 from pipeline.separation import Strip
 from pipeline.spectra.matrices import best_matrix
+
+Numbers = tuple[float, ...]
 
 _BRIGHTEST = 4.0
 _FAINTEST = 0.02  # of a lamp's strongest channel, so that no ratio explodes
@@ -31,39 +33,65 @@ class WhiteBalance:
     """
 
     def __init__(self, lamps: Lamps, model: Model) -> None:
-        self._matrices = lamps.matrices.astype(np.float32)
-        self._to_neutral = model.flash_to_neutral
+        self._matrices = tuple(_numbers(matrix) for matrix in lamps.matrices)
+        self._to_neutral = _numbers(model.flash_to_neutral)
         greens = whites_of(lamps, model)[:, 1]
-        self._brightness = greens / (self._to_neutral @ model.flash_white)[1]
-        self._tensor = np.ascontiguousarray(model.tensor)
+        self._brightness = _numbers(greens / (model.flash_to_neutral @ model.flash_white)[1])
+        self._tensor = _numbers(model.tensor)
         self._strength = float(np.linalg.norm(model.neutral))
-        self._from_layers = _from_layers(lamps, model).astype(np.float32)
-        self._white = _neutral_white(model).astype(np.float32)
+        self._from_layers = tuple(_numbers(one) for one in _from_layers(lamps, model))
+        self._white = _numbers(_neutral_white(model))
 
-    def approach_1(self, strip: Strip, balanced: Image) -> None:
+    def approach_1(self, strip: Strip) -> Image:
         """Every lamp replaced by the neutral light of the same green response.
 
         I = Σ_j (z_j g_j / g_n) T_n I_f, brightness z_j from the layers, g the green response of a
-        white card. balanced: (h, W, 3), overwritten, linear camera RGB as under the neutral light.
+        white card. Returns (h, W, 3), linear camera RGB as under the neutral light, by planes.
         """
+        balanced = by_planes(*strip.flash.shape)
         _by_lamps(
-            strip.flash, strip.layers, self._matrices, self._brightness, self._to_neutral, balanced
+            planes_of(strip.flash),
+            channels_first(strip.layers),
+            self._matrices,
+            self._brightness,
+            self._to_neutral,
+            planes_of(balanced),
         )
         self._finish(strip, balanced)
+        return balanced
 
-    def approach_2(self, strip: Strip, balanced: Image) -> None:
+    def approach_2(self, strip: Strip) -> Image:
         """All light replaced by neutral light of the same strength ‖β‖.
 
         I = ‖β‖/‖b_n‖ T_n I_f, but nowhere far brighter than the photograph. Any number of lamps
-        will do, since none is told from the other. balanced: as in approach_1.
+        will do, since none is told from the other. Returns the same as approach_1.
         """
+        balanced = by_planes(*strip.flash.shape)
         _by_strength(
-            strip.no_flash, strip.flash, self._tensor, self._strength, self._to_neutral, balanced
+            planes_of(strip.no_flash),
+            planes_of(strip.flash),
+            self._tensor,
+            self._strength,
+            self._to_neutral,
+            planes_of(balanced),
         )
         self._finish(strip, balanced)
+        return balanced
 
     def _finish(self, strip: Strip, balanced: Image) -> None:
-        _finish(strip.layers, strip.confidence, self._from_layers, self._white, balanced)
+        """Take colours from the layers where the flash part is of no use; make highlights white."""
+        _finish(
+            channels_first(strip.layers),
+            strip.confidence,
+            self._from_layers,
+            self._white,
+            planes_of(balanced),
+        )
+
+
+def _numbers(array: Matrix) -> tuple[float, ...]:
+    """What loops keep in registers; of an array they would not know that nothing writes to it."""
+    return tuple(array.ravel().tolist())
 
 
 def whites_of(lamps: Lamps, model: Model) -> Matrix:
@@ -102,110 +130,132 @@ def _neutral_white(model: Model) -> Matrix:
 
 @njit(cache=True, error_model="numpy")
 def _by_lamps(
-    flash: Image,
+    flash: Planes,
     layers: Image,
-    matrices: Image,
-    brightness: Matrix,
-    to_neutral: Matrix,
-    balanced: Image,
+    matrices: tuple[Numbers, ...],
+    brightness: Numbers,
+    n: Numbers,
+    balanced: Planes,
 ) -> None:
     """Write Σ_j brightness_j z_j T_n I_f, z_j = layer_j · T_j I_f / ‖T_j I_f‖²."""
     zero = np.float32(0.0)
-    for y in range(flash.shape[0]):
-        for x in range(flash.shape[1]):
-            r, g, b = flash[y, x, 0], flash[y, x, 1], flash[y, x, 2]
-            strength = 0.0
-            for j in range(len(matrices)):
-                m, energy, seen = matrices[j], zero, zero
-                for k in range(3):
-                    predicted = max(m[k, 0] * r + m[k, 1] * g + m[k, 2] * b, zero)
-                    energy += predicted * predicted
-                    seen += predicted * layers[j, y, x, k]
-                if energy > 0:
-                    strength += brightness[j] * (seen / energy)
-            for k in range(3):
-                lit = to_neutral[k, 0] * r + to_neutral[k, 1] * g + to_neutral[k, 2] * b
-                balanced[y, x, k] = max(strength * lit, 0.0)
+    strength = np.empty(layers.shape[3])
+    for y in range(layers.shape[2]):
+        red, green, blue = flash[0][y], flash[1][y], flash[2][y]
+        strength[:] = 0.0
+        for j in range(len(layers)):
+            m, scale = matrices[j], brightness[j]
+            layer_0, layer_1, layer_2 = layers[j, 0, y], layers[j, 1, y], layers[j, 2, y]
+            for x in range(len(strength)):
+                r, g, b = red[x], green[x], blue[x]
+                p0 = max(np.float32(m[0]) * r + np.float32(m[1]) * g + np.float32(m[2]) * b, zero)
+                p1 = max(np.float32(m[3]) * r + np.float32(m[4]) * g + np.float32(m[5]) * b, zero)
+                p2 = max(np.float32(m[6]) * r + np.float32(m[7]) * g + np.float32(m[8]) * b, zero)
+                energy = p0 * p0 + p1 * p1 + p2 * p2
+                z = (p0 * layer_0[x] + p1 * layer_1[x] + p2 * layer_2[x]) / energy
+                strength[x] += scale * z if energy > 0 else 0.0
+        out_0, out_1, out_2 = balanced[0][y], balanced[1][y], balanced[2][y]
+        for x in range(len(strength)):
+            r, g, b = red[x], green[x], blue[x]
+            out_0[x] = max(strength[x] * (n[0] * r + n[1] * g + n[2] * b), 0.0)
+            out_1[x] = max(strength[x] * (n[3] * r + n[4] * g + n[5] * b), 0.0)
+            out_2[x] = max(strength[x] * (n[6] * r + n[7] * g + n[8] * b), 0.0)
 
 
 @njit(cache=True, error_model="numpy")
 def _by_strength(
-    no_flash: Image, flash: Image, d: Matrix, unit: float, to_neutral: Matrix, balanced: Image
+    no_flash: Planes, flash: Planes, d: Numbers, unit: float, m: Numbers, balanced: Planes
 ) -> None:
-    """Write ‖β‖/unit T_n I_f; β by Cramer's rule from the columns c_j = D_j I_f, as published."""
-    for y in range(flash.shape[0]):
-        for x in range(flash.shape[1]):
-            r, g, b = flash[y, x, 0], flash[y, x, 1], flash[y, x, 2]
-            n0, n1, n2 = no_flash[y, x, 0], no_flash[y, x, 1], no_flash[y, x, 2]
-            a0 = d[0, 0, 0] * r + d[0, 1, 0] * g + d[0, 2, 0] * b
-            a1 = d[1, 0, 0] * r + d[1, 1, 0] * g + d[1, 2, 0] * b
-            a2 = d[2, 0, 0] * r + d[2, 1, 0] * g + d[2, 2, 0] * b
-            b0 = d[0, 0, 1] * r + d[0, 1, 1] * g + d[0, 2, 1] * b
-            b1 = d[1, 0, 1] * r + d[1, 1, 1] * g + d[1, 2, 1] * b
-            b2 = d[2, 0, 1] * r + d[2, 1, 1] * g + d[2, 2, 1] * b
-            c0 = d[0, 0, 2] * r + d[0, 1, 2] * g + d[0, 2, 2] * b
-            c1 = d[1, 0, 2] * r + d[1, 1, 2] * g + d[1, 2, 2] * b
-            c2 = d[2, 0, 2] * r + d[2, 1, 2] * g + d[2, 2, 2] * b
+    """Write ‖β‖/unit T_n I_f; β by Cramer's rule from the columns c_j = D_j I_f, as published.
+
+    d: (3, 3, 3) by rows, as published: channel of the result, channel of the flash part, column.
+    """
+    zero = np.float32(0.0)
+    for y in range(flash[0].shape[0]):
+        for x in range(flash[0].shape[1]):
+            r, g, b = flash[0][y, x], flash[1][y, x], flash[2][y, x]
+            n0, n1, n2 = no_flash[0][y, x], no_flash[1][y, x], no_flash[2][y, x]
+            a0, b0, c0 = _columns(d[0:9], r, g, b)
+            a1, b1, c1 = _columns(d[9:18], r, g, b)
+            a2, b2, c2 = _columns(d[18:27], r, g, b)
             u0, u1, u2 = b1 * c2 - b2 * c1, b2 * c0 - b0 * c2, b0 * c1 - b1 * c0
             v0, v1, v2 = c1 * a2 - c2 * a1, c2 * a0 - c0 * a2, c0 * a1 - c1 * a0
             w0, w1, w2 = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
-            determinant = a0 * u0 + a1 * u1 + a2 * u2
+            determinant = abs(a0 * u0 + a1 * u1 + a2 * u2)
             squared = a0 * a0 + a1 * a1 + a2 * a2
             squared *= b0 * b0 + b1 * b1 + b2 * b2
             squared *= c0 * c0 + c1 * c1 + c2 * c2
-            strength = 0.0
-            if abs(determinant) > _SINGULAR * np.sqrt(squared):
-                u = u0 * n0 + u1 * n1 + u2 * n2
-                v = v0 * n0 + v1 * n1 + v2 * n2
-                w = w0 * n0 + w1 * n1 + w2 * n2
-                strength = np.sqrt(u * u + v * v + w * w) / (abs(determinant) * unit)
-            brightest = 0.0
-            for k in range(3):
-                lit = to_neutral[k, 0] * r + to_neutral[k, 1] * g + to_neutral[k, 2] * b
-                lit = max(strength * lit, 0.0)
-                brightest = max(brightest, lit)
-                balanced[y, x, k] = lit
+            u = u0 * n0 + u1 * n1 + u2 * n2
+            v = v0 * n0 + v1 * n1 + v2 * n2
+            w = w0 * n0 + w1 * n1 + w2 * n2
+            strength = np.sqrt(u * u + v * v + w * w) / (determinant * unit)
+            strength = strength if determinant > _SINGULAR * np.sqrt(squared) else 0.0
+            red = max(strength * (m[0] * r + m[1] * g + m[2] * b), 0.0)
+            green = max(strength * (m[3] * r + m[4] * g + m[5] * b), 0.0)
+            blue = max(strength * (m[6] * r + m[7] * g + m[8] * b), 0.0)
             # near-singular pixels give any length: nothing gets far brighter than the photograph
-            limit = _BRIGHTEST * max(n0, n1, n2, np.float32(0.0))
-            if brightest > limit:
-                for k in range(3):
-                    balanced[y, x, k] *= limit / max(brightest, 1e-9)
+            limit = _BRIGHTEST * max(max(n0, n1), max(n2, zero))
+            share = min(limit / max(max(red, green), max(blue, 1e-9)), 1.0)
+            balanced[0][y, x], balanced[1][y, x] = share * red, share * green
+            balanced[2][y, x] = share * blue
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _columns(d: Numbers, r: float, g: float, b: float) -> tuple[float, float, float]:
+    """One channel of c_1, c_2, c_3."""
+    return (
+        d[0] * r + d[3] * g + d[6] * b,
+        d[1] * r + d[4] * g + d[7] * b,
+        d[2] * r + d[5] * g + d[8] * b,
+    )
 
 
 @njit(cache=True, error_model="numpy")
 def _finish(
-    layers: Image, confidence: Image, from_layers: Image, white: Image, balanced: Image
+    layers: Image,
+    confidence: Plane,
+    matrices: tuple[Numbers, ...],
+    white: Numbers,
+    balanced: Planes,
 ) -> None:
-    """Take colours from the layers where the flash part is of no use; make highlights white.
+    """Blend in the layers' colours under the neutral light, and make highlights white.
 
     Gains would give what is clipped the colour of no lamp. Its brightness is the least that all
     channels have, if it is white.
     """
     zero, one = np.float32(0.0), np.float32(1.0)
-    low, scale = np.float32(_CLIPPING[0]), np.float32(1.0 / (_CLIPPING[1] - _CLIPPING[0]))
-    for y in range(confidence.shape[0]):
-        for x in range(confidence.shape[1]):
-            trust = confidence[y, x]
-            r = g = b = zero
-            red = green = blue = zero
-            for j in range(len(layers)):
-                m, layer = from_layers[j], layers[j, y, x]
-                r += layer[0]
-                g += layer[1]
-                b += layer[2]
-                red += m[0, 0] * layer[0] + m[0, 1] * layer[1] + m[0, 2] * layer[2]
-                green += m[1, 0] * layer[0] + m[1, 1] * layer[1] + m[1, 2] * layer[2]
-                blue += m[2, 0] * layer[0] + m[2, 1] * layer[1] + m[2, 2] * layer[2]
-            red = trust * balanced[y, x, 0] + (one - trust) * max(red, zero)
-            green = trust * balanced[y, x, 1] + (one - trust) * max(green, zero)
-            blue = trust * balanced[y, x, 2] + (one - trust) * max(blue, zero)
-            r, g, b = (
-                min(max((r - low) * scale, zero), one),
-                min(max((g - low) * scale, zero), one),
-                min(max((b - low) * scale, zero), one),
-            )
+    w0, w1, w2 = np.float32(white[0]), np.float32(white[1]), np.float32(white[2])
+    sums = np.empty((6, layers.shape[3]), np.float32)
+    light_0, light_1, light_2, sum_0, sum_1, sum_2 = sums
+    for y in range(layers.shape[2]):
+        sums[:] = zero
+        for j in range(len(layers)):
+            m = matrices[j]
+            layer_0, layer_1, layer_2 = layers[j, 0, y], layers[j, 1, y], layers[j, 2, y]
+            for x in range(len(layer_0)):
+                r, g, b = layer_0[x], layer_1[x], layer_2[x]
+                light_0[x] += r
+                light_1[x] += g
+                light_2[x] += b
+                sum_0[x] += np.float32(m[0]) * r + np.float32(m[1]) * g + np.float32(m[2]) * b
+                sum_1[x] += np.float32(m[3]) * r + np.float32(m[4]) * g + np.float32(m[5]) * b
+                sum_2[x] += np.float32(m[6]) * r + np.float32(m[7]) * g + np.float32(m[8]) * b
+        trusted, out_0, out_1, out_2 = confidence[y], balanced[0][y], balanced[1][y], balanced[2][y]
+        for x in range(len(trusted)):
+            trust = trusted[x]
+            red = trust * out_0[x] + (one - trust) * max(sum_0[x], zero)
+            green = trust * out_1[x] + (one - trust) * max(sum_1[x], zero)
+            blue = trust * out_2[x] + (one - trust) * max(sum_2[x], zero)
+            r, g, b = _clipped(light_0[x]), _clipped(light_1[x]), _clipped(light_2[x])
             share = max(min(r, g), min(max(r, g), b))  # of the second of three
-            brightness = max(red / white[0], green / white[1], blue / white[2])
-            balanced[y, x, 0] = (one - share) * red + share * brightness * white[0]
-            balanced[y, x, 1] = (one - share) * green + share * brightness * white[1]
-            balanced[y, x, 2] = (one - share) * blue + share * brightness * white[2]
+            brightness = max(max(red / w0, green / w1), blue / w2)
+            out_0[x] = (one - share) * red + share * brightness * w0
+            out_1[x] = (one - share) * green + share * brightness * w1
+            out_2[x] = (one - share) * blue + share * brightness * w2
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _clipped(light: np.float32) -> np.float32:
+    """How far a channel counts as clipped, 0…1."""
+    low, scale = np.float32(_CLIPPING[0]), np.float32(1.0 / (_CLIPPING[1] - _CLIPPING[0]))
+    return min(max((light - low) * scale, np.float32(0.0)), np.float32(1.0))

@@ -2,27 +2,60 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import Imath
 import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
+_FLOAT = Imath.Channel(Imath.PixelType(Imath.PixelType.FLOAT))
 
-def write_exr(path: Path, pictures: dict[str, NDArray[np.float32]], half: bool = False) -> None:
-    """Write pictures as uncompressed scan lines: docs/decisions/0011-uncompressed-layers.md.
 
-    pictures: planes (H, W), each the channel of its name, and pictures (H, W, 3), the channels
-    name.R, name.G and name.B, or R, G and B if the name is RGB.
-    half: store 16-bit floats, which end at 65504 and keep 11 bits; else 32-bit floats.
-    Raises ValueError for pictures of different size, OSError where the file cannot be written.
+class ExrFile:
+    """An EXR of 32-bit floats, written from top to bottom as some rows after the others.
+
+    Plain scan lines: docs/decisions/0011-uncompressed-layers.md. size: (width, height).
+    OpenEXR's newer interface takes whole pictures only, which need far more memory.
     """
-    if len({picture.shape[:2] for picture in pictures.values()}) != 1:
-        raise ValueError("the channels of an EXR must have one size")
-    kind = np.float16 if half else np.float32
-    channels = {  # OpenEXR reads memory as it lies, whatever the strides
-        name: np.ascontiguousarray(picture, dtype=kind) for name, picture in pictures.items()
-    }
-    header = {"compression": OpenEXR.NO_COMPRESSION, "type": OpenEXR.scanlineimage}
-    try:
-        OpenEXR.File(header, channels).write(str(path))
-    except RuntimeError as error:  # OpenEXR's only word for a full or missing disk
-        raise OSError(str(error)) from error
+
+    def __init__(self, path: Path, size: tuple[int, int]) -> None:
+        self._path = path
+        self._size = size
+        self._file: OpenEXR.OutputFile | None = None
+
+    def write(self, pictures: dict[str, NDArray[np.float32]]) -> None:
+        """Write the next rows.
+
+        pictures: planes (h, W), each the channel of its name, and pictures (h, W, 3), the channels
+        name.R, name.G and name.B, or R, G and B if the name is RGB; the same names each time.
+        Raises ValueError for pictures of different size, OSError where nothing can be written.
+        """
+        if len({picture.shape[:2] for picture in pictures.values()}) != 1:
+            raise ValueError("the channels of an EXR must have one size")
+        channels: dict[str, NDArray[np.float32]] = {}
+        for name, picture in pictures.items():
+            if picture.ndim == 2:
+                channels[name] = picture
+                continue
+            prefix = "" if name == "RGB" else f"{name}."
+            channels |= {f"{prefix}{letter}": picture[..., k] for k, letter in enumerate("RGB")}
+        rows = len(next(iter(channels.values())))
+        if self._file is None:
+            header = OpenEXR.Header(*self._size)
+            header["compression"] = Imath.Compression(Imath.Compression.NO_COMPRESSION)
+            header["channels"] = dict.fromkeys(channels, _FLOAT)
+            self._file = OpenEXR.OutputFile(str(self._path), header)
+        lines = {name: np.ascontiguousarray(plane, np.float32) for name, plane in channels.items()}
+        self._file.writePixels(lines, rows)
+
+    def close(self) -> None:
+        """End the file."""
+        if self._file is not None:
+            self._file.close()
+
+
+def write_exr(path: Path, pictures: dict[str, NDArray[np.float32]]) -> None:
+    """Write whole pictures, as ExrFile does."""
+    height, width = next(iter(pictures.values())).shape[:2]
+    file = ExrFile(path, (width, height))
+    file.write(pictures)
+    file.close()

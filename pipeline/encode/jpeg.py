@@ -12,25 +12,56 @@ from PIL import Image as PillowImage
 from pipeline.colour.curves import linear_to_srgb
 from pipeline.colour.icc import srgb_profile
 from pipeline.colour.spaces import SRGB_PRIMARIES, rgb_to_xyz
-from pipeline.frames import Image, Matrix
+from pipeline.frames import Image, Matrix, Planes, planes_of
+
+Numbers = tuple[float, ...]
 
 QUALITY = 92
 
 _IDENTITY: Matrix = np.eye(3)
-_LUMINANCE = rgb_to_xyz(SRGB_PRIMARIES)[1].astype(np.float32)
+_LUMINANCE = tuple(rgb_to_xyz(SRGB_PRIMARIES)[1].astype(np.float32).tolist())
 _STEPS = 65535
 
 
-def write_jpeg(file: Path | BinaryIO, linear: Image, to_srgb: Matrix = _IDENTITY) -> None:
-    """Write (H, W, 3) as an 8-bit sRGB JPEG of quality 92 with its ICC profile and no EXIF.
+class JpegFile:
+    """An 8-bit sRGB JPEG of quality 92 with its ICC profile and no EXIF, given from top to bottom.
 
-    linear: linear values, 1.0 = white; to_srgb: matrix (3, 3) that takes a pixel to linear sRGB.
-    Colour is not subsampled (4:4:4): the borders between coloured lights are what these pictures
-    show. Raises OSError where the file cannot be written.
+    size: (width, height). to_srgb: matrix (3, 3) that takes a pixel to linear sRGB. Colour is not
+    subsampled (4:4:4): the borders between coloured lights are what these pictures show. Encoders
+    take whole pictures, so that code values are kept until close.
     """
-    PillowImage.fromarray(to_srgb8(linear, to_srgb)).save(
-        file, "JPEG", quality=QUALITY, subsampling="4:4:4", icc_profile=srgb_profile()
-    )
+
+    def __init__(
+        self, file: Path | BinaryIO, size: tuple[int, int], to_srgb: Matrix = _IDENTITY
+    ) -> None:
+        width, height = size
+        self._file = file
+        self._to_srgb = to_srgb
+        self._codes = np.empty((height, width, 3), np.uint8)
+        self._next = 0
+
+    def write(self, linear: Image) -> None:
+        """Take the next rows (h, W, 3), linear, 1.0 = white."""
+        rows = slice(self._next, self._next + len(linear))
+        _write_codes(linear, self._to_srgb, self._codes[rows])
+        self._next = rows.stop
+
+    def close(self) -> None:
+        """Encode and write. Raises OSError where the file cannot be written."""
+        PillowImage.fromarray(self._codes).save(
+            self._file,
+            "JPEG",
+            quality=QUALITY,
+            subsampling="4:4:4",
+            icc_profile=srgb_profile(),
+        )
+
+
+def write_jpeg(file: Path | BinaryIO, linear: Image, to_srgb: Matrix = _IDENTITY) -> None:
+    """Write a whole picture (H, W, 3), as JpegFile does."""
+    jpeg = JpegFile(file, (linear.shape[1], linear.shape[0]), to_srgb)
+    jpeg.write(linear)
+    jpeg.close()
 
 
 def to_srgb8(linear: Image, to_srgb: Matrix = _IDENTITY) -> NDArray[np.uint8]:
@@ -39,41 +70,58 @@ def to_srgb8(linear: Image, to_srgb: Matrix = _IDENTITY) -> NDArray[np.uint8]:
     Colours that sRGB cannot hold move towards the grey of their own luminance until they fit, so
     that hue stays and no channel is cut off by itself; what is brighter than white is white.
     """
-    out = np.empty(linear.shape, dtype=np.uint8)
-    _encode(linear, to_srgb.astype(np.float32), _LUMINANCE, _codes(), out)
-    return out
+    codes = np.empty(linear.shape, dtype=np.uint8)
+    _write_codes(linear, to_srgb, codes)
+    return codes
+
+
+def _write_codes(linear: Image, to_srgb: Matrix, codes: NDArray[np.uint8]) -> None:
+    matrix = tuple(to_srgb.astype(np.float32).ravel().tolist())
+    _encode(planes_of(linear), matrix, _LUMINANCE, _codes(), codes)
 
 
 @njit(cache=True)
 def _encode(
-    linear: Image,
-    matrix: NDArray[np.float32],
-    luminance: NDArray[np.float32],
+    linear: Planes,
+    m: Numbers,
+    luminance: Numbers,
     codes: NDArray[np.uint8],
     out: NDArray[np.uint8],
 ) -> None:
     """Take pixels through a matrix, move them into the gamut and look up their code values."""
-    zero, one, steps = np.float32(0.0), np.float32(1.0), np.float32(_STEPS)
-    height, width = linear.shape[:2]
-    rgb = np.empty(3, np.float32)
+    zero, one, most = np.float32(0.0), np.float32(1.0), np.float32(_STEPS)
+    height, width = linear[0].shape
+    steps = np.empty((3, width), np.uint16)
     for y in range(height):
         for x in range(width):
-            first, second, third = linear[y, x, 0], linear[y, x, 1], linear[y, x, 2]
-            grey = zero
-            for k in range(3):
-                rgb[k] = matrix[k, 0] * first + matrix[k, 1] * second + matrix[k, 2] * third
-                grey += rgb[k] * luminance[k]
-            grey = min(max(grey, zero), one)
-            share = one
-            for k in range(3):
-                away = rgb[k] - grey
-                room = one - grey if away > zero else grey
-                if abs(away) > room:
-                    share = min(share, room / abs(away))
-            for k in range(3):
-                light = grey + share * (rgb[k] - grey)
-                light = min(light, one) if light > zero else zero  # nor is NaN
-                out[y, x, k] = codes[int(np.rint(light * steps))]
+            r, g, b = linear[0][y, x], linear[1][y, x], linear[2][y, x]
+            red = np.float32(m[0]) * r + np.float32(m[1]) * g + np.float32(m[2]) * b
+            green = np.float32(m[3]) * r + np.float32(m[4]) * g + np.float32(m[5]) * b
+            blue = np.float32(m[6]) * r + np.float32(m[7]) * g + np.float32(m[8]) * b
+            grey = np.float32(luminance[0]) * red + np.float32(luminance[1]) * green
+            grey = min(max(grey + np.float32(luminance[2]) * blue, zero), one)
+            share = min(_share(red - grey, grey), _share(green - grey, grey))
+            share = min(share, _share(blue - grey, grey))
+            steps[0, x] = _step(grey + share * (red - grey), most)
+            steps[1, x] = _step(grey + share * (green - grey), most)
+            steps[2, x] = _step(grey + share * (blue - grey), most)
+        for x in range(width):
+            out[y, x, 0], out[y, x, 1] = codes[steps[0, x]], codes[steps[1, x]]
+            out[y, x, 2] = codes[steps[2, x]]
+
+
+@njit(cache=True, inline="always")
+def _share(away: np.float32, grey: np.float32) -> np.float32:
+    """How far a channel may lie away from grey, against how far it does; at most 1."""
+    room = np.float32(1.0) - grey if away > np.float32(0.0) else grey
+    share = room / max(abs(away), np.float32(1e-12))
+    return min(share, np.float32(1.0))
+
+
+@njit(cache=True, inline="always")
+def _step(light: np.float32, most: np.float32) -> np.uint16:
+    light = light if light > np.float32(0.0) else np.float32(0.0)  # nor is NaN
+    return np.uint16(np.rint(min(light, np.float32(1.0)) * most))
 
 
 @cache

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
 from pipeline.frames import Image
-from pipeline.progress import STRIP_ROWS
 
 _ZLIB_LEVEL = 3
 """Level 6 takes twice the time for a hundredth of the size."""
@@ -19,16 +18,27 @@ def write_png8(path: Path, codes: NDArray[np.uint8]) -> None:
     PillowImage.fromarray(codes).save(path, "PNG")
 
 
-def write_normals_png(path: Path, normals: Image) -> None:
-    """Write unit normals (H, W, 3) as a 16-bit normal map; raises OSError.
+class NormalsPng:
+    """A normal map of 16 bits, given from top to bottom. size: (width, height).
 
     OpenGL convention: x right, y up, z to the viewer; code = (n + 1)/2 · 65535. Pixels without a
     normal (not finite, or of no length) are 0, 0, 0, which no unit normal gives.
     """
-    codes = np.empty(normals.shape, dtype=np.uint16)
-    for top in range(0, normals.shape[0], STRIP_ROWS):
-        strip = normals[top : top + STRIP_ROWS]
-        known = np.isfinite(strip).all(axis=2, keepdims=True) & strip.any(axis=2, keepdims=True)
-        scaled = np.clip((np.where(known, strip, -1.0) + 1.0) / 2.0, 0.0, 1.0) * 65535
-        codes[top : top + STRIP_ROWS] = np.round(scaled)
-    path.write_bytes(imagecodecs.png_encode(codes, level=_ZLIB_LEVEL))
+
+    def __init__(self, path: Path, size: tuple[int, int]) -> None:
+        width, height = size
+        self._path = path
+        self._codes = np.empty((height, width, 3), np.uint16)
+        self._next = 0
+
+    def write(self, normals: Image) -> None:
+        """Take the next rows (h, W, 3) of unit normals."""
+        rows = slice(self._next, self._next + len(normals))
+        known = np.isfinite(normals).all(axis=2, keepdims=True) & normals.any(axis=2, keepdims=True)
+        scaled = np.clip((np.where(known, normals, -1.0) + 1.0) / 2.0, 0.0, 1.0) * 65535
+        self._codes[rows] = np.round(scaled)
+        self._next = rows.stop
+
+    def close(self) -> None:
+        """Encode and write. Raises OSError."""
+        self._path.write_bytes(imagecodecs.png_encode(self._codes, level=_ZLIB_LEVEL))

@@ -1,63 +1,102 @@
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tifffile
+from numba import njit
 from numpy.typing import NDArray
 
 from pipeline.colour.icc import linear_rec2020_profile
-from pipeline.frames import Image, Matrix
+from pipeline.frames import Image, Matrix, Plane, Planes, planes_of
 from pipeline.progress import STRIP_ROWS
 
 _IDENTITY: Matrix = np.eye(3)
+_WHITE = 65535
 
 
-def write_gray_tiff(path: Path, plane: NDArray[np.float32]) -> None:
-    """Write a plane (H, W), 0 to 1, as 16-bit linear grey; raises OSError."""
-    height, width = plane.shape
-    strips = (
-        np.round(np.clip(plane[top : top + STRIP_ROWS], 0.0, 1.0) * 65535).astype(np.uint16)
-        for top in range(0, height, STRIP_ROWS)
-    )
-    with tifffile.TiffWriter(path) as file:
-        file.write(
-            strips,
-            shape=(height, width),
-            dtype=np.uint16,
-            photometric="minisblack",
-            rowsperstrip=STRIP_ROWS,
-            software=False,
-            metadata=None,
-        )
+class _Tiff:
+    """An uncompressed 16-bit TIFF whose rows follow its head, so that they can be appended.
 
-
-def write_tiff(path: Path, linear: Image, to_rec2020: Matrix = _IDENTITY) -> None:
-    """Write (H, W, 3) as 16-bit linear Rec. 2020 with its ICC profile.
-
-    linear: linear values, 1.0 = white; to_rec2020: matrix (3, 3) that takes a pixel to linear
-    Rec. 2020. What lies outside 0 to 1 is cut off. The values stay linear so that in an editor
-    the layers add up to the photograph by "Linear Dodge (Add)"; the wide primaries hold what
-    lamps shine. Uncompressed: deflating noisy 16-bit values takes thirty times as long and saves
-    little. Raises OSError where the file cannot be written.
+    Deflating noisy 16-bit values takes thirty times as long and saves little.
     """
-    height, width = linear.shape[:2]
 
-    def strips() -> Iterator[NDArray[np.uint16]]:
-        matrix = np.asarray(to_rec2020.T, dtype=np.float32)
-        for top in range(0, height, STRIP_ROWS):
-            strip = np.clip(linear[top : top + STRIP_ROWS] @ matrix, 0.0, 1.0)
-            yield np.round(strip * 65535).astype(np.uint16)
-
-    with tifffile.TiffWriter(path) as file:
-        file.write(
-            strips(),
-            shape=(height, width, 3),
+    def __init__(self, path: Path, shape: tuple[int, ...], **tags: Any) -> None:
+        place = tifffile.imwrite(
+            path,
+            shape=shape,
             dtype=np.uint16,
-            photometric="rgb",
             rowsperstrip=STRIP_ROWS,
-            iccprofile=linear_rec2020_profile(),
             software=False,
             metadata=None,
+            returnoffset=True,
+            **tags,
         )
+        if place is None:
+            raise ValueError("a TIFF of no pixels has no place for them")
+        self._path = path
+        self._end = place[0]
+
+    def append(self, codes: NDArray[np.uint16]) -> None:
+        with self._path.open("r+b") as file:
+            file.seek(self._end)
+            self._end += file.write(codes.data)
+
+    def close(self) -> None:
+        """Nothing is left to do."""
+
+
+class TiffFile(_Tiff):
+    """A 16-bit TIFF in linear Rec. 2020 with its ICC profile, written from top to bottom.
+
+    size: (width, height). to_rec2020: matrix (3, 3) that takes a pixel to linear Rec. 2020. The
+    values stay linear so that in an editor the layers add up to the photograph by "Linear Dodge
+    (Add)"; the wide primaries hold what lamps shine. Raises OSError.
+    """
+
+    def __init__(self, path: Path, size: tuple[int, int], to_rec2020: Matrix = _IDENTITY) -> None:
+        width, height = size
+        profile = linear_rec2020_profile()
+        super().__init__(path, (height, width, 3), photometric="rgb", iccprofile=profile)
+        self._matrix = tuple(to_rec2020.ravel().tolist())
+
+    def write(self, linear: Image) -> None:
+        """Write the next rows (h, W, 3), 1.0 = white; what lies outside 0 to 1 is cut off."""
+        codes = np.empty(linear.shape, np.uint16)
+        _encode(planes_of(linear), self._matrix, codes)
+        self.append(codes)
+
+
+class GrayTiffFile(_Tiff):
+    """A 16-bit TIFF of linear grey, written from top to bottom. size: (width, height)."""
+
+    def __init__(self, path: Path, size: tuple[int, int]) -> None:
+        super().__init__(path, size[::-1], photometric="minisblack")
+
+    def write(self, plane: Plane) -> None:
+        """Write the next rows (h, W), 0 to 1. Raises OSError."""
+        self.append(np.round(np.clip(plane, 0.0, 1.0) * _WHITE).astype(np.uint16))
+
+
+@njit(cache=True)
+def _encode(linear: Planes, m: tuple[float, ...], codes: NDArray[np.uint16]) -> None:
+    """Take pixels through a matrix and round them to 16 bits."""
+    for y in range(codes.shape[0]):
+        for x in range(codes.shape[1]):
+            r, g, b = linear[0][y, x], linear[1][y, x], linear[2][y, x]
+            codes[y, x, 0] = _code(
+                np.float32(m[0]) * r + np.float32(m[1]) * g + np.float32(m[2]) * b
+            )
+            codes[y, x, 1] = _code(
+                np.float32(m[3]) * r + np.float32(m[4]) * g + np.float32(m[5]) * b
+            )
+            codes[y, x, 2] = _code(
+                np.float32(m[6]) * r + np.float32(m[7]) * g + np.float32(m[8]) * b
+            )
+
+
+@njit(cache=True, inline="always")
+def _code(light: np.float32) -> np.int32:
+    inside = min(max(light, np.float32(0.0)), np.float32(1.0))
+    return np.int32(np.rint(inside * np.float32(_WHITE)))

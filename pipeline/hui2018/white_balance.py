@@ -27,11 +27,11 @@ class PublishedWhiteBalance:
         self._brightness = greens / (self._to_neutral @ model.flash_white)[1]
         self._strength = float(np.linalg.norm(model.neutral))
 
-    def approach_1(self, strip: Strip, balanced: Image) -> None:
+    def approach_1(self, strip: Strip) -> Image:
         """Every lamp replaced by the neutral light of the same green response.
 
-        I = Σ_j (z_j g_j / g_n) T_n I_f, g the green response of a white card. balanced: (h, W, 3),
-        overwritten, linear camera RGB.
+        I = Σ_j (z_j g_j / g_n) T_n I_f, g the green response of a white card. Returns (h, W, 3),
+        linear camera RGB.
         """
         brightness = np.zeros(strip.flash.shape[:2], dtype=np.float32)
         predicted = predictions(strip.flash, self._lamps)
@@ -40,17 +40,17 @@ class PublishedWhiteBalance:
             lit = energy > 0
             z = np.where(lit, (layer * one).sum(axis=2) / np.where(lit, energy, 1.0), 0.0)
             brightness += z * scale
-        balanced[...] = _neutral(strip.flash, brightness, self._to_neutral)
+        return _neutral(strip.flash, brightness, self._to_neutral)
 
-    def approach_2(self, strip: Strip, balanced: Image) -> None:
+    def approach_2(self, strip: Strip) -> Image:
         """All light replaced by neutral light of the same strength ‖β‖.
 
         I = ‖β‖/‖b_n‖ T_n I_f. Any number of lamps will do, since none is told from the other.
-        balanced: as in approach_1.
+        Returns the same as approach_1.
         """
         beta = light_coefficients(strip.no_flash, strip.flash, self._tensor)
         strength = (np.linalg.norm(beta, axis=-1) / self._strength).astype(np.float32)
-        balanced[...] = _neutral(strip.flash, strength, self._to_neutral)
+        return _neutral(strip.flash, strength, self._to_neutral)
 
 
 def _neutral(flash: Image, strength: Image, matrix: Matrix) -> Image:

@@ -1,4 +1,7 @@
-"""The per-pixel work beside a copy of the same bytes, a batched solver and its definition."""
+"""The per-pixel work beside a copy of the same bytes, its definition, and the plain way.
+
+The plain way makes the same pictures from coefficients that numpy.linalg.solve finds.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline import separation
+from pipeline.frames import by_planes, channels_first, planes_of
 from pipeline.lamps import Lamps
 from pipeline.model import Model, build_model
 from pipeline.proportions import model_proportions, predictions
@@ -42,11 +47,15 @@ def measure() -> dict[str, float]:
         return zip(range(_STRIPS), photograph, flash, strict=True)
 
     def compiled() -> None:
-        for i, seen, part in strips():
-            layers[:, i] = model_proportions(seen, part, lamps) * seen
-            strip = Strip(slice(0, _ROWS), layers[:, i], seen, part, sure)
-            balance.approach_1(strip, balanced[0, i])
-            balance.approach_2(strip, balanced[1, i])
+        for _, given, added in strips():
+            seen, part = by_planes(*given.shape), by_planes(*added.shape)
+            seen[...], part[...] = given, added
+            parts = model_proportions(seen, part, lamps)
+            lit = by_planes(2, *given.shape)
+            separation._deal_out(planes_of(seen), sure, channels_first(parts), channels_first(lit))
+            strip = Strip(slice(0, _ROWS), lit, seen, part, sure)
+            balance.approach_1(strip)
+            balance.approach_2(strip)
 
     def defined() -> None:
         matrix = model.flash_to_neutral
@@ -58,10 +67,15 @@ def measure() -> dict[str, float]:
             balanced[1, i] = definitions.approach_2(strip, model, matrix)
 
     def solved() -> None:
-        for i, seen, part in strips():
-            columns = np.stack([part @ d for d in np.moveaxis(model.tensor, 2, 0)], axis=-1)
-            beta = np.linalg.solve(columns.reshape(-1, 3, 3), seen.reshape(-1, 3, 1))
-            layers[0, i] = beta.reshape(seen.shape)
+        matrix, brightness = model.flash_to_neutral, whites_of(lamps, model)[:, 1]
+        to_shares = np.linalg.pinv(lamps.coefficients.T)
+        columns = np.stack([flash @ d.T for d in np.moveaxis(model.tensor, 2, 0)], axis=-1)
+        beta = np.linalg.solve(columns, photograph[..., None])[..., 0]
+        z = np.maximum(beta @ to_shares.T, 0)
+        layers[...] = predictions(flash, lamps) * np.moveaxis(z, -1, 0)[..., None]
+        neutral = flash @ matrix.T
+        balanced[0] = (z @ brightness)[..., None] * neutral
+        balanced[1] = np.linalg.norm(beta, axis=-1, keepdims=True) * neutral
 
     reads = np.empty_like(photograph), np.empty_like(photograph)
     writes = np.empty_like(layers), np.empty_like(layers)

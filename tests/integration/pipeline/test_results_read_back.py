@@ -13,7 +13,8 @@ from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
 from pipeline.decode import decode
 from pipeline.encode.exr import write_exr
 from pipeline.encode.jpeg import write_jpeg
-from pipeline.encode.tiff import write_tiff
+from pipeline.encode.tiff import TiffFile
+from tests.strips import size_of, write_by_strips
 
 
 @pytest.fixture
@@ -31,7 +32,7 @@ def test_layers_exr_is_read_as_its_sum(tmp_path: Path, picture: NDArray[np.float
 
 
 def test_a_written_tiff_is_linear(tmp_path: Path, picture: NDArray[np.float32]) -> None:
-    write_tiff(tmp_path / "lamp1.tif", picture)
+    write_by_strips(TiffFile(tmp_path / "lamp1.tif", size_of(picture)), picture)
 
     frame = decode((tmp_path / "lamp1.tif").read_bytes())
 
@@ -44,7 +45,7 @@ def test_an_8_bit_picture_in_rec2020_is_read_by_its_profile(
 ) -> None:
     """The profile of a written TIFF, on 8-bit values, leads back to the colours of sRGB."""
     to_rec2020 = XYZ_TO_REC2020 @ np.linalg.inv(XYZ_TO_SRGB)
-    write_tiff(tmp_path / "a.tif", picture, to_rec2020)
+    write_by_strips(TiffFile(tmp_path / "a.tif", size_of(picture), to_rec2020), picture)
     with tifffile.TiffFile(tmp_path / "a.tif") as file:
         values, profile = file.pages.first.asarray(), file.pages.first.iccprofile
     tifffile.imwrite(

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,10 +16,12 @@ from PIL import Image as PillowImage
 
 from pipeline.colour.spaces import XYZ_TO_REC2020
 from pipeline.errors import Canceled
-from pipeline.mesh import make_mesh
 from pipeline.model import Model, build_model
+from pipeline.normals import Facing
 from pipeline.options import OUTPUT_NAMES, Options
-from pipeline.outputs import wanted_outputs, write_outputs
+from pipeline.outputs import Outputs, wanted_outputs
+from pipeline.photometric_stereo.detail import surface_normals
+from pipeline.photometric_stereo.solve import Surface
 from pipeline.pictures import Pictures
 from pipeline.progress import Progress
 from pipeline.reduced import ReducedPair, reduce_pair
@@ -63,29 +65,49 @@ def test_names_are_taken_as_they_are(names: list[str]) -> None:
     assert wanted_outputs(Options(outputs=names)) == frozenset(names)
 
 
+SIZE = (40, 64)
+
+
 @pytest.fixture
 def pictures() -> Pictures:
     """Pictures of 40 × 64 pixels: two layers, everything else as well."""
     rng = np.random.default_rng(3)
-    layers, balanced = (rng.uniform(0, 0.4, (2, 40, 64, 3)).astype(np.float32) for _ in range(2))
-    normals = np.zeros((40, 64, 3), np.float32)
+    layers, balanced = (rng.uniform(0, 0.4, (2, *SIZE, 3)).astype(np.float32) for _ in range(2))
+    normals = np.zeros((*SIZE, 3), np.float32)
     normals[..., 2] = 1
     normals[:5] = np.nan
     return Pictures(
-        photograph=layers.sum(axis=0),
+        rows=slice(0, SIZE[0]),
         layers=layers,
         white_balanced_1=balanced[0],
         white_balanced_2=balanced[1],
         normals=normals,
-        depth=np.where(normals[..., 2] == 1, np.float32(1.25), np.float32(np.nan)),
-        normals_confidence=np.full((40, 64), 0.5, np.float32),
-        mesh=make_mesh(np.full((40, 64), 1.25, np.float32), normals, 100.0),
+        normals_confidence=np.full(SIZE, 0.5, np.float32),
         response=None,
-        camera_changes=None,
-        confidence=np.linspace(0, 1, 40 * 64, dtype=np.float32).reshape(40, 64),
-        filled=0.0,
-        separated=np.ones(2),
+        confidence=np.linspace(0, 1, 40 * 64, dtype=np.float32).reshape(SIZE),
     )
+
+
+@pytest.fixture
+def facing() -> Facing:
+    """A wall, at depth 1.25, known below the fifth row."""
+    mask = np.arange(SIZE[0])[:, None] >= np.full(SIZE, 5)
+    surface = Surface(
+        block=1,
+        mask=mask,
+        cut=np.zeros_like(mask),
+        w=np.where(mask[..., None], [0.0, 0.0, 2.0], 0.0),
+        z=np.where(mask, 1.25, 0.0),
+        lit=np.ones((*SIZE, 2)),
+        deviations=np.zeros((*SIZE, 2, 3)),
+        correction=np.ones((*SIZE, 2)),
+        directions=np.eye(3),
+        matrices=np.zeros((2, 3, 3)),
+        misfit=0.0,
+        strengths=np.ones(2),
+        focal_px=100.0,
+    )
+    return Facing(partial(surface_normals, surface=surface), surface.strengths, surface)
 
 
 @pytest.fixture
@@ -97,32 +119,40 @@ def reduced(exact: Callable[..., tuple[Any, Array]], warm_to_cool: Array) -> Red
 @pytest.fixture
 def written(
     pictures: Pictures,
+    facing: Facing,
     reduced: ReducedPair,
     model: Model,
     lamps_of: Callable[..., Any],
     warm_to_cool: Array,
     tmp_path: Path,
 ) -> Callable[..., list[dict[str, Any]]]:
-    """Write outputs into a folder; returns what is said of them."""
+    """Write outputs into a folder, 16 rows at a time; returns what is said of them."""
 
-    def run(
-        *wanted: str,
-        given: Pictures = pictures,
-        by: Model = model,
-        progress: Progress | None = None,
-    ) -> list[dict[str, Any]]:
-        return write_outputs(
-            given,
-            reduced,
+    def run(*wanted: str, **more: Any) -> list[dict[str, Any]]:
+        given = more.get("given", pictures)
+        with Outputs(
+            more.get("photograph", given.layers.sum(axis=0)),
             lamps_of(warm_to_cool[[0, 2]]),
-            by,
-            ENTRIES,
+            more.get("by", model),
+            more.get("facing", facing),
+            more.get("changes"),
             frozenset(wanted),
             tmp_path,
-            Progress() if progress is None else progress,
-        )
+        ) as outputs:
+            for top in range(0, SIZE[0], 16):
+                outputs.add(some_rows(given, slice(top, min(top + 16, SIZE[0]))))
+            return outputs.finish(reduced, ENTRIES, more.get("progress", Progress()))
 
     return run
+
+
+def some_rows(pictures: Pictures, rows: slice) -> Pictures:
+    cut: Any = {
+        field.name: None if (whole := getattr(pictures, field.name)) is None else whole[rows]
+        for field in fields(pictures)
+        if field.name not in ("rows", "layers")
+    }
+    return Pictures(rows=rows, layers=pictures.layers[:, rows], **cut)
 
 
 @pytest.mark.parametrize(
@@ -157,6 +187,32 @@ def test_what_is_wanted_is_written_and_nothing_else(
 
     assert sorted(entry["name"] for entry in entries) == names
     assert sorted(path.name for path in tmp_path.iterdir()) == names
+
+
+def test_without_directions_there_are_neither_normals_nor_a_surface(
+    written: Callable[..., list[dict[str, Any]]],
+) -> None:
+    names = [entry["name"] for entry in written(*OUTPUT_NAMES, facing=None)]
+
+    assert names == [
+        "layers.exr",
+        *(f"lamp{i}.{kind}" for i in (1, 2) for kind in ("tif", "jpg")),
+        *(f"white_balanced_{i}.{kind}" for kind in ("jpg", "tif") for i in (1, 2)),
+        "white_balanced.exr",
+        "confidence.tif",
+        "gamma.png",
+        "residual.png",
+    ]
+
+
+def test_normals_without_a_surface_have_neither_depth_nor_confidence(
+    written: Callable[..., list[dict[str, Any]]], facing: Facing
+) -> None:
+    names = {"normals.png", "normals.exr", "normals_confidence.tif", "depth.exr", "surface.glb"}
+
+    entries = written(*names, facing=replace(facing, surface=None))
+
+    assert [entry["name"] for entry in entries] == ["normals.png", "normals.exr"]
 
 
 def test_entries_describe_the_files(
@@ -226,7 +282,7 @@ def test_layers_are_written_to_the_bit_with_their_sum(
             np.testing.assert_array_equal(
                 channels[f"lamp{i + 1}.{letter}"], pictures.layers[i, ..., k]
             )
-        np.testing.assert_allclose(channels[letter], pictures.photograph[..., k], rtol=1e-6)
+        np.testing.assert_allclose(channels[letter], pictures.layers[..., k].sum(axis=0), rtol=1e-6)
 
 
 def test_unknown_normals_are_kept_apart(
@@ -265,13 +321,7 @@ def test_shown_pictures_are_neither_black_nor_white(
     light: float,
 ) -> None:
     """Dark ones are lifted by a factor of eight at most, bright ones lowered to a fourth."""
-    scaled = replace(
-        pictures,
-        photograph=pictures.photograph * np.float32(light),
-        layers=pictures.layers * np.float32(light),
-    )
-
-    written("lamps.jpg", given=scaled)
+    written("lamps.jpg", given=replace(pictures, layers=pictures.layers * np.float32(light)))
 
     mean = shown(tmp_path / "lamp1.jpg").mean()
     low, high = {1e-3: (1, 40), 1.0: (60, 200), 20.0: (200, 256)}[light]
@@ -284,7 +334,11 @@ def test_layers_are_shown_on_the_scale_of_the_photograph(
     """A faint layer stays fainter than a strong one."""
     faint = pictures.layers * np.array([0.05, 1], np.float32)[:, None, None, None]
 
-    written("lamps.jpg", given=replace(pictures, layers=faint))
+    written(
+        "lamps.jpg",
+        given=replace(pictures, layers=faint),
+        photograph=pictures.layers.sum(axis=0),
+    )
 
     means = [shown(tmp_path / f"lamp{i}.jpg").mean() for i in (1, 2)]
     assert means[0] < 0.6 * means[1]
@@ -296,7 +350,6 @@ def test_black_pictures_are_written_black(
     black = np.zeros((40, 64, 3), np.float32)
     dark = replace(
         pictures,
-        photograph=black,
         layers=np.stack([black, black]),
         white_balanced_1=black,
         white_balanced_2=black,
@@ -335,9 +388,7 @@ def responded(
     """Write outputs through another camera, which is the same with other names for channels."""
     model = build_model(camera, find_light("xenon"), find_light("D65"), "wpca", camera)
     seen = np.einsum("nhwl,nkl->hwk", pictures.layers, CHANGES).astype(np.float32)
-    return partial(
-        written, given=replace(pictures, response=seen, camera_changes=CHANGES), by=model
-    )
+    return partial(written, given=replace(pictures, response=seen), changes=CHANGES, by=model)
 
 
 @pytest.mark.parametrize(
@@ -390,17 +441,31 @@ def test_layers_through_the_other_camera_are_shown_on_the_scale_of_the_photograp
     assert first[..., 2].mean() < 0.8 * second[..., 2].mean()
 
 
-def test_cancel_stops_between_files(
+def test_cancel_stops_between_files_and_leaves_none(
     written: Callable[..., list[dict[str, Any]]], tmp_path: Path
 ) -> None:
     reports: list[float] = []
     progress = Progress(lambda _, part: reports.append(part), lambda: len(reports) == 3)
 
     with pytest.raises(Canceled):
-        written("lamps.tif", "lamps.jpg", "gamma.png", progress=progress)
+        written("layers.exr", "lamps.jpg", "gamma.png", "residual.png", progress=progress)
 
-    assert len(list(tmp_path.iterdir())) == 3
     assert reports == pytest.approx([0, 0.2, 0.4])
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_run_that_breaks_off_leaves_no_files(
+    written: Callable[..., list[dict[str, Any]]], pictures: Pictures, tmp_path: Path
+) -> None:
+    """Of files that were there before, only those that it had begun to write are gone."""
+    for name in ("lamp1.tif", "notes.txt"):
+        (tmp_path / name).write_text("there")
+    torn = replace(pictures, confidence=np.ones((40, 3), np.float32), white_balanced_1=None)
+
+    with pytest.raises(AttributeError):
+        written("layers.exr", "lamps.tif", "white_balanced_1.tif", given=torn)
+
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 
 def test_a_folder_that_is_missing_is_an_error_of_the_system(

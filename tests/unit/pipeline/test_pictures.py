@@ -21,14 +21,7 @@ from pipeline.spectra.cameras import Camera, srgb_stand_in
 from pipeline.spectra.lights import find_light
 
 Array = NDArray[np.float64]
-NAMES = (
-    "white_balanced_1",
-    "white_balanced_2",
-    "normals",
-    "normals_confidence",
-    "depth",
-    "response",
-)
+NAMES = ("white_balanced_1", "white_balanced_2", "normals", "normals_confidence", "response")
 
 
 @pytest.fixture(scope="module")
@@ -66,21 +59,34 @@ def rendered(
     model_with_response: Model,
     facing: Facing,
 ) -> Callable[..., Pictures]:
-    """Render the pictures that a set of outputs needs."""
+    """Render the pictures that a set of outputs needs, put together from strips of so many rows."""
 
     def run(*wanted: str, **more: Any) -> Pictures:
-        pair, _ = exact(warm_to_cool, unusable=more.get("unusable", np.zeros((64, 96), bool)))
-        return render(
-            pair,
-            reduce_pair(pair),
-            lamps_of(warm_to_cool),
-            more.get("model", model_with_response),
-            more.get("facing", facing),
-            more.get("method", "best"),
-            frozenset(wanted),
-            more.get("progress", Progress()),
-            more.get("strip_rows", 256),
+        pair, _ = exact(warm_to_cool)
+        rows = more.get("strip_rows", 256)
+        strips = list(
+            render(
+                pair,
+                reduce_pair(pair),
+                lamps_of(warm_to_cool),
+                model_with_response,
+                more.get("facing", facing),
+                more.get("changes", np.stack([np.eye(3)] * 3)),
+                more.get("method", "best"),
+                frozenset(wanted),
+                more.get("progress", Progress()),
+                rows,
+            )
         )
+        assert [strip.rows.start for strip in strips] == list(range(0, 64, rows))
+        joined: Any = {
+            name: None
+            if getattr(strips[0], name) is None
+            else np.concatenate([getattr(strip, name) for strip in strips])
+            for name in (*NAMES, "confidence")
+        }
+        layers = np.concatenate([strip.layers for strip in strips], axis=1)
+        return Pictures(rows=slice(0, 64), layers=layers, **joined)
 
     return run
 
@@ -98,9 +104,9 @@ def rendered(
         (("white_balanced_2.jpg",), {"white_balanced_2"}),
         (("normals.png",), {"normals"}),
         (("normals.exr",), {"normals"}),
-        (("depth.exr",), {"depth"}),
+        (("depth.exr",), set()),
         (("normals_confidence.tif",), {"normals", "normals_confidence"}),
-        (("surface.glb",), {"white_balanced_1", "normals", "depth"}),
+        (("surface.glb",), {"white_balanced_1", "normals"}),
         (("response.jpg",), {"response"}),
         (("response_lamps.jpg",), {"response"}),
         (("response.exr",), {"response"}),
@@ -113,22 +119,17 @@ def test_only_pictures_that_are_wanted_are_made(
     pictures = rendered(*wanted)
 
     assert {name for name in NAMES if getattr(pictures, name) is not None} == made
-    assert (pictures.mesh is not None) == ("surface.glb" in wanted)
-    assert (pictures.confidence is not None) == ("confidence.tif" in wanted)
     assert pictures.layers.shape == (3, 64, 96, 3)
 
 
 def test_without_directions_and_without_another_camera_there_is_neither_picture(
-    rendered: Callable[..., Pictures], model: Model
+    rendered: Callable[..., Pictures],
 ) -> None:
-    pictures = rendered(*OUTPUT_NAMES, model=model, facing=None)
+    pictures = rendered(*OUTPUT_NAMES, changes=None, facing=None)
 
     assert pictures.normals is None
-    assert pictures.depth is None
-    assert pictures.mesh is None
     assert pictures.normals_confidence is None
     assert pictures.response is None
-    assert pictures.camera_changes is None
     assert pictures.white_balanced_1 is not None
 
 
@@ -141,77 +142,11 @@ def test_strips_make_the_same_pictures(
     whole = rendered(*OUTPUT_NAMES, method=method)
     cut = rendered(*OUTPUT_NAMES, method=method, strip_rows=strip_rows)
 
-    for name in ("photograph", "layers", *NAMES):
+    for name in ("layers", *NAMES, "confidence"):
         picture = getattr(cut, name)
         assert picture.dtype == np.float32
-        assert name in ("normals", "depth") or np.isfinite(picture).all()
+        assert name == "normals" or np.isfinite(picture).all()
         np.testing.assert_array_equal(picture, getattr(whole, name))
-    assert cut.filled == whole.filled
-    np.testing.assert_array_equal(cut.confidence, whole.confidence)
-    np.testing.assert_array_equal(cut.separated, whole.separated)
-
-
-def test_layers_add_up_to_the_photograph(rendered: Callable[..., Pictures]) -> None:
-    pictures = rendered()
-
-    np.testing.assert_allclose(pictures.layers.sum(axis=0), pictures.photograph, atol=1e-6)
-
-
-def test_pixels_that_are_filled_in_are_counted(rendered: Callable[..., Pictures]) -> None:
-    """A clipped place of 8 × 14 pixels, and one pixel around it."""
-    clipped = np.zeros((64, 96), bool)
-    clipped[20:28, 40:54] = True
-
-    assert rendered().filled == 0
-    assert rendered(unusable=clipped).filled == pytest.approx(10 * 16 / (64 * 96))
-
-
-def test_confidence_is_0_in_what_is_filled_in_and_1_elsewhere(
-    rendered: Callable[..., Pictures],
-) -> None:
-    unusable = np.zeros((64, 96), bool)
-    unusable[20:28, 40:54] = True
-
-    confidence = rendered("confidence.tif", unusable=unusable).confidence
-
-    assert confidence is not None
-    assert confidence.shape == (64, 96)
-    assert confidence.dtype == np.float32
-    filled = np.zeros((64, 96), bool)
-    filled[19:29, 39:55] = True
-    assert (confidence[filled] == 0).all()
-    assert confidence[~filled].min() > 0.98
-
-
-def test_each_lamp_has_the_share_of_its_light_that_was_separated(
-    rendered: Callable[..., Pictures],
-) -> None:
-    """Σ confidence · layer ÷ Σ layer, of a photograph whose left half is filled in."""
-    unusable = np.zeros((64, 96), bool)
-    unusable[:, :48] = True
-
-    whole, half = rendered(), rendered("confidence.tif", unusable=unusable)
-
-    assert whole.separated.shape == (3,)
-    assert whole.separated.min() > 0.98
-    assert half.confidence is not None
-    expected = (half.layers * half.confidence[..., None]).sum(axis=(1, 2, 3)) / half.layers.sum(
-        axis=(1, 2, 3)
-    )
-    np.testing.assert_allclose(half.separated, expected, rtol=1e-5)
-    assert half.separated[0] < 0.4 < half.separated[1]  # the first lamp shines on the left
-
-
-def test_a_layer_without_light_has_no_separated_share(
-    rendered: Callable[..., Pictures],
-) -> None:
-    unusable = np.ones((64, 96), bool)
-    unusable[:4, :4] = False
-
-    share = rendered(unusable=unusable, method="paper").separated
-
-    assert np.isfinite(share).all()
-    assert (share <= 1).all()
 
 
 def test_cancel_stops_the_rendering(rendered: Callable[..., Pictures]) -> None:

@@ -25,10 +25,7 @@ def separated(model: Model) -> Callable[..., Strip]:
     """Separate a pair into one strip, put together from strips of so many rows."""
 
     def run(pair: Any, lamps: Any, method: str = "best", rows: int = 1000) -> Strip:
-        layers = np.empty((len(lamps), *pair.no_flash.shape), np.float32)
-        strips = list(
-            separate(pair, reduce_pair(pair), lamps, model, method, Progress(), rows, layers)
-        )
+        strips = list(separate(pair, reduce_pair(pair), lamps, model, method, Progress(), rows))
         tops = [strip.rows.start for strip in strips]
         assert tops == list(range(0, len(pair.unusable), rows))
         return Strip(
@@ -239,8 +236,8 @@ def test_cancel_stops_between_strips(
     pair, _ = exact(warm_to_cool[[0, 2]])
     reports: list[float] = []
     progress = Progress(lambda _, part: reports.append(part), lambda: len(reports) == 3)
-    lamps, layers = lamps_of(warm_to_cool[[0, 2]]), np.empty((2, *pair.no_flash.shape), np.float32)
-    strips = separate(pair, reduce_pair(pair), lamps, model, method, progress, 8, layers)
+    lamps = lamps_of(warm_to_cool[[0, 2]])
+    strips = separate(pair, reduce_pair(pair), lamps, model, method, progress, 8)
 
     done = [next(strips).rows.stop for _ in range(3)]
 

@@ -23,15 +23,11 @@ Lit = Callable[[Array], tuple[Strip, Any]]
 
 
 def approach_1(strip: Strip, lamps: Any, model: Model, method: str) -> Image:
-    balanced = np.empty_like(strip.no_flash)
-    balance_of(method)(lamps, model).approach_1(strip, balanced)
-    return balanced
+    return balance_of(method)(lamps, model).approach_1(strip)
 
 
 def approach_2(strip: Strip, lamps: Any, model: Model, method: str) -> Image:
-    balanced = np.empty_like(strip.no_flash)
-    balance_of(method)(lamps, model).approach_2(strip, balanced)
-    return balanced
+    return balance_of(method)(lamps, model).approach_2(strip)
 
 
 def balance_of(method: str) -> type[WhiteBalance | PublishedWhiteBalance]:

@@ -19,11 +19,12 @@ from PIL import ImageCms
 
 from pipeline.colour.icc import linear_rec2020_profile
 from pipeline.colour.spaces import SRGB_PRIMARIES, XYZ_TO_REC2020, XYZ_TO_SRGB, rgb_to_xyz
-from pipeline.encode.exr import write_exr
+from pipeline.encode.exr import ExrFile, write_exr
 from pipeline.encode.files import describe
-from pipeline.encode.jpeg import to_srgb8, write_jpeg
-from pipeline.encode.png import write_normals_png, write_png8
-from pipeline.encode.tiff import write_tiff
+from pipeline.encode.jpeg import JpegFile, to_srgb8, write_jpeg
+from pipeline.encode.png import NormalsPng, write_png8
+from pipeline.encode.tiff import GrayTiffFile, TiffFile
+from tests.strips import size_of, write_by_strips
 
 Picture = NDArray[np.float32]
 SRGB_TO_REC2020 = XYZ_TO_REC2020 @ np.linalg.inv(XYZ_TO_SRGB)
@@ -40,7 +41,7 @@ def test_tiff_holds_16_bit_linear_rec2020_with_its_profile(
 ) -> None:
     path = tmp_path / "lamp1.tif"
 
-    write_tiff(path, picture, SRGB_TO_REC2020)
+    write_by_strips(TiffFile(path, size_of(picture), SRGB_TO_REC2020), picture)
 
     with tifffile.TiffFile(path) as file:
         page = file.pages.first
@@ -55,7 +56,7 @@ def test_the_tiffs_profile_takes_its_values_to_the_right_colours(tmp_path: Path)
     """A colour management of its own, from the file's profile to sRGB, comes to the same."""
     patches = np.array([[[0.5, 0.5, 0.5], [0.6, 0.2, 0.1], [0.1, 0.4, 0.2], [0.1, 0.2, 0.5]]])
     path = tmp_path / "lamp1.tif"
-    write_tiff(path, patches.astype(np.float32), SRGB_TO_REC2020)
+    write_by_strips(TiffFile(path, size_of(patches), SRGB_TO_REC2020), patches.astype(np.float32))
     with tifffile.TiffFile(path) as file:
         values, profile = file.pages.first.asarray(), file.pages.first.iccprofile
     assert profile is not None
@@ -165,22 +166,18 @@ def test_what_is_no_light_is_black() -> None:
     assert not to_srgb8(np.full((2, 2, 3), np.nan, np.float32)).any()
 
 
-@pytest.mark.parametrize("half", [False, True])
-def test_exr_has_named_channels_of_linear_values(
-    tmp_path: Path, picture: Picture, half: bool
-) -> None:
+def test_exr_has_named_channels_of_linear_values(tmp_path: Path, picture: Picture) -> None:
     names = ["lamp1.R", "lamp1.G", "lamp1.B", "lamp2.R", "lamp2.G", "lamp2.B", "R", "G", "B"]
     channels = {name: picture[..., i % 3] * (1 + i) for i, name in enumerate(names)}
     path = tmp_path / "layers.exr"
 
-    write_exr(path, channels, half)
+    write_exr(path, channels)
 
     read = OpenEXR.File(str(path), separate_channels=True).channels()
     assert set(read) == set(names)
-    kind = np.float16 if half else np.float32
     for name in names:
-        assert read[name].pixels.dtype == kind
-        np.testing.assert_array_equal(read[name].pixels, channels[name].astype(kind))
+        assert read[name].pixels.dtype == np.float32
+        np.testing.assert_array_equal(read[name].pixels, channels[name])
 
 
 def test_exr_takes_pictures_as_they_lie(tmp_path: Path, picture: Picture) -> None:
@@ -200,6 +197,36 @@ def test_exr_takes_pictures_as_they_lie(tmp_path: Path, picture: Picture) -> Non
         np.testing.assert_array_equal(read[name], plane)
 
 
+def test_exr_is_written_some_rows_at_a_time(tmp_path: Path, picture: Picture) -> None:
+    path = tmp_path / "layers.exr"
+    file = ExrFile(path, size_of(picture))
+
+    for rows in (slice(0, 7), slice(7, 8), slice(8, 300)):
+        file.write({"lamp1": picture[rows], "Z": picture[rows, :, 2]})
+    file.close()
+
+    read = OpenEXR.File(str(path), separate_channels=True).channels()
+    assert set(read) == {"lamp1.R", "lamp1.G", "lamp1.B", "Z"}
+    for name, k in (("lamp1.R", 0), ("lamp1.G", 1), ("lamp1.B", 2), ("Z", 2)):
+        np.testing.assert_array_equal(read[name].pixels, picture[..., k])
+
+
+def test_jpeg_is_the_same_whole_and_in_strips(tmp_path: Path, picture: Picture) -> None:
+    write_jpeg(tmp_path / "a.jpg", picture, SRGB_TO_REC2020)
+
+    write_by_strips(JpegFile(tmp_path / "b.jpg", size_of(picture), SRGB_TO_REC2020), picture)
+
+    assert (tmp_path / "a.jpg").read_bytes() == (tmp_path / "b.jpg").read_bytes()
+
+
+def test_grey_is_16_bit_linear(tmp_path: Path, picture: Picture) -> None:
+    write_by_strips(GrayTiffFile(tmp_path / "a.tif", size_of(picture)), picture[..., 0])
+
+    codes = tifffile.imread(tmp_path / "a.tif")
+    assert codes.dtype == np.uint16
+    assert np.abs(codes - 65535.0 * np.clip(picture[..., 0], 0, 1)).max() < 0.51
+
+
 def test_exr_refuses_planes_of_two_sizes(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="one size"):
         write_exr(
@@ -216,7 +243,7 @@ def test_normals_are_16_bit_opengl_without_profile(tmp_path: Path) -> None:
     normals[299, 0] = (-0.6, 0.0, 0.8)
     path = tmp_path / "normals.png"
 
-    write_normals_png(path, normals)
+    write_by_strips(NormalsPng(path, size_of(normals)), normals)
 
     values = imagecodecs.png_decode(path.read_bytes())
     assert values.dtype == np.uint16 and values.shape == (300, 5, 3)
@@ -238,10 +265,12 @@ def test_png8_keeps_code_values(tmp_path: Path) -> None:
 
 
 WRITERS: dict[str, Callable[[Path, Picture], None]] = {
-    "a.tif": write_tiff,
+    "a.tif": lambda path, picture: write_by_strips(TiffFile(path, size_of(picture)), picture),
     "a.jpg": write_jpeg,
     "a.exr": lambda path, picture: write_exr(path, {"R": picture[..., 0], "G": picture[..., 1]}),
-    "normals.png": write_normals_png,
+    "normals.png": lambda path, picture: write_by_strips(
+        NormalsPng(path, size_of(picture)), picture
+    ),
     "gamma.png": lambda path, picture: write_png8(path, to_srgb8(picture)),
 }
 

@@ -1,0 +1,30 @@
+"""Pictures given to a file some rows at a time, as the pipeline does."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+_ROWS = 70
+
+
+class Writer(Protocol):
+    """A file of pipeline.encode."""
+
+    def write(self, rows: Any, /) -> None: ...
+
+    def close(self) -> None: ...
+
+
+def size_of(picture: NDArray[Any]) -> tuple[int, int]:
+    """(width, height)."""
+    return picture.shape[1], picture.shape[0]
+
+
+def write_by_strips(file: Writer, picture: NDArray[np.float32]) -> None:
+    """Write a whole picture."""
+    for top in range(0, len(picture), _ROWS):
+        file.write(picture[top : top + _ROWS])
+    file.close()
