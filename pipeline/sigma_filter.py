@@ -118,25 +118,30 @@ def _join(
                 low, high = max(0, -shift), min(width, width - shift)
                 if low >= high:
                     continue
-                joins = scratch[: high - low]
+                first, last = low + shift, high + shift
+                weight, joins = certainty[other, first:last], scratch[: high - low]
+                a0, b0 = stable[0, y, low:high], stable[0, other, first:last]
+                a1, b1 = stable[1, y, low:high], stable[1, other, first:last]
+                a2, b2 = stable[2, y, low:high], stable[2, other, first:last]
+                a3, b3 = stable[3, y, low:high], stable[3, other, first:last]
+                a4, b4 = stable[4, y, low:high], stable[4, other, first:last]
+                a5, b5 = stable[5, y, low:high], stable[5, other, first:last]
                 for x in range(high - low):
-                    joins[x] = zero
-                for k in range(_CHANNELS):
-                    here = stable[k, y, low:high]
-                    there = stable[k, other, low + shift : high + shift]
-                    for x in range(high - low):
-                        step = here[x] - there[x]
-                        joins[x] += step * step
-                weight = certainty[other, low + shift : high + shift]
+                    d0, d1, d2 = a0[x] - b0[x], a1[x] - b1[x], a2[x] - b2[x]
+                    d3, d4, d5 = a3[x] - b3[x], a4[x] - b4[x], a5[x] - b5[x]
+                    squared = d0 * d0 + d1 * d1 + d2 * d2 + d3 * d3 + d4 * d4 + d5 * d5
+                    joins[x] = weight[x] if squared < limit else zero
                 counted = count[y, low:high]
                 for x in range(high - low):
-                    joins[x] = weight[x] if joins[x] < limit else zero
                     counted[x] += joins[x]
-                for k in range(_CHANNELS):
-                    summed = total[k, y, low:high]
-                    there = planes[k, other, low + shift : high + shift]
+                for k in range(0, _CHANNELS, 3):
+                    t0, p0 = total[k, y, low:high], planes[k, other, first:last]
+                    t1, p1 = total[k + 1, y, low:high], planes[k + 1, other, first:last]
+                    t2, p2 = total[k + 2, y, low:high], planes[k + 2, other, first:last]
                     for x in range(high - low):
-                        summed[x] += joins[x] * there[x]
+                        t0[x] += joins[x] * p0[x]
+                        t1[x] += joins[x] * p1[x]
+                        t2[x] += joins[x] * p2[x]
         for k in range(_CHANNELS):
             for x in range(width):
                 total[k, y, x] /= count[y, x]
