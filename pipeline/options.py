@@ -16,6 +16,7 @@ from pydantic import (
 )
 
 Vector = tuple[float, float, float]
+Quality = Literal["best", "balanced", "fast"]
 OUTPUT_NAMES = (
     "layers.exr",
     "lamps.tif",
@@ -148,6 +149,11 @@ class Options(PairOptions):
     lights: Literal["auto", 1, 2, 3] = Field(default="auto", description="Number of lamps.")
     method: Literal["best", "paper"] = Field(
         default="best", description="paper: as published (Hui et al. 2018); best: ours."
+    )
+    quality: Quality = Field(
+        default="best",
+        description="balanced: a plainer demosaicing of RAW files; fast: the plainest, and less "
+        "noise averaged away. docs/performance.md says what that loses and saves.",
     )
     basis: Literal["wpca", "pca", "joint"] = Field(
         default="wpca", description="How the bases of reflectances and lights are learnt."

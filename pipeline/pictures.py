@@ -13,6 +13,7 @@ from pipeline.hui2018.white_balance import PublishedWhiteBalance
 from pipeline.lamps import Lamps
 from pipeline.model import Model
 from pipeline.normals import Facing
+from pipeline.options import Options
 from pipeline.pair import Pair
 from pipeline.photometric_stereo.confidence import normals_confidence
 from pipeline.progress import Progress
@@ -52,7 +53,7 @@ def render(
     model: Model,
     facing: Facing | None,
     changes: NDArray[np.float64] | None,
-    method: str,
+    options: Options,
     wanted: frozenset[str],
     progress: Progress,
     strip_rows: int,
@@ -60,15 +61,16 @@ def render(
     """Separate the pair and make every picture that a wanted output needs, top to bottom.
 
     facing: None where there are to be no normals. changes: (N, 3, 3) of camera_changes, None where
-    there is no other camera. wanted: names of outputs (pipeline.options.OUTPUT_NAMES).
+    there is no other camera. options: of which method and quality count. wanted: names of outputs
+    (pipeline.options.OUTPUT_NAMES).
     """
     surface = None if facing is None else facing.surface
     first = {"white_balanced_1.jpg", "white_balanced_1.tif", "white_balanced.exr"}
     if surface is not None:
         first.add("surface.glb")
     second = {"white_balanced_2.jpg", "white_balanced_2.tif", "white_balanced.exr"}
-    balance = (WhiteBalance if method == "best" else PublishedWhiteBalance)(lamps, model)
-    for strip in separate(pair, reduced, lamps, model, method, progress, strip_rows):
+    balance = (WhiteBalance if options.method == "best" else PublishedWhiteBalance)(lamps, model)
+    for strip in separate(pair, reduced, lamps, model, options, progress, strip_rows):
         normals = facing.of(strip) if facing is not None and wanted & _NORMALS else None
         trust = None
         if surface is not None and normals is not None and "normals_confidence.tif" in wanted:

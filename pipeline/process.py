@@ -59,9 +59,9 @@ def separate_files(
     """
     progress.report("decode", 0.0)
     check_pair(no_flash, flash)
-    before = decode(no_flash, options.encoding, NO_FLASH)
+    before = decode(no_flash, options.encoding, NO_FLASH, options.quality)
     progress.report("decode", 0.5)
-    after = decode(flash, options.encoding, FLASH)
+    after = decode(flash, options.encoding, FLASH, options.quality)
     # first what costs little and may be refused: names of cameras and lights
     camera = find_camera(options.camera, before)
     model = _model(camera, before, options)
@@ -98,16 +98,7 @@ def separate_files(
     directory.mkdir(parents=True, exist_ok=True)
     with Outputs(pair.no_flash, lamps, model, facing, changes, wanted, directory) as outputs:
         for pictures in render(
-            pair,
-            reduced,
-            lamps,
-            model,
-            facing,
-            changes,
-            options.method,
-            wanted,
-            progress,
-            strip_rows,
+            pair, reduced, lamps, model, facing, changes, options, wanted, progress, strip_rows
         ):
             tally.add(pictures.rows, pictures.layers, pictures.confidence)
             outputs.add(pictures)

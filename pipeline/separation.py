@@ -10,19 +10,22 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pipeline import registration, sigma_filter, smoothing
+from pipeline import registration, smoothing
 from pipeline.fill import Surroundings
 from pipeline.frames import Image, Plane, Planes, channels_first, planes_of
 from pipeline.hui2018.separation import published_layers
 from pipeline.lamps import Lamps
 from pipeline.model import Model
 from pipeline.noise import Noise
+from pipeline.options import Options, Quality
 from pipeline.pair import Pair
 from pipeline.progress import Progress
 from pipeline.proportions import model_proportions
 from pipeline.reduced import ReducedPair
 from pipeline.shares import Colour
+from pipeline.sigma_filter import ROUNDS, halo, sigma_filter
 
+_ROUNDS: dict[Quality, int] = {"best": ROUNDS, "balanced": ROUNDS, "fast": 1}
 _UNUSABLE_REACH = 1
 _DOUBT = 1.5  # standard deviations of a pixel's light at which it counts for a little less
 
@@ -49,22 +52,23 @@ def separate(
     reduced: ReducedPair,
     lamps: Lamps,
     model: Model,
-    method: str,
+    options: Options,
     progress: Progress,
     strip_rows: int,
 ) -> Iterator[Strip]:
     """Separate the pair, top to bottom.
 
-    method: "paper" gives eq. 3 of Hui et al. 2018 as it is. "best" takes shares by non-negative
+    The method "paper" gives eq. 3 of Hui et al. 2018 as it is. "best" takes shares by non-negative
     least squares in the image, on the pair with its noise filtered, and deals the unfiltered
     photograph out in the proportions of the model's layers: the layers add up to the photograph
     and its noise is not amplified. Pixels without a usable flash part take the proportions of
-    their surroundings. The result does not depend on strip_rows.
+    their surroundings. The quality says how widely noise is averaged. The result does not depend
+    on strip_rows.
     """
     height, width = pair.unusable.shape
     surroundings = Surroundings(reduced, lamps)
     for rows in progress.strips("layers", height, strip_rows):
-        if method == "paper":
+        if options.method == "paper":
             no_flash = pair.no_flash[rows]
             flash = pair.flash[rows] - (0 if pair.flash_only else no_flash)
             layers = published_layers(
@@ -73,7 +77,7 @@ def separate(
             yield Strip(rows, layers, no_flash, flash, _open(pair, rows))
             continue
         wide, inner = _widened(rows, smoothing.HALO, height)
-        no_flash, flash = _filtered(pair, wide)
+        no_flash, flash = _filtered(pair, wide, _ROUNDS[options.quality])
         confidence, uncertainty = _reliability(pair, wide, lamps.contrast)
         proportions = smoothing.smooth_proportions(
             model_proportions(no_flash, flash, lamps),
@@ -100,15 +104,15 @@ def _widened(rows: slice, halo: int, height: int) -> tuple[slice, slice]:
     return slice(top, bottom), slice(rows.start - top, rows.stop - top)
 
 
-def _filtered(pair: Pair, rows: slice) -> tuple[Image, Image]:
+def _filtered(pair: Pair, rows: slice, rounds: int) -> tuple[Image, Image]:
     """Return no-flash photograph and flash part of some rows, noise filtered."""
-    halo = sigma_filter.HALO + (registration.SOFTENED_HALO if pair.registration > 0 else 0)
-    wide, inner = _widened(rows, halo, len(pair.unusable))
+    around = halo(rounds) + (registration.SOFTENED_HALO if pair.registration > 0 else 0)
+    wide, inner = _widened(rows, around, len(pair.unusable))
     no_flash, flash = pair.no_flash[wide], pair.flash[wide]
     if pair.registration > 0:
         no_flash, flash = registration.softened(no_flash), registration.softened(flash)
-    no_flash, flash, _ = sigma_filter.sigma_filter(
-        (no_flash, flash), (pair.no_flash_noise, pair.flash_noise), inner
+    no_flash, flash, _ = sigma_filter(
+        (no_flash, flash), (pair.no_flash_noise, pair.flash_noise), inner, rounds
     )
     return no_flash, flash if pair.flash_only else flash - no_flash
 

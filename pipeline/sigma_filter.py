@@ -18,12 +18,20 @@ Planes = NDArray[np.float32]
 _WINDOWS = ((2, 1), (1, 3), (1, 6), (1, 12))  # reach and gap of each round
 _JOIN = 4.2  # standard deviations of one pixel, over six channels
 _CHANNELS = 6
-HALO = sum(reach * gap for reach, gap in _WINDOWS)
-"""Rows that sigma_filter needs beyond either end of a strip."""
+ROUNDS = len(_WINDOWS)
+"""Rounds that there are; fewer average less."""
+
+
+def halo(rounds: int) -> int:
+    """Rows that sigma_filter needs beyond either end of a strip."""
+    return sum(reach * gap for reach, gap in _WINDOWS[:rounds])
 
 
 def sigma_filter(
-    images: tuple[Image, Image], noises: tuple[Noise, Noise], keep: slice = slice(None)
+    images: tuple[Image, Image],
+    noises: tuple[Noise, Noise],
+    keep: slice = slice(None),
+    rounds: int = ROUNDS,
 ) -> tuple[Image, Image, NDArray[np.float32]]:
     """Average each pixel of a pair with the neighbours that differ from it only by noise.
 
@@ -36,7 +44,9 @@ def sigma_filter(
     ----------
     images : two (h, W, 3) photographs, independent of each other
     noises : the noise of each
-    keep : the rows to return; the others, HALO on either side or up to the border, are halo
+    keep : the rows to return; the others, halo(rounds) on either side or up to the border, are
+        around them
+    rounds : how many of the windows, from the narrowest
 
     Returns
     -------
@@ -51,11 +61,11 @@ def sigma_filter(
     stable, total = np.empty_like(planes), np.empty_like(planes)
     certainty = np.ones(planes.shape[1:], dtype=np.float32)  # pixels averaged so far
     count = np.empty_like(certainty)
-    top, bottom, halo = 0, height, HALO
-    for reach, gap in _WINDOWS:
+    top, bottom, around = 0, height, halo(rounds)
+    for reach, gap in _WINDOWS[:rounds]:
         _stabilize(planes, gain, floor, top, bottom, stable)
-        halo -= reach * gap
-        top, bottom = max(first - halo, 0), min(last + halo, height)
+        around -= reach * gap
+        top, bottom = max(first - around, 0), min(last + around, height)
         _join(planes, certainty, stable, reach, gap, top, bottom, total, count)
         planes, total = total, planes
         certainty, count = count, certainty

@@ -12,7 +12,13 @@ from pipeline.decode.quiet import muted
 from pipeline.decode.samples import Samples
 from pipeline.decode.tiff import dng_matrix
 from pipeline.frames import Matrix
+from pipeline.options import Quality
 
+_DEMOSAICING: dict[Quality, rawpy.DemosaicAlgorithm] = {
+    "best": rawpy.DemosaicAlgorithm.DHT,
+    "balanced": rawpy.DemosaicAlgorithm.PPG,
+    "fast": rawpy.DemosaicAlgorithm.LINEAR,
+}
 _TURNED = (5, 6)
 """LibRaw's `flip` values for a quarter turn."""
 
@@ -24,18 +30,17 @@ def raw_size(data: bytes) -> tuple[int, int]:
         return (height, width) if raw.sizes.flip in _TURNED else (width, height)
 
 
-def read_raw(data: bytes) -> tuple[Samples, Metadata, Matrix | None]:
+def read_raw(data: bytes, quality: Quality) -> tuple[Samples, Metadata, Matrix | None]:
     """Upright samples, facts, and the matrix from CIE XYZ to camera RGB where it is known.
 
-    Demosaiced with DHT, in the camera's own colours, white level at samples.white.
-    DHT does not suffer from channels without white balance: on rendered scenes 39.6 and 41.2 dB
-    (without and with flash), AHD 38.3 and 39.7. adjust_maximum_thr must be 0: LibRaw otherwise
-    scales every frame by its own maximum, which gives the two frames of a pair two gains.
-    Raises rawpy's errors.
+    Demosaiced in the camera's own colours, white level at samples.white. DHT does not suffer from
+    channels without white balance; docs/performance.md measures it beside the plainer ways.
+    adjust_maximum_thr must be 0: LibRaw otherwise scales every frame by its own maximum, which
+    gives the two frames of a pair two gains. Raises rawpy's errors.
     """
     with muted(), rawpy.imread(io.BytesIO(data)) as raw:
         values = raw.postprocess(
-            demosaic_algorithm=rawpy.DemosaicAlgorithm.DHT,
+            demosaic_algorithm=_DEMOSAICING[quality],
             user_wb=[1.0, 1.0, 1.0, 1.0],
             output_color=rawpy.ColorSpace.raw,
             output_bps=16,

@@ -26,6 +26,7 @@ from pipeline.decode.signatures import Kind, kind_of
 from pipeline.decode.tiff import holds_raw, read_tiff, tiff_size
 from pipeline.errors import ImageTooLargeError, OptionError, PipelineError, UnreadableImageError
 from pipeline.frames import Frame
+from pipeline.options import Quality
 
 FORMATS = "a JPEG, PNG, TIFF, OpenEXR, HEIC, DNG or a camera's RAW file"
 
@@ -51,13 +52,18 @@ def check_header(data: bytes, name: str = "no-flash photograph") -> tuple[int, i
     return _size(data, _kind(data, name), name)
 
 
-def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph") -> Frame:
+def decode(
+    data: bytes,
+    encoding: str = "auto",
+    name: str = "no-flash photograph",
+    quality: Quality = "best",
+) -> Frame:
     """Decode a photograph to linear light.
 
     encoding: "auto" takes RAW and DNG as sensor values, 8-bit pictures and HEIF as their ICC
     profile says, else as sRGB, 16-bit integer TIFF and PNG and every float file as linear;
     "linear" and "srgb" say how the values of a file that is not RAW are encoded. Pictures with a
-    profile become linear sRGB. name: what messages call the picture.
+    profile become linear sRGB. name: what messages call the picture. quality: of demosaicing.
     Raises UnreadableImageError, ImageTooLargeError, and OptionError for a RAW file said to be
     sRGB.
     """
@@ -69,7 +75,7 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
         )
     with _readable(name, _damaged(kind)):
         if kind == "RAW":
-            samples, metadata, xyz_to_camera = read_raw(data)
+            samples, metadata, xyz_to_camera = read_raw(data, quality)
         else:
             metadata, xyz_to_camera = read_metadata(data), None
             samples = _samples(data, kind, metadata)

@@ -64,6 +64,13 @@ class Flags(PairFlags):
         str,
         typer.Option(metavar="best|paper", help="Our best, or the algorithms as published."),
     ] = "best"
+    quality: Annotated[
+        str,
+        typer.Option(
+            metavar="best|balanced|fast",
+            help="How much care to take of RAW files and noise; see docs/performance.md.",
+        ),
+    ] = "best"
     basis: Annotated[
         str, typer.Option(metavar="wpca|pca|joint", help="How the bases are learnt.")
     ] = "wpca"
@@ -149,6 +156,7 @@ class Flags(PairFlags):
         values = {
             "lights": int(self.lights) if self.lights.isdecimal() else self.lights,
             "method": self.method,
+            "quality": self.quality,
             "basis": self.basis,
             "camera": read_table(self.camera, parse_sensitivities),
             "flash_spectrum": read_table(self.flash_spectrum, parse_spectrum),

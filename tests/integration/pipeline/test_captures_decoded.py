@@ -48,6 +48,22 @@ def test_raw_frames_hold_the_light_of_the_scene(
         assert gain == pytest.approx(1.0, abs=0.003)
 
 
+def test_each_quality_of_demosaicing_has_its_own_error(
+    pair: CapturedPair, truth: SimulatedTruth
+) -> None:
+    """On fine patterns, in dB; plainer ways blur more."""
+    light, file = truth.layers.sum(0), pair.no_flash.files["dng"]
+
+    best, balanced, fast = (
+        snr_db(decode(file, quality=quality).pixels, light)
+        for quality in ("best", "balanced", "fast")
+    )
+
+    assert balanced > 33
+    assert best > balanced + 0.3
+    assert balanced > fast + 0.3
+
+
 def test_the_flash_part_is_their_difference(
     frames: tuple[Frame, Frame], truth: SimulatedTruth
 ) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline.errors import Canceled
 from pipeline.model import Model, build_model
 from pipeline.normals import Facing
-from pipeline.options import OUTPUT_NAMES
+from pipeline.options import OUTPUT_NAMES, Options
 from pipeline.photometric_stereo.detail import surface_normals
 from pipeline.photometric_stereo.solve import Surface
 from pipeline.pictures import Pictures, render
@@ -72,7 +72,7 @@ def rendered(
                 model_with_response,
                 more.get("facing", facing),
                 more.get("changes", np.stack([np.eye(3)] * 3)),
-                more.get("method", "best"),
+                Options(method=more.get("method", "best")),
                 frozenset(wanted),
                 more.get("progress", Progress()),
                 rows,

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 from pipeline.errors import Canceled
 from pipeline.model import Model
 from pipeline.noise import Noise
+from pipeline.options import Options
 from pipeline.progress import Progress
 from pipeline.reduced import reduce_pair
 from pipeline.separation import Strip, separate
+from pipeline.sigma_filter import sigma_filter
 from tests import definitions
 
 Array = NDArray[np.float64]
@@ -24,8 +26,11 @@ LOUD = Noise(np.full(3, 2e-4), np.full(3, 1e-6))
 def separated(model: Model) -> Callable[..., Strip]:
     """Separate a pair into one strip, put together from strips of so many rows."""
 
-    def run(pair: Any, lamps: Any, method: str = "best", rows: int = 1000) -> Strip:
-        strips = list(separate(pair, reduce_pair(pair), lamps, model, method, Progress(), rows))
+    def run(
+        pair: Any, lamps: Any, method: Any = "best", rows: int = 1000, quality: Any = "best"
+    ) -> Strip:
+        options = Options(method=method, quality=quality)
+        strips = list(separate(pair, reduce_pair(pair), lamps, model, options, Progress(), rows))
         tops = [strip.rows.start for strip in strips]
         assert tops == list(range(0, len(pair.unusable), rows))
         return Strip(
@@ -229,15 +234,41 @@ def test_a_pair_with_nothing_to_use_stays_finite(
     assert not found.confidence.any()
 
 
+@pytest.mark.parametrize("rows", [16, 1000])
+def test_fast_averages_less_noise_and_still_adds_up(
+    separated: Callable[..., Strip],
+    grainy: Callable[..., Any],
+    lamps_of: Any,
+    rows: int,
+    warm_to_cool: Array,
+) -> None:
+    pair, _ = grainy(2)
+    lamps = lamps_of(warm_to_cool[[0, 2]])
+
+    best, balanced, fast = (
+        separated(pair, lamps, rows=rows, quality=quality)
+        for quality in ("best", "balanced", "fast")
+    )
+
+    noises = pair.no_flash_noise, pair.flash_noise
+    narrow, _, _ = sigma_filter((pair.no_flash, pair.flash), noises, rounds=1)
+    wide, _, _ = sigma_filter((pair.no_flash, pair.flash), noises)
+    np.testing.assert_array_equal(fast.no_flash, narrow)
+    np.testing.assert_array_equal(best.no_flash, wide)
+    np.testing.assert_array_equal(balanced.layers, best.layers)
+    np.testing.assert_allclose(fast.layers.sum(axis=0), pair.no_flash, rtol=3e-6, atol=1e-7)
+
+
 @pytest.mark.parametrize("method", ["best", "paper"])
 def test_cancel_stops_between_strips(
-    exact: Exact, lamps_of: Callable[..., Any], model: Model, warm_to_cool: Array, method: str
+    exact: Exact, lamps_of: Callable[..., Any], model: Model, warm_to_cool: Array, method: Any
 ) -> None:
     pair, _ = exact(warm_to_cool[[0, 2]])
     reports: list[float] = []
     progress = Progress(lambda _, part: reports.append(part), lambda: len(reports) == 3)
     lamps = lamps_of(warm_to_cool[[0, 2]])
-    strips = separate(pair, reduce_pair(pair), lamps, model, method, progress, 8)
+    options = Options(method=method)
+    strips = separate(pair, reduce_pair(pair), lamps, model, options, progress, 8)
 
     done = [next(strips).rows.stop for _ in range(3)]
 

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from pipeline.frames import Image
 from pipeline.noise import Noise
-from pipeline.sigma_filter import HALO, sigma_filter
+from pipeline.sigma_filter import ROUNDS, halo, sigma_filter
 
 Array = NDArray[np.float64]
 GAIN, FLOOR = 2e-4, 2e-6
@@ -19,13 +19,13 @@ def noisy(light: Array, seed: int) -> Image:
     return np.asarray(light + normal * np.sqrt(GAIN * light + FLOOR), dtype=np.float32)
 
 
-def defined(images: tuple[Image, Image], noises: tuple[Noise, Noise]) -> Array:
+def defined(images: tuple[Image, Image], noises: tuple[Noise, Noise], rounds: int = 4) -> Array:
     """The filter as it is defined, pixel by pixel: the average of those that join, (h, W, 7)."""
     values = np.concatenate(images, axis=2).astype(np.float64)
     height, width = values.shape[:2]
     averaged = np.ones((height, width))
     gain, floor = (np.concatenate([getattr(n, name) for n in noises]) for name in ("gain", "floor"))
-    for reach, gap in ((2, 1), (1, 3), (1, 6), (1, 12)):
+    for reach, gap in ((2, 1), (1, 3), (1, 6), (1, 12))[:rounds]:
         stable = 2 / gain * np.sqrt(gain * np.maximum(values, 0) + floor)
         sums, counts = np.zeros_like(values), np.zeros_like(averaged)
         offsets = gap * np.arange(-reach, reach + 1)
@@ -53,16 +53,33 @@ def test_the_filter_is_what_it_is_defined_to_be(size: tuple[int, int]) -> None:
     np.testing.assert_allclose(found, defined(pair, (NOISE, LOUDER)), rtol=2e-5)
 
 
-def filtered(pair: tuple[Image, Image], rows: int | None = None) -> tuple[Image, Image]:
+@pytest.mark.parametrize("rounds", [1, 2])
+def test_fewer_rounds_are_the_first_ones(rounds: int) -> None:
+    light = np.random.default_rng(5).choice([0.2, 0.25, 0.6], (20, 30))[..., None] * np.ones(3)
+    pair = noisy(light, 1), noisy(0.5 * light, 2)
+
+    found = np.concatenate(filtered(pair, 7, rounds), axis=2)
+
+    np.testing.assert_allclose(found, defined(pair, (NOISE, NOISE), rounds)[..., :6], rtol=2e-5)
+
+
+@pytest.mark.parametrize(("rounds", "rows"), [(1, 2), (2, 5), (4, 23)])
+def test_the_halo_is_as_far_as_the_rounds_look(rounds: int, rows: int) -> None:
+    assert halo(rounds) == rows
+
+
+def filtered(
+    pair: tuple[Image, Image], rows: int | None = None, rounds: int = ROUNDS
+) -> tuple[Image, Image]:
     """Filter a pair in strips of so many rows, each with its halo."""
-    height = len(pair[0])
+    height, around = len(pair[0]), halo(rounds)
     step = rows or height
     strips = []
     for top in range(0, height, step):
-        first, last = max(top - HALO, 0), min(top + step + HALO, height)
+        first, last = max(top - around, 0), min(top + step + around, height)
         keep = slice(top - first, min(top + step, height) - first)
         part = (pair[0][first:last], pair[1][first:last])
-        strips.append(sigma_filter(part, (NOISE, NOISE), keep)[:2])
+        strips.append(sigma_filter(part, (NOISE, NOISE), keep, rounds)[:2])
     before, after = zip(*strips, strict=True)
     return np.concatenate(before), np.concatenate(after)
 

@@ -21,6 +21,7 @@ def test_no_flags_are_the_defaults() -> None:
 def test_every_flag_reaches_its_option() -> None:
     same: dict[str, Any] = {
         "method": "paper",
+        "quality": "fast",
         "basis": "joint",
         "camera": "Canon EOS 5D",
         "flash_spectrum": "D55",
