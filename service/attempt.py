@@ -49,14 +49,14 @@ class Attempt:
         engine: sa.Engine,
         storage: Storage,
         settings: Settings,
-        server: ForkServer,
+        fork_server: ForkServer,
         stopping: Callable[[], bool],
     ) -> None:
         self._job = job
         self._engine = engine
         self._storage = storage
         self._settings = settings
-        self._server = server
+        self._fork_server = fork_server
         self._stopping = stopping
         self._asked = 0.0
         self._stop = False
@@ -123,7 +123,9 @@ class Attempt:
             options=self._job.options,
             capture=self._job.capture,
         )
-        sandbox.run(task, self._settings.job_seconds, self._report, self._must_stop, self._server)
+        sandbox.run(
+            task, self._settings.job_seconds, self._report, self._must_stop, self._fork_server
+        )
 
     def _store(self, path: Path) -> dict[str, Any]:
         key = results_key(self._job.id, self._job.attempt, path.name)

@@ -11,7 +11,6 @@ from __future__ import annotations
 import contextlib
 import gc
 import os
-import select
 import selectors
 import signal
 import socket
@@ -35,9 +34,11 @@ class Child:
         self._life = life
 
     def wait(self, seconds: float) -> int:
-        """Wait for its end; its exit code, negative for a signal. Raises TimeoutError."""
-        if not select.select([self._life], [], [], seconds)[0]:
-            raise TimeoutError
+        """Wait for its end, for some seconds > 0; its exit code, negative for a signal.
+
+        Raises TimeoutError.
+        """
+        self._life.settimeout(seconds)
         said = self._life.recv(16)
         # A server that dies has the kernel kill its children.
         return int(said) if said else -signal.SIGKILL
@@ -45,6 +46,7 @@ class Child:
     def close(self) -> None:
         """Kill it and what it has started; it is gone when this returns."""
         with self._life:
+            self._life.settimeout(None)
             self._life.shutdown(socket.SHUT_WR)
             while self._life.recv(16):
                 pass

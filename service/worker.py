@@ -38,7 +38,7 @@ class Worker:
         self._settings = settings
         self._engine = open_database(settings)
         self._storage = open_storage(settings)
-        self._server = sandbox.fork_server(settings.worker_concurrency)
+        self._fork_server = sandbox.fork_server(settings.worker_concurrency)
         self._stopping = threading.Event()
         self._idle = threading.Condition()
         self._busy = 0
@@ -48,7 +48,7 @@ class Worker:
 
         The process is to end right after: threads of unfinished jobs never return.
         """
-        self._server.start()
+        self._fork_server.start()
         scratch.clear(self._settings.data_dir)
         self._beat()
         engine.launch(
@@ -124,7 +124,7 @@ class Worker:
                     self._engine,
                     self._storage,
                     self._settings,
-                    self._server,
+                    self._fork_server,
                     self._stopping.is_set,
                 ).run()
         finally:

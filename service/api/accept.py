@@ -81,7 +81,7 @@ def _check(context: Context, job_id: str, directory: Path, trace_id: str) -> Non
     )
     with context.checks:
         sandbox.run(
-            task, _CHECK_SECONDS, lambda _stage, _fraction: None, lambda: False, context.server
+            task, _CHECK_SECONDS, lambda _stage, _fraction: None, lambda: False, context.fork_server
         )
 
 

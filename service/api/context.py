@@ -28,7 +28,7 @@ class Context:
     engine: sa.Engine
     queue: Queue
     storage: Storage
-    server: ForkServer
+    fork_server: ForkServer
     """Of the processes that check the headers of uploads."""
     checks: threading.Semaphore = field(
         default_factory=lambda: threading.Semaphore(os.cpu_count() or 1)

@@ -45,6 +45,7 @@ def report(figures: dict[str, Any]) -> str:
         _goal("… than numpy.linalg.solve", kernel["solve_speedup"], 30, least=True),
         _goal("four times the pixels: CPU", growth["pixels4_cpu_ratio"], 4.4),
         ["two jobs at once: throughput", f"{growth['parallel2_speedup']:.2f}", "", ""],
+        ["… CPU over one after the other", f"{growth['parallel2_cpu_ratio']:.2f}", "", ""],
         ["alignment: error at the corners, px", f"{align['error_px']:.3f}", "", ""],
     ]
     if align["hugin_cpu_ratio"] is None:

@@ -48,10 +48,11 @@ def start(files: Sequence[Path], tasks: int = _TASKS) -> dict[str, float]:
     }
 
 
-def speedup_of_two(files: Sequence[Path], options: dict[str, Any]) -> float:
-    """Throughput of two separations at once over one after the other."""
-    seconds = {}
+def two_at_once(files: Sequence[Path], options: dict[str, Any]) -> dict[str, float]:
+    """Two separations at once over one after the other: `speedup` in throughput, `cpu_ratio`."""
+    seconds, cpu = {}, {}
     for at_once in (1, 2):
+        before = _cpu_of_ended()
         with contextlib.closing(sandbox.fork_server(at_once)) as server:
             with _inputs(files) as folder:
                 _check(server, folder)
@@ -60,7 +61,8 @@ def speedup_of_two(files: Sequence[Path], options: dict[str, Any]) -> float:
                 for done in [pool.submit(_separate, server, files, options) for _ in range(2)]:
                     done.result()
             seconds[at_once] = time.monotonic() - begin
-    return seconds[1] / seconds[2]
+        cpu[at_once] = _cpu_of_ended() - before
+    return {"speedup": seconds[1] / seconds[2], "cpu_ratio": cpu[2] / cpu[1]}
 
 
 def _separate(server: ForkServer, files: Sequence[Path], options: dict[str, Any]) -> None:

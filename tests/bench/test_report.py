@@ -37,7 +37,7 @@ def figures() -> dict[str, Any]:
             "bare_wall_s": 0.02,
             "bare_cpu_s": 0.016,
         },
-        "growth": {"pixels4_cpu_ratio": 4.0, "parallel2_speedup": 1.7},
+        "growth": {"pixels4_cpu_ratio": 4.0, "parallel2_speedup": 1.7, "parallel2_cpu_ratio": 1.05},
     }
 
 
@@ -60,6 +60,8 @@ def test_the_page_says_what_is_met(figures: dict[str, Any]) -> None:
     assert cells("task: CPU of start and end, s") == ["0.024", "", ""]
     assert cells("… over a bare Python's") == ["1.5", "", ""]
     assert cells("alignment beside align_image_stack") == ["not installed", "", ""]
+    assert cells("two jobs at once: throughput") == ["1.70", "", ""]
+    assert cells("… CPU over one after the other") == ["1.05", "", ""]
     assert cells("jpeg48_n2") == ["48", "2", "9.0", "5.0", "700", "1.5"]
     assert cells("raw24_n3, floor") == ["", "0.25", "", "", "1.00", ""]
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import drivers
-from tests.bench.tasks import speedup_of_two, start
+from tests.bench.tasks import start, two_at_once
 
 
 @pytest.fixture(scope="module")
@@ -34,4 +34,7 @@ def test_every_figure_of_a_start_is_measured(files: tuple[Path, Path]) -> None:
 
 
 def test_two_separations_run_to_their_ends(files: tuple[Path, Path]) -> None:
-    assert speedup_of_two(files, {"lights": 2}) > 0
+    found = two_at_once(files, {"lights": 2})
+
+    assert found["speedup"] > 0
+    assert found["cpu_ratio"] > 0

@@ -42,7 +42,7 @@ def run(context: Context) -> Run:
             context.engine,
             context.storage,
             context.settings,
-            context.server,
+            context.fork_server,
             lambda: False,
         ).run()
         with context.engine.connect() as connection:

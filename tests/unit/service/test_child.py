@@ -15,6 +15,7 @@ from service import sandbox
 from service.child import OUT_OF_MEMORY
 from service.errors import MemoryLimitError, TimeLimitError
 from service.forkserver import ForkServer
+from tests.unit.service.forked import fork_server
 
 GIB = 2**30
 Kind = Literal["check", "separate", "capture"]
@@ -153,6 +154,15 @@ def test_a_crash_leaves_no_photograph_in_a_core_dump() -> None:
 def test_a_child_dies_before_the_service_when_the_machine_is_full() -> None:
     done = _in_a_child('tell({"score": open("/proc/self/oom_score_adj").read()})')
     assert json.loads(done.stdout) == {"score": "1000\n"}
+
+
+def test_what_tasks_need_is_imported_without_starting_a_thread() -> None:
+    """A lock that another thread held while a child was forked stays locked in the child."""
+    threads = "print(len(os.listdir(f'/proc/{os.getppid()}/task')))"
+    with contextlib.closing(fork_server(threads, "from service import child")) as server:
+        child = server.fork()
+        assert child.stdout.read() == b"1\n"
+        child.close()
 
 
 def test_want_of_memory_in_opencv_is_want_of_memory() -> None:
