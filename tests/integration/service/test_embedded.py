@@ -83,7 +83,7 @@ def test_a_stopped_service_puts_its_job_back(own_service: Any, pair: drivers.Cap
     own_service.await_stage(job)
     processes = own_service.processes()
     assert own_service.stop() == 0
-    assert not any(map(own_service.lives, processes))
+    own_service.await_that("all are gone", lambda: not any(map(own_service.lives, processes)))
     with sqlite3.connect(own_service.data / "lightlayers.sqlite") as database:
         row = database.execute("SELECT state, attempt, lost, worker FROM jobs").fetchone()
     database.close()
