@@ -78,7 +78,7 @@ class ForkServer:
                 if child is not None:
                     return child
                 self._end()
-        raise ChildProcessError(f"the fork server ends as soon as it is started: {self._command}")
+        raise ChildProcessError("the fork server ends as soon as it is started")
 
     def close(self) -> None:
         """End it, and the children that it has."""

@@ -218,6 +218,12 @@ def own_service(tmp_path: Path) -> Iterator[Service]:
 
 
 @pytest.fixture
+def wide_service(tmp_path: Path) -> Iterator[Service]:
+    """A service whose worker runs two jobs at once."""
+    yield from _running(Service(tmp_path / "service", worker_concurrency=2))
+
+
+@pytest.fixture
 def grown_up(tmp_path: Path, postgresql: str, s3: dict[str, str]) -> Iterator[Service]:
     """A service on PostgreSQL and S3."""
     store = "s3://photographs/lightlayers"

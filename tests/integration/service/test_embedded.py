@@ -185,6 +185,18 @@ def test_two_workers_do_each_job_once(own_service: Any, pair: drivers.CapturedPa
     assert [(job["state"], job["attempt"]) for job in ends] == [("succeeded", 1)] * 2
 
 
+def test_one_of_two_jobs_at_once_is_canceled_alone(
+    wide_service: Any, pair: drivers.CapturedPair
+) -> None:
+    first, second = wide_service.upload(pair), wide_service.upload(pair)
+    wide_service.await_that("both run", lambda: len(wide_service.find("child")) == 2)
+    assert wide_service.http.post(first["links"]["cancel"]).status_code == 202
+    assert wide_service.await_end(first)["state"] == "canceled"
+    done = wide_service.await_end(second)
+    assert (done["state"], done["attempt"]) == ("succeeded", 1)
+    assert wide_service.find("child") == []
+
+
 def test_a_camera_that_fails_fails_the_job(service: Any) -> None:
     job = service.await_end(service.capture("sim://studio?fault=store_full"))
     assert job["state"] == "failed"
