@@ -35,7 +35,7 @@ evaluate: setup  ## Measure on rendered scenes what is promised; SET=development
 	$(BIN)/python -m tests.evaluation.calibration $(if $(filter development,$(SET)),--set $(SET))
 	$(BIN)/python -m tests.evaluation.warnings
 
-bench: setup  ## Measure what jobs cost, into docs/; QUICK=1 prints the kernel and one job
+bench: setup  ## Measure what jobs cost, into docs/; QUICK=1 prints the kernel, one job and a start
 	$(BIN)/python -m tests.bench $(if $(QUICK),--quick)
 
 serve: setup  ## Serve on http://localhost:8000; HOST=0.0.0.0 for phones on this network, too

@@ -13,6 +13,7 @@ import sqlalchemy as sa
 
 from service import jobs, sandbox, scratch
 from service.errors import AttemptError, problem_of
+from service.forkserver import ForkServer
 from service.media import media_type
 from service.settings import Settings
 from service.storage import Storage
@@ -48,12 +49,14 @@ class Attempt:
         engine: sa.Engine,
         storage: Storage,
         settings: Settings,
+        fork_server: ForkServer,
         stopping: Callable[[], bool],
     ) -> None:
         self._job = job
         self._engine = engine
         self._storage = storage
         self._settings = settings
+        self._fork_server = fork_server
         self._stopping = stopping
         self._asked = 0.0
         self._stop = False
@@ -120,7 +123,9 @@ class Attempt:
             options=self._job.options,
             capture=self._job.capture,
         )
-        sandbox.run(task, self._settings.job_seconds, self._report, self._must_stop)
+        sandbox.run(
+            task, self._settings.job_seconds, self._report, self._must_stop, self._fork_server
+        )
 
     def _store(self, path: Path) -> dict[str, Any]:
         key = results_key(self._job.id, self._job.attempt, path.name)

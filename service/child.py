@@ -1,5 +1,6 @@
-"""The process of one task of a job: python -m service.child PARENT, its task as JSON on stdin.
+"""The process of one task of a job, its task as JSON on stdin.
 
+python -m service.child imports once, and forks such a process for every task (service.forkserver).
 It writes one JSON object per line to stdout: {"stage", "fraction"} while it works, {"problem"}
 before it ends with nothing to show, except for want of memory, which its exit code tells. Exit
 code 0 means that all is done.
@@ -17,7 +18,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from service.processes import die_with_parent
+import drivers
+import pipeline
+from pipeline.calibration.calibrate import calibrate_files
+from pipeline.calibration.options import CALIBRATION_OPTIONS
+from pipeline.options import Options
+from pipeline.progress import Progress
+from service import errors, forkserver, logs
 
 OUT_OF_MEMORY = 3
 """Exit code of a task that needed more memory than it may have."""
@@ -31,7 +38,6 @@ Tell = Callable[[dict[str, Any]], None]
 
 def main() -> int:
     """Run the task that stdin describes; see service.sandbox.Task."""
-    die_with_parent(int(sys.argv[1]))
     task = json.load(sys.stdin)
     _limit(task["memory_bytes"], task["cpu_seconds"])
     tell = _take_stdout()
@@ -56,9 +62,6 @@ def _limit(memory_bytes: int, cpu_seconds: int) -> None:
 
 
 def _explain(error: Exception, task: dict[str, Any]) -> dict[str, Any]:
-    # Imported only now: most of a short task's time would be this import.
-    from service import errors, logs
-
     logs.configure()
     if errors.kind_of(error) is errors.INTERNAL:
         log.error(
@@ -81,16 +84,10 @@ def _take_stdout() -> Tell:
 
 
 def _check(task: dict[str, Any], _tell: Tell) -> None:
-    import pipeline
-
     pipeline.check_pair(*_photographs(task))
 
 
 def _separate(task: dict[str, Any], tell: Tell) -> None:
-    import pipeline
-    from pipeline.options import Options
-    from pipeline.progress import Progress
-
     pipeline.separate_files(
         *_photographs(task),
         Options.model_validate(task["options"]),
@@ -100,10 +97,6 @@ def _separate(task: dict[str, Any], tell: Tell) -> None:
 
 
 def _calibrate(task: dict[str, Any], tell: Tell) -> None:
-    from pipeline.calibration.calibrate import calibrate_files
-    from pipeline.calibration.options import CALIBRATION_OPTIONS
-    from pipeline.progress import Progress
-
     calibrate_files(
         *_photographs(task),
         CALIBRATION_OPTIONS.validate_python(task["options"]),
@@ -113,8 +106,6 @@ def _calibrate(task: dict[str, Any], tell: Tell) -> None:
 
 
 def _capture(task: dict[str, Any], tell: Tell) -> None:
-    import drivers
-
     directory = Path(task["directory"])
     stages = drivers.CAPTURE_STAGES
 
@@ -140,4 +131,8 @@ _WORK: dict[str, Callable[[dict[str, Any], Tell], None]] = {
 }
 
 if __name__ == "__main__":
-    sys.exit(main())
+    forkserver.serve()
+    code = main()
+    sys.stdout.flush()
+    # Taking the interpreter down would touch, and so copy, what is shared with the fork server.
+    os._exit(code)

@@ -7,18 +7,23 @@ import json
 import os
 import selectors
 import signal
-import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO, Any, Literal
 
+import cv2
+
 from service.child import OUT_OF_MEMORY
 from service.errors import CrashError, MemoryLimitError, TimeLimitError
+from service.forkserver import ForkServer
 
 _COMMAND = (sys.executable, "-m", "service.child")
+_THREADS = ("OPENCV_FOR_THREADS_NUM", "OMP_NUM_THREADS")
+"""What the libraries of a task with threads of their own read: OpenCV, and LibRaw's OpenMP."""
+
 _LOOK_SECONDS = 0.2
 _END_SECONDS = 5.0  # what a process whose work is done may take to end
 
@@ -55,63 +60,51 @@ class Task:
     capture: dict[str, Any] | None
 
 
+def fork_server(at_once: int) -> ForkServer:
+    """Make the server of the processes that tasks run in, for so many tasks at once.
+
+    They share the processors: each has as many threads as there are processors for it. Variables
+    that the operator has set stay.
+    """
+    threads = str(max(cv2.getNumberOfCPUs() // at_once, 1))
+    shares = {name: os.environ.get(name, threads) for name in _THREADS}
+    return ForkServer(_COMMAND, shares)
+
+
 def run(
     task: Task,
     seconds: float,
     report: Callable[[str, float], None],
     must_stop: Callable[[], bool],
-    command: Sequence[str] = _COMMAND,
+    server: ForkServer,
 ) -> None:
     """Run a task to its end, for at most `seconds`; must_stop is asked several times a second.
 
-    Raises TaskError, StoppedError, CrashError, MemoryLimitError or TimeLimitError.
+    Raises TaskError, StoppedError, CrashError, MemoryLimitError, TimeLimitError or
+    ChildProcessError.
     """
     deadline = time.monotonic() + seconds
     problem: dict[str, Any] | None = None
-    with _started([*command, str(os.getpid())], task) as process:
-        for message in _messages(process, deadline, must_stop):
+    with contextlib.closing(server.fork()) as process:
+        with contextlib.suppress(BrokenPipeError), process.stdin:
+            process.stdin.write(json.dumps(asdict(task)).encode())
+        for message in _messages(process.stdout, deadline, must_stop):
             if "problem" in message:
                 problem = message["problem"]
             else:
                 report(message["stage"], message["fraction"])
         try:
-            process.wait(max(deadline - time.monotonic(), _END_SECONDS))
-        except subprocess.TimeoutExpired as error:
+            code = process.wait(max(deadline - time.monotonic(), _END_SECONDS))
+        except TimeoutError as error:
             raise TimeLimitError(_TOO_LONG) from error
     if problem is not None:
         raise TaskError(problem)
-    _raise_for_exit(process.returncode)
-
-
-@contextlib.contextmanager
-def _started(command: Sequence[str], task: Task) -> Iterator[subprocess.Popen[bytes]]:
-    # A session of its own: Ctrl-C on the service's terminal is not for the child, and killing
-    # the group takes with it whatever it started.
-    process = subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
-    )
-    with process:
-        try:
-            stdin: IO[bytes] = _open(process.stdin)
-            with contextlib.suppress(BrokenPipeError):
-                stdin.write(json.dumps(asdict(task)).encode())
-                stdin.close()
-            yield process
-        finally:
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)
-
-
-def _open(pipe: IO[bytes] | None) -> IO[bytes]:
-    if pipe is None:
-        raise ValueError("the process was started without this pipe")
-    return pipe
+    _raise_for_exit(code)
 
 
 def _messages(
-    process: subprocess.Popen[bytes], deadline: float, must_stop: Callable[[], bool]
+    stdout: IO[bytes], deadline: float, must_stop: Callable[[], bool]
 ) -> Iterator[dict[str, Any]]:
-    stdout = _open(process.stdout)
     rest = b""
     with selectors.DefaultSelector() as selector:
         selector.register(stdout, selectors.EVENT_READ)

@@ -35,6 +35,7 @@ def serve(settings: Settings, worker: bool) -> None:
     with contextlib.ExitStack() as stack:
         listener = stack.enter_context(_listener(settings))
         context = stack.enter_context(open_context(settings))
+        context.fork_server.start()
         # uvicorn raises the signal again once it has stopped; the default would end us on the spot.
         signal.signal(signal.SIGTERM, lambda _number, _frame: sys.exit(0))
         if worker:

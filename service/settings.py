@@ -50,7 +50,9 @@ class Settings(BaseSettings):
     queued_jobs: int = Field(
         default=1000, gt=0, description="Jobs that may wait; more are refused with 429."
     )
-    worker_concurrency: int = Field(default=1, ge=1, description="Jobs a worker runs at a time.")
+    worker_concurrency: int = Field(
+        default=1, ge=1, description="Jobs a worker runs at a time; they share the processors."
+    )
     job_memory_bytes: int = Field(
         default=8192 * MIB, gt=0, description="Address space of one job's process, in bytes."
     )

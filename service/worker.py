@@ -16,7 +16,7 @@ import uuid
 
 import sqlalchemy as sa
 
-from service import engine, jobs, logs, scratch
+from service import engine, jobs, logs, sandbox, scratch
 from service.attempt import Attempt
 from service.errors import AbandonedError, problem_of
 from service.opening import open_database, open_storage
@@ -38,6 +38,7 @@ class Worker:
         self._settings = settings
         self._engine = open_database(settings)
         self._storage = open_storage(settings)
+        self._fork_server = sandbox.fork_server(settings.worker_concurrency)
         self._stopping = threading.Event()
         self._idle = threading.Condition()
         self._busy = 0
@@ -47,6 +48,7 @@ class Worker:
 
         The process is to end right after: threads of unfinished jobs never return.
         """
+        self._fork_server.start()
         scratch.clear(self._settings.data_dir)
         self._beat()
         engine.launch(
@@ -118,7 +120,12 @@ class Worker:
                     jobs.fail(connection, job, problem_of(reason, job.trace_id).model_dump())
             else:
                 Attempt(
-                    job, self._engine, self._storage, self._settings, self._stopping.is_set
+                    job,
+                    self._engine,
+                    self._storage,
+                    self._settings,
+                    self._fork_server,
+                    self._stopping.is_set,
                 ).run()
         finally:
             with self._idle:

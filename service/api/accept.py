@@ -80,7 +80,9 @@ def _check(context: Context, job_id: str, directory: Path, trace_id: str) -> Non
         capture=None,
     )
     with context.checks:
-        sandbox.run(task, _CHECK_SECONDS, lambda _stage, _fraction: None, lambda: False)
+        sandbox.run(
+            task, _CHECK_SECONDS, lambda _stage, _fraction: None, lambda: False, context.fork_server
+        )
 
 
 def _request_hash(wanted: Intake, sha256: dict[str, str]) -> str:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Annotated
 
 import sqlalchemy as sa
 from fastapi import Depends, Request
 
+from service import sandbox
 from service.engine import Queue
+from service.forkserver import ForkServer
 from service.opening import open_database, open_storage
 from service.settings import Settings
 from service.storage import Storage
@@ -26,24 +28,25 @@ class Context:
     engine: sa.Engine
     queue: Queue
     storage: Storage
+    fork_server: ForkServer
+    """Of the processes that check the headers of uploads."""
     checks: threading.Semaphore = field(
         default_factory=lambda: threading.Semaphore(os.cpu_count() or 1)
     )
     """Held while the headers of an upload are checked, so that many uploads share the cores."""
 
 
-@contextmanager
+@contextlib.contextmanager
 def open_context(settings: Settings) -> Iterator[Context]:
     """Open the parts for as long as the block. Raises StartError."""
-    engine = open_database(settings)
-    try:
+    with contextlib.ExitStack() as stack:
+        engine = open_database(settings)
+        stack.callback(engine.dispose)
         queue = Queue(engine)
-        try:
-            yield Context(settings, engine, queue, open_storage(settings))
-        finally:
-            queue.close()
-    finally:
-        engine.dispose()
+        stack.callback(queue.close)
+        server = sandbox.fork_server(os.cpu_count() or 1)
+        stack.callback(server.close)
+        yield Context(settings, engine, queue, open_storage(settings), server)
 
 
 def _context(request: Request) -> Context:

@@ -15,11 +15,11 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from tests.bench import align, kernel
+from tests.bench import align, kernel, tasks
 from tests.bench.floor import floor
 from tests.bench.pairs import PAIRS, pair_files
 from tests.bench.report import draw_profile, report
-from tests.bench.usage import Usage, medians, python, run, together
+from tests.bench.usage import Usage, medians, python, run
 
 _DOCS = Path(__file__).parents[2] / "docs"
 _ROUNDS = 3
@@ -30,13 +30,16 @@ _SMALL, _LARGE = "jpeg3_n2", "jpeg12_n2"
 def main() -> int:
     """Measure and write; the exit code."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench")
-    parser.add_argument("--quick", action="store_true", help="the kernel and one job, printed")
+    parser.add_argument(
+        "--quick", action="store_true", help="the kernel, one job and a start, printed"
+    )
     quick = parser.parse_args().quick
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # as the command has it
     figures: dict[str, Any] = {"kernel": kernel.measure()}
     jobs = _JOBS[:1] if quick else _JOBS
     rounds = 1 if quick else _ROUNDS
     figures["jobs"] = {name: _job(name, rounds) for name in jobs}
+    figures["start"] = tasks.start(pair_files(_LARGE))
     if not quick:
         figures["align"] = align.measure(_LARGE)
         figures["growth"] = _growth()
@@ -75,9 +78,9 @@ def _command(name: str, folder: str) -> list[str]:
     return [command, "separate", *map(str, pair_files(name)), "-o", f"{folder}/out", *flags]
 
 
-def _separated(name: str, at_once: int = 1) -> Usage:
+def _separated(name: str) -> Usage:
     with tempfile.TemporaryDirectory() as folder:
-        return together([_command(name, f"{folder}/{i}") for i in range(at_once)])
+        return run(_command(name, folder))
 
 
 def _stages(name: str) -> dict[str, float]:
@@ -95,12 +98,12 @@ def _growth() -> dict[str, float]:
     small, large, pairs = [], [], []
     for _ in range(_ROUNDS):
         small.append(_separated(_SMALL).cpu_s)
-        one = _separated(_LARGE)
-        large.append(one)
-        pairs.append(2 * one.wall_s / _separated(_LARGE, at_once=2).wall_s)
+        large.append(_separated(_LARGE).cpu_s)
+        pairs.append(tasks.two_at_once(pair_files(_LARGE), {"lights": PAIRS[_LARGE].lights}))
     return {
-        "pixels4_cpu_ratio": median(one.cpu_s for one in large) / median(small),
-        "parallel2_speedup": median(pairs),
+        "pixels4_cpu_ratio": median(large) / median(small),
+        "parallel2_speedup": median(one["speedup"] for one in pairs),
+        "parallel2_cpu_ratio": median(one["cpu_ratio"] for one in pairs),
     }
 
 

@@ -1,4 +1,4 @@
-"""Runs commands at once and says what each cost: a process of its own, because it is small.
+"""Runs a command and says what it cost: a process of its own, because it is small.
 
 The kernel counts what the parent holds when it starts a child as the child's memory.
 """
@@ -14,29 +14,23 @@ import time
 
 
 def main() -> None:
-    """Commands as JSON on stdin; on stdout CPU and wall seconds, MiB, exit codes, last words."""
-    start = time.monotonic()
-    started = []
-    for command in json.load(sys.stdin):
-        said = tempfile.TemporaryFile()  # noqa: SIM115  closed when all have ended
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=said)
-        started.append((process, said))
-    results = []
-    for process, said in started:
+    """A command as JSON on stdin; on stdout CPU and wall seconds, MiB, exit code, last words."""
+    with tempfile.TemporaryFile() as said:
+        start = time.monotonic()
+        process = subprocess.Popen(json.load(sys.stdin), stdout=subprocess.DEVNULL, stderr=said)
         _, status, used = os.wait4(process.pid, 0)
+        wall = time.monotonic() - start
         process.returncode = os.waitstatus_to_exitcode(status)
         said.seek(0)
-        results.append(
-            {
-                "cpu_s": used.ru_utime + used.ru_stime,
-                "wall_s": time.monotonic() - start,
-                "peak_mb": used.ru_maxrss / 1024,
-                "code": process.returncode,
-                "said": said.read().decode(errors="replace"),
-            }
-        )
-        said.close()
-    json.dump(results, sys.stdout)
+        last_words = said.read().decode(errors="replace")
+    result = {
+        "cpu_s": used.ru_utime + used.ru_stime,
+        "wall_s": wall,
+        "peak_mb": used.ru_maxrss / 1024,
+        "code": process.returncode,
+        "said": last_words,
+    }
+    json.dump(result, sys.stdout)
 
 
 if __name__ == "__main__":

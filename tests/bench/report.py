@@ -32,12 +32,20 @@ def report(figures: dict[str, Any]) -> str:
             _goal(f"{name}: CPU over the floor's", one["floor_ratio"], ratio),
         ]
     kernel, growth, align = figures["kernel"], figures["growth"], figures["align"]
+    start = figures["start"]
+    first, cpu = start["first_byte_s"], start["cpu_s"]
     rows += [
+        _goal("task: start to first byte of work, s", first, 0.3),
+        _goal("… the slowest, s", start["worst_first_byte_s"], 0.3),
+        ["… over a bare Python's whole run", f"{first / start['bare_wall_s']:.2g}", "", ""],
+        ["task: CPU of start and end, s", f"{cpu:.3f}", "", ""],
+        ["… over a bare Python's", f"{cpu / start['bare_cpu_s']:.2g}", "", ""],
         _goal("per-pixel work: CPU over a copy of its bytes", kernel["memcpy_ratio"], 12),
         _goal("per-pixel work: times faster than NumPy", kernel["numpy_speedup"], 6, least=True),
         _goal("… than numpy.linalg.solve", kernel["solve_speedup"], 30, least=True),
         _goal("four times the pixels: CPU", growth["pixels4_cpu_ratio"], 4.4),
         ["two jobs at once: throughput", f"{growth['parallel2_speedup']:.2f}", "", ""],
+        ["… CPU over one after the other", f"{growth['parallel2_cpu_ratio']:.2f}", "", ""],
         ["alignment: error at the corners, px", f"{align['error_px']:.3f}", "", ""],
     ]
     if align["hugin_cpu_ratio"] is None:

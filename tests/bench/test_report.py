@@ -30,7 +30,14 @@ def figures() -> dict[str, Any]:
             "hugin_cpu_ratio": None,
             "hugin_error_px": None,
         },
-        "growth": {"pixels4_cpu_ratio": 4.0, "parallel2_speedup": 1.7},
+        "start": {
+            "first_byte_s": 0.03,
+            "worst_first_byte_s": 0.4,
+            "cpu_s": 0.024,
+            "bare_wall_s": 0.02,
+            "bare_cpu_s": 0.016,
+        },
+        "growth": {"pixels4_cpu_ratio": 4.0, "parallel2_speedup": 1.7, "parallel2_cpu_ratio": 1.05},
     }
 
 
@@ -47,7 +54,14 @@ def test_the_page_says_what_is_met(figures: dict[str, Any]) -> None:
     assert cells("raw24_n3: CPU over the floor's") == ["1.5", "≤ 1.5", "yes"]
     assert cells("per-pixel work: times faster than NumPy") == ["6", "≥ 6", "yes"]
     assert cells("… than numpy.linalg.solve") == ["29", "≥ 30", "**no**"]
+    assert cells("task: start to first byte of work, s") == ["0.03", "≤ 0.3", "yes"]
+    assert cells("… the slowest, s") == ["0.4", "≤ 0.3", "**no**"]
+    assert cells("… over a bare Python's whole run") == ["1.5", "", ""]
+    assert cells("task: CPU of start and end, s") == ["0.024", "", ""]
+    assert cells("… over a bare Python's") == ["1.5", "", ""]
     assert cells("alignment beside align_image_stack") == ["not installed", "", ""]
+    assert cells("two jobs at once: throughput") == ["1.70", "", ""]
+    assert cells("… CPU over one after the other") == ["1.05", "", ""]
     assert cells("jpeg48_n2") == ["48", "2", "9.0", "5.0", "700", "1.5"]
     assert cells("raw24_n3, floor") == ["", "0.25", "", "", "1.00", ""]
 

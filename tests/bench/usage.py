@@ -25,25 +25,17 @@ class Usage:
 
 def run(command: Sequence[str]) -> Usage:
     """Run a command to its end. Raises CalledProcessError with what it said."""
-    return together([command])
-
-
-def together(commands: Sequence[Sequence[str]]) -> Usage:
-    """Run commands at once: CPU of all, wall time until the last ends, peak of the largest."""
     launched = subprocess.run(
         [sys.executable, "-S", str(_LAUNCHER)],
-        input=json.dumps([list(map(str, one)) for one in commands]),
+        input=json.dumps([*map(str, command)]),
         capture_output=True,
         text=True,
         check=True,
     )
-    results = json.loads(launched.stdout)
-    for command, one in zip(commands, results, strict=True):
-        if one["code"]:
-            raise subprocess.CalledProcessError(one["code"], command, stderr=one["said"])
-    cpu = sum(one["cpu_s"] for one in results)
-    wall, peak = (max(one[key] for one in results) for key in ("wall_s", "peak_mb"))
-    return Usage(cpu, wall, peak)
+    one = json.loads(launched.stdout)
+    if one["code"]:
+        raise subprocess.CalledProcessError(one["code"], command, stderr=one["said"])
+    return Usage(one["cpu_s"], one["wall_s"], one["peak_mb"])
 
 
 def python(*arguments: str) -> list[str]:

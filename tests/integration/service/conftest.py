@@ -11,7 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import httpx
 import pytest
@@ -36,26 +36,32 @@ def await_that(what: str, happened: Callable[[], Any]) -> Any:
     pytest.fail(f"waited in vain until {what}")
 
 
-def children(pid: int) -> dict[int, str]:
-    """Command lines by process id of all living processes below one."""
-    below: dict[int, str] = {}
-    parents: dict[int, list[int]] = {}
+class Process(NamedTuple):
+    parent: int
+    command: str
+
+
+def family(pid: int) -> dict[int, Process]:
+    """A process and all living ones below it, by process id."""
+    parents: dict[int, int] = {}
     for stat in Path("/proc").glob("[0-9]*/stat"):
         try:
             state, parent = stat.read_text().rpartition(")")[2].split()[:2]
         except (FileNotFoundError, ProcessLookupError):
             continue
         if state not in "ZX":
-            parents.setdefault(int(parent), []).append(int(stat.parent.name))
+            parents[int(stat.parent.name)] = int(parent)
     found = [pid]
     for number in found:
-        found += parents.get(number, [])
-    for number in found[1:]:
+        found += [child for child, parent in parents.items() if parent == number]
+    members: dict[int, Process] = {}
+    for number in found:
         try:
-            below[number] = Path(f"/proc/{number}/cmdline").read_text().replace("\0", " ")
+            command = Path(f"/proc/{number}/cmdline").read_text().replace("\0", " ")
         except (FileNotFoundError, ProcessLookupError):
             continue
-    return below
+        members[number] = Process(parents.get(number, 0), command)
+    return members
 
 
 class Service:
@@ -106,19 +112,42 @@ class Service:
         assert self._process is not None and self._process.poll() is None, self.log.read_text()
         return self._process.pid
 
-    def find(self, module: str) -> list[int]:
-        """Process ids of the workers ("worker") or of the jobs ("child")."""
-        found = children(self.pid)
-        return [pid for pid, line in found.items() if f"-m service.{module} " in line]
+    def find(self, what: str) -> list[int]:
+        """Process ids of the workers ("worker"), of their fork servers or of the jobs ("child")."""
+        module, parents = {
+            "worker": ("worker", "cli"),
+            "fork server": ("child", "worker"),
+            "child": ("child", "child"),
+        }[what]
+        found = family(self.pid)
+        return [
+            pid
+            for pid, (parent, command) in found.items()
+            if f"-m service.{module} " in command
+            and parent in found
+            and f"-m service.{parents} " in found[parent].command
+        ]
+
+    def processes(self) -> list[int]:
+        """Process ids of the service, all of them."""
+        return list(family(self.pid))
 
     def kill(self) -> None:
         """Kill every process of the service with -9."""
-        processes = [self.pid, *children(self.pid)]
+        processes = self.processes()
         for pid in processes:
             os.kill(pid, signal.SIGKILL)
         assert self._process is not None
         self._process.wait()
-        await_that("all are dead", lambda: not any(map(_lives, processes)))
+        await_that("all are dead", lambda: not any(map(self.lives, processes)))
+
+    @staticmethod
+    def lives(pid: int) -> bool:
+        """Tell whether a process has not ended yet."""
+        try:
+            return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+        except (FileNotFoundError, ProcessLookupError):
+            return False
 
     def stop(self) -> int:
         """Ask the service to stop; its exit code."""
@@ -176,13 +205,6 @@ class Service:
         return found
 
 
-def _lives(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
-    except (FileNotFoundError, ProcessLookupError):
-        return False
-
-
 @pytest.fixture(scope="session")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     """A service that runs all the time; what a test leaves there is the next one's to bear."""
@@ -193,6 +215,12 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
 def own_service(tmp_path: Path) -> Iterator[Service]:
     """A service of the test's own, to be killed."""
     yield from _running(Service(tmp_path / "service"))
+
+
+@pytest.fixture
+def wide_service(tmp_path: Path) -> Iterator[Service]:
+    """A service whose worker runs two jobs at once."""
+    yield from _running(Service(tmp_path / "service", worker_concurrency=2))
 
 
 @pytest.fixture

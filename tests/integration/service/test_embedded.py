@@ -81,7 +81,9 @@ def _digest(service: Any, key: str) -> str:
 def test_a_stopped_service_puts_its_job_back(own_service: Any, pair: drivers.CapturedPair) -> None:
     job = own_service.upload(pair)
     own_service.await_stage(job)
+    processes = own_service.processes()
     assert own_service.stop() == 0
+    own_service.await_that("all are gone", lambda: not any(map(own_service.lives, processes)))
     with sqlite3.connect(own_service.data / "lightlayers.sqlite") as database:
         row = database.execute("SELECT state, attempt, lost, worker FROM jobs").fetchone()
     database.close()
@@ -119,7 +121,7 @@ def test_a_running_job_can_be_deleted(service: Any, pair: drivers.CapturedPair) 
 def test_a_crash_hurts_only_its_job(service: Any, pair: drivers.CapturedPair) -> None:
     job = service.upload(pair)
     service.await_stage(job)
-    workers = service.find("worker")
+    workers, servers = service.find("worker"), service.find("fork server")
     (child,) = service.find("child")
     os.kill(child, signal.SIGSEGV)
     done = service.await_end(job)
@@ -127,6 +129,36 @@ def test_a_crash_hurts_only_its_job(service: Any, pair: drivers.CapturedPair) ->
     assert done["error"]["type"] == "urn:lightlayers:problem:crashed"
     assert "SIGSEGV" in done["error"]["detail"]
     assert service.find("worker") == workers
+    assert service.find("fork server") == servers
+    assert service.await_end(service.upload(pair))["state"] == "succeeded"
+
+
+def test_a_dead_fork_server_hurts_only_its_job(service: Any, pair: drivers.CapturedPair) -> None:
+    job = service.upload(pair)
+    service.await_stage(job)
+    workers = service.find("worker")
+    (server,) = service.find("fork server")
+    os.kill(server, signal.SIGKILL)
+    done = service.await_end(job)
+    assert (done["state"], done["attempt"]) == ("failed", 1)
+    assert done["error"]["type"] == "urn:lightlayers:problem:out-of-memory"
+    assert service.find("child") == []
+    assert service.await_end(service.upload(pair))["state"] == "succeeded"
+    assert service.find("worker") == workers
+    assert server not in service.find("fork server")
+
+
+def test_a_killed_worker_takes_its_processes_with_it(
+    own_service: Any, pair: drivers.CapturedPair
+) -> None:
+    job = own_service.upload(pair)
+    own_service.await_stage(job)
+    (worker,) = own_service.find("worker")
+    left = [*own_service.find("fork server"), *own_service.find("child")]
+    assert len(left) == 2
+    os.kill(worker, signal.SIGKILL)
+    own_service.await_that("they are gone", lambda: not any(map(own_service.lives, left)))
+    assert own_service.await_end(job)["state"] == "succeeded"
 
 
 def test_a_job_that_kills_its_workers_is_given_up(
@@ -151,6 +183,18 @@ def test_two_workers_do_each_job_once(own_service: Any, pair: drivers.CapturedPa
     jobs = [own_service.upload(pair) for _ in range(2)]
     ends = [own_service.await_end(job) for job in jobs]
     assert [(job["state"], job["attempt"]) for job in ends] == [("succeeded", 1)] * 2
+
+
+def test_one_of_two_jobs_at_once_is_canceled_alone(
+    wide_service: Any, pair: drivers.CapturedPair
+) -> None:
+    first, second = wide_service.upload(pair), wide_service.upload(pair)
+    wide_service.await_that("both run", lambda: len(wide_service.find("child")) == 2)
+    assert wide_service.http.post(first["links"]["cancel"]).status_code == 202
+    assert wide_service.await_end(first)["state"] == "canceled"
+    done = wide_service.await_end(second)
+    assert (done["state"], done["attempt"]) == ("succeeded", 1)
+    assert wide_service.find("child") == []
 
 
 def test_a_camera_that_fails_fails_the_job(service: Any) -> None:

@@ -37,7 +37,14 @@ def run(context: Context) -> Run:
             jobs.add(connection, values)
             held = jobs.claim(connection, "a", "w")
         assert held is not None
-        Attempt(held, context.engine, context.storage, context.settings, lambda: False).run()
+        Attempt(
+            held,
+            context.engine,
+            context.storage,
+            context.settings,
+            context.fork_server,
+            lambda: False,
+        ).run()
         with context.engine.connect() as connection:
             return jobs.find(connection, "a")
 
@@ -132,7 +139,7 @@ def test_results_of_lost_attempts_go(
 def test_progress_is_written_now_and_then(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     written: list[tuple[str, float]] = []
 
-    def separate(task: sandbox.Task, _seconds: float, report: Any, _must_stop: object) -> None:
+    def separate(task: sandbox.Task, _seconds: float, report: Any, *_rest: object) -> None:
         for stage in ("layers", "encode"):
             for step in range(1000):
                 report(stage, step / 1000)
@@ -172,7 +179,9 @@ def test_a_pair_that_was_captured_is_not_taken_again(
 def test_an_attempt_that_was_canceled_leaves_no_results(
     run: Run, context: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def separate(_task: sandbox.Task, _seconds: float, _report: object, must_stop: Any) -> None:
+    def separate(
+        _task: sandbox.Task, _seconds: float, _report: object, must_stop: Any, *_rest: object
+    ) -> None:
         context.storage.put(results_key("a", 1, "a.png"), b"half")
         with context.engine.begin() as connection:
             jobs.request_cancel(connection, "a")

@@ -1,10 +1,10 @@
 from __future__ import annotations
 
+import contextlib
 import json
-import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal
@@ -14,13 +14,23 @@ import pytest
 from service import sandbox
 from service.child import OUT_OF_MEMORY
 from service.errors import MemoryLimitError, TimeLimitError
+from service.forkserver import ForkServer
+from tests.unit.service.forked import fork_server
 
 GIB = 2**30
 Kind = Literal["check", "separate", "capture"]
 Report = tuple[str, float]
 
 
+@pytest.fixture(scope="module")
+def server() -> Iterator[ForkServer]:
+    """The one that the service has."""
+    with contextlib.closing(sandbox.fork_server(1)) as server:
+        yield server
+
+
 def _run(
+    server: ForkServer,
     kind: Kind,
     directory: Path,
     memory: int = 8 * GIB,
@@ -29,7 +39,7 @@ def _run(
 ) -> list[Report]:
     task = sandbox.Task(kind, "7", "f" * 32, str(directory), memory, cpu_seconds, {}, capture)
     reports: list[Report] = []
-    sandbox.run(task, 100, lambda *report: reports.append(report), lambda: False)
+    sandbox.run(task, 100, lambda *report: reports.append(report), lambda: False, server)
     return reports
 
 
@@ -38,34 +48,40 @@ def _photographs(directory: Path, no_flash: bytes, flash: bytes) -> None:
     (directory / "flash").write_bytes(flash)
 
 
-def test_a_sound_pair_passes_the_check(tmp_path: Path, png: Callable[..., bytes]) -> None:
+def test_a_sound_pair_passes_the_check(
+    server: ForkServer, tmp_path: Path, png: Callable[..., bytes]
+) -> None:
     _photographs(tmp_path, png(64, 48), png(64, 48, True))
-    assert _run("check", tmp_path) == []
+    assert _run(server, "check", tmp_path) == []
 
 
-def test_a_text_file_does_not(tmp_path: Path, png: Callable[..., bytes]) -> None:
+def test_a_text_file_does_not(
+    server: ForkServer, tmp_path: Path, png: Callable[..., bytes]
+) -> None:
     _photographs(tmp_path, b"dear diary", png(64, 48))
     with pytest.raises(sandbox.TaskError, match="without the flash") as caught:
-        _run("check", tmp_path)
+        _run(server, "check", tmp_path)
     problem = caught.value.problem
     assert problem["type"] == "urn:lightlayers:problem:unreadable-image"
     assert (problem["status"], problem["trace_id"]) == (422, "f" * 32)
 
 
 @pytest.mark.parametrize("kind", ["check", "separate"])
-def test_want_of_memory_is_told(kind: Kind, tmp_path: Path) -> None:
+def test_want_of_memory_is_told(server: ForkServer, kind: Kind, tmp_path: Path) -> None:
     with (tmp_path / "no_flash").open("wb") as sparse:
         sparse.truncate(2 * GIB)
     (tmp_path / "flash").write_bytes(b"")
     with pytest.raises(MemoryLimitError, match="more memory than a job may have"):
-        _run(kind, tmp_path, memory=1 * GIB)
+        _run(server, kind, tmp_path, memory=1 * GIB)
 
 
 def test_want_of_processor_time_is_told(
+    server: ForkServer,
     tmp_path: Path,
 ) -> None:
     with pytest.raises(TimeLimitError):
         _run(
+            server,
             "capture",
             tmp_path,
             cpu_seconds=1,
@@ -73,9 +89,11 @@ def test_want_of_processor_time_is_told(
         )
 
 
-def test_a_capture_gives_both_photographs_and_its_progress(tmp_path: Path) -> None:
+def test_a_capture_gives_both_photographs_and_its_progress(
+    server: ForkServer, tmp_path: Path
+) -> None:
     reports = _run(
-        "capture", tmp_path, capture={"camera": "sim://studio?width=64&height=64&noise=off"}
+        server, "capture", tmp_path, capture={"camera": "sim://studio?width=64&height=64&noise=off"}
     )
     assert {stage for stage, _ in reports} == {"capture"}
     fractions = [fraction for _, fraction in reports]
@@ -93,9 +111,11 @@ def test_a_capture_gives_both_photographs_and_its_progress(tmp_path: Path) -> No
         ("sim://studio?width=64&height=64&fault=focus", "camera-failed"),
     ],
 )
-def test_a_camera_that_fails_is_a_problem(address: str, kind: str, tmp_path: Path) -> None:
+def test_a_camera_that_fails_is_a_problem(
+    server: ForkServer, address: str, kind: str, tmp_path: Path
+) -> None:
     with pytest.raises(sandbox.TaskError) as caught:
-        _run("capture", tmp_path, capture={"camera": address})
+        _run(server, "capture", tmp_path, capture={"camera": address})
     assert caught.value.problem["type"] == f"urn:lightlayers:problem:{kind}"
     assert list(tmp_path.iterdir()) == []
 
@@ -112,7 +132,7 @@ sys.exit(child.main())
 """
     task = sandbox.Task("check", "7", "f" * 32, "", GIB, 60, {}, None)
     return subprocess.run(
-        [sys.executable, "-c", code, str(os.getpid())],
+        [sys.executable, "-c", code],
         input=json.dumps(asdict(task)).encode(),
         capture_output=True,
         timeout=100,
@@ -134,6 +154,15 @@ def test_a_crash_leaves_no_photograph_in_a_core_dump() -> None:
 def test_a_child_dies_before_the_service_when_the_machine_is_full() -> None:
     done = _in_a_child('tell({"score": open("/proc/self/oom_score_adj").read()})')
     assert json.loads(done.stdout) == {"score": "1000\n"}
+
+
+def test_what_tasks_need_is_imported_without_starting_a_thread() -> None:
+    """A lock that another thread held while a child was forked stays locked in the child."""
+    threads = "print(len(os.listdir(f'/proc/{os.getppid()}/task')))"
+    with contextlib.closing(fork_server(threads, "from service import child")) as server:
+        child = server.fork()
+        assert child.stdout.read() == b"1\n"
+        child.close()
 
 
 def test_want_of_memory_in_opencv_is_want_of_memory() -> None:

@@ -1,28 +1,35 @@
 from __future__ import annotations
 
-import itertools
+import contextlib
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import pytest
 
 from service import sandbox
 from service.errors import CrashError, MemoryLimitError, TimeLimitError
+from service.forkserver import ForkServer
+from tests.unit.service.forked import fork_server, wait_until_gone
 
 
-def _run(code: str, seconds: float = 60, stop: bool = False) -> list[tuple[str, float]]:
+def _run(
+    code: str, seconds: float = 60, stop: Callable[[], bool] = lambda: False
+) -> list[tuple[str, float]]:
     """Run Python code in place of the program that does tasks; what it reported."""
+    with contextlib.closing(fork_server(code)) as server:
+        return _reports(server, seconds, stop)
+
+
+def _reports(
+    server: ForkServer, seconds: float = 60, stop: Callable[[], bool] = lambda: False
+) -> list[tuple[str, float]]:
     task = sandbox.Task("separate", "7", "trace", "folder", 2**30, 10, {}, None)
-    reports: list[tuple[str, float]] = []
-    sandbox.run(
-        task,
-        seconds,
-        lambda stage, fraction: reports.append((stage, fraction)),
-        lambda: stop,
-        [sys.executable, "-c", f"import json, os, signal, sys\n{code}"],
-    )
-    return reports
+    found: list[tuple[str, float]] = []
+    sandbox.run(task, seconds, lambda *report: found.append(report), stop, server)
+    return found
 
 
 def test_reports_arrive_in_order() -> None:
@@ -42,10 +49,6 @@ time.sleep(0.3)
 print('yers", "fraction": 1.0}')
 """
     assert _run(said) == [("layers", 1.0)]
-
-
-def test_the_process_learns_who_its_parent_is() -> None:
-    assert _run("sys.exit(0 if int(sys.argv[1]) == os.getppid() else 1)") == []
 
 
 def test_a_problem_is_raised() -> None:
@@ -88,48 +91,54 @@ def test_a_process_that_only_closes_its_output_is_ended(monkeypatch: pytest.Monk
 
 def test_stopping_kills_the_process_and_what_it_started(tmp_path: Path) -> None:
     code = f"""
-import subprocess, time
+import subprocess
 child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
 open({str(tmp_path / "new")!r}, "w").write(f"{{os.getpid()}} {{child.pid}}")
 os.rename({str(tmp_path / "new")!r}, {str(tmp_path / "pids")!r})
 time.sleep(600)
 """
-    task = sandbox.Task("separate", "7", "trace", "folder", 2**30, 10, {}, None)
     with pytest.raises(sandbox.StoppedError):
-        sandbox.run(
-            task,
-            60,
-            lambda _stage, _fraction: None,
-            (tmp_path / "pids").exists,
-            [sys.executable, "-c", f"import os, sys\n{code}"],
-        )
+        _run(code, stop=(tmp_path / "pids").exists)
     pids = (tmp_path / "pids").read_text().split()
-    assert [_state(pid) for pid in pids] in (["gone", "gone"], ["gone", "Z"])
-
-
-def _state(pid: str) -> str:
-    # What the child had started may wait for its new parent to notice that it is dead.
-    try:
-        for _ in itertools.repeat(None):
-            state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-            if state in "ZX":
-                return "Z"
-    except (FileNotFoundError, ProcessLookupError):
-        pass
-    return "gone"
+    assert [wait_until_gone(pid) for pid in pids] in (["gone", "gone"], ["gone", "Z"])
 
 
 def test_a_process_that_reads_nothing_is_no_trouble() -> None:
     options: dict[str, Any] = {"camera": "x" * 1_000_000}
     task = sandbox.Task("separate", "7", "trace", "folder", 2**30, 10, options, None)
-    with pytest.raises(CrashError, match="exit code 4"):
-        sandbox.run(
-            task,
-            60,
-            lambda _stage, _fraction: None,
-            lambda: False,
-            [sys.executable, "-c", "import os; os._exit(4)"],
-        )
+    with (
+        contextlib.closing(fork_server("os._exit(4)")) as server,
+        pytest.raises(CrashError, match="exit code 4"),
+    ):
+        sandbox.run(task, 60, lambda _stage, _fraction: None, lambda: False, server)
+
+
+@pytest.mark.parametrize(
+    ("processors", "at_once", "set_by_operator", "threads"),
+    [(5, 1, None, 5), (5, 2, None, 2), (2, 2, None, 1), (2, 9, None, 1), (8, 2, "3", 3)],
+)
+def test_tasks_at_once_share_the_processors(
+    processors: int,
+    at_once: int,
+    set_by_operator: str | None,
+    threads: int,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    code = """
+import json, os
+from service import forkserver
+forkserver.serve()
+import cv2
+print(json.dumps({"stage": os.environ["OMP_NUM_THREADS"], "fraction": cv2.getNumThreads()}))
+"""
+    monkeypatch.setattr(sandbox, "_COMMAND", (sys.executable, "-c", code))
+    monkeypatch.setattr(cv2, "getNumberOfCPUs", lambda: processors)
+    for name in ("OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
+        monkeypatch.delenv(name, raising=False)
+        if set_by_operator:
+            monkeypatch.setenv(name, set_by_operator)
+    with contextlib.closing(sandbox.fork_server(at_once)) as server:
+        assert _reports(server) == [(str(threads), threads)]
 
 
 def test_results_are_the_files_of_the_folder_by_name(tmp_path: Path) -> None:
