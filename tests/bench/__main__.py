@@ -15,7 +15,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from tests.bench import align, kernel, tasks
+from tests.bench import align, kernel, quality, tasks
 from tests.bench.floor import floor
 from tests.bench.pairs import PAIRS, pair_files
 from tests.bench.report import draw_profile, report
@@ -43,6 +43,9 @@ def main() -> int:
     if not quick:
         figures["align"] = align.measure(_LARGE)
         figures["growth"] = _growth()
+        figures["quality"] = quality.measure(
+            lambda asked: _separated("raw24_n3", "--quality", asked).cpu_s
+        )
         (_DOCS / "performance.json").write_text(json.dumps(figures, indent=1) + "\n")
         (_DOCS / "performance.md").write_text(report(figures))
         draw_profile(figures["jobs"], _DOCS / "images" / "performance.png")
@@ -72,15 +75,12 @@ def _job(name: str, rounds: int) -> dict[str, Any]:
     }
 
 
-def _command(name: str, folder: str) -> list[str]:
+def _separated(name: str, *flags: str) -> Usage:
+    """A job by the command line."""
     command = str(Path(sys.executable).with_name("lightlayers"))
-    flags = ["--lights", str(PAIRS[name].lights)]
-    return [command, "separate", *map(str, pair_files(name)), "-o", f"{folder}/out", *flags]
-
-
-def _separated(name: str) -> Usage:
+    files, lights = map(str, pair_files(name)), str(PAIRS[name].lights)
     with tempfile.TemporaryDirectory() as folder:
-        return run(_command(name, folder))
+        return run([command, "separate", *files, "-o", f"{folder}/out", "--lights", lights, *flags])
 
 
 def _stages(name: str) -> dict[str, float]:
