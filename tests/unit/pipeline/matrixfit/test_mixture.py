@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.matrixfit.mixture import blocks, mixture
-from tests.unit.pipeline.matrixfit.plain_mixture import plain_mixture
+from tests.definitions.mixture import plain_mixture
 
 Array = NDArray[np.float64]
 
