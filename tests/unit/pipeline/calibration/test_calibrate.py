@@ -128,7 +128,7 @@ def test_a_camera_is_saved_as_separations_read_it(
 
 def test_lamps_are_saved_as_separations_read_them(tmp_path: Path) -> None:
     shot = photograph_sphere(DIRECTIONS, np.array([(0.3, 0.2, 0.1), (0.2, 0.4, 0.3)]))
-    manifest = _run(shot, tmp_path, kind="lamps", sphere=CIRCLE, focal_px=FOCAL_PX)
+    manifest = _run(shot, tmp_path, kind="lamps", sphere=CIRCLE, focal_px=FOCAL_PX, lights=2)
     lights = json.loads((tmp_path / "lights.json").read_bytes())["lights"]
     read = [DirectedLight.model_validate(light) for light in lights]
     assert np.array([light.direction for light in read]) == pytest.approx(
@@ -145,9 +145,8 @@ def test_lamps_are_saved_as_separations_read_them(tmp_path: Path) -> None:
 
 
 def test_a_flash_far_beside_and_an_unknown_lens_are_warned_of(tmp_path: Path) -> None:
-    colours = np.array([(0.3, 0.2, 0.1), (0.2, 0.4, 0.3)])
-    shot = photograph_sphere(DIRECTIONS, colours, flash_at=(0.12, 0.0))
-    warnings = _run(shot, tmp_path, kind="lamps", sphere=CIRCLE)["warnings"]
+    shot = photograph_sphere(DIRECTIONS[:1], np.array([(0.3, 0.2, 0.1)]), flash_at=(0.12, 0.0))
+    warnings = _run(shot, tmp_path, kind="lamps", sphere=CIRCLE, lights=1)["warnings"]
     said = {warning["code"]: warning["message"] for warning in warnings}
     assert said["flash_aside"].startswith("The flash shines from 7° beside")
     assert said["focal_length_assumed"].startswith("The focal length is not known")

@@ -33,6 +33,12 @@ def _errors(found: LampsEstimate, directions: Array) -> tuple[Array, tuple[int, 
     return angles[rows, list(order)], tuple(int(i) for i in order)
 
 
+@pytest.fixture
+def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Spheres are seen in blocks of four by four pixels, a sixteenth of the work."""
+    monkeypatch.setattr(module, "_BLOCKS", 500)
+
+
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_exact_light_gives_exact_lamps(pair_of: Callable[..., Pair], count: int) -> None:
     pair = pair_of(photograph_sphere(THREE[:count], COLOURS[:count]))
@@ -87,6 +93,7 @@ def test_paint_of_two_greys_is_told_from_shading(pair_of: Callable[..., Pair]) -
     assert _errors(found, THREE[:2])[0].max() < 0.3
 
 
+@pytest.mark.usefixtures("coarse")
 def test_lamps_too_alike_are_refused(pair_of: Callable[..., Pair]) -> None:
     close = unit(np.array([(0.30, 0.2, 1.0), (0.33, 0.22, 1.0)]))
     pair = pair_of(photograph_sphere(close, COLOURS[:1].repeat(2, axis=0), noise=1.0))
@@ -94,6 +101,7 @@ def test_lamps_too_alike_are_refused(pair_of: Callable[..., Pair]) -> None:
         estimate_lamps(pair, MARKED, 2, FOCAL_PX)
 
 
+@pytest.mark.usefixtures("coarse")
 def test_light_that_no_distant_lamps_give_is_refused(pair_of: Callable[..., Pair]) -> None:
     shot = photograph_sphere(THREE[:2], COLOURS[:2])
     y, x = np.mgrid[:240, :360]
@@ -104,6 +112,7 @@ def test_light_that_no_distant_lamps_give_is_refused(pair_of: Callable[..., Pair
         estimate_lamps(pair, MARKED, "auto", FOCAL_PX)
 
 
+@pytest.mark.usefixtures("coarse")
 @pytest.mark.parametrize(
     ("circle", "error", "words"),
     [

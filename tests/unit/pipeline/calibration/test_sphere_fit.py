@@ -115,6 +115,19 @@ def test_an_outline_marked_aside_is_moved_back(dx: float, dy: float, wider: floa
     assert errors(found, LAMPS[:2])[0] == pytest.approx(0, abs=0.1)
 
 
+def test_faint_light_moves_neither_the_mark_nor_the_flash_all_the_way() -> None:
+    """From where they are likeliest: within 0.02 of the radius, and 0.05 of the distance."""
+    marked = Circle(x=MIDDLE.x + 1, y=MIDDLE.y, radius=MIDDLE.radius)
+    outline = seen(LAMPS[:1], COLOURS[:1], NEAR, marked=marked)
+    beside = seen(LAMPS[:1], COLOURS[:1], NEAR, (0.1, 0.0))
+    for light, deviation in ((outline, 0.2), (beside, 1.0)):
+        light.lights.lamps_variance[...] = light.lights.flash_variance[...] = deviation**2
+    moved = fit_lamps(outline, 1).moved * marked.radius
+    assert moved == pytest.approx([-0.57, -0.01, 0.015], abs=0.02)
+    # of 5.7°
+    assert fit_lamps(beside, 1).flash_aside_deg == pytest.approx(4.06, abs=0.05)
+
+
 def test_what_lamps_do_not_explain_is_told() -> None:
     """One lamp for two leaves light over, and costs more than two."""
     light = seen(LAMPS[:2], COLOURS[:2])
