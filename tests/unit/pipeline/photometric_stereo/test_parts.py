@@ -60,10 +60,12 @@ def cut(
             pixels: Mask = (left.pop(0) if len(left) > 1 else left[0])[scene.grid.mask]
             return pixels
 
-        monkeypatch.setattr(parts_module, "fit", lambda _: (None, None))
+        monkeypatch.setattr(parts_module, "fit", lambda scene: (scene, 0.0))
         monkeypatch.setattr(parts_module, "unexplained", off)
         scene = scene_of(ball(32))
-        return scene.grid.mask, fit_in_parts(scene)[0].grid.mask
+        found: Any = fit_in_parts(scene)
+        assert found[1] is found[0]  # the fit of what is left, and of nothing before
+        return scene.grid.mask, found[0].grid.mask
 
     return build
 
