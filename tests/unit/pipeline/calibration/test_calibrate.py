@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pipeline.calibration import calibrate as module
 from pipeline.calibration.calibrate import FILES, calibrate_files
+from pipeline.calibration.lamps import LampsEstimate
 from pipeline.calibration.options import CALIBRATION_OPTIONS
 from pipeline.errors import Canceled, InputError, OptionError, UnusablePairError
-from pipeline.options import DirectedLight
+from pipeline.options import Circle, DirectedLight
 from pipeline.progress import Progress
 from pipeline.spectra.lights import find_light
 from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
@@ -152,6 +154,59 @@ def test_a_flash_far_beside_and_an_unknown_lens_are_warned_of(tmp_path: Path) ->
     assert said["focal_length_assumed"].startswith("The focal length is not known")
 
 
+def _lamps(**more: Any) -> LampsEstimate:
+    given: dict[str, Any] = {
+        "directions": DIRECTIONS,
+        "colours": np.array([[0.2, 0.8, 0.4], [0.5, 0.0, 0.1]]),
+        "deviations_deg": np.array([0.12345, 0.5]),
+        "misfit": 0.01234,
+        "circle": Circle(x=196.123, y=112.456, radius=62.789),
+        "flash_aside_deg": 1.234,
+    }
+    return LampsEstimate(**{**given, **more})
+
+
+@pytest.fixture(scope="module")
+def ball() -> Shot:
+    return photograph_sphere(DIRECTIONS[:1], np.array([(0.3, 0.2, 0.1)]))
+
+
+def test_lamps_are_told_by_the_strongest_of_them_and_of_their_channels(
+    ball: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One without green still shines."""
+    asked: list[Any] = []
+
+    def estimate(*given: Any) -> LampsEstimate:
+        asked[:] = given[1:]
+        return _lamps()
+
+    monkeypatch.setattr(module, "estimate_lamps", estimate)
+    marked = {"kind": "lamps", "sphere": CIRCLE, "lights": 2, "focal_px": FOCAL_PX}
+    found = _run(ball, tmp_path / "new" / "folder", **marked)["found"]
+
+    assert asked == [Circle(**CIRCLE), 2, FOCAL_PX]
+    assert [light["strength"] for light in found["lights"]] == [1.0, 1e-5]
+    assert [light["rgb"] for light in found["lights"]] == [[0.25, 1.0, 0.5], [1.0, 0.0, 0.2]]
+    assert [light["deviation_deg"] for light in found["lights"]] == [0.123, 0.5]
+    assert found["sphere"] == {"x": 196.12, "y": 112.46, "radius": 62.79}
+    assert (found["flash_aside_deg"], found["misfit"]) == (1.23, 0.0123)
+
+
+@pytest.mark.parametrize(("aside_deg", "warned"), [(4.9, False), (5.1, True)])
+def test_a_flash_may_be_five_degrees_beside(
+    ball: Shot,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    aside_deg: float,
+    warned: bool,
+) -> None:
+    monkeypatch.setattr(module, "estimate_lamps", lambda *_: _lamps(flash_aside_deg=aside_deg))
+    warnings = _run(ball, tmp_path, kind="lamps", sphere=CIRCLE)["warnings"]
+    figures = [said["figures"] for said in warnings if said["code"] == "flash_aside"]
+    assert figures == ([{"angle_deg": aside_deg}] if warned else [])
+
+
 def test_a_rendered_picture_tells_no_sensitivities(chart: Shot, tmp_path: Path) -> None:
     with pytest.raises(OptionError, match="rendered to sRGB"):
         _run(chart, tmp_path, kind="camera", chart=CORNERS, encoding="srgb")
@@ -166,13 +221,15 @@ def test_a_wrong_camera_is_noticed(chart: Shot, tmp_path: Path) -> None:
 
 
 def test_progress_tells_its_stages_and_may_stop(chart: Shot, tmp_path: Path) -> None:
-    told: list[str] = []
+    told: list[tuple[str, float]] = []
     options = CALIBRATION_OPTIONS.validate_python(
         {"kind": "flash", "card": {"x": 30, "y": 120, "radius": 15}, "encoding": "linear"}
     )
-    progress = Progress(lambda stage, _fraction: told.append(stage))
+    progress = Progress(lambda stage, fraction: told.append((stage, fraction)))
     calibrate_files(*chart.files, options, tmp_path, progress)
-    assert list(dict.fromkeys(told)) == ["decode", "align", "calibrate"]
+    assert list(dict.fromkeys(stage for stage, _ in told)) == ["decode", "align", "calibrate"]
+    assert told[:3] == [("decode", 0.0), ("decode", 0.5), ("decode", 1.0)]
+    assert told[-2:] == [("calibrate", 0.0), ("calibrate", 1.0)]
     stop = Progress(canceled=lambda: True)
     with pytest.raises(Canceled):
         calibrate_files(*chart.files, options, tmp_path / "other", stop)
