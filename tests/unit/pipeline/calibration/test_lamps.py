@@ -35,10 +35,11 @@ def _errors(found: LampsEstimate, directions: Array) -> tuple[Array, tuple[int, 
 
 @pytest.fixture
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Spheres are seen in blocks of four by four pixels, a sixteenth of the work."""
-    monkeypatch.setattr(module, "_BLOCKS", 500)
+    """Spheres are seen in blocks of three by three pixels, a ninth of the work."""
+    monkeypatch.setattr(module, "_BLOCKS", 1000)
 
 
+@pytest.mark.usefixtures("coarse")
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_exact_light_gives_exact_lamps(pair_of: Callable[..., Pair], count: int) -> None:
     pair = pair_of(photograph_sphere(THREE[:count], COLOURS[:count]))
@@ -54,6 +55,7 @@ def test_exact_light_gives_exact_lamps(pair_of: Callable[..., Pair], count: int)
     assert found.flash_aside_deg < 0.1
 
 
+@pytest.mark.usefixtures("coarse")
 def test_an_outline_marked_aside_is_mended(pair_of: Callable[..., Pair]) -> None:
     pair = pair_of(photograph_sphere(THREE, COLOURS))
     true = estimate_lamps(pair, MARKED, 3, FOCAL_PX).circle
@@ -64,6 +66,7 @@ def test_an_outline_marked_aside_is_mended(pair_of: Callable[..., Pair]) -> None
         assert getattr(found.circle, name) == pytest.approx(getattr(true, name), abs=0.05)
 
 
+@pytest.mark.usefixtures("coarse")
 def test_a_flash_beside_the_lens_is_seen_and_allowed_for(pair_of: Callable[..., Pair]) -> None:
     pair = pair_of(photograph_sphere(THREE, COLOURS, flash_at=(0.1, 0.0)))
     found = estimate_lamps(pair, MARKED, 3, FOCAL_PX)
