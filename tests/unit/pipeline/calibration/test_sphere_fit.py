@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import permutations
 from typing import Any
 
@@ -167,6 +168,20 @@ def test_pixels_that_are_uncertain_hardly_count() -> None:
     off, order = errors(found, LAMPS[:2])
     assert off == pytest.approx(0, abs=0.05)
     assert found.colours[order] == pytest.approx(COLOURS[:2], rel=1e-3)
+
+
+def test_the_rim_does_not_count() -> None:
+    """Where a surface hardly faces the camera the flash is faint, and a mark may miss it."""
+    light = seen(LAMPS[:1], COLOURS[:1])
+    angle = np.arange(0.0, 2 * np.pi, 0.1)
+    x, y = CIRCLE.x + 49 * np.cos(angle), CIRCLE.y + 49 * np.sin(angle)
+    nonsense = np.tile([0.5, 0.1, 0.9], (len(angle), 1))
+    values = light.lights
+    parts = values.lamps, values.flash, values.lamps_variance, values.flash_variance
+    with_rim = Lights(*(np.vstack([part, nonsense]) for part in parts))
+    rimmed = replace(light, x=np.append(light.x, x), y=np.append(light.y, y), lights=with_rim)
+
+    np.testing.assert_array_equal(fit_lamps(rimmed, 1).directions, fit_lamps(light, 1).directions)
 
 
 def test_a_faint_lamp_is_less_certain() -> None:
