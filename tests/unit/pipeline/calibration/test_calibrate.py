@@ -12,10 +12,13 @@ from pipeline.calibration import calibrate as module
 from pipeline.calibration.calibrate import FILES, calibrate_files
 from pipeline.calibration.lamps import LampsEstimate
 from pipeline.calibration.options import CALIBRATION_OPTIONS
+from pipeline.colour.temperature import cct_duv
 from pipeline.errors import Canceled, InputError, OptionError, UnusablePairError
 from pipeline.options import Circle, DirectedLight
 from pipeline.progress import Progress
+from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light
+from pipeline.spectra.observer import cie_1931
 from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
 from pipeline.vectors import unit
 from tests.evaluation.spectra import sensitivities
@@ -54,6 +57,8 @@ def test_a_flash_is_saved_as_separations_read_it(chart: Shot, tmp_path: Path) ->
     found = manifest["found"]
     assert found["nearest"] == "LED-B5"
     assert found["cct_k"] == pytest.approx(6598, abs=150)
+    white = cct_duv(cie_1931() @ spectrum, np.eye(3))
+    assert white is not None and found["duv"] == pytest.approx(white[1], abs=6e-5)
     assert (found["patches"], found["camera"]["source"]) == (24, "measured")
     assert 0 < found["misfit"] < 0.05
     assert manifest["files"] == [{"name": "flash.json", "sha256": hashlib.sha256(data).hexdigest()}]
@@ -103,14 +108,30 @@ def test_a_camera_is_found_under_a_flash_of_a_table(chart: Shot, tmp_path: Path)
     assert found["misfit"] == by_name["misfit"] < 0.03
 
 
+def test_a_camera_of_a_known_matrix_may_be_like_itself(
+    chart: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own = Camera("own", S, "approximate")
+    monkeypatch.setattr(module, "find_camera", lambda *_: own)
+    found = _run(chart, tmp_path, kind="camera", chart=CORNERS, flash_spectrum="led")["found"]
+    assert found["known_cameras"] == 3
+
+
+def test_a_rendered_picture_may_tell_the_flash(chart: Shot, tmp_path: Path) -> None:
+    card = {"x": 30, "y": 120, "radius": 15}
+    manifest = _run(chart, tmp_path, kind="flash", card=card, encoding="srgb")
+    assert manifest["found"]["patches"] == 1
+
+
 def test_what_is_no_pair_is_refused(chart: Shot, tmp_path: Path) -> None:
     no_flash, flash = chart.files
-    for files, error in (
-        ((no_flash, no_flash), UnusablePairError),
-        ((no_flash, b""), InputError),
-        ((no_flash[:1000], flash), InputError),
+    for files, error, words in (
+        ((no_flash, no_flash), UnusablePairError, "photographs are identical"),
+        ((no_flash, b""), InputError, "photograph with the flash"),
+        ((no_flash[:1000], flash), InputError, "photograph without the flash"),
+        ((no_flash, flash[:300_000]), InputError, "photograph with the flash"),
     ):
-        with pytest.raises(error):
+        with pytest.raises(error, match=words):
             _run(Shot(chart.frames, files), tmp_path, kind="camera", chart=CORNERS)
     assert list(tmp_path.iterdir()) == []
 
@@ -157,7 +178,7 @@ def test_a_flash_far_beside_and_an_unknown_lens_are_warned_of(tmp_path: Path) ->
 def _lamps(**more: Any) -> LampsEstimate:
     given: dict[str, Any] = {
         "directions": DIRECTIONS,
-        "colours": np.array([[0.2, 0.8, 0.4], [0.5, 0.0, 0.1]]),
+        "colours": np.array([[0.2, 0.8, 0.4], [1.0, 0.0, 0.1]]),
         "deviations_deg": np.array([0.12345, 0.5]),
         "misfit": 0.01234,
         "circle": Circle(x=196.123, y=112.456, radius=62.789),
@@ -187,7 +208,7 @@ def test_lamps_are_told_by_the_strongest_of_them_and_of_their_channels(
 
     assert asked == [Circle(**CIRCLE), 2, FOCAL_PX]
     assert [light["strength"] for light in found["lights"]] == [1.0, 1e-5]
-    assert [light["rgb"] for light in found["lights"]] == [[0.25, 1.0, 0.5], [1.0, 0.0, 0.2]]
+    assert [light["rgb"] for light in found["lights"]] == [[0.25, 1.0, 0.5], [1.0, 0.0, 0.1]]
     assert [light["deviation_deg"] for light in found["lights"]] == [0.123, 0.5]
     assert found["sphere"] == {"x": 196.12, "y": 112.46, "radius": 62.79}
     assert (found["flash_aside_deg"], found["misfit"]) == (1.23, 0.0123)
