@@ -29,7 +29,7 @@ class CameraEstimate:
 
     sensitivities: (3, W), the largest value 1. nearest: the name of the known camera that it is
     most like. flash: the name of the flash that was told or is the likeliest. misfit: relative
-    error of the patches' light as predicted with them, root mean square.
+    error of the patches' light as the likeliest estimate predicts it, root mean square.
     """
 
     sensitivities: Array

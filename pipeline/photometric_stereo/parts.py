@@ -61,6 +61,5 @@ def _seams(whole: Mask, kept: Mask) -> Mask:
     widened = np.where(whole, parts[*nearest], 0)
     seams = np.zeros_like(whole)
     for ahead, behind in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
-        meet = (widened[ahead] != widened[behind]) & (widened[ahead] > 0) & (widened[behind] > 0)
-        seams[ahead] |= meet
+        seams[ahead] |= (widened[ahead] != widened[behind]) & (widened[behind] > 0)
     return seams

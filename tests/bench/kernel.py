@@ -19,8 +19,8 @@ from pipeline.separation import Strip
 from pipeline.spectra.cameras import Camera, measured_cameras
 from pipeline.spectra.lights import find_light
 from pipeline.white_balance import WhiteBalance, whites_of
-from tests import definitions
 from tests.bench.usage import cpu_of
+from tests.definitions import pixels
 
 Array = NDArray[np.float32]
 
@@ -61,10 +61,10 @@ def measure() -> dict[str, float]:
         matrix = model.flash_to_neutral
         greens = whites_of(lamps, model)[:, 1] / (matrix @ model.flash_white)[1]
         for i, seen, part in strips():
-            layers[:, i] = definitions.model_proportions(seen, part, lamps) * seen
+            layers[:, i] = pixels.model_proportions(seen, part, lamps) * seen
             strip = Strip(slice(0, _ROWS), layers[:, i], seen, part, sure)
-            balanced[0, i] = definitions.approach_1(strip, lamps, greens, matrix)
-            balanced[1, i] = definitions.approach_2(strip, model, matrix)
+            balanced[0, i] = pixels.approach_1(strip, lamps, greens, matrix)
+            balanced[1, i] = pixels.approach_2(strip, model, matrix)
 
     def solved() -> None:
         matrix, brightness = model.flash_to_neutral, whites_of(lamps, model)[:, 1]

@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from pipeline.frames import Image, Mask, Matrix
 from pipeline.shares import shares
 from pipeline.spectra.lights import reflectance_spectra
-from tests.definitions import normalised
+from tests.definitions.pixels import normalised
 from tests.evaluation.scoring import joint_snr
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.frames import Matrix
 from pipeline.push_pull import push_pull
-from tests.definitions import normalised
+from tests.definitions.pixels import normalised
 from tests.evaluation.baselines.equal_split import equal_split
 from tests.evaluation.baselines.nnmf import nnmf
 from tests.evaluation.baselines.von_kries import von_kries_matrices

@@ -80,23 +80,14 @@ def test_one_spectrum_that_is_found_anyway_does_not_excuse_another(
         assert contradictions(*seen, known(model, right), found, Fit(lamps, -200.0)) == []
 
 
-@pytest.mark.parametrize(
-    ("shift", "of_area", "doubted"),
-    [(0.03, False, False), (0.08, False, True), (0.03, True, True)],
-)
 def test_a_spectrum_near_a_lamp_that_is_found_anyway_is_not_doubted(
-    seen: Seen,
-    model: Model,
-    warm_to_cool: Array,
-    pin: Callable[..., Pin],
-    shift: float,
-    of_area: bool,
-    doubted: bool,
+    seen: Seen, model: Model, warm_to_cool: Array, pin: Callable[..., Pin]
 ) -> None:
-    pins = known(model, replace(pin(warm_to_cool[0]), of_area=of_area))
-    near = model.lamp_matrix(warm_to_cool[:2] + np.array([shift, 0.0, 0.0]))
-    said = contradictions(*seen, pins, Fit(pins.matrices, 0.0), Fit(near, -100.0))
-    assert bool(said) is doubted
+    for shift, of_area, doubted in ((0.03, False, False), (0.08, False, True), (0.03, True, True)):
+        pins = known(model, replace(pin(warm_to_cool[0]), of_area=of_area))
+        near = model.lamp_matrix(warm_to_cool[:2] + np.array([shift, 0.0, 0.0]))
+        said = contradictions(*seen, pins, Fit(pins.matrices, 0.0), Fit(near, -100.0))
+        assert bool(said) is doubted
 
 
 def test_an_area_of_several_lamps_is_doubted(
@@ -112,25 +103,16 @@ def test_an_area_of_several_lamps_is_doubted(
     assert (said.code, said.figures) == (Code.PIN_NOT_PURE, {"pin": 2})
 
 
-@pytest.mark.parametrize(
-    ("shift", "of_area", "doubted"),
-    [(0.018, True, False), (0.022, True, True), (0.1, False, False)],
-)
 def test_only_areas_show_other_light(
-    seen: Seen,
-    model: Model,
-    warm_to_cool: Array,
-    pin: Callable[..., Pin],
-    shift: float,
-    of_area: bool,
-    doubted: bool,
+    seen: Seen, model: Model, warm_to_cool: Array, pin: Callable[..., Pin]
 ) -> None:
     """By chromaticities 0.02 off; those of spectra are regressed, and never fit."""
-    one = replace(pin(warm_to_cool[0]), of_area=of_area)
-    data = replace(one.term.data, u=one.term.data.u + np.array([shift, 0.0]))
-    pins = known(model, replace(one, term=replace(one.term, data=data)))
     found = Fit(model.lamp_matrix(warm_to_cool[:2]), -100.0)
-    assert bool(contradictions(*seen, pins, found, found)) is doubted
+    for shift, of_area, doubted in ((0.018, True, False), (0.022, True, True), (0.1, False, False)):
+        one = replace(pin(warm_to_cool[0]), of_area=of_area)
+        data = replace(one.term.data, u=one.term.data.u + np.array([shift, 0.0]))
+        pins = known(model, replace(one, term=replace(one.term, data=data)))
+        assert bool(contradictions(*seen, pins, found, found)) is doubted
 
 
 def test_an_area_that_the_lamp_found_does_not_explain_is_doubted(

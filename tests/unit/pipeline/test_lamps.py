@@ -287,6 +287,24 @@ def test_signs_of_four_lamps_are_told(
         assert found.more
 
 
+@pytest.mark.parametrize(("requested", "more"), [(1, False), (2, False), (3, True)])
+def test_fewer_lamps_that_were_asked_for_are_no_sign_of_a_fourth(
+    exact: Exact,
+    model: Model,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+    requested: Literal[1, 2, 3],
+    more: bool,
+) -> None:
+    asked = model.lamp_matrix(warm_to_cool[:requested])
+    monkeypatch.setattr(lamps, "fit_matrices", lambda *_: Fit(asked, 0.0))
+    monkeypatch.setattr(lamps, "signs_of_fourth", lambda *_: True)
+
+    found = estimate_lamps(reduce_pair(exact(warm_to_cool)[0]), model, requested, "best", False)
+
+    assert found.more is more
+
+
 @pytest.mark.parametrize("scene", ["shadowed", "smooth"])
 def test_one_lamp_for_two_does_not_explain_the_photograph(
     exact: Exact, shadowed: Shadowed, model: Model, warm_to_cool: Array, scene: str

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pipeline.frames import Image
 from pipeline.model import Model
 from pipeline.proportions import model_proportions, predictions
-from tests import definitions
+from tests.definitions import pixels
 
 Array = NDArray[np.float64]
 
@@ -126,6 +126,6 @@ def test_proportions_are_what_they_are_defined_to_be(
 
     found = model_proportions(no_flash, flash, lamps)
 
-    off = np.abs(found - definitions.model_proportions(no_flash, flash, lamps))
+    off = np.abs(found - pixels.model_proportions(no_flash, flash, lamps))
     # where lamps look alike, rounding decides between them
     assert np.quantile(off, 0.998) < 1e-4

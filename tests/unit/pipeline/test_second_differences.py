@@ -79,6 +79,7 @@ def test_squares_over_the_noise_of_pixels_inside() -> None:
 def test_what_is_below_the_limit_is_counted_and_summed() -> None:
     squares = np.random.default_rng(1).random((70, 48), dtype=np.float32)
     limit = np.linspace(0, 1.1, 70, dtype=np.float32)
+    squares[5, 7] = limit[5]
     below = squares < limit[:, None]
 
     counts, totals = squares_within(squares, limit)

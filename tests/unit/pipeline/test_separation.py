@@ -15,7 +15,7 @@ from pipeline.progress import Progress
 from pipeline.reduced import reduce_pair
 from pipeline.separation import Strip, separate
 from pipeline.sigma_filter import sigma_filter
-from tests import definitions
+from tests.definitions import pixels
 
 Array = NDArray[np.float64]
 Exact = Callable[..., tuple[Any, Array]]
@@ -293,7 +293,7 @@ def test_best_is_what_it_is_defined_to_be(
 
     found = separated(pair, lamps, rows=13)
 
-    layers, confidence = definitions.separate(pair, reduce_pair(pair), lamps)
+    layers, confidence = pixels.separate(pair, reduce_pair(pair), lamps)
     # where the flash does not reach, rounding decides between lamps, and smoothing spreads it
     reached = (slice(None), slice(20, None), slice(20, None))
     np.testing.assert_allclose(found.layers[reached], layers[reached], atol=3e-6)

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from pipeline.shares import shares
-from tests import definitions
+from tests.definitions import pixels
 
 Array = NDArray[np.float64]
 
@@ -139,7 +139,7 @@ def test_shares_are_what_they_are_defined_to_be(count: int, alike: float) -> Non
 
     found = shares(no_flash, predictions)
 
-    defined = definitions.shares(no_flash, predictions)
+    defined = pixels.shares(no_flash, predictions)
     mixed, expected = ((z[..., None] * predictions).sum(axis=0) for z in (found, defined))
     np.testing.assert_allclose(mixed, expected, atol=2e-4)
     if alike < 0.99:

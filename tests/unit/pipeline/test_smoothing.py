@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.smoothing import HALO, smooth_proportions
-from tests import definitions
+from tests.definitions import pixels
 
 Array = NDArray[np.float32]
 HEIGHT, WIDTH = 60, 80
@@ -181,5 +181,5 @@ def test_smoothing_is_what_it_is_defined_to_be(count: int) -> None:
 
     found = smooth_proportions(proportions, *given)
 
-    defined = definitions.smooth_proportions(proportions, *given)
+    defined = pixels.smooth_proportions(proportions, *given)
     np.testing.assert_allclose(found, defined, atol=1e-5)

@@ -15,7 +15,7 @@ from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from pipeline.spectra.matrices import best_matrix
 from pipeline.white_balance import WhiteBalance, whites_of
-from tests import definitions
+from tests.definitions import pixels
 
 Array = NDArray[np.float64]
 Exact = Callable[..., tuple[Any, Array]]
@@ -329,8 +329,8 @@ def test_approaches_are_what_they_are_defined_to_be(
     found = [approach(strip, lamps, model, "best") for approach in (approach_1, approach_2)]
 
     defined = (
-        definitions.approach_1(strip, lamps, greens, matrix),
-        definitions.approach_2(strip, model, matrix),
+        pixels.approach_1(strip, lamps, greens, matrix),
+        pixels.approach_2(strip, model, matrix),
     )
     np.testing.assert_allclose(found[0], defined[0], rtol=1e-4, atol=1e-6)
     np.testing.assert_allclose(found[1], defined[1], rtol=1e-3, atol=1e-6)

@@ -108,3 +108,12 @@ def png() -> Callable[..., bytes]:
         return file.getvalue()
 
     return encode
+
+
+@pytest.fixture
+def pair(tmp_path: Path, png: Callable[..., bytes]) -> list[str]:
+    """Paths of two frames of 64 × 48 pixels."""
+    paths = [tmp_path / "a.png", tmp_path / "b.png"]
+    for path in paths:
+        path.write_bytes(png(64, 48, path is paths[1]))
+    return [str(path) for path in paths]

@@ -134,15 +134,19 @@ def test_a_job_is_filled_in_from_calibrations(
     ids = {kind: calibrated(kind) for kind in OPTIONS}
     asked: dict[str, Any] = {
         "camera": {"calibration": ids["camera"]},
+        "response": {"calibration": ids["camera"]},
         "flash_spectrum": {"calibration": ids["flash"]},
+        "neutral": {"calibration": ids["flash"]},
         "light_directions": {"calibration": ids["lamps"]},
     }
     job = post("/jobs", asked).json()
     kept = job["options"]
     assert kept["flash_spectrum"] == {"wavelength_nm": NM, "power": [1.0, 2.0, 1.0]}
+    assert (kept["neutral"], kept["response"]) == (kept["flash_spectrum"], kept["camera"])
     assert (kept["camera"]["g"], kept["camera"]["r"]) == ([0.1, 1.0, 0.2], [0.0, 0.2, 1.0])
-    directions = [light["direction"] for light in kept["light_directions"]]
-    assert directions == [light["direction"] for light in LIGHTS]
+    for name in ("direction", "strength"):
+        found = [light.get(name) for light in kept["light_directions"]]
+        assert found == [light.get(name) for light in LIGHTS]
     # the row is complete: nothing changes when the calibration goes
     assert http.delete(f"/jobs/{ids['camera']}").status_code == 204
     assert http.get(f"/jobs/{job['id']}").json()["options"] == kept
@@ -170,6 +174,7 @@ def test_calibrations_that_cannot_be_used_are_named(
     flash = calibrated("flash")
     for named, words in {
         "0123": "camera: there is no calibration '0123'; it may have been deleted.",
+        40 * "1": f"camera: there is no calibration '{32 * '1'}'; it may have been deleted.",
         separation: f"camera: there is no calibration {separation!r}; it may have been deleted.",
         flash: "camera: the calibration is one of a flash, and this takes one of a camera.",
         waiting: "camera: the calibration is queued; wait until it has succeeded.",

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -10,17 +9,6 @@ import drivers
 import pipeline
 from pipeline.errors import UnusablePairError
 from service.cli import run
-
-Png = Callable[..., bytes]
-
-
-@pytest.fixture
-def pair(tmp_path: Path, png: Png) -> list[str]:
-    """Paths of two frames of 64 × 48 pixels."""
-    paths = [tmp_path / "a.png", tmp_path / "b.png"]
-    for path in paths:
-        path.write_bytes(png(64, 48, path is paths[1]))
-    return [str(path) for path in paths]
 
 
 def _refused(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 2) -> str:

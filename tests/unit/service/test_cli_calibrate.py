@@ -42,15 +42,6 @@ FILES = {"flash": "flash.json", "camera": "camera.json", "lamps": "lights.json"}
 
 
 @pytest.fixture
-def pair(tmp_path: Path, png: Png) -> list[str]:
-    """Paths of two frames."""
-    paths = [tmp_path / "a.png", tmp_path / "b.png"]
-    for path in paths:
-        path.write_bytes(png(64, 48, path is paths[1]))
-    return [str(path) for path in paths]
-
-
-@pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """What is asked of the pipeline, which answers with FOUND and one warning."""
     given: list[Any] = []

@@ -8,12 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pipeline.calibration import calibrate as module
 from pipeline.calibration.calibrate import FILES, calibrate_files
+from pipeline.calibration.lamps import LampsEstimate
 from pipeline.calibration.options import CALIBRATION_OPTIONS
+from pipeline.colour.temperature import cct_duv
 from pipeline.errors import Canceled, InputError, OptionError, UnusablePairError
-from pipeline.options import DirectedLight
+from pipeline.options import Circle, DirectedLight
 from pipeline.progress import Progress
+from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light
+from pipeline.spectra.observer import cie_1931
 from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
 from pipeline.vectors import unit
 from tests.evaluation.spectra import sensitivities
@@ -52,6 +57,8 @@ def test_a_flash_is_saved_as_separations_read_it(chart: Shot, tmp_path: Path) ->
     found = manifest["found"]
     assert found["nearest"] == "LED-B5"
     assert found["cct_k"] == pytest.approx(6598, abs=150)
+    white = cct_duv(cie_1931() @ spectrum, np.eye(3))
+    assert white is not None and found["duv"] == pytest.approx(white[1], abs=6e-5)
     assert (found["patches"], found["camera"]["source"]) == (24, "measured")
     assert 0 < found["misfit"] < 0.05
     assert manifest["files"] == [{"name": "flash.json", "sha256": hashlib.sha256(data).hexdigest()}]
@@ -101,14 +108,30 @@ def test_a_camera_is_found_under_a_flash_of_a_table(chart: Shot, tmp_path: Path)
     assert found["misfit"] == by_name["misfit"] < 0.03
 
 
+def test_a_camera_of_a_known_matrix_may_be_like_itself(
+    chart: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own = Camera("own", S, "approximate")
+    monkeypatch.setattr(module, "find_camera", lambda *_: own)
+    found = _run(chart, tmp_path, kind="camera", chart=CORNERS, flash_spectrum="led")["found"]
+    assert found["known_cameras"] == 3
+
+
+def test_a_rendered_picture_may_tell_the_flash(chart: Shot, tmp_path: Path) -> None:
+    card = {"x": 30, "y": 120, "radius": 15}
+    manifest = _run(chart, tmp_path, kind="flash", card=card, encoding="srgb")
+    assert manifest["found"]["patches"] == 1
+
+
 def test_what_is_no_pair_is_refused(chart: Shot, tmp_path: Path) -> None:
     no_flash, flash = chart.files
-    for files, error in (
-        ((no_flash, no_flash), UnusablePairError),
-        ((no_flash, b""), InputError),
-        ((no_flash[:1000], flash), InputError),
+    for files, error, words in (
+        ((no_flash, no_flash), UnusablePairError, "photographs are identical"),
+        ((no_flash, b""), InputError, "photograph with the flash"),
+        ((no_flash[:1000], flash), InputError, "photograph without the flash"),
+        ((no_flash, flash[:300_000]), InputError, "photograph with the flash"),
     ):
-        with pytest.raises(error):
+        with pytest.raises(error, match=words):
             _run(Shot(chart.frames, files), tmp_path, kind="camera", chart=CORNERS)
     assert list(tmp_path.iterdir()) == []
 
@@ -128,7 +151,7 @@ def test_a_camera_is_saved_as_separations_read_it(
 
 def test_lamps_are_saved_as_separations_read_them(tmp_path: Path) -> None:
     shot = photograph_sphere(DIRECTIONS, np.array([(0.3, 0.2, 0.1), (0.2, 0.4, 0.3)]))
-    manifest = _run(shot, tmp_path, kind="lamps", sphere=CIRCLE, focal_px=FOCAL_PX)
+    manifest = _run(shot, tmp_path, kind="lamps", sphere=CIRCLE, focal_px=FOCAL_PX, lights=2)
     lights = json.loads((tmp_path / "lights.json").read_bytes())["lights"]
     read = [DirectedLight.model_validate(light) for light in lights]
     assert np.array([light.direction for light in read]) == pytest.approx(
@@ -145,12 +168,64 @@ def test_lamps_are_saved_as_separations_read_them(tmp_path: Path) -> None:
 
 
 def test_a_flash_far_beside_and_an_unknown_lens_are_warned_of(tmp_path: Path) -> None:
-    colours = np.array([(0.3, 0.2, 0.1), (0.2, 0.4, 0.3)])
-    shot = photograph_sphere(DIRECTIONS, colours, flash_at=(0.12, 0.0))
-    warnings = _run(shot, tmp_path, kind="lamps", sphere=CIRCLE)["warnings"]
+    shot = photograph_sphere(DIRECTIONS[:1], np.array([(0.3, 0.2, 0.1)]), flash_at=(0.12, 0.0))
+    warnings = _run(shot, tmp_path, kind="lamps", sphere=CIRCLE, lights=1)["warnings"]
     said = {warning["code"]: warning["message"] for warning in warnings}
     assert said["flash_aside"].startswith("The flash shines from 7° beside")
     assert said["focal_length_assumed"].startswith("The focal length is not known")
+
+
+def _lamps(**more: Any) -> LampsEstimate:
+    given: dict[str, Any] = {
+        "directions": DIRECTIONS,
+        "colours": np.array([[0.2, 0.8, 0.4], [1.0, 0.0, 0.1]]),
+        "deviations_deg": np.array([0.12345, 0.5]),
+        "misfit": 0.01234,
+        "circle": Circle(x=196.123, y=112.456, radius=62.789),
+        "flash_aside_deg": 1.234,
+    }
+    return LampsEstimate(**{**given, **more})
+
+
+@pytest.fixture(scope="module")
+def ball() -> Shot:
+    return photograph_sphere(DIRECTIONS[:1], np.array([(0.3, 0.2, 0.1)]))
+
+
+def test_lamps_are_told_by_the_strongest_of_them_and_of_their_channels(
+    ball: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One without green still shines."""
+    asked: list[Any] = []
+
+    def estimate(*given: Any) -> LampsEstimate:
+        asked[:] = given[1:]
+        return _lamps()
+
+    monkeypatch.setattr(module, "estimate_lamps", estimate)
+    marked = {"kind": "lamps", "sphere": CIRCLE, "lights": 2, "focal_px": FOCAL_PX}
+    found = _run(ball, tmp_path / "new" / "folder", **marked)["found"]
+
+    assert asked == [Circle(**CIRCLE), 2, FOCAL_PX]
+    assert [light["strength"] for light in found["lights"]] == [1.0, 1e-5]
+    assert [light["rgb"] for light in found["lights"]] == [[0.25, 1.0, 0.5], [1.0, 0.0, 0.1]]
+    assert [light["deviation_deg"] for light in found["lights"]] == [0.123, 0.5]
+    assert found["sphere"] == {"x": 196.12, "y": 112.46, "radius": 62.79}
+    assert (found["flash_aside_deg"], found["misfit"]) == (1.23, 0.0123)
+
+
+@pytest.mark.parametrize(("aside_deg", "warned"), [(4.9, False), (5.1, True)])
+def test_a_flash_may_be_five_degrees_beside(
+    ball: Shot,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    aside_deg: float,
+    warned: bool,
+) -> None:
+    monkeypatch.setattr(module, "estimate_lamps", lambda *_: _lamps(flash_aside_deg=aside_deg))
+    warnings = _run(ball, tmp_path, kind="lamps", sphere=CIRCLE)["warnings"]
+    figures = [said["figures"] for said in warnings if said["code"] == "flash_aside"]
+    assert figures == ([{"angle_deg": aside_deg}] if warned else [])
 
 
 def test_a_rendered_picture_tells_no_sensitivities(chart: Shot, tmp_path: Path) -> None:
@@ -167,13 +242,15 @@ def test_a_wrong_camera_is_noticed(chart: Shot, tmp_path: Path) -> None:
 
 
 def test_progress_tells_its_stages_and_may_stop(chart: Shot, tmp_path: Path) -> None:
-    told: list[str] = []
+    told: list[tuple[str, float]] = []
     options = CALIBRATION_OPTIONS.validate_python(
         {"kind": "flash", "card": {"x": 30, "y": 120, "radius": 15}, "encoding": "linear"}
     )
-    progress = Progress(lambda stage, _fraction: told.append(stage))
+    progress = Progress(lambda stage, fraction: told.append((stage, fraction)))
     calibrate_files(*chart.files, options, tmp_path, progress)
-    assert list(dict.fromkeys(told)) == ["decode", "align", "calibrate"]
+    assert list(dict.fromkeys(stage for stage, _ in told)) == ["decode", "align", "calibrate"]
+    assert told[:3] == [("decode", 0.0), ("decode", 0.5), ("decode", 1.0)]
+    assert told[-2:] == [("calibrate", 0.0), ("calibrate", 1.0)]
     stop = Progress(canceled=lambda: True)
     with pytest.raises(Canceled):
         calibrate_files(*chart.files, options, tmp_path / "other", stop)

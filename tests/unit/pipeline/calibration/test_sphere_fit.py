@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import permutations
 from typing import Any
 
@@ -115,6 +116,19 @@ def test_an_outline_marked_aside_is_moved_back(dx: float, dy: float, wider: floa
     assert errors(found, LAMPS[:2])[0] == pytest.approx(0, abs=0.1)
 
 
+def test_faint_light_moves_neither_the_mark_nor_the_flash_all_the_way() -> None:
+    """From where they are likeliest: within 0.02 of the radius, and 0.05 of the distance."""
+    marked = Circle(x=MIDDLE.x + 1, y=MIDDLE.y, radius=MIDDLE.radius)
+    outline = seen(LAMPS[:1], COLOURS[:1], NEAR, marked=marked)
+    beside = seen(LAMPS[:1], COLOURS[:1], NEAR, (0.1, 0.0))
+    for light, deviation in ((outline, 0.2), (beside, 1.0)):
+        light.lights.lamps_variance[...] = light.lights.flash_variance[...] = deviation**2
+    moved = fit_lamps(outline, 1).moved * marked.radius
+    assert moved == pytest.approx([-0.57, -0.01, 0.015], abs=0.02)
+    # of 5.7°
+    assert fit_lamps(beside, 1).flash_aside_deg == pytest.approx(4.06, abs=0.05)
+
+
 def test_what_lamps_do_not_explain_is_told() -> None:
     """One lamp for two leaves light over, and costs more than two."""
     light = seen(LAMPS[:2], COLOURS[:2])
@@ -154,6 +168,20 @@ def test_pixels_that_are_uncertain_hardly_count() -> None:
     off, order = errors(found, LAMPS[:2])
     assert off == pytest.approx(0, abs=0.05)
     assert found.colours[order] == pytest.approx(COLOURS[:2], rel=1e-3)
+
+
+def test_the_rim_does_not_count() -> None:
+    """Where a surface hardly faces the camera the flash is faint, and a mark may miss it."""
+    light = seen(LAMPS[:1], COLOURS[:1])
+    angle = np.arange(0.0, 2 * np.pi, 0.1)
+    x, y = CIRCLE.x + 49 * np.cos(angle), CIRCLE.y + 49 * np.sin(angle)
+    nonsense = np.tile([0.5, 0.1, 0.9], (len(angle), 1))
+    values = light.lights
+    parts = values.lamps, values.flash, values.lamps_variance, values.flash_variance
+    with_rim = Lights(*(np.vstack([part, nonsense]) for part in parts))
+    rimmed = replace(light, x=np.append(light.x, x), y=np.append(light.y, y), lights=with_rim)
+
+    np.testing.assert_array_equal(fit_lamps(rimmed, 1).directions, fit_lamps(light, 1).directions)
 
 
 def test_a_faint_lamp_is_less_certain() -> None:

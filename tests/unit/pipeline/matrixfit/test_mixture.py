@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.matrixfit.mixture import blocks, mixture
-from tests.unit.pipeline.matrixfit.plain_mixture import plain_mixture
+from tests.definitions.mixture import plain_mixture
 
 Array = NDArray[np.float64]
 
@@ -301,3 +301,15 @@ def test_a_lamp_whose_light_sums_to_nothing_is_no_error(sign: float) -> None:
 
     assert value == pytest.approx(-math.log(0.1 * 1.5))
     assert np.isfinite(gradient).all()
+
+
+@pytest.mark.parametrize("total", [0.01, -0.01, 0.025, -0.025])
+def test_little_light_counts_as_a_fiftieth_with_its_sign(total: float) -> None:
+    matrices = np.diag([1.0, 1.0, 3 * total - 2])[None]
+    place = 1 / 3 / math.copysign(max(abs(total), 0.02), total)
+    u = np.array([[place, place + S]])
+
+    value, _, _ = evaluate(matrices, GREY[None], u, np.array([1.0, 0.0]))
+
+    assert value == pytest.approx(math.log(2 * math.pi * S**2) + 0.5)
+    assert_as_defined(matrices, GREY[None], u, np.array([1.0, 0.0]))

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.photometric_stereo import objective as module
 from pipeline.photometric_stereo.objective import Objective, make_objective, with_even_albedo
-from pipeline.photometric_stereo.scene import Scene, State
+from pipeline.photometric_stereo.scene import Scene, State, predicted
 
 Array = NDArray[np.float64]
 
@@ -42,6 +43,15 @@ def added(state: State, change: State, length: float) -> State:
     )
 
 
+@pytest.fixture
+def even(posed: tuple[Scene, State]) -> tuple[Scene, State]:
+    """The same with a flash part by which every pixel has an albedo of 1."""
+    scene, state = posed
+    length = np.linalg.norm(scene.grid.w(state.h), axis=1)
+    flash = scene.flash / (scene.total * length)[:, None]
+    return replace(scene, flash=flash), replace(state, albedo=np.zeros_like(state.albedo))
+
+
 @pytest.mark.parametrize("scale", [0.3, 0.01])
 def test_a_step_leads_downhill(posed: tuple[Scene, State], scale: float) -> None:
     scene, state = posed
@@ -53,23 +63,134 @@ def test_a_step_leads_downhill(posed: tuple[Scene, State], scale: float) -> None
     assert objective.cost(added(state, step, -0.02)) > objective.cost(state)
 
 
-@pytest.mark.parametrize("part", ["h", "modes", "own", "albedo"])
-def test_steps_end_where_no_unknown_gains(posed: tuple[Scene, State], part: str) -> None:
+def test_steps_end_where_no_unknown_gains(posed: tuple[Scene, State]) -> None:
     """The optimum is one of the cost itself: no unknown of any kind lowers it by more."""
     scene, state = posed
     objective = make_objective(scene, state, 0.3)
     for _ in range(60):
         state = added(state, objective.step(state), 0.5)
     lowest = objective.cost(state)
-    random = np.random.default_rng(4)
-    values = getattr(state, part)
 
-    for _ in range(12):
-        change = np.zeros(values.size)
-        change[random.integers(values.size)] = 1e-3
-        for sign in (1, -1):
-            moved = replace(state, **{part: values + sign * change.reshape(values.shape)})
-            assert objective.cost(moved) > lowest - 1e-4
+    for part in ("h", "modes", "own", "albedo"):
+        random = np.random.default_rng(4)
+        values = getattr(state, part)
+        for _ in range(12):
+            change = np.zeros(values.size)
+            change[random.integers(values.size)] = 1e-3
+            for sign in (1, -1):
+                moved = replace(state, **{part: values + sign * change.reshape(values.shape)})
+                assert objective.cost(moved) > lowest - 1e-4, part
+
+
+def test_a_step_solves_its_equations(
+    posed: tuple[Scene, State], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene, state = posed
+    objective = make_objective(scene, state, 0.05)
+    step, alone = objective.step(state), objective.surface_step(state)
+
+    def dense(matrix: Any, right: Array) -> Array:
+        return np.linalg.solve(matrix.toarray(), right)
+
+    monkeypatch.setattr(module, "_solved", dense)
+    exact = objective.step(state)
+
+    for part in ("h", "modes", "own", "albedo"):
+        size = np.abs(getattr(exact, part)).max()
+        assert getattr(step, part) == pytest.approx(getattr(exact, part), abs=1e-3 * size)
+    assert alone == pytest.approx(objective.surface_step(state), rel=1e-4)
+
+
+def test_light_that_is_off_costs_less_than_its_square(posed: tuple[Scene, State]) -> None:
+    """Nine times ln(1 + χ²/9): 9 ln 2 at three standard deviations, of one channel."""
+    scene, state = posed
+    objective = make_objective(scene, state, 0.05)
+    costs = []
+    for deviations in (0.0, 3.0):
+        light = scene.light.copy()
+        light[50] = predicted(scene, state)[50]
+        light[50, 1] += deviations / np.sqrt(objective.precision[50, 1])
+        costs.append(replace(objective, scene=replace(scene, light=light)).cost(state))
+
+    assert costs[1] - costs[0] == pytest.approx(9 * np.log(2))
+
+
+def test_usual_lamps_materials_and_tints_cost_their_square(even: tuple[Scene, State]) -> None:
+    """Where nothing else counts, by the deviation of each: of tints that is 5."""
+    scene, state = even
+    objective = make_objective(scene, state, 0.05)
+    objective = replace(objective, precision=0 * objective.precision, albedo_sigma=1e6)
+    none = replace(state, modes=0 * state.modes, own=0 * state.own)
+    for part, size, cost in (("modes", 3.0, 9.0), ("own", 3.0, 9.0), ("albedo", 5.0, 1.0)):
+        values = getattr(none, part).copy()
+        values[0, 1] = size * np.eye(len(values[0, 1]))[0] if part == "own" else size
+        more = objective.cost(replace(none, **{part: values})) - objective.cost(none)
+        assert more == pytest.approx(cost, abs=1e-6)
+
+
+def test_uneven_albedo_costs_less_than_its_square(even: tuple[Scene, State]) -> None:
+    """Four times ln(1 + χ²/4): 4 ln 2 at two standard deviations."""
+    scene, state = even
+    objective = make_objective(scene, state, 0.05)
+    off = state.albedo.copy()
+    off[:, 0] += 2 * objective.albedo_sigma
+
+    more = objective.cost(replace(state, albedo=off)) - objective.cost(state)
+
+    assert more == pytest.approx(4 * np.log(2) * scene.tint_weights.sum())
+
+
+@pytest.mark.parametrize(
+    ("scale", "off", "sigma"),
+    [
+        (0.02, 0.0, 0.01),
+        (0.32, 0.0, 0.01 * np.sqrt(16)),
+        (0.02, 0.1, np.hypot(0.01, 0.148)),
+    ],
+)
+def test_albedo_is_as_even_as_the_state_has_it_but_for_a_hundredth(
+    even: tuple[Scene, State], scale: float, off: float, sigma: float
+) -> None:
+    """Coarse scales take it for less even; of normal deviations the median is 1 ÷ 1.48."""
+    scene, state = even
+    uneven = state.albedo.copy()
+    uneven[:, 0] += off
+
+    found = make_objective(scene, replace(state, albedo=uneven), scale)
+
+    assert found.albedo_sigma == pytest.approx(sigma, rel=1e-6)
+    # narrow deviations are no likelier than wide ones for nothing
+    wide = replace(found, albedo_sigma=np.e * found.albedo_sigma)
+    more = wide.cost(state) - found.cost(state)
+    assert more == pytest.approx(2 * scene.tint_weights.sum(), rel=1e-6)
+
+
+def test_light_has_its_variance_an_error_of_its_scale_and_a_floor(
+    posed: tuple[Scene, State],
+) -> None:
+    """A highlight does not lift the floor."""
+    scene, state = posed
+    light = np.ones_like(scene.light)
+    light[0], light[1] = 0.0, 1000.0
+    variance = np.full_like(light, 1e-6)
+
+    found = make_objective(replace(scene, light=light, variance=variance), state, 0.03)
+
+    assert found.precision[0] == pytest.approx(1 / (1e-6 + 0.002**2))
+    assert found.precision[2] == pytest.approx(1 / (1e-6 + 0.03**2 + 0.002**2))
+
+
+def test_bends_cost_less_than_their_square(posed: tuple[Scene, State]) -> None:
+    """0.36 ln 2 where slopes change by a tenth per pixel, as at a peak; half of that around it."""
+    scene, state = posed
+    h = np.ones_like(state.h)
+    peak = int(np.bincount(scene.grid.bends.indices).argmax())
+    h[peak] += 0.1 / scene.grid.focal_px
+
+    soft, stiff = (make_objective(scene, state, 0.05, stiffness) for stiffness in (0.0, 1.0))
+    cost = stiff.cost(replace(state, h=h)) - soft.cost(replace(state, h=h))
+
+    assert cost == pytest.approx(0.36 * (2 * np.log(2) + 4 * np.log(1.25)), rel=1e-4)
 
 
 def test_a_step_of_the_surface_alone_leads_downhill(posed: tuple[Scene, State]) -> None:

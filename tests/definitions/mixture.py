@@ -1,4 +1,4 @@
-"""The mixture as it is defined, datum by datum, for comparison with the compiled one."""
+"""The mixture of pipeline.matrixfit.mixture, datum by datum."""
 
 from __future__ import annotations
 
@@ -35,17 +35,8 @@ def plain_mixture(
 ) -> tuple[float, Array, Array]:
     """−Σ worth · log density of the mixture, its gradient (N, 3, 3), counts (K,).
 
-    Parameters
-    ----------
-    matrices : (N, 3, 3) T_j
-    x : (n, 3) flash colours; u : (n, 2) whitened chromaticities; whitener : (n, 2, 2);
-    sigma : (n,) isotropic deviations after whitening; worth : (n,) weights of the data
-    weights : (K,) of the components: N corners, the edges 01, 02, 12, the interior, outliers
-    extension : how far edges reach beyond their ends, in lengths; outlier : their density
-    area_power : exponent of the interior's density in its area
-    interior : whether there is one (three lamps)
-
-    The counts are Σ worth · responsibility.
+    As pipeline.matrixfit.mixture.mixture, of data that `blocks` has not put into blocks yet: x, u,
+    whitener, sigma and worth as it takes them.
     """
     lamps = matrices.shape[0]
     pairs = lamps * (lamps - 1) // 2

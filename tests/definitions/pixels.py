@@ -1,4 +1,4 @@
-"""What is compiled in the pipeline, in plain NumPy: slower, and easier to read.
+"""What is compiled in the pipeline for pixels, in plain NumPy: slower, and easier to read.
 
 Tests hold the compiled loops against these definitions.
 """
