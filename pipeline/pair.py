@@ -103,6 +103,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
         if settled.value != ratio.value:
             pixels = pixels * np.float32(ratio.value / settled.value)
             noises = noises[0], estimate_noise(pixels)
+            ratios = block_ratios(no_flash.pixels, pixels, unusable, noises)
         ratio = settled
         check_flash_adds(no_flash.pixels, pixels, unusable, noises)
         progress.report("align", 0.8)
@@ -110,8 +111,8 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
             there = find_moved(no_flash.pixels, pixels, unusable, noises, rendered)
             moved = float(there.mean())
             unusable = unusable | there
-        steady = block_ratios(no_flash.pixels, pixels, unusable, noises)
-        warnings += _unsteady_warnings(steady, moved, rendered, bool(doubts))
+            ratios = ratios.without(there)
+        warnings += _unsteady_warnings(ratios, moved, rendered, bool(doubts))
     progress.report("align", 0.9)
     pair = Pair(
         no_flash=no_flash.pixels,
