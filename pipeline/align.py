@@ -22,6 +22,7 @@ from pipeline.refine import (
     TURN,
     Pyramid,
     agreement,
+    finish_motion,
     log_detail,
     pyramid,
     refine_motion,
@@ -113,7 +114,7 @@ def _estimate(
     make the steps agree better, so that a pair from a tripod stays as it is: the homography of
     edges that flash and lamps draw differently is off by half a pixel at the corners.
     """
-    found = np.eye(3)
+    found, chosen = np.eye(3), None
     best = agreement(reference_steps[0], sample_steps[0], found)
     for motion, freedoms, worth_it in _MOTIONS:
         start = found
@@ -131,9 +132,11 @@ def _estimate(
         plain = moves > _PLAIN_PX and motion is not None
         agrees = agreement(reference_steps[0], sample_steps[0], candidate)
         if agrees > best + (worth_it / 2 if plain else worth_it):
-            found = candidate
+            found, chosen = candidate, freedoms
         best = max(best, agrees)
-    return found
+    if chosen is None:
+        return found
+    return finish_motion(reference_steps, sample_steps, found, chosen)
 
 
 def _search(
