@@ -83,14 +83,10 @@ def _attempt(no_flash: Image, flash: Image, working_size: int) -> Alignment:
     height, width = no_flash.shape[:2]
     scale = min(1.0, working_size / max(height, width))
     size = (max(round(width * scale), 1), max(round(height * scale), 1))
-    small_pair = [
-        np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
-        for image in (no_flash, flash)
-    ]
-    reference, sample = (edges(image) for image in small_pair)
-    details = [pyramid(log_detail(image)) for image in small_pair]
+    reference, reference_steps = _reduced(no_flash, size)
+    sample, sample_steps = _reduced(flash, size)
     try:
-        small = _estimate(reference, sample, details[0], details[1])
+        small = _estimate(reference, sample, reference_steps, sample_steps)
         correlation = _correlation(reference, sample, small, size)
     except cv2.error:
         return _refused(None, "no common structure was found")
@@ -103,6 +99,12 @@ def _attempt(no_flash: Image, flash: Image, working_size: int) -> Alignment:
     if motion > _MAX_MOTION * np.hypot(width, height):
         return _refused(float(correlation), f"a motion of {motion:.0f} pixels is implausible")
     return Alignment(not np.array_equal(small, np.eye(3)), matrix, float(correlation))
+
+
+def _reduced(image: Image, size: tuple[int, int]) -> tuple[Image, Pyramid]:
+    """Edges and steps of a photograph at (width, height)."""
+    small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
+    return edges(small), pyramid(log_detail(small))
 
 
 def _estimate(

@@ -91,7 +91,8 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
             pixels, saturated, parallax = _laid_on(no_flash.pixels, flash, alignment)
     progress.report("align", 0.6)
     if ratio.value != 1.0:
-        pixels = pixels / np.float32(ratio.value)
+        own = None if pixels is flash.pixels else pixels
+        pixels = np.divide(pixels, np.float32(ratio.value), out=own)
     noises = estimate_noise(no_flash.pixels), estimate_noise(pixels)
     unusable = no_flash.saturated | saturated
     moved = 0.0
@@ -143,6 +144,7 @@ def _laid_on(no_flash: Image, flash: Frame, alignment: Alignment) -> tuple[Image
     flow = residual_flow(no_flash, pixels)
     if flow is None:
         return pixels, saturated, 0.0
+    del pixels, saturated  # not one more photograph in memory
     pixels, saturated = warp_along(flash.pixels, flash.saturated, alignment, flow)
     return pixels, saturated, float(np.mean(np.abs(flow).max(axis=2) > _PARALLAX_PX))
 
