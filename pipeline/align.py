@@ -188,11 +188,11 @@ def warp(image: Image, saturated: Mask, alignment: Alignment) -> tuple[Image, Ma
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
     warped = cv2.warpPerspective(image, alignment.matrix, (width, height), flags=flags)
     bad = cv2.warpPerspective(
-        saturated.astype(np.float32),
+        np.multiply(saturated, np.uint8(255)),
         alignment.matrix,
         (width, height),
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-        borderValue=1.0,
+        borderValue=255,
     )
     return np.asarray(warped, dtype=np.float32), bad > 0
 

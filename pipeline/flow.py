@@ -80,7 +80,7 @@ def warp_along(
     height, width = saturated.shape
     warped = np.empty_like(image)
     bad = np.empty_like(saturated)
-    sources = saturated.astype(np.float32)
+    sources = np.multiply(saturated, np.uint8(255))
     matrix = alignment.matrix.astype(np.float32)
     for top in range(0, height, STRIP_ROWS):
         rows = slice(top, min(top + STRIP_ROWS, height))
@@ -90,7 +90,7 @@ def warp_along(
         u, v, w = (row[0] * x + row[1] * y + row[2] for row in matrix)
         u, v = u / w, v / w
         warped[rows] = cv2.remap(image, u, v, cv2.INTER_CUBIC)
-        bad[rows] = cv2.remap(sources, u, v, cv2.INTER_LINEAR, borderValue=1.0) > 0
+        bad[rows] = cv2.remap(sources, u, v, cv2.INTER_LINEAR, borderValue=255) > 0
     return warped, bad
 
 
