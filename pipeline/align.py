@@ -16,10 +16,24 @@ from numpy.typing import NDArray
 
 from pipeline.frames import Image, Mask
 from pipeline.order import quantile
-from pipeline.refine import HOMOGRAPHY, SHIFT, TURN, agreement, log_detail, refine_motion
+from pipeline.refine import (
+    HOMOGRAPHY,
+    SHIFT,
+    TURN,
+    Pyramid,
+    agreement,
+    finish_motion,
+    log_detail,
+    pyramid,
+    refine_motion,
+    shrinking,
+)
 
 _WORKING_SIZES = (1600, 800)  # longer side; the second for pairs whose noise drowns fine edges
+_SEARCH_SIZE = 800  # longer side where edges are searched for a motion that is then refined
+_SEARCHED = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-4)  # refined afterwards
 _LOCAL = 16.0
+_LOCAL_SIZE = 4  # pixels averaged where the local mean is taken
 _MOTIONS = (  # of OpenCV, if it is to search; what the refinement may change; what it must gain
     (cv2.MOTION_TRANSLATION, SHIFT, 0.02),  # in agreement; tripod pairs gain less
     (cv2.MOTION_EUCLIDEAN, TURN, 0.015),
@@ -69,14 +83,10 @@ def _attempt(no_flash: Image, flash: Image, working_size: int) -> Alignment:
     height, width = no_flash.shape[:2]
     scale = min(1.0, working_size / max(height, width))
     size = (max(round(width * scale), 1), max(round(height * scale), 1))
-    small_pair = [
-        np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
-        for image in (no_flash, flash)
-    ]
-    reference, sample = (edges(image) for image in small_pair)
-    details = [log_detail(image) for image in small_pair]
+    reference, reference_steps = _reduced(no_flash, size)
+    sample, sample_steps = _reduced(flash, size)
     try:
-        small = _estimate(reference, sample, details[0], details[1])
+        small = _estimate(reference, sample, reference_steps, sample_steps)
         correlation = _correlation(reference, sample, small, size)
     except cv2.error:
         return _refused(None, "no common structure was found")
@@ -91,42 +101,68 @@ def _attempt(no_flash: Image, flash: Image, working_size: int) -> Alignment:
     return Alignment(not np.array_equal(small, np.eye(3)), matrix, float(correlation))
 
 
+def _reduced(image: Image, size: tuple[int, int]) -> tuple[Image, Pyramid]:
+    """Edges and steps of a photograph at (width, height)."""
+    small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
+    return edges(small), pyramid(log_detail(small))
+
+
 def _estimate(
-    reference: Image, sample: Image, reference_steps: Image, sample_steps: Image
+    reference: Image, sample: Image, reference_steps: Pyramid, sample_steps: Pyramid
 ) -> NDArray[np.float64]:
     """Homography of the simplest motion that explains the photographs.
 
-    reference, sample: edges; reference_steps, sample_steps: from log_detail. A richer motion must
+    reference, sample: edges; reference_steps, sample_steps: from pyramid. A richer motion must
     make the steps agree better, so that a pair from a tripod stays as it is: the homography of
     edges that flash and lamps draw differently is off by half a pixel at the corners.
     """
-    found = np.eye(3)
-    best = agreement(reference_steps, sample_steps, found)
-    parameters = cv2.ECCParameters()
-    parameters.nlevels = int(np.clip(np.log2(min(reference.shape) / 16), 1, 5))
+    found, chosen = np.eye(3), None
+    best = agreement(reference_steps[0], sample_steps[0], found)
     for motion, freedoms, worth_it in _MOTIONS:
         start = found
         if motion is not None:
-            parameters.motionType = motion
             try:
-                _, rows = cv2.findTransformECCMultiScale(
-                    reference, sample, found[:2].astype(np.float32), parameters
-                )
+                start = _search(reference, sample, found, motion)
             except cv2.error:
                 if motion == cv2.MOTION_TRANSLATION:
                     raise
                 continue  # too few edges for so rich a motion
-            start = np.vstack([rows, found[2:]]).astype(np.float64)
         candidate = refine_motion(reference_steps, sample_steps, start, freedoms)
         moves = _corner_motion(candidate @ np.linalg.inv(found), *reference.shape[::-1])
         if motion != cv2.MOTION_TRANSLATION and moves > _MAX_TURN * np.hypot(*reference.shape):
             continue
         plain = moves > _PLAIN_PX and motion is not None
-        agrees = agreement(reference_steps, sample_steps, candidate)
+        agrees = agreement(reference_steps[0], sample_steps[0], candidate)
         if agrees > best + (worth_it / 2 if plain else worth_it):
-            found = candidate
+            found, chosen = candidate, freedoms
         best = max(best, agrees)
-    return found
+    if chosen is None:
+        return found
+    return finish_motion(reference_steps, sample_steps, found, chosen)
+
+
+def _search(
+    reference: Image, sample: Image, start: NDArray[np.float64], motion: int
+) -> NDArray[np.float64]:
+    """Motion of OpenCV's kinds that correlates edges best, as near as the refinement needs it.
+
+    Raises cv2.error where there are too few edges.
+    """
+    height, width = reference.shape
+    scale = min(1.0, _SEARCH_SIZE / max(height, width))
+    size = (max(round(width * scale), 1), max(round(height * scale), 1))
+    one, other = (
+        cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (reference, sample)
+    )
+    parameters = cv2.ECCParameters()
+    parameters.motionType = motion
+    parameters.nlevels = int(np.clip(np.log2(min(size) / 16), 1, 5))
+    parameters.criteria = _SEARCHED
+    shrink = shrinking(size, (width, height))
+    small = shrink @ start @ np.linalg.inv(shrink)
+    _, rows = cv2.findTransformECCMultiScale(one, other, small[:2].astype(np.float32), parameters)
+    found = np.vstack([rows, small[2:]]).astype(np.float64)
+    return _to_full_size(found, size, (width, height))
 
 
 def _correlation(
@@ -152,11 +188,11 @@ def warp(image: Image, saturated: Mask, alignment: Alignment) -> tuple[Image, Ma
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
     warped = cv2.warpPerspective(image, alignment.matrix, (width, height), flags=flags)
     bad = cv2.warpPerspective(
-        saturated.astype(np.float32),
+        np.multiply(saturated, np.uint8(255)),
         alignment.matrix,
         (width, height),
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-        borderValue=1.0,
+        borderValue=255,
     )
     return np.asarray(warped, dtype=np.float32), bad > 0
 
@@ -166,19 +202,27 @@ def edges(image: Image) -> Image:
     gray = np.maximum(cv2.transform(image, np.full((1, 3), 1 / 3)), np.float32(0.0))
     gray = np.sqrt(gray / np.float32(max(quantile(gray, 0.95), 1e-9)))
     gray = np.asarray(cv2.GaussianBlur(gray, (0, 0), 1.0), np.float32)
-    magnitude = cv2.magnitude(cv2.Scharr(gray, -1, 1, 0), cv2.Scharr(gray, -1, 0, 1))
-    local = cv2.GaussianBlur(magnitude, (0, 0), _LOCAL)
+    slopes = cv2.Scharr(gray, -1, 1, 0), cv2.Scharr(gray, -1, 0, 1)
+    magnitude = np.asarray(cv2.magnitude(*slopes), np.float32)
+    local = _local_mean(magnitude)
     edges = magnitude / (local + 0.2 * local.mean() + 1e-9)
     return np.asarray(edges / (1.0 + edges / 2.0), dtype=np.float32)
+
+
+def _local_mean(plane: Image) -> Image:
+    """Mean of (h, w) around each pixel; so smooth that a quarter of the size holds it."""
+    height, width = plane.shape
+    size = (-(-width // _LOCAL_SIZE), -(-height // _LOCAL_SIZE))
+    small = cv2.resize(plane, size, interpolation=cv2.INTER_AREA)
+    smooth = cv2.GaussianBlur(small, (0, 0), _LOCAL / _LOCAL_SIZE)
+    return np.asarray(cv2.resize(smooth, (width, height)), dtype=np.float32)
 
 
 def _to_full_size(
     small: NDArray[np.float64], size: tuple[int, int], full: tuple[int, int]
 ) -> NDArray[np.float64]:
     """Express a homography found on a reduced image in full-size pixel coordinates."""
-    sx, sy = size[0] / full[0], size[1] / full[1]
-    # pixel centers: u = sx·(x + ½) − ½
-    shrink = np.array([[sx, 0, sx / 2 - 0.5], [0, sy, sy / 2 - 0.5], [0, 0, 1]])
+    shrink = shrinking(size, full)
     matrix = np.linalg.inv(shrink) @ small @ shrink
     return np.asarray(matrix / matrix[2, 2])
 

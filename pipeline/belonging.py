@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.errors import PairMismatchError, UnusablePairError
 from pipeline.frames import Frame, Image, Mask
@@ -14,7 +17,7 @@ _BLACK = 2e-4  # of the white level; an 8-bit sRGB code of 1 is 3e-4
 _MIN_USABLE = 0.02
 _DARKER = 0.6  # share of lit pixels that lose light with the flash on: the frames are swapped
 _SMALLEST = 32
-_SAMPLE_STEP = 4
+_SAMPLES, _LEAST_STEP = 200_000, 4  # pixels looked at, and the step between them at least
 
 
 def check_sizes(no_flash: tuple[int, int], flash: tuple[int, int]) -> None:
@@ -86,7 +89,7 @@ def check_flash_adds(
     before, after = _sampled(no_flash), _sampled(flash)
     part = after.sum(axis=2) - before.sum(axis=2)
     noise = np.sqrt(noises[0].variance(before).sum(axis=2) + noises[1].variance(after).sum(axis=2))
-    open_ = ~unusable[::_SAMPLE_STEP, ::_SAMPLE_STEP]
+    open_ = ~_sampled(unusable)
     if not open_.any():
         raise UnusablePairError(
             "Every pixel is clipped in one of the photographs: expose both shorter."
@@ -103,5 +106,8 @@ def check_flash_adds(
         )
 
 
-def _sampled(image: Image) -> Image:
-    return image[::_SAMPLE_STEP, ::_SAMPLE_STEP]
+def _sampled(pixels: NDArray[Any]) -> NDArray[Any]:
+    """Some of the pixels (H, W, …), at equal steps."""
+    height, width = pixels.shape[:2]
+    step = max(_LEAST_STEP, int(np.sqrt(height * width / _SAMPLES)))
+    return pixels[::step, ::step]

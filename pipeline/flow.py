@@ -47,15 +47,17 @@ def residual_flow(no_flash: Image, flash: Image) -> Array | None:
         for image in (no_flash, flash)
     ]
     codes = [np.clip(edges(image) * _CODES, 0, 255).astype(np.uint8) for image in pair]
-    forward, backward = _search(codes[0], codes[1]), _search(codes[1], codes[0])
-    reference, sample = (log_detail(image) for image in pair)
-    returns = np.linalg.norm(forward + _moved(backward, forward), axis=2) < _RETURNS_PX
-    lit = [_lit(image) for image in pair]
-    before, texture = _correlation(reference * lit[0], sample * lit[1])
-    after, _ = _correlation(reference * lit[0], _moved(sample * lit[1], forward))
+    forward = _search(codes[0], codes[1])
+    steps = [log_detail(image) * _lit(image) for image in pair]
+    before, texture = _correlation(steps[0], steps[1])
+    after, _ = _correlation(steps[0], _moved(steps[1], forward))
     far = np.linalg.norm(forward, axis=2) > _MOVED_PX
-    moves = returns & far & (texture > _TEXTURE) & (after > before + _GAIN) & (after > _FITS)
-    moves = cv2.morphologyEx(moves.astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5))) > 0
+    better = far & (texture > _TEXTURE) & (after > before + _GAIN) & (after > _FITS)
+    if _opened(better).mean() < _WORTH_IT:  # nor will those be enough that return as well
+        return None
+    backward = _search(codes[1], codes[0])
+    returns = np.linalg.norm(forward + _moved(backward, forward), axis=2) < _RETURNS_PX
+    moves = _opened(better & returns)
     if moves.mean() < _WORTH_IT:
         return None
     stays = ~moves & ((before > _FITS) | (texture < _TEXTURE))
@@ -78,7 +80,7 @@ def warp_along(
     height, width = saturated.shape
     warped = np.empty_like(image)
     bad = np.empty_like(saturated)
-    sources = saturated.astype(np.float32)
+    sources = np.multiply(saturated, np.uint8(255))
     matrix = alignment.matrix.astype(np.float32)
     for top in range(0, height, STRIP_ROWS):
         rows = slice(top, min(top + STRIP_ROWS, height))
@@ -88,7 +90,7 @@ def warp_along(
         u, v, w = (row[0] * x + row[1] * y + row[2] for row in matrix)
         u, v = u / w, v / w
         warped[rows] = cv2.remap(image, u, v, cv2.INTER_CUBIC)
-        bad[rows] = cv2.remap(sources, u, v, cv2.INTER_LINEAR, borderValue=1.0) > 0
+        bad[rows] = cv2.remap(sources, u, v, cv2.INTER_LINEAR, borderValue=255) > 0
     return warped, bad
 
 
@@ -112,6 +114,12 @@ def _search(reference: NDArray[np.uint8], sample: NDArray[np.uint8]) -> Array:
         search.calc(reference, sample, np.zeros((*reference.shape, 2), np.float32)),
         dtype=np.float32,
     )
+
+
+def _opened(mask: Mask) -> Mask:
+    """Without specks."""
+    square = np.ones((5, 5), np.uint8)
+    return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, square) > 0)
 
 
 def _moved(image: Array, flow: Array) -> Array:

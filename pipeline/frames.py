@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,3 +88,11 @@ class Frame:
     def size(self) -> tuple[int, int]:
         """(width, height) in pixels."""
         return self.pixels.shape[1], self.pixels.shape[0]
+
+    def facts(self) -> Frame:
+        """The frame with black pixels that take no memory, for what is known about it."""
+        return replace(
+            self,
+            pixels=np.broadcast_to(np.float32(0.0), self.pixels.shape),
+            saturated=np.broadcast_to(np.False_, self.saturated.shape),
+        )

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.blocks import any_in_blocks
 from pipeline.frames import Image, Mask
 from pipeline.noise import Noise
 
@@ -56,10 +57,10 @@ def find_moved(
         for image in (no_flash, flash)
     )
     variances = [
-        noise.of_means(block).variance(image).astype(np.float32)
+        _variance(noise.of_means(block), image)
         for noise, image in zip(noises, (before, after), strict=True)
     ]
-    out = cv2.resize(unusable[crop].astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0
+    out = any_in_blocks(unusable, block)
     reach = np.ones((_CLIPPED_REACH, _CLIPPED_REACH), np.uint8)
     usable = cv2.dilate(out.astype(np.uint8), reach) == 0
 
@@ -72,6 +73,12 @@ def find_moved(
         moved.astype(np.uint8), (crop[1].stop, crop[0].stop), interpolation=cv2.INTER_NEAREST
     )
     return found.view(np.bool_)
+
+
+def _variance(noise: Noise, image: Image) -> Array:
+    """What noise.variance gives for values ≥ 0, in single precision."""
+    line = np.column_stack([np.diag(noise.gain), noise.floor])
+    return np.asarray(cv2.transform(image, line.astype(np.float32)))
 
 
 def _lost(before: Image, after: Image, variances: list[Array], least: float) -> Mask:
@@ -130,6 +137,8 @@ def _things(evidence: Mask) -> Mask:
     least = max(_SMALLEST, _SPECK * evidence.size)
     large = stats[:, cv2.CC_STAT_AREA] >= least
     large[0] = False  # the background
+    if not large.any():
+        return np.zeros_like(evidence)
     diagonal = float(np.hypot(height, width))
     reach, thin = (max(1, round(share * diagonal)) for share in (_REACH, _THIN))
     padded = np.pad(large[labels].astype(np.uint8), reach)

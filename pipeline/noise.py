@@ -21,6 +21,8 @@ from pipeline.second_differences import (
 _BINS = 24
 _SCALES = (2, 4, 8)  # of the means that tell how far noise hangs together
 _SMALLEST, _SPARSE = 32, 8
+_ENOUGH = 2_000_000  # pixels to tell the noise by
+_TILE = (32, 128)  # rows and columns of the parts of larger photographs
 _FEW = 50  # second differences that still give a quantile
 _QUIET = 0.25  # quantile of the blocks' variances, below most texture
 _QUIET_OF_MEAN = 0.735
@@ -67,10 +69,13 @@ def estimate_noise(pixels: Image) -> Noise:
     pixels: (H, W, 3) linear. Second differences (Immerkær 1996) give a variance per block; a
     straight line over brightness is fitted to the quieter blocks, because the busier ones hold
     texture. Done on the photograph and on means of 2×2 pixels, since denoising and compression
-    leave noise that hides from neighbouring pixels; smaller than 64 pixels, once.
+    leave noise that hides from neighbouring pixels; smaller than 64 pixels, once. Of photographs
+    of more than two million pixels, two are looked at, in tiles all over the picture.
     """
     height, width = pixels.shape[:2]
-    pixels = np.ascontiguousarray(pixels)
+    large = height * width > _ENOUGH
+    pixels = _tiles(pixels) if large else np.ascontiguousarray(pixels)
+    rows = _TILE[0] if large else height
     scales = [s for s in _SCALES if min(height, width) >= _SMALLEST * s]
     means = _halved(pixels) if scales else pixels
     lines = [_line(image) for image in ([pixels, means] if scales else [pixels])]
@@ -78,19 +83,30 @@ def estimate_noise(pixels: Image) -> Noise:
     levels = [float((gain * np.maximum(typical, 0) + floor).sum()) for gain, floor in lines]
     loudest = int(np.argmax(levels))
     noise = Noise(*lines[loudest])
-    return Noise(noise.gain, noise.floor, _grain(pixels, means, scales, lines[0], noise))
+    return Noise(noise.gain, noise.floor, _grain(pixels, means, rows, scales, lines[0], noise))
+
+
+def _tiles(pixels: Image) -> Image:
+    """Tiles of a large photograph, evenly spread over it, one below the other."""
+    height, width = _TILE[0], min(_TILE[1], pixels.shape[1])
+    columns = pixels.shape[1] // width
+    count = pixels.shape[0] // height * columns
+    chosen = np.linspace(0, count - 1, min(_ENOUGH // (height * width), count)).astype(int)
+    corners = [(one // columns * height, one % columns * width) for one in chosen]
+    return np.concatenate([pixels[y : y + height, x : x + width] for y, x in corners])
 
 
 def _grain(
     pixels: Image,
     means: Image,
+    rows: int,
     scales: list[int],
     line: tuple[NDArray[np.float64], NDArray[np.float64]],
     noise: Noise,
 ) -> float:
     """Area over which the noise hangs together, from means of ever more pixels.
 
-    means: of 2×2 pixels.
+    means: of 2×2 pixels. rows: of pixels that hang together.
     """
     grain = 1.0
     if not scales:
@@ -98,7 +114,7 @@ def _grain(
     flat = _flat_blocks(pixels, line)
     for scale in scales:
         means = means if scale == scales[0] else _halved(means)
-        found = scale**2 * _relative_variance(means, flat, scale, noise)
+        found = scale**2 * _relative_variance(means, flat, rows // scale, scale, noise)
         if scale == scales[0] and abs(np.log(max(found, 1e-9))) < np.log(_WHITE):
             break  # bare noise: what larger means hold beyond it is texture
         grain = max(grain, found)
@@ -113,8 +129,7 @@ def _halved(pixels: Image) -> Image:
 
 def _line(pixels: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Gain and floor of each channel."""
-    step = max(1, pixels.shape[0] * pixels.shape[1] // 4_000_000)
-    means, squares = block_squares(pixels, step)
+    means, squares = block_squares(pixels)
     lines = [_fit_line(means[c], squares[c]) for c in range(3)]
     gains, floors = np.array(lines).T
     return gains, floors
@@ -128,10 +143,12 @@ def _flat_blocks(
     return np.asarray((variances < _FLAT * Noise(*line).variance(means)).all(axis=2))
 
 
-def _relative_variance(means: Image, flat: NDArray[np.bool_], scale: int, noise: Noise) -> float:
+def _relative_variance(
+    means: Image, flat: NDArray[np.bool_], rows: int, scale: int, noise: Noise
+) -> float:
     """Variance of means over scale × scale pixels in flat blocks, relative to the noise's.
 
-    0 where there are too few flat places of that size to tell.
+    rows: of means that hang together. 0 where there are too few flat places of that size to tell.
     """
     covered = cv2.resize(  # blocks are whole means, and what lies beyond them is not flat
         flat.astype(np.uint8),
@@ -146,6 +163,7 @@ def _relative_variance(means: Image, flat: NDArray[np.bool_], scale: int, noise:
     inside = cv2.erode(
         whole, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0
     ).view(np.bool_)
+    inside[::rows] = inside[rows - 1 :: rows] = False
     if np.count_nonzero(inside) < _FEW:
         return 0.0
     ratios = relative_squares(means, inside, noise.gain, noise.floor)

@@ -91,7 +91,8 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
             pixels, saturated, parallax = _laid_on(no_flash.pixels, flash, alignment)
     progress.report("align", 0.6)
     if ratio.value != 1.0:
-        pixels = pixels / np.float32(ratio.value)
+        own = None if pixels is flash.pixels else pixels
+        pixels = np.divide(pixels, np.float32(ratio.value), out=own)
     noises = estimate_noise(no_flash.pixels), estimate_noise(pixels)
     unusable = no_flash.saturated | saturated
     moved = 0.0
@@ -103,6 +104,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
         if settled.value != ratio.value:
             pixels = pixels * np.float32(ratio.value / settled.value)
             noises = noises[0], estimate_noise(pixels)
+            ratios = block_ratios(no_flash.pixels, pixels, unusable, noises)
         ratio = settled
         check_flash_adds(no_flash.pixels, pixels, unusable, noises)
         progress.report("align", 0.8)
@@ -110,8 +112,8 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
             there = find_moved(no_flash.pixels, pixels, unusable, noises, rendered)
             moved = float(there.mean())
             unusable = unusable | there
-        steady = block_ratios(no_flash.pixels, pixels, unusable, noises)
-        warnings += _unsteady_warnings(steady, moved, rendered, bool(doubts))
+            ratios = ratios.without(there)
+        warnings += _unsteady_warnings(ratios, moved, rendered, bool(doubts))
     progress.report("align", 0.9)
     pair = Pair(
         no_flash=no_flash.pixels,
@@ -142,6 +144,7 @@ def _laid_on(no_flash: Image, flash: Frame, alignment: Alignment) -> tuple[Image
     flow = residual_flow(no_flash, pixels)
     if flow is None:
         return pixels, saturated, 0.0
+    del pixels, saturated  # not one more photograph in memory
     pixels, saturated = warp_along(flash.pixels, flash.saturated, alignment, flow)
     return pixels, saturated, float(np.mean(np.abs(flow).max(axis=2) > _PARALLAX_PX))
 

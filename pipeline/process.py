@@ -67,6 +67,7 @@ def separate_files(
     model = _model(camera, before, options)
     progress.report("decode", 1.0)
     pair = make_pair(before, after, options, progress)
+    after = after.facts()  # the pair may hold another photograph, laid on the first
     progress.report("lamps", 0.0)
     reduced = reduce_pair(pair)
     known = find_known(options, before.size, reduced, camera, model)

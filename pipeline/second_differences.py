@@ -40,15 +40,15 @@ def _row(pixels: Image, y: int, along: Array, out: Array) -> None:
 
 
 @njit(cache=True)
-def block_squares(pixels: Image, step: int) -> tuple[Array, Array]:
-    """Mean (3, n) and squared second differences (3, n, 48) of the blocks in each step-th row."""
+def block_squares(pixels: Image) -> tuple[Array, Array]:
+    """Mean (3, n) and squared second differences (3, n, 48) of all blocks, row by row."""
     height, width = pixels.shape[:2]
-    rows, columns = (height // BLOCK + step - 1) // step, width // BLOCK
+    rows, columns = height // BLOCK, width // BLOCK
     means = np.zeros((3, rows * columns), np.float32)
     squares = np.empty((3, rows * columns, _INNER), np.float32)
     along, line = np.empty((width + 2, 3), np.float32), np.empty((width, 3), np.float32)
     for row in range(rows):
-        top = row * step * BLOCK
+        top = row * BLOCK
         for y in range(BLOCK):
             for b in range(columns):
                 for x in range(b * BLOCK, (b + 1) * BLOCK):

@@ -7,12 +7,13 @@ nowhere is it darker. What departs from that tells of a wrong ratio, or of lamps
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.blocks import any_in_blocks
 from pipeline.frames import Image, Mask
 from pipeline.noise import Noise
 
@@ -45,17 +46,22 @@ class Ratios:
     """Flash photograph ÷ no-flash photograph in blocks of the pair.
 
     logs: float64 (h, w, 3), natural logarithms. noise: (h, w, 3), standard deviations.
-    usable: bool (h, w), bright and unclipped in both.
+    usable: bool (h, w), bright and unclipped in both. block: side of a block in pixels.
     """
 
     logs: Array
     noise: Array
     usable: Mask
+    block: int
 
     @property
     def sure(self) -> Mask:
         """Blocks whose noise leaves the ratio known within 5 %."""
         return np.asarray(self.usable & (self.noise.max(axis=2) < _SURE))
+
+    def without(self, pixels: Mask) -> Ratios:
+        """Leave out the blocks that hold a pixel of a mask (H, W)."""
+        return replace(self, usable=self.usable & ~any_in_blocks(pixels, self.block))
 
 
 def block_ratios(
@@ -77,7 +83,7 @@ def block_ratios(
     before, after = means(no_flash), means(flash)
     total = before.sum(axis=2)
     usable = (
-        (means(unusable.astype(np.float32)) == 0)
+        ~any_in_blocks(unusable, block)
         & (before > 0).all(axis=2)
         & (after > 0).all(axis=2)
         & (total > _DARK * np.percentile(total, 99))
@@ -87,7 +93,7 @@ def block_ratios(
         noise.of_means(block).variance(image) / np.square(image)
         for noise, image in zip(noises, (first, second), strict=True)
     ]
-    return Ratios(np.log(second / first), np.sqrt(relative[0] + relative[1]), usable)
+    return Ratios(np.log(second / first), np.sqrt(relative[0] + relative[1]), usable, block)
 
 
 def ratio_without_flash(ratios: Ratios) -> float | None:

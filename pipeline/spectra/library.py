@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from functools import cache
+from typing import Any, cast
+from unittest.mock import NonCallableMock
 
 
+@cache
 def colour_science() -> Any:
-    """Import `colour` on first use, without its warnings of optional packages."""
-    with without_warnings():
+    """Import `colour` on first use, without its warnings of optional packages.
+
+    Without matplotlib, too, where that is installed: two thirds of the time, for nothing.
+    """
+    with without_warnings(), _hidden("matplotlib"):
         import colour
 
     return colour
@@ -22,3 +29,21 @@ def without_warnings() -> Iterator[None]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield
+
+
+@contextmanager
+def _hidden(package: str) -> Iterator[None]:
+    """Have a package that has not been imported yet pass for missing meanwhile."""
+    if package in sys.modules:
+        yield
+        return
+    modules = cast("dict[str, Any]", sys.modules)
+    before = set(modules)
+    modules[package] = None
+    try:
+        yield
+    finally:
+        # colour puts mocks where the package would be
+        for name in modules.keys() - before:
+            if modules[name] is None or isinstance(modules[name], NonCallableMock):
+                del modules[name]

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def ratios(reached: float, unreached: float | None) -> Ratios:
     logs = np.log(reached) + RNG.uniform(0, 1, (60, 60, 1)) + np.array([0.0, 0.2, 0.4])
     if unreached is not None:
         logs[:20] = np.log(unreached) + RNG.normal(0, 0.003, (20, 60, 3))
-    return Ratios(logs, np.full_like(logs, 0.003), np.ones((60, 60), bool))
+    return Ratios(logs, np.full_like(logs, 0.003), np.ones((60, 60), bool), 1)
 
 
 def photograph(frame: Callable[..., Frame], **exposure: float) -> Frame:
@@ -113,7 +113,6 @@ def test_without_evidence_exposures_count_as_equal(reached: float, said: bool) -
 
 
 def test_too_few_sure_blocks_tell_nothing() -> None:
-    few: dict[str, Any] = {"noise": np.full((60, 60, 3), 0.2), "usable": np.ones((60, 60), bool)}
-    noisy = Ratios(logs=ratios(0.4, 0.3).logs, **few)
+    noisy = replace(ratios(0.4, 0.3), noise=np.full((60, 60, 3), 0.2))
 
     assert settled_ratio(ExposureRatio(1.0, "exif"), noisy, rendered=False)[1] == []

@@ -62,6 +62,18 @@ def test_ratios_are_those_of_the_blocks() -> None:
     assert not found.usable[:, 133:].any()
 
 
+def test_blocks_that_hold_something_else_are_left_out_as_if_they_had_been_unusable() -> None:
+    lamps, flash = scene()
+    moved = np.zeros(lamps.shape[:2], bool)
+    moved[20:60, 33:101] = True
+
+    found = ratios_of(lamps, lamps + flash).without(moved)
+
+    expected = ratios_of(lamps, lamps + flash, moved)
+    np.testing.assert_array_equal(found.usable, expected.usable)
+    np.testing.assert_array_equal(found.logs, expected.logs)
+
+
 def test_noise_of_a_ratio_is_that_of_both_parts() -> None:
     noise = Noise(np.zeros(3), np.full(3, 1e-4))
     before, after = np.full((40, 40, 3), 0.2, np.float32), np.full((40, 40, 3), 0.5, np.float32)
