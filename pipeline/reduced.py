@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from pipeline.frames import Image, Mask
 from pipeline.pair import Pair
-from pipeline.registration import registration_variance, softened
+from pipeline.registration import SOFTENED_HALO, registration_variance, softened
 from pipeline.sigma_filter import sigma_filter
+from pipeline.strips import widened
 
 _LONGER_SIDE = 512
+_BLOCK_ROWS = 16  # worked on at a time
 _MIN_OPEN = 0.5  # share of a block's pixels that must be usable
 _SIGNIFICANT = 4.0  # standard deviations
 _LIKELY_OFFSET = 0.4  # of the registration's deviation: most pixels beside edges lie better
@@ -49,15 +51,9 @@ def reduce_pair(pair: Pair) -> ReducedPair:
     height, width = pair.unusable.shape
     block = -(-max(height, width) // _LONGER_SIDE)
     size = (max(width // block, 1), max(height // block, 1))
-    crop = (slice(size[1] * block), slice(size[0] * block))
-    open_ = (~pair.unusable[crop]).astype(np.float32)
-    share = _means(open_, size)
-    weight = open_[..., None]
+    share, no_flash, flash = _means_of_open(pair, block, size)
     filled = np.maximum(share, 1.0 / block**2)[..., None]
-    pictures = [pair.no_flash[crop], pair.flash[crop]]
-    if pair.registration > 0:
-        pictures = [softened(picture) for picture in pictures]
-    no_flash, flash = (_means(picture * weight, size) / filled for picture in pictures)
+    no_flash, flash = no_flash / filled, flash / filled
     noises = (pair.no_flash_noise.of_means(block), pair.flash_noise.of_means(block))
     no_flash, flash, averaged = sigma_filter((no_flash, flash), noises)
     count = np.maximum(share * block**2, 1.0)[..., None] * averaged[..., None]
@@ -84,6 +80,28 @@ def reduce_pair(pair: Pair) -> ReducedPair:
         block,
         pair.rendered,
     )
+
+
+def _means_of_open(
+    pair: Pair, block: int, size: tuple[int, int]
+) -> tuple[NDArray[np.float32], Image, Image]:
+    """Means over blocks of what is usable, of the photographs with 0 where they are not."""
+    width, height = size
+    share = np.empty((height, width), np.float32)
+    no_flash, flash = np.empty((2, height, width, 3), np.float32)
+    for top in range(0, height, _BLOCK_ROWS):
+        blocks = slice(top, min(top + _BLOCK_ROWS, height))
+        some = (width, blocks.stop - top)
+        rows, columns = slice(top * block, blocks.stop * block), slice(width * block)
+        open_ = (~pair.unusable[rows, columns]).astype(np.float32)
+        share[blocks] = _means(open_, some)
+        for picture, means in ((pair.no_flash, no_flash), (pair.flash, flash)):
+            light = picture[rows, columns]
+            if pair.registration > 0:
+                wide, inner = widened(rows, SOFTENED_HALO, height * block)
+                light = softened(picture[wide, columns])[inner]
+            means[blocks] = _means(light * open_[..., None], some)
+    return share, no_flash, flash
 
 
 def _means(image: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.float32]:

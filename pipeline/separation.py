@@ -24,6 +24,7 @@ from pipeline.proportions import model_proportions
 from pipeline.reduced import ReducedPair
 from pipeline.shares import Colour
 from pipeline.sigma_filter import ROUNDS, halo, sigma_filter
+from pipeline.strips import widened
 
 _ROUNDS: dict[Quality, int] = {"best": ROUNDS, "balanced": ROUNDS, "fast": 1}
 _UNUSABLE_REACH = 1
@@ -76,7 +77,7 @@ def separate(
             )
             yield Strip(rows, layers, no_flash, flash, _open(pair, rows))
             continue
-        wide, inner = _widened(rows, smoothing.HALO, height)
+        wide, inner = widened(rows, smoothing.HALO, height)
         no_flash, flash = _filtered(pair, wide, _ROUNDS[options.quality])
         confidence, uncertainty = _reliability(pair, wide, lamps.contrast)
         proportions = smoothing.smooth_proportions(
@@ -98,16 +99,10 @@ def separate(
         yield Strip(rows, layers, no_flash, flash, confidence)
 
 
-def _widened(rows: slice, halo: int, height: int) -> tuple[slice, slice]:
-    """Rows with a halo as far as the picture goes, and where the rows lie among them."""
-    top, bottom = max(rows.start - halo, 0), min(rows.stop + halo, height)
-    return slice(top, bottom), slice(rows.start - top, rows.stop - top)
-
-
 def _filtered(pair: Pair, rows: slice, rounds: int) -> tuple[Image, Image]:
     """Return no-flash photograph and flash part of some rows, noise filtered."""
     around = halo(rounds) + (registration.SOFTENED_HALO if pair.registration > 0 else 0)
-    wide, inner = _widened(rows, around, len(pair.unusable))
+    wide, inner = widened(rows, around, len(pair.unusable))
     no_flash, flash = pair.no_flash[wide], pair.flash[wide]
     if pair.registration > 0:
         no_flash, flash = registration.softened(no_flash), registration.softened(flash)
@@ -119,7 +114,7 @@ def _filtered(pair: Pair, rows: slice, rounds: int) -> tuple[Image, Image]:
 
 def _open(pair: Pair, rows: slice) -> NDArray[np.float32]:
     """1 in usable pixels, 0 in unusable ones and beside them, where demosaicing mixes."""
-    wide, inner = _widened(rows, _UNUSABLE_REACH, len(pair.unusable))
+    wide, inner = widened(rows, _UNUSABLE_REACH, len(pair.unusable))
     kernel = np.ones((2 * _UNUSABLE_REACH + 1, 2 * _UNUSABLE_REACH + 1), dtype=np.uint8)
     near = cv2.dilate(pair.unusable[wide].astype(np.uint8), kernel)
     return np.asarray(1.0 - near[inner], dtype=np.float32)
@@ -135,7 +130,7 @@ def _reliability(
     """
     beside = np.zeros(pair.no_flash[rows].shape[:2], np.float32)
     if pair.registration > 0:
-        wide, inner = _widened(rows, registration.HALO, len(pair.unusable))
+        wide, inner = widened(rows, registration.HALO, len(pair.unusable))
         variance = registration.registration_variance(pair.flash[wide], pair.registration)
         beside = variance[inner].sum(axis=2)
     confidence = _open(pair, rows)
