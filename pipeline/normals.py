@@ -66,11 +66,15 @@ def find_facing(
 
 
 def _warnings(surface: Surface) -> tuple[Remark, ...]:
-    if surface.misfit < _MUCH_LEFT and (surface.strengths > 0).all():
+    if surface.misfit >= _MUCH_LEFT:
+        why = f"{surface.misfit:.0%} of it is left over in half the picture"
+    elif not (surface.strengths > 0).all():
+        why = "one of them would have to take light away"
+    else:
         return ()
     message = (
         "Lamps in the directions given do not explain the light, so that normals and depth are "
-        f"doubtful: {surface.misfit:.0%} of it is left over in half the picture. Check the "
-        "directions, the focal length, and that the flash sits at the camera."
+        f"doubtful: {why}. Check the directions, the focal length, and that the flash sits at the "
+        "camera."
     )
     return (Remark(Code.NORMALS_DOUBTFUL, message, {"left_over": surface.misfit}),)

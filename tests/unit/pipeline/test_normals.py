@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from typing import Any, Literal
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline import normals
 from pipeline.errors import OptionError
 from pipeline.lamps import Lamps
 from pipeline.model import Model
@@ -72,6 +74,32 @@ def test_light_that_no_surface_explains_is_warned_of(found: Callable[..., Any]) 
     assert len(warned) == 1
     assert "do not explain the light" in warned[0].message
     assert found("paper")[0].warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("misfit", "strengths", "why"),
+    [
+        (0.0499, (1.0, 0.2, 0.1), None),
+        (0.05, (1.0, 0.2, 0.1), "5% of it is left over"),
+        (0.3, (1.0, -0.5, 0.1), "30% of it is left over"),
+        (0.001, (1.0, -0.5, 0.1), "one of them would have to take light away"),
+        (0.001, (1.0, 0.5, 0.0), "one of them would have to take light away"),
+    ],
+)
+def test_a_warning_says_what_is_wrong(
+    found: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    misfit: float,
+    strengths: tuple[float, ...],
+    why: str | None,
+) -> None:
+    surface = replace(found("best")[0].surface, misfit=misfit, strengths=np.array(strengths))
+    monkeypatch.setattr(normals, "solve_surface", lambda *_: surface)
+
+    warned = found.__wrapped__("best")[0].warnings
+
+    assert [remark.figures for remark in warned] == [{"left_over": misfit}] * (why is not None)
+    assert all(str(why) in remark.message for remark in warned)
 
 
 def test_a_surface_is_fitted_by_best_alone(found: Callable[..., Any]) -> None:
