@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import sqlalchemy as sa
+from obstore.exceptions import BaseError
 
 from service import jobs, sandbox, scratch
 from service.api.context import Context
@@ -30,7 +31,7 @@ def refuse_when_full(context: Context) -> None:
 
 
 def accept(context: Context, wanted: Intake, idempotency_key: str | None, trace_id: str) -> str:
-    """Store the pair and commit row and queue entry together; the job's id.
+    """Store the pair for good, then commit row and queue entry together; the job's id.
 
     An idempotency_key that made a job already gives that job's id. Raises IdempotencyError when
     that job was another one, TaskError when the headers of the pair cannot be used.
@@ -62,10 +63,16 @@ def _store_pair(context: Context, job_id: str, wanted: Intake, trace_id: str) ->
             with (directory / frame).open("wb") as target:
                 shutil.copyfileobj(wanted.files[frame].file, target)
         _check(context, job_id, directory, trace_id)
-        return {
-            frame: context.storage.put_file(inputs_key(job_id, frame), directory / frame)
-            for frame in FRAMES
-        }
+        try:
+            sha256 = {
+                frame: context.storage.put_file(inputs_key(job_id, frame), directory / frame)
+                for frame in FRAMES
+            }
+            context.storage.flush(inputs_key(job_id, frame) for frame in FRAMES)
+        except BaseError:
+            context.storage.delete_below(f"jobs/{job_id}/")
+            raise
+    return sha256
 
 
 def _check(context: Context, job_id: str, directory: Path, trace_id: str) -> None:

@@ -37,6 +37,19 @@ class Calibrated(BaseModel):
     calibration: str = Field(description="Id of the job that POST /calibrations made.")
 
 
+class InputFile(BaseModel):
+    """A photograph as it is stored."""
+
+    sha256: str = Field(description="Hexadecimal; the same as your file's: yours may be deleted.")
+
+
+class Inputs(BaseModel):
+    """The pair of a job."""
+
+    no_flash: InputFile
+    flash: InputFile
+
+
 class ResultFile(BaseModel):
     """One result of a job."""
 
@@ -69,6 +82,7 @@ class JobAnswer(BaseModel):
     attempt: int = Field(description="How often the job was started.")
     options: dict[str, Any]
     capture: Capture | None
+    inputs: Inputs | None = Field(description="Null until a camera has taken them.")
     error: Problem | None = Field(description="Why the job failed.")
     files: list[ResultFile]
     created: datetime
@@ -90,6 +104,7 @@ class JobAnswer(BaseModel):
             attempt=job.attempt,
             options=job.options,
             capture=Capture(**job.capture) if job.capture else None,
+            inputs=Inputs(**job.inputs) if job.inputs else None,
             error=Problem(**job.error) if job.error else None,
             files=[
                 ResultFile(**result, href=f"{here}/results/{result['name']}")

@@ -1,13 +1,18 @@
 from __future__ import annotations
 
+import errno
+import hashlib
 import json
+import os
 import socket
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
 
+from service import jobs
 from service.api.context import Context
 from service.settings import Settings
 
@@ -24,6 +29,11 @@ def _post_capture(http: httpx.Client, **headers: str) -> dict[str, Any]:
     assert answer.status_code == 202
     job: dict[str, Any] = answer.json()
     return job
+
+
+def _rows(context: Context) -> list[jobs.Job]:
+    with context.engine.connect() as connection:
+        return jobs.page(connection, 100, None)
 
 
 def _problem(answer: httpx.Response) -> tuple[int, str, str]:
@@ -47,7 +57,11 @@ def test_an_upload_becomes_a_queued_job(http: httpx.Client, png: Png, context: C
     assert job["links"]["cancel"] == f"/jobs/{job['id']}/cancel"
     assert job["links"]["results"] is None
     assert http.get(f"/jobs/{job['id']}").json() == job
-    assert context.storage.get(f"jobs/{job['id']}/inputs/flash") == png(64, 48, True)
+    sent = {"no_flash": png(64, 48), "flash": png(64, 48, True)}
+    digests = {frame: hashlib.sha256(data).hexdigest() for frame, data in sent.items()}
+    assert job["inputs"] == {frame: {"sha256": digest} for frame, digest in digests.items()}
+    for frame, data in sent.items():
+        assert context.storage.get(f"jobs/{job['id']}/inputs/{frame}") == data
     assert list((context.settings.data_dir / "work").iterdir()) == []
 
 
@@ -55,6 +69,35 @@ def test_a_capture_becomes_a_queued_job(http: httpx.Client) -> None:
     wanted = {"capture": {"camera": "sim://studio"}, "options": {"lights": 3}}
     job = http.post("/jobs", json=wanted).json()
     assert (job["capture"], job["options"]) == ({"camera": "sim://studio"}, {"lights": 3})
+    assert job["inputs"] is None
+
+
+def test_photographs_are_on_the_disk_before_their_job_is(
+    http: httpx.Client, png: Png, context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows: dict[str, int] = {}
+
+    def note(descriptor: int) -> None:
+        name = Path(f"/proc/self/fd/{descriptor}").readlink().name
+        rows[name] = len(_rows(context))
+
+    monkeypatch.setattr(os, "fsync", note)
+    job = _post(http, png(64, 48), png(64, 48, True)).json()
+    assert rows == dict.fromkeys(["flash", "no_flash", "inputs", job["id"], "jobs", "store"], 0)
+    assert [row.id for row in _rows(context)] == [job["id"]]
+
+
+def test_photographs_that_the_disk_does_not_keep_make_no_job(
+    http: httpx.Client, png: Png, context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(_descriptor: int) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(os, "fsync", fail)
+    answer = _post(http, png(64, 48), png(64, 48, True))
+    assert _problem(answer)[:2] == (503, "store-unavailable")
+    assert _rows(context) == []
+    assert context.storage.list("") == []
 
 
 def test_names_of_photographs_are_kept_nowhere(
