@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 import uuid
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,19 +23,38 @@ from service.errors import IdempotencyError, QueueFullError
 _CHECK_SECONDS = 30.0
 
 
-def refuse_when_full(context: Context) -> None:
-    """Raise QueueFullError when as many jobs wait as may."""
+@dataclass(frozen=True)
+class Accepted:
+    """The job of a request; replayed when an earlier request with its key made it."""
+
+    job_id: str
+    replayed: bool
+
+    @property
+    def headers(self) -> dict[str, str]:
+        """Headers of the 202."""
+        location = {"Location": f"/jobs/{self.job_id}"}
+        return location | ({"Idempotency-Replayed": "true"} if self.replayed else {})
+
+
+def refuse_when_full(context: Context, idempotency_key: str | None) -> None:
+    """Raise QueueFullError when as many jobs wait as may; a used key makes no job, so it passes."""
+    if _job_of(context, idempotency_key):
+        return
     with context.engine.connect() as connection:
         waiting = jobs.count_queued(connection)
     if waiting >= context.settings.queued_jobs:
         raise QueueFullError(f"{waiting} jobs wait already; send this one again later.")
 
 
-def accept(context: Context, wanted: Intake, idempotency_key: str | None, trace_id: str) -> str:
-    """Store the pair for good, then commit row and queue entry together; the job's id.
+def accept(
+    context: Context, wanted: Intake, idempotency_key: str | None, trace_id: str
+) -> Accepted:
+    """Store the pair for good, then commit row and queue entry together.
 
-    An idempotency_key that made a job already gives that job's id. Raises IdempotencyError when
-    that job was another one, TaskError when the headers of the pair cannot be used.
+    An idempotency_key that made a job already gives that job; of requests that come at once, one
+    makes it. Raises IdempotencyError when that job was another one, TaskError when the headers of
+    the pair cannot be used.
     """
     job_id = uuid.uuid4().hex
     sha256 = _store_pair(context, job_id, wanted, trace_id) if wanted.files else {}
@@ -53,8 +73,16 @@ def accept(context: Context, wanted: Intake, idempotency_key: str | None, trace_
             context.queue.submit(connection, job_id)
     except sa.exc.IntegrityError:
         context.storage.delete_below(f"jobs/{job_id}/")
-        return _earlier(context, idempotency_key, values["request_hash"])
-    return job_id
+        earlier = _job_of(context, idempotency_key)
+        if earlier is None:  # it was deleted at this moment: a 503, and the next try finds no row
+            raise
+        if earlier.request_hash != values["request_hash"]:
+            raise IdempotencyError(
+                "This Idempotency-Key belongs to a request with another pair or other options; "
+                "use a new key."
+            ) from None
+        return Accepted(earlier.id, replayed=True)
+    return Accepted(job_id, replayed=False)
 
 
 def _store_pair(context: Context, job_id: str, wanted: Intake, trace_id: str) -> dict[str, str]:
@@ -102,12 +130,6 @@ def _request_hash(wanted: Intake, sha256: dict[str, str]) -> str:
     return hashlib.sha256(json.dumps(same, sort_keys=True).encode()).hexdigest()
 
 
-def _earlier(context: Context, idempotency_key: str | None, wanted_hash: str) -> str:
+def _job_of(context: Context, idempotency_key: str | None) -> jobs.Job | None:
     with context.engine.connect() as connection:
-        job = jobs.find_by_key(connection, idempotency_key) if idempotency_key else None
-    if job is None or job.request_hash != wanted_hash:
-        raise IdempotencyError(
-            "This Idempotency-Key belongs to a request with another pair or other options; "
-            "use a new key."
-        )
-    return job.id
+        return jobs.find_by_key(connection, idempotency_key) if idempotency_key else None

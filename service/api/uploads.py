@@ -20,9 +20,19 @@ from service.errors import (
 
 IdempotencyKey = Annotated[
     str | None,
-    Header(min_length=1, max_length=255, description="Makes sending twice as good as once."),
+    Header(
+        max_length=255,
+        pattern="^[!-~]+$",
+        description="Any text without spaces that no other request bears, such as a UUID: the same "
+        "request sent again gives the same job, for as long as the job is kept.",
+    ),
 ]
 
+_TEXT = {"schema": {"type": "string"}}
+_REPLAYED = {
+    "description": "true: an earlier request with this Idempotency-Key made the job.",
+    **_TEXT,
+}
 _FILE = {"type": "string", "format": "binary"}
 
 
@@ -52,7 +62,7 @@ def pair_form(options: dict[str, Any], told: str, required: bool = False) -> dic
 def accepted(*errors: type[Exception]) -> dict[int | str, Any]:
     """Describe the answers of a route that makes a job of a pair; errors: its own problems."""
     return {
-        202: {"headers": {"Location": {"schema": {"type": "string"}}}},
+        202: {"headers": {"Location": _TEXT, "Idempotency-Replayed": _REPLAYED}},
         **responses(
             MalformedRequestError,
             UploadTooLargeError,

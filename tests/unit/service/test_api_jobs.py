@@ -6,6 +6,7 @@ import json
 import os
 import socket
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -302,6 +303,14 @@ class TestSmallLimits:
         http.post(first["links"]["cancel"])
         _post_capture(http)
 
+    def test_a_full_queue_still_gives_the_job_of_a_key(self, http: httpx.Client) -> None:
+        first = _post_capture(http, **{"idempotency-key": "once"})
+        _post_capture(http)
+        assert _post_capture(http, **{"idempotency-key": "once"})["id"] == first["id"]
+        wanted = {"capture": {"camera": "sim://studio"}}
+        answer = http.post("/jobs", json=wanted, headers={"idempotency-key": "new"})
+        assert _problem(answer)[:2] == (429, "queue-full")
+
 
 def test_an_idempotency_key_gives_the_same_job_again(
     http: httpx.Client, png: Png, context: Context
@@ -310,29 +319,107 @@ def test_an_idempotency_key_gives_the_same_job_again(
     first = _post(http, png(64, 48), png(64, 48, True), headers=headers)
     again = _post(http, png(64, 48), png(64, 48, True), headers=headers)
     assert (again.status_code, again.json()["id"]) == (202, first.json()["id"])
+    assert again.json() == first.json()
     assert again.headers["location"] == first.headers["location"]
+    assert again.headers["idempotency-replayed"] == "true"
+    assert "idempotency-replayed" not in first.headers
     assert len(http.get("/jobs").json()["jobs"]) == 1
     assert len(context.storage.list("")) == 2
 
 
-@pytest.mark.parametrize("change", ["options", "pair"])
+def test_requests_with_one_key_that_come_at_once_make_one_job(
+    http: httpx.Client, png: Png, context: Context
+) -> None:
+    def send(_number: int) -> httpx.Response:
+        headers = {"idempotency-key": "once"}
+        return _post(http, png(64, 48), png(64, 48, True), headers=headers)
+
+    with ThreadPoolExecutor(4) as pool:
+        answers = list(pool.map(send, range(4)))
+    assert [answer.status_code for answer in answers] == [202] * 4
+    assert len({answer.headers["location"] for answer in answers}) == 1
+    replayed = [answer.headers.get("idempotency-replayed", "no") for answer in answers]
+    assert sorted(replayed) == ["no", "true", "true", "true"]
+    assert [job.id for job in _rows(context)] == [answers[0].json()["id"]]
+    assert len(context.storage.list("")) == 2
+
+
+def test_a_key_whose_upload_broke_off_is_as_new(
+    http: httpx.Client, png: Png, context: Context
+) -> None:
+    head = "POST /jobs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 90000\r\n"
+    head += "Idempotency-Key: once\r\nContent-Type: multipart/form-data; boundary=edge\r\n\r\n"
+    with socket.create_connection((http.base_url.host, http.base_url.port or 80)) as client:
+        client.sendall(f"{head}--edge\r\n".encode())
+    headers = {"idempotency-key": "once"}
+    assert _problem(_post(http, b"no picture", png(64, 48), headers=headers))[0] == 422
+    answer = _post(http, png(64, 48), png(64, 48, True), headers=headers)
+    assert (answer.status_code, "idempotency-replayed" in answer.headers) == (202, False)
+    assert [job.id for job in _rows(context)] == [answer.json()["id"]]
+
+
+def test_the_key_of_a_deleted_job_is_as_new(http: httpx.Client) -> None:
+    first = _post_capture(http, **{"idempotency-key": "once"})
+    http.delete(first["links"]["self"])
+    second = _post_capture(http, **{"idempotency-key": "once"})
+    assert second["id"] != first["id"]
+
+
+def test_a_job_that_is_deleted_while_its_key_is_sent_again_asks_for_another_try(
+    http: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _post_capture(http, **{"idempotency-key": "once"})
+    monkeypatch.setattr(jobs, "find_by_key", lambda _connection, _key: None)
+    wanted = {"capture": {"camera": "sim://studio"}}
+    answer = http.post("/jobs", json=wanted, headers={"idempotency-key": "once"})
+    assert (answer.status_code, answer.json()["retryable"]) == (503, True)
+
+
+def _other_request(change: str, png: Png) -> dict[str, Any]:
+    files = {"no_flash": ("a", png(64, 48)), "flash": ("b", png(64, 48, True))}
+    others: dict[str, dict[str, Any]] = {
+        "options": {"files": files, "data": {"options": '{"lights": 1}'}},
+        "one photograph": {"files": {**files, "flash": ("b", png(64, 48, True) + b"\0")}},
+        "both photographs": {"files": {"no_flash": files["flash"], "flash": files["no_flash"]}},
+        "capture": {"json": {"capture": {"camera": "sim://studio"}}},
+    }
+    return others[change]
+
+
+@pytest.mark.parametrize("change", ["options", "one photograph", "both photographs", "capture"])
 def test_an_idempotency_key_is_for_one_request(
     change: str, http: httpx.Client, png: Png, context: Context
 ) -> None:
     headers = {"idempotency-key": "once"}
     first = _post(http, png(64, 48), png(64, 48, True), headers=headers)
-    size, options = ((64, 48), '{"lights": 1}') if change == "options" else ((32, 48), "{}")
-    other = _post(http, png(*size), png(*size, True), headers=headers, data={"options": options})
+    other = http.post("/jobs", headers=headers, **_other_request(change, png))
     assert _problem(other)[:2] == (422, "idempotency-key-reused")
     assert [job["id"] for job in http.get("/jobs").json()["jobs"]] == [first.json()["id"]]
     assert len(context.storage.list("")) == 2
 
 
-def test_an_empty_idempotency_key_is_refused(http: httpx.Client) -> None:
-    answer = http.post(
-        "/jobs", json={"capture": {"camera": "sim://studio"}}, headers={"idempotency-key": ""}
-    )
-    assert _problem(answer)[:2] == (422, "invalid-request")
+def test_another_cameras_capture_is_another_request(http: httpx.Client) -> None:
+    headers = {"idempotency-key": "once"}
+    _post_capture(http, **headers)
+    wanted = {"capture": {"camera": "sim://studio?lights=3"}}
+    other = http.post("/jobs", json=wanted, headers=headers)
+    assert _problem(other)[:2] == (422, "idempotency-key-reused")
+
+
+@pytest.mark.parametrize("key", [b"", b"x" * 256, b"two words", b"a\tb", "Schlüssel".encode()])
+def test_an_idempotency_key_that_cannot_be_is_refused(key: bytes, http: httpx.Client) -> None:
+    wanted = {"capture": {"camera": "sim://studio"}}
+    answer = http.post("/jobs", json=wanted, headers=[(b"idempotency-key", key)])
+    status, kind, detail = _problem(answer)
+    assert (status, kind) == (422, "invalid-request")
+    assert "Idempotency-Key".lower() in detail.lower()
+    assert http.get("/jobs").json()["jobs"] == []
+
+
+@pytest.mark.parametrize("key", ["x" * 255, '"8e03978e-40d5-43dd-bc93-6894a57f9324"', "!~"])
+def test_an_idempotency_key_may_be_any_visible_text(key: str, http: httpx.Client) -> None:
+    made = [_post_capture(http, **{"idempotency-key": key})["id"] for _ in range(2)]
+    assert made[0] == made[1]
 
 
 def test_jobs_are_listed_page_by_page(http: httpx.Client) -> None:
