@@ -23,6 +23,7 @@ from service.api.models import CaptureRequest, JobAnswer, JobPage
 from service.api.problems import responses
 from service.api.uploads import IdempotencyKey, accepted, pair_form
 from service.errors import UnknownJobError
+from service.states import State
 
 router = APIRouter(tags=["jobs"])
 
@@ -116,7 +117,7 @@ def cancel_job(context: Parts, job_id: str) -> JobAnswer:
     with context.engine.begin() as connection:
         jobs.request_cancel(connection, job_id)
         job = _found(connection, job_id)
-    if job.state == jobs.State.CANCELED:
+    if job.state == State.CANCELED:
         context.queue.withdraw(job_id)
     return answer(context, job_id)
 

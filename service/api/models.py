@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from pipeline.options import Options
 from service import jobs
 from service.errors import Problem
+from service.states import State
 
 
 class Capture(BaseModel):
@@ -73,7 +74,7 @@ class JobAnswer(BaseModel):
     """A job as it is now."""
 
     id: str
-    state: jobs.State
+    state: State
     stage: str | None = Field(
         description="capture, decode, align, lamps, layers, encode or calibrate."
     )
@@ -94,7 +95,7 @@ class JobAnswer(BaseModel):
     def of(cls, job: jobs.Job, position: int | None) -> JobAnswer:
         """Make the answer for a row."""
         here = f"/jobs/{job.id}"
-        done = job.state == jobs.State.SUCCEEDED
+        done = job.state == State.SUCCEEDED
         return cls(
             id=job.id,
             state=job.state,
