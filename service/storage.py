@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -85,6 +86,15 @@ class Storage:
         keys = self.list(prefix)
         if keys:
             obstore.delete(self._store, keys)
+
+    def free_bytes(self) -> int | None:
+        """Tell how much more fits on the disk, None for S3. Raises GenericError."""
+        if self._folder is None:
+            return None
+        try:
+            return shutil.disk_usage(self._folder).free
+        except OSError as error:
+            raise GenericError("the disk does not tell its free space") from error
 
     def check(self) -> None:
         """Ask the store for something. Raises what the store's client raises when it is away."""

@@ -18,7 +18,7 @@ from service import jobs, sandbox, scratch
 from service.api.context import Context
 from service.api.intake import Intake
 from service.attempt import FRAMES, describe_inputs, inputs_key
-from service.errors import IdempotencyError, QueueFullError
+from service.errors import IdempotencyError, QueueFullError, StorageFullError
 
 _CHECK_SECONDS = 30.0
 
@@ -38,13 +38,22 @@ class Accepted:
 
 
 def refuse_when_full(context: Context, idempotency_key: str | None) -> None:
-    """Raise QueueFullError when as many jobs wait as may; a used key makes no job, so it passes."""
+    """Refuse a new job where there is no room for it: before its body is read, and once it is.
+
+    idempotency_key: one that made a job already passes. Raises QueueFullError when as many jobs
+    wait as may, StorageFullError when the store's disk is nearly full.
+    """
     if _job_of(context, idempotency_key):
         return
     with context.engine.connect() as connection:
         waiting = jobs.count_queued(connection)
     if waiting >= context.settings.queued_jobs:
         raise QueueFullError(f"{waiting} jobs wait already; send this one again later.")
+    free = context.storage.free_bytes()
+    if free is not None and free < context.settings.free_bytes:
+        raise StorageFullError(
+            "The store of photographs is nearly full; delete jobs, or send this one again later."
+        )
 
 
 def accept(
@@ -54,8 +63,9 @@ def accept(
 
     An idempotency_key that made a job already gives that job; of requests that come at once, one
     makes it. Raises IdempotencyError when that job was another one, TaskError when the headers of
-    the pair cannot be used.
+    the pair cannot be used, and what refuse_when_full raises.
     """
+    refuse_when_full(context, idempotency_key)  # an upload may have taken long
     job_id = uuid.uuid4().hex
     sha256 = _store_pair(context, job_id, wanted, trace_id) if wanted.files else {}
     values: dict[str, Any] = {

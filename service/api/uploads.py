@@ -14,6 +14,7 @@ from service.errors import (
     IdempotencyError,
     MalformedRequestError,
     QueueFullError,
+    StorageFullError,
     UnsupportedMediaError,
     UploadTooLargeError,
 )
@@ -70,6 +71,7 @@ def accepted(*errors: type[Exception]) -> dict[int | str, Any]:
             pipeline_errors.InputError,
             IdempotencyError,
             QueueFullError,
+            StorageFullError,
             CrashError,
             *errors,
             status=(503,),

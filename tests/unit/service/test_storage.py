@@ -2,7 +2,9 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from obstore.exceptions import GenericError
@@ -77,6 +79,26 @@ def test_only_what_lies_below_is_deleted(storage: Storage) -> None:
     assert storage.list("") == ["jobs/11/1/a"]
     storage.delete_below("jobs/nothing/")
     assert storage.list("jobs") == ["jobs/11/1/a"]
+
+
+def test_the_disk_of_a_folder_has_so_much_free(
+    storage: Storage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Path] = []
+
+    def disk_usage(path: Path) -> SimpleNamespace:
+        asked.append(path)
+        return SimpleNamespace(total=100, used=60, free=35)
+
+    monkeypatch.setattr(shutil, "disk_usage", disk_usage)
+    assert storage.free_bytes() == 35
+    assert asked == [tmp_path / "a store"]
+
+
+def test_a_folder_that_is_gone_has_no_free_space(storage: Storage, tmp_path: Path) -> None:
+    (tmp_path / "a store").rmdir()
+    with pytest.raises(GenericError):
+        storage.free_bytes()
 
 
 def test_a_healthy_store_passes_its_check(storage: Storage) -> None:
