@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any
 
 from fastapi import Header
+from pydantic import AfterValidator, Field
 
 from pipeline import errors as pipeline_errors
 from service.api.problems import responses
@@ -19,11 +21,19 @@ from service.errors import (
     UploadTooLargeError,
 )
 
+_KEY = "[!-~]{1,255}"
+
+
+def _check_key(key: str) -> str:
+    if not re.fullmatch(_KEY, key):
+        raise ValueError("use 1 to 255 visible ASCII characters without spaces, such as a UUID")
+    return key
+
+
 IdempotencyKey = Annotated[
-    str | None,
+    Annotated[str, AfterValidator(_check_key), Field(json_schema_extra={"pattern": f"^{_KEY}$"})]
+    | None,
     Header(
-        max_length=255,
-        pattern="^[!-~]+$",
         description="Any text without spaces that no other request bears, such as a UUID: the same "
         "request sent again gives the same job, for as long as the job is kept.",
     ),
