@@ -94,13 +94,17 @@ class TestLowDisk:
     def settings(self, settings: Settings) -> Settings:
         return settings.model_copy(update={"free_bytes": 2**62})
 
-    def test_new_jobs_are_refused(self, http: httpx.Client, png: Png, context: Context) -> None:
+    def test_new_jobs_are_refused(
+        self, http: httpx.Client, png: Png, context: Context, caplog: pytest.LogCaptureFixture
+    ) -> None:
         capture = http.post("/jobs", json={"capture": {"camera": "sim://studio"}})
         for answer in (post_pair(http, png(64, 48), png(64, 48, True)), capture):
             status, kind, detail = problem_of(answer)
             assert (status, kind) == (507, "storage-full")
             assert "delete jobs" in detail
             assert answer.json()["retryable"]
+        told = [(record.getMessage(), record.exc_info) for record in caplog.records]
+        assert told == [("no room for a job", None)] * 2
         assert rows_of(context) == []
         assert context.storage.list("") == []
 
