@@ -11,6 +11,7 @@ ServiceError
 ├── ForeignHostError         421  a Host that a service on loopback does not answer to
 ├── IdempotencyError         422  an Idempotency-Key used again for something else
 ├── QueueFullError           429  too many jobs wait
+├── StorageFullError         507  too little space is left for another job
 ├── StartError               ---  the service cannot start with its settings
 └── AttemptError             500  what a job's process can die of
     ├── CrashError           it crashed
@@ -77,6 +78,10 @@ class IdempotencyError(ServiceError):
 
 class QueueFullError(ServiceError):
     """Too many jobs wait."""
+
+
+class StorageFullError(ServiceError):
+    """Too little space is left for another job."""
 
 
 class StartError(ServiceError):
@@ -169,6 +174,7 @@ KINDS: dict[type[Exception], Kind] = {
     ForeignHostError: Kind("foreign-host", 421, "Not the host of this service"),
     IdempotencyError: Kind("idempotency-key-reused", 422, "Idempotency-Key used for another job"),
     QueueFullError: Kind("queue-full", 429, "Too many jobs wait", retryable=True),
+    StorageFullError: Kind("storage-full", 507, "Too little space is left", retryable=True),
     CrashError: Kind("crashed", 500, "The separation crashed"),
     MemoryLimitError: Kind("out-of-memory", 500, "The separation ran out of memory"),
     TimeLimitError: Kind("timed-out", 500, "The separation took too long"),

@@ -1,34 +1,19 @@
 """The rows of jobs: the only truth about a job's state.
 
-queued → running → succeeded | failed
-queued → canceled;  running → canceling → canceled
-Every write of an attempt names its number, so that an attempt that was taken over writes nothing.
+Every change of state goes through the table in service.states, as one compare-and-set. Every write
+of an attempt names its number, so that an attempt that was taken over writes nothing.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Any, Literal
 
 import sqlalchemy as sa
 
 from service.database import jobs, now, workers
-
-
-class State(StrEnum):
-    """What a job is at."""
-
-    QUEUED = "queued"  # waits for a worker
-    RUNNING = "running"  # a worker has it
-    CANCELING = "canceling"  # a worker has it and was asked to stop
-    SUCCEEDED = "succeeded"  # results are there
-    FAILED = "failed"  # `error` says why
-    CANCELED = "canceled"  # stopped on request
-
-
-_ENDED = (State.SUCCEEDED, State.FAILED, State.CANCELED)
+from service.states import ENDED, HELD, State, before
 
 LOST_ATTEMPTS = 3
 """Attempts a job may lose with their workers before it is given up."""
@@ -65,7 +50,7 @@ class Job:
     @property
     def ended(self) -> bool:
         """Whether nothing will happen to the job any more."""
-        return self.state in _ENDED
+        return self.state in ENDED
 
 
 def _job(row: sa.Row[Any]) -> Job:
@@ -123,16 +108,11 @@ def positions(connection: sa.Connection, waiting: list[Job]) -> dict[str, int]:
 
 def request_cancel(connection: sa.Connection, job_id: str) -> None:
     """Cancel a queued job at once and ask the worker of a running one to stop."""
-    connection.execute(
-        sa.update(jobs)
-        .where(jobs.c.id == job_id, jobs.c.state == State.QUEUED)
-        .values(state=State.CANCELED, finished=now())
-    )
-    connection.execute(
-        sa.update(jobs)
-        .where(jobs.c.id == job_id, jobs.c.state == State.RUNNING)
-        .values(state=State.CANCELING)
-    )
+    this = jobs.c.id == job_id
+    # Else a job that is claimed or put back between the two moves would slip through.
+    connection.execute(sa.select(jobs.c.id).where(this).with_for_update())
+    _move(connection, State.CANCELED, sa.and_(this, jobs.c.worker.is_(None)), finished=now())
+    _move(connection, State.CANCELING, this)
 
 
 def remove(connection: sa.Connection, job_id: str) -> None:
@@ -165,31 +145,29 @@ def claim(connection: sa.Connection, job_id: str, worker: str) -> Job | None:
     that it has no row in `workers`; such an attempt counts as lost. A job that was being canceled
     stays so: the caller ends it.
     """
-    orphan = sa.and_(
-        jobs.c.state.in_([State.RUNNING, State.CANCELING]),
-        ~sa.exists().where(workers.c.id == jobs.c.worker),
-    )
-    claimed = connection.execute(
-        sa.update(jobs)
-        .where(jobs.c.id == job_id, sa.or_(jobs.c.state == State.QUEUED, orphan))
-        .values(
-            state=sa.case((jobs.c.state == State.QUEUED, State.RUNNING), else_=jobs.c.state),
-            lost=jobs.c.lost + sa.case((jobs.c.state == State.QUEUED, 0), else_=1),
-            attempt=jobs.c.attempt + 1,
-            worker=worker,
-            stage=None,
-            fraction=0.0,
-            started=sa.func.coalesce(jobs.c.started, now()),
+    this = jobs.c.id == job_id
+    attempt = {
+        "attempt": jobs.c.attempt + 1,
+        "worker": worker,
+        "stage": None,
+        "fraction": 0.0,
+        "started": sa.func.coalesce(jobs.c.started, now()),
+    }
+    if not _move(connection, State.RUNNING, this, **attempt):
+        orphan = sa.and_(jobs.c.state.in_(HELD), ~sa.exists().where(workers.c.id == jobs.c.worker))
+        taken = connection.execute(
+            sa.update(jobs).where(this, orphan).values(lost=jobs.c.lost + 1, **attempt)
         )
-    )
-    return find(connection, job_id) if claimed.rowcount else None
+        if not taken.rowcount:
+            return None
+    return find(connection, job_id)
 
 
 def _of_attempt(job: Job) -> sa.ColumnElement[bool]:
     return sa.and_(
         jobs.c.id == job.id,
         jobs.c.attempt == job.attempt,
-        jobs.c.state.in_([State.RUNNING, State.CANCELING]),
+        jobs.c.state.in_(HELD),
     )
 
 
@@ -213,34 +191,32 @@ def set_inputs(connection: sa.Connection, job: Job, inputs: dict[str, Any]) -> N
 
 def succeed(connection: sa.Connection, job: Job, results: list[dict[str, Any]]) -> bool:
     """End the job with the files of this attempt; false when the attempt counts no more."""
-    return _end(
-        connection, job, State.RUNNING, state=State.SUCCEEDED, results=results, fraction=1.0
-    )
+    return _end(connection, job, State.SUCCEEDED, results=results, fraction=1.0)
 
 
 def fail(connection: sa.Connection, job: Job, error: dict[str, Any]) -> bool:
     """End the job with a problem; false when the attempt counts no more."""
-    return _end(connection, job, State.RUNNING, state=State.FAILED, error=error)
+    return _end(connection, job, State.FAILED, error=error)
 
 
 def acknowledge_cancel(connection: sa.Connection, job: Job) -> bool:
     """End a job that was asked to stop; false when it was not, or the attempt counts no more."""
-    return _end(connection, job, State.CANCELING, state=State.CANCELED)
+    return _end(connection, job, State.CANCELED)
 
 
 def release(connection: sa.Connection, job: Job) -> None:
     """Put the job back, for a worker that ends; the attempt does not count as lost."""
-    connection.execute(
-        sa.update(jobs)
-        .where(_of_attempt(job), jobs.c.state == State.RUNNING)
-        .values(state=State.QUEUED, worker=None, stage=None, fraction=0.0)
-    )
+    _move(connection, State.QUEUED, _of_attempt(job), worker=None, stage=None, fraction=0.0)
 
 
-def _end(connection: sa.Connection, job: Job, from_state: State, **values: Any) -> bool:
-    ended = connection.execute(
-        sa.update(jobs)
-        .where(_of_attempt(job), jobs.c.state == from_state)
-        .values(worker=None, finished=now(), **values)
+def _end(connection: sa.Connection, job: Job, state: State, **values: Any) -> bool:
+    return _move(connection, state, _of_attempt(job), worker=None, finished=now(), **values)
+
+
+def _move(
+    connection: sa.Connection, state: State, which: sa.ColumnElement[bool], **values: Any
+) -> bool:
+    moved = connection.execute(
+        sa.update(jobs).where(which, jobs.c.state.in_(before(state))).values(state=state, **values)
     )
-    return ended.rowcount == 1
+    return moved.rowcount == 1

@@ -50,6 +50,12 @@ class Settings(BaseSettings):
     queued_jobs: int = Field(
         default=1000, gt=0, description="Jobs that may wait; more are refused with 429."
     )
+    free_bytes: int = Field(
+        default=1024 * MIB,
+        ge=0,
+        description="Space that new jobs leave free on the disk of a local store, in bytes; with "
+        "less they are refused with 507.",
+    )
     worker_concurrency: int = Field(
         default=1, ge=1, description="Jobs a worker runs at a time; they share the processors."
     )

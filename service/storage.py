@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+import os
+import shutil
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
 import obstore
+from obstore.exceptions import GenericError
 from obstore.store import LocalStore, ObjectStore, from_url
 
 _CHUNK = 1024 * 1024
@@ -20,9 +23,10 @@ class Storage:
     def __init__(self, url: str) -> None:
         """Open the store at file:///folder (created when missing) or s3://bucket/prefix."""
         parts = urlsplit(url)
+        self._folder = Path(url2pathname(parts.path)) if parts.scheme == "file" else None
         self._store: ObjectStore = (
-            LocalStore(url2pathname(parts.path), mkdir=True, automatic_cleanup=True)
-            if parts.scheme == "file"
+            LocalStore(self._folder, mkdir=True, automatic_cleanup=True)
+            if self._folder
             else from_url(url)
         )
 
@@ -36,6 +40,24 @@ class Storage:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
         obstore.put(self._store, key, path)
         return digest
+
+    def flush(self, keys: Iterable[str]) -> None:
+        """Return once these objects would outlast a power cut. Raises GenericError.
+
+        An S3 store is as far as that when a put returns; a local disk has to be told.
+        """
+        if self._folder is None:
+            return
+        paths: set[Path] = set()
+        for key in keys:
+            path = self._folder / key
+            paths.add(path)
+            paths.update(parent for parent in path.parents if parent.is_relative_to(self._folder))
+        try:
+            for path in paths:  # a file's name is kept by its folder
+                _flush(path)
+        except OSError as error:
+            raise GenericError("the disk does not keep what was stored") from error
 
     def get(self, key: str) -> bytes:
         """Read an object's bytes. Raises FileNotFoundError."""
@@ -65,6 +87,23 @@ class Storage:
         if keys:
             obstore.delete(self._store, keys)
 
+    def free_bytes(self) -> int | None:
+        """Tell how much more fits on the disk, None for S3. Raises GenericError."""
+        if self._folder is None:
+            return None
+        try:
+            return shutil.disk_usage(self._folder).free
+        except OSError as error:
+            raise GenericError("the disk does not tell its free space") from error
+
     def check(self) -> None:
         """Ask the store for something. Raises what the store's client raises when it is away."""
         next(iter(obstore.list(self._store, prefix="health", chunk_size=1)), None)
+
+
+def _flush(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

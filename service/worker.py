@@ -22,6 +22,7 @@ from service.errors import AbandonedError, problem_of
 from service.opening import open_database, open_storage
 from service.processes import die_with_parent
 from service.settings import Settings
+from service.states import State
 
 _RETRY_SECONDS = 1.0
 _STOP_SECONDS = 5.0
@@ -108,7 +109,7 @@ class Worker:
         with self._idle:
             self._busy += 1
         try:
-            if job.state == jobs.State.CANCELING:
+            if job.state == State.CANCELING:
                 with self._engine.begin() as connection:
                     jobs.acknowledge_cancel(connection, job)
             elif job.lost >= jobs.LOST_ATTEMPTS:

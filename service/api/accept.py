@@ -7,34 +7,65 @@ import json
 import os
 import shutil
 import uuid
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import sqlalchemy as sa
+from obstore.exceptions import BaseError
 
 from service import jobs, sandbox, scratch
 from service.api.context import Context
 from service.api.intake import Intake
 from service.attempt import FRAMES, describe_inputs, inputs_key
-from service.errors import IdempotencyError, QueueFullError
+from service.errors import IdempotencyError, QueueFullError, StorageFullError
 
 _CHECK_SECONDS = 30.0
 
 
-def refuse_when_full(context: Context) -> None:
-    """Raise QueueFullError when as many jobs wait as may."""
+@dataclass(frozen=True)
+class Accepted:
+    """The job of a request; replayed when an earlier request with its key made it."""
+
+    job_id: str
+    replayed: bool
+
+    @property
+    def headers(self) -> dict[str, str]:
+        """Headers of the 202."""
+        location = {"Location": f"/jobs/{self.job_id}"}
+        return location | ({"Idempotency-Replayed": "true"} if self.replayed else {})
+
+
+def refuse_when_full(context: Context, idempotency_key: str | None) -> None:
+    """Refuse a new job where there is no room for it: before its body is read, and once it is.
+
+    idempotency_key: one that made a job already passes. Raises QueueFullError when as many jobs
+    wait as may, StorageFullError when the store's disk is nearly full.
+    """
+    if _job_of(context, idempotency_key):
+        return
     with context.engine.connect() as connection:
         waiting = jobs.count_queued(connection)
     if waiting >= context.settings.queued_jobs:
         raise QueueFullError(f"{waiting} jobs wait already; send this one again later.")
+    free = context.storage.free_bytes()
+    if free is not None and free < context.settings.free_bytes:
+        raise StorageFullError(
+            "The store of photographs is nearly full; delete jobs, or send this one again later."
+        )
 
 
-def accept(context: Context, wanted: Intake, idempotency_key: str | None, trace_id: str) -> str:
-    """Store the pair and commit row and queue entry together; the job's id.
+def accept(
+    context: Context, wanted: Intake, idempotency_key: str | None, trace_id: str
+) -> Accepted:
+    """Store the pair for good, then commit row and queue entry together.
 
-    An idempotency_key that made a job already gives that job's id. Raises IdempotencyError when
-    that job was another one, TaskError when the headers of the pair cannot be used.
+    An idempotency_key that made a job already gives that job; of requests that come at once, one
+    makes it. Raises IdempotencyError when that job was another one, TaskError when the headers of
+    the pair cannot be used, and what refuse_when_full raises.
     """
+    refuse_when_full(context, idempotency_key)  # an upload may have taken long
     job_id = uuid.uuid4().hex
     sha256 = _store_pair(context, job_id, wanted, trace_id) if wanted.files else {}
     values: dict[str, Any] = {
@@ -52,8 +83,16 @@ def accept(context: Context, wanted: Intake, idempotency_key: str | None, trace_
             context.queue.submit(connection, job_id)
     except sa.exc.IntegrityError:
         context.storage.delete_below(f"jobs/{job_id}/")
-        return _earlier(context, idempotency_key, values["request_hash"])
-    return job_id
+        earlier = _job_of(context, idempotency_key)
+        if earlier is None:  # it was deleted at this moment: a 503, and the next try finds no row
+            raise
+        if earlier.request_hash != values["request_hash"]:
+            raise IdempotencyError(
+                "This Idempotency-Key belongs to a request with another pair or other options; "
+                "use a new key."
+            ) from None
+        return Accepted(earlier.id, replayed=True)
+    return Accepted(job_id, replayed=False)
 
 
 def _store_pair(context: Context, job_id: str, wanted: Intake, trace_id: str) -> dict[str, str]:
@@ -62,10 +101,16 @@ def _store_pair(context: Context, job_id: str, wanted: Intake, trace_id: str) ->
             with (directory / frame).open("wb") as target:
                 shutil.copyfileobj(wanted.files[frame].file, target)
         _check(context, job_id, directory, trace_id)
-        return {
-            frame: context.storage.put_file(inputs_key(job_id, frame), directory / frame)
-            for frame in FRAMES
-        }
+        try:
+            sha256 = {
+                frame: context.storage.put_file(inputs_key(job_id, frame), directory / frame)
+                for frame in FRAMES
+            }
+            context.storage.flush(inputs_key(job_id, frame) for frame in FRAMES)
+        except BaseError:
+            context.storage.delete_below(f"jobs/{job_id}/")
+            raise
+    return sha256
 
 
 def _check(context: Context, job_id: str, directory: Path, trace_id: str) -> None:
@@ -95,12 +140,6 @@ def _request_hash(wanted: Intake, sha256: dict[str, str]) -> str:
     return hashlib.sha256(json.dumps(same, sort_keys=True).encode()).hexdigest()
 
 
-def _earlier(context: Context, idempotency_key: str | None, wanted_hash: str) -> str:
+def _job_of(context: Context, idempotency_key: str | None) -> jobs.Job | None:
     with context.engine.connect() as connection:
-        job = jobs.find_by_key(connection, idempotency_key) if idempotency_key else None
-    if job is None or job.request_hash != wanted_hash:
-        raise IdempotencyError(
-            "This Idempotency-Key belongs to a request with another pair or other options; "
-            "use a new key."
-        )
-    return job.id
+        return jobs.find_by_key(connection, idempotency_key) if idempotency_key else None

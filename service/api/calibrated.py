@@ -13,6 +13,7 @@ from service import jobs
 from service.api.context import Context
 from service.api.models import Calibrated
 from service.attempt import results_key
+from service.states import State
 
 _KINDS = {
     "camera": "camera",
@@ -55,7 +56,7 @@ def _found(context: Context, option: str, job_id: object) -> Any:
             f"{option}: the calibration is one of {_WORDS[job.options['kind']]}, and this takes "
             f"one of {_WORDS[kind]}."
         )
-    if job.state != jobs.State.SUCCEEDED:
+    if job.state != State.SUCCEEDED:
         advice = "make another" if job.ended else "wait until it has succeeded"
         raise OptionError(f"{option}: the calibration is {job.state}; {advice}.")
     data = context.storage.get(results_key(job.id, job.attempt, FILES[kind]))

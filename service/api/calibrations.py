@@ -47,9 +47,9 @@ async def create_calibration(
     idempotency_key: IdempotencyKey = None,
 ) -> JobAnswer:
     """Calibrate a flash, a camera or lamps; a job, whose id other jobs' options may name."""
-    await run_in_threadpool(refuse_when_full, context)
+    await run_in_threadpool(refuse_when_full, context, idempotency_key)
     limit, named = context.settings.upload_bytes, partial(fill_in, context)
     async with intake.read_calibration(request, limit, named) as wanted:
-        job_id = await run_in_threadpool(accept, context, wanted, idempotency_key, trace_id)
-    response.headers["Location"] = f"/jobs/{job_id}"
-    return await run_in_threadpool(answer, context, job_id)
+        made = await run_in_threadpool(accept, context, wanted, idempotency_key, trace_id)
+    response.headers.update(made.headers)
+    return await run_in_threadpool(answer, context, made.job_id)

@@ -23,6 +23,7 @@ from service.api.models import CaptureRequest, JobAnswer, JobPage
 from service.api.problems import responses
 from service.api.uploads import IdempotencyKey, accepted, pair_form
 from service.errors import UnknownJobError
+from service.states import State
 
 router = APIRouter(tags=["jobs"])
 
@@ -63,13 +64,13 @@ async def create_job(
     ] = None,
 ) -> JobAnswer:
     """Separate a pair of photographs, or have a camera take one and separate it."""
-    await run_in_threadpool(refuse_when_full, context)
+    await run_in_threadpool(refuse_when_full, context, idempotency_key)
     limit, named = context.settings.upload_bytes, partial(fill_in, context)
     async with intake.read(request, limit, named) as wanted:
-        job_id = await run_in_threadpool(accept, context, wanted, idempotency_key, trace_id)
-    await _wait(context, job_id, _preferred_wait(prefer))
-    response.headers["Location"] = f"/jobs/{job_id}"
-    return await run_in_threadpool(answer, context, job_id)
+        made = await run_in_threadpool(accept, context, wanted, idempotency_key, trace_id)
+    await _wait(context, made.job_id, _preferred_wait(prefer))
+    response.headers.update(made.headers)
+    return await run_in_threadpool(answer, context, made.job_id)
 
 
 @router.get(
@@ -116,7 +117,7 @@ def cancel_job(context: Parts, job_id: str) -> JobAnswer:
     with context.engine.begin() as connection:
         jobs.request_cancel(connection, job_id)
         job = _found(connection, job_id)
-    if job.state == jobs.State.CANCELED:
+    if job.state == State.CANCELED:
         context.queue.withdraw(job_id)
     return answer(context, job_id)
 

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from pipeline.options import Options
 from service import jobs
 from service.errors import Problem
+from service.states import State
 
 
 class Capture(BaseModel):
@@ -37,6 +38,19 @@ class Calibrated(BaseModel):
     calibration: str = Field(description="Id of the job that POST /calibrations made.")
 
 
+class InputFile(BaseModel):
+    """A photograph as it is stored."""
+
+    sha256: str = Field(description="Hexadecimal; the same as your file's: yours may be deleted.")
+
+
+class Inputs(BaseModel):
+    """The pair of a job."""
+
+    no_flash: InputFile
+    flash: InputFile
+
+
 class ResultFile(BaseModel):
     """One result of a job."""
 
@@ -60,7 +74,7 @@ class JobAnswer(BaseModel):
     """A job as it is now."""
 
     id: str
-    state: jobs.State
+    state: State
     stage: str | None = Field(
         description="capture, decode, align, lamps, layers, encode or calibrate."
     )
@@ -69,6 +83,7 @@ class JobAnswer(BaseModel):
     attempt: int = Field(description="How often the job was started.")
     options: dict[str, Any]
     capture: Capture | None
+    inputs: Inputs | None = Field(description="Null until a camera has taken them.")
     error: Problem | None = Field(description="Why the job failed.")
     files: list[ResultFile]
     created: datetime
@@ -80,7 +95,7 @@ class JobAnswer(BaseModel):
     def of(cls, job: jobs.Job, position: int | None) -> JobAnswer:
         """Make the answer for a row."""
         here = f"/jobs/{job.id}"
-        done = job.state == jobs.State.SUCCEEDED
+        done = job.state == State.SUCCEEDED
         return cls(
             id=job.id,
             state=job.state,
@@ -90,6 +105,7 @@ class JobAnswer(BaseModel):
             attempt=job.attempt,
             options=job.options,
             capture=Capture(**job.capture) if job.capture else None,
+            inputs=Inputs(**job.inputs) if job.inputs else None,
             error=Problem(**job.error) if job.error else None,
             files=[
                 ResultFile(**result, href=f"{here}/results/{result['name']}")

@@ -21,6 +21,7 @@ from service.errors import (
     Problem,
     QueueFullError,
     RangeError,
+    StorageFullError,
     describe_fault,
     kind_of,
     make_problem,
@@ -100,7 +101,9 @@ async def _on_known(request: Request, error: Exception) -> Response:
         headers["Retry-After"] = str(RETRY_SECONDS)
     if isinstance(error, RangeError):
         headers["Content-Range"] = f"bytes */{error.size}"
-    if kind_of(error).status >= 500:
+    if isinstance(error, StorageFullError):  # every request says so: no trace for each
+        log.error("no room for a job", extra={"trace_id": request.state.trace_id})
+    elif kind_of(error).status >= 500:
         log.error("request failed", exc_info=error, extra={"trace_id": request.state.trace_id})
     return _answer(problem_of(error, request.state.trace_id), headers)
 

@@ -16,6 +16,7 @@ from service.api.ranges import parse_range
 from service.api.zips import Member, stored_zip
 from service.attempt import results_key
 from service.errors import NotReadyError, RangeError, UnknownJobError, UnknownResultError
+from service.states import State
 
 router = APIRouter(tags=["results"])
 
@@ -151,7 +152,7 @@ def _succeeded(context: Context, job_id: str) -> jobs.Job:
         job = jobs.find(connection, job_id)
     if job is None:
         raise UnknownJobError(f"There is no job {job_id[:32]!r}; it may have been deleted.")
-    if job.state != jobs.State.SUCCEEDED:
+    if job.state != State.SUCCEEDED:
         raise NotReadyError(f"The job is {job.state}; results are there once it is succeeded.")
     return job
 

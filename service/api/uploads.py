@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any
 
 from fastapi import Header
+from pydantic import AfterValidator, Field
 
 from pipeline import errors as pipeline_errors
 from service.api.problems import responses
@@ -14,15 +16,34 @@ from service.errors import (
     IdempotencyError,
     MalformedRequestError,
     QueueFullError,
+    StorageFullError,
     UnsupportedMediaError,
     UploadTooLargeError,
 )
 
+_KEY = "[!-~]{1,255}"
+
+
+def _check_key(key: str) -> str:
+    if not re.fullmatch(_KEY, key):
+        raise ValueError("use 1 to 255 visible ASCII characters without spaces, such as a UUID")
+    return key
+
+
 IdempotencyKey = Annotated[
-    str | None,
-    Header(min_length=1, max_length=255, description="Makes sending twice as good as once."),
+    Annotated[str, AfterValidator(_check_key), Field(json_schema_extra={"pattern": f"^{_KEY}$"})]
+    | None,
+    Header(
+        description="Any text without spaces that no other request bears, such as a UUID: the same "
+        "request sent again gives the same job, for as long as the job is kept.",
+    ),
 ]
 
+_TEXT = {"schema": {"type": "string"}}
+_REPLAYED = {
+    "description": "true: an earlier request with this Idempotency-Key made the job.",
+    **_TEXT,
+}
 _FILE = {"type": "string", "format": "binary"}
 
 
@@ -52,7 +73,7 @@ def pair_form(options: dict[str, Any], told: str, required: bool = False) -> dic
 def accepted(*errors: type[Exception]) -> dict[int | str, Any]:
     """Describe the answers of a route that makes a job of a pair; errors: its own problems."""
     return {
-        202: {"headers": {"Location": {"schema": {"type": "string"}}}},
+        202: {"headers": {"Location": _TEXT, "Idempotency-Replayed": _REPLAYED}},
         **responses(
             MalformedRequestError,
             UploadTooLargeError,
@@ -60,6 +81,7 @@ def accepted(*errors: type[Exception]) -> dict[int | str, Any]:
             pipeline_errors.InputError,
             IdempotencyError,
             QueueFullError,
+            StorageFullError,
             CrashError,
             *errors,
             status=(503,),

@@ -53,6 +53,16 @@ def test_a_store_that_answers_passes_its_check(storage: Storage) -> None:
     storage.check()
 
 
+def test_a_bucket_has_no_end(storage: Storage) -> None:
+    assert storage.free_bytes() is None
+
+
+def test_what_is_put_outlasts_a_power_cut(storage: Storage) -> None:
+    storage.put("jobs/5/inputs/flash", b"light")
+    storage.flush(["jobs/5/inputs/flash"])
+    assert storage.get("jobs/5/inputs/flash") == b"light"
+
+
 @pytest.mark.usefixtures("storage")
 def test_a_bucket_that_is_not_there_does_not() -> None:
     with pytest.raises(Exception, match="NoSuchBucket"):

@@ -1,44 +1,22 @@
 from __future__ import annotations
 
+import hashlib
 import json
 import socket
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import httpx
 import pytest
 
 from service.api.context import Context
 from service.settings import Settings
+from tests.unit.service.asking import post_capture, post_pair, problem_of
 
 Png = Callable[..., bytes]
 
 
-def _post(http: httpx.Client, no_flash: bytes, flash: bytes, **more: Any) -> httpx.Response:
-    files = {"no_flash": ("a.png", no_flash), "flash": ("b.png", flash)}
-    return http.post("/jobs", files=files, **more)
-
-
-def _post_capture(http: httpx.Client, **headers: str) -> dict[str, Any]:
-    answer = http.post("/jobs", json={"capture": {"camera": "sim://studio"}}, headers=headers)
-    assert answer.status_code == 202
-    job: dict[str, Any] = answer.json()
-    return job
-
-
-def _problem(answer: httpx.Response) -> tuple[int, str, str]:
-    """Status, kind and sentence; checks what every problem has."""
-    assert answer.headers["content-type"] == "application/problem+json"
-    problem = answer.json()
-    assert set(problem) == {"type", "title", "status", "detail", "retryable", "trace_id"}
-    assert problem["status"] == answer.status_code
-    assert problem["trace_id"] == answer.headers["trace-id"]
-    assert "\n" not in problem["detail"] and problem["detail"].endswith(".")
-    return answer.status_code, problem["type"].rpartition(":")[2], problem["detail"]
-
-
 def test_an_upload_becomes_a_queued_job(http: httpx.Client, png: Png, context: Context) -> None:
-    answer = _post(http, png(64, 48), png(64, 48, True), data={"options": '{"lights": 2}'})
+    answer = post_pair(http, png(64, 48), png(64, 48, True), data={"options": '{"lights": 2}'})
     assert answer.status_code == 202
     job = answer.json()
     assert answer.headers["location"] == f"/jobs/{job['id']}" == job["links"]["self"]
@@ -47,7 +25,11 @@ def test_an_upload_becomes_a_queued_job(http: httpx.Client, png: Png, context: C
     assert job["links"]["cancel"] == f"/jobs/{job['id']}/cancel"
     assert job["links"]["results"] is None
     assert http.get(f"/jobs/{job['id']}").json() == job
-    assert context.storage.get(f"jobs/{job['id']}/inputs/flash") == png(64, 48, True)
+    sent = {"no_flash": png(64, 48), "flash": png(64, 48, True)}
+    digests = {frame: hashlib.sha256(data).hexdigest() for frame, data in sent.items()}
+    assert job["inputs"] == {frame: {"sha256": digest} for frame, digest in digests.items()}
+    for frame, data in sent.items():
+        assert context.storage.get(f"jobs/{job['id']}/inputs/{frame}") == data
     assert list((context.settings.data_dir / "work").iterdir()) == []
 
 
@@ -55,6 +37,7 @@ def test_a_capture_becomes_a_queued_job(http: httpx.Client) -> None:
     wanted = {"capture": {"camera": "sim://studio"}, "options": {"lights": 3}}
     job = http.post("/jobs", json=wanted).json()
     assert (job["capture"], job["options"]) == ({"camera": "sim://studio"}, {"lights": 3})
+    assert job["inputs"] is None
 
 
 def test_names_of_photographs_are_kept_nowhere(
@@ -81,7 +64,7 @@ def test_names_of_photographs_are_kept_nowhere(
 def test_what_is_no_photograph_is_refused(
     no_flash: bytes, kind: str, http: httpx.Client, png: Png, context: Context
 ) -> None:
-    status, found, detail = _problem(_post(http, no_flash, png(64, 48)))
+    status, found, detail = problem_of(post_pair(http, no_flash, png(64, 48)))
     assert (status, found) == (422, kind)
     assert "without the flash" in detail
     assert http.get("/jobs").json()["jobs"] == []
@@ -89,7 +72,7 @@ def test_what_is_no_photograph_is_refused(
 
 
 def test_frames_of_two_sizes_are_refused(http: httpx.Client, png: Png) -> None:
-    status, kind, detail = _problem(_post(http, png(64, 48), png(48, 64)))
+    status, kind, detail = problem_of(post_pair(http, png(64, 48), png(48, 64)))
     assert (status, kind) == (422, "pair-mismatch")
     assert "48" in detail and "64" in detail
 
@@ -98,7 +81,10 @@ def test_a_picture_with_too_many_pixels_is_refused(
     http: httpx.Client, png: Png, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("LIGHTLAYERS_MAX_PIXELS", "1000")
-    assert _problem(_post(http, png(64, 48), png(64, 48, True)))[:2] == (413, "image-too-large")
+    assert problem_of(post_pair(http, png(64, 48), png(64, 48, True)))[:2] == (
+        413,
+        "image-too-large",
+    )
 
 
 @pytest.mark.parametrize(
@@ -119,8 +105,8 @@ def test_a_picture_with_too_many_pixels_is_refused(
 def test_options_that_cannot_be_used_are_refused(
     options: str, kind: str, words: str, http: httpx.Client, png: Png
 ) -> None:
-    answer = _post(http, png(64, 48), png(64, 48, True), data={"options": options})
-    status, found, detail = _problem(answer)
+    answer = post_pair(http, png(64, 48), png(64, 48, True), data={"options": options})
+    status, found, detail = problem_of(answer)
     assert (status, found) == (422, kind)
     assert words.lower() in detail.lower()
 
@@ -139,7 +125,7 @@ def test_parts_other_than_the_two_frames_are_refused(
     parts: dict[str, bytes], words: str, http: httpx.Client
 ) -> None:
     files = {name: ("a.jpg", data) for name, data in parts.items()} or {"": ("", b"")}
-    status, kind, detail = _problem(http.post("/jobs", files=files))
+    status, kind, detail = problem_of(http.post("/jobs", files=files))
     assert (status, kind) == (400, "malformed-request")
     assert words in detail or not parts
 
@@ -149,9 +135,9 @@ def test_a_frame_that_is_text_and_options_that_are_a_file_are_refused(
 ) -> None:
     pair = {"no_flash": ("a", png(64, 48)), "flash": ("b", png(64, 48, True))}
     only = {"no_flash": pair["no_flash"]}
-    assert _problem(http.post("/jobs", files=only, data={"flash": "text"}))[0] == 400
+    assert problem_of(http.post("/jobs", files=only, data={"flash": "text"}))[0] == 400
     answer = http.post("/jobs", files={**only, "options": ("o.json", b"{}")})
-    assert _problem(answer)[:2] == (400, "malformed-request")
+    assert problem_of(answer)[:2] == (400, "malformed-request")
 
 
 @pytest.mark.parametrize(
@@ -160,7 +146,7 @@ def test_a_frame_that_is_text_and_options_that_are_a_file_are_refused(
 )
 def test_other_media_types_are_refused(kind: str, http: httpx.Client) -> None:
     answer = http.post("/jobs", content=b"{}", headers={"content-type": kind})
-    assert _problem(answer)[:2] == (415, "unsupported-media-type")
+    assert problem_of(answer)[:2] == (415, "unsupported-media-type")
 
 
 @pytest.mark.parametrize(
@@ -168,13 +154,13 @@ def test_other_media_types_are_refused(kind: str, http: httpx.Client) -> None:
 )
 def test_a_multipart_body_without_a_boundary_is_refused(header: str, http: httpx.Client) -> None:
     answer = http.post("/jobs", content=b"--x\r\n\r\n--x--", headers={"content-type": header})
-    assert _problem(answer)[:2] == (400, "malformed-request")
+    assert problem_of(answer)[:2] == (400, "malformed-request")
 
 
 def test_a_broken_multipart_body_is_refused(http: httpx.Client) -> None:
     headers = {"content-type": "multipart/form-data; boundary=edge"}
     answer = http.post("/jobs", content=b"--edge\r\nnonsense", headers=headers)
-    assert _problem(answer)[:2] == (400, "malformed-request")
+    assert problem_of(answer)[:2] == (400, "malformed-request")
 
 
 def test_a_connection_that_breaks_is_no_fault_of_the_service(
@@ -206,7 +192,7 @@ def test_a_connection_that_breaks_is_no_fault_of_the_service(
 )
 def test_json_that_is_no_capture_is_refused(body: bytes, words: str, http: httpx.Client) -> None:
     answer = http.post("/jobs", content=body, headers={"content-type": "application/json"})
-    status, kind, detail = _problem(answer)
+    status, kind, detail = problem_of(answer)
     assert (status, kind) == (422, "invalid-option")
     assert words.lower() in detail.lower()
 
@@ -223,18 +209,18 @@ def test_a_camera_that_cannot_be_is_refused_at_once(
     camera: str, status: int, kind: str, http: httpx.Client
 ) -> None:
     answer = http.post("/jobs", json={"capture": {"camera": camera}})
-    assert _problem(answer)[:2] == (status, kind)
+    assert problem_of(answer)[:2] == (status, kind)
     assert http.get("/jobs").json()["jobs"] == []
 
 
 class TestSmallLimits:
     @pytest.fixture
     def settings(self, settings: Settings) -> Settings:
-        return settings.model_copy(update={"upload_bytes": 100_000, "queued_jobs": 2})
+        return settings.model_copy(update={"upload_bytes": 100_000})
 
     def test_a_large_upload_is_refused(self, http: httpx.Client, context: Context) -> None:
-        answer = _post(http, b"x" * 200_000, b"y")
-        status, kind, detail = _problem(answer)
+        answer = post_pair(http, b"x" * 200_000, b"y")
+        status, kind, detail = problem_of(answer)
         assert (status, kind) == (413, "upload-too-large")
         assert "100,000 bytes" in detail
         assert context.storage.list("") == []
@@ -247,53 +233,11 @@ class TestSmallLimits:
 
         headers = {"content-type": "multipart/form-data; boundary=edge"}
         answer = http.post("/jobs", content=body(), headers=headers)
-        assert _problem(answer)[:2] == (413, "upload-too-large")
-
-    def test_more_jobs_than_may_wait_are_refused(self, http: httpx.Client) -> None:
-        first = _post_capture(http)
-        _post_capture(http)
-        answer = http.post("/jobs", json={"capture": {"camera": "sim://studio"}})
-        assert _problem(answer)[:2] == (429, "queue-full")
-        assert answer.json()["retryable"]
-        assert int(answer.headers["retry-after"]) > 0
-        http.post(first["links"]["cancel"])
-        _post_capture(http)
-
-
-def test_an_idempotency_key_gives_the_same_job_again(
-    http: httpx.Client, png: Png, context: Context
-) -> None:
-    headers = {"idempotency-key": "once"}
-    first = _post(http, png(64, 48), png(64, 48, True), headers=headers)
-    again = _post(http, png(64, 48), png(64, 48, True), headers=headers)
-    assert (again.status_code, again.json()["id"]) == (202, first.json()["id"])
-    assert again.headers["location"] == first.headers["location"]
-    assert len(http.get("/jobs").json()["jobs"]) == 1
-    assert len(context.storage.list("")) == 2
-
-
-@pytest.mark.parametrize("change", ["options", "pair"])
-def test_an_idempotency_key_is_for_one_request(
-    change: str, http: httpx.Client, png: Png, context: Context
-) -> None:
-    headers = {"idempotency-key": "once"}
-    first = _post(http, png(64, 48), png(64, 48, True), headers=headers)
-    size, options = ((64, 48), '{"lights": 1}') if change == "options" else ((32, 48), "{}")
-    other = _post(http, png(*size), png(*size, True), headers=headers, data={"options": options})
-    assert _problem(other)[:2] == (422, "idempotency-key-reused")
-    assert [job["id"] for job in http.get("/jobs").json()["jobs"]] == [first.json()["id"]]
-    assert len(context.storage.list("")) == 2
-
-
-def test_an_empty_idempotency_key_is_refused(http: httpx.Client) -> None:
-    answer = http.post(
-        "/jobs", json={"capture": {"camera": "sim://studio"}}, headers={"idempotency-key": ""}
-    )
-    assert _problem(answer)[:2] == (422, "invalid-request")
+        assert problem_of(answer)[:2] == (413, "upload-too-large")
 
 
 def test_jobs_are_listed_page_by_page(http: httpx.Client) -> None:
-    made = [_post_capture(http)["id"] for _ in range(5)]
+    made = [post_capture(http)["id"] for _ in range(5)]
     page = http.get("/jobs", params={"limit": 2}).json()
     found = [job["id"] for job in page["jobs"]]
     while page["next"]:
@@ -307,7 +251,7 @@ def test_jobs_are_listed_page_by_page(http: httpx.Client) -> None:
 
 @pytest.mark.parametrize("query", ["limit=0", "limit=201", "limit=many"])
 def test_a_page_of_no_sensible_length_is_refused(query: str, http: httpx.Client) -> None:
-    assert _problem(http.get(f"/jobs?{query}"))[:2] == (422, "invalid-request")
+    assert problem_of(http.get(f"/jobs?{query}"))[:2] == (422, "invalid-request")
 
 
 @pytest.mark.parametrize(
@@ -323,13 +267,13 @@ def test_a_page_of_no_sensible_length_is_refused(query: str, http: httpx.Client)
     ],
 )
 def test_a_job_that_is_not_there_is_a_problem(method: str, path: str, http: httpx.Client) -> None:
-    status, kind, detail = _problem(http.request(method, path))
+    status, kind, detail = problem_of(http.request(method, path))
     assert (status, kind) == (404, "unknown-job")
     assert "'nothing'" in detail
 
 
 def test_a_queued_job_can_be_canceled(http: httpx.Client) -> None:
-    job = _post_capture(http)
+    job = post_capture(http)
     answer = http.post(job["links"]["cancel"])
     assert (answer.status_code, answer.json()["state"]) == (202, "canceled")
     assert answer.json()["links"]["cancel"] is None
@@ -338,7 +282,7 @@ def test_a_queued_job_can_be_canceled(http: httpx.Client) -> None:
 
 
 def test_a_deleted_job_leaves_nothing(http: httpx.Client, png: Png, context: Context) -> None:
-    job = _post(http, png(64, 48), png(64, 48, True)).json()
+    job = post_pair(http, png(64, 48), png(64, 48, True)).json()
     answer = http.delete(job["links"]["self"])
     assert (answer.status_code, answer.content) == (204, b"")
     assert http.get(job["links"]["self"]).status_code == 404
@@ -347,8 +291,8 @@ def test_a_deleted_job_leaves_nothing(http: httpx.Client, png: Png, context: Con
 
 
 def test_waiting_ends_with_its_seconds(http: httpx.Client) -> None:
-    assert _post_capture(http, prefer="wait=1")["state"] == "queued"
-    assert _post_capture(http, prefer="wait=soon")["state"] == "queued"
+    assert post_capture(http, prefer="wait=1")["state"] == "queued"
+    assert post_capture(http, prefer="wait=soon")["state"] == "queued"
 
 
 def test_a_trace_id_of_the_caller_is_kept(http: httpx.Client) -> None:
@@ -368,7 +312,7 @@ def test_a_trace_id_of_the_caller_is_kept(http: httpx.Client) -> None:
 def test_unknown_paths_and_methods_are_problems(
     method: str, path: str, status: int, http: httpx.Client
 ) -> None:
-    assert _problem(http.request(method, path))[:2] == (status, f"http-{status}")
+    assert problem_of(http.request(method, path))[:2] == (status, f"http-{status}")
 
 
 def test_cameras_are_listed(http: httpx.Client) -> None:
@@ -388,7 +332,7 @@ def test_a_service_without_its_store_is_alive_but_not_ready(
     store.write_bytes(b"no folder")
     assert http.get("/healthz").status_code == 200
     answer = http.get("/readyz")
-    assert _problem(answer)[:2] == (503, "store-unavailable")
+    assert problem_of(answer)[:2] == (503, "store-unavailable")
     assert str(store) not in answer.text
 
 
@@ -396,5 +340,5 @@ def test_a_service_without_its_database_says_so(http: httpx.Client, context: Con
     with context.engine.begin() as connection:
         connection.exec_driver_sql("ALTER TABLE jobs RENAME TO gone")
     answer = http.get("/jobs")
-    assert _problem(answer)[:2] == (503, "database-unavailable")
+    assert problem_of(answer)[:2] == (503, "database-unavailable")
     assert "gone" not in json.dumps(answer.json())

@@ -14,6 +14,7 @@ from service import database, jobs, sandbox
 from service.api.context import Context
 from service.attempt import FRAMES, Attempt, describe_inputs, inputs_key, results_key
 from service.errors import CrashError
+from service.states import State
 from service.storage import Storage
 
 Run = Callable[[], jobs.Job | None]
@@ -72,7 +73,7 @@ def test_what_the_user_cannot_mend_is_in_the_log_with_its_cause(
     monkeypatch.setattr(Storage, "get_file", raising(error))
     job = run()
     assert job is not None
-    assert job.state == jobs.State.FAILED
+    assert job.state == State.FAILED
     assert job.error is not None
     assert job.error["type"] == f"urn:lightlayers:problem:{kind}"
     assert str(error) not in job.error["detail"]
@@ -101,7 +102,7 @@ def test_results_are_stored_with_what_an_answer_needs(
     monkeypatch.setattr(sandbox, "run", separate)
     job = run()
     assert job is not None
-    assert job.state == jobs.State.SUCCEEDED
+    assert job.state == State.SUCCEEDED
     assert job.results == [
         {
             "name": "a.png",
@@ -132,7 +133,7 @@ def test_results_of_lost_attempts_go(
     for lost in (1, 2):
         context.storage.put(results_key("a", lost, "a.png"), b"half")
     job = run()
-    assert job is not None and job.state == jobs.State.SUCCEEDED
+    assert job is not None and job.state == State.SUCCEEDED
     assert context.storage.list("jobs/a/") == [inputs_key("a", frame) for frame in sorted(FRAMES)]
 
 
@@ -191,7 +192,7 @@ def test_an_attempt_that_was_canceled_leaves_no_results(
     monkeypatch.setattr(sandbox, "run", separate)
     job = run()
     assert job is not None
-    assert job.state == jobs.State.CANCELED
+    assert job.state == State.CANCELED
     assert context.storage.list("jobs/a/") == [inputs_key("a", frame) for frame in sorted(FRAMES)]
 
 

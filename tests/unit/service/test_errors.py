@@ -36,6 +36,7 @@ def test_names_of_kinds_are_the_contract() -> None:
         "pair-mismatch": 422,
         "queue-full": 429,
         "range-not-satisfiable": 416,
+        "storage-full": 507,
         "store-unavailable": 503,
         "timed-out": 500,
         "unknown-job": 404,
@@ -115,6 +116,7 @@ def test_kinds_that_may_pass_later_are_retryable() -> None:
         "database-unavailable",
         "not-ready",
         "queue-full",
+        "storage-full",
         "store-unavailable",
     }
 

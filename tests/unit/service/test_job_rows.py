@@ -1,12 +1,13 @@
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 import sqlalchemy as sa
 
 from service import database, jobs
-from service.jobs import State
+from service.states import NEXT, State
 
 
 def _add(engine: sa.Engine, job_id: str, **values: Any) -> jobs.Job:
@@ -188,6 +189,78 @@ def test_an_ended_job_cannot_be_canceled(engine: sa.Engine) -> None:
     assert _find(engine, "a").state == State.SUCCEEDED
 
 
+def _in_state(engine: sa.Engine, state: State) -> jobs.Job:
+    """Bring a job to a state; the attempt that worked on it last."""
+    _add(engine, "a")
+    held = _claimed(engine, "a", "w1")
+    with engine.begin() as connection:
+        if state == State.QUEUED:
+            jobs.release(connection, held)
+        if state in (State.CANCELING, State.CANCELED):
+            jobs.request_cancel(connection, "a")
+        if state == State.CANCELED:
+            jobs.acknowledge_cancel(connection, held)
+        if state == State.SUCCEEDED:
+            jobs.succeed(connection, held, [])
+        if state == State.FAILED:
+            jobs.fail(connection, held, {})
+    assert _find(engine, "a").state == state
+    return held
+
+
+WRITES: dict[str, tuple[Callable[[sa.Connection, jobs.Job], object], dict[State, State]]] = {
+    "claim": (
+        lambda connection, _held: jobs.claim(connection, "a", "w2"),
+        {State.QUEUED: State.RUNNING},
+    ),
+    "request_cancel": (
+        lambda connection, _held: jobs.request_cancel(connection, "a"),
+        {State.QUEUED: State.CANCELED, State.RUNNING: State.CANCELING},
+    ),
+    "acknowledge_cancel": (jobs.acknowledge_cancel, {State.CANCELING: State.CANCELED}),
+    "succeed": (
+        lambda connection, held: jobs.succeed(connection, held, []),
+        {State.RUNNING: State.SUCCEEDED},
+    ),
+    "fail": (
+        lambda connection, held: jobs.fail(connection, held, {}),
+        {State.RUNNING: State.FAILED},
+    ),
+    "release": (jobs.release, {State.RUNNING: State.QUEUED}),
+    "report": (lambda connection, held: jobs.report(connection, held, "layers", 0.5), {}),
+    "set_inputs": (lambda connection, held: jobs.set_inputs(connection, held, {}), {}),
+}
+
+
+@pytest.mark.parametrize("state", State)
+@pytest.mark.parametrize("write", WRITES)
+def test_a_write_moves_a_job_only_from_where_it_may(
+    write: str, state: State, engine: sa.Engine
+) -> None:
+    held = _in_state(engine, state)
+    before = _find(engine, "a")
+    do, moves = WRITES[write]
+    with engine.begin() as connection:
+        do(connection, held)
+    after = _find(engine, "a")
+    assert after.state == moves.get(state, state)
+    if before.ended:
+        assert after == before
+
+
+def test_the_writes_go_every_way_of_the_table_and_no_other() -> None:
+    gone = {way for _, moves in WRITES.values() for way in moves.items()}
+    assert gone == {(state, later) for state in State for later in NEXT[state]}
+
+
+@pytest.mark.parametrize("dead", [State.RUNNING, State.CANCELING])
+def test_a_takeover_is_another_attempt_in_the_same_state(dead: State, engine: sa.Engine) -> None:
+    _in_state(engine, dead)
+    _dies(engine, "w1")
+    job = _claimed(engine, "a", "w2")
+    assert (job.state, job.attempt, job.lost, job.worker) == (dead, 2, 1, "w2")
+
+
 def test_a_removed_job_tells_its_attempt_to_stop(engine: sa.Engine) -> None:
     _add(engine, "a")
     held = _claimed(engine, "a", "w1")
@@ -256,6 +329,12 @@ def test_tables_can_be_created_again(engine: sa.Engine) -> None:
     _add(engine, "a")
     database.create_tables(engine)
     assert _find(engine, "a").id == "a"
+
+
+def test_what_is_committed_to_sqlite_outlasts_a_power_cut(engine: sa.Engine) -> None:
+    with engine.connect() as connection:
+        assert connection.exec_driver_sql("PRAGMA journal_mode").scalar_one() == "wal"
+        assert connection.exec_driver_sql("PRAGMA synchronous").scalar_one() == 2  # FULL
 
 
 def test_the_folder_of_a_new_database_is_made(tmp_path_factory: pytest.TempPathFactory) -> None:

@@ -38,7 +38,14 @@ def test_the_environment_sets_them(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("PORT", "70000"), ("PORT", "http"), ("WORKER_CONCURRENCY", "0"), ("JOB_SECONDS", "-1")],
+    [
+        ("PORT", "70000"),
+        ("PORT", "http"),
+        ("WORKER_CONCURRENCY", "0"),
+        ("JOB_SECONDS", "-1"),
+        ("FREE_BYTES", "-1"),
+        ("QUEUED_JOBS", "0"),
+    ],
 )
 def test_a_setting_out_of_range_is_refused(
     name: str, value: str, monkeypatch: pytest.MonkeyPatch

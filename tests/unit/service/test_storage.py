@@ -1,9 +1,13 @@
 from __future__ import annotations
 
 import hashlib
+import os
+import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+from obstore.exceptions import GenericError
 
 from service.storage import Storage
 
@@ -26,6 +30,28 @@ def test_a_file_is_stored_with_its_digest(storage: Storage, tmp_path: Path) -> N
     )
     storage.get_file("jobs/1/inputs/flash", tmp_path / "copy")
     assert (tmp_path / "copy").read_bytes() == data
+
+
+def test_a_flushed_object_and_the_folders_that_name_it_are_synchronized(
+    storage: Storage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found: list[Path] = []
+    monkeypatch.setattr(
+        os, "fsync", lambda file: found.append(Path(f"/proc/self/fd/{file}").readlink())
+    )
+    for key in ("jobs/1/inputs/flash", "jobs/1/inputs/no_flash", "jobs/2/inputs/flash"):
+        storage.put(key, b"light")
+    storage.flush(["jobs/1/inputs/flash", "jobs/1/inputs/no_flash"])
+    root = tmp_path / "a store"
+    jobs = root / "jobs"
+    inputs = jobs / "1" / "inputs"
+    expected = [root, jobs, jobs / "1", inputs, inputs / "flash", inputs / "no_flash"]
+    assert sorted(found) == expected
+
+
+def test_an_object_that_is_gone_cannot_be_flushed(storage: Storage) -> None:
+    with pytest.raises(GenericError):
+        storage.flush(["jobs/1/inputs/flash"])
 
 
 def test_a_part_can_be_read(storage: Storage) -> None:
@@ -53,6 +79,26 @@ def test_only_what_lies_below_is_deleted(storage: Storage) -> None:
     assert storage.list("") == ["jobs/11/1/a"]
     storage.delete_below("jobs/nothing/")
     assert storage.list("jobs") == ["jobs/11/1/a"]
+
+
+def test_the_disk_of_a_folder_has_so_much_free(
+    storage: Storage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Path] = []
+
+    def disk_usage(path: Path) -> SimpleNamespace:
+        asked.append(path)
+        return SimpleNamespace(total=100, used=60, free=35)
+
+    monkeypatch.setattr(shutil, "disk_usage", disk_usage)
+    assert storage.free_bytes() == 35
+    assert asked == [tmp_path / "a store"]
+
+
+def test_a_folder_that_is_gone_has_no_free_space(storage: Storage, tmp_path: Path) -> None:
+    (tmp_path / "a store").rmdir()
+    with pytest.raises(GenericError):
+        storage.free_bytes()
 
 
 def test_a_healthy_store_passes_its_check(storage: Storage) -> None:

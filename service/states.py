@@ -1,0 +1,42 @@
+"""The states of a job, and the one table of the ways between them.
+
+A job that asks a person to do something will wait in `waiting_for_operator`, which comes with
+cameras that need a hand; `expired` comes with retention.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class State(StrEnum):
+    """What a job is at."""
+
+    QUEUED = "queued"  # waits for a worker
+    RUNNING = "running"  # a worker has it
+    CANCELING = "canceling"  # a worker has it and was asked to stop
+    SUCCEEDED = "succeeded"  # results are there
+    FAILED = "failed"  # `error` says why
+    CANCELED = "canceled"  # stopped on request
+
+
+NEXT: dict[State, tuple[State, ...]] = {
+    State.QUEUED: (State.RUNNING, State.CANCELED),
+    State.RUNNING: (State.QUEUED, State.CANCELING, State.SUCCEEDED, State.FAILED),
+    State.CANCELING: (State.CANCELED,),
+    State.SUCCEEDED: (),
+    State.FAILED: (),
+    State.CANCELED: (),
+}
+"""What may follow a state; a job starts as queued, and a worker that ends puts its job back."""
+
+HELD = (State.RUNNING, State.CANCELING)
+"""The states in which a worker has the job."""
+
+ENDED = tuple(state for state, following in NEXT.items() if not following)
+"""The states that nothing follows."""
+
+
+def before(state: State) -> list[State]:
+    """States from which a job may go to this one."""
+    return [earlier for earlier, following in NEXT.items() if state in following]
