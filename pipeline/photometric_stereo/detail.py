@@ -38,9 +38,11 @@ def surface_normals(strip: Strip, surface: Surface) -> Image:
         error = np.where(cut > 0, _CUT_ERROR, _NORMAL_ERROR if surface.block > 1 else 0.0)
         lit = of_surface(surface.lit)
         deviations = of_surface(surface.deviations.reshape(*surface.mask.shape, -1))
-        light = strip.no_flash * of_surface(surface.correction)
+        # pixel by pixel, however the strip lies in memory: the loop is compiled for that alone
+        light = np.ascontiguousarray(strip.no_flash * of_surface(surface.correction))
+        flash = np.ascontiguousarray(strip.flash)
         matrices, directions = surface.matrices, surface.directions
-        _add_detail(w, error, lit, deviations, light, strip.flash, matrices, directions)
+        _add_detail(w, error, lit, deviations, light, flash, matrices, directions)
     length = np.linalg.norm(w, axis=2, keepdims=True)
     normals = w / np.where(length > 0, length, 1.0)
     return np.where(known[..., None], normals, np.float32(np.nan)).reshape(height, width, 3)
