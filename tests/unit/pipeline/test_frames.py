@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pipeline.frames import Exposure, Frame
+from pipeline.frames import Exposure, Frame, by_planes, channels_first, planes_of
 
 
 def test_relative_exposure_is_time_times_speed_over_square_of_f_number() -> None:
@@ -43,3 +43,48 @@ def test_facts_are_the_frame_without_the_memory_of_its_pixels(
     assert facts.pixels.base is not given.pixels
     assert facts.pixels.strides == (0, 0, 0)
     assert facts.saturated.strides == (0, 0)
+
+
+def test_an_image_by_planes_is_an_image_of_contiguous_channels() -> None:
+    layers = by_planes(2, 5, 7, 3)
+
+    assert layers.shape == (2, 5, 7, 3)
+    assert layers.dtype == np.float32
+    for plane in planes_of(layers[1]):
+        assert plane.shape == (5, 7)
+        assert plane.flags.c_contiguous
+
+
+def test_planes_of_an_image_by_planes_are_its_own_memory() -> None:
+    """What loops write into them is in the image."""
+    layers = by_planes(2, 5, 7, 3)
+    layers[...] = 0
+    for k, plane in enumerate(planes_of(layers[1])):
+        plane[2, 3] = k + 1
+
+    np.testing.assert_array_equal(layers[1, 2, 3], [1, 2, 3])
+    assert layers.sum() == 6
+    first = channels_first(layers)
+    first[0, 2, 4, 6] = 5
+    assert first.shape == (2, 3, 5, 7)
+    assert layers[0, 4, 6, 2] == 5
+
+
+def test_rows_of_an_image_by_planes_are_its_own_memory_too() -> None:
+    image = by_planes(9, 7, 3)
+    image[...] = 0
+
+    planes_of(image[2:5])[1][0, 6] = 4
+
+    assert image[2, 6, 1] == 4
+
+
+def test_planes_of_other_images_are_copies_with_the_same_values() -> None:
+    image = np.random.default_rng(1).uniform(size=(4, 6, 3)).astype(np.float32)
+
+    planes = planes_of(image)
+
+    np.testing.assert_array_equal(np.stack(planes, axis=-1), image)
+    np.testing.assert_array_equal(channels_first(image), np.stack(planes))
+    assert not any(np.shares_memory(plane, image) for plane in planes)
+    assert all(plane.flags.c_contiguous for plane in planes)
