@@ -119,8 +119,11 @@ def test_the_lamps_calibrated_are_those_that_separate_takes(
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("strength") == 3
     lights = json.loads(saved.read_bytes())["lights"]
-    cosines = DIRECTIONS @ np.array([light["direction"] for light in lights]).T
-    assert np.degrees(np.arccos(cosines.max(axis=1))).max() < 1.0
+    found = np.array([light["direction"] for light in lights])
+    lengths = np.linalg.norm(found, axis=1, keepdims=True)
+    np.testing.assert_allclose(lengths, 1, atol=1e-4)  # they are written with five digits
+    chords = np.linalg.norm(DIRECTIONS[:, None] - found / lengths, axis=2).min(axis=1)
+    assert np.degrees(2 * np.arcsin(chords / 2)).max() < 1.0
     flags = ("--camera", CAMERA, *focal, "--light-directions", saved, "--method", "paper")
     run = command(sphere, *LINEAR, *flags, "--outputs", "normals.exr")
     assert run.code == 0, run.stderr
