@@ -65,15 +65,15 @@ def report(figures: dict[str, Any]) -> str:
             _HEAD.read_text(),
             "## What is asked\n",
             markdown(rows),
-            "## Jobs\n",
+            "\n## Jobs\n",
             markdown(_jobs(jobs)),
-            "## Quality\n",
+            "\n## Quality\n",
             _QUALITY,
             markdown(_by_quality(figures["quality"])),
-            "## Stages\n",
+            "\n## Stages\n",
             "CPU seconds of each stage, and of the leanest known route for it.\n",
             markdown(_by_stage(jobs)),
-            "![CPU seconds by stage](images/performance.png)\n",
+            "\n![CPU seconds by stage](images/performance.png)\n",
         ]
     )
 
