@@ -20,13 +20,12 @@ from pipeline.model import Model, build_model
 from pipeline.normals import Facing
 from pipeline.options import OUTPUT_NAMES, Options
 from pipeline.outputs import Outputs, wanted_outputs
-from pipeline.photometric_stereo.detail import surface_normals
-from pipeline.photometric_stereo.solve import Surface
 from pipeline.pictures import Pictures
 from pipeline.progress import Progress
 from pipeline.reduced import ReducedPair, reduce_pair
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light
+from tests.surfaces import wall
 
 Array = NDArray[np.float64]
 ENTRIES: list[dict[str, Any]] = [
@@ -91,23 +90,7 @@ def pictures() -> Pictures:
 @pytest.fixture
 def facing() -> Facing:
     """A wall, at depth 1.25, known below the fifth row."""
-    mask = np.arange(SIZE[0])[:, None] >= np.full(SIZE, 5)
-    surface = Surface(
-        block=1,
-        mask=mask,
-        cut=np.zeros_like(mask),
-        w=np.where(mask[..., None], [0.0, 0.0, 2.0], 0.0),
-        z=np.where(mask, 1.25, 0.0),
-        lit=np.ones((*SIZE, 2)),
-        deviations=np.zeros((*SIZE, 2, 3)),
-        correction=np.ones((*SIZE, 2)),
-        directions=np.eye(3),
-        matrices=np.zeros((2, 3, 3)),
-        misfit=0.0,
-        strengths=np.ones(2),
-        focal_px=100.0,
-    )
-    return Facing(partial(surface_normals, surface=surface), surface.strengths, surface)
+    return wall(np.arange(SIZE[0])[:, None] >= np.full(SIZE, 5), 1.25, 2)
 
 
 @pytest.fixture

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,13 +11,12 @@ from pipeline.errors import Canceled
 from pipeline.model import Model, build_model
 from pipeline.normals import Facing
 from pipeline.options import OUTPUT_NAMES, Options
-from pipeline.photometric_stereo.detail import surface_normals
-from pipeline.photometric_stereo.solve import Surface
 from pipeline.pictures import Pictures, render
 from pipeline.progress import Progress
 from pipeline.reduced import reduce_pair
 from pipeline.spectra.cameras import Camera, srgb_stand_in
 from pipeline.spectra.lights import find_light
+from tests.surfaces import wall
 
 Array = NDArray[np.float64]
 NAMES = ("white_balanced_1", "white_balanced_2", "normals", "normals_confidence", "response")
@@ -32,23 +30,7 @@ def model_with_response(camera: Camera) -> Model:
 @pytest.fixture
 def facing() -> Facing:
     """A surface of the picture's size that faces the camera, known in its upper half."""
-    mask = np.arange(64)[:, None] < np.full((64, 96), 32)
-    surface = Surface(
-        block=1,
-        mask=mask,
-        cut=np.zeros_like(mask),
-        w=np.where(mask[..., None], [0.0, 0.0, 2.0], 0.0),
-        z=np.where(mask, 1.5, 0.0),
-        lit=np.ones((64, 96, 3)),
-        deviations=np.zeros((64, 96, 3, 3)),
-        correction=np.ones((64, 96, 3)),
-        directions=np.eye(3),
-        matrices=np.zeros((3, 3, 3)),
-        misfit=0.0,
-        strengths=np.ones(3),
-        focal_px=100.0,
-    )
-    return Facing(partial(surface_normals, surface=surface), surface.strengths, surface)
+    return wall(np.arange(64)[:, None] < np.full((64, 96), 32), 1.5, 3)
 
 
 @pytest.fixture
