@@ -13,6 +13,16 @@ Matrix = NDArray[np.float64]
 Plane = NDArray[np.float32]
 Planes = tuple[Plane, Plane, Plane]
 
+Numbers = tuple[float, ...]
+
+
+def numbers_of(array: NDArray[np.floating]) -> Numbers:
+    """Entries of an array, row by row, as compiled loops keep them in registers.
+
+    Of an array among their arguments they would not know that nothing writes to it.
+    """
+    return tuple(array.ravel().tolist())
+
 
 def planes_of(image: Image) -> Planes:
     """Channels (h, w) of an image (h, w, 3), contiguous: its own memory where it lies by planes.

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pipeline.frames import Image, Planes, by_planes, planes_of
+from pipeline.frames import Image, Numbers, Planes, by_planes, numbers_of, planes_of
 from pipeline.lamps import Lamps
 from pipeline.shares import Colour, shares_of_three, shares_of_two
 
@@ -38,8 +38,8 @@ def model_proportions(no_flash: Image, flash: Image, lamps: Lamps) -> Array:
     loop(
         planes_of(no_flash),
         planes_of(flash),
-        tuple(tuple(float(one) for one in matrix.ravel()) for matrix in matrices),
-        (float(weights[0]), float(weights[1]), float(weights[2])),
+        tuple(numbers_of(matrix) for matrix in matrices),
+        numbers_of(weights),
         tuple(planes_of(one) for one in parts),
     )
     return parts
@@ -49,8 +49,8 @@ def model_proportions(no_flash: Image, flash: Image, lamps: Lamps) -> Array:
 def _two(
     no_flash: Planes,
     flash: Planes,
-    matrices: tuple[tuple[float, ...], ...],
-    weights: Colour,
+    matrices: tuple[Numbers, ...],
+    weights: Numbers,
     parts: tuple[Planes, ...],
 ) -> None:
     one, half = np.float32(1.0), np.float32(0.5)
@@ -73,8 +73,8 @@ def _two(
 def _three(
     no_flash: Planes,
     flash: Planes,
-    matrices: tuple[tuple[float, ...], ...],
-    weights: Colour,
+    matrices: tuple[Numbers, ...],
+    weights: Numbers,
     parts: tuple[Planes, ...],
 ) -> None:
     third = np.float32(1.0 / 3.0)
@@ -118,7 +118,7 @@ def _write(planes: Planes, y: int, x: int, light: Colour, total: Colour, otherwi
 
 
 @njit(cache=True, error_model="numpy")
-def _lit(m: tuple[float, ...], f: Colour) -> Colour:
+def _lit(m: Numbers, f: Colour) -> Colour:
     """What a lamp of matrix m, row by row, gives where the flash gives f."""
     zero = np.float32(0.0)
     return (
@@ -129,7 +129,7 @@ def _lit(m: tuple[float, ...], f: Colour) -> Colour:
 
 
 @njit(cache=True, error_model="numpy")
-def _times(a: Colour, b: Colour) -> Colour:
+def _times(a: Colour, b: Numbers) -> Colour:
     return a[0] * np.float32(b[0]), a[1] * np.float32(b[1]), a[2] * np.float32(b[2])
 
 

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from pipeline import registration, smoothing
 from pipeline.fill import Surroundings
-from pipeline.frames import Image, Plane, Planes, channels_first, planes_of
+from pipeline.frames import Image, Numbers, Plane, Planes, channels_first, numbers_of, planes_of
 from pipeline.hui2018.separation import published_layers
 from pipeline.lamps import Lamps
 from pipeline.model import Model
-from pipeline.noise import Noise
 from pipeline.options import Options, Quality
 from pipeline.pair import Pair
 from pipeline.progress import Progress
@@ -139,8 +138,8 @@ def _reliability(
         planes_of(pair.no_flash[rows]),
         planes_of(pair.flash[rows]),
         beside,
-        _constants(pair.no_flash_noise),
-        _constants(pair.flash_noise),
+        (numbers_of(pair.no_flash_noise.gain), numbers_of(pair.no_flash_noise.floor)),
+        (numbers_of(pair.flash_noise.gain), numbers_of(pair.flash_noise.floor)),
         pair.flash_only,
         contrast,
         confidence,
@@ -149,18 +148,13 @@ def _reliability(
     return confidence, uncertainty
 
 
-def _constants(noise: Noise) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Gains and floors (3,), which loops keep in registers as numbers and not as arrays."""
-    return tuple(map(float, noise.gain)), tuple(map(float, noise.floor))
-
-
 @njit(cache=True, error_model="numpy")
 def _weigh_noise(
     no_flash: Planes,
     flash: Planes,
     beside: Plane,
-    no_flash_noise: tuple[tuple[float, ...], tuple[float, ...]],
-    flash_noise: tuple[tuple[float, ...], tuple[float, ...]],
+    no_flash_noise: tuple[Numbers, Numbers],
+    flash_noise: tuple[Numbers, Numbers],
     flash_only: bool,
     contrast: float,
     confidence: Plane,
@@ -200,7 +194,7 @@ def _total(a: Colour) -> float:
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _variance(a: Colour, noise: tuple[tuple[float, ...], tuple[float, ...]]) -> float:
+def _variance(a: Colour, noise: tuple[Numbers, Numbers]) -> float:
     """Of a pixel's sum."""
     gain, floor = noise
     return (

@@ -9,13 +9,21 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pipeline.frames import Image, Matrix, Plane, Planes, by_planes, channels_first, planes_of
+from pipeline.frames import (
+    Image,
+    Matrix,
+    Numbers,
+    Plane,
+    Planes,
+    by_planes,
+    channels_first,
+    numbers_of,
+    planes_of,
+)
 from pipeline.lamps import Lamps
 from pipeline.model import Model
 from pipeline.separation import Strip
 from pipeline.spectra.matrices import best_matrix
-
-Numbers = tuple[float, ...]
 
 _BRIGHTEST = 4.0
 _FAINTEST = 0.02  # of a lamp's strongest channel, so that no ratio explodes
@@ -33,14 +41,14 @@ class WhiteBalance:
     """
 
     def __init__(self, lamps: Lamps, model: Model) -> None:
-        self._matrices = tuple(_numbers(matrix) for matrix in lamps.matrices)
-        self._to_neutral = _numbers(model.flash_to_neutral)
+        self._matrices = tuple(numbers_of(matrix) for matrix in lamps.matrices)
+        self._to_neutral = numbers_of(model.flash_to_neutral)
         greens = whites_of(lamps, model)[:, 1]
-        self._brightness = _numbers(greens / (model.flash_to_neutral @ model.flash_white)[1])
-        self._tensor = _numbers(model.tensor)
+        self._brightness = numbers_of(greens / (model.flash_to_neutral @ model.flash_white)[1])
+        self._tensor = numbers_of(model.tensor)
         self._strength = float(np.linalg.norm(model.neutral))
-        self._from_layers = tuple(_numbers(one) for one in _from_layers(lamps, model))
-        self._white = _numbers(_neutral_white(model))
+        self._from_layers = tuple(numbers_of(one) for one in _from_layers(lamps, model))
+        self._white = numbers_of(_neutral_white(model))
 
     def approach_1(self, strip: Strip) -> Image:
         """Every lamp replaced by the neutral light of the same green response.
@@ -87,11 +95,6 @@ class WhiteBalance:
             self._white,
             planes_of(balanced),
         )
-
-
-def _numbers(array: Matrix) -> tuple[float, ...]:
-    """What loops keep in registers; of an array they would not know that nothing writes to it."""
-    return tuple(array.ravel().tolist())
 
 
 def whites_of(lamps: Lamps, model: Model) -> Matrix:

@@ -12,14 +12,12 @@ from PIL import Image as PillowImage
 from pipeline.colour.curves import linear_to_srgb
 from pipeline.colour.icc import srgb_profile
 from pipeline.colour.spaces import SRGB_PRIMARIES, rgb_to_xyz
-from pipeline.frames import Image, Matrix, Planes, planes_of
-
-Numbers = tuple[float, ...]
+from pipeline.frames import Image, Matrix, Numbers, Planes, numbers_of, planes_of
 
 QUALITY = 92
 
 _IDENTITY: Matrix = np.eye(3)
-_LUMINANCE = tuple(rgb_to_xyz(SRGB_PRIMARIES)[1].astype(np.float32).tolist())
+_LUMINANCE = numbers_of(rgb_to_xyz(SRGB_PRIMARIES)[1].astype(np.float32))
 _STEPS = 65535
 
 
@@ -76,7 +74,7 @@ def to_srgb8(linear: Image, to_srgb: Matrix = _IDENTITY) -> NDArray[np.uint8]:
 
 
 def _write_codes(linear: Image, to_srgb: Matrix, codes: NDArray[np.uint8]) -> None:
-    matrix = tuple(to_srgb.astype(np.float32).ravel().tolist())
+    matrix = numbers_of(to_srgb.astype(np.float32))
     _encode(planes_of(linear), matrix, _LUMINANCE, _codes(), codes)
 
 

@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pipeline.colour.icc import linear_rec2020_profile
-from pipeline.frames import Image, Matrix, Plane, Planes, planes_of
+from pipeline.frames import Image, Matrix, Numbers, Plane, Planes, numbers_of, planes_of
 from pipeline.progress import STRIP_ROWS
 
 _IDENTITY: Matrix = np.eye(3)
@@ -59,7 +59,7 @@ class TiffFile(_Tiff):
         width, height = size
         profile = linear_rec2020_profile()
         super().__init__(path, (height, width, 3), photometric="rgb", iccprofile=profile)
-        self._matrix = tuple(to_rec2020.ravel().tolist())
+        self._matrix = numbers_of(to_rec2020)
 
     def write(self, linear: Image) -> None:
         """Write the next rows (h, W, 3), 1.0 = white; what lies outside 0 to 1 is cut off."""
@@ -80,7 +80,7 @@ class GrayTiffFile(_Tiff):
 
 
 @njit(cache=True)
-def _encode(linear: Planes, m: tuple[float, ...], codes: NDArray[np.uint16]) -> None:
+def _encode(linear: Planes, m: Numbers, codes: NDArray[np.uint16]) -> None:
     """Take pixels through a matrix and round them to 16 bits."""
     for y in range(codes.shape[0]):
         for x in range(codes.shape[1]):
