@@ -21,4 +21,4 @@ def test_pictures_are_moved_by_the_matrix() -> None:
 
     moved = align._warped(picture, np.array([[1.0, 0, 7], [0, 1, -4], [0, 0, 1]]))
 
-    assert np.unravel_index(moved[..., 0].argmax(), (40, 60)) == (6, 27)
+    assert moved[..., 0].argmax() == 6 * 60 + 27
