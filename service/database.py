@@ -39,7 +39,13 @@ jobs = sa.Table(
     "jobs",
     _metadata,
     sa.Column("id", sa.String(32), primary_key=True),
-    sa.Column("state", sa.String(16), nullable=False),
+    # Counts the writes of the row, so that who watches it knows whether it has changed.
+    sa.Column("revision", sa.Integer, nullable=False, default=1),
+    sa.Column("owner", sa.String(32), nullable=False, default=""),  # id of a key; "" without keys
+    sa.Column("state", sa.String(24), nullable=False),
+    # Jobs wait in the order of their ranks.
+    sa.Column("priority", sa.String(8), nullable=False, default="normal"),
+    sa.Column("rank", sa.Integer, nullable=False, default=1),
     sa.Column("stage", sa.String(16)),
     sa.Column("fraction", sa.Double, nullable=False, default=0.0),
     # Attempts are numbered from 1; `attempt` is the last one started and the only one that may
@@ -53,12 +59,16 @@ jobs = sa.Table(
     sa.Column("results", sa.JSON(none_as_null=True)),
     sa.Column("error", sa.JSON(none_as_null=True)),
     sa.Column("trace_id", sa.String(32), nullable=False),
-    sa.Column("idempotency_key", sa.String(255), unique=True),
+    sa.Column("webhook", sa.JSON(none_as_null=True)),
+    sa.Column("idempotency_key", sa.String(255)),
     sa.Column("request_hash", sa.String(64), nullable=False),
     sa.Column("created", sa.Double, nullable=False),
     sa.Column("started", sa.Double),
     sa.Column("finished", sa.Double),
-    sa.Index("jobs_by_age", "created", "id"),
+    sa.Column("deadline", sa.Double),  # fails when it has not ended by then
+    sa.Column("expires", sa.Double),  # is removed then
+    sa.UniqueConstraint("owner", "idempotency_key", name="jobs_by_idempotency_key"),
+    sa.Index("jobs_by_age", "owner", "created", "id"),
     sa.Index("jobs_by_state", "state", "created", "id"),
 )
 

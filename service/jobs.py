@@ -15,6 +15,8 @@ import sqlalchemy as sa
 from service.database import jobs, now, workers
 from service.states import ENDED, HELD, State, before
 
+Priority = Literal["high", "normal", "low"]
+
 LOST_ATTEMPTS = 3
 """Attempts a job may lose with their workers before it is given up."""
 
@@ -24,7 +26,11 @@ class Job:
     """One row; times are seconds since 1970 by the database's clock. Columns: service.database."""
 
     id: str
+    revision: int
+    owner: str
     state: State
+    priority: Priority
+    rank: int
     stage: str | None
     fraction: float
     attempt: int
@@ -36,11 +42,14 @@ class Job:
     results: list[dict[str, Any]] | None
     error: dict[str, Any] | None
     trace_id: str
+    webhook: dict[str, Any] | None
     idempotency_key: str | None
     request_hash: str
     created: float
     started: float | None
     finished: float | None
+    deadline: float | None
+    expires: float | None
 
     @property
     def task(self) -> Literal["separate", "calibrate"]:
@@ -68,17 +77,18 @@ def find(connection: sa.Connection, job_id: str) -> Job | None:
     return _job(row) if row else None
 
 
-def find_by_key(connection: sa.Connection, idempotency_key: str) -> Job | None:
-    """Find the job that was made under this idempotency key."""
+def find_by_key(connection: sa.Connection, owner: str, idempotency_key: str) -> Job | None:
+    """Find the job that an owner made under this idempotency key."""
     row = connection.execute(
-        sa.select(jobs).where(jobs.c.idempotency_key == idempotency_key)
+        sa.select(jobs).where(jobs.c.owner == owner, jobs.c.idempotency_key == idempotency_key)
     ).first()
     return _job(row) if row else None
 
 
-def page(connection: sa.Connection, limit: int, after: Job | None) -> list[Job]:
-    """Up to `limit` jobs, newest first, older than `after`."""
-    query = sa.select(jobs).order_by(jobs.c.created.desc(), jobs.c.id.desc()).limit(limit)
+def page(connection: sa.Connection, owner: str, limit: int, after: Job | None) -> list[Job]:
+    """Up to `limit` jobs of an owner, newest first, older than `after`."""
+    query = sa.select(jobs).where(jobs.c.owner == owner)
+    query = query.order_by(jobs.c.created.desc(), jobs.c.id.desc()).limit(limit)
     if after:
         query = query.where(sa.tuple_(jobs.c.created, jobs.c.id) < (after.created, after.id))
     return [_job(row) for row in connection.execute(query)]
@@ -156,7 +166,7 @@ def claim(connection: sa.Connection, job_id: str, worker: str) -> Job | None:
     if not _move(connection, State.RUNNING, this, **attempt):
         orphan = sa.and_(jobs.c.state.in_(HELD), ~sa.exists().where(workers.c.id == jobs.c.worker))
         taken = connection.execute(
-            sa.update(jobs).where(this, orphan).values(lost=jobs.c.lost + 1, **attempt)
+            _update(sa.and_(this, orphan)).values(lost=jobs.c.lost + 1, **attempt)
         )
         if not taken.rowcount:
             return None
@@ -173,9 +183,7 @@ def _of_attempt(job: Job) -> sa.ColumnElement[bool]:
 
 def report(connection: sa.Connection, job: Job, stage: str, fraction: float) -> None:
     """Write how far the attempt is: `fraction` (0…1) of `stage`."""
-    connection.execute(
-        sa.update(jobs).where(_of_attempt(job)).values(stage=stage, fraction=fraction)
-    )
+    connection.execute(_update(_of_attempt(job)).values(stage=stage, fraction=fraction))
 
 
 def must_stop(connection: sa.Connection, job: Job) -> bool:
@@ -186,7 +194,7 @@ def must_stop(connection: sa.Connection, job: Job) -> bool:
 
 def set_inputs(connection: sa.Connection, job: Job, inputs: dict[str, Any]) -> None:
     """Name the stored photographs of a capture, so that no later attempt takes them again."""
-    connection.execute(sa.update(jobs).where(_of_attempt(job)).values(inputs=inputs))
+    connection.execute(_update(_of_attempt(job)).values(inputs=inputs))
 
 
 def succeed(connection: sa.Connection, job: Job, results: list[dict[str, Any]]) -> bool:
@@ -217,6 +225,10 @@ def _move(
     connection: sa.Connection, state: State, which: sa.ColumnElement[bool], **values: Any
 ) -> bool:
     moved = connection.execute(
-        sa.update(jobs).where(which, jobs.c.state.in_(before(state))).values(state=state, **values)
+        _update(sa.and_(which, jobs.c.state.in_(before(state)))).values(state=state, **values)
     )
     return moved.rowcount == 1
+
+
+def _update(which: sa.ColumnElement[bool]) -> sa.Update:
+    return sa.update(jobs).where(which).values(revision=jobs.c.revision + 1)

@@ -15,6 +15,7 @@ import sqlalchemy as sa
 from obstore.exceptions import BaseError
 
 from service import jobs, sandbox, scratch
+from service.api.callers import Caller
 from service.api.context import Context
 from service.api.intake import Intake
 from service.attempt import FRAMES, describe_inputs, inputs_key
@@ -37,13 +38,13 @@ class Accepted:
         return location | ({"Idempotency-Replayed": "true"} if self.replayed else {})
 
 
-def refuse_when_full(context: Context, idempotency_key: str | None) -> None:
+def refuse_when_full(context: Context, caller: Caller, idempotency_key: str | None) -> None:
     """Refuse a new job where there is no room for it: before its body is read, and once it is.
 
     idempotency_key: one that made a job already passes. Raises QueueFullError when as many jobs
     wait as may, StorageFullError when the store's disk is nearly full.
     """
-    if _job_of(context, idempotency_key):
+    if _job_of(context, caller, idempotency_key):
         return
     with context.engine.connect() as connection:
         waiting = jobs.count_queued(connection)
@@ -57,7 +58,11 @@ def refuse_when_full(context: Context, idempotency_key: str | None) -> None:
 
 
 def accept(
-    context: Context, wanted: Intake, idempotency_key: str | None, trace_id: str
+    context: Context,
+    caller: Caller,
+    wanted: Intake,
+    idempotency_key: str | None,
+    trace_id: str,
 ) -> Accepted:
     """Store the pair for good, then commit row and queue entry together.
 
@@ -65,12 +70,15 @@ def accept(
     makes it. Raises IdempotencyError when that job was another one, TaskError when the headers of
     the pair cannot be used, and what refuse_when_full raises.
     """
-    refuse_when_full(context, idempotency_key)  # an upload may have taken long
+    refuse_when_full(context, caller, idempotency_key)  # an upload may have taken long
     job_id = uuid.uuid4().hex
     sha256 = _store_pair(context, job_id, wanted, trace_id) if wanted.files else {}
     values: dict[str, Any] = {
         "id": job_id,
+        "owner": caller.owner,
         "options": wanted.options.model_dump(mode="json", exclude_unset=True),
+        "priority": wanted.handling.priority,
+        "webhook": wanted.handling.webhook and wanted.handling.webhook.model_dump(),
         "capture": wanted.capture,
         "inputs": describe_inputs(job_id, sha256) if sha256 else None,
         "trace_id": trace_id,
@@ -83,7 +91,7 @@ def accept(
             context.queue.submit(connection, job_id)
     except sa.exc.IntegrityError:
         context.storage.delete_below(f"jobs/{job_id}/")
-        earlier = _job_of(context, idempotency_key)
+        earlier = _job_of(context, caller, idempotency_key)
         if earlier is None:  # it was deleted at this moment: a 503, and the next try finds no row
             raise
         if earlier.request_hash != values["request_hash"]:
@@ -134,12 +142,15 @@ def _request_hash(wanted: Intake, sha256: dict[str, str]) -> str:
     """Digest what two requests share when they ask for the same: options, and pair or camera."""
     same = {
         "options": wanted.options.model_dump(mode="json"),
+        "handling": wanted.handling.model_dump(mode="json"),
         "capture": wanted.capture,
         "sha256": sha256,
     }
     return hashlib.sha256(json.dumps(same, sort_keys=True).encode()).hexdigest()
 
 
-def _job_of(context: Context, idempotency_key: str | None) -> jobs.Job | None:
+def _job_of(context: Context, caller: Caller, idempotency_key: str | None) -> jobs.Job | None:
+    if idempotency_key is None:
+        return None
     with context.engine.connect() as connection:
-        return jobs.find_by_key(connection, idempotency_key) if idempotency_key else None
+        return jobs.find_by_key(connection, caller.owner, idempotency_key)

@@ -10,6 +10,7 @@ from pipeline.calibration.calibrate import FILES
 from pipeline.errors import OptionError
 from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
 from service import jobs
+from service.api.callers import Caller
 from service.api.context import Context
 from service.api.models import Calibrated
 from service.attempt import results_key
@@ -27,7 +28,7 @@ _KINDS = {
 _WORDS = {"camera": "a camera", "flash": "a flash", "lamps": "lamps"}
 
 
-def fill_in(context: Context, options: Any) -> Any:
+def fill_in(context: Context, caller: Caller, options: Any) -> Any:
     """Put what calibrations found where options name them, so that a job's row is complete.
 
     options: as sent. Raises OptionError for a calibration that is unknown, of another kind, or
@@ -36,18 +37,18 @@ def fill_in(context: Context, options: Any) -> Any:
     if not isinstance(options, dict):
         return options
     return {
-        name: _found(context, name, value["calibration"])
+        name: _found(context, caller, name, value["calibration"])
         if name in _KINDS and isinstance(value, Mapping) and set(value) == {"calibration"}
         else value
         for name, value in options.items()
     }
 
 
-def _found(context: Context, option: str, job_id: object) -> Any:
+def _found(context: Context, caller: Caller, option: str, job_id: object) -> Any:
     kind = _KINDS[option]
     with context.engine.connect() as connection:
         job = jobs.find(connection, job_id) if isinstance(job_id, str) else None
-    if job is None or job.task != "calibrate":
+    if job is None or job.owner != caller.owner or job.task != "calibrate":
         raise OptionError(
             f"{option}: there is no calibration {str(job_id)[:32]!r}; it may have been deleted."
         )

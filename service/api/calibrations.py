@@ -11,6 +11,7 @@ from pipeline.calibration.options import CameraCalibration, FlashCalibration, La
 from service.api import intake
 from service.api.accept import accept, refuse_when_full
 from service.api.calibrated import fill_in
+from service.api.callers import Calling
 from service.api.context import Parts, TraceId
 from service.api.jobs import answer
 from service.api.models import Calibrated, JobAnswer
@@ -43,13 +44,14 @@ async def create_calibration(
     request: Request,
     response: Response,
     context: Parts,
+    caller: Calling,
     trace_id: TraceId,
     idempotency_key: IdempotencyKey = None,
 ) -> JobAnswer:
     """Calibrate a flash, a camera or lamps; a job, whose id other jobs' options may name."""
-    await run_in_threadpool(refuse_when_full, context, idempotency_key)
-    limit, named = context.settings.upload_bytes, partial(fill_in, context)
+    await run_in_threadpool(refuse_when_full, context, caller, idempotency_key)
+    limit, named = context.settings.upload_bytes, partial(fill_in, context, caller)
     async with intake.read_calibration(request, limit, named) as wanted:
-        made = await run_in_threadpool(accept, context, wanted, idempotency_key, trace_id)
+        made = await run_in_threadpool(accept, context, caller, wanted, idempotency_key, trace_id)
     response.headers.update(made.headers)
-    return await run_in_threadpool(answer, context, made.job_id)
+    return await run_in_threadpool(answer, context, caller, made.job_id)

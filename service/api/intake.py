@@ -25,7 +25,7 @@ from pipeline.calibration.options import (
 )
 from pipeline.errors import OptionError
 from pipeline.options import Options
-from service.api.models import CaptureRequest
+from service.api.models import CaptureRequest, Handling
 from service.attempt import FRAMES
 from service.errors import (
     MalformedRequestError,
@@ -43,9 +43,10 @@ Form = dict[str, UploadFile | str]
 
 @dataclass(frozen=True)
 class Intake:
-    """A request for a job: a pair of files by frame, or a camera to take it; and the options."""
+    """A request for a job: a pair of files by frame, or a camera to take it; and what is wanted."""
 
     options: Options | CalibrationRequest
+    handling: Handling
     files: dict[str, UploadFile]
     capture: dict[str, Any] | None
 
@@ -81,12 +82,12 @@ def _media_type(request: Request) -> str:
 async def _form(request: Request, limit: int) -> AsyncIterator[Form]:
     if _media_type(request) != "multipart/form-data":
         raise UnsupportedMediaError(
-            "Send a pair as multipart/form-data with the parts no_flash, flash and options, or, "
-            "to have it separated, a capture as application/json."
+            "Send a pair as multipart/form-data with the parts no_flash, flash, options and "
+            "handling, or, to have it separated, a capture as application/json."
         )
     body = _limited(request, limit)
     try:
-        form = await body.form(max_files=2, max_fields=1, max_part_size=_JSON_BYTES)
+        form = await body.form(max_files=2, max_fields=2, max_part_size=_JSON_BYTES)
     except HTTPException as error:
         raise MalformedRequestError(f"The multipart body cannot be read: {error.detail}") from error
     try:
@@ -128,15 +129,19 @@ def _capture(body: bytes, fill_in: FillIn) -> Intake:
     except ValidationError as error:
         raise OptionError(sentence_of(error)) from error
     drivers.check_address(wanted.capture.camera)
-    return Intake(wanted.options, {}, wanted.capture.model_dump())
+    handling = Handling.model_validate(
+        wanted.model_dump(include=set(Handling.model_fields), exclude_unset=True)
+    )
+    return Intake(wanted.options, handling, {}, wanted.capture.model_dump())
 
 
 def _pair(form: Form, without: str, parse: Callable[[str], Options | CalibrationRequest]) -> Intake:
     """without: what stands for options that were not sent."""
-    unknown = sorted(set(form) - {*FRAMES, "options"})
+    unknown = sorted(set(form) - {*FRAMES, "options", "handling"})
     if unknown:
         raise MalformedRequestError(
-            f"The part {unknown[0]!r} is unknown; the parts are no_flash, flash and options."
+            f"The part {unknown[0]!r} is unknown; the parts are no_flash, flash, options and "
+            "handling."
         )
     files = {}
     for frame in FRAMES:
@@ -144,10 +149,22 @@ def _pair(form: Form, without: str, parse: Callable[[str], Options | Calibration
         if not isinstance(file, UploadFile):
             raise MalformedRequestError(f"The file {frame} is missing; send no_flash and flash.")
         files[frame] = file
-    options = form.get("options", without)
-    if not isinstance(options, str):
-        raise MalformedRequestError("The part options must be JSON text, not a file.")
-    return Intake(parse(options), files, None)
+    options = parse(_text(form, "options", without))
+    return Intake(options, _handling(_text(form, "handling", "{}")), files, None)
+
+
+def _text(form: Form, part: str, without: str) -> str:
+    text = form.get(part, without)
+    if not isinstance(text, str):
+        raise MalformedRequestError(f"The part {part} must be JSON text, not a file.")
+    return text
+
+
+def _handling(text: str) -> Handling:
+    try:
+        return Handling.model_validate_json(text)
+    except ValidationError as error:
+        raise OptionError(sentence_of(error)) from error
 
 
 def _options(text: str, fill_in: FillIn) -> Options:

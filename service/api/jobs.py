@@ -8,7 +8,6 @@ import time
 from functools import partial
 from typing import Annotated
 
-import sqlalchemy as sa
 from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
@@ -18,8 +17,9 @@ from service import jobs
 from service.api import intake
 from service.api.accept import accept, refuse_when_full
 from service.api.calibrated import fill_in
+from service.api.callers import Caller, Calling, find
 from service.api.context import Context, Parts, TraceId
-from service.api.models import CaptureRequest, JobAnswer, JobPage
+from service.api.models import CaptureRequest, Handling, JobAnswer, JobPage
 from service.api.problems import responses
 from service.api.uploads import IdempotencyKey, accepted, pair_form
 from service.errors import UnknownJobError
@@ -39,7 +39,7 @@ _BODY = {
         "application/json": {"schema": {"$ref": "#/components/schemas/CaptureRequest"}},
     },
 }
-SCHEMAS = (Options, CaptureRequest)
+SCHEMAS = (Options, CaptureRequest, Handling)
 """Models that the OpenAPI document names only in the body above."""
 
 
@@ -54,6 +54,7 @@ async def create_job(
     request: Request,
     response: Response,
     context: Parts,
+    caller: Calling,
     trace_id: TraceId,
     idempotency_key: IdempotencyKey = None,
     prefer: Annotated[
@@ -64,13 +65,13 @@ async def create_job(
     ] = None,
 ) -> JobAnswer:
     """Separate a pair of photographs, or have a camera take one and separate it."""
-    await run_in_threadpool(refuse_when_full, context, idempotency_key)
-    limit, named = context.settings.upload_bytes, partial(fill_in, context)
+    await run_in_threadpool(refuse_when_full, context, caller, idempotency_key)
+    limit, named = context.settings.upload_bytes, partial(fill_in, context, caller)
     async with intake.read(request, limit, named) as wanted:
-        made = await run_in_threadpool(accept, context, wanted, idempotency_key, trace_id)
-    await _wait(context, made.job_id, _preferred_wait(prefer))
+        made = await run_in_threadpool(accept, context, caller, wanted, idempotency_key, trace_id)
+    await _wait(context, caller, made.job_id, _preferred_wait(prefer))
     response.headers.update(made.headers)
-    return await run_in_threadpool(answer, context, made.job_id)
+    return await run_in_threadpool(answer, context, caller, made.job_id)
 
 
 @router.get(
@@ -78,6 +79,7 @@ async def create_job(
 )
 def list_jobs(
     context: Parts,
+    caller: Calling,
     limit: Annotated[int, Query(ge=1, le=200)] = 50,
     after: Annotated[
         str | None, Query(description="Id of the last job of the page before.")
@@ -85,8 +87,8 @@ def list_jobs(
 ) -> JobPage:
     """List jobs, newest first."""
     with context.engine.connect() as connection:
-        last = _found(connection, after) if after else None
-        found = jobs.page(connection, limit + 1, last)
+        last = find(connection, caller, after) if after else None
+        found = jobs.page(connection, caller.owner, limit + 1, last)
         shown = found[:limit]
         places = jobs.positions(connection, shown)
     more = len(found) > limit
@@ -101,9 +103,9 @@ def list_jobs(
     response_model=JobAnswer,
     responses=responses(UnknownJobError, status=(503,)),
 )
-def get_job(context: Parts, job_id: str) -> JobAnswer:
+def get_job(context: Parts, caller: Calling, job_id: str) -> JobAnswer:
     """Tell how far a job is, what it gave, or why it failed."""
-    return answer(context, job_id)
+    return answer(context, caller, job_id)
 
 
 @router.post(
@@ -112,24 +114,26 @@ def get_job(context: Parts, job_id: str) -> JobAnswer:
     response_model=JobAnswer,
     responses=responses(UnknownJobError, status=(503,)),
 )
-def cancel_job(context: Parts, job_id: str) -> JobAnswer:
+def cancel_job(context: Parts, caller: Calling, job_id: str) -> JobAnswer:
     """Stop a job; one that has ended stays as it is."""
     with context.engine.begin() as connection:
+        find(connection, caller, job_id)
         jobs.request_cancel(connection, job_id)
-        job = _found(connection, job_id)
+        job = find(connection, caller, job_id)
     if job.state == State.CANCELED:
         context.queue.withdraw(job_id)
-    return answer(context, job_id)
+    return answer(context, caller, job_id)
 
 
 @router.delete(
     "/jobs/{job_id}", status_code=204, responses=responses(UnknownJobError, status=(503,))
 )
-def delete_job(context: Parts, job_id: str) -> None:
+def delete_job(context: Parts, caller: Calling, job_id: str) -> None:
     """Delete a job with its photographs and results; a running one is stopped first."""
     with context.engine.begin() as connection:
+        find(connection, caller, job_id)
         jobs.request_cancel(connection, job_id)
-        job = _found(connection, job_id)
+        job = find(connection, caller, job_id)
     # The row goes last, so that a delete that was cut short can be sent again.
     context.storage.delete_below(f"jobs/{job_id}/")
     with context.engine.begin() as connection:
@@ -138,17 +142,10 @@ def delete_job(context: Parts, job_id: str) -> None:
         context.queue.forget(job_id)
 
 
-def _found(connection: sa.Connection, job_id: str) -> jobs.Job:
-    job = jobs.find(connection, job_id)
-    if job is None:
-        raise UnknownJobError(f"There is no job {job_id[:32]!r}; it may have been deleted.")
-    return job
-
-
-def answer(context: Context, job_id: str) -> JobAnswer:
+def answer(context: Context, caller: Caller, job_id: str) -> JobAnswer:
     """Make the answer for a job. Raises UnknownJobError."""
     with context.engine.connect() as connection:
-        job = _found(connection, job_id)
+        job = find(connection, caller, job_id)
         places = jobs.positions(connection, [job])
     return JobAnswer.of(job, places.get(job_id))
 
@@ -158,14 +155,14 @@ def _preferred_wait(prefer: str | None) -> float:
     return min(int(wait[1]), WAIT_SECONDS) if wait else 0
 
 
-async def _wait(context: Context, job_id: str, seconds: float) -> None:
+async def _wait(context: Context, caller: Caller, job_id: str, seconds: float) -> None:
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
-        if await run_in_threadpool(_has_ended, context, job_id):
+        if await run_in_threadpool(_has_ended, context, caller, job_id):
             return
         await asyncio.sleep(_LOOK_SECONDS)
 
 
-def _has_ended(context: Context, job_id: str) -> bool:
+def _has_ended(context: Context, caller: Caller, job_id: str) -> bool:
     with context.engine.connect() as connection:
-        return _found(connection, job_id).ended
+        return find(connection, caller, job_id).ended

@@ -21,10 +21,34 @@ class Capture(BaseModel):
     camera: str = Field(min_length=1, description="Address of a camera, like sim://studio.")
 
 
-class CaptureRequest(BaseModel):
-    """A job whose pair a camera takes."""
+class Webhook(BaseModel):
+    """Who is told when a job ends, after the Standard Webhooks specification."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    url: str = Field(min_length=1, max_length=2048, description="Takes a POST; https or http.")
+    secret: str = Field(
+        pattern=r"^whsec_[A-Za-z0-9+/]{32,88}={0,2}$",
+        description="whsec_ and base64 of 24 to 64 bytes: the key of the signatures.",
+    )
+
+
+class Handling(BaseModel):
+    """How a job is to be dealt with, whatever it does."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    priority: jobs.Priority = Field(
+        default="normal", description="What goes first among your own waiting jobs."
+    )
+    deadline_seconds: float | None = Field(
+        default=None, gt=0, description="The job fails when it has not ended after so long."
+    )
+    webhook: Webhook | None = None
+
+
+class CaptureRequest(Handling):
+    """A job whose pair a camera takes."""
 
     capture: Capture
     options: Options = Options()
@@ -75,6 +99,7 @@ class JobAnswer(BaseModel):
 
     id: str
     state: State
+    priority: jobs.Priority
     stage: str | None = Field(
         description="capture, decode, align, lamps, layers, encode or calibrate."
     )
@@ -89,6 +114,8 @@ class JobAnswer(BaseModel):
     created: datetime
     started: datetime | None
     finished: datetime | None
+    deadline: datetime | None = Field(description="The job fails when it has not ended by then.")
+    expires: datetime | None = Field(description="The job and its files are removed then.")
     links: Links
 
     @classmethod
@@ -99,6 +126,7 @@ class JobAnswer(BaseModel):
         return cls(
             id=job.id,
             state=job.state,
+            priority=job.priority,
             stage=job.stage,
             fraction=job.fraction,
             position=position,
@@ -114,6 +142,8 @@ class JobAnswer(BaseModel):
             created=_time(job.created),
             started=_time(job.started) if job.started else None,
             finished=_time(job.finished) if job.finished else None,
+            deadline=_time(job.deadline) if job.deadline else None,
+            expires=_time(job.expires) if job.expires else None,
             links=Links(
                 self=here,
                 cancel=None if job.ended else f"{here}/cancel",

@@ -10,6 +10,7 @@ from fastapi.responses import Response, StreamingResponse
 
 from pipeline.remarks import Code
 from service import jobs
+from service.api.callers import Caller, Calling, find
 from service.api.context import Context, Parts
 from service.api.problems import responses
 from service.api.ranges import parse_range
@@ -65,9 +66,9 @@ _MANIFEST_SCHEMA = {
         **responses(UnknownJobError, NotReadyError, status=(503,)),
     },
 )
-def get_manifest(context: Parts, job_id: str) -> Response:
+def get_manifest(context: Parts, caller: Calling, job_id: str) -> Response:
     """Get the manifest: inputs, options, lamps, files, warnings, versions."""
-    job = _succeeded(context, job_id)
+    job = _succeeded(context, caller, job_id)
     _result(job, MANIFEST)
     data = context.storage.get(results_key(job_id, job.attempt, MANIFEST))
     return Response(data, media_type="application/json")
@@ -87,6 +88,7 @@ def get_manifest(context: Parts, job_id: str) -> Response:
 def get_result(
     request: Request,
     context: Parts,
+    caller: Calling,
     job_id: str,
     name: str,
     range: Annotated[str | None, Header()] = None,
@@ -94,7 +96,7 @@ def get_result(
     if_none_match: Annotated[str | None, Header()] = None,
 ) -> Response:
     """Get one file of the results, whole or in part."""
-    job = _succeeded(context, job_id)
+    job = _succeeded(context, caller, job_id)
     result = _result(job, name)
     etag = f'"{result["sha256"]}"'
     headers = {
@@ -130,9 +132,9 @@ def get_result(
         **responses(UnknownJobError, NotReadyError, status=(503,)),
     },
 )
-def get_zip(context: Parts, job_id: str) -> Response:
+def get_zip(context: Parts, caller: Calling, job_id: str) -> Response:
     """Get all results in one ZIP file."""
-    job = _succeeded(context, job_id)
+    job = _succeeded(context, caller, job_id)
     members = [_member(context, job, result) for result in job.results or []]
     headers = {"Content-Disposition": f'attachment; filename="{job_id}.zip"'}
     return StreamingResponse(stored_zip(members), headers=headers, media_type="application/zip")
@@ -147,11 +149,9 @@ def _member(context: Context, job: jobs.Job, result: dict[str, Any]) -> Member:
     return Member(result["name"], result["size"], chunks)
 
 
-def _succeeded(context: Context, job_id: str) -> jobs.Job:
+def _succeeded(context: Context, caller: Caller, job_id: str) -> jobs.Job:
     with context.engine.connect() as connection:
-        job = jobs.find(connection, job_id)
-    if job is None:
-        raise UnknownJobError(f"There is no job {job_id[:32]!r}; it may have been deleted.")
+        job = find(connection, caller, job_id)
     if job.state != State.SUCCEEDED:
         raise NotReadyError(f"The job is {job.state}; results are there once it is succeeded.")
     return job

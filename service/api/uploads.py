@@ -64,6 +64,12 @@ def pair_form(options: dict[str, Any], told: str, required: bool = False) -> dic
             "contentSchema": options,
             "description": told,
         },
+        "handling": {
+            "type": "string",
+            "contentMediaType": "application/json",
+            "contentSchema": {"$ref": "#/components/schemas/Handling"},
+            "description": "Priority, deadline and webhook, as JSON text.",
+        },
     }
     parts = [*FRAMES, "options"] if required else list(FRAMES)
     schema = {"type": "object", "required": parts, "properties": properties}

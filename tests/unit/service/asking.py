@@ -27,7 +27,7 @@ def post_capture(http: httpx.Client, **headers: str) -> dict[str, Any]:
 def rows_of(context: Context) -> list[jobs.Job]:
     """Every job of the database, newest first."""
     with context.engine.connect() as connection:
-        return jobs.page(connection, 100, None)
+        return jobs.page(connection, "", 100, None)
 
 
 def problem_of(answer: httpx.Response) -> tuple[int, str, str]:

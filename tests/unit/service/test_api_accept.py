@@ -193,7 +193,7 @@ def test_a_job_that_is_deleted_while_its_key_is_sent_again_asks_for_another_try(
     http: httpx.Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     post_capture(http, **{"idempotency-key": "once"})
-    monkeypatch.setattr(jobs, "find_by_key", lambda _connection, _key: None)
+    monkeypatch.setattr(jobs, "find_by_key", lambda _connection, _owner, _key: None)
     wanted = {"capture": {"camera": "sim://studio"}}
     answer = http.post("/jobs", json=wanted, headers={"idempotency-key": "once"})
     assert (answer.status_code, answer.json()["retryable"]) == (503, True)
@@ -244,3 +244,33 @@ def test_an_idempotency_key_that_cannot_be_is_refused(key: bytes, http: httpx.Cl
 def test_an_idempotency_key_may_be_any_visible_text(key: str, http: httpx.Client) -> None:
     made = [post_capture(http, **{"idempotency-key": key})["id"] for _ in range(2)]
     assert made[0] == made[1]
+
+
+class TestHandling:
+    def test_is_normal_where_nothing_is_asked(self, http: httpx.Client) -> None:
+        job = post_capture(http)
+        assert (job["priority"], job["deadline"], job["expires"]) == ("normal", None, None)
+
+    def test_comes_with_a_capture(self, http: httpx.Client) -> None:
+        body = {"capture": {"camera": "sim://studio"}, "priority": "low"}
+        assert http.post("/jobs", json=body).json()["priority"] == "low"
+
+    def test_comes_with_a_pair(self, http: httpx.Client, png: Png) -> None:
+        answer = post_pair(
+            http, png(64, 48), png(64, 48, True), data={"handling": '{"priority": "high"}'}
+        )
+        assert answer.json()["priority"] == "high"
+
+    @pytest.mark.parametrize(
+        ("handling", "words"),
+        [
+            ('{"priority": "first"}', "priority: Input should be 'high', 'normal' or 'low'."),
+            ('{"speed": 2}', "speed: this name is not known."),
+            ('{"deadline_seconds": 0}', "deadline_seconds: Input should be greater than 0."),
+        ],
+    )
+    def test_that_cannot_be_is_refused(
+        self, handling: str, words: str, http: httpx.Client, png: Png
+    ) -> None:
+        answer = post_pair(http, png(64, 48), png(64, 48, True), data={"handling": handling})
+        assert problem_of(answer) == (422, "invalid-option", words)

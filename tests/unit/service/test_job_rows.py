@@ -276,9 +276,9 @@ def test_an_idempotency_key_makes_one_job(engine: sa.Engine) -> None:
     with pytest.raises(sa.exc.IntegrityError):
         _add(engine, "b", idempotency_key="key")
     with engine.connect() as connection:
-        found = jobs.find_by_key(connection, "key")
+        found = jobs.find_by_key(connection, "", "key")
         assert found is not None and found.id == "a"
-        assert jobs.find_by_key(connection, "other") is None
+        assert jobs.find_by_key(connection, "", "other") is None
 
 
 def test_jobs_without_a_key_do_not_clash(engine: sa.Engine) -> None:
@@ -294,8 +294,8 @@ def test_pages_go_from_new_to_old_and_meet_every_job_once(engine: sa.Engine) -> 
     created = [_find(engine, job_id) for job_id in "cafebd"]
     expected = sorted(created, key=lambda job: (job.created, job.id), reverse=True)
     with engine.connect() as connection:
-        first = jobs.page(connection, 4, None)
-        second = jobs.page(connection, 4, first[-1])
+        first = jobs.page(connection, "", 4, None)
+        second = jobs.page(connection, "", 4, first[-1])
     assert [job.id for job in first + second] == [job.id for job in expected]
     assert len(first) == 4
 

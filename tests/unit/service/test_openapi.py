@@ -52,7 +52,7 @@ def test_a_pair_and_a_capture_are_described(paths: dict[str, dict[str, Any]]) ->
     content = paths["/jobs"]["post"]["requestBody"]["content"]
     pair = content["multipart/form-data"]["schema"]
     assert pair["required"] == ["no_flash", "flash"]
-    assert set(pair["properties"]) == {"no_flash", "flash", "options"}
+    assert set(pair["properties"]) == {"no_flash", "flash", "options", "handling"}
     assert content["application/json"]["schema"]["$ref"].endswith("/CaptureRequest")
 
 
