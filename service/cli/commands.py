@@ -3,41 +3,62 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from service.cli import calibrate
-from service.cli.options import Flags, Flash, NoFlash, read_file, with_flags
+from service.cli.options import (
+    Flags,
+    Flash,
+    MaybeFlash,
+    NoFlash,
+    NoFlashOrFolder,
+    read_file,
+    with_flags,
+)
 
 app = typer.Typer(
     help="Separates the light of every lamp, from a photograph with the flash and one without.",
-    add_completion=False,
     rich_markup_mode=None,
 )
 app.add_typer(calibrate.app, name="calibrate")
 
 Output = Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of results.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the manifest.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
 
 
 @app.command()
 @with_flags
 def separate(
-    no_flash: NoFlash, flash: Flash, output: Output, flags: Flags, as_json: AsJson = False
-) -> None:
-    """Separate a pair here, without a server."""
+    no_flash: NoFlashOrFolder,
+    output: Output,
+    flags: Flags,
+    flash: MaybeFlash = None,
+    as_json: AsJson = False,
+) -> int | None:
+    """Separate a pair here, without a server; or all pairs of a folder.
+
+    In a folder, the photographs of a pair are found by what EXIF says of the flash and of the time;
+    the results of each get a folder of their own in DIR, with the name of the photograph without
+    the flash.
+    """
     import pipeline
     from pipeline.progress import Progress
     from service.cli.display import print_results, stage_bar
     from service.cli.folder import new_results
+    from service.cli.session import separate_folder
 
     options = flags.options()
+    if flash is None:
+        return separate_folder(no_flash, output, options, as_json)
     before, after = read_file(no_flash, "photograph"), read_file(flash, "photograph")
     with new_results(output) as folder, stage_bar() as report:
         manifest = pipeline.separate_files(before, after, options, folder, Progress(report))
     print_results(manifest, output, as_json)
+    return None
 
 
 @app.command()
@@ -99,11 +120,29 @@ def submit(
 
 
 @app.command()
-def cameras() -> None:
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of results.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help="Default: report.html in DIR."),
+    ] = None,
+) -> None:
+    """Write one HTML page of a result, with pictures and figures in it."""
+    from service.cli.report import write_report
+
+    print(write_report(folder, output or folder / "report.html"))
+
+
+@app.command()
+def cameras(as_json: AsJson = False) -> None:
     """List the cameras that can take a pair."""
     import drivers
 
-    for camera in drivers.list_cameras():
+    found = drivers.list_cameras()
+    if as_json:
+        print(json.dumps([asdict(camera) for camera in found], indent=2))
+        return
+    for camera in found:
         battery = "" if camera.battery_percent is None else f", battery {camera.battery_percent} %"
         print(f"{camera.address}  {camera.make} {camera.model}{battery}")
 
@@ -114,6 +153,7 @@ def capture(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of the photographs.")
     ],
+    as_json: AsJson = False,
 ) -> None:
     """Have a camera take a pair, and save both photographs."""
     import drivers
@@ -127,5 +167,5 @@ def capture(
             for kind, data in shot.files.items():
                 names.append(f"{frame}.{'jpg' if kind == 'jpeg' else kind}")
                 (folder / names[-1]).write_bytes(data)
-    for name in names:
-        print(output / name)
+    paths = [str(output / name) for name in names]
+    print(json.dumps({"files": paths}, indent=2) if as_json else "\n".join(paths))

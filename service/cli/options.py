@@ -16,6 +16,16 @@ if TYPE_CHECKING:
 
 Table = TypeVar("Table")
 NoFlash = Annotated[Path, typer.Argument(metavar="NO_FLASH", help="Photograph without the flash.")]
+NoFlashOrFolder = Annotated[
+    Path,
+    typer.Argument(
+        metavar="NO_FLASH|FOLDER",
+        help="Photograph without the flash; or, alone, a folder with pairs.",
+    ),
+]
+MaybeFlash = Annotated[
+    Path | None, typer.Argument(metavar="FLASH", help="Photograph with the flash.")
+]
 Flash = Annotated[Path, typer.Argument(metavar="FLASH", help="Photograph with the flash.")]
 
 
@@ -181,7 +191,7 @@ class Flags(PairFlags):
             raise OptionError(sentence_of(error)) from error
 
 
-def with_flags(command: Callable[..., None]) -> Callable[..., None]:
+def with_flags(command: Callable[..., object]) -> Callable[..., object]:
     """Replace the parameter `flags` of a command by one command line option per field of its type.
 
     The type is Flags or PairFlags.
@@ -200,9 +210,9 @@ def with_flags(command: Callable[..., None]) -> Callable[..., None]:
         for field in fields(kind)
     ]
 
-    def wrapper(**arguments: Any) -> None:
+    def wrapper(**arguments: Any) -> object:
         flags = kind(**{field.name: arguments.pop(field.name) for field in fields(kind)})
-        command(**arguments, flags=flags)
+        return command(**arguments, flags=flags)
 
     wrapper.__name__ = command.__name__
     wrapper.__doc__ = command.__doc__

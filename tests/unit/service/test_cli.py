@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -188,6 +189,28 @@ def test_cameras_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     (camera,) = drivers.list_cameras()
     line = capsys.readouterr().out
     assert line.startswith(f"sim://studio  {camera.make} {camera.model}")
+    assert run(["cameras", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == [asdict(camera)]
+
+
+def test_a_capture_tells_programs_where_the_files_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    address = "sim://studio?width=64&height=64"
+    assert run(["capture", address, "-o", str(tmp_path / "out"), "--json"]) == 0
+    files = [str(tmp_path / "out" / name) for name in ("no_flash.dng", "flash.dng")]
+    assert json.loads(capsys.readouterr().out) == {"files": files}
+
+
+def test_the_shell_completes_commands(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("_LIGHTLAYERS_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", "lightlayers sep")
+    monkeypatch.setenv("COMP_CWORD", "1")
+    with pytest.raises(SystemExit) as ended:
+        run([])
+    assert (ended.value.code, capsys.readouterr().out.split()) == (0, ["separate"])
 
 
 MANIFEST = {
