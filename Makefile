@@ -17,8 +17,7 @@ demo: setup  ## Have the simulated camera take a pair, separate it, put the resu
 	$(BIN)/python -m service.demo
 
 test: lint  ## Run every check and every test
-	@command -v initdb >/dev/null || ls /usr/lib/postgresql/*/bin/initdb >/dev/null 2>&1 \
-		|| .ci/apt-install postgresql || test "$${CI:-}" != true
+	@.ci/test-programs
 	$(BIN)/pytest
 
 lint: setup  ## Check style, types and the import rules

@@ -142,6 +142,13 @@ class Flags(PairFlags):
             help="Focal length in pixels. Default: from EXIF, else as of 50 mm on 36 × 24 mm.",
         ),
     ] = None
+    normals: Annotated[
+        str,
+        typer.Option(
+            metavar="gl|dx",
+            help="Where y of written normals points: up, as OpenGL has it, or down, as DirectX.",
+        ),
+    ] = "gl"
     outputs: Annotated[
         str,
         typer.Option(
@@ -179,6 +186,7 @@ class Flags(PairFlags):
             ],
             "response": read_table(self.response, parse_sensitivities),
             "focal_px": self.focal_px,
+            "normals": self.normals,
             "outputs": self.outputs
             if self.outputs in ("default", "all")
             else [name.strip() for name in self.outputs.split(",")],
