@@ -6,7 +6,7 @@ BIN := .venv/bin
 INSTALLED := .venv/installed
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint evaluate bench serve openapi clean
+.PHONY: help setup demo test lint evaluate bench serve openapi docs clean
 
 help:  ## Show this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/\1\t\2/p' Makefile | expand -t 12
@@ -43,6 +43,10 @@ serve: setup  ## Serve on http://localhost:8000; HOST=0.0.0.0 for phones on this
 openapi: setup  ## Write openapi.json from the app
 	$(BIN)/python -m service.openapi > openapi.json.new
 	mv openapi.json.new openapi.json
+
+docs: setup openapi  ## Build the pages of docs/ into a site, build/site
+	$(BIN)/python -m service.reference docs/reference
+	$(BIN)/sphinx-build -W -q docs build/site
 
 clean:  ## Remove what setup, demo and the tools made; jobs in .lightlayers stay
 	rm -rf .venv build demo *.egg-info .mypy_cache .pytest_cache .ruff_cache .import_linter_cache
