@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import sqlalchemy as sa
 
-from service import jobs, sandbox, scratch
+from service import eta, jobs, sandbox, scratch
 from service.errors import AttemptError, problem_of
 from service.forkserver import ForkServer
 from service.media import media_type
@@ -61,6 +61,7 @@ class Attempt:
         self._asked = 0.0
         self._stop = False
         self._reported: tuple[str, float] = ("", 0.0)
+        self._track: eta.Track
         self._log = logging.LoggerAdapter(
             log, {"job": job.id, "attempt": job.attempt, "trace_id": job.trace_id}
         )
@@ -87,6 +88,8 @@ class Attempt:
             self._give_up()
 
     def _work(self) -> bool:
+        with self._engine.connect() as connection:
+            self._track = eta.Track(eta.pace_of(connection, self._job))
         with scratch.folder(self._settings.data_dir) as directory:
             if self._job.capture and not self._job.inputs:
                 self._capture(directory)
@@ -94,9 +97,10 @@ class Attempt:
                 for frame in FRAMES:
                     self._storage.get_file(inputs_key(self._job.id, frame), directory / frame)
             self._run_task(self._job.task, directory)
+            self._track.reach("store", 0.0)
             results = [self._store(path) for path in sandbox.results_of(directory)]
         with self._engine.begin() as connection:
-            counts = jobs.succeed(connection, self._job, results)
+            counts = jobs.succeed(connection, self._job, results, self._track.finish())
         if counts:
             self._log.info("succeeded")
             for lost in range(1, self._job.attempt):
@@ -137,12 +141,20 @@ class Attempt:
         }
 
     def _report(self, stage: str, fraction: float) -> None:
+        self._track.reach(stage, fraction)
         last_stage, last_time = self._reported
         if stage == last_stage and time.monotonic() - last_time < _REPORT_SECONDS:
             return
         self._reported = (stage, time.monotonic())
         with self._engine.begin() as connection:
-            jobs.report(connection, self._job, stage, fraction)
+            jobs.report(
+                connection,
+                self._job,
+                stage,
+                fraction,
+                self._track.progress,
+                self._track.seconds_left,
+            )
 
     def _must_stop(self) -> bool:
         if self._stopping():

@@ -48,6 +48,11 @@ jobs = sa.Table(
     sa.Column("rank", sa.Integer, nullable=False, default=1),
     sa.Column("stage", sa.String(16)),
     sa.Column("fraction", sa.Double, nullable=False, default=0.0),
+    # How much of the whole attempt is done, and when it is likely to end: service.eta.
+    sa.Column("progress", sa.Double, nullable=False, default=0.0),
+    sa.Column("eta", sa.Double),
+    sa.Column("likeness", sa.String(64), nullable=False, default=""),
+    sa.Column("stage_seconds", sa.JSON(none_as_null=True)),
     # Attempts are numbered from 1; `attempt` is the last one started and the only one that may
     # write. `lost` counts those whose worker died under them.
     sa.Column("attempt", sa.Integer, nullable=False, default=0),
@@ -60,6 +65,8 @@ jobs = sa.Table(
     sa.Column("error", sa.JSON(none_as_null=True)),
     sa.Column("trace_id", sa.String(32), nullable=False),
     sa.Column("webhook", sa.JSON(none_as_null=True)),
+    # What came of telling the webhook; null until its first delivery is queued.
+    sa.Column("delivery", sa.JSON(none_as_null=True)),
     sa.Column("idempotency_key", sa.String(255)),
     sa.Column("request_hash", sa.String(64), nullable=False),
     sa.Column("created", sa.Double, nullable=False),
@@ -70,6 +77,15 @@ jobs = sa.Table(
     sa.UniqueConstraint("owner", "idempotency_key", name="jobs_by_idempotency_key"),
     sa.Index("jobs_by_age", "owner", "created", "id"),
     sa.Index("jobs_by_state", "state", "created", "id"),
+    sa.Index("jobs_by_likeness", "likeness", "state", "created"),
+)
+
+# Few rows at any time, so that workers may look often: a job leaves it when a delivery is queued.
+sa.Index(
+    "jobs_with_news",
+    jobs.c.state,
+    sqlite_where=jobs.c.webhook.is_not(None) & jobs.c.delivery.is_(None),
+    postgresql_where=jobs.c.webhook.is_not(None) & jobs.c.delivery.is_(None),
 )
 
 workers = sa.Table(

@@ -6,7 +6,7 @@ of an attempt names its number, so that an attempt that was taken over writes no
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -33,6 +33,10 @@ class Job:
     rank: int
     stage: str | None
     fraction: float
+    progress: float
+    eta: float | None
+    likeness: str
+    stage_seconds: dict[str, float] | None
     attempt: int
     lost: int
     worker: str | None
@@ -43,6 +47,7 @@ class Job:
     error: dict[str, Any] | None
     trace_id: str
     webhook: dict[str, Any] | None
+    delivery: dict[str, Any] | None
     idempotency_key: str | None
     request_hash: str
     created: float
@@ -75,6 +80,11 @@ def find(connection: sa.Connection, job_id: str) -> Job | None:
     """Find the job of this id."""
     row = connection.execute(sa.select(jobs).where(jobs.c.id == job_id)).first()
     return _job(row) if row else None
+
+
+def find_all(connection: sa.Connection, job_ids: Collection[str]) -> list[Job]:
+    """Find the jobs of these ids that there are."""
+    return [_job(row) for row in connection.execute(sa.select(jobs).where(jobs.c.id.in_(job_ids)))]
 
 
 def find_by_key(connection: sa.Connection, owner: str, idempotency_key: str) -> Job | None:
@@ -161,6 +171,8 @@ def claim(connection: sa.Connection, job_id: str, worker: str) -> Job | None:
         "worker": worker,
         "stage": None,
         "fraction": 0.0,
+        "progress": 0.0,
+        "eta": None,
         "started": sa.func.coalesce(jobs.c.started, now()),
     }
     if not _move(connection, State.RUNNING, this, **attempt):
@@ -181,9 +193,18 @@ def _of_attempt(job: Job) -> sa.ColumnElement[bool]:
     )
 
 
-def report(connection: sa.Connection, job: Job, stage: str, fraction: float) -> None:
-    """Write how far the attempt is: `fraction` (0…1) of `stage`."""
-    connection.execute(_update(_of_attempt(job)).values(stage=stage, fraction=fraction))
+def report(
+    connection: sa.Connection,
+    job: Job,
+    stage: str,
+    fraction: float,
+    progress: float = 0.0,
+    seconds_left: float | None = None,
+) -> None:
+    """Write how far the attempt is: `fraction` (0…1) of `stage`, `progress` (0…1) of the whole."""
+    eta = None if seconds_left is None else now() + seconds_left
+    told = {"stage": stage, "fraction": fraction, "progress": progress, "eta": eta}
+    connection.execute(_update(_of_attempt(job)).values(told))
 
 
 def must_stop(connection: sa.Connection, job: Job) -> bool:
@@ -197,9 +218,18 @@ def set_inputs(connection: sa.Connection, job: Job, inputs: dict[str, Any]) -> N
     connection.execute(_update(_of_attempt(job)).values(inputs=inputs))
 
 
-def succeed(connection: sa.Connection, job: Job, results: list[dict[str, Any]]) -> bool:
-    """End the job with the files of this attempt; false when the attempt counts no more."""
-    return _end(connection, job, State.SUCCEEDED, results=results, fraction=1.0)
+def succeed(
+    connection: sa.Connection,
+    job: Job,
+    results: list[dict[str, Any]],
+    stage_seconds: dict[str, float] | None = None,
+) -> bool:
+    """End the job with the files of this attempt; false when the attempt counts no more.
+
+    stage_seconds: what each stage took.
+    """
+    done = {"results": results, "stage_seconds": stage_seconds, "fraction": 1.0, "progress": 1.0}
+    return _end(connection, job, State.SUCCEEDED, **done)
 
 
 def fail(connection: sa.Connection, job: Job, error: dict[str, Any]) -> bool:
@@ -214,11 +244,26 @@ def acknowledge_cancel(connection: sa.Connection, job: Job) -> bool:
 
 def release(connection: sa.Connection, job: Job) -> None:
     """Put the job back, for a worker that ends; the attempt does not count as lost."""
-    _move(connection, State.QUEUED, _of_attempt(job), worker=None, stage=None, fraction=0.0)
+    fresh = {"worker": None, "stage": None, "fraction": 0.0, "progress": 0.0, "eta": None}
+    _move(connection, State.QUEUED, _of_attempt(job), **fresh)
+
+
+def set_delivery(connection: sa.Connection, job_id: str, delivery: dict[str, Any]) -> None:
+    """Write what came of telling the job's webhook."""
+    connection.execute(_update(jobs.c.id == job_id).values(delivery=delivery))
+
+
+def with_news(connection: sa.Connection, limit: int) -> list[Job]:
+    """Ended jobs with a webhook for which no delivery is queued yet, up to `limit`."""
+    # Spelt as the index has it, so that it is used; the rows are held until the transaction ends.
+    news = sa.and_(jobs.c.webhook.is_not(None), jobs.c.delivery.is_(None), jobs.c.state.in_(ENDED))
+    query = sa.select(jobs).where(news).limit(limit).with_for_update(skip_locked=True)
+    return [_job(row) for row in connection.execute(query)]
 
 
 def _end(connection: sa.Connection, job: Job, state: State, **values: Any) -> bool:
-    return _move(connection, state, _of_attempt(job), worker=None, finished=now(), **values)
+    ended = {"worker": None, "eta": None, "finished": now()}
+    return _move(connection, state, _of_attempt(job), **ended, **values)
 
 
 def _move(

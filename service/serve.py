@@ -17,11 +17,13 @@ import uvicorn
 from service import logs, processes
 from service.api import create_app
 from service.api.context import open_context
+from service.api.watching import Watching
 from service.errors import StartError
 from service.settings import Settings
 
 _RESTART_SECONDS = 1.0
 _STOP_SECONDS = 10.0
+_FINISH_SECONDS = 10  # for answers on their way when the service stops
 
 log = logging.getLogger("service.serve")
 
@@ -42,10 +44,28 @@ def serve(settings: Settings, worker: bool) -> None:
             stack.enter_context(_worker(settings))
         app = create_app()
         app.state.context = context
-        config = uvicorn.Config(app, log_config=None, access_log=False, server_header=False)
+        config = uvicorn.Config(
+            app,
+            log_config=None,
+            access_log=False,
+            server_header=False,
+            timeout_graceful_shutdown=_FINISH_SECONDS,
+        )
         host, port = listener.getsockname()[:2]
         log.info("listening on http://%s:%s", f"[{host}]" if ":" in host else host, port)
-        uvicorn.Server(config).run(sockets=[listener])
+        _Server(config, context.watching).run(sockets=[listener])
+
+
+class _Server(uvicorn.Server):
+    """One that sends those away who watch jobs, for whom it would wait for ever."""
+
+    def __init__(self, config: uvicorn.Config, watching: Watching) -> None:
+        super().__init__(config)
+        self._watching = watching
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        self._watching.close()
+        await super().shutdown(sockets)
 
 
 def _listener(settings: Settings) -> socket.socket:

@@ -8,7 +8,11 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from service.addresses import parse_networks
+
 MIB = 1024 * 1024
+TELLINGS = 20
+"""How often a webhook may be told at most."""
 
 
 def _store_in(data: dict[str, Any]) -> str:
@@ -19,6 +23,11 @@ def _store_in(data: dict[str, Any]) -> str:
 def _database_in(data: dict[str, Any]) -> str:
     folder: Path = data["data_dir"]
     return f"sqlite:///{folder / 'lightlayers.sqlite'}"
+
+
+def _check_networks(text: str) -> str:
+    parse_networks(text)
+    return text
 
 
 class Settings(BaseSettings):
@@ -71,4 +80,25 @@ class Settings(BaseSettings):
     )
     silence_seconds: float = Field(
         default=15, gt=0, description="Silence after which others take a worker's jobs over."
+    )
+    webhook_private: Annotated[str, AfterValidator(_check_networks)] = Field(
+        default="false",
+        description="Private networks that webhooks may be in, like 10.0.0.0/8,fd00::/8; true for "
+        "all of them.",
+    )
+    webhook_https: bool = Field(default=False, description="Refuse webhooks without https.")
+    webhook_seconds: float = Field(
+        default=15, gt=0, description="What telling a webhook may take in all, in seconds."
+    )
+    webhook_retry_seconds: float = Field(
+        default=5,
+        gt=0,
+        description="Wait before a webhook that did not take what it was told is told again; "
+        "each further one is 2.5 times as long.",
+    )
+    webhook_tries: int = Field(
+        default=12,
+        ge=1,
+        le=TELLINGS,
+        description="How often a webhook is told; 12 last about a day.",
     )

@@ -16,7 +16,7 @@ import uuid
 
 import sqlalchemy as sa
 
-from service import engine, jobs, logs, sandbox, scratch
+from service import engine, jobs, logs, sandbox, scratch, webhooks
 from service.attempt import Attempt
 from service.errors import AbandonedError, problem_of
 from service.opening import open_database, open_storage
@@ -39,6 +39,8 @@ class Worker:
         self._settings = settings
         self._engine = open_database(settings)
         self._storage = open_storage(settings)
+        self._queue = engine.Queue(self._engine)
+        self._teller = webhooks.Teller(self._engine, self._queue, settings)
         self._fork_server = sandbox.fork_server(settings.worker_concurrency)
         self._stopping = threading.Event()
         self._idle = threading.Condition()
@@ -56,6 +58,7 @@ class Worker:
             self._engine,
             self.id,
             lambda job_id: self.run(job_id),
+            lambda job_id, number: self._teller.tell(job_id, number),
             self._settings.worker_concurrency,
             self._settings.poll_seconds,
         )
@@ -71,13 +74,14 @@ class Worker:
         log.info("stopped", extra={"worker": self.id})
 
     def keep(self) -> None:
-        """One heartbeat, and the jobs of dead workers back into the queue."""
+        """One heartbeat, the jobs of dead workers back into the queue, and webhooks to be told."""
         try:
             self._beat()
             with self._engine.begin() as connection:
                 living = jobs.living_workers(connection, self._settings.silence_seconds)
             for job_id in engine.take_over(living):
                 log.warning("taken over", extra={"job": job_id, "worker": self.id})
+            self._queue_news()
         except sa.exc.DBAPIError:
             log.exception("the database did not answer", extra={"worker": self.id})
 
@@ -99,11 +103,16 @@ class Worker:
                 if held:
                     self._attempt(held)
                     held = None
+                    self._queue_news()
                     continue
             except sa.exc.DBAPIError:
                 log.exception("the database did not answer", extra={"job": job_id})
             # Another worker that lives has it: stay by, in case that it dies.
             self._stopping.wait(_RETRY_SECONDS)
+
+    def _queue_news(self) -> None:
+        with self._engine.begin() as connection:
+            webhooks.queue_news(connection, self._queue)
 
     def _attempt(self, job: jobs.Job) -> None:
         with self._idle:

@@ -14,10 +14,13 @@ from typing import Any
 import sqlalchemy as sa
 from obstore.exceptions import BaseError
 
-from service import jobs, sandbox, scratch
+from pipeline.errors import OptionError
+from service import eta, jobs, sandbox, scratch
+from service.addresses import ForbiddenAddressError, check_url, parse_networks
 from service.api.callers import Caller
 from service.api.context import Context
 from service.api.intake import Intake
+from service.api.models import Handling
 from service.attempt import FRAMES, describe_inputs, inputs_key
 from service.errors import IdempotencyError, QueueFullError, StorageFullError
 
@@ -68,15 +71,20 @@ def accept(
 
     An idempotency_key that made a job already gives that job; of requests that come at once, one
     makes it. Raises IdempotencyError when that job was another one, TaskError when the headers of
-    the pair cannot be used, and what refuse_when_full raises.
+    the pair cannot be used, OptionError when the webhook is one that is not called, and what
+    refuse_when_full raises.
     """
     refuse_when_full(context, caller, idempotency_key)  # an upload may have taken long
+    _check_webhook(context, wanted.handling)
     job_id = uuid.uuid4().hex
     sha256 = _store_pair(context, job_id, wanted, trace_id) if wanted.files else {}
+    options = wanted.options.model_dump(mode="json", exclude_unset=True)
+    size = sum(file.size or 0 for file in wanted.files.values())
     values: dict[str, Any] = {
         "id": job_id,
         "owner": caller.owner,
-        "options": wanted.options.model_dump(mode="json", exclude_unset=True),
+        "options": options,
+        "likeness": eta.likeness(options, size, wanted.capture),
         "priority": wanted.handling.priority,
         "webhook": wanted.handling.webhook and wanted.handling.webhook.model_dump(),
         "capture": wanted.capture,
@@ -101,6 +109,16 @@ def accept(
             ) from None
         return Accepted(earlier.id, replayed=True)
     return Accepted(job_id, replayed=False)
+
+
+def _check_webhook(context: Context, handling: Handling) -> None:
+    if handling.webhook is None:
+        return
+    allowed = parse_networks(context.settings.webhook_private)
+    try:
+        check_url(handling.webhook.url, allowed, context.settings.webhook_https)
+    except ForbiddenAddressError as error:
+        raise OptionError(f"webhook.url: {error}.") from error
 
 
 def _store_pair(context: Context, job_id: str, wanted: Intake, trace_id: str) -> dict[str, str]:
