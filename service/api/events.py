@@ -24,7 +24,7 @@ _RETRY_MS = 2000
 
 @router.get(
     "/jobs/{job_id}/events",
-    response_class=EventSourceResponse,
+    response_class=Response,  # what FastAPI makes of the other class cannot answer 204
     responses={
         200: {
             "description": "The job as GET /jobs/{job_id} shows it, at once and after each change, "
