@@ -13,6 +13,9 @@ Address = ipaddress.IPv4Address | ipaddress.IPv6Address
 Networks = tuple[ipaddress.IPv4Network | ipaddress.IPv6Network, ...]
 
 _NAT64 = ipaddress.ip_network("64:ff9b::/96")
+_SPECIAL = [  # that Pythons of some versions take for public
+    ipaddress.ip_network(text) for text in ("192.0.0.0/24", "192.88.99.0/24", "64:ff9b:1::/48")
+]
 _REFUSAL = (
     "this service calls no addresses of private networks; its operator may allow some with "
     "LIGHTLAYERS_WEBHOOK_PRIVATE"
@@ -42,8 +45,9 @@ def is_allowed(address: Address, private: Networks) -> bool:
         return is_allowed(inner, private)
     if any(address in network for network in private):
         return True
-    special = address.is_multicast or address.is_reserved or address.is_unspecified
-    return address.is_global and not special
+    if any(address in network for network in _SPECIAL):
+        return False
+    return address.is_global and not (address.is_multicast or address.is_reserved)
 
 
 def _embedded(address: Address) -> ipaddress.IPv4Address | None:

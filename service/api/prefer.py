@@ -12,7 +12,7 @@ WAIT_SECONDS = 60
 
 _WORD = r"[!#$%&'*+.^_`|~0-9A-Za-z-]+"
 _QUOTED = r'"(?:[^"\\]|\\.)*"'
-_PART = re.compile(rf"(?:{_QUOTED}|[^,\"])+")
+_PART = re.compile(rf"(?:{_QUOTED}|[^,])+")
 _PREFERENCE = re.compile(rf"\s*({_WORD})(?:\s*=\s*({_WORD}|{_QUOTED}))?\s*(?:;.*)?", re.DOTALL)
 
 
