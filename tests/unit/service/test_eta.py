@@ -97,7 +97,13 @@ def test_a_track_never_falls_and_measures_its_stages() -> None:
     pace = eta.Pace({"start": 0.1, "decode": 0.2, "layers": 0.6, "store": 0.1}, 20.0)
     track = eta.Track(pace, lambda: next(moments))
     told = []
-    for stage, fraction in [("decode", 0), ("decode", 1), ("layers", 0), ("decode", 0), ("store", 0)]:
+    for stage, fraction in [
+        ("decode", 0),
+        ("decode", 1),
+        ("layers", 0),
+        ("decode", 0),
+        ("store", 0),
+    ]:
         track.reach(stage, fraction)
         told.append(round(track.progress, 3))
         assert track.seconds_left == pytest.approx(20 * (1 - track.progress))

@@ -98,9 +98,7 @@ def test_a_port_without_a_server_is_no_answer() -> None:
 
 
 @pytest.mark.parametrize("host", ["[::1]", "10.0.0.1", "[::ffff:10.0.0.1]", "0xa.1", "167772161"])
-def test_a_private_address_is_not_connected_to(
-    host: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_private_address_is_not_connected_to(host: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         httpcore.SyncBackend, "connect_tcp", lambda *_args: pytest.fail("connected")
     )
