@@ -224,6 +224,13 @@ def wide_service(tmp_path: Path) -> Iterator[Service]:
 
 
 @pytest.fixture
+def telling(tmp_path: Path) -> Iterator[Service]:
+    """A service that tells webhooks on this machine, again at once where they do not take it."""
+    again = {"webhook_private": "127.0.0.0/8", "webhook_retry_seconds": 0.05}
+    yield from _running(Service(tmp_path / "service", **again))
+
+
+@pytest.fixture
 def grown_up(tmp_path: Path, postgresql: str, s3: dict[str, str]) -> Iterator[Service]:
     """A service on PostgreSQL and S3."""
     store = "s3://photographs/lightlayers"

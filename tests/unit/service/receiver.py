@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import queue
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, NamedTuple
 
@@ -27,6 +27,7 @@ class Receiver:
 
     def __init__(self, *statuses: int, **headers: str) -> None:
         self.told: queue.Queue[Told] = queue.Queue()
+        self.before: Callable[[], None] = lambda: None  # called before each answer
         receiver, left = self, list(statuses)
 
         class Handler(BaseHTTPRequestHandler):
@@ -34,12 +35,13 @@ class Receiver:
                 body = self.rfile.read(int(self.headers["content-length"]))
                 got = {name.lower(): value for name, value in self.headers.items()}
                 event = Webhook(SECRET).verify(body, got)
+                receiver.before()
+                receiver.told.put(Told(self.path, got, event))
                 self.send_response(left.pop(0) if len(left) > 1 else left[0])
                 for name, value in headers.items():
                     self.send_header(name.replace("_", "-"), value)
                 self.send_header("content-length", "0")
                 self.end_headers()
-                receiver.told.put(Told(self.path, got, event))
 
             def log_message(self, format: str, *arguments: object) -> None:
                 """Stay quiet."""

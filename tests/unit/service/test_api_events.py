@@ -62,7 +62,7 @@ def test_a_job_is_told_as_it_happens_up_to_its_end(
     assert list(stream) == []
 
 
-def test_a_place_in_the_queue_is_told_when_it_changes(http: httpx.Client, context: Context) -> None:
+def test_a_place_in_the_queue_is_told_when_it_changes(http: httpx.Client) -> None:
     before, job = post_capture(http), post_capture(http)
     stream = _watch(http, job)
     assert next(stream).id == "1.2"
@@ -83,8 +83,8 @@ def test_what_was_seen_is_not_told_again(http: httpx.Client, finish: Finish) -> 
     path = f"{job['links']['self']}/events"
     again = http.get(path, headers={"last-event-id": str(told[-1].id)})
     assert (again.status_code, again.content) == (204, b"")
-    for other in (None, "1.1", "99", "nonsense", "²"):
-        seen = {"last-event-id": other.encode()} if other else {}
+    for other in (None, "1.1", "99", "nonsense"):
+        seen = {"last-event-id": other} if other else {}
         with http.stream("GET", path, headers=seen) as answer:
             assert [event.data["state"] for event in events(answer)] == ["succeeded"]
 
@@ -113,7 +113,7 @@ def test_silence_is_broken_by_comments(http: httpx.Client, monkeypatch: pytest.M
 
 
 def test_many_watchers_are_served_by_one_look(
-    http: httpx.Client, context: Context, monkeypatch: pytest.MonkeyPatch
+    http: httpx.Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     looks: list[int] = []
     looking = threading.Lock()
@@ -155,7 +155,6 @@ def test_a_client_that_goes_is_forgotten(http: httpx.Client, context: Context) -
 
 def test_a_database_that_was_away_is_watched_on(
     http: httpx.Client,
-    context: Context,
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
