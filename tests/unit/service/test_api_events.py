@@ -35,9 +35,7 @@ def _watch(http: httpx.Client, job: dict[str, Any], seen: str | None = None) -> 
         yield from events(answer)
 
 
-def test_a_job_is_told_as_it_happens_up_to_its_end(
-    http: httpx.Client, context: Context, finish: Finish
-) -> None:
+def test_a_job_is_told_as_it_happens_up_to_its_end(http: httpx.Client, context: Context) -> None:
     job = post_capture(http)
     stream = _watch(http, job)
     first = next(stream)
