@@ -14,12 +14,19 @@ from typing import Any
 import sqlalchemy as sa
 from obstore.exceptions import BaseError
 
-from service import jobs, sandbox, scratch
+from service import jobs, quotas, sandbox, scratch
 from service.api.callers import Caller
 from service.api.context import Context
 from service.api.intake import Intake
 from service.attempt import FRAMES, describe_inputs, inputs_key
-from service.errors import IdempotencyError, QueueFullError, StorageFullError
+from service.errors import (
+    IdempotencyError,
+    QueueFullError,
+    QuotaError,
+    StorageFullError,
+    StoredQuotaError,
+)
+from service.keys import Scope
 
 _CHECK_SECONDS = 30.0
 
@@ -42,11 +49,13 @@ def refuse_when_full(context: Context, caller: Caller, idempotency_key: str | No
     """Refuse a new job where there is no room for it: before its body is read, and once it is.
 
     idempotency_key: one that made a job already passes. Raises QueueFullError when as many jobs
-    wait as may, StorageFullError when the store's disk is nearly full.
+    wait as may, StorageFullError when the store's disk is nearly full, and what quotas.check
+    raises.
     """
     if _job_of(context, caller, idempotency_key):
         return
     with context.engine.connect() as connection:
+        quotas.check(connection, caller.owner)
         waiting = jobs.count_queued(connection)
     if waiting >= context.settings.queued_jobs:
         raise QueueFullError(f"{waiting} jobs wait already; send this one again later.")
@@ -67,12 +76,15 @@ def accept(
     """Store the pair for good, then commit row and queue entry together.
 
     An idempotency_key that made a job already gives that job; of requests that come at once, one
-    makes it. Raises IdempotencyError when that job was another one, TaskError when the headers of
-    the pair cannot be used, and what refuse_when_full raises.
+    makes it. Raises ForbiddenError when the key is not for it, IdempotencyError when that job was
+    another one, TaskError when the headers of the pair cannot be used, and what refuse_when_full
+    raises.
     """
+    caller.need(Scope.CAPTURE if wanted.capture else Scope.SUBMIT)
     refuse_when_full(context, caller, idempotency_key)  # an upload may have taken long
     job_id = uuid.uuid4().hex
     sha256 = _store_pair(context, job_id, wanted, trace_id) if wanted.files else {}
+    stored = sum(file.size or 0 for file in wanted.files.values())
     values: dict[str, Any] = {
         "id": job_id,
         "owner": caller.owner,
@@ -81,6 +93,7 @@ def accept(
         "webhook": wanted.handling.webhook and wanted.handling.webhook.model_dump(),
         "capture": wanted.capture,
         "inputs": describe_inputs(job_id, sha256) if sha256 else None,
+        "stored_bytes": stored,
         "trace_id": trace_id,
         "idempotency_key": idempotency_key,
         "request_hash": _request_hash(wanted, sha256),
@@ -89,6 +102,9 @@ def accept(
         with context.engine.begin() as connection:
             jobs.add(connection, values)
             context.queue.submit(connection, job_id)
+    except (QuotaError, StoredQuotaError):
+        context.storage.delete_below(f"jobs/{job_id}/")
+        raise
     except sa.exc.IntegrityError:
         context.storage.delete_below(f"jobs/{job_id}/")
         earlier = _job_of(context, caller, idempotency_key)

@@ -98,6 +98,7 @@ class JobAnswer(BaseModel):
     """A job as it is now."""
 
     id: str
+    owner: str = Field(description="Id of the key that made it; empty where none was needed.")
     state: State
     priority: jobs.Priority
     stage: str | None = Field(
@@ -125,6 +126,7 @@ class JobAnswer(BaseModel):
         done = job.state == State.SUCCEEDED
         return cls(
             id=job.id,
+            owner=job.owner,
             state=job.state,
             priority=job.priority,
             stage=job.stage,
