@@ -69,8 +69,8 @@ def _check_keys(context: Context) -> None:
         if keys.any_usable(connection):
             return
     raise StartError(
-        "There is no key yet, and without one nobody could use this service: make the first with "
-        "`lightlayers keys create NAME` and the same LIGHTLAYERS_ settings, or listen on 127.0.0.1."
+        "This service needs keys, and there is none that is good: make one with `lightlayers keys "
+        "create NAME` and the same LIGHTLAYERS_ settings, or listen on 127.0.0.1 alone."
     )
 
 

@@ -58,6 +58,8 @@ def scopes_for(method: str, path: str) -> tuple[Scope, ...]:
     """Scopes of which a caller needs one for a route; path: as the route was declared."""
     if path.startswith("/cameras"):
         return (Scope.CAPTURE,)
+    if path.startswith("/uploads"):  # who sends one asks how far it came
+        return (Scope.SUBMIT,)
     if (method, path) == ("POST", "/jobs"):  # which of them, its body says
         return (Scope.SUBMIT, Scope.CAPTURE)
     return (Scope.READ,) if method in ("GET", "HEAD") else (Scope.SUBMIT,)
@@ -89,26 +91,25 @@ def identify(
 def _caller_of(request: Request, context: Context) -> Caller:
     scheme, _, text = request.headers.get("authorization", "").partition(" ")
     with context.engine.connect() as connection:
-        if scheme:
-            key = keys.find(connection, text.strip()) if scheme.lower() == "bearer" else None
-        elif keys_required(context.settings) or came_through_proxy(request):
-            key = None
-        elif not keys.any_made(connection):
-            check_origin(request, context.settings)
+        if not scheme:
+            _check_keyless(connection, request, context.settings)
             return Caller("")
-        else:
-            key = None
+        key = keys.find(connection, text.strip()) if scheme.lower() == "bearer" else None
     if key is None:
-        raise UnauthorizedError(
-            "This key is not good here: it is mistyped, revoked or expired."
-            if scheme
-            else "This service needs a key: send `Authorization: Bearer ll_…`; who runs the "
-            "service makes one with `lightlayers keys create`."
-        )
+        raise UnauthorizedError("This key is not good here: it is mistyped, revoked or expired.")
     if key.used is None or key.used < time.time() - keys.USED_SECONDS:
         with context.engine.begin() as connection:
             keys.note_use(connection, key)
     return Caller(key.id, key.scopes)
+
+
+def _check_keyless(connection: sa.Connection, request: Request, settings: Settings) -> None:
+    if keys_required(settings) or came_through_proxy(request) or keys.any_made(connection):
+        raise UnauthorizedError(
+            "This service needs a key: send `Authorization: Bearer ll_…`; who runs the service "
+            "makes one with `lightlayers keys create`."
+        )
+    check_origin(request, settings)
 
 
 def _known(caller: Annotated[Caller | None, Depends(identify)]) -> Caller:

@@ -59,7 +59,7 @@ def create(
     wanted = _scopes(scopes)
     quotas = keys.Quotas(waiting_jobs, jobs_per_day, stored_bytes)
     lifetime = None if days is None else days * _DAY_SECONDS
-    with _writing() as connection:
+    with _database() as connection:
         text = keys.create(connection, name, wanted, quotas, lifetime)
     print(text)
     print(
@@ -76,7 +76,7 @@ def list_keys(
     """List the keys that were made: id, name, scopes, quotas, and when they were used last."""
     from service import keys
 
-    with _writing() as connection:
+    with _database() as connection:
         found = keys.list_keys(connection)
     if as_json:
         json.dump([_describe(key) for key in found], sys.stdout, indent=2, ensure_ascii=False)
@@ -94,7 +94,7 @@ def revoke(
     """Let a key be used no more, at once and for ever; its jobs stay."""
     from service import keys
 
-    with _writing() as connection:
+    with _database() as connection:
         found = keys.revoke(connection, key_id)
     if not found:
         raise _bad("There is no key of this ID; `lightlayers keys list` shows them")
@@ -138,7 +138,7 @@ def _scopes(text: str) -> set[Scope]:
 
 
 @contextlib.contextmanager
-def _writing() -> Iterator[sa.Connection]:
+def _database() -> Iterator[sa.Connection]:
     from service import logs
     from service.opening import open_database
     from service.settings import Settings
@@ -175,10 +175,12 @@ def _time(seconds: float | None) -> str | None:
 
 def _print_table(found: list[Key]) -> None:
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
     from rich.text import Text
 
-    table = Table("id", "name", "scopes", "quotas", "created", "used", "ends")
+    table = Table(
+        Column("id", no_wrap=True), "name", "scopes", "quotas", Column("used", no_wrap=True), "ends"
+    )
     for key in found:
         told = _describe(key)
         quotas = [
@@ -186,15 +188,18 @@ def _print_table(found: list[Key]) -> None:
             for name in ("waiting_jobs", "jobs_per_day", "stored_bytes")
             if told[name]
         ]
-        ends = f"revoked {told['revoked']}" if key.revoked else told["expires"] or "never"
+        revoked, expires = _date(key.revoked), _date(key.expires)
         cells = (
             key.id,
             key.name,
             ", ".join(sorted(key.scopes)),
             ", ".join(quotas) or "none",
-            told["created"],
-            told["used"] or "never",
-            ends,
+            _date(key.used) or "never",
+            f"revoked {revoked}" if revoked else expires or "never",
         )
-        table.add_row(*(Text(str(cell)) for cell in cells))
+        table.add_row(*map(Text, cells))
     Console(highlight=False).print(table)
+
+
+def _date(seconds: float | None) -> str | None:
+    return None if seconds is None else datetime.fromtimestamp(seconds, UTC).date().isoformat()
