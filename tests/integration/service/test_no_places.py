@@ -148,7 +148,10 @@ def test_nothing_that_the_service_answers_tells_them(
     exiftool: str, told: Callable[[str], list[Path]], service: _Service, tmp_path: Path
 ) -> None:
     no_flash, flash = told("jpg")
-    files = {"no_flash": (f"{OWNER}.jpg", no_flash.read_bytes()), "flash": flash.read_bytes()}
+    files = {
+        "no_flash": (f"{OWNER}.jpg", no_flash.read_bytes()),
+        "flash": (f"{OWNER}.jpg", flash.read_bytes()),
+    }
     made = service.http.post("/jobs", files=files)
     assert made.status_code == 202
     ended = service.await_end(made.json())

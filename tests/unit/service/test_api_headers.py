@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import httpx
 import pytest
@@ -35,7 +35,7 @@ def _asking(app: FastAPI, base_url: str = "http://localhost") -> httpx.AsyncClie
 
 
 @pytest.fixture
-def broken(app: FastAPI) -> Iterator[FastAPI]:
+def broken(app: FastAPI) -> FastAPI:
     def fail() -> None:
         raise ZeroDivisionError
 
