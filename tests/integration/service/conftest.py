@@ -89,6 +89,11 @@ class Service:
         with Client(self.url) as client:
             await_that("the service answers", lambda: self._answers(client))
 
+    def make_key(self, *arguments: str) -> str:
+        command = [sys.executable, "-m", "service.cli", "keys", "create", *arguments]
+        made = subprocess.run(command, env=self.environment, capture_output=True, check=True)
+        return made.stdout.decode().strip()
+
     def start_worker(self) -> subprocess.Popen[bytes]:
         self._others.append(self._run("worker"))
         return self._others[-1]
@@ -221,6 +226,16 @@ def own_service(tmp_path: Path) -> Iterator[Service]:
 def wide_service(tmp_path: Path) -> Iterator[Service]:
     """A service whose worker runs two jobs at once."""
     yield from _running(Service(tmp_path / "service", worker_concurrency=2))
+
+
+@pytest.fixture
+def keyed_service(tmp_path: Path) -> Iterator[tuple[Service, str]]:
+    """A service that needs keys, and the first one."""
+    service = Service(tmp_path / "service", keys="required")
+    key = service.make_key("studio", "--scopes", "submit,read,capture")
+    service.http.headers["authorization"] = f"Bearer {key}"
+    for running in _running(service):
+        yield running, key
 
 
 @pytest.fixture
