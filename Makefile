@@ -37,7 +37,7 @@ evaluate: setup  ## Measure on rendered scenes what is promised; SET=development
 bench: setup  ## Measure what jobs cost, into docs/; QUICK=1 prints the kernel, one job and a start
 	$(BIN)/python -m tests.bench $(if $(QUICK),--quick)
 
-serve: setup  ## Serve on http://localhost:8000; HOST=0.0.0.0 for phones on this network, too
+serve: setup  ## Serve on http://localhost:8000; HOST=0.0.0.0 for phones, once there is a key
 	$(BIN)/lightlayers serve --host $(HOST)
 
 openapi: setup  ## Write openapi.json from the app

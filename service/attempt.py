@@ -113,8 +113,9 @@ class Attempt:
             frame: self._storage.put_file(inputs_key(self._job.id, frame), directory / frame)
             for frame in FRAMES
         }
+        size = sum((directory / frame).stat().st_size for frame in FRAMES)
         with self._engine.begin() as connection:
-            jobs.set_inputs(connection, self._job, describe_inputs(self._job.id, digests))
+            jobs.set_inputs(connection, self._job, describe_inputs(self._job.id, digests), size)
 
     def _run_task(self, kind: Literal["separate", "calibrate", "capture"], directory: Path) -> None:
         task = sandbox.Task(

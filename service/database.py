@@ -74,6 +74,7 @@ jobs = sa.Table(
     sa.Column("finished", sa.Double),
     sa.Column("deadline", sa.Double),  # fails when it has not ended by then
     sa.Column("expires", sa.Double),  # is removed then
+    sa.Column("stored_bytes", sa.BigInteger, nullable=False, default=0),  # photographs and results
     sa.UniqueConstraint("owner", "idempotency_key", name="jobs_by_idempotency_key"),
     sa.Index("jobs_by_age", "owner", "created", "id"),
     sa.Index("jobs_by_state", "state", "created", "id"),
@@ -95,18 +96,41 @@ workers = sa.Table(
     sa.Column("seen", sa.Double, nullable=False),
 )
 
+keys = sa.Table(
+    "keys",
+    _metadata,
+    sa.Column("id", sa.String(16), primary_key=True),  # a part of the key; owner of its jobs
+    sa.Column("digest", sa.String(64), nullable=False),  # SHA-256 of the key, hexadecimal
+    sa.Column("name", sa.String(100), nullable=False),
+    sa.Column("scopes", sa.JSON, nullable=False),
+    # Quotas; null where there is none.
+    sa.Column("waiting_jobs", sa.Integer),
+    sa.Column("jobs_per_day", sa.Integer),
+    sa.Column("stored_bytes", sa.BigInteger),
+    # Jobs made on `day`, which counts from 1970, in UTC.
+    sa.Column("day", sa.Integer, nullable=False, default=0),
+    sa.Column("jobs_of_day", sa.Integer, nullable=False, default=0),
+    sa.Column("created", sa.Double, nullable=False),
+    sa.Column("expires", sa.Double),
+    sa.Column("revoked", sa.Double),
+    sa.Column("used", sa.Double),  # to the hour, so that requests do not write
+)
+
 
 def connect(url: str) -> sa.Engine:
     """Open an engine for our tables and the queue's.
 
-    On SQLite every writing transaction takes the lock when it begins to write, and waits for it.
+    What a statement was sent with, secrets of webhooks among it, is in no error's text. On SQLite
+    every writing transaction takes the lock when it begins to write, and waits for it.
     """
     parsed = sa.make_url(url)
     if parsed.get_backend_name() == "postgresql":
-        return sa.create_engine(parsed.set(drivername="postgresql+psycopg"), pool_pre_ping=True)
+        return sa.create_engine(
+            parsed.set(drivername="postgresql+psycopg"), pool_pre_ping=True, hide_parameters=True
+        )
     if parsed.database:
         Path(parsed.database).parent.mkdir(parents=True, exist_ok=True)
-    engine = sa.create_engine(parsed)
+    engine = sa.create_engine(parsed, hide_parameters=True)
 
     @sa.event.listens_for(engine, "connect")
     def _configure(connection: Any, _record: object) -> None:

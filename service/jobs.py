@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 import sqlalchemy as sa
 
+from service import quotas
 from service.database import jobs, now, workers
 from service.states import ENDED, HELD, State, before
 
@@ -55,6 +56,7 @@ class Job:
     finished: float | None
     deadline: float | None
     expires: float | None
+    stored_bytes: int
 
     @property
     def task(self) -> Literal["separate", "calibrate"]:
@@ -72,8 +74,12 @@ def _job(row: sa.Row[Any]) -> Job:
 
 
 def add(connection: sa.Connection, values: Mapping[str, Any]) -> None:
-    """Insert a queued job. Raises sqlalchemy.exc.IntegrityError on a used idempotency key."""
+    """Insert a queued job and charge its owner for it.
+
+    Raises sqlalchemy.exc.IntegrityError on a used idempotency key, and what quotas.charge raises.
+    """
     connection.execute(sa.insert(jobs).values(state=State.QUEUED, created=now(), **values))
+    quotas.charge(connection, values.get("owner", ""))
 
 
 def find(connection: sa.Connection, job_id: str) -> Job | None:
@@ -95,9 +101,11 @@ def find_by_key(connection: sa.Connection, owner: str, idempotency_key: str) -> 
     return _job(row) if row else None
 
 
-def page(connection: sa.Connection, owner: str, limit: int, after: Job | None) -> list[Job]:
-    """Up to `limit` jobs of an owner, newest first, older than `after`."""
-    query = sa.select(jobs).where(jobs.c.owner == owner)
+def page(connection: sa.Connection, owner: str | None, limit: int, after: Job | None) -> list[Job]:
+    """Up to `limit` jobs of an owner, or of all for None, newest first, older than `after`."""
+    query = sa.select(jobs)
+    if owner is not None:
+        query = query.where(jobs.c.owner == owner)
     query = query.order_by(jobs.c.created.desc(), jobs.c.id.desc()).limit(limit)
     if after:
         query = query.where(sa.tuple_(jobs.c.created, jobs.c.id) < (after.created, after.id))
@@ -213,9 +221,12 @@ def must_stop(connection: sa.Connection, job: Job) -> bool:
     return state != State.RUNNING
 
 
-def set_inputs(connection: sa.Connection, job: Job, inputs: dict[str, Any]) -> None:
-    """Name the stored photographs of a capture, so that no later attempt takes them again."""
-    connection.execute(_update(_of_attempt(job)).values(inputs=inputs))
+def set_inputs(connection: sa.Connection, job: Job, inputs: dict[str, Any], size: int) -> None:
+    """Name the stored photographs of a capture, so that no later attempt takes them again.
+
+    size: of both, in bytes.
+    """
+    connection.execute(_update(_of_attempt(job)).values(inputs=inputs, stored_bytes=size))
 
 
 def succeed(
@@ -229,7 +240,8 @@ def succeed(
     stage_seconds: what each stage took.
     """
     done = {"results": results, "stage_seconds": stage_seconds, "fraction": 1.0, "progress": 1.0}
-    return _end(connection, job, State.SUCCEEDED, **done)
+    stored = jobs.c.stored_bytes + sum(result["size"] for result in results)
+    return _end(connection, job, State.SUCCEEDED, stored_bytes=stored, **done)
 
 
 def fail(connection: sa.Connection, job: Job, error: dict[str, Any]) -> bool:

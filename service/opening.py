@@ -14,6 +14,13 @@ from service.storage import Storage
 def open_database(settings: Settings) -> sa.Engine:
     """Connect, and create the tables of jobs and queue that are missing. Raises StartError."""
     try:
+        sa.make_url(settings.database_url)
+    except (sa.exc.ArgumentError, ValueError):  # whose text may have a part of the password
+        raise StartError(
+            "The address in LIGHTLAYERS_DATABASE_URL cannot be read: write one like sqlite:///file "
+            "or postgresql://user:password@host/name, with @ : / of the password as %40 %3A %2F."
+        ) from None
+    try:
         connected = database.connect(settings.database_url)
         engine.migrate(connected)
         database.create_tables(connected)

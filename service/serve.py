@@ -14,16 +14,19 @@ from collections.abc import Iterator
 
 import uvicorn
 
-from service import logs, processes
+from service import keys, logs, processes
 from service.api import create_app
-from service.api.context import open_context
+from service.api.callers import keys_required
+from service.api.context import Context, open_context
 from service.api.watching import Watching
+from service.connections import PatientProtocol
 from service.errors import StartError
 from service.settings import Settings
 
 _RESTART_SECONDS = 1.0
 _STOP_SECONDS = 10.0
 _FINISH_SECONDS = 10  # for answers on their way when the service stops
+_HEAD_BYTES = 32 * 1024
 
 log = logging.getLogger("service.serve")
 
@@ -37,19 +40,25 @@ def serve(settings: Settings, worker: bool) -> None:
     with contextlib.ExitStack() as stack:
         listener = stack.enter_context(_listener(settings))
         context = stack.enter_context(open_context(settings))
+        _check_keys(context)
         context.fork_server.start()
         # uvicorn raises the signal again once it has stopped; the default would end us on the spot.
         signal.signal(signal.SIGTERM, lambda _number, _frame: sys.exit(0))
         if worker:
             stack.enter_context(_worker(settings))
-        app = create_app()
+        app = create_app(settings.origins.split())
         app.state.context = context
         config = uvicorn.Config(
             app,
+            http=PatientProtocol,
+            ws="none",
             log_config=None,
             access_log=False,
             server_header=False,
             timeout_graceful_shutdown=_FINISH_SECONDS,
+            h11_max_incomplete_event_size=_HEAD_BYTES,
+            # Idle connections count, too; the app itself refuses requests, with a better answer.
+            limit_concurrency=2 * settings.requests,
         )
         host, port = listener.getsockname()[:2]
         log.info("listening on http://%s:%s", f"[{host}]" if ":" in host else host, port)
@@ -68,16 +77,32 @@ class _Server(uvicorn.Server):
         await super().shutdown(sockets)
 
 
+def _check_keys(context: Context) -> None:
+    if not keys_required(context.settings):
+        return
+    with context.engine.connect() as connection:
+        if keys.any_usable(connection):
+            return
+    raise StartError(
+        "This service needs keys, and there is none that is good: make one with `lightlayers keys "
+        "create NAME` and the same LIGHTLAYERS_ settings, or listen on 127.0.0.1 alone."
+    )
+
+
 def _listener(settings: Settings) -> socket.socket:
     try:
         family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
-        return socket.create_server((settings.host, settings.port), family=family)
+        listener = socket.create_server((settings.host, settings.port), family=family)
     except OSError as error:
         reason = (error.strerror or "unknown reason").lower()
         raise StartError(
             f"Port {settings.port} of {settings.host} cannot be listened on: {reason}; "
             "give another --port or --host."
         ) from error
+    if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux; connections have it from here
+        pause = int(settings.pause_seconds * 1000)
+        listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, pause)
+    return listener
 
 
 @contextlib.contextmanager

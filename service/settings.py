@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
@@ -30,6 +31,13 @@ def _check_networks(text: str) -> str:
     return text
 
 
+def _check_origins(text: str) -> str:
+    for origin in text.split():
+        if not re.fullmatch(r"https?://[a-z0-9.-]+(:[0-9]{1,5})?", origin):
+            raise ValueError(f"{origin!r} is no origin: write one like https://app.example")
+    return text
+
+
 class Settings(BaseSettings):
     """Settings of API and worker processes; every process of one service needs the same ones.
 
@@ -53,6 +61,26 @@ class Settings(BaseSettings):
     )
     host: str = Field(default="127.0.0.1", description="Address the API listens on.")
     port: int = Field(default=8000, ge=0, le=65535, description="Port of the API; 0 takes any.")
+    keys: Literal["loopback", "required"] = Field(
+        default="loopback",
+        description="Who needs a key: with `required` every request; with `loopback` none does "
+        "where the service listens on loopback alone and no key was ever made. Set `required` "
+        "behind a reverse proxy, whose requests all come from loopback.",
+    )
+    origins: Annotated[str, AfterValidator(_check_origins)] = Field(
+        default="",
+        description="Web pages of other sites that may ask (CORS), like https://app.example; "
+        "separated by spaces.",
+    )
+    requests: int = Field(
+        default=400, gt=0, description="Requests answered at a time; more are refused with 503."
+    )
+    pause_seconds: float = Field(
+        default=30,
+        gt=0,
+        description="Longest pause within a request or an answer before the connection is given "
+        "up, in seconds.",
+    )
     upload_bytes: int = Field(
         default=512 * MIB, gt=0, description="Largest accepted request, in bytes."
     )

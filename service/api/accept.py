@@ -15,14 +15,21 @@ import sqlalchemy as sa
 from obstore.exceptions import BaseError
 
 from pipeline.errors import OptionError
-from service import eta, jobs, sandbox, scratch
+from service import eta, jobs, quotas, sandbox, scratch
 from service.addresses import ForbiddenAddressError, check_url, parse_networks
 from service.api.callers import Caller
 from service.api.context import Context
 from service.api.intake import Intake
 from service.api.models import Handling
 from service.attempt import FRAMES, describe_inputs, inputs_key
-from service.errors import IdempotencyError, QueueFullError, StorageFullError
+from service.errors import (
+    IdempotencyError,
+    QueueFullError,
+    QuotaError,
+    StorageFullError,
+    StoredQuotaError,
+)
+from service.keys import Scope
 
 _CHECK_SECONDS = 30.0
 
@@ -45,11 +52,13 @@ def refuse_when_full(context: Context, caller: Caller, idempotency_key: str | No
     """Refuse a new job where there is no room for it: before its body is read, and once it is.
 
     idempotency_key: one that made a job already passes. Raises QueueFullError when as many jobs
-    wait as may, StorageFullError when the store's disk is nearly full.
+    wait as may, StorageFullError when the store's disk is nearly full, and what quotas.check
+    raises.
     """
     if _job_of(context, caller, idempotency_key):
         return
     with context.engine.connect() as connection:
+        quotas.check(connection, caller.owner)
         waiting = jobs.count_queued(connection)
     if waiting >= context.settings.queued_jobs:
         raise QueueFullError(f"{waiting} jobs wait already; send this one again later.")
@@ -70,25 +79,27 @@ def accept(
     """Store the pair for good, then commit row and queue entry together.
 
     An idempotency_key that made a job already gives that job; of requests that come at once, one
-    makes it. Raises IdempotencyError when that job was another one, TaskError when the headers of
-    the pair cannot be used, OptionError when the webhook is one that is not called, and what
-    refuse_when_full raises.
+    makes it. Raises ForbiddenError when the key is not for it, IdempotencyError when that job was
+    another one, TaskError when the headers of the pair cannot be used, OptionError when the webhook
+    is one that is not called, and what refuse_when_full raises.
     """
+    caller.need(Scope.CAPTURE if wanted.capture else Scope.SUBMIT)
     refuse_when_full(context, caller, idempotency_key)  # an upload may have taken long
     _check_webhook(context, wanted.handling)
     job_id = uuid.uuid4().hex
     sha256 = _store_pair(context, job_id, wanted, trace_id) if wanted.files else {}
     options = wanted.options.model_dump(mode="json", exclude_unset=True)
-    size = sum(file.size or 0 for file in wanted.files.values())
+    stored = sum(file.size or 0 for file in wanted.files.values())
     values: dict[str, Any] = {
         "id": job_id,
         "owner": caller.owner,
         "options": options,
-        "likeness": eta.likeness(options, size, wanted.capture),
+        "likeness": eta.likeness(options, stored, wanted.capture),
         "priority": wanted.handling.priority,
         "webhook": wanted.handling.webhook and wanted.handling.webhook.model_dump(),
         "capture": wanted.capture,
         "inputs": describe_inputs(job_id, sha256) if sha256 else None,
+        "stored_bytes": stored,
         "trace_id": trace_id,
         "idempotency_key": idempotency_key,
         "request_hash": _request_hash(wanted, sha256),
@@ -97,6 +108,9 @@ def accept(
         with context.engine.begin() as connection:
             jobs.add(connection, values)
             context.queue.submit(connection, job_id)
+    except (QuotaError, StoredQuotaError):
+        context.storage.delete_below(f"jobs/{job_id}/")
+        raise
     except sa.exc.IntegrityError:
         context.storage.delete_below(f"jobs/{job_id}/")
         earlier = _job_of(context, caller, idempotency_key)

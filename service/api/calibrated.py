@@ -48,7 +48,7 @@ def _found(context: Context, caller: Caller, option: str, job_id: object) -> Any
     kind = _KINDS[option]
     with context.engine.connect() as connection:
         job = jobs.find(connection, job_id) if isinstance(job_id, str) else None
-    if job is None or job.owner != caller.owner or job.task != "calibrate":
+    if job is None or not caller.may_see(job) or job.task != "calibrate":
         raise OptionError(
             f"{option}: there is no calibration {str(job_id)[:32]!r}; it may have been deleted."
         )

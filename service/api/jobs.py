@@ -78,7 +78,7 @@ def list_jobs(
     """List jobs, newest first."""
     with context.engine.connect() as connection:
         last = find(connection, caller, after) if after else None
-        found = jobs.page(connection, caller.owner, limit + 1, last)
+        found = jobs.page(connection, caller.lists, limit + 1, last)
         shown = found[:limit]
         listed = [one for _, one in answers(connection, context.settings, shown)]
     more = len(found) > limit

@@ -121,6 +121,7 @@ class JobAnswer(BaseModel):
     """A job as it is now."""
 
     id: str
+    owner: str = Field(description="Id of the key that made it; empty where none was needed.")
     state: State
     priority: jobs.Priority
     stage: str | None = Field(
@@ -155,6 +156,7 @@ class JobAnswer(BaseModel):
         done = job.state == State.SUCCEEDED
         return cls(
             id=job.id,
+            owner=job.owner,
             state=job.state,
             priority=job.priority,
             stage=job.stage,

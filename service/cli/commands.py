@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from service.cli import calibrate
+from service.cli import calibrate, keys
 from service.cli.options import (
     Flags,
     Flash,
@@ -25,6 +25,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.add_typer(calibrate.app, name="calibrate")
+app.add_typer(keys.app, name="keys")
 
 Output = Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of results.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
@@ -101,6 +102,10 @@ def submit(
     output: Output,
     flags: Flags,
     url: Annotated[str, typer.Option(help="Where the service is.")] = "http://127.0.0.1:8000",
+    key_file: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="File with the key. Default: LIGHTLAYERS_KEY, or none."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Send a pair to a running service, wait, and fetch the results."""
@@ -109,8 +114,9 @@ def submit(
     from service.client import Client
 
     options = flags.options()
+    key = keys.key_of_requests(key_file)
     before, after = read_file(no_flash, "photograph"), read_file(flash, "photograph")
-    with Client(url) as client, new_results(output) as folder:
+    with Client(url, key) as client, new_results(output) as folder:
         job = client.submit_pair(before, after, options)
         with stage_bar() as report:
             job = client.wait(job, report)

@@ -89,6 +89,11 @@ class Service:
         with Client(self.url) as client:
             await_that("the service answers", lambda: self._answers(client))
 
+    def make_key(self, *arguments: str) -> str:
+        command = [sys.executable, "-m", "service.cli", "keys", "create", *arguments]
+        made = subprocess.run(command, env=self.environment, capture_output=True, check=True)
+        return made.stdout.decode().strip()
+
     def start_worker(self) -> subprocess.Popen[bytes]:
         self._others.append(self._run("worker"))
         return self._others[-1]
@@ -228,6 +233,16 @@ def telling(tmp_path: Path) -> Iterator[Service]:
     """A service that tells webhooks on this machine, again at once where they do not take it."""
     again = {"webhook_private": "127.0.0.0/8", "webhook_retry_seconds": 0.05}
     yield from _running(Service(tmp_path / "service", **again))
+
+
+@pytest.fixture
+def keyed_service(tmp_path: Path) -> Iterator[tuple[Service, str]]:
+    """A service that needs keys, and the first one."""
+    service = Service(tmp_path / "service", keys="required")
+    key = service.make_key("studio", "--scopes", "submit,read,capture")
+    service.http.headers["authorization"] = f"Bearer {key}"
+    for running in _running(service):
+        yield running, key
 
 
 @pytest.fixture

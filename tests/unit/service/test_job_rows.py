@@ -107,7 +107,7 @@ def test_an_attempt_that_was_taken_over_writes_nothing(engine: sa.Engine) -> Non
     with engine.begin() as connection:
         assert jobs.must_stop(connection, frozen)
         jobs.report(connection, frozen, "layers", 0.9)
-        jobs.set_inputs(connection, frozen, {"flash": "other"})
+        jobs.set_inputs(connection, frozen, {"flash": "other"}, 1)
         assert not jobs.succeed(connection, frozen, [{"name": "old"}])
         assert not jobs.fail(connection, frozen, {"detail": "old"})
         jobs.release(connection, frozen)
@@ -228,7 +228,7 @@ WRITES: dict[str, tuple[Callable[[sa.Connection, jobs.Job], object], dict[State,
     ),
     "release": (jobs.release, {State.RUNNING: State.QUEUED}),
     "report": (lambda connection, held: jobs.report(connection, held, "layers", 0.5), {}),
-    "set_inputs": (lambda connection, held: jobs.set_inputs(connection, held, {}), {}),
+    "set_inputs": (lambda connection, held: jobs.set_inputs(connection, held, {}, 0), {}),
 }
 
 
