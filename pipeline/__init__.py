@@ -1,5 +1,5 @@
-"""From a pair of photographs to the light of every lamp. Arrays and files; no HTTP, no queue."""
+"""From a pair of photographs to the light of every lamp. Arrays and files; no HTTP, no queue.
 
-from pipeline.process import check_pair, separate_files
-
-__all__ = ["check_pair", "separate_files"]
+What works on a pair is in pipeline.process. This file imports nothing, so that who needs the
+options alone, like the API, is spared the rest.
+"""
