@@ -5,12 +5,18 @@ ServiceError
 ├── UnknownJobError          404  no such job
 ├── UnknownResultError       404  no such result of a job
 ├── NotReadyError            409  the job has no results (yet)
+├── UnknownUploadError       404  no such upload
+├── OffsetError              409  an upload does not go on there
+├── UnfinishedUploadError    409  an upload that a job names has not come whole
+├── ExpiredUploadError       410  an upload was not gone on with in time
+├── TusVersionError          412  a tus client of another version
 ├── UploadTooLargeError      413  more bytes than the limit
 ├── UnsupportedMediaError    415  neither multipart nor JSON
 ├── RangeError               416  the range lies outside the file
 ├── ForeignHostError         421  a Host that a service on loopback does not answer to
 ├── IdempotencyError         422  an Idempotency-Key used again for something else
 ├── QueueFullError           429  too many jobs wait
+├── ChecksumError            460  the bytes of an upload are not those that were sent
 ├── StorageFullError         507  too little space is left for another job
 ├── StartError               ---  the service cannot start with its settings
 └── AttemptError             500  what a job's process can die of
@@ -50,6 +56,30 @@ class UnknownResultError(ServiceError):
 
 class NotReadyError(ServiceError):
     """The job has no results, or none yet."""
+
+
+class UnknownUploadError(ServiceError):
+    """There is no such upload."""
+
+
+class OffsetError(ServiceError):
+    """The upload goes on at another byte."""
+
+
+class UnfinishedUploadError(ServiceError):
+    """An upload that has not come whole."""
+
+
+class ExpiredUploadError(ServiceError):
+    """An upload that was not gone on with in time."""
+
+
+class TusVersionError(ServiceError):
+    """A version of tus that is not spoken here."""
+
+
+class ChecksumError(ServiceError):
+    """The bytes that came do not have the checksum that came with them."""
 
 
 class UploadTooLargeError(ServiceError):
@@ -168,6 +198,14 @@ KINDS: dict[type[Exception], Kind] = {
     UnknownJobError: Kind("unknown-job", 404, "No such job"),
     UnknownResultError: Kind("unknown-result", 404, "No such result"),
     NotReadyError: Kind("not-ready", 409, "The job has no results", retryable=True),
+    UnknownUploadError: Kind("unknown-upload", 404, "No such upload"),
+    OffsetError: Kind("upload-offset", 409, "The upload goes on elsewhere"),
+    UnfinishedUploadError: Kind(
+        "upload-unfinished", 409, "The upload has not come whole", retryable=True
+    ),
+    ExpiredUploadError: Kind("upload-expired", 410, "The upload has expired"),
+    TusVersionError: Kind("tus-version", 412, "Another version of tus"),
+    ChecksumError: Kind("checksum-mismatch", 460, "The checksum does not fit", retryable=True),
     UploadTooLargeError: Kind("upload-too-large", 413, "Too many bytes"),
     UnsupportedMediaError: Kind("unsupported-media-type", 415, "Neither multipart nor JSON"),
     RangeError: Kind("range-not-satisfiable", 416, "The range lies outside the file"),

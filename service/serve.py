@@ -14,7 +14,7 @@ from collections.abc import Iterator
 
 import uvicorn
 
-from service import logs, processes
+from service import logs, processes, scratch, uploads
 from service.api import create_app
 from service.api.context import open_context
 from service.errors import StartError
@@ -36,6 +36,8 @@ def serve(settings: Settings, worker: bool) -> None:
         listener = stack.enter_context(_listener(settings))
         context = stack.enter_context(open_context(settings))
         context.fork_server.start()
+        scratch.clear(settings.data_dir)
+        uploads.remove_expired(context.engine, context.storage)
         # uvicorn raises the signal again once it has stopped; the default would end us on the spot.
         signal.signal(signal.SIGTERM, lambda _number, _frame: sys.exit(0))
         if worker:

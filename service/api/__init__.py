@@ -7,7 +7,7 @@ from typing import Any
 
 from fastapi import Depends, FastAPI
 
-from service.api import calibrations, cameras, health, jobs, problems, results
+from service.api import calibrations, cameras, health, jobs, problems, results, tus
 from service.api.calibrated import allow_calibrations
 from service.api.hosts import check_host
 from service.errors import ForeignHostError, Problem
@@ -24,7 +24,8 @@ def create_app() -> FastAPI:
         generate_unique_id_function=lambda route: route.name,
     )
     problems.install(app)
-    for module in (jobs, calibrations, results, cameras, health):
+    app.add_middleware(tus.Tus)
+    for module in (jobs, calibrations, tus, results, cameras, health):
         app.include_router(
             module.router, responses=problems.responses(ForeignHostError, status=(422,))
         )

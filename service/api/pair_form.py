@@ -17,6 +17,7 @@ from service.errors import (
     MalformedRequestError,
     QueueFullError,
     StorageFullError,
+    UnfinishedUploadError,
     UnsupportedMediaError,
     UploadTooLargeError,
 )
@@ -84,6 +85,7 @@ def accepted(*errors: type[Exception]) -> dict[int | str, Any]:
             MalformedRequestError,
             UploadTooLargeError,
             UnsupportedMediaError,
+            UnfinishedUploadError,
             pipeline_errors.InputError,
             IdempotencyError,
             QueueFullError,
