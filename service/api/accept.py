@@ -14,14 +14,14 @@ from typing import Any
 import sqlalchemy as sa
 from obstore.exceptions import BaseError
 
-from pipeline.errors import OptionError
+from pipeline.errors import OptionError, UnreadableImageError
 from service import jobs, sandbox, uploads
 from service.api.callers import Caller
 from service.api.context import Context
 from service.api.intake import Intake
 from service.api.uploaded import bring_uploaded, take_over
 from service.attempt import FRAMES, describe_inputs, inputs_key
-from service.errors import IdempotencyError, QueueFullError, StorageFullError
+from service.errors import CrashError, IdempotencyError, QueueFullError, StorageFullError
 
 _CHECK_SECONDS = 30.0
 
@@ -150,9 +150,19 @@ def _check(context: Context, job_id: str, directory: Path, trace_id: str) -> Non
         capture=None,
     )
     with context.checks:
-        sandbox.run(
-            task, _CHECK_SECONDS, lambda _stage, _fraction: None, lambda: False, context.fork_server
-        )
+        try:
+            sandbox.run(
+                task,
+                _CHECK_SECONDS,
+                lambda _stage, _fraction: None,
+                lambda: False,
+                context.fork_server,
+            )
+        except CrashError as error:
+            raise UnreadableImageError(
+                "The program that reads the headers of photographs crashed on these: they are "
+                "damaged, or of a kind that is not read; if both open elsewhere, report it."
+            ) from error
 
 
 def _request_hash(wanted: Intake) -> str:
