@@ -32,7 +32,8 @@ class Storage:
 
     def put(self, key: str, data: bytes | Path) -> None:
         """Store bytes, or a file in parts when it is large."""
-        obstore.put(self._store, key, data)
+        # Two pieces of a large file in memory at a time, of 5 MiB, not a dozen.
+        obstore.put(self._store, key, data, max_concurrency=2)
 
     def put_file(self, key: str, path: Path) -> str:
         """Store a file, in parts when it is large, and give back its SHA-256."""

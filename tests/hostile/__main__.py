@@ -31,6 +31,7 @@ def main() -> int:
     told = [
         *outcome.faults,
         f"statuses: {dict(sorted(outcome.statuses.items()))}",
+        f"closed without an answer: {dict(outcome.unanswered)}",
         f"jobs: {outcome.jobs}, ends: {dict(outcome.ends)}",
         outcome.line(),
     ]

@@ -38,6 +38,7 @@ class Outcome:
     jobs: int = 0
     statuses: Counter[int] = field(default_factory=Counter)
     ends: Counter[str] = field(default_factory=Counter)
+    unanswered: Counter[str] = field(default_factory=Counter)
     faults: list[str] = field(default_factory=list)
 
     @property
@@ -113,6 +114,8 @@ class Run:
         with self._lock:
             self.outcome.requests += 1
             self.outcome.statuses[answer.status] += 1
+            if not answer.status:
+                self.outcome.unanswered[what.partition(" ")[0]] += 1
         if answer.status >= 500 and answer.status not in _DOCUMENTED:
             self._blame(f"{what}: {answer.status} {answer.body[:300].decode('latin-1')}")
 

@@ -64,11 +64,29 @@ class Target:
     def memory(self) -> dict[str, float]:
         """MiB that the API and the worker hold now, each without what its children hold."""
         api = self._process.pid
-        held = {"api": _resident(api)}
+        held = {"api": _status(api, "VmRSS")}
         for pid in _children(api):
             if "service.worker" in _command(pid):
-                held["worker"] = _resident(pid)
+                held["worker"] = _status(pid, "VmRSS")
         return {name: size for name, size in held.items() if size}
+
+    def peaks(self) -> dict[str, float]:
+        """MiB that the API and its fork server held at most since forget_peaks()."""
+        api = self._process.pid
+        return {"api": _status(api, "VmHWM"), "fork server": _status(self._fork_server(), "VmHWM")}
+
+    def forget_peaks(self) -> None:
+        """Begin to measure anew."""
+        for pid in (self._process.pid, self._fork_server()):
+            Path(f"/proc/{pid}/clear_refs").write_text("5")
+
+    def checking(self) -> float:
+        """MiB that processes which read headers for the API hold now and share with nobody."""
+        return sum(_private(pid) for pid in _children(self._fork_server()))
+
+    def _fork_server(self) -> int:
+        found = [pid for pid in _children(self._process.pid) if "service.child" in _command(pid)]
+        return found[0]
 
     def close(self) -> None:
         """Stop it."""
@@ -98,10 +116,18 @@ def _command(pid: int) -> str:
         return ""
 
 
-def _resident(pid: int) -> float:
+def _status(pid: int, name: str) -> float:
+    return _sum(Path(f"/proc/{pid}/status"), (name,))
+
+
+def _private(pid: int) -> float:
+    return _sum(Path(f"/proc/{pid}/smaps_rollup"), ("Private_Clean", "Private_Dirty"))
+
+
+def _sum(table: Path, names: tuple[str, ...]) -> float:
+    """MiB that the lines of these names give; 0 for a process that has ended."""
     try:
-        lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+        lines = table.read_text().splitlines()
     except OSError:
         return 0
-    sizes = [line.split()[1] for line in lines if line.startswith("VmRSS")]
-    return int(sizes[0]) / 1024 if sizes else 0
+    return sum(int(line.split()[1]) for line in lines if line.split(":")[0] in names) / 1024
