@@ -26,6 +26,7 @@ def main() -> int:
         try:
             run = Run(target, arguments.requests, arguments.seed)
             outcome = run.go()
+            outcome.faults.extend(target.tracebacks())
         finally:
             target.close()
     told = [

@@ -97,6 +97,11 @@ class Target:
             self._process.kill()
             self._process.wait()
 
+    def tracebacks(self) -> list[str]:
+        """Tracebacks that it logged: of requests and jobs that end as `internal`."""
+        lines = [line for line in self._log.read_text().splitlines() if '"traceback"' in line]
+        return [json.loads(line)["traceback"].strip() for line in lines]
+
     def log(self) -> str:
         """What it said."""
         return self._log.read_text()

@@ -4,6 +4,7 @@ import hashlib
 import json
 import socket
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import httpx
 import pytest
@@ -132,7 +133,7 @@ def test_parts_other_than_the_two_frames_are_refused(
 
 def test_parts_are_files_or_texts_by_their_names_alone(http: httpx.Client, png: Png) -> None:
     """Browsers send JSON as a file, and some programs send files without a name."""
-    files = {
+    files: dict[str, Any] = {
         "no_flash": (None, png(64, 48)),
         "flash": ("b.heic", png(64, 48, True), "text/plain"),
         "options": ("blob", b'{"lights": 2}', "application/json"),
