@@ -116,6 +116,20 @@ keys = sa.Table(
     sa.Column("used", sa.Double),  # to the hour, so that requests do not write
 )
 
+# Photographs that come piece by piece (tus), until a job takes them over.
+uploads = sa.Table(
+    "uploads",
+    _metadata,
+    sa.Column("id", sa.String(32), primary_key=True),
+    sa.Column("owner", sa.String(32), nullable=False, default=""),
+    sa.Column("length", sa.BigInteger, nullable=False),
+    sa.Column("received", sa.BigInteger, nullable=False, default=0),
+    sa.Column("parts", sa.JSON, nullable=False),  # names of the objects that hold it, in order
+    sa.Column("metadata", sa.Text),  # as the client sent it
+    sa.Column("expires", sa.Double, nullable=False),
+    sa.Index("uploads_by_expiry", "expires"),
+)
+
 
 def connect(url: str) -> sa.Engine:
     """Open an engine for our tables and the queue's.

@@ -10,6 +10,11 @@ ServiceError
 ├── UnknownResultError       404  no such result of a job
 ├── NotReadyError            409  the job has no results (yet)
 ├── SlowRequestError         408  the rest of the request does not come
+├── UnknownUploadError       404  no such upload
+├── OffsetError              409  an upload does not go on there
+├── UnfinishedUploadError    409  an upload that a job names has not come whole
+├── ExpiredUploadError       410  an upload was not gone on with in time
+├── TusVersionError          412  a tus client of another version
 ├── UploadTooLargeError      413  more bytes than the limit
 ├── UnsupportedMediaError    415  neither multipart nor JSON
 ├── RangeError               416  the range lies outside the file
@@ -18,6 +23,7 @@ ServiceError
 ├── QueueFullError           429  too many jobs wait
 ├── QuotaError               429  the key has as many jobs as it may
 ├── BusyError                503  too many requests at a time
+├── ChecksumError            460  the bytes of an upload are not those that were sent
 ├── StorageFullError         507  too little space is left for another job
 ├── StartError               ---  the service cannot start with its settings
 └── AttemptError             500  what a job's process can die of
@@ -77,6 +83,30 @@ class NotReadyError(ServiceError):
 
 class SlowRequestError(ServiceError):
     """The rest of the request does not come."""
+
+
+class UnknownUploadError(ServiceError):
+    """There is no such upload."""
+
+
+class OffsetError(ServiceError):
+    """The upload goes on at another byte."""
+
+
+class UnfinishedUploadError(ServiceError):
+    """An upload that has not come whole."""
+
+
+class ExpiredUploadError(ServiceError):
+    """An upload that was not gone on with in time."""
+
+
+class TusVersionError(ServiceError):
+    """A version of tus that is not spoken here."""
+
+
+class ChecksumError(ServiceError):
+    """The bytes that came do not have the checksum that came with them."""
 
 
 class UploadTooLargeError(ServiceError):
@@ -212,6 +242,14 @@ KINDS: dict[type[Exception], Kind] = {
     UnknownResultError: Kind("unknown-result", 404, "No such result"),
     NotReadyError: Kind("not-ready", 409, "The job has no results", retryable=True),
     SlowRequestError: Kind("slow-request", 408, "The request does not come", retryable=True),
+    UnknownUploadError: Kind("unknown-upload", 404, "No such upload"),
+    OffsetError: Kind("upload-offset", 409, "The upload goes on elsewhere"),
+    UnfinishedUploadError: Kind(
+        "upload-unfinished", 409, "The upload has not come whole", retryable=True
+    ),
+    ExpiredUploadError: Kind("upload-expired", 410, "The upload has expired"),
+    TusVersionError: Kind("tus-version", 412, "Another version of tus"),
+    ChecksumError: Kind("checksum-mismatch", 460, "The checksum does not fit", retryable=True),
     UploadTooLargeError: Kind("upload-too-large", 413, "Too many bytes"),
     UnsupportedMediaError: Kind("unsupported-media-type", 415, "Neither multipart nor JSON"),
     RangeError: Kind("range-not-satisfiable", 416, "The range lies outside the file"),

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 
 import uvicorn
 
-from service import keys, logs, processes
+from service import keys, logs, processes, scratch, uploads
 from service.api import create_app
 from service.api.callers import keys_required
 from service.api.context import Context, open_context
@@ -42,6 +42,8 @@ def serve(settings: Settings, worker: bool) -> None:
         context = stack.enter_context(open_context(settings))
         _check_keys(context)
         context.fork_server.start()
+        scratch.clear(settings.data_dir)
+        uploads.remove_expired(context.engine, context.storage)
         # uvicorn raises the signal again once it has stopped; the default would end us on the spot.
         signal.signal(signal.SIGTERM, lambda _number, _frame: sys.exit(0))
         if worker:

@@ -82,7 +82,14 @@ class Settings(BaseSettings):
         "up, in seconds.",
     )
     upload_bytes: int = Field(
-        default=512 * MIB, gt=0, description="Largest accepted request, in bytes."
+        default=512 * MIB,
+        gt=0,
+        description="Largest accepted request, and largest upload, in bytes.",
+    )
+    upload_seconds: float = Field(
+        default=86400,
+        gt=0,
+        description="How long an upload that no job has used is kept after its last byte came.",
     )
     queued_jobs: int = Field(
         default=1000, gt=0, description="Jobs that may wait; more are refused with 429."

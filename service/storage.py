@@ -30,15 +30,16 @@ class Storage:
             else from_url(url)
         )
 
-    def put(self, key: str, data: bytes) -> None:
-        """Store bytes."""
-        obstore.put(self._store, key, data)
+    def put(self, key: str, data: bytes | Path) -> None:
+        """Store bytes, or a file in parts when it is large."""
+        # Two pieces of a large file in memory at a time, of 5 MiB, not a dozen.
+        obstore.put(self._store, key, data, max_concurrency=2)
 
     def put_file(self, key: str, path: Path) -> str:
         """Store a file, in parts when it is large, and give back its SHA-256."""
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
-        obstore.put(self._store, key, path)
+        self.put(key, path)
         return digest
 
     def flush(self, keys: Iterable[str]) -> None:
@@ -66,8 +67,13 @@ class Storage:
     def get_file(self, key: str, path: Path) -> None:
         """Write an object to a file. Raises FileNotFoundError."""
         with path.open("wb") as file:
-            for chunk in obstore.get(self._store, key).stream(min_chunk_size=_CHUNK):
+            for chunk in self.chunks(key):
                 file.write(chunk)
+
+    def chunks(self, key: str) -> Iterator[bytes]:
+        """Read an object piece by piece. Raises FileNotFoundError at once."""
+        found = obstore.get(self._store, key)
+        return (bytes(chunk) for chunk in found.stream(min_chunk_size=_CHUNK))
 
     def stream(self, key: str, start: int, end: int) -> Iterator[bytes]:
         """Read bytes start…end−1 of an object, in chunks. Raises FileNotFoundError at once."""
@@ -80,6 +86,10 @@ class Storage:
         """List every key below prefix, sorted."""
         found = obstore.list(self._store, prefix=prefix)
         return sorted(item["path"] for batch in found for item in batch)
+
+    def delete(self, key: str) -> None:
+        """Delete an object."""
+        obstore.delete(self._store, key)
 
     def delete_below(self, prefix: str) -> None:
         """Delete every object below prefix."""

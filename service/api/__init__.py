@@ -20,6 +20,7 @@ from service.api import (
     jobs,
     problems,
     results,
+    tus,
 )
 from service.api.calibrated import allow_calibrations
 from service.api.hosts import check_host
@@ -59,11 +60,12 @@ def create_app(origins: Sequence[str] = ()) -> FastAPI:
             expose_headers=headers.SHOWN,
         )
     problems.install(app)
+    app.add_middleware(tus.Tus)
     app.add_middleware(headers.SafeHeaders)
     app.include_router(health.router, responses=problems.responses(ForeignHostError, status=(422,)))
     app.include_router(documents.router)
     refusals = (UnauthorizedError, ForbiddenError, ForeignHostError, ForeignOriginError)
-    for module in (jobs, events, calibrations, results, cameras):
+    for module in (jobs, events, calibrations, tus, results, cameras):
         app.include_router(module.router, responses=problems.responses(*refusals, status=(422,)))
     make_document = app.openapi
 

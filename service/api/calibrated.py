@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from pipeline.calibration.calibrate import FILES
+from pipeline.calibration.options import FILES
 from pipeline.errors import OptionError
 from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
 from service import jobs

@@ -16,10 +16,10 @@ from service.api.accept import accept, refuse_when_full
 from service.api.calibrated import fill_in
 from service.api.callers import Caller, Calling, find
 from service.api.context import Context, Parts, TraceId
-from service.api.models import CaptureRequest, Handling, JobAnswer, JobPage
+from service.api.models import CaptureRequest, Handling, JobAnswer, JobPage, UploadsRequest
+from service.api.pair_form import IdempotencyKey, accepted, pair_form
 from service.api.prefer import APPLIED, Wait
 from service.api.problems import responses
-from service.api.uploads import IdempotencyKey, accepted, pair_form
 from service.api.watching import answers
 from service.errors import UnknownJobError
 from service.states import State
@@ -30,10 +30,17 @@ _BODY = {
     "required": True,
     "content": {
         **pair_form({"$ref": "#/components/schemas/Options"}, "Options as JSON text."),
-        "application/json": {"schema": {"$ref": "#/components/schemas/CaptureRequest"}},
+        "application/json": {
+            "schema": {
+                "oneOf": [
+                    {"$ref": "#/components/schemas/CaptureRequest"},
+                    {"$ref": "#/components/schemas/UploadsRequest"},
+                ]
+            }
+        },
     },
 }
-SCHEMAS = (Options, CaptureRequest, Handling)
+SCHEMAS = (Options, CaptureRequest, UploadsRequest, Handling)
 """Models that the OpenAPI document names only in the body above."""
 
 
@@ -55,8 +62,8 @@ async def create_job(
 ) -> JobAnswer:
     """Separate a pair of photographs, or have a camera take one and separate it."""
     await run_in_threadpool(refuse_when_full, context, caller, idempotency_key)
-    limit, named = context.settings.upload_bytes, partial(fill_in, context, caller)
-    async with intake.read(request, limit, named) as wanted:
+    named = partial(fill_in, context, caller)
+    async with intake.read(request, context.settings, named) as wanted:
         made = await run_in_threadpool(accept, context, caller, wanted, idempotency_key, trace_id)
     if wait:
         await context.watching.until_over(made.job_id, wait)

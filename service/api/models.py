@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from pipeline.calibration.options import CalibrationOptions
 from pipeline.options import Options
 from service import jobs
 from service.errors import Problem
@@ -64,6 +65,29 @@ class CaptureRequest(Handling):
 
     capture: Capture
     options: Options = Options()
+
+
+class UploadedPair(BaseModel):
+    """Photographs that were sent before, by POST /uploads."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    no_flash: str = Field(description="Id of a finished upload: the last part of its URL.")
+    flash: str = Field(description="The same for the photograph with the flash.")
+
+
+class UploadsRequest(Handling):
+    """A job whose pair was uploaded before; it takes the uploads over, so that they are gone."""
+
+    uploads: UploadedPair
+    options: Options = Options()
+
+
+class CalibrationRequest(Handling):
+    """A calibration whose pair was uploaded before; it takes the uploads over."""
+
+    uploads: UploadedPair
+    options: CalibrationOptions
 
 
 class Calibrated(BaseModel):

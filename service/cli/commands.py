@@ -46,7 +46,7 @@ def separate(
     the results of each get a folder of their own in DIR, with the name of the photograph without
     the flash.
     """
-    import pipeline
+    from pipeline.process import separate_files
     from pipeline.progress import Progress
     from service.cli.display import print_results, stage_bar
     from service.cli.folder import new_results
@@ -57,7 +57,7 @@ def separate(
         return separate_folder(no_flash, output, options, as_json)
     before, after = read_file(no_flash, "photograph"), read_file(flash, "photograph")
     with new_results(output) as folder, stage_bar() as report:
-        manifest = pipeline.separate_files(before, after, options, folder, Progress(report))
+        manifest = separate_files(before, after, options, folder, Progress(report))
     print_results(manifest, output, as_json)
     return None
 

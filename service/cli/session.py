@@ -12,11 +12,11 @@ from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
-import pipeline
 from pipeline.decode.signatures import kind_of
 from pipeline.errors import InputError
 from pipeline.options import Options
 from pipeline.pairs import Pairs, find_pairs, read_shot
+from pipeline.process import separate_files
 from pipeline.progress import Progress
 from service.cli.display import stage_bar
 from service.cli.folder import new_results
@@ -102,7 +102,7 @@ def _separate(
 ) -> dict[str, Any]:
     before, after = (read_file(folder / name, "photograph") for name in (no_flash, flash))
     with new_results(target) as results, stage_bar() as report:
-        return pipeline.separate_files(before, after, options, results, Progress(report))
+        return separate_files(before, after, options, results, Progress(report))
 
 
 def _print(results: list[dict[str, Any]], left: Mapping[str, str]) -> None:

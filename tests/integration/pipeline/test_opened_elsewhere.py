@@ -16,12 +16,12 @@ import tifffile
 from numpy.typing import NDArray
 
 import drivers
-import pipeline
 from pipeline.encode.exr import write_exr
 from pipeline.encode.glb import write_glb
 from pipeline.encode.png import NormalsPng
 from pipeline.mesh import make_mesh
 from pipeline.options import Options
+from pipeline.process import separate_files
 from pipeline.progress import Progress
 from tests.strips import write_by_strips
 
@@ -36,7 +36,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with drivers.open_camera(f"sim://studio?lights=2&width={width}&height={height}") as camera:
         pair = drivers.capture_pair(camera)
     options = Options(outputs="all", lights=2, quality="fast")
-    pipeline.separate_files(pair.no_flash.best, pair.flash.best, options, folder, Progress())
+    separate_files(pair.no_flash.best, pair.flash.best, options, folder, Progress())
     _write_ball(folder)
     return folder
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import drivers
-import pipeline
+from pipeline import process
 from pipeline.errors import UnusablePairError
 from service.cli import run
 
@@ -152,7 +152,7 @@ def test_a_fault_of_the_program_is_named_without_a_trace(
     def broken(*_arguments: object) -> None:
         raise ZeroDivisionError("Light.")
 
-    monkeypatch.setattr(pipeline, "separate_files", broken)
+    monkeypatch.setattr(process, "separate_files", broken)
     said = _refused(capsys, "separate", *pair, "-o", str(tmp_path / "out"), code=1)
     assert "please report it: ZeroDivisionError in test_cli.py" in said
 
@@ -166,7 +166,7 @@ def test_a_pair_without_light_is_bad_input(
     def dark(*_arguments: object) -> None:
         raise UnusablePairError("The pair is black.")
 
-    monkeypatch.setattr(pipeline, "separate_files", dark)
+    monkeypatch.setattr(process, "separate_files", dark)
     said = _refused(capsys, "separate", *pair, "-o", str(tmp_path / "out"))
     assert said == "The pair is black.\n"
 
@@ -240,7 +240,7 @@ def separated(monkeypatch: pytest.MonkeyPatch) -> None:
             (folder / name).write_text(name)
         return MANIFEST
 
-    monkeypatch.setattr(pipeline, "separate_files", separate)
+    monkeypatch.setattr(process, "separate_files", separate)
 
 
 @pytest.mark.usefixtures("separated")

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-import pipeline
 from pipeline.errors import UnusablePairError
-from service.cli import run
+from service.cli import run, session
 
 Photograph = Callable[..., None]
 
@@ -56,7 +55,7 @@ def separated(monkeypatch: pytest.MonkeyPatch) -> list[tuple[bool, bool]]:
         (folder / "manifest.json").write_text(json.dumps(MANIFEST))
         return MANIFEST
 
-    monkeypatch.setattr(pipeline, "separate_files", separate)
+    monkeypatch.setattr(session, "separate_files", separate)
     return seen
 
 

@@ -20,6 +20,7 @@ from service.errors import (
     SlowRequestError,
     StorageFullError,
     StoredQuotaError,
+    UnfinishedUploadError,
     UnsupportedMediaError,
     UploadTooLargeError,
 )
@@ -93,6 +94,7 @@ def accepted(
             MalformedRequestError,
             UploadTooLargeError,
             UnsupportedMediaError,
+            UnfinishedUploadError,
             pipeline_errors.InputError,
             IdempotencyError,
             QueueFullError,
