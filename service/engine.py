@@ -11,6 +11,9 @@ from collections.abc import Callable, Collection
 
 import sqlalchemy as sa
 from dbos import DBOS, DBOSClient, DBOSConfig, DBOSPortableJSONSerializer, EnqueueOptions
+from dbos.error import DBOSInitializationError
+
+from service.errors import StartError
 
 _APPLICATION = "lightlayers"
 _VERSION = "1"  # pinned: a job of an older program may be run by a newer one
@@ -67,7 +70,7 @@ def launch(
     """Have this process call run(job id) in threads for the jobs of the queue.
 
     worker: unique among all workers ever. run: must return only when the job has ended, since a
-    return takes the job out of the queue for good.
+    return takes the job out of the queue for good. Raises StartError.
     """
     # DBOS writes to the console of its own unless its logger has a handler.
     logging.getLogger("dbos").addHandler(logging.NullHandler())
@@ -79,12 +82,18 @@ def launch(
             application_version=_VERSION,
             serializer=DBOSPortableJSONSerializer(),
             log_level="WARNING",
+            run_migrations=False,  # a command does that, see service.opening
         )
     )
     # An attempt count of our own is in the job's row: a takeover resets the one of DBOS.
     DBOS.workflow(name=_WORKFLOW, max_recovery_attempts=None)(run)
     DBOS.listen_queues([_QUEUE])
-    DBOS.launch()
+    try:
+        DBOS.launch()
+    except DBOSInitializationError as error:
+        raise StartError(
+            "The queue's tables are older than this lightlayers needs: run `lightlayers migrate`."
+        ) from error
     DBOS.register_queue(
         _QUEUE,
         worker_concurrency=concurrency,

@@ -42,6 +42,7 @@ class Job:
     results: list[dict[str, Any]] | None
     error: dict[str, Any] | None
     trace_id: str
+    span_id: str | None
     webhook: dict[str, Any] | None
     idempotency_key: str | None
     request_hash: str

@@ -94,6 +94,17 @@ def worker() -> None:
 
 
 @app.command()
+def migrate() -> None:
+    """Bring the database's tables up to date, before newer processes start."""
+    from service.opening import migrate_database
+    from service.settings import Settings
+
+    before, after = migrate_database(Settings())
+    moved = "it was there already" if before == after else f"from {before or 'nothing'}"
+    print(f"The database is at schema {after}, {moved}.")
+
+
+@app.command()
 @with_flags
 def submit(
     no_flash: NoFlash,

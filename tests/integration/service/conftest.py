@@ -89,6 +89,12 @@ class Service:
         with Client(self.url) as client:
             await_that("the service answers", lambda: self._answers(client))
 
+    def migrate(self) -> None:
+        """Make the tables of a database that hosts share."""
+        subprocess.run(
+            [sys.executable, "-m", "service.cli", "migrate"], env=self.environment, check=True
+        )
+
     def start_worker(self) -> subprocess.Popen[bytes]:
         self._others.append(self._run("worker"))
         return self._others[-1]
@@ -229,6 +235,7 @@ def grown_up(tmp_path: Path, postgresql: str, s3: dict[str, str]) -> Iterator[Se
     store = "s3://photographs/lightlayers"
     service = Service(tmp_path / "service", database_url=postgresql, store_url=store)
     service.environment |= s3
+    service.migrate()
     yield from _running(service)
 
 
