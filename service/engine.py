@@ -10,8 +10,7 @@ import logging
 from collections.abc import Callable, Collection
 
 import sqlalchemy as sa
-from dbos import DBOS, DBOSClient, DBOSConfig, DBOSPortableJSONSerializer, EnqueueOptions
-from dbos.error import DBOSInitializationError
+from dbos import DBOS, DBOSClient, DBOSConfig, DBOSPortableJSONSerializer, EnqueueOptions, error
 
 from service.errors import StartError
 
@@ -90,10 +89,10 @@ def launch(
     DBOS.listen_queues([_QUEUE])
     try:
         DBOS.launch()
-    except DBOSInitializationError as error:
+    except error.DBOSInitializationError as fault:
         raise StartError(
             "The queue's tables are older than this lightlayers needs: run `lightlayers migrate`."
-        ) from error
+        ) from fault
     DBOS.register_queue(
         _QUEUE,
         worker_concurrency=concurrency,

@@ -11,6 +11,7 @@ ServiceError
 ├── ForeignHostError         421  a Host that a service on loopback does not answer to
 ├── IdempotencyError         422  an Idempotency-Key used again for something else
 ├── QueueFullError           429  too many jobs wait
+├── UnreadyError             503  the service lacks what it needs to work
 ├── StorageFullError         507  too little space is left for another job
 ├── StartError               ---  the service cannot start with its settings
 └── AttemptError             500  what a job's process can die of
@@ -82,6 +83,10 @@ class QueueFullError(ServiceError):
 
 class StorageFullError(ServiceError):
     """Too little space is left for another job."""
+
+
+class UnreadyError(ServiceError):
+    """The service lacks what it needs to work, or stops."""
 
 
 class StartError(ServiceError):
@@ -174,6 +179,7 @@ KINDS: dict[type[Exception], Kind] = {
     ForeignHostError: Kind("foreign-host", 421, "Not the host of this service"),
     IdempotencyError: Kind("idempotency-key-reused", 422, "Idempotency-Key used for another job"),
     QueueFullError: Kind("queue-full", 429, "Too many jobs wait", retryable=True),
+    UnreadyError: Kind("service-not-ready", 503, "The service is not ready", retryable=True),
     StorageFullError: Kind("storage-full", 507, "Too little space is left", retryable=True),
     CrashError: Kind("crashed", 500, "The separation crashed"),
     MemoryLimitError: Kind("out-of-memory", 500, "The separation ran out of memory"),

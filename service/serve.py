@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import os
 import signal
 import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
+from types import FrameType
 
 import uvicorn
 
@@ -42,10 +45,41 @@ def serve(settings: Settings, worker: bool) -> None:
             stack.enter_context(_worker(settings))
         app = create_app()
         app.state.context = context
-        config = uvicorn.Config(app, log_config=None, access_log=False, server_header=False)
+        config = uvicorn.Config(
+            app,
+            log_config=None,
+            access_log=False,
+            server_header=False,
+            timeout_graceful_shutdown=math.ceil(settings.stop_seconds),
+        )
         host, port = listener.getsockname()[:2]
         log.info("listening on http://%s:%s", f"[{host}]" if ":" in host else host, port)
-        uvicorn.Server(config).run(sockets=[listener])
+        _Server(config, context.draining, settings.drain_seconds).run(sockets=[listener])
+
+
+class _Server(uvicorn.Server):
+    """Goes on for a while after the first signal; the second one ends that."""
+
+    def __init__(self, config: uvicorn.Config, draining: threading.Event, seconds: float) -> None:
+        super().__init__(config)
+        self._draining = draining
+        self._seconds = seconds
+        self._end: float | None = None
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Begin to drain, or stop at once."""
+        self._draining.set()
+        if self._end is None and self._seconds:
+            self._end = time.monotonic() + self._seconds
+            log.info("draining")
+        else:
+            super().handle_exit(sig, frame)
+
+    async def on_tick(self, counter: int) -> bool:
+        """Tell, several times a second, whether it is time to stop."""
+        if self._end is not None and time.monotonic() >= self._end:
+            self.should_exit = True
+        return await super().on_tick(counter)
 
 
 def _listener(settings: Settings) -> socket.socket:
