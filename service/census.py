@@ -11,7 +11,8 @@ from service.states import State
 def living_workers(connection: sa.Connection, silence_seconds: float) -> int:
     """How many workers were heard of lately."""
     lately = workers.c.seen >= now() - silence_seconds
-    return connection.execute(_count(workers).where(lately)).scalar_one()
+    count = sa.select(sa.func.count()).select_from(workers).where(lately)
+    return connection.execute(count).scalar_one()
 
 
 def jobs_by_state(connection: sa.Connection) -> dict[State, int]:
@@ -24,7 +25,3 @@ def longest_wait(connection: sa.Connection) -> float:
     """Seconds that the oldest queued job has waited; 0 when none waits."""
     oldest = sa.select(now() - sa.func.min(jobs.c.created)).where(jobs.c.state == State.QUEUED)
     return max(connection.execute(oldest).scalar_one() or 0.0, 0.0)
-
-
-def _count(table: sa.Table) -> sa.Select[tuple[int]]:
-    return sa.select(sa.func.count()).select_from(table)

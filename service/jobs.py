@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 import sqlalchemy as sa
 
+from service import metrics
 from service.database import jobs, now, workers
 from service.states import ENDED, HELD, State, before
 
@@ -70,6 +71,7 @@ def _job(row: sa.Row[Any]) -> Job:
 def add(connection: sa.Connection, values: Mapping[str, Any]) -> None:
     """Insert a queued job. Raises sqlalchemy.exc.IntegrityError on a used idempotency key."""
     connection.execute(sa.insert(jobs).values(state=State.QUEUED, created=now(), **values))
+    metrics.ACCEPTED.inc()
 
 
 def find(connection: sa.Connection, job_id: str) -> Job | None:
@@ -228,6 +230,8 @@ def _move(
     moved = connection.execute(
         _update(sa.and_(which, jobs.c.state.in_(before(state)))).values(state=state, **values)
     )
+    if moved.rowcount == 1 and state in ENDED:
+        metrics.FINISHED.labels(state.value).inc()
     return moved.rowcount == 1
 
 

@@ -17,7 +17,7 @@ from types import FrameType
 
 import uvicorn
 
-from service import logs, processes
+from service import logs, metrics, processes, tracing
 from service.api import create_app
 from service.api.context import open_context
 from service.errors import StartError
@@ -35,9 +35,11 @@ def serve(settings: Settings, worker: bool) -> None:
     worker: false for a service whose workers run elsewhere. Raises StartError.
     """
     logs.configure()
+    tracing.configure("api")
     with contextlib.ExitStack() as stack:
         listener = stack.enter_context(_listener(settings))
         context = stack.enter_context(open_context(settings))
+        metrics.serve(settings, context.engine)
         context.fork_server.start()
         # uvicorn raises the signal again once it has stopped; the default would end us on the spot.
         signal.signal(signal.SIGTERM, lambda _number, _frame: sys.exit(0))
@@ -112,9 +114,11 @@ def _keep_worker(settings: Settings, stop: threading.Event) -> None:
         **os.environ,
         **{
             f"LIGHTLAYERS_{name.upper()}": str(value)
-            for name, value in settings.model_dump(mode="json").items()
+            for name, value in settings.model_dump(mode="json", exclude_none=True).items()
         },
     }
+    if settings.metrics_port is not None:  # that one is taken
+        environment["LIGHTLAYERS_METRICS_PORT"] = str(settings.metrics_port + 1)
     while not stop.is_set():
         process = subprocess.Popen(
             [sys.executable, "-m", "service.worker", str(os.getpid())],

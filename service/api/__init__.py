@@ -22,6 +22,13 @@ def create_app() -> FastAPI:
         dependencies=[Depends(check_host)],
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
+        # Spans of requests, where service.tracing sends them; the rest is in service.metrics.
+        telemetry={
+            "auto_configure": False,
+            "operation_spans": False,
+            "metrics": False,
+            "logs": False,
+        },
     )
     problems.install(app)
     for module in (jobs, calibrations, results, cameras, health):

@@ -14,7 +14,7 @@ from typing import Any
 import sqlalchemy as sa
 from obstore.exceptions import BaseError
 
-from service import jobs, sandbox, scratch
+from service import jobs, sandbox, scratch, tracing
 from service.api.callers import Caller
 from service.api.context import Context
 from service.api.intake import Intake
@@ -82,6 +82,7 @@ def accept(
         "capture": wanted.capture,
         "inputs": describe_inputs(job_id, sha256) if sha256 else None,
         "trace_id": trace_id,
+        "span_id": tracing.span_id(),
         "idempotency_key": idempotency_key,
         "request_hash": _request_hash(wanted, sha256),
     }

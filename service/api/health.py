@@ -8,7 +8,7 @@ import sqlalchemy as sa
 from fastapi import APIRouter
 from obstore.exceptions import BaseError
 
-from service import census
+from service import census, metrics
 from service.api.context import Context, Parts
 from service.api.models import Health
 from service.api.problems import responses
@@ -44,5 +44,6 @@ def _lacking(context: Context) -> Iterator[str]:
         yield "the database of jobs does not answer"
     try:
         context.storage.check()
-    except (BaseError, OSError):
+    except (BaseError, OSError) as error:
+        metrics.count_fault(error)
         yield "the store of photographs does not answer"

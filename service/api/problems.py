@@ -13,6 +13,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from service import metrics, tracing
 from service.errors import (
     INVALID,
     KINDS,
@@ -46,8 +47,8 @@ class TraceIds:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        parent = dict(scope["headers"]).get(b"traceparent", b"").decode("latin-1").split("-")
-        trace_id = parent[1] if len(parent) == 4 and _is_trace_id(parent[1]) else uuid.uuid4().hex
+        traceparent = dict(scope["headers"]).get(b"traceparent", b"").decode("latin-1")
+        trace_id = tracing.trace_id(traceparent) or uuid.uuid4().hex
         scope.setdefault("state", {})["trace_id"] = trace_id
 
         async def send_with_id(message: Message) -> None:
@@ -56,10 +57,6 @@ class TraceIds:
             await send(message)
 
         await self._app(scope, receive, send_with_id)
-
-
-def _is_trace_id(text: str) -> bool:
-    return len(text) == 32 and set(text) <= set("0123456789abcdef") and text != "0" * 32
 
 
 def responses(*errors: type[Exception], status: tuple[int, ...] = ()) -> dict[int | str, Any]:
@@ -96,6 +93,7 @@ def _answer(problem: Problem, headers: dict[str, str] | None = None) -> Response
 
 
 async def _on_known(request: Request, error: Exception) -> Response:
+    metrics.count_fault(error)
     headers = {}
     if isinstance(error, QueueFullError):
         headers["Retry-After"] = str(RETRY_SECONDS)

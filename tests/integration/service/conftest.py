@@ -155,8 +155,23 @@ class Service:
         except (FileNotFoundError, ProcessLookupError):
             return False
 
+    def terminate(self) -> None:
+        """Ask the service to stop."""
+        os.kill(self.pid, signal.SIGTERM)
+
+    def await_unready(self) -> dict[str, Any]:
+        """Wait until it says that it is not ready; the problem."""
+
+        def look() -> dict[str, Any] | None:
+            answer = httpx.get(f"{self.url}/readyz")
+            problem: dict[str, Any] = answer.json()
+            return problem if answer.status_code == 503 else None
+
+        found: dict[str, Any] = await_that("it is not ready", look)
+        return found
+
     def stop(self) -> int:
-        """Ask the service to stop; its exit code."""
+        """Ask the service to stop, if it was not asked before; its exit code."""
         assert self._process is not None
         self._process.terminate()
         return self._process.wait(_PATIENCE_SECONDS)
@@ -215,6 +230,20 @@ class Service:
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     """A service that runs all the time; what a test leaves there is the next one's to bear."""
     yield from _running(Service(tmp_path_factory.mktemp("service")))
+
+
+@pytest.fixture
+def make_service() -> Iterator[Callable[..., Service]]:
+    """Make a service that is not started yet: make_service(folder, setting=value)."""
+    made: list[Service] = []
+
+    def make(folder: Path, **settings: object) -> Service:
+        made.append(Service(folder / "service", **settings))
+        return made[-1]
+
+    yield make
+    for service in made:
+        service.close()
 
 
 @pytest.fixture
