@@ -69,12 +69,24 @@ def open_storage(settings: Settings) -> Storage:
     try:
         storage = Storage(settings.store_url)
         storage.check()
+        if settings.store_presign:
+            _check_signing(storage)
     except (BaseError, OSError, ValueError) as error:
         raise StartError(
             "The store of photographs cannot be opened: check LIGHTLAYERS_STORE_URL and the "
             f"AWS_ variables ({cause_of(error)})."
         ) from error
     return storage
+
+
+def _check_signing(storage: Storage) -> None:
+    try:
+        storage.link("health", 1)
+    except BaseError as error:
+        raise StartError(
+            "URLs of the store cannot be signed: set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, "
+            "or leave LIGHTLAYERS_STORE_PRESIGN out."
+        ) from error
 
 
 def cause_of(error: Exception) -> str:

@@ -80,7 +80,7 @@ class Storage:
     def link(self, key: str, seconds: float) -> str | None:
         """Sign a URL that reads an object without a password, for a time; None for a folder.
 
-        Raises ValueError where the store takes no signatures (AWS_SKIP_SIGNATURE).
+        Raises GenericError without credentials to sign with.
         """
         if not isinstance(self._store, S3Store):
             return None
