@@ -97,6 +97,14 @@ def page(connection: sa.Connection, owner: str, limit: int, after: Job | None) -
     return [_job(row) for row in connection.execute(query)]
 
 
+def newest(connection: sa.Connection, state: State | None, limit: int) -> list[Job]:
+    """Up to `limit` jobs of all owners, newest first; state: those in it only."""
+    query = sa.select(jobs).order_by(jobs.c.created.desc(), jobs.c.id.desc()).limit(limit)
+    if state:
+        query = query.where(jobs.c.state == state)
+    return [_job(row) for row in connection.execute(query)]
+
+
 def count_queued(connection: sa.Connection) -> int:
     """How many jobs wait."""
     query = sa.select(sa.func.count()).select_from(jobs).where(jobs.c.state == State.QUEUED)
@@ -230,8 +238,8 @@ def _move(
     moved = connection.execute(
         _update(sa.and_(which, jobs.c.state.in_(before(state)))).values(state=state, **values)
     )
-    if moved.rowcount == 1 and state in ENDED:
-        metrics.FINISHED.labels(state.value).inc()
+    if state in ENDED:
+        metrics.FINISHED.labels(state.value).inc(moved.rowcount)
     return moved.rowcount == 1
 
 

@@ -77,6 +77,10 @@ class Storage:
         found = obstore.get(self._store, key, options={"range": (start, end)})
         return (bytes(chunk) for chunk in found.stream(min_chunk_size=_CHUNK))
 
+    def copy(self, source: str, target: str) -> None:
+        """Copy an object within the store. Raises FileNotFoundError."""
+        obstore.copy(self._store, source, target)
+
     def link(self, key: str, seconds: float) -> str | None:
         """Sign a URL that reads an object without a password, for a time; None for a folder.
 

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from service.cli import calibrate
+from service.cli import calibrate, jobs
 from service.cli.options import (
     Flags,
     Flash,
@@ -25,6 +25,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.add_typer(calibrate.app, name="calibrate")
+app.add_typer(jobs.app, name="jobs")
 
 Output = Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of results.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
@@ -102,6 +103,18 @@ def migrate() -> None:
     before, after = migrate_database(Settings())
     moved = "it was there already" if before == after else f"from {before or 'nothing'}"
     print(f"The database is at schema {after}, {moved}.")
+
+
+@app.command()
+def doctor() -> None:
+    """Say what is wrong with the set-up that the variables describe, and what to do."""
+    from service.doctor import examine
+
+    wrong = False
+    for finding in examine():
+        print(f"{finding.grade:<5}  {finding.part}: {finding.sentence}", flush=True)
+        wrong |= finding.grade == "wrong"
+    raise typer.Exit(1 if wrong else 0)
 
 
 @app.command()
