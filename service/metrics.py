@@ -39,7 +39,9 @@ def count_fault(error: Exception) -> None:
         STORE_ERRORS.inc()
 
 
-class _Database(Collector):
+class Database(Collector):
+    """What the database says, asked for at every look."""
+
     def __init__(self, engine: sa.Engine, silence_seconds: float) -> None:
         self._engine = engine
         self._silence_seconds = silence_seconds
@@ -77,7 +79,7 @@ def serve(settings: Settings, engine: sa.Engine) -> None:
     """Serve the figures of this process, where a port is set, until it ends. Raises StartError."""
     if settings.metrics_port is None:
         return
-    REGISTRY.register(_Database(engine, settings.silence_seconds))
+    REGISTRY.register(Database(engine, settings.silence_seconds))
     try:
         start_http_server(settings.metrics_port, settings.metrics_host)
     except OSError as error:

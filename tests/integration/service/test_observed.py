@@ -157,7 +157,9 @@ def test_a_service_that_is_told_to_stop_says_so_and_finishes_its_uploads(
     service.start()
     halfway, stopping = threading.Event(), threading.Event()
     request = service.http.build_request(
-        "POST", "/jobs", files={"no_flash": small_pair.no_flash.best, "flash": small_pair.flash.best}
+        "POST",
+        "/jobs",
+        files={"no_flash": small_pair.no_flash.best, "flash": small_pair.flash.best},
     )
     body = request.read()
 

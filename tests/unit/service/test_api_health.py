@@ -3,10 +3,10 @@ from __future__ import annotations
 import httpx
 import pytest
 import sqlalchemy as sa
-from tests.unit.service.asking import problem_of
 
 from service import database, jobs
 from service.api.context import Context
+from tests.unit.service.asking import problem_of
 
 
 @pytest.fixture(autouse=True)
