@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import re
-import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
+from service.cli import run
 from service.settings import Settings
-from tests.acceptance.conftest import COMMAND
 
 _DOCKER = Path(__file__).parents[2] / "docker"
 _OURS = ("api", "worker", "migrate", "bucket")
@@ -34,17 +33,16 @@ def test_our_containers_may_do_no_more_than_they_must(name: str, services: dict[
 
 @pytest.mark.parametrize("name", ["api", "worker", "migrate"])
 def test_commands_and_variables_are_those_of_the_program(
-    name: str, services: dict[str, Any]
+    name: str, services: dict[str, Any], capsys: pytest.CaptureFixture[str]
 ) -> None:
     service = services[name]
     known = {f"LIGHTLAYERS_{setting.upper()}" for setting in Settings.model_fields}
     given = {key for key in service["environment"] if key.startswith("LIGHTLAYERS_")}
     assert {"LIGHTLAYERS_DATABASE_URL", "LIGHTLAYERS_STORE_URL"} <= given <= known
     flags = [word for word in service["command"] if word.startswith("--")]
-    helped = subprocess.run(
-        [COMMAND, service["command"][0], "--help"], capture_output=True, text=True, check=True
-    )
-    assert all(flag in helped.stdout for flag in flags)
+    assert run([service["command"][0], "--help"]) == 0
+    helped = capsys.readouterr().out
+    assert all(flag in helped for flag in flags)
 
 
 def test_processes_start_in_order_and_stop_in_their_time(services: dict[str, Any]) -> None:

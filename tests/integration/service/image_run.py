@@ -144,8 +144,8 @@ def stack(
         "${POSTGRES_PASSWORD:?set one}": "secret",
         "@database/": f"@{postgresql.partition('@')[2].partition('/')[0]}/",
         "http://store:8333": s3["AWS_ENDPOINT_URL"],
-        "localhost:8000": f"localhost:{ports[0]}",  # other services of this machine have these
-        "localhost:9100": f"localhost:{ports[2]}",
+        "127.0.0.1:8000": f"127.0.0.1:{ports[0]}",  # other services of this machine have these
+        "127.0.0.1:9100": f"127.0.0.1:{ports[2]}",
     }
     for parent in [tmp_path, *tmp_path.parents[:3]]:
         parent.chmod(0o755)
