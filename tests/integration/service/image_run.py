@@ -65,7 +65,7 @@ class Stack:
     def check(self, name: str, number: int) -> int:
         """Run the health check of a service; its exit code."""
         _, *command = self.services[name]["healthcheck"]["test"]
-        return self._run(name, number, command, {}).wait(60)
+        return self._run(name, number, command, {}).wait(120)
 
     def _run(
         self, name: str, number: int, command: list[str], also: dict[str, str]
@@ -154,13 +154,14 @@ def stack(
     stack.close()
 
 
+@pytest.mark.timeout(900)
 def test_the_image_runs_jobs_as_the_compose_file_says(
     stack: Stack, image: Image, ports: list[int]
 ) -> None:
     assert image.config["User"] == "lightlayers"
     url, pair = f"http://127.0.0.1:{ports[0]}", _pair()
-    assert stack.start("bucket", 1).wait(60) == 0
-    assert stack.start("migrate", 1).wait(60) == 0
+    assert stack.start("bucket", 1).wait(120) == 0
+    assert stack.start("migrate", 1).wait(120) == 0
     api = stack.start(
         "api", 1, LIGHTLAYERS_PORT=str(ports[0]), LIGHTLAYERS_METRICS_PORT=str(ports[1])
     )
@@ -203,7 +204,7 @@ def _pair() -> drivers.CapturedPair:
 
 def _await_that(what: str, happened: Callable[[], Any]) -> Any:
     """Wait until a function gives something true; what it gave."""
-    deadline = time.monotonic() + 120
+    deadline = time.monotonic() + 300
     while time.monotonic() < deadline:
         if value := happened():
             return value
