@@ -26,6 +26,11 @@ import drivers
 
 _COMPOSE = Path(__file__).parents[3] / "docker" / "compose.yaml"
 _IMAGE = os.environ.get("IMAGE", "lightlayers")
+_SIGNED = {
+    "AWS_SKIP_SIGNATURE": "false",  # this store is not open to all
+    "AWS_ACCESS_KEY_ID": "test",
+    "AWS_SECRET_ACCESS_KEY": "test",
+}
 _ENTER = """
 set -eu
 mount --bind "$ROOT" "$ROOT"
@@ -75,7 +80,7 @@ class Stack:
         folder = self._volumes(f"{name}{number}")
         pairs = [pair.split("=", 1) for pair in self._image.config["Env"]]
         given = {key: str(value) for key, value in service.get("environment", {}).items()}
-        variables = {**dict(pairs), **given, **also}
+        variables = {**dict(pairs), **given, **_SIGNED, **also}
         words = [*[f"{key}={value}" for key, value in variables.items()], *command]
         process = subprocess.Popen(
             ["unshare", "--mount", "sh", "-c", _ENTER, "sh", *map(self._replace, words)],
