@@ -2,11 +2,12 @@
 PYTHON ?= python3
 HOST = 127.0.0.1
 SET = report
+BUILD = buildah bud --isolation chroot --layers
 BIN := .venv/bin
 INSTALLED := .venv/installed
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint evaluate bench serve openapi docs clean
+.PHONY: help setup demo test lint evaluate bench serve image openapi docs clean
 
 help:  ## Show this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/\1\t\2/p' Makefile | expand -t 12
@@ -39,6 +40,10 @@ bench: setup  ## Measure what jobs cost, into docs/; QUICK=1 prints the kernel, 
 
 serve: setup  ## Serve on http://localhost:8000; HOST=0.0.0.0 for phones, once there is a key
 	$(BIN)/lightlayers serve --host $(HOST)
+
+image: setup  ## Build the image with buildah, as root, and run the compose file's services from it
+	$(BUILD) -f docker/Dockerfile -t lightlayers .
+	$(BIN)/pytest tests/integration/service/image_run.py
 
 openapi: setup  ## Write openapi.json from the app
 	$(BIN)/python -m service.openapi > openapi.json.new

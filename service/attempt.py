@@ -11,11 +11,12 @@ from typing import Any, Literal
 
 import sqlalchemy as sa
 
-from service import eta, jobs, sandbox, scratch
+from service import eta, jobs, metrics, sandbox, scratch, tracing
 from service.errors import AttemptError, problem_of
 from service.forkserver import ForkServer
 from service.media import media_type
 from service.settings import Settings
+from service.stages import Stages
 from service.storage import Storage
 
 FRAMES = ("no_flash", "flash")
@@ -62,6 +63,7 @@ class Attempt:
         self._stop = False
         self._reported: tuple[str, float] = ("", 0.0)
         self._track: eta.Track
+        self._stages = Stages()
         self._log = logging.LoggerAdapter(
             log, {"job": job.id, "attempt": job.attempt, "trace_id": job.trace_id}
         )
@@ -71,6 +73,15 @@ class Attempt:
 
         Raises sqlalchemy.exc.DBAPIError when the database is away.
         """
+        job = self._job
+        attributes = {"job": job.id, "attempt": job.attempt, "task": job.task, "worker": job.worker}
+        with tracing.attempt(job.trace_id, job.span_id, attributes):
+            try:
+                self._run()
+            finally:
+                self._stages.end()
+
+    def _run(self) -> None:
         self._log.info("started")
         try:
             counts = self._work()
@@ -83,6 +94,7 @@ class Attempt:
         except Exception as error:
             if not isinstance(error, AttemptError):  # a fault of ours, of the store or of the disk
                 self._log.exception("failed")
+                metrics.count_fault(error)
             counts = self._fail(problem_of(error, self._job.trace_id).model_dump())
         if not counts:
             self._give_up()
@@ -94,15 +106,18 @@ class Attempt:
             if self._job.capture and not self._job.inputs:
                 self._capture(directory)
             else:
+                self._stages.enter("fetch")
                 for frame in FRAMES:
                     self._storage.get_file(inputs_key(self._job.id, frame), directory / frame)
             self._run_task(self._job.task, directory)
             self._track.reach("store", 0.0)
+            self._stages.enter("store")
             results = [self._store(path) for path in sandbox.results_of(directory)]
         with self._engine.begin() as connection:
             counts = jobs.succeed(connection, self._job, results, self._track.finish())
         if counts:
             self._log.info("succeeded")
+            tracing.note("outcome", "succeeded")
             for lost in range(1, self._job.attempt):
                 self._storage.delete_below(results_key(self._job.id, lost))
         return counts
@@ -143,6 +158,7 @@ class Attempt:
 
     def _report(self, stage: str, fraction: float) -> None:
         self._track.reach(stage, fraction)
+        self._stages.enter(stage)
         last_stage, last_time = self._reported
         if stage == last_stage and time.monotonic() - last_time < _REPORT_SECONDS:
             return
@@ -168,6 +184,7 @@ class Attempt:
 
     def _fail(self, problem: dict[str, Any]) -> bool:
         self._log.info("failed: %s", problem["type"])
+        tracing.note("outcome", problem["type"])
         with self._engine.begin() as connection:
             return jobs.fail(connection, self._job, problem)
 
@@ -176,6 +193,7 @@ class Attempt:
         with self._engine.begin() as connection:
             if jobs.acknowledge_cancel(connection, self._job):
                 self._log.info("canceled")
+                tracing.note("outcome", "canceled")
             else:
                 jobs.release(connection, self._job)
             gone = jobs.find(connection, self._job.id) is None

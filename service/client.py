@@ -42,8 +42,12 @@ class Client:
                 f"{url!r} is no address of a service: write one like http://127.0.0.1:8000."
             )
         self._url = url
-        headers = {"Authorization": f"Bearer {key}"} if key else {}
-        self._http = httpx.Client(base_url=url, headers=headers, timeout=_TIMEOUT_SECONDS)
+        self._http = httpx.Client(
+            base_url=url,
+            headers={"Authorization": f"Bearer {key}"} if key else {},
+            timeout=_TIMEOUT_SECONDS,
+            follow_redirects=True,  # results may lie elsewhere
+        )
 
     def __enter__(self) -> Self:
         return self

@@ -9,12 +9,12 @@ from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.ext.compiler import compiles
-from sqlalchemy.schema import CreateIndex, CreateTable
 from sqlalchemy.sql.functions import FunctionElement
 
-_metadata = sa.MetaData()
+metadata = sa.MetaData()
+"""Where the steps of service.migrations lead."""
+
 _PATIENCE_SECONDS = 30
-_MIGRATION_LOCK = 0x11647  # any number that stays the same
 
 
 class now(FunctionElement[float]):  # noqa: N801  reads as the SQL function it is
@@ -37,7 +37,7 @@ def _postgresql_now(_element: now, _compiler: Any, **_options: Any) -> str:
 
 jobs = sa.Table(
     "jobs",
-    _metadata,
+    metadata,
     sa.Column("id", sa.String(32), primary_key=True),
     # Counts the writes of the row, so that who watches it knows whether it has changed.
     sa.Column("revision", sa.Integer, nullable=False, default=1),
@@ -64,6 +64,7 @@ jobs = sa.Table(
     sa.Column("results", sa.JSON(none_as_null=True)),
     sa.Column("error", sa.JSON(none_as_null=True)),
     sa.Column("trace_id", sa.String(32), nullable=False),
+    sa.Column("span_id", sa.String(16)),  # of the request in the trace, where traces are made
     sa.Column("webhook", sa.JSON(none_as_null=True)),
     # What came of telling the webhook; null until its first delivery is queued.
     sa.Column("delivery", sa.JSON(none_as_null=True)),
@@ -91,14 +92,14 @@ sa.Index(
 
 workers = sa.Table(
     "workers",
-    _metadata,
+    metadata,
     sa.Column("id", sa.String(64), primary_key=True),
     sa.Column("seen", sa.Double, nullable=False),
 )
 
 keys = sa.Table(
     "keys",
-    _metadata,
+    metadata,
     sa.Column("id", sa.String(16), primary_key=True),  # a part of the key; owner of its jobs
     sa.Column("digest", sa.String(64), nullable=False),  # SHA-256 of the key, hexadecimal
     sa.Column("name", sa.String(100), nullable=False),
@@ -119,7 +120,7 @@ keys = sa.Table(
 # Photographs that come piece by piece (tus), until a job takes them over.
 uploads = sa.Table(
     "uploads",
-    _metadata,
+    metadata,
     sa.Column("id", sa.String(32), primary_key=True),
     sa.Column("owner", sa.String(32), nullable=False, default=""),
     sa.Column("length", sa.BigInteger, nullable=False),
@@ -169,16 +170,3 @@ def _switch_to_wal(connection: Any) -> None:
             if error.sqlite_errorcode != sqlite3.SQLITE_BUSY or time.monotonic() > deadline:
                 raise
             time.sleep(0.02)
-
-
-def create_tables(engine: sa.Engine) -> None:
-    """Create the tables that are missing; safe to call from several processes at once."""
-    with engine.begin() as connection:
-        if engine.dialect.name == "sqlite":
-            connection.exec_driver_sql("BEGIN IMMEDIATE")
-        else:
-            connection.execute(sa.select(sa.func.pg_advisory_xact_lock(_MIGRATION_LOCK)))
-        for table in _metadata.sorted_tables:
-            connection.execute(CreateTable(table, if_not_exists=True))
-            for index in sorted(table.indexes, key=lambda index: str(index.name)):
-                connection.execute(CreateIndex(index, if_not_exists=True))

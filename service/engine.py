@@ -10,8 +10,9 @@ import logging
 from collections.abc import Callable, Collection
 
 import sqlalchemy as sa
-from dbos import DBOS, DBOSClient, DBOSConfig, DBOSPortableJSONSerializer, EnqueueOptions
+from dbos import DBOS, DBOSClient, DBOSConfig, DBOSPortableJSONSerializer, EnqueueOptions, error
 
+from service.errors import StartError
 from service.settings import TELLINGS
 
 _APPLICATION = "lightlayers"
@@ -95,7 +96,8 @@ def launch(
     """Have this process call run(job id) and tell(job id, number) in threads, as they are queued.
 
     worker: unique among all workers ever. run: must return only when the job has ended, since a
-    return takes the job out of the queue for good; tell: when what came of it is written.
+    return takes the job out of the queue for good; tell: when what came of it is written. Raises
+    StartError.
     """
     # DBOS writes to the console of its own unless its logger has a handler.
     logging.getLogger("dbos").addHandler(logging.NullHandler())
@@ -107,13 +109,19 @@ def launch(
             application_version=_VERSION,
             serializer=DBOSPortableJSONSerializer(),
             log_level="WARNING",
+            run_migrations=False,  # a command does that, see service.opening
         )
     )
     # An attempt count of our own is in the job's row: a takeover resets the one of DBOS.
     DBOS.workflow(name=_WORKFLOW, max_recovery_attempts=None)(run)
     DBOS.workflow(name=_TELLING_WORKFLOW, max_recovery_attempts=None)(tell)
     DBOS.listen_queues([_QUEUE, _TELLING_QUEUE])
-    DBOS.launch()
+    try:
+        DBOS.launch()
+    except error.DBOSInitializationError as fault:
+        raise StartError(
+            "The queue's tables are older than this lightlayers needs: run `lightlayers migrate`."
+        ) from fault
     for queue, at_once in ((_QUEUE, concurrency), (_TELLING_QUEUE, _TELLERS)):
         DBOS.register_queue(
             queue,

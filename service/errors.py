@@ -24,6 +24,7 @@ ServiceError
 ├── QuotaError               429  the key has as many jobs as it may
 ├── BusyError                503  too many requests at a time
 ├── ChecksumError            460  the bytes of an upload are not those that were sent
+├── UnreadyError             503  the service lacks what it needs to work
 ├── StorageFullError         507  too little space is left for another job
 ├── StartError               ---  the service cannot start with its settings
 └── AttemptError             500  what a job's process can die of
@@ -153,6 +154,10 @@ class StorageFullError(ServiceError):
     """Too little space is left for another job."""
 
 
+class UnreadyError(ServiceError):
+    """The service lacks what it needs to work, or stops."""
+
+
 class StartError(ServiceError):
     """The service cannot start with its settings. No request ever meets it."""
 
@@ -258,6 +263,7 @@ KINDS: dict[type[Exception], Kind] = {
     QueueFullError: Kind("queue-full", 429, "Too many jobs wait", retryable=True),
     QuotaError: Kind("quota-exceeded", 429, "The key's quota is used up", retryable=True),
     BusyError: Kind("busy", 503, "Too many requests at a time", retryable=True),
+    UnreadyError: Kind("service-not-ready", 503, "The service is not ready", retryable=True),
     StorageFullError: Kind("storage-full", 507, "Too little space is left", retryable=True),
     CrashError: Kind("crashed", 500, "The separation crashed"),
     MemoryLimitError: Kind("out-of-memory", 500, "The separation ran out of memory"),

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import sqlalchemy as sa
 
-from service import quotas
+from service import metrics, quotas
 from service.database import jobs, now, workers
 from service.states import ENDED, HELD, State, before
 
@@ -47,6 +47,7 @@ class Job:
     results: list[dict[str, Any]] | None
     error: dict[str, Any] | None
     trace_id: str
+    span_id: str | None
     webhook: dict[str, Any] | None
     delivery: dict[str, Any] | None
     idempotency_key: str | None
@@ -80,6 +81,7 @@ def add(connection: sa.Connection, values: Mapping[str, Any]) -> None:
     """
     connection.execute(sa.insert(jobs).values(state=State.QUEUED, created=now(), **values))
     quotas.charge(connection, values.get("owner", ""))
+    metrics.ACCEPTED.inc()
 
 
 def find(connection: sa.Connection, job_id: str) -> Job | None:
@@ -109,6 +111,14 @@ def page(connection: sa.Connection, owner: str | None, limit: int, after: Job | 
     query = query.order_by(jobs.c.created.desc(), jobs.c.id.desc()).limit(limit)
     if after:
         query = query.where(sa.tuple_(jobs.c.created, jobs.c.id) < (after.created, after.id))
+    return [_job(row) for row in connection.execute(query)]
+
+
+def newest(connection: sa.Connection, state: State | None, limit: int) -> list[Job]:
+    """Up to `limit` jobs of all owners, newest first; state: those in it only."""
+    query = sa.select(jobs).order_by(jobs.c.created.desc(), jobs.c.id.desc()).limit(limit)
+    if state:
+        query = query.where(jobs.c.state == state)
     return [_job(row) for row in connection.execute(query)]
 
 
@@ -284,6 +294,8 @@ def _move(
     moved = connection.execute(
         _update(sa.and_(which, jobs.c.state.in_(before(state)))).values(state=state, **values)
     )
+    if state in ENDED:
+        metrics.FINISHED.labels(state.value).inc(moved.rowcount)
     return moved.rowcount == 1
 
 

@@ -4,28 +4,29 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import os
 import signal
 import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
+from types import FrameType
 
 import uvicorn
 
-from service import keys, logs, processes, scratch, uploads
+from service import keys, logs, metrics, processes, scratch, tracing, uploads
 from service.api import create_app
 from service.api.callers import keys_required
 from service.api.context import Context, open_context
-from service.api.watching import Watching
 from service.connections import PatientProtocol
 from service.errors import StartError
 from service.settings import Settings
 
 _RESTART_SECONDS = 1.0
 _STOP_SECONDS = 10.0
-_FINISH_SECONDS = 10  # for answers on their way when the service stops
 _HEAD_BYTES = 32 * 1024
 
 log = logging.getLogger("service.serve")
@@ -37,10 +38,12 @@ def serve(settings: Settings, worker: bool) -> None:
     worker: false for a service whose workers run elsewhere. Raises StartError.
     """
     logs.configure()
+    tracing.configure("api")
     with contextlib.ExitStack() as stack:
         listener = stack.enter_context(_listener(settings))
         context = stack.enter_context(open_context(settings))
         _check_keys(context)
+        metrics.serve(settings, context.engine)
         context.fork_server.start()
         scratch.clear(settings.data_dir)
         uploads.remove_expired(context.engine, context.storage)
@@ -57,25 +60,46 @@ def serve(settings: Settings, worker: bool) -> None:
             log_config=None,
             access_log=False,
             server_header=False,
-            timeout_graceful_shutdown=_FINISH_SECONDS,
+            timeout_graceful_shutdown=math.ceil(settings.stop_seconds),
             h11_max_incomplete_event_size=_HEAD_BYTES,
             # Idle connections count, too; the app itself refuses requests, with a better answer.
             limit_concurrency=2 * settings.requests,
         )
         host, port = listener.getsockname()[:2]
         log.info("listening on http://%s:%s", f"[{host}]" if ":" in host else host, port)
-        _Server(config, context.watching).run(sockets=[listener])
+        _Server(config, context, settings.drain_seconds).run(sockets=[listener])
 
 
 class _Server(uvicorn.Server):
-    """One that sends those away who watch jobs, for whom it would wait for ever."""
+    """Goes on for a while after the first signal; the second one ends that.
 
-    def __init__(self, config: uvicorn.Config, watching: Watching) -> None:
+    At the end it sends those away who watch jobs, for whom it would wait for ever.
+    """
+
+    def __init__(self, config: uvicorn.Config, context: Context, seconds: float) -> None:
         super().__init__(config)
-        self._watching = watching
+        self._context = context
+        self._seconds = seconds
+        self._end: float | None = None
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Begin to drain, or stop at once."""
+        self._context.draining.set()
+        if self._end is None and self._seconds:
+            self._end = time.monotonic() + self._seconds
+            log.info("draining")
+        else:
+            super().handle_exit(sig, frame)
+
+    async def on_tick(self, counter: int) -> bool:
+        """Tell, several times a second, whether it is time to stop."""
+        if self._end is not None and time.monotonic() >= self._end:
+            self.should_exit = True
+        return await super().on_tick(counter)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        self._watching.close()
+        """End, watchers first."""
+        self._context.watching.close()
         await super().shutdown(sockets)
 
 
@@ -125,9 +149,11 @@ def _keep_worker(settings: Settings, stop: threading.Event) -> None:
         **os.environ,
         **{
             f"LIGHTLAYERS_{name.upper()}": str(value)
-            for name, value in settings.model_dump(mode="json").items()
+            for name, value in settings.model_dump(mode="json", exclude_none=True).items()
         },
     }
+    if settings.metrics_port is not None:  # that one is taken
+        environment["LIGHTLAYERS_METRICS_PORT"] = str(settings.metrics_port + 1)
     while not stop.is_set():
         process = subprocess.Popen(
             [sys.executable, "-m", "service.worker", str(os.getpid())],

@@ -59,6 +59,11 @@ class Settings(BaseSettings):
     store_url: str = Field(
         default_factory=_store_in, description="file:///… or s3://bucket/prefix of photographs."
     )
+    store_presign: bool = Field(
+        default=False,
+        description="Answer for a result in S3 with a redirect to a URL that is good for five "
+        "minutes, in place of its bytes; clients must reach AWS_ENDPOINT_URL.",
+    )
     host: str = Field(default="127.0.0.1", description="Address the API listens on.")
     port: int = Field(default=8000, ge=0, le=65535, description="Port of the API; 0 takes any.")
     keys: Literal["loopback", "required"] = Field(
@@ -80,6 +85,16 @@ class Settings(BaseSettings):
         gt=0,
         description="Longest pause within a request or an answer before the connection is given "
         "up, in seconds.",
+    )
+    metrics_host: str = Field(
+        default="127.0.0.1", description="Address that Prometheus metrics are served on."
+    )
+    metrics_port: int | None = Field(
+        default=None,
+        ge=1,
+        le=65534,
+        description="Port of Prometheus metrics, of API and worker; the worker that `serve` starts "
+        "takes the next one. None without it.",
     )
     upload_bytes: int = Field(
         default=512 * MIB,
@@ -112,6 +127,17 @@ class Settings(BaseSettings):
     )
     heartbeat_seconds: float = Field(
         default=3, gt=0, description="How often a worker says that it lives, in seconds."
+    )
+    drain_seconds: float = Field(
+        default=0,
+        ge=0,
+        description="How long an API that was told to stop goes on, with /readyz answering 503, so "
+        "that balancers notice before the port closes, in seconds.",
+    )
+    stop_seconds: float = Field(
+        default=30,
+        gt=0,
+        description="How long requests may still take once the port is closed, in seconds.",
     )
     silence_seconds: float = Field(
         default=15, gt=0, description="Silence after which others take a worker's jobs over."

@@ -6,13 +6,14 @@ import hashlib
 import os
 import shutil
 from collections.abc import Iterable, Iterator
+from datetime import timedelta
 from pathlib import Path
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
 import obstore
 from obstore.exceptions import GenericError
-from obstore.store import LocalStore, ObjectStore, from_url
+from obstore.store import LocalStore, ObjectStore, S3Store, from_url
 
 _CHUNK = 1024 * 1024
 
@@ -81,6 +82,19 @@ class Storage:
             return iter(())
         found = obstore.get(self._store, key, options={"range": (start, end)})
         return (bytes(chunk) for chunk in found.stream(min_chunk_size=_CHUNK))
+
+    def copy(self, source: str, target: str) -> None:
+        """Copy an object within the store. Raises FileNotFoundError."""
+        obstore.copy(self._store, source, target)
+
+    def link(self, key: str, seconds: float) -> str | None:
+        """Sign a URL that reads an object without a password, for a time; None for a folder.
+
+        Raises GenericError without credentials to sign with.
+        """
+        if not isinstance(self._store, S3Store):
+            return None
+        return obstore.sign(self._store, "GET", key, timedelta(seconds=seconds))
 
     def list(self, prefix: str) -> list[str]:
         """List every key below prefix, sorted."""

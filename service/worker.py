@@ -16,7 +16,7 @@ import uuid
 
 import sqlalchemy as sa
 
-from service import engine, jobs, logs, sandbox, scratch, webhooks
+from service import engine, jobs, logs, metrics, sandbox, scratch, tracing, webhooks
 from service.attempt import Attempt
 from service.errors import AbandonedError, problem_of
 from service.opening import open_database, open_storage
@@ -47,10 +47,11 @@ class Worker:
         self._busy = 0
 
     def serve(self, stop: threading.Event) -> None:
-        """Work until `stop` is set, then put back what is running.
+        """Work until `stop` is set, then put back what is running. Raises StartError.
 
         The process is to end right after: threads of unfinished jobs never return.
         """
+        metrics.serve(self._settings, self._engine)
         self._fork_server.start()
         scratch.clear(self._settings.data_dir)
         self._beat()
@@ -81,6 +82,7 @@ class Worker:
                 living = jobs.living_workers(connection, self._settings.silence_seconds)
             for job_id in engine.take_over(living):
                 log.warning("taken over", extra={"job": job_id, "worker": self.id})
+                metrics.TAKEOVERS.inc()
             self._queue_news()
         except sa.exc.DBAPIError:
             log.exception("the database did not answer", extra={"worker": self.id})
@@ -156,12 +158,14 @@ def main() -> None:
 
 
 def run_until_signal(settings: Settings) -> None:
-    """Run a worker in this process, which ends with it."""
+    """Run a worker in this process, which ends with it. Raises StartError."""
+    tracing.configure("worker")
     worker = Worker(settings)
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda _number, _frame: stop.set())
     worker.serve(stop)
+    tracing.flush()
     logging.shutdown()
     # Threads of jobs that were put back wait for ever; see Worker.run.
     os._exit(0)

@@ -49,6 +49,13 @@ def create_app(origins: Sequence[str] = ()) -> FastAPI:
         openapi_url=None,
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
+        # Spans of requests, where service.tracing sends them; the rest is in service.metrics.
+        telemetry={
+            "auto_configure": False,
+            "operation_spans": False,
+            "metrics": False,
+            "logs": False,
+        },
     )
     app.add_middleware(Limits)
     if origins:

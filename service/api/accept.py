@@ -15,7 +15,7 @@ import sqlalchemy as sa
 from obstore.exceptions import BaseError
 
 from pipeline.errors import OptionError, UnreadableImageError
-from service import eta, jobs, quotas, sandbox, uploads
+from service import eta, jobs, quotas, sandbox, tracing, uploads
 from service.addresses import ForbiddenAddressError, check_url, parse_networks
 from service.api.callers import Caller
 from service.api.context import Context
@@ -113,6 +113,7 @@ def accept(
             "inputs": describe_inputs(job_id, sha256) if sha256 else None,
             "stored_bytes": stored,
             "trace_id": trace_id,
+            "span_id": tracing.span_id(),
             "idempotency_key": idempotency_key,
             "request_hash": request_hash,
         }

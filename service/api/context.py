@@ -36,6 +36,8 @@ class Context:
         default_factory=lambda: threading.Semaphore(os.cpu_count() or 1)
     )
     """Held while the headers of an upload are checked, so that many uploads share the cores."""
+    draining: threading.Event = field(default_factory=threading.Event)
+    """Set once the service was told to stop: what has no end of its own ends now."""
 
 
 @contextlib.contextmanager

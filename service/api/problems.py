@@ -13,6 +13,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from service import metrics, tracing
 from service.api.headers import DEFAULTS
 from service.errors import (
     INVALID,
@@ -51,8 +52,8 @@ class TraceIds:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        parent = dict(scope["headers"]).get(b"traceparent", b"").decode("latin-1").split("-")
-        trace_id = parent[1] if len(parent) == 4 and _is_trace_id(parent[1]) else uuid.uuid4().hex
+        traceparent = dict(scope["headers"]).get(b"traceparent", b"").decode("latin-1")
+        trace_id = tracing.trace_id(traceparent) or uuid.uuid4().hex
         scope.setdefault("state", {})["trace_id"] = trace_id
 
         async def send_with_id(message: Message) -> None:
@@ -61,10 +62,6 @@ class TraceIds:
             await send(message)
 
         await self._app(scope, receive, send_with_id)
-
-
-def _is_trace_id(text: str) -> bool:
-    return len(text) == 32 and set(text) <= set("0123456789abcdef") and text != "0" * 32
 
 
 def responses(*errors: type[Exception], status: tuple[int, ...] = ()) -> dict[int | str, Any]:
@@ -106,6 +103,7 @@ async def _on_known(request: Request, error: Exception) -> Response:
 
 def answer_of(error: Exception, request: Request) -> Response:
     """Make the answer to a request that fails with an error of KINDS; logs what is our fault."""
+    metrics.count_fault(error)
     headers = {}
     if isinstance(error, UnauthorizedError):
         headers["WWW-Authenticate"] = "Bearer"

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from service.cli import calibrate, keys
+from service.cli import calibrate, jobs, keys
 from service.cli.options import (
     Flags,
     Flash,
@@ -26,6 +26,7 @@ app = typer.Typer(
 )
 app.add_typer(calibrate.app, name="calibrate")
 app.add_typer(keys.app, name="keys")
+app.add_typer(jobs.app, name="jobs")
 
 Output = Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of results.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
@@ -92,6 +93,29 @@ def worker() -> None:
 
     logs.configure()
     run_until_signal(Settings())
+
+
+@app.command()
+def migrate() -> None:
+    """Bring the database's tables up to date, before newer processes start."""
+    from service.opening import migrate_database
+    from service.settings import Settings
+
+    before, after = migrate_database(Settings())
+    moved = "it was there already" if before == after else f"from {before or 'nothing'}"
+    print(f"The database is at schema {after}, {moved}.")
+
+
+@app.command()
+def doctor() -> None:
+    """Say what is wrong with the set-up that the variables describe, and what to do."""
+    from service.doctor import examine
+
+    wrong = False
+    for finding in examine():
+        print(f"{finding.grade:<5}  {finding.part}: {finding.sentence}", flush=True)
+        wrong |= finding.grade == "wrong"
+    raise typer.Exit(1 if wrong else 0)
 
 
 @app.command()

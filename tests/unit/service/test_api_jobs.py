@@ -334,23 +334,6 @@ def test_cameras_are_listed(http: httpx.Client) -> None:
     assert [camera["address"] for camera in http.get("/cameras").json()] == ["sim://studio"]
 
 
-def test_a_healthy_service_says_so(http: httpx.Client) -> None:
-    assert http.get("/healthz").json() == {"status": "ok"}
-    assert http.get("/readyz").json() == {"status": "ok"}
-
-
-def test_a_service_without_its_store_is_alive_but_not_ready(
-    http: httpx.Client, context: Context
-) -> None:
-    store = context.settings.data_dir / "store"
-    store.rmdir()
-    store.write_bytes(b"no folder")
-    assert http.get("/healthz").status_code == 200
-    answer = http.get("/readyz")
-    assert problem_of(answer)[:2] == (503, "store-unavailable")
-    assert str(store) not in answer.text
-
-
 def test_a_service_without_its_database_says_so(http: httpx.Client, context: Context) -> None:
     with context.engine.begin() as connection:
         connection.exec_driver_sql("ALTER TABLE jobs RENAME TO gone")

@@ -287,7 +287,9 @@ def test_help_names_every_flag(capsys: pytest.CaptureFixture[str]) -> None:
 def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["--help"]) == 0
     said = capsys.readouterr().out
-    for command in ("separate", "serve", "worker", "submit", "cameras", "capture"):
+    for command in (
+        "separate", "serve", "worker", "submit", "cameras", "capture", "migrate", "jobs", "doctor",
+    ):  # fmt: skip
         assert f"\n  {command} " in said
 
 

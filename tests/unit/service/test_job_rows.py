@@ -325,12 +325,6 @@ def test_a_silent_worker_is_dead_and_forgotten(engine: sa.Engine) -> None:
         assert jobs.living_workers(connection, 15) == {"w2"}
 
 
-def test_tables_can_be_created_again(engine: sa.Engine) -> None:
-    _add(engine, "a")
-    database.create_tables(engine)
-    assert _find(engine, "a").id == "a"
-
-
 def test_what_is_committed_to_sqlite_outlasts_a_power_cut(engine: sa.Engine) -> None:
     with engine.connect() as connection:
         assert connection.exec_driver_sql("PRAGMA journal_mode").scalar_one() == "wal"
@@ -340,6 +334,6 @@ def test_what_is_committed_to_sqlite_outlasts_a_power_cut(engine: sa.Engine) -> 
 def test_the_folder_of_a_new_database_is_made(tmp_path_factory: pytest.TempPathFactory) -> None:
     path = tmp_path_factory.mktemp("data") / "new" / "folder" / "jobs.sqlite"
     engine = database.connect(f"sqlite:///{path}")
-    database.create_tables(engine)
+    database.metadata.create_all(engine)
     engine.dispose()
     assert path.exists()
