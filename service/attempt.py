@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import os
 import time
@@ -10,29 +11,39 @@ from pathlib import Path
 from typing import Any, Literal
 
 import sqlalchemy as sa
+from obstore.exceptions import BaseError
 
 from service import jobs, sandbox, scratch
-from service.errors import AttemptError, problem_of
+from service.errors import AttemptError, DeadlineError, problem_of
 from service.forkserver import ForkServer
 from service.media import media_type
 from service.settings import Settings
+from service.states import State
 from service.storage import Storage
 
 FRAMES = ("no_flash", "flash")
+JOBS = "jobs/"
+"""What the keys of all jobs' objects begin with."""
+
 _REPORT_SECONDS = 0.5
 _ASK_SECONDS = 0.25
 
 log = logging.getLogger("service.attempt")
 
 
+def job_key(job_id: str) -> str:
+    """Where everything of a job lies: the prefix of its objects."""
+    return f"{JOBS}{job_id}/"
+
+
 def inputs_key(job_id: str, frame: str) -> str:
     """Where a job's photograph lies; frame is one of FRAMES."""
-    return f"jobs/{job_id}/inputs/{frame}"
+    return f"{job_key(job_id)}inputs/{frame}"
 
 
 def results_key(job_id: str, attempt: int, name: str = "") -> str:
     """Where a result of an attempt lies; without a name, the prefix of all of them."""
-    return f"jobs/{job_id}/{attempt}/{name}"
+    return f"{job_key(job_id)}{attempt}/{name}"
 
 
 def describe_inputs(job_id: str, sha256: dict[str, str]) -> dict[str, Any]:
@@ -57,6 +68,7 @@ class Attempt:
         self._storage = storage
         self._settings = settings
         self._fork_server = fork_server
+        self._keep_seconds = settings.retention_seconds
         self._stopping = stopping
         self._asked = 0.0
         self._stop = False
@@ -68,7 +80,8 @@ class Attempt:
     def run(self) -> None:
         """Do it. Every end but that of the worker is written to the job's row.
 
-        Raises sqlalchemy.exc.DBAPIError when the database is away.
+        Raises sqlalchemy.exc.DBAPIError when the database is away, ChildProcessError when the
+        process of a task was lost: then the attempt was cut short.
         """
         self._log.info("started")
         try:
@@ -77,7 +90,7 @@ class Attempt:
             counts = False
         except sandbox.TaskError as error:
             counts = self._fail(error.problem)
-        except sa.exc.DBAPIError:
+        except (sa.exc.DBAPIError, ChildProcessError):
             raise
         except Exception as error:
             if not isinstance(error, AttemptError):  # a fault of ours, of the store or of the disk
@@ -87,6 +100,7 @@ class Attempt:
             self._give_up()
 
     def _work(self) -> bool:
+        self._check()
         with scratch.folder(self._settings.data_dir) as directory:
             if self._job.capture and not self._job.inputs:
                 self._capture(directory)
@@ -96,12 +110,17 @@ class Attempt:
             self._run_task(self._job.task, directory)
             results = [self._store(path) for path in sandbox.results_of(directory)]
         with self._engine.begin() as connection:
-            counts = jobs.succeed(connection, self._job, results)
+            counts = jobs.succeed(connection, self._job, results, self._keep_seconds)
         if counts:
             self._log.info("succeeded")
+            self._clear_lost()
+        return counts
+
+    def _clear_lost(self) -> None:
+        # What is left of them here goes with the job.
+        with contextlib.suppress(BaseError):
             for lost in range(1, self._job.attempt):
                 self._storage.delete_below(results_key(self._job.id, lost))
-        return counts
 
     def _capture(self, directory: Path) -> None:
         self._run_task("capture", directory)
@@ -128,6 +147,7 @@ class Attempt:
         )
 
     def _store(self, path: Path) -> dict[str, Any]:
+        self._check()
         key = results_key(self._job.id, self._job.attempt, path.name)
         return {
             "name": path.name,
@@ -151,20 +171,30 @@ class Attempt:
             self._asked = time.monotonic()
             with self._engine.connect() as connection:
                 self._stop = jobs.must_stop(connection, self._job)
+                late = self._job.deadline is not None and jobs.is_late(connection, self._job)
+            if late and not self._stop:
+                raise DeadlineError
         return self._stop
+
+    def _check(self) -> None:
+        """Raise sandbox.StoppedError or DeadlineError where there is no point in going on."""
+        if self._must_stop():
+            raise sandbox.StoppedError
 
     def _fail(self, problem: dict[str, Any]) -> bool:
         self._log.info("failed: %s", problem["type"])
         with self._engine.begin() as connection:
-            return jobs.fail(connection, self._job, problem)
+            return jobs.fail(connection, self._job, problem, self._keep_seconds)
 
     def _give_up(self) -> None:
         """End an attempt that was canceled, taken over, deleted, or put back by a worker's end."""
         with self._engine.begin() as connection:
-            if jobs.acknowledge_cancel(connection, self._job):
+            if jobs.acknowledge_cancel(connection, self._job, self._keep_seconds):
                 self._log.info("canceled")
             else:
                 jobs.release(connection, self._job)
-            gone = jobs.find(connection, self._job.id) is None
-        below = f"jobs/{self._job.id}/" if gone else results_key(self._job.id, self._job.attempt)
-        self._storage.delete_below(below)
+            row = jobs.find(connection, self._job.id)
+        if row is None:
+            self._storage.delete_below(job_key(self._job.id))
+        elif row.attempt != self._job.attempt or row.state != State.SUCCEEDED:
+            self._storage.delete_below(results_key(self._job.id, self._job.attempt))

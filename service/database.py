@@ -43,7 +43,7 @@ jobs = sa.Table(
     sa.Column("revision", sa.Integer, nullable=False, default=1),
     sa.Column("owner", sa.String(32), nullable=False, default=""),  # id of a key; "" without keys
     sa.Column("state", sa.String(24), nullable=False),
-    # Jobs wait in the order of their ranks.
+    # Jobs wait in the order of their ranks; see service.fairness.
     sa.Column("priority", sa.String(8), nullable=False, default="normal"),
     sa.Column("rank", sa.Integer, nullable=False, default=1),
     sa.Column("stage", sa.String(16)),
@@ -69,7 +69,11 @@ jobs = sa.Table(
     sa.Column("expires", sa.Double),  # is removed then
     sa.UniqueConstraint("owner", "idempotency_key", name="jobs_by_idempotency_key"),
     sa.Index("jobs_by_age", "owner", "created", "id"),
-    sa.Index("jobs_by_state", "state", "created", "id"),
+    # Whatever looks at waiting or ended jobs reads as much of an index as it finds, and no more.
+    sa.Index("jobs_by_rank", "state", "rank", "created", "id"),
+    sa.Index("jobs_by_flow", "state", "owner", "priority", "rank"),
+    sa.Index("jobs_by_deadline", "state", "deadline"),
+    sa.Index("jobs_by_expiry", "state", "expires"),
 )
 
 workers = sa.Table(

@@ -1,21 +1,35 @@
-"""The durable queue: submit, withdraw, run, take over. The only module that knows DBOS.
+"""The durable queue: submit, withdraw, run, take over, sweep. The only module that knows DBOS.
 
 DBOS remembers what was submitted through every crash and hands each job to one worker; what it
-does not do is take over the jobs of a worker that died, so take_over() does.
+does not do is take over the jobs of a worker that died, so take_over() does, and forget the ones
+that are done, so forget_done() does.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Collection
+from datetime import UTC, datetime, timedelta
 
 import sqlalchemy as sa
-from dbos import DBOS, DBOSClient, DBOSConfig, DBOSPortableJSONSerializer, EnqueueOptions
+from dbos import (
+    DBOS,
+    DBOSClient,
+    DBOSConfig,
+    DBOSPortableJSONSerializer,
+    EnqueueOptions,
+    ScheduleInput,
+)
 
 _APPLICATION = "lightlayers"
 _VERSION = "1"  # pinned: a job of an older program may be run by a newer one
 _QUEUE = "jobs"
 _WORKFLOW = "run_job"
+_UPKEEP = "upkeep"
+_SWEEP = "sweep"
+_HOURLY = "0 0 * * * *"  # the first field of six is that of seconds
+_DONE = ["SUCCESS", "ERROR", "CANCELLED"]
+_BATCH = 500
 
 
 def migrate(engine: sa.Engine) -> None:
@@ -34,13 +48,14 @@ class Queue:
             retry_connection_errors=False,
         )
 
-    def submit(self, connection: sa.Connection, job_id: str) -> None:
-        """Enqueue a job within the caller's transaction."""
+    def submit(self, connection: sa.Connection, job_id: str, rank: int) -> None:
+        """Enqueue a job within the caller's transaction; those of low rank (1…2³¹−1) go first."""
         options = EnqueueOptions(
             workflow_name=_WORKFLOW,
             queue_name=_QUEUE,
             workflow_id=job_id,
             app_version=_VERSION,
+            priority=rank,
         )
         self._client.enqueue_in_transaction(connection, options, job_id)
 
@@ -51,6 +66,18 @@ class Queue:
     def forget(self, job_id: str) -> None:
         """Drop everything the queue knows about a job."""
         self._client.delete_workflow(job_id)
+
+    def forget_done(self, seconds: float) -> None:
+        """Drop what was done more than so many seconds ago; the rows of jobs tell how it ended."""
+        before = (datetime.now(UTC) - timedelta(seconds=seconds)).isoformat()
+        while done := self._client.list_workflows(
+            status=_DONE,
+            completed_before=before,
+            limit=_BATCH,
+            load_input=False,
+            load_output=False,
+        ):
+            self._client.delete_workflows([one.workflow_id for one in done])
 
     def close(self) -> None:
         """Stop using the queue; the engine stays the caller's."""
@@ -63,11 +90,14 @@ def launch(
     run: Callable[[str], None],
     concurrency: int,
     poll_seconds: float,
+    sweep: Callable[[bool], None],
+    sweep_seconds: int,
 ) -> None:
-    """Have this process call run(job id) in threads for the jobs of the queue.
+    """Have this process call run(job id) in threads for the jobs of the queue, and sweep.
 
     worker: unique among all workers ever. run: must return only when the job has ended, since a
-    return takes the job out of the queue for good.
+    return takes the job out of the queue for good. sweep: called in one worker at a time, every
+    sweep_seconds (1…60) with false, every hour with true.
     """
     # DBOS writes to the console of its own unless its logger has a handler.
     logging.getLogger("dbos").addHandler(logging.NullHandler())
@@ -83,7 +113,12 @@ def launch(
     )
     # An attempt count of our own is in the job's row: a takeover resets the one of DBOS.
     DBOS.workflow(name=_WORKFLOW, max_recovery_attempts=None)(run)
-    DBOS.listen_queues([_QUEUE])
+
+    @DBOS.workflow(name=_SWEEP, max_recovery_attempts=None)
+    def run_sweep(_scheduled: object, thorough: bool) -> None:
+        sweep(thorough)
+
+    DBOS.listen_queues([_QUEUE, _UPKEEP])
     DBOS.launch()
     DBOS.register_queue(
         _QUEUE,
@@ -91,14 +126,34 @@ def launch(
         polling_interval_sec=poll_seconds,
         on_conflict="always_update",
     )
+    DBOS.register_queue(
+        _UPKEEP,
+        global_concurrency=1,
+        polling_interval_sec=min(sweep_seconds, 5),
+        on_conflict="always_update",
+    )
+    often = "0 * * * * *" if sweep_seconds == 60 else f"*/{sweep_seconds} * * * * *"
+    # However many workers there are, each time brings one sweep into the queue.
+    DBOS.apply_schedules(
+        [
+            ScheduleInput(
+                schedule_name=name,
+                workflow_fn=run_sweep,
+                schedule=cron,
+                context=thorough,
+                queue_name=_UPKEEP,
+            )
+            for name, cron, thorough in (("often", often, False), ("hourly", _HOURLY, True))
+        ]
+    )
 
 
 def take_over(living: Collection[str]) -> list[str]:
-    """Put the jobs of workers that are not among the living back into the queue; their ids."""
+    """Put what workers that are not among the living held back into its queue; the ids."""
     held = DBOS.list_workflows(
-        status="PENDING", queue_name=_QUEUE, load_input=False, load_output=False
+        status="PENDING", queue_name=[_QUEUE, _UPKEEP], load_input=False, load_output=False
     )
-    orphans = [job.workflow_id for job in held if job.executor_id not in living]
-    for job_id in orphans:
-        DBOS.resume_workflow(job_id, queue_name=_QUEUE)
-    return orphans
+    orphans = [one for one in held if one.executor_id not in living]
+    for one in orphans:
+        DBOS.resume_workflow(one.workflow_id, queue_name=one.queue_name)
+    return [one.workflow_id for one in orphans]

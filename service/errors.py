@@ -5,6 +5,7 @@ ServiceError
 ├── UnknownJobError          404  no such job
 ├── UnknownResultError       404  no such result of a job
 ├── NotReadyError            409  the job has no results (yet)
+├── GoneError                410  the job's files are removed
 ├── UploadTooLargeError      413  more bytes than the limit
 ├── UnsupportedMediaError    415  neither multipart nor JSON
 ├── RangeError               416  the range lies outside the file
@@ -17,7 +18,8 @@ ServiceError
     ├── CrashError           it crashed
     ├── MemoryLimitError     it needed more memory than the limit
     ├── TimeLimitError       it ran longer than the limit
-    └── AbandonedError       its worker died under it several times
+    ├── DeadlineError        the job had not ended by its deadline
+    └── AbandonedError       several attempts were cut short
 """
 
 from __future__ import annotations
@@ -50,6 +52,10 @@ class UnknownResultError(ServiceError):
 
 class NotReadyError(ServiceError):
     """The job has no results, or none yet."""
+
+
+class GoneError(ServiceError):
+    """The job's files are removed, or about to be."""
 
 
 class UploadTooLargeError(ServiceError):
@@ -104,8 +110,25 @@ class TimeLimitError(AttemptError):
     """The process ran longer than its limit."""
 
 
+class DeadlineError(AttemptError):
+    """The job had not ended by its deadline."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "The job had not ended by its deadline; send it again with more time, or when fewer "
+            "jobs wait."
+        )
+
+
 class AbandonedError(AttemptError):
-    """The job's worker died under it several times."""
+    """Several attempts at the job were cut short."""
+
+    def __init__(self, lost: int) -> None:
+        super().__init__(
+            f"The job was given up because its attempts were cut short {lost} times, each by the "
+            "death of the worker or of the process that it works in; these photographs may be "
+            "what kills them."
+        )
 
 
 class Problem(BaseModel):
@@ -167,7 +190,8 @@ KINDS: dict[type[Exception], Kind] = {
     MalformedRequestError: Kind("malformed-request", 400, "The request cannot be read"),
     UnknownJobError: Kind("unknown-job", 404, "No such job"),
     UnknownResultError: Kind("unknown-result", 404, "No such result"),
-    NotReadyError: Kind("not-ready", 409, "The job has no results", retryable=True),
+    NotReadyError: Kind("not-ready", 409, "The job is not as far as that", retryable=True),
+    GoneError: Kind("gone", 410, "The job's files are removed"),
     UploadTooLargeError: Kind("upload-too-large", 413, "Too many bytes"),
     UnsupportedMediaError: Kind("unsupported-media-type", 415, "Neither multipart nor JSON"),
     RangeError: Kind("range-not-satisfiable", 416, "The range lies outside the file"),
@@ -178,7 +202,8 @@ KINDS: dict[type[Exception], Kind] = {
     CrashError: Kind("crashed", 500, "The separation crashed"),
     MemoryLimitError: Kind("out-of-memory", 500, "The separation ran out of memory"),
     TimeLimitError: Kind("timed-out", 500, "The separation took too long"),
-    AbandonedError: Kind("abandoned", 500, "The job's worker died several times"),
+    DeadlineError: Kind("deadline-passed", 500, "The deadline has passed", retryable=True),
+    AbandonedError: Kind("abandoned", 500, "The job's attempts were cut short several times"),
     obstore_errors.BaseError: STORE_AWAY,
     DBAPIError: DATABASE_AWAY,
 }

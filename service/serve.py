@@ -78,7 +78,7 @@ def _keep_worker(settings: Settings, stop: threading.Event) -> None:
         **os.environ,
         **{
             f"LIGHTLAYERS_{name.upper()}": str(value)
-            for name, value in settings.model_dump(mode="json").items()
+            for name, value in settings.model_dump(mode="json", exclude_none=True).items()
         },
     }
     while not stop.is_set():

@@ -48,7 +48,10 @@ class Settings(BaseSettings):
         default=512 * MIB, gt=0, description="Largest accepted request, in bytes."
     )
     queued_jobs: int = Field(
-        default=1000, gt=0, description="Jobs that may wait; more are refused with 429."
+        default=4000, gt=0, description="Jobs that may wait in all; more are refused with 429."
+    )
+    queued_jobs_per_key: int = Field(
+        default=1000, gt=0, description="Jobs of one key that may wait; more are refused with 429."
     )
     free_bytes: int = Field(
         default=1024 * MIB,
@@ -72,3 +75,21 @@ class Settings(BaseSettings):
     silence_seconds: float = Field(
         default=15, gt=0, description="Silence after which others take a worker's jobs over."
     )
+    retention_days: float | None = Field(
+        default=None,
+        gt=0,
+        le=36500,
+        description="How long jobs that have ended are kept with their photographs and results; "
+        "without it, until they are deleted.",
+    )
+    sweep_seconds: int = Field(
+        default=60,
+        ge=1,
+        le=60,
+        description="How often the workers remove what is kept no longer, in seconds.",
+    )
+
+    @property
+    def retention_seconds(self) -> float | None:
+        """How long jobs that have ended are kept; None for as long as nobody deletes them."""
+        return None if self.retention_days is None else self.retention_days * 86400

@@ -41,6 +41,10 @@ class Storage:
         obstore.put(self._store, key, path)
         return digest
 
+    def copy(self, key: str, other: str) -> None:
+        """Copy an object; neither is hurt when the other is deleted. Raises FileNotFoundError."""
+        obstore.copy(self._store, key, other)
+
     def flush(self, keys: Iterable[str]) -> None:
         """Return once these objects would outlast a power cut. Raises GenericError.
 
@@ -76,10 +80,21 @@ class Storage:
         found = obstore.get(self._store, key, options={"range": (start, end)})
         return (bytes(chunk) for chunk in found.stream(min_chunk_size=_CHUNK))
 
+    def folders(self, prefix: str) -> list[str]:
+        """List the names right below prefix, which ends with a slash, that have more below them."""
+        found = obstore.list_with_delimiter(self._store, prefix=prefix)["common_prefixes"]
+        return sorted(path.rpartition("/")[2] for path in found)
+
     def list(self, prefix: str) -> list[str]:
         """List every key below prefix, sorted."""
         found = obstore.list(self._store, prefix=prefix)
         return sorted(item["path"] for batch in found for item in batch)
+
+    def changed(self, prefix: str) -> float:
+        """When an object below prefix was last stored, in seconds since 1970; 0 without any."""
+        found = obstore.list(self._store, prefix=prefix)
+        times = (item["last_modified"].timestamp() for batch in found for item in batch)
+        return max(times, default=0.0)
 
     def delete_below(self, prefix: str) -> None:
         """Delete every object below prefix."""

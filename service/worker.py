@@ -14,13 +14,12 @@ import sys
 import threading
 import uuid
 
-import sqlalchemy as sa
-
 from service import engine, jobs, logs, sandbox, scratch
 from service.attempt import Attempt
-from service.errors import AbandonedError, problem_of
+from service.errors import AbandonedError, DeadlineError, problem_of
 from service.opening import open_database, open_storage
 from service.processes import die_with_parent
+from service.retention import Sweep
 from service.settings import Settings
 from service.states import State
 
@@ -39,6 +38,9 @@ class Worker:
         self._settings = settings
         self._engine = open_database(settings)
         self._storage = open_storage(settings)
+        self._queue = engine.Queue(self._engine)
+        self._sweeping = Sweep(self._engine, self._storage, self._queue, settings)
+        self._keep_seconds = settings.retention_seconds
         self._fork_server = sandbox.fork_server(settings.worker_concurrency)
         self._stopping = threading.Event()
         self._idle = threading.Condition()
@@ -58,6 +60,8 @@ class Worker:
             lambda job_id: self.run(job_id),
             self._settings.worker_concurrency,
             self._settings.poll_seconds,
+            self._sweep,
+            self._settings.sweep_seconds,
         )
         log.info("ready", extra={"worker": self.id})
         self.keep()
@@ -78,11 +82,15 @@ class Worker:
                 living = jobs.living_workers(connection, self._settings.silence_seconds)
             for job_id in engine.take_over(living):
                 log.warning("taken over", extra={"job": job_id, "worker": self.id})
-        except sa.exc.DBAPIError:
-            log.exception("the database did not answer", extra={"worker": self.id})
+            self._fail_overdue()
+        except Exception:  # the next heartbeat may find the database there again
+            log.exception("the heartbeat was cut short", extra={"worker": self.id})
 
     def run(self, job_id: str) -> None:
-        """Run a job to its end. Returns only when the job has ended, however."""
+        """Run a job to its end. Returns only when the job has ended, however.
+
+        An attempt that is cut short, by whatever it is, counts as lost and is followed by another.
+        """
         held: jobs.Job | None = None
         while True:
             if self._stopping.is_set():
@@ -90,8 +98,8 @@ class Worker:
                 threading.Event().wait()
             try:
                 with self._engine.begin() as connection:
-                    if held:
-                        jobs.release(connection, held)
+                    if held and not jobs.acknowledge_cancel(connection, held, self._keep_seconds):
+                        jobs.lose(connection, held)
                     held = jobs.claim(connection, job_id, self.id)
                     known = held or jobs.find(connection, job_id)
                 if known is None or known.ended:
@@ -100,8 +108,8 @@ class Worker:
                     self._attempt(held)
                     held = None
                     continue
-            except sa.exc.DBAPIError:
-                log.exception("the database did not answer", extra={"job": job_id})
+            except Exception:  # raised to the queue, it would end the job there and nowhere else
+                log.exception("cut short", extra={"job": job_id, "worker": self.id})
             # Another worker that lives has it: stay by, in case that it dies.
             self._stopping.wait(_RETRY_SECONDS)
 
@@ -111,14 +119,12 @@ class Worker:
         try:
             if job.state == State.CANCELING:
                 with self._engine.begin() as connection:
-                    jobs.acknowledge_cancel(connection, job)
+                    jobs.acknowledge_cancel(connection, job, self._keep_seconds)
             elif job.lost >= jobs.LOST_ATTEMPTS:
-                reason = AbandonedError(
-                    f"The job was given up because its worker died {job.lost} times while at it; "
-                    "these photographs may be what kills it."
-                )
+                log.warning("given up", extra={"job": job.id, "trace_id": job.trace_id})
+                problem = problem_of(AbandonedError(job.lost), job.trace_id).model_dump()
                 with self._engine.begin() as connection:
-                    jobs.fail(connection, job, problem_of(reason, job.trace_id).model_dump())
+                    jobs.fail(connection, job, problem, self._keep_seconds)
             else:
                 Attempt(
                     job,
@@ -132,6 +138,24 @@ class Worker:
             with self._idle:
                 self._busy -= 1
                 self._idle.notify_all()
+
+    def _fail_overdue(self) -> None:
+        """End the jobs that wait past their deadlines; their attempts end those that run."""
+        with self._engine.connect() as connection:
+            late = jobs.overdue(connection)
+        for job in late:
+            problem = problem_of(DeadlineError(), job.trace_id).model_dump()
+            with self._engine.begin() as connection:
+                failed = jobs.fail_waiting(connection, job.id, problem, self._keep_seconds)
+            if failed:
+                log.info("failed: %s", problem["type"], extra={"job": job.id})
+                self._queue.withdraw(job.id)
+
+    def _sweep(self, thorough: bool) -> None:
+        try:
+            self._sweeping.run(thorough)
+        except Exception:  # the next one does what this one has left
+            log.exception("the sweep was cut short", extra={"worker": self.id})
 
     def _beat(self) -> None:
         with self._engine.begin() as connection:

@@ -25,7 +25,7 @@ from pipeline.calibration.options import (
 )
 from pipeline.errors import OptionError
 from pipeline.options import Options
-from service.api.models import CaptureRequest, Handling
+from service.api.models import CaptureRequest, Handling, RerunRequest
 from service.attempt import FRAMES
 from service.errors import (
     MalformedRequestError,
@@ -72,6 +72,20 @@ async def read_calibration(request: Request, limit: int, fill_in: FillIn) -> Asy
     """Read a request for a calibration, as `read` does."""
     async with _form(request, limit) as form:
         yield await run_in_threadpool(_pair, form, "", partial(_calibration, fill_in=fill_in))
+
+
+async def read_rerun(request: Request, limit: int) -> RerunRequest:
+    """Read a request for a rerun; an empty body asks for the same again.
+
+    Raises UnsupportedMediaError, UploadTooLargeError, OptionError.
+    """
+    body = await _limited(request, min(limit, _JSON_BYTES)).body()
+    if body and _media_type(request) != "application/json":
+        raise UnsupportedMediaError("Send what the rerun is to do as application/json.")
+    try:
+        return RerunRequest.model_validate_json(body or b"{}")
+    except ValidationError as error:
+        raise OptionError(sentence_of(error)) from error
 
 
 def _media_type(request: Request) -> str:
