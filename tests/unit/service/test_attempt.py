@@ -118,14 +118,13 @@ def test_results_of_lost_attempts_go(
     run: Run, context: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def separate(task: sandbox.Task, *_rest: object) -> None:
-        with context.engine.begin() as connection:
-            connection.execute(sa.update(database.jobs).values(attempt=3))
         (Path(task.directory) / "results").mkdir()
 
     claim = jobs.claim
 
     def third(connection: sa.Connection, job_id: str, worker: str) -> jobs.Job | None:
         held = claim(connection, job_id, worker)
+        connection.execute(sa.update(database.jobs).values(attempt=3))
         return held and replace(held, attempt=3)
 
     monkeypatch.setattr(jobs, "claim", third)
