@@ -173,7 +173,8 @@ def expire(connection: sa.Connection, limit: int) -> list[str]:
     """Up to `limit` jobs that are to be removed now, all of them in the state `expired`."""
     due = sa.and_(jobs.c.state.in_(before(State.EXPIRED)), jobs.c.expires <= _moment())
     found = connection.execute(sa.select(jobs.c.id).where(due).limit(limit)).scalars().all()
-    _move(connection, State.EXPIRED, jobs.c.id.in_(found))
+    if found:
+        _move(connection, State.EXPIRED, jobs.c.id.in_(found))
     # Those of a removal that was cut short are among them.
     expired = sa.select(jobs.c.id).where(jobs.c.state == State.EXPIRED).limit(limit)
     return list(connection.execute(expired).scalars())
