@@ -16,6 +16,20 @@ _metadata = sa.MetaData()
 _PATIENCE_SECONDS = 30
 _MIGRATION_LOCK = 0x11647  # any number that stays the same
 
+AWAY = (sa.exc.OperationalError, sa.exc.InterfaceError, sa.exc.InternalError)
+"""What is raised while a database is away or has no room, or has dropped a connection."""
+
+_POSTGRESQL = {
+    # A host that is cut off is noticed, whichever of the two has something to say.
+    "connect_timeout": 5,
+    "keepalives_idle": 5,
+    "keepalives_interval": 2,
+    "keepalives_count": 3,
+    "tcp_user_timeout": 10_000,
+    # A process that is frozen in mid-transaction must not keep rows from everybody else.
+    "options": "-c idle_in_transaction_session_timeout=5000",
+}
+
 
 class now(FunctionElement[float]):  # noqa: N801  reads as the SQL function it is
     """The database's clock, in seconds since 1970, so that no host's clock matters."""
@@ -91,7 +105,9 @@ def connect(url: str) -> sa.Engine:
     """
     parsed = sa.make_url(url)
     if parsed.get_backend_name() == "postgresql":
-        return sa.create_engine(parsed.set(drivername="postgresql+psycopg"), pool_pre_ping=True)
+        here = parsed.set(drivername="postgresql+psycopg")
+        arguments = {name: _POSTGRESQL[name] for name in _POSTGRESQL if name not in parsed.query}
+        return sa.create_engine(here, pool_pre_ping=True, connect_args=arguments)
     if parsed.database:
         Path(parsed.database).parent.mkdir(parents=True, exist_ok=True)
     engine = sa.create_engine(parsed)

@@ -1,14 +1,15 @@
 """The durable queue: submit, withdraw, run, take over, sweep. The only module that knows DBOS.
 
 DBOS remembers what was submitted through every crash and hands each job to one worker; what it
-does not do is take over the jobs of a worker that died, so take_over() does, and forget the ones
-that are done, so forget_done() does.
+does not do is take over the jobs of a worker that died, so workers do (Queue.held and put_back),
+and forget the ones that are done, so forget_done() does.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
 import sqlalchemy as sa
@@ -23,7 +24,9 @@ from dbos import (
 
 _APPLICATION = "lightlayers"
 _VERSION = "1"  # pinned: a job of an older program may be run by a newer one
-_QUEUE = "jobs"
+JOBS = "jobs"
+"""The queue of jobs."""
+
 _WORKFLOW = "run_job"
 _UPKEEP = "upkeep"
 _SWEEP = "sweep"
@@ -37,8 +40,20 @@ def migrate(engine: sa.Engine) -> None:
     DBOS.migrate(engine.url.render_as_string(hide_password=False))
 
 
+@dataclass(frozen=True)
+class Held:
+    """What a worker has taken out of a queue: in that of jobs, id is a job's."""
+
+    id: str
+    worker: str
+    queue: str
+
+
 class Queue:
-    """The queue as the API sees it: it only puts in and takes out."""
+    """The queue from outside: it puts in and takes out, and raises when the database is away.
+
+    What DBOS does inside a worker waits for the database instead, and ever longer.
+    """
 
     def __init__(self, engine: sa.Engine) -> None:
         self._client = DBOSClient(
@@ -52,7 +67,7 @@ class Queue:
         """Enqueue a job within the caller's transaction; those of low rank (1…2³¹−1) go first."""
         options = EnqueueOptions(
             workflow_name=_WORKFLOW,
-            queue_name=_QUEUE,
+            queue_name=JOBS,
             workflow_id=job_id,
             app_version=_VERSION,
             priority=rank,
@@ -62,6 +77,20 @@ class Queue:
     def withdraw(self, job_id: str) -> None:
         """Take a job that waits out of the queue."""
         self._client.cancel_workflow(job_id)
+
+    def held(self) -> list[Held]:
+        """List what workers have taken out of the queues and not done yet."""
+        held = self._client.list_workflows(
+            status="PENDING", queue_name=[JOBS, _UPKEEP], load_input=False, load_output=False
+        )
+        return [
+            Held(one.workflow_id, one.executor_id or "", one.queue_name or JOBS) for one in held
+        ]
+
+    def put_back(self, held: Iterable[Held]) -> None:
+        """Put what workers have back into its queue."""
+        for one in held:
+            self._client.resume_workflow(one.id, queue_name=one.queue)
 
     def forget(self, job_id: str) -> None:
         """Drop everything the queue knows about a job."""
@@ -118,10 +147,10 @@ def launch(
     def run_sweep(_scheduled: object, thorough: bool) -> None:
         sweep(thorough)
 
-    DBOS.listen_queues([_QUEUE, _UPKEEP])
+    DBOS.listen_queues([JOBS, _UPKEEP])
     DBOS.launch()
     DBOS.register_queue(
-        _QUEUE,
+        JOBS,
         worker_concurrency=concurrency,
         polling_interval_sec=poll_seconds,
         on_conflict="always_update",
@@ -146,14 +175,3 @@ def launch(
             for name, cron, thorough in (("often", often, False), ("hourly", _HOURLY, True))
         ]
     )
-
-
-def take_over(living: Collection[str]) -> list[str]:
-    """Put what workers that are not among the living held back into its queue; the ids."""
-    held = DBOS.list_workflows(
-        status="PENDING", queue_name=[_QUEUE, _UPKEEP], load_input=False, load_output=False
-    )
-    orphans = [one for one in held if one.executor_id not in living]
-    for one in orphans:
-        DBOS.resume_workflow(one.workflow_id, queue_name=one.queue_name)
-    return [one.workflow_id for one in orphans]

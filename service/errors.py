@@ -18,6 +18,8 @@ ServiceError
     ├── CrashError           it crashed
     ├── MemoryLimitError     it needed more memory than the limit
     ├── TimeLimitError       it ran longer than the limit
+    ├── FileLimitError       it opened more files than the limit
+    ├── OutputLimitError     it wrote more than the limit
     ├── DeadlineError        the job had not ended by its deadline
     └── AbandonedError       several attempts were cut short
 """
@@ -108,6 +110,14 @@ class MemoryLimitError(AttemptError):
 
 class TimeLimitError(AttemptError):
     """The process ran longer than its limit."""
+
+
+class FileLimitError(AttemptError):
+    """The process opened more files than its limit."""
+
+
+class OutputLimitError(AttemptError):
+    """The process wrote more than its limit."""
 
 
 class DeadlineError(AttemptError):
@@ -202,6 +212,8 @@ KINDS: dict[type[Exception], Kind] = {
     CrashError: Kind("crashed", 500, "The separation crashed"),
     MemoryLimitError: Kind("out-of-memory", 500, "The separation ran out of memory"),
     TimeLimitError: Kind("timed-out", 500, "The separation took too long"),
+    FileLimitError: Kind("too-many-files", 500, "The separation opened too many files"),
+    OutputLimitError: Kind("output-too-large", 500, "The separation wrote too much"),
     DeadlineError: Kind("deadline-passed", 500, "The deadline has passed", retryable=True),
     AbandonedError: Kind("abandoned", 500, "The job's attempts were cut short several times"),
     obstore_errors.BaseError: STORE_AWAY,

@@ -220,8 +220,9 @@ def claim(connection: sa.Connection, job_id: str, worker: str) -> Job | None:
     """Start the next attempt of a job; None when it is not to be had (now).
 
     A job is to be had when it is queued, or when the worker that holds it is dead, which means
-    that it has no row in `workers`; such an attempt counts as lost. A job that was being canceled
-    stays so: the caller ends it.
+    that it has no row in `workers`; such an attempt counts as lost. So is one that this worker
+    holds without knowing, because the answer to an earlier claim got lost on the way: a worker
+    claims what it does not run. A job that was being canceled stays so: the caller ends it.
     """
     this = jobs.c.id == job_id
     attempt = {
@@ -232,9 +233,12 @@ def claim(connection: sa.Connection, job_id: str, worker: str) -> Job | None:
         "started": sa.func.coalesce(jobs.c.started, now()),
     }
     if not _move(connection, State.RUNNING, this, **attempt):
-        orphan = sa.and_(jobs.c.state.in_(HELD), ~sa.exists().where(workers.c.id == jobs.c.worker))
+        held, own = jobs.c.state.in_(HELD), jobs.c.worker == worker
+        orphan = ~sa.exists().where(workers.c.id == jobs.c.worker)
         taken = connection.execute(
-            _update(sa.and_(this, orphan)).values(lost=jobs.c.lost + 1, **attempt)
+            _update(sa.and_(this, held, sa.or_(own, orphan))).values(
+                lost=jobs.c.lost + sa.case((own, 0), else_=1), **attempt
+            )
         )
         if not taken.rowcount:
             return None

@@ -65,7 +65,21 @@ class Settings(BaseSettings):
     job_memory_bytes: int = Field(
         default=8192 * MIB, gt=0, description="Address space of one job's process, in bytes."
     )
+    job_open_files: int = Field(
+        default=256, ge=16, description="Files that one job's process may have open at a time."
+    )
+    job_output_bytes: int = Field(
+        default=16384 * MIB,
+        gt=0,
+        description="What one job may write: all of its photographs and results, in bytes.",
+    )
     job_seconds: float = Field(default=900, gt=0, description="Longest run of one job, in seconds.")
+    patience_seconds: float = Field(
+        default=300,
+        ge=0,
+        description="How long a job waits for a store that is away or a disk that is full before "
+        "it fails.",
+    )
     poll_seconds: float = Field(
         default=0.5, gt=0, description="How often a worker looks for a job, in seconds."
     )

@@ -97,10 +97,13 @@ class Storage:
         return max(times, default=0.0)
 
     def delete_below(self, prefix: str) -> None:
-        """Delete every object below prefix."""
+        """Delete every object below prefix, which ends with a slash."""
         keys = self.list(prefix)
         if keys:
             obstore.delete(self._store, keys)
+        if self._folder is not None:
+            # A process that was killed while it stored something has left a file that is no object.
+            shutil.rmtree(self._folder / prefix, ignore_errors=True)
 
     def free_bytes(self) -> int | None:
         """Tell how much more fits on the disk, None for S3. Raises GenericError."""

@@ -13,11 +13,14 @@ import socket
 import sys
 import threading
 import uuid
+from collections.abc import Iterable
 
 from service import engine, jobs, logs, sandbox, scratch
 from service.attempt import Attempt
+from service.engine import Held
 from service.errors import AbandonedError, DeadlineError, problem_of
 from service.opening import open_database, open_storage
+from service.patience import passes
 from service.processes import die_with_parent
 from service.retention import Sweep
 from service.settings import Settings
@@ -45,6 +48,10 @@ class Worker:
         self._stopping = threading.Event()
         self._idle = threading.Condition()
         self._busy = 0
+        self._runs: set[str] = set()
+        """Jobs that the queue has called run() for."""
+        self._idle_jobs: set[Held] = set()
+        """Jobs that the queue has given to this worker, without calling run() for them yet."""
 
     def serve(self, stop: threading.Event) -> None:
         """Work until `stop` is set, then put back what is running.
@@ -80,60 +87,98 @@ class Worker:
             self._beat()
             with self._engine.begin() as connection:
                 living = jobs.living_workers(connection, self._settings.silence_seconds)
-            for job_id in engine.take_over(living):
-                log.warning("taken over", extra={"job": job_id, "worker": self.id})
+            held = self._queue.held()
+            dead = {one for one in held if one.worker not in living}
+            forgotten = self._forgotten(held)
+            self._queue.put_back(dead | forgotten)
+            for one in dead:
+                log.warning("taken over", extra={"job": one.id, "worker": self.id})
+            for one in forgotten:
+                log.warning("put back", extra={"job": one.id, "worker": self.id})
             self._fail_overdue()
         except Exception:  # the next heartbeat may find the database there again
             log.exception("the heartbeat was cut short", extra={"worker": self.id})
 
+    def _forgotten(self, held: Iterable[Held]) -> set[Held]:
+        """Jobs that this worker has taken out of the queue, but the answer to that got lost."""
+        with self._idle:
+            idle = {
+                one
+                for one in held
+                if (one.worker, one.queue) == (self.id, engine.JOBS) and one.id not in self._runs
+            }
+        # What came out just now is called run() for in a moment.
+        forgotten, self._idle_jobs = idle & self._idle_jobs, idle
+        return forgotten
+
     def run(self, job_id: str) -> None:
         """Run a job to its end. Returns only when the job has ended, however.
 
-        An attempt that is cut short, by whatever it is, counts as lost and is followed by another.
+        An attempt that is cut short is followed by another; it counts as lost, unless by what may
+        pass, like a database that is away.
         """
-        held: jobs.Job | None = None
+        with self._idle:
+            # A job that was taken over while this worker was frozen may come back to it.
+            self._idle.wait_for(lambda: job_id not in self._runs)
+            self._runs.add(job_id)
+        try:
+            self._run(job_id)
+        finally:
+            with self._idle:
+                self._runs.remove(job_id)
+                self._idle.notify_all()
+
+    def _run(self, job_id: str) -> None:
+        attempt: Attempt | None = None
+        lost = False
         while True:
             if self._stopping.is_set():
                 # A return would tell the queue that the job is done.
                 threading.Event().wait()
             try:
+                if attempt:
+                    attempt.give_up(lost)
+                    attempt = None
                 with self._engine.begin() as connection:
-                    if held and not jobs.acknowledge_cancel(connection, held, self._keep_seconds):
-                        jobs.lose(connection, held)
                     held = jobs.claim(connection, job_id, self.id)
                     known = held or jobs.find(connection, job_id)
                 if known is None or known.ended:
                     return
                 if held:
-                    self._attempt(held)
-                    held = None
+                    attempt = self._start(held)
+                    self._finish(held, attempt)
+                    attempt = None
                     continue
-            except Exception:  # raised to the queue, it would end the job there and nowhere else
+            except Exception as error:
+                # Raised to the queue, it would end the job there and nowhere else.
+                lost = not passes(error)
                 log.exception("cut short", extra={"job": job_id, "worker": self.id})
             # Another worker that lives has it: stay by, in case that it dies.
             self._stopping.wait(_RETRY_SECONDS)
 
-    def _attempt(self, job: jobs.Job) -> None:
+    def _start(self, job: jobs.Job) -> Attempt:
+        return Attempt(
+            job,
+            self._engine,
+            self._storage,
+            self._settings,
+            self._fork_server,
+            self._stopping.is_set,
+        )
+
+    def _finish(self, job: jobs.Job, attempt: Attempt) -> None:
         with self._idle:
             self._busy += 1
         try:
             if job.state == State.CANCELING:
-                with self._engine.begin() as connection:
-                    jobs.acknowledge_cancel(connection, job, self._keep_seconds)
+                attempt.give_up()
             elif job.lost >= jobs.LOST_ATTEMPTS:
                 log.warning("given up", extra={"job": job.id, "trace_id": job.trace_id})
                 problem = problem_of(AbandonedError(job.lost), job.trace_id).model_dump()
                 with self._engine.begin() as connection:
                     jobs.fail(connection, job, problem, self._keep_seconds)
             else:
-                Attempt(
-                    job,
-                    self._engine,
-                    self._storage,
-                    self._settings,
-                    self._fork_server,
-                    self._stopping.is_set,
-                ).run()
+                attempt.run()
         finally:
             with self._idle:
                 self._busy -= 1

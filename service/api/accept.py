@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shutil
 import uuid
 from dataclasses import dataclass
@@ -169,8 +168,7 @@ def _check(context: Context, job_id: str, directory: Path, trace_id: str) -> Non
         job=job_id,
         trace_id=trace_id,
         directory=str(directory),
-        memory_bytes=context.settings.job_memory_bytes,
-        cpu_seconds=int(_CHECK_SECONDS * (os.cpu_count() or 1)),
+        limits=sandbox.Limits.of(context.settings, _CHECK_SECONDS),
         options={},
         capture=None,
     )

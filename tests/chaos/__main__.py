@@ -85,7 +85,11 @@ def _run(
 
 
 def _break(
-    service: Service, clients: Clients, takeovers: Takeovers, wishes: list[Wish], faults: list[Fault]
+    service: Service,
+    clients: Clients,
+    takeovers: Takeovers,
+    wishes: list[Wish],
+    faults: list[Fault],
 ) -> None:
     """Clients and faults side by side, neither far ahead of the other, to the last job's end."""
     done: float = 0
@@ -107,8 +111,9 @@ def _break(
         sent = [pool.submit(client, wish) for wish in wishes]
         try:
             for number, fault in enumerate(faults):
+                wanted = min(number / share, len(wishes))
                 with step:
-                    step.wait_for(lambda number=number: begun >= min(number / share, len(wishes)))
+                    step.wait_for(lambda wanted=wanted: begun >= wanted)  # type: ignore[misc]
                 time.sleep(fault.pause)
                 what = breaking.do(fault)
                 print(f"{time.monotonic() - start:6.1f} s  {fault.kind}: {what}", flush=True)

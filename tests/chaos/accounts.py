@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import time
 from collections import Counter, defaultdict
+from collections.abc import Collection
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import sqlalchemy as sa
 
@@ -54,8 +58,9 @@ def settle(engine: sa.Engine, ledger: Ledger) -> list[str]:
     ]
 
 
-def reckon(service: Service, engine: sa.Engine, clients: Clients, takeovers: Takeovers,
-           ledger: Ledger) -> Accounts:
+def reckon(
+    service: Service, engine: sa.Engine, clients: Clients, takeovers: Takeovers, ledger: Ledger
+) -> Accounts:
     """Compare what clients were told with what is there; the service must have settled."""
     accounts = Accounts(doubled=list(ledger.doubled))
     rows = _rows(engine)
@@ -81,7 +86,7 @@ def reckon(service: Service, engine: sa.Engine, clients: Clients, takeovers: Tak
         for row in rows.values()
         if row.id not in ledger.jobs and row.idempotency_key not in known
     ]
-    accounts.orphans += _stray(service, rows)
+    accounts.orphans += _stray(service, rows, ledger.jobs)
     return accounts
 
 
@@ -132,12 +137,12 @@ def _said(service: Service) -> dict[str, list[str]]:
     return ends
 
 
-def _stray(service: Service, rows: Rows) -> list[str]:
+def _stray(service: Service, rows: Rows, known: Collection[str]) -> list[str]:
     """Objects and scratch folders that belong to nothing, once workers have had time to clear."""
     deadline = time.monotonic() + _SWEEP_SECONDS
     while True:
         found = [
-            *_stray_objects(service, rows),
+            *_stray_objects(service, rows, known),
             *(
                 f"scratch folder {path.name} of {host.data.parent.name}"
                 for host in service.hosts
@@ -149,13 +154,15 @@ def _stray(service: Service, rows: Rows) -> list[str]:
         time.sleep(1)
 
 
-def _stray_objects(service: Service, rows: Rows) -> list[str]:
+def _stray_objects(service: Service, rows: Rows, known: Collection[str]) -> list[str]:
+    # Photographs of an upload that was never answered have no job; a sweep removes them in a day.
     stray = []
-    for key in open_storage(service.settings).list("jobs"):
+    for key in _stored(service):
         _, job_id, part, name = key.split("/", 3)
         row = rows.get(job_id)
         if row is None:
-            stray.append(f"{key} has no row")
+            if job_id in known:
+                stray.append(f"{key} has no row")
         elif part == "inputs":
             if row.inputs is None or name not in row.inputs:
                 stray.append(f"{key} is not of its job")
@@ -164,13 +171,23 @@ def _stray_objects(service: Service, rows: Rows) -> list[str]:
     return stray
 
 
+def _stored(service: Service) -> list[str]:
+    """Keys of all objects; on a disk, of all files: a put that was cut short leaves no object."""
+    url = urlsplit(service.settings.store_url)
+    if url.scheme != "file":
+        return open_storage(service.settings).list("jobs")
+    folder = Path(url.path)
+    files = [path for path in (folder / "jobs").rglob("*") if path.is_file()]
+    return [str(path.relative_to(folder)) for path in files]
+
+
 def leftovers(service: Service) -> list[str]:
     """Ask every host to end: processes that are still there."""
     found = []
     for host in service.hosts:
         try:
             host.stop()
-        except TimeoutError:
+        except subprocess.TimeoutExpired:
             found.append(f"{host.data.parent.name} does not end")
     time.sleep(1)
     for host in service.hosts:

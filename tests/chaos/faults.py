@@ -81,9 +81,7 @@ class Faults:
         host, found = self._running("child", fault)
         return self._freeze(host, found, self._short(fault))
 
-    def _freeze(
-        self, host: Host, found: list[Process], seconds: float, lose: bool = False
-    ) -> str:
+    def _freeze(self, host: Host, found: list[Process], seconds: float, lose: bool = False) -> str:
         processes.send(signal.SIGSTOP, found)
         if lose:
             self._lose(process for process in found if process.role == "worker")

@@ -132,7 +132,7 @@ def grown_up(folder: Path) -> Iterator[Service]:
         os.environ |= _s3_variables(store.port)
         bucket = f"{os.environ['AWS_ENDPOINT_URL']}/photographs"
         httpx.put(bucket).raise_for_status()
-        there = {"store_url": "s3://photographs/chaos"}
+        store_url = "s3://photographs/chaos"
         ports = [_free_port(), _free_port()]
         hosts = [
             Host(
@@ -140,18 +140,19 @@ def grown_up(folder: Path) -> Iterator[Service]:
                 ["serve", "--no-worker"],
                 port=port,
                 database_url=database.url(),
-                **there,
+                store_url=store_url,
             )
             for number, port in enumerate(ports)
         ]
         for number in range(2):
             relay = Relay(database.port)
             url = database.url(relay.port)
-            host = Host(folder / f"worker{number}", ["worker"], database_url=url, **there)
+            there = folder / f"worker{number}"
+            host = Host(there, ["worker"], database_url=url, store_url=store_url)
             host.relay = relay
             hosts.append(host)
         stack.enter_context(_ending(hosts))
-        settings = Settings(data_dir=folder, database_url=database.url(), **there)
+        settings = Settings(data_dir=folder, database_url=database.url(), store_url=store_url)
         urls = [f"http://127.0.0.1:{port}" for port in ports]
         yield Service(hosts, urls, settings, database, store)
 
@@ -172,11 +173,14 @@ def _ending(hosts: list[Host]) -> Iterator[None]:
 def _disk(folder: Path) -> Iterator[Path | None]:
     """A small file system at a folder, None where this user may not mount one."""
     folder.mkdir()
-    mounted = os.geteuid() == 0 and not subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", f"size={_DISK_BYTES}", "chaos", str(folder)],
-        check=False,
-        capture_output=True,
-    ).returncode
+    mounted = (
+        os.geteuid() == 0
+        and not subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", f"size={_DISK_BYTES}", "chaos", str(folder)],
+            check=False,
+            capture_output=True,
+        ).returncode
+    )
     try:
         yield folder if mounted else None
     finally:

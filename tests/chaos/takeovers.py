@@ -1,5 +1,7 @@
 """How long jobs of a worker that was killed, frozen or cut off wait for their next attempt."""
 
+# ruff: noqa: T201  part of a command
+
 from __future__ import annotations
 
 import contextlib
@@ -61,7 +63,9 @@ class Takeovers:
             for (job_id, attempt), since in list(self._waiting.items()):
                 row = rows.get(job_id)
                 if row is not None and row.attempt > attempt:
-                    self.seconds.append(time.monotonic() - since)
+                    took = time.monotonic() - since
+                    self.seconds.append(took)
+                    print(f"          {job_id} was taken over after {took:.1f} s", flush=True)
                 elif row is not None and row.state in HELD:
                     continue
                 del self._waiting[job_id, attempt]
