@@ -36,7 +36,7 @@ def _run(
     memory: int = 8 * GIB,
     cpu_seconds: int = 60,
     open_files: int = 256,
-    output_bytes: int = GIB,
+    output_bytes: int = 4 * GIB,
     capture: dict[str, Any] | None = None,
 ) -> list[Report]:
     limits = sandbox.Limits(memory, cpu_seconds, open_files, output_bytes)
@@ -184,7 +184,7 @@ def test_too_many_open_files_are_told(
 ) -> None:
     _photographs(tmp_path, png(64, 48), png(64, 48, True))
     with pytest.raises(FileLimitError, match="more open files"):
-        _run(server, "check", tmp_path, open_files=3)
+        _run(server, "check", tmp_path, open_files=4)
 
 
 @pytest.mark.parametrize(

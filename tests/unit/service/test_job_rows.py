@@ -487,3 +487,12 @@ def test_the_folder_of_a_new_database_is_made(tmp_path_factory: pytest.TempPathF
     database.create_tables(engine)
     engine.dispose()
     assert path.exists()
+
+
+def test_a_worker_takes_back_what_it_holds_without_knowing(engine: sa.Engine) -> None:
+    """The answer to its claim got lost; nothing died, so no attempt counts as lost."""
+    _add(engine, "a")
+    _claimed(engine, "a", "w1")
+    again = _claim(engine, "a", "w1")
+    assert again is not None
+    assert (again.state, again.attempt, again.lost, again.worker) == (State.RUNNING, 2, 0, "w1")
