@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -203,6 +204,6 @@ def test_files_within_the_limit_are_let_be(tmp_path: Path) -> None:
 
 
 def test_limits_are_those_of_the_settings(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sandbox.os, "cpu_count", lambda: 4)
+    monkeypatch.setattr(os, "cpu_count", lambda: 4)
     settings = Settings(job_memory_bytes=7, job_open_files=16, job_output_bytes=9)
     assert sandbox.Limits.of(settings, 10) == sandbox.Limits(7, 41, 16, 9)

@@ -12,6 +12,7 @@ from obstore.exceptions import GenericError
 from service import jobs, worker
 from service.attempt import FRAMES, Attempt, describe_inputs
 from service.database import AWAY
+from service.engine import Held
 from service.settings import Settings
 from service.states import State
 from service.worker import Worker
@@ -60,22 +61,23 @@ def _at_first(error: Exception, then: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @pytest.mark.parametrize(
-    "error",
+    ("error", "lost"),
     [
-        sa.exc.OperationalError("", None, sqlite3.OperationalError("database or disk is full")),
-        GenericError("the store is away"),
-        OSError("any"),
+        (sa.exc.OperationalError("", None, sqlite3.OperationalError("disk is full")), 0),
+        (GenericError("the store is away"), 0),
+        (ChildProcessError("the fork server has died"), 1),
+        (KeyError("a fault of ours"), 1),
     ],
 )
 def test_whatever_cuts_an_attempt_short_another_follows(
-    one: Worker, error: Exception, monkeypatch: pytest.MonkeyPatch
+    one: Worker, error: Exception, lost: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Raised to the queue, it would take the job out there, and leave its row running for ever."""
     monkeypatch.setattr(Attempt, "run", _at_first(error, _ends))
     _add(one, "a")
     one.run("a")
     job = _find(one, "a")
-    assert (job.state, job.attempt) == (State.SUCCEEDED, 2)
+    assert (job.state, job.attempt, job.lost) == (State.SUCCEEDED, 2, lost)
 
 
 def test_an_attempt_is_given_up_when_the_database_is_back(
@@ -139,9 +141,17 @@ def test_jobs_that_the_queue_forgot_to_bring_are_put_back(
     one: Worker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     put_back: list[set[str]] = []
-    held = {"mine": one.id, "running": one.id, "dead": "another", "living": "neighbour"}
+    held = [
+        Held("mine", one.id, "jobs"),
+        Held("running", one.id, "jobs"),
+        Held("a sweep", one.id, "upkeep"),
+        Held("dead", "another", "jobs"),
+        Held("living", "neighbour", "jobs"),
+    ]
     monkeypatch.setattr(one._queue, "held", lambda: held)
-    monkeypatch.setattr(one._queue, "put_back", lambda found: put_back.append(set(found)))
+    monkeypatch.setattr(
+        one._queue, "put_back", lambda found: put_back.append({held.id for held in found})
+    )
     one._runs.add("running")
     with one._engine.begin() as connection:
         jobs.beat(connection, "neighbour")
