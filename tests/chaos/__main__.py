@@ -43,7 +43,7 @@ def main() -> int:
     folder = Path(tempfile.mkdtemp(prefix="chaos-"))
     wishes, faults = plan(wanted.setup, wanted.jobs, wanted.faults, wanted.seed)
     with SETUPS[wanted.setup](folder) as service:
-        found, seconds = _run(service, wishes, faults, f"chaos-{wanted.seed}")
+        found, seconds, noticed = _run(service, wishes, faults, f"chaos-{wanted.seed}")
     for kind, sentences in vars(found).items():
         for sentence in sentences:
             print(f"{kind}: {sentence}")
@@ -52,7 +52,10 @@ def main() -> int:
     else:
         print(f"the logs are in {folder}")
     if seconds:
-        print(f"takeovers={len(seconds)} takeover_median_s={statistics.median(seconds):.1f}")
+        print(
+            f"takeovers={len(seconds)} takeover_median_s={statistics.median(seconds):.1f}", end=" "
+        )
+        print(f"back_in_queue_worst_s={max(noticed, default=0):.1f}")
     worst = f"{max(seconds):.1f}" if seconds else "none"
     counts = " ".join(f"{kind}={len(sentences)}" for kind, sentences in vars(found).items())
     print(
@@ -64,7 +67,7 @@ def main() -> int:
 
 def _run(
     service: Service, wishes: list[Wish], faults: list[Fault], name: str
-) -> tuple[accounts.Accounts, list[float]]:
+) -> tuple[accounts.Accounts, list[float], list[float]]:
     engine = database.connect(service.settings.database_url)
     takeovers, ledger, stop = Takeovers(engine), Ledger(), threading.Event()
     clients = Clients(service.urls, pairs(), ledger, name)
@@ -77,11 +80,12 @@ def _run(
         stuck = accounts.settle(engine, ledger)
         found = accounts.reckon(service, engine, clients, takeovers, ledger)
         found.stuck += stuck
+        noticed = accounts.noticed(service, takeovers)
         found.orphans += accounts.leftovers(service)
     finally:
         stop.set()
         clients.close()
-    return found, takeovers.seconds
+    return found, takeovers.seconds, noticed
 
 
 def _break(

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import subprocess
 import time
 from collections import Counter, defaultdict
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -124,17 +126,35 @@ def _second_outcome(row: Any, accepted: Accepted, said: list[str]) -> str | None
 def _said(service: Service) -> dict[str, list[str]]:
     """Ends of jobs by the logs of all hosts."""
     ends: dict[str, list[str]] = defaultdict(list)
+    for entry in _entries(service):
+        if entry.get("logger") == "service.attempt":
+            end = entry["message"].partition(":")[0]
+            if end in ("succeeded", "failed", "canceled"):
+                ends[entry["job"]].append(end)
+    return ends
+
+
+def _entries(service: Service) -> Iterator[dict[str, Any]]:
+    """Lines of all hosts' logs."""
     for host in service.hosts:
         for line in host.log.read_text(errors="replace").splitlines():
-            try:
+            with contextlib.suppress(ValueError):  # a line that a kill cut short
                 entry = json.loads(line)
-            except ValueError:  # a line that a kill cut short
-                continue
-            if entry.get("logger") == "service.attempt":
-                end = entry["message"].partition(":")[0]
-                if end in ("succeeded", "failed", "canceled"):
-                    ends[entry["job"]].append(end)
-    return ends
+                if isinstance(entry, dict):
+                    yield entry
+
+
+def noticed(service: Service, takeovers: Takeovers) -> list[float]:
+    """Seconds until a living worker had put each job that was taken over back into the queue."""
+    back: dict[str, list[float]] = defaultdict(list)
+    for entry in _entries(service):
+        if entry.get("message") == "taken over":
+            back[entry["job"]].append(datetime.fromisoformat(entry["time"]).timestamp())
+    return [
+        min(after)
+        for job_id, since in takeovers.lost_at
+        if (after := [when - since for when in back[job_id] if when > since])
+    ]
 
 
 def _stray(service: Service, rows: Rows, known: Collection[str]) -> list[str]:

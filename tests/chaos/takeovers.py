@@ -26,6 +26,9 @@ class Takeovers:
 
     engine: sa.Engine
     seconds: list[float] = field(default_factory=list)
+    """Until the next attempt had begun: that may have waited for a worker that was busy."""
+    lost_at: list[tuple[str, float]] = field(default_factory=list)
+    """Which jobs those are, and when they lost their worker, in seconds since 1970."""
     losses: dict[str, int] = field(default_factory=dict)
     """How often a job has lost its worker or its process to us."""
     _waiting: dict[tuple[str, int], float] = field(default_factory=dict)
@@ -65,6 +68,7 @@ class Takeovers:
                 if row is not None and row.attempt > attempt:
                     took = time.monotonic() - since
                     self.seconds.append(took)
+                    self.lost_at.append((job_id, time.time() - took))
                     print(f"          {job_id} was taken over after {took:.1f} s", flush=True)
                 elif row is not None and row.state in HELD:
                     continue

@@ -126,9 +126,6 @@ def test_results_are_stored_with_what_an_answer_needs(
 def test_results_of_lost_attempts_go(
     run: Run, context: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def separate(task: sandbox.Task, *_rest: object) -> None:
-        (Path(task.directory) / "results").mkdir()
-
     claim = jobs.claim
 
     def third(connection: sa.Connection, job_id: str, worker: str) -> jobs.Job | None:
@@ -137,12 +134,13 @@ def test_results_of_lost_attempts_go(
         return held and replace(held, attempt=3)
 
     monkeypatch.setattr(jobs, "claim", third)
-    monkeypatch.setattr(sandbox, "run", separate)
+    monkeypatch.setattr(sandbox, "run", separates)
     for lost in (1, 2):
         context.storage.put(results_key("a", lost, "a.png"), b"half")
     job = run()
     assert job is not None and job.state == State.SUCCEEDED
-    assert context.storage.list("jobs/a/") == [inputs_key("a", frame) for frame in sorted(FRAMES)]
+    kept = [results_key("a", 3, "a.png"), *(inputs_key("a", frame) for frame in sorted(FRAMES))]
+    assert context.storage.list("jobs/a/") == kept
 
 
 def test_progress_is_written_now_and_then(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -371,6 +369,7 @@ def test_work_goes_on_without_a_database_until_others_take_it_over(
         separates(task)
 
     monkeypatch.setitem(context.settings.__dict__, "silence_seconds", silence)
+    monkeypatch.setattr("service.attempt._ASK_SECONDS", -1.0)
     monkeypatch.setattr(sandbox, "run", separate)
     if not goes_on:
         with pytest.raises(sa.exc.OperationalError):
