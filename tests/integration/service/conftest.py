@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import socket
@@ -215,6 +216,19 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
 def own_service(tmp_path: Path) -> Iterator[Service]:
     """A service of the test's own, to be killed."""
     yield from _running(Service(tmp_path / "service"))
+
+
+@pytest.fixture
+def make_service() -> Iterator[Callable[..., Service]]:
+    """Make a service with settings of the test's own; it is the test that starts it."""
+    with contextlib.ExitStack() as stack:
+
+        def make(folder: Path, **settings: object) -> Service:
+            service = Service(folder, **settings)
+            stack.callback(service.close)
+            return service
+
+        yield make
 
 
 @pytest.fixture

@@ -1,0 +1,83 @@
+"""What a job may use is limited; one that wants more fails with that reason, and hurts no other."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import drivers
+from service.settings import MIB
+
+
+def _png(width: int, height: int) -> bytes:
+    """A PNG of one grey: a few hundred kilobytes for what is gigabytes once it is unpacked."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        body = kind + data
+        return struct.pack(">I", len(data)) + body + struct.pack(">I", zlib.crc32(body))
+
+    packer = zlib.compressobj(9)
+    row = bytes(1 + 3 * width)
+    rows = b"".join(packer.compress(row) for _ in range(height)) + packer.flush()
+    head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+
+
+def _send(service: Any, no_flash: bytes, flash: bytes) -> Any:
+    return service.http.post("/jobs", files={"no_flash": no_flash, "flash": flash})
+
+
+@pytest.mark.parametrize(
+    ("settings", "kind", "words"),
+    [
+        ({"job_memory_bytes": 900 * MIB}, "out-of-memory", "more memory than a job may have"),
+        ({"job_seconds": 1.5}, "timed-out", "longer than a job may take"),
+        ({"job_output_bytes": 100_000}, "output-too-large", "larger than a job's may be"),
+    ],
+)
+def test_a_job_that_wants_more_than_it_may_have_fails_with_that_reason(
+    tmp_path: Path,
+    make_service: Any,
+    settings: dict[str, Any],
+    kind: str,
+    words: str,
+) -> None:
+    service = make_service(tmp_path / "service", **settings)
+    service.start()
+    workers = service.find("worker")
+    camera = "sim://studio?lights=3&width=1500&height=1000"
+    job = service.await_end(service.capture(camera))
+    assert (job["state"], job["attempt"]) == ("failed", 1)
+    assert job["error"]["type"] == f"urn:lightlayers:problem:{kind}"
+    assert words in job["error"]["detail"]
+    assert service.find("child") == []
+    assert list((service.data / "work").iterdir()) == []
+    # The worker goes on: a camera that fails at once tells that it takes jobs.
+    next_job = service.await_end(service.capture("sim://studio?fault=store_full"))
+    assert next_job["error"]["type"] == "urn:lightlayers:problem:camera-failed"
+    assert service.find("worker") == workers
+
+
+def test_a_bomb_is_defused(service: Any) -> None:
+    """Few bytes that would be gigabytes of pixels."""
+    bomb = _png(60_000, 20_000)
+    assert len(bomb) < 5 * MIB
+    workers = service.find("worker")
+    answer = _send(service, bomb, bomb)
+    assert answer.status_code == 413, answer.text
+    assert answer.json()["type"] == "urn:lightlayers:problem:image-too-large"
+    assert service.find("worker") == workers
+    assert service.http.get("/healthz").status_code == 200
+
+
+def test_the_api_never_loads_a_decoder(service: Any, pair: drivers.CapturedPair) -> None:
+    """What reads photographs is native code; only processes of tasks may hold it."""
+    assert _send(service, pair.no_flash.best, pair.flash.best).status_code == 202
+    maps = Path(f"/proc/{service.pid}/maps").read_text()
+    loaded = {line.split()[-1].rpartition("/")[2] for line in maps.splitlines() if "/" in line}
+    decoders = ("libraw", "_rawpy", "_imagecodecs", "_jpeg8", "_heif", "pillow_heif", "OpenEXR")
+    assert [name for name in sorted(loaded) if name.startswith(decoders)] == []
