@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import socket
+import stat
 import subprocess
 from pathlib import Path
 
@@ -13,7 +14,7 @@ class PostgreSQL:
     """A server with its data in a folder that does not exist yet, on a port of this machine."""
 
     def __init__(self, folder: Path, programs: Path) -> None:
-        """Make its data; `folder` and its two parents become readable for all."""
+        """Make its data; the user that it runs as may pass through the parents of `folder`."""
         self._programs = programs
         # PostgreSQL refuses to run as root; its package has made a user for it.
         self._user = "postgres" if os.geteuid() == 0 else None
@@ -21,8 +22,10 @@ class PostgreSQL:
         folder.mkdir()
         if self._user:
             shutil.chown(folder, self._user)
-            for parent in list(folder.parents)[:2]:
-                parent.chmod(0o755)
+            for parent in folder.parents:  # which its user has to pass through
+                mode = parent.stat().st_mode
+                if not mode & stat.S_IXOTH:
+                    parent.chmod(mode | stat.S_IXOTH)
         with socket.create_server(("127.0.0.1", 0)) as server:
             self.port = server.getsockname()[1]
         self._data = str(folder / "data")

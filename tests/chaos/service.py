@@ -123,7 +123,6 @@ def grown_up(folder: Path) -> Iterator[Service]:
     programs = find_programs()
     if programs is None:
         sys.exit("chaos: PostgreSQL is not installed.")
-    folder.chmod(0o755)
     database = PostgreSQL(folder / "postgresql", programs)
     database.create()
     with contextlib.ExitStack() as stack:
