@@ -32,25 +32,25 @@ def _send(service: Any, no_flash: bytes, flash: bytes) -> Any:
 
 
 @pytest.mark.parametrize(
-    ("settings", "kind", "words"),
+    ("settings", "size", "kind", "words"),
     [
-        ({"job_memory_bytes": 900 * MIB}, "out-of-memory", "more memory than a job may have"),
-        ({"job_seconds": 1.5}, "timed-out", "longer than a job may take"),
-        ({"job_output_bytes": 100_000}, "output-too-large", "larger than a job's may be"),
+        ({"job_memory_bytes": 900 * MIB}, "width=1500&height=1000", "out-of-memory", "more memory"),
+        ({"job_seconds": 1.5}, "width=1500&height=1000", "timed-out", "longer than a job may take"),
+        ({"job_output_bytes": 100_000}, "width=128&height=96", "output-too-large", "are larger"),
     ],
 )
 def test_a_job_that_wants_more_than_it_may_have_fails_with_that_reason(
     tmp_path: Path,
     make_service: Any,
     settings: dict[str, Any],
+    size: str,
     kind: str,
     words: str,
 ) -> None:
     service = make_service(tmp_path / "service", **settings)
     service.start()
     workers = service.find("worker")
-    camera = "sim://studio?lights=3&width=1500&height=1000"
-    job = service.await_end(service.capture(camera))
+    job = service.await_end(service.capture(f"sim://studio?lights=2&{size}"))
     assert (job["state"], job["attempt"]) == ("failed", 1)
     assert job["error"]["type"] == f"urn:lightlayers:problem:{kind}"
     assert words in job["error"]["detail"]
