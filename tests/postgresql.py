@@ -9,6 +9,8 @@ import stat
 import subprocess
 from pathlib import Path
 
+_PASS = stat.S_IXGRP | stat.S_IXOTH
+
 
 class PostgreSQL:
     """A server with its data in a folder that does not exist yet, on a port of this machine."""
@@ -24,8 +26,8 @@ class PostgreSQL:
             shutil.chown(folder, self._user)
             for parent in folder.parents:  # which its user has to pass through
                 mode = parent.stat().st_mode
-                if not mode & stat.S_IXOTH:
-                    parent.chmod(mode | stat.S_IXOTH)
+                if mode & _PASS != _PASS:
+                    parent.chmod(mode | _PASS)
         with socket.create_server(("127.0.0.1", 0)) as server:
             self.port = server.getsockname()[1]
         self._data = str(folder / "data")
