@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 
-import drivers
 from service.settings import MIB
 
 
@@ -72,12 +71,3 @@ def test_a_bomb_is_defused(service: Any) -> None:
     assert answer.json()["type"] == "urn:lightlayers:problem:image-too-large"
     assert service.find("worker") == workers
     assert service.http.get("/healthz").status_code == 200
-
-
-def test_the_api_never_loads_a_decoder(service: Any, pair: drivers.CapturedPair) -> None:
-    """What reads photographs is native code; only processes of tasks may hold it."""
-    assert _send(service, pair.no_flash.best, pair.flash.best).status_code == 202
-    maps = Path(f"/proc/{service.pid}/maps").read_text()
-    loaded = {line.split()[-1].rpartition("/")[2] for line in maps.splitlines() if "/" in line}
-    decoders = ("libraw", "_rawpy", "_imagecodecs", "_jpeg8", "_heif", "pillow_heif", "OpenEXR")
-    assert [name for name in sorted(loaded) if name.startswith(decoders)] == []
