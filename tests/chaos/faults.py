@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import signal
@@ -15,7 +16,7 @@ from tests.chaos.processes import Process
 from tests.chaos.service import Host, Service
 from tests.chaos.takeovers import Takeovers
 
-_FULL_BYTES = 64 * 1024  # what a full disk still has
+_FULL_BYTES = (2**16, 2**20, 2**22)  # what a full disk still has, if it cannot have less
 _FIND_SECONDS = 5.0
 
 One = TypeVar("One")
@@ -131,7 +132,11 @@ class Faults:
             return "nothing: this user may not mount a small disk"
         ballast = disk / "ballast"
         with ballast.open("wb") as file:
-            os.posix_fallocate(file.fileno(), 0, shutil.disk_usage(disk).free - _FULL_BYTES)
+            for left in _FULL_BYTES:
+                # Somebody else may take some of it at this moment.
+                with contextlib.suppress(OSError):
+                    os.posix_fallocate(file.fileno(), 0, shutil.disk_usage(disk).free - left)
+                    break
         time.sleep(self._short(fault))
         ballast.unlink()
         return f"for {self._short(fault):.1f} s"
