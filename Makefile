@@ -3,11 +3,14 @@ PYTHON ?= python3
 HOST = 127.0.0.1
 SET = report
 BUILD = buildah bud --isolation chroot --layers
+JOBS = 200
+FAULTS = 60
+SEED = 1
 BIN := .venv/bin
 INSTALLED := .venv/installed
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint evaluate bench serve image openapi docs clean
+.PHONY: help setup demo test lint evaluate bench chaos serve image openapi docs clean
 
 help:  ## Show this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/\1\t\2/p' Makefile | expand -t 12
@@ -37,6 +40,10 @@ evaluate: setup  ## Measure on rendered scenes what is promised; SET=development
 
 bench: setup  ## Measure what jobs cost, into docs/; QUICK=1 prints the kernel, one job and a start
 	$(BIN)/python -m tests.bench $(if $(QUICK),--quick)
+
+chaos: setup  ## Break a service in every way, and account for each job; JOBS=20 FAULTS=6 SEED=1
+	$(BIN)/python -m tests.chaos --setup sqlite --jobs $(JOBS) --faults $(FAULTS) --seed $(SEED)
+	$(BIN)/python -m tests.chaos --setup postgresql --jobs $(JOBS) --faults $(FAULTS) --seed $(SEED)
 
 serve: setup  ## Serve on http://localhost:8000; HOST=0.0.0.0 for phones, once there is a key
 	$(BIN)/lightlayers serve --host $(HOST)

@@ -2,38 +2,54 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
-import os
+import shutil
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import sqlalchemy as sa
+from obstore.exceptions import BaseError
 
 from service import eta, jobs, metrics, sandbox, scratch, tracing
-from service.errors import AttemptError, problem_of
+from service.database import AWAY
+from service.errors import AttemptError, DeadlineError, problem_of
 from service.forkserver import ForkServer
 from service.media import media_type
+from service.patience import patiently
 from service.settings import Settings
 from service.stages import Stages
+from service.states import State
 from service.storage import Storage
 
 FRAMES = ("no_flash", "flash")
+JOBS = "jobs/"
+"""What the keys of all jobs' objects begin with."""
+
 _REPORT_SECONDS = 0.5
 _ASK_SECONDS = 0.25
+
+Result = TypeVar("Result")
 
 log = logging.getLogger("service.attempt")
 
 
+def job_key(job_id: str) -> str:
+    """Where everything of a job lies: the prefix of its objects."""
+    return f"{JOBS}{job_id}/"
+
+
 def inputs_key(job_id: str, frame: str) -> str:
     """Where a job's photograph lies; frame is one of FRAMES."""
-    return f"jobs/{job_id}/inputs/{frame}"
+    return f"{job_key(job_id)}inputs/{frame}"
 
 
 def results_key(job_id: str, attempt: int, name: str = "") -> str:
     """Where a result of an attempt lies; without a name, the prefix of all of them."""
-    return f"jobs/{job_id}/{attempt}/{name}"
+    return f"{job_key(job_id)}{attempt}/{name}"
 
 
 def describe_inputs(job_id: str, sha256: dict[str, str]) -> dict[str, Any]:
@@ -58,9 +74,11 @@ class Attempt:
         self._storage = storage
         self._settings = settings
         self._fork_server = fork_server
+        self._keep_seconds = settings.retention_seconds
         self._stopping = stopping
         self._asked = 0.0
         self._stop = False
+        self._heard = time.monotonic()
         self._reported: tuple[str, float] = ("", 0.0)
         self._track: eta.Track
         self._stages = Stages()
@@ -71,7 +89,7 @@ class Attempt:
     def run(self) -> None:
         """Do it. Every end but that of the worker is written to the job's row.
 
-        Raises sqlalchemy.exc.DBAPIError when the database is away.
+        Whatever else is raised has cut the attempt short: it needs another give_up().
         """
         job = self._job
         attributes = {"job": job.id, "attempt": job.attempt, "task": job.task, "worker": job.worker}
@@ -89,7 +107,7 @@ class Attempt:
             counts = False
         except sandbox.TaskError as error:
             counts = self._fail(error.problem)
-        except sa.exc.DBAPIError:
+        except (*AWAY, ChildProcessError):
             raise
         except Exception as error:
             if not isinstance(error, AttemptError):  # a fault of ours, of the store or of the disk
@@ -97,35 +115,47 @@ class Attempt:
                 metrics.count_fault(error)
             counts = self._fail(problem_of(error, self._job.trace_id).model_dump())
         if not counts:
-            self._give_up()
+            self.give_up()
 
     def _work(self) -> bool:
+        self._check()
         with self._engine.connect() as connection:
             self._track = eta.Track(eta.pace_of(connection, self._job))
-        with scratch.folder(self._settings.data_dir) as directory:
+        with contextlib.ExitStack() as stack:
+            directory = self._patiently(
+                lambda: stack.enter_context(scratch.folder(self._settings.data_dir))
+            )
             if self._job.capture and not self._job.inputs:
                 self._capture(directory)
             else:
                 self._stages.enter("fetch")
-                for frame in FRAMES:
-                    self._storage.get_file(inputs_key(self._job.id, frame), directory / frame)
+                self._fetch(directory)
             self._run_task(self._job.task, directory)
             self._track.reach("store", 0.0)
             self._stages.enter("store")
             results = [self._store(path) for path in sandbox.results_of(directory)]
-        with self._engine.begin() as connection:
-            counts = jobs.succeed(connection, self._job, results, self._track.finish())
+        counts = self._end(partial(jobs.succeed, stage_seconds=self._track.finish()), results)
         if counts:
             self._log.info("succeeded")
             tracing.note("outcome", "succeeded")
+            self._clear_lost()
+        return counts
+
+    def _fetch(self, directory: Path) -> None:
+        for frame in FRAMES:
+            key = inputs_key(self._job.id, frame)
+            self._patiently(partial(self._storage.get_file, key, directory / frame))
+
+    def _clear_lost(self) -> None:
+        # What is left of them here goes with the job.
+        with contextlib.suppress(BaseError):
             for lost in range(1, self._job.attempt):
                 self._storage.delete_below(results_key(self._job.id, lost))
-        return counts
 
     def _capture(self, directory: Path) -> None:
         self._run_task("capture", directory)
         digests = {
-            frame: self._storage.put_file(inputs_key(self._job.id, frame), directory / frame)
+            frame: self._keep(inputs_key(self._job.id, frame), directory / frame)
             for frame in FRAMES
         }
         size = sum((directory / frame).stat().st_size for frame in FRAMES)
@@ -138,23 +168,48 @@ class Attempt:
             job=self._job.id,
             trace_id=self._job.trace_id,
             directory=str(directory),
-            memory_bytes=self._settings.job_memory_bytes,
-            cpu_seconds=int(self._settings.job_seconds * (os.cpu_count() or 1)) + 1,
+            limits=sandbox.Limits.of(self._settings, self._settings.job_seconds),
             options=self._job.options,
             capture=self._job.capture,
         )
-        sandbox.run(
-            task, self._settings.job_seconds, self._report, self._must_stop, self._fork_server
-        )
+
+        def run() -> None:
+            shutil.rmtree(directory / "results", ignore_errors=True)
+            seconds, server = self._settings.job_seconds, self._fork_server
+            sandbox.run(task, seconds, self._report, self._must_stop, server)
+
+        self._patiently(run)
 
     def _store(self, path: Path) -> dict[str, Any]:
+        self._check()
         key = results_key(self._job.id, self._job.attempt, path.name)
         return {
             "name": path.name,
             "size": path.stat().st_size,
-            "sha256": self._storage.put_file(key, path),
+            "sha256": self._keep(key, path),
             "media_type": media_type(path.name),
         }
+
+    def _keep(self, key: str, path: Path) -> str:
+        """Store a file so that it outlasts a power cut; its SHA-256."""
+
+        def put() -> str:
+            digest = self._storage.put_file(key, path)
+            self._storage.flush([key])
+            return digest
+
+        return self._patiently(put)
+
+    def _patiently(self, work: Callable[[], Result]) -> Result:
+        """Wait while store or disk are away, but not when the job is to stop."""
+        return patiently(work, self._settings.patience_seconds, self._pause, self._log)
+
+    def _pause(self, seconds: float) -> None:
+        deadline = time.monotonic() + seconds
+        while (left := deadline - time.monotonic()) > 0:
+            if self._must_stop():
+                raise sandbox.StoppedError
+            time.sleep(min(left, _ASK_SECONDS))
 
     def _report(self, stage: str, fraction: float) -> None:
         self._track.reach(stage, fraction)
@@ -163,7 +218,7 @@ class Attempt:
         if stage == last_stage and time.monotonic() - last_time < _REPORT_SECONDS:
             return
         self._reported = (stage, time.monotonic())
-        with self._engine.begin() as connection:
+        with contextlib.suppress(*AWAY), self._engine.begin() as connection:
             jobs.report(
                 connection,
                 self._job,
@@ -178,24 +233,70 @@ class Attempt:
             return True
         if time.monotonic() - self._asked > _ASK_SECONDS:
             self._asked = time.monotonic()
-            with self._engine.connect() as connection:
-                self._stop = jobs.must_stop(connection, self._job)
+            try:
+                self._stop = self._is_over()
+                self._heard = time.monotonic()
+            except AWAY:
+                # Others take the job over after so long a silence.
+                if time.monotonic() - self._heard > self._settings.silence_seconds:
+                    raise
         return self._stop
 
-    def _fail(self, problem: dict[str, Any]) -> bool:
-        self._log.info("failed: %s", problem["type"])
-        tracing.note("outcome", problem["type"])
-        with self._engine.begin() as connection:
-            return jobs.fail(connection, self._job, problem)
+    def _is_over(self) -> bool:
+        with self._engine.connect() as connection:
+            stop = jobs.must_stop(connection, self._job)
+            late = self._job.deadline is not None and jobs.is_late(connection, self._job)
+        if late and not stop:
+            raise DeadlineError
+        return stop
 
-    def _give_up(self) -> None:
-        """End an attempt that was canceled, taken over, deleted, or put back by a worker's end."""
+    def _check(self) -> None:
+        """Raise sandbox.StoppedError or DeadlineError where there is no point in going on."""
+        if self._must_stop():
+            raise sandbox.StoppedError
+
+    def _fail(self, problem: dict[str, Any]) -> bool:
+        counts = self._end(jobs.fail, problem)
+        if counts:
+            self._log.info("failed: %s", problem["type"])
+            tracing.note("outcome", problem["type"])
+        return counts
+
+    def _end(self, end: Callable[..., bool], outcome: Any) -> bool:
+        """Write the job's end, once the database is there; whether it counts."""
+
+        def write() -> bool:
+            with self._engine.begin() as connection:
+                counts = end(connection, self._job, outcome, keep_seconds=self._keep_seconds)
+                return counts or self._counted(connection)
+
+        return self._patiently(write)
+
+    def _counted(self, connection: sa.Connection) -> bool:
+        """Whether this attempt has ended the job already: the answer to that may have been lost."""
+        row = jobs.find(connection, self._job.id)
+        return (
+            row is not None
+            and row.attempt == self._job.attempt
+            and row.state in (State.SUCCEEDED, State.FAILED)
+        )
+
+    def give_up(self, lost: bool = False) -> None:
+        """End an attempt that was canceled, taken over, deleted, or put back by a worker's end.
+
+        One that has ended the job stays as it is. lost: whether it counts as one that the job lost.
+        """
         with self._engine.begin() as connection:
-            if jobs.acknowledge_cancel(connection, self._job):
-                self._log.info("canceled")
-                tracing.note("outcome", "canceled")
-            else:
+            canceled = jobs.acknowledge_cancel(connection, self._job, self._keep_seconds)
+            if lost and not canceled:
+                jobs.lose(connection, self._job)
+            elif not canceled:
                 jobs.release(connection, self._job)
-            gone = jobs.find(connection, self._job.id) is None
-        below = f"jobs/{self._job.id}/" if gone else results_key(self._job.id, self._job.attempt)
-        self._storage.delete_below(below)
+            row = jobs.find(connection, self._job.id)
+        if canceled:
+            self._log.info("canceled")
+            tracing.note("outcome", "canceled")
+        if row is None:
+            self._storage.delete_below(job_key(self._job.id))
+        elif row.attempt != self._job.attempt or row.state != State.SUCCEEDED:
+            self._storage.delete_below(results_key(self._job.id, self._job.attempt))

@@ -2,17 +2,19 @@
 
 python -m service.child imports once, and forks such a process for every task (service.forkserver).
 It writes one JSON object per line to stdout: {"stage", "fraction"} while it works, {"problem"}
-before it ends with nothing to show, except for want of memory, which its exit code tells. Exit
-code 0 means that all is done.
+before it ends with nothing to show, except for want of memory, files or disk, which its exit code
+tells. Exit code 0 means that all is done.
 """
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import logging
 import os
 import resource
+import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -25,8 +27,14 @@ from pipeline.options import Options
 from pipeline.process import check_pair, separate_files
 from pipeline.progress import Progress
 from service import errors, forkserver, logs
-from service.processes import OUT_OF_MEMORY
+from service.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
 
+_CODES = {
+    errno.ENOMEM: OUT_OF_MEMORY,
+    errno.EMFILE: OUT_OF_FILES,
+    errno.ENOSPC: DISK_FULL,
+    errno.EDQUOT: DISK_FULL,
+}
 _CV_NO_MEMORY = -4  # cv::Error::StsNoMem
 
 log = logging.getLogger("service.child")
@@ -37,22 +45,28 @@ Tell = Callable[[dict[str, Any]], None]
 def main() -> int:
     """Run the task that stdin describes; see service.sandbox.Task."""
     task = json.load(sys.stdin)
-    _limit(task["memory_bytes"], task["cpu_seconds"])
+    _limit(**task["limits"])
     tell = _take_stdout()
     try:
         _WORK[task["kind"]](task, tell)
     except Exception as error:
         if isinstance(error, MemoryError) or getattr(error, "code", None) == _CV_NO_MEMORY:
             return OUT_OF_MEMORY
+        if isinstance(error, OSError) and error.errno in _CODES:
+            return _CODES[error.errno]
         tell({"problem": _explain(error, task)})
         return 1
     return 0
 
 
-def _limit(memory_bytes: int, cpu_seconds: int) -> None:
+def _limit(memory_bytes: int, cpu_seconds: int, open_files: int, output_bytes: int) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
     # SIGXCPU at the first limit tells why it ended; SIGKILL at the second one would not.
     resource.setrlimit(resource.RLIMIT_CPU, (cpu_seconds, cpu_seconds + 5))
+    resource.setrlimit(resource.RLIMIT_NOFILE, (open_files, open_files))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (output_bytes, output_bytes))
+    # Python ignores it, and what libraries of C++ make of a failed write tells nobody why.
+    signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     # When the machine itself runs out of memory, this process goes first, not the service.
     with contextlib.suppress(OSError):

@@ -16,6 +16,20 @@ metadata = sa.MetaData()
 
 _PATIENCE_SECONDS = 30
 
+AWAY = (sa.exc.OperationalError, sa.exc.InterfaceError, sa.exc.InternalError)
+"""What is raised while a database is away or has no room, or has dropped a connection."""
+
+_POSTGRESQL = {
+    # A host that is cut off is noticed, whichever of the two has something to say.
+    "connect_timeout": 5,
+    "keepalives_idle": 5,
+    "keepalives_interval": 2,
+    "keepalives_count": 3,
+    "tcp_user_timeout": 10_000,
+    # A process that is frozen in mid-transaction must not keep rows from everybody else.
+    "options": "-c idle_in_transaction_session_timeout=5000",
+}
+
 
 class now(FunctionElement[float]):  # noqa: N801  reads as the SQL function it is
     """The database's clock, in seconds since 1970, so that no host's clock matters."""
@@ -43,7 +57,7 @@ jobs = sa.Table(
     sa.Column("revision", sa.Integer, nullable=False, default=1),
     sa.Column("owner", sa.String(32), nullable=False, default=""),  # id of a key; "" without keys
     sa.Column("state", sa.String(24), nullable=False),
-    # Jobs wait in the order of their ranks.
+    # Jobs wait in the order of their ranks; see service.fairness.
     sa.Column("priority", sa.String(8), nullable=False, default="normal"),
     sa.Column("rank", sa.Integer, nullable=False, default=1),
     sa.Column("stage", sa.String(16)),
@@ -78,7 +92,11 @@ jobs = sa.Table(
     sa.Column("stored_bytes", sa.BigInteger, nullable=False, default=0),  # photographs and results
     sa.UniqueConstraint("owner", "idempotency_key", name="jobs_by_idempotency_key"),
     sa.Index("jobs_by_age", "owner", "created", "id"),
-    sa.Index("jobs_by_state", "state", "created", "id"),
+    # Whatever looks at waiting or ended jobs reads as much of an index as it finds, and no more.
+    sa.Index("jobs_by_rank", "state", "rank", "created", "id"),
+    sa.Index("jobs_by_flow", "state", "owner", "priority", "rank"),
+    sa.Index("jobs_by_deadline", "state", "deadline"),
+    sa.Index("jobs_by_expiry", "state", "expires"),
     sa.Index("jobs_by_likeness", "likeness", "state", "created"),
 )
 
@@ -140,8 +158,10 @@ def connect(url: str) -> sa.Engine:
     """
     parsed = sa.make_url(url)
     if parsed.get_backend_name() == "postgresql":
+        here = parsed.set(drivername="postgresql+psycopg")
+        arguments = {name: _POSTGRESQL[name] for name in _POSTGRESQL if name not in parsed.query}
         return sa.create_engine(
-            parsed.set(drivername="postgresql+psycopg"), pool_pre_ping=True, hide_parameters=True
+            here, pool_pre_ping=True, hide_parameters=True, connect_args=arguments
         )
     if parsed.database:
         Path(parsed.database).parent.mkdir(parents=True, exist_ok=True)

@@ -9,13 +9,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import sqlalchemy as sa
-from obstore.exceptions import BaseError
 
 from service import jobs
-from service.attempt import FRAMES, describe_inputs, inputs_key
 from service.engine import Queue
 from service.errors import NotReadyError, UnknownJobError
 from service.opening import open_database, open_storage
+from service.repeat import copy_pair
 from service.settings import Settings
 from service.states import State
 from service.storage import Storage
@@ -61,37 +60,24 @@ class Desk:
                 f"The job is {job.state}; one that is failed or canceled can be made anew."
             )
         new_id = uuid.uuid4().hex
+        inputs, size = copy_pair(self.storage, job, new_id) if job.inputs else (None, 0)
         values: dict[str, Any] = {
             "id": new_id,
             "owner": job.owner,
             "priority": job.priority,
             "options": job.options,
             "capture": job.capture,
-            "inputs": self._copy_pair(job, new_id) if job.inputs else None,
+            "inputs": inputs,
+            "stored_bytes": size,
+            "likeness": job.likeness,
             "webhook": job.webhook,
             "trace_id": uuid.uuid4().hex,
             "request_hash": job.request_hash,
         }
         with self.engine.begin() as connection:
-            jobs.add(connection, values)
-            self.queue.submit(connection, new_id)
+            rank = jobs.add(connection, values)
+            self.queue.submit(connection, new_id, rank)
         return new_id
-
-    def _copy_pair(self, job: jobs.Job, new_id: str) -> dict[str, Any]:
-        assert job.inputs is not None
-        keys = {frame: inputs_key(new_id, frame) for frame in FRAMES}
-        try:
-            for frame, key in keys.items():
-                self.storage.copy(inputs_key(job.id, frame), key)
-            self.storage.flush(keys.values())
-        except (BaseError, FileNotFoundError) as error:
-            self.storage.delete_below(f"jobs/{new_id}/")
-            if isinstance(error, FileNotFoundError):
-                raise NotReadyError(
-                    "The photographs of the job are removed; send them again."
-                ) from error
-            raise
-        return describe_inputs(new_id, {name: job.inputs[name]["sha256"] for name in FRAMES})
 
 
 @contextlib.contextmanager

@@ -1,27 +1,45 @@
-"""The durable queues: submit, withdraw, run, take over. The only module that knows DBOS.
+"""The durable queues: submit, withdraw, run, take over, sweep. The only module that knows DBOS.
 
 DBOS remembers what was submitted through every crash and hands each job to one worker; what it
-does not do is take over the jobs of a worker that died, so take_over() does.
+does not do is take over the jobs of a worker that died, so workers do (Queue.held and put_back),
+and forget the ones that are done, so forget_done() does.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
 
 import sqlalchemy as sa
-from dbos import DBOS, DBOSClient, DBOSConfig, DBOSPortableJSONSerializer, EnqueueOptions, error
+from dbos import (
+    DBOS,
+    DBOSClient,
+    DBOSConfig,
+    DBOSPortableJSONSerializer,
+    EnqueueOptions,
+    ScheduleInput,
+    error,
+)
 
 from service.errors import StartError
 from service.settings import TELLINGS
 
 _APPLICATION = "lightlayers"
 _VERSION = "1"  # pinned: a job of an older program may be run by a newer one
-_QUEUE = "jobs"
+JOBS = "jobs"
+"""The queue of jobs."""
+
 _WORKFLOW = "run_job"
 _TELLING_QUEUE = "webhooks"
 _TELLING_WORKFLOW = "tell_webhook"
 _TELLERS = 8  # webhooks a worker tells at once: it waits for them most of the time
+_UPKEEP = "upkeep"
+_SWEEP = "sweep"
+_HOURLY = "0 0 * * * *"  # the first field of six is that of seconds
+_DONE = ["SUCCESS", "ERROR", "CANCELLED"]
+_BATCH = 500
 
 
 def migrate(engine: sa.Engine) -> None:
@@ -29,8 +47,20 @@ def migrate(engine: sa.Engine) -> None:
     DBOS.migrate(engine.url.render_as_string(hide_password=False))
 
 
+@dataclass(frozen=True)
+class Held:
+    """What a worker has taken out of a queue: in that of jobs, id is a job's."""
+
+    id: str
+    worker: str
+    queue: str
+
+
 class Queue:
-    """The queue as the API sees it: it only puts in and takes out."""
+    """The queue from outside: it puts in and takes out, and raises when the database is away.
+
+    What DBOS does inside a worker waits for the database instead, and ever longer.
+    """
 
     def __init__(self, engine: sa.Engine) -> None:
         self._client = DBOSClient(
@@ -40,13 +70,14 @@ class Queue:
             retry_connection_errors=False,
         )
 
-    def submit(self, connection: sa.Connection, job_id: str) -> None:
-        """Enqueue a job within the caller's transaction."""
+    def submit(self, connection: sa.Connection, job_id: str, rank: int) -> None:
+        """Enqueue a job within the caller's transaction; those of low rank (1…2³¹−1) go first."""
         options = EnqueueOptions(
             workflow_name=_WORKFLOW,
-            queue_name=_QUEUE,
+            queue_name=JOBS,
             workflow_id=job_id,
             app_version=_VERSION,
+            priority=rank,
         )
         self._client.enqueue_in_transaction(connection, options, job_id)
 
@@ -71,10 +102,39 @@ class Queue:
         """Take a job that waits out of the queue."""
         self._client.cancel_workflow(job_id)
 
+    def held(self) -> list[Held]:
+        """List what workers have taken out of the queues and not done yet."""
+        held = self._client.list_workflows(
+            status="PENDING",
+            queue_name=[JOBS, _TELLING_QUEUE, _UPKEEP],
+            load_input=False,
+            load_output=False,
+        )
+        return [
+            Held(one.workflow_id, one.executor_id or "", one.queue_name or JOBS) for one in held
+        ]
+
+    def put_back(self, held: Iterable[Held]) -> None:
+        """Put what workers have back into its queue."""
+        for one in held:
+            self._client.resume_workflow(one.id, queue_name=one.queue)
+
     def forget(self, job_id: str) -> None:
         """Drop everything the queue knows about a job."""
         tellings = [_telling(job_id, number) for number in range(1, TELLINGS + 1)]
         self._client.delete_workflows([job_id, *tellings])
+
+    def forget_done(self, seconds: float) -> None:
+        """Drop what was done more than so many seconds ago; the rows of jobs tell how it ended."""
+        before = (datetime.now(UTC) - timedelta(seconds=seconds)).isoformat()
+        while done := self._client.list_workflows(
+            status=_DONE,
+            completed_before=before,
+            limit=_BATCH,
+            load_input=False,
+            load_output=False,
+        ):
+            self._client.delete_workflows([one.workflow_id for one in done])
 
     def close(self) -> None:
         """Stop using the queue; the engine stays the caller's."""
@@ -92,12 +152,15 @@ def launch(
     tell: Callable[[str, int], None],
     concurrency: int,
     poll_seconds: float,
+    sweep: Callable[[bool], None],
+    sweep_seconds: int,
 ) -> None:
-    """Have this process call run(job id) and tell(job id, number) in threads, as they are queued.
+    """Have this process call run(job id) and tell(job id, number) in threads, and sweep.
 
     worker: unique among all workers ever. run: must return only when the job has ended, since a
-    return takes the job out of the queue for good; tell: when what came of it is written. Raises
-    StartError.
+    return takes the job out of the queue for good; tell: when what came of it is written. sweep:
+    called in one worker at a time, every sweep_seconds (1…60) with false, every hour with true.
+    Raises StartError.
     """
     # DBOS writes to the console of its own unless its logger has a handler.
     logging.getLogger("dbos").addHandler(logging.NullHandler())
@@ -115,31 +178,42 @@ def launch(
     # An attempt count of our own is in the job's row: a takeover resets the one of DBOS.
     DBOS.workflow(name=_WORKFLOW, max_recovery_attempts=None)(run)
     DBOS.workflow(name=_TELLING_WORKFLOW, max_recovery_attempts=None)(tell)
-    DBOS.listen_queues([_QUEUE, _TELLING_QUEUE])
+
+    @DBOS.workflow(name=_SWEEP, max_recovery_attempts=None)
+    def run_sweep(_scheduled: object, thorough: bool) -> None:
+        sweep(thorough)
+
+    DBOS.listen_queues([JOBS, _TELLING_QUEUE, _UPKEEP])
     try:
         DBOS.launch()
     except error.DBOSInitializationError as fault:
         raise StartError(
             "The queue's tables are older than this lightlayers needs: run `lightlayers migrate`."
         ) from fault
-    for queue, at_once in ((_QUEUE, concurrency), (_TELLING_QUEUE, _TELLERS)):
+    for queue, at_once in ((JOBS, concurrency), (_TELLING_QUEUE, _TELLERS)):
         DBOS.register_queue(
             queue,
             worker_concurrency=at_once,
             polling_interval_sec=poll_seconds,
             on_conflict="always_update",
         )
-
-
-def take_over(living: Collection[str]) -> list[str]:
-    """Put the work of workers that are not among the living back into its queue; the jobs' ids."""
-    held = DBOS.list_workflows(
-        status="PENDING",
-        queue_name=[_QUEUE, _TELLING_QUEUE],
-        load_input=False,
-        load_output=False,
+    DBOS.register_queue(
+        _UPKEEP,
+        global_concurrency=1,
+        polling_interval_sec=min(sweep_seconds, 5),
+        on_conflict="always_update",
     )
-    orphans = [work for work in held if work.executor_id not in living]
-    for work in orphans:
-        DBOS.resume_workflow(work.workflow_id, queue_name=work.queue_name)
-    return [work.workflow_id.partition("-")[0] for work in orphans]
+    often = "0 * * * * *" if sweep_seconds == 60 else f"*/{sweep_seconds} * * * * *"
+    # However many workers there are, each time brings one sweep into the queue.
+    DBOS.apply_schedules(
+        [
+            ScheduleInput(
+                schedule_name=name,
+                workflow_fn=run_sweep,
+                schedule=cron,
+                context=thorough,
+                queue_name=_UPKEEP,
+            )
+            for name, cron, thorough in (("often", often, False), ("hourly", _HOURLY, True))
+        ]
+    )

@@ -15,6 +15,7 @@ ServiceError
 ├── UnfinishedUploadError    409  an upload that a job names has not come whole
 ├── ExpiredUploadError       410  an upload was not gone on with in time
 ├── TusVersionError          412  a tus client of another version
+├── GoneError                410  the job's files are removed
 ├── UploadTooLargeError      413  more bytes than the limit
 ├── UnsupportedMediaError    415  neither multipart nor JSON
 ├── RangeError               416  the range lies outside the file
@@ -31,7 +32,10 @@ ServiceError
     ├── CrashError           it crashed
     ├── MemoryLimitError     it needed more memory than the limit
     ├── TimeLimitError       it ran longer than the limit
-    └── AbandonedError       its worker died under it several times
+    ├── FileLimitError       it opened more files than the limit
+    ├── OutputLimitError     it wrote more than the limit
+    ├── DeadlineError        the job had not ended by its deadline
+    └── AbandonedError       several attempts were cut short
 """
 
 from __future__ import annotations
@@ -110,6 +114,10 @@ class ChecksumError(ServiceError):
     """The bytes that came do not have the checksum that came with them."""
 
 
+class GoneError(ServiceError):
+    """The job's files are removed, or about to be."""
+
+
 class UploadTooLargeError(ServiceError):
     """More bytes than the limit."""
 
@@ -178,8 +186,33 @@ class TimeLimitError(AttemptError):
     """The process ran longer than its limit."""
 
 
+class FileLimitError(AttemptError):
+    """The process opened more files than its limit."""
+
+
+class OutputLimitError(AttemptError):
+    """The process wrote more than its limit."""
+
+
+class DeadlineError(AttemptError):
+    """The job had not ended by its deadline."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "The job had not ended by its deadline; send it again with more time, or when fewer "
+            "jobs wait."
+        )
+
+
 class AbandonedError(AttemptError):
-    """The job's worker died under it several times."""
+    """Several attempts at the job were cut short."""
+
+    def __init__(self, lost: int) -> None:
+        super().__init__(
+            f"The job was given up because its attempts were cut short {lost} times, each by the "
+            "death of the worker or of the process that it works in; these photographs may be "
+            "what kills them."
+        )
 
 
 class Problem(BaseModel):
@@ -245,7 +278,8 @@ KINDS: dict[type[Exception], Kind] = {
     StoredQuotaError: Kind("stored-quota", 403, "The key's space is used up"),
     UnknownJobError: Kind("unknown-job", 404, "No such job"),
     UnknownResultError: Kind("unknown-result", 404, "No such result"),
-    NotReadyError: Kind("not-ready", 409, "The job has no results", retryable=True),
+    NotReadyError: Kind("not-ready", 409, "The job is not as far as that", retryable=True),
+    GoneError: Kind("gone", 410, "The job's files are removed"),
     SlowRequestError: Kind("slow-request", 408, "The request does not come", retryable=True),
     UnknownUploadError: Kind("unknown-upload", 404, "No such upload"),
     OffsetError: Kind("upload-offset", 409, "The upload goes on elsewhere"),
@@ -268,7 +302,10 @@ KINDS: dict[type[Exception], Kind] = {
     CrashError: Kind("crashed", 500, "The separation crashed"),
     MemoryLimitError: Kind("out-of-memory", 500, "The separation ran out of memory"),
     TimeLimitError: Kind("timed-out", 500, "The separation took too long"),
-    AbandonedError: Kind("abandoned", 500, "The job's worker died several times"),
+    FileLimitError: Kind("too-many-files", 500, "The separation opened too many files"),
+    OutputLimitError: Kind("output-too-large", 500, "The separation wrote too much"),
+    DeadlineError: Kind("deadline-passed", 500, "The deadline has passed", retryable=True),
+    AbandonedError: Kind("abandoned", 500, "The job's attempts were cut short several times"),
     obstore_errors.BaseError: STORE_AWAY,
     DBAPIError: DATABASE_AWAY,
 }

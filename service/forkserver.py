@@ -36,12 +36,14 @@ class Child:
     def wait(self, seconds: float) -> int:
         """Wait for its end, for some seconds > 0; its exit code, negative for a signal.
 
-        Raises TimeoutError.
+        Raises TimeoutError, and ChildProcessError when the server has died, with which the kernel
+        kills its children.
         """
         self._life.settimeout(seconds)
         said = self._life.recv(16)
-        # A server that dies has the kernel kill its children.
-        return int(said) if said else -signal.SIGKILL
+        if not said:
+            raise ChildProcessError("the fork server has died, and its children with it")
+        return int(said)
 
     def close(self) -> None:
         """Kill it and what it has started; it is gone when this returns."""

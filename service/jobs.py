@@ -6,20 +6,20 @@ of an attempt names its number, so that an attempt that was taken over writes no
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import sqlalchemy as sa
 
-from service import metrics, quotas
+from service import fairness, metrics, quotas
 from service.database import jobs, now, workers
 from service.states import ENDED, HELD, State, before
 
 Priority = Literal["high", "normal", "low"]
 
 LOST_ATTEMPTS = 3
-"""Attempts a job may lose with their workers before it is given up."""
+"""Attempts at a job that may be cut short before it is given up."""
 
 
 @dataclass(frozen=True)
@@ -74,14 +74,21 @@ def _job(row: sa.Row[Any]) -> Job:
     return Job(**{**row._mapping, "state": State(row.state)})
 
 
-def add(connection: sa.Connection, values: Mapping[str, Any]) -> None:
-    """Insert a queued job and charge its owner for it.
+def add(
+    connection: sa.Connection, values: Mapping[str, Any], deadline_seconds: float | None = None
+) -> int:
+    """Insert a queued job and charge its owner for it; its rank. deadline_seconds: from now.
 
     Raises sqlalchemy.exc.IntegrityError on a used idempotency key, and what quotas.charge raises.
     """
-    connection.execute(sa.insert(jobs).values(state=State.QUEUED, created=now(), **values))
-    quotas.charge(connection, values.get("owner", ""))
+    owner, priority = values.get("owner", ""), values.get("priority", "normal")
+    rank = fairness.next_rank(connection, owner, priority)
+    deadline = None if deadline_seconds is None else now() + deadline_seconds
+    row = sa.insert(jobs).values(state=State.QUEUED, rank=rank, created=now(), deadline=deadline)
+    connection.execute(row.values(**values))
+    quotas.charge(connection, owner)
     metrics.ACCEPTED.inc()
+    return rank
 
 
 def find(connection: sa.Connection, job_id: str) -> Job | None:
@@ -122,9 +129,11 @@ def newest(connection: sa.Connection, state: State | None, limit: int) -> list[J
     return [_job(row) for row in connection.execute(query)]
 
 
-def count_queued(connection: sa.Connection) -> int:
-    """How many jobs wait."""
+def count_queued(connection: sa.Connection, owner: str | None = None) -> int:
+    """How many jobs wait, of an owner or in all."""
     query = sa.select(sa.func.count()).select_from(jobs).where(jobs.c.state == State.QUEUED)
+    if owner is not None:
+        query = query.where(jobs.c.owner == owner)
     return connection.execute(query).scalar_one()
 
 
@@ -137,25 +146,80 @@ def positions(connection: sa.Connection, waiting: list[Job]) -> dict[str, int]:
             .select_from(jobs)
             .where(
                 jobs.c.state == State.QUEUED,
-                sa.tuple_(jobs.c.created, jobs.c.id) <= (job.created, job.id),
+                sa.tuple_(jobs.c.rank, jobs.c.created, jobs.c.id)
+                <= (job.rank, job.created, job.id),
             )
         ).scalar_one()
         for job in queued
     }
 
 
-def request_cancel(connection: sa.Connection, job_id: str) -> None:
-    """Cancel a queued job at once and ask the worker of a running one to stop."""
+def request_cancel(
+    connection: sa.Connection, job_id: str, keep_seconds: float | None = None
+) -> None:
+    """Cancel a queued job at once and ask the worker of a running one to stop.
+
+    keep_seconds: how long a job that has ended is kept, here as everywhere; None: for ever.
+    """
     this = jobs.c.id == job_id
     # Else a job that is claimed or put back between the two moves would slip through.
     connection.execute(sa.select(jobs.c.id).where(this).with_for_update())
-    _move(connection, State.CANCELED, sa.and_(this, jobs.c.worker.is_(None)), finished=now())
+    _end(connection, sa.and_(this, jobs.c.worker.is_(None)), State.CANCELED, keep_seconds)
     _move(connection, State.CANCELING, this)
+
+
+def overdue(connection: sa.Connection) -> list[Job]:
+    """Jobs that wait past their deadlines."""
+    late = sa.and_(jobs.c.state == State.QUEUED, jobs.c.deadline < _moment())
+    return [_job(row) for row in connection.execute(sa.select(jobs).where(late))]
+
+
+def fail_waiting(
+    connection: sa.Connection,
+    job_id: str,
+    error: dict[str, Any],
+    keep_seconds: float | None = None,
+) -> bool:
+    """End a queued job with a problem; false when it waits no more."""
+    waits = sa.and_(jobs.c.id == job_id, jobs.c.state == State.QUEUED)
+    return _end(connection, waits, State.FAILED, keep_seconds, error=error)
+
+
+def limit_keeping(connection: sa.Connection, keep_seconds: float, limit: int) -> int:
+    """Set when up to `limit` ended jobs expire that were to be kept for ever; how many it were."""
+    endless = sa.and_(jobs.c.state.in_(before(State.EXPIRED)), jobs.c.expires.is_(None))
+    some = sa.select(jobs.c.id).where(endless).limit(limit)
+    dated = _update(jobs.c.id.in_(some)).values(expires=jobs.c.finished + keep_seconds)
+    return connection.execute(dated).rowcount
+
+
+def expire(connection: sa.Connection, limit: int) -> list[str]:
+    """Up to `limit` jobs that are to be removed now, all of them in the state `expired`."""
+    due = sa.and_(jobs.c.state.in_(before(State.EXPIRED)), jobs.c.expires <= _moment())
+    found = connection.execute(sa.select(jobs.c.id).where(due).limit(limit)).scalars().all()
+    if found:
+        _move(connection, State.EXPIRED, jobs.c.id.in_(found))
+    # Those of a removal that was cut short are among them.
+    expired = sa.select(jobs.c.id).where(jobs.c.state == State.EXPIRED).limit(limit)
+    return list(connection.execute(expired).scalars())
+
+
+def condemn(connection: sa.Connection, job_id: str) -> None:
+    """Have a job expire now, or as soon as it has ended, so that it is removed in any case."""
+    this = jobs.c.id == job_id
+    connection.execute(_update(this).values(expires=now()))
+    _move(connection, State.EXPIRED, this)
 
 
 def remove(connection: sa.Connection, job_id: str) -> None:
     """Delete the row."""
     connection.execute(sa.delete(jobs).where(jobs.c.id == job_id))
+
+
+def known(connection: sa.Connection, job_ids: Sequence[str]) -> set[str]:
+    """Those of these ids that are ids of jobs."""
+    found = sa.select(jobs.c.id).where(jobs.c.id.in_(job_ids))
+    return set(connection.execute(found).scalars())
 
 
 def beat(connection: sa.Connection, worker: str) -> None:
@@ -180,8 +244,9 @@ def claim(connection: sa.Connection, job_id: str, worker: str) -> Job | None:
     """Start the next attempt of a job; None when it is not to be had (now).
 
     A job is to be had when it is queued, or when the worker that holds it is dead, which means
-    that it has no row in `workers`; such an attempt counts as lost. A job that was being canceled
-    stays so: the caller ends it.
+    that it has no row in `workers`; such an attempt counts as lost. So is one that this worker
+    holds without knowing, because the answer to an earlier claim got lost on the way: a worker
+    claims what it does not run. A job that was being canceled stays so: the caller ends it.
     """
     this = jobs.c.id == job_id
     attempt = {
@@ -194,9 +259,12 @@ def claim(connection: sa.Connection, job_id: str, worker: str) -> Job | None:
         "started": sa.func.coalesce(jobs.c.started, now()),
     }
     if not _move(connection, State.RUNNING, this, **attempt):
-        orphan = sa.and_(jobs.c.state.in_(HELD), ~sa.exists().where(workers.c.id == jobs.c.worker))
+        held, own = jobs.c.state.in_(HELD), jobs.c.worker == worker
+        orphan = ~sa.exists().where(workers.c.id == jobs.c.worker)
         taken = connection.execute(
-            _update(sa.and_(this, orphan)).values(lost=jobs.c.lost + 1, **attempt)
+            _update(sa.and_(this, held, sa.or_(own, orphan))).values(
+                lost=jobs.c.lost + sa.case((own, 0), else_=1), **attempt
+            )
         )
         if not taken.rowcount:
             return None
@@ -231,6 +299,12 @@ def must_stop(connection: sa.Connection, job: Job) -> bool:
     return state != State.RUNNING
 
 
+def is_late(connection: sa.Connection, job: Job) -> bool:
+    """Whether the job's deadline has passed."""
+    late = sa.select(jobs.c.deadline < now()).where(jobs.c.id == job.id)
+    return bool(connection.execute(late).scalar())
+
+
 def set_inputs(connection: sa.Connection, job: Job, inputs: dict[str, Any], size: int) -> None:
     """Name the stored photographs of a capture, so that no later attempt takes them again.
 
@@ -244,6 +318,7 @@ def succeed(
     job: Job,
     results: list[dict[str, Any]],
     stage_seconds: dict[str, float] | None = None,
+    keep_seconds: float | None = None,
 ) -> bool:
     """End the job with the files of this attempt; false when the attempt counts no more.
 
@@ -251,17 +326,31 @@ def succeed(
     """
     done = {"results": results, "stage_seconds": stage_seconds, "fraction": 1.0, "progress": 1.0}
     stored = jobs.c.stored_bytes + sum(result["size"] for result in results)
-    return _end(connection, job, State.SUCCEEDED, stored_bytes=stored, **done)
+    return _end(
+        connection,
+        _of_attempt(job),
+        State.SUCCEEDED,
+        keep_seconds,
+        stored_bytes=stored,
+        **done,
+    )
 
 
-def fail(connection: sa.Connection, job: Job, error: dict[str, Any]) -> bool:
+def fail(
+    connection: sa.Connection,
+    job: Job,
+    error: dict[str, Any],
+    keep_seconds: float | None = None,
+) -> bool:
     """End the job with a problem; false when the attempt counts no more."""
-    return _end(connection, job, State.FAILED, error=error)
+    return _end(connection, _of_attempt(job), State.FAILED, keep_seconds, error=error)
 
 
-def acknowledge_cancel(connection: sa.Connection, job: Job) -> bool:
+def acknowledge_cancel(
+    connection: sa.Connection, job: Job, keep_seconds: float | None = None
+) -> bool:
     """End a job that was asked to stop; false when it was not, or the attempt counts no more."""
-    return _end(connection, job, State.CANCELED)
+    return _end(connection, _of_attempt(job), State.CANCELED, keep_seconds)
 
 
 def release(connection: sa.Connection, job: Job) -> None:
@@ -283,9 +372,23 @@ def with_news(connection: sa.Connection, limit: int) -> list[Job]:
     return [_job(row) for row in connection.execute(query)]
 
 
-def _end(connection: sa.Connection, job: Job, state: State, **values: Any) -> bool:
-    ended = {"worker": None, "eta": None, "finished": now()}
-    return _move(connection, state, _of_attempt(job), **ended, **values)
+def lose(connection: sa.Connection, job: Job) -> None:
+    """Put back a job whose attempt was cut short though its worker lives."""
+    fresh = {"worker": None, "stage": None, "fraction": 0.0, "progress": 0.0, "eta": None}
+    _move(connection, State.QUEUED, _of_attempt(job), lost=jobs.c.lost + 1, **fresh)
+
+
+def _end(
+    connection: sa.Connection,
+    which: sa.ColumnElement[bool],
+    state: State,
+    keep_seconds: float | None,
+    **values: Any,
+) -> bool:
+    """The one way in which jobs end."""
+    if keep_seconds is not None:  # a job that was condemned stays so
+        values["expires"] = sa.func.coalesce(jobs.c.expires, now() + keep_seconds)
+    return _move(connection, state, which, worker=None, eta=None, finished=now(), **values)
 
 
 def _move(
@@ -294,9 +397,14 @@ def _move(
     moved = connection.execute(
         _update(sa.and_(which, jobs.c.state.in_(before(state)))).values(state=state, **values)
     )
-    if state in ENDED:
+    if state in ENDED and state != State.EXPIRED:
         metrics.FINISHED.labels(state.value).inc(moved.rowcount)
     return moved.rowcount == 1
+
+
+def _moment() -> sa.ScalarSelect[float]:
+    """The database's clock as one value, which PostgreSQL looks up in an index."""
+    return sa.select(now()).scalar_subquery()
 
 
 def _update(which: sa.ColumnElement[bool]) -> sa.Update:

@@ -16,9 +16,17 @@ from typing import IO, Any, Literal
 
 import cv2
 
-from service.errors import CrashError, MemoryLimitError, TimeLimitError
+from service.errors import (
+    CrashError,
+    FileLimitError,
+    MemoryLimitError,
+    OutputLimitError,
+    StorageFullError,
+    TimeLimitError,
+)
 from service.forkserver import ForkServer
-from service.processes import OUT_OF_MEMORY
+from service.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
+from service.settings import Settings
 
 _COMMAND = (sys.executable, "-m", "service.child")
 _THREADS = ("OPENCV_FOR_THREADS_NUM", "OMP_NUM_THREADS")
@@ -41,6 +49,26 @@ class TaskError(Exception):
 
 
 @dataclass(frozen=True)
+class Limits:
+    """What a process may use; cpu_seconds of all processors, output_bytes in its whole folder."""
+
+    memory_bytes: int
+    cpu_seconds: int
+    open_files: int
+    output_bytes: int
+
+    @classmethod
+    def of(cls, settings: Settings, seconds: float) -> Limits:
+        """Those of the settings, for a task that may run for so many seconds on all processors."""
+        return cls(
+            memory_bytes=settings.job_memory_bytes,
+            cpu_seconds=int(seconds * (os.cpu_count() or 1)) + 1,
+            open_files=settings.job_open_files,
+            output_bytes=settings.job_output_bytes,
+        )
+
+
+@dataclass(frozen=True)
 class Task:
     """What a process is to do.
 
@@ -54,8 +82,7 @@ class Task:
     job: str
     trace_id: str
     directory: str
-    memory_bytes: int
-    cpu_seconds: int
+    limits: Limits
     options: dict[str, Any]
     capture: dict[str, Any] | None
 
@@ -80,15 +107,20 @@ def run(
 ) -> None:
     """Run a task to its end, for at most `seconds`; must_stop is asked several times a second.
 
-    Raises TaskError, StoppedError, CrashError, MemoryLimitError, TimeLimitError or
-    ChildProcessError.
+    Raises TaskError, StoppedError, CrashError, MemoryLimitError, TimeLimitError, FileLimitError,
+    OutputLimitError, ChildProcessError, or, when the disk is full, StorageFullError.
     """
     deadline = time.monotonic() + seconds
+
+    def is_over() -> bool:
+        _check_output(task)
+        return must_stop()
+
     problem: dict[str, Any] | None = None
     with contextlib.closing(server.fork()) as process:
         with contextlib.suppress(BrokenPipeError), process.stdin:
             process.stdin.write(json.dumps(asdict(task)).encode())
-        for message in _messages(process.stdout, deadline, must_stop):
+        for message in _messages(process.stdout, deadline, is_over):
             if "problem" in message:
                 problem = message["problem"]
             else:
@@ -100,6 +132,18 @@ def run(
     if problem is not None:
         raise TaskError(problem)
     _raise_for_exit(code)
+    _check_output(task)
+
+
+def _check_output(task: Task) -> None:
+    """Raise OutputLimitError once all that a task has written is more than it may write."""
+    # The kernel limits each file alone.
+    written = 0
+    for path in Path(task.directory).rglob("*"):
+        with contextlib.suppress(FileNotFoundError):  # it may just have been renamed
+            written += path.stat().st_size if path.is_file() else 0
+    if written > task.limits.output_bytes:
+        raise OutputLimitError(_TOO_MUCH)
 
 
 def _messages(
@@ -123,6 +167,9 @@ def _messages(
             yield from (json.loads(line) for line in lines)
 
 
+_TOO_MUCH = (
+    "The results are larger than a job's may be; ask for fewer, or send smaller photographs."
+)
 _TOO_LONG = "The separation took longer than a job may take; send smaller photographs."
 
 
@@ -135,6 +182,12 @@ def _raise_for_exit(code: int) -> None:
         raise MemoryLimitError(
             "The photographs need more memory than a job may have; send smaller ones."
         )
+    if code == -signal.SIGXFSZ:
+        raise OutputLimitError(_TOO_MUCH)
+    if code == OUT_OF_FILES:
+        raise FileLimitError("The separation needs more open files than a job may have.")
+    if code == DISK_FULL:
+        raise StorageFullError("The disk on which jobs run is full; send this one again later.")
     if code == -signal.SIGKILL:
         raise MemoryLimitError(
             "The system killed the program, most likely for want of memory; "

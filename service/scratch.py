@@ -37,7 +37,10 @@ def clear(data_dir: Path) -> None:
         return
     with _locked(parent):
         for path in parent.iterdir():
-            descriptor = os.open(path, os.O_RDONLY)
+            try:
+                descriptor = os.open(path, os.O_RDONLY)
+            except FileNotFoundError:  # whoever had it was done with it just now
+                continue
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 shutil.rmtree(path)

@@ -107,7 +107,10 @@ class Settings(BaseSettings):
         description="How long an upload that no job has used is kept after its last byte came.",
     )
     queued_jobs: int = Field(
-        default=1000, gt=0, description="Jobs that may wait; more are refused with 429."
+        default=4000, gt=0, description="Jobs that may wait in all; more are refused with 429."
+    )
+    queued_jobs_per_key: int = Field(
+        default=1000, gt=0, description="Jobs of one key that may wait; more are refused with 429."
     )
     free_bytes: int = Field(
         default=1024 * MIB,
@@ -121,7 +124,21 @@ class Settings(BaseSettings):
     job_memory_bytes: int = Field(
         default=8192 * MIB, gt=0, description="Address space of one job's process, in bytes."
     )
+    job_open_files: int = Field(
+        default=256, ge=16, description="Files that one job's process may have open at a time."
+    )
+    job_output_bytes: int = Field(
+        default=16384 * MIB,
+        gt=0,
+        description="What one job may write: all of its photographs and results, in bytes.",
+    )
     job_seconds: float = Field(default=900, gt=0, description="Longest run of one job, in seconds.")
+    patience_seconds: float = Field(
+        default=300,
+        ge=0,
+        description="How long a job waits for a store that is away or a disk that is full before "
+        "it fails.",
+    )
     poll_seconds: float = Field(
         default=0.5, gt=0, description="How often a worker looks for a job, in seconds."
     )
@@ -163,3 +180,21 @@ class Settings(BaseSettings):
         le=TELLINGS,
         description="How often a webhook is told; 12 last about a day.",
     )
+    retention_days: float | None = Field(
+        default=None,
+        gt=0,
+        le=36500,
+        description="How long jobs that have ended are kept with their photographs and results; "
+        "without it, until they are deleted.",
+    )
+    sweep_seconds: int = Field(
+        default=60,
+        ge=1,
+        le=60,
+        description="How often the workers remove what is kept no longer, in seconds.",
+    )
+
+    @property
+    def retention_seconds(self) -> float | None:
+        """How long jobs that have ended are kept; None for as long as nobody deletes them."""
+        return None if self.retention_days is None else self.retention_days * 86400

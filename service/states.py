@@ -1,7 +1,7 @@
 """The states of a job, and the one table of the ways between them.
 
 A job that asks a person to do something will wait in `waiting_for_operator`, which comes with
-cameras that need a hand; `expired` comes with retention.
+cameras that need a hand.
 """
 
 from __future__ import annotations
@@ -18,23 +18,25 @@ class State(StrEnum):
     SUCCEEDED = "succeeded"  # results are there
     FAILED = "failed"  # `error` says why
     CANCELED = "canceled"  # stopped on request
+    EXPIRED = "expired"  # its files are being removed, and then its row
 
 
 NEXT: dict[State, tuple[State, ...]] = {
-    State.QUEUED: (State.RUNNING, State.CANCELED),
+    State.QUEUED: (State.RUNNING, State.CANCELED, State.FAILED),
     State.RUNNING: (State.QUEUED, State.CANCELING, State.SUCCEEDED, State.FAILED),
     State.CANCELING: (State.CANCELED,),
-    State.SUCCEEDED: (),
-    State.FAILED: (),
-    State.CANCELED: (),
+    State.SUCCEEDED: (State.EXPIRED,),
+    State.FAILED: (State.EXPIRED,),
+    State.CANCELED: (State.EXPIRED,),
+    State.EXPIRED: (),
 }
 """What may follow a state; a job starts as queued, and a worker that ends puts its job back."""
 
 HELD = (State.RUNNING, State.CANCELING)
 """The states in which a worker has the job."""
 
-ENDED = tuple(state for state, following in NEXT.items() if not following)
-"""The states that nothing follows."""
+ENDED = (State.SUCCEEDED, State.FAILED, State.CANCELED, State.EXPIRED)
+"""The states in which nothing is done for the job any more."""
 
 
 def before(state: State) -> list[State]:

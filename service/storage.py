@@ -43,6 +43,14 @@ class Storage:
         self.put(key, path)
         return digest
 
+    def copy(self, key: str, other: str) -> None:
+        """Copy an object; neither is hurt when the other is deleted. Raises FileNotFoundError."""
+        obstore.copy(self._store, key, other)
+
+    def size(self, key: str) -> int:
+        """Tell how many bytes an object has. Raises FileNotFoundError."""
+        return int(obstore.head(self._store, key)["size"])
+
     def flush(self, keys: Iterable[str]) -> None:
         """Return once these objects would outlast a power cut. Raises GenericError.
 
@@ -83,10 +91,6 @@ class Storage:
         found = obstore.get(self._store, key, options={"range": (start, end)})
         return (bytes(chunk) for chunk in found.stream(min_chunk_size=_CHUNK))
 
-    def copy(self, source: str, target: str) -> None:
-        """Copy an object within the store. Raises FileNotFoundError."""
-        obstore.copy(self._store, source, target)
-
     def link(self, key: str, seconds: float) -> str | None:
         """Sign a URL that reads an object without a password, for a time; None for a folder.
 
@@ -95,6 +99,11 @@ class Storage:
         if not isinstance(self._store, S3Store):
             return None
         return obstore.sign(self._store, "GET", key, timedelta(seconds=seconds))
+
+    def folders(self, prefix: str) -> list[str]:
+        """List the names right below prefix, which ends with a slash, that have more below them."""
+        found = obstore.list_with_delimiter(self._store, prefix=prefix)["common_prefixes"]
+        return sorted(path.rpartition("/")[2] for path in found)
 
     def list(self, prefix: str) -> list[str]:
         """List every key below prefix, sorted."""
@@ -105,11 +114,20 @@ class Storage:
         """Delete an object."""
         obstore.delete(self._store, key)
 
+    def changed(self, prefix: str) -> float:
+        """When an object below prefix was last stored, in seconds since 1970; 0 without any."""
+        found = obstore.list(self._store, prefix=prefix)
+        times = (item["last_modified"].timestamp() for batch in found for item in batch)
+        return max(times, default=0.0)
+
     def delete_below(self, prefix: str) -> None:
-        """Delete every object below prefix."""
+        """Delete every object below prefix, which ends with a slash."""
         keys = self.list(prefix)
         if keys:
             obstore.delete(self._store, keys)
+        if self._folder is not None:
+            # A process that was killed while it stored something has left a file that is no object.
+            shutil.rmtree(self._folder / prefix, ignore_errors=True)
 
     def free_bytes(self) -> int | None:
         """Tell how much more fits on the disk, None for S3. Raises GenericError."""

@@ -13,14 +13,16 @@ import socket
 import sys
 import threading
 import uuid
-
-import sqlalchemy as sa
+from collections.abc import Iterable
 
 from service import engine, jobs, logs, metrics, sandbox, scratch, tracing, webhooks
 from service.attempt import Attempt
-from service.errors import AbandonedError, problem_of
+from service.engine import Held
+from service.errors import AbandonedError, DeadlineError, problem_of
 from service.opening import open_database, open_storage
+from service.patience import passes
 from service.processes import die_with_parent
+from service.retention import Sweep
 from service.settings import Settings
 from service.states import State
 
@@ -41,10 +43,16 @@ class Worker:
         self._storage = open_storage(settings)
         self._queue = engine.Queue(self._engine)
         self._teller = webhooks.Teller(self._engine, self._queue, settings)
+        self._sweeping = Sweep(self._engine, self._storage, self._queue, settings)
+        self._keep_seconds = settings.retention_seconds
         self._fork_server = sandbox.fork_server(settings.worker_concurrency)
         self._stopping = threading.Event()
         self._idle = threading.Condition()
         self._busy = 0
+        self._runs: set[str] = set()
+        """Jobs that the queue has called run() for."""
+        self._idle_jobs: set[Held] = set()
+        """Jobs that the queue has given to this worker, without calling run() for them yet."""
 
     def serve(self, stop: threading.Event) -> None:
         """Work until `stop` is set, then put back what is running. Raises StartError.
@@ -62,6 +70,8 @@ class Worker:
             lambda job_id, number: self._teller.tell(job_id, number),
             self._settings.worker_concurrency,
             self._settings.poll_seconds,
+            self._sweep,
+            self._settings.sweep_seconds,
         )
         log.info("ready", extra={"worker": self.id})
         self.keep()
@@ -80,35 +90,75 @@ class Worker:
             self._beat()
             with self._engine.begin() as connection:
                 living = jobs.living_workers(connection, self._settings.silence_seconds)
-            for job_id in engine.take_over(living):
-                log.warning("taken over", extra={"job": job_id, "worker": self.id})
+            held = self._queue.held()
+            dead = {one for one in held if one.worker not in living}
+            forgotten = self._forgotten(held)
+            self._queue.put_back(dead | forgotten)
+            for one in dead:
+                log.warning("taken over", extra={"job": one.id, "worker": self.id})
                 metrics.TAKEOVERS.inc()
+            for one in forgotten:
+                log.warning("put back", extra={"job": one.id, "worker": self.id})
+            self._fail_overdue()
             self._queue_news()
-        except sa.exc.DBAPIError:
-            log.exception("the database did not answer", extra={"worker": self.id})
+        except Exception:  # the next heartbeat may find the database there again
+            log.exception("the heartbeat was cut short", extra={"worker": self.id})
+
+    def _forgotten(self, held: Iterable[Held]) -> set[Held]:
+        """Jobs that this worker has taken out of the queue, but the answer to that got lost."""
+        with self._idle:
+            idle = {
+                one
+                for one in held
+                if (one.worker, one.queue) == (self.id, engine.JOBS) and one.id not in self._runs
+            }
+        # What came out just now is called run() for in a moment.
+        forgotten, self._idle_jobs = idle & self._idle_jobs, idle
+        return forgotten
 
     def run(self, job_id: str) -> None:
-        """Run a job to its end. Returns only when the job has ended, however."""
-        held: jobs.Job | None = None
+        """Run a job to its end. Returns only when the job has ended, however.
+
+        An attempt that is cut short is followed by another; it counts as lost, unless by what may
+        pass, like a database that is away.
+        """
+        with self._idle:
+            # A job that was taken over while this worker was frozen may come back to it.
+            self._idle.wait_for(lambda: job_id not in self._runs)
+            self._runs.add(job_id)
+        try:
+            self._run(job_id)
+        finally:
+            with self._idle:
+                self._runs.remove(job_id)
+                self._idle.notify_all()
+
+    def _run(self, job_id: str) -> None:
+        attempt: Attempt | None = None
+        lost = False
         while True:
             if self._stopping.is_set():
                 # A return would tell the queue that the job is done.
                 threading.Event().wait()
             try:
+                if attempt:
+                    attempt.give_up(lost)
+                    attempt = None
                 with self._engine.begin() as connection:
-                    if held:
-                        jobs.release(connection, held)
                     held = jobs.claim(connection, job_id, self.id)
                     known = held or jobs.find(connection, job_id)
                 if known is None or known.ended:
                     return
                 if held:
-                    self._attempt(held)
-                    held = None
+                    attempt = self._start(held)
+                    self._finish(held, attempt)
+                    attempt = None
                     self._queue_news()
                     continue
-            except sa.exc.DBAPIError:
-                log.exception("the database did not answer", extra={"job": job_id})
+            except Exception as error:
+                # Raised to the queue, it would end the job there and nowhere else.
+                lost = not passes(error)
+                log.exception("cut short", extra={"job": job_id, "worker": self.id})
             # Another worker that lives has it: stay by, in case that it dies.
             self._stopping.wait(_RETRY_SECONDS)
 
@@ -116,33 +166,51 @@ class Worker:
         with self._engine.begin() as connection:
             webhooks.queue_news(connection, self._queue)
 
-    def _attempt(self, job: jobs.Job) -> None:
+    def _start(self, job: jobs.Job) -> Attempt:
+        return Attempt(
+            job,
+            self._engine,
+            self._storage,
+            self._settings,
+            self._fork_server,
+            self._stopping.is_set,
+        )
+
+    def _finish(self, job: jobs.Job, attempt: Attempt) -> None:
         with self._idle:
             self._busy += 1
         try:
             if job.state == State.CANCELING:
-                with self._engine.begin() as connection:
-                    jobs.acknowledge_cancel(connection, job)
+                attempt.give_up()
             elif job.lost >= jobs.LOST_ATTEMPTS:
-                reason = AbandonedError(
-                    f"The job was given up because its worker died {job.lost} times while at it; "
-                    "these photographs may be what kills it."
-                )
+                log.warning("given up", extra={"job": job.id, "trace_id": job.trace_id})
+                problem = problem_of(AbandonedError(job.lost), job.trace_id).model_dump()
                 with self._engine.begin() as connection:
-                    jobs.fail(connection, job, problem_of(reason, job.trace_id).model_dump())
+                    jobs.fail(connection, job, problem, self._keep_seconds)
             else:
-                Attempt(
-                    job,
-                    self._engine,
-                    self._storage,
-                    self._settings,
-                    self._fork_server,
-                    self._stopping.is_set,
-                ).run()
+                attempt.run()
         finally:
             with self._idle:
                 self._busy -= 1
                 self._idle.notify_all()
+
+    def _fail_overdue(self) -> None:
+        """End the jobs that wait past their deadlines; their attempts end those that run."""
+        with self._engine.connect() as connection:
+            late = jobs.overdue(connection)
+        for job in late:
+            problem = problem_of(DeadlineError(), job.trace_id).model_dump()
+            with self._engine.begin() as connection:
+                failed = jobs.fail_waiting(connection, job.id, problem, self._keep_seconds)
+            if failed:
+                log.info("failed: %s", problem["type"], extra={"job": job.id})
+                self._queue.withdraw(job.id)
+
+    def _sweep(self, thorough: bool) -> None:
+        try:
+            self._sweeping.run(thorough)
+        except Exception:  # the next one does what this one has left
+            log.exception("the sweep was cut short", extra={"worker": self.id})
 
     def _beat(self) -> None:
         with self._engine.begin() as connection:

@@ -19,6 +19,7 @@ from service.api import (
     health,
     jobs,
     problems,
+    reruns,
     results,
     tus,
 )
@@ -72,14 +73,14 @@ def create_app(origins: Sequence[str] = ()) -> FastAPI:
     app.include_router(health.router, responses=problems.responses(ForeignHostError, status=(422,)))
     app.include_router(documents.router)
     refusals = (UnauthorizedError, ForbiddenError, ForeignHostError, ForeignOriginError)
-    for module in (jobs, events, calibrations, tus, results, cameras):
+    for module in (jobs, reruns, events, calibrations, tus, results, cameras):
         app.include_router(module.router, responses=problems.responses(*refusals, status=(422,)))
     make_document = app.openapi
 
     def openapi() -> dict[str, Any]:
         document = make_document()
         schemas = document["components"]["schemas"]
-        for model in (*jobs.SCHEMAS, *calibrations.SCHEMAS, Problem):
+        for model in (*jobs.SCHEMAS, *reruns.SCHEMAS, *calibrations.SCHEMAS, Problem):
             schema = model.model_json_schema(ref_template="#/components/schemas/{model}")
             schemas |= schema.pop("$defs", {})
             schemas[model.__name__] = schema

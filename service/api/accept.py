@@ -5,14 +5,15 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import os
 import uuid
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import sqlalchemy as sa
 from obstore.exceptions import BaseError
+from pydantic import BaseModel
 
 from pipeline.errors import OptionError, UnreadableImageError
 from service import eta, jobs, quotas, sandbox, tracing, uploads
@@ -22,7 +23,7 @@ from service.api.context import Context
 from service.api.intake import Intake
 from service.api.models import Handling
 from service.api.uploaded import bring_uploaded, take_over
-from service.attempt import FRAMES, describe_inputs, inputs_key
+from service.attempt import FRAMES, describe_inputs, inputs_key, job_key
 from service.errors import (
     CrashError,
     IdempotencyError,
@@ -54,14 +55,17 @@ def refuse_when_full(context: Context, caller: Caller, idempotency_key: str | No
     """Refuse a new job where there is no room for it: before its body is read, and once it is.
 
     idempotency_key: one that made a job already passes. Raises QueueFullError when as many jobs
-    wait as may, StorageFullError when the store's disk is nearly full, and what quotas.check
-    raises.
+    wait as may, of this caller or in all, StorageFullError when the store's disk is nearly full,
+    and what quotas.check raises.
     """
     if _job_of(context, caller, idempotency_key):
         return
     with context.engine.connect() as connection:
         quotas.check(connection, caller.owner)
+        own = jobs.count_queued(connection, caller.owner)
         waiting = jobs.count_queued(connection)
+    if own >= context.settings.queued_jobs_per_key:
+        raise QueueFullError(f"{own} jobs of yours wait already; send this one again later.")
     if waiting >= context.settings.queued_jobs:
         raise QueueFullError(f"{waiting} jobs wait already; send this one again later.")
     refuse_when_disk_full(context)
@@ -86,57 +90,111 @@ def accept(
     """Store the pair for good, then commit row and queue entry together.
 
     An idempotency_key that made a job already gives that job; of requests that come at once, one
-    makes it. Raises ForbiddenError when the key is not for it, IdempotencyError when that job was
-    another one, OptionError and UnfinishedUploadError for uploads that cannot be used, TaskError
-    when the headers of the pair cannot be, OptionError when the webhook is one that is not called,
-    and what refuse_when_full raises.
+    makes it. Raises ForbiddenError when the key is not for it, OptionError and
+    UnfinishedUploadError for uploads that cannot be used, TaskError when the headers of the pair
+    cannot be, and what refuse_when_full, replay and commit raise.
     """
     caller.need(Scope.CAPTURE if wanted.capture else Scope.SUBMIT)
     refuse_when_full(context, caller, idempotency_key)  # an upload may have taken long
-    _check_webhook(context, wanted.handling)
-    request_hash = _request_hash(wanted)
-    if earlier := _job_of(context, caller, idempotency_key):
-        return _replayed(earlier, request_hash)
-    job_id = uuid.uuid4().hex
-    try:
-        sha256 = {} if wanted.capture else _store_pair(context, caller, job_id, wanted, trace_id)
-        options = wanted.options.model_dump(mode="json", exclude_unset=True)
-        stored = sum((wanted.directory / frame).stat().st_size for frame in FRAMES if sha256)
-        values: dict[str, Any] = {
-            "id": job_id,
-            "owner": caller.owner,
-            "options": options,
-            "likeness": eta.likeness(options, stored, wanted.capture),
-            "priority": wanted.handling.priority,
-            "webhook": wanted.handling.webhook and wanted.handling.webhook.model_dump(),
+    check_webhook(context, wanted.handling)
+    request_hash = digest(
+        {
+            "options": wanted.options.model_dump(mode="json"),
+            "handling": wanted.handling.model_dump(mode="json"),
             "capture": wanted.capture,
-            "inputs": describe_inputs(job_id, sha256) if sha256 else None,
-            "stored_bytes": stored,
-            "trace_id": trace_id,
-            "span_id": tracing.span_id(),
-            "idempotency_key": idempotency_key,
-            "request_hash": request_hash,
+            "sha256": wanted.sha256,
+            # Their bytes never change, and they go when a job is made of them.
+            "uploads": wanted.uploads,
         }
+    )
+    if earlier := replay(context, caller, idempotency_key, request_hash):
+        return earlier
+    job_id = uuid.uuid4().hex
+    sha256: dict[str, str] = {}
+    if not wanted.capture:
+        try:
+            sha256 = _store_pair(context, caller, job_id, wanted, trace_id)
+        except OptionError:  # another request with this key may have taken the uploads just now
+            if earlier := replay(context, caller, idempotency_key, request_hash):
+                return earlier
+            raise
+    values = {
+        "id": job_id,
+        "trace_id": trace_id,
+        "capture": wanted.capture,
+        "inputs": describe_inputs(job_id, sha256) if sha256 else None,
+        "stored_bytes": sum((wanted.directory / frame).stat().st_size for frame in sha256),
+        "idempotency_key": idempotency_key,
+        "request_hash": request_hash,
+    }
+    return commit(context, caller, values, wanted.options, wanted.handling, wanted.uploads)
+
+
+def commit(
+    context: Context,
+    caller: Caller,
+    values: dict[str, Any],
+    options: BaseModel,
+    handling: Handling,
+    taken: Mapping[str, str],
+) -> Accepted:
+    """Commit row and queue entry of a job whose files are stored; without it, remove the files.
+
+    values: of the row, as far as the other arguments do not give them. taken: ids of uploads that
+    the job takes over, by frame. Raises IdempotencyError, QuotaError, StoredQuotaError, and
+    OptionError for uploads that are gone.
+    """
+    asked = options.model_dump(mode="json", exclude_unset=True)
+    row = values | {
+        "owner": caller.owner,
+        "options": asked,
+        "likeness": eta.likeness(asked, values["stored_bytes"], values["capture"]),
+        "priority": handling.priority,
+        "webhook": handling.webhook and handling.webhook.model_dump(),
+        "span_id": tracing.span_id(),
+    }
+    try:
         with context.engine.begin() as connection:
-            jobs.add(connection, values)
-            context.queue.submit(connection, job_id)
-            take_over(connection, caller, wanted.uploads)
+            rank = jobs.add(connection, row, handling.deadline_seconds)
+            context.queue.submit(connection, row["id"], rank)
+            take_over(connection, caller, taken)
     except (QuotaError, StoredQuotaError):
-        context.storage.delete_below(f"jobs/{job_id}/")
+        context.storage.delete_below(job_key(row["id"]))
         raise
     except (sa.exc.IntegrityError, OptionError):
-        context.storage.delete_below(f"jobs/{job_id}/")
-        earlier = _job_of(context, caller, idempotency_key)
+        context.storage.delete_below(job_key(row["id"]))
+        earlier = replay(context, caller, row["idempotency_key"], row["request_hash"])
         if earlier is None:  # what made it fail is gone, or it did not fail over the key
             raise
-        return _replayed(earlier, request_hash)
+        return earlier
     with contextlib.suppress(BaseError):  # what stays is removed as pieces without an upload
-        for upload_id in wanted.uploads.values():
+        for upload_id in taken.values():
             uploads.delete_parts(context.storage, upload_id)
-    return Accepted(job_id, replayed=False)
+    return Accepted(row["id"], replayed=False)
 
 
-def _check_webhook(context: Context, handling: Handling) -> None:
+def replay(
+    context: Context, caller: Caller, idempotency_key: str | None, request_hash: str
+) -> Accepted | None:
+    """Give the job that a request with this key has made. Raises IdempotencyError."""
+    earlier = _job_of(context, caller, idempotency_key)
+    if earlier is None:
+        return None
+    if earlier.request_hash != request_hash:
+        raise IdempotencyError(
+            "This Idempotency-Key belongs to a request with another pair or other options; "
+            "use a new key."
+        )
+    return Accepted(earlier.id, replayed=True)
+
+
+def digest(same: dict[str, Any]) -> str:
+    """Digest what two requests share when they ask for the same."""
+    return hashlib.sha256(json.dumps(same, sort_keys=True).encode()).hexdigest()
+
+
+def check_webhook(context: Context, handling: Handling) -> None:
+    """Refuse a webhook that is not called. Raises OptionError."""
     if handling.webhook is None:
         return
     allowed = parse_networks(context.settings.webhook_private)
@@ -144,15 +202,6 @@ def _check_webhook(context: Context, handling: Handling) -> None:
         check_url(handling.webhook.url, allowed, context.settings.webhook_https)
     except ForbiddenAddressError as error:
         raise OptionError(f"webhook.url: {error}.") from error
-
-
-def _replayed(earlier: jobs.Job, request_hash: str) -> Accepted:
-    if earlier.request_hash != request_hash:
-        raise IdempotencyError(
-            "This Idempotency-Key belongs to a request with another pair or other options; "
-            "use a new key."
-        )
-    return Accepted(earlier.id, replayed=True)
 
 
 def _store_pair(
@@ -166,7 +215,7 @@ def _store_pair(
             context.storage.put(inputs_key(job_id, frame), directory / frame)
         context.storage.flush(inputs_key(job_id, frame) for frame in FRAMES)
     except BaseError:
-        context.storage.delete_below(f"jobs/{job_id}/")
+        context.storage.delete_below(job_key(job_id))
         raise
     return sha256
 
@@ -177,8 +226,7 @@ def _check(context: Context, job_id: str, directory: Path, trace_id: str) -> Non
         job=job_id,
         trace_id=trace_id,
         directory=str(directory),
-        memory_bytes=context.settings.job_memory_bytes,
-        cpu_seconds=int(_CHECK_SECONDS * (os.cpu_count() or 1)),
+        limits=sandbox.Limits.of(context.settings, _CHECK_SECONDS),
         options={},
         capture=None,
     )
@@ -196,18 +244,6 @@ def _check(context: Context, job_id: str, directory: Path, trace_id: str) -> Non
                 "The program that reads the headers of photographs crashed on these: they are "
                 "damaged, or of a kind that is not read; if both open elsewhere, report it."
             ) from error
-
-
-def _request_hash(wanted: Intake) -> str:
-    """Digest what two requests share when they ask for the same: options, and pair or camera."""
-    same = {
-        "options": wanted.options.model_dump(mode="json"),
-        "handling": wanted.handling.model_dump(mode="json"),
-        "capture": wanted.capture,
-        "sha256": wanted.sha256,
-        "uploads": wanted.uploads,  # their bytes never change, and go when a job is made of them
-    }
-    return hashlib.sha256(json.dumps(same, sort_keys=True).encode()).hexdigest()
 
 
 def _job_of(context: Context, caller: Caller, idempotency_key: str | None) -> jobs.Job | None:

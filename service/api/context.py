@@ -12,7 +12,7 @@ from typing import Annotated
 import sqlalchemy as sa
 from fastapi import Depends, Request
 
-from service import sandbox
+from service import sandbox, scratch
 from service.api.watching import Watching
 from service.engine import Queue
 from service.forkserver import ForkServer
@@ -44,6 +44,7 @@ class Context:
 def open_context(settings: Settings) -> Iterator[Context]:
     """Open the parts for as long as the block. Raises StartError."""
     with contextlib.ExitStack() as stack:
+        scratch.clear(settings.data_dir)
         engine = open_database(settings)
         stack.callback(engine.dispose)
         queue = Queue(engine)

@@ -26,7 +26,13 @@ from pipeline.errors import OptionError
 from pipeline.options import Options
 from service import scratch
 from service.api.form import Form, read_form
-from service.api.models import CalibrationRequest, CaptureRequest, Handling, UploadsRequest
+from service.api.models import (
+    CalibrationRequest,
+    CaptureRequest,
+    Handling,
+    RerunRequest,
+    UploadsRequest,
+)
 from service.attempt import FRAMES
 from service.errors import (
     MalformedRequestError,
@@ -95,6 +101,20 @@ async def _read(
         else:
             form = await _form(request, limit, directory)
             yield await run_in_threadpool(sent, form, directory)
+
+
+async def read_rerun(request: Request, limit: int) -> RerunRequest:
+    """Read a request for a rerun; an empty body asks for the same again.
+
+    Raises UnsupportedMediaError, UploadTooLargeError, OptionError.
+    """
+    body = await _limited(request, min(limit, _JSON_BYTES)).body()
+    if body and _media_type(request) != "application/json":
+        raise UnsupportedMediaError("Send what the rerun is to do as application/json.")
+    try:
+        return RerunRequest.model_validate_json(body or b"{}")
+    except ValidationError as error:
+        raise OptionError(sentence_of(error)) from error
 
 
 def _media_type(request: Request) -> str:

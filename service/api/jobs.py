@@ -22,6 +22,7 @@ from service.api.prefer import APPLIED, Wait
 from service.api.problems import responses
 from service.api.watching import answers
 from service.errors import UnknownJobError
+from service.retention import remove
 from service.states import State
 
 router = APIRouter(tags=["jobs"])
@@ -119,7 +120,7 @@ def cancel_job(context: Parts, caller: Calling, job_id: str) -> JobAnswer:
     """Stop a job; one that has ended stays as it is."""
     with context.engine.begin() as connection:
         find(connection, caller, job_id)
-        jobs.request_cancel(connection, job_id)
+        jobs.request_cancel(connection, job_id, context.settings.retention_seconds)
         job = find(connection, caller, job_id)
     if job.state == State.CANCELED:
         context.queue.withdraw(job_id)
@@ -134,11 +135,9 @@ def delete_job(context: Parts, caller: Calling, job_id: str) -> None:
     with context.engine.begin() as connection:
         find(connection, caller, job_id)
         jobs.request_cancel(connection, job_id)
+        jobs.condemn(connection, job_id)  # whatever comes of the rest, a sweep finds it
         job = find(connection, caller, job_id)
-    # The row goes last, so that a delete that was cut short can be sent again.
-    context.storage.delete_below(f"jobs/{job_id}/")
-    with context.engine.begin() as connection:
-        jobs.remove(connection, job_id)
+    remove(context.engine, context.storage, job_id)
     if job.ended:  # a running one leaves the queue when its worker finds the row gone
         context.queue.forget(job_id)
 

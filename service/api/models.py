@@ -52,10 +52,14 @@ class Handling(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     priority: jobs.Priority = Field(
-        default="normal", description="What goes first among your own waiting jobs."
+        default="normal",
+        description="While many jobs wait, 16 high ones or 4 normal ones go for each low one.",
     )
     deadline_seconds: float | None = Field(
-        default=None, gt=0, description="The job fails when it has not ended after so long."
+        default=None,
+        gt=0,
+        le=366 * 86400,
+        description="The job fails when it has not ended after so long.",
     )
     webhook: Webhook | None = None
 
@@ -88,6 +92,15 @@ class CalibrationRequest(Handling):
 
     uploads: UploadedPair
     options: CalibrationOptions
+
+
+class RerunRequest(Handling):
+    """Another job on the photographs of one."""
+
+    options: dict[str, Any] | None = Field(
+        default=None,
+        description="In place of those of the job, and of the same kind; null: the same ones.",
+    )
 
 
 class Calibrated(BaseModel):

@@ -16,7 +16,13 @@ from service.api.problems import responses
 from service.api.ranges import parse_range
 from service.api.zips import Member, stored_zip
 from service.attempt import results_key
-from service.errors import NotReadyError, RangeError, UnknownJobError, UnknownResultError
+from service.errors import (
+    GoneError,
+    NotReadyError,
+    RangeError,
+    UnknownJobError,
+    UnknownResultError,
+)
 from service.states import State
 
 router = APIRouter(tags=["results"])
@@ -66,7 +72,7 @@ _MANIFEST_SCHEMA = {
             "description": "The manifest.",
             "content": {"application/json": {"schema": _MANIFEST_SCHEMA}},
         },
-        **responses(UnknownJobError, NotReadyError, status=(503,)),
+        **responses(UnknownJobError, NotReadyError, GoneError, status=(503,)),
     },
 )
 def get_manifest(context: Parts, caller: Calling, job_id: str) -> Response:
@@ -86,7 +92,14 @@ def get_manifest(context: Parts, caller: Calling, job_id: str) -> Response:
         206: {"description": "The part that Range asked for.", "content": {"*/*": _BINARY}},
         304: {"description": "The file is the one that If-None-Match names."},
         307: {"description": "Where the store itself gives the file, for some minutes."},
-        **responses(UnknownJobError, UnknownResultError, NotReadyError, RangeError, status=(503,)),
+        **responses(
+            UnknownJobError,
+            UnknownResultError,
+            NotReadyError,
+            GoneError,
+            RangeError,
+            status=(503,),
+        ),
     },
 )
 def get_result(
@@ -136,7 +149,7 @@ def get_result(
     response_class=Response,
     responses={
         200: {"description": "Every file, stored.", "content": {"application/zip": _BINARY}},
-        **responses(UnknownJobError, NotReadyError, status=(503,)),
+        **responses(UnknownJobError, NotReadyError, GoneError, status=(503,)),
     },
 )
 def get_zip(context: Parts, caller: Calling, job_id: str) -> Response:
@@ -159,6 +172,8 @@ def _member(context: Context, job: jobs.Job, result: dict[str, Any]) -> Member:
 def _succeeded(context: Context, caller: Caller, job_id: str) -> jobs.Job:
     with context.engine.connect() as connection:
         job = find(connection, caller, job_id)
+    if job.state == State.EXPIRED:
+        raise GoneError("The results of the job are removed; run it again.")
     if job.state != State.SUCCEEDED:
         raise NotReadyError(f"The job is {job.state}; results are there once it is succeeded.")
     return job

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import sqlalchemy as sa
@@ -33,7 +34,7 @@ def bring_uploaded(
         raise OptionError(_UNKNOWN.format("uploads", "of these ids")) from error
 
 
-def take_over(connection: sa.Connection, caller: Caller, named: dict[str, str]) -> None:
+def take_over(connection: sa.Connection, caller: Caller, named: Mapping[str, str]) -> None:
     """Delete the rows of uploads that become a job in this transaction. Raises OptionError."""
     if named and not uploads.remove(connection, caller.owner, set(named.values())):
         raise OptionError(_UNKNOWN.format("uploads", "of these ids"))

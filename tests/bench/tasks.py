@@ -19,7 +19,7 @@ from typing import Any, Literal
 from service import sandbox
 from service.attempt import FRAMES
 from service.forkserver import ForkServer
-from service.settings import MIB
+from service.settings import Settings
 from tests.bench.usage import python, run
 
 _TASKS = 40
@@ -105,7 +105,8 @@ def _check(server: ForkServer, folder: Path) -> None:
 def _task(
     kind: Literal["check", "separate"], folder: Path, options: dict[str, Any] | None = None
 ) -> sandbox.Task:
-    return sandbox.Task(kind, "bench", "0" * 32, str(folder), 8192 * MIB, 900, options or {}, None)
+    limits = sandbox.Limits.of(Settings(), 900)
+    return sandbox.Task(kind, "bench", "0" * 32, str(folder), limits, options or {}, None)
 
 
 def _ignore(_stage: str, _fraction: float) -> None:

@@ -15,6 +15,7 @@ _NAMES = {"uq": "%(table_name)s_%(column_0_name)s_key"}
 def upgrade() -> None:
     """Add the columns of jobs, then the tables that came with them."""
     op.drop_index("jobs_by_age", "jobs")
+    op.drop_index("jobs_by_state", "jobs")
     with op.batch_alter_table("jobs", naming_convention=_NAMES) as jobs:
         for column in _columns():
             jobs.add_column(column)
@@ -22,6 +23,10 @@ def upgrade() -> None:
         jobs.drop_constraint("jobs_idempotency_key_key", type_="unique")
         jobs.create_unique_constraint("jobs_by_idempotency_key", ["owner", "idempotency_key"])
     op.create_index("jobs_by_age", "jobs", ["owner", "created", "id"])
+    op.create_index("jobs_by_rank", "jobs", ["state", "rank", "created", "id"])
+    op.create_index("jobs_by_flow", "jobs", ["state", "owner", "priority", "rank"])
+    op.create_index("jobs_by_deadline", "jobs", ["state", "deadline"])
+    op.create_index("jobs_by_expiry", "jobs", ["state", "expires"])
     op.create_index("jobs_by_likeness", "jobs", ["likeness", "state", "created"])
     news = sa.text("webhook IS NOT NULL AND delivery IS NULL")
     op.create_index("jobs_with_news", "jobs", ["state"], sqlite_where=news, postgresql_where=news)

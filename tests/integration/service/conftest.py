@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-import shutil
 import signal
 import socket
 import subprocess
@@ -20,6 +20,7 @@ from moto.server import ThreadedMotoServer
 import drivers
 from pipeline.progress import STAGES
 from service.client import Client, ServiceAwayError
+from tests.postgresql import PostgreSQL, find_programs
 
 Job = dict[str, Any]
 
@@ -238,23 +239,22 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
 
 
 @pytest.fixture
-def make_service() -> Iterator[Callable[..., Service]]:
-    """Make a service that is not started yet: make_service(folder, setting=value)."""
-    made: list[Service] = []
-
-    def make(folder: Path, **settings: object) -> Service:
-        made.append(Service(folder / "service", **settings))
-        return made[-1]
-
-    yield make
-    for service in made:
-        service.close()
-
-
-@pytest.fixture
 def own_service(tmp_path: Path) -> Iterator[Service]:
     """A service of the test's own, to be killed."""
     yield from _running(Service(tmp_path / "service"))
+
+
+@pytest.fixture
+def make_service() -> Iterator[Callable[..., Service]]:
+    """Make a service with settings of the test's own; it is the test that starts it."""
+    with contextlib.ExitStack() as stack:
+
+        def make(folder: Path, **settings: object) -> Service:
+            service = Service(folder, **settings)
+            stack.callback(service.close)
+            return service
+
+        yield make
 
 
 @pytest.fixture
@@ -326,34 +326,10 @@ def postgresql(
     tmp_path_factory: pytest.TempPathFactory, lacking: Callable[[str], NoReturn]
 ) -> Iterator[str]:
     """A PostgreSQL server of its own: the URL of an empty database."""
-    places = [*sorted(Path("/usr/lib/postgresql").glob("*/bin"), reverse=True)]
-    found = shutil.which("initdb", path=os.pathsep.join([*map(str, places), os.environ["PATH"]]))
-    if found is None:
+    programs = find_programs()
+    if programs is None:
         lacking("postgresql")
-    programs = Path(found).resolve().parent
-    folder = tmp_path_factory.mktemp("postgresql")
-    # PostgreSQL refuses to run as root; its package has made a user for it.
-    user = "postgres" if os.geteuid() == 0 else None
-    if user:
-        shutil.chown(folder, user)
-        for parent in folder.parents[:2]:
-            parent.chmod(0o755)
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]
-
-    def run(*command: str) -> None:
-        subprocess.run(
-            [str(programs / command[0]), *command[1:]],
-            user=user,
-            cwd=folder,
-            check=True,
-            stdout=subprocess.DEVNULL,
-        )
-
-    data = str(folder / "data")
-    run("initdb", "-D", data, "-A", "trust", "-U", "lightlayers", "--no-sync")
-    options = f"-p {port} -h 127.0.0.1 -k {folder} -c fsync=off"
-    run("pg_ctl", "-D", data, "-l", str(folder / "log"), "-w", "-o", options, "start")
-    run("createdb", "-h", "127.0.0.1", "-p", str(port), "-U", "lightlayers", "lightlayers")
-    yield f"postgresql://lightlayers@127.0.0.1:{port}/lightlayers"
-    run("pg_ctl", "-D", data, "-m", "immediate", "stop")
+    server = PostgreSQL(tmp_path_factory.mktemp("postgresql") / "server", programs)
+    server.create()
+    yield server.url()
+    server.stop()

@@ -99,7 +99,7 @@ def test_jobs_of_the_first_version_go_forward(empty: sa.Engine) -> None:
     queue = engine.Queue(empty)
     with empty.begin() as connection:
         _add_old_jobs(connection)
-        queue.submit(connection, "queued")
+        queue.submit(connection, "queued", 1)
     assert migrations.upgrade(empty) == ("0001", migrations.newest())
     with empty.connect() as connection:
         found = {state: jobs.find(connection, state) for state in _OLD_STATES}
@@ -115,8 +115,8 @@ def test_jobs_of_the_first_version_go_forward(empty: sa.Engine) -> None:
     assert owned == found["failed"]
     with empty.begin() as connection:  # the queue has what it had, and may be written
         assert _in_queue(connection) == ["queued"]
-        jobs.add(connection, {**_values("new"), "idempotency_key": "new"})
-        queue.submit(connection, "new")
+        rank = jobs.add(connection, {**_values("new"), "idempotency_key": "new"})
+        queue.submit(connection, "new", rank)
     with empty.connect() as connection:
         assert _in_queue(connection) == ["new", "queued"]
     with pytest.raises(sa.exc.IntegrityError), empty.begin() as connection:

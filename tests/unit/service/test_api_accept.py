@@ -74,8 +74,8 @@ class TestFullQueue:
     def test_a_queue_that_fills_during_an_upload_refuses_it(
         self, http: httpx.Client, png: Png, context: Context, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        counts = iter([1, 2])
-        monkeypatch.setattr(jobs, "count_queued", lambda _connection: next(counts))
+        counts = iter([1, 1, 2, 2])  # of the caller and in all, twice
+        monkeypatch.setattr(jobs, "count_queued", lambda _connection, _owner=None: next(counts))
         answer = post_pair(http, png(64, 48), png(64, 48, True))
         assert problem_of(answer)[:2] == (429, "queue-full")
         assert context.storage.list("") == []

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import errno
 import hashlib
+import sqlite3
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,11 +15,18 @@ from obstore.exceptions import GenericError
 from service import database, jobs, sandbox
 from service.api.context import Context
 from service.attempt import FRAMES, Attempt, describe_inputs, inputs_key, results_key
-from service.errors import CrashError
+from service.errors import CrashError, StorageFullError
+from service.settings import Settings
 from service.states import State
 from service.storage import Storage
 
 Run = Callable[[], jobs.Job | None]
+
+
+@pytest.fixture
+def settings(settings: Settings) -> Settings:
+    """Those of a job that waits for nothing."""
+    return settings.model_copy(update={"patience_seconds": 0.0})
 
 
 @pytest.fixture
@@ -117,24 +126,21 @@ def test_results_are_stored_with_what_an_answer_needs(
 def test_results_of_lost_attempts_go(
     run: Run, context: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def separate(task: sandbox.Task, *_rest: object) -> None:
-        with context.engine.begin() as connection:
-            connection.execute(sa.update(database.jobs).values(attempt=3))
-        (Path(task.directory) / "results").mkdir()
-
     claim = jobs.claim
 
     def third(connection: sa.Connection, job_id: str, worker: str) -> jobs.Job | None:
         held = claim(connection, job_id, worker)
+        connection.execute(sa.update(database.jobs).values(attempt=3))
         return held and replace(held, attempt=3)
 
     monkeypatch.setattr(jobs, "claim", third)
-    monkeypatch.setattr(sandbox, "run", separate)
+    monkeypatch.setattr(sandbox, "run", separates)
     for lost in (1, 2):
         context.storage.put(results_key("a", lost, "a.png"), b"half")
     job = run()
     assert job is not None and job.state == State.SUCCEEDED
-    assert context.storage.list("jobs/a/") == [inputs_key("a", frame) for frame in sorted(FRAMES)]
+    kept = [results_key("a", 3, "a.png"), *(inputs_key("a", frame) for frame in sorted(FRAMES))]
+    assert context.storage.list("jobs/a/") == kept
 
 
 def test_progress_is_written_now_and_then(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -209,3 +215,167 @@ def test_a_job_that_was_deleted_leaves_nothing_at_all(
     monkeypatch.setattr(sandbox, "run", separate)
     assert run() is None
     assert context.storage.list("jobs/") == []
+
+
+@pytest.fixture
+def patient(context: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have attempts try again, at once."""
+    monkeypatch.setitem(context.settings.__dict__, "patience_seconds", 300.0)
+    monkeypatch.setattr(Attempt, "_pause", lambda _attempt, _seconds: None)
+
+
+def separates(task: sandbox.Task, *_rest: object) -> None:
+    """Take the place of sandbox.run: one result."""
+    folder = Path(task.directory) / "results"
+    folder.mkdir()
+    (folder / "a.png").write_bytes(b"result")
+
+
+def at_first(error: Exception, work: Callable[..., Any]) -> Callable[..., Any]:
+    """Raise an error once, and then work."""
+    errors = [error]
+
+    def fail_once(*arguments: Any) -> Any:
+        if errors:
+            raise errors.pop()
+        return work(*arguments)
+
+    return fail_once
+
+
+@pytest.mark.usefixtures("patient")
+@pytest.mark.parametrize("method", ["get_file", "put_file", "flush"])
+@pytest.mark.parametrize("error", [GenericError("away"), OSError(errno.ENOSPC, "full")])
+def test_a_store_that_is_away_for_a_moment_costs_no_job(
+    run: Run, method: str, error: Exception, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sandbox, "run", separates)
+    monkeypatch.setattr(Storage, method, at_first(error, getattr(Storage, method)))
+    job = run()
+    assert job is not None
+    assert (job.state, job.attempt) == (State.SUCCEEDED, 1)
+
+
+@pytest.mark.usefixtures("patient")
+def test_a_disk_that_is_full_for_a_moment_costs_no_job(
+    run: Run, context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def write_half(task: sandbox.Task, *_rest: object) -> None:
+        separates(task)
+        monkeypatch.setattr(sandbox, "run", separates)
+        raise StorageFullError("The disk is full.")
+
+    monkeypatch.setattr(sandbox, "run", write_half)
+    job = run()
+    assert job is not None and job.state == State.SUCCEEDED
+    assert context.storage.get(results_key("a", 1, "a.png")) == b"result"
+
+
+def test_a_disk_that_stays_full_fails_the_job_with_that_reason(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sandbox, "run", raising(StorageFullError("The disk is full.")))
+    job = run()
+    assert job is not None and job.error is not None
+    assert job.error["type"] == "urn:lightlayers:problem:storage-full"
+    assert job.error["retryable"] is True
+
+
+def test_results_outlast_a_power_cut_before_the_job_has_succeeded(
+    run: Run, context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flushed: dict[str, State] = {}
+
+    def flush(_storage: Storage, keys: list[str]) -> None:
+        with context.engine.connect() as connection:
+            job = jobs.find(connection, "a")
+        assert job is not None
+        flushed.update(dict.fromkeys(keys, job.state))
+
+    monkeypatch.setattr(sandbox, "run", separates)
+    monkeypatch.setattr(Storage, "flush", flush)
+    run()
+    assert flushed == {results_key("a", 1, "a.png"): State.RUNNING}
+
+
+def test_what_cannot_be_cleared_does_not_cost_the_results(
+    run: Run, context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    claim = jobs.claim
+
+    def second(connection: sa.Connection, job_id: str, worker: str) -> jobs.Job | None:
+        claim(connection, job_id, worker)
+        return claim(connection, job_id, worker)
+
+    monkeypatch.setattr(jobs, "claim", second)
+    monkeypatch.setattr(sandbox, "run", separates)
+    delete = Storage.delete_below
+    away = at_first(GenericError("away"), delete)
+    monkeypatch.setattr(Storage, "delete_below", away)
+    job = run()
+    assert job is not None
+    assert (job.state, job.attempt) == (State.SUCCEEDED, 2)
+    assert context.storage.get(results_key("a", 2, "a.png")) == b"result"
+
+
+def away() -> sa.exc.OperationalError:
+    return sa.exc.OperationalError("", None, sqlite3.OperationalError("the database is away"))
+
+
+@pytest.mark.usefixtures("patient")
+@pytest.mark.parametrize("end", ["succeed", "fail"])
+def test_an_end_whose_answer_is_lost_is_written_once(
+    run: Run, context: Context, end: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The database has it, but what it says to that does not come through."""
+    write, lost = getattr(jobs, end), [True]
+
+    def write_and_lose(connection: sa.Connection, *arguments: Any) -> bool:
+        if not lost:
+            counts: bool = write(connection, *arguments)
+            return counts
+        lost.pop()
+        with context.engine.begin() as other:
+            assert write(other, *arguments)
+        raise away()
+
+    monkeypatch.setattr(jobs, end, write_and_lose)
+    monkeypatch.setattr(
+        sandbox, "run", separates if end == "succeed" else raising(CrashError("It crashed."))
+    )
+    job = run()
+    assert job is not None and not lost
+    stored = [key for key in context.storage.list("jobs/a/") if "/inputs/" not in key]
+    if end == "succeed":
+        assert (job.state, stored) == (State.SUCCEEDED, [results_key("a", 1, "a.png")])
+    else:
+        assert (job.state, stored) == (State.FAILED, [])
+
+
+@pytest.mark.parametrize(("silence", "goes_on"), [(3600.0, True), (0.0, False)])
+def test_work_goes_on_without_a_database_until_others_take_it_over(
+    silence: float,
+    goes_on: bool,
+    run: Run,
+    context: Context,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def separate(
+        task: sandbox.Task, _seconds: float, report: Any, must_stop: Any, *_rest: object
+    ) -> None:
+        with monkeypatch.context() as patch:
+            patch.setattr(jobs, "must_stop", raising(away()))
+            patch.setattr(jobs, "report", raising(away()))
+            report("layers", 0.5)
+            assert not must_stop()
+        separates(task)
+
+    monkeypatch.setitem(context.settings.__dict__, "silence_seconds", silence)
+    monkeypatch.setattr("service.attempt._ASK_SECONDS", -1.0)
+    monkeypatch.setattr(sandbox, "run", separate)
+    if not goes_on:
+        with pytest.raises(sa.exc.OperationalError):
+            run()
+        return
+    job = run()
+    assert job is not None and job.state == State.SUCCEEDED

@@ -12,9 +12,9 @@ from typing import Any, Literal
 import pytest
 
 from service import sandbox
-from service.errors import MemoryLimitError, TimeLimitError
+from service.errors import FileLimitError, MemoryLimitError, OutputLimitError, TimeLimitError
 from service.forkserver import ForkServer
-from service.processes import OUT_OF_MEMORY
+from service.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
 from tests.unit.service.forked import fork_server
 
 GIB = 2**30
@@ -35,9 +35,12 @@ def _run(
     directory: Path,
     memory: int = 8 * GIB,
     cpu_seconds: int = 60,
+    open_files: int = 256,
+    output_bytes: int = 4 * GIB,
     capture: dict[str, Any] | None = None,
 ) -> list[Report]:
-    task = sandbox.Task(kind, "7", "f" * 32, str(directory), memory, cpu_seconds, {}, capture)
+    limits = sandbox.Limits(memory, cpu_seconds, open_files, output_bytes)
+    task = sandbox.Task(kind, "7", "f" * 32, str(directory), limits, {}, capture)
     reports: list[Report] = []
     sandbox.run(task, 100, lambda *report: reports.append(report), lambda: False, server)
     return reports
@@ -130,7 +133,7 @@ def work(task, tell):
 child._WORK["check"] = work
 sys.exit(child.main())
 """
-    task = sandbox.Task("check", "7", "f" * 32, "", GIB, 60, {}, None)
+    task = sandbox.Task("check", "7", "f" * 32, "", sandbox.Limits(GIB, 60, 64, GIB), {}, None)
     return subprocess.run(
         [sys.executable, "-c", code],
         input=json.dumps(asdict(task)).encode(),
@@ -168,3 +171,43 @@ def test_what_tasks_need_is_imported_without_starting_a_thread() -> None:
 def test_want_of_memory_in_opencv_is_want_of_memory() -> None:
     work = "import cv2, numpy; cv2.resize(numpy.zeros((9, 9)), (60000, 60000))"
     assert _in_a_child(work).returncode == OUT_OF_MEMORY
+
+
+def test_too_large_a_result_is_told(server: ForkServer, tmp_path: Path) -> None:
+    capture = {"camera": "sim://studio?width=300&height=200&noise=off"}
+    with pytest.raises(OutputLimitError, match="larger than a job's may be"):
+        _run(server, "capture", tmp_path, output_bytes=10_000, capture=capture)
+
+
+def test_too_many_open_files_are_told(
+    server: ForkServer, tmp_path: Path, png: Callable[..., bytes]
+) -> None:
+    _photographs(tmp_path, png(64, 48), png(64, 48, True))
+    with pytest.raises(FileLimitError, match="more open files"):
+        _run(server, "check", tmp_path, open_files=4)
+
+
+@pytest.mark.parametrize(
+    ("fault", "code"),
+    [
+        ("OSError(errno.ENOSPC, 'x')", DISK_FULL),
+        ("OSError(errno.EDQUOT, 'x')", DISK_FULL),
+        ("OSError(errno.EMFILE, 'x')", OUT_OF_FILES),
+        ("OSError(errno.ENOMEM, 'x')", OUT_OF_MEMORY),
+        ("MemoryError()", OUT_OF_MEMORY),
+    ],
+)
+def test_what_the_system_refuses_is_an_exit_code(fault: str, code: int) -> None:
+    done = _in_a_child(f"import errno; raise {fault}")
+    assert (done.returncode, done.stdout) == (code, b"")
+
+
+def test_a_child_has_all_its_limits() -> None:
+    names = ("RLIMIT_AS", "RLIMIT_CPU", "RLIMIT_NOFILE", "RLIMIT_FSIZE")
+    work = f"tell({{name: resource.getrlimit(getattr(resource, name)) for name in {names}}})"
+    assert json.loads(_in_a_child(work).stdout) == {
+        "RLIMIT_AS": [GIB, GIB],
+        "RLIMIT_CPU": [60, 65],
+        "RLIMIT_NOFILE": [64, 64],
+        "RLIMIT_FSIZE": [GIB, GIB],
+    }

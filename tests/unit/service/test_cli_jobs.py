@@ -38,8 +38,8 @@ def _a_job(context: Context) -> None:
         "request_hash": "",
     }
     with context.engine.begin() as connection:
-        jobs.add(connection, values)
-        context.queue.submit(connection, "a")
+        rank = jobs.add(connection, values)
+        context.queue.submit(connection, "a", rank)
 
 
 def _fail(context: Context) -> None:

@@ -204,6 +204,9 @@ def _in_state(engine: sa.Engine, state: State) -> jobs.Job:
             jobs.succeed(connection, held, [])
         if state == State.FAILED:
             jobs.fail(connection, held, {})
+        if state == State.EXPIRED:
+            jobs.succeed(connection, held, [])
+            jobs.condemn(connection, "a")
     assert _find(engine, "a").state == state
     return held
 
@@ -226,9 +229,18 @@ WRITES: dict[str, tuple[Callable[[sa.Connection, jobs.Job], object], dict[State,
         lambda connection, held: jobs.fail(connection, held, {}),
         {State.RUNNING: State.FAILED},
     ),
+    "fail_waiting": (
+        lambda connection, _held: jobs.fail_waiting(connection, "a", {}),
+        {State.QUEUED: State.FAILED},
+    ),
     "release": (jobs.release, {State.RUNNING: State.QUEUED}),
+    "lose": (jobs.lose, {State.RUNNING: State.QUEUED}),
     "report": (lambda connection, held: jobs.report(connection, held, "layers", 0.5), {}),
     "set_inputs": (lambda connection, held: jobs.set_inputs(connection, held, {}, 0), {}),
+    "condemn": (
+        lambda connection, _held: jobs.condemn(connection, "a"),
+        dict.fromkeys([State.SUCCEEDED, State.FAILED, State.CANCELED], State.EXPIRED),
+    ),
 }
 
 
@@ -244,7 +256,7 @@ def test_a_write_moves_a_job_only_from_where_it_may(
         do(connection, held)
     after = _find(engine, "a")
     assert after.state == moves.get(state, state)
-    if before.ended:
+    if before.ended and state not in moves and write != "condemn":
         assert after == before
 
 
@@ -302,12 +314,146 @@ def test_pages_go_from_new_to_old_and_meet_every_job_once(engine: sa.Engine) -> 
 
 def test_places_in_the_queue_count_from_one_and_skip_what_runs(engine: sa.Engine) -> None:
     queue = [_add(engine, job_id) for job_id in "abcd"]
-    queue.sort(key=lambda job: (job.created, job.id))
+    assert [job.rank for job in queue] == [4, 8, 12, 16]
     _claimed(engine, queue[0].id, "w1")
     with engine.connect() as connection:
         places = jobs.positions(connection, [_find(engine, job.id) for job in queue])
-        assert jobs.count_queued(connection) == 3
+        assert jobs.count_queued(connection) == jobs.count_queued(connection, "") == 3
+        assert jobs.count_queued(connection, "another") == 0
     assert places == {queue[1].id: 1, queue[2].id: 2, queue[3].id: 3}
+
+
+def test_a_place_in_the_queue_is_that_of_the_rank(engine: sa.Engine) -> None:
+    names = {"a": "one", "b": "one", "c": "one", "d": "another"}
+    queue = [_add(engine, job_id, owner=owner) for job_id, owner in names.items()]
+    with engine.connect() as connection:
+        places = jobs.positions(connection, queue)
+    assert places == {"a": 1, "d": 2, "b": 3, "c": 4}
+
+
+def test_a_lost_attempt_is_counted_and_the_job_keeps_its_rank(engine: sa.Engine) -> None:
+    first = _add(engine, "a")
+    held = _claimed(engine, "a", "w1")
+    with engine.begin() as connection:
+        jobs.report(connection, held, "layers", 0.25)
+        jobs.lose(connection, held)
+    job = _find(engine, "a")
+    assert (job.state, job.worker, job.stage, job.fraction) == (State.QUEUED, None, None, 0.0)
+    assert (job.lost, job.attempt, job.rank) == (1, 1, first.rank)
+
+
+def test_a_job_has_a_deadline_from_now(engine: sa.Engine) -> None:
+    row = {"id": "a", "options": {}, "trace_id": "t", "request_hash": "h"}
+    with engine.begin() as connection:
+        jobs.add(connection, row, deadline_seconds=50)
+    job = _find(engine, "a")
+    assert job.deadline == pytest.approx(job.created + 50, abs=0.1)
+
+
+def test_late_is_what_waits_past_its_deadline(engine: sa.Engine) -> None:
+    _add(engine, "early", deadline=9e9)
+    _add(engine, "late", deadline=1.0)
+    _add(engine, "endless")
+    _add(engine, "running", deadline=1.0)
+    held = _claimed(engine, "running", "w1")
+    with engine.begin() as connection:
+        assert [job.id for job in jobs.overdue(connection)] == ["late"]
+        assert jobs.is_late(connection, held)
+        assert not jobs.is_late(connection, _find(engine, "early"))
+        assert not jobs.is_late(connection, _find(engine, "endless"))
+        assert jobs.fail_waiting(connection, "late", {"detail": "too late"}, 10)
+        assert jobs.overdue(connection) == []
+        assert not jobs.fail_waiting(connection, "running", {})
+    job = _find(engine, "late")
+    assert (job.state, job.error) == (State.FAILED, {"detail": "too late"})
+    assert job.finished is not None and job.expires == pytest.approx(job.finished + 10, abs=0.1)
+
+
+ENDS: dict[str, Callable[[sa.Connection, jobs.Job, float | None], object]] = {
+    "succeeded": lambda connection, held, keep: jobs.succeed(
+        connection, held, [], keep_seconds=keep
+    ),
+    "failed": lambda connection, held, keep: jobs.fail(connection, held, {}, keep),
+    "canceled": lambda connection, held, keep: (
+        jobs.request_cancel(connection, held.id, keep),
+        jobs.acknowledge_cancel(connection, held, keep),
+    ),
+    "canceled while it waits": lambda connection, held, keep: (
+        jobs.release(connection, held),
+        jobs.request_cancel(connection, held.id, keep),
+    ),
+}
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_a_job_that_ends_knows_how_long_it_is_kept(end: str, engine: sa.Engine) -> None:
+    for job_id, keep in (("a", 60.0), ("b", None)):
+        _add(engine, job_id)
+        held = _claimed(engine, job_id, "w1")
+        with engine.begin() as connection:
+            ENDS[end](connection, held, keep)
+    dated, endless = _find(engine, "a"), _find(engine, "b")
+    assert dated.ended and endless.ended
+    assert dated.finished is not None
+    assert dated.expires == pytest.approx(dated.finished + 60, abs=0.1)
+    assert endless.expires is None
+
+
+def test_only_ended_jobs_past_their_time_expire(engine: sa.Engine) -> None:
+    for job_id, expires in (("a", 1.0), ("b", 9e9), ("c", None), ("d", 1.0), ("e", 1.0)):
+        _add(engine, job_id, expires=expires)
+        if job_id == "d":
+            continue
+        held = _claimed(engine, job_id, "w1")
+        if job_id == "e":
+            continue
+        with engine.begin() as connection:
+            jobs.succeed(connection, held, [])
+    with engine.begin() as connection:
+        assert jobs.expire(connection, 10) == ["a"]
+    assert [_find(engine, job_id).state for job_id in "abcde"] == [
+        State.EXPIRED,
+        State.SUCCEEDED,
+        State.SUCCEEDED,
+        State.QUEUED,
+        State.RUNNING,
+    ]
+    with engine.begin() as connection:  # until its row is gone, it is still to be removed
+        assert jobs.expire(connection, 10) == ["a"]
+        jobs.remove(connection, "a")
+        assert jobs.expire(connection, 10) == []
+
+
+def test_a_condemned_job_expires_once_it_has_ended(engine: sa.Engine) -> None:
+    _add(engine, "a")
+    held = _claimed(engine, "a", "w1")
+    with engine.begin() as connection:
+        jobs.request_cancel(connection, "a", 100)
+        jobs.condemn(connection, "a")
+        assert jobs.expire(connection, 10) == []
+        assert jobs.acknowledge_cancel(connection, held, 100)
+        assert jobs.expire(connection, 10) == ["a"]
+
+
+def test_what_was_to_be_kept_for_ever_is_dated_from_its_end(engine: sa.Engine) -> None:
+    for job_id in "abc":
+        _add(engine, job_id)
+    for job_id in "ab":
+        held = _claimed(engine, job_id, "w1")
+        with engine.begin() as connection:
+            jobs.succeed(connection, held, [])
+    with engine.begin() as connection:
+        assert [jobs.limit_keeping(connection, 60, 1) for _ in range(3)] == [1, 1, 0]
+    for job_id in "ab":
+        job = _find(engine, job_id)
+        assert job.finished is not None and job.expires == pytest.approx(job.finished + 60)
+    assert _find(engine, "c").expires is None
+
+
+def test_ids_of_jobs_are_told_from_others(engine: sa.Engine) -> None:
+    _add(engine, "a")
+    with engine.connect() as connection:
+        assert jobs.known(connection, ["a", "b"]) == {"a"}
 
 
 def test_a_silent_worker_is_dead_and_forgotten(engine: sa.Engine) -> None:
@@ -337,3 +483,12 @@ def test_the_folder_of_a_new_database_is_made(tmp_path_factory: pytest.TempPathF
     database.metadata.create_all(engine)
     engine.dispose()
     assert path.exists()
+
+
+def test_a_worker_takes_back_what_it_holds_without_knowing(engine: sa.Engine) -> None:
+    """The answer to its claim got lost; nothing died, so no attempt counts as lost."""
+    _add(engine, "a")
+    _claimed(engine, "a", "w1")
+    again = _claim(engine, "a", "w1")
+    assert again is not None
+    assert (again.state, again.attempt, again.lost, again.worker) == (State.RUNNING, 2, 0, "w1")

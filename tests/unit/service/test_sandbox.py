@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -10,9 +11,19 @@ import cv2
 import pytest
 
 from service import sandbox
-from service.errors import CrashError, MemoryLimitError, TimeLimitError
+from service.errors import (
+    CrashError,
+    FileLimitError,
+    MemoryLimitError,
+    OutputLimitError,
+    StorageFullError,
+    TimeLimitError,
+)
 from service.forkserver import ForkServer
+from service.settings import Settings
 from tests.unit.service.forked import fork_server, wait_until_gone
+
+LIMITS = sandbox.Limits(memory_bytes=2**30, cpu_seconds=10, open_files=64, output_bytes=1_000_000)
 
 
 def _run(
@@ -26,7 +37,7 @@ def _run(
 def _reports(
     server: ForkServer, seconds: float = 60, stop: Callable[[], bool] = lambda: False
 ) -> list[tuple[str, float]]:
-    task = sandbox.Task("separate", "7", "trace", "folder", 2**30, 10, {}, None)
+    task = sandbox.Task("separate", "7", "trace", "folder", LIMITS, {}, None)
     found: list[tuple[str, float]] = []
     sandbox.run(task, seconds, lambda *report: found.append(report), stop, server)
     return found
@@ -64,8 +75,8 @@ def test_a_crash_is_told_with_its_signal(name: str) -> None:
 
 
 def test_a_silent_failure_is_a_crash() -> None:
-    with pytest.raises(CrashError, match="exit code 5"):
-        _run("sys.exit(5)")
+    with pytest.raises(CrashError, match="exit code 9"):
+        _run("sys.exit(9)")
 
 
 def test_a_kill_from_outside_counts_as_want_of_memory() -> None:
@@ -105,10 +116,10 @@ time.sleep(600)
 
 def test_a_process_that_reads_nothing_is_no_trouble() -> None:
     options: dict[str, Any] = {"camera": "x" * 1_000_000}
-    task = sandbox.Task("separate", "7", "trace", "folder", 2**30, 10, options, None)
+    task = sandbox.Task("separate", "7", "trace", "folder", LIMITS, options, None)
     with (
-        contextlib.closing(fork_server("os._exit(4)")) as server,
-        pytest.raises(CrashError, match="exit code 4"),
+        contextlib.closing(fork_server("os._exit(8)")) as server,
+        pytest.raises(CrashError, match="exit code 8"),
     ):
         sandbox.run(task, 60, lambda _stage, _fraction: None, lambda: False, server)
 
@@ -147,3 +158,52 @@ def test_results_are_the_files_of_the_folder_by_name(tmp_path: Path) -> None:
     for name in ("manifest.json", "lamp1.jpg"):
         (results / name).write_bytes(b"")
     assert [path.name for path in sandbox.results_of(tmp_path)] == ["lamp1.jpg", "manifest.json"]
+
+
+@pytest.mark.parametrize(
+    ("code", "error", "detail"),
+    [
+        (
+            "signal.signal(signal.SIGXFSZ, signal.SIG_DFL); os.kill(os.getpid(), signal.SIGXFSZ)",
+            OutputLimitError,
+            "larger than a job's may be",
+        ),
+        ("sys.exit(4)", FileLimitError, "more open files than a job may have"),
+        ("sys.exit(5)", StorageFullError, "disk on which jobs run is full"),
+    ],
+)
+def test_what_a_process_ran_out_of_is_told(code: str, error: type[Exception], detail: str) -> None:
+    with pytest.raises(error, match=detail):
+        _run(code)
+
+
+_FILES = """
+task = json.load(sys.stdin)
+for number in range({count}):
+    with open(os.path.join(task["directory"], str(number)), "wb") as file:
+        file.truncate(400_000)
+{then}
+"""
+
+
+@pytest.mark.parametrize("then", ["", "import time; time.sleep(600)"])
+def test_files_that_are_small_alone_are_too_large_together(tmp_path: Path, then: str) -> None:
+    task = sandbox.Task("separate", "7", "trace", str(tmp_path), LIMITS, {}, None)
+    with (
+        contextlib.closing(fork_server(_FILES.format(count=3, then=then))) as server,
+        pytest.raises(OutputLimitError, match="larger than a job's may be"),
+    ):
+        sandbox.run(task, 60, lambda _stage, _fraction: None, lambda: False, server)
+
+
+def test_files_within_the_limit_are_let_be(tmp_path: Path) -> None:
+    task = sandbox.Task("separate", "7", "trace", str(tmp_path), LIMITS, {}, None)
+    with contextlib.closing(fork_server(_FILES.format(count=2, then=""))) as server:
+        sandbox.run(task, 60, lambda _stage, _fraction: None, lambda: False, server)
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_limits_are_those_of_the_settings(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "cpu_count", lambda: 4)
+    settings = Settings(job_memory_bytes=7, job_open_files=16, job_output_bytes=9)
+    assert sandbox.Limits.of(settings, 10) == sandbox.Limits(7, 41, 16, 9)

@@ -7,11 +7,15 @@ from service.states import ENDED, HELD, NEXT, State, before
 ALLOWED = {
     ("queued", "running"),
     ("queued", "canceled"),
+    ("queued", "failed"),
     ("running", "queued"),
     ("running", "canceling"),
     ("running", "succeeded"),
     ("running", "failed"),
     ("canceling", "canceled"),
+    ("succeeded", "expired"),
+    ("failed", "expired"),
+    ("canceled", "expired"),
 }
 
 
@@ -23,8 +27,9 @@ def test_a_state_follows_another_only_where_the_table_says_so(earlier: State, la
     assert (earlier in before(later)) == allowed
 
 
-def test_nothing_follows_an_end() -> None:
-    assert set(ENDED) == {"succeeded", "failed", "canceled"}
+def test_nothing_but_its_removal_follows_an_end() -> None:
+    assert {later for state in ENDED for later in NEXT[state]} == {"expired"}
+    assert set(ENDED) == {"succeeded", "failed", "canceled", "expired"}
     assert set(HELD).isdisjoint(ENDED)
 
 

@@ -110,3 +110,14 @@ def test_a_store_whose_folder_is_gone_does_not(storage: Storage, tmp_path: Path)
     (tmp_path / "a store").write_bytes(b"a file")
     with pytest.raises(Exception, match="a store"):
         storage.check()
+
+
+def test_what_a_killed_put_has_left_goes_too(tmp_path: Path) -> None:
+    storage = Storage(tmp_path.as_uri())
+    storage.put("jobs/a/1/lamp1.tif", b"whole")
+    storage.put("jobs/b/1/lamp1.tif", b"another's")
+    (tmp_path / "jobs/a/1/lamp2.tif#1").write_bytes(b"half")
+    assert storage.list("jobs/a/") == ["jobs/a/1/lamp1.tif"]
+    storage.delete_below("jobs/a/")
+    assert not (tmp_path / "jobs/a").exists()
+    assert storage.get("jobs/b/1/lamp1.tif") == b"another's"

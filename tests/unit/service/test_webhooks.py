@@ -320,7 +320,7 @@ def test_the_queue_takes_a_telling_once_and_forgets_it_with_its_job(context: Con
         for _ in range(2):
             context.queue.submit_telling(connection, "a", 1, 0.0)
         context.queue.submit_telling(connection, "a", 2, 3600.0)
-        context.queue.submit(connection, "a")
+        context.queue.submit(connection, "a", 1)
     assert _workflows(context) == {
         "a": "ENQUEUED",
         "a-webhook-1": "ENQUEUED",

@@ -1,0 +1,50 @@
+"""Does a thing again for as long as what hinders it may pass: a store that is away, a full disk."""
+
+from __future__ import annotations
+
+import errno
+import logging
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+from obstore.exceptions import BaseError, NotFoundError
+
+from service.database import AWAY
+from service.errors import StorageFullError
+
+_FIRST_PAUSE_SECONDS = 0.5
+_LONGEST_PAUSE_SECONDS = 15.0
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+
+Result = TypeVar("Result")
+Log = logging.Logger | logging.LoggerAdapter[logging.Logger]
+
+
+def passes(error: Exception) -> bool:
+    """Whether an error may be over in a moment, through no doing of ours."""
+    if isinstance(error, OSError):
+        return error.errno in _FULL
+    if isinstance(error, NotFoundError):
+        return False
+    return isinstance(error, (BaseError, StorageFullError, *AWAY))
+
+
+def patiently(
+    work: Callable[[], Result], seconds: float, pause: Callable[[float], None], log: Log
+) -> Result:
+    """Do it until it works, ever more seldom, for so many seconds; then raise what hinders it.
+
+    pause: waits for so many seconds, and raises what is to end the waiting before.
+    """
+    deadline = time.monotonic() + seconds
+    wait = _FIRST_PAUSE_SECONDS
+    while True:
+        try:
+            return work()
+        except Exception as error:
+            if not passes(error) or time.monotonic() + wait > deadline:
+                raise
+            log.warning("hindered, tries again in %s s: %s", wait, type(error).__name__)
+        pause(wait)
+        wait = min(2 * wait, _LONGEST_PAUSE_SECONDS)

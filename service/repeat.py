@@ -1,0 +1,39 @@
+"""Copies the photographs of a job for another one, so that deleting one never hurts the other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from obstore.exceptions import BaseError
+
+from service import jobs
+from service.attempt import FRAMES, describe_inputs, inputs_key, job_key
+from service.errors import GoneError, NotReadyError
+from service.states import State
+from service.storage import Storage
+
+_GONE = "The photographs of the job are removed; send them again."
+
+
+def copy_pair(storage: Storage, source: jobs.Job, new_id: str) -> tuple[dict[str, Any], int]:
+    """Copy the photographs of a job for good; the `inputs` of the new job's row, and their bytes.
+
+    Raises NotReadyError where a camera has not taken them yet, GoneError where they are removed.
+    """
+    if source.state == State.EXPIRED:
+        raise GoneError(_GONE)
+    if source.inputs is None:
+        raise NotReadyError("The job has no photographs yet; its camera has not taken them.")
+    keys = {frame: inputs_key(new_id, frame) for frame in FRAMES}
+    try:
+        for frame, key in keys.items():
+            storage.copy(inputs_key(source.id, frame), key)
+        storage.flush(keys.values())
+        size = sum(storage.size(key) for key in keys.values())
+    except (BaseError, FileNotFoundError) as error:
+        storage.delete_below(job_key(new_id))
+        if isinstance(error, FileNotFoundError):  # it was deleted at this moment
+            raise GoneError(_GONE) from error
+        raise
+    digests = {frame: source.inputs[frame]["sha256"] for frame in FRAMES}
+    return describe_inputs(new_id, digests), size

@@ -1,0 +1,81 @@
+"""Removes jobs that are kept no longer, and stored files that belong to no job."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterator
+
+import sqlalchemy as sa
+
+from service import jobs
+from service.attempt import JOBS, job_key
+from service.engine import Queue
+from service.settings import Settings
+from service.storage import Storage
+
+_BATCH = 500
+_QUEUE_SECONDS = 3600.0
+_STRAY_SECONDS = 86400.0
+"""Longer than any request stores files before it commits their job."""
+
+log = logging.getLogger("service.retention")
+
+
+class Sweep:
+    """Does again what an earlier sweep did not come to; any number of them may run at once."""
+
+    def __init__(
+        self, engine: sa.Engine, storage: Storage, queue: Queue, settings: Settings
+    ) -> None:
+        self._engine = engine
+        self._storage = storage
+        self._queue = queue
+        self._settings = settings
+
+    def run(self, thorough: bool) -> None:
+        """Remove what is due. thorough: also look through the store for files without a job.
+
+        Raises sqlalchemy.exc.DBAPIError or obstore.exceptions.BaseError when one is away.
+        """
+        self._queue.forget_done(_QUEUE_SECONDS)
+        self._limit_keeping()
+        for job_id in self._expired():
+            remove(self._engine, self._storage, job_id)
+            log.info("removed", extra={"job": job_id})
+        if thorough:
+            self._remove_strays()
+
+    def _limit_keeping(self) -> None:
+        keep_seconds = self._settings.retention_seconds
+        while keep_seconds is not None:
+            with self._engine.begin() as connection:
+                if not jobs.limit_keeping(connection, keep_seconds, _BATCH):
+                    return
+
+    def _expired(self) -> Iterator[str]:
+        while True:
+            with self._engine.begin() as connection:
+                found = jobs.expire(connection, _BATCH)
+            if not found:
+                return
+            yield from found
+
+    def _remove_strays(self) -> None:
+        stored = self._storage.folders(JOBS)
+        for start in range(0, len(stored), _BATCH):
+            some = stored[start : start + _BATCH]
+            with self._engine.connect() as connection:
+                strays = set(some) - jobs.known(connection, some)
+            for job_id in strays:
+                below = job_key(job_id)
+                if self._storage.changed(below) < time.time() - _STRAY_SECONDS:
+                    self._storage.delete_below(below)
+                    log.info("files without a job removed", extra={"job": job_id})
+
+
+def remove(engine: sa.Engine, storage: Storage, job_id: str) -> None:
+    """Remove a job for good. The row goes last, so that a removal cut short is done again."""
+    storage.delete_below(job_key(job_id))
+    with engine.begin() as connection:
+        jobs.remove(connection, job_id)

@@ -1,0 +1,73 @@
+"""What a job may use is limited; one that wants more fails with that reason, and hurts no other."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from service.settings import MIB
+
+
+def _png(width: int, height: int) -> bytes:
+    """A PNG of one grey: a few hundred kilobytes for what is gigabytes once it is unpacked."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        body = kind + data
+        return struct.pack(">I", len(data)) + body + struct.pack(">I", zlib.crc32(body))
+
+    packer = zlib.compressobj(9)
+    row = bytes(1 + 3 * width)
+    rows = b"".join(packer.compress(row) for _ in range(height)) + packer.flush()
+    head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+
+
+def _send(service: Any, no_flash: bytes, flash: bytes) -> Any:
+    return service.http.post("/jobs", files={"no_flash": no_flash, "flash": flash})
+
+
+@pytest.mark.parametrize(
+    ("settings", "size", "kind", "words"),
+    [
+        ({"job_memory_bytes": 900 * MIB}, "width=1500&height=1000", "out-of-memory", "more memory"),
+        ({"job_seconds": 1.5}, "width=1500&height=1000", "timed-out", "longer than a job may take"),
+        ({"job_output_bytes": 100_000}, "width=128&height=96", "output-too-large", "are larger"),
+    ],
+)
+def test_a_job_that_wants_more_than_it_may_have_fails_with_that_reason(
+    tmp_path: Path,
+    make_service: Any,
+    settings: dict[str, Any],
+    size: str,
+    kind: str,
+    words: str,
+) -> None:
+    service = make_service(tmp_path / "service", **settings)
+    service.start()
+    workers = service.find("worker")
+    job = service.await_end(service.capture(f"sim://studio?lights=2&{size}"))
+    assert (job["state"], job["attempt"]) == ("failed", 1)
+    assert job["error"]["type"] == f"urn:lightlayers:problem:{kind}"
+    assert words in job["error"]["detail"]
+    assert service.find("child") == []
+    assert list((service.data / "work").iterdir()) == []
+    # The worker goes on: a camera that fails at once tells that it takes jobs.
+    next_job = service.await_end(service.capture("sim://studio?fault=store_full"))
+    assert next_job["error"]["type"] == "urn:lightlayers:problem:camera-failed"
+    assert service.find("worker") == workers
+
+
+def test_a_bomb_is_defused(service: Any) -> None:
+    """Few bytes that would be gigabytes of pixels."""
+    bomb = _png(60_000, 20_000)
+    assert len(bomb) < 5 * MIB
+    workers = service.find("worker")
+    answer = _send(service, bomb, bomb)
+    assert answer.status_code == 413, answer.text
+    assert answer.json()["type"] == "urn:lightlayers:problem:image-too-large"
+    assert service.find("worker") == workers
+    assert service.http.get("/healthz").status_code == 200

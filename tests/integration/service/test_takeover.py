@@ -1,0 +1,119 @@
+"""Jobs of a host that is frozen or cut off run again elsewhere, and end once."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+import sqlalchemy as sa
+
+import drivers
+from service import database
+from service.storage import Storage
+from tests.chaos.relay import Relay
+
+
+def _ends(service: Any, job: Any) -> list[str]:
+    """Ends of a job by the log of all workers."""
+    lines = [json.loads(line) for line in service.log.read_text().splitlines() if job["id"] in line]
+    ends = ("succeeded", "failed", "canceled")
+    return [line["message"] for line in lines if line["message"].startswith(ends)]
+
+
+def _digests(service: Any, job: Any) -> dict[str, str]:
+    return {file["name"]: file["sha256"] for file in service.look(job)["files"]}
+
+
+@pytest.mark.parametrize("whole", [False, True], ids=["the worker alone", "its whole family"])
+def test_a_frozen_worker_that_comes_back_changes_nothing(
+    own_service: Any, pair: drivers.CapturedPair, whole: bool
+) -> None:
+    job = own_service.upload(pair)
+    own_service.await_stage(job)
+    (worker,) = own_service.find("worker")
+    family = own_service.find("fork server") + own_service.find("child") if whole else []
+    frozen = [worker, *family]
+    for pid in frozen:
+        os.kill(pid, signal.SIGSTOP)
+    own_service.start_worker()
+    done = own_service.await_end(job)
+    assert (done["state"], done["attempt"]) == ("succeeded", 2)
+    digests = _digests(own_service, job)
+    for pid in frozen:
+        os.kill(pid, signal.SIGCONT)
+    # It finds that it counts no more, gives up, and is there for the next job.
+    own_service.await_that("its process is gone", lambda: not own_service.find("child"))
+    after = own_service.await_end(own_service.upload(pair))
+    assert after["state"] == "succeeded"
+    now = own_service.look(job)
+    assert (now["state"], now["attempt"], _digests(own_service, job)) == ("succeeded", 2, digests)
+    assert _ends(own_service, job) == ["succeeded"]
+    stored = Storage((own_service.data / "store").as_uri()).list(f"jobs/{job['id']}/")
+    assert {key.split("/")[2] for key in stored} == {"inputs", "2"}
+
+
+@pytest.fixture
+def far_worker(grown_up: Any, postgresql: str) -> Iterator[Relay]:
+    """A way to the database that can be cut, for workers that are started from now on."""
+    url = sa.make_url(postgresql)
+    assert url.port is not None
+    relay = Relay(url.port)
+    there = url.set(port=relay.port).render_as_string(hide_password=False)
+    near = grown_up.environment
+    grown_up.environment = near | {"LIGHTLAYERS_DATABASE_URL": there}
+    yield relay
+    grown_up.environment = near
+
+
+def test_a_worker_that_is_cut_off_counts_no_more(
+    grown_up: Any, far_worker: Relay, postgresql: str, pair: drivers.CapturedPair
+) -> None:
+    far = grown_up.start_worker()
+    jobs = [grown_up.upload(pair) for _ in range(2)]
+    for job in jobs:
+        grown_up.await_stage(job)
+    far_worker.cut()
+    ends = [grown_up.await_end(job) for job in jobs]
+    assert [job["state"] for job in ends] == ["succeeded"] * 2
+    assert sorted(job["attempt"] for job in ends) == [1, 2]
+    engine = database.connect(postgresql)
+
+    def workers() -> int:
+        with engine.connect() as connection:
+            query = sa.select(sa.func.count()).select_from(database.workers)
+            return connection.execute(query).scalar_one()
+
+    assert workers() == 1
+    far_worker.mend()
+    grown_up.await_that("it is back", lambda: workers() == 2)
+    engine.dispose()
+    assert far.poll() is None
+    for job, end in zip(jobs, ends, strict=True):
+        assert grown_up.look(job) == end
+        assert _ends(grown_up, job) == ["succeeded"]
+
+
+def test_a_job_outlasts_a_store_that_is_away_for_a_moment(
+    tmp_path: Path, pair: drivers.CapturedPair, s3: dict[str, str], make_service: Any
+) -> None:
+    port = httpx.URL(s3["AWS_ENDPOINT_URL"]).port
+    assert port is not None
+    relay = Relay(port)
+    service = make_service(tmp_path / "service", store_url="s3://photographs/away")
+    service.environment |= s3 | {"AWS_ENDPOINT_URL": f"http://127.0.0.1:{relay.port}"}
+    service.start()
+    job = service.upload(pair)
+    service.await_stage(job)
+    relay.cut()
+    service.await_that("the worker has tried", lambda: "hindered" in service.log.read_text())
+    assert service.http.get("/readyz").status_code == 503
+    assert service.look(job)["state"] == "running"
+    relay.mend()
+    done = service.await_end(job)
+    assert (done["state"], done["attempt"]) == ("succeeded", 1)

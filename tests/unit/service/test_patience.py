@@ -1,0 +1,74 @@
+from __future__ import annotations
+
+import errno
+import logging
+import sqlite3
+from collections.abc import Callable
+
+import pytest
+import sqlalchemy as sa
+from obstore.exceptions import GenericError, NotFoundError
+
+from service.errors import CrashError, StorageFullError
+from service.patience import passes, patiently
+
+log = logging.getLogger("test")
+
+
+def _failing(times: int, error: Exception) -> Callable[[], str]:
+    left = [error] * times
+
+    def work() -> str:
+        if left:
+            raise left.pop()
+        return "done"
+
+    return work
+
+
+def test_what_passes_is_waited_for_ever_longer() -> None:
+    waited: list[float] = []
+    done = patiently(_failing(7, GenericError("away")), 300, waited.append, log)
+    assert done == "done"
+    assert waited == [0.5, 1, 2, 4, 8, 15, 15]
+
+
+def test_it_is_waited_for_no_longer_than_that() -> None:
+    waited: list[float] = []
+    with pytest.raises(GenericError, match="away"):
+        patiently(_failing(7, GenericError("away")), 0, waited.append, log)
+    assert waited == []
+
+
+def test_what_does_not_pass_is_raised_at_once() -> None:
+    waited: list[float] = []
+    with pytest.raises(CrashError):
+        patiently(_failing(1, CrashError("It crashed.")), 300, waited.append, log)
+    assert waited == []
+
+
+def test_waiting_may_be_ended() -> None:
+    def stop(_seconds: float) -> None:
+        raise KeyError("stopped")
+
+    with pytest.raises(KeyError):
+        patiently(_failing(1, GenericError("away")), 300, stop, log)
+
+
+@pytest.mark.parametrize(
+    ("error", "may_pass"),
+    [
+        (GenericError("no answer"), True),
+        (StorageFullError("full"), True),
+        (OSError(errno.ENOSPC, "full"), True),
+        (sa.exc.OperationalError("SELECT 1", None, sqlite3.OperationalError("full")), True),
+        (sa.exc.InterfaceError("SELECT 1", None, sqlite3.InterfaceError("gone")), True),
+        (NotFoundError("no such photograph"), False),
+        (FileNotFoundError(errno.ENOENT, "no such photograph"), False),
+        (ChildProcessError("no fork server"), False),
+        (sa.exc.IntegrityError("INSERT", None, sqlite3.IntegrityError("twice")), False),
+        (ValueError("a fault of ours"), False),
+    ],
+)
+def test_what_may_pass(error: Exception, may_pass: bool) -> None:
+    assert passes(error) is may_pass
