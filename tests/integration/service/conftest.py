@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import signal
 import socket
@@ -189,15 +190,15 @@ class Service:
                 process.terminate()
                 process.wait(_PATIENCE_SECONDS)
 
-    def capture(self, camera: str) -> Job:
-        answer = self.http.post("/jobs", json={"capture": {"camera": camera}})
+    def capture(self, camera: str, **handling: object) -> Job:
+        answer = self.http.post("/jobs", json={"capture": {"camera": camera}, **handling})
         assert answer.status_code == 202, answer.text
         job: Job = answer.json()
         return job
 
-    def upload(self, pair: drivers.CapturedPair) -> Job:
+    def upload(self, pair: drivers.CapturedPair, **handling: object) -> Job:
         files = {"no_flash": pair.no_flash.best, "flash": pair.flash.best}
-        answer = self.http.post("/jobs", files=files)
+        answer = self.http.post("/jobs", files=files, data={"handling": json.dumps(handling)})
         assert answer.status_code == 202, answer.text
         job: Job = answer.json()
         return job
@@ -255,6 +256,12 @@ def make_service() -> Iterator[Callable[..., Service]]:
             return service
 
         yield make
+
+
+@pytest.fixture
+def kept_shortly(tmp_path: Path) -> Iterator[Service]:
+    """A service that keeps jobs for five seconds once they have ended."""
+    yield from _running(Service(tmp_path / "service", retention_days=5 / 86400, sweep_seconds=1))
 
 
 @pytest.fixture

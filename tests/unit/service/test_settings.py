@@ -36,6 +36,14 @@ def test_the_environment_sets_them(monkeypatch: pytest.MonkeyPatch) -> None:
     assert settings.port == 9000
 
 
+def test_jobs_are_kept_for_ever_unless_the_operator_says_how_long(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert Settings().retention_seconds is None
+    monkeypatch.setenv("LIGHTLAYERS_RETENTION_DAYS", "0.5")
+    assert Settings().retention_seconds == 43200
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
     [
@@ -45,6 +53,10 @@ def test_the_environment_sets_them(monkeypatch: pytest.MonkeyPatch) -> None:
         ("JOB_SECONDS", "-1"),
         ("FREE_BYTES", "-1"),
         ("QUEUED_JOBS", "0"),
+        ("QUEUED_JOBS_PER_KEY", "0"),
+        ("RETENTION_DAYS", "0"),
+        ("RETENTION_DAYS", "inf"),
+        ("SWEEP_SECONDS", "61"),
     ],
 )
 def test_a_setting_out_of_range_is_refused(

@@ -1,0 +1,172 @@
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import httpx
+import pytest
+import sqlalchemy as sa
+from obstore.exceptions import GenericError
+
+from service import database, jobs
+from service.api.context import Context
+from service.attempt import FRAMES, inputs_key, results_key
+from service.retention import Sweep
+from service.settings import Settings
+from service.states import State
+from service.storage import Storage
+from tests.unit.service.asking import post_capture, post_pair, rows_of
+
+Png = Callable[..., bytes]
+Finish = Callable[[str, dict[str, bytes]], None]
+
+
+@pytest.fixture
+def settings(settings: Settings) -> Settings:
+    return settings.model_copy(update={"retention_days": 2.0})
+
+
+@pytest.fixture
+def sweep(context: Context) -> Sweep:
+    return Sweep(context.engine, context.storage, context.queue, context.settings)
+
+
+@pytest.fixture
+def finished(http: httpx.Client, png: Png, finish: Finish) -> Callable[[], str]:
+    """Id of a new job that has succeeded."""
+
+    def make() -> str:
+        job_id: str = post_pair(http, png(64, 48), png(64, 48, True)).json()["id"]
+        finish(job_id, {"manifest.json": b"{}"})
+        return job_id
+
+    return make
+
+
+def _expires(context: Context, job_id: str, when: float | None) -> None:
+    with context.engine.begin() as connection:
+        this = database.jobs.c.id == job_id
+        connection.execute(sa.update(database.jobs).where(this).values(expires=when))
+
+
+def test_a_job_past_its_time_goes_with_its_files_and_no_other(
+    sweep: Sweep, finished: Callable[[], str], context: Context, http: httpx.Client
+) -> None:
+    old, new = finished(), finished()
+    waiting = post_capture(http)["id"]
+    _expires(context, old, time.time() - 1)
+    _expires(context, new, time.time() + 60)
+    _expires(context, waiting, time.time() - 1)
+    sweep.run(thorough=False)
+    assert {job.id for job in rows_of(context)} == {new, waiting}
+    kept = [results_key(new, 1, "manifest.json")]
+    kept += [inputs_key(new, frame) for frame in sorted(FRAMES)]
+    assert context.storage.list("") == kept
+    assert http.get(f"/jobs/{old}").status_code == 404
+
+
+def test_jobs_that_were_kept_for_ever_go_by_a_setting_that_came_later(
+    sweep: Sweep, finished: Callable[[], str], context: Context
+) -> None:
+    job_id = finished()
+    _expires(context, job_id, None)
+    sweep.run(thorough=False)
+    (job,) = rows_of(context)
+    assert job.finished is not None and job.expires == pytest.approx(job.finished + 2 * 86400)
+
+
+def test_without_the_setting_jobs_stay(
+    context: Context, finished: Callable[[], str], settings: Settings
+) -> None:
+    finished()
+    endless = settings.model_copy(update={"retention_days": None})
+    Sweep(context.engine, context.storage, context.queue, endless).run(thorough=True)
+    (job,) = rows_of(context)
+    assert (job.state, job.expires) == (State.SUCCEEDED, None)
+    assert len(context.storage.list("")) == 3
+
+
+@pytest.mark.parametrize("killed", ["before its files are gone", "before its row is gone"])
+def test_a_removal_that_was_cut_short_is_finished(
+    killed: str,
+    sweep: Sweep,
+    finished: Callable[[], str],
+    context: Context,
+    http: httpx.Client,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    job_id = finished()
+    _expires(context, job_id, 1.0)
+
+    def die(*_arguments: object) -> None:
+        raise GenericError("killed")
+
+    with monkeypatch.context() as dying:
+        if killed == "before its files are gone":
+            dying.setattr(Storage, "delete_below", die)
+        else:
+            dying.setattr(jobs, "remove", die)
+        with pytest.raises(GenericError):
+            sweep.run(thorough=False)
+    assert [job.state for job in rows_of(context)] == [State.EXPIRED]
+    for path in ("results", "results.zip", "results/manifest.json"):
+        assert http.get(f"/jobs/{job_id}/{path}").status_code == 410
+    sweep.run(thorough=False)
+    assert rows_of(context) == []
+    assert context.storage.list("") == []
+
+
+@pytest.mark.parametrize("state", ["queued", "running", "succeeded"])
+def test_a_delete_that_was_cut_short_is_finished(
+    state: str,
+    sweep: Sweep,
+    http: httpx.Client,
+    png: Png,
+    finish: Finish,
+    context: Context,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    job_id = post_pair(http, png(64, 48), png(64, 48, True)).json()["id"]
+    held = None
+    if state == "running":
+        with context.engine.begin() as connection:
+            jobs.beat(connection, "w")
+            held = jobs.claim(connection, job_id, "w")
+    if state == "succeeded":
+        finish(job_id, {"manifest.json": b"{}"})
+
+    def die(*_arguments: object) -> None:
+        raise GenericError("killed")
+
+    with monkeypatch.context() as dying:
+        dying.setattr(Storage, "delete_below", die)
+        assert http.delete(f"/jobs/{job_id}").status_code == 503
+    if held:  # not before its worker lets it go
+        sweep.run(thorough=False)
+        assert [job.state for job in rows_of(context)] == [State.CANCELING]
+        with context.engine.begin() as connection:
+            assert jobs.acknowledge_cancel(connection, held, 1000)
+    sweep.run(thorough=False)
+    assert rows_of(context) == []
+    assert context.storage.list("") == []
+
+
+def test_old_files_without_a_job_go(
+    sweep: Sweep, finished: Callable[[], str], context: Context
+) -> None:
+    job_id = finished()
+    for name in ("old", "young"):
+        context.storage.put(f"jobs/{name}/inputs/flash", b"light")
+        context.storage.put(f"jobs/{name}/inputs/no_flash", b"light")
+    store = context.settings.data_dir / "store" / "jobs"
+    for folder in (store / "old", store / job_id):
+        for path in filter(Path.is_file, folder.rglob("*")):
+            os.utime(path, (time.time() - 90_000,) * 2)
+    os.utime(store / "young" / "inputs" / "flash", (time.time() - 90_000,) * 2)
+    sweep.run(thorough=False)
+    assert set(context.storage.folders("jobs/")) == {job_id, "old", "young"}
+    sweep.run(thorough=True)
+    assert set(context.storage.folders("jobs/")) == {job_id, "young"}
+    assert len(context.storage.list(f"jobs/{job_id}/")) == 3
