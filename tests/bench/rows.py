@@ -80,11 +80,11 @@ class Rows:
             connection.execute(sa.insert(table), first)
         have = len(first)
         while have < count:
+            more = min(have, count - have)
             with self.engine.begin() as connection:
-                copies = sa.select(*columns).limit(min(have, count - have))
-                have += connection.execute(
-                    sa.insert(table).from_select(list(table.columns), copies)
-                ).rowcount
+                copies = sa.select(*columns).limit(more)
+                connection.execute(sa.insert(table).from_select(list(table.columns), copies))
+            have += more
         if self.engine.dialect.name == "postgresql":  # as it does by itself, after a while
             with self.engine.begin() as connection:
                 connection.exec_driver_sql("ANALYZE")

@@ -369,19 +369,23 @@ def test_late_is_what_waits_past_its_deadline(engine: sa.Engine) -> None:
     assert job.finished is not None and job.expires == pytest.approx(job.finished + 10, abs=0.1)
 
 
+def _cancel_running(connection: sa.Connection, held: jobs.Job, keep: float | None) -> None:
+    jobs.request_cancel(connection, held.id, keep)
+    assert jobs.acknowledge_cancel(connection, held, keep)
+
+
+def _cancel_waiting(connection: sa.Connection, held: jobs.Job, keep: float | None) -> None:
+    jobs.release(connection, held)
+    jobs.request_cancel(connection, held.id, keep)
+
+
 ENDS: dict[str, Callable[[sa.Connection, jobs.Job, float | None], object]] = {
     "succeeded": lambda connection, held, keep: jobs.succeed(
         connection, held, [], keep_seconds=keep
     ),
     "failed": lambda connection, held, keep: jobs.fail(connection, held, {}, keep),
-    "canceled": lambda connection, held, keep: (
-        jobs.request_cancel(connection, held.id, keep),
-        jobs.acknowledge_cancel(connection, held, keep),
-    ),
-    "canceled while it waits": lambda connection, held, keep: (
-        jobs.release(connection, held),
-        jobs.request_cancel(connection, held.id, keep),
-    ),
+    "canceled": _cancel_running,
+    "canceled while it waits": _cancel_waiting,
 }
 
 
