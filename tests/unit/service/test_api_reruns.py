@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -14,17 +13,23 @@ from service import jobs
 from service.api.context import Context
 from service.settings import Settings
 from service.storage import Storage
-from tests.unit.service.asking import post_capture, post_pair, problem_of, rows_of
+from tests.unit.service.asking import (
+    post_capture,
+    post_pair,
+    problem_of,
+    rows_of,
+    stored_job,
+)
 
 Png = Callable[..., bytes]
 Job = dict[str, Any]
 
 
 @pytest.fixture
-def job(http: httpx.Client, png: Png) -> Job:
+def job(http: httpx.Client, context: Context) -> Job:
     """A job on a pair, with options."""
-    data = {"options": '{"lights": 2}', "handling": '{"priority": "low"}'}
-    made: Job = post_pair(http, png(64, 48), png(64, 48, True), data=data).json()
+    job_id = stored_job(context, options={"lights": 2}, priority="low")
+    made: Job = http.get(f"/jobs/{job_id}").json()
     return made
 
 
@@ -106,11 +111,9 @@ def test_a_job_without_results_can_be_run_again(
     assert _rerun(http, job).status_code == 202
 
 
-def test_a_calibration_is_run_again_as_one(http: httpx.Client, png: Png) -> None:
-    files = {"no_flash": ("a", png(64, 48)), "flash": ("b", png(64, 48, True))}
+def test_a_calibration_is_run_again_as_one(http: httpx.Client, context: Context) -> None:
     options = {"kind": "flash", "card": {"x": 20, "y": 20, "radius": 5}}
-    data = {"options": json.dumps(options)}
-    job = http.post("/calibrations", files=files, data=data).json()
+    job = {"id": stored_job(context, options=options)}
     assert _rerun(http, job).json()["options"] == options
     other = {"kind": "lamps", "sphere": {"x": 20, "y": 20, "radius": 5}}
     assert _rerun(http, job, {"options": other}).json()["options"] == other

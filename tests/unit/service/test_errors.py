@@ -123,6 +123,7 @@ def test_kinds_that_may_pass_later_are_retryable() -> None:
         "camera-failed",
         "checksum-mismatch",
         "database-unavailable",
+        "deadline-passed",
         "not-ready",
         "queue-full",
         "storage-full",

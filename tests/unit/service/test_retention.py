@@ -17,9 +17,8 @@ from service.retention import Sweep
 from service.settings import Settings
 from service.states import State
 from service.storage import Storage
-from tests.unit.service.asking import post_capture, post_pair, rows_of
+from tests.unit.service.asking import post_capture, rows_of, stored_job
 
-Png = Callable[..., bytes]
 Finish = Callable[[str, dict[str, bytes]], None]
 
 
@@ -34,11 +33,11 @@ def sweep(context: Context) -> Sweep:
 
 
 @pytest.fixture
-def finished(http: httpx.Client, png: Png, finish: Finish) -> Callable[[], str]:
+def finished(context: Context, finish: Finish) -> Callable[[], str]:
     """Id of a new job that has succeeded."""
 
     def make() -> str:
-        job_id: str = post_pair(http, png(64, 48), png(64, 48, True)).json()["id"]
+        job_id = stored_job(context)
         finish(job_id, {"manifest.json": b"{}"})
         return job_id
 
@@ -123,12 +122,11 @@ def test_a_delete_that_was_cut_short_is_finished(
     state: str,
     sweep: Sweep,
     http: httpx.Client,
-    png: Png,
     finish: Finish,
     context: Context,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    job_id = post_pair(http, png(64, 48), png(64, 48, True)).json()["id"]
+    job_id = stored_job(context)
     held = None
     if state == "running":
         with context.engine.begin() as connection:
