@@ -27,7 +27,13 @@ from drivers.errors import (
     TransferError,
 )
 from drivers.exif import ExposureFacts
-from drivers.registry import check_address, list_cameras, open_camera, simulated_truth
+from drivers.registry import (
+    check_address,
+    list_cameras,
+    open_camera,
+    serve_simulated,
+    simulated_truth,
+)
 from drivers.truth import SimulatedTruth
 
 __all__ = [
@@ -61,5 +67,6 @@ __all__ = [
     "check_address",
     "list_cameras",
     "open_camera",
+    "serve_simulated",
     "simulated_truth",
 ]

@@ -2,6 +2,7 @@
 
 scheme://…   backend
 sim          drivers.sim, a simulated camera: sim://studio?lights=2&width=1200&height=800
+ptp+ip       drivers.ptp.ip, a camera on the network: ptp+ip://host or ptp+ip://host:port
 """
 
 from __future__ import annotations
@@ -10,10 +11,14 @@ from importlib import import_module
 from typing import Protocol, cast
 
 from drivers.camera import Camera, CameraInfo
+from drivers.clock import SystemClock
 from drivers.errors import BadAddressError
 from drivers.truth import SimulatedTruth
 
-_BACKENDS = {"sim": "drivers.sim.backend"}
+_BACKENDS = {
+    "sim": "drivers.sim.backend",
+    "ptp+ip": "drivers.ptp.ip",
+}
 
 
 class Backend(Protocol):
@@ -27,6 +32,18 @@ class Backend(Protocol):
 
     def list_cameras(self) -> list[CameraInfo]:
         """Cameras that can be opened now."""
+
+
+class SimulatedResponder(Protocol):
+    """A simulated camera that is served. address: host:port."""
+
+    address: str
+
+    def order(self, line: str) -> None:
+        """Do as "fault NAME" or "flash mode|off|external" says. Raises BadAddressError."""
+
+    def close(self) -> None:
+        """Serve no longer."""
 
 
 def open_camera(address: str) -> Camera:
@@ -48,6 +65,18 @@ def check_address(address: str) -> None:
 def list_cameras() -> list[CameraInfo]:
     """Every camera that can be opened now, of every backend."""
     return [info for scheme in _BACKENDS for info in _load(scheme).list_cameras()]
+
+
+def serve_simulated(address: str, host: str, port: int) -> SimulatedResponder:
+    """Serve the simulated camera at an address by PTP/IP, as a camera on the network would.
+
+    host, port: where to listen; port 0 takes any. Raises BadAddressError, CameraNotFoundError.
+    """
+    from drivers.sim.address import parse
+    from drivers.sim.body import Body
+    from drivers.sim.ip_responder import IpResponder
+
+    return IpResponder(Body(parse(address), SystemClock()), host, port)
 
 
 def simulated_truth(address: str) -> SimulatedTruth:

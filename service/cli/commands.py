@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import signal
+import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -199,3 +202,26 @@ def capture(
                 (folder / names[-1]).write_bytes(data)
     paths = [str(output / name) for name in names]
     print(json.dumps({"files": paths}, indent=2) if as_json else "\n".join(paths))
+
+
+@app.command()
+def simcam(
+    address: Annotated[
+        str, typer.Argument(metavar="ADDRESS", help="Which simulated camera.")
+    ] = "sim://studio",
+    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="Port to listen on; 0 takes any.")] = 15740,
+) -> None:
+    """Serve a simulated camera by PTP/IP; lines like "fault busy" on stdin make it go wrong."""
+    import drivers
+
+    camera = drivers.serve_simulated(address, host, port)
+    print(f"ptp+ip://{camera.address}", flush=True)
+    with contextlib.suppress(KeyboardInterrupt):
+        for line in sys.stdin:
+            try:
+                camera.order(line)
+            except drivers.BadAddressError as error:
+                print(error, file=sys.stderr)
+        signal.pause()  # stdin is at its end: it serves until it is stopped
+    camera.close()
