@@ -2,6 +2,7 @@
 
 scheme://…   backend
 sim          drivers.sim, a simulated camera: sim://studio?lights=2&width=1200&height=800
+ptp+usb      drivers.ptp.usb, a camera on USB: ptp+usb://serial
 ptp+ip       drivers.ptp.ip, a camera on the network: ptp+ip://host or ptp+ip://host:port
 """
 
@@ -17,6 +18,7 @@ from drivers.truth import SimulatedTruth
 
 _BACKENDS = {
     "sim": "drivers.sim.backend",
+    "ptp+usb": "drivers.ptp.usb",
     "ptp+ip": "drivers.ptp.ip",
 }
 

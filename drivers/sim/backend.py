@@ -8,7 +8,7 @@ from drivers.camera import Camera, CameraInfo
 from drivers.clock import Clock, SystemClock
 from drivers.errors import CameraDisconnectedError, CameraTimeoutError, ProtocolError
 from drivers.ptp import containers
-from drivers.ptp.camera import PtpCamera, open_awake
+from drivers.ptp.camera import open_awake
 from drivers.ptp.containers import Container
 from drivers.ptp.transport import ANSWER_S, DATASET_BYTES, Transport
 from drivers.sim.address import parse
@@ -68,7 +68,14 @@ def open_camera(address: str, clock: Clock | None = None) -> Camera:
     """Open the simulated camera. Raises BadAddressError, CameraNotFoundError."""
     clock = clock or SystemClock()
     options = parse(address)
-    return PtpCamera(address, InProcessTransport(Body(options, clock), clock), clock)
+    body = Body(options, clock)
+    if options.cable == "direct":
+        return open_awake(address, lambda: InProcessTransport(body, clock), clock)
+    from drivers.ptp import usb
+    from drivers.sim.usb_bus import SimulatedBus
+
+    bus = SimulatedBus(body, clock)
+    return open_awake(address, lambda: usb.connect("", bus, clock), clock)
 
 
 def check_address(address: str) -> None:
