@@ -91,7 +91,8 @@ class Event:
 class CameraObject:
     """A file on the camera's card.
 
-    kind: "jpeg", "folder", "other", or the kind of RAW file: one of RAW_KINDS. size: bytes. name: the camera's name for it.
+    kind: "jpeg", "folder", "other", or the kind of RAW file: one of RAW_KINDS. size: bytes.
+    name: the camera's name for it.
     """
 
     handle: int

@@ -173,7 +173,9 @@ class PtpCamera(Camera):
             return
         while offset < size:
             wanted = min(CHUNK_BYTES, size - offset)
-            chunk, _ = self._session.request(Operation.GET_PARTIAL_OBJECT, handle, offset, wanted, most=2 * CHUNK_BYTES)
+            chunk, _ = self._session.request(
+                Operation.GET_PARTIAL_OBJECT, handle, offset, wanted, most=2 * CHUNK_BYTES
+            )
             if not 0 < len(chunk) <= wanted:
                 raise TransferError(
                     f"The camera sent {len(chunk)} bytes where {wanted} were asked for: try again."

@@ -42,7 +42,7 @@ class Container:
         return _HEADER.pack(length, self.type, self.code, self.transaction) + bytes(self.payload)
 
 
-def decode(raw: bytes) -> Container:
+def decode(raw: bytes | bytearray) -> Container:
     """Read a container. Raises ProtocolError for bytes that are none."""
     if len(raw) < _HEADER.size:
         raise ProtocolError(f"A PTP container has at least 12 bytes, but {len(raw)} came")

@@ -52,8 +52,6 @@ class Calls:
         if count > _MOST_EVENTS:
             raise ProtocolError(f"The camera tells of {count} events at once")
         return [
-            Container.with_parameters(
-                ContainerType.EVENT, reader.uint(2), 0, (reader.uint(4),)
-            )
+            Container.with_parameters(ContainerType.EVENT, reader.uint(2), 0, (reader.uint(4),))
             for _ in range(count)
         ]

@@ -80,12 +80,16 @@ class Session:
         self._open = True
 
     def request(
-        self, operation: Operation, *parameters: int, data: bytes | None = None, most: int = DATASET_BYTES
+        self,
+        operation: Operation,
+        *parameters: int,
+        data: bytes | None = None,
+        most: int = DATASET_BYTES,
     ) -> tuple[Bytes, tuple[int, ...]]:
         """Run one operation and return (data, response parameters).
 
-        data: bytes to send along. most: bytes that may come. A busy camera is asked again for about three seconds.
-        Raises the error that the camera's response stands for.
+        data: bytes to send along. most: bytes that may come. A busy camera is asked
+        again for about three seconds. Raises the error that the camera's response stands for.
         """
         for pause in (*_BUSY_PAUSES_S, None):
             code, received, answer = self._once(operation, parameters, data, most)

@@ -30,7 +30,8 @@ class Transport(ABC):
     def receive(self, most: int = DATASET_BYTES) -> Container:
         """Take the next data or response container.
 
-        most: bytes of data that there can be. Raises ProtocolError for malformed bytes, CameraTimeoutError where nothing comes.
+        most: bytes of data that there can be. Raises ProtocolError for malformed bytes,
+        CameraTimeoutError where nothing comes.
         """
 
     @abstractmethod

@@ -219,11 +219,11 @@ def _still_image(device: Any) -> Any:
 
 
 def _is_still_image(interface: Any) -> bool:
-    return _CLASS == (
+    return (
         interface.bInterfaceClass,
         interface.bInterfaceSubClass,
         interface.bInterfaceProtocol,
-    )
+    ) == _CLASS
 
 
 def _endpoints(interface: Any) -> tuple[Any, Any, Any]:

@@ -11,14 +11,15 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from drivers.errors import BadAddressError, CameraNotFoundError
 from drivers.sim.faults import Fault
 
+
 class SimulatedCamera(BaseModel):
     """What the address of a simulated camera says.
 
     lights: lamps that are on. width, height: pixels, even because of the colour filter mosaic.
     seed: of the noise. format: files per photograph. noise: off gives the exact light, only
-    rounded. scene: studio, a still life, or objects, one material for normals. camera: which file of
-    the folder cameras. cable: direct hands the protocol over as it is, usb through pyusb. fault: what
-    goes wrong, to rehearse it.
+    rounded. scene: studio, a still life, or objects, one material for normals. camera: which file
+    of the folder cameras. cable: direct hands the protocol over as it is, usb through pyusb.
+    fault: what goes wrong, to rehearse it.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)

@@ -15,6 +15,7 @@ from drivers.sim.address import parse
 from drivers.sim.body import Body
 from drivers.sim.responder import Responder
 
+
 class InProcessTransport(Transport):
     """Carries the bytes of containers to a responder in the same process."""
 
@@ -40,7 +41,9 @@ class InProcessTransport(Transport):
             )
         answer = containers.decode(self._answers.popleft())
         if len(answer.payload) > most:
-            raise ProtocolError(f"The camera sent {len(answer.payload)} bytes where {most} are the most")
+            raise ProtocolError(
+                f"The camera sent {len(answer.payload)} bytes where {most} are the most"
+            )
         return answer
 
     def receive_event(self, timeout_s: float) -> Container | None:

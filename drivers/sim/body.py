@@ -19,7 +19,7 @@ from drivers.sim.files import Shooting, write_dng, write_jpeg
 from drivers.sim.model import load_model
 from drivers.sim.render import Image
 from drivers.sim.scene import load_scene
-from drivers.sim.sensor import BASE_ISO, digitise
+from drivers.sim.sensor import digitise
 from drivers.sim.studio import Studio
 
 STORAGE = 0x00010001
@@ -65,7 +65,7 @@ class Body:
     def __init__(self, options: SimulatedCamera, clock: Clock) -> None:
         self.fault: Fault = options.fault
         self.model = load_model(options.camera)
-        self.properties = {item.code: item.describe() for item in self.model.properties}
+        self.properties = {int(item.code): item.describe() for item in self.model.properties}
         folder = ObjectInfo(STORAGE, ObjectFormat.ASSOCIATION, 0, 0, 0, 0, "100STUDI", "")
         self.objects = {FOLDER: StoredObject(folder, b"")}
         self.events: deque[tuple[EventCode, int]] = deque()

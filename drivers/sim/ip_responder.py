@@ -117,8 +117,8 @@ class IpResponder:
             case _:
                 known = ", ".join(get_args(Fault))
                 raise BadAddressError(
-                    "The simulated camera takes the lines \"flash mode\", \"flash off\", \"flash "
-                    f"external\", and \"fault NAME\" with one of {known}."
+                    'The simulated camera takes the lines "flash mode", "flash off", "flash '
+                    f'external", and "fault NAME" with one of {known}.'
                 )
 
     def close(self) -> None:

@@ -114,13 +114,9 @@ class Responder:
             code = refusal.response
         answers = []
         if data is not None:
-            answers.append(
-                Container(ContainerType.DATA, command.code, command.transaction, data)
-            )
+            answers.append(Container(ContainerType.DATA, command.code, command.transaction, data))
         answers.append(
-            Container.with_parameters(
-                ContainerType.RESPONSE, code, command.transaction, parameters
-            )
+            Container.with_parameters(ContainerType.RESPONSE, code, command.transaction, parameters)
         )
         return answers
 

@@ -109,9 +109,11 @@ class SimulatedBus(usb.backend.IBackend):  # type: ignore[misc]
         self, _device: Any, ep: int, _intf: int, _alt: int, _config: int
     ) -> Any:
         """Bulk out, bulk in, interrupt in."""
-        address, kind, size = ((_OUT, 2, _PACKET_BYTES), (_IN, 2, _PACKET_BYTES), (_EVENTS, 3, _EVENT_BYTES))[
-            ep
-        ]
+        address, kind, size = (
+            (_OUT, 2, _PACKET_BYTES),
+            (_IN, 2, _PACKET_BYTES),
+            (_EVENTS, 3, _EVENT_BYTES),
+        )[ep]
         return SimpleNamespace(
             bLength=7,
             bDescriptorType=5,
@@ -178,9 +180,7 @@ class SimulatedBus(usb.backend.IBackend):  # type: ignore[misc]
         pieces = [b""]  # and an empty packet before everything
         for each in raw:
             pieces += [each[:5], each[5:12]]
-            pieces += [
-                each[at : at + _SHORT_BYTES] for at in range(12, len(each), _SHORT_BYTES)
-            ]
+            pieces += [each[at : at + _SHORT_BYTES] for at in range(12, len(each), _SHORT_BYTES)]
         return [pieces[0], *filter(None, pieces)]
 
     def bulk_read(self, _handle: Any, _ep: int, _intf: int, buffer: Any, timeout: int) -> int:

@@ -186,16 +186,32 @@ def capture(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of the photographs.")
     ],
+    flash: Annotated[
+        str,
+        typer.Option(
+            metavar="SWITCH",
+            help='What switches the flash: "property", the camera itself; "operator", somebody who '
+            "is asked here; or a command or URL in which {state} becomes on or off.",
+        ),
+    ] = "property",
+    settle: Annotated[
+        float, typer.Option(min=0, help="Seconds that a flash so told takes to obey.")
+    ] = 1.0,
+    delete: Annotated[
+        bool, typer.Option("--delete", help="Take the photographs off the camera's card.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Have a camera take a pair, and save both photographs."""
     import drivers
+    from service.cli.flash import flash_switch
     from service.cli.folder import new_results
 
     names = []
     with new_results(output) as folder:
         with drivers.open_camera(address) as camera:
-            pair = drivers.capture_pair(camera)
+            switch = flash_switch(flash, settle)
+            pair = drivers.capture_pair(camera, flash=switch, keep=not delete)
         for frame, shot in {"no_flash": pair.no_flash, "flash": pair.flash}.items():
             for kind, data in shot.files.items():
                 names.append(f"{frame}.{'jpg' if kind == 'jpeg' else kind}")
