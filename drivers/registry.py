@@ -4,6 +4,7 @@ scheme://…   backend
 sim          drivers.sim, a simulated camera: sim://studio?lights=2&width=1200&height=800
 ptp+usb      drivers.ptp.usb, a camera on USB: ptp+usb://serial
 ptp+ip       drivers.ptp.ip, a camera on the network: ptp+ip://host or ptp+ip://host:port
+gphoto2      drivers.gphoto.backend, any camera that libgphoto2 knows: gphoto2://usb:001,004
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ _BACKENDS = {
     "sim": "drivers.sim.backend",
     "ptp+usb": "drivers.ptp.usb",
     "ptp+ip": "drivers.ptp.ip",
+    "gphoto2": "drivers.gphoto.backend",
 }
 
 
