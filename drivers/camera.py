@@ -152,7 +152,7 @@ class Camera(ABC):
     def trigger(self) -> None:
         """Press the release; returns at once, the photograph comes later.
 
-        Raises FocusError, StoreFullError where the camera refuses.
+        Raises FocusError, StoreFullError where the camera refuses, and CameraBusyError at once.
         """
 
     @abstractmethod

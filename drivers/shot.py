@@ -7,7 +7,13 @@ from dataclasses import dataclass, field
 
 from drivers.camera import RAW_KINDS, Camera, CameraObject, EventKind, SettingName
 from drivers.clock import Clock
-from drivers.errors import CaptureError, SettingError, StoreFullError, TransferError
+from drivers.errors import (
+    CameraBusyError,
+    CaptureError,
+    SettingError,
+    StoreFullError,
+    TransferError,
+)
 from drivers.exif import ExposureFacts, read_exposure
 
 PATIENCE_S = 5.0
@@ -22,6 +28,7 @@ DOWNLOAD_ATTEMPTS = 4
 LARGEST_BYTES = 1 << 29
 """No camera's photograph is larger; a size beyond it is a mistake."""
 
+_BUSY_PAUSES_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 1.6, 1.6, 1.6)  # charging a flash takes long
 _LONGEST_S = 30.0  # of an exposure, where the camera does not tell
 _PREFERRED = (*RAW_KINDS, "jpeg")
 
@@ -55,8 +62,7 @@ def take_shot(camera: Camera, clock: Clock, progress: Callable[[float], None]) -
     progress(0.0)
     patience_s = _exposure_s(camera) + PATIENCE_S
     camera.events(timeout_s=0)  # what is still waiting belongs to earlier shots
-    before = camera.objects()
-    camera.trigger()
+    before = _release(camera, clock)
     photographs = _new_photographs(camera, clock, before, clock.monotonic() + patience_s)
     total = sum(item.size for item in photographs)
     files: dict[str, bytes] = {}
@@ -68,6 +74,24 @@ def take_shot(camera: Camera, clock: Clock, progress: Callable[[float], None]) -
         files[item.kind] = _fetch(camera, item, received)
     best = next(files[kind] for kind in _PREFERRED if kind in files)
     return Shot(files, read_exposure(best), tuple(item.handle for item in photographs))
+
+
+def _release(camera: Camera, clock: Clock) -> set[int]:
+    """Press the release; gives the handles that the card held just before.
+
+    A camera that is busy may still be writing an earlier photograph, so that they are listed anew.
+    """
+    for pause in _BUSY_PAUSES_S:
+        before = camera.objects()
+        try:
+            camera.trigger()
+            return before
+        except CameraBusyError:
+            clock.sleep(pause)
+            camera.events(timeout_s=0)
+    before = camera.objects()
+    camera.trigger()
+    return before
 
 
 def _exposure_s(camera: Camera) -> float:

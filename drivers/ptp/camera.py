@@ -149,7 +149,7 @@ class PtpCamera(Camera):
         if self._nikon.can_capture:
             self._nikon.capture()
         else:
-            self._session.request(Operation.INITIATE_CAPTURE, 0, 0)
+            self._session.request_once(Operation.INITIATE_CAPTURE, 0, 0)
 
     def events(self, timeout_s: float) -> list[Event]:
         """Every event waiting; if there is none, the first that comes within timeout_s seconds."""

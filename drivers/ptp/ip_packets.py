@@ -72,6 +72,12 @@ class Greeting:
         return cls(payload[:GUID_BYTES], name.partition("\0")[0])
 
 
+def encode_packet(kind: PacketType, *parts: Bytes) -> bytes:
+    """As bytes on the wire."""
+    payload = b"".join(parts)
+    return _HEADER.pack(_HEADER.size + len(payload), kind) + payload
+
+
 class PacketStream:
     """Packets over one TCP connection."""
 
@@ -81,14 +87,19 @@ class PacketStream:
 
     def send(self, kind: PacketType, *parts: Bytes) -> None:
         """Send a packet. Raises CameraDisconnectedError, CameraTimeoutError."""
+        *first, last = parts or (b"",)
+        if len(last) < SMALL_BYTES:
+            self.send_raw(encode_packet(kind, *parts))
+            return
         length = _HEADER.size + sum(map(len, parts))
-        head = _HEADER.pack(length, kind) + b"".join(part for part in parts if len(part) <= 64)
-        large = [part for part in parts if len(part) > 64]  # always the last ones
+        self.send_raw(_HEADER.pack(length, kind) + b"".join(first))
+        self.send_raw(last)
+
+    def send_raw(self, raw: Bytes) -> None:
+        """Send bytes. Raises like send()."""
         try:
             self.socket.settimeout(_PATIENCE_S)
-            self.socket.sendall(head)
-            for part in large:
-                self.socket.sendall(part)
+            self.socket.sendall(raw)
         except TimeoutError as error:
             raise CameraTimeoutError(_NOT_TAKEN) from error
         except OSError as error:

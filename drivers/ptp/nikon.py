@@ -31,7 +31,7 @@ class Calls:
 
     def capture(self) -> None:
         """Press the release, without focusing."""
-        self._session.request(Operation.NIKON_CAPTURE_TO_CARD, _NO_FOCUSING, _TO_CARD)
+        self._session.request_once(Operation.NIKON_CAPTURE_TO_CARD, _NO_FOCUSING, _TO_CARD)
 
     def events(self, timeout_s: float) -> list[Container]:
         """Ask for events until there are some, at most for timeout_s seconds."""

@@ -100,6 +100,12 @@ class Session:
             self.clock.sleep(pause)
         raise _refusal(operation, code)
 
+    def request_once(self, operation: Operation, *parameters: int) -> None:
+        """Run an operation without data; a busy camera is an error, too, and not asked again."""
+        code, _, _ = self._once(operation, parameters)
+        if code != Response.OK:
+            raise _refusal(operation, code)
+
     def is_busy(self, operation: Operation) -> bool:
         """Ask once whether the camera is busy. Raises like request() for any other refusal."""
         code, _, _ = self._once(operation, ())

@@ -9,7 +9,7 @@ import socket
 import struct
 import threading
 import time
-from typing import cast, get_args
+from typing import Any, cast, get_args
 
 from drivers.errors import BadAddressError, DriverError, ProtocolError
 from drivers.ptp import containers
@@ -21,6 +21,7 @@ from drivers.ptp.ip_packets import (
     InitFail,
     PacketStream,
     PacketType,
+    encode_packet,
 )
 from drivers.sim.body import Body, FlashSwitch
 from drivers.sim.faults import Fault
@@ -31,6 +32,7 @@ _IDLE_S = 3600.0
 _LONGEST_VALUE = 1 << 16  # of a property that an initiator sets
 _SLOW_BYTES_PER_S = 4_000_000
 _BLOCK_BYTES = 1 << 16
+_SHORT_BYTES = 1001
 
 log = logging.getLogger("drivers.sim.ip_responder")
 
@@ -132,6 +134,22 @@ class IpResponder:
             client.leave()
 
 
+Packet = tuple[Any, ...]
+"""The kind of a packet and the parts of its payload."""
+
+
+def _packets(container: Container) -> list[Packet]:
+    transaction = struct.pack("<I", container.transaction)
+    if container.type is not ContainerType.DATA:
+        code = struct.pack("<H", container.code)
+        return [(PacketType.RESPONSE, code, transaction, container.payload)]
+    size = struct.pack("<Q", len(container.payload))
+    return [
+        (PacketType.START_DATA, transaction, size),
+        (PacketType.END_DATA, transaction, container.payload),
+    ]
+
+
 class _Client:
     """The initiator that is connected. The camera itself is used under its lock."""
 
@@ -205,26 +223,22 @@ class _Client:
         return data
 
     def _send(self, answers: list[Container]) -> None:
-        for container in answers:
-            transaction = struct.pack("<I", container.transaction)
-            payload = container.payload
-            if container.type is ContainerType.DATA:
-                size = struct.pack("<Q", len(payload))
-                self._stream.send(PacketType.START_DATA, transaction, size)
-                if self._body.fault == "slow_link":
-                    self._trickle(transaction, memoryview(payload))
-                else:
-                    self._stream.send(PacketType.END_DATA, transaction, payload)
-            else:
-                code = struct.pack("<H", container.code)
-                self._stream.send(PacketType.RESPONSE, code, transaction, payload)
+        packets = [packet for answer in answers for packet in _packets(answer)]
+        if self._body.fault == "slow_link":
+            self._send_in_pieces(packets, _BLOCK_BYTES, _BLOCK_BYTES / _SLOW_BYTES_PER_S)
+        elif self._body.fault == "short_packets":
+            self._send_in_pieces(packets, _SHORT_BYTES, 0)
+        elif self._body.fault == "glued_packets":
+            self._send_in_pieces(packets, _LONGEST_VALUE << 10, 0)
+        else:
+            for packet in packets:
+                self._stream.send(*packet)
 
-    def _trickle(self, transaction: bytes, payload: memoryview) -> None:
-        while len(payload) > _BLOCK_BYTES:
-            self._stream.send(PacketType.DATA, transaction, payload[:_BLOCK_BYTES])
-            payload = payload[_BLOCK_BYTES:]
-            time.sleep(_BLOCK_BYTES / _SLOW_BYTES_PER_S)
-        self._stream.send(PacketType.END_DATA, transaction, payload)
+    def _send_in_pieces(self, packets: list[Packet], size: int, pause_s: float) -> None:
+        raw = b"".join(encode_packet(*packet) for packet in packets)
+        for at in range(0, len(raw), size):
+            self._stream.send_raw(raw[at : at + size])
+            time.sleep(pause_s if at + size < len(raw) else 0)
 
     def tell_events(self, stream: PacketStream) -> None:
         """Tell what happens, and answer probes, until the initiator leaves."""
