@@ -160,7 +160,7 @@ class IpTransport(Transport):
         """Tell a camera that is hung from one that is gone, by a probe."""
         self._cancel()
         self._events.send(PacketType.PROBE_REQUEST)
-        alive = self._ready([self._events], 1.0)
+        alive = self._ready([self._events], min(1.0, self._answer_s))
         raise CameraTimeoutError(
             f"The camera gave no answer for {self._answer_s:.0f} s"
             + (", though it is there" if alive else "")
