@@ -20,7 +20,6 @@ import drivers
 from drivers.capture import capture_pair
 from drivers.ptp import usb
 from drivers.ptp.camera import PtpCamera, open_awake
-from drivers.ptp.codes import ContainerType
 from drivers.ptp.containers import Container
 from drivers.ptp.ip import IpTransport
 from drivers.ptp.ip_packets import Greeting, PacketStream, PacketType, encode_packet
