@@ -37,7 +37,9 @@ def brightness(photograph: bytes) -> float:
     import cv2
     import numpy as np
 
-    return float(cv2.imdecode(np.frombuffer(photograph, np.uint8), cv2.IMREAD_COLOR).mean())
+    decoded = cv2.imdecode(np.frombuffer(photograph, np.uint8), cv2.IMREAD_COLOR)
+    assert decoded is not None
+    return float(decoded.mean())
 
 
 def test_a_camera_without_a_switch_says_so_before_the_first_photograph(clock: Clock) -> None:
