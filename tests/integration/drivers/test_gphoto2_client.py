@@ -77,23 +77,14 @@ def test_a_session_has_no_malformed_packet(
         lacking("the right to record packets")
     with drivers.open_camera(camera.address) as opened:
         drivers.capture_pair(opened)
+    decode = ("tshark", "-r", str(recording), "-d", f"tcp.port=={camera.port},ptpip", "-Y")
     packets = 0
-    while packets < 100:  # what the kernel still holds of the session
-        decoded = run(
-            "tshark", "-r", str(recording), "-d", f"tcp.port=={camera.port},ptpip", "-Y", "ptpip"
-        )
-        packets = decoded.count("\n")
+    while packets < 100:  # the recorder still writes what the kernel holds of the session
+        done = subprocess.run([*decode, "ptpip"], capture_output=True, text=True, check=False)
+        packets = done.stdout.count("\n")
     recorder.terminate()
     recorder.communicate()
-    malformed = run(
-        "tshark",
-        "-r",
-        str(recording),
-        "-d",
-        f"tcp.port=={camera.port},ptpip",
-        "-Y",
-        "_ws.malformed",
-    )
-    assert malformed == ""
+    decoded = run(*decode, "ptpip")
+    assert run(*decode, "_ws.malformed") == ""
     for message in ("Init Command Request", "Init Event Ack", "Start Data", "Event"):
         assert message in decoded
