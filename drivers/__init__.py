@@ -10,7 +10,7 @@ from drivers.camera import (
     SettingName,
     SettingValue,
 )
-from drivers.capture import CAPTURE_STAGES, CapturedPair, Shot, capture_pair
+from drivers.capture import CAPTURE_STAGES, capture_pair
 from drivers.errors import (
     BadAddressError,
     CameraBusyError,
@@ -19,7 +19,9 @@ from drivers.errors import (
     CameraTimeoutError,
     CaptureError,
     DriverError,
+    FlashError,
     FocusError,
+    NoFlashError,
     PairVerificationError,
     ProtocolError,
     SettingError,
@@ -27,7 +29,16 @@ from drivers.errors import (
     TransferError,
 )
 from drivers.exif import ExposureFacts
-from drivers.registry import check_address, list_cameras, open_camera, simulated_truth
+from drivers.flash import ExternalFlash, Flash, OperatorFlash, PropertyFlash
+from drivers.pair import CapturedPair
+from drivers.registry import (
+    check_address,
+    list_cameras,
+    open_camera,
+    serve_simulated,
+    simulated_truth,
+)
+from drivers.shot import Shot
 from drivers.truth import SimulatedTruth
 
 __all__ = [
@@ -46,8 +57,14 @@ __all__ = [
     "Event",
     "EventKind",
     "ExposureFacts",
+    "ExternalFlash",
+    "Flash",
+    "FlashError",
     "FocusError",
+    "NoFlashError",
+    "OperatorFlash",
     "PairVerificationError",
+    "PropertyFlash",
     "ProtocolError",
     "Setting",
     "SettingError",
@@ -61,5 +78,6 @@ __all__ = [
     "check_address",
     "list_cameras",
     "open_camera",
+    "serve_simulated",
     "simulated_truth",
 ]

@@ -27,6 +27,10 @@ from typing import Self
 SettingValue = str | int | float
 
 
+RAW_KINDS = ("dng", "nef", "nrw", "cr2", "cr3", "arw", "raf", "rw2", "orf", "pef", "srw")
+"""Kinds of RAW files, named as their files end."""
+
+
 class SettingName(StrEnum):
     """The settings that the capture of a pair needs."""
 
@@ -87,13 +91,22 @@ class Event:
 class CameraObject:
     """A file on the camera's card.
 
-    kind: "dng", "jpeg", "folder" or "other". size: bytes. name: the camera's name for it.
+    kind: "jpeg", "folder", "other", or the kind of RAW file: one of RAW_KINDS. size: bytes.
+    name: the camera's name for it.
     """
 
     handle: int
     kind: str
     size: int
     name: str
+
+
+def kind_of_name(name: str) -> str:
+    """Tell the kind of a file from how its name ends."""
+    ending = name.rpartition(".")[2].lower()
+    if ending in RAW_KINDS:
+        return ending
+    return "jpeg" if ending in ("jpg", "jpeg") else "other"
 
 
 class Camera(ABC):
@@ -132,10 +145,14 @@ class Camera(ABC):
         """Kind, size and name of an object."""
 
     @abstractmethod
+    def delete(self, handle: int) -> None:
+        """Delete an object from the card."""
+
+    @abstractmethod
     def trigger(self) -> None:
         """Press the release; returns at once, the photograph comes later.
 
-        Raises FocusError, StoreFullError where the camera refuses.
+        Raises FocusError, StoreFullError where the camera refuses, and CameraBusyError at once.
         """
 
     @abstractmethod
@@ -143,7 +160,7 @@ class Camera(ABC):
         """Every event waiting; if there is none, the first that comes within timeout_s seconds."""
 
     @abstractmethod
-    def download(self, handle: int, offset: int = 0) -> Iterator[bytes]:
+    def download(self, handle: int, offset: int = 0) -> Iterator[bytes | bytearray | memoryview]:
         """Chunks of an object's bytes from offset to its end.
 
         Raises TransferError where a chunk comes incomplete: call again with the offset reached.

@@ -12,6 +12,8 @@ DriverError
 │   ├── FocusError             the camera could not focus and did not release
 │   ├── StoreFullError         the memory card has no room
 │   └── PairVerificationError  two photographs came, but they are not a flash/no-flash pair
+│       └── NoFlashError       because the flash did not fire
+├── FlashError                 what switches the flash did not obey
 └── TransferError              a photograph could not be fetched whole
 
 Each message is one sentence for people: what, where, and what to do.
@@ -72,6 +74,14 @@ class StoreFullError(CaptureError):
 
 class PairVerificationError(CaptureError):
     """The two photographs are not a flash/no-flash pair."""
+
+
+class NoFlashError(PairVerificationError):
+    """The flash did not fire in the photograph that was to have it."""
+
+
+class FlashError(DriverError):
+    """What switches the flash, other than the camera, did not obey."""
 
 
 class TransferError(DriverError):

@@ -2,6 +2,9 @@
 
 scheme://…   backend
 sim          drivers.sim, a simulated camera: sim://studio?lights=2&width=1200&height=800
+ptp+usb      drivers.ptp.usb, a camera on USB: ptp+usb://serial
+ptp+ip       drivers.ptp.ip, a camera on the network: ptp+ip://host or ptp+ip://host:port
+gphoto2      drivers.gphoto.backend, any camera that libgphoto2 knows: gphoto2://usb:001,004
 """
 
 from __future__ import annotations
@@ -10,10 +13,16 @@ from importlib import import_module
 from typing import Protocol, cast
 
 from drivers.camera import Camera, CameraInfo
+from drivers.clock import SystemClock
 from drivers.errors import BadAddressError
 from drivers.truth import SimulatedTruth
 
-_BACKENDS = {"sim": "drivers.sim.backend"}
+_BACKENDS = {
+    "sim": "drivers.sim.backend",
+    "ptp+usb": "drivers.ptp.usb",
+    "ptp+ip": "drivers.ptp.ip",
+    "gphoto2": "drivers.gphoto.backend",
+}
 
 
 class Backend(Protocol):
@@ -27,6 +36,18 @@ class Backend(Protocol):
 
     def list_cameras(self) -> list[CameraInfo]:
         """Cameras that can be opened now."""
+
+
+class SimulatedResponder(Protocol):
+    """A simulated camera that is served. address: host:port."""
+
+    address: str
+
+    def order(self, line: str) -> None:
+        """Do as "fault NAME" or "flash mode|off|external" says. Raises BadAddressError."""
+
+    def close(self) -> None:
+        """Serve no longer."""
 
 
 def open_camera(address: str) -> Camera:
@@ -48,6 +69,18 @@ def check_address(address: str) -> None:
 def list_cameras() -> list[CameraInfo]:
     """Every camera that can be opened now, of every backend."""
     return [info for scheme in _BACKENDS for info in _load(scheme).list_cameras()]
+
+
+def serve_simulated(address: str, host: str, port: int) -> SimulatedResponder:
+    """Serve the simulated camera at an address by PTP/IP, as a camera on the network would.
+
+    host, port: where to listen; port 0 takes any. Raises BadAddressError, CameraNotFoundError.
+    """
+    from drivers.sim.address import parse
+    from drivers.sim.body import Body
+    from drivers.sim.ip_responder import IpResponder
+
+    return IpResponder(Body(parse(address), SystemClock()), host, port)
 
 
 def simulated_truth(address: str) -> SimulatedTruth:

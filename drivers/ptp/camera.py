@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from drivers.camera import (
     Camera,
@@ -13,11 +13,18 @@ from drivers.camera import (
     Setting,
     SettingName,
     SettingValue,
+    kind_of_name,
 )
 from drivers.clock import Clock
-from drivers.errors import SettingError, TransferError
+from drivers.errors import (
+    CameraDisconnectedError,
+    CameraTimeoutError,
+    SettingError,
+    TransferError,
+)
+from drivers.ptp import nikon
 from drivers.ptp.codes import ALL_STORAGES, EventCode, ObjectFormat, Operation, Property
-from drivers.ptp.containers import Container
+from drivers.ptp.containers import Bytes, Container
 from drivers.ptp.datasets import DeviceInfo, Form, ObjectInfo, PropertyDescription
 from drivers.ptp.properties import CODECS
 from drivers.ptp.session import Session
@@ -34,6 +41,7 @@ _KINDS: dict[int, str] = {
     ObjectFormat.DNG: "dng",
     ObjectFormat.ASSOCIATION: "folder",
 }
+_LARGEST_WHOLE = 1 << 29  # of an object that can only be had in one piece
 _EVENTS: dict[int, EventKind] = {
     EventCode.OBJECT_ADDED: EventKind.OBJECT_ADDED,
     EventCode.CAPTURE_COMPLETE: EventKind.CAPTURE_COMPLETE,
@@ -51,6 +59,7 @@ class PtpCamera(Camera):
         try:
             self._session.open()
             self._device = DeviceInfo.decode(self._session.request(Operation.GET_DEVICE_INFO)[0])
+            self._nikon = nikon.Calls(self._session, self._device)
         except BaseException:
             self._session.close()
             raise
@@ -128,14 +137,24 @@ class PtpCamera(Camera):
         """Kind, size and name of an object."""
         data, _ = self._session.request(Operation.GET_OBJECT_INFO, handle)
         info = ObjectInfo.decode(data)
-        return CameraObject(handle, _KINDS.get(info.format, "other"), info.size, info.name)
+        kind = _KINDS.get(info.format) or kind_of_name(info.name)
+        return CameraObject(handle, kind, info.size, info.name)
+
+    def delete(self, handle: int) -> None:
+        """Delete an object from the card."""
+        self._session.request(Operation.DELETE_OBJECT, handle)
 
     def trigger(self) -> None:
         """Press the release; returns at once, the photograph comes later."""
-        self._session.request(Operation.INITIATE_CAPTURE, 0, 0)
+        if self._nikon.can_capture:
+            self._nikon.capture()
+        else:
+            self._session.request_once(Operation.INITIATE_CAPTURE, 0, 0)
 
     def events(self, timeout_s: float) -> list[Event]:
         """Every event waiting; if there is none, the first that comes within timeout_s seconds."""
+        if self._nikon.can_tell:
+            return [_event(container) for container in self._nikon.events(timeout_s)]
         events = []
         container = self._session.transport.receive_event(timeout_s)
         while container is not None:
@@ -143,21 +162,35 @@ class PtpCamera(Camera):
             container = self._session.transport.receive_event(0)
         return events
 
-    def download(self, handle: int, offset: int = 0) -> Iterator[bytes]:
+    def download(self, handle: int, offset: int = 0) -> Iterator[Bytes]:
         """Chunks of an object's bytes from offset to its end.
 
         Raises TransferError where a chunk comes incomplete: call again with the offset reached.
         """
         size = self.describe(handle).size
+        if Operation.GET_PARTIAL_OBJECT not in self._device.operations:
+            yield self._whole(handle, size)[offset:]
+            return
         while offset < size:
             wanted = min(CHUNK_BYTES, size - offset)
-            chunk, _ = self._session.request(Operation.GET_PARTIAL_OBJECT, handle, offset, wanted)
+            chunk, _ = self._session.request(
+                Operation.GET_PARTIAL_OBJECT, handle, offset, wanted, most=2 * CHUNK_BYTES
+            )
             if not 0 < len(chunk) <= wanted:
                 raise TransferError(
                     f"The camera sent {len(chunk)} bytes where {wanted} were asked for: try again."
                 )
             offset += len(chunk)
             yield chunk
+
+    def _whole(self, handle: int, size: int) -> Bytes:
+        """Fetch an object of a camera that cannot send parts."""
+        data, _ = self._session.request(
+            Operation.GET_OBJECT, handle, most=min(size, _LARGEST_WHOLE)
+        )
+        if len(data) != size:
+            raise TransferError(f"The camera sent {len(data)} of {size} bytes: try again.")
+        return data
 
     def close(self) -> None:
         """Give the camera back. Closing twice is fine."""
@@ -169,6 +202,14 @@ class PtpCamera(Camera):
             raise SettingError(f"The camera has no setting {name}: set it on the camera itself.")
         data, _ = self._session.request(Operation.GET_DEVICE_PROP_DESC, code)
         return PropertyDescription.decode(data)
+
+
+def open_awake(address: str, connect: Callable[[], Transport], clock: Clock) -> PtpCamera:
+    """Open a camera by a fresh connection, and by a second one if the first only woke it."""
+    try:
+        return PtpCamera(address, connect(), clock)
+    except (CameraTimeoutError, CameraDisconnectedError):
+        return PtpCamera(address, connect(), clock)
 
 
 def _choices(description: PropertyDescription) -> tuple[int, ...]:

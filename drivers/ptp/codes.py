@@ -32,6 +32,9 @@ class Operation(IntEnum):
     GET_DEVICE_PROP_VALUE = 0x1015
     SET_DEVICE_PROP_VALUE = 0x1016
     GET_PARTIAL_OBJECT = 0x101B
+    NIKON_GET_EVENTS = 0x90C7
+    NIKON_DEVICE_READY = 0x90C8
+    NIKON_CAPTURE_TO_CARD = 0x9207
 
 
 class Response(IntEnum):
@@ -89,6 +92,10 @@ class ObjectFormat(IntEnum):
     DNG = 0x3811
 
 
+NIKON = 0x0000000A
+"""Vendor extension of Nikon."""
+
+
 class DataType(IntEnum):
     """Types of property values."""
 
@@ -96,6 +103,9 @@ class DataType(IntEnum):
     UINT16 = 0x0004
     UINT32 = 0x0006
 
+
+SENDS_DATA = (Operation.SET_DEVICE_PROP_VALUE,)
+"""Operations whose data come from the initiator."""
 
 ALL_STORAGES = 0xFFFFFFFF
 """Stands for every storage in a request for handles."""

@@ -11,6 +11,9 @@ from drivers.ptp.codes import ContainerType
 _HEADER = struct.Struct("<IHHI")
 _MAX_PARAMETERS = 5
 
+Bytes = bytes | bytearray | memoryview
+"""Bytes that need not be copied to be handed on."""
+
 
 @dataclass(frozen=True)
 class Container:
@@ -19,7 +22,7 @@ class Container:
     type: ContainerType
     code: int
     transaction: int
-    payload: bytes = b""
+    payload: Bytes = b""
 
     @classmethod
     def with_parameters(
@@ -36,10 +39,10 @@ class Container:
     def encode(self) -> bytes:
         """Write the bytes on the wire: u32 length, u16 type, u16 code, u32 transaction, payload."""
         length = _HEADER.size + len(self.payload)
-        return _HEADER.pack(length, self.type, self.code, self.transaction) + self.payload
+        return _HEADER.pack(length, self.type, self.code, self.transaction) + bytes(self.payload)
 
 
-def decode(raw: bytes) -> Container:
+def decode(raw: bytes | bytearray) -> Container:
     """Read a container. Raises ProtocolError for bytes that are none."""
     if len(raw) < _HEADER.size:
         raise ProtocolError(f"A PTP container has at least 12 bytes, but {len(raw)} came")

@@ -7,6 +7,7 @@ from enum import IntEnum
 
 from drivers.errors import ProtocolError
 from drivers.ptp.codes import DataType
+from drivers.ptp.containers import Bytes
 from drivers.ptp.wire import Reader, string, uint, uints
 
 _WIDTHS = {DataType.UINT8: 1, DataType.UINT16: 2, DataType.UINT32: 4}
@@ -22,7 +23,7 @@ class Form(IntEnum):
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """Who the device is and what it can do."""
+    """Who the device is and what it can do. vendor: whose extensions it speaks, 0 for none."""
 
     operations: tuple[int, ...]
     events: tuple[int, ...]
@@ -32,14 +33,15 @@ class DeviceInfo:
     model: str
     version: str
     serial: str
+    vendor: int = 0
 
     def encode(self) -> bytes:
-        """As bytes on the wire, PTP version 1.00, no vendor extension."""
+        """As bytes on the wire, PTP version 1.00."""
         return b"".join(
             (
                 uint(100, 2),
-                uint(0, 4),
-                uint(0, 2),
+                uint(self.vendor, 4),
+                uint(100 if self.vendor else 0, 2),
                 string(""),
                 uint(0, 2),
                 uints(self.operations, 2),
@@ -55,10 +57,12 @@ class DeviceInfo:
         )
 
     @classmethod
-    def decode(cls, data: bytes) -> DeviceInfo:
+    def decode(cls, data: Bytes) -> DeviceInfo:
         """Read it. Raises ProtocolError for bytes that are no DeviceInfo."""
         reader = Reader(data)
-        reader.take(8)  # PTP version, vendor extension id and version
+        reader.uint(2)  # PTP version
+        vendor = reader.uint(4)
+        reader.uint(2)  # version of the vendor's extension
         reader.string()
         reader.uint(2)  # functional mode
         operations, events, properties, formats = (reader.uints(2) for _ in range(4))
@@ -72,6 +76,7 @@ class DeviceInfo:
             model=reader.string(),
             version=reader.string(),
             serial=reader.string(),
+            vendor=vendor,
         )
 
 
@@ -137,7 +142,7 @@ class ObjectInfo:
         )
 
     @classmethod
-    def decode(cls, data: bytes) -> ObjectInfo:
+    def decode(cls, data: Bytes) -> ObjectInfo:
         """Read it. Raises ProtocolError for bytes that are no ObjectInfo."""
         reader = Reader(data)
         storage, kind = reader.uint(4), reader.uint(2)
@@ -190,7 +195,7 @@ class PropertyDescription:
         )
 
     @classmethod
-    def decode(cls, data: bytes) -> PropertyDescription:
+    def decode(cls, data: Bytes) -> PropertyDescription:
         """Read it. Raises ProtocolError for bytes that describe no property that is a number."""
         reader = Reader(data)
         code, type_code, writable = reader.uint(2), reader.uint(2), reader.uint(1)

@@ -13,8 +13,8 @@ from drivers.errors import (
     TransferError,
 )
 from drivers.ptp.codes import ContainerType, Operation, Response
-from drivers.ptp.containers import Container
-from drivers.ptp.transport import Transport
+from drivers.ptp.containers import Bytes, Container
+from drivers.ptp.transport import DATASET_BYTES, Transport
 
 _LAST_TRANSACTION = 0xFFFFFFFE
 _BUSY_PAUSES_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
@@ -70,25 +70,29 @@ class Session:
 
     def open(self) -> None:
         """Open the session; one that an earlier caller left open is closed first."""
-        code, _, _ = self._once(Operation.OPEN_SESSION, (1,), None)
+        code, _, _ = self._once(Operation.OPEN_SESSION, (1,))
         if code == Response.SESSION_ALREADY_OPEN:
-            self._once(Operation.CLOSE_SESSION, (), None)
+            self._once(Operation.CLOSE_SESSION, ())
             self._transaction = 0
-            code, _, _ = self._once(Operation.OPEN_SESSION, (1,), None)
+            code, _, _ = self._once(Operation.OPEN_SESSION, (1,))
         if code != Response.OK:
             raise _refusal(Operation.OPEN_SESSION, code)
         self._open = True
 
     def request(
-        self, operation: Operation, *parameters: int, data: bytes | None = None
-    ) -> tuple[bytes, tuple[int, ...]]:
+        self,
+        operation: Operation,
+        *parameters: int,
+        data: bytes | None = None,
+        most: int = DATASET_BYTES,
+    ) -> tuple[Bytes, tuple[int, ...]]:
         """Run one operation and return (data, response parameters).
 
-        data: bytes to send along. A busy camera is asked again for about three seconds.
-        Raises the error that the camera's response stands for.
+        data: bytes to send along. most: bytes that may come. A busy camera is asked
+        again for about three seconds. Raises the error that the camera's response stands for.
         """
         for pause in (*_BUSY_PAUSES_S, None):
-            code, received, answer = self._once(operation, parameters, data)
+            code, received, answer = self._once(operation, parameters, data, most)
             if code == Response.OK:
                 return received, answer
             if code != Response.DEVICE_BUSY or pause is None:
@@ -96,20 +100,37 @@ class Session:
             self.clock.sleep(pause)
         raise _refusal(operation, code)
 
+    def request_once(self, operation: Operation, *parameters: int) -> None:
+        """Run an operation without data; a busy camera is an error, too, and not asked again."""
+        code, _, _ = self._once(operation, parameters)
+        if code != Response.OK:
+            raise _refusal(operation, code)
+
+    def is_busy(self, operation: Operation) -> bool:
+        """Ask once whether the camera is busy. Raises like request() for any other refusal."""
+        code, _, _ = self._once(operation, ())
+        if code not in (Response.OK, Response.DEVICE_BUSY):
+            raise _refusal(operation, code)
+        return code == Response.DEVICE_BUSY
+
     def close(self) -> None:
         """Close the session and the transport, also where the camera is gone."""
         try:
             if self._open:
                 self._open = False
-                self._once(Operation.CLOSE_SESSION, (), None)
+                self._once(Operation.CLOSE_SESSION, ())
         except DriverError:
             pass  # the camera is gone or confused; what remains is to let go of it
         finally:
             self.transport.close()
 
     def _once(
-        self, operation: Operation, parameters: tuple[int, ...], data: bytes | None
-    ) -> tuple[int, bytes, tuple[int, ...]]:
+        self,
+        operation: Operation,
+        parameters: tuple[int, ...],
+        data: bytes | None = None,
+        most: int = DATASET_BYTES,
+    ) -> tuple[int, Bytes, tuple[int, ...]]:
         transaction = self._transaction
         self._transaction = 1 if transaction == _LAST_TRANSACTION else transaction + 1
         self.transport.send(
@@ -117,8 +138,8 @@ class Session:
         )
         if data is not None:
             self.transport.send(Container(ContainerType.DATA, operation, transaction, data))
-        received = b""
-        answer = self.transport.receive()
+        received: Bytes = b""
+        answer = self.transport.receive(most)
         if answer.type is ContainerType.DATA:
             received = answer.payload
             _check(answer, operation, transaction, ContainerType.DATA)

@@ -6,6 +6,15 @@ from abc import ABC, abstractmethod
 
 from drivers.ptp.containers import Container
 
+ANSWER_S = 10.0
+"""How long one waits for a camera's answer."""
+
+DATASET_BYTES = 1 << 20
+"""No dataset is larger."""
+
+SLOWEST_BYTES_PER_S = 50_000
+"""Data that come more slowly are given up."""
+
 
 class Transport(ABC):
     """Carries containers to a camera and back.
@@ -18,10 +27,11 @@ class Transport(ABC):
         """Send a command or its data."""
 
     @abstractmethod
-    def receive(self) -> Container:
+    def receive(self, most: int = DATASET_BYTES) -> Container:
         """Take the next data or response container.
 
-        Raises ProtocolError for malformed bytes, CameraTimeoutError where nothing comes.
+        most: bytes of data that there can be. Raises ProtocolError for malformed bytes,
+        CameraTimeoutError where nothing comes.
         """
 
     @abstractmethod

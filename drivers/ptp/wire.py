@@ -6,6 +6,7 @@ import struct
 from collections.abc import Iterable
 
 from drivers.errors import ProtocolError
+from drivers.ptp.containers import Bytes
 
 _FORMATS = {1: "<B", 2: "<H", 4: "<I", 8: "<Q"}
 
@@ -13,8 +14,8 @@ _FORMATS = {1: "<B", 2: "<H", 4: "<I", 8: "<Q"}
 class Reader:
     """Reads a dataset from its start; every method raises ProtocolError where bytes are missing."""
 
-    def __init__(self, data: bytes) -> None:
-        self._data = data
+    def __init__(self, data: Bytes) -> None:
+        self._data = bytes(data)
         self._at = 0
 
     def take(self, count: int) -> bytes:

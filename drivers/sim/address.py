@@ -9,27 +9,7 @@ from urllib.parse import parse_qsl
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from drivers.errors import BadAddressError, CameraNotFoundError
-
-Fault = Literal[
-    "none",
-    # the driver gets over these
-    "busy_briefly",  # the first releases are refused
-    "lost_events",
-    "broken_transfer",  # every other chunk breaks off
-    # and not over these
-    "busy",  # every release is refused
-    "focus",  # the release finds no focus
-    "store_full",
-    "no_photograph",  # released, but nothing reaches the card
-    "silent",  # no answer to the release
-    "garbled",  # nonsense for an answer to the release
-    "unplug",  # in the transfer of a photograph
-    "truncated",  # the card holds half of what it says
-    "flash_dead",
-    "flash_always",
-    "flash_locked",  # its mode can only be set on the camera
-    "auto_exposure",  # the flash frame gets half the time
-]
+from drivers.sim.faults import Fault
 
 
 class SimulatedCamera(BaseModel):
@@ -37,8 +17,9 @@ class SimulatedCamera(BaseModel):
 
     lights: lamps that are on. width, height: pixels, even because of the colour filter mosaic.
     seed: of the noise. format: files per photograph. noise: off gives the exact light, only
-    rounded. scene: studio, a still life, or objects, one material for normals. fault: what goes
-    wrong, to rehearse it.
+    rounded. scene: studio, a still life, or objects, one material for normals. camera: which file
+    of the folder cameras. cable: direct hands the protocol over as it is, usb through pyusb.
+    fault: what goes wrong, to rehearse it.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -50,6 +31,8 @@ class SimulatedCamera(BaseModel):
     format: Literal["dng", "jpeg", "both"] = "dng"
     noise: Literal["on", "off"] = "on"
     scene: Literal["studio", "objects"] = "studio"
+    camera: Literal["standard", "native", "switchless"] = "standard"
+    cable: Literal["direct", "usb"] = "direct"
     fault: Fault = "none"
 
 

@@ -6,16 +6,14 @@ from collections import deque
 
 from drivers.camera import Camera, CameraInfo
 from drivers.clock import Clock, SystemClock
-from drivers.errors import CameraDisconnectedError, CameraTimeoutError
+from drivers.errors import CameraDisconnectedError, CameraTimeoutError, ProtocolError
 from drivers.ptp import containers
-from drivers.ptp.camera import PtpCamera
+from drivers.ptp.camera import open_awake
 from drivers.ptp.containers import Container
-from drivers.ptp.transport import Transport
+from drivers.ptp.transport import ANSWER_S, DATASET_BYTES, Transport
 from drivers.sim.address import parse
 from drivers.sim.body import Body
 from drivers.sim.responder import Responder
-
-_ANSWER_S = 10.0  # as long as one waits for a camera on a cable
 
 
 class InProcessTransport(Transport):
@@ -32,16 +30,21 @@ class InProcessTransport(Transport):
         self._check_connected()
         self._answers.extend(self._responder.accept(container.encode()))
 
-    def receive(self) -> Container:
+    def receive(self, most: int = DATASET_BYTES) -> Container:
         """Take the next data or response container."""
         self._check_connected()
         if not self._answers:
-            self._clock.sleep(_ANSWER_S)
+            self._clock.sleep(ANSWER_S)
             raise CameraTimeoutError(
-                f"The camera gave no answer for {_ANSWER_S:.0f} s: switch it off and on and take "
+                f"The camera gave no answer for {ANSWER_S:.0f} s: switch it off and on and take "
                 "the pair anew."
             )
-        return containers.decode(self._answers.popleft())
+        answer = containers.decode(self._answers.popleft())
+        if len(answer.payload) > most:
+            raise ProtocolError(
+                f"The camera sent {len(answer.payload)} bytes where {most} are the most"
+            )
+        return answer
 
     def receive_event(self, timeout_s: float) -> Container | None:
         """Take the next event, waiting at most timeout_s seconds; None if there is none."""
@@ -68,7 +71,14 @@ def open_camera(address: str, clock: Clock | None = None) -> Camera:
     """Open the simulated camera. Raises BadAddressError, CameraNotFoundError."""
     clock = clock or SystemClock()
     options = parse(address)
-    return PtpCamera(address, InProcessTransport(Body(options, clock), clock), clock)
+    body = Body(options, clock)
+    if options.cable == "direct":
+        return open_awake(address, lambda: InProcessTransport(body, clock), clock)
+    from drivers.ptp import usb
+    from drivers.sim.usb_bus import SimulatedBus
+
+    bus = SimulatedBus(body, clock)
+    return open_awake(address, lambda: usb.connect("", bus, clock), clock)
 
 
 def check_address(address: str) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 
 from drivers.ptp import containers
 from drivers.ptp.codes import (
@@ -13,19 +15,28 @@ from drivers.ptp.codes import (
     Operation,
     Response,
 )
-from drivers.ptp.containers import Container
+from drivers.ptp.containers import Bytes, Container
 from drivers.ptp.datasets import DeviceInfo, StorageInfo
 from drivers.ptp.wire import uint, uints
-from drivers.sim import spectra
-from drivers.sim.body import FOLDER, STORAGE, Body, Refusal, StoredObject
+from drivers.sim.body import (
+    CARD_BYTES,
+    FOLDER,
+    PHOTOGRAPH_BYTES,
+    STORAGE,
+    Body,
+    Refusal,
+    StoredObject,
+)
 
-_CARD_BYTES = 32 * 10**9
-_PHOTOGRAPH_BYTES = 30 * 10**6
+_VENDOR = 0x9000  # from here on operations are of makers
 _LAST_TRANSACTION = 0xFFFFFFFE
 _ROOT = 0xFFFFFFFF  # as parent in GetObjectHandles: the objects outside every folder
 _WITHOUT_SESSION = (Operation.GET_DEVICE_INFO, Operation.OPEN_SESSION)
 
-Answer = tuple[bytes | None, tuple[int, ...]]
+RELEASES = (Operation.INITIATE_CAPTURE, Operation.NIKON_CAPTURE_TO_CARD)
+"""Operations that take a photograph."""
+
+Answer = tuple[Bytes | None, tuple[int, ...]]
 """Data, if the operation has any, and the parameters of the response."""
 
 
@@ -54,6 +65,9 @@ class Responder:
             Operation.INITIATE_CAPTURE: self._initiate_capture,
             Operation.GET_DEVICE_PROP_DESC: self._get_device_prop_desc,
             Operation.GET_DEVICE_PROP_VALUE: self._get_device_prop_value,
+            Operation.NIKON_CAPTURE_TO_CARD: self._initiate_capture,
+            Operation.NIKON_DEVICE_READY: self._device_ready,
+            Operation.NIKON_GET_EVENTS: self._get_events,
         }
 
     def accept(self, raw: bytes) -> list[bytes]:
@@ -61,7 +75,10 @@ class Responder:
 
         Raises ProtocolError for bytes that are no container.
         """
-        container = containers.decode(raw)
+        return [answer.encode() for answer in self.answer(containers.decode(raw))]
+
+    def answer(self, container: Container) -> list[Container]:
+        """Take one container from the initiator and return those that answer it."""
         self._body.advance()
         command, self._command = self._command, None
         if container.type is ContainerType.COMMAND:
@@ -69,23 +86,27 @@ class Responder:
                 self._command = container
                 return []  # its data come in a container of their own
             answers = self._answer(container, lambda: self._run(container))
-            if container.code == Operation.INITIATE_CAPTURE:
-                return {"silent": [], "garbled": [b"\xff" * 12]}.get(self._body.fault, answers)
+            if self._body.fault == "asleep" and container.code == Operation.OPEN_SESSION:
+                self._body.fault = "none"  # the first call wakes it
+                return []
+            if container.code in RELEASES:
+                nonsense = Container(ContainerType.RESPONSE, 0xFFFF, 0xFFFFFFFF)
+                return {"silent": [], "garbled": [nonsense]}.get(self._body.fault, answers)
             return answers
         if container.type is not ContainerType.DATA or command is None:
             return self._answer(container, lambda: _refuse(Response.GENERAL_ERROR))
         return self._answer(command, lambda: self._set_device_prop_value(command, container))
 
     def next_event(self) -> bytes | None:
-        """Take the next event, if there is one."""
+        """Take the next event, if there is one to be told unasked."""
         self._body.advance()
-        if not self._body.events:
+        if not self._body.events or Operation.NIKON_GET_EVENTS in self._body.model.calls:
             return None
         code, parameter = self._body.events.popleft()
         parameters = () if code is EventCode.CAPTURE_COMPLETE else (parameter,)
         return Container.with_parameters(ContainerType.EVENT, code, 0, parameters).encode()
 
-    def _answer(self, command: Container, run: Callable[[], Answer]) -> list[bytes]:
+    def _answer(self, command: Container, run: Callable[[], Answer]) -> list[Container]:
         code, data, parameters = Response.OK, None, tuple[int, ...]()
         try:
             data, parameters = run()
@@ -93,19 +114,16 @@ class Responder:
             code = refusal.response
         answers = []
         if data is not None:
-            answers.append(
-                Container(ContainerType.DATA, command.code, command.transaction, data).encode()
-            )
+            answers.append(Container(ContainerType.DATA, command.code, command.transaction, data))
         answers.append(
-            Container.with_parameters(
-                ContainerType.RESPONSE, code, command.transaction, parameters
-            ).encode()
+            Container.with_parameters(ContainerType.RESPONSE, code, command.transaction, parameters)
         )
         return answers
 
     def _run(self, command: Container) -> Answer:
         operation = self._operations.get(command.code)
-        if operation is None:
+        ours = command.code < _VENDOR or command.code in self._body.model.calls
+        if operation is None or not ours:
             raise Refusal(Response.OPERATION_NOT_SUPPORTED)
         if command.code not in _WITHOUT_SESSION:
             self._check_session(command)
@@ -122,15 +140,18 @@ class Responder:
             raise Refusal(Response.INVALID_TRANSACTION_ID)
 
     def _get_device_info(self, *_: int) -> Answer:
+        model = self._body.model
+        offered = [code for code in self._operations if code < _VENDOR or code in model.calls]
         info = DeviceInfo(
-            operations=(*self._operations, Operation.SET_DEVICE_PROP_VALUE),
+            operations=(*offered, Operation.SET_DEVICE_PROP_VALUE),
             events=tuple(EventCode),
             properties=tuple(self._body.properties),
             formats=(ObjectFormat.DNG, ObjectFormat.EXIF_JPEG),
-            manufacturer=spectra.MAKE,
-            model=spectra.MODEL,
+            manufacturer=model.make,
+            model=model.model,
             version="simulated 1",
-            serial="0000001",
+            serial=model.serial,
+            vendor=model.vendor,
         )
         return info.encode(), ()
 
@@ -152,14 +173,15 @@ class Responder:
     def _get_storage_info(self, storage: int, *_: int) -> Answer:
         if storage != STORAGE:
             raise Refusal(Response.INVALID_STORAGE_ID)
-        used = sum(len(stored.data) for stored in self._body.objects.values())
-        free = 0 if self._body.fault == "store_full" else _CARD_BYTES - used
-        return StorageInfo(_CARD_BYTES, free, free // _PHOTOGRAPH_BYTES, "studio").encode(), ()
+        free = self._body.free_bytes
+        return StorageInfo(CARD_BYTES, free, free // PHOTOGRAPH_BYTES, "studio").encode(), ()
 
     def _get_num_objects(self, storage: int, kind: int, parent: int, *_: int) -> Answer:
         return None, (len(self._matching(storage, kind, parent)),)
 
     def _get_object_handles(self, storage: int, kind: int, parent: int, *_: int) -> Answer:
+        if self._body.fault == "hostile":
+            return b"\xff\xff\xff\xff" * 4, ()
         return uints(self._matching(storage, kind, parent), 4), ()
 
     def _get_object_info(self, handle: int, *_: int) -> Answer:
@@ -178,7 +200,7 @@ class Responder:
         if self._broken:
             raise Refusal(Response.INCOMPLETE_TRANSFER)
         self._pull_the_cable()
-        part = data[offset : offset + count]
+        part = memoryview(data)[offset : offset + count]
         return part, (len(part),)
 
     def _delete_object(self, handle: int, *_: int) -> Answer:
@@ -192,9 +214,19 @@ class Responder:
         self._body.release()
         return None, ()
 
+    def _device_ready(self, *_: int) -> Answer:
+        if self._body.seconds_to_wait() is not None:
+            raise Refusal(Response.DEVICE_BUSY)
+        return None, ()
+
+    def _get_events(self, *_: int) -> Answer:
+        told, self._body.events = self._body.events, deque()
+        return uint(len(told), 2) + b"".join(uint(c, 2) + uint(p, 4) for c, p in told), ()
+
     def _get_device_prop_desc(self, code: int, *_: int) -> Answer:
         self._check_property(code)
-        return self._body.properties[code].encode(), ()
+        description = self._body.properties[code]
+        return replace(description, writable=self._body.writable(code)).encode(), ()
 
     def _get_device_prop_value(self, code: int, *_: int) -> Answer:
         self._check_property(code)

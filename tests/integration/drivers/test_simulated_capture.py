@@ -31,13 +31,29 @@ def test_a_pair_comes_through_the_public_door(files: str, kinds: set[str]) -> No
     assert told[-1] == ("verify", 1.0)
 
 
-@pytest.mark.parametrize("fault", ["busy_briefly", "lost_events", "broken_transfer"])
-def test_passing_faults_change_nothing_in_the_pair(clock: Clock, fault: str) -> None:
-    sound, troubled = take(clock, "format=both"), take(clock, f"format=both&fault={fault}")
+@pytest.mark.parametrize("cable", ["direct", "usb"])
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "busy_briefly",
+        "lost_events",
+        "late_events",
+        "broken_transfer",
+        "short_packets",
+        "glued_packets",
+        "stall",
+        "slow_link",
+        "asleep",
+    ],
+)
+def test_passing_faults_change_nothing_in_the_pair(clock: Clock, fault: str, cable: str) -> None:
+    sound = take(clock, "format=both")
+    troubled = take(clock, f"format=both&cable={cable}&fault={fault}")
     assert troubled.no_flash == sound.no_flash
     assert troubled.flash == sound.flash
 
 
+@pytest.mark.parametrize("cable", ["direct", "usb"])
 @pytest.mark.parametrize(
     ("fault", "error", "sentence"),
     [
@@ -47,19 +63,21 @@ def test_passing_faults_change_nothing_in_the_pair(clock: Clock, fault: str) -> 
         ("no_photograph", drivers.CaptureError, "no photograph reached its card"),
         ("silent", drivers.CameraTimeoutError, "no answer for 10 s"),
         ("garbled", drivers.ProtocolError, "switch the camera off and on"),
-        ("unplug", drivers.CameraDisconnectedError, "connect it again"),
+        ("unplug", drivers.CameraDisconnectedError, r"(connect|plug) it (in )?again"),
+        ("hostile", drivers.ProtocolError, "ends too early"),
+        ("huge_size", drivers.TransferError, "4294967295 bytes"),
         ("truncated", drivers.TransferError, "sent 0 bytes where"),
-        ("flash_dead", drivers.PairVerificationError, "The flash did not fire"),
+        ("flash_dead", drivers.NoFlashError, "The flash did not fire"),
         ("flash_always", drivers.PairVerificationError, "flash fired in the photograph"),
-        ("flash_locked", drivers.SettingError, "set it to off on the camera itself"),
+        ("flash_locked", drivers.SettingError, "can be set on the camera alone"),
         ("auto_exposure", drivers.PairVerificationError, "differ in exposure time"),
     ],
 )
 def test_lasting_faults_end_in_an_error_that_says_what_to_do(
-    clock: Clock, fault: str, error: type[drivers.DriverError], sentence: str
+    clock: Clock, fault: str, error: type[drivers.DriverError], sentence: str, cable: str
 ) -> None:
     with pytest.raises(drivers.DriverError, match=sentence) as caught:
-        take(clock, f"fault={fault}")
+        take(clock, f"cable={cable}&fault={fault}")
     assert type(caught.value) is error
     assert "\n" not in str(caught.value)
     assert str(caught.value).endswith(".")
@@ -89,3 +107,22 @@ def test_photographs_stay_on_the_card(clock: Clock) -> None:
     assert names == ["100STUDI"] + [
         f"DSC_000{number}.{kind}" for number in range(1, 5) for kind in ("DNG", "JPG")
     ]
+
+
+def test_a_flash_without_charge_is_waited_for(clock: Clock) -> None:
+    pair = take(clock, "fault=flash_not_ready")
+    assert pair.flash.exposure.flash_fired is True
+    assert clock.monotonic() > 5
+
+
+@pytest.mark.parametrize("cable", ["direct", "usb"])
+@pytest.mark.parametrize("fault", ["none", "lost_events", "busy_briefly"])
+def test_a_camera_is_released_by_its_makers_own_calls(clock: Clock, cable: str, fault: str) -> None:
+    pair = take(clock, f"camera=native&cable={cable}&fault={fault}")
+    assert [shot.exposure.flash_fired for shot in (pair.no_flash, pair.flash)] == [False, True]
+
+
+def test_a_camera_whose_flash_has_no_switch_says_so_first(clock: Clock) -> None:
+    with pytest.raises(drivers.SettingError, match="cannot be switched off from a computer"):
+        take(clock, "camera=switchless")
+    assert clock.monotonic() < 1

@@ -18,14 +18,16 @@ from drivers.camera import (
     SettingName,
     SettingValue,
 )
-from drivers.capture import CAPTURE_STAGES, LARGEST_BYTES, capture_pair
+from drivers.capture import CAPTURE_STAGES, RECHARGE_S, capture_pair
 from drivers.clock import Clock
 from drivers.errors import (
     CaptureError,
+    NoFlashError,
     PairVerificationError,
     SettingError,
     TransferError,
 )
+from drivers.shot import LARGEST_BYTES
 
 
 def photograph(flash: int, iso: int = 100, f_number: int = 8) -> bytes:
@@ -95,6 +97,9 @@ class FakeCamera(Camera):
     def describe(self, handle: int) -> CameraObject:
         kind, data = self.card[handle]
         return CameraObject(handle, kind, self.sizes.get(handle, len(data)), f"{handle}")
+
+    def delete(self, handle: int) -> None:
+        del self.card[handle]
 
     def trigger(self) -> None:
         for kind, data in self.shots.pop(0).items():
@@ -186,7 +191,7 @@ def test_an_iso_that_cannot_be_fixed_is_an_error(clock: Clock) -> None:
 
 
 @pytest.mark.parametrize(
-    ("choices", "mode"), [(("off", "fill"), "fill"), (("auto", "external"), "external")]
+    ("choices", "mode"), [(("off", "fill"), "fill"), (("off", "external"), "external")]
 )
 def test_the_flash_is_put_to_a_mode_that_fires(
     clock: Clock, choices: tuple[str, ...], mode: str
@@ -195,6 +200,64 @@ def test_the_flash_is_put_to_a_mode_that_fires(
     camera.set(SettingName.FLASH, "auto", *choices)
     capture_pair(camera, clock=clock)
     assert camera.table[SettingName.FLASH].value == mode
+
+
+def test_a_failed_second_photograph_repeats_the_pair_and_mixes_none(clock: Clock) -> None:
+    fresh = NO_FLASH + b"anew"
+    dark = {"jpeg": NO_FLASH}
+    camera = FakeCamera([dark, dark, {"jpeg": fresh}, {"jpeg": FLASH}])
+    pair = capture_pair(camera, clock=clock)
+    assert (pair.no_flash.best, pair.flash.best) == (fresh, FLASH)
+    modes = [value for name, value in camera.written if name == SettingName.FLASH]
+    assert modes == ["off", "fill", "off", "fill"]
+    assert clock.monotonic() > RECHARGE_S
+
+
+def test_a_failed_first_photograph_repeats_nothing(clock: Clock) -> None:
+    camera = FakeCamera([{"jpeg": b"nothing"}, {"jpeg": FLASH}])
+    with pytest.raises(PairVerificationError):
+        capture_pair(camera, clock=clock)
+    assert len(camera.shots) == 1
+
+
+def test_a_pair_is_repeated_once_only(clock: Clock) -> None:
+    camera = FakeCamera([{"jpeg": NO_FLASH}, {"jpeg": NO_FLASH}] * 3)
+    with pytest.raises(NoFlashError, match="let it charge"):
+        capture_pair(camera, clock=clock)
+    assert len(camera.shots) == 2
+
+
+def test_a_dial_turned_between_the_photographs_is_noticed(clock: Clock) -> None:
+    class Turned(FakeCamera):
+        def trigger(self) -> None:
+            super().trigger()
+            self.set(SettingName.SHUTTER_S, 0.5)
+
+    camera = Turned()
+    with pytest.raises(SettingError, match=r"shutter_s went from 0.02 to 0.5 in the middle"):
+        capture_pair(camera, clock=clock)
+    assert len(camera.shots) == 1
+
+
+def test_the_cards_copy_goes_only_when_asked(clock: Clock) -> None:
+    camera = FakeCamera()
+    camera.card[40] = ("jpeg", b"old")
+    capture_pair(camera, clock=clock, keep=False)
+    assert camera.card == {1: ("folder", b""), 40: ("jpeg", b"old")}
+
+
+def test_copies_of_a_pair_that_is_none_stay_on_the_card(clock: Clock) -> None:
+    camera = FakeCamera([{"jpeg": FLASH}, {"jpeg": FLASH}])
+    with pytest.raises(PairVerificationError):
+        capture_pair(camera, clock=clock, keep=False)
+    assert sorted(camera.card) == [1, 2, 3]
+
+
+def test_a_camera_need_not_tell_its_other_settings(clock: Clock) -> None:
+    camera = FakeCamera()
+    for name in (SettingName.DRIVE, SettingName.FOCUS, SettingName.WHITE_BALANCE, SettingName.ISO):
+        del camera.table[name]
+    assert capture_pair(camera, clock=clock).flash.best == FLASH
 
 
 def test_a_flash_without_a_mode_that_fires_is_an_error(clock: Clock) -> None:
@@ -306,7 +369,7 @@ def test_a_size_that_is_not_true_is_an_error(clock: Clock, size: int, complaint:
     ("shots", "complaint"),
     [
         ([{"jpeg": FLASH}, {"jpeg": FLASH}], "flash fired in the photograph that was to be"),
-        ([{"jpeg": NO_FLASH}, {"jpeg": NO_FLASH}], "The flash did not fire"),
+        ([{"jpeg": NO_FLASH}, {"jpeg": NO_FLASH}] * 2, "The flash did not fire"),
         ([{"jpeg": FLASH}, {"jpeg": NO_FLASH}], "flash fired in the photograph"),
         ([{"jpeg": NO_FLASH}, {"jpeg": photograph(9, iso=200)}], r"differ in ISO \(100 and 200\)"),
         ([{"jpeg": NO_FLASH}, {"jpeg": photograph(9, f_number=4)}], r"f-number \(8 and 4\)"),

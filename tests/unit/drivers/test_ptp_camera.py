@@ -16,6 +16,7 @@ from drivers.ptp.camera import PtpCamera
 from drivers.ptp.codes import ContainerType, EventCode, Operation, Property
 from drivers.ptp.containers import Container
 from drivers.ptp.datasets import DeviceInfo
+from drivers.ptp.transport import DATASET_BYTES
 from drivers.ptp.wire import uint
 from drivers.sim.address import SimulatedCamera
 from drivers.sim.backend import InProcessTransport
@@ -32,11 +33,11 @@ class Tampered(InProcessTransport):
         super().__init__(Body(OPTIONS, clock), clock)
         self.tampers = tampers
 
-    def receive(self) -> Container:
-        answer = super().receive()
+    def receive(self, most: int = DATASET_BYTES) -> Container:
+        answer = super().receive(most)
         if answer.type is not ContainerType.DATA or answer.code not in self.tampers:
             return answer
-        payload = self.tampers[answer.code](answer.payload)
+        payload = self.tampers[answer.code](bytes(answer.payload))
         return Container(answer.type, answer.code, answer.transaction, payload)
 
 

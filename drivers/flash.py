@@ -1,0 +1,155 @@
+"""Ways to switch the flash between the two photographs of a pair.
+
+Cameras differ most in this: many take no order for their flash, so that something or somebody
+else must switch it. `check` looks before the first photograph whether that will work.
+"""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import httpx
+
+from drivers.camera import Camera, SettingName, SettingValue
+from drivers.clock import Clock
+from drivers.errors import FlashError, SettingError
+
+State = Literal["off", "on"]
+
+SWITCH_S = 10.0
+"""How long a switch outside the camera may take to obey."""
+
+OTHERWISE = (
+    "have a switch of its own told (external), or somebody asked between the photographs (operator)"
+)
+
+
+class Flash(ABC):
+    """Something that switches the flash.
+
+    brightness: tells how bright a photograph is, on any scale, to check the pair by where the
+    camera does not know of the flash; None where its EXIF must tell.
+    """
+
+    brightness: Callable[[bytes], float] | None = None
+
+    @abstractmethod
+    def check(self, camera: Camera) -> None:
+        """Look whether this will work. Raises SettingError, FlashError."""
+
+    @abstractmethod
+    def switch(self, camera: Camera, state: State, clock: Clock) -> None:
+        """Switch the flash for the next photograph. Raises SettingError, FlashError."""
+
+
+class PropertyFlash(Flash):
+    """The camera's own setting."""
+
+    def check(self, camera: Camera) -> None:
+        """Look whether the camera offers a mode without and one that always fires."""
+        if SettingName.FLASH not in {setting.name for setting in camera.settings()}:
+            raise SettingError(f"The camera lets no computer switch its flash: {OTHERWISE}.")
+        setting = camera.read(SettingName.FLASH)
+        if not setting.writable:
+            raise SettingError(f"The camera's flash can be set on the camera alone: {OTHERWISE}.")
+        offered = ", ".join(map(str, setting.choices))
+        if setting.choices and "off" not in setting.choices:
+            raise SettingError(
+                f"The camera's flash cannot be switched off from a computer, it offers {offered}: "
+                f"{OTHERWISE}."
+            )
+        _firing(setting.choices)
+
+    def switch(self, camera: Camera, state: State, clock: Clock) -> None:  # noqa: ARG002
+        """Set it."""
+        choices = camera.read(SettingName.FLASH).choices
+        camera.write(SettingName.FLASH, "off" if state == "off" else _firing(choices))
+
+
+@dataclass(frozen=True)
+class ExternalFlash(Flash):
+    """A relay, a radio trigger or the like, told by a command or a URL.
+
+    order: a command, which no shell sees, or an http(s) URL, which is fetched; {state} in it
+    becomes on or off. settle_s: how long the flash takes to obey or to charge, in seconds.
+    """
+
+    order: str
+    brightness: Callable[[bytes], float]
+    settle_s: float = 1.0
+
+    def check(self, camera: Camera) -> None:  # noqa: ARG002
+        """Look whether the order says what state is wanted."""
+        if "{state}" not in self.order:
+            raise FlashError("The order for the flash has no {state}, which becomes on or off.")
+        try:
+            shlex.split(self.order)
+        except ValueError as error:
+            raise FlashError(f"The order for the flash cannot be read: {error}.") from error
+
+    def switch(self, camera: Camera, state: State, clock: Clock) -> None:  # noqa: ARG002
+        """Give the order and let the flash settle."""
+        if self.order.startswith(("http://", "https://")):
+            self._fetch(self.order.replace("{state}", state))
+        else:
+            self._run([part.replace("{state}", state) for part in shlex.split(self.order)])
+        clock.sleep(self.settle_s)
+
+    def _fetch(self, url: str) -> None:
+        try:
+            httpx.get(url, timeout=SWITCH_S, follow_redirects=False).raise_for_status()
+        except (httpx.HTTPError, httpx.InvalidURL) as error:
+            raise FlashError(
+                f"The switch of the flash did not obey ({type(error).__name__}): check its URL and "
+                "try again."
+            ) from error
+
+    def _run(self, command: list[str]) -> None:
+        try:
+            subprocess.run(
+                command, check=True, timeout=SWITCH_S, stdin=subprocess.DEVNULL, capture_output=True
+            )
+        except (OSError, ValueError, subprocess.SubprocessError) as error:
+            raise FlashError(
+                f"The command that switches the flash failed ({type(error).__name__}): run it by "
+                "hand, mend it and try again."
+            ) from error
+
+
+@dataclass(frozen=True)
+class OperatorFlash(Flash):
+    """A person at the camera.
+
+    ask: puts a request to the person and waits at most timeout_s seconds; true once it is
+    confirmed, false where nobody did.
+    """
+
+    ask: Callable[[str, float], bool]
+    brightness: Callable[[bytes], float]
+    timeout_s: float = 300.0
+
+    def check(self, camera: Camera) -> None:
+        """A person can always be asked."""
+
+    def switch(self, camera: Camera, state: State, clock: Clock) -> None:  # noqa: ARG002
+        """Ask."""
+        if not self.ask(f"Switch the flash {state}, then confirm.", self.timeout_s):
+            raise FlashError(
+                f"Nobody confirmed that the flash is {state}: take the pair again with somebody at "
+                "the camera."
+            )
+
+
+def _firing(choices: tuple[SettingValue, ...]) -> SettingValue:
+    for mode in ("fill", "external"):
+        if mode in choices or not choices:
+            return mode
+    raise SettingError(
+        "The camera offers no flash mode that always fires: put up or attach its flash, or "
+        f"{OTHERWISE}."
+    )

@@ -1,0 +1,212 @@
+"""Cameras that only libgphoto2 knows, behind a process of their own.
+
+libgphoto2 hangs on some faults of cameras, so that it works in a child process, and every call has
+a deadline after which the child is ended.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import pickle
+import select
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from typing import Any
+
+from drivers import errors
+from drivers.camera import (
+    Camera,
+    CameraInfo,
+    CameraObject,
+    Event,
+    Setting,
+    SettingName,
+    SettingValue,
+)
+from drivers.errors import (
+    BadAddressError,
+    CameraDisconnectedError,
+    CameraNotFoundError,
+    CameraTimeoutError,
+    SettingError,
+)
+
+CALL_S = 20.0
+"""How long a call may take, in seconds, beyond the wait that it was asked for."""
+
+_LENGTH = struct.Struct("<I")
+_PORTS = ("usb", "ptpip")  # others would read files of this computer, or its serial ports
+
+
+class GphotoCamera(Camera):
+    """A camera behind the child process. call_s: seconds that a call may take."""
+
+    def __init__(self, address: str, port: str, call_s: float = CALL_S) -> None:
+        self._address, self._call_s = address, call_s
+        self._child: subprocess.Popen[bytes] | None = subprocess.Popen(
+            [sys.executable, "-m", "drivers.gphoto.child"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            self._call("open", port)
+        except BaseException:
+            self._end()
+            raise
+
+    @property
+    def address(self) -> str:
+        """The address it was opened by."""
+        return self._address
+
+    def info(self) -> CameraInfo:
+        """Make, model, serial number and battery."""
+        return CameraInfo(self._address, *self._call("info"))
+
+    def settings(self) -> list[Setting]:
+        """Every setting of SettingName that this camera has."""
+        settings: list[Setting] = self._call("settings")
+        return settings
+
+    def read(self, name: SettingName) -> Setting:
+        """Read one setting. Raises SettingError where the camera has none of that name."""
+        setting: Setting = self._call("read", name)
+        return setting
+
+    def write(self, name: SettingName, value: SettingValue) -> Setting:
+        """Write one setting and read it back.
+
+        Raises SettingError where it is missing, read-only, refused, or reads back otherwise.
+        """
+        self._call("write", name, value)
+        setting = self.read(name)
+        if setting.value != value:
+            raise SettingError(
+                f"The camera was told to set {name} to {value} but kept {setting.value}: check "
+                "its dials and try again."
+            )
+        return setting
+
+    def objects(self) -> set[int]:
+        """List the handles of everything on the card; libgphoto2 has paths for them."""
+        handles: set[int] = self._call("objects")
+        return handles
+
+    def describe(self, handle: int) -> CameraObject:
+        """Kind, size and name of an object."""
+        described: CameraObject = self._call("describe", handle)
+        return described
+
+    def delete(self, handle: int) -> None:
+        """Delete an object from the card."""
+        self._call("delete", handle)
+
+    def trigger(self) -> None:
+        """Press the release; returns at once, the photograph comes later."""
+        self._call("trigger")
+
+    def events(self, timeout_s: float) -> list[Event]:
+        """Every event waiting; if there is none, the first that comes within timeout_s seconds."""
+        told: list[Event] = self._call("events", timeout_s, patience_s=timeout_s)
+        return told
+
+    def download(self, handle: int, offset: int = 0) -> Iterator[bytes]:
+        """Chunks of an object's bytes from offset to its end."""
+        size = self.describe(handle).size
+        while offset < size:
+            chunk: bytes = self._call("chunk", handle, offset)
+            if not chunk:
+                raise errors.TransferError(
+                    "The camera sent nothing of a photograph: take the pair again."
+                )
+            offset += len(chunk)
+            yield chunk
+
+    def close(self) -> None:
+        """Give the camera back. Closing twice is fine."""
+        if self._child:
+            with contextlib.suppress(errors.DriverError):
+                self._call("close")
+            self._end()
+
+    def _call(self, method: str, *arguments: Any, patience_s: float = 0.0) -> Any:
+        child = self._child
+        if child is None or child.stdin is None or child.stdout is None:
+            raise CameraDisconnectedError("The camera was closed: open it again.")
+        try:
+            raw = pickle.dumps((method, arguments))
+            child.stdin.write(_LENGTH.pack(len(raw)) + raw)
+            child.stdin.flush()
+            deadline = time.monotonic() + self._call_s + patience_s
+            (length,) = _LENGTH.unpack(self._read(_LENGTH.size, deadline))
+            kind, answer = pickle.loads(self._read(length, deadline))  # from our own child
+        except (OSError, EOFError) as error:
+            self._end()
+            raise CameraDisconnectedError(
+                "libgphoto2 crashed over the camera: switch the camera off and on and try again."
+            ) from error
+        if kind == "error":
+            raise getattr(errors, answer[0])(answer[1])
+        return answer
+
+    def _read(self, count: int, deadline: float) -> bytes:
+        child, data = self._child, b""
+        assert child is not None and child.stdout is not None
+        while len(data) < count:
+            left = deadline - time.monotonic()
+            if left <= 0 or not select.select([child.stdout], [], [], left)[0]:
+                self._end()
+                raise CameraTimeoutError(
+                    f"libgphoto2 got no answer from the camera for {self._call_s:.0f} s: switch "
+                    "the camera off and on and take the pair anew."
+                )
+            part = child.stdout.raw.read(count - len(data))  # type: ignore[attr-defined]
+            if not part:
+                raise EOFError
+            data += part
+        return data
+
+    def _end(self) -> None:
+        child, self._child = self._child, None
+        if child:
+            child.kill()
+            for pipe in (child.stdin, child.stdout):
+                with contextlib.suppress(OSError):
+                    if pipe:
+                        pipe.close()
+            child.wait()
+
+
+def open_camera(address: str) -> Camera:
+    """Open the camera at gphoto2://PORT, or the first that libgphoto2 finds at gphoto2://."""
+    check_address(address)
+    if importlib.util.find_spec("gphoto2") is None:
+        raise CameraNotFoundError(
+            "The Python package gphoto2 is missing here: install it by pip install "
+            "'lightlayers[gphoto2]'."
+        )
+    return GphotoCamera(address, _port(address))
+
+
+def check_address(address: str) -> None:
+    """Read the address. Raises BadAddressError."""
+    port = _port(address)
+    if port and port.partition(":")[0] not in _PORTS:
+        raise BadAddressError(
+            f"{address!r} is no camera that libgphoto2 may open: write gphoto2://usb:BUS,DEVICE, "
+            "gphoto2://ptpip:HOST:PORT:PORT, or gphoto2:// for the first that it finds."
+        )
+
+
+def list_cameras() -> list[CameraInfo]:
+    """List none: what libgphoto2 could find on USB is listed by the driver of USB cameras."""
+    return []
+
+
+def _port(address: str) -> str:
+    return address.partition("://")[2]

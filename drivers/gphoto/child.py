@@ -1,0 +1,225 @@
+"""The process that libgphoto2 works in: python -m drivers.gphoto.child.
+
+Calls come on stdin, answers go to stdout, each a pickle after its length. A driver of libgphoto2
+may print, so that stdout is taken away from it.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import struct
+import sys
+from typing import Any
+
+import gphoto2 as gp
+
+from drivers.camera import (
+    CameraObject,
+    Event,
+    EventKind,
+    Setting,
+    SettingName,
+    SettingValue,
+    kind_of_name,
+)
+from drivers.errors import (
+    CameraBusyError,
+    CameraDisconnectedError,
+    CameraNotFoundError,
+    CaptureError,
+    DriverError,
+    SettingError,
+)
+from drivers.gphoto import names
+
+_LENGTH = struct.Struct("<I")
+_CHUNK_BYTES = 1 << 20
+_ROOT = "/"
+_EVENTS = {
+    gp.GP_EVENT_FILE_ADDED: EventKind.OBJECT_ADDED,
+    gp.GP_EVENT_CAPTURE_COMPLETE: EventKind.CAPTURE_COMPLETE,
+}
+
+
+class Calls:
+    """One camera of libgphoto2; its methods are those of drivers.camera.Camera, nearly."""
+
+    def __init__(self) -> None:
+        self._camera = gp.Camera()
+        self._handles: dict[str, int] = {}
+
+    def open(self, port: str) -> None:
+        """Open the camera at a port of libgphoto2, or the first one."""
+        if port:
+            ports = gp.PortInfoList()
+            ports.load()
+            self._camera.set_port_info(ports[ports.lookup_path(port)])
+            if port.startswith("ptpip:"):
+                models = gp.CameraAbilitiesList()
+                models.load()
+                self._camera.set_abilities(models[models.lookup_model("PTP/IP Camera")])
+        self._camera.init()
+
+    def info(self) -> tuple[str, str, str, int | None]:
+        """Make, model, serial, battery."""
+        texts = {
+            name: self._text(name)
+            for name in ("manufacturer", "cameramodel", "serialnumber", "batterylevel")
+        }
+        battery = texts["batterylevel"].rstrip("% ")
+        return (
+            texts["manufacturer"],
+            texts["cameramodel"],
+            texts["serialnumber"],
+            int(battery) if battery.isdecimal() else None,
+        )
+
+    def _text(self, name: str) -> str:
+        try:
+            return str(self._camera.get_single_config(name).get_value())
+        except gp.GPhoto2Error:
+            return ""
+
+    def settings(self) -> list[Setting]:
+        """Those settings that the camera has."""
+        found = []
+        for name in SettingName:
+            try:
+                found.append(self.read(name))
+            except SettingError:
+                continue
+        return found
+
+    def read(self, name: SettingName) -> Setting:
+        """One setting."""
+        widget = self._widget(name)
+        choices: tuple[SettingValue, ...] = ()
+        if widget.get_type() in (gp.GP_WIDGET_RADIO, gp.GP_WIDGET_MENU):
+            choices = tuple(names.decode(name, text) for text in widget.get_choices())
+        value = names.decode(name, str(widget.get_value()))
+        return Setting(name, value, choices, not widget.get_readonly())
+
+    def write(self, name: SettingName, value: SettingValue) -> None:
+        """Set one setting to the choice that means the value."""
+        widget = self._widget(name)
+        if widget.get_readonly():
+            raise SettingError(
+                f"The camera's {name} cannot be set from a computer: set it to {value} on the "
+                "camera itself."
+            )
+        texts = [text for text in widget.get_choices() if names.decode(name, text) == value]
+        if not texts:
+            offered = ", ".join(widget.get_choices())
+            raise SettingError(f"The camera offers no {name} of {value}; it offers {offered}.")
+        widget.set_value(texts[0])
+        self._camera.set_single_config(widget.get_name(), widget)
+
+    def _widget(self, name: SettingName) -> Any:
+        for candidate in names.WIDGETS[name]:
+            try:
+                return self._camera.get_single_config(candidate)
+            except gp.GPhoto2Error:
+                continue
+        raise SettingError(f"The camera has no setting {name}: set it on the camera itself.")
+
+    def objects(self) -> set[int]:
+        """Handles of all files; a path keeps its handle."""
+        paths = self._files(_ROOT)
+        for path in sorted(paths):
+            self._handles.setdefault(path, len(self._handles) + 1)
+        return {self._handles[path] for path in paths}
+
+    def _files(self, folder: str) -> list[str]:
+        prefix = folder.rstrip("/")
+        files = [f"{prefix}/{name}" for name, _ in self._camera.folder_list_files(folder)]
+        for name, _ in self._camera.folder_list_folders(folder):
+            files += self._files(f"{prefix}/{name}")
+        return files
+
+    def describe(self, handle: int) -> CameraObject:
+        """Kind, size and name."""
+        folder, name = self._place(handle)
+        size = self._camera.file_get_info(folder, name).file.size
+        return CameraObject(handle, kind_of_name(name), size, name)
+
+    def delete(self, handle: int) -> None:
+        """Delete a file."""
+        self._camera.file_delete(*self._place(handle))
+
+    def trigger(self) -> None:
+        """Press the release."""
+        self._camera.trigger_capture()
+
+    def events(self, timeout_s: float) -> list[Event]:
+        """Everything told; libgphoto2 gives one event at a time."""
+        told = []
+        kind, _ = self._camera.wait_for_event(round(1000 * timeout_s))
+        while kind != gp.GP_EVENT_TIMEOUT:
+            told.append(Event(_EVENTS.get(kind, EventKind.OTHER)))
+            kind, _ = self._camera.wait_for_event(0)
+        return told
+
+    def chunk(self, handle: int, offset: int) -> bytes:
+        """Some bytes of a file."""
+        buffer = bytearray(_CHUNK_BYTES)
+        count = self._camera.file_read(*self._place(handle), gp.GP_FILE_TYPE_NORMAL, offset, buffer)
+        return bytes(buffer[:count])
+
+    def close(self) -> None:
+        """Give the camera back."""
+        self._camera.exit()
+
+    def _place(self, handle: int) -> tuple[str, str]:
+        path = next(path for path, known in self._handles.items() if known == handle)
+        folder, _, name = path.rpartition("/")
+        return folder or _ROOT, name
+
+
+def explain(error: gp.GPhoto2Error, method: str) -> DriverError:
+    """Turn an error of libgphoto2 into one of the drivers."""
+    if error.code in (gp.GP_ERROR_CAMERA_BUSY, gp.GP_ERROR_IO_USB_CLAIM, gp.GP_ERROR_IO_LOCK):
+        return CameraBusyError(
+            "The camera is busy or in use by another program: close that one and try again."
+        )
+    if method == "open":
+        return CameraNotFoundError(
+            f"libgphoto2 finds no camera there ({error.string}): switch it on, connect it and try "
+            "again."
+        )
+    if method == "trigger":
+        return CaptureError(
+            f"The camera did not release ({error.string}): check focus, card and flash and try "
+            "again."
+        )
+    if method in ("read", "write"):
+        return SettingError(
+            f"The camera refused a setting ({error.string}): set it on the camera itself."
+        )
+    return CameraDisconnectedError(
+        f"The connection to the camera broke ({error.string}): connect it again and take the pair "
+        "anew."
+    )
+
+
+def main() -> None:
+    """Answer calls until stdin ends."""
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    calls = Calls()
+    while head := sys.stdin.buffer.read(_LENGTH.size):
+        method, arguments = pickle.loads(sys.stdin.buffer.read(_LENGTH.unpack(head)[0]))
+        try:
+            answer = ("result", getattr(calls, method)(*arguments))
+        except gp.GPhoto2Error as error:
+            told = explain(error, method)
+            answer = ("error", (type(told).__name__, str(told)))
+        except DriverError as error:
+            answer = ("error", (type(error).__name__, str(error)))
+        raw = pickle.dumps(answer)
+        answers.write(_LENGTH.pack(len(raw)) + raw)
+        answers.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,69 @@
+"""Settings as libgphoto2 writes them: other names and texts for every maker."""
+
+from __future__ import annotations
+
+import re
+from fractions import Fraction
+
+from drivers.camera import SettingName, SettingValue
+
+WIDGETS: dict[SettingName, tuple[str, ...]] = {
+    SettingName.SHUTTER_S: ("shutterspeed2", "shutterspeed"),
+    SettingName.F_NUMBER: ("f-number", "aperture"),
+    SettingName.ISO: ("iso",),
+    SettingName.FLASH: ("flashmode",),
+    SettingName.WHITE_BALANCE: ("whitebalance",),
+    SettingName.PROGRAM: ("expprogram", "autoexposuremode"),
+    SettingName.FOCUS: ("focusmode",),
+    SettingName.DRIVE: ("capturemode", "drivemode"),
+}
+"""What a setting is called, the better name first."""
+
+_WORDS: dict[SettingName, dict[str, str]] = {
+    SettingName.FLASH: {
+        "flash off": "off",
+        "off": "off",
+        "fill flash": "fill",
+        "fill": "fill",
+        "on": "fill",
+        "automatic flash": "auto",
+        "auto": "auto",
+        "red-eye automatic": "red_eye_auto",
+        "red-eye fill": "red_eye_fill",
+        "external sync": "external",
+    },
+    SettingName.WHITE_BALANCE: {
+        "manual": "manual",
+        "automatic": "auto",
+        "auto": "auto",
+        "daylight": "daylight",
+        "fluorescent": "fluorescent",
+        "tungsten": "tungsten",
+        "flash": "flash",
+    },
+    SettingName.PROGRAM: {
+        "m": "manual",
+        "manual": "manual",
+        "p": "auto",
+        "auto": "auto",
+        "a": "aperture",
+        "av": "aperture",
+        "s": "shutter",
+        "tv": "shutter",
+    },
+    SettingName.FOCUS: {"manual": "manual", "mf": "manual", "automatic": "auto"},
+    SettingName.DRIVE: {"single shot": "single", "single": "single", "burst": "burst"},
+}
+_NUMBERS = (SettingName.SHUTTER_S, SettingName.F_NUMBER, SettingName.ISO)
+
+
+def decode(name: SettingName, text: str) -> SettingValue:
+    """Turn a text of libgphoto2 into a value; one that is not known stays as it is."""
+    plain = text.strip().lower()
+    if name not in _NUMBERS:
+        return _WORDS[name].get(plain, text)
+    found = re.fullmatch(r"(?:f/|iso )?(\d+/\d+|\d+(?:\.\d+)?)\s*(?:s|sec)?", plain)
+    if not found or found[1].endswith("/0"):
+        return "auto" if "auto" in plain else text
+    value = float(Fraction(found[1]))
+    return int(value) if value.is_integer() else round(value, 6)

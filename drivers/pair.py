@@ -1,0 +1,58 @@
+"""Whether two photographs are a pair: all equal but the flash."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from drivers.errors import NoFlashError, PairVerificationError
+from drivers.shot import Shot
+
+BRIGHTER = 1.02
+"""How much brighter the flash makes a photograph at least, where EXIF does not tell of it."""
+
+
+@dataclass(frozen=True)
+class CapturedPair:
+    """The two photographs."""
+
+    no_flash: Shot
+    flash: Shot
+
+
+def verify(pair: CapturedPair, brightness: Callable[[bytes], float] | None) -> None:
+    """Check that the flash alone differs.
+
+    brightness: tells how bright a photograph is, on any scale, for a flash that the camera does
+    not know of. Raises PairVerificationError, NoFlashError.
+    """
+    if pair.no_flash.files.keys() != pair.flash.files.keys():
+        raise PairVerificationError(
+            "The two photographs came as files of different kinds: take the pair again."
+        )
+    without, with_flash = pair.no_flash.exposure, pair.flash.exposure
+    if without.flash_fired:
+        raise PairVerificationError(
+            "The flash fired in the photograph that was to be without it: switch it to manual and "
+            "take the pair again."
+        )
+    for name, first, second in (
+        ("exposure time", without.time_s, with_flash.time_s),
+        ("f-number", without.f_number, with_flash.f_number),
+        ("ISO", without.iso, with_flash.iso),
+    ):
+        if first != second:
+            raise PairVerificationError(
+                f"The two photographs differ in {name} ({first} and {second}): set the camera to "
+                "manual exposure and take the pair again."
+            )
+    if not with_flash.flash_fired and not _is_lit(pair, brightness):
+        raise NoFlashError(
+            "The flash did not fire: put it up, let it charge and take the pair again."
+        )
+
+
+def _is_lit(pair: CapturedPair, brightness: Callable[[bytes], float] | None) -> bool:
+    if brightness is None:
+        return False
+    return brightness(pair.flash.best) > BRIGHTER * brightness(pair.no_flash.best)

@@ -1,0 +1,57 @@
+"""Nikon's own calls: capture to the card, readiness, and events that have to be asked for.
+
+Codes as observed in libgphoto2. The calls that capture into the camera's memory (0x90C0, 0x90CB)
+are left alone: their photographs never reach the card.
+"""
+
+from __future__ import annotations
+
+from drivers.errors import ProtocolError
+from drivers.ptp.codes import NIKON, ContainerType, Operation
+from drivers.ptp.containers import Container
+from drivers.ptp.datasets import DeviceInfo
+from drivers.ptp.session import Session
+from drivers.ptp.wire import Reader
+
+_NO_FOCUSING = 0xFFFFFFFF
+_TO_CARD = 0
+_POLL_S = 0.1
+_MOST_EVENTS = 1000
+
+
+class Calls:
+    """What a camera offers of these calls, and how they are made."""
+
+    def __init__(self, session: Session, device: DeviceInfo) -> None:
+        offered = device.operations if device.vendor == NIKON else ()
+        self.can_capture = Operation.NIKON_CAPTURE_TO_CARD in offered
+        self.can_tell = Operation.NIKON_GET_EVENTS in offered
+        self._can_ready = Operation.NIKON_DEVICE_READY in offered
+        self._session = session
+
+    def capture(self) -> None:
+        """Press the release, without focusing."""
+        self._session.request_once(Operation.NIKON_CAPTURE_TO_CARD, _NO_FOCUSING, _TO_CARD)
+
+    def events(self, timeout_s: float) -> list[Container]:
+        """Ask for events until there are some, at most for timeout_s seconds."""
+        clock = self._session.clock
+        deadline = clock.monotonic() + timeout_s
+        while True:
+            busy = self._can_ready and self._session.is_busy(Operation.NIKON_DEVICE_READY)
+            told = [] if busy else self._ask()
+            left = deadline - clock.monotonic()
+            if told or left <= 0:
+                return told
+            clock.sleep(min(_POLL_S, left))
+
+    def _ask(self) -> list[Container]:
+        data, _ = self._session.request(Operation.NIKON_GET_EVENTS)
+        reader = Reader(data)
+        count = reader.uint(2)
+        if count > _MOST_EVENTS:
+            raise ProtocolError(f"The camera tells of {count} events at once")
+        return [
+            Container.with_parameters(ContainerType.EVENT, reader.uint(2), 0, (reader.uint(4),))
+            for _ in range(count)
+        ]

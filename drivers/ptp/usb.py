@@ -1,0 +1,318 @@
+"""PTP over USB, class 6/1/1, through pyusb. Source: ISO 15740, annex D; USB still image class 1.0.
+
+A camera is known by its serial number, since its place on the bus changes with every plug.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import struct
+from array import array
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import libusb_package
+import usb.core
+import usb.util
+
+from drivers.camera import Camera, CameraInfo
+from drivers.clock import Clock, SystemClock
+from drivers.errors import (
+    BadAddressError,
+    CameraBusyError,
+    CameraDisconnectedError,
+    CameraNotFoundError,
+    CameraTimeoutError,
+    DriverError,
+    ProtocolError,
+)
+from drivers.ptp import containers
+from drivers.ptp.camera import open_awake
+from drivers.ptp.codes import ContainerType
+from drivers.ptp.containers import Container
+from drivers.ptp.transport import ANSWER_S, DATASET_BYTES, SLOWEST_BYTES_PER_S, Transport
+
+_CLASS = (6, 1, 1)  # still image, capture, PTP
+_CANCEL, _RESET = 0x64, 0x66
+_TO_INTERFACE = 0x21  # class request from host to interface
+_CANCEL_CODE = 0x4001
+_BLOCK_BYTES = (1 << 20) + 4096  # read at once; a multiple of every packet size
+_ENDLESS = 0xFFFFFFFF
+_POLL_MS = 10  # the shortest look for an event; 0 would mean for ever
+_HEADER_BYTES = 12
+
+_GONE = "The connection to the camera broke: plug it in again and take the pair anew."
+
+
+class UsbTransport(Transport):
+    """The three endpoints of a still image interface. Raises CameraBusyError on construction."""
+
+    def __init__(self, device: Any, clock: Clock, answer_s: float = ANSWER_S) -> None:
+        self._device, self._clock, self._answer_s = device, clock, answer_s
+        self._received = bytearray()
+        self._block = array("B", bytes(_BLOCK_BYTES))
+        self._open = True
+        self._transaction = 0
+        with self._translated():
+            interface = _still_image(device)
+            self._interface = interface.bInterfaceNumber
+            with contextlib.suppress(NotImplementedError):
+                if device.is_kernel_driver_active(self._interface):
+                    device.detach_kernel_driver(self._interface)
+            usb.util.claim_interface(device, self._interface)
+        self._out, self._in, self._events = _endpoints(interface)
+
+    def send(self, container: Container) -> None:
+        """Send a command or its data."""
+        self._received.clear()  # what is left over belongs to an earlier transaction
+        self._transaction = container.transaction
+        raw = container.encode()
+        with self._translated():
+            self._unstalled(self._out, partial(self._write, raw))
+            if container.type is ContainerType.DATA and len(raw) % self._out.wMaxPacketSize == 0:
+                self._write(b"")
+
+    def _write(self, raw: bytes) -> None:
+        self._device.write(self._out.bEndpointAddress, raw, round(1000 * self._answer_s))
+
+    def receive(self, most: int = DATASET_BYTES) -> Container:
+        """Take the next data or response container."""
+        deadline = self._clock.monotonic() + self._answer_s
+        with self._translated():
+            if not self._received and not self._read(deadline):
+                self._read(deadline)  # one empty packet may come first
+            while len(self._received) < _HEADER_BYTES:
+                self._read_more(deadline)
+            length = struct.unpack_from("<I", self._received)[0]
+            deadline += most / SLOWEST_BYTES_PER_S
+            if length == _ENDLESS:
+                length = self._read_to_the_end(most, deadline)
+            if not _HEADER_BYTES <= length <= most + _HEADER_BYTES:
+                self._reset()
+                raise ProtocolError(f"The camera wants to send {length} bytes where {most} may be")
+            while len(self._received) < length:
+                self._read_more(deadline)
+        raw = self._received[:length]
+        del self._received[:length]
+        return containers.decode(raw)
+
+    def _read_to_the_end(self, most: int, deadline: float) -> int:
+        """Read until a short packet; the length then known is put into the container."""
+        last = len(self._received)
+        while last and last % self._in.wMaxPacketSize == 0 and len(self._received) <= most:
+            last = self._read(deadline)
+        struct.pack_into("<I", self._received, 0, len(self._received))
+        return len(self._received)
+
+    def _read_more(self, deadline: float) -> None:
+        if not self._read(deadline) and not self._read(deadline):
+            raise ProtocolError("The camera broke a container off")
+
+    def _read(self, deadline: float) -> int:
+        left = deadline - self._clock.monotonic()
+        if left <= 0:
+            raise usb.core.USBTimeoutError("late", errno=errno.ETIMEDOUT)
+        read = partial(
+            self._device.read, self._in.bEndpointAddress, self._block, max(1, round(1000 * left))
+        )
+        count: int = self._unstalled(self._in, read)
+        self._received += memoryview(self._block)[:count]
+        return count
+
+    def _unstalled(self, endpoint: Any, use: Any) -> Any:
+        """Use an endpoint; where it has halted, clear that and use it once more."""
+        try:
+            return use()
+        except usb.core.USBError as error:
+            if error.errno != errno.EPIPE:
+                raise
+        self._device.clear_halt(endpoint.bEndpointAddress)
+        return use()
+
+    def receive_event(self, timeout_s: float) -> Container | None:
+        """Take the next event, waiting at most timeout_s seconds; None if there is none."""
+        wait = max(_POLL_MS, round(1000 * timeout_s))
+        with self._translated():
+            try:
+                raw = self._device.read(
+                    self._events.bEndpointAddress, self._events.wMaxPacketSize, wait
+                )
+            except usb.core.USBTimeoutError:
+                return None
+        if not raw:
+            return None
+        event = containers.decode(raw.tobytes())
+        if event.type is not ContainerType.EVENT:
+            raise ProtocolError(f"The camera tells of a {event.type.name.lower()} for an event")
+        return event
+
+    def close(self) -> None:
+        """Let go of the interface."""
+        if self._open:
+            self._open = False
+            with contextlib.suppress(usb.core.USBError):
+                usb.util.dispose_resources(self._device)
+
+    def _cancel(self) -> None:
+        data = struct.pack("<HI", _CANCEL_CODE, self._transaction)
+        self._device.ctrl_transfer(_TO_INTERFACE, _CANCEL, 0, self._interface, data, 1000)
+
+    def _reset(self) -> None:
+        self._device.ctrl_transfer(_TO_INTERFACE, _RESET, 0, self._interface, b"", 1000)
+
+    @contextlib.contextmanager
+    def _translated(self) -> Iterator[None]:
+        """Turn errors of USB into those of cameras."""
+        if not self._open:
+            raise CameraDisconnectedError(_GONE)
+        try:
+            yield
+        except usb.core.USBTimeoutError as error:
+            with contextlib.suppress(usb.core.USBError):
+                self._cancel()
+            raise CameraTimeoutError(
+                f"The camera gave no answer for {self._answer_s:.0f} s: switch it off and on and "
+                "take the pair anew."
+            ) from error
+        except usb.core.USBError as error:
+            if error.errno == errno.EPIPE:
+                with contextlib.suppress(usb.core.USBError):
+                    self._reset()
+            raise _error_of(error, self._device) from error
+
+
+def _error_of(error: usb.core.USBError, device: Any) -> DriverError:
+    if error.errno == errno.EBUSY:
+        return CameraBusyError(
+            f"The camera is in use by {_holder(device)}: close that program and try again."
+        )
+    if error.errno == errno.EACCES:
+        return CameraNotFoundError(
+            "This user may not use the camera: let it, by a udev rule for USB cameras (Debian's "
+            "package libgphoto2-6 brings one), plug it in again and try again."
+        )
+    return CameraDisconnectedError(_GONE)
+
+
+def _holder(device: Any) -> str:
+    """Name the programs that hold a device open, as far as this user may see them."""
+    node = f"/dev/bus/usb/{device.bus:03}/{device.address:03}"
+    found = set()
+    for link in Path("/proc").glob("[0-9]*/fd/*"):
+        with contextlib.suppress(OSError):
+            if str(link.readlink()) == node:
+                found.add((link.parents[1] / "comm").read_text(encoding="utf-8").strip())
+    return " and ".join(sorted(found)) or "another program"
+
+
+def _still_image(device: Any) -> Any:
+    """Find the interface; a device that is not configured yet is configured first."""
+    try:
+        configuration = device.get_active_configuration()
+    except usb.core.USBError:
+        device.set_configuration()
+        configuration = device.get_active_configuration()
+    return next(interface for interface in configuration if _is_still_image(interface))
+
+
+def _is_still_image(interface: Any) -> bool:
+    return (
+        interface.bInterfaceClass,
+        interface.bInterfaceSubClass,
+        interface.bInterfaceProtocol,
+    ) == _CLASS
+
+
+def _endpoints(interface: Any) -> tuple[Any, Any, Any]:
+    """Bulk out, bulk in and interrupt in."""
+    bulk, interrupt = usb.util.ENDPOINT_TYPE_BULK, usb.util.ENDPOINT_TYPE_INTR
+    found: dict[tuple[int, bool], Any] = {}
+    for endpoint in interface:
+        kind = usb.util.endpoint_type(endpoint.bmAttributes)
+        inward = usb.util.endpoint_direction(endpoint.bEndpointAddress) == usb.util.ENDPOINT_IN
+        found.setdefault((kind, inward), endpoint)
+    try:
+        return found[bulk, False], found[bulk, True], found[interrupt, True]
+    except KeyError as error:
+        raise ProtocolError("The camera's USB interface lacks an endpoint") from error
+
+
+def find_cameras(backend: Any) -> list[Any]:
+    """Find the devices with a still image interface."""
+
+    def matches(device: Any) -> bool:
+        with contextlib.suppress(usb.core.USBError):
+            return any(_is_still_image(interface) for each in device for interface in each)
+        return False
+
+    return list(usb.core.find(find_all=True, custom_match=matches, backend=backend) or ())
+
+
+def _text(device: Any, name: str) -> str:
+    """Read a string of a device; empty where it does not tell, or this user may not ask."""
+    try:
+        return getattr(device, name) or ""
+    except (usb.core.USBError, ValueError, NotImplementedError):
+        return ""
+
+
+def connect(serial: str, backend: Any, clock: Clock) -> UsbTransport:
+    """Connect to the camera with that serial number, or to the only one if that is empty."""
+    devices = find_cameras(backend)
+    wanted = [each for each in devices if not serial or _text(each, "serial_number") == serial]
+    if not wanted:
+        raise CameraNotFoundError(
+            f"No camera {f'with the serial number {serial} ' if serial else ''}is on USB: switch "
+            "it on, plug it in and try again."
+        )
+    if len(wanted) > 1:
+        known = ", ".join(f"ptp+usb://{_text(each, 'serial_number')}" for each in wanted)
+        raise CameraBusyError(f"More than one camera is on USB: name one of {known}.")
+    return UsbTransport(wanted[0], clock)
+
+
+def _libusb() -> Any:
+    backend = libusb_package.get_libusb1_backend()
+    if backend is None:
+        raise CameraNotFoundError("This computer has no USB that lightlayers could use.")
+    return backend
+
+
+def open_camera(address: str) -> Camera:
+    """Open the camera at ptp+usb://serial, or the only one at ptp+usb://."""
+    serial, clock = _parse(address), SystemClock()
+    return open_awake(address, lambda: connect(serial, _libusb(), clock), clock)
+
+
+def check_address(address: str) -> None:
+    """Read the address. Raises BadAddressError."""
+    _parse(address)
+
+
+def list_cameras() -> list[CameraInfo]:
+    """List the cameras on USB, without opening a session."""
+    try:
+        devices = find_cameras(_libusb())
+    except (usb.core.USBError, CameraNotFoundError):
+        return []
+    return [describe(device) for device in devices]
+
+
+def describe(device: Any) -> CameraInfo:
+    """Tell who a device is, as far as it tells without a session."""
+    make, model, serial = (
+        _text(device, name) for name in ("manufacturer", "product", "serial_number")
+    )
+    return CameraInfo(f"ptp+usb://{serial}", make, model, serial, None)
+
+
+def _parse(address: str) -> str:
+    serial = address.partition("://")[2].rstrip("/")
+    if not serial.isprintable() or set(serial) & set("/?#@ "):
+        raise BadAddressError(
+            f"{address!r} is no address of a camera on USB: write ptp+usb:// and its serial number."
+        )
+    return serial

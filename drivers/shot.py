@@ -1,0 +1,164 @@
+"""One photograph: release, wait, find it on the card, fetch it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from drivers.camera import RAW_KINDS, Camera, CameraObject, EventKind, SettingName
+from drivers.clock import Clock
+from drivers.errors import (
+    CameraBusyError,
+    CaptureError,
+    SettingError,
+    StoreFullError,
+    TransferError,
+)
+from drivers.exif import ExposureFacts, read_exposure
+
+PATIENCE_S = 5.0
+"""How long after the exposure a photograph may take to reach the card, events or not."""
+
+SETTLE_S = 0.3
+"""Events come before the card's list is complete; so long it takes to settle."""
+
+DOWNLOAD_ATTEMPTS = 4
+"""How often in a row a transfer may break off without a byte gained."""
+
+LARGEST_BYTES = 1 << 29
+"""No camera's photograph is larger; a size beyond it is a mistake."""
+
+_BUSY_PAUSES_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 1.6, 1.6, 1.6)  # charging a flash takes long
+_LONGEST_S = 30.0  # of an exposure, where the camera does not tell
+_PREFERRED = (*RAW_KINDS, "jpeg")
+
+CaptureProgress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One release of the shutter.
+
+    files: bytes by kind, a RAW kind or "jpeg" or both. exposure: as its EXIF says. handles: of the
+    files on the camera's card, in the order of files.
+    """
+
+    files: dict[str, bytes]
+    exposure: ExposureFacts
+    handles: tuple[int, ...] = field(default=(), compare=False)
+
+    @property
+    def best(self) -> bytes:
+        """The RAW file where there is one, else the JPEG."""
+        return next(self.files[kind] for kind in _PREFERRED if kind in self.files)
+
+
+def take_shot(camera: Camera, clock: Clock, progress: Callable[[float], None]) -> Shot:
+    """Take one photograph with the settings as they are and fetch it.
+
+    progress: told the share of its bytes that came. Raises FocusError, StoreFullError,
+    CaptureError, TransferError, PairVerificationError where its EXIF is missing.
+    """
+    progress(0.0)
+    patience_s = _exposure_s(camera) + PATIENCE_S
+    camera.events(timeout_s=0)  # what is still waiting belongs to earlier shots
+    before = _release(camera, clock)
+    photographs = _new_photographs(camera, clock, before, clock.monotonic() + patience_s)
+    total = sum(item.size for item in photographs)
+    files: dict[str, bytes] = {}
+
+    def received(count: int) -> None:
+        progress((sum(map(len, files.values())) + count) / total)
+
+    for item in photographs:
+        files[item.kind] = _fetch(camera, item, received)
+    best = next(files[kind] for kind in _PREFERRED if kind in files)
+    return Shot(files, read_exposure(best), tuple(item.handle for item in photographs))
+
+
+def _release(camera: Camera, clock: Clock) -> set[int]:
+    """Press the release; gives the handles that the card held just before.
+
+    A camera that is busy may still be writing an earlier photograph, so that they are listed anew.
+    """
+    for pause in _BUSY_PAUSES_S:
+        before = camera.objects()
+        try:
+            camera.trigger()
+            return before
+        except CameraBusyError:
+            clock.sleep(pause)
+            camera.events(timeout_s=0)
+    before = camera.objects()
+    camera.trigger()
+    return before
+
+
+def _exposure_s(camera: Camera) -> float:
+    """How long the exposure can take; some cameras tell no time, or one in words."""
+    try:
+        return min(_LONGEST_S, float(camera.read(SettingName.SHUTTER_S).value))
+    except (SettingError, ValueError):
+        return _LONGEST_S
+
+
+def _new_photographs(
+    camera: Camera, clock: Clock, before: set[int], deadline: float
+) -> list[CameraObject]:
+    """Find the photographs that the card did not hold before; events only say when to look."""
+    complete, photographs = True, list[CameraObject]()
+    while complete and not photographs:  # a late event of an earlier shot must not end the wait
+        complete = _await_completion(camera, clock, deadline)
+        clock.sleep(SETTLE_S)
+        new = [camera.describe(handle) for handle in sorted(camera.objects() - before)]
+        photographs = [item for item in new if item.kind in _PREFERRED]
+    if not photographs:
+        raise CaptureError(
+            "The camera released, but no photograph reached its card: check the card and try again."
+        )
+    if len({item.kind for item in photographs}) < len(photographs):
+        raise CaptureError(
+            "More than one photograph reached the card: set the camera to single frames and try "
+            "again."
+        )
+    return photographs
+
+
+def _await_completion(camera: Camera, clock: Clock, deadline: float) -> bool:
+    """Wait; true once the camera says that the capture is complete, false at the deadline."""
+    while (left := deadline - clock.monotonic()) > 0:
+        for event in camera.events(timeout_s=left):
+            if event.kind is EventKind.STORE_FULL:
+                raise StoreFullError(
+                    "The camera's memory card is full: make room on it and try again."
+                )
+            if event.kind is EventKind.CAPTURE_COMPLETE:
+                return True
+    return False
+
+
+def _fetch(camera: Camera, item: CameraObject, progress: Callable[[int], None]) -> bytes:
+    """Download one file, going on from where a transfer broke off."""
+    if item.size > LARGEST_BYTES:
+        raise TransferError(
+            f"The camera says that a photograph has {item.size} bytes, which is more than one can "
+            "have: take the pair again."
+        )
+    received, failures, whole = bytearray(), 0, False
+    while not whole:
+        try:
+            for chunk in camera.download(item.handle, len(received)):
+                received += chunk
+                failures = 0
+                progress(len(received))
+            whole = True
+        except TransferError:
+            failures += 1
+            if failures == DOWNLOAD_ATTEMPTS:
+                raise
+    if len(received) != item.size:
+        raise TransferError(
+            f"The camera sent {len(received)} of {item.size} bytes of a photograph: take the "
+            "pair again."
+        )
+    return bytes(received)

@@ -1,0 +1,90 @@
+"""libgphoto2, in Debian's gphoto2 and in PyPI's, as a client of our simulated camera."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import drivers
+from drivers.exif import read_exposure
+
+Client = Callable[..., str]
+
+
+@pytest.fixture
+def client(camera: Any, run: Callable[..., str], tmp_path: Path) -> Client:
+    port = f"ptpip:127.0.0.1:{camera.port}:{camera.port}"
+    return lambda *arguments: run("gphoto2", "--port", port, *arguments, cwd=tmp_path)
+
+
+def test_the_summary_names_the_camera(client: Client) -> None:
+    told = client("--summary")
+    assert "Model: NIKON D5100" in told
+    assert "Flash Mode(0x500c):(readwrite)" in told
+    assert "Free Space (Images):" in told
+
+
+def test_settings_are_listed_and_set(client: Client) -> None:
+    assert "/main/capturesettings/flashmode" in client("--list-config")
+    for value in ("Flash off", "Fill flash"):
+        client("--set-config-value", f"flashmode={value}")
+        assert f"Current: {value}" in client("--get-config", "flashmode")
+
+
+def test_both_photographs_are_taken_and_downloaded(client: Client, tmp_path: Path) -> None:
+    fired = []
+    for value in ("Flash off", "Fill flash"):
+        client("--set-config-value", f"flashmode={value}", "--capture-image-and-download")
+        (photograph,) = tmp_path.iterdir()
+        fired.append(read_exposure(photograph.read_bytes()).flash_fired)
+        photograph.unlink()
+    assert fired == [False, True]
+
+
+def test_photographs_are_fetched_on_events(client: Client, tmp_path: Path) -> None:
+    client("--set-config-value", "flashmode=Flash off")  # a flash might still be charging
+    client("--trigger-capture", "--wait-event-and-download=CAPTURECOMPLETE")
+    assert {path.suffix for path in tmp_path.iterdir()} == {".DNG", ".JPG"}
+
+
+def test_our_driver_of_libgphoto2_takes_a_pair(camera: Any) -> None:
+    with drivers.open_camera(f"gphoto2://ptpip:127.0.0.1:{camera.port}:{camera.port}") as opened:
+        assert opened.info().model == "NIKON D5100"
+        pair = drivers.capture_pair(opened)
+    assert [shot.exposure.flash_fired for shot in (pair.no_flash, pair.flash)] == [False, True]
+    assert pair.flash.files.keys() == {"dng", "jpeg"}
+
+
+def test_a_session_has_no_malformed_packet(
+    camera: Any, run: Callable[..., str], lacking: Callable[[str], None], tmp_path: Path
+) -> None:
+    recording = tmp_path / "session.pcapng"
+    command = ["dumpcap", "-i", "lo", "-f", f"tcp port {camera.port}", "-w", str(recording)]
+    try:
+        recorder = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    except FileNotFoundError:
+        lacking("tshark")
+    assert recorder.stderr is not None
+    told = recorder.stderr.readline()
+    while told and "File:" not in told:
+        told = recorder.stderr.readline()
+    if not told:
+        recorder.wait()
+        lacking("the right to record packets")
+    with drivers.open_camera(camera.address) as opened:
+        drivers.capture_pair(opened)
+    decode = ("tshark", "-r", str(recording), "-d", f"tcp.port=={camera.port},ptpip", "-Y")
+    packets = 0
+    while packets < 100:  # the recorder still writes what the kernel holds of the session
+        done = subprocess.run([*decode, "ptpip"], capture_output=True, text=True, check=False)
+        packets = done.stdout.count("\n")
+    recorder.terminate()
+    recorder.communicate()
+    decoded = run(*decode, "ptpip")
+    assert run(*decode, "_ws.malformed") == ""
+    for message in ("Init Command Request", "Init Event Ack", "Start Data", "Event"):
+        assert message in decoded

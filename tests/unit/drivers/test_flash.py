@@ -1,0 +1,140 @@
+from __future__ import annotations
+
+import http.server
+import sys
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from drivers.capture import capture_pair
+from drivers.clock import Clock
+from drivers.errors import FlashError, NoFlashError, SettingError
+from drivers.flash import ExternalFlash, Flash, OperatorFlash
+from drivers.ptp.camera import PtpCamera
+from drivers.sim.address import SimulatedCamera
+from drivers.sim.backend import InProcessTransport
+from drivers.sim.body import Body
+
+
+class Studio:
+    """A simulated camera with a flash that it does not know of, or one on a switch."""
+
+    def __init__(self, clock: Clock, camera: str) -> None:
+        fields = {"width": 64, "height": 64, "format": "jpeg", "camera": camera}
+        self.body = Body(SimulatedCamera.model_validate(fields), clock)
+        self.camera = PtpCamera("sim://studio", InProcessTransport(self.body, clock), clock)
+        self.asked: list[str] = []
+
+    def ask(self, request: str, timeout_s: float) -> bool:
+        assert timeout_s == 300
+        self.asked.append(request)
+        self.body.flash = "external" if " on," in request else "off"
+        return True
+
+
+def brightness(photograph: bytes) -> float:
+    import cv2
+    import numpy as np
+
+    decoded = cv2.imdecode(np.frombuffer(photograph, np.uint8), cv2.IMREAD_COLOR)
+    assert decoded is not None
+    return float(decoded.mean())
+
+
+def test_a_camera_without_a_switch_says_so_before_the_first_photograph(clock: Clock) -> None:
+    studio = Studio(clock, "switchless")
+    with pytest.raises(SettingError, match=r"offers auto, fill, red_eye_fill: .*\(operator\)"):
+        capture_pair(studio.camera, clock=clock)
+    assert studio.camera.objects() == {1}
+
+
+def test_a_person_switches_the_flash_between_the_photographs(clock: Clock) -> None:
+    studio = Studio(clock, "switchless")
+    flash = OperatorFlash(studio.ask, brightness)
+    pair = capture_pair(studio.camera, clock=clock, flash=flash)
+    assert studio.asked == [
+        "Switch the flash off, then confirm.",
+        "Switch the flash on, then confirm.",
+    ]
+    assert not pair.flash.exposure.flash_fired  # an external flash leaves no trace in EXIF
+    assert brightness(pair.flash.best) > 1.2 * brightness(pair.no_flash.best)
+
+
+def test_nobody_at_the_camera_ends_the_capture(clock: Clock) -> None:
+    studio = Studio(clock, "switchless")
+    flash = OperatorFlash(lambda _request, _timeout_s: False, brightness)
+    with pytest.raises(FlashError, match="Nobody confirmed that the flash is off"):
+        capture_pair(studio.camera, clock=clock, flash=flash)
+    assert studio.camera.objects() == {1}
+
+
+def test_a_flash_that_lights_nothing_is_noticed(clock: Clock) -> None:
+    studio = Studio(clock, "switchless")
+    studio.body.flash = "off"
+    flash = OperatorFlash(lambda _request, _timeout_s: True, brightness)
+    with pytest.raises(NoFlashError, match="did not fire"):
+        capture_pair(studio.camera, clock=clock, flash=flash)
+
+
+class Relay(http.server.BaseHTTPRequestHandler):
+    told: list[str]
+
+    def do_GET(self) -> None:
+        self.told.append(self.path)
+        self.send_response(200 if "turn" in self.path else 500)
+        self.end_headers()
+
+    def log_message(self, *_: object) -> None: ...
+
+
+@pytest.fixture
+def relay() -> Iterator[tuple[str, list[str]]]:
+    Relay.told = []
+    server = http.server.HTTPServer(("127.0.0.1", 0), Relay)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{server.server_port}", Relay.told
+    server.shutdown()
+    server.server_close()
+
+
+def switched(flash: Flash, clock: Clock) -> None:
+    camera = Studio(clock, "standard").camera
+    flash.check(camera)
+    flash.switch(camera, "on", clock)
+    flash.switch(camera, "off", clock)
+
+
+def test_a_url_is_told_the_state(clock: Clock, relay: tuple[str, list[str]]) -> None:
+    url, told = relay
+    switched(ExternalFlash(url + "/relay/0?turn={state}", brightness, settle_s=2), clock)
+    assert told == ["/relay/0?turn=on", "/relay/0?turn=off"]
+    assert clock.monotonic() == 4
+
+
+def test_a_command_is_told_the_state(clock: Clock, tmp_path: object) -> None:
+    log = f"{tmp_path}/log"
+    script = f"import sys; open({log!r}, 'a').write(sys.argv[1] + ';')"
+    switched(ExternalFlash(f'{sys.executable} -c "{script}" {{state}}', brightness), clock)
+    with open(log, encoding="utf-8") as file:  # noqa: PTH123
+        assert file.read() == "on;off;"
+
+
+@pytest.mark.parametrize(
+    ("order", "complaint"),
+    [
+        ("relay on", r"no \{state\}"),
+        ("relay '{state}", "cannot be read"),
+        ("no-such-program {state}", "failed \\(FileNotFoundError\\)"),
+        ("false {state}", "failed \\(CalledProcessError\\)"),
+        ("http://127.0.0.1:1/{state}", "did not obey \\(ConnectError\\)"),
+    ],
+)
+def test_orders_that_nothing_obeys_are_errors(clock: Clock, order: str, complaint: str) -> None:
+    with pytest.raises(FlashError, match=complaint):
+        switched(ExternalFlash(order, brightness), clock)
+
+
+def test_a_relay_that_refuses_is_an_error(clock: Clock, relay: tuple[str, list[str]]) -> None:
+    with pytest.raises(FlashError, match="did not obey"):
+        switched(ExternalFlash(relay[0] + "/{state}", brightness), clock)

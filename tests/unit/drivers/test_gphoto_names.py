@@ -1,0 +1,51 @@
+from __future__ import annotations
+
+import pytest
+
+from drivers.camera import SettingName, SettingValue
+from drivers.errors import BadAddressError
+from drivers.gphoto.backend import check_address
+from drivers.gphoto.names import WIDGETS, decode
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "value"),
+    [
+        (SettingName.SHUTTER_S, "1/50", 0.02),
+        (SettingName.SHUTTER_S, "0.0200s", 0.02),
+        (SettingName.SHUTTER_S, "30", 30),
+        (SettingName.SHUTTER_S, "Bulb", "Bulb"),
+        (SettingName.SHUTTER_S, "1/0", "1/0"),
+        (SettingName.F_NUMBER, "f/5.6", 5.6),
+        (SettingName.F_NUMBER, "8", 8),
+        (SettingName.ISO, "400", 400),
+        (SettingName.ISO, "Auto", "auto"),
+        (SettingName.FLASH, "Flash off", "off"),
+        (SettingName.FLASH, "Fill flash", "fill"),
+        (SettingName.FLASH, "Slow Sync", "Slow Sync"),
+        (SettingName.PROGRAM, "M", "manual"),
+        (SettingName.PROGRAM, "Av", "aperture"),
+        (SettingName.WHITE_BALANCE, "Automatic", "auto"),
+        (SettingName.DRIVE, "Single Shot", "single"),
+        (SettingName.FOCUS, "Manual", "manual"),
+    ],
+)
+def test_texts_of_libgphoto2_become_values(
+    name: SettingName, text: str, value: SettingValue
+) -> None:
+    assert decode(name, text) == value
+
+
+def test_every_setting_has_a_name_there() -> None:
+    assert set(WIDGETS) == set(SettingName)
+
+
+@pytest.mark.parametrize("address", ["gphoto2://", "gphoto2://usb:001,004", "gphoto2://ptpip:h"])
+def test_ports_of_cameras_are_taken(address: str) -> None:
+    check_address(address)
+
+
+@pytest.mark.parametrize("address", ["gphoto2://disk:/etc", "gphoto2://serial:/dev/ttyS0"])
+def test_ports_that_are_files_of_this_computer_are_refused(address: str) -> None:
+    with pytest.raises(BadAddressError, match="no camera that libgphoto2 may open"):
+        check_address(address)

@@ -1,0 +1,209 @@
+from __future__ import annotations
+
+import socket
+import struct
+import threading
+
+import pytest
+
+from drivers.errors import (
+    BadAddressError,
+    CameraBusyError,
+    CameraDisconnectedError,
+    CameraTimeoutError,
+    DriverError,
+    ProtocolError,
+)
+from drivers.ptp.codes import ContainerType, Operation
+from drivers.ptp.containers import Container
+from drivers.ptp.ip import IpTransport, check_address, parse
+from drivers.ptp.ip_packets import Greeting, PacketType, encode_packet
+
+ACK = encode_packet(
+    PacketType.INIT_COMMAND_ACK, b"\x07\0\0\0", Greeting(b"g" * 16, "Camera").encode()
+)
+EVENT_ACK = encode_packet(PacketType.INIT_EVENT_ACK)
+COMMAND = Container.with_parameters(ContainerType.COMMAND, Operation.GET_DEVICE_INFO, 5, (1, 2))
+RESPONSE = encode_packet(PacketType.RESPONSE, struct.pack("<HI", 0x2001, 5))
+START = encode_packet(PacketType.START_DATA, struct.pack("<IQ", 5, 10))
+
+
+class Peer:
+    """A camera of a script: what it says on either connection, and what it was told."""
+
+    def __init__(self, commands: bytes, events: bytes = EVENT_ACK, hang_up: bool = False) -> None:
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self._listener.getsockname()[1]
+        self.connections: list[socket.socket] = []
+        self._said, self._hang_up = (commands, events), hang_up
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        self._listener.settimeout(10)
+        for said in self._said:
+            try:
+                connection, _ = self._listener.accept()
+            except OSError:
+                return
+            connection.sendall(said)
+            if self._hang_up:
+                connection.shutdown(socket.SHUT_WR)
+            self.connections.append(connection)
+
+    def told(self, which: int) -> bytes:
+        self._thread.join()
+        self.connections[which].settimeout(5)
+        return self.connections[which].recv(4096)
+
+    def close(self) -> None:
+        self._listener.shutdown(socket.SHUT_RDWR)
+        self._thread.join()
+        for each in (self._listener, *self.connections):
+            each.close()
+
+
+def meeting(commands: bytes, events: bytes = b"", **more: bool) -> tuple[IpTransport, Peer]:
+    peer = Peer(ACK + commands, EVENT_ACK + events, **more)
+    return IpTransport("127.0.0.1", peer.port, answer_s=0.2), peer
+
+
+def test_both_connections_are_greeted() -> None:
+    transport, peer = meeting(b"")
+    assert transport.camera.name == "Camera"
+    first, second = peer.told(0), peer.told(1)
+    transport.close()
+    peer.close()
+    assert first[:8] == struct.pack("<II", len(first), 1)
+    assert Greeting.decode(first[8:]).name == "lightlayers"
+    assert second == struct.pack("<III", 12, 3, 7)
+
+
+def test_operations_and_their_data_are_written_as_packets() -> None:
+    transport, peer = meeting(b"")
+    greeting = len(peer.told(0))
+    transport.send(COMMAND)
+    assert greeting and peer.told(0) == struct.pack("<IIIHIII", 26, 6, 1, 0x1001, 5, 1, 2)
+    setting = Container.with_parameters(ContainerType.COMMAND, 0x1016, 6, (0x500C,))
+    transport.send(setting)
+    transport.send(Container(ContainerType.DATA, 0x1016, 6, b"\2\0"))
+    told = b""
+    expected = (
+        struct.pack("<IIIHII", 22, 6, 2, 0x1016, 6, 0x500C)
+        + struct.pack("<IIIQ", 20, 9, 6, 2)
+        + struct.pack("<III", 14, 12, 6)
+        + b"\2\0"
+    )
+    while len(told) < len(expected):
+        told += peer.told(0)
+    transport.close()
+    peer.close()
+    assert told == expected
+
+
+def test_data_in_several_packets_are_put_together() -> None:
+    parts = encode_packet(PacketType.DATA, b"\5\0\0\0", b"photo") + encode_packet(
+        PacketType.END_DATA, b"\5\0\0\0", b"graph"
+    )
+    transport, peer = meeting(START + parts + RESPONSE)
+    transport.send(COMMAND)
+    data, response = transport.receive(), transport.receive()
+    transport.close()
+    peer.close()
+    assert (data.type, data.code, data.transaction) == (ContainerType.DATA, 0x1001, 5)
+    assert bytes(data.payload) == b"photograph"
+    assert (response.type, response.code) == (ContainerType.RESPONSE, 0x2001)
+
+
+@pytest.mark.parametrize(
+    ("said", "error"),
+    [
+        (b"\0\0\0\0\7\0\0\0", ProtocolError),  # shorter than its header
+        (b"\x08\0\0\0\x63\0\0\0", ProtocolError),  # an unknown type
+        (encode_packet(PacketType.RESPONSE, bytes(7)), ProtocolError),
+        (encode_packet(PacketType.RESPONSE, bytes(30)), ProtocolError),
+        (encode_packet(PacketType.EVENT, bytes(6)), ProtocolError),
+        (encode_packet(PacketType.START_DATA, struct.pack("<IQ", 5, 2**63)), ProtocolError),
+        (START + RESPONSE, ProtocolError),
+        (START + encode_packet(PacketType.END_DATA, b"\5\0\0\0", b"too short"), ProtocolError),
+        (START + encode_packet(PacketType.END_DATA, b"\5\0\0\0", b"far too long"), ProtocolError),
+        (START + encode_packet(PacketType.END_DATA, b"\6\0\0\0", b"photograph"), ProtocolError),
+        (START + encode_packet(PacketType.END_DATA, b"\5"), ProtocolError),
+        (START[:10], CameraDisconnectedError),
+        (b"", CameraDisconnectedError),
+    ],
+)
+def test_what_cannot_be_is_refused(said: bytes, error: type[DriverError]) -> None:
+    transport, peer = meeting(said, hang_up=True)
+    transport.send(COMMAND)
+    with pytest.raises(error):
+        transport.receive()
+    transport.close()
+    peer.close()
+
+
+def test_events_come_on_their_own_connection_and_probes_are_answered() -> None:
+    event = encode_packet(PacketType.EVENT, struct.pack("<HII", 0x4002, 0, 9))
+    transport, peer = meeting(b"", encode_packet(PacketType.PROBE_REQUEST) + event)
+    told = transport.receive_event(5)
+    assert told is not None
+    assert (told.code, told.parameters) == (0x4002, (9,))
+    assert transport.receive_event(0) is None
+    answered = peer.told(1)
+    transport.close()
+    peer.close()
+    assert answered.endswith(encode_packet(PacketType.PROBE_RESPONSE))
+
+
+def test_silence_is_cancelled_and_probed() -> None:
+    transport, peer = meeting(b"")
+    peer.told(1)
+    transport.send(COMMAND)
+    with pytest.raises(CameraTimeoutError, match="no answer for 0 s: switch"):
+        transport.receive()
+    told = peer.told(1)
+    transport.close()
+    peer.close()
+    assert told == encode_packet(PacketType.CANCEL, b"\5\0\0\0") + encode_packet(
+        PacketType.PROBE_REQUEST
+    )
+
+
+@pytest.mark.parametrize(
+    ("reason", "sentence"), [(1, "turned this computer away"), (2, "in use"), (9, "no connection")]
+)
+def test_a_camera_that_takes_no_connection_says_why(reason: int, sentence: str) -> None:
+    peer = Peer(encode_packet(PacketType.INIT_FAIL, struct.pack("<I", reason)))
+    with pytest.raises(CameraBusyError, match=sentence):
+        IpTransport("127.0.0.1", peer.port, answer_s=0.5)
+    peer.close()
+
+
+@pytest.mark.parametrize(
+    ("address", "place"),
+    [
+        ("ptp+ip://camera", ("camera", 15740)),
+        ("ptp+ip://10.0.0.9:15741/", ("10.0.0.9", 15741)),
+        ("ptp+ip://[fe80::1]:9", ("fe80::1", 9)),
+    ],
+)
+def test_addresses_are_read(address: str, place: tuple[str, int]) -> None:
+    assert parse(address) == place
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "ptp+ip://",
+        "ptp+ip://host:0",
+        "ptp+ip://host:65536",
+        "ptp+ip://host:port",
+        "ptp+ip://host/path",
+        "ptp+ip://host?query",
+        "ptp+ip://user@host",
+        "ptp+ip://[host",
+    ],
+)
+def test_addresses_that_are_none_are_refused(address: str) -> None:
+    with pytest.raises(BadAddressError, match="no address of a camera on the network"):
+        check_address(address)

@@ -1,0 +1,192 @@
+from __future__ import annotations
+
+import errno
+from typing import Any
+
+import pytest
+import usb.core
+
+from drivers.camera import CameraInfo
+from drivers.capture import capture_pair
+from drivers.clock import Clock
+from drivers.errors import (
+    BadAddressError,
+    CameraBusyError,
+    CameraDisconnectedError,
+    CameraNotFoundError,
+    CameraTimeoutError,
+    ProtocolError,
+)
+from drivers.ptp import usb as driver
+from drivers.ptp.camera import PtpCamera
+from drivers.ptp.codes import ContainerType, Operation
+from drivers.ptp.containers import Container
+from drivers.sim.address import SimulatedCamera
+from drivers.sim.body import Body
+from drivers.sim.usb_bus import SimulatedBus
+
+COMMAND = Container.with_parameters(ContainerType.COMMAND, Operation.OPEN_SESSION, 0, (1,))
+OK = Container(ContainerType.RESPONSE, 0x2001, 0).encode()
+
+
+@pytest.fixture
+def bus(clock: Clock) -> SimulatedBus:
+    return SimulatedBus(Body(SimulatedCamera(width=64, height=64, format="jpeg"), clock), clock)
+
+
+class ScriptedBus(SimulatedBus):
+    """Sends these transfers, whatever is asked."""
+
+    def __init__(self, clock: Clock, *transfers: bytes) -> None:
+        super().__init__(Body(SimulatedCamera(width=64, height=64), clock), clock)
+        self.transfers = transfers
+        self.written: list[bytes] = []
+
+    def bulk_write(self, _handle: Any, _ep: int, _intf: int, data: Any, _timeout: int) -> int:
+        self.written.append(data.tobytes())
+        if data:
+            self._answers.extend(self.transfers)
+        return len(data)
+
+
+def asked(bus: SimulatedBus, clock: Clock) -> driver.UsbTransport:
+    transport = driver.connect("", bus, clock)
+    transport.send(COMMAND)
+    return transport
+
+
+def test_cameras_are_found_by_their_interface(bus: SimulatedBus) -> None:
+    (device,) = driver.find_cameras(bus)
+    assert driver.describe(device) == CameraInfo(
+        "ptp+usb://0000001", "NIKON CORPORATION", "NIKON D5100", "0000001", None
+    )
+
+
+def test_a_pair_comes_over_usb(bus: SimulatedBus, clock: Clock) -> None:
+    with PtpCamera("ptp+usb://", driver.connect("0000001", bus, clock), clock) as camera:
+        pair = capture_pair(camera, clock=clock)
+    assert [shot.exposure.flash_fired for shot in (pair.no_flash, pair.flash)] == [False, True]
+
+
+def test_a_camera_is_known_by_its_serial_number(bus: SimulatedBus, clock: Clock) -> None:
+    with pytest.raises(CameraNotFoundError, match="with the serial number 77 is on USB"):
+        driver.connect("77", bus, clock)
+
+
+def test_a_camera_that_is_not_there_is_not_found(bus: SimulatedBus, clock: Clock) -> None:
+    bus._responder.unplugged = True
+    with pytest.raises(CameraNotFoundError, match="No camera is on USB"):
+        driver.connect("", bus, clock)
+
+
+def test_an_interface_held_by_another_program_is_said(bus: SimulatedBus, clock: Clock) -> None:
+    bus.held = True
+    with pytest.raises(CameraBusyError, match="in use by another program: close"):
+        driver.connect("", bus, clock)
+
+
+@pytest.mark.parametrize(
+    "transfers",
+    [
+        (OK,),
+        (b"", OK),  # one empty packet first
+        (OK[:5], OK[5:]),
+        (OK[:4] + OK[4:],),
+    ],
+)
+def test_answers_are_put_together(clock: Clock, transfers: tuple[bytes, ...]) -> None:
+    answer = asked(ScriptedBus(clock, *transfers), clock).receive()
+    assert (answer.type, answer.code, answer.transaction) == (ContainerType.RESPONSE, 0x2001, 0)
+
+
+def test_data_of_unknown_length_end_with_a_short_packet(clock: Clock) -> None:
+    data = bytearray(Container(ContainerType.DATA, 0x1009, 0, bytes(1000)).encode())
+    data[:4] = b"\xff" * 4
+    transport = asked(ScriptedBus(clock, bytes(data[:512]), bytes(data[512:]), OK), clock)
+    assert len(transport.receive().payload) == 1000
+    assert transport.receive().code == 0x2001
+
+
+def test_data_and_response_may_come_in_one_transfer(clock: Clock) -> None:
+    data = Container(ContainerType.DATA, 0x1009, 0, b"photograph").encode()
+    transport = asked(ScriptedBus(clock, data + OK), clock)
+    assert transport.receive().payload == b"photograph"
+    assert transport.receive().code == 0x2001
+
+
+@pytest.mark.parametrize("length", [0, 11, 2**20 + 13, 0xFFFFFFFE])
+def test_lengths_that_cannot_be_are_refused(clock: Clock, length: int) -> None:
+    transfer = length.to_bytes(4, "little") + OK[4:]
+    with pytest.raises(ProtocolError, match=f"wants to send {length} bytes"):
+        asked(ScriptedBus(clock, transfer), clock).receive()
+
+
+def test_data_that_fill_packets_are_followed_by_an_empty_one(clock: Clock) -> None:
+    bus = ScriptedBus(clock)
+    transport = asked(bus, clock)
+    transport.send(Container(ContainerType.DATA, 0x1016, 0, bytes(500)))
+    transport.send(Container(ContainerType.DATA, 0x1016, 0, bytes(501)))
+    assert [len(raw) for raw in bus.written] == [16, 512, 0, 513]
+
+
+def test_silence_ends_at_the_deadline(clock: Clock) -> None:
+    transport = asked(ScriptedBus(clock), clock)
+    with pytest.raises(CameraTimeoutError, match="no answer for 10 s"):
+        transport.receive()
+    assert clock.monotonic() == pytest.approx(10, abs=0.1)
+
+
+def test_a_stall_is_cleared_once(clock: Clock) -> None:
+    bus = ScriptedBus(clock, OK)
+    transport = asked(bus, clock)
+    bus._halted = True
+    assert transport.receive().code == 0x2001
+
+
+def test_an_endpoint_that_stays_stalled_is_given_up(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bus = ScriptedBus(clock, OK)
+    transport = asked(bus, clock)
+    bus._halted = True
+    monkeypatch.setattr(bus, "clear_halt", lambda *_: None)
+    with pytest.raises(CameraDisconnectedError, match="plug it in again"):
+        transport.receive()
+
+
+@pytest.mark.parametrize(
+    ("number", "error", "sentence"),
+    [
+        (errno.EACCES, CameraNotFoundError, "udev rule"),
+        (errno.EBUSY, CameraBusyError, "in use"),
+        (errno.EIO, CameraDisconnectedError, "plug it in again"),
+    ],
+)
+def test_errors_of_usb_become_those_of_cameras(
+    bus: SimulatedBus,
+    clock: Clock,
+    monkeypatch: pytest.MonkeyPatch,
+    number: int,
+    error: type[Exception],
+    sentence: str,
+) -> None:
+    def claim(*_: object) -> None:
+        raise usb.core.USBError("no", errno=number)
+
+    monkeypatch.setattr(bus, "claim_interface", claim)
+    with pytest.raises(error, match=sentence):
+        driver.connect("", bus, clock)
+
+
+def test_nothing_is_asked_of_a_closed_camera(bus: SimulatedBus, clock: Clock) -> None:
+    transport = driver.connect("", bus, clock)
+    transport.close()
+    transport.close()
+    with pytest.raises(CameraDisconnectedError):
+        transport.receive_event(0)
+
+
+@pytest.mark.parametrize("address", ["ptp+usb://a/b", "ptp+usb://a?b", "ptp+usb://a b"])
+def test_addresses_that_are_no_serial_number_are_refused(address: str) -> None:
+    with pytest.raises(BadAddressError, match="its serial number"):
+        driver.check_address(address)
