@@ -20,12 +20,16 @@ def main(url: str, name: str) -> None:
         print(job_id, flush=True)  # noqa: T201  what this program is for
         go.wait()
 
-    engine.launch(database.connect(url), name, run, 1, 0.05, lambda _thorough: None, 60)
+    connected = database.connect(url)
+    queue = engine.Queue(connected)
+    engine.launch(
+        connected, name, run, lambda _job, _number: None, 1, 0.05, lambda _thorough: None, 60
+    )
     for line in sys.stdin:
         if line == "go\n":
             go.set()
         else:
-            engine.take_over({name})
+            queue.put_back(one for one in queue.held() if one.worker != name)
             print("taken over", flush=True)  # noqa: T201
     os._exit(0)
 

@@ -121,11 +121,11 @@ def test_a_job_that_waits_past_its_deadline_fails(seen: str, one: Worker) -> Non
 def test_a_heartbeat_outlives_what_breaks_it(
     one: Worker, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    def fail(_living: object) -> list[str]:
+    def fail() -> list[str]:
         raise RuntimeError("no such workflow")
 
     with monkeypatch.context() as broken:
-        broken.setattr(engine, "take_over", fail)
+        broken.setattr(one._queue, "held", fail)
         one.keep()
     assert "no such workflow" in caplog.text
     with one._engine.begin() as connection:
