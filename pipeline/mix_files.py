@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -15,15 +14,18 @@ from pydantic import ValidationError
 
 from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
 from pipeline.encode.exr import ExrFile
+from pipeline.encode.files import describe
 from pipeline.encode.jpeg import JpegFile
 from pipeline.encode.tiff import TiffFile
 from pipeline.errors import InputError
 from pipeline.frames import Image, by_planes
-from pipeline.mix import Mix, MixBasis, mix_matrices, mixed
+from pipeline.manifest import versions
+from pipeline.mix import Mix, MixBasis, MixRequest, mix_matrices, mixed
 from pipeline.progress import STRIP_ROWS, Progress
 
 LAYERS = "layers.exr"
-"""The result that is mixed."""
+MANIFEST = "manifest.json"
+"""The results that a mix is made from."""
 
 ENCODINGS = {
     "jpeg": ("jpg", "8-bit sRGB curve", "sRGB"),
@@ -60,7 +62,7 @@ def mix_files(folder: Path, mix: Mix, target: Path, progress: Progress) -> None:
     tiff or exr. Raises InputError for what the user can mend, Canceled, OSError; a file that is
     not whole is not left behind.
     """
-    matrices = mix_matrices(read_basis(_manifest(folder)), mix)
+    matrices = mix_matrices(read_basis(read_manifest(folder)), mix)
     source = _open(folder, len(matrices))
     size = _size(source)
     try:
@@ -76,6 +78,25 @@ def mix_files(folder: Path, mix: Mix, target: Path, progress: Progress) -> None:
     progress.report("mix", 1.0)
 
 
+def mix_results(folder: Path, wanted: MixRequest, results: Path, progress: Progress) -> None:
+    """Mix the layers of a folder of results into another one: mix.jpg, .tif or .exr, and manifest.
+
+    results: made if missing. Raises what mix_files raises.
+    """
+    ending, encoding, colour_space = ENCODINGS[wanted.format]
+    results.mkdir(parents=True, exist_ok=True)
+    target = results / f"mix.{ending}"
+    mix_files(folder, wanted, target, progress)
+    manifest = {
+        "mix": wanted.model_dump(mode="json"),
+        "files": [describe(target, encoding, colour_space)],
+        "warnings": [],
+        "versions": versions(),
+    }
+    text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False)
+    (results / MANIFEST).write_text(text + "\n", encoding="utf-8")
+
+
 def format_of(target: Path) -> str:
     """Tell the format, a key of ENCODINGS, by the end of a name. Raises InputError."""
     names = {"jpg": "jpeg", "jpeg": "jpeg", "tif": "tiff", "tiff": "tiff", "exr": "exr"}
@@ -87,12 +108,13 @@ def format_of(target: Path) -> str:
     return found
 
 
-def _manifest(folder: Path) -> dict[str, Any]:
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """Read the manifest of a folder of results. Raises InputError."""
     try:
-        found = json.loads((folder / "manifest.json").read_bytes())
+        found = json.loads((folder / MANIFEST).read_bytes())
     except (OSError, ValueError) as error:
         raise InputError(
-            f"{folder} is no folder of results: there is no manifest.json that can be read."
+            f"{folder} is no folder of results: there is no {MANIFEST} that can be read."
         ) from error
     return found if isinstance(found, dict) else {}
 
@@ -144,5 +166,3 @@ def _target(target: Path, size: tuple[int, int]) -> _Target:
 
 def _as_rows(file: _Target, rows: Image) -> Any:
     return {"RGB": rows} if isinstance(file, ExrFile) else rows
-
-

@@ -11,8 +11,9 @@ from typing import Any, Literal
 
 import sqlalchemy as sa
 
+from pipeline.mix_files import LAYERS, MANIFEST
 from service import jobs, sandbox, scratch
-from service.errors import AttemptError, problem_of
+from service.errors import AttemptError, LayersGoneError, problem_of
 from service.forkserver import ForkServer
 from service.media import media_type
 from service.settings import Settings
@@ -90,6 +91,8 @@ class Attempt:
         with scratch.folder(self._settings.data_dir) as directory:
             if self._job.capture and not self._job.inputs:
                 self._capture(directory)
+            elif self._job.task == "mix":
+                self._fetch_layers(directory)
             else:
                 for frame in FRAMES:
                     self._storage.get_file(inputs_key(self._job.id, frame), directory / frame)
@@ -112,7 +115,23 @@ class Attempt:
         with self._engine.begin() as connection:
             jobs.set_inputs(connection, self._job, describe_inputs(self._job.id, digests))
 
-    def _run_task(self, kind: Literal["separate", "calibrate", "capture"], directory: Path) -> None:
+    def _fetch_layers(self, directory: Path) -> None:
+        with self._engine.connect() as connection:
+            source = jobs.find(connection, self._job.options["of"])
+        try:
+            if source is None:
+                raise FileNotFoundError
+            for name in (LAYERS, MANIFEST):
+                key = results_key(source.id, source.attempt, name)
+                self._storage.get_file(key, directory / name)
+        except FileNotFoundError as error:
+            raise LayersGoneError(
+                "The job whose layers were to be mixed has been deleted; separate the pair anew."
+            ) from error
+
+    def _run_task(
+        self, kind: Literal["separate", "calibrate", "mix", "capture"], directory: Path
+    ) -> None:
         task = sandbox.Task(
             kind=kind,
             job=self._job.id,

@@ -17,7 +17,8 @@ ServiceError
     ├── CrashError           it crashed
     ├── MemoryLimitError     it needed more memory than the limit
     ├── TimeLimitError       it ran longer than the limit
-    └── AbandonedError       its worker died under it several times
+    ├── AbandonedError       its worker died under it several times
+    └── LayersGoneError      410  the layers that it was to mix have been deleted
 """
 
 from __future__ import annotations
@@ -108,6 +109,10 @@ class AbandonedError(AttemptError):
     """The job's worker died under it several times."""
 
 
+class LayersGoneError(AttemptError):
+    """The layers that a job was to mix have been deleted."""
+
+
 class Problem(BaseModel):
     """What went wrong (RFC 9457)."""
 
@@ -179,6 +184,7 @@ KINDS: dict[type[Exception], Kind] = {
     MemoryLimitError: Kind("out-of-memory", 500, "The separation ran out of memory"),
     TimeLimitError: Kind("timed-out", 500, "The separation took too long"),
     AbandonedError: Kind("abandoned", 500, "The job's worker died several times"),
+    LayersGoneError: Kind("layers-gone", 410, "The layers are gone"),
     obstore_errors.BaseError: STORE_AWAY,
     DBAPIError: DATABASE_AWAY,
 }

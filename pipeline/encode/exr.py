@@ -21,7 +21,8 @@ class ExrFile:
     def __init__(self, path: Path, size: tuple[int, int], half: bool = False) -> None:
         self._path = path
         self._size = size
-        self._channel, self._type = (_HALF, np.float16) if half else (_FLOAT, np.float32)
+        self._channel = _HALF if half else _FLOAT
+        self._type: type[np.floating] = np.float16 if half else np.float32
         self._file: OpenEXR.OutputFile | None = None
 
     def write(self, pictures: dict[str, NDArray[np.float32]]) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 from fastapi import Depends, FastAPI
 
-from service.api import calibrations, cameras, health, jobs, problems, results
+from service.api import calibrations, cameras, health, jobs, mixes, page, problems, results
 from service.api.calibrated import allow_calibrations
 from service.api.hosts import check_host
 from service.errors import ForeignHostError, Problem
@@ -24,7 +24,7 @@ def create_app() -> FastAPI:
         generate_unique_id_function=lambda route: route.name,
     )
     problems.install(app)
-    for module in (jobs, calibrations, results, cameras, health):
+    for module in (jobs, calibrations, mixes, results, cameras, health, page):
         app.include_router(
             module.router, responses=problems.responses(ForeignHostError, status=(422,))
         )
@@ -33,7 +33,7 @@ def create_app() -> FastAPI:
     def openapi() -> dict[str, Any]:
         document = make_document()
         schemas = document["components"]["schemas"]
-        for model in (*jobs.SCHEMAS, *calibrations.SCHEMAS, Problem):
+        for model in (*jobs.SCHEMAS, *calibrations.SCHEMAS, *mixes.SCHEMAS, Problem):
             schema = model.model_json_schema(ref_template="#/components/schemas/{model}")
             schemas |= schema.pop("$defs", {})
             schemas[model.__name__] = schema

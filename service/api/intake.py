@@ -24,8 +24,9 @@ from pipeline.calibration.options import (
     LampsCalibration,
 )
 from pipeline.errors import OptionError
+from pipeline.mix import MixRequest
 from pipeline.options import Options
-from service.api.models import CaptureRequest, Handling
+from service.api.models import CaptureRequest, Handling, MixJob, MixOptions
 from service.attempt import FRAMES
 from service.errors import (
     MalformedRequestError,
@@ -43,9 +44,12 @@ Form = dict[str, UploadFile | str]
 
 @dataclass(frozen=True)
 class Intake:
-    """A request for a job: a pair of files by frame, or a camera to take it; and what is wanted."""
+    """A request for a job: a pair of files by frame, or a camera to take it; and what is wanted.
 
-    options: Options | CalibrationRequest
+    A mix has neither, but the other job in its options.
+    """
+
+    options: Options | CalibrationRequest | MixOptions
     handling: Handling
     files: dict[str, UploadFile]
     capture: dict[str, Any] | None
@@ -72,6 +76,21 @@ async def read_calibration(request: Request, limit: int, fill_in: FillIn) -> Asy
     """Read a request for a calibration, as `read` does."""
     async with _form(request, limit) as form:
         yield await run_in_threadpool(_pair, form, "", partial(_calibration, fill_in=fill_in))
+
+
+async def read_mix(request: Request, limit: int, job_id: str) -> Intake:
+    """Read a request to mix the layers of a job; raises what `read` raises."""
+    if _media_type(request) != "application/json":
+        raise UnsupportedMediaError("Send the settings of the lamps as application/json.")
+    body = await _limited(request, min(limit, _JSON_BYTES)).body()
+    try:
+        wanted = MixJob.model_validate_json(body)
+    except ValidationError as error:
+        raise OptionError(sentence_of(error)) from error
+    given = wanted.model_dump(exclude_unset=True)
+    handling = {name: given.pop(name) for name in Handling.model_fields if name in given}
+    options = MixOptions(kind="mix", of=job_id, mix=MixRequest.model_validate(given))
+    return Intake(options, Handling.model_validate(handling), {}, None)
 
 
 def _media_type(request: Request) -> str:

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Request
 from fastapi.responses import Response, StreamingResponse
 
+from pipeline.mix_files import MANIFEST
 from pipeline.remarks import Code
 from service import jobs
 from service.api.callers import Caller, Calling, find
@@ -21,7 +22,6 @@ from service.states import State
 
 router = APIRouter(tags=["results"])
 
-MANIFEST = "manifest.json"
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
 _MANIFEST_SCHEMA = {
     "type": "object",

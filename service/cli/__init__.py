@@ -1,4 +1,4 @@
-"""The command line: lightlayers separate, calibrate, serve, worker, submit, cameras, capture.
+"""The command line: lightlayers separate, mix, calibrate, serve, worker, submit, cameras, capture.
 
 Exit codes: 0 with results, 1 for a failure that is not the user's, 2 for bad input, 130 for
 Ctrl-C. Whatever goes wrong is one sentence on stderr.

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from service.cli import calibrate
+from service.cli import calibrate, mix
 from service.cli.options import Flags, Flash, NoFlash, read_file, with_flags
 
 app = typer.Typer(
@@ -17,6 +17,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.add_typer(calibrate.app, name="calibrate")
+app.command()(mix.mix)
 
 Output = Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of results.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the manifest.")]
