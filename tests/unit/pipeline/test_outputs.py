@@ -157,6 +157,8 @@ def some_rows(pictures: Pictures, rows: slice) -> Pictures:
         (("normals_confidence.tif",), ["normals_confidence.tif"]),
         (("gamma.png",), ["gamma.png"]),
         (("residual.png",), ["residual.png"]),
+        (("preview.exr",), ["preview.exr"]),
+        (("thumbnail.jpg",), ["thumbnail.jpg"]),
         (("response.jpg", "response_lamps.jpg", "response.exr"), []),
     ],
 )
@@ -183,6 +185,8 @@ def test_without_directions_there_are_neither_normals_nor_a_surface(
         *(f"white_balanced_{i}.{kind}" for kind in ("jpg", "tif") for i in (1, 2)),
         "white_balanced.exr",
         "confidence.tif",
+        "preview.exr",
+        "thumbnail.jpg",
         "gamma.png",
         "residual.png",
     ]
@@ -341,7 +345,7 @@ def test_black_pictures_are_written_black(
 
     entries = written(*OUTPUT_NAMES, given=dark)
 
-    assert len(entries) == 18
+    assert len(entries) == 20
     for name in ("lamp1.jpg", "white_balanced_1.jpg", "white_balanced_2.jpg"):
         assert not shown(tmp_path / name).any()
 
