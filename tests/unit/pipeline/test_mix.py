@@ -57,9 +57,7 @@ def test_neutral_settings_give_the_photograph_as_it_is_shown(
     np.testing.assert_allclose(found, shown, atol=1e-6)
 
 
-def test_stops_gels_and_switches_are_factors(
-    basis: MixBasis, layers: NDArray[np.float32]
-) -> None:
+def test_stops_gels_and_switches_are_factors(basis: MixBasis, layers: NDArray[np.float32]) -> None:
     plain, brighter = one(basis, layers), one(basis, layers, ev=1.5)
     np.testing.assert_allclose(brighter, 2**1.5 * plain, rtol=1e-5)
     assert not one(basis, layers, on=False, ev=3).any()

@@ -81,9 +81,7 @@ def test_settings_that_cannot_be_are_refused(
     assert words in detail
 
 
-def test_jobs_without_layers_are_refused(
-    http: httpx.Client, separated: Callable[..., str]
-) -> None:
+def test_jobs_without_layers_are_refused(http: httpx.Client, separated: Callable[..., str]) -> None:
     unknown = http.post("/jobs/nothing/mix", json=TWO)
     assert problem_of(unknown)[:2] == (404, "unknown-job")
     waiting = http.post(f"/jobs/{post_capture(http)['id']}/mix", json=TWO)
