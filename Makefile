@@ -19,6 +19,8 @@ demo: setup  ## Have the simulated camera take a pair, separate it, put the resu
 test: lint  ## Run every check and every test
 	@command -v initdb >/dev/null || ls /usr/lib/postgresql/*/bin/initdb >/dev/null 2>&1 \
 		|| .ci/apt-install postgresql || test "$${CI:-}" != true
+	@command -v chromium >/dev/null || command -v chromium-browser >/dev/null \
+		|| .ci/apt-install chromium || test "$${CI:-}" != true
 	$(BIN)/pytest
 
 lint: setup  ## Check style, types and the import rules

@@ -15,7 +15,14 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from numpy.typing import NDArray
 from PIL import Image
-from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
+from playwright.sync_api import (
+    Browser,
+    FilePayload,
+    Locator,
+    Page,
+    expect,
+    sync_playwright,
+)
 
 import drivers
 from pipeline.decode.exr import read_exr
@@ -129,8 +136,12 @@ def test_a_pair_is_added_watched_mixed_saved_and_rendered(
     page.goto("/")
     check_access(page, "add")
     for label, shot in (("Without the flash", pair.no_flash), ("With the flash", pair.flash)):
-        file = {"name": f"{label}.dng", "mimeType": "image/x-adobe-dng", "buffer": shot.best}
-        page.get_by_label(f"Choose a file: {label}").set_input_files([file])  # type: ignore[list-item]
+        file: FilePayload = {
+            "name": f"{label}.dng",
+            "mimeType": "image/x-adobe-dng",
+            "buffer": shot.best,
+        }
+        page.get_by_label(f"Choose a file: {label}").set_input_files(file)
     page.get_by_role("button", name="Separate the light").click()
     expect(page.get_by_text("Find the lamps")).to_be_visible()
     check_access(page, "watch")
@@ -330,8 +341,8 @@ def test_a_camera_takes_the_pair(page: Page, service: Any) -> None:
 def test_a_bad_file_is_told_in_words(page: Page) -> None:
     page.goto("/")
     for label in ("Without the flash", "With the flash"):
-        file = {"name": "a.jpg", "mimeType": "image/jpeg", "buffer": b"no picture"}
-        page.get_by_label(f"Choose a file: {label}").set_input_files([file])  # type: ignore[list-item]
+        file: FilePayload = {"name": "a.jpg", "mimeType": "image/jpeg", "buffer": b"no picture"}
+        page.get_by_label(f"Choose a file: {label}").set_input_files(file)
     page.get_by_role("button", name="Separate the light").click()
     expect(page.get_by_role("alert")).to_contain_text("photograph without the flash")
     check_access(page, "refused")
@@ -345,8 +356,12 @@ def test_a_bad_preset_is_told_in_words(page: Page, done: dict[str, Any]) -> None
         ('{"lamps": [{}]}', "one for 1 lamps"),
         ('{"lamps": [{"ev": 99}, {}]}', "out of its range"),
     ):
-        file = {"name": "mix.json", "mimeType": "application/json", "buffer": text.encode()}
-        page.get_by_label("Load a preset").set_input_files([file])  # type: ignore[list-item]
+        file: FilePayload = {
+            "name": "mix.json",
+            "mimeType": "application/json",
+            "buffer": text.encode(),
+        }
+        page.get_by_label("Load a preset").set_input_files(file)
         expect(page.get_by_role("alert")).to_contain_text(words)
 
 
