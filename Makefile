@@ -2,11 +2,12 @@
 PYTHON ?= python3
 HOST = 127.0.0.1
 SET = report
+BUILD = buildah bud --isolation chroot --layers
 BIN := .venv/bin
 INSTALLED := .venv/installed
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint evaluate bench serve openapi clean
+.PHONY: help setup demo test lint evaluate bench serve image openapi docs clean
 
 help:  ## Show this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/\1\t\2/p' Makefile | expand -t 12
@@ -17,10 +18,7 @@ demo: setup  ## Have the simulated camera take a pair, separate it, put the resu
 	$(BIN)/python -m service.demo
 
 test: lint  ## Run every check and every test
-	@command -v initdb >/dev/null || ls /usr/lib/postgresql/*/bin/initdb >/dev/null 2>&1 \
-		|| .ci/apt-install postgresql || test "$${CI:-}" != true
-	@command -v chromium >/dev/null || command -v chromium-browser >/dev/null \
-		|| .ci/apt-install chromium || test "$${CI:-}" != true
+	@.ci/test-programs
 	$(BIN)/pytest
 
 lint: setup  ## Check style, types and the import rules
@@ -40,12 +38,20 @@ evaluate: setup  ## Measure on rendered scenes what is promised; SET=development
 bench: setup  ## Measure what jobs cost, into docs/; QUICK=1 prints the kernel, one job and a start
 	$(BIN)/python -m tests.bench $(if $(QUICK),--quick)
 
-serve: setup  ## Serve on http://localhost:8000; HOST=0.0.0.0 for phones on this network, too
+serve: setup  ## Serve on http://localhost:8000; HOST=0.0.0.0 for phones, once there is a key
 	$(BIN)/lightlayers serve --host $(HOST)
+
+image: setup  ## Build the image with buildah, as root, and run the compose file's services from it
+	$(BUILD) -f docker/Dockerfile -t lightlayers .
+	$(BIN)/pytest tests/integration/service/image_run.py
 
 openapi: setup  ## Write openapi.json from the app
 	$(BIN)/python -m service.openapi > openapi.json.new
 	mv openapi.json.new openapi.json
+
+docs: setup openapi  ## Build the pages of docs/ into a site, build/site
+	$(BIN)/python -m service.reference docs/reference
+	$(BIN)/sphinx-build -W -q docs build/site
 
 clean:  ## Remove what setup, demo and the tools made; jobs in .lightlayers stay
 	rm -rf .venv build demo *.egg-info .mypy_cache .pytest_cache .ruff_cache .import_linter_cache

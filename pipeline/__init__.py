@@ -1,5 +1,30 @@
-"""From a pair of photographs to the light of every lamp. Arrays and files; no HTTP, no queue."""
+"""From a pair of photographs to the light of every lamp. Arrays and files; no HTTP, no queue.
 
-from pipeline.process import check_pair, separate_files
+What is named here is imported when it is asked for, so that who needs the options alone, like the
+API, is spared the rest.
+"""
 
-__all__ = ["check_pair", "separate_files"]
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pipeline.options import Options
+    from pipeline.process import check_pair, separate_files
+    from pipeline.progress import Progress
+
+__all__ = ["Options", "Progress", "check_pair", "separate_files"]
+
+_PLACES = {
+    "Options": "pipeline.options",
+    "Progress": "pipeline.progress",
+    "check_pair": "pipeline.process",
+    "separate_files": "pipeline.process",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PLACES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(_PLACES[name]), name)

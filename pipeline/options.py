@@ -36,6 +36,7 @@ OUTPUT_NAMES = (
     "white_balanced_1.tif",
     "white_balanced_2.tif",
     "white_balanced.exr",
+    "layers.psd",
     "response.jpg",
     "response_lamps.jpg",
     "response.exr",
@@ -194,6 +195,11 @@ class Options(PairOptions):
         default=None,
         gt=0,
         description="Focal length in pixels; default from EXIF, else 50 mm-equivalent.",
+    )
+    normals: Literal["gl", "dx"] = Field(
+        default="gl",
+        description="Where y of written normals points: gl up, as OpenGL has it, dx down, as "
+        "DirectX has it.",
     )
     outputs: Literal["default", "all"] | list[str] = Field(
         default="default", description=f"Files to write: {', '.join(OUTPUT_NAMES)}."

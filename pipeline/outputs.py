@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, Literal, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,10 +35,19 @@ from pipeline.reduced import ReducedPair
 from pipeline.residual_map import draw_residual_map, relative_residual
 
 _ONLY_ON_REQUEST = frozenset(
-    {"white_balanced_1.tif", "white_balanced_2.tif", "white_balanced.exr", "response.exr"}
+    {
+        "white_balanced_1.tif",
+        "white_balanced_2.tif",
+        "white_balanced.exr",
+        "response.exr",
+        "layers.psd",
+    }
 )
 _CAMERA_RGB = "linear camera RGB, 1.0 = white level of the no-flash photograph"
-_NORMALS = "unit normals, x right, y up, z to the viewer (OpenGL)"
+_NORMALS = {
+    "gl": "unit normals, x right, y up, z to the viewer (OpenGL)",
+    "dx": "unit normals, x right, y down, z to the viewer (DirectX)",
+}
 _SRGB = ("8-bit sRGB curve", "sRGB")
 _REC2020 = ("16-bit linear", "Rec. 2020")
 
@@ -85,14 +94,17 @@ class Outputs:
         changes: NDArray[np.float64] | None,
         wanted: frozenset[str],
         directory: Path,
+        convention: Literal["gl", "dx"] = "gl",
     ) -> None:
         """Open the files.
 
         photograph: (H, W, 3), the no-flash photograph, on whose scale layers are shown. facing:
         None where there are no normals. changes: of camera_changes, None without another camera.
         wanted: names out of OUTPUT_NAMES; those of what there is not are passed over. directory:
-        where, it exists. Raises OSError.
+        where, it exists. convention: of the normals that are written. Raises OptionError for a
+        picture that a wanted format cannot hold, OSError.
         """
+        self._convention = convention
         self._size = photograph.shape[1], photograph.shape[0]
         self._lamps = lamps
         self._model = model
@@ -206,6 +218,12 @@ class Outputs:
             if "lamps.jpg" in wanted:
                 jpeg = partial(JpegFile, size=size, to_srgb=to_srgb)
                 self._stream(f"lamp{lamp + 1}.jpg", _SRGB, jpeg, layer)
+        if "layers.psd" in wanted:
+            # imported only here: few ask for it
+            from pipeline.encode.psd import PsdFile
+
+            psd = partial(PsdFile, size=size, lamps=len(self._lamps), to_rec2020=to_rec2020)
+            self._stream("layers.psd", _REC2020, psd, lambda pictures: pictures.layers)
 
     def _open_balanced(self, textured: bool) -> Canvas | None:
         """Open the balanced pictures; returns what is kept of the first, for a texture if asked."""
@@ -260,13 +278,19 @@ class Outputs:
 
     def _open_normals(self) -> None:
         if "normals.png" in self._wanted:
-            kind = ("16-bit, (n + 1)/2 · 65535, 0 = unknown", _NORMALS)
+            kind = ("16-bit, (n + 1)/2 · 65535, 0 = unknown", _NORMALS[self._convention])
             png = partial(NormalsPng, size=self._size)
-            self._stream("normals.png", kind, png, lambda pictures: pictures.normals)
+            self._stream("normals.png", kind, png, self._normals)
         if "normals.exr" in self._wanted:
-            kind = ("32-bit float, NaN = unknown", _NORMALS)
+            kind = ("32-bit float, NaN = unknown", _NORMALS[self._convention])
             exr = partial(ExrFile, size=self._size)
-            self._stream("normals.exr", kind, exr, lambda pictures: {"RGB": pictures.normals})
+            self._stream("normals.exr", kind, exr, lambda rows: {"RGB": self._normals(rows)})
+
+    def _normals(self, pictures: Pictures) -> Image | None:
+        """Normals in the convention asked for."""
+        if pictures.normals is None or self._convention == "gl":
+            return pictures.normals
+        return pictures.normals * np.array([1, -1, 1], np.float32)
 
     def _open_surface(self, surface: Surface, texture: Canvas | None) -> None:
         size = self._size[::-1]

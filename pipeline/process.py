@@ -98,7 +98,9 @@ def separate_files(
         changes = camera_changes(lamps, model, model.response, options.method)
     tally = Tally(len(lamps), *pair.unusable.shape)
     directory.mkdir(parents=True, exist_ok=True)
-    with Outputs(pair.no_flash, lamps, model, facing, changes, wanted, directory) as outputs:
+    with Outputs(
+        pair.no_flash, lamps, model, facing, changes, wanted, directory, options.normals
+    ) as outputs:
         for pictures in render(
             pair, reduced, lamps, model, facing, changes, options, wanted, progress, strip_rows
         ):

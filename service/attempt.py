@@ -12,11 +12,12 @@ from typing import Any, Literal
 import sqlalchemy as sa
 
 from pipeline.mix_files import LAYERS, MANIFEST
-from service import jobs, sandbox, scratch
+from service import eta, jobs, metrics, sandbox, scratch, tracing
 from service.errors import AttemptError, LayersGoneError, problem_of
 from service.forkserver import ForkServer
 from service.media import media_type
 from service.settings import Settings
+from service.stages import Stages
 from service.storage import Storage
 
 FRAMES = ("no_flash", "flash")
@@ -62,6 +63,8 @@ class Attempt:
         self._asked = 0.0
         self._stop = False
         self._reported: tuple[str, float] = ("", 0.0)
+        self._track: eta.Track
+        self._stages = Stages()
         self._log = logging.LoggerAdapter(
             log, {"job": job.id, "attempt": job.attempt, "trace_id": job.trace_id}
         )
@@ -71,6 +74,15 @@ class Attempt:
 
         Raises sqlalchemy.exc.DBAPIError when the database is away.
         """
+        job = self._job
+        attributes = {"job": job.id, "attempt": job.attempt, "task": job.task, "worker": job.worker}
+        with tracing.attempt(job.trace_id, job.span_id, attributes):
+            try:
+                self._run()
+            finally:
+                self._stages.end()
+
+    def _run(self) -> None:
         self._log.info("started")
         try:
             counts = self._work()
@@ -83,25 +95,32 @@ class Attempt:
         except Exception as error:
             if not isinstance(error, AttemptError):  # a fault of ours, of the store or of the disk
                 self._log.exception("failed")
+                metrics.count_fault(error)
             counts = self._fail(problem_of(error, self._job.trace_id).model_dump())
         if not counts:
             self._give_up()
 
     def _work(self) -> bool:
+        with self._engine.connect() as connection:
+            self._track = eta.Track(eta.pace_of(connection, self._job))
         with scratch.folder(self._settings.data_dir) as directory:
             if self._job.capture and not self._job.inputs:
                 self._capture(directory)
             elif self._job.task == "mix":
                 self._fetch_layers(directory)
             else:
+                self._stages.enter("fetch")
                 for frame in FRAMES:
                     self._storage.get_file(inputs_key(self._job.id, frame), directory / frame)
             self._run_task(self._job.task, directory)
+            self._track.reach("store", 0.0)
+            self._stages.enter("store")
             results = [self._store(path) for path in sandbox.results_of(directory)]
         with self._engine.begin() as connection:
-            counts = jobs.succeed(connection, self._job, results)
+            counts = jobs.succeed(connection, self._job, results, self._track.finish())
         if counts:
             self._log.info("succeeded")
+            tracing.note("outcome", "succeeded")
             for lost in range(1, self._job.attempt):
                 self._storage.delete_below(results_key(self._job.id, lost))
         return counts
@@ -112,10 +131,12 @@ class Attempt:
             frame: self._storage.put_file(inputs_key(self._job.id, frame), directory / frame)
             for frame in FRAMES
         }
+        size = sum((directory / frame).stat().st_size for frame in FRAMES)
         with self._engine.begin() as connection:
-            jobs.set_inputs(connection, self._job, describe_inputs(self._job.id, digests))
+            jobs.set_inputs(connection, self._job, describe_inputs(self._job.id, digests), size)
 
     def _fetch_layers(self, directory: Path) -> None:
+        self._stages.enter("fetch")
         with self._engine.connect() as connection:
             source = jobs.find(connection, self._job.options["of"])
         try:
@@ -156,12 +177,21 @@ class Attempt:
         }
 
     def _report(self, stage: str, fraction: float) -> None:
+        self._track.reach(stage, fraction)
+        self._stages.enter(stage)
         last_stage, last_time = self._reported
         if stage == last_stage and time.monotonic() - last_time < _REPORT_SECONDS:
             return
         self._reported = (stage, time.monotonic())
         with self._engine.begin() as connection:
-            jobs.report(connection, self._job, stage, fraction)
+            jobs.report(
+                connection,
+                self._job,
+                stage,
+                fraction,
+                self._track.progress,
+                self._track.seconds_left,
+            )
 
     def _must_stop(self) -> bool:
         if self._stopping():
@@ -174,6 +204,7 @@ class Attempt:
 
     def _fail(self, problem: dict[str, Any]) -> bool:
         self._log.info("failed: %s", problem["type"])
+        tracing.note("outcome", problem["type"])
         with self._engine.begin() as connection:
             return jobs.fail(connection, self._job, problem)
 
@@ -182,6 +213,7 @@ class Attempt:
         with self._engine.begin() as connection:
             if jobs.acknowledge_cancel(connection, self._job):
                 self._log.info("canceled")
+                tracing.note("outcome", "canceled")
             else:
                 jobs.release(connection, self._job)
             gone = jobs.find(connection, self._job.id) is None

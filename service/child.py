@@ -19,17 +19,15 @@ from pathlib import Path
 from typing import Any
 
 import drivers
-import pipeline
 from pipeline.calibration.calibrate import calibrate_files
 from pipeline.calibration.options import CALIBRATION_OPTIONS
 from pipeline.mix import MixRequest
 from pipeline.mix_files import mix_results
 from pipeline.options import Options
+from pipeline.process import check_pair, separate_files
 from pipeline.progress import Progress
 from service import errors, forkserver, logs
-
-OUT_OF_MEMORY = 3
-"""Exit code of a task that needed more memory than it may have."""
+from service.processes import OUT_OF_MEMORY
 
 _CV_NO_MEMORY = -4  # cv::Error::StsNoMem
 
@@ -86,11 +84,11 @@ def _take_stdout() -> Tell:
 
 
 def _check(task: dict[str, Any], _tell: Tell) -> None:
-    pipeline.check_pair(*_photographs(task))
+    check_pair(*_photographs(task))
 
 
 def _separate(task: dict[str, Any], tell: Tell) -> None:
-    pipeline.separate_files(
+    separate_files(
         *_photographs(task),
         Options.model_validate(task["options"]),
         Path(task["directory"]) / "results",

@@ -32,14 +32,22 @@ class RefusedError(Exception):
 class Client:
     """A running service. Every method raises ServiceAwayError or RefusedError."""
 
-    def __init__(self, url: str) -> None:
-        """Talk to the service at a URL, like http://127.0.0.1:8000. Raises OptionError."""
+    def __init__(self, url: str, key: str | None = None) -> None:
+        """Talk to the service at a URL, like http://127.0.0.1:8000. Raises OptionError.
+
+        key: sent with every request.
+        """
         if not re.fullmatch(r"https?://[^\s/]+\S*", url):
             raise OptionError(
                 f"{url!r} is no address of a service: write one like http://127.0.0.1:8000."
             )
         self._url = url
-        self._http = httpx.Client(base_url=url, timeout=_TIMEOUT_SECONDS)
+        self._http = httpx.Client(
+            base_url=url,
+            headers={"Authorization": f"Bearer {key}"} if key else {},
+            timeout=_TIMEOUT_SECONDS,
+            follow_redirects=True,  # results may lie elsewhere
+        )
 
     def __enter__(self) -> Self:
         return self

@@ -9,12 +9,12 @@ from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.ext.compiler import compiles
-from sqlalchemy.schema import CreateIndex, CreateTable
 from sqlalchemy.sql.functions import FunctionElement
 
-_metadata = sa.MetaData()
+metadata = sa.MetaData()
+"""Where the steps of service.migrations lead."""
+
 _PATIENCE_SECONDS = 30
-_MIGRATION_LOCK = 0x11647  # any number that stays the same
 
 
 class now(FunctionElement[float]):  # noqa: N801  reads as the SQL function it is
@@ -37,7 +37,7 @@ def _postgresql_now(_element: now, _compiler: Any, **_options: Any) -> str:
 
 jobs = sa.Table(
     "jobs",
-    _metadata,
+    metadata,
     sa.Column("id", sa.String(32), primary_key=True),
     # Counts the writes of the row, so that who watches it knows whether it has changed.
     sa.Column("revision", sa.Integer, nullable=False, default=1),
@@ -48,6 +48,11 @@ jobs = sa.Table(
     sa.Column("rank", sa.Integer, nullable=False, default=1),
     sa.Column("stage", sa.String(16)),
     sa.Column("fraction", sa.Double, nullable=False, default=0.0),
+    # How much of the whole attempt is done, and when it is likely to end: service.eta.
+    sa.Column("progress", sa.Double, nullable=False, default=0.0),
+    sa.Column("eta", sa.Double),
+    sa.Column("likeness", sa.String(64), nullable=False, default=""),
+    sa.Column("stage_seconds", sa.JSON(none_as_null=True)),
     # Attempts are numbered from 1; `attempt` is the last one started and the only one that may
     # write. `lost` counts those whose worker died under them.
     sa.Column("attempt", sa.Integer, nullable=False, default=0),
@@ -59,7 +64,10 @@ jobs = sa.Table(
     sa.Column("results", sa.JSON(none_as_null=True)),
     sa.Column("error", sa.JSON(none_as_null=True)),
     sa.Column("trace_id", sa.String(32), nullable=False),
+    sa.Column("span_id", sa.String(16)),  # of the request in the trace, where traces are made
     sa.Column("webhook", sa.JSON(none_as_null=True)),
+    # What came of telling the webhook; null until its first delivery is queued.
+    sa.Column("delivery", sa.JSON(none_as_null=True)),
     sa.Column("idempotency_key", sa.String(255)),
     sa.Column("request_hash", sa.String(64), nullable=False),
     sa.Column("created", sa.Double, nullable=False),
@@ -67,30 +75,77 @@ jobs = sa.Table(
     sa.Column("finished", sa.Double),
     sa.Column("deadline", sa.Double),  # fails when it has not ended by then
     sa.Column("expires", sa.Double),  # is removed then
+    sa.Column("stored_bytes", sa.BigInteger, nullable=False, default=0),  # photographs and results
     sa.UniqueConstraint("owner", "idempotency_key", name="jobs_by_idempotency_key"),
     sa.Index("jobs_by_age", "owner", "created", "id"),
     sa.Index("jobs_by_state", "state", "created", "id"),
+    sa.Index("jobs_by_likeness", "likeness", "state", "created"),
+)
+
+# Few rows at any time, so that workers may look often: a job leaves it when a delivery is queued.
+sa.Index(
+    "jobs_with_news",
+    jobs.c.state,
+    sqlite_where=jobs.c.webhook.is_not(None) & jobs.c.delivery.is_(None),
+    postgresql_where=jobs.c.webhook.is_not(None) & jobs.c.delivery.is_(None),
 )
 
 workers = sa.Table(
     "workers",
-    _metadata,
+    metadata,
     sa.Column("id", sa.String(64), primary_key=True),
     sa.Column("seen", sa.Double, nullable=False),
+)
+
+keys = sa.Table(
+    "keys",
+    metadata,
+    sa.Column("id", sa.String(16), primary_key=True),  # a part of the key; owner of its jobs
+    sa.Column("digest", sa.String(64), nullable=False),  # SHA-256 of the key, hexadecimal
+    sa.Column("name", sa.String(100), nullable=False),
+    sa.Column("scopes", sa.JSON, nullable=False),
+    # Quotas; null where there is none.
+    sa.Column("waiting_jobs", sa.Integer),
+    sa.Column("jobs_per_day", sa.Integer),
+    sa.Column("stored_bytes", sa.BigInteger),
+    # Jobs made on `day`, which counts from 1970, in UTC.
+    sa.Column("day", sa.Integer, nullable=False, default=0),
+    sa.Column("jobs_of_day", sa.Integer, nullable=False, default=0),
+    sa.Column("created", sa.Double, nullable=False),
+    sa.Column("expires", sa.Double),
+    sa.Column("revoked", sa.Double),
+    sa.Column("used", sa.Double),  # to the hour, so that requests do not write
+)
+
+# Photographs that come piece by piece (tus), until a job takes them over.
+uploads = sa.Table(
+    "uploads",
+    metadata,
+    sa.Column("id", sa.String(32), primary_key=True),
+    sa.Column("owner", sa.String(32), nullable=False, default=""),
+    sa.Column("length", sa.BigInteger, nullable=False),
+    sa.Column("received", sa.BigInteger, nullable=False, default=0),
+    sa.Column("parts", sa.JSON, nullable=False),  # names of the objects that hold it, in order
+    sa.Column("metadata", sa.Text),  # as the client sent it
+    sa.Column("expires", sa.Double, nullable=False),
+    sa.Index("uploads_by_expiry", "expires"),
 )
 
 
 def connect(url: str) -> sa.Engine:
     """Open an engine for our tables and the queue's.
 
-    On SQLite every writing transaction takes the lock when it begins to write, and waits for it.
+    What a statement was sent with, secrets of webhooks among it, is in no error's text. On SQLite
+    every writing transaction takes the lock when it begins to write, and waits for it.
     """
     parsed = sa.make_url(url)
     if parsed.get_backend_name() == "postgresql":
-        return sa.create_engine(parsed.set(drivername="postgresql+psycopg"), pool_pre_ping=True)
+        return sa.create_engine(
+            parsed.set(drivername="postgresql+psycopg"), pool_pre_ping=True, hide_parameters=True
+        )
     if parsed.database:
         Path(parsed.database).parent.mkdir(parents=True, exist_ok=True)
-    engine = sa.create_engine(parsed)
+    engine = sa.create_engine(parsed, hide_parameters=True)
 
     @sa.event.listens_for(engine, "connect")
     def _configure(connection: Any, _record: object) -> None:
@@ -115,16 +170,3 @@ def _switch_to_wal(connection: Any) -> None:
             if error.sqlite_errorcode != sqlite3.SQLITE_BUSY or time.monotonic() > deadline:
                 raise
             time.sleep(0.02)
-
-
-def create_tables(engine: sa.Engine) -> None:
-    """Create the tables that are missing; safe to call from several processes at once."""
-    with engine.begin() as connection:
-        if engine.dialect.name == "sqlite":
-            connection.exec_driver_sql("BEGIN IMMEDIATE")
-        else:
-            connection.execute(sa.select(sa.func.pg_advisory_xact_lock(_MIGRATION_LOCK)))
-        for table in _metadata.sorted_tables:
-            connection.execute(CreateTable(table, if_not_exists=True))
-            for index in sorted(table.indexes, key=lambda index: str(index.name)):
-                connection.execute(CreateIndex(index, if_not_exists=True))

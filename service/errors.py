@@ -2,15 +2,29 @@
 
 ServiceError
 ├── MalformedRequestError    400  the request is not one we understand
+├── UnauthorizedError        401  no key, or none that is good
+├── ForbiddenError           403  the key is not for this
+├── ForeignOriginError       403  a web page of another site asks a service without keys
+├── StoredQuotaError         403  the key's jobs take up all the space that it may use
 ├── UnknownJobError          404  no such job
 ├── UnknownResultError       404  no such result of a job
 ├── NotReadyError            409  the job has no results (yet)
+├── SlowRequestError         408  the rest of the request does not come
+├── UnknownUploadError       404  no such upload
+├── OffsetError              409  an upload does not go on there
+├── UnfinishedUploadError    409  an upload that a job names has not come whole
+├── ExpiredUploadError       410  an upload was not gone on with in time
+├── TusVersionError          412  a tus client of another version
 ├── UploadTooLargeError      413  more bytes than the limit
 ├── UnsupportedMediaError    415  neither multipart nor JSON
 ├── RangeError               416  the range lies outside the file
 ├── ForeignHostError         421  a Host that a service on loopback does not answer to
 ├── IdempotencyError         422  an Idempotency-Key used again for something else
 ├── QueueFullError           429  too many jobs wait
+├── QuotaError               429  the key has as many jobs as it may
+├── BusyError                503  too many requests at a time
+├── ChecksumError            460  the bytes of an upload are not those that were sent
+├── UnreadyError             503  the service lacks what it needs to work
 ├── StorageFullError         507  too little space is left for another job
 ├── StartError               ---  the service cannot start with its settings
 └── AttemptError             500  what a job's process can die of
@@ -41,6 +55,22 @@ class MalformedRequestError(ServiceError):
     """The request is not one we understand."""
 
 
+class UnauthorizedError(ServiceError):
+    """No key, or none that is good."""
+
+
+class ForbiddenError(ServiceError):
+    """The key is good, but not for this."""
+
+
+class ForeignOriginError(ServiceError):
+    """A web page of another site asks a service that wants no keys."""
+
+
+class StoredQuotaError(ServiceError):
+    """The key's jobs take up all the space that it may use."""
+
+
 class UnknownJobError(ServiceError):
     """There is no such job."""
 
@@ -51,6 +81,34 @@ class UnknownResultError(ServiceError):
 
 class NotReadyError(ServiceError):
     """The job has no results, or none yet."""
+
+
+class SlowRequestError(ServiceError):
+    """The rest of the request does not come."""
+
+
+class UnknownUploadError(ServiceError):
+    """There is no such upload."""
+
+
+class OffsetError(ServiceError):
+    """The upload goes on at another byte."""
+
+
+class UnfinishedUploadError(ServiceError):
+    """An upload that has not come whole."""
+
+
+class ExpiredUploadError(ServiceError):
+    """An upload that was not gone on with in time."""
+
+
+class TusVersionError(ServiceError):
+    """A version of tus that is not spoken here."""
+
+
+class ChecksumError(ServiceError):
+    """The bytes that came do not have the checksum that came with them."""
 
 
 class UploadTooLargeError(ServiceError):
@@ -81,8 +139,24 @@ class QueueFullError(ServiceError):
     """Too many jobs wait."""
 
 
+class QuotaError(ServiceError):
+    """The key has as many jobs as it may."""
+
+    def __init__(self, message: str, retry_seconds: int) -> None:
+        super().__init__(message)
+        self.retry_seconds = retry_seconds
+
+
+class BusyError(ServiceError):
+    """Too many requests at a time."""
+
+
 class StorageFullError(ServiceError):
     """Too little space is left for another job."""
+
+
+class UnreadyError(ServiceError):
+    """The service lacks what it needs to work, or stops."""
 
 
 class StartError(ServiceError):
@@ -170,15 +244,31 @@ KINDS: dict[type[Exception], Kind] = {
     drivers.CameraNotFoundError: Kind("camera-not-found", 404, "No camera answers there"),
     drivers.DriverError: Kind("camera-failed", 503, "The camera failed", retryable=True),
     MalformedRequestError: Kind("malformed-request", 400, "The request cannot be read"),
+    UnauthorizedError: Kind("unauthorized", 401, "A key is needed"),
+    ForbiddenError: Kind("forbidden", 403, "The key is not for this"),
+    ForeignOriginError: Kind("foreign-origin", 403, "Not a page of this service"),
+    StoredQuotaError: Kind("stored-quota", 403, "The key's space is used up"),
     UnknownJobError: Kind("unknown-job", 404, "No such job"),
     UnknownResultError: Kind("unknown-result", 404, "No such result"),
     NotReadyError: Kind("not-ready", 409, "The job has no results", retryable=True),
+    SlowRequestError: Kind("slow-request", 408, "The request does not come", retryable=True),
+    UnknownUploadError: Kind("unknown-upload", 404, "No such upload"),
+    OffsetError: Kind("upload-offset", 409, "The upload goes on elsewhere"),
+    UnfinishedUploadError: Kind(
+        "upload-unfinished", 409, "The upload has not come whole", retryable=True
+    ),
+    ExpiredUploadError: Kind("upload-expired", 410, "The upload has expired"),
+    TusVersionError: Kind("tus-version", 412, "Another version of tus"),
+    ChecksumError: Kind("checksum-mismatch", 460, "The checksum does not fit", retryable=True),
     UploadTooLargeError: Kind("upload-too-large", 413, "Too many bytes"),
     UnsupportedMediaError: Kind("unsupported-media-type", 415, "Neither multipart nor JSON"),
     RangeError: Kind("range-not-satisfiable", 416, "The range lies outside the file"),
     ForeignHostError: Kind("foreign-host", 421, "Not the host of this service"),
     IdempotencyError: Kind("idempotency-key-reused", 422, "Idempotency-Key used for another job"),
     QueueFullError: Kind("queue-full", 429, "Too many jobs wait", retryable=True),
+    QuotaError: Kind("quota-exceeded", 429, "The key's quota is used up", retryable=True),
+    BusyError: Kind("busy", 503, "Too many requests at a time", retryable=True),
+    UnreadyError: Kind("service-not-ready", 503, "The service is not ready", retryable=True),
     StorageFullError: Kind("storage-full", 507, "Too little space is left", retryable=True),
     CrashError: Kind("crashed", 500, "The separation crashed"),
     MemoryLimitError: Kind("out-of-memory", 500, "The separation ran out of memory"),

@@ -6,12 +6,13 @@ of an attempt names its number, so that an attempt that was taken over writes no
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import sqlalchemy as sa
 
+from service import metrics, quotas
 from service.database import jobs, now, workers
 from service.states import ENDED, HELD, State, before
 
@@ -33,6 +34,10 @@ class Job:
     rank: int
     stage: str | None
     fraction: float
+    progress: float
+    eta: float | None
+    likeness: str
+    stage_seconds: dict[str, float] | None
     attempt: int
     lost: int
     worker: str | None
@@ -42,7 +47,9 @@ class Job:
     results: list[dict[str, Any]] | None
     error: dict[str, Any] | None
     trace_id: str
+    span_id: str | None
     webhook: dict[str, Any] | None
+    delivery: dict[str, Any] | None
     idempotency_key: str | None
     request_hash: str
     created: float
@@ -50,6 +57,7 @@ class Job:
     finished: float | None
     deadline: float | None
     expires: float | None
+    stored_bytes: int
 
     @property
     def task(self) -> Literal["separate", "calibrate", "mix"]:
@@ -70,14 +78,24 @@ def _job(row: sa.Row[Any]) -> Job:
 
 
 def add(connection: sa.Connection, values: Mapping[str, Any]) -> None:
-    """Insert a queued job. Raises sqlalchemy.exc.IntegrityError on a used idempotency key."""
+    """Insert a queued job and charge its owner for it.
+
+    Raises sqlalchemy.exc.IntegrityError on a used idempotency key, and what quotas.charge raises.
+    """
     connection.execute(sa.insert(jobs).values(state=State.QUEUED, created=now(), **values))
+    quotas.charge(connection, values.get("owner", ""))
+    metrics.ACCEPTED.inc()
 
 
 def find(connection: sa.Connection, job_id: str) -> Job | None:
     """Find the job of this id."""
     row = connection.execute(sa.select(jobs).where(jobs.c.id == job_id)).first()
     return _job(row) if row else None
+
+
+def find_all(connection: sa.Connection, job_ids: Collection[str]) -> list[Job]:
+    """Find the jobs of these ids that there are."""
+    return [_job(row) for row in connection.execute(sa.select(jobs).where(jobs.c.id.in_(job_ids)))]
 
 
 def find_by_key(connection: sa.Connection, owner: str, idempotency_key: str) -> Job | None:
@@ -88,12 +106,22 @@ def find_by_key(connection: sa.Connection, owner: str, idempotency_key: str) -> 
     return _job(row) if row else None
 
 
-def page(connection: sa.Connection, owner: str, limit: int, after: Job | None) -> list[Job]:
-    """Up to `limit` jobs of an owner, newest first, older than `after`."""
-    query = sa.select(jobs).where(jobs.c.owner == owner)
+def page(connection: sa.Connection, owner: str | None, limit: int, after: Job | None) -> list[Job]:
+    """Up to `limit` jobs of an owner, or of all for None, newest first, older than `after`."""
+    query = sa.select(jobs)
+    if owner is not None:
+        query = query.where(jobs.c.owner == owner)
     query = query.order_by(jobs.c.created.desc(), jobs.c.id.desc()).limit(limit)
     if after:
         query = query.where(sa.tuple_(jobs.c.created, jobs.c.id) < (after.created, after.id))
+    return [_job(row) for row in connection.execute(query)]
+
+
+def newest(connection: sa.Connection, state: State | None, limit: int) -> list[Job]:
+    """Up to `limit` jobs of all owners, newest first; state: those in it only."""
+    query = sa.select(jobs).order_by(jobs.c.created.desc(), jobs.c.id.desc()).limit(limit)
+    if state:
+        query = query.where(jobs.c.state == state)
     return [_job(row) for row in connection.execute(query)]
 
 
@@ -164,6 +192,8 @@ def claim(connection: sa.Connection, job_id: str, worker: str) -> Job | None:
         "worker": worker,
         "stage": None,
         "fraction": 0.0,
+        "progress": 0.0,
+        "eta": None,
         "started": sa.func.coalesce(jobs.c.started, now()),
     }
     if not _move(connection, State.RUNNING, this, **attempt):
@@ -184,9 +214,18 @@ def _of_attempt(job: Job) -> sa.ColumnElement[bool]:
     )
 
 
-def report(connection: sa.Connection, job: Job, stage: str, fraction: float) -> None:
-    """Write how far the attempt is: `fraction` (0…1) of `stage`."""
-    connection.execute(_update(_of_attempt(job)).values(stage=stage, fraction=fraction))
+def report(
+    connection: sa.Connection,
+    job: Job,
+    stage: str,
+    fraction: float,
+    progress: float = 0.0,
+    seconds_left: float | None = None,
+) -> None:
+    """Write how far the attempt is: `fraction` (0…1) of `stage`, `progress` (0…1) of the whole."""
+    eta = None if seconds_left is None else now() + seconds_left
+    told = {"stage": stage, "fraction": fraction, "progress": progress, "eta": eta}
+    connection.execute(_update(_of_attempt(job)).values(told))
 
 
 def must_stop(connection: sa.Connection, job: Job) -> bool:
@@ -195,14 +234,27 @@ def must_stop(connection: sa.Connection, job: Job) -> bool:
     return state != State.RUNNING
 
 
-def set_inputs(connection: sa.Connection, job: Job, inputs: dict[str, Any]) -> None:
-    """Name the stored photographs of a capture, so that no later attempt takes them again."""
-    connection.execute(_update(_of_attempt(job)).values(inputs=inputs))
+def set_inputs(connection: sa.Connection, job: Job, inputs: dict[str, Any], size: int) -> None:
+    """Name the stored photographs of a capture, so that no later attempt takes them again.
+
+    size: of both, in bytes.
+    """
+    connection.execute(_update(_of_attempt(job)).values(inputs=inputs, stored_bytes=size))
 
 
-def succeed(connection: sa.Connection, job: Job, results: list[dict[str, Any]]) -> bool:
-    """End the job with the files of this attempt; false when the attempt counts no more."""
-    return _end(connection, job, State.SUCCEEDED, results=results, fraction=1.0)
+def succeed(
+    connection: sa.Connection,
+    job: Job,
+    results: list[dict[str, Any]],
+    stage_seconds: dict[str, float] | None = None,
+) -> bool:
+    """End the job with the files of this attempt; false when the attempt counts no more.
+
+    stage_seconds: what each stage took.
+    """
+    done = {"results": results, "stage_seconds": stage_seconds, "fraction": 1.0, "progress": 1.0}
+    stored = jobs.c.stored_bytes + sum(result["size"] for result in results)
+    return _end(connection, job, State.SUCCEEDED, stored_bytes=stored, **done)
 
 
 def fail(connection: sa.Connection, job: Job, error: dict[str, Any]) -> bool:
@@ -217,11 +269,26 @@ def acknowledge_cancel(connection: sa.Connection, job: Job) -> bool:
 
 def release(connection: sa.Connection, job: Job) -> None:
     """Put the job back, for a worker that ends; the attempt does not count as lost."""
-    _move(connection, State.QUEUED, _of_attempt(job), worker=None, stage=None, fraction=0.0)
+    fresh = {"worker": None, "stage": None, "fraction": 0.0, "progress": 0.0, "eta": None}
+    _move(connection, State.QUEUED, _of_attempt(job), **fresh)
+
+
+def set_delivery(connection: sa.Connection, job_id: str, delivery: dict[str, Any]) -> None:
+    """Write what came of telling the job's webhook."""
+    connection.execute(_update(jobs.c.id == job_id).values(delivery=delivery))
+
+
+def with_news(connection: sa.Connection, limit: int) -> list[Job]:
+    """Ended jobs with a webhook for which no delivery is queued yet, up to `limit`."""
+    # Spelt as the index has it, so that it is used; the rows are held until the transaction ends.
+    news = sa.and_(jobs.c.webhook.is_not(None), jobs.c.delivery.is_(None), jobs.c.state.in_(ENDED))
+    query = sa.select(jobs).where(news).limit(limit).with_for_update(skip_locked=True)
+    return [_job(row) for row in connection.execute(query)]
 
 
 def _end(connection: sa.Connection, job: Job, state: State, **values: Any) -> bool:
-    return _move(connection, state, _of_attempt(job), worker=None, finished=now(), **values)
+    ended = {"worker": None, "eta": None, "finished": now()}
+    return _move(connection, state, _of_attempt(job), **ended, **values)
 
 
 def _move(
@@ -230,6 +297,8 @@ def _move(
     moved = connection.execute(
         _update(sa.and_(which, jobs.c.state.in_(before(state)))).values(state=state, **values)
     )
+    if state in ENDED:
+        metrics.FINISHED.labels(state.value).inc(moved.rowcount)
     return moved.rowcount == 1
 
 

@@ -2,27 +2,71 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
+
 import sqlalchemy as sa
 from obstore.exceptions import BaseError
 
-from service import database, engine
+from service import database, engine, migrations
 from service.errors import StartError
 from service.settings import Settings
 from service.storage import Storage
 
 
 def open_database(settings: Settings) -> sa.Engine:
-    """Connect, and create the tables of jobs and queue that are missing. Raises StartError."""
-    try:
+    """Connect to a database whose tables are those of this program. Raises StartError.
+
+    A database in a file, which is this machine's alone, is migrated on the way. One that hosts
+    share is migrated by a command, at a moment that its operator chooses.
+    """
+    with _told():
         connected = database.connect(settings.database_url)
-        engine.migrate(connected)
-        database.create_tables(connected)
+        try:
+            if connected.dialect.name == "sqlite":
+                _migrate(connected)
+            else:
+                migrations.check(connected)
+        except Exception:
+            connected.dispose()
+            raise
+    return connected
+
+
+def migrate_database(settings: Settings) -> tuple[str | None, str]:
+    """Bring the tables of jobs and queue up to date; versions before and after.
+
+    Raises StartError.
+    """
+    with _told():
+        connected = database.connect(settings.database_url)
+        try:
+            return _migrate(connected)
+        finally:
+            connected.dispose()
+
+
+def _migrate(connected: sa.Engine) -> tuple[str | None, str]:
+    engine.migrate(connected)
+    return migrations.upgrade(connected)
+
+
+@contextlib.contextmanager
+def _told() -> Iterator[None]:
+    try:
+        yield
+    except (sa.exc.ArgumentError, ValueError):  # whose text may have a part of the password
+        raise StartError(
+            "The address in LIGHTLAYERS_DATABASE_URL cannot be read: write one like sqlite:///file "
+            "or postgresql://user:password@host/name, with @ : / of the password as %40 %3A %2F."
+        ) from None
+    except migrations.SchemaError as error:
+        raise StartError(str(error)) from error
     except (sa.exc.SQLAlchemyError, OSError, ImportError) as error:
         raise StartError(
             "The database of jobs cannot be opened: check LIGHTLAYERS_DATABASE_URL and "
-            f"LIGHTLAYERS_DATA_DIR ({_cause(error)})."
+            f"LIGHTLAYERS_DATA_DIR ({cause_of(error)})."
         ) from error
-    return connected
 
 
 def open_storage(settings: Settings) -> Storage:
@@ -30,15 +74,27 @@ def open_storage(settings: Settings) -> Storage:
     try:
         storage = Storage(settings.store_url)
         storage.check()
+        if settings.store_presign:
+            _check_signing(storage)
     except (BaseError, OSError, ValueError) as error:
         raise StartError(
             "The store of photographs cannot be opened: check LIGHTLAYERS_STORE_URL and the "
-            f"AWS_ variables ({_cause(error)})."
+            f"AWS_ variables ({cause_of(error)})."
         ) from error
     return storage
 
 
-def _cause(error: Exception) -> str:
+def _check_signing(storage: Storage) -> None:
+    try:
+        storage.link("health", 1)
+    except BaseError as error:
+        raise StartError(
+            "URLs of the store cannot be signed: set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, "
+            "or leave LIGHTLAYERS_STORE_PRESIGN out."
+        ) from error
+
+
+def cause_of(error: Exception) -> str:
     """Give the first line of what went wrong; no library puts a password there."""
     original = getattr(error, "orig", None) or error
     return str(original).strip().partition("\n")[0].rstrip(".")

@@ -7,6 +7,9 @@ import os
 import signal
 import subprocess
 
+OUT_OF_MEMORY = 3
+"""Exit code of a task that needed more memory than it may have."""
+
 _PR_SET_PDEATHSIG = 1
 
 

@@ -16,9 +16,9 @@ from typing import IO, Any, Literal
 
 import cv2
 
-from service.child import OUT_OF_MEMORY
 from service.errors import CrashError, MemoryLimitError, TimeLimitError
 from service.forkserver import ForkServer
+from service.processes import OUT_OF_MEMORY
 
 _COMMAND = (sys.executable, "-m", "service.child")
 _THREADS = ("OPENCV_FOR_THREADS_NUM", "OMP_NUM_THREADS")

@@ -4,24 +4,30 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import os
 import signal
 import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
+from types import FrameType
 
 import uvicorn
 
-from service import logs, processes
+from service import keys, logs, metrics, processes, scratch, tracing, uploads
 from service.api import create_app
-from service.api.context import open_context
+from service.api.callers import keys_required
+from service.api.context import Context, open_context
+from service.connections import PatientProtocol
 from service.errors import StartError
 from service.settings import Settings
 
 _RESTART_SECONDS = 1.0
 _STOP_SECONDS = 10.0
+_HEAD_BYTES = 32 * 1024
 
 log = logging.getLogger("service.serve")
 
@@ -32,32 +38,97 @@ def serve(settings: Settings, worker: bool) -> None:
     worker: false for a service whose workers run elsewhere. Raises StartError.
     """
     logs.configure()
+    tracing.configure("api")
     with contextlib.ExitStack() as stack:
         listener = stack.enter_context(_listener(settings))
         context = stack.enter_context(open_context(settings))
+        _check_keys(context)
+        metrics.serve(settings, context.engine)
         context.fork_server.start()
+        scratch.clear(settings.data_dir)
+        uploads.remove_expired(context.engine, context.storage)
         # uvicorn raises the signal again once it has stopped; the default would end us on the spot.
         signal.signal(signal.SIGTERM, lambda _number, _frame: sys.exit(0))
         if worker:
             stack.enter_context(_worker(settings))
-        app = create_app()
+        app = create_app(settings.origins.split())
         app.state.context = context
-        config = uvicorn.Config(app, log_config=None, access_log=False, server_header=False)
+        config = uvicorn.Config(
+            app,
+            http=PatientProtocol,
+            ws="none",
+            log_config=None,
+            access_log=False,
+            server_header=False,
+            timeout_graceful_shutdown=math.ceil(settings.stop_seconds),
+            h11_max_incomplete_event_size=_HEAD_BYTES,
+            # Idle connections count, too; the app itself refuses requests, with a better answer.
+            limit_concurrency=2 * settings.requests,
+        )
         host, port = listener.getsockname()[:2]
         log.info("listening on http://%s:%s", f"[{host}]" if ":" in host else host, port)
-        uvicorn.Server(config).run(sockets=[listener])
+        _Server(config, context, settings.drain_seconds).run(sockets=[listener])
+
+
+class _Server(uvicorn.Server):
+    """Goes on for a while after the first signal; the second one ends that.
+
+    At the end it sends those away who watch jobs, for whom it would wait for ever.
+    """
+
+    def __init__(self, config: uvicorn.Config, context: Context, seconds: float) -> None:
+        super().__init__(config)
+        self._context = context
+        self._seconds = seconds
+        self._end: float | None = None
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Begin to drain, or stop at once."""
+        self._context.draining.set()
+        if self._end is None and self._seconds:
+            self._end = time.monotonic() + self._seconds
+            log.info("draining")
+        else:
+            super().handle_exit(sig, frame)
+
+    async def on_tick(self, counter: int) -> bool:
+        """Tell, several times a second, whether it is time to stop."""
+        if self._end is not None and time.monotonic() >= self._end:
+            self.should_exit = True
+        return await super().on_tick(counter)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """End, watchers first."""
+        self._context.watching.close()
+        await super().shutdown(sockets)
+
+
+def _check_keys(context: Context) -> None:
+    if not keys_required(context.settings):
+        return
+    with context.engine.connect() as connection:
+        if keys.any_usable(connection):
+            return
+    raise StartError(
+        "This service needs keys, and there is none that is good: make one with `lightlayers keys "
+        "create NAME` and the same LIGHTLAYERS_ settings, or listen on 127.0.0.1 alone."
+    )
 
 
 def _listener(settings: Settings) -> socket.socket:
     try:
         family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
-        return socket.create_server((settings.host, settings.port), family=family)
+        listener = socket.create_server((settings.host, settings.port), family=family)
     except OSError as error:
         reason = (error.strerror or "unknown reason").lower()
         raise StartError(
             f"Port {settings.port} of {settings.host} cannot be listened on: {reason}; "
             "give another --port or --host."
         ) from error
+    if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux; connections have it from here
+        pause = int(settings.pause_seconds * 1000)
+        listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, pause)
+    return listener
 
 
 @contextlib.contextmanager
@@ -78,9 +149,11 @@ def _keep_worker(settings: Settings, stop: threading.Event) -> None:
         **os.environ,
         **{
             f"LIGHTLAYERS_{name.upper()}": str(value)
-            for name, value in settings.model_dump(mode="json").items()
+            for name, value in settings.model_dump(mode="json", exclude_none=True).items()
         },
     }
+    if settings.metrics_port is not None:  # that one is taken
+        environment["LIGHTLAYERS_METRICS_PORT"] = str(settings.metrics_port + 1)
     while not stop.is_set():
         process = subprocess.Popen(
             [sys.executable, "-m", "service.worker", str(os.getpid())],

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from service.addresses import parse_networks
+
 MIB = 1024 * 1024
+TELLINGS = 20
+"""How often a webhook may be told at most."""
 
 
 def _store_in(data: dict[str, Any]) -> str:
@@ -19,6 +24,18 @@ def _store_in(data: dict[str, Any]) -> str:
 def _database_in(data: dict[str, Any]) -> str:
     folder: Path = data["data_dir"]
     return f"sqlite:///{folder / 'lightlayers.sqlite'}"
+
+
+def _check_networks(text: str) -> str:
+    parse_networks(text)
+    return text
+
+
+def _check_origins(text: str) -> str:
+    for origin in text.split():
+        if not re.fullmatch(r"https?://[a-z0-9.-]+(:[0-9]{1,5})?", origin):
+            raise ValueError(f"{origin!r} is no origin: write one like https://app.example")
+    return text
 
 
 class Settings(BaseSettings):
@@ -42,10 +59,52 @@ class Settings(BaseSettings):
     store_url: str = Field(
         default_factory=_store_in, description="file:///… or s3://bucket/prefix of photographs."
     )
+    store_presign: bool = Field(
+        default=False,
+        description="Answer for a result in S3 with a redirect to a URL that is good for five "
+        "minutes, in place of its bytes; clients must reach AWS_ENDPOINT_URL.",
+    )
     host: str = Field(default="127.0.0.1", description="Address the API listens on.")
     port: int = Field(default=8000, ge=0, le=65535, description="Port of the API; 0 takes any.")
+    keys: Literal["loopback", "required"] = Field(
+        default="loopback",
+        description="Who needs a key: with `required` every request; with `loopback` none does "
+        "where the service listens on loopback alone and no key was ever made. Set `required` "
+        "behind a reverse proxy, whose requests all come from loopback.",
+    )
+    origins: Annotated[str, AfterValidator(_check_origins)] = Field(
+        default="",
+        description="Web pages of other sites that may ask (CORS), like https://app.example; "
+        "separated by spaces.",
+    )
+    requests: int = Field(
+        default=400, gt=0, description="Requests answered at a time; more are refused with 503."
+    )
+    pause_seconds: float = Field(
+        default=30,
+        gt=0,
+        description="Longest pause within a request or an answer before the connection is given "
+        "up, in seconds.",
+    )
+    metrics_host: str = Field(
+        default="127.0.0.1", description="Address that Prometheus metrics are served on."
+    )
+    metrics_port: int | None = Field(
+        default=None,
+        ge=1,
+        le=65534,
+        description="Port of Prometheus metrics, of API and worker; the worker that `serve` starts "
+        "takes the next one. None without it.",
+    )
     upload_bytes: int = Field(
-        default=512 * MIB, gt=0, description="Largest accepted request, in bytes."
+        default=512 * MIB,
+        gt=0,
+        description="Largest accepted request, and largest upload, in bytes.",
+    )
+    upload_seconds: float = Field(
+        default=86400,
+        gt=0,
+        description="How long an upload that no job has used is kept after its last byte came.",
     )
     queued_jobs: int = Field(
         default=1000, gt=0, description="Jobs that may wait; more are refused with 429."
@@ -69,6 +128,38 @@ class Settings(BaseSettings):
     heartbeat_seconds: float = Field(
         default=3, gt=0, description="How often a worker says that it lives, in seconds."
     )
+    drain_seconds: float = Field(
+        default=0,
+        ge=0,
+        description="How long an API that was told to stop goes on, with /readyz answering 503, so "
+        "that balancers notice before the port closes, in seconds.",
+    )
+    stop_seconds: float = Field(
+        default=30,
+        gt=0,
+        description="How long requests may still take once the port is closed, in seconds.",
+    )
     silence_seconds: float = Field(
         default=15, gt=0, description="Silence after which others take a worker's jobs over."
+    )
+    webhook_private: Annotated[str, AfterValidator(_check_networks)] = Field(
+        default="false",
+        description="Private networks that webhooks may be in, like 10.0.0.0/8,fd00::/8; true for "
+        "all of them.",
+    )
+    webhook_https: bool = Field(default=False, description="Refuse webhooks without https.")
+    webhook_seconds: float = Field(
+        default=15, gt=0, description="What telling a webhook may take in all, in seconds."
+    )
+    webhook_retry_seconds: float = Field(
+        default=5,
+        gt=0,
+        description="Wait before a webhook that did not take what it was told is told again; "
+        "each further one is 2.5 times as long.",
+    )
+    webhook_tries: int = Field(
+        default=12,
+        ge=1,
+        le=TELLINGS,
+        description="How often a webhook is told; 12 last about a day.",
     )

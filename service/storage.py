@@ -6,13 +6,14 @@ import hashlib
 import os
 import shutil
 from collections.abc import Iterable, Iterator
+from datetime import timedelta
 from pathlib import Path
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
 import obstore
 from obstore.exceptions import GenericError
-from obstore.store import LocalStore, ObjectStore, from_url
+from obstore.store import LocalStore, ObjectStore, S3Store, from_url
 
 _CHUNK = 1024 * 1024
 
@@ -30,15 +31,16 @@ class Storage:
             else from_url(url)
         )
 
-    def put(self, key: str, data: bytes) -> None:
-        """Store bytes."""
-        obstore.put(self._store, key, data)
+    def put(self, key: str, data: bytes | Path) -> None:
+        """Store bytes, or a file in parts when it is large."""
+        # Two pieces of a large file in memory at a time, of 5 MiB, not a dozen.
+        obstore.put(self._store, key, data, max_concurrency=2)
 
     def put_file(self, key: str, path: Path) -> str:
         """Store a file, in parts when it is large, and give back its SHA-256."""
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
-        obstore.put(self._store, key, path)
+        self.put(key, path)
         return digest
 
     def flush(self, keys: Iterable[str]) -> None:
@@ -66,8 +68,13 @@ class Storage:
     def get_file(self, key: str, path: Path) -> None:
         """Write an object to a file. Raises FileNotFoundError."""
         with path.open("wb") as file:
-            for chunk in obstore.get(self._store, key).stream(min_chunk_size=_CHUNK):
+            for chunk in self.chunks(key):
                 file.write(chunk)
+
+    def chunks(self, key: str) -> Iterator[bytes]:
+        """Read an object piece by piece. Raises FileNotFoundError at once."""
+        found = obstore.get(self._store, key)
+        return (bytes(chunk) for chunk in found.stream(min_chunk_size=_CHUNK))
 
     def stream(self, key: str, start: int, end: int) -> Iterator[bytes]:
         """Read bytes start…end−1 of an object, in chunks. Raises FileNotFoundError at once."""
@@ -76,10 +83,27 @@ class Storage:
         found = obstore.get(self._store, key, options={"range": (start, end)})
         return (bytes(chunk) for chunk in found.stream(min_chunk_size=_CHUNK))
 
+    def copy(self, source: str, target: str) -> None:
+        """Copy an object within the store. Raises FileNotFoundError."""
+        obstore.copy(self._store, source, target)
+
+    def link(self, key: str, seconds: float) -> str | None:
+        """Sign a URL that reads an object without a password, for a time; None for a folder.
+
+        Raises GenericError without credentials to sign with.
+        """
+        if not isinstance(self._store, S3Store):
+            return None
+        return obstore.sign(self._store, "GET", key, timedelta(seconds=seconds))
+
     def list(self, prefix: str) -> list[str]:
         """List every key below prefix, sorted."""
         found = obstore.list(self._store, prefix=prefix)
         return sorted(item["path"] for batch in found for item in batch)
+
+    def delete(self, key: str) -> None:
+        """Delete an object."""
+        obstore.delete(self._store, key)
 
     def delete_below(self, prefix: str) -> None:
         """Delete every object below prefix."""

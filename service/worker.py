@@ -16,7 +16,7 @@ import uuid
 
 import sqlalchemy as sa
 
-from service import engine, jobs, logs, sandbox, scratch
+from service import engine, jobs, logs, metrics, sandbox, scratch, tracing, webhooks
 from service.attempt import Attempt
 from service.errors import AbandonedError, problem_of
 from service.opening import open_database, open_storage
@@ -39,16 +39,19 @@ class Worker:
         self._settings = settings
         self._engine = open_database(settings)
         self._storage = open_storage(settings)
+        self._queue = engine.Queue(self._engine)
+        self._teller = webhooks.Teller(self._engine, self._queue, settings)
         self._fork_server = sandbox.fork_server(settings.worker_concurrency)
         self._stopping = threading.Event()
         self._idle = threading.Condition()
         self._busy = 0
 
     def serve(self, stop: threading.Event) -> None:
-        """Work until `stop` is set, then put back what is running.
+        """Work until `stop` is set, then put back what is running. Raises StartError.
 
         The process is to end right after: threads of unfinished jobs never return.
         """
+        metrics.serve(self._settings, self._engine)
         self._fork_server.start()
         scratch.clear(self._settings.data_dir)
         self._beat()
@@ -56,6 +59,7 @@ class Worker:
             self._engine,
             self.id,
             lambda job_id: self.run(job_id),
+            lambda job_id, number: self._teller.tell(job_id, number),
             self._settings.worker_concurrency,
             self._settings.poll_seconds,
         )
@@ -71,13 +75,15 @@ class Worker:
         log.info("stopped", extra={"worker": self.id})
 
     def keep(self) -> None:
-        """One heartbeat, and the jobs of dead workers back into the queue."""
+        """One heartbeat, the jobs of dead workers back into the queue, and webhooks to be told."""
         try:
             self._beat()
             with self._engine.begin() as connection:
                 living = jobs.living_workers(connection, self._settings.silence_seconds)
             for job_id in engine.take_over(living):
                 log.warning("taken over", extra={"job": job_id, "worker": self.id})
+                metrics.TAKEOVERS.inc()
+            self._queue_news()
         except sa.exc.DBAPIError:
             log.exception("the database did not answer", extra={"worker": self.id})
 
@@ -99,11 +105,16 @@ class Worker:
                 if held:
                     self._attempt(held)
                     held = None
+                    self._queue_news()
                     continue
             except sa.exc.DBAPIError:
                 log.exception("the database did not answer", extra={"job": job_id})
             # Another worker that lives has it: stay by, in case that it dies.
             self._stopping.wait(_RETRY_SECONDS)
+
+    def _queue_news(self) -> None:
+        with self._engine.begin() as connection:
+            webhooks.queue_news(connection, self._queue)
 
     def _attempt(self, job: jobs.Job) -> None:
         with self._idle:
@@ -147,12 +158,14 @@ def main() -> None:
 
 
 def run_until_signal(settings: Settings) -> None:
-    """Run a worker in this process, which ends with it."""
+    """Run a worker in this process, which ends with it. Raises StartError."""
+    tracing.configure("worker")
     worker = Worker(settings)
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda _number, _frame: stop.set())
     worker.serve(stop)
+    tracing.flush()
     logging.shutdown()
     # Threads of jobs that were put back wait for ever; see Worker.run.
     os._exit(0)

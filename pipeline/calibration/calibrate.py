@@ -16,6 +16,7 @@ from pipeline.calibration.chart import read_card, read_chart
 from pipeline.calibration.flash import FAMILY, estimate_flash
 from pipeline.calibration.lamps import estimate_lamps
 from pipeline.calibration.options import (
+    FILES,
     CameraCalibration,
     FlashCalibration,
     LampsCalibration,
@@ -36,9 +37,6 @@ from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light
 from pipeline.spectra.observer import cie_1931
 from pipeline.spectra.tables import write_sensitivities, write_spectrum
-
-FILES = {"flash": "flash.json", "camera": "camera.json", "lamps": "lights.json"}
-"""The file that a calibration of each kind writes, as the option of a separation reads it."""
 
 _FAR_ASIDE_DEG = 5.0
 

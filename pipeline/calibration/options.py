@@ -70,3 +70,6 @@ CALIBRATION_OPTIONS: TypeAdapter[FlashCalibration | CameraCalibration | LampsCal
     TypeAdapter(CalibrationOptions)
 )
 """Reads the options of any kind of calibration."""
+
+FILES = {"flash": "flash.json", "camera": "camera.json", "lamps": "lights.json"}
+"""The file that a calibration of each kind writes, as the option of a separation reads it."""

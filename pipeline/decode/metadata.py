@@ -7,6 +7,7 @@ import logging
 import math
 import warnings
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from typing import Any
 
 import exifread
@@ -33,7 +34,7 @@ class Metadata:
 
     orientation: 1–8 as EXIF 2.32 defines it. focal_35mm: equivalent focal length in mm.
     focal_plane: focal length as a share of the picture's long side, from the resolution of the
-    focal plane.
+    focal plane. taken_s: when, in seconds by the camera's own clock, whatever its time zone.
     """
 
     exposure: Exposure = field(default_factory=Exposure)
@@ -44,6 +45,7 @@ class Metadata:
     orientation: int = 1
     focal_35mm: float | None = None
     focal_plane: float | None = None
+    taken_s: float | None = None
 
     def focal_px(self, width: int, height: int) -> float | None:
         """Focal length in pixels of a frame of this size, None where unknown.
@@ -85,7 +87,18 @@ def read_metadata(data: bytes) -> Metadata:
         orientation=int(orientation) if orientation and orientation in range(1, 9) else 1,
         focal_35mm=_within(_FOCAL_MM, tags, "EXIF FocalLengthIn35mmFilm"),
         focal_plane=_focal_plane(tags),
+        taken_s=_taken(tags),
     )
+
+
+def _taken(tags: dict[str, Any]) -> float | None:
+    try:
+        moment = datetime.strptime(_text(tags, "EXIF DateTimeOriginal"), "%Y:%m:%d %H:%M:%S")
+    except ValueError:
+        return None
+    fraction = _text(tags, "EXIF SubSecTimeOriginal")
+    subseconds = float(f"0.{fraction}") if fraction.isascii() and fraction.isdecimal() else 0.0
+    return moment.replace(tzinfo=UTC).timestamp() + subseconds
 
 
 def _focal_plane(tags: dict[str, Any]) -> float | None:

@@ -84,6 +84,8 @@ def decode(
         if encoding == "auto":
             encoding = "srgb" if rendered else "linear"
         pixels = to_linear(samples, encoding == "srgb", profiled)
+        if pixels.ndim != 3 or pixels.shape[2] != 3:
+            raise ValueError("a damaged header gave other samples than RGB")
     height, width = pixels.shape[:2]
     return Frame(
         pixels=pixels,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import struct
 from pathlib import Path
 
 import OpenEXR
@@ -12,6 +13,8 @@ from pipeline.decode.rendered import jpeg_size, png_size
 
 _HEAD = 65536
 """Bytes that hold the header of a JPEG or PNG that was written here."""
+
+_PSD_SIZE_AT = 14  # bytes from the beginning: height, then width
 
 
 def describe(path: Path, encoding: str, colour_space: str) -> dict[str, str | int]:
@@ -40,6 +43,9 @@ def _size(path: Path, head: bytes) -> tuple[int, ...]:
             "dataWindow"
         ]
         return int(right - left) + 1, int(bottom - top) + 1
+    if path.suffix == ".psd":
+        height, width = struct.unpack_from(">II", head, _PSD_SIZE_AT)
+        return width, height
     if path.suffix == ".tif":
         with tifffile.TiffFile(path) as tiff:
             page = tiff.pages.first

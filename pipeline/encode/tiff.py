@@ -63,9 +63,7 @@ class TiffFile(_Tiff):
 
     def write(self, linear: Image) -> None:
         """Write the next rows (h, W, 3), 1.0 = white; what lies outside 0 to 1 is cut off."""
-        codes = np.empty(linear.shape, np.uint16)
-        _encode(planes_of(linear), self._matrix, codes)
-        self.append(codes)
+        self.append(codes_of(linear, self._matrix))
 
 
 class GrayTiffFile(_Tiff):
@@ -77,6 +75,13 @@ class GrayTiffFile(_Tiff):
     def write(self, plane: Plane) -> None:
         """Write the next rows (h, W), 0 to 1. Raises OSError."""
         self.append(np.round(np.clip(plane, 0.0, 1.0) * _WHITE).astype(np.uint16))
+
+
+def codes_of(linear: Image, matrix: Numbers) -> NDArray[np.uint16]:
+    """Take a picture (h, W, 3), 1.0 = white, through a matrix and round it to 16 bits."""
+    codes = np.empty(linear.shape, np.uint16)
+    _encode(planes_of(linear), matrix, codes)
+    return codes
 
 
 @njit(cache=True)

@@ -3,31 +3,80 @@
 from __future__ import annotations
 
 import importlib.metadata
+from collections.abc import Sequence
 from typing import Any
 
 from fastapi import Depends, FastAPI
+from fastapi.middleware.cors import CORSMiddleware
 
-from service.api import calibrations, cameras, health, jobs, mixes, page, problems, results
+from service.api import (
+    calibrations,
+    callers,
+    cameras,
+    documents,
+    events,
+    headers,
+    health,
+    jobs,
+    mixes,
+    page,
+    problems,
+    results,
+    tus,
+)
 from service.api.calibrated import allow_calibrations
 from service.api.hosts import check_host
-from service.errors import ForeignHostError, Problem
+from service.api.limits import Limits
+from service.errors import (
+    ForbiddenError,
+    ForeignHostError,
+    ForeignOriginError,
+    Problem,
+    UnauthorizedError,
+)
 
 
-def create_app() -> FastAPI:
-    """Make the app; whoever serves it puts a Context into app.state.context first."""
+def create_app(origins: Sequence[str] = ()) -> FastAPI:
+    """Make the app; whoever serves it puts a Context into app.state.context first.
+
+    origins: of web pages elsewhere that may ask.
+    """
     app = FastAPI(
         title="lightlayers",
         summary="The light of every lamp in a room as a layer of its own.",
         version=importlib.metadata.version("lightlayers"),
-        dependencies=[Depends(check_host)],
+        dependencies=[Depends(check_host), Depends(callers.identify)],
+        docs_url=None,
+        redoc_url=None,
+        openapi_url=None,
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
+        # Spans of requests, where service.tracing sends them; the rest is in service.metrics.
+        telemetry={
+            "auto_configure": False,
+            "operation_spans": False,
+            "metrics": False,
+            "logs": False,
+        },
     )
-    problems.install(app)
-    for module in (jobs, calibrations, mixes, results, cameras, health, page):
-        app.include_router(
-            module.router, responses=problems.responses(ForeignHostError, status=(422,))
+    app.add_middleware(Limits)
+    if origins:
+        app.add_middleware(
+            CORSMiddleware,
+            allow_origins=origins,
+            allow_methods=headers.METHODS,
+            allow_headers=headers.SENT,
+            expose_headers=headers.SHOWN,
         )
+    problems.install(app)
+    app.add_middleware(tus.Tus)
+    app.add_middleware(headers.SafeHeaders)
+    app.include_router(health.router, responses=problems.responses(ForeignHostError, status=(422,)))
+    app.include_router(documents.router)
+    app.include_router(page.router)
+    refusals = (UnauthorizedError, ForbiddenError, ForeignHostError, ForeignOriginError)
+    for module in (jobs, events, calibrations, mixes, tus, results, cameras):
+        app.include_router(module.router, responses=problems.responses(*refusals, status=(422,)))
     make_document = app.openapi
 
     def openapi() -> dict[str, Any]:
@@ -38,6 +87,7 @@ def create_app() -> FastAPI:
             schemas |= schema.pop("$defs", {})
             schemas[model.__name__] = schema
         allow_calibrations(schemas)
+        callers.describe(document["paths"])
         # Never sent: a validation fault is a Problem like any other.
         schemas.pop("HTTPValidationError", None)
         schemas.pop("ValidationError", None)

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from pipeline.calibration.calibrate import FILES
+from pipeline.calibration.options import FILES
 from pipeline.errors import OptionError
 from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
 from service import jobs
@@ -48,7 +48,7 @@ def _found(context: Context, caller: Caller, option: str, job_id: object) -> Any
     kind = _KINDS[option]
     with context.engine.connect() as connection:
         job = jobs.find(connection, job_id) if isinstance(job_id, str) else None
-    if job is None or job.owner != caller.owner or job.task != "calibrate":
+    if job is None or not caller.may_see(job) or job.task != "calibrate":
         raise OptionError(
             f"{option}: there is no calibration {str(job_id)[:32]!r}; it may have been deleted."
         )

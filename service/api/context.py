@@ -13,6 +13,7 @@ import sqlalchemy as sa
 from fastapi import Depends, Request
 
 from service import sandbox
+from service.api.watching import Watching
 from service.engine import Queue
 from service.forkserver import ForkServer
 from service.opening import open_database, open_storage
@@ -30,10 +31,13 @@ class Context:
     storage: Storage
     fork_server: ForkServer
     """Of the processes that check the headers of uploads."""
+    watching: Watching
     checks: threading.Semaphore = field(
         default_factory=lambda: threading.Semaphore(os.cpu_count() or 1)
     )
     """Held while the headers of an upload are checked, so that many uploads share the cores."""
+    draining: threading.Event = field(default_factory=threading.Event)
+    """Set once the service was told to stop: what has no end of its own ends now."""
 
 
 @contextlib.contextmanager
@@ -46,7 +50,8 @@ def open_context(settings: Settings) -> Iterator[Context]:
         stack.callback(queue.close)
         server = sandbox.fork_server(os.cpu_count() or 1)
         stack.callback(server.close)
-        yield Context(settings, engine, queue, open_storage(settings), server)
+        storage, watching = open_storage(settings), Watching(engine, settings)
+        yield Context(settings, engine, queue, storage, server, watching)
 
 
 def _context(request: Request) -> Context:

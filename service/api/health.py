@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import sqlalchemy as sa
 from fastapi import APIRouter
+from obstore.exceptions import BaseError
 
-from service.api.context import Parts
+from service import census, metrics
+from service.api.context import Context, Parts
 from service.api.models import Health
 from service.api.problems import responses
+from service.errors import UnreadyError
 
 router = APIRouter(tags=["health"])
 
@@ -18,10 +23,27 @@ def get_health() -> Health:
     return Health()
 
 
-@router.get("/readyz", response_model=Health, responses=responses(status=(503,)))
+@router.get("/readyz", response_model=Health, responses=responses(UnreadyError))
 def get_readiness(context: Parts) -> Health:
-    """Tell whether database and store answer."""
-    with context.engine.connect() as connection:
-        connection.execute(sa.select(1))
-    context.storage.check()
+    """Tell whether database and store answer and a worker lives; the problem names what lacks."""
+    lacking = list(_lacking(context))
+    if lacking:
+        raise UnreadyError(f"The service is not ready: {'; '.join(lacking)}.")
     return Health()
+
+
+def _lacking(context: Context) -> Iterator[str]:
+    if context.draining.is_set():
+        yield "it was told to stop"
+    try:
+        with context.engine.connect() as connection:
+            workers = census.living_workers(connection, context.settings.silence_seconds)
+        if not workers:
+            yield "no worker lives, so start one with `lightlayers worker`"
+    except sa.exc.SQLAlchemyError:
+        yield "the database of jobs does not answer"
+    try:
+        context.storage.check()
+    except (BaseError, OSError) as error:
+        metrics.count_fault(error)
+        yield "the store of photographs does not answer"

@@ -1,19 +1,18 @@
-"""Reads the body of an upload without ever holding more than a part of it, up to a limit."""
+"""Reads a request for a job without ever holding more than a part of it, up to a limit."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
-from dataclasses import dataclass
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from fastapi import Request
-from fastapi.concurrency import run_in_threadpool
+from fastapi.concurrency import contextmanager_in_threadpool, run_in_threadpool
 from pydantic import ValidationError
-from starlette.datastructures import UploadFile
-from starlette.exceptions import HTTPException
 from starlette.types import Message
 
 import drivers
@@ -26,7 +25,16 @@ from pipeline.calibration.options import (
 from pipeline.errors import OptionError
 from pipeline.mix import MixRequest
 from pipeline.options import Options
-from service.api.models import CaptureRequest, Handling, MixJob, MixOptions
+from service import scratch
+from service.api.form import Form, read_form
+from service.api.models import (
+    CalibrationRequest,
+    CaptureRequest,
+    Handling,
+    MixJob,
+    MixOptions,
+    UploadsRequest,
+)
 from service.attempt import FRAMES
 from service.errors import (
     MalformedRequestError,
@@ -34,48 +42,67 @@ from service.errors import (
     UploadTooLargeError,
     sentence_of,
 )
+from service.settings import Settings
 
 _JSON_BYTES = 1024 * 1024
+_TEXTS = ("options", "handling")
 
-CalibrationRequest = FlashCalibration | CameraCalibration | LampsCalibration
+AnyOptions = Options | FlashCalibration | CameraCalibration | LampsCalibration
 FillIn = Callable[[Any], Any]
-Form = dict[str, UploadFile | str]
 
 
 @dataclass(frozen=True)
 class Intake:
-    """A request for a job: a pair of files by frame, or a camera to take it; and what is wanted.
+    """A request for a job: a pair, or a camera to take it; and what is wanted.
 
-    A mix has neither, but the other job in its options.
+    directory: where the photographs lie by frame, or are brought to, as long as the request is
+    dealt with. sha256: of those that lie there already, by frame. uploads: ids of earlier uploads,
+    by frame. A mix has none of these, but the other job in its options.
     """
 
-    options: Options | CalibrationRequest | MixOptions
+    options: AnyOptions | MixOptions
     handling: Handling
-    files: dict[str, UploadFile]
-    capture: dict[str, Any] | None
+    directory: Path
+    sha256: dict[str, str] = field(default_factory=dict)
+    uploads: dict[str, str] = field(default_factory=dict)
+    capture: dict[str, Any] | None = None
 
 
-@asynccontextmanager
-async def read(request: Request, limit: int, fill_in: FillIn) -> AsyncIterator[Intake]:
+def read(
+    request: Request, settings: Settings, fill_in: FillIn
+) -> AbstractAsyncContextManager[Intake]:
     """Read a request for a separation; its files live as long as the context.
 
-    limit: bytes. fill_in: puts tables where options name calibrations. Raises
-    MalformedRequestError, UnsupportedMediaError, UploadTooLargeError, OptionError, and for a camera
-    that cannot be drivers.BadAddressError or CameraNotFoundError.
+    fill_in: puts tables where options name calibrations. Raises MalformedRequestError,
+    UnsupportedMediaError, UploadTooLargeError, OptionError, and for a camera that cannot be
+    drivers.BadAddressError or CameraNotFoundError.
     """
-    if _media_type(request) == "application/json":
-        body = await _limited(request, min(limit, _JSON_BYTES)).body()
-        yield await run_in_threadpool(_capture, body, fill_in)
-        return
-    async with _form(request, limit) as form:
-        yield await run_in_threadpool(_pair, form, "{}", partial(_options, fill_in=fill_in))
+    return _read(request, settings, partial(_named, fill_in), partial(_pair, fill_in))
+
+
+def read_calibration(
+    request: Request, settings: Settings, fill_in: FillIn
+) -> AbstractAsyncContextManager[Intake]:
+    """Read a request for a calibration, as `read` does."""
+    named, sent = partial(_calibration_named, fill_in), partial(_calibration_pair, fill_in)
+    return _read(request, settings, named, sent)
 
 
 @asynccontextmanager
-async def read_calibration(request: Request, limit: int, fill_in: FillIn) -> AsyncIterator[Intake]:
-    """Read a request for a calibration, as `read` does."""
-    async with _form(request, limit) as form:
-        yield await run_in_threadpool(_pair, form, "", partial(_calibration, fill_in=fill_in))
+async def _read(
+    request: Request,
+    settings: Settings,
+    named: Callable[[bytes, Path], Intake],
+    sent: Callable[[Form, Path], Intake],
+) -> AsyncIterator[Intake]:
+    limit = settings.upload_bytes
+    async with contextmanager_in_threadpool(scratch.folder(settings.data_dir)) as directory:
+        if _media_type(request) == "application/json":
+            body = await _limited(request, min(limit, _JSON_BYTES)).body()
+            yield await run_in_threadpool(named, body, directory)
+        else:
+            form = await _form(request, limit, directory)
+            yield await run_in_threadpool(sent, form, directory)
 
 
 async def read_mix(request: Request, limit: int, job_id: str) -> Intake:
@@ -90,29 +117,24 @@ async def read_mix(request: Request, limit: int, job_id: str) -> Intake:
     given = wanted.model_dump(exclude_unset=True)
     handling = {name: given.pop(name) for name in Handling.model_fields if name in given}
     options = MixOptions(kind="mix", of=job_id, mix=MixRequest.model_validate(given))
-    return Intake(options, Handling.model_validate(handling), {}, None)
+    return Intake(options, Handling.model_validate(handling), Path())
 
 
 def _media_type(request: Request) -> str:
     return request.headers.get("content-type", "").partition(";")[0].strip().lower()
 
 
-@asynccontextmanager
-async def _form(request: Request, limit: int) -> AsyncIterator[Form]:
+async def _form(request: Request, limit: int, directory: Path) -> Form:
     if _media_type(request) != "multipart/form-data":
         raise UnsupportedMediaError(
             "Send a pair as multipart/form-data with the parts no_flash, flash, options and "
-            "handling, or, to have it separated, a capture as application/json."
+            "handling, or name uploads or a camera in application/json."
         )
-    body = _limited(request, limit)
-    try:
-        form = await body.form(max_files=2, max_fields=2, max_part_size=_JSON_BYTES)
-    except HTTPException as error:
-        raise MalformedRequestError(f"The multipart body cannot be read: {error.detail}") from error
-    try:
-        yield dict(form.multi_items())
-    finally:
-        await form.close()
+    form = await read_form(_limited(request, limit), directory, FRAMES, _TEXTS)
+    for frame in FRAMES:
+        if frame not in form.sha256:
+            raise MalformedRequestError(f"The file {frame} is missing; send no_flash and flash.")
+    return form
 
 
 def _limited(request: Request, limit: int) -> Request:
@@ -135,69 +157,67 @@ def _limited(request: Request, limit: int) -> Request:
     return Request(request.scope, receive)
 
 
-def _capture(body: bytes, fill_in: FillIn) -> Intake:
-    try:
-        values = json.loads(body)
-    except (ValueError, RecursionError):  # told where it is read
-        values = None
-    if isinstance(values, dict) and "options" in values:
-        values["options"] = fill_in(values["options"])
-        body = json.dumps(values).encode()
+def _named(fill_in: FillIn, body: bytes, directory: Path) -> Intake:
+    values, body = _json(body, fill_in)
+    if isinstance(values, dict) and "uploads" in values:
+        return _uploaded(UploadsRequest, body, directory)
     try:
         wanted = CaptureRequest.model_validate_json(body)
     except ValidationError as error:
         raise OptionError(sentence_of(error)) from error
     drivers.check_address(wanted.capture.camera)
-    handling = Handling.model_validate(
+    handling = _handling_of(wanted)
+    return Intake(wanted.options, handling, directory, capture=wanted.capture.model_dump())
+
+
+def _calibration_named(fill_in: FillIn, body: bytes, directory: Path) -> Intake:
+    return _uploaded(CalibrationRequest, _json(body, fill_in)[1], directory)
+
+
+def _json(body: bytes, fill_in: FillIn) -> tuple[Any, bytes]:
+    try:
+        values = json.loads(body)
+    except (ValueError, RecursionError):  # told where it is read
+        return None, body
+    if isinstance(values, dict) and "options" in values:
+        values["options"] = fill_in(values["options"])
+        body = json.dumps(values).encode()
+    return values, body
+
+
+def _uploaded(
+    model: type[UploadsRequest | CalibrationRequest], body: bytes, directory: Path
+) -> Intake:
+    try:
+        wanted = model.model_validate_json(body)
+    except ValidationError as error:
+        raise OptionError(sentence_of(error)) from error
+    ids = wanted.uploads.model_dump()
+    return Intake(wanted.options, _handling_of(wanted), directory, uploads=ids)
+
+
+def _handling_of(wanted: Handling) -> Handling:
+    return Handling.model_validate(
         wanted.model_dump(include=set(Handling.model_fields), exclude_unset=True)
     )
-    return Intake(wanted.options, handling, {}, wanted.capture.model_dump())
 
 
-def _pair(form: Form, without: str, parse: Callable[[str], Options | CalibrationRequest]) -> Intake:
-    """without: what stands for options that were not sent."""
-    unknown = sorted(set(form) - {*FRAMES, "options", "handling"})
-    if unknown:
-        raise MalformedRequestError(
-            f"The part {unknown[0]!r} is unknown; the parts are no_flash, flash, options and "
-            "handling."
-        )
-    files = {}
-    for frame in FRAMES:
-        file = form.get(frame)
-        if not isinstance(file, UploadFile):
-            raise MalformedRequestError(f"The file {frame} is missing; send no_flash and flash.")
-        files[frame] = file
-    options = parse(_text(form, "options", without))
-    return Intake(options, _handling(_text(form, "handling", "{}")), files, None)
+def _pair(fill_in: FillIn, form: Form, directory: Path) -> Intake:
+    text = _filled_in(form.texts.get("options", "{}"), fill_in)
+    return _sent(form, lambda: Options.model_validate_json(text), directory)
 
 
-def _text(form: Form, part: str, without: str) -> str:
-    text = form.get(part, without)
-    if not isinstance(text, str):
-        raise MalformedRequestError(f"The part {part} must be JSON text, not a file.")
-    return text
-
-
-def _handling(text: str) -> Handling:
-    try:
-        return Handling.model_validate_json(text)
-    except ValidationError as error:
-        raise OptionError(sentence_of(error)) from error
-
-
-def _options(text: str, fill_in: FillIn) -> Options:
-    try:
-        return Options.model_validate_json(_filled_in(text, fill_in))
-    except ValidationError as error:
-        raise OptionError(sentence_of(error)) from error
-
-
-def _calibration(text: str, fill_in: FillIn) -> CalibrationRequest:
-    if not text:
+def _calibration_pair(fill_in: FillIn, form: Form, directory: Path) -> Intake:
+    if not form.texts.get("options"):
         raise MalformedRequestError("The part options is missing; it says what to calibrate.")
+    text = _filled_in(form.texts["options"], fill_in)
+    return _sent(form, lambda: CALIBRATION_OPTIONS.validate_json(text), directory)
+
+
+def _sent(form: Form, options: Callable[[], AnyOptions], directory: Path) -> Intake:
     try:
-        return CALIBRATION_OPTIONS.validate_json(_filled_in(text, fill_in))
+        handling = Handling.model_validate_json(form.texts.get("handling", "{}"))
+        return Intake(options(), handling, directory, sha256=form.sha256)
     except ValidationError as error:
         raise OptionError(sentence_of(error)) from error
 

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import asyncio
-import re
-import time
 from functools import partial
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
 import drivers
@@ -19,27 +16,31 @@ from service.api.accept import accept, refuse_when_full
 from service.api.calibrated import fill_in
 from service.api.callers import Caller, Calling, find
 from service.api.context import Context, Parts, TraceId
-from service.api.models import CaptureRequest, Handling, JobAnswer, JobPage
+from service.api.models import CaptureRequest, Handling, JobAnswer, JobPage, UploadsRequest
+from service.api.pair_form import IdempotencyKey, accepted, pair_form
+from service.api.prefer import APPLIED, Wait
 from service.api.problems import responses
-from service.api.uploads import IdempotencyKey, accepted, pair_form
+from service.api.watching import answers
 from service.errors import UnknownJobError
 from service.states import State
 
 router = APIRouter(tags=["jobs"])
 
-WAIT_SECONDS = 60
-"""The longest that `Prefer: wait=N` waits."""
-
-_LOOK_SECONDS = 0.2
-
 _BODY = {
     "required": True,
     "content": {
         **pair_form({"$ref": "#/components/schemas/Options"}, "Options as JSON text."),
-        "application/json": {"schema": {"$ref": "#/components/schemas/CaptureRequest"}},
+        "application/json": {
+            "schema": {
+                "oneOf": [
+                    {"$ref": "#/components/schemas/CaptureRequest"},
+                    {"$ref": "#/components/schemas/UploadsRequest"},
+                ]
+            }
+        },
     },
 }
-SCHEMAS = (Options, CaptureRequest, Handling)
+SCHEMAS = (Options, CaptureRequest, UploadsRequest, Handling)
 """Models that the OpenAPI document names only in the body above."""
 
 
@@ -48,7 +49,7 @@ SCHEMAS = (Options, CaptureRequest, Handling)
     status_code=202,
     response_model=JobAnswer,
     openapi_extra={"requestBody": _BODY},
-    responses=accepted(drivers.CameraNotFoundError),
+    responses=accepted(drivers.CameraNotFoundError, headers=APPLIED),
 )
 async def create_job(
     request: Request,
@@ -56,20 +57,16 @@ async def create_job(
     context: Parts,
     caller: Calling,
     trace_id: TraceId,
+    wait: Wait,
     idempotency_key: IdempotencyKey = None,
-    prefer: Annotated[
-        str | None,
-        Header(
-            description=f"wait=N: answer when the job ends, after N (≤ {WAIT_SECONDS}) s at most."
-        ),
-    ] = None,
 ) -> JobAnswer:
     """Separate a pair of photographs, or have a camera take one and separate it."""
     await run_in_threadpool(refuse_when_full, context, caller, idempotency_key)
-    limit, named = context.settings.upload_bytes, partial(fill_in, context, caller)
-    async with intake.read(request, limit, named) as wanted:
+    named = partial(fill_in, context, caller)
+    async with intake.read(request, context.settings, named) as wanted:
         made = await run_in_threadpool(accept, context, caller, wanted, idempotency_key, trace_id)
-    await _wait(context, caller, made.job_id, _preferred_wait(prefer))
+    if wait:
+        await context.watching.until_over(made.job_id, wait)
     response.headers.update(made.headers)
     return await run_in_threadpool(answer, context, caller, made.job_id)
 
@@ -88,12 +85,12 @@ def list_jobs(
     """List jobs, newest first."""
     with context.engine.connect() as connection:
         last = find(connection, caller, after) if after else None
-        found = jobs.page(connection, caller.owner, limit + 1, last)
+        found = jobs.page(connection, caller.lists, limit + 1, last)
         shown = found[:limit]
-        places = jobs.positions(connection, shown)
+        listed = [one for _, one in answers(connection, context.settings, shown)]
     more = len(found) > limit
     return JobPage(
-        jobs=[JobAnswer.of(job, places.get(job.id)) for job in shown],
+        jobs=listed,
         next=f"/jobs?limit={limit}&after={shown[-1].id}" if more else None,
     )
 
@@ -101,11 +98,15 @@ def list_jobs(
 @router.get(
     "/jobs/{job_id}",
     response_model=JobAnswer,
-    responses=responses(UnknownJobError, status=(503,)),
+    responses={200: {"headers": APPLIED}, **responses(UnknownJobError, status=(503,))},
 )
-def get_job(context: Parts, caller: Calling, job_id: str) -> JobAnswer:
+async def get_job(context: Parts, caller: Calling, job_id: str, wait: Wait) -> JobAnswer:
     """Tell how far a job is, what it gave, or why it failed."""
-    return answer(context, caller, job_id)
+    now = await run_in_threadpool(answer, context, caller, job_id)
+    if not wait or now.links.cancel is None:
+        return now
+    await context.watching.until_over(job_id, wait)
+    return await run_in_threadpool(answer, context, caller, job_id)
 
 
 @router.post(
@@ -145,24 +146,5 @@ def delete_job(context: Parts, caller: Calling, job_id: str) -> None:
 def answer(context: Context, caller: Caller, job_id: str) -> JobAnswer:
     """Make the answer for a job. Raises UnknownJobError."""
     with context.engine.connect() as connection:
-        job = find(connection, caller, job_id)
-        places = jobs.positions(connection, [job])
-    return JobAnswer.of(job, places.get(job_id))
-
-
-def _preferred_wait(prefer: str | None) -> float:
-    wait = re.search(r"(?:^|[,;\s])wait\s*=\s*(\d{1,9})", prefer or "")
-    return min(int(wait[1]), WAIT_SECONDS) if wait else 0
-
-
-async def _wait(context: Context, caller: Caller, job_id: str, seconds: float) -> None:
-    deadline = time.monotonic() + seconds
-    while time.monotonic() < deadline:
-        if await run_in_threadpool(_has_ended, context, caller, job_id):
-            return
-        await asyncio.sleep(_LOOK_SECONDS)
-
-
-def _has_ended(context: Context, caller: Caller, job_id: str) -> bool:
-    with context.engine.connect() as connection:
-        return find(connection, caller, job_id).ended
+        ((_, made),) = answers(connection, context.settings, [find(connection, caller, job_id)])
+    return made

@@ -16,7 +16,7 @@ from service.api.callers import Caller, Calling, find
 from service.api.context import Context, Parts, TraceId
 from service.api.jobs import answer
 from service.api.models import JobAnswer, MixJob, MixOptions
-from service.api.uploads import IdempotencyKey, accepted
+from service.api.pair_form import IdempotencyKey, accepted
 from service.attempt import results_key
 from service.errors import NotReadyError, UnknownJobError
 from service.states import State

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import base64
 from datetime import UTC, datetime
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from pipeline.calibration.options import CalibrationOptions
 from pipeline.mix import MixRequest
 from pipeline.options import Options
 from service import jobs
@@ -32,6 +34,17 @@ class Webhook(BaseModel):
         pattern=r"^whsec_[A-Za-z0-9+/]{32,88}={0,2}$",
         description="whsec_ and base64 of 24 to 64 bytes: the key of the signatures.",
     )
+
+    @field_validator("secret")
+    @classmethod
+    def _decodable(cls, secret: str) -> str:
+        try:
+            key = base64.b64decode(secret.removeprefix("whsec_") + "==")
+        except ValueError:
+            key = b""
+        if not 24 <= len(key) <= 64:
+            raise ValueError("write whsec_ and base64 of 24 to 64 random bytes")
+        return secret
 
 
 class Handling(BaseModel):
@@ -67,6 +80,29 @@ class MixOptions(BaseModel):
     kind: Literal["mix"]
     of: str = Field(description="Id of the job whose layers are mixed.")
     mix: MixRequest
+
+
+class UploadedPair(BaseModel):
+    """Photographs that were sent before, by POST /uploads."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    no_flash: str = Field(description="Id of a finished upload: the last part of its URL.")
+    flash: str = Field(description="The same for the photograph with the flash.")
+
+
+class UploadsRequest(Handling):
+    """A job whose pair was uploaded before; it takes the uploads over, so that they are gone."""
+
+    uploads: UploadedPair
+    options: Options = Options()
+
+
+class CalibrationRequest(Handling):
+    """A calibration whose pair was uploaded before; it takes the uploads over."""
+
+    uploads: UploadedPair
+    options: CalibrationOptions
 
 
 class Calibrated(BaseModel):
@@ -109,17 +145,35 @@ class Links(BaseModel):
     zip: str | None = None
 
 
+class WebhookAnswer(BaseModel):
+    """What came of telling a webhook that the job has ended."""
+
+    url: str
+    state: Literal["waiting", "pending", "delivered", "failed"] = Field(
+        description="waiting: the job has not ended; failed: given up."
+    )
+    attempts: int = Field(description="How often it was told.")
+    last_status: int | None = Field(description="HTTP status of its last answer, null without one.")
+
+
 class JobAnswer(BaseModel):
     """A job as it is now."""
 
     id: str
+    owner: str = Field(description="Id of the key that made it; empty where none was needed.")
     state: State
     priority: jobs.Priority
     stage: str | None = Field(
         description="capture, decode, align, lamps, layers, encode, calibrate or mix."
     )
     fraction: float = Field(ge=0, le=1, description="How much of the stage is done.")
+    progress: float = Field(
+        ge=0, le=1, description="How much of the whole is done, by time; from 0 in each attempt."
+    )
     position: int | None = Field(description="Place in the queue, from 1; null once it runs.")
+    eta: datetime | None = Field(
+        description="When it is likely to end, by what jobs like it took lately; null: unknown."
+    )
     attempt: int = Field(description="How often the job was started.")
     options: dict[str, Any]
     capture: Capture | None
@@ -131,20 +185,24 @@ class JobAnswer(BaseModel):
     finished: datetime | None
     deadline: datetime | None = Field(description="The job fails when it has not ended by then.")
     expires: datetime | None = Field(description="The job and its files are removed then.")
+    webhook: WebhookAnswer | None
     links: Links
 
     @classmethod
-    def of(cls, job: jobs.Job, position: int | None) -> JobAnswer:
-        """Make the answer for a row."""
+    def of(cls, job: jobs.Job, position: int | None = None, eta: float | None = None) -> JobAnswer:
+        """Make the answer for a row; eta: seconds since 1970."""
         here = f"/jobs/{job.id}"
         done = job.state == State.SUCCEEDED
         return cls(
             id=job.id,
+            owner=job.owner,
             state=job.state,
             priority=job.priority,
             stage=job.stage,
             fraction=job.fraction,
+            progress=job.progress,
             position=position,
+            eta=_time(round(eta)) if eta else None,
             attempt=job.attempt,
             options=job.options,
             capture=Capture(**job.capture) if job.capture else None,
@@ -159,6 +217,7 @@ class JobAnswer(BaseModel):
             finished=_time(job.finished) if job.finished else None,
             deadline=_time(job.deadline) if job.deadline else None,
             expires=_time(job.expires) if job.expires else None,
+            webhook=_webhook(job),
             links=Links(
                 self=here,
                 cancel=None if job.ended else f"{here}/cancel",
@@ -187,6 +246,13 @@ class Health(BaseModel):
     """That the service answers."""
 
     status: Literal["ok"] = "ok"
+
+
+def _webhook(job: jobs.Job) -> WebhookAnswer | None:
+    if job.webhook is None:
+        return None
+    waiting = {"state": "pending" if job.ended else "waiting", "attempts": 0, "last_status": None}
+    return WebhookAnswer(url=job.webhook["url"], **(job.delivery or waiting))
 
 
 def _time(seconds: float) -> datetime:

@@ -13,15 +13,21 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from service import metrics, tracing
+from service.api.headers import DEFAULTS
 from service.errors import (
     INVALID,
     KINDS,
+    BusyError,
     Kind,
     MalformedRequestError,
     Problem,
     QueueFullError,
+    QuotaError,
     RangeError,
+    SlowRequestError,
     StorageFullError,
+    UnauthorizedError,
     describe_fault,
     kind_of,
     make_problem,
@@ -46,8 +52,8 @@ class TraceIds:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        parent = dict(scope["headers"]).get(b"traceparent", b"").decode("latin-1").split("-")
-        trace_id = parent[1] if len(parent) == 4 and _is_trace_id(parent[1]) else uuid.uuid4().hex
+        traceparent = dict(scope["headers"]).get(b"traceparent", b"").decode("latin-1")
+        trace_id = tracing.trace_id(traceparent) or uuid.uuid4().hex
         scope.setdefault("state", {})["trace_id"] = trace_id
 
         async def send_with_id(message: Message) -> None:
@@ -56,10 +62,6 @@ class TraceIds:
             await send(message)
 
         await self._app(scope, receive, send_with_id)
-
-
-def _is_trace_id(text: str) -> bool:
-    return len(text) == 32 and set(text) <= set("0123456789abcdef") and text != "0" * 32
 
 
 def responses(*errors: type[Exception], status: tuple[int, ...] = ()) -> dict[int | str, Any]:
@@ -96,13 +98,27 @@ def _answer(problem: Problem, headers: dict[str, str] | None = None) -> Response
 
 
 async def _on_known(request: Request, error: Exception) -> Response:
+    return answer_of(error, request)
+
+
+def answer_of(error: Exception, request: Request) -> Response:
+    """Make the answer to a request that fails with an error of KINDS; logs what is our fault."""
+    metrics.count_fault(error)
     headers = {}
-    if isinstance(error, QueueFullError):
+    if isinstance(error, UnauthorizedError):
+        headers["WWW-Authenticate"] = "Bearer"
+    if isinstance(error, QueueFullError | BusyError):
         headers["Retry-After"] = str(RETRY_SECONDS)
+    if isinstance(error, QuotaError):
+        headers["Retry-After"] = str(error.retry_seconds)
+    if isinstance(error, SlowRequestError):
+        headers["Connection"] = "close"
     if isinstance(error, RangeError):
         headers["Content-Range"] = f"bytes */{error.size}"
     if isinstance(error, StorageFullError):  # every request says so: no trace for each
         log.error("no room for a job", extra={"trace_id": request.state.trace_id})
+    elif isinstance(error, BusyError):
+        log.warning("too many requests", extra={"trace_id": request.state.trace_id})
     elif kind_of(error).status >= 500:
         log.error("request failed", exc_info=error, extra={"trace_id": request.state.trace_id})
     return _answer(problem_of(error, request.state.trace_id), headers)
@@ -136,5 +152,7 @@ async def _on_http(request: Request, error: Exception) -> Response:
 
 
 async def _on_internal(request: Request, error: Exception) -> Response:
-    log.error("request failed", exc_info=error, extra={"trace_id": request.state.trace_id})
-    return _answer(problem_of(error, request.state.trace_id))
+    trace_id = request.state.trace_id
+    log.error("request failed", exc_info=error, extra={"trace_id": trace_id})
+    # Sent by the outermost layer, where nothing else adds them.
+    return _answer(problem_of(error, trace_id), {**DEFAULTS, "Trace-Id": trace_id})

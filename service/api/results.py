@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Request
-from fastapi.responses import Response, StreamingResponse
+from fastapi.responses import RedirectResponse, Response, StreamingResponse
 
 from pipeline.mix_files import MANIFEST
 from pipeline.remarks import Code
@@ -21,6 +21,9 @@ from service.errors import NotReadyError, RangeError, UnknownJobError, UnknownRe
 from service.states import State
 
 router = APIRouter(tags=["results"])
+
+LINK_SECONDS = 300
+"""How long a URL of the store is good for."""
 
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
 _MANIFEST_SCHEMA = {
@@ -82,6 +85,7 @@ def get_manifest(context: Parts, caller: Calling, job_id: str) -> Response:
         200: {"description": "The file.", "content": {"*/*": _BINARY}},
         206: {"description": "The part that Range asked for.", "content": {"*/*": _BINARY}},
         304: {"description": "The file is the one that If-None-Match names."},
+        307: {"description": "Where the store itself gives the file, for some minutes."},
         **responses(UnknownJobError, UnknownResultError, NotReadyError, RangeError, status=(503,)),
     },
 )
@@ -112,13 +116,16 @@ def get_result(
     if request.method == "HEAD":  # to which Range means nothing
         headers["Content-Length"] = str(size)
         return Response(headers=headers, media_type=result["media_type"])
+    key = results_key(job_id, job.attempt, name)
+    if context.settings.store_presign and (link := context.storage.link(key, LINK_SECONDS)):
+        return RedirectResponse(link, headers={"Cache-Control": "no-store"})
     wanted = range if if_range in (None, etag) else None
     part = parse_range(wanted, size)
     start, end = part or (0, size)
     headers["Content-Length"] = str(end - start)
     if part:
         headers["Content-Range"] = f"bytes {start}-{end - 1}/{size}"
-    chunks = context.storage.stream(results_key(job_id, job.attempt, name), start, end)
+    chunks = context.storage.stream(key, start, end)
     return StreamingResponse(
         chunks, 206 if part else 200, headers=headers, media_type=result["media_type"]
     )

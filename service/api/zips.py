@@ -37,10 +37,15 @@ class _Outbox:
 
 
 def stored_zip(members: Iterable[Member]) -> Iterator[bytes]:
-    """Write a ZIP of the members, uncompressed since photographs are compressed already."""
+    """Write a ZIP of the members, uncompressed since photographs are compressed already.
+
+    Raises ValueError for a name that could lead out of the folder it is unpacked in.
+    """
     outbox = _Outbox()
     with zipfile.ZipFile(cast(IO[bytes], outbox), "w", zipfile.ZIP_STORED) as archive:
         for member in members:
+            if not member.name.strip(".") or set(member.name) & set("/\\\0"):
+                raise ValueError(f"{member.name!r} is no name of a file")
             info = zipfile.ZipInfo(member.name)  # of 1980: equal files make equal ZIPs
             info.file_size = member.size  # so that files over 4 GiB get the larger headers
             with archive.open(info, "w") as file:

@@ -1,4 +1,4 @@
-"""The command line: lightlayers separate, mix, calibrate, serve, worker, submit, cameras, capture.
+"""The command line, lightlayers: what people separate, serve, capture and manage with.
 
 Exit codes: 0 with results, 1 for a failure that is not the user's, 2 for bad input, 130 for
 Ctrl-C. Whatever goes wrong is one sentence on stderr.
@@ -46,12 +46,14 @@ def _explain(error: Exception) -> tuple[str, int]:
     from drivers import BadAddressError, CameraNotFoundError, DriverError
     from pipeline.errors import InputError
     from service.client import RefusedError, ServiceAwayError
-    from service.errors import StartError, sentence_of
+    from service.errors import DATABASE_AWAY, STORE_AWAY, ServiceError, kind_of, sentence_of
 
     if isinstance(
-        error, InputError | BadAddressError | CameraNotFoundError | RefusedError | StartError
+        error, InputError | BadAddressError | CameraNotFoundError | RefusedError | ServiceError
     ):
         return str(error), 2
+    if (kind := kind_of(error)) in (DATABASE_AWAY, STORE_AWAY):
+        return str(kind.detail), 1
     if isinstance(error, DriverError | ServiceAwayError):
         return str(error), 1
     if isinstance(error, ValidationError):

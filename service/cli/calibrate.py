@@ -129,8 +129,8 @@ def _calibrate(
 ) -> None:
     from pydantic import ValidationError
 
-    from pipeline.calibration.calibrate import FILES, calibrate_files
-    from pipeline.calibration.options import CALIBRATION_OPTIONS
+    from pipeline.calibration.calibrate import calibrate_files
+    from pipeline.calibration.options import CALIBRATION_OPTIONS, FILES
     from pipeline.errors import InputError, OptionError
     from pipeline.progress import Progress
     from service.cli.display import stage_bar

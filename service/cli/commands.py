@@ -3,42 +3,65 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from service.cli import calibrate, mix
-from service.cli.options import Flags, Flash, NoFlash, read_file, with_flags
+from service.cli import calibrate, jobs, keys, mix
+from service.cli.options import (
+    Flags,
+    Flash,
+    MaybeFlash,
+    NoFlash,
+    NoFlashOrFolder,
+    read_file,
+    with_flags,
+)
 
 app = typer.Typer(
     help="Separates the light of every lamp, from a photograph with the flash and one without.",
-    add_completion=False,
     rich_markup_mode=None,
 )
 app.add_typer(calibrate.app, name="calibrate")
 app.command()(mix.mix)
+app.add_typer(keys.app, name="keys")
+app.add_typer(jobs.app, name="jobs")
 
 Output = Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of results.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the manifest.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
 
 
 @app.command()
 @with_flags
 def separate(
-    no_flash: NoFlash, flash: Flash, output: Output, flags: Flags, as_json: AsJson = False
-) -> None:
-    """Separate a pair here, without a server."""
-    import pipeline
+    no_flash: NoFlashOrFolder,
+    output: Output,
+    flags: Flags,
+    flash: MaybeFlash = None,
+    as_json: AsJson = False,
+) -> int | None:
+    """Separate a pair here, without a server; or all pairs of a folder.
+
+    In a folder, the photographs of a pair are found by what EXIF says of the flash and of the time;
+    the results of each get a folder of their own in DIR, with the name of the photograph without
+    the flash.
+    """
+    from pipeline.process import separate_files
     from pipeline.progress import Progress
     from service.cli.display import print_results, stage_bar
     from service.cli.folder import new_results
+    from service.cli.session import separate_folder
 
     options = flags.options()
+    if flash is None:
+        return separate_folder(no_flash, output, options, as_json)
     before, after = read_file(no_flash, "photograph"), read_file(flash, "photograph")
     with new_results(output) as folder, stage_bar() as report:
-        manifest = pipeline.separate_files(before, after, options, folder, Progress(report))
+        manifest = separate_files(before, after, options, folder, Progress(report))
     print_results(manifest, output, as_json)
+    return None
 
 
 @app.command()
@@ -74,6 +97,29 @@ def worker() -> None:
 
 
 @app.command()
+def migrate() -> None:
+    """Bring the database's tables up to date, before newer processes start."""
+    from service.opening import migrate_database
+    from service.settings import Settings
+
+    before, after = migrate_database(Settings())
+    moved = "it was there already" if before == after else f"from {before or 'nothing'}"
+    print(f"The database is at schema {after}, {moved}.")
+
+
+@app.command()
+def doctor() -> None:
+    """Say what is wrong with the set-up that the variables describe, and what to do."""
+    from service.doctor import examine
+
+    wrong = False
+    for finding in examine():
+        print(f"{finding.grade:<5}  {finding.part}: {finding.sentence}", flush=True)
+        wrong |= finding.grade == "wrong"
+    raise typer.Exit(1 if wrong else 0)
+
+
+@app.command()
 @with_flags
 def submit(
     no_flash: NoFlash,
@@ -81,6 +127,10 @@ def submit(
     output: Output,
     flags: Flags,
     url: Annotated[str, typer.Option(help="Where the service is.")] = "http://127.0.0.1:8000",
+    key_file: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="File with the key. Default: LIGHTLAYERS_KEY, or none."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Send a pair to a running service, wait, and fetch the results."""
@@ -89,8 +139,9 @@ def submit(
     from service.client import Client
 
     options = flags.options()
+    key = keys.key_of_requests(key_file)
     before, after = read_file(no_flash, "photograph"), read_file(flash, "photograph")
-    with Client(url) as client, new_results(output) as folder:
+    with Client(url, key) as client, new_results(output) as folder:
         job = client.submit_pair(before, after, options)
         with stage_bar() as report:
             job = client.wait(job, report)
@@ -100,11 +151,29 @@ def submit(
 
 
 @app.command()
-def cameras() -> None:
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of results.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help="Default: report.html in DIR."),
+    ] = None,
+) -> None:
+    """Write one HTML page of a result, with pictures and figures in it."""
+    from service.cli.report import write_report
+
+    print(write_report(folder, output or folder / "report.html"))
+
+
+@app.command()
+def cameras(as_json: AsJson = False) -> None:
     """List the cameras that can take a pair."""
     import drivers
 
-    for camera in drivers.list_cameras():
+    found = drivers.list_cameras()
+    if as_json:
+        print(json.dumps([asdict(camera) for camera in found], indent=2))
+        return
+    for camera in found:
         battery = "" if camera.battery_percent is None else f", battery {camera.battery_percent} %"
         print(f"{camera.address}  {camera.make} {camera.model}{battery}")
 
@@ -115,6 +184,7 @@ def capture(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of the photographs.")
     ],
+    as_json: AsJson = False,
 ) -> None:
     """Have a camera take a pair, and save both photographs."""
     import drivers
@@ -128,5 +198,5 @@ def capture(
             for kind, data in shot.files.items():
                 names.append(f"{frame}.{'jpg' if kind == 'jpeg' else kind}")
                 (folder / names[-1]).write_bytes(data)
-    for name in names:
-        print(output / name)
+    paths = [str(output / name) for name in names]
+    print(json.dumps({"files": paths}, indent=2) if as_json else "\n".join(paths))

@@ -16,6 +16,16 @@ if TYPE_CHECKING:
 
 Table = TypeVar("Table")
 NoFlash = Annotated[Path, typer.Argument(metavar="NO_FLASH", help="Photograph without the flash.")]
+NoFlashOrFolder = Annotated[
+    Path,
+    typer.Argument(
+        metavar="NO_FLASH|FOLDER",
+        help="Photograph without the flash; or, alone, a folder with pairs.",
+    ),
+]
+MaybeFlash = Annotated[
+    Path | None, typer.Argument(metavar="FLASH", help="Photograph with the flash.")
+]
 Flash = Annotated[Path, typer.Argument(metavar="FLASH", help="Photograph with the flash.")]
 
 
@@ -132,6 +142,13 @@ class Flags(PairFlags):
             help="Focal length in pixels. Default: from EXIF, else as of 50 mm on 36 × 24 mm.",
         ),
     ] = None
+    normals: Annotated[
+        str,
+        typer.Option(
+            metavar="gl|dx",
+            help="Where y of written normals points: up, as OpenGL has it, or down, as DirectX.",
+        ),
+    ] = "gl"
     outputs: Annotated[
         str,
         typer.Option(
@@ -169,6 +186,7 @@ class Flags(PairFlags):
             ],
             "response": read_table(self.response, parse_sensitivities),
             "focal_px": self.focal_px,
+            "normals": self.normals,
             "outputs": self.outputs
             if self.outputs in ("default", "all")
             else [name.strip() for name in self.outputs.split(",")],
@@ -181,7 +199,7 @@ class Flags(PairFlags):
             raise OptionError(sentence_of(error)) from error
 
 
-def with_flags(command: Callable[..., None]) -> Callable[..., None]:
+def with_flags(command: Callable[..., object]) -> Callable[..., object]:
     """Replace the parameter `flags` of a command by one command line option per field of its type.
 
     The type is Flags or PairFlags.
@@ -200,9 +218,9 @@ def with_flags(command: Callable[..., None]) -> Callable[..., None]:
         for field in fields(kind)
     ]
 
-    def wrapper(**arguments: Any) -> None:
+    def wrapper(**arguments: Any) -> object:
         flags = kind(**{field.name: arguments.pop(field.name) for field in fields(kind)})
-        command(**arguments, flags=flags)
+        return command(**arguments, flags=flags)
 
     wrapper.__name__ = command.__name__
     wrapper.__doc__ = command.__doc__

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.calibration.calibrate import FILES, calibrate_files
-from pipeline.calibration.options import CALIBRATION_OPTIONS
+from pipeline.calibration.calibrate import calibrate_files
+from pipeline.calibration.options import CALIBRATION_OPTIONS, FILES
 from pipeline.options import Sensitivities, Spectrum
 from pipeline.progress import Progress
 from pipeline.spectra.cameras import camera_from_table

@@ -89,6 +89,17 @@ class Service:
         with Client(self.url) as client:
             await_that("the service answers", lambda: self._answers(client))
 
+    def make_key(self, *arguments: str) -> str:
+        command = [sys.executable, "-m", "service.cli", "keys", "create", *arguments]
+        made = subprocess.run(command, env=self.environment, capture_output=True, check=True)
+        return made.stdout.decode().strip()
+
+    def migrate(self) -> None:
+        """Make the tables of a database that hosts share."""
+        subprocess.run(
+            [sys.executable, "-m", "service.cli", "migrate"], env=self.environment, check=True
+        )
+
     def start_worker(self) -> subprocess.Popen[bytes]:
         self._others.append(self._run("worker"))
         return self._others[-1]
@@ -149,8 +160,23 @@ class Service:
         except (FileNotFoundError, ProcessLookupError):
             return False
 
+    def terminate(self) -> None:
+        """Ask the service to stop."""
+        os.kill(self.pid, signal.SIGTERM)
+
+    def await_unready(self) -> dict[str, Any]:
+        """Wait until it says that it is not ready; the problem."""
+
+        def look() -> dict[str, Any] | None:
+            answer = httpx.get(f"{self.url}/readyz")
+            problem: dict[str, Any] = answer.json()
+            return problem if answer.status_code == 503 else None
+
+        found: dict[str, Any] = await_that("it is not ready", look)
+        return found
+
     def stop(self) -> int:
-        """Ask the service to stop; its exit code."""
+        """Ask the service to stop, if it was not asked before; its exit code."""
         assert self._process is not None
         self._process.terminate()
         return self._process.wait(_PATIENCE_SECONDS)
@@ -212,6 +238,20 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
 
 
 @pytest.fixture
+def make_service() -> Iterator[Callable[..., Service]]:
+    """Make a service that is not started yet: make_service(folder, setting=value)."""
+    made: list[Service] = []
+
+    def make(folder: Path, **settings: object) -> Service:
+        made.append(Service(folder / "service", **settings))
+        return made[-1]
+
+    yield make
+    for service in made:
+        service.close()
+
+
+@pytest.fixture
 def own_service(tmp_path: Path) -> Iterator[Service]:
     """A service of the test's own, to be killed."""
     yield from _running(Service(tmp_path / "service"))
@@ -224,11 +264,29 @@ def wide_service(tmp_path: Path) -> Iterator[Service]:
 
 
 @pytest.fixture
+def telling(tmp_path: Path) -> Iterator[Service]:
+    """A service that tells webhooks on this machine, again at once where they do not take it."""
+    again = {"webhook_private": "127.0.0.0/8", "webhook_retry_seconds": 0.05}
+    yield from _running(Service(tmp_path / "service", **again))
+
+
+@pytest.fixture
+def keyed_service(tmp_path: Path) -> Iterator[tuple[Service, str]]:
+    """A service that needs keys, and the first one."""
+    service = Service(tmp_path / "service", keys="required")
+    key = service.make_key("studio", "--scopes", "submit,read,capture")
+    service.http.headers["authorization"] = f"Bearer {key}"
+    for running in _running(service):
+        yield running, key
+
+
+@pytest.fixture
 def grown_up(tmp_path: Path, postgresql: str, s3: dict[str, str]) -> Iterator[Service]:
     """A service on PostgreSQL and S3."""
     store = "s3://photographs/lightlayers"
     service = Service(tmp_path / "service", database_url=postgresql, store_url=store)
     service.environment |= s3
+    service.migrate()
     yield from _running(service)
 
 

@@ -3,8 +3,12 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
+import httpx
 import pytest
 
+from service.errors import StartError
+from service.opening import open_storage
+from service.settings import Settings
 from service.storage import Storage
 
 
@@ -67,3 +71,28 @@ def test_what_is_put_outlasts_a_power_cut(storage: Storage) -> None:
 def test_a_bucket_that_is_not_there_does_not() -> None:
     with pytest.raises(Exception, match="NoSuchBucket"):
         Storage("s3://nowhere").check()
+
+
+def test_a_signed_url_gives_the_object_to_who_has_it(storage: Storage) -> None:
+    storage.put("jobs/6/1/lamp 1.jpg", b"light")
+    link = storage.link("jobs/6/1/lamp 1.jpg", 60)
+    assert link is not None
+    assert "X-Amz-Expires=60" in link
+    assert httpx.get(link, headers={"range": "bytes=1-2"}).content == b"ig"
+
+
+def test_without_credentials_nothing_is_signed(
+    storage: Storage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert storage.link("jobs/6/1/a", 60) is not None
+    assert Storage(tmp_path.as_uri()).link("jobs/6/1/a", 60) is None
+    monkeypatch.delenv("AWS_ACCESS_KEY_ID")
+    monkeypatch.delenv("AWS_SECRET_ACCESS_KEY")
+    monkeypatch.setenv("AWS_SKIP_SIGNATURE", "true")
+    # where credentials of a cloud's machine would come from
+    monkeypatch.setenv("AWS_METADATA_ENDPOINT", "http://127.0.0.1:1")
+    settings = Settings(
+        data_dir=tmp_path, store_url="s3://photographs/some/prefix", store_presign=True
+    )
+    with pytest.raises(StartError, match="LIGHTLAYERS_STORE_PRESIGN"):
+        open_storage(settings)

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import imagecodecs
 import numpy as np
 import OpenEXR
 import pytest
@@ -52,6 +53,7 @@ def test_default_leaves_out_what_is_made_on_request() -> None:
         "white_balanced_2.tif",
         "white_balanced.exr",
         "response.exr",
+        "layers.psd",
     }
 
 
@@ -121,6 +123,7 @@ def written(
             more.get("changes"),
             frozenset(wanted),
             tmp_path,
+            more.get("convention", "gl"),
         ) as outputs:
             for top in range(0, SIZE[0], 16):
                 outputs.add(some_rows(given, slice(top, min(top + 16, SIZE[0]))))
@@ -145,6 +148,7 @@ def some_rows(pictures: Pictures, rows: slice) -> Pictures:
         (("layers.exr",), ["layers.exr"]),
         (("lamps.tif",), ["lamp1.tif", "lamp2.tif"]),
         (("lamps.jpg",), ["lamp1.jpg", "lamp2.jpg"]),
+        (("layers.psd",), ["layers.psd"]),
         (("white_balanced_1.jpg",), ["white_balanced_1.jpg"]),
         (("white_balanced_2.jpg",), ["white_balanced_2.jpg"]),
         (("white_balanced_1.tif",), ["white_balanced_1.tif"]),
@@ -182,6 +186,7 @@ def test_without_directions_there_are_neither_normals_nor_a_surface(
     assert names == [
         "layers.exr",
         *(f"lamp{i}.{kind}" for i in (1, 2) for kind in ("tif", "jpg")),
+        "layers.psd",
         *(f"white_balanced_{i}.{kind}" for kind in ("jpg", "tif") for i in (1, 2)),
         "white_balanced.exr",
         "confidence.tif",
@@ -345,7 +350,7 @@ def test_black_pictures_are_written_black(
 
     entries = written(*OUTPUT_NAMES, given=dark)
 
-    assert len(entries) == 20
+    assert len(entries) == 21
     for name in ("lamp1.jpg", "white_balanced_1.jpg", "white_balanced_2.jpg"):
         assert not shown(tmp_path / name).any()
 
@@ -462,3 +467,20 @@ def test_a_folder_that_is_missing_is_an_error_of_the_system(
 
     with pytest.raises(OSError, match="lamp1"):
         written("lamps.tif")
+
+
+def test_normals_follow_the_convention_asked_for(
+    written: Callable[..., list[dict[str, Any]]], pictures: Pictures, tmp_path: Path
+) -> None:
+    upward = np.broadcast_to(np.array([0.6, 0.48, 0.64], np.float32), (*SIZE, 3))
+    given = replace(pictures, normals=upward)
+    for convention, y, words in (("gl", 0.48, "y up"), ("dx", -0.48, "y down")):
+        entries = written("normals.png", "normals.exr", given=given, convention=convention)
+        assert all(words in entry["colour_space"] for entry in entries)
+        exact = planes(tmp_path / "normals.exr")
+        for name, value in zip("RGB", (0.6, y, 0.64), strict=True):
+            np.testing.assert_allclose(exact[name], value, atol=1e-6)
+        codes = imagecodecs.png_decode((tmp_path / "normals.png").read_bytes())
+        np.testing.assert_allclose(
+            codes / 65535 * 2 - 1, np.full((*SIZE, 3), (0.6, y, 0.64)), atol=1e-4
+        )

@@ -14,7 +14,6 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
-from pipeline import check_pair, separate_files
 from pipeline.colour.curves import linear_to_srgb
 from pipeline.errors import (
     Canceled,
@@ -25,6 +24,7 @@ from pipeline.errors import (
     UnusablePairError,
 )
 from pipeline.options import OUTPUT_NAMES, DirectedLight, Options
+from pipeline.process import check_pair, separate_files
 from pipeline.progress import STAGES, Progress
 from pipeline.spectra.cameras import Camera
 from tests.ball import make_ball

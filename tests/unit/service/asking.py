@@ -6,7 +6,7 @@ from typing import Any
 
 import httpx
 
-from service import jobs
+from service import jobs, keys
 from service.api.context import Context
 
 
@@ -39,3 +39,17 @@ def problem_of(answer: httpx.Response) -> tuple[int, str, str]:
     assert problem["trace_id"] == answer.headers["trace-id"]
     assert "\n" not in problem["detail"] and problem["detail"].endswith(".")
     return answer.status_code, problem["type"].rpartition(":")[2], problem["detail"]
+
+
+def bearing(context: Context, *scopes: str, **quotas: int) -> dict[str, str]:
+    """Make a key; the header that bears it."""
+    with context.engine.begin() as connection:
+        text = keys.create(
+            connection, "a test", set(map(keys.Scope, scopes)), keys.Quotas(**quotas), None
+        )
+    return {"authorization": f"Bearer {text}"}
+
+
+def owner_of(header: dict[str, str]) -> str:
+    """Id of the key in a header."""
+    return keys.id_of(header["authorization"].removeprefix("Bearer "))

@@ -36,7 +36,7 @@ def settings(tmp_path: Path) -> Settings:
 @pytest.fixture
 def engine(tmp_path: Path) -> Iterator[sa.Engine]:
     engine = database.connect(f"sqlite:///{tmp_path / 'jobs.sqlite'}")
-    database.create_tables(engine)
+    database.metadata.create_all(engine)
     yield engine
     engine.dispose()
 

@@ -148,7 +148,9 @@ def test_progress_is_written_now_and_then(run: Run, monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(sandbox, "run", separate)
     monkeypatch.setattr(
-        jobs, "report", lambda _connection, _job, *progress: written.append(progress)
+        jobs,
+        "report",
+        lambda _connection, _job, stage, fraction, *_rest: written.append((stage, fraction)),
     )
     run()
     assert [written[0], written[-1][0]] == [("layers", 0.0), "encode"]

@@ -12,9 +12,9 @@ from typing import Any, Literal
 import pytest
 
 from service import sandbox
-from service.child import OUT_OF_MEMORY
 from service.errors import MemoryLimitError, TimeLimitError
 from service.forkserver import ForkServer
+from service.processes import OUT_OF_MEMORY
 from tests.unit.service.forked import fork_server
 
 GIB = 2**30

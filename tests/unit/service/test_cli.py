@@ -1,12 +1,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 
 import drivers
-import pipeline
+from pipeline import process
 from pipeline.errors import UnusablePairError
 from service.cli import run
 
@@ -151,7 +152,7 @@ def test_a_fault_of_the_program_is_named_without_a_trace(
     def broken(*_arguments: object) -> None:
         raise ZeroDivisionError("Light.")
 
-    monkeypatch.setattr(pipeline, "separate_files", broken)
+    monkeypatch.setattr(process, "separate_files", broken)
     said = _refused(capsys, "separate", *pair, "-o", str(tmp_path / "out"), code=1)
     assert "please report it: ZeroDivisionError in test_cli.py" in said
 
@@ -165,7 +166,7 @@ def test_a_pair_without_light_is_bad_input(
     def dark(*_arguments: object) -> None:
         raise UnusablePairError("The pair is black.")
 
-    monkeypatch.setattr(pipeline, "separate_files", dark)
+    monkeypatch.setattr(process, "separate_files", dark)
     said = _refused(capsys, "separate", *pair, "-o", str(tmp_path / "out"))
     assert said == "The pair is black.\n"
 
@@ -188,6 +189,28 @@ def test_cameras_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     (camera,) = drivers.list_cameras()
     line = capsys.readouterr().out
     assert line.startswith(f"sim://studio  {camera.make} {camera.model}")
+    assert run(["cameras", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == [asdict(camera)]
+
+
+def test_a_capture_tells_programs_where_the_files_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    address = "sim://studio?width=64&height=64"
+    assert run(["capture", address, "-o", str(tmp_path / "out"), "--json"]) == 0
+    files = [str(tmp_path / "out" / name) for name in ("no_flash.dng", "flash.dng")]
+    assert json.loads(capsys.readouterr().out) == {"files": files}
+
+
+def test_the_shell_completes_commands(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("_LIGHTLAYERS_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", "lightlayers sep")
+    monkeypatch.setenv("COMP_CWORD", "1")
+    with pytest.raises(SystemExit) as ended:
+        run([])
+    assert (ended.value.code, capsys.readouterr().out.split()) == (0, ["separate"])
 
 
 MANIFEST = {
@@ -217,7 +240,7 @@ def separated(monkeypatch: pytest.MonkeyPatch) -> None:
             (folder / name).write_text(name)
         return MANIFEST
 
-    monkeypatch.setattr(pipeline, "separate_files", separate)
+    monkeypatch.setattr(process, "separate_files", separate)
 
 
 @pytest.mark.usefixtures("separated")
@@ -264,7 +287,9 @@ def test_help_names_every_flag(capsys: pytest.CaptureFixture[str]) -> None:
 def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["--help"]) == 0
     said = capsys.readouterr().out
-    for command in ("separate", "serve", "worker", "submit", "cameras", "capture"):
+    for command in (
+        "separate", "serve", "worker", "submit", "cameras", "capture", "migrate", "jobs", "doctor",
+    ):  # fmt: skip
         assert f"\n  {command} " in said
 
 

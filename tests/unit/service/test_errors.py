@@ -21,6 +21,7 @@ def test_names_of_kinds_are_the_contract() -> None:
         "bad-camera-address": 422,
         "camera-failed": 503,
         "camera-not-found": 404,
+        "checksum-mismatch": 460,
         "crashed": 500,
         "database-unavailable": 503,
         "foreign-host": 421,
@@ -40,12 +41,17 @@ def test_names_of_kinds_are_the_contract() -> None:
         "storage-full": 507,
         "store-unavailable": 503,
         "timed-out": 500,
+        "tus-version": 412,
         "unknown-job": 404,
         "unknown-result": 404,
+        "unknown-upload": 404,
         "unreadable-image": 422,
         "unsupported-media-type": 415,
         "unusable-pair": 422,
+        "upload-expired": 410,
+        "upload-offset": 409,
         "upload-too-large": 413,
+        "upload-unfinished": 409,
     }
 
 
@@ -114,11 +120,13 @@ def test_kinds_that_may_pass_later_are_retryable() -> None:
     retryable = {kind.name for kind in KINDS.values() if kind.retryable}
     assert retryable == {
         "camera-failed",
+        "checksum-mismatch",
         "database-unavailable",
         "not-ready",
         "queue-full",
         "storage-full",
         "store-unavailable",
+        "upload-unfinished",
     }
 
 

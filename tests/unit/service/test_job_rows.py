@@ -107,7 +107,7 @@ def test_an_attempt_that_was_taken_over_writes_nothing(engine: sa.Engine) -> Non
     with engine.begin() as connection:
         assert jobs.must_stop(connection, frozen)
         jobs.report(connection, frozen, "layers", 0.9)
-        jobs.set_inputs(connection, frozen, {"flash": "other"})
+        jobs.set_inputs(connection, frozen, {"flash": "other"}, 1)
         assert not jobs.succeed(connection, frozen, [{"name": "old"}])
         assert not jobs.fail(connection, frozen, {"detail": "old"})
         jobs.release(connection, frozen)
@@ -228,7 +228,7 @@ WRITES: dict[str, tuple[Callable[[sa.Connection, jobs.Job], object], dict[State,
     ),
     "release": (jobs.release, {State.RUNNING: State.QUEUED}),
     "report": (lambda connection, held: jobs.report(connection, held, "layers", 0.5), {}),
-    "set_inputs": (lambda connection, held: jobs.set_inputs(connection, held, {}), {}),
+    "set_inputs": (lambda connection, held: jobs.set_inputs(connection, held, {}, 0), {}),
 }
 
 
@@ -325,12 +325,6 @@ def test_a_silent_worker_is_dead_and_forgotten(engine: sa.Engine) -> None:
         assert jobs.living_workers(connection, 15) == {"w2"}
 
 
-def test_tables_can_be_created_again(engine: sa.Engine) -> None:
-    _add(engine, "a")
-    database.create_tables(engine)
-    assert _find(engine, "a").id == "a"
-
-
 def test_what_is_committed_to_sqlite_outlasts_a_power_cut(engine: sa.Engine) -> None:
     with engine.connect() as connection:
         assert connection.exec_driver_sql("PRAGMA journal_mode").scalar_one() == "wal"
@@ -340,6 +334,6 @@ def test_what_is_committed_to_sqlite_outlasts_a_power_cut(engine: sa.Engine) -> 
 def test_the_folder_of_a_new_database_is_made(tmp_path_factory: pytest.TempPathFactory) -> None:
     path = tmp_path_factory.mktemp("data") / "new" / "folder" / "jobs.sqlite"
     engine = database.connect(f"sqlite:///{path}")
-    database.create_tables(engine)
+    database.metadata.create_all(engine)
     engine.dispose()
     assert path.exists()

@@ -35,6 +35,11 @@ def test_the_routes_are_the_contract(paths: dict[str, dict[str, Any]]) -> None:
         "GET /jobs/{job_id}/results",
         "GET /jobs/{job_id}/results/{name}",
         "GET /jobs/{job_id}/results.zip",
+        "OPTIONS /uploads",
+        "POST /uploads",
+        "HEAD /uploads/{upload_id}",
+        "PATCH /uploads/{upload_id}",
+        "DELETE /uploads/{upload_id}",
         "GET /cameras",
         "GET /healthz",
         "GET /readyz",
@@ -49,12 +54,17 @@ def test_every_error_is_a_problem(paths: dict[str, dict[str, Any]]) -> None:
                     assert list(response["content"]) == ["application/problem+json"]
 
 
-def test_a_pair_and_a_capture_are_described(paths: dict[str, dict[str, Any]]) -> None:
+def test_ways_to_hand_in_a_pair_are_described(paths: dict[str, dict[str, Any]]) -> None:
     content = paths["/jobs"]["post"]["requestBody"]["content"]
     pair = content["multipart/form-data"]["schema"]
     assert pair["required"] == ["no_flash", "flash"]
     assert set(pair["properties"]) == {"no_flash", "flash", "options", "handling"}
-    assert content["application/json"]["schema"]["$ref"].endswith("/CaptureRequest")
+    models = [
+        one["$ref"].rpartition("/")[2] for one in content["application/json"]["schema"]["oneOf"]
+    ]
+    assert models == ["CaptureRequest", "UploadsRequest"]
+    calibration = paths["/calibrations"]["post"]["requestBody"]["content"]["application/json"]
+    assert calibration["schema"]["$ref"].endswith("/CalibrationRequest")
 
 
 def test_every_reference_leads_somewhere() -> None:
@@ -69,4 +79,11 @@ def test_every_reference_leads_somewhere() -> None:
 
     found = {reference.removeprefix("#/components/schemas/") for reference in references(whole)}
     assert found - set(schemas) == set()
-    assert {"Options", "Problem", "CaptureRequest", "JobAnswer", "Spectrum"} <= found
+    assert {
+        "Options",
+        "Problem",
+        "CaptureRequest",
+        "UploadedPair",
+        "JobAnswer",
+        "Spectrum",
+    } <= found

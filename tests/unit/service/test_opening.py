@@ -24,6 +24,9 @@ def test_a_new_database_has_the_tables_of_jobs_and_queue(tmp_path: Path) -> None
         "nonsense",
         "mysql://nowhere/x",
         "postgresql://user:secret@127.0.0.1:1/x",
+        "postgresql://user:secret@127.0.0.1:port/x",
+        "postgresql://user:secret@[::1/x",
+        "postgresql://user:@secret:secret@host:secret/x",
         "sqlite:////dev/null/x.sqlite",
     ],
 )
@@ -35,10 +38,13 @@ def test_a_database_that_cannot_be_opened_is_told(url: str, tmp_path: Path) -> N
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("url", ["nonsense", "ftp://nowhere/x", "file:///dev/null/x"])
+@pytest.mark.parametrize(
+    "url", ["nonsense", "ftp://nowhere/x", "file:///dev/null/x", "s3://id:secret@b/\\"]
+)
 def test_a_store_that_cannot_be_opened_is_told(url: str, tmp_path: Path) -> None:
     with pytest.raises(StartError, match="LIGHTLAYERS_STORE_URL") as caught:
         open_storage(Settings(data_dir=tmp_path, store_url=url))
+    assert "secret" not in str(caught.value)
     assert "\n" not in str(caught.value)
 
 

@@ -2,10 +2,13 @@ from __future__ import annotations
 
 import socket
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from service import keys
 from service.errors import StartError
+from service.opening import open_database
 from service.serve import serve
 from service.settings import Settings
 
@@ -22,3 +25,24 @@ def test_a_port_in_use_is_told(tmp_path: Path) -> None:
 def test_an_address_that_is_not_this_machines_is_told(host: str, tmp_path: Path) -> None:
     with pytest.raises(StartError, match="give another --port or --host"):
         serve(Settings(data_dir=tmp_path, host=host, port=0), worker=False)
+
+
+@pytest.mark.parametrize(
+    "chosen", [{"host": "0.0.0.0"}, {"host": "::"}, {"host": "127.0.0.1", "keys": "required"}]
+)
+def test_a_service_that_needs_keys_does_not_start_without_one(
+    chosen: dict[str, Any], tmp_path: Path
+) -> None:
+    with pytest.raises(StartError, match="lightlayers keys create"):
+        serve(Settings(data_dir=tmp_path, port=0, **chosen), worker=False)
+
+
+def test_a_revoked_key_is_none_to_start_with(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path, port=0, keys="required")
+    engine = open_database(settings)
+    with engine.begin() as connection:
+        text = keys.create(connection, "old", {keys.Scope.READ}, keys.Quotas(), None)
+        keys.revoke(connection, keys.id_of(text))
+    engine.dispose()
+    with pytest.raises(StartError, match="none that is good"):
+        serve(settings, worker=False)

@@ -53,3 +53,8 @@ def test_a_setting_out_of_range_is_refused(
     monkeypatch.setenv(f"LIGHTLAYERS_{name}", value)
     with pytest.raises(ValidationError, match=name.lower()):
         Settings()
+
+
+def test_every_setting_says_what_it_is() -> None:
+    for name, field in Settings.model_fields.items():
+        assert field.description and field.description.endswith("."), name

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from pipeline.calibration import calibrate as module
-from pipeline.calibration.calibrate import FILES, calibrate_files
+from pipeline.calibration.calibrate import calibrate_files
 from pipeline.calibration.lamps import LampsEstimate
-from pipeline.calibration.options import CALIBRATION_OPTIONS
+from pipeline.calibration.options import CALIBRATION_OPTIONS, FILES
 from pipeline.colour.temperature import cct_duv
 from pipeline.errors import Canceled, InputError, OptionError, UnusablePairError
 from pipeline.options import Circle, DirectedLight

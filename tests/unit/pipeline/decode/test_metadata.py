@@ -189,3 +189,20 @@ def test_a_broken_block_is_no_reason_to_refuse(
 @pytest.mark.parametrize("data", [b"", b"\xff\xd8\xff", b"II*\x00\xff\xff\xff\xff", bytes(100)])
 def test_bytes_without_facts_give_none(data: bytes) -> None:
     assert read_metadata(data) == Metadata()
+
+
+@pytest.mark.parametrize(
+    ("photo", "seconds"),
+    [
+        ({0x9003: "1970:01:02 00:00:01", 0x9291: "25"}, 86401.25),
+        ({0x9003: "1970:01:02 00:00:01"}, 86401.0),
+        ({0x9003: "1970:01:02 00:00:01", 0x9291: "soon"}, 86401.0),
+        ({0x9003: "0000:00:00 00:00:00"}, None),
+        ({0x9003: "1970:01:02"}, None),
+        ({}, None),
+    ],
+)
+def test_the_moment_is_that_of_the_cameras_clock(
+    with_exif: Callable[..., Metadata], photo: dict[int, Any], seconds: float | None
+) -> None:
+    assert with_exif(photo).taken_s == seconds

@@ -16,7 +16,11 @@ from service.errors import (
     IdempotencyError,
     MalformedRequestError,
     QueueFullError,
+    QuotaError,
+    SlowRequestError,
     StorageFullError,
+    StoredQuotaError,
+    UnfinishedUploadError,
     UnsupportedMediaError,
     UploadTooLargeError,
 )
@@ -76,17 +80,27 @@ def pair_form(options: dict[str, Any], told: str, required: bool = False) -> dic
     return {"multipart/form-data": {"schema": schema}}
 
 
-def accepted(*errors: type[Exception]) -> dict[int | str, Any]:
-    """Describe the answers of a route that makes a job of a pair; errors: its own problems."""
+def accepted(
+    *errors: type[Exception], headers: dict[str, Any] | None = None
+) -> dict[int | str, Any]:
+    """Describe the answers of a route that makes a job of a pair.
+
+    errors: its own problems. headers: its own headers.
+    """
+    usual = {"Location": _TEXT, "Idempotency-Replayed": _REPLAYED}
     return {
-        202: {"headers": {"Location": _TEXT, "Idempotency-Replayed": _REPLAYED}},
+        202: {"headers": usual | (headers or {})},
         **responses(
             MalformedRequestError,
             UploadTooLargeError,
             UnsupportedMediaError,
+            UnfinishedUploadError,
             pipeline_errors.InputError,
             IdempotencyError,
             QueueFullError,
+            QuotaError,
+            SlowRequestError,
+            StoredQuotaError,
             StorageFullError,
             CrashError,
             *errors,

@@ -1,0 +1,83 @@
+"""Finds the pairs among photographs of a session: which was taken without the flash, which with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from pipeline.decode import check_header
+from pipeline.decode.metadata import Metadata, read_metadata
+
+LONGEST_GAP_S = 120.0
+"""Between the two photographs of a pair; a person may have to switch the flash by hand."""
+
+
+@dataclass(frozen=True)
+class Shot:
+    """What a photograph says of itself. size: (width, height) after orientation, in pixels."""
+
+    metadata: Metadata
+    size: tuple[int, int]
+
+    @property
+    def lack(self) -> str | None:
+        """What is missing to find its pair, None when nothing is."""
+        if self.metadata.flash_fired is None:
+            return "its EXIF does not say whether the flash fired"
+        if self.metadata.taken_s is None:
+            return "its EXIF does not say when it was taken"
+        return None
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """found: names (no flash, flash) in the order of time. left: why others are in no pair."""
+
+    found: list[tuple[str, str]]
+    left: dict[str, str]
+
+
+def read_shot(data: bytes) -> Shot:
+    """Read what a file says of itself. Raises UnreadableImageError, ImageTooLargeError."""
+    return Shot(read_metadata(data), check_header(data))
+
+
+def find_pairs(shots: Mapping[str, Shot]) -> Pairs:
+    """Pair photographs of one camera and size, one with the flash and one without.
+
+    The nearest in time belong together, at most LONGEST_GAP_S apart; each is in one pair.
+    """
+    usable = {name: shot for name, shot in shots.items() if shot.lack is None}
+    pairs: list[tuple[str, str]] = []
+    taken: set[str] = set()
+    for _, no_flash, flash in sorted(_candidates(usable)):
+        if taken.isdisjoint((no_flash, flash)):
+            pairs.append((no_flash, flash))
+            taken |= {no_flash, flash}
+    alone = "no photograph with the other state of the flash belongs to it"
+    left = {name: shot.lack or alone for name, shot in shots.items() if name not in taken}
+    return Pairs(sorted(pairs, key=lambda pair: _time(usable[pair[0]])), left)
+
+
+def _candidates(shots: Mapping[str, Shot]) -> Iterable[tuple[float, str, str]]:
+    in_time = sorted(shots.items(), key=lambda item: _time(item[1]))
+    for number, (first, one) in enumerate(in_time):
+        for second, other in in_time[number + 1 :]:
+            gap = _time(other) - _time(one)
+            if gap > LONGEST_GAP_S:
+                break
+            if _camera(one) == _camera(other) and _fired(one) != _fired(other):
+                yield (gap, second, first) if _fired(one) else (gap, first, second)
+
+
+def _camera(shot: Shot) -> tuple[str, str, tuple[int, int]]:
+    return shot.metadata.make, shot.metadata.model, shot.size
+
+
+def _fired(shot: Shot) -> bool:
+    return shot.metadata.flash_fired is True
+
+
+def _time(shot: Shot) -> float:
+    assert shot.metadata.taken_s is not None
+    return shot.metadata.taken_s

@@ -1,0 +1,106 @@
+"""Which network addresses the service may call on behalf of a user.
+
+A webhook's URL comes from outside: without these checks it could name the operator's own machines.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import socket
+from urllib.parse import urlsplit
+
+Address = ipaddress.IPv4Address | ipaddress.IPv6Address
+Networks = tuple[ipaddress.IPv4Network | ipaddress.IPv6Network, ...]
+
+_NAT64 = ipaddress.ip_network("64:ff9b::/96")
+_SPECIAL = [  # that Pythons of some versions take for public
+    ipaddress.ip_network(text) for text in ("192.0.0.0/24", "192.88.99.0/24", "64:ff9b:1::/48")
+]
+_REFUSAL = (
+    "this service calls no addresses of private networks; its operator may allow some with "
+    "LIGHTLAYERS_WEBHOOK_PRIVATE"
+)
+
+
+class ForbiddenAddressError(Exception):
+    """An address that the service does not call. The message says why, without a full stop."""
+
+
+def parse_networks(text: str) -> Networks:
+    """Read "false" (none), "true" (all) or networks like "10.0.0.0/8,fd00::/8".
+
+    Raises ValueError.
+    """
+    word = text.strip().lower()
+    if word in ("false", ""):
+        return ()
+    listed = "0.0.0.0/0,::/0" if word == "true" else word
+    return tuple(ipaddress.ip_network(part.strip(), strict=False) for part in listed.split(","))
+
+
+def is_allowed(address: Address, private: Networks) -> bool:
+    """Whether an address is one of the public internet, or of the private networks allowed."""
+    inner = _embedded(address)
+    if inner is not None:
+        return is_allowed(inner, private)
+    if any(address in network for network in private):
+        return True
+    if any(address in network for network in _SPECIAL):
+        return False
+    return address.is_global and not (address.is_multicast or address.is_reserved)
+
+
+def _embedded(address: Address) -> ipaddress.IPv4Address | None:
+    """Find the IPv4 address that an IPv6 address stands for."""
+    if isinstance(address, ipaddress.IPv4Address):
+        return None
+    if address in _NAT64:
+        return ipaddress.IPv4Address(int(address) & 0xFFFFFFFF)
+    return address.ipv4_mapped or address.sixtofour
+
+
+def check_url(url: str, private: Networks, https_only: bool) -> None:
+    """Refuse a URL that the look of it forbids; names are resolved when they are called.
+
+    Raises ForbiddenAddressError.
+    """
+    try:
+        parts = urlsplit(url)
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host, port = None, None
+    plain = url.isascii() and url.isprintable() and not set(url) & set(' \\"<>^`{|}')
+    if not host or "%" in host or port == 0 or not plain:
+        raise ForbiddenAddressError("this is no URL; write one like https://example.org/hook")
+    if parts.scheme not in (("https",) if https_only else ("https", "http")):
+        wanted = "https" if https_only else "https and http"
+        raise ForbiddenAddressError(f"this service calls {wanted} only")
+    if "@" in parts.netloc:
+        raise ForbiddenAddressError("leave user and password out; the signature says who calls")
+    address = _literal(host)
+    if address and not is_allowed(address, private):
+        raise ForbiddenAddressError(_REFUSAL)
+
+
+def _literal(host: str) -> Address | None:
+    """Read a host that is an address already, however written: 0x7f.1 and 2130706433, too."""
+    host = host.rstrip(".")
+    if host == "localhost" or host.endswith(".localhost"):
+        return ipaddress.IPv4Address("127.0.0.1")
+    try:
+        found = socket.getaddrinfo(host, None, flags=socket.AI_NUMERICHOST)
+        return ipaddress.ip_address(str(found[0][4][0]))
+    except (OSError, ValueError):
+        return None
+
+
+def resolve(host: str, port: int, private: Networks) -> list[str]:
+    """Look a host up; its addresses, which are all allowed.
+
+    Raises ForbiddenAddressError, and OSError or UnicodeError when the name is not known.
+    """
+    found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+    addresses = list(dict.fromkeys(str(entry[4][0]) for entry in found))
+    if not all(is_allowed(ipaddress.ip_address(address), private) for address in addresses):
+        raise ForbiddenAddressError(_REFUSAL)
+    return addresses

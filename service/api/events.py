@@ -1,0 +1,76 @@
+"""The route of server-sent events: what happens to a job, as it happens."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from typing import Annotated
+
+from fastapi import APIRouter, Header
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import Response
+from fastapi.sse import KEEPALIVE_COMMENT, EventSourceResponse, format_sse_event
+
+from service.api.callers import Caller, Calling, find
+from service.api.context import Context, Parts
+from service.api.problems import responses
+from service.api.watching import Snapshot, Watching, answers
+from service.errors import UnknownJobError
+
+router = APIRouter(tags=["jobs"])
+
+_KEEP_ALIVE_SECONDS = 15.0
+_RETRY_MS = 2000
+
+
+@router.get(
+    "/jobs/{job_id}/events",
+    response_class=Response,  # what FastAPI makes of the other class cannot answer 204
+    responses={
+        200: {
+            "description": "The job as GET /jobs/{job_id} shows it, at once and after each change, "
+            "to the last one when it has ended; the event `deleted` when it is deleted.",
+            "content": {"text/event-stream": {"schema": {"type": "string"}}},
+        },
+        204: {"description": "The job has ended and Last-Event-ID names its last event."},
+        **responses(UnknownJobError, status=(503,)),
+    },
+)
+async def watch_job(
+    context: Parts,
+    caller: Calling,
+    job_id: str,
+    last_event_id: Annotated[
+        str | None, Header(description="Id of the last event seen: only what came after is sent.")
+    ] = None,
+) -> Response:
+    """Watch a job by server-sent events."""
+    first = await run_in_threadpool(_look, context, caller, job_id)
+    if first.ended and first.mark == last_event_id:
+        return Response(status_code=204)  # which tells a browser not to come again
+    headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+    return EventSourceResponse(_events(context.watching, job_id, last_event_id), headers=headers)
+
+
+def _look(context: Context, caller: Caller, job_id: str) -> Snapshot:
+    with context.engine.connect() as connection:
+        job = find(connection, caller, job_id)
+        ((_, answer),) = answers(connection, context.settings, [job])
+    return Snapshot(answer, job.revision, job.ended)
+
+
+async def _events(watching: Watching, job_id: str, seen: str | None) -> AsyncIterator[bytes]:
+    yield format_sse_event(retry=_RETRY_MS)
+    with watching.watch(job_id) as watched:
+        while not watching.closed:
+            latest = watched.latest
+            if watched.gone:
+                yield format_sse_event(event="deleted", data_str=f'{{"id": "{job_id}"}}')
+                return
+            if latest and latest.mark != seen:
+                seen = latest.mark
+                yield format_sse_event(data_str=latest.answer.model_dump_json(), id=seen)
+                if latest.ended:
+                    return
+                continue  # more may have come while this was sent
+            if not await watched.change(_KEEP_ALIVE_SECONDS):
+                yield KEEPALIVE_COMMENT

@@ -1,0 +1,77 @@
+"""Headers of every answer that tell browsers to do nothing with it that nobody asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from starlette.datastructures import MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+DEFAULTS = {
+    "Cache-Control": "no-store",
+    "Content-Security-Policy": "default-src 'none'; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+}
+"""A route that needs another value sends that."""
+
+_STRICT_TRANSPORT = "max-age=31536000"
+
+METHODS = ["GET", "HEAD", "POST", "PATCH", "DELETE"]
+SENT = [
+    "Authorization",
+    "Content-Type",
+    "Idempotency-Key",
+    "If-None-Match",
+    "Last-Event-ID",
+    "Prefer",
+    "Range",
+    "traceparent",
+    "Tus-Resumable",
+    "Upload-Length",
+    "Upload-Metadata",
+    "Upload-Offset",
+]
+SHOWN = [
+    "Content-Range",
+    "ETag",
+    "Idempotency-Replayed",
+    "Location",
+    "Retry-After",
+    "Trace-Id",
+    "Tus-Resumable",
+    "Upload-Length",
+    "Upload-Offset",
+]
+"""What pages of the origins that LIGHTLAYERS_ORIGINS names may use, send and read (CORS)."""
+
+
+class SafeHeaders:
+    """Adds the defaults to every answer that has none of its own."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+
+        async def send_with_defaults(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in _defaults(scope["scheme"]):
+                    headers.setdefault(name, value)
+            await send(message)
+
+        await self._app(scope, receive, send_with_defaults)
+
+
+def _defaults(scheme: str) -> Iterable[tuple[str, str]]:
+    yield from DEFAULTS.items()
+    if scheme == "https":
+        yield "Strict-Transport-Security", _STRICT_TRANSPORT

@@ -1,0 +1,78 @@
+"""`lightlayers jobs`: what operators see and do, on the database, for the jobs of all owners."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from service.states import State
+
+if TYPE_CHECKING:
+    from service.desk import Desk
+
+app = typer.Typer(
+    help="See and mend the jobs of a service.", no_args_is_help=True, rich_markup_mode=None
+)
+
+Id = Annotated[str, typer.Argument(metavar="ID", help="Id of the job.")]
+
+
+@app.command()
+def ls(
+    state: Annotated[State | None, typer.Option(help="Only jobs in this state.")] = None,
+    limit: Annotated[int, typer.Option(min=1, help="How many, the newest first.")] = 50,
+) -> None:
+    """List jobs: id, state, stage, attempt, when made, owner."""
+    with _desk() as desk:
+        for job in desk.newest(state, limit):
+            stage = f"{job.stage} {job.fraction:.0%}" if job.stage else ""
+            made = datetime.fromtimestamp(job.created, UTC).isoformat(timespec="seconds")
+            line = f"{job.id}  {job.state:<10} {stage:<13} {job.attempt:>2}  {made}  {job.owner}"
+            print(line.rstrip())
+
+
+@app.command()
+def show(job_id: Id) -> None:
+    """Print all that is known of a job, as JSON."""
+    with _desk() as desk:
+        job = desk.find(job_id)
+    known: dict[str, Any] = asdict(job)
+    del known["request_hash"]
+    if known["webhook"]:  # its secret is nobody's business
+        known["webhook"] = {"url": known["webhook"].get("url")}
+    for moment in ("created", "started", "finished", "deadline", "expires"):
+        if known[moment] is not None:
+            known[moment] = datetime.fromtimestamp(known[moment], UTC).isoformat()
+    print(json.dumps(known, indent=2, ensure_ascii=False))
+
+
+@app.command()
+def retry(job_id: Id) -> None:
+    """Make a new job like one that failed or was canceled, of the same owner; print its id.
+
+    The old job stays as it ended: whoever was told so may rely on it.
+    """
+    with _desk() as desk:
+        print(desk.retry(job_id))
+
+
+@app.command()
+def cancel(job_id: Id) -> None:
+    """Stop a job; print its state. One that has ended stays as it is."""
+    with _desk() as desk:
+        print(desk.cancel(job_id))
+
+
+@contextlib.contextmanager
+def _desk() -> Iterator[Desk]:
+    from service.desk import open_desk
+    from service.settings import Settings
+
+    with open_desk(Settings()) as desk:
+        yield desk

@@ -1,0 +1,177 @@
+"""One HTML page of a result that needs nothing beside it: pictures, lamps, warnings, figures."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import cv2
+import numpy as np
+
+from pipeline.errors import InputError
+from service.cli.options import read_file
+
+_LONGEST_SIDE = 1400
+_JPEG_QUALITY = 88
+_CAPTIONS = {
+    "white_balanced_1.jpg": "Every lamp replaced by the neutral light",
+    "white_balanced_2.jpg": "All light replaced by the neutral light",
+    "response.jpg": "As the other camera would have seen it",
+    "normals.png": "Surface normals: red to the right, green up, blue to the viewer",
+    "gamma.png": "The light of every pixel without its surface, and the lamps found in it",
+    "residual.png": "What the lamps found do not explain",
+    "confidence.tif": "White where the layers were separated, black where they are filled in",
+    "normals_confidence.tif": "How far each normal can be trusted",
+}
+
+Html = str
+"""Text in which everything that is not ours is escaped."""
+
+
+def write_report(folder: Path, target: Path) -> Path:
+    """Write the page of the results in a folder; its path.
+
+    Raises InputError where the folder holds no results or the page cannot be written.
+    """
+    manifest = _manifest(folder)
+    page = Template((files("service.cli") / "report.html").read_text(encoding="utf-8"))
+    try:
+        values = {
+            "title": escape(f"Light of {_count(len(manifest['lamps']), 'lamp')}"),
+            "summary": _summary(manifest),
+            "warnings": _warnings(manifest["warnings"]),
+            "pictures": "\n".join(_pictures(folder, manifest)),
+            "lamps": _lamps(manifest["lamps"]),
+            "facts": _facts(manifest),
+            "files": _files(manifest["files"]),
+        }
+    except (KeyError, TypeError) as error:
+        raise InputError(
+            f"The manifest in {folder} is not that of a separation, or of another version."
+        ) from error
+    try:
+        target.write_text(page.substitute(values), encoding="utf-8")
+    except OSError as error:
+        reason = (error.strerror or "it cannot be written").lower()
+        raise InputError(f"The page {target} cannot be written: {reason}.") from error
+    return target
+
+
+def _manifest(folder: Path) -> dict[str, Any]:
+    data = read_file(folder / "manifest.json", "manifest")
+    try:
+        manifest = json.loads(data)
+    except ValueError:
+        manifest = None
+    if not isinstance(manifest, dict) or "lamps" not in manifest:
+        raise InputError(f"The manifest in {folder} is not that of a separation.")
+    return manifest
+
+
+def _summary(manifest: Mapping[str, Any]) -> Html:
+    lights = manifest["lights"]
+    asked = "" if lights["requested"] == "auto" else f" ({lights['requested']} asked for)"
+    filled = 100 * manifest["filled"]
+    return escape(
+        f"{_count(lights['found'], 'lamp')} found{asked}, number certain to "
+        f"{100 * lights['confidence']:.0f} %. {filled:.1f} % of the picture is filled in from its "
+        f"surroundings. Camera: {manifest['camera']['name']} ({manifest['camera']['source']}); "
+        f"flash: {manifest['flash']['name']} ({manifest['flash']['source']})."
+    )
+
+
+def _warnings(warnings: Sequence[Mapping[str, Any]]) -> Html:
+    if not warnings:
+        return "<p>No warnings.</p>"
+    items = "".join(f"<li>{escape(warning['message'])}</li>" for warning in warnings)
+    return f"<h2>Warnings</h2>\n<ul>{items}</ul>"
+
+
+def _pictures(folder: Path, manifest: Mapping[str, Any]) -> Iterable[Html]:
+    names = [file["name"] for file in manifest["files"]]
+    lamps = {f"{lamp['name']}.jpg": f"The light of {lamp['name']}" for lamp in manifest["lamps"]}
+    captions = lamps | _CAPTIONS
+    for name in sorted(set(names) & set(captions), key=list(captions).index):
+        data = base64.b64encode(_small(folder / name)).decode()
+        caption = escape(captions[name])
+        yield (
+            f'<figure><img alt="{caption}" src="data:image/jpeg;base64,{data}">'
+            f"<figcaption>{caption}</figcaption></figure>"
+        )
+
+
+def _small(path: Path) -> bytes:
+    """Give a picture of the results as a JPEG of at most _LONGEST_SIDE pixels a side."""
+    read = np.frombuffer(read_file(path, "picture"), np.uint8)
+    picture = cv2.imdecode(read, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR)
+    if picture is None:
+        raise InputError(f"The picture {path} is damaged.")
+    if picture.dtype == np.uint16:
+        picture = cv2.convertScaleAbs(picture, alpha=1 / 257)
+    scale = _LONGEST_SIDE / max(picture.shape)
+    if scale < 1:
+        picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    _, coded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    return coded.tobytes()
+
+
+def _lamps(lamps: Sequence[Mapping[str, Any]]) -> Html:
+    rows = []
+    for lamp in lamps:
+        chip = f'<span class="chip" style="background: {escape(lamp["srgb"])}"></span>'
+        rows.append(
+            [
+                escape(lamp["name"]),
+                chip,
+                f"{lamp['cct_k']:.0f} K" if lamp["cct_k"] else "none",
+                "none" if lamp["duv"] is None else f"{lamp['duv']:+.3f}",
+                escape(f"{lamp['family']} ({lamp['family_confidence']:.2f})"),
+                f"{lamp['confidence']:.2f}",
+                f"{100 * lamp['separated_share']:.0f} %",
+            ]
+        )
+    heads = ["lamp", "colour", "temperature", "Duv", "family", "confidence", "light separated"]
+    return _table(heads, rows)
+
+
+def _facts(manifest: Mapping[str, Any]) -> Html:
+    rows = []
+    for name, words in {"no_flash": "without the flash", "flash": "with the flash"}.items():
+        photograph = manifest["inputs"][name]
+        facts = ", ".join(f"{key} {value}" for key, value in photograph.items() if value)
+        rows.append([words, escape(facts)])
+    options = {key: value for key, value in manifest["options"].items() if value not in (None, [])}
+    short = {key: _short(value) for key, value in options.items()}
+    rows.append(["options", escape(", ".join(f"{key} {value}" for key, value in short.items()))])
+    versions = manifest["versions"].items()
+    rows.append(["versions", escape(", ".join(f"{key} {value}" for key, value in versions))])
+    return _table(["", ""], rows)
+
+
+def _short(value: Any) -> str:
+    text = value if isinstance(value, str) else json.dumps(value)
+    return text if len(text) <= 80 else f"{text[:79]}…"
+
+
+def _files(listed: Sequence[Mapping[str, Any]]) -> Html:
+    rows = [
+        [escape(file["name"]), escape(file["encoding"]), escape(file["colour_space"] or "")]
+        for file in listed
+    ]
+    return _table(["file", "encoding", "colour space"], rows)
+
+
+def _table(heads: Sequence[Html], rows: Iterable[Sequence[Html]]) -> Html:
+    head = "".join(f"<th>{cell}</th>" for cell in heads)
+    body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"

@@ -1,0 +1,132 @@
+"""Separates all pairs of a folder, and says which photographs were in none."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Column, Table
+from rich.text import Text
+
+from pipeline.decode.signatures import kind_of
+from pipeline.errors import InputError
+from pipeline.options import Options
+from pipeline.pairs import Pairs, find_pairs, read_shot
+from pipeline.process import separate_files
+from pipeline.progress import Progress
+from service.cli.display import stage_bar
+from service.cli.folder import new_results
+from service.cli.options import read_file
+
+REFUSED = 2
+"""Exit code when a pair could not be separated."""
+
+
+def separate_folder(folder: Path, output: Path, options: Options, as_json: bool) -> int:
+    """Separate every pair of a folder into a folder of its own in `output`; the exit code.
+
+    A pair that cannot be separated does not keep the others from it. Raises InputError where the
+    folder cannot be read or has no pair.
+    """
+    pairs = _pairs_of(folder)
+    if not pairs.found:
+        raise InputError(_no_pair(folder, pairs))
+    results: list[dict[str, Any]] = []
+    for number, (no_flash, flash) in enumerate(pairs.found, 1):
+        print(f"Pair {number} of {len(pairs.found)}: {no_flash}, {flash}", file=sys.stderr)
+        target = output / _own_name(no_flash, [first for first, _ in pairs.found])
+        result: dict[str, Any] = {"no_flash": no_flash, "flash": flash, "folder": str(target)}
+        try:
+            result |= {"manifest": _separate(folder, no_flash, flash, target, options)}
+        except InputError as error:
+            result |= {"error": str(error)}
+        results.append(result)
+    if as_json:
+        json.dump({"pairs": results, "left": pairs.left}, sys.stdout, indent=2, ensure_ascii=False)
+        print()
+    else:
+        _print(results, pairs.left)
+    return REFUSED if any("error" in result for result in results) else 0
+
+
+def _pairs_of(folder: Path) -> Pairs:
+    try:
+        files = sorted(path for path in folder.iterdir() if path.is_file())
+    except NotADirectoryError as error:
+        raise InputError(
+            f"{folder} is one photograph: name the one with the flash, too, or a folder of pairs."
+        ) from error
+    except OSError as error:
+        reason = (error.strerror or "it cannot be read").lower()
+        raise InputError(f"The folder {folder} cannot be read: {reason}.") from error
+    shots = {}
+    unreadable: dict[str, str] = {}
+    jpegs: set[str] = set()
+    for path in files:
+        data = read_file(path, "photograph")
+        try:
+            shots[path.name] = read_shot(data)
+        except InputError:
+            unreadable[path.name] = "it is no photograph that can be read"
+            continue
+        if kind_of(data) == "JPEG":
+            jpegs.add(path.name)
+    stems = {Path(name).stem for name in shots if name not in jpegs}
+    twins = {name for name in jpegs if Path(name).stem in stems}
+    found = find_pairs({name: shot for name, shot in shots.items() if name not in twins})
+    beside = dict.fromkeys(twins, "another file of this name holds more of the photograph")
+    return Pairs(found.found, dict(sorted((found.left | beside | unreadable).items())))
+
+
+def _no_pair(folder: Path, pairs: Pairs) -> str:
+    if not pairs.left:
+        return f"The folder {folder} is empty."
+    name, reason = next(iter(pairs.left.items()))
+    return (
+        f"The folder {folder} has no pair, taken with and without the flash shortly after each "
+        f"other: {name}, for one: {reason}."
+    )
+
+
+def _own_name(no_flash: str, all_of_them: list[str]) -> str:
+    stem = Path(no_flash).stem
+    return no_flash if [Path(name).stem for name in all_of_them].count(stem) > 1 else stem
+
+
+def _separate(
+    folder: Path, no_flash: str, flash: str, target: Path, options: Options
+) -> dict[str, Any]:
+    before, after = (read_file(folder / name, "photograph") for name in (no_flash, flash))
+    with new_results(target) as results, stage_bar() as report:
+        return separate_files(before, after, options, results, Progress(report))
+
+
+def _print(results: list[dict[str, Any]], left: Mapping[str, str]) -> None:
+    console = Console(highlight=False)
+    columns = (
+        Column(name, overflow="fold") for name in ("photographs", "lamps", "warnings", "results")
+    )
+    table = Table(*columns)
+    for result in results:
+        names = Text(f"{result['no_flash']}\n{result['flash']}")
+        if "error" in result:
+            table.add_row(names, "", "", Text(result["error"]))
+            continue
+        manifest = result["manifest"]
+        codes = "\n".join(warning["code"] for warning in manifest["warnings"])
+        table.add_row(names, _lamps(manifest["lamps"]), codes, Text(result["folder"]))
+    console.print(table)
+    for name, reason in left.items():
+        console.print(Text(f"Left out: {name}: {reason}."), soft_wrap=True)
+
+
+def _lamps(lamps: list[Mapping[str, Any]]) -> Text:
+    lines = []
+    for lamp in lamps:
+        kelvin = f"{lamp['cct_k']:.0f} K" if lamp["cct_k"] else lamp["family"]
+        lines.append(Text.assemble(("██", lamp["srgb"]), f" {kelvin}"))
+    return Text("\n").join(lines)

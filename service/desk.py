@@ -1,0 +1,111 @@
+"""What operators do with jobs of all owners, straight on database, queue and store."""
+
+from __future__ import annotations
+
+import contextlib
+import uuid
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import sqlalchemy as sa
+from obstore.exceptions import BaseError
+
+from service import jobs
+from service.attempt import FRAMES, describe_inputs, inputs_key
+from service.engine import Queue
+from service.errors import NotReadyError, UnknownJobError
+from service.opening import open_database, open_storage
+from service.settings import Settings
+from service.states import State
+from service.storage import Storage
+
+_RETRIED = (State.FAILED, State.CANCELED)
+
+
+@dataclass(frozen=True)
+class Desk:
+    """The parts of a service that its operator works on."""
+
+    engine: sa.Engine
+    queue: Queue
+    storage: Storage
+
+    def newest(self, state: State | None, limit: int) -> list[jobs.Job]:
+        """Up to `limit` jobs, newest first; state: those in it only."""
+        with self.engine.connect() as connection:
+            return jobs.newest(connection, state, limit)
+
+    def find(self, job_id: str) -> jobs.Job:
+        """Find a job. Raises UnknownJobError."""
+        with self.engine.connect() as connection:
+            return _known(jobs.find(connection, job_id), job_id)
+
+    def cancel(self, job_id: str) -> State:
+        """Stop a job; its state then. Raises UnknownJobError."""
+        with self.engine.begin() as connection:
+            jobs.request_cancel(connection, job_id)
+            job = _known(jobs.find(connection, job_id), job_id)
+        if job.state == State.CANCELED:
+            self.queue.withdraw(job_id)
+        return job.state
+
+    def retry(self, job_id: str) -> str:
+        """Make a job like this one, which has failed or was canceled; the id of the new one.
+
+        Raises UnknownJobError or NotReadyError.
+        """
+        job = self.find(job_id)
+        if job.state not in _RETRIED:
+            raise NotReadyError(
+                f"The job is {job.state}; one that is failed or canceled can be made anew."
+            )
+        new_id = uuid.uuid4().hex
+        values: dict[str, Any] = {
+            "id": new_id,
+            "owner": job.owner,
+            "priority": job.priority,
+            "options": job.options,
+            "capture": job.capture,
+            "inputs": self._copy_pair(job, new_id) if job.inputs else None,
+            "webhook": job.webhook,
+            "trace_id": uuid.uuid4().hex,
+            "request_hash": job.request_hash,
+        }
+        with self.engine.begin() as connection:
+            jobs.add(connection, values)
+            self.queue.submit(connection, new_id)
+        return new_id
+
+    def _copy_pair(self, job: jobs.Job, new_id: str) -> dict[str, Any]:
+        assert job.inputs is not None
+        keys = {frame: inputs_key(new_id, frame) for frame in FRAMES}
+        try:
+            for frame, key in keys.items():
+                self.storage.copy(inputs_key(job.id, frame), key)
+            self.storage.flush(keys.values())
+        except (BaseError, FileNotFoundError) as error:
+            self.storage.delete_below(f"jobs/{new_id}/")
+            if isinstance(error, FileNotFoundError):
+                raise NotReadyError(
+                    "The photographs of the job are removed; send them again."
+                ) from error
+            raise
+        return describe_inputs(new_id, {name: job.inputs[name]["sha256"] for name in FRAMES})
+
+
+@contextlib.contextmanager
+def open_desk(settings: Settings) -> Iterator[Desk]:
+    """Open the parts for as long as the block. Raises StartError."""
+    with contextlib.ExitStack() as stack:
+        engine = open_database(settings)
+        stack.callback(engine.dispose)
+        queue = Queue(engine)
+        stack.callback(queue.close)
+        yield Desk(engine, queue, open_storage(settings))
+
+
+def _known(job: jobs.Job | None, job_id: str) -> jobs.Job:
+    if job is None:
+        raise UnknownJobError(f"There is no job {job_id[:32]!r}; it may have been deleted.")
+    return job

@@ -1,0 +1,299 @@
+"""Looks at a set-up as its processes would find it, and says what is wrong and what to do."""
+
+from __future__ import annotations
+
+import difflib
+import importlib.metadata
+import os
+import platform
+import resource
+import shutil
+import socket
+import sys
+import tempfile
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import httpx
+import sqlalchemy as sa
+from obstore.exceptions import BaseError
+from pydantic import ValidationError
+
+import pipeline
+from service import census, database, migrations
+from service.errors import StartError, sentence_of
+from service.opening import cause_of, open_storage
+from service.settings import Settings
+
+_PREFIX = "LIGHTLAYERS_"
+_NOT_SETTINGS = ("LIGHTLAYERS_SPECTRA", "LIGHTLAYERS_MAX_PIXELS")
+"""Variables that are read elsewhere."""
+
+_CLOCKS_APART_SECONDS = 5
+_OPEN_FILES = 1024
+_LIBRARIES = ("lightlayers", "dbos", "fastapi", "numpy", "obstore", "opencv-python-headless")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What was found of one part; "note" is worth knowing and stops nothing."""
+
+    grade: Literal["ok", "note", "wrong"]
+    part: str
+    sentence: str
+
+
+def examine() -> Iterator[Finding]:
+    """Look at everything, one finding after the other."""
+    yield _versions()
+    yield from _variables()
+    try:
+        settings = Settings()
+    except ValidationError as error:
+        yield Finding("wrong", "settings", sentence_of(error))
+        return
+    for look in (_folder, _database, _store, _disk, _memory, _files, _kernels, _ports):
+        yield from look(settings)
+
+
+def _versions() -> Finding:
+    numbers = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in _LIBRARIES)
+    return Finding("ok", "versions", f"{numbers}, Python {platform.python_version()}.")
+
+
+def _variables() -> Iterator[Finding]:
+    known = [_PREFIX + name.upper() for name in Settings.model_fields] + [*_NOT_SETTINGS]
+    strange = sorted(name for name in os.environ if name.startswith(_PREFIX) and name not in known)
+    endings = [name.removeprefix(_PREFIX) for name in known]
+    for name in strange:
+        near = difflib.get_close_matches(name.removeprefix(_PREFIX), endings, 1)
+        advice = f"did you mean {_PREFIX}{near[0]}?" if near else "take it out."
+        yield Finding("wrong", "variables", f"{name} is no setting; {advice}")
+    if not strange:
+        yield Finding("ok", "variables", f"every {_PREFIX}… variable is a setting.")
+
+
+def _folder(settings: Settings) -> Iterator[Finding]:
+    folder = settings.data_dir
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        yield Finding(
+            "wrong",
+            "data_dir",
+            f"{folder} cannot be written ({_reason(error)}): give it to the user that runs the "
+            "service, or set LIGHTLAYERS_DATA_DIR.",
+        )
+        return
+    if folder.stat().st_mode & 0o077:
+        yield Finding(
+            "note",
+            "data_dir",
+            f"other users of this machine may look into {folder}: chmod 700 keeps photographs "
+            "private.",
+        )
+    else:
+        yield Finding("ok", "data_dir", f"{folder} can be written, by its user alone.")
+
+
+def _database(settings: Settings) -> Iterator[Finding]:
+    if _is_missing_file(settings.database_url):
+        yield Finding("note", "database", "there is none yet; `lightlayers serve` makes it.")
+        return
+    try:
+        engine = database.connect(settings.database_url)
+    except (sa.exc.SQLAlchemyError, OSError, ImportError) as error:
+        yield _no_database(error)
+        return
+    try:
+        yield Finding("ok", "database", f"it answers, at schema {migrations.check(engine)}.")
+        yield _clock(engine)
+        yield _workers(engine, settings)
+    except migrations.SchemaError as error:
+        yield Finding("wrong", "database", str(error))
+    except (sa.exc.SQLAlchemyError, OSError) as error:
+        yield _no_database(error)
+    finally:
+        engine.dispose()
+
+
+def _is_missing_file(url: str) -> bool:
+    try:
+        parsed = sa.make_url(url)
+    except sa.exc.ArgumentError:
+        return False
+    return parsed.get_backend_name() == "sqlite" and not Path(parsed.database or "").is_file()
+
+
+def _no_database(error: Exception) -> Finding:
+    return Finding(
+        "wrong",
+        "database",
+        f"it does not answer ({cause_of(error)}): start it, or correct LIGHTLAYERS_DATABASE_URL.",
+    )
+
+
+def _clock(engine: sa.Engine) -> Finding:
+    with engine.connect() as connection:
+        apart = abs(connection.execute(sa.select(database.now())).scalar_one() - time.time())
+    if apart > _CLOCKS_APART_SECONDS:
+        return Finding(
+            "wrong",
+            "clock",
+            f"it differs by {apart:.0f} s from the database's: keep both by NTP, for S3 refuses "
+            "requests of a wrong time.",
+        )
+    return Finding("ok", "clock", "it agrees with the database's.")
+
+
+def _workers(engine: sa.Engine, settings: Settings) -> Finding:
+    with engine.connect() as connection:
+        living = census.living_workers(connection, settings.silence_seconds)
+        waiting = census.longest_wait(connection)
+    if not living:
+        return Finding("wrong", "workers", "none lives: start one with `lightlayers worker`.")
+    return Finding("ok", "workers", f"{living} live; the oldest job has waited {waiting:.0f} s.")
+
+
+def _store(settings: Settings) -> Iterator[Finding]:
+    key = f"health/{uuid.uuid4().hex}"
+    try:
+        storage = open_storage(settings)
+        storage.put(key, b"light")
+        read = storage.get(key)
+        storage.delete_below("health/")
+    except StartError as error:
+        yield Finding("wrong", "store", str(error))
+        return
+    except (BaseError, OSError) as error:
+        yield Finding(
+            "wrong",
+            "store",
+            f"it answers and cannot be written ({cause_of(error)}): allow reading, writing, "
+            "listing and deleting.",
+        )
+        return
+    grade: Literal["ok", "wrong"] = "ok" if read == b"light" else "wrong"
+    yield Finding(grade, "store", "what is written can be read, listed and deleted.")
+
+
+def _disk(settings: Settings) -> Iterator[Finding]:
+    folder = next(path for path in (settings.data_dir, *settings.data_dir.parents) if path.exists())
+    free = shutil.disk_usage(folder).free
+    said = f"{free / 2**30:.1f} GiB are free at {folder}"
+    if free < max(settings.free_bytes, settings.upload_bytes):
+        yield Finding("wrong", "disk", f"{said}: new jobs are refused; make room.")
+    else:
+        yield Finding("ok", "disk", f"{said}.")
+
+
+def _memory(settings: Settings) -> Iterator[Finding]:
+    _, most = resource.getrlimit(resource.RLIMIT_AS)
+    needed = settings.job_memory_bytes
+    if most not in (resource.RLIM_INFINITY,) and most < needed:
+        yield Finding(
+            "wrong",
+            "memory",
+            f"ulimit -v allows {most / 2**30:.1f} GiB, less than LIGHTLAYERS_JOB_MEMORY_BYTES: "
+            "raise the one or lower the other.",
+        )
+        return
+    there = _memory_bytes()
+    wanted = needed * settings.worker_concurrency
+    said = f"{there / 2**30:.1f} GiB for {settings.worker_concurrency} job(s) at a time"
+    if there < wanted:
+        yield Finding(
+            "note",
+            "memory",
+            f"{said}, which may take {wanted / 2**30:.1f} GiB of addresses: large photographs may "
+            "be killed by the system; lower LIGHTLAYERS_JOB_MEMORY_BYTES to have them told.",
+        )
+    else:
+        yield Finding("ok", "memory", f"{said}.")
+
+
+def _memory_bytes() -> int:
+    """Memory of this machine, or of the container that we are in."""
+    there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    limit = Path("/sys/fs/cgroup/memory.max")
+    text = limit.read_text().strip() if limit.exists() else "max"
+    return there if text == "max" else min(there, int(text))
+
+
+def _files(_settings: Settings) -> Iterator[Finding]:
+    soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft != resource.RLIM_INFINITY and soft < _OPEN_FILES:
+        yield Finding(
+            "wrong", "ulimits", f"ulimit -n is {soft}, too few files: make it {_OPEN_FILES}."
+        )
+    else:
+        yield Finding("ok", "ulimits", f"ulimit -n is {soft}.")
+
+
+def _kernels(_settings: Settings) -> Iterator[Finding]:
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    folder = Path(given) if given else Path(pipeline.__file__).parent
+    compiled = any(folder.rglob("*.nbi"))
+    probe = folder if given else folder / "__pycache__"
+    writable = os.access(probe if probe.exists() else folder, os.W_OK)
+    if compiled and writable:
+        yield Finding("ok", "kernels", f"they are compiled, below {folder}.")
+        return
+    if not writable:
+        yield Finding(
+            "wrong",
+            "kernels",
+            f"{probe} cannot be written, so that each process compiles them anew: give it to the "
+            "user that runs the service, or set NUMBA_CACHE_DIR.",
+        )
+        return
+    command = f"{Path(sys.executable).name} -m service.compile"
+    yield Finding("note", "kernels", f"they will be compiled by the first jobs: run `{command}`.")
+
+
+def _ports(settings: Settings) -> Iterator[Finding]:
+    yield _port(settings.host, settings.port, "port", _is_ours)
+    if settings.metrics_port is not None:
+        yield _port(settings.metrics_host, settings.metrics_port, "metrics_port", _is_metrics)
+
+
+def _port(host: str, port: int, name: str, ours: Callable[[str], bool]) -> Finding:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        socket.create_server((host, port), family=family).close()
+        return Finding("ok", name, f"{port} of {host} is free.")
+    except OSError as error:
+        local = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
+        if ours(f"http://{f'[{local}]' if ':' in local else local}:{port}"):
+            return Finding("ok", name, f"lightlayers answers at {port} of {host}.")
+        setting = _PREFIX + name.upper()
+        return Finding(
+            "wrong",
+            name,
+            f"{port} of {host} cannot be listened on ({_reason(error)}): set another {setting}.",
+        )
+
+
+def _is_ours(url: str) -> bool:
+    return '"status":"ok"' in _asked(f"{url}/healthz")
+
+
+def _is_metrics(url: str) -> bool:
+    return "lightlayers_database_up" in _asked(f"{url}/metrics")
+
+
+def _asked(url: str) -> str:
+    try:
+        return httpx.get(url, timeout=5).text
+    except httpx.HTTPError:
+        return ""
+
+
+def _reason(error: OSError) -> str:
+    return (error.strerror or "unknown reason").lower()

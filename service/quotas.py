@@ -1,0 +1,75 @@
+"""Holds keys to their quotas, which the rows of jobs and of keys tell together."""
+
+from __future__ import annotations
+
+import sqlalchemy as sa
+
+from service.database import jobs, keys, now
+from service.errors import QuotaError, StoredQuotaError
+from service.states import State
+
+_DAY_SECONDS = 86400
+_WAITING_RETRY_SECONDS = 10
+
+
+def check(connection: sa.Connection, key_id: str) -> None:
+    """Refuse another job of a key that has used up a quota.
+
+    Raises QuotaError for jobs, StoredQuotaError for bytes. Of requests that come at once more may
+    pass than there is room for: charge() refuses those.
+    """
+    _check(connection, key_id, coming=1)
+
+
+def charge(connection: sa.Connection, key_id: str) -> None:
+    """Count a job that was inserted in this transaction. Raises what check() raises."""
+    day = int(_now(connection) // _DAY_SECONDS)
+    so_far = sa.case((keys.c.day == day, keys.c.jobs_of_day), else_=0)
+    # Locks the row until the end, so that jobs of the same key are counted one after the other.
+    connection.execute(
+        sa.update(keys).where(keys.c.id == key_id).values(day=day, jobs_of_day=so_far + 1)
+    )
+    _check(connection, key_id, coming=0)
+
+
+def _check(connection: sa.Connection, key_id: str, coming: int) -> None:
+    key = connection.execute(sa.select(keys).where(keys.c.id == key_id)).first()
+    if key is None:
+        return
+    if key.waiting_jobs is not None:
+        waiting = _of_jobs(connection, key_id, sa.func.count(), jobs.c.state == State.QUEUED)
+        if waiting + coming > key.waiting_jobs:
+            raise QuotaError(
+                f"This key may have {key.waiting_jobs} jobs wait at a time, and has; send this one "
+                "again when one has started.",
+                _WAITING_RETRY_SECONDS,
+            )
+    if key.jobs_per_day is not None:
+        day, second = divmod(_now(connection), _DAY_SECONDS)
+        if (key.jobs_of_day if key.day == day else 0) + coming > key.jobs_per_day:
+            raise QuotaError(
+                f"This key may make {key.jobs_per_day} jobs a day, and has; the next day begins at "
+                "midnight UTC.",
+                int(_DAY_SECONDS - second) + 1,
+            )
+    if key.stored_bytes is not None:
+        stored = _of_jobs(connection, key_id, sa.func.sum(jobs.c.stored_bytes))
+        if stored + coming > key.stored_bytes:
+            raise StoredQuotaError(
+                f"The photographs and results of this key's jobs may take {key.stored_bytes:,} "
+                "bytes, and with this one they would take more; delete jobs first."
+            )
+
+
+def _of_jobs(
+    connection: sa.Connection,
+    key_id: str,
+    figure: sa.ColumnElement[int],
+    *which: sa.ColumnElement[bool],
+) -> int:
+    query = sa.select(figure).select_from(jobs).where(jobs.c.owner == key_id, *which)
+    return int(connection.execute(query).scalar_one() or 0)
+
+
+def _now(connection: sa.Connection) -> float:
+    return connection.execute(sa.select(now())).scalar_one()

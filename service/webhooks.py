@@ -1,0 +1,161 @@
+"""Tells webhooks that jobs have ended, after the Standard Webhooks specification.
+
+An ended job with a webhook and no `delivery` is news; that is the same write as its end, so that
+none is lost. A worker that sees news queues the first telling and writes the delivery in one
+transaction. Every telling is a durable entry of the queue's; one that fails queues the next.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import logging
+import random
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+from email.utils import parsedate_to_datetime
+from typing import Any, TypeVar
+
+import sqlalchemy as sa
+from standardwebhooks import Webhook
+
+from service import jobs
+from service.addresses import parse_networks
+from service.engine import Queue
+from service.outgoing import Answer, UnansweredError, post
+from service.settings import Settings
+
+_GROWTH = 2.5
+_LONGEST_SECONDS = 86400.0
+_AT_ONCE = 100
+_OPTION_BYTES = 1000
+_RETRY_SECONDS = 1.0  # when the database is away
+
+T = TypeVar("T")
+
+log = logging.getLogger("service.webhooks")
+
+
+def queue_news(connection: sa.Connection, queue: Queue) -> int:
+    """Queue the first telling of ended jobs, within a transaction; of how many."""
+    news = jobs.with_news(connection, _AT_ONCE)
+    for job in news:
+        jobs.set_delivery(connection, job.id, _delivery("pending", 0, None))
+        queue.submit_telling(connection, job.id, 1, 0.0)
+    return len(news)
+
+
+def _delivery(state: str, attempts: int, last_status: int | None) -> dict[str, Any]:
+    return {"state": state, "attempts": attempts, "last_status": last_status}
+
+
+class Teller:
+    """Tells webhooks; `tell` is what the queue calls."""
+
+    def __init__(self, engine: sa.Engine, queue: Queue, settings: Settings) -> None:
+        self._engine = engine
+        self._queue = queue
+        self._settings = settings
+        self._private = parse_networks(settings.webhook_private)
+
+    def tell(self, job_id: str, number: int) -> None:
+        """Tell a job's webhook for the `number`th time, and write what came of it."""
+        job = self._patiently(job_id, lambda connection: jobs.find(connection, job_id))
+        if job is None or not _awaits(job, number):
+            return
+        try:
+            answer = self._post(job)
+        except Exception:  # a fault of ours: the next telling may go better
+            log.exception("webhook not told", extra={"job": job_id})
+            answer = None
+        self._patiently(job_id, lambda connection: self._record(connection, job_id, number, answer))
+
+    def _patiently(self, job_id: str, work: Callable[[sa.Connection], T]) -> T:
+        """Do it in a transaction, however long the database is away: a return would end it."""
+        while True:
+            try:
+                with self._engine.begin() as connection:
+                    return work(connection)
+            except sa.exc.DBAPIError:
+                log.exception("the database did not answer", extra={"job": job_id})
+                time.sleep(_RETRY_SECONDS)
+
+    def _post(self, job: jobs.Job) -> Answer | None:
+        fields = {"job": job.id, "trace_id": job.trace_id}
+        assert job.webhook is not None
+        body = _payload(job)
+        headers = _headers(f"job_{job.id}", job.webhook["secret"], body)
+        try:
+            answer = post(
+                job.webhook["url"], headers, body, self._private, self._settings.webhook_seconds
+            )
+        except UnansweredError as error:
+            log.info("webhook not told: %s", error, extra=fields)
+            return None
+        log.info("webhook answered %s", answer.status, extra=fields)
+        return answer
+
+    def _record(
+        self, connection: sa.Connection, job_id: str, number: int, answer: Answer | None
+    ) -> None:
+        job = jobs.find(connection, job_id)
+        if job is None or not _awaits(job, number):
+            return
+        status = answer.status if answer else None
+        if status and 200 <= status < 300:
+            state = "delivered"
+        elif status == 410 or number >= self._settings.webhook_tries:
+            state = "failed"
+        else:
+            state = "pending"
+            self._queue.submit_telling(connection, job_id, number + 1, self._pause(number, answer))
+        jobs.set_delivery(connection, job_id, _delivery(state, number, status))
+
+    def _pause(self, number: int, answer: Answer | None) -> float:
+        """Seconds until the next telling: longer each time, and not the same for all."""
+        usual = self._settings.webhook_retry_seconds * _GROWTH ** (number - 1)
+        asked = retry_after(answer.retry_after) if answer and answer.status in (429, 503) else 0.0
+        return min(max(usual * random.uniform(0.8, 1.2), asked), _LONGEST_SECONDS)
+
+
+def _awaits(job: jobs.Job, number: int) -> bool:
+    """Whether this telling is still to be done: another copy may have been quicker."""
+    delivery = job.delivery
+    return delivery is not None and delivery["state"] == "pending" and delivery["attempts"] < number
+
+
+def retry_after(header: str) -> float:
+    """Read a Retry-After header, seconds or a date; seconds from now, 0 for what is neither."""
+    if header.isascii() and header.isdecimal():
+        return float(header[:9])
+    try:
+        wanted = parsedate_to_datetime(header)
+    except ValueError:
+        return 0.0
+    return max((wanted.astimezone(UTC) - datetime.now(UTC)).total_seconds(), 0.0)
+
+
+def _headers(message_id: str, secret: str, body: bytes) -> dict[str, str]:
+    sent = datetime.now(UTC)
+    return {
+        "content-type": "application/json",
+        "user-agent": f"lightlayers/{importlib.metadata.version('lightlayers')}",
+        "webhook-id": message_id,
+        "webhook-timestamp": str(int(sent.timestamp())),
+        "webhook-signature": Webhook(secret).sign(message_id, sent, body.decode()),
+    }
+
+
+def _payload(job: jobs.Job) -> bytes:
+    # Here, so that only workers with something to tell load what makes answers.
+    from service.api.models import JobAnswer
+
+    shown = JobAnswer.of(job).model_dump(mode="json", exclude={"webhook"})
+    shown["options"] = {
+        name: value
+        for name, value in shown["options"].items()
+        if len(json.dumps(value)) <= _OPTION_BYTES
+    }
+    event = {"type": f"job.{job.state}", "timestamp": shown["finished"], "data": shown}
+    return json.dumps(event).encode()

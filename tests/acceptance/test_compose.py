@@ -1,0 +1,68 @@
+"""The compose file, as far as it can be held without containers; `make image` runs it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from service.cli import run
+from service.settings import Settings
+
+_DOCKER = Path(__file__).parents[2] / "docker"
+_OURS = ("api", "worker", "migrate", "bucket")
+
+
+@pytest.fixture(scope="module")
+def services() -> dict[str, Any]:
+    content: dict[str, Any] = yaml.safe_load((_DOCKER / "compose.yaml").read_text())["services"]
+    return content
+
+
+@pytest.mark.parametrize("name", _OURS)
+def test_our_containers_may_do_no_more_than_they_must(name: str, services: dict[str, Any]) -> None:
+    service = services[name]
+    assert service["read_only"] is True
+    assert service["cap_drop"] == ["ALL"]
+    assert service["security_opt"] == ["no-new-privileges:true"]
+    assert not {"privileged", "user", "cap_add"} & set(service)
+
+
+@pytest.mark.parametrize("name", ["api", "worker", "migrate"])
+def test_commands_and_variables_are_those_of_the_program(
+    name: str, services: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    service = services[name]
+    known = {f"LIGHTLAYERS_{setting.upper()}" for setting in Settings.model_fields}
+    given = {key for key in service["environment"] if key.startswith("LIGHTLAYERS_")}
+    assert {"LIGHTLAYERS_DATABASE_URL", "LIGHTLAYERS_STORE_URL"} <= given <= known
+    flags = [word for word in service["command"] if word.startswith("--")]
+    assert run([service["command"][0], "--help"]) == 0
+    helped = capsys.readouterr().out
+    assert all(flag in helped for flag in flags)
+
+
+def test_processes_start_in_order_and_stop_in_their_time(services: dict[str, Any]) -> None:
+    assert services["worker"]["deploy"]["replicas"] == 2
+    for name in ("api", "worker"):
+        assert services[name]["depends_on"]["migrate"] == {
+            "condition": "service_completed_successfully"
+        }
+        assert services[name]["healthcheck"]["test"][0] == "CMD"
+    drain = float(services["api"]["environment"]["LIGHTLAYERS_DRAIN_SECONDS"])
+    grace = float(services["api"]["stop_grace_period"].removesuffix("s"))
+    assert drain + Settings.model_fields["stop_seconds"].default < grace
+
+
+def test_ports_are_open_on_loopback_only(services: dict[str, Any]) -> None:
+    published = {name: service.get("ports", []) for name, service in services.items()}
+    assert published.pop("api") == ["127.0.0.1:8000:8000"]
+    assert not any(published.values())
+
+
+def test_the_image_runs_without_root() -> None:
+    last = (_DOCKER / "Dockerfile").read_text().rpartition("\nFROM ")[2]
+    assert re.search(r"^USER lightlayers$", last, re.MULTILINE)

@@ -1,0 +1,79 @@
+"""What the documentation shows works, and its pages are those of the code."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import drivers
+
+ROOT = Path(__file__).parents[2]
+
+
+def _blocks(page: str) -> list[str]:
+    return re.findall(
+        r"^```python\n(.*?)^```$", (ROOT / page).read_text(), re.DOTALL | re.MULTILINE
+    )
+
+
+@pytest.fixture
+def in_folder(tmp_path: Path) -> Callable[[str], str]:
+    """Run a program in a folder with a pair, a.jpg and b.jpg; what it prints."""
+    with drivers.open_camera("sim://studio?lights=2&width=192&height=128&format=jpeg") as camera:
+        pair = drivers.capture_pair(camera)
+    (tmp_path / "a.jpg").write_bytes(pair.no_flash.best)
+    (tmp_path / "b.jpg").write_bytes(pair.flash.best)
+
+    def run(program: str) -> str:
+        command = [sys.executable, "-c", program]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+        return done.stdout
+
+    return run
+
+
+def test_the_readmes_lines_of_python_separate_a_pair(
+    in_folder: Callable[[str], str], tmp_path: Path
+) -> None:
+    (block,) = _blocks("README.md")
+    assert len([line for line in block.splitlines() if line]) == 4
+    in_folder(block)
+    assert {"manifest.json", "lamp1.jpg", "lamp2.tif"} <= {
+        path.name for path in (tmp_path / "results").iterdir()
+    }
+
+
+def test_the_librarys_page_runs_from_top_to_bottom(
+    in_folder: Callable[[str], str], tmp_path: Path
+) -> None:
+    temperatures = in_folder("\n".join(_blocks("docs/library.md")))
+    assert re.fullmatch(r"\[\d+, \d+\]\n", temperatures)
+    assert (tmp_path / "a.dng").read_bytes() != (tmp_path / "b.dng").read_bytes()
+
+
+def test_the_reference_is_that_of_the_code(tmp_path: Path) -> None:
+    subprocess.run([sys.executable, "-m", "service.reference", tmp_path], cwd=ROOT, check=True)
+    stored = {path.name: path.read_text() for path in (ROOT / "docs/reference").iterdir()}
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == stored
+
+
+def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
+    command = [
+        sys.executable,
+        "-m",
+        "sphinx",
+        "-W",
+        "-q",
+        "-d",
+        f"{tmp_path}/trees",
+        f"{ROOT}/docs",
+    ]
+    done = subprocess.run([*command, f"{tmp_path}/site"], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    front = (tmp_path / "site/index.html").read_text()
+    assert not re.findall(r"<(?:script|link|img)[^>]+(?:src|href)=\"(?:https?:)?//", front)

@@ -1,0 +1,199 @@
+"""The files of a separation in programs that others wrote."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+import pytest
+import tifffile
+from numpy.typing import NDArray
+
+import drivers
+from pipeline.encode.exr import write_exr
+from pipeline.encode.glb import write_glb
+from pipeline.encode.png import NormalsPng
+from pipeline.mesh import make_mesh
+from pipeline.options import Options
+from pipeline.process import separate_files
+from pipeline.progress import Progress
+from tests.strips import write_by_strips
+
+SIZE = (192, 128)
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All outputs of a pair of the simulated camera; what tells of a surface is that of a ball."""
+    folder = tmp_path_factory.mktemp("results")
+    width, height = SIZE
+    with drivers.open_camera(f"sim://studio?lights=2&width={width}&height={height}") as camera:
+        pair = drivers.capture_pair(camera)
+    options = Options(outputs="all", lights=2, quality="fast")
+    separate_files(pair.no_flash.best, pair.flash.best, options, folder, Progress())
+    _write_ball(folder)
+    return folder
+
+
+def _write_ball(folder: Path) -> None:
+    y, x = np.mgrid[1 : -1 : SIZE[1] * 1j, -1 : 1 : SIZE[0] * 1j].astype(np.float32)
+    hidden = x**2 + y**2 > 0.9
+    z = np.sqrt(np.maximum(1 - x**2 - y**2, 0))
+    normals = np.where(hidden[..., None], np.nan, np.stack([x, y, z], axis=-1)).astype(np.float32)
+    depth = np.where(hidden, np.nan, 2 - z).astype(np.float32)
+    write_exr(folder / "depth.exr", {"Z": depth})
+    write_exr(folder / "normals.exr", {"RGB": normals})
+    write_by_strips(NormalsPng(folder / "normals.png", SIZE), normals)
+    texture = np.full((*depth.shape, 3), 0.4, np.float32)
+    write_glb(folder / "surface.glb", make_mesh(depth, normals, 200.0), texture, np.eye(3))
+
+
+@pytest.fixture(scope="module")
+def run(lacking: Callable[[str], NoReturn]) -> Callable[..., str]:
+    """Run a program; what it says."""
+
+    def call(program: str, *arguments: str | Path) -> str:
+        if shutil.which(program) is None:
+            lacking(program)
+        done = subprocess.run([program, *arguments], capture_output=True, text=True, check=True)
+        return done.stdout + done.stderr
+
+    return call
+
+
+def _lamp(results: Path, lamp: int) -> NDArray[np.uint16]:
+    with tifffile.TiffFile(results / f"lamp{lamp}.tif") as file:
+        return np.asarray(file.pages.first.asarray())
+
+
+def test_imagemagick_opens_layers_as_layers(
+    run: Callable[..., str], results: Path, tmp_path: Path
+) -> None:
+    told = run("identify", "-format", "%s %w %h %z [%l] %[compose];", results / "layers.psd")
+    assert told.split(";")[1:3] == [
+        "1 192 128 16 [lamp1] Over",
+        "2 192 128 16 [lamp2] LinearDodge",
+    ]
+    for lamp in (1, 2):
+        raw = tmp_path / f"{lamp}.rgb"
+        run("convert", f"{results / 'layers.psd'}[{lamp}]", "-depth", "16", "-endian", "LSB", raw)
+        shown = np.fromfile(raw, "<u2").reshape(SIZE[1], SIZE[0], 3)
+        np.testing.assert_allclose(shown.astype(int), _lamp(results, lamp), atol=1)
+    run("convert", f"{results / 'layers.psd'}[0]", f"icc:{tmp_path / 'profile.icc'}")
+    with tifffile.TiffFile(results / "lamp1.tif") as file:
+        assert (tmp_path / "profile.icc").read_bytes() == file.pages.first.iccprofile
+
+
+_GIMP = """
+(let* ((image (car (gimp-file-load RUN-NONINTERACTIVE "{path}" "layers.psd")))
+       (precision (car (gimp-image-get-precision image)))
+       (layers (cadr (gimp-image-get-layers image))))
+  (gimp-message (string-append "precision=" (number->string precision)))
+  (let next ((i 0))
+    (if (< i (vector-length layers))
+      (let ((layer (vector-ref layers i)))
+        (gimp-message (string-append "layer=" (car (gimp-item-get-name layer)) ","
+          (number->string (car (gimp-drawable-width layer))) ","
+          (number->string (car (gimp-layer-get-mode layer)))))
+        (next (+ i 1))))))
+"""
+_GIMP_16_BIT = ("200", "250")  # linear and with the sRGB curve
+_GIMP_NORMAL, _GIMP_ADDITION = "28", "33"
+
+
+def test_gimp_opens_layers_as_layers(run: Callable[..., str], results: Path) -> None:
+    script = " ".join(_GIMP.format(path=results / "layers.psd").split())
+    told = run("gimp-console", "-i", "-d", "-f", "-b", script, "-b", "(gimp-quit 0)")
+    precision = re.search(r"precision=(\d+)", told)
+    assert precision and precision[1] in _GIMP_16_BIT
+    layers = re.findall(r"layer=(\w+),(\d+),(\d+)", told)
+    assert layers == [("lamp2", "192", _GIMP_ADDITION), ("lamp1", "192", _GIMP_NORMAL)]
+
+
+def test_openimageio_reads_every_channel_of_layers(
+    run: Callable[..., str], results: Path, tmp_path: Path
+) -> None:
+    told = run("oiiotool", "--info", "-v", results / "layers.exr")
+    assert "192 x  128, 9 channel, float openexr" in told
+    listed = re.search(r"channel list: (.*)", told)
+    assert listed
+    lamps = [f"lamp{lamp}.{colour}" for lamp in (1, 2) for colour in "RGB"]
+    assert sorted(listed[1].split(", ")) == sorted([*"RGB", *lamps])
+    target = tmp_path / "sum.exr"
+    picked = [f"lamp{lamp}.R,lamp{lamp}.G,lamp{lamp}.B" for lamp in (1, 2)]
+    layers = results / "layers.exr"
+    run("oiiotool", layers, "--ch", picked[0], layers, "--ch", picked[1], "--add", layers, "--ch",
+        "R,G,B", "--absdiff", "--printstats", "-o", target)  # fmt: skip
+    most = re.search(r"Stats Max: ([\d.e-]+) ([\d.e-]+) ([\d.e-]+)", run(
+        "oiiotool", "--stats", target))  # fmt: skip
+    assert most and max(map(float, most.groups())) < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("name", "channels"),
+    [("depth.exr", "Z"), ("normals.exr", "R, G, B"), ("white_balanced.exr", "")],
+)
+def test_openimageio_reads_the_other_pictures_in_float(
+    name: str, channels: str, run: Callable[..., str], results: Path
+) -> None:
+    told = run("oiiotool", "--info", "-v", results / name)
+    assert "192 x  128" in told and "float openexr" in told
+    assert f"channel list: {channels}" in told
+
+
+def test_exiftool_finds_profiles_depths_and_nobody(run: Callable[..., str], results: Path) -> None:
+    names = [f"lamp1.{kind}" for kind in ("tif", "jpg")] + ["white_balanced_2.jpg", "normals.png"]
+    paths = [results / name for name in names]
+    found = {
+        Path(entry["SourceFile"]).name: entry
+        for entry in json.loads(run("exiftool", "-q", "-json", "-a", "-G", *paths))
+    }
+    for entry in found.values():
+        assert (
+            (entry["File:ImageWidth"], entry["File:ImageHeight"]) == SIZE
+            if ("File:ImageWidth" in entry)
+            else True
+        )
+        assert not [key for key in entry if re.search("GPS|Owner|Serial|Orientation", key)]
+    assert found["lamp1.jpg"]["ICC_Profile:ProfileDescription"].startswith("sRGB")
+    assert "2020" in found["lamp1.tif"]["ICC_Profile:ProfileDescription"]
+    assert found["lamp1.tif"]["EXIF:BitsPerSample"] == "16 16 16"
+    assert found["normals.png"]["PNG:BitDepth"] == 16
+    assert not [key for key in found["normals.png"] if key.startswith("ICC")]
+
+
+def test_the_gltf_validator_accepts_the_surface(
+    run: Callable[..., str], results: Path, tmp_path: Path
+) -> None:
+    run(
+        "npm",
+        "install",
+        "--prefix",
+        tmp_path,
+        "--no-audit",
+        "--no-fund",
+        "gltf-validator@2.0.0-dev.3.10",
+    )
+    script = (
+        "const v = require('gltf-validator'), fs = require('fs');"
+        "v.validateBytes(new Uint8Array(fs.readFileSync(process.argv[1])))"
+        ".then(report => console.log(JSON.stringify(report)));"
+    )
+    done = subprocess.run(
+        ["node", "-e", script, results / "surface.glb"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    report: dict[str, Any] = json.loads(done.stdout)
+    assert report["mimeType"] == "model/gltf-binary"
+    issues = report["issues"]
+    assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"]
+    assert report["info"]["totalTriangleCount"] > 1000

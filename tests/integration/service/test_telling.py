@@ -1,0 +1,119 @@
+"""Events and webhooks of a service of real processes."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sqlite3
+from typing import Any
+
+from tests.unit.service.receiver import SECRET, Receiver, receiving
+from tests.unit.service.streams import events
+
+Job = dict[str, Any]
+
+SMALL = "sim://studio?lights=2&width=128&height=96"
+
+
+def _capture(service: Any, receiver: Receiver, camera: str = SMALL) -> Job:
+    wanted = {"capture": {"camera": camera}, "webhook": {"url": receiver.url, "secret": SECRET}}
+    answer = service.http.post("/jobs", json=wanted)
+    assert answer.status_code == 202, answer.text
+    job: Job = answer.json()
+    return job
+
+
+def _told(service: Any, job: Job) -> dict[str, Any]:
+    """Wait until the webhook is told or given up; what came of it."""
+    ends = ("delivered", "failed")
+    service.await_that("it is told", lambda: service.look(job)["webhook"]["state"] in ends)
+    webhook: dict[str, Any] = service.look(job)["webhook"]
+    return webhook
+
+
+def test_a_webhook_is_told_until_it_takes_it(telling: Any) -> None:
+    with receiving(500, 302, 204, location="http://127.0.0.1:1/") as receiver:
+        job = _capture(telling, receiver)
+        told = [receiver.next() for _ in range(3)]
+        webhook = _told(telling, job)
+    assert webhook == {"url": receiver.url, "state": "delivered", "attempts": 3, "last_status": 204}
+    assert {one.headers["webhook-id"] for one in told} == {f"job_{job['id']}"}
+    end = telling.look(job)
+    for one in told:
+        assert (one.event["type"], one.event["data"]["id"]) == ("job.succeeded", job["id"])
+        assert one.event["data"]["files"] == end["files"]
+    with receiving(410) as receiver:  # one that wants to hear no more
+        running = telling.capture("sim://studio?lights=2&width=600&height=400")
+        job = _capture(telling, receiver)
+        telling.http.post(job["links"]["cancel"])
+        assert receiver.next().event["type"] == "job.canceled"
+        assert _told(telling, job)["state"] == "failed"
+        assert receiver.told.empty()
+    telling.http.delete(running["links"]["self"])
+    log = telling.log.read_text()
+    assert "webhook answered 204" in log
+    assert SECRET.removeprefix("whsec_") not in log and "token=hidden" not in log
+
+
+def test_an_end_is_told_though_its_worker_is_killed_while_it_tells(telling: Any) -> None:
+    with receiving(204) as receiver:
+        workers = telling.find("worker")
+
+        def kill() -> None:
+            if workers:
+                os.kill(workers.pop(), signal.SIGKILL)
+
+        receiver.before = kill
+        job = _capture(telling, receiver)
+        told = [receiver.next(), receiver.next()]
+        webhook = _told(telling, job)
+    assert (webhook["state"], webhook["attempts"]) == ("delivered", 1)
+    assert {one.headers["webhook-id"] for one in told} == {f"job_{job['id']}"}
+    end = telling.look(job)
+    assert (end["state"], end["attempt"]) == ("succeeded", 1)
+
+
+def test_an_end_that_was_not_queued_is_told_after_a_start(telling: Any) -> None:
+    with receiving(204) as receiver:
+        job = _capture(telling, receiver)
+        receiver.next()
+        _told(telling, job)
+        telling.stop()
+        # As a kill right after the write of the end leaves it.
+        with sqlite3.connect(telling.data / "lightlayers.sqlite") as database:
+            database.execute("UPDATE jobs SET delivery = NULL")
+            database.execute("DELETE FROM workflow_status WHERE workflow_uuid LIKE '%-webhook-%'")
+        database.close()
+        telling.start()
+        assert receiver.next().event["data"]["id"] == job["id"]
+        assert _told(telling, job)["state"] == "delivered"
+
+
+def test_a_webhook_in_a_private_network_is_refused(service: Any) -> None:
+    with receiving(204) as receiver:
+        webhook = {"url": receiver.url, "secret": SECRET}
+        wanted = {"capture": {"camera": SMALL}, "webhook": webhook}
+        answer = service.http.post("/jobs", json=wanted)
+        assert receiver.told.empty()
+    assert answer.status_code == 422
+    assert answer.json()["detail"].startswith("webhook.url: this service calls no addresses of")
+
+
+def test_a_stream_ends_with_the_service_and_goes_on_after_its_start(own_service: Any) -> None:
+    job = own_service.capture("sim://studio?lights=2&width=600&height=400")
+    path = f"{job['links']['self']}/events"
+    seen = []
+    with own_service.http.stream("GET", path) as answer:
+        for event in events(answer):
+            seen.append(event)
+            if event.data["stage"] == "decode":
+                os.kill(own_service.pid, signal.SIGTERM)
+    assert seen[-1].data["state"] in ("queued", "running")
+    assert own_service.stop() == 0
+    own_service.start()
+    with own_service.http.stream("GET", path, headers={"last-event-id": seen[-1].id}) as answer:
+        rest = list(events(answer))
+    ids = [event.id for event in (*seen, *rest) if event.data]
+    assert len(set(ids)) == len(ids)
+    assert (rest[-1].data["state"], rest[-1].data["attempt"]) == ("succeeded", 2)
+    assert own_service.http.get(path, headers={"last-event-id": ids[-1]}).status_code == 204

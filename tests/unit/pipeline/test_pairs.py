@@ -1,0 +1,70 @@
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from pipeline.decode.metadata import Metadata
+from pipeline.pairs import Shot, find_pairs
+
+ALONE = "no photograph with the other state of the flash belongs to it"
+
+
+def _shot(
+    taken_s: float | None, fired: bool | None, size: tuple[int, int] = (60, 40), **facts: Any
+) -> Shot:
+    facts = {"make": "Nikon", "model": "D5100", **facts}
+    return Shot(Metadata(taken_s=taken_s, flash_fired=fired, **facts), size)
+
+
+def test_a_pair_is_one_with_and_one_without_whichever_came_first() -> None:
+    shots = {"a": _shot(10, True), "b": _shot(12, False), "c": _shot(500, False)}
+    shots["d"] = _shot(503, True)
+    found = find_pairs(shots)
+    assert (found.found, found.left) == ([("b", "a"), ("c", "d")], {})
+
+
+def test_the_nearest_in_time_belong_together() -> None:
+    shots = {"x": _shot(0, False), "y": _shot(30, False), "z": _shot(31, True)}
+    found = find_pairs(shots)
+    assert (found.found, found.left) == ([("y", "z")], {"x": ALONE})
+
+
+def test_pairs_are_listed_in_time() -> None:
+    shots = {"e": _shot(900, False), "f": _shot(901, True), "g": _shot(5, True)}
+    shots["h"] = _shot(9, False)
+    assert find_pairs(shots).found == [("h", "g"), ("e", "f")]
+
+
+@pytest.mark.parametrize(
+    ("other", "belongs"),
+    [
+        (_shot(120, True), True),
+        (_shot(120.5, True), False),
+        (_shot(1, False), False),
+        (_shot(1, True, (40, 60)), False),
+        (_shot(1, True, model="D3500"), False),
+        (_shot(1, True, make="Canon"), False),
+    ],
+)
+def test_what_belongs_together(other: Shot, belongs: bool) -> None:
+    found = find_pairs({"a": _shot(0, False), "b": other})
+    assert found.found == ([("a", "b")] if belongs else [])
+    assert found.left == ({} if belongs else {"a": ALONE, "b": ALONE})
+
+
+def test_what_says_too_little_is_left() -> None:
+    shots = {"a": _shot(None, True), "b": _shot(0, None), "c": _shot(1, False)}
+    assert find_pairs(shots).left == {
+        "a": "its EXIF does not say when it was taken",
+        "b": "its EXIF does not say whether the flash fired",
+        "c": ALONE,
+    }
+
+
+def test_a_long_session_of_pairs_of_three_seconds() -> None:
+    shots = {}
+    for number in range(200):
+        shots[f"{number}n"] = _shot(10 * number, False)
+        shots[f"{number}f"] = _shot(10 * number + 3, True)
+    assert find_pairs(shots).found == [(f"{n}n", f"{n}f") for n in range(200)]

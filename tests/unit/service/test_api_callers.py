@@ -1,0 +1,225 @@
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import httpx
+import pytest
+
+from service import keys
+from service.api import create_app
+from service.api.callers import OPEN, Caller, scopes_for
+from service.api.context import Context
+from service.settings import Settings
+from tests.unit.service.asking import bearing, owner_of, post_capture, post_pair, problem_of
+
+Png = Callable[..., bytes]
+Finish = Callable[[str, dict[str, bytes]], None]
+CAPTURE = {"capture": {"camera": "sim://studio"}}
+
+
+def _operations() -> list[tuple[str, str]]:
+    paths: dict[str, dict[str, Any]] = create_app().openapi()["paths"]
+    return [(method.upper(), path) for path, methods in paths.items() for method in methods]
+
+
+def test_without_keys_a_service_on_loopback_asks_for_none(http: httpx.Client) -> None:
+    assert post_capture(http)["owner"] == ""
+    assert len(http.get("/jobs").json()["jobs"]) == 1
+
+
+class TestRequired:
+    @pytest.fixture
+    def settings(self, settings: Settings) -> Settings:
+        return settings.model_copy(update={"keys": "required"})
+
+    @pytest.mark.parametrize(("method", "path"), [*_operations(), ("GET", "/openapi.json")])
+    def test_every_route_but_health_needs_a_key(
+        self, method: str, path: str, http: httpx.Client
+    ) -> None:
+        answer = http.request(method, path.format(job_id="1" * 32, name="x"))
+        if path in OPEN:
+            assert answer.status_code == 200
+        else:
+            assert problem_of(answer)[:2] == (401, "unauthorized")
+            assert answer.headers["www-authenticate"] == "Bearer"
+
+    @pytest.mark.parametrize(
+        "header",
+        [
+            "Bearer",
+            "Bearer nonsense",
+            "Basic dTpw",
+            "ll_0123456789_" + "a" * 38,
+            "Bearer ' OR 1=1 --",
+            b"Bearer \xff\xfe",
+        ],
+    )
+    def test_what_is_no_key_is_refused(
+        self, header: str | bytes, http: httpx.Client, context: Context
+    ) -> None:
+        bearing(context, "admin")
+        text = header if isinstance(header, bytes) else header.encode()
+        assert http.get("/jobs", headers=[(b"authorization", text)]).status_code == 401
+
+    def test_a_revoked_key_ends_with_the_next_request(
+        self, http: httpx.Client, context: Context
+    ) -> None:
+        key = bearing(context, "read")
+        assert http.get("/jobs", headers=key).status_code == 200
+        with context.engine.begin() as connection:
+            keys.revoke(connection, owner_of(key))
+        assert http.get("/jobs", headers=key).status_code == 401
+
+    def test_use_is_seen(self, http: httpx.Client, context: Context) -> None:
+        key = bearing(context, "read")
+        http.get("/jobs", headers=key)
+        with context.engine.connect() as connection:
+            assert keys.list_keys(connection)[0].used is not None
+
+
+def test_the_first_key_ends_the_time_without_keys(http: httpx.Client, context: Context) -> None:
+    post_capture(http)
+    key = bearing(context, "read")
+    assert http.get("/jobs").status_code == 401
+    assert http.get("/jobs", headers=key).json()["jobs"] == []
+    with context.engine.begin() as connection:
+        keys.revoke(connection, owner_of(key))
+    assert http.get("/jobs").status_code == 401  # revoking the last one does not open the door
+
+
+@pytest.mark.parametrize(
+    "header", ["Forwarded", "Via", "X-Forwarded-For", "X-Forwarded-Host", "X-Real-IP"]
+)
+def test_what_a_proxy_passes_on_needs_a_key(header: str, http: httpx.Client) -> None:
+    assert http.get("/jobs", headers={header: "127.0.0.1"}).status_code == 401
+
+
+@pytest.mark.parametrize("origin", ["https://evil.example", "null", "http://127.0.0.1:1", ""])
+def test_pages_of_other_sites_make_no_jobs_without_a_key(origin: str, http: httpx.Client) -> None:
+    answer = http.post("/jobs", json=CAPTURE, headers={"origin": origin})
+    assert problem_of(answer)[:2] == (403, "foreign-origin")
+    assert http.get("/jobs").json()["jobs"] == []
+
+
+def test_its_own_pages_do(http: httpx.Client) -> None:
+    origin = str(http.base_url).rstrip("/")
+    assert http.post("/jobs", json=CAPTURE, headers={"origin": origin}).status_code == 202
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "good"),
+    [
+        ("GET", "/jobs", {"read"}),
+        ("GET", "/jobs/1", {"read"}),
+        ("GET", "/jobs/1/results", {"read"}),
+        ("GET", "/jobs/1/results/x", {"read"}),
+        ("GET", "/jobs/1/results.zip", {"read"}),
+        ("POST", "/jobs", {"submit", "capture"}),
+        ("POST", "/calibrations", {"submit"}),
+        ("POST", "/jobs/1/cancel", {"submit"}),
+        ("DELETE", "/jobs/1", {"submit"}),
+        ("GET", "/cameras", {"capture"}),
+    ],
+)
+def test_every_route_wants_its_scope(
+    method: str, path: str, good: set[str], http: httpx.Client, context: Context
+) -> None:
+    for scope in keys.Scope:
+        answer = http.request(method, path, headers=bearing(context, scope))
+        if scope in good | {"admin"}:
+            assert answer.status_code not in (401, 403)
+        else:
+            status, kind, detail = problem_of(answer)
+            assert (status, kind) == (403, "forbidden")
+            assert all(word in detail for word in good)
+
+
+def test_a_pair_wants_submit_and_a_capture_capture(
+    http: httpx.Client, context: Context, png: Png
+) -> None:
+    submit, capture = bearing(context, "submit"), bearing(context, "capture")
+    pair = png(64, 48), png(64, 48, True)
+    assert problem_of(http.post("/jobs", json=CAPTURE, headers=submit))[1] == "forbidden"
+    assert problem_of(post_pair(http, *pair, headers=capture))[1] == "forbidden"
+    assert context.storage.list("") == []
+    assert post_pair(http, *pair, headers=submit).status_code == 202
+    assert http.post("/jobs", json=CAPTURE, headers=capture).status_code == 202
+
+
+def test_a_key_sees_only_its_own_jobs(http: httpx.Client, context: Context, finish: Finish) -> None:
+    ours, theirs = (bearing(context, "submit", "read", "capture") for _ in range(2))
+    job = post_capture(http, **ours)
+    finish(job["id"], {"lamp1.jpg": b"light", "manifest.json": b"{}"})
+    here = job["links"]["self"]
+    asked = [
+        ("GET", here),
+        ("GET", f"{here}/results"),
+        ("GET", f"{here}/results/lamp1.jpg"),
+        ("HEAD", f"{here}/results/lamp1.jpg"),
+        ("GET", f"{here}/results.zip"),
+        ("GET", f"/jobs?after={job['id']}"),
+        ("POST", f"{here}/cancel"),
+        ("DELETE", here),
+    ]
+    unknown = http.get(f"/jobs/{'0' * 32}", headers=theirs).json()["title"]
+    for method, path in asked:
+        answer = http.request(method, path, headers=theirs)
+        assert answer.status_code == 404
+        if method != "HEAD":
+            assert answer.json()["title"] == unknown
+    assert http.get("/jobs", headers=theirs).json()["jobs"] == []
+    assert http.get(f"{here}/results/lamp1.jpg", headers=ours).content == b"light"
+
+
+def test_an_idempotency_key_is_each_keys_own(http: httpx.Client, context: Context) -> None:
+    made = {
+        post_capture(http, **bearing(context, "capture"), **{"idempotency-key": "once"})["id"]
+        for _ in range(2)
+    }
+    assert len(made) == 2
+
+
+def test_a_calibration_of_another_key_is_unknown(
+    http: httpx.Client, context: Context, png: Png
+) -> None:
+    ours, theirs = bearing(context, "submit"), bearing(context, "submit")
+    options = {"options": '{"kind": "flash", "card": {"x": 9, "y": 9, "radius": 3}}'}
+    files = {"no_flash": png(64, 48), "flash": png(64, 48, True)}
+    made = http.post("/calibrations", files=files, data=options, headers=ours)
+    assert made.status_code == 202
+    named = json.dumps({"flash_spectrum": {"calibration": made.json()["id"]}})
+    told = {
+        name: http.post("/jobs", files=files, data={"options": named}, headers=key).json()["detail"]
+        for name, key in (("ours", ours), ("theirs", theirs))
+    }
+    assert "wait until it has succeeded" in told["ours"]
+    assert "there is no calibration" in told["theirs"]
+
+
+def test_an_administrator_sees_and_ends_all_jobs(http: httpx.Client, context: Context) -> None:
+    owners = [bearing(context, "capture") for _ in range(2)]
+    made = [post_capture(http, **key) for key in owners]
+    admin = bearing(context, "admin")
+    found = http.get("/jobs", headers=admin).json()["jobs"]
+    assert {(job["id"], job["owner"]) for job in found} == {
+        (job["id"], owner_of(key)) for job, key in zip(made, owners, strict=True)
+    }
+    first, second = (job["links"]["self"] for job in made)
+    assert http.post(f"{first}/cancel", headers=admin).json()["state"] == "canceled"
+    assert http.delete(second, headers=admin).status_code == 204
+
+
+def test_the_document_names_the_scopes_of_every_operation() -> None:
+    document = create_app().openapi()
+    assert document["components"]["securitySchemes"]["key"]["scheme"] == "bearer"
+    for path, methods in document["paths"].items():
+        for method, operation in methods.items():
+            wanted = [] if path in OPEN else scopes_for(method.upper(), path)
+            assert operation["security"] == [{"key": [scope]} for scope in wanted]
+            assert path in OPEN or {"401", "403"} <= set(operation["responses"])
+
+
+def test_who_has_no_key_is_no_administrator() -> None:
+    assert keys.Scope.ADMIN not in Caller("").scopes

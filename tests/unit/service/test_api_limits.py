@@ -1,0 +1,74 @@
+from __future__ import annotations
+
+import socket
+import threading
+from urllib.parse import urlsplit
+
+import httpx
+import pytest
+
+from service.api import jobs as routes
+from service.api.context import Context
+from service.settings import Settings
+from tests.unit.service.asking import post_capture, problem_of
+
+
+def _connect(http: httpx.Client) -> socket.socket:
+    address = urlsplit(str(http.base_url))
+    return socket.create_connection((address.hostname, address.port), timeout=60)
+
+
+class TestFewRequests:
+    @pytest.fixture
+    def settings(self, settings: Settings) -> Settings:
+        return settings.model_copy(update={"requests": 1})
+
+    def test_more_requests_than_may_run_are_refused(
+        self, http: httpx.Client, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        inside, go_on = threading.Event(), threading.Event()
+
+        def stay(*_arguments: object) -> bool:
+            inside.set()
+            return go_on.wait(60)
+
+        monkeypatch.setattr(routes, "_has_ended", stay)
+        waiting = threading.Thread(target=post_capture, args=(http,), kwargs={"prefer": "wait=9"})
+        waiting.start()
+        assert inside.wait(60)
+        refused = http.get("/jobs")
+        assert http.get("/healthz").status_code == 200
+        go_on.set()
+        waiting.join()
+        assert problem_of(refused)[:2] == (503, "busy")
+        assert refused.json()["retryable"] and int(refused.headers["retry-after"]) > 0
+        assert refused.headers["x-content-type-options"] == "nosniff"
+        assert http.get("/jobs").status_code == 200
+
+
+class TestShortPauses:
+    @pytest.fixture
+    def settings(self, settings: Settings) -> Settings:
+        return settings.model_copy(update={"pause_seconds": 0.2})
+
+    @pytest.mark.parametrize(
+        "kind", ["application/json", "multipart/form-data; boundary=x", "multipart/form-data"]
+    )
+    def test_a_body_that_does_not_come_ends_its_request(
+        self, kind: str, http: httpx.Client, context: Context
+    ) -> None:
+        head = (
+            f"POST /jobs HTTP/1.1\r\nHost: localhost\r\nContent-Type: {kind}\r\n"
+            "Content-Length: 1000\r\n\r\n"
+        )
+        with _connect(http) as client:
+            client.sendall(head.encode() + b"--x\r\n")
+            answer = b""
+            while part := client.recv(4096):
+                answer += part
+        assert answer.startswith((b"HTTP/1.1 408", b"HTTP/1.1 400"))
+        assert b"problem:" in answer
+        assert context.storage.list("") == []
+
+    def test_who_waits_for_a_job_may_be_silent(self, http: httpx.Client) -> None:
+        assert post_capture(http, prefer="wait=1")["state"] == "queued"

@@ -1,0 +1,159 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import sqlalchemy as sa
+
+from service import jobs
+from service.api.context import Context
+from service.attempt import FRAMES, describe_inputs, inputs_key
+from service.cli import run
+from service.settings import Settings
+from service.states import State
+
+
+@pytest.fixture
+def settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Settings:
+    """The settings of the command, which reads them from the environment."""
+    monkeypatch.setenv("LIGHTLAYERS_DATA_DIR", str(tmp_path / "data"))
+    return Settings()
+
+
+@pytest.fixture(autouse=True)
+def _a_job(context: Context) -> None:
+    """One job of a pair, queued, with all that an operator may see."""
+    for frame in FRAMES:
+        context.storage.put(inputs_key("a", frame), frame.encode())
+    values: dict[str, Any] = {
+        "id": "a",
+        "owner": "key1",
+        "priority": "high",
+        "options": {"lights": 2},
+        "inputs": describe_inputs("a", dict.fromkeys(FRAMES, "digest")),
+        "webhook": {"url": "https://example.org/done", "secret": "whsec_hidden"},
+        "trace_id": "1" * 32,
+        "request_hash": "",
+    }
+    with context.engine.begin() as connection:
+        jobs.add(connection, values)
+        context.queue.submit(connection, "a")
+
+
+def _fail(context: Context) -> None:
+    with context.engine.begin() as connection:
+        held = jobs.claim(connection, "a", "w")
+        assert held is not None
+        assert jobs.fail(connection, held, {"type": "urn:lightlayers:problem:crashed"})
+
+
+def _find(context: Context, job_id: str) -> jobs.Job:
+    with context.engine.connect() as connection:
+        job = jobs.find(connection, job_id)
+    assert job is not None
+    return job
+
+
+def test_jobs_of_all_owners_are_listed(
+    context: Context, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = {"id": "b", "owner": "", "options": {}, "trace_id": "1" * 32, "request_hash": ""}
+    with context.engine.begin() as connection:
+        jobs.add(connection, other)
+        held = jobs.claim(connection, "b", "w")
+        assert held is not None
+        jobs.report(connection, held, "align", 0.25)
+    assert run(["jobs", "ls"]) == 0
+    lines = sorted(line.split() for line in capsys.readouterr().out.splitlines())
+    assert [line[:2] for line in lines] == [["a", "queued"], ["b", "running"]]
+    assert lines[0][-1] == "key1"
+    assert lines[1][2:5] == ["align", "25%", "1"]
+    assert run(["jobs", "ls", "--state", "running"]) == 0
+    assert [line[0] for line in capsys.readouterr().out.splitlines()] == ["b"]
+    assert run(["jobs", "ls", "--limit", "1"]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 1
+
+
+def test_a_job_is_shown_without_its_secrets(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["jobs", "show", "a"]) == 0
+    said = capsys.readouterr().out
+    assert "whsec" not in said
+    job = json.loads(said)
+    assert (job["id"], job["state"], job["owner"]) == ("a", "queued", "key1")
+    assert job["webhook"] == {"url": "https://example.org/done"}
+    assert job["created"].endswith("+00:00")
+
+
+def test_a_failed_job_is_made_anew(context: Context, capsys: pytest.CaptureFixture[str]) -> None:
+    _fail(context)
+    assert run(["jobs", "retry", "a"]) == 0
+    new_id = capsys.readouterr().out.strip()
+    new, old = _find(context, new_id), _find(context, "a")
+    assert (old.state, new.state) == (State.FAILED, State.QUEUED)
+    assert (new.owner, new.priority, new.options) == ("key1", "high", {"lights": 2})
+    assert new.webhook == old.webhook
+    assert new.trace_id != old.trace_id
+    assert new.inputs == describe_inputs(new_id, dict.fromkeys(FRAMES, "digest"))
+    assert context.storage.get(inputs_key(new_id, "flash")) == b"flash"
+    assert new_id in _queued(context)
+
+
+def _queued(context: Context) -> list[str]:
+    with context.engine.connect() as connection:
+        found = connection.exec_driver_sql(
+            "SELECT workflow_uuid FROM workflow_status WHERE status = 'ENQUEUED'"
+        )
+        return list(found.scalars())
+
+
+def test_a_job_that_may_still_run_is_not_made_anew(
+    context: Context, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["jobs", "retry", "a"]) == 2
+    assert "The job is queued" in capsys.readouterr().err
+    with context.engine.connect() as connection:
+        assert len(jobs.newest(connection, None, 10)) == 1
+
+
+def test_without_its_photographs_a_job_is_not_made_anew(
+    context: Context, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _fail(context)
+    context.storage.delete_below("jobs/a/inputs/flash")
+    (context.settings.data_dir / "store" / inputs_key("a", "flash")).unlink(missing_ok=True)
+    assert run(["jobs", "retry", "a"]) == 2
+    assert "photographs of the job are removed" in capsys.readouterr().err
+    assert len(context.storage.list("jobs")) == 1  # what was copied before is gone, too
+
+
+def test_a_waiting_job_is_canceled(context: Context, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["jobs", "cancel", "a"]) == 0
+    assert capsys.readouterr().out == "canceled\n"
+    assert _find(context, "a").state == State.CANCELED
+    assert _queued(context) == []
+
+
+def test_a_running_job_is_asked_to_stop(
+    context: Context, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with context.engine.begin() as connection:
+        jobs.claim(connection, "a", "w")
+    assert run(["jobs", "cancel", "a"]) == 0
+    assert capsys.readouterr().out == "canceling\n"
+
+
+@pytest.mark.parametrize("command", ["show", "retry", "cancel"])
+def test_a_job_that_is_not_there_is_told(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["jobs", command, "nothing"]) == 2
+    assert capsys.readouterr().err == "There is no job 'nothing'; it may have been deleted.\n"
+
+
+def test_a_database_that_breaks_is_told(
+    context: Context, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with context.engine.begin() as connection:
+        connection.execute(sa.text("ALTER TABLE jobs RENAME TO gone"))
+    assert run(["jobs", "ls"]) == 1
+    assert capsys.readouterr().err.startswith("The database of jobs does not answer")

@@ -1,0 +1,142 @@
+from __future__ import annotations
+
+import base64
+import copy
+import io
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+
+from service.cli import run
+
+LAMP = {
+    "name": "lamp1",
+    "cct_k": 2856.4,
+    "duv": -0.0123,
+    "srgb": "#ffb066",
+    "family": "incandescent",
+    "family_confidence": 0.53,
+    "confidence": 0.87,
+    "separated_share": 0.96,
+}
+MANIFEST: dict[str, Any] = {
+    "inputs": {
+        "no_flash": {"sha256": "ab" * 32, "width": 64, "iso": 100.0},
+        "flash": {"sha256": "cd" * 32, "width": 64, "iso": None},
+    },
+    "options": {"lights": "auto", "camera": None, "response": {"table": list(range(100))}},
+    "camera": {"name": "<b>Nikon</b>", "source": "measured"},
+    "flash": {"name": "xenon", "source": "named"},
+    "lights": {"requested": "auto", "found": 1, "confidence": 0.91},
+    "lamps": [LAMP],
+    "filled": 0.0123,
+    "files": [
+        {"name": "confidence.tif", "encoding": "16-bit", "colour_space": None},
+        {"name": "lamp1.jpg", "encoding": "8-bit", "colour_space": "sRGB"},
+        {"name": "layers.exr", "encoding": "32-bit float", "colour_space": "camera RGB"},
+    ],
+    "warnings": [{"code": "clipped", "message": '5 < 6 & "clipped".', "figures": {}}],
+    "versions": {"lightlayers": "0.1.0"},
+}
+
+
+class Page(HTMLParser):
+    """What a page shows: its texts, and its pictures with what they are called."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.texts: list[str] = []
+        self.pictures: dict[str, Image.Image] = {}
+        self.tags: set[str] = set()
+        self.feed(html)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
+        values = dict(attrs)
+        if tag == "img":
+            data = (values["src"] or "").removeprefix("data:image/jpeg;base64,")
+            picture = Image.open(io.BytesIO(base64.b64decode(data, validate=True)))
+            self.pictures[values["alt"] or ""] = picture
+
+    def handle_data(self, data: str) -> None:
+        self.texts.append(data.strip())
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Path:
+    Image.fromarray(np.full((100, 2800, 3), (200, 100, 50), np.uint8)).save(tmp_path / "lamp1.jpg")
+    tifffile.imwrite(tmp_path / "confidence.tif", np.full((40, 60), 0xC000, np.uint16))
+    (tmp_path / "manifest.json").write_text(json.dumps(MANIFEST))
+    return tmp_path
+
+
+def test_a_page_has_everything_in_it(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["report", str(results)]) == 0
+    assert capsys.readouterr().out == f"{results / 'report.html'}\n"
+    html = (results / "report.html").read_text()
+    page = Page(html)
+    lamp, confidence = page.pictures.values()
+    assert list(page.pictures) == [
+        "The light of lamp1",
+        "White where the layers were separated, black where they are filled in",
+    ]
+    assert (lamp.size, confidence.size) == ((1400, 50), (60, 40))
+    np.testing.assert_allclose(np.asarray(lamp).mean((0, 1)), (200, 100, 50), atol=2)
+    np.testing.assert_allclose(np.asarray(confidence), 0xC0, atol=2)
+    for text in ("Light of 1 lamp", "2856 K", "-0.012", "incandescent (0.53)", "0.87", "96 %"):
+        assert text in page.texts
+    assert '5 < 6 & "clipped".' in page.texts
+    assert "1 lamp found, number certain to 91 %. 1.2 % of the picture is filled in" in html
+    assert not re.search(r"(?:src|href|url\()\s*=?\s*[\"']?(?:https?:)?//", html)
+
+
+def test_what_files_say_is_no_markup(results: Path) -> None:
+    assert run(["report", str(results)]) == 0
+    page = Page((results / "report.html").read_text())
+    assert "b" not in page.tags and "script" not in page.tags
+    assert any("<b>Nikon</b>" in text for text in page.texts)
+
+
+def test_a_page_may_lie_elsewhere(results: Path, tmp_path: Path) -> None:
+    assert run(["report", str(results), "-o", str(tmp_path / "shown.html")]) == 0
+    assert (tmp_path / "shown.html").exists() and not (results / "report.html").exists()
+
+
+@pytest.mark.parametrize("missing", ["manifest.json", "lamp1.jpg"])
+def test_a_file_that_is_not_there_is_told(
+    missing: str, results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (results / missing).unlink()
+    assert run(["report", str(results)]) == 2
+    assert f"{missing} cannot be read: no such file or directory." in capsys.readouterr().err
+    assert not (results / "report.html").exists()
+
+
+def test_a_damaged_picture_is_told(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (results / "lamp1.jpg").write_bytes(b"\xff\xd8\xff light")
+    assert run(["report", str(results)]) == 2
+    assert "lamp1.jpg is damaged." in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"lamps": 3}', '{"lamps": []}', "\xff"])
+def test_another_manifest_is_told(
+    text: str, results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (results / "manifest.json").write_text(text)
+    assert run(["report", str(results)]) == 2
+    said = capsys.readouterr().err
+    assert f"manifest in {results} is not that of a separation" in said
+
+
+def test_no_warning_is_said_as_well(results: Path) -> None:
+    calm = copy.deepcopy(MANIFEST) | {"warnings": []}
+    (results / "manifest.json").write_text(json.dumps(calm))
+    assert run(["report", str(results)]) == 0
+    assert "No warnings." in Page((results / "report.html").read_text()).texts

@@ -1,0 +1,163 @@
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from pipeline.errors import UnusablePairError
+from service.cli import run, session
+
+Photograph = Callable[..., None]
+
+MANIFEST: dict[str, Any] = {
+    "lamps": [
+        {"name": "lamp1", "cct_k": 2856.4, "srgb": "#ffb066", "family": "incandescent"},
+        {"name": "lamp2", "cct_k": None, "srgb": "#80ff80", "family": "LED"},
+    ],
+    "files": [],
+    "warnings": [{"code": "lamps_alike", "message": "Alike.", "figures": {}}],
+}
+
+
+@pytest.fixture
+def photograph(tmp_path: Path) -> Photograph:
+    """Write a photograph of a session: its name, second of the minute, and whether it flashed."""
+
+    def write(name: str, second: int, fired: bool, kind: str = "JPEG") -> None:
+        exif = Image.Exif()
+        exif[0x010F] = "Nikon"
+        exif.get_ifd(0x8769).update({0x9003: f"2024:05:01 12:00:{second:02}", 0x9209: int(fired)})
+        file = io.BytesIO()
+        pixels = np.full((48, 64, 3), 200 if fired else 90, np.uint8)
+        Image.fromarray(pixels).save(file, kind, exif=exif)
+        (tmp_path / "session").mkdir(exist_ok=True)
+        (tmp_path / "session" / name).write_bytes(file.getvalue())
+
+    return write
+
+
+@pytest.fixture
+def separated(monkeypatch: pytest.MonkeyPatch) -> list[tuple[bool, bool]]:
+    """Stand in for the separation; whether each pair it got was given in the right order."""
+    seen: list[tuple[bool, bool]] = []
+
+    def separate(no_flash: bytes, flash: bytes, _options: Any, folder: Path, _progress: Any) -> Any:
+        dark, bright = (np.asarray(Image.open(io.BytesIO(data))) for data in (no_flash, flash))
+        seen.append((int(dark.mean()) == 90, int(bright.mean()) == 200))
+        if len(seen) == 2:
+            raise UnusablePairError("The pair is black.")
+        (folder / "manifest.json").write_text(json.dumps(MANIFEST))
+        return MANIFEST
+
+    monkeypatch.setattr(session, "separate_files", separate)
+    return seen
+
+
+def _separate(tmp_path: Path, *more: str) -> int:
+    return run(["separate", str(tmp_path / "session"), "-o", str(tmp_path / "out"), *more])
+
+
+def test_every_pair_gets_a_folder_of_its_own(
+    photograph: Photograph,
+    separated: list[tuple[bool, bool]],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    photograph("b.jpg", 1, False)
+    photograph("a.jpg", 3, True)
+    assert _separate(tmp_path) == 0
+    assert separated == [(True, True)]
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["b"]
+    assert json.loads((tmp_path / "out/b/manifest.json").read_bytes()) == MANIFEST
+    said = capsys.readouterr()
+    assert said.err == "Pair 1 of 1: b.jpg, a.jpg\n"
+    for words in ("b.jpg", "a.jpg", "2856 K", "LED", "lamps_alike"):
+        assert words in said.out
+
+
+def test_a_pair_that_fails_does_not_keep_others_back(
+    photograph: Photograph,
+    separated: list[tuple[bool, bool]],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for number in range(3):
+        photograph(f"{number}n.jpg", 20 * number, False)
+        photograph(f"{number}f.jpg", 20 * number + 1, True)
+    photograph("alone.jpg", 50, False)
+    (tmp_path / "session" / "notes.txt").write_text("a nice day")
+    assert _separate(tmp_path, "--json") == 2
+    assert len(separated) == 3
+    told = json.loads(capsys.readouterr().out)
+    out = tmp_path / "out"
+    assert [(one["no_flash"], one["flash"], one["folder"]) for one in told["pairs"]] == [
+        (f"{number}n.jpg", f"{number}f.jpg", str(out / f"{number}n")) for number in range(3)
+    ]
+    assert [one.get("error") for one in told["pairs"]] == [None, "The pair is black.", None]
+    assert told["pairs"][2]["manifest"] == MANIFEST
+    assert sorted(path.name for path in out.iterdir()) == ["0n", "2n"]
+    assert told["left"] == {
+        "alone.jpg": "no photograph with the other state of the flash belongs to it",
+        "notes.txt": "it is no photograph that can be read",
+    }
+
+
+def test_of_two_files_of_one_name_the_jpeg_is_left(
+    photograph: Photograph,
+    separated: list[tuple[bool, bool]],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for kind, suffix in (("JPEG", "jpg"), ("PNG", "png")):
+        photograph(f"n.{suffix}", 1, False, kind)
+        photograph(f"f.{suffix}", 2, True, kind)
+    assert _separate(tmp_path, "--json") == 0
+    assert separated == [(True, True)]
+    told = json.loads(capsys.readouterr().out)
+    assert [(one["no_flash"], one["flash"]) for one in told["pairs"]] == [("n.png", "f.png")]
+    beside = "another file of this name holds more of the photograph"
+    assert told["left"] == {"f.jpg": beside, "n.jpg": beside}
+
+
+def test_pairs_of_one_name_keep_their_endings(
+    photograph: Photograph, separated: list[tuple[bool, bool]], tmp_path: Path
+) -> None:
+    photograph("n.png", 1, False, "PNG")
+    photograph("f.png", 2, True, "PNG")
+    photograph("n.PNG", 11, False, "PNG")
+    photograph("f.PNG", 12, True, "PNG")
+    photograph("m.png", 21, False, "PNG")
+    photograph("g.png", 22, True, "PNG")
+    assert _separate(tmp_path) == 2
+    assert len(separated) == 3
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["m", "n.png"]
+
+
+def _refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> str:
+    assert _separate(tmp_path) == 2
+    assert not (tmp_path / "out").exists()
+    return capsys.readouterr().err
+
+
+def test_a_folder_without_a_pair_is_told(
+    photograph: Photograph, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "session cannot be read: no such file or directory." in _refused(tmp_path, capsys)
+    (tmp_path / "session").mkdir()
+    assert "session is empty." in _refused(tmp_path, capsys)
+    photograph("a.jpg", 1, False)
+    said = _refused(tmp_path, capsys)
+    assert "has no pair" in said and "a.jpg, for one: no photograph with the other state" in said
+
+
+def test_one_photograph_alone_is_no_pair(
+    pair: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["separate", pair[0], "-o", str(tmp_path / "out")]) == 2
+    assert "is one photograph: name the one with the flash, too" in capsys.readouterr().err

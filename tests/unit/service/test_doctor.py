@@ -1,0 +1,207 @@
+from __future__ import annotations
+
+import resource
+import socket
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import sqlalchemy as sa
+
+from service import database, jobs, migrations
+from service.api.context import Context
+from service.cli import run
+from service.doctor import Finding, examine
+from service.settings import Settings
+
+Look = Callable[[], dict[str, Finding]]
+
+
+@pytest.fixture
+def settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Settings:
+    """A set-up that is right, in variables."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        monkeypatch.setenv("LIGHTLAYERS_PORT", str(server.getsockname()[1]))
+    monkeypatch.setenv("LIGHTLAYERS_DATA_DIR", str(tmp_path / "data"))
+    monkeypatch.setenv("LIGHTLAYERS_FREE_BYTES", "0")
+    monkeypatch.setenv("LIGHTLAYERS_UPLOAD_BYTES", "1000")
+    return Settings()
+
+
+@pytest.fixture
+def look(settings: Settings) -> Look:
+    """What was found of each part, the last one where there are several."""
+    assert settings.data_dir.name == "data"
+    return lambda: {finding.part: finding for finding in examine()}
+
+
+@pytest.fixture
+def worker(context: Context) -> None:
+    """A service with a worker that lives."""
+    with context.engine.begin() as connection:
+        jobs.beat(connection, "w")
+
+
+@pytest.mark.usefixtures("worker")
+def test_a_service_that_works_has_nothing_wrong(
+    look: Look, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = look()
+    assert [part for part, finding in found.items() if finding.grade == "wrong"] == []
+    assert found["database"].sentence == f"it answers, at schema {migrations.newest()}."
+    assert found["workers"].sentence.startswith("1 live")
+    assert {"clock", "store", "disk", "memory", "ulimits", "kernels", "port"} <= set(found)
+    assert run(["doctor"]) == 0
+    assert "\nok     clock: it agrees" in capsys.readouterr().out
+
+
+def test_before_the_first_start_only_the_start_is_missing(look: Look) -> None:
+    found = look()
+    assert found["database"].grade == "note"
+    assert "wrong" not in {finding.grade for finding in found.values()}
+
+
+@pytest.mark.parametrize(
+    ("name", "advice"),
+    [
+        ("LIGHTLAYERS_DATABSE_URL", "did you mean LIGHTLAYERS_DATABASE_URL?"),
+        ("LIGHTLAYERS_QQQQ", "is no setting; take it out."),
+    ],
+)
+def test_a_mistyped_variable_is_named(
+    name: str,
+    advice: str,
+    look: Look,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setenv(name, "x")
+    assert look()["variables"].grade == "wrong"
+    assert run(["doctor"]) == 1
+    said = capsys.readouterr().out
+    assert f"wrong  variables: {name} is no setting" in said
+    assert advice in said
+
+
+def test_the_variables_of_other_parts_are_known(
+    look: Look, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LIGHTLAYERS_SPECTRA", "x")
+    assert look()["variables"].grade == "ok"
+
+
+def test_a_value_out_of_range_ends_the_examination(
+    look: Look, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LIGHTLAYERS_WORKER_CONCURRENCY", "0")
+    found = look()
+    assert found["settings"].grade == "wrong"
+    assert "worker_concurrency" in found["settings"].sentence
+    assert "store" not in found
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning")  # what a failed connection leaves behind
+@pytest.mark.parametrize("url", ["nonsense", "postgresql://u:secret@127.0.0.1:1/x"])
+def test_a_database_that_is_away_is_told(
+    url: str, look: Look, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LIGHTLAYERS_DATABASE_URL", url)
+    found = look()["database"]
+    assert found.grade == "wrong"
+    assert "LIGHTLAYERS_DATABASE_URL" in found.sentence
+    assert "secret" not in found.sentence
+
+
+def test_an_older_schema_is_told_and_left_alone(look: Look, settings: Settings) -> None:
+    engine = database.connect(settings.database_url)
+    migrations.upgrade(engine, "0001")
+    found = look()["database"]
+    assert (found.grade, "run `lightlayers migrate`" in found.sentence) == ("wrong", True)
+    with pytest.raises(migrations.SchemaError, match="schema 0001"):
+        migrations.check(engine)
+    engine.dispose()
+
+
+@pytest.mark.usefixtures("context")
+def test_a_service_without_workers_is_told(look: Look) -> None:
+    found = look()["workers"]
+    assert (found.grade, "lightlayers worker" in found.sentence) == ("wrong", True)
+
+
+def test_a_clock_that_is_off_is_told(
+    look: Look, context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with context.engine.begin() as connection:
+        ahead = connection.execute(sa.select(database.now())).scalar_one() + 100
+    monkeypatch.setattr("service.doctor.time.time", lambda: ahead)
+    found = look()["clock"]
+    assert found.grade == "wrong"
+    assert "by 100 s" in found.sentence or "by 99 s" in found.sentence
+
+
+def test_a_store_that_cannot_be_opened_is_told(look: Look, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LIGHTLAYERS_STORE_URL", "file:///dev/null/x")
+    assert look()["store"].grade == "wrong"
+
+
+def test_the_store_is_left_as_it_was(look: Look, context: Context) -> None:
+    assert look()["store"].grade == "ok"
+    assert context.storage.list("") == []
+
+
+def test_a_folder_that_is_a_file_is_told(look: Look, settings: Settings) -> None:
+    settings.data_dir.write_text("no folder")
+    found = look()["data_dir"]
+    assert (found.grade, "LIGHTLAYERS_DATA_DIR" in found.sentence) == ("wrong", True)
+
+
+def test_a_folder_that_others_may_read_is_told(look: Look, settings: Settings) -> None:
+    settings.data_dir.mkdir(mode=0o755)
+    assert look()["data_dir"].grade == "note"
+    settings.data_dir.chmod(0o700)
+    assert look()["data_dir"].grade == "ok"
+
+
+def test_a_full_disk_is_told(look: Look, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LIGHTLAYERS_FREE_BYTES", str(2**60))
+    assert look()["disk"].grade == "wrong"
+
+
+def test_memory_that_a_job_may_not_have_is_told(
+    look: Look, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LIGHTLAYERS_JOB_MEMORY_BYTES", str(2**50))
+    assert look()["memory"].grade == "note"
+    limits = resource.RLIM_INFINITY, 2**40
+    monkeypatch.setattr("service.doctor.resource.getrlimit", lambda _what: limits)
+    assert look()["memory"].grade == "wrong"
+
+
+def test_too_few_files_are_told(look: Look, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.doctor.resource.getrlimit", lambda _what: (256, -1))
+    assert look()["ulimits"].grade == "wrong"
+
+
+def test_kernels_that_are_not_compiled_yet_are_told(
+    look: Look, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    found = look()["kernels"]
+    assert (found.grade, "-m service.compile" in found.sentence) == ("note", True)
+    (tmp_path / "smoothing.nbi").touch()
+    assert look()["kernels"].grade == "ok"
+    monkeypatch.setattr("service.doctor.os.access", lambda _path, _how: False)
+    assert look()["kernels"].grade == "wrong"
+
+
+@pytest.mark.parametrize("name", ["port", "metrics_port"])
+def test_a_port_of_something_else_is_told(
+    name: str, look: Look, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        monkeypatch.setenv(f"LIGHTLAYERS_{name.upper()}", str(other.getsockname()[1]))
+        monkeypatch.setattr("service.doctor._asked", lambda _url: "something else")
+        assert look()[name].grade == "wrong"
+        ours = {"port": '{"status":"ok"}', "metrics_port": "lightlayers_database_up 1.0"}
+        monkeypatch.setattr("service.doctor._asked", lambda _url: ours[name])
+        assert look()[name].grade == "ok"

@@ -1,0 +1,99 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import httpx
+import pytest
+import sqlalchemy as sa
+
+from service import database, quotas
+from service.api.context import Context
+from service.errors import QuotaError
+from tests.unit.service.asking import bearing, owner_of, post_capture, post_pair, problem_of
+
+Png = Callable[..., bytes]
+Finish = Callable[[str, dict[str, bytes]], None]
+CAPTURE = {"capture": {"camera": "sim://studio"}}
+
+
+def test_jobs_that_wait_are_counted_per_key(http: httpx.Client, context: Context) -> None:
+    few = bearing(context, "capture", "submit", waiting_jobs=2)
+    many = bearing(context, "capture")
+    first = post_capture(http, **few)
+    post_capture(http, **few)
+    post_capture(http, **many)
+    refused = http.post("/jobs", json=CAPTURE, headers=few)
+    status, kind, detail = problem_of(refused)
+    assert (status, kind) == (429, "quota-exceeded")
+    assert "2 jobs wait" in detail
+    assert int(refused.headers["retry-after"]) > 0
+    http.post(first["links"]["cancel"], headers=few)
+    post_capture(http, **few)
+
+
+def test_jobs_of_a_day_count_even_if_they_are_deleted(http: httpx.Client, context: Context) -> None:
+    key = bearing(context, "capture", "submit", jobs_per_day=2)
+    for _ in range(2):
+        job = post_capture(http, **key)
+        assert http.delete(job["links"]["self"], headers=key).status_code == 204
+    refused = http.post("/jobs", json=CAPTURE, headers=key)
+    assert problem_of(refused)[:2] == (429, "quota-exceeded")
+    assert 0 < int(refused.headers["retry-after"]) <= 86400
+    with context.engine.begin() as connection:
+        connection.execute(sa.update(database.keys).values(day=database.keys.c.day - 1))
+    post_capture(http, **key)
+
+
+def test_a_replay_costs_nothing(http: httpx.Client, context: Context) -> None:
+    key = bearing(context, "capture", jobs_per_day=1) | {"idempotency-key": "once"}
+    first = post_capture(http, **key)
+    assert post_capture(http, **key)["id"] == first["id"]
+
+
+def test_bytes_are_those_of_photographs_and_results(
+    http: httpx.Client, context: Context, png: Png, finish: Finish
+) -> None:
+    pair = png(64, 48), png(64, 48, True)
+    size = len(pair[0]) + len(pair[1])
+    key = bearing(context, "submit", stored_bytes=size + 1000)
+    job = post_pair(http, *pair, headers=key).json()
+    finish(job["id"], {"lamp1.jpg": b"x" * 1000})
+    refused = post_pair(http, *pair, headers=key)
+    assert problem_of(refused)[:2] == (403, "stored-quota")
+    assert http.delete(job["links"]["self"], headers=key).status_code == 204
+    assert post_pair(http, *pair, headers=key).status_code == 202
+
+
+def test_a_pair_that_does_not_fit_is_not_kept(
+    http: httpx.Client, context: Context, png: Png
+) -> None:
+    key = bearing(context, "submit", stored_bytes=10)
+    refused = post_pair(http, png(64, 48), png(64, 48, True), headers=key)
+    assert problem_of(refused)[:2] == (403, "stored-quota")
+    assert context.storage.list("") == []
+    with context.engine.connect() as connection:
+        assert connection.execute(sa.select(database.jobs)).all() == []
+
+
+@pytest.mark.parametrize("quota", ["waiting_jobs", "jobs_per_day"])
+def test_requests_at_once_do_not_get_past_a_quota(
+    quota: str, http: httpx.Client, context: Context
+) -> None:
+    key = bearing(context, "capture", **{quota: 3})
+
+    def ask(_number: int) -> int:
+        return http.post("/jobs", json=CAPTURE, headers=key).status_code
+
+    with ThreadPoolExecutor(8) as pool:
+        assert sorted(pool.map(ask, range(8))) == [202] * 3 + [429] * 5
+
+
+def test_a_charge_of_a_refused_job_is_taken_back(context: Context) -> None:
+    owner = owner_of(bearing(context, "submit", jobs_per_day=1))
+    with context.engine.begin() as connection:
+        quotas.charge(connection, owner)
+    with pytest.raises(QuotaError), context.engine.begin() as connection:
+        quotas.charge(connection, owner)
+    with context.engine.connect() as connection:
+        assert connection.execute(sa.select(database.keys.c.jobs_of_day)).scalar_one() == 1

@@ -1,0 +1,336 @@
+from __future__ import annotations
+
+import json
+import random
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from email.utils import format_datetime
+from typing import Any
+
+import pytest
+import sqlalchemy as sa
+from standardwebhooks import Webhook
+
+from service import jobs, webhooks
+from service.api.context import Context
+from service.outgoing import Answer, UnansweredError
+from service.settings import Settings
+from service.states import State
+from service.webhooks import Teller, queue_news, retry_after
+from tests.unit.service.receiver import SECRET, receiving
+
+URL = "https://hook.example/?token=hidden"
+OPTIONS = {"lights": 2, "flash_spectrum": {"power": [1.0] * 500}}
+
+
+class FakeQueue:
+    """Takes down what is to be told, and when."""
+
+    def __init__(self) -> None:
+        self.queued: list[tuple[str, int, float]] = []
+
+    def submit_telling(
+        self, _connection: sa.Connection, job_id: str, number: int, delay_seconds: float
+    ) -> None:
+        self.queued.append((job_id, number, delay_seconds))
+
+
+@pytest.fixture
+def queue() -> FakeQueue:
+    return FakeQueue()
+
+
+def _add(engine: sa.Engine, job_id: str, url: str | None = URL) -> None:
+    values: dict[str, Any] = {
+        "id": job_id,
+        "options": OPTIONS,
+        "trace_id": "1" * 32,
+        "request_hash": "",
+        "webhook": url and {"url": url, "secret": SECRET},
+    }
+    with engine.begin() as connection:
+        jobs.add(connection, values)
+
+
+def _ended(engine: sa.Engine, job_id: str, url: str | None = URL) -> None:
+    _add(engine, job_id, url)
+    with engine.begin() as connection:
+        held = jobs.claim(connection, job_id, "w1")
+        assert held is not None
+        assert jobs.succeed(connection, held, [])
+
+
+def _find(engine: sa.Engine, job_id: str) -> jobs.Job:
+    with engine.connect() as connection:
+        job = jobs.find(connection, job_id)
+    assert job is not None
+    return job
+
+
+def _news(engine: sa.Engine, queue: Any) -> int:
+    with engine.begin() as connection:
+        return queue_news(connection, queue)
+
+
+ENDS: dict[State, Callable[[sa.Connection, jobs.Job], object]] = {
+    State.SUCCEEDED: lambda connection, held: jobs.succeed(connection, held, []),
+    State.FAILED: lambda connection, held: jobs.fail(connection, held, {}),
+    State.CANCELED: jobs.acknowledge_cancel,
+}
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_every_end_is_news_once(end: State, engine: sa.Engine, queue: FakeQueue) -> None:
+    _add(engine, "a")
+    with engine.begin() as connection:
+        held = jobs.claim(connection, "a", "w1")
+        assert held is not None
+        if end == State.CANCELED:
+            jobs.request_cancel(connection, "a")
+    assert _news(engine, queue) == 0
+    with engine.begin() as connection:
+        ENDS[end](connection, held)
+    assert _news(engine, queue) == 1
+    assert _news(engine, queue) == 0
+    assert queue.queued == [("a", 1, 0.0)]
+    assert _find(engine, "a").delivery == {"state": "pending", "attempts": 0, "last_status": None}
+
+
+def test_a_job_canceled_while_it_waits_is_news(engine: sa.Engine, queue: FakeQueue) -> None:
+    _add(engine, "a")
+    with engine.begin() as connection:
+        jobs.request_cancel(connection, "a")
+    assert _news(engine, queue) == 1
+
+
+def test_an_end_that_was_rolled_back_is_no_news(engine: sa.Engine, queue: FakeQueue) -> None:
+    _add(engine, "a")
+    with engine.connect() as connection:
+        held = jobs.claim(connection, "a", "w1")
+        assert held is not None
+        assert jobs.succeed(connection, held, [])
+        connection.rollback()
+    assert _news(engine, queue) == 0
+    assert _find(engine, "a").state == State.QUEUED
+
+
+def test_without_a_webhook_nothing_is_queued(engine: sa.Engine, queue: FakeQueue) -> None:
+    _ended(engine, "a", None)
+    assert _news(engine, queue) == 0
+    assert _find(engine, "a").delivery is None
+
+
+def test_news_are_found_by_their_index(engine: sa.Engine) -> None:
+    with engine.connect() as connection:
+        query = (
+            "EXPLAIN QUERY PLAN SELECT id FROM jobs WHERE webhook IS NOT NULL AND delivery IS NULL "
+            "AND state IN ('succeeded', 'failed', 'canceled')"
+        )
+        plan = " ".join(row[3] for row in connection.exec_driver_sql(query))
+    assert "USING INDEX jobs_with_news" in plan
+
+
+def _tell(engine: sa.Engine, queue: Any, number: int = 1, **settings: Any) -> dict[str, Any]:
+    usual = {"webhook_private": "127.0.0.0/8", "webhook_seconds": 60}
+    Teller(engine, queue, Settings(**{**usual, **settings})).tell("a", number)
+    delivery = _find(engine, "a").delivery
+    assert delivery is not None
+    return delivery
+
+
+def _answers(monkeypatch: pytest.MonkeyPatch, status: int, after: str = "") -> None:
+    monkeypatch.setattr(webhooks, "post", lambda *_arguments: Answer(status, after))
+
+
+def test_an_event_bears_the_job_and_no_secret(
+    engine: sa.Engine, queue: FakeQueue, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO")
+    with receiving(204) as receiver:
+        _ended(engine, "a", receiver.url)
+        _news(engine, queue)
+        assert _tell(engine, queue) == {"state": "delivered", "attempts": 1, "last_status": 204}
+        told = receiver.next()
+    assert told.path == "/hook?token=hidden"
+    assert told.headers["webhook-id"] == "job_a"
+    assert told.headers["content-type"] == "application/json"
+    assert set(told.event) == {"type", "timestamp", "data"}
+    assert (told.event["type"], told.event["data"]["state"]) == ("job.succeeded", "succeeded")
+    assert told.event["timestamp"] == told.event["data"]["finished"]
+    assert told.event["data"]["options"] == {"lights": 2}  # the table would be most of it
+    for text in (json.dumps(told.event), caplog.text):
+        assert SECRET not in text and "hidden" not in text
+    assert "webhook answered 204" in caplog.text
+    assert queue.queued == [("a", 1, 0.0)]
+
+
+def test_the_id_stays_and_the_signature_is_of_the_moment(
+    engine: sa.Engine, queue: FakeQueue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _ended(engine, "a")
+    _news(engine, queue)
+    seen: list[dict[str, str]] = []
+
+    def take(url: str, headers: dict[str, str], body: bytes, *_rest: object) -> Answer:
+        assert url == URL
+        assert Webhook(SECRET).verify(body, headers)["data"]["id"] == "a"
+        seen.append(headers)
+        return Answer(500, "")
+
+    monkeypatch.setattr(webhooks, "post", take)
+    for number in (1, 2):
+        _tell(engine, queue, number)
+    assert [headers["webhook-id"] for headers in seen] == ["job_a", "job_a"]
+
+
+@pytest.mark.parametrize("status", [199, 301, 307, 400, 404, 429, 500, 503])
+def test_what_is_no_success_is_told_again(
+    status: int, engine: sa.Engine, queue: FakeQueue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _ended(engine, "a")
+    _news(engine, queue)
+    _answers(monkeypatch, status)
+    assert _tell(engine, queue) == {"state": "pending", "attempts": 1, "last_status": status}
+    assert queue.queued[1][:2] == ("a", 2)
+
+
+def test_no_answer_is_told_again(
+    engine: sa.Engine, queue: FakeQueue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _ended(engine, "a")
+    _news(engine, queue)
+
+    def fail(*_arguments: object) -> None:
+        raise UnansweredError("it took too long")
+
+    monkeypatch.setattr(webhooks, "post", fail)
+    assert _tell(engine, queue) == {"state": "pending", "attempts": 1, "last_status": None}
+
+
+def test_a_fault_of_ours_does_not_lose_the_telling(
+    engine: sa.Engine,
+    queue: FakeQueue,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    _ended(engine, "a")
+    _news(engine, queue)
+    monkeypatch.setattr(webhooks, "post", lambda *_arguments: 1 / 0)
+    assert _tell(engine, queue)["state"] == "pending"
+    assert "ZeroDivisionError" in caplog.text and SECRET not in caplog.text
+
+
+@pytest.mark.parametrize(("status", "tries"), [(410, 12), (500, 1)])
+def test_some_ends_are_for_good(
+    status: int,
+    tries: int,
+    engine: sa.Engine,
+    queue: FakeQueue,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    _ended(engine, "a")
+    _news(engine, queue)
+    _answers(monkeypatch, status)
+    delivery = _tell(engine, queue, webhook_tries=tries)
+    assert delivery == {"state": "failed", "attempts": 1, "last_status": status}
+    assert len(queue.queued) == 1
+
+
+def test_a_second_copy_of_a_telling_does_nothing(
+    engine: sa.Engine, queue: FakeQueue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _ended(engine, "a")
+    _news(engine, queue)
+    _answers(monkeypatch, 500)
+    first = _tell(engine, queue)
+    _answers(monkeypatch, 204)
+    assert _tell(engine, queue, 1) == first
+    assert _tell(engine, queue, 2)["state"] == "delivered"
+    _answers(monkeypatch, 500)
+    assert _tell(engine, queue, 3)["state"] == "delivered"
+
+
+def test_a_deleted_job_is_not_told(engine: sa.Engine, queue: Any) -> None:
+    Teller(engine, queue, Settings()).tell("gone", 1)
+    assert queue.queued == []
+
+
+def test_a_private_address_is_not_told_where_none_is_allowed(
+    engine: sa.Engine, queue: FakeQueue
+) -> None:
+    with receiving(204) as receiver:
+        _ended(engine, "a", receiver.url)
+        _news(engine, queue)
+        delivery = _tell(engine, queue, webhook_private="false")
+        assert receiver.told.empty()
+    assert delivery == {"state": "pending", "attempts": 1, "last_status": None}
+
+
+def test_pauses_grow_to_about_a_day(
+    engine: sa.Engine, queue: FakeQueue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _ended(engine, "a")
+    _news(engine, queue)
+    _answers(monkeypatch, 500)
+    monkeypatch.setattr(random, "uniform", lambda low, high: (low + high) / 2)
+    for number in range(1, 13):
+        delivery = _tell(engine, queue, number)
+    assert delivery == {"state": "failed", "attempts": 12, "last_status": 500}
+    pauses = [delay for _, _, delay in queue.queued[1:]]
+    assert pauses[:3] == pytest.approx([5, 12.5, 31.25])
+    assert sum(pauses) / 3600 == pytest.approx(22, abs=1)
+
+
+@pytest.mark.parametrize(
+    ("status", "header", "low", "high"),
+    [
+        (429, "600", 600, 600),
+        (503, "600", 600, 600),
+        (500, "600", 4, 6),
+        (503, "1", 4, 6),
+        (503, "soon", 4, 6),
+        (503, "999999999999", 86400, 86400),
+    ],
+)
+def test_a_receiver_may_ask_for_a_pause(
+    status: int,
+    header: str,
+    low: float,
+    high: float,
+    engine: sa.Engine,
+    queue: FakeQueue,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    _ended(engine, "a")
+    _news(engine, queue)
+    _answers(monkeypatch, status, header)
+    _tell(engine, queue)
+    assert low <= queue.queued[1][2] <= high
+
+
+def test_retry_after_may_be_a_date() -> None:
+    date = format_datetime(datetime.now(UTC) + timedelta(hours=1), usegmt=True)
+    assert 3590 < retry_after(date) <= 3600
+    assert retry_after("Wed, 21 Oct 2015 07:28:00 GMT") == 0.0
+    assert [retry_after(text) for text in ("", "-5", "soon", "²", "1.5")] == [0.0] * 5
+
+
+def test_the_queue_takes_a_telling_once_and_forgets_it_with_its_job(context: Context) -> None:
+    with context.engine.begin() as connection:
+        for _ in range(2):
+            context.queue.submit_telling(connection, "a", 1, 0.0)
+        context.queue.submit_telling(connection, "a", 2, 3600.0)
+        context.queue.submit(connection, "a")
+    assert _workflows(context) == {
+        "a": "ENQUEUED",
+        "a-webhook-1": "ENQUEUED",
+        "a-webhook-2": "DELAYED",
+    }
+    context.queue.forget("a")
+    assert _workflows(context) == {}
+
+
+def _workflows(context: Context) -> dict[str, str]:
+    with context.engine.connect() as connection:
+        rows = connection.exec_driver_sql("SELECT workflow_uuid, status FROM workflow_status")
+        return {row[0]: row[1] for row in rows}
