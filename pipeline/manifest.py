@@ -13,6 +13,7 @@ from pipeline.colour.temperature import cct_duv
 from pipeline.encode.jpeg import to_srgb8
 from pipeline.frames import Frame
 from pipeline.lamps import Lamps
+from pipeline.mix import MixBasis
 from pipeline.model import Model
 from pipeline.normals import Facing
 from pipeline.options import Options
@@ -79,12 +80,14 @@ def make_manifest(
     facing: Facing | None,
     filled: float,
     files: list[dict[str, Any]],
+    mix: MixBasis,
     warnings: list[Remark],
 ) -> dict[str, Any]:
     """Build the manifest; equal input and options give equal bytes.
 
     entries: from lamp_entries. facing: of the normals, None without. filled: share of pixels
-    whose layers are filled in from their surroundings. files: from describe.
+    whose layers are filled in from their surroundings. files: from describe. mix: what mixing the
+    layers starts from.
     """
     no_flash, flash = frames
     given = options.flash_spectrum
@@ -117,6 +120,7 @@ def make_manifest(
         "normals": None if facing is None else _normals(facing),
         "filled": round(filled, 4),
         "files": files,
+        "mix": mix.model_dump(mode="json"),
         "warnings": [warning.entry() for warning in warnings],
         "versions": versions(),
     }

@@ -26,6 +26,8 @@ OUTPUT_NAMES = (
     "confidence.tif",
     "gamma.png",
     "residual.png",
+    "preview.exr",
+    "thumbnail.jpg",
     "normals.png",
     "normals.exr",
     "normals_confidence.tif",

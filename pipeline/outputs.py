@@ -16,8 +16,9 @@ from pipeline.canvas import Canvas, shown_gain
 from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
 from pipeline.encode.exr import ExrFile, write_exr
 from pipeline.encode.files import describe
-from pipeline.encode.jpeg import JpegFile
+from pipeline.encode.jpeg import JpegFile, write_jpeg
 from pipeline.encode.png import NormalsPng, write_png8
+from pipeline.encode.preview import PreviewFile, thumbnail
 from pipeline.encode.tiff import GrayTiffFile, TiffFile
 from pipeline.frames import Image, Matrix
 from pipeline.gamma_diagram import draw_gamma_diagram
@@ -165,6 +166,7 @@ class Outputs:
         if surface is not None:
             self._open_surface(surface, texture)
         self._open_confidences(surface is not None)
+        self._open_previews(photograph)
 
     def _stream(
         self,
@@ -340,6 +342,17 @@ class Outputs:
                 "normals_confidence.tif", kind, grey, lambda pictures: pictures.normals_confidence
             )
 
+    def _open_previews(self, photograph: Image) -> None:
+        if "preview.exr" in self._wanted:
+            kind = ("16-bit float", f"{_CAMERA_RGB}; Y: 1 = separated, 0 = filled in")
+            preview = partial(PreviewFile, size=self._size)
+            self._stream("preview.exr", kind, preview, _layers_and_confidence)
+        if "thumbnail.jpg" in self._wanted:
+            small = thumbnail(photograph)
+            to_srgb = XYZ_TO_SRGB @ self._model.camera_to_xyz
+            to_srgb = shown_gain(photograph, to_srgb) * to_srgb
+            self._at_last("thumbnail.jpg", _SRGB, lambda path: write_jpeg(path, small, to_srgb))
+
     def _open_diagrams(self, reduced: ReducedPair, entries: list[dict[str, Any]]) -> None:
         kind = ("8-bit", "sRGB")
         if "gamma.png" in self._wanted:
@@ -383,6 +396,11 @@ def _with_sum(layers: NDArray[np.float32]) -> dict[str, Image]:
 def _fitting(to_rec2020: Matrix) -> Matrix:
     """Make what the sensor's white becomes fit: else the brightest warm light is cut off."""
     return np.asarray(to_rec2020 / max(1.0, float((to_rec2020 @ np.ones(3)).max())))
+
+
+def _layers_and_confidence(pictures: Pictures) -> dict[str, NDArray[np.float32]]:
+    named = {f"lamp{index + 1}": layer for index, layer in enumerate(pictures.layers)}
+    return named | {"Y": pictures.confidence}
 
 
 def _label(entry: dict[str, Any]) -> str:

@@ -15,6 +15,7 @@ from pipeline.frames import Frame
 from pipeline.known_lamps import find_known
 from pipeline.lamps import estimate_lamps
 from pipeline.manifest import lamp_entries, make_manifest
+from pipeline.mix import mix_basis
 from pipeline.model import Model, build_model
 from pipeline.normals import find_facing
 from pipeline.options import Options
@@ -117,6 +118,7 @@ def separate_files(
         facing,
         tally.filled,
         files,
+        mix_basis(pair.no_flash, lamps, model),
         warnings,
     )
     text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False)

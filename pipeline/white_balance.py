@@ -47,8 +47,8 @@ class WhiteBalance:
         self._brightness = numbers_of(greens / (model.flash_to_neutral @ model.flash_white)[1])
         self._tensor = numbers_of(model.tensor)
         self._strength = float(np.linalg.norm(model.neutral))
-        self._from_layers = tuple(numbers_of(one) for one in _from_layers(lamps, model))
-        self._white = numbers_of(_neutral_white(model))
+        self._from_layers = tuple(numbers_of(one) for one in from_layers(lamps, model))
+        self._white = numbers_of(neutral_white(model))
 
     def approach_1(self, strip: Strip) -> Image:
         """Every lamp replaced by the neutral light of the same green response.
@@ -103,14 +103,14 @@ def whites_of(lamps: Lamps, model: Model) -> Matrix:
     return np.asarray(np.maximum(whites, _FAINTEST * np.abs(whites).max(axis=1, keepdims=True)))
 
 
-def _from_layers(lamps: Lamps, model: Model) -> Matrix:
+def from_layers(lamps: Lamps, model: Model) -> Matrix:
     """Matrices (N, 3, 3), a lamp's layer → the same under the neutral light, its green kept.
 
     Best for measured reflectances under the spectrum that the lamp has by its matrix, channels then
     scaled so that its white card is white. Of a lamp that lacks a colour the layer does not tell
     it either, and its channels are scaled alone (von Kries).
     """
-    s, neutral = model.sensitivities, _neutral_white(model)
+    s, neutral = model.sensitivities, neutral_white(model)
     found = []
     for matrix, white in zip(lamps.matrices, whites_of(lamps, model), strict=True):
         spectrum = model.lamp_spectra.spectrum(matrix)
@@ -125,7 +125,7 @@ def _from_layers(lamps: Lamps, model: Model) -> Matrix:
     return np.stack(found)
 
 
-def _neutral_white(model: Model) -> Matrix:
+def neutral_white(model: Model) -> Matrix:
     """A white card's colour (3,) under the neutral light, green 1."""
     white = model.flash_to_neutral @ model.flash_white
     return np.asarray(white / white[1])

@@ -14,9 +14,10 @@ from typing import Any, Literal, TypeVar
 import sqlalchemy as sa
 from obstore.exceptions import BaseError
 
+from pipeline.mix_files import LAYERS, MANIFEST
 from service import eta, jobs, metrics, sandbox, scratch, tracing
 from service.database import AWAY
-from service.errors import AttemptError, DeadlineError, problem_of
+from service.errors import AttemptError, DeadlineError, LayersGoneError, problem_of
 from service.forkserver import ForkServer
 from service.media import media_type
 from service.patience import patiently
@@ -127,6 +128,8 @@ class Attempt:
             )
             if self._job.capture and not self._job.inputs:
                 self._capture(directory)
+            elif self._job.task == "mix":
+                self._fetch_layers(directory)
             else:
                 self._stages.enter("fetch")
                 self._fetch(directory)
@@ -162,7 +165,24 @@ class Attempt:
         with self._engine.begin() as connection:
             jobs.set_inputs(connection, self._job, describe_inputs(self._job.id, digests), size)
 
-    def _run_task(self, kind: Literal["separate", "calibrate", "capture"], directory: Path) -> None:
+    def _fetch_layers(self, directory: Path) -> None:
+        self._stages.enter("fetch")
+        with self._engine.connect() as connection:
+            source = jobs.find(connection, self._job.options["of"])
+        try:
+            if source is None:
+                raise FileNotFoundError
+            for name in (LAYERS, MANIFEST):
+                key = results_key(source.id, source.attempt, name)
+                self._patiently(partial(self._storage.get_file, key, directory / name))
+        except FileNotFoundError as error:
+            raise LayersGoneError(
+                "The job whose layers were to be mixed has been deleted; separate the pair anew."
+            ) from error
+
+    def _run_task(
+        self, kind: Literal["separate", "calibrate", "mix", "capture"], directory: Path
+    ) -> None:
         task = sandbox.Task(
             kind=kind,
             job=self._job.id,

@@ -23,6 +23,8 @@ from typing import Any
 import drivers
 from pipeline.calibration.calibrate import calibrate_files
 from pipeline.calibration.options import CALIBRATION_OPTIONS
+from pipeline.mix import MixRequest
+from pipeline.mix_files import mix_results
 from pipeline.options import Options
 from pipeline.process import check_pair, separate_files
 from pipeline.progress import Progress
@@ -117,6 +119,16 @@ def _calibrate(task: dict[str, Any], tell: Tell) -> None:
     )
 
 
+def _mix(task: dict[str, Any], tell: Tell) -> None:
+    directory = Path(task["directory"])
+    mix_results(
+        directory,
+        MixRequest.model_validate(task["options"]["mix"]),
+        directory / "results",
+        Progress(lambda stage, fraction: tell({"stage": stage, "fraction": fraction})),
+    )
+
+
 def _capture(task: dict[str, Any], tell: Tell) -> None:
     directory = Path(task["directory"])
     stages = drivers.CAPTURE_STAGES
@@ -139,6 +151,7 @@ _WORK: dict[str, Callable[[dict[str, Any], Tell], None]] = {
     "check": _check,
     "separate": _separate,
     "calibrate": _calibrate,
+    "mix": _mix,
     "capture": _capture,
 }
 

@@ -35,7 +35,8 @@ ServiceError
     ├── FileLimitError       it opened more files than the limit
     ├── OutputLimitError     it wrote more than the limit
     ├── DeadlineError        the job had not ended by its deadline
-    └── AbandonedError       several attempts were cut short
+    ├── AbandonedError       several attempts were cut short
+    └── LayersGoneError      410  the layers that it was to mix have been deleted
 """
 
 from __future__ import annotations
@@ -215,6 +216,10 @@ class AbandonedError(AttemptError):
         )
 
 
+class LayersGoneError(AttemptError):
+    """The layers that a job was to mix have been deleted."""
+
+
 class Problem(BaseModel):
     """What went wrong (RFC 9457)."""
 
@@ -306,6 +311,7 @@ KINDS: dict[type[Exception], Kind] = {
     OutputLimitError: Kind("output-too-large", 500, "The separation wrote too much"),
     DeadlineError: Kind("deadline-passed", 500, "The deadline has passed", retryable=True),
     AbandonedError: Kind("abandoned", 500, "The job's attempts were cut short several times"),
+    LayersGoneError: Kind("layers-gone", 410, "The layers are gone"),
     obstore_errors.BaseError: STORE_AWAY,
     DBAPIError: DATABASE_AWAY,
 }

@@ -24,13 +24,14 @@ from service.states import HELD, State
 
 _RECENT = 20
 _ORDER = (
-    "start", "capture", "decode", "align", "lamps", "layers", "encode", "calibrate", "store"
+    "start", "capture", "decode", "align", "lamps", "layers", "encode", "calibrate", "mix", "store"
 )  # fmt: skip
 """Everything that attempts do, in order: photographs fetched, the stages, results stored."""
 
 _FIRST_SHARES = {
     "separate": {"decode": 14, "align": 13, "lamps": 9, "layers": 50, "encode": 13, "store": 1},
     "calibrate": {"decode": 45, "align": 30, "calibrate": 24, "store": 1},
+    "mix": {"mix": 90, "store": 10},
 }
 """Of the time, in hundredths, while no job like this one has succeeded: means of the stages in
 docs/performance.md; a calibration decodes and aligns alike."""
@@ -48,6 +49,8 @@ def likeness(options: Mapping[str, Any], size: int, capture: Mapping[str, Any] |
         measure = f"camera-{digest[:12]}"
     else:
         measure = f"bytes-{round(2 * math.log2(max(size, 1)))}"
+    if options.get("kind") == "mix":
+        return f"mix-{options['mix'].get('format', 'jpeg')} {measure}"
     if "kind" in options:
         return f"calibrate-{options['kind']} {measure}"
     what = [options.get("quality", "best"), options.get("method", "best")]

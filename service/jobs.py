@@ -60,9 +60,12 @@ class Job:
     stored_bytes: int
 
     @property
-    def task(self) -> Literal["separate", "calibrate"]:
-        """What a worker is to do: only the options of a calibration name their kind."""
-        return "calibrate" if "kind" in self.options else "separate"
+    def task(self) -> Literal["separate", "calibrate", "mix"]:
+        """What a worker is to do: the options of a mix and of a calibration name their kind."""
+        kind = self.options.get("kind")
+        if kind == "mix":
+            return "mix"
+        return "calibrate" if kind else "separate"
 
     @property
     def ended(self) -> bool:

@@ -75,10 +75,12 @@ class Task:
     kind "check": the headers of directory/no_flash and directory/flash.
     kind "separate": directory/no_flash and directory/flash, with options → directory/results.
     kind "calibrate": the same, with the options of a calibration.
+    kind "mix": directory/layers.exr and directory/manifest.json, with the options of a mix →
+        directory/results.
     kind "capture": the camera that capture names → directory/no_flash and directory/flash.
     """
 
-    kind: Literal["check", "separate", "calibrate", "capture"]
+    kind: Literal["check", "separate", "calibrate", "mix", "capture"]
     job: str
     trace_id: str
     directory: str
@@ -201,5 +203,5 @@ def _raise_for_exit(code: int) -> None:
 
 
 def results_of(directory: Path) -> list[Path]:
-    """List the files that a "separate" or "calibrate" task wrote, by name."""
+    """List the files that a "separate", "calibrate" or "mix" task wrote, by name."""
     return sorted(path for path in (directory / "results").iterdir() if path.is_file())

@@ -15,15 +15,13 @@ from pipeline.colour.spaces import (
     REC2020_PRIMARIES,
     SRGB_PRIMARIES,
     Primaries,
+    adaptation,
     rgb_to_xyz,
     xy_to_xyz,
 )
 
 _D50 = np.array([0.9642, 1.0, 0.8249])
 """White of the profile connection space, ICC.1:2001-04, 6.1.13."""
-_BRADFORD = np.array(
-    [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]
-)
 _VERSION = 0x02400000
 _DATE = (2020, 1, 1, 0, 0, 0)
 """The same for ever: equal profiles are to be equal bytes."""
@@ -48,7 +46,7 @@ def matrix_profile(name: str, primaries: Primaries, curve: Literal["linear", "sr
 
     name: ASCII description. curve: how code values become light.
     """
-    adapt = _adaptation()
+    adapt = adaptation(xy_to_xyz(D65_XY), _D50)
     colorants = adapt @ rgb_to_xyz(primaries)
     trc = _linear_curve() if curve == "linear" else _srgb_curve()
     tags = {
@@ -83,12 +81,6 @@ def _header(size: int) -> bytes:
         + _s15f16(_D50)
         + bytes(48)
     )
-
-
-def _adaptation() -> NDArray[np.float64]:
-    """Bradford adaptation (3, 3) from D65 to D50."""
-    gain = (_BRADFORD @ _D50) / (_BRADFORD @ xy_to_xyz(D65_XY))
-    return np.asarray(np.linalg.solve(_BRADFORD, gain[:, None] * _BRADFORD))
 
 
 def _srgb_curve() -> bytes:

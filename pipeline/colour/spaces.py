@@ -30,6 +30,19 @@ def rgb_to_xyz(primaries: Primaries, white: tuple[float, float] = D65_XY) -> Mat
     return matrix
 
 
+_BRADFORD = np.array(
+    [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]
+)
+_LEAST_CONE = 0.02  # of the largest, so that the whitest of a coloured lamp has gains that end
+
+
+def adaptation(white: NDArray[np.float64], other: NDArray[np.float64]) -> Matrix:
+    """Bradford adaptation (3, 3) of CIE XYZ from one white to another, XYZ (3,) both."""
+    cones, wanted = (_BRADFORD @ one for one in (white, other))
+    gain = wanted / np.maximum(cones, _LEAST_CONE * cones.max())
+    return np.asarray(np.linalg.solve(_BRADFORD, gain[:, None] * _BRADFORD))
+
+
 XYZ_TO_SRGB: Matrix = np.asarray(np.linalg.inv(rgb_to_xyz(SRGB_PRIMARIES)), dtype=np.float64)
 """CIE XYZ (D65) → linear sRGB."""
 XYZ_TO_REC2020: Matrix = np.asarray(np.linalg.inv(rgb_to_xyz(REC2020_PRIMARIES)), dtype=np.float64)

@@ -38,6 +38,19 @@ def cct_duv(rgb: ArrayLike, matrix: Matrix) -> tuple[float, float] | None:
     return float(1e6 / mired[best]), float(above * distance[best])
 
 
+def white_of(kelvin: float, duv: float) -> NDArray[np.float64]:
+    """CIE XYZ (3,), Y = 1, of the light of a temperature and Duv: what cct_duv undoes.
+
+    kelvin: within CCT_RANGE_K. duv: from −0.05 to 0.05.
+    """
+    before, point, after = _planckian_uv(np.array([0.999, 1.0, 1.001]) * kelvin).T
+    u, v = after - before
+    # warmer lights lie further to the right, so that this normal of the locus points up
+    normal = np.array([v, -u]) / np.hypot(u, v)
+    u, v = point + duv * normal
+    return np.array([1.5 * u / v, 1.0, (4.0 - u - 10.0 * v) / (2.0 * v)])
+
+
 def _planckian_uv(kelvin: NDArray[np.float64]) -> NDArray[np.float64]:
     """CIE 1960 uv (2, n) of black bodies, Krystek 1985, 1000 to 15000 K."""
     T = kelvin

@@ -8,18 +8,21 @@ import OpenEXR
 from numpy.typing import NDArray
 
 _FLOAT = Imath.Channel(Imath.PixelType(Imath.PixelType.FLOAT))
+_HALF = Imath.Channel(Imath.PixelType(Imath.PixelType.HALF))
 
 
 class ExrFile:
     """An EXR of 32-bit floats, written from top to bottom as some rows after the others.
 
-    Plain scan lines: docs/decisions/0011-uncompressed-layers.md. size: (width, height).
-    OpenEXR's newer interface takes whole pictures only, which need far more memory.
+    Plain scan lines: docs/decisions/0011-uncompressed-layers.md. size: (width, height). half: of
+    16-bit floats. OpenEXR's newer interface takes whole pictures only, which need far more memory.
     """
 
-    def __init__(self, path: Path, size: tuple[int, int]) -> None:
+    def __init__(self, path: Path, size: tuple[int, int], half: bool = False) -> None:
         self._path = path
         self._size = size
+        self._channel = _HALF if half else _FLOAT
+        self._type: type[np.floating] = np.float16 if half else np.float32
         self._file: OpenEXR.OutputFile | None = None
 
     def write(self, pictures: dict[str, NDArray[np.float32]]) -> None:
@@ -42,9 +45,9 @@ class ExrFile:
         if self._file is None:
             header = OpenEXR.Header(*self._size)
             header["compression"] = Imath.Compression(Imath.Compression.NO_COMPRESSION)
-            header["channels"] = dict.fromkeys(channels, _FLOAT)
+            header["channels"] = dict.fromkeys(channels, self._channel)
             self._file = OpenEXR.OutputFile(str(self._path), header)
-        lines = {name: np.ascontiguousarray(plane, np.float32) for name, plane in channels.items()}
+        lines = {name: np.ascontiguousarray(plane, self._type) for name, plane in channels.items()}
         self._file.writePixels(lines, rows)
 
     def close(self) -> None:

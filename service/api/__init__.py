@@ -18,6 +18,8 @@ from service.api import (
     headers,
     health,
     jobs,
+    mixes,
+    page,
     problems,
     reruns,
     results,
@@ -72,15 +74,17 @@ def create_app(origins: Sequence[str] = ()) -> FastAPI:
     app.add_middleware(headers.SafeHeaders)
     app.include_router(health.router, responses=problems.responses(ForeignHostError, status=(422,)))
     app.include_router(documents.router)
+    app.include_router(page.router)
     refusals = (UnauthorizedError, ForbiddenError, ForeignHostError, ForeignOriginError)
-    for module in (jobs, reruns, events, calibrations, tus, results, cameras):
+    for module in (jobs, reruns, events, calibrations, mixes, tus, results, cameras):
         app.include_router(module.router, responses=problems.responses(*refusals, status=(422,)))
     make_document = app.openapi
 
     def openapi() -> dict[str, Any]:
         document = make_document()
         schemas = document["components"]["schemas"]
-        for model in (*jobs.SCHEMAS, *reruns.SCHEMAS, *calibrations.SCHEMAS, Problem):
+        named = (*jobs.SCHEMAS, *reruns.SCHEMAS, *calibrations.SCHEMAS, *mixes.SCHEMAS, Problem)
+        for model in named:
             schema = model.model_json_schema(ref_template="#/components/schemas/{model}")
             schemas |= schema.pop("$defs", {})
             schemas[model.__name__] = schema

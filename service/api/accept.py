@@ -111,7 +111,7 @@ def accept(
         return earlier
     job_id = uuid.uuid4().hex
     sha256: dict[str, str] = {}
-    if not wanted.capture:
+    if wanted.sha256 or wanted.uploads:
         try:
             sha256 = _store_pair(context, caller, job_id, wanted, trace_id)
         except OptionError:  # another request with this key may have taken the uploads just now

@@ -17,8 +17,8 @@ from service.errors import ForbiddenError, UnauthorizedError, UnknownJobError
 from service.keys import Scope
 from service.settings import Settings
 
-OPEN = ("/healthz", "/readyz")
-"""Routes that ask for no key: they tell nothing but that the service lives."""
+OPEN = ("/healthz", "/readyz", "/", "/page/{name}")
+"""Routes that ask for no key: they tell only that the service lives, and what its page is."""
 
 SCHEME = HTTPBearer(
     scheme_name="key",

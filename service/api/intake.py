@@ -23,6 +23,7 @@ from pipeline.calibration.options import (
     LampsCalibration,
 )
 from pipeline.errors import OptionError
+from pipeline.mix import MixRequest
 from pipeline.options import Options
 from service import scratch
 from service.api.form import Form, read_form
@@ -30,6 +31,8 @@ from service.api.models import (
     CalibrationRequest,
     CaptureRequest,
     Handling,
+    MixJob,
+    MixOptions,
     RerunRequest,
     UploadsRequest,
 )
@@ -55,10 +58,10 @@ class Intake:
 
     directory: where the photographs lie by frame, or are brought to, as long as the request is
     dealt with. sha256: of those that lie there already, by frame. uploads: ids of earlier uploads,
-    by frame.
+    by frame. A mix has none of these, but the other job in its options.
     """
 
-    options: AnyOptions
+    options: AnyOptions | MixOptions
     handling: Handling
     directory: Path
     sha256: dict[str, str] = field(default_factory=dict)
@@ -115,6 +118,21 @@ async def read_rerun(request: Request, limit: int) -> RerunRequest:
         return RerunRequest.model_validate_json(body or b"{}")
     except ValidationError as error:
         raise OptionError(sentence_of(error)) from error
+
+
+async def read_mix(request: Request, limit: int, job_id: str) -> Intake:
+    """Read a request to mix the layers of a job; raises what `read` raises."""
+    if _media_type(request) != "application/json":
+        raise UnsupportedMediaError("Send the settings of the lamps as application/json.")
+    body = await _limited(request, min(limit, _JSON_BYTES)).body()
+    try:
+        wanted = MixJob.model_validate_json(body)
+    except ValidationError as error:
+        raise OptionError(sentence_of(error)) from error
+    given = wanted.model_dump(exclude_unset=True)
+    handling = {name: given.pop(name) for name in Handling.model_fields if name in given}
+    options = MixOptions(kind="mix", of=job_id, mix=MixRequest.model_validate(given))
+    return Intake(options, Handling.model_validate(handling), Path())
 
 
 def _media_type(request: Request) -> str:

@@ -9,6 +9,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from pipeline.calibration.options import CalibrationOptions
+from pipeline.mix import MixRequest
 from pipeline.options import Options
 from service import jobs
 from service.errors import Problem
@@ -69,6 +70,20 @@ class CaptureRequest(Handling):
 
     capture: Capture
     options: Options = Options()
+
+
+class MixJob(MixRequest, Handling):
+    """A job that mixes the layers of another one into a picture of full size."""
+
+
+class MixOptions(BaseModel):
+    """The options of a mix, as its job shows them."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    kind: Literal["mix"]
+    of: str = Field(description="Id of the job whose layers are mixed.")
+    mix: MixRequest
 
 
 class UploadedPair(BaseModel):
@@ -162,7 +177,7 @@ class JobAnswer(BaseModel):
     state: State
     priority: jobs.Priority
     stage: str | None = Field(
-        description="capture, decode, align, lamps, layers, encode or calibrate."
+        description="capture, decode, align, lamps, layers, encode, calibrate or mix."
     )
     fraction: float = Field(ge=0, le=1, description="How much of the stage is done.")
     progress: float = Field(

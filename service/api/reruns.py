@@ -85,6 +85,8 @@ def _accept(
         return earlier
     with context.engine.connect() as connection:
         source = find(connection, caller, job_id)
+    if source.task == "mix":
+        raise NotReadyError("A mix has no photographs of its own; mix the layers again.")
     options = _options(context, caller, source, wanted.options)
     new_id = uuid.uuid4().hex
     inputs, size = copy_pair(context.storage, source, new_id)

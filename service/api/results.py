@@ -8,6 +8,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Request
 from fastapi.responses import RedirectResponse, Response, StreamingResponse
 
+from pipeline.mix_files import MANIFEST
 from pipeline.remarks import Code
 from service import jobs
 from service.api.callers import Caller, Calling, find
@@ -27,7 +28,6 @@ from service.states import State
 
 router = APIRouter(tags=["results"])
 
-MANIFEST = "manifest.json"
 LINK_SECONDS = 300
 """How long a URL of the store is good for."""
 

@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 
-from service.cli import calibrate, jobs, keys
+from service.cli import calibrate, jobs, keys, mix
 from service.cli.options import (
     Flags,
     Flash,
@@ -28,6 +28,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.add_typer(calibrate.app, name="calibrate")
+app.command()(mix.mix)
 app.add_typer(keys.app, name="keys")
 app.add_typer(jobs.app, name="jobs")
 

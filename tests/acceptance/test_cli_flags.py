@@ -307,6 +307,8 @@ def test_outputs_default_and_all(two: Any, plain: Any, separated: Callable[..., 
         "confidence.tif",
         "gamma.png",
         "residual.png",
+        "preview.exr",
+        "thumbnail.jpg",
     }
 
     everything = separated(two.exact, *EXACT, "--outputs", "all")

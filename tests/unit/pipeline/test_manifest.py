@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pipeline.align import Alignment
 from pipeline.frames import Exposure, Frame
 from pipeline.manifest import lamp_entries, make_manifest
+from pipeline.mix import mix_basis
 from pipeline.model import Model
 from pipeline.normals import Facing
 from pipeline.options import DirectedLight, Options
@@ -61,6 +62,7 @@ def manifest_of(
             "facing": None,
             "filled": 0.123456,
             "files": [{"name": "layers.exr", "sha256": "cc"}],
+            "mix": mix_basis(pair.no_flash, lamps, model),
             "warnings": [Remark(Code.FLICKER, "Something is odd.", {"height": 0.123456})],
         }
         given.update({key: value for key, value in more.items() if key in given})

@@ -161,6 +161,8 @@ def some_rows(pictures: Pictures, rows: slice) -> Pictures:
         (("normals_confidence.tif",), ["normals_confidence.tif"]),
         (("gamma.png",), ["gamma.png"]),
         (("residual.png",), ["residual.png"]),
+        (("preview.exr",), ["preview.exr"]),
+        (("thumbnail.jpg",), ["thumbnail.jpg"]),
         (("response.jpg", "response_lamps.jpg", "response.exr"), []),
     ],
 )
@@ -188,6 +190,8 @@ def test_without_directions_there_are_neither_normals_nor_a_surface(
         *(f"white_balanced_{i}.{kind}" for kind in ("jpg", "tif") for i in (1, 2)),
         "white_balanced.exr",
         "confidence.tif",
+        "preview.exr",
+        "thumbnail.jpg",
         "gamma.png",
         "residual.png",
     ]
@@ -346,7 +350,7 @@ def test_black_pictures_are_written_black(
 
     entries = written(*OUTPUT_NAMES, given=dark)
 
-    assert len(entries) == 19
+    assert len(entries) == 21
     for name in ("lamp1.jpg", "white_balanced_1.jpg", "white_balanced_2.jpg"):
         assert not shown(tmp_path / name).any()
 

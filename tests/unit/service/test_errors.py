@@ -33,6 +33,7 @@ def test_names_of_kinds_are_the_contract() -> None:
         "invalid-input": 422,
         "invalid-option": 422,
         "invalid-request": 422,
+        "layers-gone": 410,
         "malformed-request": 400,
         "not-ready": 409,
         "out-of-memory": 500,

@@ -32,6 +32,7 @@ def test_the_routes_are_the_contract(paths: dict[str, dict[str, Any]]) -> None:
         "POST /jobs/{job_id}/cancel",
         "POST /jobs/{job_id}/rerun",
         "DELETE /jobs/{job_id}",
+        "POST /jobs/{job_id}/mix",
         "GET /jobs/{job_id}/results",
         "GET /jobs/{job_id}/results/{name}",
         "GET /jobs/{job_id}/results.zip",

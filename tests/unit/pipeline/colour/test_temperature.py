@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
 
-from pipeline.colour.temperature import cct_duv
+from pipeline.colour.temperature import cct_duv, white_of
 from pipeline.spectra.library import colour_science
 from pipeline.spectra.lights import find_light
 from pipeline.spectra.observer import cie_1931
@@ -94,3 +94,16 @@ def test_duv_of_standard_illuminants(light: str, duv: float) -> None:
 
     assert found is not None
     assert found[1] == pytest.approx(duv, abs=0.0008)
+
+
+@pytest.mark.parametrize("kelvin", [1600, 2856, 6504, 12000])
+@pytest.mark.parametrize("duv", [-0.03, 0.0, 0.01])
+def test_the_white_of_a_temperature_has_it(kelvin: float, duv: float) -> None:
+    white = white_of(kelvin, duv)
+
+    found = cct_duv(white, np.eye(3))
+
+    assert white[1] == 1.0
+    assert found is not None
+    assert found[0] == pytest.approx(kelvin, rel=2e-3)
+    assert found[1] == pytest.approx(duv, abs=2e-5)

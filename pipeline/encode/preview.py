@@ -1,0 +1,72 @@
+"""Pictures made smaller for a screen."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.encode.exr import ExrFile
+from pipeline.frames import Image
+
+PREVIEW_PIXELS = 2**21
+"""Most pixels of a preview."""
+
+_THUMBNAIL = 400  # pixels of the longer side
+
+
+def preview_step(size: tuple[int, int]) -> int:
+    """Side in pixels of the squares of a picture (width, height) that a preview has one pixel of.
+
+    1 where the picture is no larger than a preview may be.
+    """
+    return max(1, math.ceil(math.sqrt(size[0] * size[1] / PREVIEW_PIXELS)))
+
+
+class PreviewFile:
+    """An EXR of 16-bit floats, the means of squares of preview_step pixels; from top to bottom.
+
+    size: (width, height) of what is given. Pixels at the right and the lower edge that fill no
+    square are left out.
+    """
+
+    def __init__(self, path: Path, size: tuple[int, int]) -> None:
+        self._step = preview_step(size)
+        self._width = size[0] // self._step
+        self._file = ExrFile(path, (self._width, size[1] // self._step), half=True)
+        self._rest: dict[str, NDArray[np.float32]] = {}
+
+    def write(self, pictures: dict[str, NDArray[np.float32]]) -> None:
+        """Take the next rows, given as to ExrFile."""
+        if self._rest:
+            pictures = {
+                name: np.concatenate([self._rest[name], rows]) for name, rows in pictures.items()
+            }
+        whole = len(next(iter(pictures.values()))) // self._step * self._step
+        if whole:
+            self._file.write({name: self._means(rows[:whole]) for name, rows in pictures.items()})
+        self._rest = {name: rows[whole:].copy() for name, rows in pictures.items()}
+
+    def close(self) -> None:
+        """End the file."""
+        self._file.close()
+
+    def _means(self, rows: NDArray[np.float32]) -> NDArray[np.float32]:
+        if rows.ndim == 3:
+            return np.stack([self._means(rows[..., k]) for k in range(3)], axis=-1)
+        plane = np.ascontiguousarray(rows[:, : self._width * self._step])
+        size = self._width, len(rows) // self._step
+        return np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA), np.float32)
+
+
+def thumbnail(picture: Image) -> Image:
+    """Make a picture (H, W, 3) at most 400 pixels long; a smaller one stays as it is."""
+    height, width = picture.shape[:2]
+    scale = _THUMBNAIL / max(height, width)
+    if scale >= 1:
+        return picture
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float32)

@@ -1,0 +1,168 @@
+"""From a folder of results to a picture of their layers as they are mixed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, Protocol
+
+import Imath
+import numpy as np
+import OpenEXR
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
+from pipeline.encode.exr import ExrFile
+from pipeline.encode.files import describe
+from pipeline.encode.jpeg import JpegFile
+from pipeline.encode.tiff import TiffFile
+from pipeline.errors import InputError
+from pipeline.frames import Image, by_planes
+from pipeline.manifest import versions
+from pipeline.mix import Mix, MixBasis, MixRequest, mix_matrices, mixed
+from pipeline.progress import STRIP_ROWS, Progress
+
+LAYERS = "layers.exr"
+MANIFEST = "manifest.json"
+"""The results that a mix is made from."""
+
+ENCODINGS = {
+    "jpeg": ("jpg", "8-bit sRGB curve", "sRGB"),
+    "tiff": ("tif", "16-bit linear", "Rec. 2020"),
+    "exr": ("exr", "32-bit float", "linear sRGB, 1.0 = white of the screen"),
+}
+"""Of every format the end of the name, encoding and colour space."""
+
+_FLOAT = Imath.PixelType(Imath.PixelType.FLOAT)
+_REC2020 = XYZ_TO_REC2020 @ np.linalg.inv(XYZ_TO_SRGB)
+
+
+class _Target(Protocol):
+    def write(self, rows: Any, /) -> None: ...
+
+    def close(self) -> None: ...
+
+
+def read_basis(manifest: dict[str, Any]) -> MixBasis:
+    """Find in a manifest what mixing starts from. Raises InputError where it is not there."""
+    try:
+        return MixBasis.model_validate(manifest["mix"])
+    except (KeyError, TypeError, ValidationError) as error:
+        raise InputError(
+            "The manifest does not say how its layers are mixed: separate the pair anew with this "
+            "version."
+        ) from error
+
+
+def mix_files(folder: Path, mix: Mix, target: Path, progress: Progress) -> None:
+    """Mix the layers of a folder of results into one picture of full size.
+
+    folder: with layers.exr and manifest.json. target: a file whose name ends in jpg, jpeg, tif,
+    tiff or exr. Raises InputError for what the user can mend, Canceled, OSError; a file that is
+    not whole is not left behind.
+    """
+    matrices = mix_matrices(read_basis(read_manifest(folder)), mix)
+    source = _open(folder, len(matrices))
+    size = _size(source)
+    try:
+        file = _target(target, size)
+        for rows in progress.strips("mix", size[1], STRIP_ROWS, 0.0, 0.9):
+            file.write(_as_rows(file, mixed(_layers(source, len(matrices), rows), matrices)))
+        file.close()
+    except BaseException:
+        target.unlink(missing_ok=True)
+        raise
+    finally:
+        source.close()
+    progress.report("mix", 1.0)
+
+
+def mix_results(folder: Path, wanted: MixRequest, results: Path, progress: Progress) -> None:
+    """Mix the layers of a folder of results into another one: mix.jpg, .tif or .exr, and manifest.
+
+    results: made if missing. Raises what mix_files raises.
+    """
+    ending, encoding, colour_space = ENCODINGS[wanted.format]
+    results.mkdir(parents=True, exist_ok=True)
+    target = results / f"mix.{ending}"
+    mix_files(folder, wanted, target, progress)
+    manifest = {
+        "mix": wanted.model_dump(mode="json"),
+        "files": [describe(target, encoding, colour_space)],
+        "warnings": [],
+        "versions": versions(),
+    }
+    text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False)
+    (results / MANIFEST).write_text(text + "\n", encoding="utf-8")
+
+
+def format_of(target: Path) -> str:
+    """Tell the format, a key of ENCODINGS, by the end of a name. Raises InputError."""
+    names = {"jpg": "jpeg", "jpeg": "jpeg", "tif": "tiff", "tiff": "tiff", "exr": "exr"}
+    found = names.get(target.suffix.lower().lstrip("."))
+    if found is None:
+        raise InputError(
+            f"A mix cannot be written as {target.name}: its name has to end in .jpg, .tif or .exr."
+        )
+    return found
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """Read the manifest of a folder of results. Raises InputError."""
+    try:
+        found = json.loads((folder / MANIFEST).read_bytes())
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"{folder} is no folder of results: there is no {MANIFEST} that can be read."
+        ) from error
+    return found if isinstance(found, dict) else {}
+
+
+def _open(folder: Path, lamps: int) -> Any:
+    path = folder / LAYERS
+    if not path.is_file():
+        raise InputError(
+            f"There is no {LAYERS} among the results: separate the pair with that output."
+        )
+    try:
+        source = OpenEXR.InputFile(str(path))
+    except Exception as error:  # OpenEXR raises what it likes
+        raise InputError(f"{LAYERS} cannot be read: it is damaged, or no EXR.") from error
+    if not set(_channels(lamps)) <= source.header()["channels"].keys():
+        source.close()
+        raise InputError(f"{LAYERS} lacks a layer that the manifest names: they do not belong.")
+    return source
+
+
+def _channels(lamps: int) -> list[str]:
+    return [f"lamp{lamp + 1}.{letter}" for lamp in range(lamps) for letter in "RGB"]
+
+
+def _size(source: Any) -> tuple[int, int]:
+    window = source.header()["dataWindow"]
+    return int(window.max.x - window.min.x) + 1, int(window.max.y - window.min.y) + 1
+
+
+def _layers(source: Any, lamps: int, rows: slice) -> NDArray[np.float32]:
+    try:
+        planes = source.channels(_channels(lamps), _FLOAT, rows.start, rows.stop - 1)
+    except Exception as error:
+        raise InputError(f"{LAYERS} cannot be read to its end: it is damaged.") from error
+    height = rows.stop - rows.start
+    layers = by_planes(lamps, height, len(planes[0]) // (4 * height), 3)
+    for index, plane in enumerate(planes):
+        lamp, channel = divmod(index, 3)
+        layers[lamp, ..., channel] = np.frombuffer(plane, np.float32).reshape(height, -1)
+    return layers
+
+
+def _target(target: Path, size: tuple[int, int]) -> _Target:
+    kind = format_of(target)
+    if kind == "jpeg":
+        return JpegFile(target, size)
+    return TiffFile(target, size, _REC2020) if kind == "tiff" else ExrFile(target, size)
+
+
+def _as_rows(file: _Target, rows: Image) -> Any:
+    return {"RGB": rows} if isinstance(file, ExrFile) else rows

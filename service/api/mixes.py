@@ -1,0 +1,72 @@
+"""Route of mixes: jobs that make one picture of the layers of another job."""
+
+from __future__ import annotations
+
+import json
+
+from fastapi import APIRouter, Request, Response
+from fastapi.concurrency import run_in_threadpool
+
+from pipeline.errors import OptionError
+from pipeline.mix import Mix, mix_matrices
+from pipeline.mix_files import LAYERS, MANIFEST, read_basis
+from service.api import intake
+from service.api.accept import accept, refuse_when_full
+from service.api.callers import Caller, Calling, find
+from service.api.context import Context, Parts, TraceId
+from service.api.jobs import answer
+from service.api.models import JobAnswer, MixJob, MixOptions
+from service.api.pair_form import IdempotencyKey, accepted
+from service.attempt import results_key
+from service.errors import NotReadyError, UnknownJobError
+from service.states import State
+
+router = APIRouter(tags=["mixes"])
+
+SCHEMAS = (MixJob, MixOptions)
+"""Models that the OpenAPI document names only in bodies."""
+
+_BODY = {
+    "required": True,
+    "content": {
+        "application/json": {"schema": {"$ref": f"#/components/schemas/{MixJob.__name__}"}}
+    },
+}
+
+
+@router.post(
+    "/jobs/{job_id}/mix",
+    status_code=202,
+    response_model=JobAnswer,
+    openapi_extra={"requestBody": _BODY},
+    responses=accepted(UnknownJobError, NotReadyError),
+)
+async def create_mix(
+    request: Request,
+    response: Response,
+    context: Parts,
+    caller: Calling,
+    trace_id: TraceId,
+    job_id: str,
+    idempotency_key: IdempotencyKey = None,
+) -> JobAnswer:
+    """Mix the layers of a job into a picture of full size; a job of its own."""
+    await run_in_threadpool(refuse_when_full, context, caller, idempotency_key)
+    wanted = await intake.read_mix(request, context.settings.upload_bytes, job_id)
+    assert isinstance(wanted.options, MixOptions)
+    await run_in_threadpool(_check, context, caller, job_id, wanted.options.mix)
+    made = await run_in_threadpool(accept, context, caller, wanted, idempotency_key, trace_id)
+    response.headers.update(made.headers)
+    return await run_in_threadpool(answer, context, caller, made.job_id)
+
+
+def _check(context: Context, caller: Caller, job_id: str, mix: Mix) -> None:
+    """Refuse what could never be mixed."""
+    with context.engine.connect() as connection:
+        job = find(connection, caller, job_id)
+    if job.state != State.SUCCEEDED:
+        raise NotReadyError(f"The job is {job.state}; its layers are there once it is succeeded.")
+    if not {LAYERS, MANIFEST} <= {result["name"] for result in job.results or []}:
+        raise OptionError(f"The job has no {LAYERS} to mix; separate the pair with that output.")
+    manifest = context.storage.get(results_key(job.id, job.attempt, MANIFEST))
+    mix_matrices(read_basis(json.loads(manifest)), mix)

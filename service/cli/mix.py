@@ -1,0 +1,112 @@
+"""lightlayers mix: the layers of a folder of results, mixed into one picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from service.cli.options import read_file
+
+if TYPE_CHECKING:
+    from pipeline.mix import Mix
+
+_NUMBERS = {"ev": "ev", "temperature": "temperature_k", "tint": "tint"}
+_SETTINGS = "off, neutral, ev=STOPS, temperature=KELVIN, tint=STEPS, rgb=#rrggbb"
+
+
+def mix(
+    results: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Folder of results, with layers.exr.")
+    ],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE", help="Picture: .jpg, .tif or .exr.")
+    ],
+    preset: Annotated[
+        Path | None, typer.Option(metavar="FILE.json", help="Settings as the page saves them.")
+    ] = None,
+    lamp: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="N:SETTING,…",
+            help=f"Settings of lamp N, above those of the preset: {_SETTINGS}. Once for each lamp.",
+        ),
+    ] = None,
+) -> None:
+    """Mix the layers of a photograph: every lamp as bright as you like, and of any colour."""
+    from pipeline.errors import InputError
+    from pipeline.mix_files import format_of, mix_files, read_basis, read_manifest
+    from pipeline.progress import Progress
+    from service.cli.display import stage_bar
+
+    format_of(output)
+    count = len(read_basis(read_manifest(results)).lamps)
+    settings = _settings(preset, lamp or [], count)
+    partial = output.with_name(f".partial-{output.name}")
+    try:
+        with stage_bar() as report:
+            mix_files(results, settings, partial, Progress(report))
+        partial.replace(output)
+    except OSError as error:
+        reason = (error.strerror or "it cannot be written").lower()
+        raise InputError(f"The picture {output} cannot be written: {reason}.") from error
+    print(output)
+
+
+def _settings(preset: Path | None, typed: list[str], count: int) -> Mix:
+    from pydantic import ValidationError
+
+    from pipeline.errors import OptionError
+    from pipeline.mix import Mix
+    from service.errors import sentence_of
+
+    values: Any = {"lamps": [{} for _ in range(count)]}
+    try:
+        if preset is not None:
+            values = Mix.model_validate_json(read_file(preset, "preset")).model_dump()
+        for text in typed:
+            lamp, settings = _lamp(text, len(values["lamps"]))
+            values["lamps"][lamp] |= settings
+        return Mix.model_validate(values)
+    except ValidationError as error:
+        raise OptionError(sentence_of(error)) from error
+
+
+def _lamp(text: str, count: int) -> tuple[int, dict[str, Any]]:
+    """Read N:SETTING,…: the lamp, from 0, and its settings by name."""
+    from pipeline.errors import OptionError
+
+    number, colon, rest = text.partition(":")
+    if not colon or not number.isdecimal() or not 1 <= int(number) <= count:
+        raise OptionError(
+            f"--lamp {text[:80]}: begin with the number of a lamp, 1 to {count}, and a colon."
+        )
+    settings: dict[str, Any] = {}
+    for part in rest.split(","):
+        name, _, value = part.strip().partition("=")
+        if (name, value) in (("off", ""), ("on", "")):
+            settings["on"] = name == "on"
+        elif (name, value) == ("neutral", ""):
+            settings["neutral"] = True
+        elif name in _NUMBERS and value:
+            settings[_NUMBERS[name]] = value
+        elif name == "rgb":
+            settings["rgb"] = _linear(value)
+        else:
+            raise OptionError(f"--lamp {text[:80]}: {part[:40]!r} is none of {_SETTINGS}.")
+    return int(number) - 1, settings
+
+
+def _linear(text: str) -> list[float]:
+    """Linear red, green and blue of #rrggbb, the largest 1: a gel takes light away."""
+    import numpy as np
+
+    from pipeline.colour.curves import srgb_to_linear
+    from pipeline.errors import OptionError
+
+    digits = text.removeprefix("#")
+    if len(digits) != 6 or not set(digits.lower()) <= set("0123456789abcdef"):
+        raise OptionError(f"{text[:40]!r} is no colour of the form #rrggbb.")
+    linear = srgb_to_linear(np.frombuffer(bytes.fromhex(digits), np.uint8) / 255)
+    return [float(value) for value in linear / max(float(linear.max()), 1e-9)]

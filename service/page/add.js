@@ -1,0 +1,142 @@
+// Two photographs of a job to be: dropped, picked, taken by the phone, or by a connected camera.
+
+import { get, post, upload } from "./api.js";
+import { alarm, bytes, h, say } from "./dom.js";
+
+const FRAMES = [
+  ["no_flash", "Without the flash", "Only the lamps of the room light it."],
+  ["flash", "With the flash", "From the same place, nothing moved, the same exposure."],
+];
+const KINDS = "image/*,.dng,.nef,.cr2,.cr3,.arw,.raf,.orf,.rw2,.pef,.tif,.tiff,.exr,.heic";
+
+export async function showAdd(main, signal) {
+  const files = {};
+  const problems = h("div");
+  const go = h("button", { className: "main", textContent: "Separate the light", disabled: true });
+  const sent = h("progress", { max: 1, value: 0, hidden: true, "aria-label": "Sent" });
+  const zones = FRAMES.map(([frame, title, hint], index) =>
+    zone(title, hint, (chosen) => {
+      chosen.slice(0, 2).forEach((file, more) => {
+        const place = chosen.length > 1 ? more : index;
+        files[FRAMES[place][0]] = file;
+        zones[place].show(file);
+      });
+      go.disabled = FRAMES.some(([name]) => !files[name]);
+    }),
+  );
+  const lamps = h(
+    "select",
+    {},
+    ...[["auto", "Find out"], ["1", "1"], ["2", "2"], ["3", "3"]].map(([value, textContent]) => h("option", { value, textContent })),
+  );
+  const options = () => (lamps.value === "auto" ? {} : { lights: Number(lamps.value) });
+  const attempt = (work) => async (event) => {
+    event.preventDefault();
+    problems.replaceChildren();
+    try {
+      const job = await work();
+      if (!signal.aborted) location.hash = `#/jobs/${job.id}`;
+    } catch (error) {
+      problems.replaceChildren(alarm(error));
+      sent.hidden = true;
+      go.disabled = false;
+    }
+  };
+  const form = h(
+    "form",
+    {
+      className: "add",
+      onsubmit: attempt(() => {
+        const body = new FormData();
+        for (const [frame] of FRAMES) body.append(frame, files[frame]);
+        body.append("options", JSON.stringify(options()));
+        go.disabled = true;
+        sent.hidden = false;
+        say("The photographs are being sent.");
+        return upload("/jobs", body, (fraction) => (sent.value = fraction));
+      }),
+    },
+    h("div", { className: "zones" }, ...zones.map((one) => one.element)),
+    h("p", { className: "row" }, h("label", {}, "Lamps ", lamps), go, sent),
+    problems,
+  );
+  main.classList.add("narrow");
+  main.append(
+    h("h1", { textContent: "The light of every lamp, apart" }),
+    h("p", { className: "lead", textContent: "Two photographs from the same place: one without the flash, one with it." }),
+    form,
+  );
+  const found = await get("/cameras").catch(() => []);
+  if (signal.aborted || !found.length) return;
+  const capture = (address) => attempt(() => post("/jobs", { capture: { camera: address }, options: options() }));
+  main.append(
+    h(
+      "section",
+      { className: "cameras" },
+      h("h2", { textContent: "Or let a connected camera take both" }),
+      h(
+        "ul",
+        {},
+        ...found.map((camera) =>
+          h(
+            "li",
+            {},
+            h("span", {}, h("strong", { textContent: nameOf(camera) }), " ", h("code", { textContent: camera.address })),
+            h("button", {
+              type: "button",
+              textContent: "Capture",
+              "aria-label": `Capture with ${nameOf(camera)}`,
+              onclick: capture(camera.address),
+            }),
+          ),
+        ),
+      ),
+    ),
+  );
+}
+
+function nameOf({ make, model }) {
+  return model.startsWith(make.split(" ")[0]) ? model : `${make} ${model}`;
+}
+
+/** A place for one photograph; chosen(files) is called with what was dropped or picked. */
+function zone(title, hint, chosen) {
+  const picture = h("div", { className: "chosen" });
+  const input = (more) =>
+    h("input", {
+      type: "file",
+      className: "unseen",
+      ...more,
+      onchange: (event) => chosen([...event.target.files]),
+    });
+  const pick = input({ accept: KINDS, multiple: true, "aria-label": `Choose a file: ${title}` });
+  const shoot = input({ accept: "image/*", capture: "environment", "aria-label": `Take it with this device: ${title}` });
+  const element = h(
+    "section",
+    { className: "zone", "aria-label": title },
+    h("h2", { textContent: title }),
+    picture,
+    h("p", { textContent: hint }),
+    h(
+      "p",
+      { className: "row" },
+      h("label", { className: "button" }, pick, "Choose a file"),
+      h("label", { className: "button touch" }, shoot, "Use the camera"),
+    ),
+  );
+  for (const [type, over] of [["dragover", true], ["dragleave", false], ["drop", false]]) {
+    element.addEventListener(type, (event) => {
+      event.preventDefault();
+      element.classList.toggle("over", over);
+      if (type === "drop" && event.dataTransfer.files.length) chosen([...event.dataTransfer.files]);
+    });
+  }
+  const show = (file) => {
+    const name = h("span", { className: "name", textContent: `${file.name} · ${bytes(file.size)}` });
+    const image = h("img", { alt: "", src: URL.createObjectURL(file), onerror: () => image.remove() });
+    picture.replaceChildren(image, name);
+    element.classList.add("filled");
+    say(`${title}: ${file.name}`);
+  };
+  return { element, show };
+}

@@ -1,0 +1,128 @@
+// Requests to the service. A key, where it asks for one, is kept in sessionStorage alone.
+
+const KEY = "lightlayers-key";
+
+/** What the service answered instead of what was asked for (RFC 9457), or that it did not answer. */
+export class Problem extends Error {
+  constructor({ title, detail, status }) {
+    super(detail);
+    this.title = title;
+    this.status = status;
+  }
+}
+
+const AWAY = {
+  title: "No connection",
+  detail: "The service does not answer; check that it runs and that this device is on its network.",
+  status: 0,
+};
+
+export async function get(path) {
+  return (await request(path)).json();
+}
+
+export async function post(path, body) {
+  const headers = { "Content-Type": "application/json", "Idempotency-Key": crypto.randomUUID?.() ?? String(Math.random()) };
+  return (await request(path, { method: "POST", headers, body: JSON.stringify(body) })).json();
+}
+
+/** Bytes of a result. */
+export async function fetchBytes(path) {
+  return (await request(path)).arrayBuffer();
+}
+
+/** Something that src takes: where there is a key, no <img> could send it. */
+export async function source(path) {
+  if (!key()) return path;
+  return URL.createObjectURL(await (await request(path)).blob());
+}
+
+/** Save a result as a file. */
+export async function download(path, name) {
+  const link = document.createElement("a");
+  link.href = await source(path);
+  link.download = name;
+  link.click();
+  if (link.href.startsWith("blob:")) setTimeout(() => URL.revokeObjectURL(link.href), 60000);
+}
+
+/** Send a form; sent(fraction) is called while it is on its way. */
+export async function upload(path, form, sent) {
+  for (;;) {
+    const answer = await send(path, form, sent);
+    if (answer.status !== 401) return parsed(answer);
+    await askKey();
+  }
+}
+
+function send(path, form, sent) {
+  return new Promise((resolve, reject) => {
+    const call = new XMLHttpRequest();
+    call.open("POST", path);
+    if (key()) call.setRequestHeader("Authorization", `Bearer ${key()}`);
+    call.upload.onprogress = (event) => sent(event.loaded / event.total);
+    call.onload = () => resolve(call);
+    call.onerror = () => reject(new Problem(AWAY));
+    call.send(form);
+  });
+}
+
+function parsed(call) {
+  const body = asJson(call.responseText);
+  if (call.status >= 400) throw new Problem(body ?? unknown(call.status));
+  return body;
+}
+
+async function request(path, init = {}) {
+  for (;;) {
+    const headers = { ...init.headers, ...(key() ? { Authorization: `Bearer ${key()}` } : {}) };
+    let answer;
+    try {
+      answer = await fetch(path, { ...init, headers });
+    } catch {
+      throw new Problem(AWAY);
+    }
+    if (answer.ok) return answer;
+    if (answer.status !== 401) throw new Problem(asJson(await answer.text()) ?? unknown(answer.status));
+    await askKey();
+  }
+}
+
+function asJson(text) {
+  try {
+    return JSON.parse(text);
+  } catch {
+    return null;
+  }
+}
+
+function unknown(status) {
+  return { title: "The service failed", detail: `It answered with ${status} and nothing to read.`, status };
+}
+
+function key() {
+  return sessionStorage.getItem(KEY);
+}
+
+let asking = null;
+
+/** Ask for a key, once for all requests that wait for it. */
+function askKey() {
+  asking ??= new Promise((resolve) => {
+    const dialog = document.getElementById("key");
+    const text = document.getElementById("key-text");
+    text.value = "";
+    dialog.addEventListener(
+      "close",
+      () => {
+        sessionStorage.setItem(KEY, text.value.trim());
+        text.value = "";
+        asking = null;
+        resolve();
+      },
+      { once: true },
+    );
+    dialog.showModal();
+  });
+  return asking;
+}

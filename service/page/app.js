@@ -1,0 +1,42 @@
+// Which part of the page is shown: #/ adds photographs, #/jobs lists jobs, #/jobs/ID is one of them.
+
+import { showAdd } from "./add.js";
+import { alarm, say } from "./dom.js";
+import { showJobs } from "./jobs.js";
+import { showJob } from "./watch.js";
+
+const main = document.getElementById("main");
+let leave = new AbortController();
+
+async function route() {
+  leave.abort();
+  leave = new AbortController();
+  const { signal } = leave;
+  const [, part, id] = location.hash.split("/");
+  main.className = "";
+  main.replaceChildren();
+  say("");
+  mark(part ? "#/jobs" : "#/");
+  try {
+    if (part === "jobs" && id) await showJob(main, decodeURIComponent(id), signal);
+    else if (part === "jobs") await showJobs(main, signal);
+    else await showAdd(main, signal);
+  } catch (error) {
+    if (signal.aborted) return;
+    console.error(error);
+    main.append(alarm(error));
+  }
+}
+
+function mark(current) {
+  for (const link of document.querySelectorAll("nav a")) {
+    if (link.getAttribute("href") === current) link.setAttribute("aria-current", "page");
+    else link.removeAttribute("aria-current");
+  }
+}
+
+addEventListener("hashchange", () => {
+  main.focus();
+  route();
+});
+route();

@@ -1,0 +1,65 @@
+// Elements in one line, and sentences for people.
+
+/** Make an element. Of props, on… are listeners, aria-… and data-… attributes, others properties. */
+export function h(tag, props = {}, ...children) {
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(props)) {
+    if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
+    else if (/^(aria-|data-|role$|for$|list$|capture$)/.test(name)) element.setAttribute(name, value);
+    else element[name] = value;
+  }
+  element.append(...children.filter((child) => child !== null && child !== undefined));
+  return element;
+}
+
+/** A toggle that tells its state to screen readers: the button, with `pressed` to set. */
+export function toggle(text, label, pressed, change) {
+  const button = h("button", {
+    type: "button",
+    className: "toggle",
+    textContent: text,
+    "aria-label": label,
+    onclick: () => change(button.getAttribute("aria-pressed") !== "true"),
+  });
+  button.setAttribute("aria-pressed", String(pressed));
+  return button;
+}
+
+/** One of several choices: radio buttons that look like one bar. */
+export function choice(label, options, chosen, change) {
+  const name = `choice${count++}`;
+  return h(
+    "div",
+    { className: "choice", role: "radiogroup", "aria-label": label },
+    ...options.map(([value, text]) =>
+      h(
+        "label",
+        {},
+        h("input", { type: "radio", name, value, checked: value === chosen, onchange: () => change(value) }),
+        h("span", { textContent: text }),
+      ),
+    ),
+  );
+}
+
+/** Tell it to screen readers. */
+export function say(text) {
+  document.getElementById("said").textContent = text;
+}
+
+/** A problem as people see it. */
+export function alarm(error) {
+  return h(
+    "div",
+    { className: "alarm", role: "alert" },
+    h("strong", { textContent: error.title ?? "That did not work" }),
+    h("p", { textContent: error.message }),
+  );
+}
+
+export function bytes(size) {
+  const [unit, name] = size >= 1e6 ? [1e6, "MB"] : [1e3, "kB"];
+  return `${(size / unit).toLocaleString("en", { maximumFractionDigits: size < 1e7 ? 1 : 0 })} ${name}`;
+}
+
+let count = 0;

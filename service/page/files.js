@@ -1,0 +1,53 @@
+// The files of a job, one by one or all at once.
+
+import { download } from "./api.js";
+import { alarm, bytes, h } from "./dom.js";
+
+const WORDS = {
+  "manifest.json": "What was found, as JSON",
+  "layers.exr": "All layers, linear camera RGB",
+  "preview.exr": "The same, small, for the mixer",
+  "thumbnail.jpg": "The photograph, small",
+  "white_balanced_1.jpg": "Every lamp made neutral",
+  "white_balanced_2.jpg": "All light made neutral",
+  "confidence.tif": "Where layers were separated",
+  "gamma.png": "The light of every pixel, and the lamps",
+  "residual.png": "What the lamps do not explain",
+  "normals.png": "Surface normals",
+  "surface.glb": "The surface in 3-D",
+};
+
+/** A table of files with a button for each. */
+export function filesOf(job) {
+  const failed = h("div");
+  const save = (path, name) => () => {
+    failed.replaceChildren();
+    download(path, name).catch((error) => failed.append(alarm(error)));
+  };
+  const row = (file) =>
+    h(
+      "li",
+      {},
+      h("button", { type: "button", className: "link", textContent: file.name, onclick: save(file.href, file.name) }),
+      h("span", { className: "what", textContent: WORDS[file.name] ?? wordsOf(file.name) }),
+      h("span", { className: "size", textContent: bytes(file.size) }),
+    );
+  const all = bytes(job.files.reduce((sum, file) => sum + file.size, 0));
+  return h(
+    "div",
+    { className: "files" },
+    h("button", {
+      type: "button",
+      textContent: `Download all (${all})`,
+      onclick: save(job.links.zip, `${job.id}.zip`),
+    }),
+    h("ul", {}, ...job.files.map(row)),
+    failed,
+  );
+}
+
+function wordsOf(name) {
+  const lamp = name.match(/^(?:response_)?lamp(\d)\.(\w+)$/);
+  if (!lamp) return "";
+  return `The light of lamp ${lamp[1]}${lamp[2] === "tif" ? ", 16-bit" : ""}`;
+}

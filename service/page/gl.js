@@ -1,0 +1,62 @@
+// What both pictures drawn by WebGL need: a program over the whole canvas, and textures.
+
+const VERTEX = `#version 300 es
+void main() {
+  gl_Position = vec4(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0, 0.0, 1.0);
+}`;
+
+/** WebGL 2 of a canvas, null where the browser has none. */
+export function open(canvas) {
+  return canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false, stencil: false });
+}
+
+/** A program that runs a fragment shader for every pixel of the canvas. */
+export function build(gl, fragment) {
+  const program = gl.createProgram();
+  for (const [type, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, fragment]]) {
+    const shader = gl.createShader(type);
+    gl.shaderSource(shader, text);
+    gl.compileShader(shader);
+    if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
+    gl.attachShader(program, shader);
+  }
+  gl.linkProgram(program);
+  if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program));
+  gl.useProgram(program);
+  return (name) => gl.getUniformLocation(program, name);
+}
+
+/** Make texture number `unit` the current one, with these filters. */
+export function texture(gl, unit, smaller, larger) {
+  gl.activeTexture(gl.TEXTURE0 + unit);
+  gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
+  gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, smaller);
+  gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, larger);
+  gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE);
+  gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE);
+}
+
+/** Linear light to the code values of sRGB, by roots, which are quicker than powers and 0.01 of 255 off. */
+export const SRGB = `
+vec3 encoded(vec3 light) {
+  vec3 c = clamp(light, 0.0, 1.0);
+  vec3 half_ = sqrt(c);
+  vec3 quarter = sqrt(half_);
+  vec3 curve = 0.653985193 * half_ + 0.688708990 * quarter - 0.318469118 * sqrt(quarter)
+    - 0.0201874727 * c - 0.00406882934;
+  return mix(curve, 12.92 * c, lessThanEqual(c, vec3(0.0031308)));
+}`;
+
+/** The colour around a picture, 0…1. */
+export function surroundings(canvas) {
+  return getComputedStyle(canvas).backgroundColor.match(/[\d.]+/g).slice(0, 3).map((code) => code / 255);
+}
+
+/** Give a canvas as many pixels as the screen shows of it, or fewer by the square of a factor. */
+export function fit(canvas, coarseness = 1) {
+  const ratio = devicePixelRatio / coarseness;
+  const width = Math.max(1, Math.round(canvas.clientWidth * ratio));
+  const height = Math.max(1, Math.round(canvas.clientHeight * ratio));
+  if (canvas.width !== width) canvas.width = width;
+  if (canvas.height !== height) canvas.height = height;
+}

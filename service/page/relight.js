@@ -1,0 +1,72 @@
+// The normals under a light that follows the pointer.
+
+import { SRGB, build, fit, open, surroundings, texture } from "./gl.js";
+
+const SHADER = `#version 300 es
+precision highp float;
+uniform sampler2D normals;
+uniform vec2 canvas;
+uniform vec2 size;
+uniform vec3 lamp;  // from the surface to the light; x right, y up, z to the viewer
+uniform vec3 around;
+out vec4 colour;
+${SRGB}
+void main() {
+  float scale = min(canvas.x / size.x, canvas.y / size.y);
+  vec2 place = vec2(gl_FragCoord.x, canvas.y - gl_FragCoord.y);
+  vec2 point = (place - 0.5 * (canvas - scale * size)) / (scale * size);
+  vec3 code = texture(normals, point).rgb;
+  bool outside = any(lessThan(point, vec2(0.0))) || any(greaterThan(point, vec2(1.0)));
+  if (outside || code == vec3(0.0)) {
+    colour = vec4(around, 1.0);
+    return;
+  }
+  float lit = max(dot(normalize(2.0 * code - 1.0), normalize(lamp)), 0.0);
+  colour = vec4(encoded(vec3(0.02 + 0.8 * lit)), 1.0);
+}`;
+
+const LONGEST = 2048; // pixels of the normals that are shown
+
+/** Show normals on a canvas, lit from where the pointer or the arrow keys say. */
+export async function relight(canvas, url) {
+  const gl = open(canvas);
+  if (!gl) throw new Error("This browser cannot show normals: it has no WebGL 2.");
+  const whole = await createImageBitmap(await (await fetch(url)).blob(), {
+    colorSpaceConversion: "none",
+    premultiplyAlpha: "none",
+  });
+  const scale = Math.min(1, LONGEST / Math.max(whole.width, whole.height));
+  const size = [Math.round(whole.width * scale), Math.round(whole.height * scale)];
+  const picture = await createImageBitmap(whole, { resizeWidth: size[0], resizeHeight: size[1] });
+  const place = build(gl, SHADER);
+  texture(gl, 0, gl.LINEAR, gl.LINEAR);
+  gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB8, gl.RGB, gl.UNSIGNED_BYTE, picture);
+  gl.uniform2fv(place("size"), size);
+  let lamp = [-0.5, 0.5];
+  const draw = () => {
+    if (!canvas.isConnected) return;
+    fit(canvas);
+    gl.viewport(0, 0, canvas.width, canvas.height);
+    gl.uniform2f(place("canvas"), canvas.width, canvas.height);
+    gl.uniform3f(place("lamp"), lamp[0], lamp[1], 0.6);
+    gl.uniform3fv(place("around"), surroundings(canvas));
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+  };
+  canvas.addEventListener("pointermove", (event) => {
+    const box = canvas.getBoundingClientRect();
+    lamp = [
+      (2 * (event.clientX - box.left)) / box.width - 1,
+      1 - (2 * (event.clientY - box.top)) / box.height,
+    ];
+    requestAnimationFrame(draw);
+  });
+  const steps = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1] };
+  canvas.addEventListener("keydown", (event) => {
+    const step = steps[event.key];
+    if (!step) return;
+    event.preventDefault();
+    lamp = lamp.map((value, axis) => Math.min(1, Math.max(-1, value + step[axis])));
+    requestAnimationFrame(draw);
+  });
+  new ResizeObserver(draw).observe(canvas);
+}

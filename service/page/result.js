@@ -1,0 +1,273 @@
+// The results of a separation: the picture, a strip for each lamp, warnings, files.
+
+import { fetchBytes, get, source } from "./api.js";
+import { alarm, choice, h, say } from "./dom.js";
+import { readExr } from "./exr.js";
+import { filesOf } from "./files.js";
+import { Light } from "./light.js";
+import { lampMatrix, readPreset, untouched } from "./mix.js";
+import { relight } from "./relight.js";
+import { renderForm } from "./render.js";
+import { Strip } from "./strip.js";
+import { warningsOf } from "./warnings.js";
+
+export async function showResult(main, job, signal) {
+  const manifest = await get(job.links.results);
+  if (signal.aborted) return;
+  const has = (name) => job.files.some((file) => file.name === name);
+  main.className = "result";
+  const picture = h("div", { className: "picture" });
+  const bar = h("div", { className: "bar" });
+  const foot = h("div", { className: "foot" });
+  const desk = h("div", { className: "desk" });
+  main.append(
+    h("h1", { className: "unseen", textContent: "Light mixer" }),
+    h("section", { className: "stage", "aria-label": "Picture" }, bar, picture, foot),
+    h("section", { className: "controls", "aria-label": "Lamps and files" }, desk),
+  );
+  const views = new Views(picture, bar, foot, job);
+  let marks = null;
+  if (manifest.mix && has("preview.exr")) {
+    const wait = h("p", { className: "wait", textContent: "Loading the layers …" });
+    if (has("thumbnail.jpg")) picture.append(await thumbnail(job));
+    picture.append(wait);
+    const preview = readExr(await fetchBytes(`/jobs/${job.id}/results/preview.exr`));
+    if (signal.aborted) return;
+    picture.replaceChildren();
+    try {
+      marks = mixer(views, desk, preview, job, manifest);
+    } catch (error) {
+      picture.append(alarm(error));
+    }
+  } else {
+    const message = "This job has no preview.exr, which the mixer needs; its files are below.";
+    desk.append(alarm({ title: "No mixer", message }));
+  }
+  for (const [name, text] of pictures(manifest)) if (has(name)) views.addImage(name, text);
+  if (has("normals.png")) views.addNormals();
+  views.start();
+  desk.append(
+    ...warningsOf(manifest.warnings, marks && ((on) => (views.choose("mix"), marks(on))), has("residual.png") && (() => views.choose("residual.png"))),
+    h("details", {}, h("summary", { textContent: "Files" }), filesOf(job)),
+  );
+}
+
+/** Strips, comparison, presets and rendering; gives what marks places that were filled in. */
+function mixer(views, desk, preview, job, manifest) {
+  const canvas = h("canvas", {
+    id: "mix",
+    tabIndex: 0,
+    role: "img",
+    "aria-label": "The mix. Plus and minus enlarge it, 0 shows all of it, arrow keys move it.",
+  });
+  views.add("mix", "Mix", canvas);
+  const light = new Light(canvas, preview);
+  const basis = manifest.mix;
+  const neutral = manifest.lamps.map(() => untouched());
+  const matrices = (settings) => settings.map((one, lamp) => lampMatrix(basis, lamp, one));
+  let alone = null; // the lamp that is shown by itself
+  const current = () => {
+    const soloed = strips.some((strip) => strip.solo);
+    return strips.map((strip) => ({ ...strip.settings, on: strip.settings.on && (!soloed || strip.solo) }));
+  };
+  const changed = () => {
+    const shown = alone === null ? current() : neutral.map((one, lamp) => ({ ...one, on: lamp === alone }));
+    light.show(matrices(shown), matrices(neutral));
+  };
+  const strips = manifest.lamps.map((lamp, index) => new Strip(lamp, index + 1, changed));
+  manifest.lamps.forEach((_, lamp) => views.add(`lamp${lamp + 1}`, `Lamp ${lamp + 1}`, canvas));
+  views.shown = (name) => {
+    alone = name.startsWith("lamp") ? Number(name.slice(4)) - 1 : null;
+    changed();
+  };
+  views.zoomable(light, comparison(light));
+  const problems = h("div");
+  const replace = (settings) => {
+    strips.forEach((strip, index) => {
+      strip.solo = false;
+      strip.set(settings[index]);
+    });
+    changed();
+  };
+  desk.append(
+    h("div", { className: "strips" }, ...strips.map((strip) => strip.element)),
+    presets(current, replace, problems),
+    renderForm(job, current, problems),
+    problems,
+  );
+  changed();
+  return (on) => {
+    light.marked = on;
+    light.draw();
+  };
+}
+
+function comparison(light) {
+  const slider = h("input", { type: "range", min: 0, max: 100, step: 0.5, value: 0, id: "compare" });
+  slider.addEventListener("input", () => {
+    light.split = slider.value / 100;
+    slider.setAttribute("aria-valuetext", `${slider.value} % of the picture as photographed`);
+    light.draw();
+  });
+  return h("label", { className: "compare" }, h("span", { textContent: "Before" }), slider, h("span", { textContent: "After" }));
+}
+
+function presets(current, replace, problems) {
+  const save = () => {
+    const text = `${JSON.stringify({ lamps: current() }, null, 2)}\n`;
+    const url = URL.createObjectURL(new Blob([text], { type: "application/json" }));
+    h("a", { href: url, download: "mix.json" }).click();
+    setTimeout(() => URL.revokeObjectURL(url), 1000);
+  };
+  const load = h("input", { type: "file", accept: ".json,application/json", className: "unseen", "aria-label": "Load a preset" });
+  load.addEventListener("change", async () => {
+    problems.replaceChildren();
+    try {
+      replace(readPreset(await load.files[0].text(), current().length));
+      say("The preset is loaded.");
+    } catch (error) {
+      problems.append(alarm({ title: "No preset", message: error.message }));
+    }
+    load.value = "";
+  });
+  return h(
+    "p",
+    { className: "row" },
+    h("button", { type: "button", textContent: "Reset", onclick: () => replace(current().map(untouched)) }),
+    h("button", { type: "button", textContent: "Save preset", onclick: save }),
+    h("label", { className: "button" }, load, "Load preset"),
+  );
+}
+
+function pictures(manifest) {
+  return [
+    ["white_balanced_1.jpg", "White balanced"],
+    ["response.jpg", "Other camera"],
+    ["gamma.png", manifest.lamps.length > 1 ? "Why these lamps" : "Why this lamp"],
+    ["residual.png", "Unexplained"],
+  ];
+}
+
+async function thumbnail(job) {
+  return h("img", { alt: "", className: "early", src: await source(`/jobs/${job.id}/results/thumbnail.jpg`) });
+}
+
+/** The pictures that can be looked at, one at a time. */
+class Views {
+  constructor(place, bar, foot, job) {
+    this.shown = () => {};
+    this._place = place;
+    this._bar = bar;
+    this._foot = foot;
+    this._job = job;
+    this._views = new Map();
+    this._light = null;
+  }
+
+  add(name, text, element, start = () => {}) {
+    this._views.set(name, { text, element, start });
+  }
+
+  addImage(name, text) {
+    const image = h("img", { className: "plain", alt: text });
+    this.add(name, text, image, async () => (image.src = await source(this._path(name))));
+  }
+
+  addNormals() {
+    const canvas = h("canvas", {
+      id: "normals",
+      tabIndex: 0,
+      role: "img",
+      "aria-label": "The normals under a light that follows the pointer or the arrow keys.",
+    });
+    this.add("normals.png", "Normals", canvas, async () => relight(canvas, await source(this._path("normals.png"))));
+  }
+
+  /** Let a picture be enlarged and moved by pointer and keys. */
+  zoomable(light, comparison) {
+    this._light = light;
+    const button = (text, label, work) => h("button", { type: "button", textContent: text, "aria-label": label, onclick: work });
+    this._zoom = h(
+      "div",
+      { className: "zoom" },
+      button("Fit", "Show all of the picture", () => light.zoom(null)),
+      button("1:1", "Show it pixel by pixel", () => light.zoom(1)),
+      button("−", "Smaller", () => light.enlarge(1 / 1.5)),
+      button("+", "Larger", () => light.enlarge(1.5)),
+    );
+    this._comparison = comparison;
+    moveBy(light);
+  }
+
+  start() {
+    const names = [...this._views].map(([name, { text }]) => [name, text]);
+    if (!names.length) return;
+    this._choice = choice("View", names, names[0][0], (name) => this._show(name));
+    this._bar.append(this._choice);
+    if (this._zoom) this._bar.append(this._zoom);
+    if (this._comparison) this._foot.append(this._comparison);
+    this._show(names[0][0]);
+  }
+
+  choose(name) {
+    this._choice.querySelector(`input[value="${name}"]`).checked = true;
+    this._show(name);
+  }
+
+  _show(name) {
+    const view = this._views.get(name);
+    const mixes = view.element === this._light?.canvas;
+    if (view.element.parentNode !== this._place) this._place.replaceChildren(view.element);
+    Promise.resolve(view.start()).catch((error) => this._place.append(alarm(error)));
+    view.start = () => {};
+    for (const part of [this._zoom, this._comparison]) if (part) part.hidden = !mixes;
+    if (mixes) this.shown(name);
+  }
+
+  _path(name) {
+    return `/jobs/${this._job.id}/results/${name}`;
+  }
+}
+
+function moveBy(light) {
+  const { canvas } = light;
+  const fingers = new Map();
+  const apart = () => {
+    const [a, b] = [...fingers.values()];
+    return Math.hypot(a[0] - b[0], a[1] - b[1]);
+  };
+  canvas.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    light.enlarge(Math.exp(-event.deltaY / 400), event.offsetX, event.offsetY);
+  }, { passive: false });
+  canvas.addEventListener("pointerdown", (event) => {
+    canvas.setPointerCapture(event.pointerId);
+    fingers.set(event.pointerId, [event.offsetX, event.offsetY]);
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    const held = fingers.get(event.pointerId);
+    if (!held) return;
+    const before = fingers.size === 2 ? apart() : null;
+    fingers.set(event.pointerId, [event.offsetX, event.offsetY]);
+    if (before) light.enlarge(apart() / before, event.offsetX, event.offsetY);
+    else light.move(event.offsetX - held[0], event.offsetY - held[1]);
+  });
+  for (const end of ["pointerup", "pointercancel"]) {
+    canvas.addEventListener(end, (event) => fingers.delete(event.pointerId));
+  }
+  const keys = {
+    "+": () => light.enlarge(1.5),
+    "-": () => light.enlarge(1 / 1.5),
+    0: () => light.zoom(null),
+    1: () => light.zoom(1),
+    ArrowLeft: () => light.move(40, 0),
+    ArrowRight: () => light.move(-40, 0),
+    ArrowUp: () => light.move(0, 40),
+    ArrowDown: () => light.move(0, -40),
+  };
+  canvas.addEventListener("keydown", (event) => {
+    if (!keys[event.key]) return;
+    event.preventDefault();
+    keys[event.key]();
+  });
+}

@@ -1,0 +1,118 @@
+"""Frames a second of the light mixer while a slider is dragged: python -m tests.bench.page.
+
+Debian's Chromium draws by software here, which is the least that any graphics card does. The
+preview has 2 MP and two or three lamps. Where the machine is too slow for every pixel of the
+window the page draws fewer while something is dragged; both numbers are told.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import httpx
+from playwright.sync_api import Page, sync_playwright
+
+_CHROMIUM = "/usr/bin/chromium"
+_WINDOWS = ((1440, 900), (1920, 1080), (2560, 1440))
+_SECONDS = 4
+_COUNT = """() => {
+  const draw = WebGL2RenderingContext.prototype.drawArrays;
+  window.drawn = 0;
+  WebGL2RenderingContext.prototype.drawArrays = function (...given) {
+    window.drawn++;
+    return draw.apply(this, given);
+  };
+}"""
+_DRAG = """async (seconds) => {
+  const slider = document.querySelector(".strip input[type=range]");
+  const canvas = document.querySelector("#mix");
+  const begin = performance.now();
+  const first = window.drawn;
+  for (let step = 0; performance.now() - begin < 1000 * seconds; step++) {
+    slider.value = 3 * Math.sin(step / 20);
+    slider.dispatchEvent(new Event("input"));
+    await new Promise(requestAnimationFrame);
+  }
+  const rate = (window.drawn - first) / (performance.now() - begin) * 1000;
+  const whole = Math.round(canvas.clientWidth * canvas.clientHeight * devicePixelRatio ** 2);
+  return [rate, whole, canvas.width * canvas.height];
+}"""
+
+
+def main() -> int:
+    """Make a job for each number of lamps, drag, print a row for each window."""
+    with tempfile.TemporaryDirectory() as folder:
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            port = server.getsockname()[1]
+        url = f"http://127.0.0.1:{port}"
+        settings = {"LIGHTLAYERS_DATA_DIR": folder, "LIGHTLAYERS_PORT": str(port)}
+        service = subprocess.Popen(
+            [sys.executable, "-m", "service.cli", "serve"],
+            env=os.environ | settings,
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            _measure(url)
+        finally:
+            service.terminate()
+            service.wait()
+    return 0
+
+
+def _measure(url: str) -> None:
+    print("| lamps | window | picture, MP | drawn, MP | frames a second |\n|---|---|---|---|---|")  # noqa: T201
+    with sync_playwright() as playwright, httpx.Client(base_url=url) as http:
+        jobs = {lamps: _job(http, lamps) for lamps in (2, 3)}
+        browser = playwright.chromium.launch(executable_path=_CHROMIUM, args=["--no-sandbox"])
+        for lamps, job in jobs.items():
+            for width, height in _WINDOWS:
+                page = browser.new_page(viewport={"width": width, "height": height})
+                page.add_init_script(f"({_COUNT})()")
+                rate, whole, drawn = _drag(page, f"{url}/#/jobs/{job}")
+                page.close()
+                size = f"{whole / 1e6:.2f} | {drawn / 1e6:.2f}"
+                print(f"| {lamps} | {width} × {height} | {size} | {rate:.0f} |")  # noqa: T201
+        browser.close()
+
+
+def _job(http: httpx.Client, lamps: int) -> str:
+    """Id of a finished job whose preview has 2 MP."""
+    while True:
+        try:
+            http.get("/readyz").raise_for_status()
+            break
+        except httpx.HTTPError:
+            time.sleep(0.2)
+    body: dict[str, Any] = {
+        "capture": {"camera": f"sim://studio?lights={lamps}&width=1728&height=1152"},
+        "options": {"lights": lamps, "quality": "fast", "outputs": ["layers.exr", "preview.exr"]},
+    }
+    job = http.post("/jobs", json=body).raise_for_status().json()
+    while job["state"] in ("queued", "running"):
+        time.sleep(0.5)
+        job = http.get(job["links"]["self"]).raise_for_status().json()
+    if job["state"] != "succeeded":
+        raise SystemExit(json.dumps(job["error"]))
+    found: str = job["id"]
+    return found
+
+
+def _drag(page: Page, address: str) -> tuple[float, int, int]:
+    page.goto(address)
+    page.wait_for_selector("#mix[aria-busy=false]", timeout=120_000)
+    page.evaluate(_DRAG, _SECONDS)  # until the page knows the machine
+    rate, whole, drawn = page.evaluate(_DRAG, _SECONDS)
+    return float(rate), int(whole), int(drawn)
+
+
+if __name__ == "__main__":
+    assert Path(_CHROMIUM).exists(), "install Debian's package chromium"
+    sys.exit(main())

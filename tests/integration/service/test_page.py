@@ -1,0 +1,437 @@
+"""The page in a real browser, on a real service."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from numpy.typing import NDArray
+from PIL import Image
+from playwright.sync_api import (
+    Browser,
+    FilePayload,
+    Locator,
+    Page,
+    expect,
+    sync_playwright,
+)
+
+import drivers
+from pipeline.decode.exr import read_exr
+from pipeline.encode.jpeg import to_srgb8
+from pipeline.encode.png import NormalsPng
+from pipeline.mix import LampMix, Mix, MixBasis, mix_matrices
+
+SHOTS = Path(__file__).parents[3] / "build" / "page"
+"""Where the test leaves what it has seen."""
+
+PATIENCE_MS = 120_000
+TWO_FRAMES = """() => new Promise((done) => {
+  requestAnimationFrame(() => requestAnimationFrame(() => done(true)));
+})"""
+
+
+@pytest.fixture(scope="module")
+def browser(lacking: Callable[[str], NoReturn]) -> Iterator[Browser]:
+    program = shutil.which("chromium") or shutil.which("chromium-browser")
+    if program is None:
+        lacking("chromium")
+    SHOTS.mkdir(parents=True, exist_ok=True)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=program, args=["--no-sandbox", "--force-color-profile=srgb"]
+        )
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def page(browser: Browser, service: Any) -> Iterator[Page]:
+    yield from _page(browser, service, viewport={"width": 1280, "height": 800}, color_scheme="dark")
+
+
+@pytest.fixture
+def phone(browser: Browser, service: Any) -> Iterator[Page]:
+    yield from _page(
+        browser,
+        service,
+        viewport={"width": 390, "height": 844},
+        color_scheme="light",
+        has_touch=True,
+        is_mobile=True,
+    )
+
+
+def _page(browser: Browser, service: Any, **more: Any) -> Iterator[Page]:
+    context = browser.new_context(base_url=service.url, **more)
+    context.set_default_timeout(PATIENCE_MS)
+    page = context.new_page()
+    errors: list[str] = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    yield page
+    context.close()
+    assert errors == []
+
+
+@pytest.fixture(scope="module")
+def done(service: Any, pair: drivers.CapturedPair) -> dict[str, Any]:
+    """A job whose preview is as large as its photograph."""
+    files = {"no_flash": pair.no_flash.best, "flash": pair.flash.best}
+    outputs = ["layers.exr", "preview.exr", "thumbnail.jpg", "gamma.png", "residual.png"]
+    options = {"outputs": outputs, "quality": "fast", "lights": 2}
+    answer = service.http.post("/jobs", files=files, data={"options": json.dumps(options)})
+    job: dict[str, Any] = service.await_end(answer.json())
+    assert job["state"] == "succeeded", job
+    return job
+
+
+def open_mixer(page: Page, job: dict[str, Any]) -> Locator:
+    page.goto(f"/#/jobs/{job['id']}")
+    return drawn(page)
+
+
+def drawn(page: Page) -> Locator:
+    """The canvas once what it shows is exact."""
+    canvas = page.locator("#mix")
+    expect(canvas).to_have_attribute("aria-busy", "false", timeout=PATIENCE_MS)
+    return canvas
+
+
+def shown(page: Page, size: tuple[int, int]) -> NDArray[np.int64]:
+    """What of a picture of this size (width, height) is on the screen, pixel by pixel."""
+    page.get_by_role("button", name="pixel by pixel").click()
+    canvas = drawn(page)
+    pixels = np.asarray(Image.open(io.BytesIO(canvas.screenshot())).convert("RGB")).astype(int)
+    top, left = round((pixels.shape[0] - size[1]) / 2), round((pixels.shape[1] - size[0]) / 2)
+    return np.asarray(pixels[top : top + size[1], left : left + size[0]])
+
+
+def strip(page: Page, lamp: int) -> Locator:
+    return page.get_by_role("group", name=f"Lamp {lamp}")
+
+
+def result(service: Any, job: dict[str, Any], name: str) -> bytes:
+    found: bytes = service.http.get(f"/jobs/{job['id']}/results/{name}").raise_for_status().content
+    return found
+
+
+def check_access(page: Page, name: str) -> None:
+    """Look for what keeps people out; leave a picture of it."""
+    page.screenshot(path=SHOTS / f"{name}.png")
+    found = Axe().run(page).response["violations"]
+    assert [(one["id"], one["nodes"][0]["html"]) for one in found] == []
+
+
+def test_a_pair_is_added_watched_mixed_saved_and_rendered(
+    page: Page, service: Any, pair: drivers.CapturedPair, tmp_path: Path
+) -> None:
+    page.goto("/")
+    check_access(page, "add")
+    for label, shot in (("Without the flash", pair.no_flash), ("With the flash", pair.flash)):
+        file: FilePayload = {
+            "name": f"{label}.dng",
+            "mimeType": "image/x-adobe-dng",
+            "buffer": shot.best,
+        }
+        page.get_by_label(f"Choose a file: {label}").set_input_files(file)
+    page.get_by_role("button", name="Separate the light").click()
+    expect(page.get_by_text("Find the lamps")).to_be_visible()
+    check_access(page, "watch")
+    drawn(page)
+    job = service.look({"links": {"self": f"/jobs/{page.url.rpartition('/')[2]}"}})
+    assert job["options"] == {}
+
+    photograph = read_exr(result(service, job, "layers.exr")).values
+    size = photograph.shape[1], photograph.shape[0]
+    manifest = json.loads(result(service, job, "manifest.json"))
+    neutral = Mix(lamps=[LampMix(), LampMix()])
+    to_srgb = mix_matrices(MixBasis.model_validate(manifest["mix"]), neutral)[0]
+    untouched = shown(page, size)
+    assert np.abs(untouched - to_srgb8(photograph, to_srgb)).max() <= 2
+
+    warm, cool = strip(page, 1), strip(page, 2)
+    warm.get_by_role("slider", name="Exposure").fill("-1.5")
+    warm.get_by_label("Neutral").check(force=True)
+    cool.get_by_label("Kelvin").check(force=True)
+    cool.get_by_role("slider", name="Temperature").fill(str(-1e6 / 3200))
+    cool.get_by_role("slider", name="Tint").fill("12")
+    page.get_by_label("Format").select_option("exr")
+    page.get_by_role("button", name="Render full size").click()
+    with page.expect_download() as saved:
+        page.get_by_role("button", name="Download mix.exr").click()
+    saved.value.save_as(tmp_path / "mix.exr")
+    rendered = to_srgb8(read_exr((tmp_path / "mix.exr").read_bytes()).values)
+    mixed = shown(page, size)
+    assert np.abs(mixed - rendered).max() <= 2
+    assert np.abs(mixed - untouched).mean() > 10
+
+    with page.expect_download() as saved:
+        page.get_by_role("button", name="Save preset").click()
+    preset = json.loads(Path(saved.value.path()).read_text())
+    assert preset["lamps"][0] == {**LampMix().model_dump(mode="json"), "ev": -1.5, "neutral": True}
+    assert preset["lamps"][1]["tint"] == 12
+    page.get_by_role("button", name="Reset", exact=True).click()
+    assert np.abs(shown(page, size) - untouched).max() == 0
+    page.get_by_label("Load a preset").set_input_files(saved.value.path())
+    expect(strip(page, 2).get_by_role("slider", name="Tint")).to_have_value("12")
+    assert np.abs(shown(page, size) - mixed).max() == 0
+
+
+def test_a_mix_is_heard_and_seen_by_everyone(page: Page, done: dict[str, Any]) -> None:
+    open_mixer(page, done)
+    strip(page, 1).get_by_label("Gel").check(force=True)
+    strip(page, 2).get_by_label("Kelvin").check(force=True)
+    page.get_by_text("Files", exact=True).click()
+    drawn(page)
+    check_access(page, "mixer")
+    page.emulate_media(color_scheme="light")
+    drawn(page)
+    check_access(page, "mixer_light")
+    page.goto("/#/jobs")
+    expect(page.locator(".jobs img").first).to_be_visible()
+    check_access(page, "jobs")
+
+
+def test_one_lamp_alone_is_its_layer(page: Page, done: dict[str, Any], service: Any) -> None:
+    open_mixer(page, done)
+    layers = read_exr(result(service, done, "layers.exr")).values
+    size = layers.shape[1], layers.shape[0]
+    page.get_by_role("button", name="Solo Lamp 2").click()
+    soloed = shown(page, size)
+    page.get_by_role("button", name="Solo Lamp 2").click()
+    page.get_by_role("button", name="Lamp 1 on").click()
+    assert np.abs(shown(page, size) - soloed).max() == 0
+    page.get_by_role("radio", name="Lamp 1", exact=True).check(force=True)
+    other = shown(page, size)
+    assert np.abs(other - soloed).mean() > 10
+    page.get_by_role("radio", name="Mix").check(force=True)
+    page.get_by_label("Before").fill("100")
+    before = shown(page, size)
+    assert before[:, 2:-2].mean() > max(soloed.mean(), other.mean())
+
+
+def test_every_picture_can_be_looked_at(page: Page, done: dict[str, Any]) -> None:
+    open_mixer(page, done)
+    for name in ("Why these lamps", "Unexplained"):
+        page.get_by_role("radio", name=name).check(force=True)
+        expect(page.get_by_role("img", name=name)).to_be_visible()
+        page.wait_for_function("document.querySelector('.picture img').naturalWidth > 0")
+    check_access(page, "unexplained")
+
+
+def test_normals_are_lit_from_where_the_pointer_is(
+    page: Page, done: dict[str, Any], tmp_path: Path
+) -> None:
+    """Those of a ball: a job that finds normals takes too long here."""
+    x, y = np.meshgrid(np.linspace(-1.2, 1.2, 240), np.linspace(0.8, -0.8, 160))
+    z = np.sqrt(np.maximum(1 - x * x - y * y, 0))
+    ball = np.where((z > 0)[..., None], np.stack([x, y, z], -1), np.nan).astype(np.float32)
+    png = NormalsPng(tmp_path / "normals.png", (240, 160))
+    png.write(ball)
+    png.close()
+    file = {"name": "normals.png", "size": 1, "sha256": "", "media_type": "image/png", "href": ""}
+    more = {**done, "files": [*done["files"], file]}
+    page.route(f"**/jobs/{done['id']}", lambda route: route.fulfill(json=more))
+    page.route("**/normals.png", lambda route: route.fulfill(path=tmp_path / "normals.png"))
+    open_mixer(page, done)
+    page.get_by_role("radio", name="Normals").check(force=True)
+    canvas = page.locator("#normals")
+    box = canvas.bounding_box()
+    assert box is not None
+
+    def lit_from(part: float) -> tuple[float, float]:
+        """Mean brightness of the left and the right half, the light at this part of the width."""
+        canvas.hover(position={"x": box["width"] * part, "y": box["height"] / 2})
+        page.evaluate(TWO_FRAMES)
+        grey = np.asarray(Image.open(io.BytesIO(canvas.screenshot())).convert("L")).astype(float)
+        middle = grey.shape[1] // 2
+        return float(grey[:, :middle].mean()), float(grey[:, middle:].mean())
+
+    page.wait_for_load_state("networkidle")
+    left, right = lit_from(0.05), lit_from(0.95)
+    assert left[0] > 1.5 * left[1]
+    assert right[1] > 1.5 * right[0]
+    assert left == pytest.approx(right[::-1], abs=2)
+    check_access(page, "normals")
+
+
+def test_keys_do_all_that_pointers_do(page: Page, done: dict[str, Any]) -> None:
+    open_mixer(page, done)
+    before = page.locator("#mix").screenshot()
+
+    def tab_to(wanted: Locator) -> None:
+        for _ in range(60):
+            if wanted.evaluate("(element) => element === document.activeElement"):
+                return
+            page.keyboard.press("Tab")
+        pytest.fail("no way there by the tab key")
+
+    exposure = strip(page, 1).get_by_role("slider", name="Exposure")
+    tab_to(exposure)
+    for _ in range(10):
+        page.keyboard.press("ArrowLeft")
+    expect(exposure).to_have_attribute("aria-valuetext", "−0.50 EV")
+    tab_to(strip(page, 1).get_by_role("radio", name="As shot"))
+    page.keyboard.press("ArrowRight")
+    expect(strip(page, 1).get_by_role("radio", name="Neutral")).to_be_checked()
+    solo = page.get_by_role("button", name="Solo Lamp 2")
+    tab_to(solo)
+    page.keyboard.press("Space")
+    expect(solo).to_have_attribute("aria-pressed", "true")
+    drawn(page)
+    assert page.locator("#mix").screenshot() != before
+    page.keyboard.press("Space")
+    page.goto("/#/")
+    tab_to(page.get_by_label("Choose a file: Without the flash"))
+    with page.expect_file_chooser():
+        page.keyboard.press("Enter")
+
+
+def test_the_picture_is_enlarged_and_moved_by_keys(page: Page, done: dict[str, Any]) -> None:
+    canvas = open_mixer(page, done)
+    canvas.focus()
+    whole = canvas.screenshot()
+    seen = [whole]
+    for key in ("+", "+", "+", "+", "ArrowRight"):
+        page.keyboard.press(key)
+    drawn(page)
+    seen.append(canvas.screenshot())
+    page.keyboard.press("ArrowDown")
+    drawn(page)
+    seen.append(canvas.screenshot())
+    assert len(set(seen)) == 3
+    page.keyboard.press("0")
+    drawn(page)
+    assert canvas.screenshot() == whole
+
+
+def test_a_phone_has_picture_and_lamps_at_once(phone: Page, done: dict[str, Any]) -> None:
+    phone.goto("/")
+    expect(phone.get_by_text("Use the camera").first).to_be_visible()
+    assert phone.locator("input[capture=environment]").count() == 2
+    check_access(phone, "phone_add")
+    canvas = open_mixer(phone, done)
+    strip(phone, 2).get_by_role("slider", name="Exposure").fill("1")
+    strip(phone, 2).get_by_role("slider", name="Exposure").scroll_into_view_if_needed()
+    drawn(phone)
+    expect(canvas).to_be_in_viewport(ratio=0.9)
+    check_access(phone, "phone")
+    assert phone.evaluate("document.documentElement.scrollWidth") == 390
+
+
+def test_a_camera_takes_the_pair(page: Page, service: Any) -> None:
+    page.goto("/")
+    page.get_by_role("button", name="Capture with NIKON D5100").click()
+    expect(page.get_by_text("Take both photographs")).to_be_visible()
+    page.wait_for_url(re.compile("#/jobs/"))
+    job = service.look({"links": {"self": f"/jobs/{page.url.rpartition('/')[2]}"}})
+    assert job["capture"] == {"camera": "sim://studio"}
+    page.get_by_role("button", name="Cancel").click()
+    expect(page.get_by_role("alert")).to_contain_text("Canceled")
+
+
+def test_a_bad_file_is_told_in_words(page: Page) -> None:
+    page.goto("/")
+    for label in ("Without the flash", "With the flash"):
+        file: FilePayload = {"name": "a.jpg", "mimeType": "image/jpeg", "buffer": b"no picture"}
+        page.get_by_label(f"Choose a file: {label}").set_input_files(file)
+    page.get_by_role("button", name="Separate the light").click()
+    expect(page.get_by_role("alert")).to_contain_text("photograph without the flash")
+    check_access(page, "refused")
+    expect(page.get_by_role("button", name="Separate the light")).to_be_enabled()
+
+
+def test_a_bad_preset_is_told_in_words(page: Page, done: dict[str, Any]) -> None:
+    open_mixer(page, done)
+    for text, words in (
+        ("{", "not JSON"),
+        ('{"lamps": [{}]}', "one for 1 lamps"),
+        ('{"lamps": [{"ev": 99}, {}]}', "out of its range"),
+    ):
+        file: FilePayload = {
+            "name": "mix.json",
+            "mimeType": "application/json",
+            "buffer": text.encode(),
+        }
+        page.get_by_label("Load a preset").set_input_files(file)
+        expect(page.get_by_role("alert")).to_contain_text(words)
+
+
+def test_a_warning_shows_where(page: Page, done: dict[str, Any], service: Any) -> None:
+    """One that this pair does not give is added to what the service answers."""
+    manifest = json.loads(result(service, done, "manifest.json"))
+    message = "12 % of the picture is clipped: expose less."
+    manifest["warnings"] = [{"code": "clipped", "message": message, "figures": {"share": 0.12}}]
+    page.route("**/results", lambda route: route.fulfill(json=manifest))
+    canvas = open_mixer(page, done)
+    expect(page.get_by_text(message)).to_be_visible()
+    expect(page.get_by_text("clipped · share 0.12")).to_be_visible()
+    plain = canvas.screenshot()
+    page.get_by_role("button", name="Show where").click()
+    drawn(page)
+    assert canvas.screenshot() != plain
+
+
+def test_a_key_is_asked_for_and_forgotten_with_the_tab(page: Page) -> None:
+    def guard(route: Any) -> None:
+        if route.request.headers.get("authorization") == "Bearer open sesame":
+            route.continue_()
+        else:
+            problem = {"type": "x", "title": "No key", "detail": "Send a key.", "status": 401}
+            route.fulfill(status=401, json=problem)
+
+    page.route(re.compile(r"/jobs\?"), guard)
+    page.goto("/#/jobs")
+    check_access(page, "key")
+    page.get_by_role("textbox", name="Key").fill("open sesame")
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("heading", name="Jobs")).to_be_visible()
+    expect(page.locator("#key")).to_be_hidden()
+    page.wait_for_function("!document.querySelector('#key').open")
+    assert page.evaluate("Object.values(sessionStorage)") == ["open sesame"]
+    assert page.evaluate("localStorage.length + document.cookie.length") == 0
+
+
+def test_the_page_and_the_service_compute_the_same(page: Page) -> None:
+    """Matrices of 200 mixes, those of lamps of one colour among them."""
+    rng = np.random.default_rng(5)
+    basis = {
+        "to_xyz": rng.normal(0, 1, (3, 3)).tolist(),
+        "neutral": [0.95, 1.0, 1.09],
+        "lamps": [
+            {"white": white, "neutral_to_xyz": rng.normal(0, 1, (3, 3)).tolist()}
+            for white in ([1.1, 1.0, 0.35], [2.0, 1.0, -0.1])
+        ],
+    }
+    mixes = [[_settings(rng), _settings(rng)] for _ in range(100)]
+    page.goto("/")
+    found = page.evaluate(
+        """async ([basis, mixes]) => {
+          const { lampMatrix } = await import("/page/mix.js");
+          return mixes.map((mix) => mix.map((one, lamp) => lampMatrix(basis, lamp, one)));
+        }""",
+        [basis, mixes],
+    )
+    checked = MixBasis.model_validate(basis)
+    for mix, matrices in zip(mixes, found, strict=True):
+        wanted = mix_matrices(checked, Mix.model_validate({"lamps": mix}))
+        np.testing.assert_allclose(np.reshape(matrices, (2, 3, 3)), wanted, rtol=1e-9, atol=1e-9)
+
+
+def _settings(rng: np.random.Generator) -> dict[str, Any]:
+    return {
+        "on": bool(rng.random() < 0.9),
+        "ev": rng.uniform(-5, 5),
+        "neutral": bool(rng.random() < 0.5),
+        "temperature_k": rng.uniform(1000, 15000) if rng.random() < 0.7 else None,
+        "tint": rng.uniform(-150, 150),
+        "rgb": rng.uniform(0, 1, 3).tolist(),
+    }

@@ -1,0 +1,53 @@
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import httpx
+import pytest
+
+import service
+
+FOLDER = Path(service.__path__[0]) / "page"
+MODULES = sorted(path.name for path in FOLDER.glob("*.js"))
+
+
+def test_the_page_may_load_nothing_from_elsewhere(http: httpx.Client) -> None:
+    page = http.get("/")
+    assert page.status_code == 200
+    assert page.headers["content-type"].startswith("text/html")
+    policy = dict(
+        part.split(" ", 1) for part in page.headers["content-security-policy"].split("; ")
+    )
+    assert policy["default-src"] == "'none'"
+    assert policy["script-src"] == policy["style-src"] == policy["connect-src"] == "'self'"
+    assert policy["frame-ancestors"] == policy["base-uri"] == "'none'"
+    assert not any("unsafe" in sources or "http" in sources for sources in policy.values())
+    assert not re.search(r"<style|style=|\son\w+=|<script(?![^>]*\ssrc=)", page.text)
+
+
+def test_everything_that_the_page_names_is_there(http: httpx.Client) -> None:
+    named = set(re.findall(r'"(/page/[^"]+)"', http.get("/").text))
+    assert {"/page/app.js", "/page/style.css", "/page/icon.svg"} <= named
+    for name in MODULES:
+        text = http.get(f"/page/{name}").text
+        named |= {f"/page/{found}" for found in re.findall(r'["(]\./([\w.]+)"', text)}
+        assert not re.search(r"https?://(?!www\.w3\.org)", text), name
+    for path in named:
+        answer = http.get(path)
+        assert answer.status_code == 200, path
+        assert answer.headers["x-content-type-options"] == "nosniff"
+    assert {f"/page/{name}" for name in MODULES} == {path for path in named if path.endswith("js")}
+
+
+def test_a_browser_asks_again_whether_a_file_has_changed(http: httpx.Client) -> None:
+    first = http.get("/page/app.js")
+    assert first.headers["content-type"].startswith("text/javascript")
+    assert (first.headers["cache-control"], first.headers["etag"][:1]) == ("no-cache", '"')
+
+
+@pytest.mark.parametrize("path", ["/page/", "/page/nothing.js", "/page/..%2fsettings.py", "/pag"])
+def test_there_is_nothing_else(http: httpx.Client, path: str) -> None:
+    answer = http.get(path)
+    assert answer.status_code == 404
+    assert answer.headers["content-type"] == "application/problem+json"

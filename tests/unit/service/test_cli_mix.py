@@ -1,0 +1,113 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.colour.spaces import XYZ_TO_SRGB
+from pipeline.decode.exr import read_exr
+from pipeline.encode.exr import write_exr
+from service.cli import run
+
+EYE = np.linalg.inv(XYZ_TO_SRGB).tolist()
+LAMP = {"white": [0.95, 1.0, 1.09], "neutral_to_xyz": EYE}
+BASIS = {"to_xyz": EYE, "neutral": [0.95, 1.0, 1.09], "lamps": [LAMP, LAMP]}
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Path:
+    """Layers of 0.25 and 0.5 in all channels."""
+    folder = tmp_path / "results"
+    folder.mkdir()
+    layer = np.full((4, 6, 3), 0.25, np.float32)
+    write_exr(folder / "layers.exr", {"lamp1": layer, "lamp2": 2 * layer})
+    (folder / "manifest.json").write_text(json.dumps({"mix": BASIS}))
+    return folder
+
+
+def mixed(results: Path, *flags: str) -> NDArray[np.float32]:
+    """One pixel of the mix."""
+    target = results.parent / "mix.exr"
+    assert run(["mix", str(results), "-o", str(target), *flags]) == 0
+    found: NDArray[np.float32] = read_exr(target.read_bytes()).values[0, 0]
+    return found
+
+
+@pytest.mark.parametrize(
+    ("flags", "colour"),
+    [
+        ([], [0.75, 0.75, 0.75]),
+        (["--lamp", "1:off"], [0.5, 0.5, 0.5]),
+        (["--lamp", "1:ev=-1", "--lamp", "2:ev=1, rgb=#ff0000"], [1.125, 0.125, 0.125]),
+        (["--lamp", "2:rgb=ffffff,neutral,off"], [0.25, 0.25, 0.25]),
+    ],
+)
+def test_flags_are_the_settings(results: Path, flags: list[str], colour: list[float]) -> None:
+    np.testing.assert_allclose(mixed(results, *flags), colour, atol=1e-6)
+
+
+def test_a_preset_is_taken_and_changed(results: Path, tmp_path: Path) -> None:
+    preset = tmp_path / "preset.json"
+    preset.write_text(json.dumps({"lamps": [{"on": False}, {"ev": 1, "temperature_k": None}]}))
+    np.testing.assert_allclose(mixed(results, "--preset", str(preset)), 1.0, atol=1e-6)
+    changed = mixed(results, "--preset", str(preset), "--lamp", "1:on")
+    np.testing.assert_allclose(changed, 1.25, atol=1e-6)
+
+
+def test_a_temperature_warms(results: Path) -> None:
+    red, _, blue = mixed(results, "--lamp", "1:temperature=2700,tint=10", "--lamp", "2:off")
+    assert red > 2 * blue > 0
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (["--lamp", "3:off"], "begin with the number of a lamp, 1 to 2, and a colon"),
+        (["--lamp", "off"], "begin with the number of a lamp"),
+        (["--lamp", "1:loud"], "'loud' is none of off, neutral, ev=STOPS"),
+        (["--lamp", "1:ev=x"], "lamps.0.ev"),
+        (["--lamp", "1:ev=99"], "lamps.0.ev"),
+        (["--lamp", "1:rgb=red"], "no colour of the form #rrggbb"),
+        (["--preset", "nothing.json"], "preset nothing.json cannot be read"),
+    ],
+)
+def test_bad_settings_are_one_sentence(
+    results: Path, flags: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = results.parent / "mix.jpg"
+    assert run(["mix", str(results), "-o", str(target), *flags]) == 2
+    said = capsys.readouterr().err
+    assert words in said and said.count("\n") == 1
+    assert not target.exists()
+
+
+@pytest.mark.parametrize("preset", [b"{", b"[]", b'{"lamps": [{}]}', b'{"lamps": 1}'])
+def test_bad_presets_are_one_sentence(
+    results: Path, tmp_path: Path, preset: bytes, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "preset.json"
+    file.write_bytes(preset)
+    target = str(tmp_path / "mix.jpg")
+    assert run(["mix", str(results), "-o", target, "--preset", str(file)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", ["mix.gif", "nowhere/mix.jpg"])
+def test_places_that_cannot_be_written_are_one_sentence(
+    results: Path, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = results.parent / name
+    assert run(["mix", str(results), "-o", str(target)]) == 2
+    assert "cannot be written" in capsys.readouterr().err
+    assert [path.name for path in results.parent.iterdir()] == ["results"]
+
+
+def test_a_folder_without_results_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[Any]
+) -> None:
+    assert run(["mix", str(tmp_path), "-o", str(tmp_path / "mix.jpg")]) == 2
+    assert "no folder of results" in capsys.readouterr().err
