@@ -103,7 +103,7 @@ jobs = sa.Table(
 # Few rows at any time, so that workers may look often: a job leaves it when a delivery is queued.
 sa.Index(
     "jobs_with_news",
-    jobs.c.state,
+    jobs.c.finished,
     sqlite_where=jobs.c.webhook.is_not(None) & jobs.c.delivery.is_(None),
     postgresql_where=jobs.c.webhook.is_not(None) & jobs.c.delivery.is_(None),
 )

@@ -372,7 +372,7 @@ def set_delivery(connection: sa.Connection, job_id: str, delivery: dict[str, Any
 def with_news(connection: sa.Connection, limit: int) -> list[Job]:
     """Ended jobs with a webhook for which no delivery is queued yet, up to `limit`."""
     # Spelt as the index has it, so that it is used; the rows are held until the transaction ends.
-    news = sa.and_(jobs.c.webhook.is_not(None), jobs.c.delivery.is_(None), jobs.c.state.in_(ENDED))
+    news = sa.and_(jobs.c.webhook.is_not(None), jobs.c.delivery.is_(None), jobs.c.finished > 0)
     query = sa.select(jobs).where(news).limit(limit).with_for_update(skip_locked=True)
     return [_job(row) for row in connection.execute(query)]
 

@@ -29,7 +29,9 @@ def upgrade() -> None:
     op.create_index("jobs_by_expiry", "jobs", ["state", "expires"])
     op.create_index("jobs_by_likeness", "jobs", ["likeness", "state", "created"])
     news = sa.text("webhook IS NOT NULL AND delivery IS NULL")
-    op.create_index("jobs_with_news", "jobs", ["state"], sqlite_where=news, postgresql_where=news)
+    op.create_index(
+        "jobs_with_news", "jobs", ["finished"], sqlite_where=news, postgresql_where=news
+    )
     _create_keys()
     _create_uploads()
 

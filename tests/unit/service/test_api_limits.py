@@ -32,8 +32,8 @@ class TestFewRequests:
             inside.set()
             return go_on.wait(60)
 
-        monkeypatch.setattr(routes, "_has_ended", stay)
-        waiting = threading.Thread(target=post_capture, args=(http,), kwargs={"prefer": "wait=9"})
+        monkeypatch.setattr(routes, "refuse_when_full", stay)
+        waiting = threading.Thread(target=post_capture, args=(http,))
         waiting.start()
         assert inside.wait(60)
         refused = http.get("/jobs")

@@ -330,13 +330,13 @@ def test_an_end_whose_answer_is_lost_is_written_once(
     """The database has it, but what it says to that does not come through."""
     write, lost = getattr(jobs, end), [True]
 
-    def write_and_lose(connection: sa.Connection, *arguments: Any) -> bool:
+    def write_and_lose(connection: sa.Connection, *arguments: Any, **more: Any) -> bool:
         if not lost:
-            counts: bool = write(connection, *arguments)
+            counts: bool = write(connection, *arguments, **more)
             return counts
         lost.pop()
         with context.engine.begin() as other:
-            assert write(other, *arguments)
+            assert write(other, *arguments, **more)
         raise away()
 
     monkeypatch.setattr(jobs, end, write_and_lose)

@@ -65,10 +65,10 @@ def test_results_make_a_job_succeed(engine: sa.Engine) -> None:
     _add(engine, "a")
     held = _claimed(engine, "a", "w1")
     with engine.begin() as connection:
-        assert jobs.succeed(connection, held, [{"name": "lamp1.jpg"}])
+        assert jobs.succeed(connection, held, [{"name": "lamp1.jpg", "size": 5}])
     job = _find(engine, "a")
     assert (job.state, job.worker, job.ended) == (State.SUCCEEDED, None, True)
-    assert job.results == [{"name": "lamp1.jpg"}]
+    assert job.results == [{"name": "lamp1.jpg", "size": 5}]
     assert job.finished is not None and job.started is not None and job.finished >= job.started
     assert _claim(engine, "a", "w2") is None
 
@@ -108,7 +108,7 @@ def test_an_attempt_that_was_taken_over_writes_nothing(engine: sa.Engine) -> Non
         assert jobs.must_stop(connection, frozen)
         jobs.report(connection, frozen, "layers", 0.9)
         jobs.set_inputs(connection, frozen, {"flash": "other"}, 1)
-        assert not jobs.succeed(connection, frozen, [{"name": "old"}])
+        assert not jobs.succeed(connection, frozen, [{"name": "old", "size": 1}])
         assert not jobs.fail(connection, frozen, {"detail": "old"})
         jobs.release(connection, frozen)
         assert not jobs.must_stop(connection, current)

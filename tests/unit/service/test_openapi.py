@@ -29,6 +29,7 @@ def test_the_routes_are_the_contract(paths: dict[str, dict[str, Any]]) -> None:
         "POST /calibrations",
         "GET /jobs",
         "GET /jobs/{job_id}",
+        "GET /jobs/{job_id}/events",
         "POST /jobs/{job_id}/cancel",
         "POST /jobs/{job_id}/rerun",
         "DELETE /jobs/{job_id}",

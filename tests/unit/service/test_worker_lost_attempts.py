@@ -14,7 +14,6 @@ from service.worker import Worker
 
 CUT_SHORT = {
     "its process died": ChildProcessError("the fork server has died"),
-    "the database was away": sa.exc.OperationalError("SELECT", None, Exception("away")),
     "the pool was empty": sa.exc.TimeoutError("no connection"),
     "something nobody thought of": RuntimeError("what?"),
 }
