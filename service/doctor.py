@@ -30,7 +30,7 @@ from service.opening import cause_of, open_storage
 from service.settings import Settings
 
 _PREFIX = "LIGHTLAYERS_"
-_NOT_SETTINGS = ("LIGHTLAYERS_SPECTRA", "LIGHTLAYERS_MAX_PIXELS")
+_NOT_SETTINGS = ("LIGHTLAYERS_SPECTRA", "LIGHTLAYERS_MAX_PIXELS", "LIGHTLAYERS_KEY")
 """Variables that are read elsewhere."""
 
 _CLOCKS_APART_SECONDS = 5

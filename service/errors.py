@@ -4,6 +4,7 @@ ServiceError
 ├── MalformedRequestError    400  the request is not one we understand
 ├── UnauthorizedError        401  no key, or none that is good
 ├── ForbiddenError           403  the key is not for this
+├── ForeignCameraError       403  a camera that the operator has not allowed
 ├── ForeignOriginError       403  a web page of another site asks a service without keys
 ├── StoredQuotaError         403  the key's jobs take up all the space that it may use
 ├── UnknownJobError          404  no such job
@@ -65,6 +66,10 @@ class UnauthorizedError(ServiceError):
 
 class ForbiddenError(ServiceError):
     """The key is good, but not for this."""
+
+
+class ForeignCameraError(ServiceError):
+    """A camera that the operator has not allowed."""
 
 
 class ForeignOriginError(ServiceError):
@@ -279,6 +284,7 @@ KINDS: dict[type[Exception], Kind] = {
     MalformedRequestError: Kind("malformed-request", 400, "The request cannot be read"),
     UnauthorizedError: Kind("unauthorized", 401, "A key is needed"),
     ForbiddenError: Kind("forbidden", 403, "The key is not for this"),
+    ForeignCameraError: Kind("foreign-camera", 403, "Not a camera of this service"),
     ForeignOriginError: Kind("foreign-origin", 403, "Not a page of this service"),
     StoredQuotaError: Kind("stored-quota", 403, "The key's space is used up"),
     UnknownJobError: Kind("unknown-job", 404, "No such job"),

@@ -96,6 +96,12 @@ class Settings(BaseSettings):
         description="Port of Prometheus metrics, of API and worker; the worker that `serve` starts "
         "takes the next one. None without it.",
     )
+    cameras: str = Field(
+        default="sim:// ptp+usb:// gphoto2://usb",
+        description="Cameras that jobs may name, by address or by its beginning up to :, / or ?, "
+        "separated by spaces. Those on the network must be here, like ptp+ip://192.168.1.20, or "
+        "who sends jobs could have the service knock at any door.",
+    )
     upload_bytes: int = Field(
         default=512 * MIB,
         gt=0,

@@ -26,6 +26,7 @@ from service.api.uploaded import bring_uploaded, take_over
 from service.attempt import FRAMES, describe_inputs, inputs_key, job_key
 from service.errors import (
     CrashError,
+    ForeignCameraError,
     IdempotencyError,
     QueueFullError,
     QuotaError,
@@ -92,11 +93,13 @@ def accept(
     An idempotency_key that made a job already gives that job; of requests that come at once, one
     makes it. Raises ForbiddenError when the key is not for it, OptionError and
     UnfinishedUploadError for uploads that cannot be used, TaskError when the headers of the pair
-    cannot be, and what refuse_when_full, replay and commit raise.
+    cannot be, ForeignCameraError, and what refuse_when_full, replay and commit raise.
     """
     caller.need(Scope.CAPTURE if wanted.capture else Scope.SUBMIT)
     refuse_when_full(context, caller, idempotency_key)  # an upload may have taken long
     check_webhook(context, wanted.handling)
+    if wanted.capture:
+        _check_camera(context, wanted.capture["camera"])
     request_hash = digest(
         {
             "options": wanted.options.model_dump(mode="json"),
@@ -202,6 +205,18 @@ def check_webhook(context: Context, handling: Handling) -> None:
         check_url(handling.webhook.url, allowed, context.settings.webhook_https)
     except ForbiddenAddressError as error:
         raise OptionError(f"webhook.url: {error}.") from error
+
+
+def _check_camera(context: Context, address: str) -> None:
+    for allowed in context.settings.cameras.split():
+        rest = address.removeprefix(allowed)
+        whole = rest == "" or allowed.endswith("://") or rest[0] in ":/?"
+        if address.startswith(allowed) and whole:
+            return
+    raise ForeignCameraError(
+        "This camera is none that jobs of this service may name; its operator can allow it in "
+        "LIGHTLAYERS_CAMERAS."
+    )
 
 
 def _store_pair(

@@ -274,3 +274,41 @@ class TestHandling:
     ) -> None:
         answer = post_pair(http, png(64, 48), png(64, 48, True), data={"handling": handling})
         assert problem_of(answer) == (422, "invalid-option", words)
+
+
+class TestCameras:
+    """Jobs may have the service open what its operator allows, and no other host or port."""
+
+    @pytest.fixture
+    def settings(self, settings: Settings) -> Settings:
+        allowed = "sim://studio ptp+ip://10.0.0.7 gphoto2://usb"
+        return settings.model_copy(update={"cameras": allowed})
+
+    @pytest.mark.parametrize(
+        "address",
+        [
+            "sim://studio",
+            "sim://studio?lights=3",
+            "ptp+ip://10.0.0.7",
+            "ptp+ip://10.0.0.7:15741",
+            "gphoto2://usb:001,004",
+        ],
+    )
+    def test_an_allowed_one_is_taken(self, address: str, http: httpx.Client) -> None:
+        answer = http.post("/jobs", json={"capture": {"camera": address}})
+        assert answer.status_code == 202
+
+    @pytest.mark.parametrize(
+        "address", ["ptp+ip://10.0.0.70", "ptp+ip://10.0.0.7.evil.example", "ptp+usb://123"]
+    )
+    def test_another_one_is_not(self, address: str, http: httpx.Client, context: Context) -> None:
+        answer = http.post("/jobs", json={"capture": {"camera": address}})
+        status, kind, sentence = problem_of(answer)
+        assert (status, kind) == (403, "foreign-camera") and "LIGHTLAYERS_CAMERAS" in sentence
+        assert rows_of(context) == []
+
+
+@pytest.mark.parametrize("address", ["ptp+ip://127.0.0.1:22", "gphoto2://ptpip:127.0.0.1:22"])
+def test_nobody_has_the_service_knock_at_ports(address: str, http: httpx.Client) -> None:
+    answer = http.post("/jobs", json={"capture": {"camera": address}})
+    assert problem_of(answer)[:2] == (403, "foreign-camera")

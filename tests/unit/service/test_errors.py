@@ -27,6 +27,7 @@ def test_names_of_kinds_are_the_contract() -> None:
         "database-unavailable": 503,
         "deadline-passed": 500,
         "forbidden": 403,
+        "foreign-camera": 403,
         "foreign-host": 421,
         "foreign-origin": 403,
         "gone": 410,
