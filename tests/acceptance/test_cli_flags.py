@@ -314,7 +314,7 @@ def test_outputs_default_and_all(two: Any, plain: Any, separated: Callable[..., 
     everything = separated(two.exact, *EXACT, "--outputs", "all")
 
     assert plain.files == default
-    on_request = {"white_balanced_1.tif", "white_balanced_2.tif", "white_balanced.exr"}
+    on_request = {f"white_balanced{kind}" for kind in ("_1.tif", "_2.tif", ".exr")} | {"layers.psd"}
     assert everything.files == default | on_request
 
 
