@@ -14,6 +14,7 @@ from pathlib import Path
 
 import httpx
 
+from service.opening import migrate_database
 from service.settings import MIB, Settings
 from tests.chaos import processes
 from tests.chaos.processes import Process
@@ -152,6 +153,7 @@ def grown_up(folder: Path) -> Iterator[Service]:
             hosts.append(host)
         stack.enter_context(_ending(hosts))
         settings = Settings(data_dir=folder, database_url=database.url(), store_url=store_url)
+        migrate_database(settings)
         urls = [f"http://127.0.0.1:{port}" for port in ports]
         yield Service(hosts, urls, settings, database, store)
 
