@@ -1,4 +1,4 @@
-"""Removes jobs that are kept no longer, and stored files that belong to no job."""
+"""Removes jobs and uploads that are kept no longer, and stored files that belong to none."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import sqlalchemy as sa
 
-from service import jobs
+from service import jobs, uploads
 from service.attempt import JOBS, job_key
 from service.engine import Queue
 from service.settings import Settings
@@ -34,8 +34,9 @@ class Sweep:
         self._settings = settings
 
     def run(self, thorough: bool) -> None:
-        """Remove what is due. thorough: also look through the store for files without a job.
+        """Remove what is due.
 
+        thorough: also remove expired uploads, and look through the store for files without a job.
         Raises sqlalchemy.exc.DBAPIError or obstore.exceptions.BaseError when one is away.
         """
         self._queue.forget_done(_QUEUE_SECONDS)
@@ -45,6 +46,7 @@ class Sweep:
             log.info("removed", extra={"job": job_id})
         if thorough:
             self._remove_strays()
+            uploads.remove_expired(self._engine, self._storage)
 
     def _limit_keeping(self) -> None:
         keep_seconds = self._settings.retention_seconds

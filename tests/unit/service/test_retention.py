@@ -10,7 +10,7 @@ import pytest
 import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
-from service import database, jobs
+from service import database, jobs, uploads
 from service.api.context import Context
 from service.attempt import FRAMES, inputs_key, results_key
 from service.retention import Sweep
@@ -168,3 +168,18 @@ def test_old_files_without_a_job_go(
     sweep.run(thorough=True)
     assert set(context.storage.folders("jobs/")) == {job_id, "young"}
     assert len(context.storage.list(f"jobs/{job_id}/")) == 3
+
+
+def test_uploads_whose_time_is_over_go(sweep: Sweep, context: Context) -> None:
+    with context.engine.begin() as connection:
+        for upload_id, seconds in (("over", -1.0), ("under-way", 3600.0)):
+            uploads.add(connection, {"id": upload_id, "owner": "", "length": 9}, seconds)
+    for upload_id in ("over", "under-way", "of-nobody"):
+        context.storage.put(f"uploads/{upload_id}/0", b"light")
+    sweep.run(thorough=False)
+    assert len(context.storage.list("uploads/")) == 3
+    sweep.run(thorough=True)
+    assert context.storage.list("uploads/") == ["uploads/under-way/0"]
+    with context.engine.connect() as connection:
+        assert uploads.find(connection, "", "over") is None
+        assert uploads.find(connection, "", "under-way") is not None
