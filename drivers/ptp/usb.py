@@ -59,7 +59,7 @@ class UsbTransport(Transport):
         with self._translated():
             interface = _still_image(device)
             self._interface = interface.bInterfaceNumber
-            with contextlib.suppress(NotImplementedError):
+            with contextlib.suppress(RuntimeError):
                 if device.is_kernel_driver_active(self._interface):
                     device.detach_kernel_driver(self._interface)
             usb.util.claim_interface(device, self._interface)
@@ -255,7 +255,7 @@ def _text(device: Any, name: str) -> str:
     """Read a string of a device; empty where it does not tell, or this user may not ask."""
     try:
         return getattr(device, name) or ""
-    except (usb.core.USBError, ValueError, NotImplementedError):
+    except (usb.core.USBError, ValueError, RuntimeError):
         return ""
 
 
