@@ -45,7 +45,8 @@ class PostgreSQL:
 
     def start(self) -> None:
         """Start it; it answers when this returns."""
-        options = f"-p {self.port} -h 127.0.0.1 -k {self._folder} -c fsync=off"
+        # No socket in the folder: its path may be longer than a socket's may be.
+        options = f"-p {self.port} -h 127.0.0.1 -c unix_socket_directories='' -c fsync=off"
         log = str(self._folder / "log")
         self._run("pg_ctl", "-D", self._data, "-l", log, "-w", "-o", options, "start")
 

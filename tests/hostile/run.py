@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 import statistics
 import threading
@@ -176,11 +177,17 @@ class Run:
             self._memory.append((share, self._target.memory()))
 
     def _growth(self) -> float:
-        """MiB that the one which grew most has grown by since a tenth of the requests."""
+        """MiB that the one which grew most has grown by since a tenth of the requests.
+
+        Not a number where a run was too short to be looked at then.
+        """
         early = [held for share, held in self._memory if 0.1 <= share < 0.2]
         late = [held for share, held in self._memory if share >= 0.9]
-        return max(
-            statistics.median(held[name] for held in late if name in held)
-            - statistics.median(held[name] for held in early if name in held)
-            for name in ("api", "worker")
-        )
+        grown = []
+        for name in ("api", "worker"):
+            before, after = (
+                [held[name] for held in some if name in held] for some in (early, late)
+            )
+            if before and after:
+                grown.append(statistics.median(after) - statistics.median(before))
+        return max(grown, default=math.nan)

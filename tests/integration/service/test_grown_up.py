@@ -14,6 +14,9 @@ import drivers
 
 def test_a_dead_hosts_job_is_finished_by_another(grown_up: Any, pair: drivers.CapturedPair) -> None:
     other = grown_up.start_worker()
+    grown_up.await_that(
+        "both workers are ready", lambda: grown_up.log.read_text().count('"message": "ready"') == 2
+    )
     jobs = [grown_up.upload(pair) for _ in range(3)]
     running = [grown_up.await_stage(job) for job in jobs[:2]]
     assert all(job["attempt"] == 1 for job in running)

@@ -60,7 +60,9 @@ def _found(exiftool: str, paths: list[Path]) -> set[str]:
         check=True,
     )
     names = {name for file in json.loads(told.stdout) for name in file if name != "SourceFile"}
-    return {name for name in names if _SECRETS.search(name.rpartition(":")[2].lower())}
+    # A colour profile names who made the profile, which is us.
+    told_of = {name for name in names if not name.startswith(("ICC-header:", "ICC_Profile:"))}
+    return {name for name in told_of if _SECRETS.search(name.rpartition(":")[2].lower())}
 
 
 def _jpeg(image: Image.Image, path: Path) -> None:
