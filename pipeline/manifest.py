@@ -13,7 +13,7 @@ from pipeline.colour.temperature import cct_duv
 from pipeline.encode.jpeg import to_srgb8
 from pipeline.frames import Frame
 from pipeline.lamps import Lamps
-from pipeline.mix import MixBasis
+from pipeline.mix_options import MixBasis
 from pipeline.model import Model
 from pipeline.normals import Facing
 from pipeline.options import Options

@@ -10,7 +10,6 @@ import Imath
 import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
 from pipeline.encode.exr import ExrFile
@@ -20,12 +19,9 @@ from pipeline.encode.tiff import TiffFile
 from pipeline.errors import InputError
 from pipeline.frames import Image, by_planes
 from pipeline.manifest import versions
-from pipeline.mix import Mix, MixBasis, MixRequest, mix_matrices, mixed
+from pipeline.mix import mix_matrices, mixed
+from pipeline.mix_options import LAYERS, MANIFEST, Mix, MixRequest, read_basis
 from pipeline.progress import STRIP_ROWS, Progress
-
-LAYERS = "layers.exr"
-MANIFEST = "manifest.json"
-"""The results that a mix is made from."""
 
 ENCODINGS = {
     "jpeg": ("jpg", "8-bit sRGB curve", "sRGB"),
@@ -42,17 +38,6 @@ class _Target(Protocol):
     def write(self, rows: Any, /) -> None: ...
 
     def close(self) -> None: ...
-
-
-def read_basis(manifest: dict[str, Any]) -> MixBasis:
-    """Find in a manifest what mixing starts from. Raises InputError where it is not there."""
-    try:
-        return MixBasis.model_validate(manifest["mix"])
-    except (KeyError, TypeError, ValidationError) as error:
-        raise InputError(
-            "The manifest does not say how its layers are mixed: separate the pair anew with this "
-            "version."
-        ) from error
 
 
 def mix_files(folder: Path, mix: Mix, target: Path, progress: Progress) -> None:

@@ -14,7 +14,7 @@ from typing import Any, Literal, TypeVar
 import sqlalchemy as sa
 from obstore.exceptions import BaseError
 
-from pipeline.mix_files import LAYERS, MANIFEST
+from pipeline.mix_options import LAYERS, MANIFEST
 from service import eta, jobs, metrics, sandbox, scratch, tracing
 from service.database import AWAY
 from service.errors import AttemptError, DeadlineError, LayersGoneError, problem_of

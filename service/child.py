@@ -23,8 +23,8 @@ from typing import Any
 import drivers
 from pipeline.calibration.calibrate import calibrate_files
 from pipeline.calibration.options import CALIBRATION_OPTIONS
-from pipeline.mix import MixRequest
 from pipeline.mix_files import mix_results
+from pipeline.mix_options import MixRequest
 from pipeline.options import Options
 from pipeline.process import check_pair, separate_files
 from pipeline.progress import Progress

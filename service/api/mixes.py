@@ -8,8 +8,7 @@ from fastapi import APIRouter, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
 from pipeline.errors import OptionError
-from pipeline.mix import Mix, mix_matrices
-from pipeline.mix_files import LAYERS, MANIFEST, read_basis
+from pipeline.mix_options import LAYERS, MANIFEST, Mix, check_lamps, read_basis
 from service.api import intake
 from service.api.accept import accept, refuse_when_full
 from service.api.callers import Caller, Calling, find
@@ -69,4 +68,4 @@ def _check(context: Context, caller: Caller, job_id: str, mix: Mix) -> None:
     if not {LAYERS, MANIFEST} <= {result["name"] for result in job.results or []}:
         raise OptionError(f"The job has no {LAYERS} to mix; separate the pair with that output.")
     manifest = context.storage.get(results_key(job.id, job.attempt, MANIFEST))
-    mix_matrices(read_basis(json.loads(manifest)), mix)
+    check_lamps(read_basis(json.loads(manifest)), mix)

@@ -9,7 +9,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from pipeline.calibration.options import CalibrationOptions
-from pipeline.mix import MixRequest
+from pipeline.mix_options import MixRequest
 from pipeline.options import Options
 from service import jobs
 from service.errors import Problem

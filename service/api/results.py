@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Request
 from fastapi.responses import RedirectResponse, Response, StreamingResponse
 
-from pipeline.mix_files import MANIFEST
+from pipeline.mix_options import MANIFEST
 from pipeline.remarks import Code
 from service import jobs
 from service.api.callers import Caller, Calling, find

@@ -10,7 +10,7 @@ import typer
 from service.cli.options import read_file
 
 if TYPE_CHECKING:
-    from pipeline.mix import Mix
+    from pipeline.mix_options import Mix
 
 _NUMBERS = {"ev": "ev", "temperature": "temperature_k", "tint": "tint"}
 _SETTINGS = "off, neutral, ev=STOPS, temperature=KELVIN, tint=STEPS, rgb=#rrggbb"
@@ -36,7 +36,8 @@ def mix(
 ) -> None:
     """Mix the layers of a photograph: every lamp as bright as you like, and of any colour."""
     from pipeline.errors import InputError
-    from pipeline.mix_files import format_of, mix_files, read_basis, read_manifest
+    from pipeline.mix_files import format_of, mix_files, read_manifest
+    from pipeline.mix_options import read_basis
     from pipeline.progress import Progress
     from service.cli.display import stage_bar
 
@@ -58,7 +59,7 @@ def _settings(preset: Path | None, typed: list[str], count: int) -> Mix:
     from pydantic import ValidationError
 
     from pipeline.errors import OptionError
-    from pipeline.mix import Mix
+    from pipeline.mix_options import Mix
     from service.errors import sentence_of
 
     values: Any = {"lamps": [{} for _ in range(count)]}

@@ -28,7 +28,8 @@ import drivers
 from pipeline.decode.exr import read_exr
 from pipeline.encode.jpeg import to_srgb8
 from pipeline.encode.png import NormalsPng
-from pipeline.mix import LampMix, Mix, MixBasis, mix_matrices
+from pipeline.mix import mix_matrices
+from pipeline.mix_options import LampMix, Mix, MixBasis
 
 SHOTS = Path(__file__).parents[3] / "build" / "page"
 """Where the test leaves what it has seen."""
@@ -223,7 +224,7 @@ def test_every_picture_can_be_looked_at(page: Page, done: dict[str, Any]) -> Non
     for name in ("Why these lamps", "Unexplained"):
         page.get_by_role("radio", name=name).check(force=True)
         expect(page.get_by_role("img", name=name)).to_be_visible()
-        page.wait_for_function("document.querySelector('.picture img').naturalWidth > 0")
+        expect(page.locator(".picture img")).not_to_have_js_property("naturalWidth", 0)
     check_access(page, "unexplained")
 
 

@@ -13,7 +13,8 @@ from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.colour.temperature import cct_duv, white_of
 from pipeline.errors import OptionError
 from pipeline.lamps import Lamps
-from pipeline.mix import LampMix, Mix, MixBasis, mix_basis, mix_matrices, mixed
+from pipeline.mix import mix_basis, mix_matrices, mixed
+from pipeline.mix_options import LampMix, Mix, MixBasis
 from pipeline.model import Model
 
 Array = NDArray[np.float64]

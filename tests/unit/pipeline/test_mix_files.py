@@ -15,8 +15,8 @@ from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
 from pipeline.encode.exr import write_exr
 from pipeline.encode.jpeg import to_srgb8
 from pipeline.errors import Canceled, InputError
-from pipeline.mix import LampMix, Mix, MixRequest
 from pipeline.mix_files import format_of, mix_files, mix_results
+from pipeline.mix_options import LampMix, Mix, MixRequest
 from pipeline.progress import Progress
 
 EYE = np.linalg.inv(XYZ_TO_SRGB).tolist()

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import socket
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -46,3 +48,13 @@ def test_a_revoked_key_is_none_to_start_with(tmp_path: Path) -> None:
     engine.dispose()
     with pytest.raises(StartError, match="none that is good"):
         serve(settings, worker=False)
+
+
+def test_the_api_loads_nothing_that_decodes() -> None:
+    """Photographs are opened in processes of their own, and the API stays small."""
+    program = "import sys, service.serve; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    loaded = set(done.stdout.split())
+    assert "service.api" in loaded
+    decoders = {"rawpy", "OpenEXR", "tifffile", "imagecodecs", "PIL", "simplejpeg", "pillow_heif"}
+    assert loaded.isdisjoint(decoders | {"numba", "scipy", "pipeline.process"})
