@@ -3,7 +3,6 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,6 +10,7 @@ import pytest
 from obstore.exceptions import GenericError
 
 from service.storage import Storage
+from tests.stores import check_copy, check_folders
 
 
 @pytest.fixture
@@ -103,21 +103,11 @@ def test_a_folder_that_is_gone_has_no_free_space(storage: Storage, tmp_path: Pat
 
 
 def test_a_copy_stays_when_its_original_goes(storage: Storage) -> None:
-    storage.put("jobs/6/inputs/flash", b"light")
-    storage.copy("jobs/6/inputs/flash", "jobs/7/inputs/flash")
-    storage.delete_below("jobs/6/")
-    assert storage.get("jobs/7/inputs/flash") == b"light"
-    with pytest.raises(FileNotFoundError):
-        storage.copy("jobs/6/inputs/flash", "jobs/8/inputs/flash")
+    check_copy(storage)
 
 
 def test_folders_and_their_age_are_told(storage: Storage) -> None:
-    before = time.time() - 5
-    for key in ("listed/1/a/b", "listed/1/c", "listed/2/a", "listed/d"):
-        storage.put(key, b"")
-    assert storage.folders("listed/") == ["1", "2"]
-    assert before < storage.changed("listed/1/") < time.time() + 5
-    assert storage.changed("listed/3/") == 0
+    check_folders(storage)
 
 
 def test_a_healthy_store_passes_its_check(storage: Storage) -> None:
