@@ -15,7 +15,7 @@ import threading
 import uuid
 from collections.abc import Iterable
 
-from service import engine, jobs, logs, metrics, sandbox, scratch, tracing, webhooks
+from service import engine, jobs, logs, metrics, presence, sandbox, scratch, tracing, webhooks
 from service.attempt import Attempt
 from service.engine import Held
 from service.errors import AbandonedError, DeadlineError, problem_of
@@ -62,6 +62,7 @@ class Worker:
         metrics.serve(self._settings, self._engine)
         self._fork_server.start()
         scratch.clear(self._settings.data_dir)
+        presence.enter(self._settings.data_dir, self.id)
         self._beat()
         engine.launch(
             self._engine,
@@ -82,12 +83,14 @@ class Worker:
             self._idle.wait_for(lambda: self._busy == 0, timeout=_STOP_SECONDS)
         with self._engine.begin() as connection:
             jobs.leave(connection, self.id)
+        presence.leave(self._settings.data_dir, self.id)
         log.info("stopped", extra={"worker": self.id})
 
     def keep(self) -> None:
         """One heartbeat, the jobs of dead workers back into the queue, and webhooks to be told."""
         try:
             self._beat()
+            self._bury()
             with self._engine.begin() as connection:
                 living = jobs.living_workers(connection, self._settings.silence_seconds)
             held = self._queue.held()
@@ -103,6 +106,12 @@ class Worker:
             self._queue_news()
         except Exception:  # the next heartbeat may find the database there again
             log.exception("the heartbeat was cut short", extra={"worker": self.id})
+
+    def _bury(self) -> None:
+        """Forget the workers of this machine that have died."""
+        for worker in presence.dead(self._settings.data_dir):
+            with self._engine.begin() as connection:
+                jobs.leave(connection, worker)
 
     def _forgotten(self, held: Iterable[Held]) -> set[Held]:
         """Jobs that this worker has taken out of the queue, but the answer to that got lost."""

@@ -84,10 +84,13 @@ class Faults:
 
     def _freeze(self, host: Host, found: list[Process], seconds: float, lose: bool = False) -> str:
         processes.send(signal.SIGSTOP, found)
+        workers = [process for process in found if process.role == "worker"]
         if lose:
-            self._lose(process for process in found if process.role == "worker")
+            self._lose(workers)
         time.sleep(seconds)
         processes.send(signal.SIGCONT, found)
+        if not any(other.works for other in self._service.hosts if other is not host):
+            self._takeovers.back(workers)
         return f"{_name(host, found)} for {seconds:.1f} s"
 
     def _restart_host(self, fault: Fault) -> str:

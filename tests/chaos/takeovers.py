@@ -52,6 +52,13 @@ class Takeovers:
                 if timed:
                     self._waiting.setdefault((job_id, attempt), time.monotonic())
 
+    def back(self, workers: Iterable[Process]) -> None:
+        """Note that these workers go on with what nobody else could take over."""
+        held = set(self.held_by(workers))
+        with self._lock:
+            for one in held & self._waiting.keys():
+                del self._waiting[one]
+
     def watch(self, stop: threading.Event) -> None:
         """Look at the waiting ones again and again."""
         while not stop.wait(_LOOK_SECONDS):

@@ -9,7 +9,7 @@ import pytest
 import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
-from service import jobs, worker
+from service import jobs, presence, worker
 from service.attempt import FRAMES, Attempt, describe_inputs
 from service.database import AWAY
 from service.engine import Held
@@ -170,3 +170,19 @@ def test_a_database_that_is_away_does_not_end_a_worker(
     one.keep()
     with one._engine.begin() as connection:
         assert jobs.living_workers(connection, 60) == {one.id}
+
+
+def test_the_jobs_of_a_worker_that_died_on_this_machine_are_taken_over_at_once(
+    one: Worker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its silence is not waited for, as that of a worker elsewhere is."""
+    monkeypatch.setattr(presence, "dead", lambda _folder: iter(["died-here"]))
+    put_back: list[Held] = []
+    held = [Held("a", "died-here", "jobs"), Held("b", "elsewhere", "jobs")]
+    monkeypatch.setattr(one._queue, "held", lambda: held)
+    monkeypatch.setattr(one._queue, "put_back", put_back.extend)
+    with one._engine.begin() as connection:
+        for name in ("died-here", "elsewhere"):
+            jobs.beat(connection, name)
+    one.keep()
+    assert put_back == held[:1]
