@@ -10,7 +10,7 @@ from drivers.camera import (
     SettingName,
     SettingValue,
 )
-from drivers.capture import CAPTURE_STAGES, capture_pair
+from drivers.capture import CAPTURE_STAGES, capture_pair, check_settings
 from drivers.errors import (
     BadAddressError,
     CameraBusyError,
@@ -76,6 +76,7 @@ __all__ = [
     "TransferError",
     "capture_pair",
     "check_address",
+    "check_settings",
     "list_cameras",
     "open_camera",
     "serve_simulated",

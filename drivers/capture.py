@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -33,6 +34,10 @@ _MANUAL: dict[SettingName, SettingValue] = {
     SettingName.FOCUS: "manual",
     SettingName.DRIVE: "single",
 }
+_AUTOMATIC: dict[SettingName, tuple[SettingValue, ...]] = {
+    SettingName.ISO: ("auto",),
+    SettingName.WHITE_BALANCE: ("auto", "one_push"),
+}
 _WORTH_ANOTHER_PAIR = {CaptureError, NoFlashError, TransferError, CameraBusyError}
 """What may pass by itself; of other errors of the same family that cannot be said."""
 
@@ -43,11 +48,13 @@ def capture_pair(
     clock: Clock | None = None,
     flash: Flash | None = None,
     keep: bool = True,
+    settings: Mapping[SettingName, SettingValue] | None = None,
 ) -> CapturedPair:
     """Take a photograph without the flash and one with it.
 
-    Shutter time, f-number and ISO stay as they are set; exposure program, focus and drive are
-    put to manual, manual and single, an automatic ISO or white balance to a fixed one.
+    Exposure program, focus and drive are put to manual, manual and single; then `settings` are
+    written and read back, those of an earlier pair among them. What they do not name stays as it
+    is set, but for an automatic ISO or white balance, which is put to a fixed one.
     progress(stage, fraction): stage is one of CAPTURE_STAGES; the fractions start anew where a
     pair is taken once more, because its second photograph failed. flash: what switches it, by
     default the camera's own setting. keep: leave the photographs on the card.
@@ -55,16 +62,17 @@ def capture_pair(
     Raises SettingError, FlashError, FocusError, StoreFullError, CaptureError, TransferError,
     PairVerificationError, and what every method of Camera may raise.
     """
-    clock, flash = clock or SystemClock(), flash or PropertyFlash()
+    clock, flash, wanted = clock or SystemClock(), flash or PropertyFlash(), settings or {}
+    check_settings(wanted)
     progress("prepare", 0.0)
     flash.check(camera)
-    frozen = _fix_everything(camera)
+    frozen = _fix_everything(camera, wanted)
     progress("prepare", 1.0)
     taking = _Taking(camera, flash, clock, progress, frozen)
     for left in reversed(range(PAIRS)):
         no_flash = taking.shoot("no_flash", "off")
         try:
-            pair = CapturedPair(no_flash, taking.shoot("flash", "on"))
+            pair = CapturedPair(no_flash, taking.shoot("flash", "on"), frozen)
             progress("verify", 0.0)
             verify(pair, flash.brightness)
             break
@@ -80,17 +88,32 @@ def capture_pair(
     return pair
 
 
-def _fix_everything(camera: Camera) -> dict[SettingName, SettingValue]:
-    """Make every setting manual; gives all that must not change from here on."""
+def check_settings(settings: Mapping[SettingName, SettingValue]) -> None:
+    """Refuse settings with which no pair could be taken. Raises SettingError."""
+    if SettingName.FLASH in settings:
+        raise SettingError("The flash is switched by the capture: leave the setting flash out.")
+    for name, value in settings.items():
+        if _MANUAL.get(name, value) != value:
+            raise SettingError(f"A pair is taken with {name} {_MANUAL[name]}: leave {name} out.")
+        if value in _AUTOMATIC.get(name, ()):
+            raise SettingError(f"A pair is taken with a fixed {name}: {value} is none.")
+
+
+def _fix_everything(
+    camera: Camera, wanted: Mapping[SettingName, SettingValue]
+) -> dict[SettingName, SettingValue]:
+    """Make every setting manual or as wanted; gives all that must not change from here on."""
     offered = {setting.name for setting in camera.settings()}
     for name, value in _MANUAL.items():
         if name in offered:
             _ensure(camera, name, value)
+    for name, value in wanted.items():
+        _ensure(camera, name, value)
     if SettingName.ISO in offered:
         _ensure(camera, SettingName.ISO, _fixed_iso(camera))
     if SettingName.WHITE_BALANCE in offered:
         white_balance = camera.read(SettingName.WHITE_BALANCE).value
-        automatic = white_balance in ("auto", "one_push")
+        automatic = white_balance in _AUTOMATIC[SettingName.WHITE_BALANCE]
         _ensure(camera, SettingName.WHITE_BALANCE, "daylight" if automatic else white_balance)
     kept = offered - {SettingName.FLASH}
     return {name: camera.read(name).value for name in SettingName if name in kept}

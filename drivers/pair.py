@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
+from drivers.camera import SettingName, SettingValue
 from drivers.errors import NoFlashError, PairVerificationError
 from drivers.shot import Shot
 
@@ -14,10 +15,14 @@ BRIGHTER = 1.02
 
 @dataclass(frozen=True)
 class CapturedPair:
-    """The two photographs."""
+    """The two photographs.
+
+    settings: what stood in the camera for both, to be given to the capture of another pair.
+    """
 
     no_flash: Shot
     flash: Shot
+    settings: Mapping[SettingName, SettingValue] = field(default_factory=dict, compare=False)
 
 
 def verify(pair: CapturedPair, brightness: Callable[[bytes], float] | None) -> None:

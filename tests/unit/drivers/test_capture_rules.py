@@ -382,3 +382,54 @@ def test_photographs_that_are_no_pair_are_refused(
 ) -> None:
     with pytest.raises(PairVerificationError, match=complaint):
         capture_pair(FakeCamera(shots=shots), clock=clock)
+
+
+def test_settings_are_written_read_back_and_handed_on(clock: Clock) -> None:
+    camera = FakeCamera(shots=[{"jpeg": photograph(0x10, 200)}, {"jpeg": photograph(0x09, 200)}])
+    camera.set(SettingName.PROGRAM, "auto")
+    camera.set(SettingName.ISO, "auto", "auto", 100, 200)
+    wanted: dict[SettingName, SettingValue] = {SettingName.SHUTTER_S: 0.5, SettingName.ISO: 200}
+    pair = capture_pair(camera, clock=clock, settings=wanted)
+    names = [name for name, _ in camera.written]
+    assert names[:5] == ["program", "focus", "drive", "shutter_s", "iso"]
+    assert pair.settings == {
+        name: value for name, value in (MANUAL | wanted).items() if name != SettingName.FLASH
+    }
+    assert pair.settings == {
+        name: setting.value for name, setting in camera.table.items() if name != SettingName.FLASH
+    }
+
+
+def test_settings_of_a_pair_serve_another_camera_of_its_kind(clock: Clock) -> None:
+    settings = capture_pair(FakeCamera(), clock=clock).settings
+    other = FakeCamera()
+    other.set(SettingName.SHUTTER_S, 2.0)
+    assert capture_pair(other, clock=clock, settings=settings).settings == settings
+    assert other.table[SettingName.SHUTTER_S].value == 0.02
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        (SettingName.FLASH, "fill", "leave the setting flash out"),
+        (SettingName.PROGRAM, "auto", "A pair is taken with program manual"),
+        (SettingName.DRIVE, "burst", "A pair is taken with drive single"),
+        (SettingName.ISO, "auto", "a fixed iso: auto is none"),
+        (SettingName.WHITE_BALANCE, "one_push", "a fixed white_balance: one_push is none"),
+    ],
+)
+def test_settings_that_make_no_pair_are_refused_before_anything_is_written(
+    clock: Clock, name: SettingName, value: SettingValue, said: str
+) -> None:
+    camera = FakeCamera()
+    with pytest.raises(SettingError, match=said):
+        capture_pair(camera, clock=clock, settings={name: value})
+    assert (camera.written, len(camera.shots)) == ([], 2)
+
+
+def test_a_wanted_setting_that_only_a_dial_changes_may_stand_right_already(clock: Clock) -> None:
+    camera = FakeCamera()
+    camera.table[SettingName.ISO] = Setting(SettingName.ISO, 100, (), writable=False)
+    assert capture_pair(camera, clock=clock, settings={SettingName.ISO: 100}).flash.best == FLASH
+    with pytest.raises(SettingError, match="iso is locked"):
+        capture_pair(camera, clock=clock, settings={SettingName.ISO: 200})
