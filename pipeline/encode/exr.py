@@ -1,5 +1,9 @@
 from __future__ import annotations
 
+import errno
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import Imath
@@ -30,7 +34,8 @@ class ExrFile:
 
         pictures: planes (h, W), each the channel of its name, and pictures (h, W, 3), the channels
         name.R, name.G and name.B, or R, G and B if the name is RGB; the same names each time.
-        Raises ValueError for pictures of different size, OSError where nothing can be written.
+        Raises ValueError for pictures of different size, OSError where nothing can be written, with
+        an errno as of Python's own files.
         """
         if len({picture.shape[:2] for picture in pictures.values()}) != 1:
             raise ValueError("the channels of an EXR must have one size")
@@ -42,18 +47,31 @@ class ExrFile:
             prefix = "" if name == "RGB" else f"{name}."
             channels |= {f"{prefix}{letter}": picture[..., k] for k, letter in enumerate("RGB")}
         rows = len(next(iter(channels.values())))
-        if self._file is None:
-            header = OpenEXR.Header(*self._size)
-            header["compression"] = Imath.Compression(Imath.Compression.NO_COMPRESSION)
-            header["channels"] = dict.fromkeys(channels, self._channel)
-            self._file = OpenEXR.OutputFile(str(self._path), header)
         lines = {name: np.ascontiguousarray(plane, self._type) for name, plane in channels.items()}
-        self._file.writePixels(lines, rows)
+        with _errors_numbered():
+            if self._file is None:
+                header = OpenEXR.Header(*self._size)
+                header["compression"] = Imath.Compression(Imath.Compression.NO_COMPRESSION)
+                header["channels"] = dict.fromkeys(channels, self._channel)
+                self._file = OpenEXR.OutputFile(str(self._path), header)
+            self._file.writePixels(lines, rows)
 
     def close(self) -> None:
         """End the file."""
         if self._file is not None:
             self._file.close()
+
+
+@contextmanager
+def _errors_numbered() -> Iterator[None]:
+    """Give OSErrors the errno that OpenEXR tells in words alone."""
+    try:
+        yield
+    except OSError as error:
+        for number in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EMFILE):
+            if error.errno is None and os.strerror(number) in str(error):
+                raise OSError(number, os.strerror(number)) from error
+        raise
 
 
 def write_exr(path: Path, pictures: dict[str, NDArray[np.float32]]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import io
 from collections.abc import Callable
@@ -310,3 +311,15 @@ def test_a_place_that_cannot_be_written_is_an_os_error(
 ) -> None:
     with pytest.raises(OSError):
         WRITERS[name](tmp_path / "nowhere" / name, picture)
+
+
+def test_a_full_disk_is_told_by_its_errno(picture: Picture) -> None:
+    """By which a service knows that the job may go on when there is room again."""
+    with pytest.raises(OSError) as raised:
+        write_exr(Path("/dev/full"), {"RGB": picture})
+    assert raised.value.errno == errno.ENOSPC
+
+
+def test_other_faults_of_an_exr_stay_as_they_are(tmp_path: Path, picture: Picture) -> None:
+    with pytest.raises(OSError, match="No such file or directory"):
+        write_exr(tmp_path / "nowhere" / "layers.exr", {"RGB": picture})
