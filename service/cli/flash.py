@@ -10,11 +10,13 @@ import drivers
 
 def flash_switch(text: str, settle_s: float) -> drivers.Flash:
     """Read --flash: "property", "operator", or a command or URL with {state} in it."""
+    from service.camera_tasks import brightness
+
     if text == "property":
         return drivers.PropertyFlash()
     if text == "operator":
-        return drivers.OperatorFlash(_ask, _brightness)
-    return drivers.ExternalFlash(text, _brightness, settle_s)
+        return drivers.OperatorFlash(_ask, brightness)
+    return drivers.ExternalFlash(text, brightness, settle_s)
 
 
 def _ask(request: str, timeout_s: float) -> bool:
@@ -22,9 +24,3 @@ def _ask(request: str, timeout_s: float) -> bool:
     print(f"{request.removesuffix(', then confirm.')}, then press Enter.", file=sys.stderr)
     ready, _, _ = select.select([sys.stdin], [], [], timeout_s)
     return bool(ready and sys.stdin.readline())
-
-
-def _brightness(photograph: bytes) -> float:
-    from pipeline.decode import decode
-
-    return float(decode(photograph, quality="fast").pixels.mean())
