@@ -54,7 +54,7 @@ _BODY = {
         "application/json": {"schema": {"$ref": f"#/components/schemas/{CameraCapture.__name__}"}}
     }
 }
-_PATIENCE_SECONDS = 5.0  # a request waits so long for cameras that are slow to answer
+_PATIENCE_SECONDS = 10.0  # a request waits so long for cameras that are slow to answer
 _LOOK_SECONDS = 0.5
 _KEEP_ALIVE_SECONDS = 15.0
 _RETRY_MS = 2000
@@ -87,15 +87,18 @@ async def watch_cameras(context: Parts, caller: Calling) -> Response:
 
 
 @router.get("/cameras/{camera_id}/settings", response_model=CameraSettings, responses=_OF_CAMERAS)
-def get_settings(context: Parts, caller: Calling, camera_id: str) -> CameraSettings:
+def get_settings(
+    context: Parts, caller: Calling, trace_id: TraceId, camera_id: str
+) -> CameraSettings:
     """Read the settings of a camera that no job has: what each is, and what it could be."""
-    return _adjust(context, caller, camera_id, {})
+    return _adjust(context, caller, camera_id, {}, trace_id)
 
 
 @router.patch("/cameras/{camera_id}/settings", response_model=CameraSettings, responses=_OF_CAMERAS)
 def change_settings(
     context: Parts,
     caller: Calling,
+    trace_id: TraceId,
     camera_id: str,
     wanted: Annotated[dict[drivers.SettingName, SettingValue], Body(min_length=1)],
 ) -> CameraSettings:
@@ -103,7 +106,7 @@ def change_settings(
 
     Where one is refused, those before it in the order of the answer stay written.
     """
-    return _adjust(context, caller, camera_id, dict(wanted))
+    return _adjust(context, caller, camera_id, dict(wanted), trace_id)
 
 
 @router.post(
@@ -203,12 +206,16 @@ def _address(context: Context, camera_id: str) -> str:
 
 
 def _adjust(
-    context: Context, caller: Caller, camera_id: str, wanted: dict[drivers.SettingName, Any]
+    context: Context,
+    caller: Caller,
+    camera_id: str,
+    wanted: dict[drivers.SettingName, Any],
+    trace_id: str,
 ) -> CameraSettings:
     address = _address(context, camera_id)
     settings = {name.value: value for name, value in wanted.items()}
     deadline = time.monotonic() + _PATIENCE_SECONDS
-    while (found := context.looking.adjust(address, settings)) is None:
+    while (found := context.looking.adjust(address, settings, trace_id)) is None:
         with context.engine.connect() as connection:
             holder = cameras.holder(connection, camera_id)
         if holder or time.monotonic() > deadline:

@@ -60,7 +60,9 @@ class Looking:
         with contextlib.suppress(TimeoutError):
             running.result(seconds)
 
-    def adjust(self, address: str, settings: dict[str, Any]) -> dict[str, Any] | None:
+    def adjust(
+        self, address: str, settings: dict[str, Any], trace_id: str
+    ) -> dict[str, Any] | None:
         """Write settings of a camera; then all that it has, by name. None while it is in use.
 
         Raises sandbox.TaskError for what the driver says, and CameraTimeoutError.
@@ -70,7 +72,8 @@ class Looking:
             return None
         info, answered = None, False
         try:
-            told = self._run("camera_settings", {"camera": address, "settings": settings})
+            wanted = {"camera": address, "settings": settings}
+            told = self._run("camera_settings", wanted, trace_id)
             info, answered = drivers.CameraInfo(**told["info"]), True
         except sandbox.TaskError as error:
             answered = error.problem["status"] == 422  # it has said no
@@ -87,6 +90,9 @@ class Looking:
             return camera if cameras.take(connection, camera, 2 * _LOOK_SECONDS) else None
 
     def _look_everywhere(self) -> None:
+        with self._engine.begin() as connection:  # they are listed whatever comes of it
+            for address in configured(self._settings):
+                cameras.add(connection, address)
         with contextlib.suppress(sandbox.TaskError, drivers.DriverError):
             found = self._run("cameras", None)
             self._found = [one for one in found if is_allowed(self._settings, one)]
@@ -111,12 +117,12 @@ class Looking:
             with self._engine.begin() as connection:
                 cameras.give_back(connection, camera, info, answered=info is not None)
 
-    def _run(self, kind: sandbox.Kind, capture: dict[str, Any] | None) -> Any:
+    def _run(self, kind: sandbox.Kind, capture: dict[str, Any] | None, trace_id: str = "") -> Any:
         with scratch.folder(self._settings.data_dir) as folder:
             task = sandbox.Task(
                 kind=kind,
                 job="",
-                trace_id="",
+                trace_id=trace_id,
                 directory=str(folder),
                 limits=sandbox.Limits.of(self._settings, _LOOK_SECONDS),
                 options={},
