@@ -218,7 +218,7 @@ class Attempt:
             with contextlib.suppress(*AWAY), self._engine.begin() as connection:
                 cameras.note(connection, self._job.camera, CameraInfo(**told["info"]))
 
-    def _keep_pair(self, directory: Path, settings: dict[str, Any] | None) -> bool:
+    def _keep_pair(self, directory: Path, settings: dict[str, Any]) -> bool:
         """Store a pair for good and write that the job has it; false when this counts no more."""
         inputs = {}
         for frame in FRAMES:

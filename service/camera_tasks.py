@@ -33,25 +33,16 @@ def capture(task: dict[str, Any], tell: Tell) -> None:
         tell({"stage": "capture", "fraction": (stages.index(stage) + fraction) / len(stages)})
 
     with drivers.open_camera(wanted["camera"]) as camera:
-        _set(camera, wanted.get("settings", {}))
-        pair = drivers.capture_pair(camera, report, flash=_flash(wanted, tell))
+        settings = wanted.get("settings")
+        pair = drivers.capture_pair(camera, report, flash=_flash(wanted, tell), settings=settings)
         directory = Path(task["directory"])
         (directory / "no_flash").write_bytes(pair.no_flash.best)
         (directory / "flash").write_bytes(pair.flash.best)
-        settings = _told(lambda: _values(camera), task)
-        if not wanted.get("keep", True) and _ask(tell, {"kind": "keep", "settings": settings}):
+        taken_with = dict(pair.settings)
+        if not wanted.get("keep", True) and _ask(tell, {"kind": "keep", "settings": taken_with}):
             _told(lambda: _clear(camera, pair), task)
         info = _told(lambda: asdict(camera.info()), task)
-        tell({"answer": {"settings": settings, "info": info}})
-
-
-TAKEN_WITH = (
-    SettingName.SHUTTER_S,
-    SettingName.F_NUMBER,
-    SettingName.ISO,
-    SettingName.WHITE_BALANCE,
-)
-"""Settings that make a photograph what it is; the others are the capture's own to choose."""
+        tell({"answer": {"settings": taken_with, "info": info}})
 
 
 def find(_task: dict[str, Any], tell: Tell) -> None:
@@ -103,10 +94,6 @@ def _flash(wanted: dict[str, Any], tell: Tell) -> drivers.Flash:
 def _ask(tell: Tell, question: dict[str, Any]) -> bool:
     tell({"question": question})
     return bool(json.loads(sys.stdin.readline() or "false"))
-
-
-def _values(camera: drivers.Camera) -> dict[str, Any]:
-    return {one.name: one.value for one in camera.settings() if one.name in TAKEN_WITH}
 
 
 def _clear(camera: drivers.Camera, pair: drivers.CapturedPair) -> None:

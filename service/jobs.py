@@ -342,12 +342,12 @@ def set_inputs(
     job: Job,
     inputs: dict[str, Any],
     size: int,
-    camera_settings: dict[str, Any] | None,
+    camera_settings: dict[str, Any],
 ) -> bool:
     """Name the stored photographs of a capture, so that no later attempt takes them again.
 
-    size: of both, in bytes. camera_settings: what the camera was set to, None where it does not
-    tell. False when the attempt counts no more.
+    size: of both, in bytes. camera_settings: what the camera was set to. False when the attempt
+    counts no more.
     """
     values = {"inputs": inputs, "stored_bytes": size, "camera_settings": camera_settings}
     return connection.execute(_update(_of_attempt(job)).values(values)).rowcount == 1

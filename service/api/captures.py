@@ -9,6 +9,7 @@ from typing import Any
 import sqlalchemy as sa
 from pydantic import BaseModel, ValidationError
 
+import drivers
 from pipeline.errors import OptionError
 from pipeline.options import Options
 from service import cameras, jobs
@@ -129,6 +130,7 @@ def _commit(
 ) -> Accepted:
     """Commit rows and queue entries together."""
     check_camera(context.settings, wanted.capture.camera)
+    drivers.check_settings(wanted.capture.settings)
     if wanted.capture.flash == "external" and context.settings.flash_switch is None:
         raise OptionError(
             "flash: this service has no switch for a flash; its operator can name one in "
@@ -185,7 +187,7 @@ def told_of(holder: jobs.Job, caller: Caller) -> str:
 
 
 def _row_of(capture: Capture) -> dict[str, Any]:
-    return capture.model_dump(exclude_defaults=True)
+    return capture.model_dump(mode="json", exclude_defaults=True)
 
 
 def _ids(first: str, count: int) -> list[str]:

@@ -16,6 +16,7 @@ from pydantic import (
     field_validator,
 )
 
+from drivers import SettingName
 from pipeline.calibration.options import CalibrationOptions
 from pipeline.mix_options import MixRequest
 from pipeline.options import Options
@@ -25,20 +26,22 @@ from service.states import State
 
 FlashStrategy = Literal["property", "external", "operator"]
 WhenBusy = Literal["wait", "refuse"]
-CaptureSetting = Literal["shutter_s", "f_number", "iso", "white_balance"]
 SettingValue = (
     Annotated[int, Strict()]
     | Annotated[float, Strict(), AllowInfNan(False)]
     | Annotated[str, Strict(), StringConstraints(min_length=1, max_length=64)]
 )
-CaptureSettings = dict[CaptureSetting, SettingValue]
+CaptureSettings = dict[SettingName, SettingValue]
 
 _FLASH = (
     "What switches the flash: the camera itself (property), the operator's switch (external), or a "
     "person, for whom the job waits (operator)."
 )
 _WHEN_BUSY = "While other jobs have the camera or wait for it: wait behind them, or be refused."
-_SETTINGS = "Written to the camera and read back before the pair."
+_SETTINGS = (
+    "Written to the camera and read back before the pair. The flash is the capture's own to "
+    "switch, exposure program, focus and drive are manual and single, ISO and white balance fixed."
+)
 _KEEP = "Leave the photographs on the camera's card; else they go once both are stored for good."
 
 
