@@ -357,7 +357,7 @@ class TestCaptures:
         assert "LIGHTLAYERS_FLASH_SWITCH" in told
 
     @pytest.mark.parametrize(
-        ("settings", "detail"),
+        ("written", "detail"),
         [
             ({"flash": "off"}, "The flash is switched by the capture"),
             ({"program": "auto"}, "A pair is taken with program manual"),
@@ -365,9 +365,9 @@ class TestCaptures:
         ],
     )
     def test_settings_that_no_pair_can_have_are_refused(
-        self, capture: Any, settings: Any, detail: str
+        self, capture: Any, written: Any, detail: str
     ) -> None:
-        status, kind, told = problem_of(capture(settings=settings))
+        status, kind, told = problem_of(capture(settings=written))
         assert (status, kind) == (422, "camera-setting")
         assert told.startswith(detail)
 
