@@ -32,6 +32,7 @@ from drivers.exif import ExposureFacts
 from drivers.flash import ExternalFlash, Flash, OperatorFlash, PropertyFlash
 from drivers.pair import CapturedPair
 from drivers.registry import (
+    canonical_address,
     check_address,
     list_cameras,
     open_camera,
@@ -74,6 +75,7 @@ __all__ = [
     "SimulatedTruth",
     "StoreFullError",
     "TransferError",
+    "canonical_address",
     "capture_pair",
     "check_address",
     "check_settings",

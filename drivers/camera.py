@@ -56,13 +56,17 @@ class EventKind(StrEnum):
 
 @dataclass(frozen=True)
 class CameraInfo:
-    """Who the camera is. battery_percent: 0…100, None where it does not tell."""
+    """Who the camera is. Of what follows, None is for what it does not tell.
+
+    battery_percent: 0…100. free_bytes: room on its cards, in bytes.
+    """
 
     address: str
     make: str
     model: str
     serial: str
     battery_percent: int | None
+    free_bytes: int | None = None
 
 
 @dataclass(frozen=True)
@@ -119,7 +123,7 @@ class Camera(ABC):
 
     @abstractmethod
     def info(self) -> CameraInfo:
-        """Make, model, serial number and battery."""
+        """Make, model, serial number, battery and room on the cards."""
 
     @abstractmethod
     def settings(self) -> list[Setting]:

@@ -66,6 +66,24 @@ def check_address(address: str) -> None:
     _load(_scheme(address)).check_address(address)
 
 
+def canonical_address(address: str) -> str:
+    """Give the one spelling of an address: the same for all that lead to one camera.
+
+    Raises BadAddressError, CameraNotFoundError.
+    """
+    check_address(address)
+    if _scheme(address) == "ptp+ip":
+        from drivers.ptp.ip import parse
+        from drivers.ptp.ip_packets import PORT
+
+        host, port = parse(address)
+        named = f"[{host}]" if ":" in host else host
+        return f"ptp+ip://{named}" + ("" if port == PORT else f":{port}")
+    place, mark, query = address.partition("?")
+    scheme, _, rest = place.partition("://")
+    return f"{scheme}://{rest.rstrip('/')}{mark}{query}"
+
+
 def list_cameras() -> list[CameraInfo]:
     """Every camera that can be opened now, of every backend."""
     return [info for scheme in _BACKENDS for info in _load(scheme).list_cameras()]

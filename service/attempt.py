@@ -9,13 +9,14 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 import sqlalchemy as sa
 from obstore.exceptions import BaseError
 
+from drivers import CameraInfo
 from pipeline.mix_options import LAYERS, MANIFEST
-from service import eta, jobs, metrics, sandbox, scratch, tracing
+from service import cameras, eta, jobs, metrics, sandbox, scratch, tracing
 from service.database import AWAY
 from service.errors import AttemptError, DeadlineError, LayersGoneError, problem_of
 from service.forkserver import ForkServer
@@ -51,6 +52,14 @@ def inputs_key(job_id: str, frame: str) -> str:
 def results_key(job_id: str, attempt: int, name: str = "") -> str:
     """Where a result of an attempt lies; without a name, the prefix of all of them."""
     return f"{job_key(job_id)}{attempt}/{name}"
+
+
+def captured_key(job_id: str, attempt: int, frame: str = "") -> str:
+    """Where a photograph lies that an attempt had a camera take; without a frame, their prefix.
+
+    Each attempt has its own place, so that two of them never make one pair.
+    """
+    return f"{job_key(job_id)}inputs/{attempt}/{frame}"
 
 
 def describe_inputs(job_id: str, sha256: dict[str, str]) -> dict[str, Any]:
@@ -92,18 +101,28 @@ class Attempt:
 
         Whatever else is raised has cut the attempt short: it needs another give_up().
         """
+        self._trace(self._work)
+
+    def capture(self, pass_on: Callable[[sa.Connection], None]) -> None:
+        """Have the camera take the pair, and put the job back for the rest, as run() does it.
+
+        pass_on: queues the rest in the transaction that puts it back.
+        """
+        self._trace(lambda: self._take(pass_on))
+
+    def _trace(self, work: Callable[[], bool]) -> None:
         job = self._job
         attributes = {"job": job.id, "attempt": job.attempt, "task": job.task, "worker": job.worker}
         with tracing.attempt(job.trace_id, job.span_id, attributes):
             try:
-                self._run()
+                self._run(work)
             finally:
                 self._stages.end()
 
-    def _run(self) -> None:
+    def _run(self, work: Callable[[], bool]) -> None:
         self._log.info("started")
         try:
-            counts = self._work()
+            counts = work()
         except sandbox.StoppedError:
             counts = False
         except sandbox.TaskError as error:
@@ -118,15 +137,35 @@ class Attempt:
         if not counts:
             self.give_up()
 
-    def _work(self) -> bool:
+    def _take(self, pass_on: Callable[[sa.Connection], None]) -> bool:
+        self._begin()
+        if not self._job.inputs:
+            with contextlib.ExitStack() as stack:
+                self._capture(self._folder(stack))
+
+        def write() -> bool:
+            with self._engine.begin() as connection:
+                counts = jobs.release(connection, self._job)
+                if counts:
+                    pass_on(connection)
+                return counts
+
+        return self._patiently(write)
+
+    def _begin(self) -> None:
         self._check()
         with self._engine.connect() as connection:
             self._track = eta.Track(eta.pace_of(connection, self._job))
+
+    def _folder(self, stack: contextlib.ExitStack) -> Path:
+        folder = scratch.folder(self._settings.data_dir)
+        return self._patiently(lambda: stack.enter_context(folder))
+
+    def _work(self) -> bool:
+        self._begin()
         with contextlib.ExitStack() as stack:
-            directory = self._patiently(
-                lambda: stack.enter_context(scratch.folder(self._settings.data_dir))
-            )
-            if self._job.capture and not self._job.inputs:
+            directory = self._folder(stack)
+            if self._job.capture and not self._job.inputs:  # queued before cameras had queues
                 self._capture(directory)
             elif self._job.task == "mix":
                 self._fetch_layers(directory)
@@ -145,8 +184,9 @@ class Attempt:
         return counts
 
     def _fetch(self, directory: Path) -> None:
+        assert self._job.inputs is not None
         for frame in FRAMES:
-            key = inputs_key(self._job.id, frame)
+            key = self._job.inputs[frame]["key"]
             self._patiently(partial(self._storage.get_file, key, directory / frame))
 
     def _clear_lost(self) -> None:
@@ -156,14 +196,57 @@ class Attempt:
                 self._storage.delete_below(results_key(self._job.id, lost))
 
     def _capture(self, directory: Path) -> None:
-        self._run_task("capture", directory)
-        digests = {
-            frame: self._keep(inputs_key(self._job.id, frame), directory / frame)
-            for frame in FRAMES
-        }
+        kept = False
+
+        def ask(question: dict[str, Any]) -> bool:
+            nonlocal kept
+            if question["kind"] == "operator":
+                return self._ask_operator(question["request"], question["seconds"])
+            kept = self._keep_pair(directory, question["settings"])
+            return kept
+
+        try:
+            told = self._run_task("capture", directory, ask)
+        except (sandbox.TaskError, AttemptError) as error:
+            if not kept:
+                raise
+            self._log.warning("cut short after the pair was kept: %s", type(error).__name__)
+            return
+        if not kept and not self._keep_pair(directory, told["settings"]):
+            raise sandbox.StoppedError
+        if self._job.camera and told["info"]:
+            with contextlib.suppress(*AWAY), self._engine.begin() as connection:
+                cameras.note(connection, self._job.camera, CameraInfo(**told["info"]))
+
+    def _keep_pair(self, directory: Path, settings: dict[str, Any]) -> bool:
+        """Store a pair for good and write that the job has it; false when this counts no more."""
+        inputs = {}
+        for frame in FRAMES:
+            key = captured_key(self._job.id, self._job.attempt, frame)
+            inputs[frame] = {"key": key, "sha256": self._keep(key, directory / frame)}
         size = sum((directory / frame).stat().st_size for frame in FRAMES)
-        with self._engine.begin() as connection:
-            jobs.set_inputs(connection, self._job, describe_inputs(self._job.id, digests), size)
+
+        def write() -> bool:
+            with self._engine.begin() as connection:
+                return jobs.set_inputs(connection, self._job, inputs, size, settings)
+
+        return self._patiently(write)
+
+    def _ask_operator(self, request: str, seconds: float) -> bool:
+        """Wait for a person, whom the job's row asks; whether it was confirmed in time."""
+
+        def ask() -> None:
+            with self._engine.begin() as connection:
+                jobs.ask_operator(connection, self._job, request, seconds)
+
+        def look() -> bool | None:
+            with self._engine.begin() as connection:
+                return jobs.confirmed(connection, self._job)
+
+        self._patiently(ask)
+        while (done := self._patiently(look)) is None:
+            self._pause(_ASK_SECONDS)
+        return done
 
     def _fetch_layers(self, directory: Path) -> None:
         self._stages.enter("fetch")
@@ -180,9 +263,7 @@ class Attempt:
                 "The job whose layers were to be mixed has been deleted; separate the pair anew."
             ) from error
 
-    def _run_task(
-        self, kind: Literal["separate", "calibrate", "mix", "capture"], directory: Path
-    ) -> None:
+    def _run_task(self, kind: sandbox.Kind, directory: Path, ask: sandbox.Ask | None = None) -> Any:
         task = sandbox.Task(
             kind=kind,
             job=self._job.id,
@@ -190,15 +271,24 @@ class Attempt:
             directory=str(directory),
             limits=sandbox.Limits.of(self._settings, self._settings.job_seconds),
             options=self._job.options,
-            capture=self._job.capture,
+            capture=self._job.capture and self._job.capture | self._of_operator(),
         )
 
-        def run() -> None:
+        def run() -> Any:
             shutil.rmtree(directory / "results", ignore_errors=True)
             seconds, server = self._settings.job_seconds, self._fork_server
-            sandbox.run(task, seconds, self._report, self._must_stop, server)
+            return sandbox.run(task, seconds, self._report, self._must_stop, server, ask)
 
-        self._patiently(run)
+        # A pair that was kept already must not be taken again over it.
+        return run() if kind == "capture" else self._patiently(run)
+
+    def _of_operator(self) -> dict[str, Any]:
+        """What of a capture is the operator's to say."""
+        return {
+            "switch": self._settings.flash_switch,
+            "settle_seconds": self._settings.flash_settle_seconds,
+            "operator_seconds": self._settings.operator_seconds,
+        }
 
     def _store(self, path: Path) -> dict[str, Any]:
         self._check()
@@ -320,3 +410,6 @@ class Attempt:
             self._storage.delete_below(job_key(self._job.id))
         elif row.attempt != self._job.attempt or row.state != State.SUCCEEDED:
             self._storage.delete_below(results_key(self._job.id, self._job.attempt))
+            captured = captured_key(self._job.id, self._job.attempt)
+            if self._job.capture and captured not in str(row.inputs):
+                self._storage.delete_below(captured)

@@ -1,9 +1,10 @@
 """The process of one task of a job, its task as JSON on stdin.
 
 python -m service.child imports once, and forks such a process for every task (service.forkserver).
-It writes one JSON object per line to stdout: {"stage", "fraction"} while it works, {"problem"}
-before it ends with nothing to show, except for want of memory, files or disk, which its exit code
-tells. Exit code 0 means that all is done.
+It writes one JSON object per line to stdout: {"stage", "fraction"} while it works, {"question"}
+where it then waits for a line of JSON on stdin, {"answer"} with what it found, {"problem"} before
+it ends with nothing to show, except for want of memory, files or disk, which its exit code tells.
+Exit code 0 means that all is done.
 """
 
 from __future__ import annotations
@@ -20,7 +21,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import drivers
 from pipeline.calibration.calibrate import calibrate_files
 from pipeline.calibration.options import CALIBRATION_OPTIONS
 from pipeline.mix_files import mix_results
@@ -28,7 +28,7 @@ from pipeline.mix_options import MixRequest
 from pipeline.options import Options
 from pipeline.process import check_pair, separate_files
 from pipeline.progress import Progress
-from service import errors, forkserver, logs
+from service import camera_tasks, errors, forkserver, logs
 from service.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
 
 _CODES = {
@@ -46,7 +46,7 @@ Tell = Callable[[dict[str, Any]], None]
 
 def main() -> int:
     """Run the task that stdin describes; see service.sandbox.Task."""
-    task = json.load(sys.stdin)
+    task = json.loads(sys.stdin.readline())
     _limit(**task["limits"])
     tell = _take_stdout()
     try:
@@ -129,19 +129,6 @@ def _mix(task: dict[str, Any], tell: Tell) -> None:
     )
 
 
-def _capture(task: dict[str, Any], tell: Tell) -> None:
-    directory = Path(task["directory"])
-    stages = drivers.CAPTURE_STAGES
-
-    def report(stage: str, fraction: float) -> None:
-        tell({"stage": "capture", "fraction": (stages.index(stage) + fraction) / len(stages)})
-
-    with drivers.open_camera(task["capture"]["camera"]) as camera:
-        pair = drivers.capture_pair(camera, report)
-    (directory / "no_flash").write_bytes(pair.no_flash.best)
-    (directory / "flash").write_bytes(pair.flash.best)
-
-
 def _photographs(task: dict[str, Any]) -> tuple[bytes, bytes]:
     directory = Path(task["directory"])
     return (directory / "no_flash").read_bytes(), (directory / "flash").read_bytes()
@@ -152,7 +139,10 @@ _WORK: dict[str, Callable[[dict[str, Any], Tell], None]] = {
     "separate": _separate,
     "calibrate": _calibrate,
     "mix": _mix,
-    "capture": _capture,
+    "capture": camera_tasks.capture,
+    "cameras": camera_tasks.find,
+    "camera": camera_tasks.describe,
+    "camera_settings": camera_tasks.adjust,
 }
 
 if __name__ == "__main__":

@@ -78,18 +78,34 @@ class Client:
         wanted = options.model_dump(mode="json", exclude_defaults=True)
         return self._json("POST", "/jobs", json={"capture": {"camera": camera}, "options": wanted})
 
-    def wait(self, job: Job, report: Callable[[str, float], None]) -> Job:
-        """Wait until a job has succeeded, telling how far it is; the job as it is then."""
+    def wait(
+        self,
+        job: Job,
+        report: Callable[[str, float], None],
+        ask: Callable[[str, float], bool] | None = None,
+    ) -> Job:
+        """Wait until a job has succeeded, telling how far it is; the job as it is then.
+
+        ask: puts what the job asks of a person, waits for so many seconds, and tells whether it is
+        done; called again for as long as the job asks. Without it, somebody else confirms.
+        """
         while job["state"] not in ("succeeded", "failed", "canceled"):
             if job["stage"]:
                 report(job["stage"], job["fraction"])
-            time.sleep(_POLL_SECONDS)
+            if ask and job["operator"] and ask(job["operator"]["request"], _POLL_SECONDS):
+                self._confirm(job)
+            else:
+                time.sleep(_POLL_SECONDS)
             job = self._json("GET", job["links"]["self"])
         if job["state"] == "canceled":
             raise RefusedError("The job was canceled.")
         if job["error"]:
             raise _failure(job["error"])
         return job
+
+    def _confirm(self, job: Job) -> None:
+        with contextlib.suppress(RefusedError):  # somebody else has, or it was too late
+            self._json("POST", job["links"]["confirm"])
 
     def download(self, job: Job, folder: Path) -> None:
         """Write every result of a job into a folder."""

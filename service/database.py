@@ -74,11 +74,18 @@ jobs = sa.Table(
     sa.Column("worker", sa.String(64)),
     sa.Column("options", sa.JSON, nullable=False),
     sa.Column("capture", sa.JSON(none_as_null=True)),
+    sa.Column("camera", sa.String(16)),  # id of the one that takes the pair: service.cameras
+    # What it was set to for the pair, by name.
+    sa.Column("camera_settings", sa.JSON(none_as_null=True)),
     sa.Column("inputs", sa.JSON(none_as_null=True)),
     sa.Column("results", sa.JSON(none_as_null=True)),
     sa.Column("error", sa.JSON(none_as_null=True)),
     sa.Column("trace_id", sa.String(32), nullable=False),
     sa.Column("span_id", sa.String(16)),  # of the request in the trace, where traces are made
+    # What a person is asked to do, the number of the request, and until when it waits.
+    sa.Column("request", sa.String(200)),
+    sa.Column("requests", sa.Integer, nullable=False, default=0),
+    sa.Column("request_until", sa.Double),
     sa.Column("webhook", sa.JSON(none_as_null=True)),
     # What came of telling the webhook; null until its first delivery is queued.
     sa.Column("delivery", sa.JSON(none_as_null=True)),
@@ -98,6 +105,7 @@ jobs = sa.Table(
     sa.Index("jobs_by_deadline", "state", "deadline"),
     sa.Index("jobs_by_expiry", "state", "expires"),
     sa.Index("jobs_by_likeness", "likeness", "state", "created"),
+    sa.Index("jobs_by_camera", "camera", "state"),
 )
 
 # Few rows at any time, so that workers may look often: a job leaves it when a delivery is queued.
@@ -106,6 +114,23 @@ sa.Index(
     jobs.c.finished,
     sqlite_where=jobs.c.webhook.is_not(None) & jobs.c.delivery.is_(None),
     postgresql_where=jobs.c.webhook.is_not(None) & jobs.c.delivery.is_(None),
+)
+
+# Cameras that somebody has asked for, as they were when they last answered.
+cameras = sa.Table(
+    "cameras",
+    metadata,
+    sa.Column("id", sa.String(16), primary_key=True),
+    sa.Column("address", sa.String(300), nullable=False),
+    sa.Column("make", sa.String(255), nullable=False, default=""),
+    sa.Column("model", sa.String(255), nullable=False, default=""),
+    sa.Column("serial", sa.String(255), nullable=False, default=""),
+    sa.Column("battery_percent", sa.Integer),
+    sa.Column("free_bytes", sa.BigInteger),
+    sa.Column("answered", sa.Boolean, nullable=False, default=False),  # when last looked at
+    sa.Column("looked", sa.Double, nullable=False, default=0.0),
+    # Until then at most somebody looks at it or sets it, and no job may begin to use it.
+    sa.Column("taken_until", sa.Double, nullable=False, default=0.0),
 )
 
 workers = sa.Table(

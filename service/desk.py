@@ -67,6 +67,7 @@ class Desk:
             "priority": job.priority,
             "options": job.options,
             "capture": job.capture,
+            "camera": job.camera,
             "inputs": inputs,
             "stored_bytes": size,
             "likeness": job.likeness,
@@ -76,8 +77,18 @@ class Desk:
         }
         with self.engine.begin() as connection:
             rank = jobs.add(connection, values)
-            self.queue.submit(connection, new_id, rank)
+            if job.camera and not inputs:
+                self.queue.submit_capture(connection, new_id, rank, job.camera)
+            else:
+                self.queue.submit(connection, new_id, rank)
         return new_id
+
+    def confirm(self, job_id: str) -> None:
+        """Say that what a job asks for is done. Raises UnknownJobError or NotReadyError."""
+        with self.engine.begin() as connection:
+            job = _known(jobs.find(connection, job_id), job_id)
+            if not jobs.confirm(connection, job_id):
+                raise NotReadyError(f"The job is {job.state}; it asks for nothing.")
 
 
 @contextlib.contextmanager

@@ -31,7 +31,13 @@ _VERSION = "1"  # pinned: a job of an older program may be run by a newer one
 JOBS = "jobs"
 """The queue of jobs."""
 
+CAPTURES = "captures"
+"""The queues of cameras, one each: jobs wait here until theirs has taken their pair."""
+
 _WORKFLOW = "run_job"
+_CAPTURE = "capture_pair"
+_CAPTURERS = 16  # cameras that a worker has take pairs at once: it waits for them most of the time
+_PRESS_SECONDS = 0.25  # somebody stands at the camera and waits
 _TELLING_QUEUE = "webhooks"
 _TELLING_WORKFLOW = "tell_webhook"
 _TELLERS = 8  # webhooks a worker tells at once: it waits for them most of the time
@@ -49,7 +55,7 @@ def migrate(engine: sa.Engine) -> None:
 
 @dataclass(frozen=True)
 class Held:
-    """What a worker has taken out of a queue: in that of jobs, id is a job's."""
+    """What a worker has taken out of a queue: in those of jobs and captures, id tells the job."""
 
     id: str
     worker: str
@@ -71,7 +77,10 @@ class Queue:
         )
 
     def submit(self, connection: sa.Connection, job_id: str, rank: int) -> None:
-        """Enqueue a job within the caller's transaction; those of low rank (1…2³¹−1) go first."""
+        """Enqueue a job within the caller's transaction; those of low rank (1…2³¹−1) go first.
+
+        One that is enqueued already stays as it is, here and in submit_capture.
+        """
         options = EnqueueOptions(
             workflow_name=_WORKFLOW,
             queue_name=JOBS,
@@ -79,6 +88,27 @@ class Queue:
             app_version=_VERSION,
             priority=rank,
         )
+        self._client.enqueue_in_transaction(connection, options, job_id)
+
+    def submit_capture(
+        self,
+        connection: sa.Connection,
+        job_id: str,
+        rank: int,
+        camera: str,
+        delay_seconds: float = 0.0,
+    ) -> None:
+        """Enqueue a job for its camera, within a transaction; one job at a time has each camera."""
+        options = EnqueueOptions(
+            workflow_name=_CAPTURE,
+            queue_name=CAPTURES,
+            workflow_id=capture_id(job_id),
+            app_version=_VERSION,
+            priority=rank,
+            queue_partition_key=camera,
+        )
+        if delay_seconds > 0:
+            options["delay_seconds"] = delay_seconds
         self._client.enqueue_in_transaction(connection, options, job_id)
 
     def submit_telling(
@@ -99,14 +129,14 @@ class Queue:
         self._client.enqueue_in_transaction(connection, options, job_id, number)
 
     def withdraw(self, job_id: str) -> None:
-        """Take a job that waits out of the queue."""
-        self._client.cancel_workflow(job_id)
+        """Take a job that waits out of its queue."""
+        self._client.cancel_workflows([job_id, capture_id(job_id)])
 
     def held(self) -> list[Held]:
         """List what workers have taken out of the queues and not done yet."""
         held = self._client.list_workflows(
             status="PENDING",
-            queue_name=[JOBS, _TELLING_QUEUE, _UPKEEP],
+            queue_name=[JOBS, CAPTURES, _TELLING_QUEUE, _UPKEEP],
             load_input=False,
             load_output=False,
         )
@@ -122,7 +152,7 @@ class Queue:
     def forget(self, job_id: str) -> None:
         """Drop everything the queue knows about a job."""
         tellings = [_telling(job_id, number) for number in range(1, TELLINGS + 1)]
-        self._client.delete_workflows([job_id, *tellings])
+        self._client.delete_workflows([job_id, capture_id(job_id), *tellings])
 
     def forget_done(self, seconds: float) -> None:
         """Drop what was done more than so many seconds ago; the rows of jobs tell how it ended."""
@@ -141,6 +171,11 @@ class Queue:
         self._client.destroy()
 
 
+def capture_id(job_id: str) -> str:
+    """Give the id that a job has in its camera's queue."""
+    return f"{job_id}-capture"
+
+
 def _telling(job_id: str, number: int) -> str:
     return f"{job_id}-webhook-{number}"
 
@@ -149,18 +184,19 @@ def launch(
     engine: sa.Engine,
     worker: str,
     run: Callable[[str], None],
+    capture: Callable[[str], None],
     tell: Callable[[str, int], None],
     concurrency: int,
     poll_seconds: float,
     sweep: Callable[[bool], None],
     sweep_seconds: int,
 ) -> None:
-    """Have this process call run(job id) and tell(job id, number) in threads, and sweep.
+    """Have this process call run and capture(job id), tell(job id, number) in threads, and sweep.
 
     worker: unique among all workers ever. run: must return only when the job has ended, since a
-    return takes the job out of the queue for good; tell: when what came of it is written. sweep:
-    called in one worker at a time, every sweep_seconds (1…60) with false, every hour with true.
-    Raises StartError.
+    return takes the job out of the queue for good; capture: when its pair is taken; tell: when
+    what came of it is written. sweep: called in one worker at a time, every sweep_seconds (1…60)
+    with false, every hour with true. Raises StartError.
     """
     # DBOS writes to the console of its own unless its logger has a handler.
     logging.getLogger("dbos").addHandler(logging.NullHandler())
@@ -177,13 +213,14 @@ def launch(
     )
     # An attempt count of our own is in the job's row: a takeover resets the one of DBOS.
     DBOS.workflow(name=_WORKFLOW, max_recovery_attempts=None)(run)
+    DBOS.workflow(name=_CAPTURE, max_recovery_attempts=None)(capture)
     DBOS.workflow(name=_TELLING_WORKFLOW, max_recovery_attempts=None)(tell)
 
     @DBOS.workflow(name=_SWEEP, max_recovery_attempts=None)
     def run_sweep(_scheduled: object, thorough: bool) -> None:
         sweep(thorough)
 
-    DBOS.listen_queues([JOBS, _TELLING_QUEUE, _UPKEEP])
+    DBOS.listen_queues([JOBS, CAPTURES, _TELLING_QUEUE, _UPKEEP])
     try:
         DBOS.launch()
     except error.DBOSInitializationError as fault:
@@ -197,6 +234,13 @@ def launch(
             polling_interval_sec=poll_seconds,
             on_conflict="always_update",
         )
+    DBOS.register_queue(
+        CAPTURES,
+        worker_concurrency=_CAPTURERS,
+        partition_concurrency=1,
+        polling_interval_sec=min(poll_seconds, _PRESS_SECONDS),
+        on_conflict="always_update",
+    )
     DBOS.register_queue(
         _UPKEEP,
         global_concurrency=1,

@@ -9,6 +9,8 @@ ServiceError
 ├── StoredQuotaError         403  the key's jobs take up all the space that it may use
 ├── UnknownJobError          404  no such job
 ├── UnknownResultError       404  no such result of a job
+├── UnknownCameraError       404  no such camera
+├── CameraHeldError          409  a job has the camera, or waits for it
 ├── NotReadyError            409  the job has no results (yet)
 ├── SlowRequestError         408  the rest of the request does not come
 ├── UnknownUploadError       404  no such upload
@@ -86,6 +88,14 @@ class UnknownJobError(ServiceError):
 
 class UnknownResultError(ServiceError):
     """The job has no such result."""
+
+
+class UnknownCameraError(ServiceError):
+    """There is no such camera."""
+
+
+class CameraHeldError(ServiceError):
+    """A job has the camera, or waits for it."""
 
 
 class NotReadyError(ServiceError):
@@ -280,6 +290,7 @@ KINDS: dict[type[Exception], Kind] = {
     pipeline_errors.InputError: Kind("invalid-input", 422, "The input cannot be used"),
     drivers.BadAddressError: Kind("bad-camera-address", 422, "No address of a camera"),
     drivers.CameraNotFoundError: Kind("camera-not-found", 404, "No camera answers there"),
+    drivers.SettingError: Kind("camera-setting", 422, "The camera does not take this setting"),
     drivers.DriverError: Kind("camera-failed", 503, "The camera failed", retryable=True),
     MalformedRequestError: Kind("malformed-request", 400, "The request cannot be read"),
     UnauthorizedError: Kind("unauthorized", 401, "A key is needed"),
@@ -289,6 +300,8 @@ KINDS: dict[type[Exception], Kind] = {
     StoredQuotaError: Kind("stored-quota", 403, "The key's space is used up"),
     UnknownJobError: Kind("unknown-job", 404, "No such job"),
     UnknownResultError: Kind("unknown-result", 404, "No such result"),
+    UnknownCameraError: Kind("unknown-camera", 404, "No such camera"),
+    CameraHeldError: Kind("camera-held", 409, "The camera is in use", retryable=True),
     NotReadyError: Kind("not-ready", 409, "The job is not as far as that", retryable=True),
     GoneError: Kind("gone", 410, "The job's files are removed"),
     SlowRequestError: Kind("slow-request", 408, "The request does not come", retryable=True),

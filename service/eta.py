@@ -45,7 +45,8 @@ def likeness(options: Mapping[str, Any], size: int, capture: Mapping[str, Any] |
     options: as in the job's row. size: bytes of the pair; classes are half as wide as a doubling.
     """
     if capture:
-        digest = hashlib.sha256(json.dumps(capture, sort_keys=True).encode()).hexdigest()
+        camera = json.dumps({"camera": capture["camera"]})
+        digest = hashlib.sha256(camera.encode()).hexdigest()
         measure = f"camera-{digest[:12]}"
     else:
         measure = f"bytes-{round(2 * math.log2(max(size, 1)))}"

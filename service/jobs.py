@@ -18,6 +18,9 @@ from service.states import ENDED, HELD, State, before
 
 Priority = Literal["high", "normal", "low"]
 
+CAPTURE = "capture"
+"""The stage of attempts that take a pair; no other attempt of a job in a camera's queue has it."""
+
 LOST_ATTEMPTS = 3
 """Attempts at a job that may be cut short before it is given up."""
 
@@ -43,11 +46,16 @@ class Job:
     worker: str | None
     options: dict[str, Any]
     capture: dict[str, Any] | None
+    camera: str | None
+    camera_settings: dict[str, Any] | None
     inputs: dict[str, Any] | None
     results: list[dict[str, Any]] | None
     error: dict[str, Any] | None
     trace_id: str
     span_id: str | None
+    request: str | None
+    requests: int
+    request_until: float | None
     webhook: dict[str, Any] | None
     delivery: dict[str, Any] | None
     idempotency_key: str | None
@@ -71,6 +79,11 @@ class Job:
     def ended(self) -> bool:
         """Whether nothing will happen to the job any more."""
         return self.state in ENDED
+
+    @property
+    def captures(self) -> bool:
+        """Whether a worker has the job's camera take the pair, or is about to pass it on."""
+        return self.state in HELD and self.stage == CAPTURE
 
 
 def _job(row: sa.Row[Any]) -> Job:
@@ -140,15 +153,23 @@ def count_queued(connection: sa.Connection, owner: str | None = None) -> int:
     return connection.execute(query).scalar_one()
 
 
+def waits_for_camera(camera: str | None) -> sa.ColumnElement[bool]:
+    """Whether a job waits in the queue of a camera; None: in that of the workers."""
+    this = jobs.c.camera == camera
+    elsewhere = sa.or_(jobs.c.camera.is_(None), jobs.c.inputs.is_not(None))
+    queue = elsewhere if camera is None else sa.and_(this, jobs.c.inputs.is_(None))
+    return sa.and_(jobs.c.state == State.QUEUED, queue)
+
+
 def positions(connection: sa.Connection, waiting: list[Job]) -> dict[str, int]:
-    """Place in the queue, from 1, of every job of `waiting` that is queued."""
+    """Place in its queue, from 1, of every job of `waiting` that is queued."""
     queued = [job for job in waiting if job.state == State.QUEUED]
     return {
         job.id: connection.execute(
             sa.select(sa.func.count())
             .select_from(jobs)
             .where(
-                jobs.c.state == State.QUEUED,
+                waits_for_camera(None if job.inputs else job.camera),
                 sa.tuple_(jobs.c.rank, jobs.c.created, jobs.c.id)
                 <= (job.rank, job.created, job.id),
             )
@@ -245,8 +266,10 @@ def living_workers(connection: sa.Connection, silence_seconds: float) -> set[str
     return set(connection.execute(sa.select(workers.c.id)).scalars())
 
 
-def claim(connection: sa.Connection, job_id: str, worker: str) -> Job | None:
-    """Start the next attempt of a job; None when it is not to be had (now).
+def claim(
+    connection: sa.Connection, job_id: str, worker: str, stage: str | None = None
+) -> Job | None:
+    """Start the next attempt of a job, at a stage; None when it is not to be had (now).
 
     A job is to be had when it is queued, or when the worker that holds it is dead, which means
     that it has no row in `workers`; such an attempt counts as lost. So is one that this worker
@@ -257,18 +280,22 @@ def claim(connection: sa.Connection, job_id: str, worker: str) -> Job | None:
     attempt = {
         "attempt": jobs.c.attempt + 1,
         "worker": worker,
-        "stage": None,
+        "stage": stage,
         "fraction": 0.0,
         "progress": 0.0,
         "eta": None,
         "started": sa.func.coalesce(jobs.c.started, now()),
     }
-    if not _move(connection, State.RUNNING, this, **attempt):
+    asked = jobs.c.state == State.WAITING_FOR_OPERATOR
+    if not _move(connection, State.RUNNING, sa.and_(this, ~asked), **attempt):
         held, own = jobs.c.state.in_(HELD), jobs.c.worker == worker
         orphan = ~sa.exists().where(workers.c.id == jobs.c.worker)
         taken = connection.execute(
             _update(sa.and_(this, held, sa.or_(own, orphan))).values(
-                lost=jobs.c.lost + sa.case((own, 0), else_=1), **attempt
+                lost=jobs.c.lost + sa.case((own, 0), else_=1),
+                state=sa.case((asked, State.RUNNING), else_=jobs.c.state),
+                **_NO_REQUEST,
+                **attempt,
             )
         )
         if not taken.rowcount:
@@ -301,7 +328,7 @@ def report(
 def must_stop(connection: sa.Connection, job: Job) -> bool:
     """Whether the attempt is to stop: canceled, taken over, or its row is gone."""
     state = connection.execute(sa.select(jobs.c.state).where(_of_attempt(job))).scalar()
-    return state != State.RUNNING
+    return state not in (State.RUNNING, State.WAITING_FOR_OPERATOR)
 
 
 def is_late(connection: sa.Connection, job: Job) -> bool:
@@ -310,12 +337,46 @@ def is_late(connection: sa.Connection, job: Job) -> bool:
     return bool(connection.execute(late).scalar())
 
 
-def set_inputs(connection: sa.Connection, job: Job, inputs: dict[str, Any], size: int) -> None:
+def set_inputs(
+    connection: sa.Connection,
+    job: Job,
+    inputs: dict[str, Any],
+    size: int,
+    camera_settings: dict[str, Any],
+) -> bool:
     """Name the stored photographs of a capture, so that no later attempt takes them again.
 
-    size: of both, in bytes.
+    size: of both, in bytes. camera_settings: what the camera was set to. False when the attempt
+    counts no more.
     """
-    connection.execute(_update(_of_attempt(job)).values(inputs=inputs, stored_bytes=size))
+    values = {"inputs": inputs, "stored_bytes": size, "camera_settings": camera_settings}
+    return connection.execute(_update(_of_attempt(job)).values(values)).rowcount == 1
+
+
+def ask_operator(connection: sa.Connection, job: Job, request: str, seconds: float) -> None:
+    """Ask whoever runs the camera for something, and wait for so many seconds."""
+    asking = {"request": request, "requests": jobs.c.requests + 1, "request_until": now() + seconds}
+    _move(connection, State.WAITING_FOR_OPERATOR, _of_attempt(job), **asking)
+
+
+def confirm(connection: sa.Connection, job_id: str, number: int | None = None) -> bool:
+    """Say that what was asked for is done; false when the job does not ask (for that any more).
+
+    number: of the request, so that a second click does not answer the next one.
+    """
+    asked = sa.and_(jobs.c.id == job_id, jobs.c.state == State.WAITING_FOR_OPERATOR)
+    if number is not None:
+        asked = sa.and_(asked, jobs.c.requests == number)
+    return _move(connection, State.RUNNING, asked)
+
+
+def confirmed(connection: sa.Connection, job: Job) -> bool | None:
+    """Whether what the attempt asked for is done; false when time is up, None while it waits."""
+    asked = sa.and_(_of_attempt(job), jobs.c.state == State.WAITING_FOR_OPERATOR)
+    if _move(connection, State.RUNNING, sa.and_(asked, jobs.c.request_until < now())):
+        return False
+    state = connection.execute(sa.select(jobs.c.state).where(_of_attempt(job))).scalar()
+    return True if state == State.RUNNING else None
 
 
 def succeed(
@@ -358,10 +419,13 @@ def acknowledge_cancel(
     return _end(connection, _of_attempt(job), State.CANCELED, keep_seconds)
 
 
-def release(connection: sa.Connection, job: Job) -> None:
-    """Put the job back, for a worker that ends; the attempt does not count as lost."""
+def release(connection: sa.Connection, job: Job) -> bool:
+    """Put the job back: a worker ends, or a pair was taken; the attempt does not count as lost.
+
+    False when the attempt counts no more.
+    """
     fresh = {"worker": None, "stage": None, "fraction": 0.0, "progress": 0.0, "eta": None}
-    _move(connection, State.QUEUED, _of_attempt(job), **fresh)
+    return _move(connection, State.QUEUED, _of_attempt(job), **fresh)
 
 
 def set_delivery(connection: sa.Connection, job_id: str, delivery: dict[str, Any]) -> None:
@@ -383,6 +447,10 @@ def lose(connection: sa.Connection, job: Job) -> None:
     _move(connection, State.QUEUED, _of_attempt(job), lost=jobs.c.lost + 1, **fresh)
 
 
+_NO_REQUEST: dict[str, None] = {"request": None, "request_until": None}
+"""Whatever follows a request ends it."""
+
+
 def _end(
     connection: sa.Connection,
     which: sa.ColumnElement[bool],
@@ -399,8 +467,9 @@ def _end(
 def _move(
     connection: sa.Connection, state: State, which: sa.ColumnElement[bool], **values: Any
 ) -> bool:
+    values = {"state": state, **_NO_REQUEST, **values}
     moved = connection.execute(
-        _update(sa.and_(which, jobs.c.state.in_(before(state)))).values(state=state, **values)
+        _update(sa.and_(which, jobs.c.state.in_(before(state)))).values(values)
     )
     if state in ENDED and state != State.EXPIRED:
         metrics.FINISHED.labels(state.value).inc(moved.rowcount)

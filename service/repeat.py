@@ -27,7 +27,7 @@ def copy_pair(storage: Storage, source: jobs.Job, new_id: str) -> tuple[dict[str
     keys = {frame: inputs_key(new_id, frame) for frame in FRAMES}
     try:
         for frame, key in keys.items():
-            storage.copy(inputs_key(source.id, frame), key)
+            storage.copy(source.inputs[frame]["key"], key)
         storage.flush(keys.values())
         size = sum(storage.size(key) for key in keys.values())
     except (BaseError, FileNotFoundError) as error:

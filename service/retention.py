@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import sqlalchemy as sa
 
-from service import jobs, uploads
+from service import cameras, jobs, uploads
 from service.attempt import JOBS, job_key
 from service.engine import Queue
 from service.settings import Settings
@@ -46,6 +46,8 @@ class Sweep:
             log.info("removed", extra={"job": job_id})
         if thorough:
             self._remove_strays()
+            with self._engine.begin() as connection:
+                cameras.forget_unused(connection)
             uploads.remove_expired(self._engine, self._storage)
 
     def _limit_keeping(self) -> None:

@@ -36,6 +36,14 @@ _LOOK_SECONDS = 0.2
 _END_SECONDS = 5.0  # what a process whose work is done may take to end
 
 
+Kind = Literal[
+    "check", "separate", "calibrate", "mix", "capture", "cameras", "camera", "camera_settings"
+]
+
+Ask = Callable[[dict[str, Any]], bool]
+"""Answers a question of a process."""
+
+
 class StoppedError(Exception):
     """must_stop() said so; the process is dead."""
 
@@ -77,10 +85,14 @@ class Task:
     kind "calibrate": the same, with the options of a calibration.
     kind "mix": directory/layers.exr and directory/manifest.json, with the options of a mix →
         directory/results.
-    kind "capture": the camera that capture names → directory/no_flash and directory/flash.
+    kind "capture": the camera that capture names → directory/no_flash and directory/flash; asks
+        the questions of service.camera_tasks, and answers with what the camera was set to.
+    kind "cameras": answers with the addresses of all cameras that are found here.
+    kind "camera": answers with what the camera that capture names tells of itself.
+    kind "camera_settings": writes the settings of capture, and answers with all that it has.
     """
 
-    kind: Literal["check", "separate", "calibrate", "mix", "capture"]
+    kind: Kind
     job: str
     trace_id: str
     directory: str
@@ -106,11 +118,14 @@ def run(
     report: Callable[[str, float], None],
     must_stop: Callable[[], bool],
     server: ForkServer,
-) -> None:
+    ask: Ask | None = None,
+) -> Any:
     """Run a task to its end, for at most `seconds`; must_stop is asked several times a second.
 
-    Raises TaskError, StoppedError, CrashError, MemoryLimitError, TimeLimitError, FileLimitError,
-    OutputLimitError, ChildProcessError, or, when the disk is full, StorageFullError.
+    Gives what it answers with. ask: called with its questions; the time it takes does not count,
+    and it may raise StoppedError. Raises TaskError, StoppedError, CrashError, MemoryLimitError,
+    TimeLimitError, FileLimitError, OutputLimitError, ChildProcessError, or, when the disk is full,
+    StorageFullError.
     """
     deadline = time.monotonic() + seconds
 
@@ -118,23 +133,46 @@ def run(
         _check_output(task)
         return must_stop()
 
+    def seconds_left() -> float:
+        return deadline - time.monotonic()
+
+    answer: Any = None
     problem: dict[str, Any] | None = None
     with contextlib.closing(server.fork()) as process:
-        with contextlib.suppress(BrokenPipeError), process.stdin:
-            process.stdin.write(json.dumps(asdict(task)).encode())
-        for message in _messages(process.stdout, deadline, is_over):
+        _write(process.stdin, asdict(task))
+        if ask is None:
+            _close(process.stdin)
+        for message in _messages(process.stdout, seconds_left, is_over):
             if "problem" in message:
                 problem = message["problem"]
+            elif "answer" in message:
+                answer = message["answer"]
+            elif "question" in message and ask:
+                asked = time.monotonic()
+                _write(process.stdin, ask(message["question"]))
+                deadline += time.monotonic() - asked
             else:
                 report(message["stage"], message["fraction"])
         try:
-            code = process.wait(max(deadline - time.monotonic(), _END_SECONDS))
+            code = process.wait(max(seconds_left(), _END_SECONDS))
         except TimeoutError as error:
             raise TimeLimitError(_TOO_LONG) from error
     if problem is not None:
         raise TaskError(problem)
     _raise_for_exit(code)
     _check_output(task)
+    return answer
+
+
+def _write(stdin: IO[bytes], value: Any) -> None:
+    with contextlib.suppress(BrokenPipeError):  # its exit code says why it is dead
+        stdin.write(json.dumps(value).encode() + b"\n")
+        stdin.flush()
+
+
+def _close(stdin: IO[bytes]) -> None:
+    with contextlib.suppress(BrokenPipeError):
+        stdin.close()
 
 
 def _check_output(task: Task) -> None:
@@ -149,7 +187,7 @@ def _check_output(task: Task) -> None:
 
 
 def _messages(
-    stdout: IO[bytes], deadline: float, must_stop: Callable[[], bool]
+    stdout: IO[bytes], seconds_left: Callable[[], float], must_stop: Callable[[], bool]
 ) -> Iterator[dict[str, Any]]:
     rest = b""
     with selectors.DefaultSelector() as selector:
@@ -158,7 +196,7 @@ def _messages(
             ready = selector.select(_LOOK_SECONDS)
             if must_stop():
                 raise StoppedError
-            if time.monotonic() > deadline:
+            if seconds_left() < 0:
                 raise TimeLimitError(_TOO_LONG)
             if not ready:
                 continue

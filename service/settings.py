@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -35,6 +36,17 @@ def _check_origins(text: str) -> str:
     for origin in text.split():
         if not re.fullmatch(r"https?://[a-z0-9.-]+(:[0-9]{1,5})?", origin):
             raise ValueError(f"{origin!r} is no origin: write one like https://app.example")
+    return text
+
+
+def _check_switch(text: str | None) -> str | None:
+    if text is not None:
+        if "{state}" not in text:
+            raise ValueError("write {state} where on or off is to stand")
+        try:
+            shlex.split(text)
+        except ValueError as error:
+            raise ValueError(f"the command cannot be read: {str(error).lower()}") from error
     return text
 
 
@@ -101,6 +113,20 @@ class Settings(BaseSettings):
         description="Cameras that jobs may name, by address or by its beginning up to :, / or ?, "
         "separated by spaces. Those on the network must be here, like ptp+ip://192.168.1.20, or "
         "who sends jobs could have the service knock at any door.",
+    )
+    flash_switch: Annotated[str | None, AfterValidator(_check_switch)] = Field(
+        default=None,
+        description="What switches a flash that its camera cannot: a command, which no shell sees, "
+        "or an http(s) URL, which is fetched; {state} in it becomes on or off.",
+    )
+    flash_settle_seconds: float = Field(
+        default=1, ge=0, le=60, description="How long such a flash takes to obey, in seconds."
+    )
+    operator_seconds: float = Field(
+        default=300,
+        gt=0,
+        le=86400,
+        description="How long a job waits for its operator to switch the flash, in seconds.",
     )
     upload_bytes: int = Field(
         default=512 * MIB,

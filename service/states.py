@@ -1,8 +1,4 @@
-"""The states of a job, and the one table of the ways between them.
-
-A job that asks a person to do something will wait in `waiting_for_operator`, which comes with
-cameras that need a hand.
-"""
+"""The states of a job, and the one table of the ways between them."""
 
 from __future__ import annotations
 
@@ -14,6 +10,7 @@ class State(StrEnum):
 
     QUEUED = "queued"  # waits for a worker
     RUNNING = "running"  # a worker has it
+    WAITING_FOR_OPERATOR = "waiting_for_operator"  # a worker has it and asks for a hand
     CANCELING = "canceling"  # a worker has it and was asked to stop
     SUCCEEDED = "succeeded"  # results are there
     FAILED = "failed"  # `error` says why
@@ -23,7 +20,14 @@ class State(StrEnum):
 
 NEXT: dict[State, tuple[State, ...]] = {
     State.QUEUED: (State.RUNNING, State.CANCELED, State.FAILED),
-    State.RUNNING: (State.QUEUED, State.CANCELING, State.SUCCEEDED, State.FAILED),
+    State.RUNNING: (
+        State.QUEUED,
+        State.WAITING_FOR_OPERATOR,
+        State.CANCELING,
+        State.SUCCEEDED,
+        State.FAILED,
+    ),
+    State.WAITING_FOR_OPERATOR: (State.RUNNING, State.QUEUED, State.CANCELING, State.FAILED),
     State.CANCELING: (State.CANCELED,),
     State.SUCCEEDED: (State.EXPIRED,),
     State.FAILED: (State.EXPIRED,),
@@ -32,7 +36,7 @@ NEXT: dict[State, tuple[State, ...]] = {
 }
 """What may follow a state; a job starts as queued, and a worker that ends puts its job back."""
 
-HELD = (State.RUNNING, State.CANCELING)
+HELD = (State.RUNNING, State.WAITING_FOR_OPERATOR, State.CANCELING)
 """The states in which a worker has the job."""
 
 ENDED = (State.SUCCEEDED, State.FAILED, State.CANCELED, State.EXPIRED)

@@ -13,9 +13,22 @@ import socket
 import sys
 import threading
 import uuid
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
-from service import engine, jobs, logs, metrics, presence, sandbox, scratch, tracing, webhooks
+import sqlalchemy as sa
+
+from service import (
+    cameras,
+    engine,
+    jobs,
+    logs,
+    metrics,
+    presence,
+    sandbox,
+    scratch,
+    tracing,
+    webhooks,
+)
 from service.attempt import Attempt
 from service.engine import Held
 from service.errors import AbandonedError, DeadlineError, problem_of
@@ -30,6 +43,9 @@ _RETRY_SECONDS = 1.0
 _STOP_SECONDS = 5.0
 
 log = logging.getLogger("service.worker")
+
+
+Claim = Callable[[sa.Connection, str, str], jobs.Job | None]
 
 
 class Worker:
@@ -50,9 +66,9 @@ class Worker:
         self._idle = threading.Condition()
         self._busy = 0
         self._runs: set[str] = set()
-        """Jobs that the queue has called run() for."""
+        """What the queues have called run() or capture() for: ids in them."""
         self._idle_jobs: set[Held] = set()
-        """Jobs that the queue has given to this worker, without calling run() for them yet."""
+        """What the queues have given to this worker, without calling run() or capture() yet."""
 
     def serve(self, stop: threading.Event) -> None:
         """Work until `stop` is set, then put back what is running. Raises StartError.
@@ -68,6 +84,7 @@ class Worker:
             self._engine,
             self.id,
             lambda job_id: self.run(job_id),
+            lambda job_id: self.capture(job_id),
             lambda job_id, number: self._teller.tell(job_id, number),
             self._settings.worker_concurrency,
             self._settings.poll_seconds,
@@ -119,7 +136,9 @@ class Worker:
             idle = {
                 one
                 for one in held
-                if (one.worker, one.queue) == (self.id, engine.JOBS) and one.id not in self._runs
+                if one.worker == self.id
+                and one.queue in (engine.JOBS, engine.CAPTURES)
+                and one.id not in self._runs
             }
         # What came out just now is called run() for in a moment.
         forgotten, self._idle_jobs = idle & self._idle_jobs, idle
@@ -131,18 +150,30 @@ class Worker:
         An attempt that is cut short is followed by another; it counts as lost, unless by what may
         pass, like a database that is away.
         """
+        self._alone(job_id, lambda: self._run(job_id, jobs.claim, _has_ended))
+
+    def capture(self, job_id: str) -> None:
+        """Have the camera of a job take its pair. Returns only when it has, or the job has ended.
+
+        The rest of the job waits in the queue of jobs then, and the camera is free.
+        """
+        queued = engine.capture_id(job_id)
+        past = cameras.is_past_capture
+        self._alone(queued, lambda: self._run(job_id, cameras.claim, past))
+
+    def _alone(self, queued: str, work: Callable[[], None]) -> None:
         with self._idle:
             # A job that was taken over while this worker was frozen may come back to it.
-            self._idle.wait_for(lambda: job_id not in self._runs)
-            self._runs.add(job_id)
+            self._idle.wait_for(lambda: queued not in self._runs)
+            self._runs.add(queued)
         try:
-            self._run(job_id)
+            work()
         finally:
             with self._idle:
-                self._runs.remove(job_id)
+                self._runs.remove(queued)
                 self._idle.notify_all()
 
-    def _run(self, job_id: str) -> None:
+    def _run(self, job_id: str, claim: Claim, is_over: Callable[[jobs.Job], bool]) -> None:
         attempt: Attempt | None = None
         lost = False
         while True:
@@ -154,9 +185,9 @@ class Worker:
                     attempt.give_up(lost)
                     attempt = None
                 with self._engine.begin() as connection:
-                    held = jobs.claim(connection, job_id, self.id)
+                    held = claim(connection, job_id, self.id)
                     known = held or jobs.find(connection, job_id)
-                if known is None or known.ended:
+                if known is None or is_over(known):
                     return
                 if held:
                     attempt = self._start(held)
@@ -168,7 +199,8 @@ class Worker:
                 # Raised to the queue, it would end the job there and nowhere else.
                 lost = not passes(error)
                 log.exception("cut short", extra={"job": job_id, "worker": self.id})
-            # Another worker that lives has it: stay by, in case that it dies.
+            # Another worker that lives has it: stay by, in case that it dies. Or its camera is in
+            # use, which takes no longer.
             self._stopping.wait(_RETRY_SECONDS)
 
     def _queue_news(self) -> None:
@@ -197,11 +229,17 @@ class Worker:
                 with self._engine.begin() as connection:
                     jobs.fail(connection, job, problem, self._keep_seconds)
             else:
-                attempt.run()
+                self._work(job, attempt)
         finally:
             with self._idle:
                 self._busy -= 1
                 self._idle.notify_all()
+
+    def _work(self, job: jobs.Job, attempt: Attempt) -> None:
+        if job.captures:
+            attempt.capture(lambda connection: self._queue.submit(connection, job.id, job.rank))
+        else:
+            attempt.run()
 
     def _fail_overdue(self) -> None:
         """End the jobs that wait past their deadlines; their attempts end those that run."""
@@ -224,6 +262,10 @@ class Worker:
     def _beat(self) -> None:
         with self._engine.begin() as connection:
             jobs.beat(connection, self.id)
+
+
+def _has_ended(job: jobs.Job) -> bool:
+    return job.ended
 
 
 def main() -> None:

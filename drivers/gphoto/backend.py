@@ -65,7 +65,7 @@ class GphotoCamera(Camera):
         return self._address
 
     def info(self) -> CameraInfo:
-        """Make, model, serial number and battery."""
+        """Make, model, serial number, battery and room on the cards."""
         return CameraInfo(self._address, *self._call("info"))
 
     def settings(self) -> list[Setting]:

@@ -61,8 +61,8 @@ class Calls:
                 self._camera.set_abilities(models[models.lookup_model("PTP/IP Camera")])
         self._camera.init()
 
-    def info(self) -> tuple[str, str, str, int | None]:
-        """Make, model, serial, battery."""
+    def info(self) -> tuple[str, str, str, int | None, int | None]:
+        """Make, model, serial, battery, room on the cards."""
         texts = {
             name: self._text(name)
             for name in ("manufacturer", "cameramodel", "serialnumber", "batterylevel")
@@ -73,7 +73,16 @@ class Calls:
             texts["cameramodel"],
             texts["serialnumber"],
             int(battery) if battery.isdecimal() else None,
+            self._free_bytes(),
         )
+
+    def _free_bytes(self) -> int | None:
+        try:
+            stores = self._camera.get_storageinfo()
+        except gp.GPhoto2Error:
+            return None
+        told = [store for store in stores if store.fields & gp.GP_STORAGEINFO_FREESPACEKBYTES]
+        return 1024 * sum(store.freekbytes for store in told) if told else None
 
     def _text(self, name: str) -> str:
         try:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import struct
 from collections.abc import Callable, Iterator
 
 from drivers.camera import (
@@ -20,12 +22,20 @@ from drivers.errors import (
     CameraDisconnectedError,
     CameraTimeoutError,
     SettingError,
+    StoreFullError,
     TransferError,
 )
 from drivers.ptp import nikon
 from drivers.ptp.codes import ALL_STORAGES, EventCode, ObjectFormat, Operation, Property
 from drivers.ptp.containers import Bytes, Container
-from drivers.ptp.datasets import DeviceInfo, Form, ObjectInfo, PropertyDescription
+from drivers.ptp.datasets import (
+    UNKNOWN_BYTES,
+    DeviceInfo,
+    Form,
+    ObjectInfo,
+    PropertyDescription,
+    StorageInfo,
+)
 from drivers.ptp.properties import CODECS
 from drivers.ptp.session import Session
 from drivers.ptp.transport import Transport
@@ -34,6 +44,7 @@ from drivers.ptp.wire import Reader, uint
 CHUNK_BYTES = 1 << 20
 """Bytes asked for at once."""
 
+_CARD = 0xFFFF  # what of a storage id is 0 where a slot has no card
 _LONGEST_LIST = 1000  # a range with more steps is not spelt out as choices
 
 _KINDS: dict[int, str] = {
@@ -70,7 +81,7 @@ class PtpCamera(Camera):
         return self._address
 
     def info(self) -> CameraInfo:
-        """Make, model, serial number and battery."""
+        """Make, model, serial number, battery and room on the cards."""
         battery = None
         if Property.BATTERY_LEVEL in self._device.properties:
             value, _ = self._session.request(
@@ -78,7 +89,28 @@ class PtpCamera(Camera):
             )
             battery = Reader(value).uint(1)
         device = self._device
-        return CameraInfo(self._address, device.manufacturer, device.model, device.serial, battery)
+        return CameraInfo(
+            self._address,
+            device.manufacturer,
+            device.model,
+            device.serial,
+            battery,
+            self._free_bytes(),
+        )
+
+    def _free_bytes(self) -> int | None:
+        """Room on all cards that tell it; None where none does."""
+        if Operation.GET_STORAGE_INFO not in self._device.operations:
+            return None
+        told = []
+        data, _ = self._session.request(Operation.GET_STORAGE_IDS)
+        for storage in Reader(data).uints(4):
+            if storage & _CARD:
+                with contextlib.suppress(StoreFullError):  # it was taken out just now
+                    answer, _ = self._session.request(Operation.GET_STORAGE_INFO, storage)
+                    told.append(StorageInfo.decode(answer).free)
+        known = [free for free in told if free != UNKNOWN_BYTES]
+        return sum(known) if known or not told else None
 
     def settings(self) -> list[Setting]:
         """Every setting of SettingName that this camera has."""
@@ -111,15 +143,14 @@ class PtpCamera(Camera):
         codec = CODECS[name]
         try:
             number = codec.encode(value)
-        except ValueError as error:
+            raw = uint(number, description.width)
+        except (ValueError, OverflowError, struct.error) as error:
             raise SettingError(f"{value!r} is not a value that {name} can have.") from error
         choices = _choices(description)
         if choices and number not in choices:
             offered = ", ".join(str(codec.decode(choice)) for choice in choices)
             raise SettingError(f"The camera offers no {name} of {value}; it offers {offered}.")
-        self._session.request(
-            Operation.SET_DEVICE_PROP_VALUE, codec.code, data=uint(number, description.width)
-        )
+        self._session.request(Operation.SET_DEVICE_PROP_VALUE, codec.code, data=raw)
         setting = self.read(name)
         if setting.value != codec.decode(number):
             raise SettingError(

@@ -80,6 +80,10 @@ class DeviceInfo:
         )
 
 
+UNKNOWN_BYTES = 0xFFFFFFFFFFFFFFFF
+"""What a camera tells that does not know the room on its card."""
+
+
 @dataclass(frozen=True)
 class StorageInfo:
     """A memory card. capacity and free: bytes; free_images: photographs that still fit."""
@@ -103,6 +107,13 @@ class StorageInfo:
                 string(""),
             )
         )
+
+    @classmethod
+    def decode(cls, data: Bytes) -> StorageInfo:
+        """Read it. Raises ProtocolError for bytes that are no StorageInfo."""
+        reader = Reader(data)
+        reader.take(6)  # kinds of card, file system and access
+        return cls(reader.uint(8), reader.uint(8), reader.uint(4), reader.string())
 
 
 @dataclass(frozen=True)

@@ -83,8 +83,10 @@ def create_app(origins: Sequence[str] = ()) -> FastAPI:
     def openapi() -> dict[str, Any]:
         document = make_document()
         schemas = document["components"]["schemas"]
-        named = (*jobs.SCHEMAS, *reruns.SCHEMAS, *calibrations.SCHEMAS, *mixes.SCHEMAS, Problem)
-        for model in named:
+        named = [
+            model for part in (jobs, reruns, calibrations, mixes, cameras) for model in part.SCHEMAS
+        ]
+        for model in (*named, Problem):
             schema = model.model_json_schema(ref_template="#/components/schemas/{model}")
             schemas |= schema.pop("$defs", {})
             schemas[model.__name__] = schema

@@ -26,7 +26,6 @@ from service.api.uploaded import bring_uploaded, take_over
 from service.attempt import FRAMES, describe_inputs, inputs_key, job_key
 from service.errors import (
     CrashError,
-    ForeignCameraError,
     IdempotencyError,
     QueueFullError,
     QuotaError,
@@ -52,12 +51,14 @@ class Accepted:
         return location | ({"Idempotency-Replayed": "true"} if self.replayed else {})
 
 
-def refuse_when_full(context: Context, caller: Caller, idempotency_key: str | None) -> None:
-    """Refuse a new job where there is no room for it: before its body is read, and once it is.
+def refuse_when_full(
+    context: Context, caller: Caller, idempotency_key: str | None, coming: int = 1
+) -> None:
+    """Refuse new jobs where there is no room for them: before their body is read, and once it is.
 
-    idempotency_key: one that made a job already passes. Raises QueueFullError when as many jobs
-    wait as may, of this caller or in all, StorageFullError when the store's disk is nearly full,
-    and what quotas.check raises.
+    idempotency_key: one that made a job already passes. coming: how many jobs. Raises
+    QueueFullError when as many jobs wait as may, of this caller or in all, StorageFullError when
+    the store's disk is nearly full, and what quotas.check raises.
     """
     if _job_of(context, caller, idempotency_key):
         return
@@ -65,9 +66,9 @@ def refuse_when_full(context: Context, caller: Caller, idempotency_key: str | No
         quotas.check(connection, caller.owner)
         own = jobs.count_queued(connection, caller.owner)
         waiting = jobs.count_queued(connection)
-    if own >= context.settings.queued_jobs_per_key:
+    if own + coming > context.settings.queued_jobs_per_key:
         raise QueueFullError(f"{own} jobs of yours wait already; send this one again later.")
-    if waiting >= context.settings.queued_jobs:
+    if waiting + coming > context.settings.queued_jobs:
         raise QueueFullError(f"{waiting} jobs wait already; send this one again later.")
     refuse_when_disk_full(context)
 
@@ -93,18 +94,16 @@ def accept(
     An idempotency_key that made a job already gives that job; of requests that come at once, one
     makes it. Raises ForbiddenError when the key is not for it, OptionError and
     UnfinishedUploadError for uploads that cannot be used, TaskError when the headers of the pair
-    cannot be, ForeignCameraError, and what refuse_when_full, replay and commit raise.
+    cannot be, and what refuse_when_full, replay and commit raise.
     """
-    caller.need(Scope.CAPTURE if wanted.capture else Scope.SUBMIT)
+    caller.need(Scope.SUBMIT)
     refuse_when_full(context, caller, idempotency_key)  # an upload may have taken long
     check_webhook(context, wanted.handling)
-    if wanted.capture:
-        _check_camera(context, wanted.capture["camera"])
     request_hash = digest(
         {
             "options": wanted.options.model_dump(mode="json"),
             "handling": wanted.handling.model_dump(mode="json"),
-            "capture": wanted.capture,
+            "capture": None,
             "sha256": wanted.sha256,
             # Their bytes never change, and they go when a job is made of them.
             "uploads": wanted.uploads,
@@ -124,7 +123,6 @@ def accept(
     values = {
         "id": job_id,
         "trace_id": trace_id,
-        "capture": wanted.capture,
         "inputs": describe_inputs(job_id, sha256) if sha256 else None,
         "stored_bytes": sum((wanted.directory / frame).stat().st_size for frame in sha256),
         "idempotency_key": idempotency_key,
@@ -147,15 +145,7 @@ def commit(
     the job takes over, by frame. Raises IdempotencyError, QuotaError, StoredQuotaError, and
     OptionError for uploads that are gone.
     """
-    asked = options.model_dump(mode="json", exclude_unset=True)
-    row = values | {
-        "owner": caller.owner,
-        "options": asked,
-        "likeness": eta.likeness(asked, values["stored_bytes"], values["capture"]),
-        "priority": handling.priority,
-        "webhook": handling.webhook and handling.webhook.model_dump(),
-        "span_id": tracing.span_id(),
-    }
+    row = make_row(caller, values, options, handling)
     try:
         with context.engine.begin() as connection:
             rank = jobs.add(connection, row, handling.deadline_seconds)
@@ -174,6 +164,21 @@ def commit(
         for upload_id in taken.values():
             uploads.delete_parts(context.storage, upload_id)
     return Accepted(row["id"], replayed=False)
+
+
+def make_row(
+    caller: Caller, values: dict[str, Any], options: BaseModel, handling: Handling
+) -> dict[str, Any]:
+    """Make the row of a job; values: what the other arguments do not give of it."""
+    asked = options.model_dump(mode="json", exclude_unset=True)
+    return values | {
+        "owner": caller.owner,
+        "options": asked,
+        "likeness": eta.likeness(asked, values.get("stored_bytes", 0), values.get("capture")),
+        "priority": handling.priority,
+        "webhook": handling.webhook and handling.webhook.model_dump(),
+        "span_id": tracing.span_id(),
+    }
 
 
 def replay(
@@ -205,18 +210,6 @@ def check_webhook(context: Context, handling: Handling) -> None:
         check_url(handling.webhook.url, allowed, context.settings.webhook_https)
     except ForbiddenAddressError as error:
         raise OptionError(f"webhook.url: {error}.") from error
-
-
-def _check_camera(context: Context, address: str) -> None:
-    for allowed in context.settings.cameras.split():
-        rest = address.removeprefix(allowed)
-        whole = rest == "" or allowed.endswith("://") or rest[0] in ":/?"
-        if address.startswith(allowed) and whole:
-            return
-    raise ForeignCameraError(
-        "This camera is none that jobs of this service may name; its operator can allow it in "
-        "LIGHTLAYERS_CAMERAS."
-    )
 
 
 def _store_pair(

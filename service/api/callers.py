@@ -25,8 +25,9 @@ SCHEME = HTTPBearer(
     bearerFormat="ll_<id>_<secret>",
     description="A key that `lightlayers keys create` made. Its scopes say what it is good for: "
     "`read` looks at jobs and fetches results; `submit` sends photographs, makes, cancels and "
-    "deletes jobs; `capture` uses cameras, also to make jobs; `admin` does all of it, with the "
-    "jobs of every key. A service on loopback wants none until the first was made.",
+    "deletes jobs; `capture` uses cameras, also to make jobs, and confirms what jobs ask for; "
+    "`admin` does all of it, with the jobs of every key. A service on loopback wants none until "
+    "the first was made.",
     auto_error=False,
 )
 
@@ -56,7 +57,7 @@ class Caller:
 
 def scopes_for(method: str, path: str) -> tuple[Scope, ...]:
     """Scopes of which a caller needs one for a route; path: as the route was declared."""
-    if path.startswith("/cameras"):
+    if path.startswith("/cameras") or path.endswith("/confirm"):
         return (Scope.CAPTURE,)
     if path.startswith("/uploads"):  # who sends one asks how far it came
         return (Scope.SUBMIT,)

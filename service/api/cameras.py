@@ -1,20 +1,225 @@
-"""Routes of cameras."""
+"""Routes of cameras: see them, set them, have them take pairs."""
 
 from __future__ import annotations
 
-from fastapi import APIRouter
+import asyncio
+import contextlib
+import json
+import time
+from collections.abc import AsyncIterator
+from functools import partial
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Body, Request, Response
+from fastapi.concurrency import run_in_threadpool
+from fastapi.sse import KEEPALIVE_COMMENT, EventSourceResponse, format_sse_event
 
 import drivers
-from service.api.models import CameraAnswer
+from service import cameras, jobs
+from service.api import intake
+from service.api.accept import refuse_when_full
+from service.api.calibrated import fill_in
+from service.api.callers import Caller, Calling
+from service.api.captures import accept_captures, told_of
+from service.api.context import Context, Parts, TraceId
+from service.api.looking import check_camera
+from service.api.models import (
+    CameraAnswer,
+    CameraCapture,
+    CameraSettings,
+    JobList,
+    SettingAnswer,
+    SettingValue,
+)
+from service.api.pair_form import IdempotencyKey, accepted
 from service.api.problems import responses
+from service.api.watching import answers
+from service.database import AWAY
+from service.errors import (
+    CameraHeldError,
+    ForeignCameraError,
+    NotReadyError,
+    UnknownCameraError,
+    UnknownJobError,
+)
+from service.states import State
 
 router = APIRouter(tags=["cameras"])
 
+SCHEMAS = (CameraCapture,)
+"""Models that the OpenAPI document names only in bodies."""
 
-@router.get("/cameras", response_model=list[CameraAnswer], responses=responses(drivers.DriverError))
-def list_cameras() -> list[CameraAnswer]:
-    """List cameras that can take a pair now."""
-    return [
-        CameraAnswer(address=camera.address, make=camera.make, model=camera.model)
-        for camera in drivers.list_cameras()
-    ]
+_BODY = {
+    "content": {
+        "application/json": {"schema": {"$ref": f"#/components/schemas/{CameraCapture.__name__}"}}
+    }
+}
+_PATIENCE_SECONDS = 10.0  # a request waits so long for cameras that are slow to answer
+_LOOK_SECONDS = 0.5
+_KEEP_ALIVE_SECONDS = 15.0
+_RETRY_MS = 2000
+_OF_CAMERAS = responses(
+    UnknownCameraError, CameraHeldError, ForeignCameraError, drivers.DriverError, status=(422, 503)
+)
+
+
+@router.get("/cameras", response_model=list[CameraAnswer], responses=responses(status=(503,)))
+def list_cameras(context: Parts, caller: Calling) -> list[CameraAnswer]:
+    """List the cameras that are found here, named in the settings, or in use, as they are now."""
+    return _list(context, caller, _PATIENCE_SECONDS)
+
+
+@router.get(
+    "/cameras/events",
+    response_class=Response,
+    responses={
+        200: {
+            "description": "All cameras as GET /cameras lists them, at once and after each change.",
+            "content": {"text/event-stream": {"schema": {"type": "string"}}},
+        },
+        **responses(status=(503,)),
+    },
+)
+async def watch_cameras(context: Parts, caller: Calling) -> Response:
+    """Watch the cameras by server-sent events."""
+    headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+    return EventSourceResponse(_events(context, caller), headers=headers)
+
+
+@router.get("/cameras/{camera_id}/settings", response_model=CameraSettings, responses=_OF_CAMERAS)
+def get_settings(
+    context: Parts, caller: Calling, trace_id: TraceId, camera_id: str
+) -> CameraSettings:
+    """Read the settings of a camera that no job has: what each is, and what it could be."""
+    return _adjust(context, caller, camera_id, {}, trace_id)
+
+
+@router.patch("/cameras/{camera_id}/settings", response_model=CameraSettings, responses=_OF_CAMERAS)
+def change_settings(
+    context: Parts,
+    caller: Calling,
+    trace_id: TraceId,
+    camera_id: str,
+    wanted: Annotated[dict[drivers.SettingName, SettingValue], Body(min_length=1)],
+) -> CameraSettings:
+    """Write settings of a camera that no job has, one by one, and read all of them back.
+
+    Where one is refused, those before it in the order of the answer stay written.
+    """
+    return _adjust(context, caller, camera_id, dict(wanted), trace_id)
+
+
+@router.post(
+    "/cameras/{camera_id}/captures",
+    status_code=202,
+    response_model=JobList,
+    openapi_extra={"requestBody": _BODY},
+    responses=accepted(
+        UnknownCameraError, UnknownJobError, CameraHeldError, ForeignCameraError, NotReadyError
+    ),
+)
+async def capture(
+    request: Request,
+    response: Response,
+    context: Parts,
+    caller: Calling,
+    trace_id: TraceId,
+    camera_id: str,
+    idempotency_key: IdempotencyKey = None,
+) -> JobList:
+    """Have a camera take one pair or several, each separated by a job of its own."""
+    await run_in_threadpool(refuse_when_full, context, caller, idempotency_key)
+    address = await run_in_threadpool(_address, context, camera_id)
+    named = partial(fill_in, context, caller)
+    wanted = await intake.read_captures(request, context.settings.upload_bytes, named)
+    made, ids = await run_in_threadpool(
+        accept_captures, context, caller, address, wanted, idempotency_key, trace_id
+    )
+    response.headers.update(made.headers)
+    return await run_in_threadpool(_jobs, context, ids)
+
+
+def _jobs(context: Context, ids: list[str]) -> JobList:
+    with context.engine.connect() as connection:
+        made = {job.id: job for job in jobs.find_all(connection, ids)}
+        # One that was deleted since an earlier answer is left out.
+        found = [made[job_id] for job_id in ids if job_id in made]
+        return JobList(jobs=[one for _, one in answers(connection, context.settings, found)])
+
+
+def _list(context: Context, caller: Caller, seconds: float) -> list[CameraAnswer]:
+    context.looking.refresh(seconds)
+    with context.engine.connect() as connection:
+        found = cameras.find_all(connection, context.looking.addresses())
+    return [_answer(camera, caller) for camera in found]
+
+
+def _answer(camera: cameras.Camera, caller: Caller) -> CameraAnswer:
+    holder = camera.holder
+    told = {name: getattr(camera, name) for name in CameraAnswer.model_fields.keys() & _TOLD}
+    return CameraAnswer(
+        state=_state(camera),
+        holder=holder.id if holder and caller.may_see(holder) else None,
+        **told,
+    )
+
+
+_TOLD = cameras.Camera.__dataclass_fields__.keys() - {"holder"}
+
+
+def _state(camera: cameras.Camera) -> Any:
+    if camera.holder:
+        waits = camera.holder.state == State.WAITING_FOR_OPERATOR
+        return "waiting_for_operator" if waits else "capturing"
+    return "idle" if camera.answered else "away"
+
+
+async def _events(context: Context, caller: Caller) -> AsyncIterator[bytes]:
+    yield format_sse_event(retry=_RETRY_MS)
+    seen, told = None, time.monotonic()
+    while not context.watching.closed:
+        with contextlib.suppress(*AWAY):  # they wait on: the database may come back
+            listed = await run_in_threadpool(_list, context, caller, 0.0)
+            news = json.dumps([camera.model_dump() for camera in listed])
+            if news != seen:
+                seen, told = news, time.monotonic()
+                yield format_sse_event(data_str=news)
+        if time.monotonic() - told > _KEEP_ALIVE_SECONDS:
+            told = time.monotonic()
+            yield KEEPALIVE_COMMENT
+        await asyncio.sleep(_LOOK_SECONDS)
+
+
+def _address(context: Context, camera_id: str) -> str:
+    """Address of a camera that may be used. Raises UnknownCameraError, ForeignCameraError."""
+    known = {cameras.id_of(address): address for address in context.looking.addresses()}
+    if camera_id not in known:
+        with context.engine.connect() as connection:
+            address = cameras.address_of(connection, camera_id)
+        if address is None:
+            raise UnknownCameraError(
+                f"There is no camera {camera_id[:32]!r}; GET /cameras lists those that there are."
+            )
+        known[camera_id] = address
+    check_camera(context.settings, known[camera_id])
+    return known[camera_id]
+
+
+def _adjust(
+    context: Context,
+    caller: Caller,
+    camera_id: str,
+    wanted: dict[drivers.SettingName, Any],
+    trace_id: str,
+) -> CameraSettings:
+    address = _address(context, camera_id)
+    settings = {name.value: value for name, value in wanted.items()}
+    deadline = time.monotonic() + _PATIENCE_SECONDS
+    while (found := context.looking.adjust(address, settings, trace_id)) is None:
+        with context.engine.connect() as connection:
+            holder = cameras.holder(connection, camera_id)
+        if holder or time.monotonic() > deadline:
+            who = told_of(holder, caller) if holder else "Another request"
+            raise CameraHeldError(f"{who} has the camera; try again when it has ended.")
+        time.sleep(_LOOK_SECONDS)  # somebody looks at it
+    return {name: SettingAnswer(**setting) for name, setting in found.items()}

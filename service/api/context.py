@@ -13,6 +13,7 @@ import sqlalchemy as sa
 from fastapi import Depends, Request
 
 from service import sandbox, scratch
+from service.api.looking import Looking
 from service.api.watching import Watching
 from service.engine import Queue
 from service.forkserver import ForkServer
@@ -32,6 +33,7 @@ class Context:
     fork_server: ForkServer
     """Of the processes that check the headers of uploads."""
     watching: Watching
+    looking: Looking
     checks: threading.Semaphore = field(
         default_factory=lambda: threading.Semaphore(os.cpu_count() or 1)
     )
@@ -52,7 +54,9 @@ def open_context(settings: Settings) -> Iterator[Context]:
         server = sandbox.fork_server(os.cpu_count() or 1)
         stack.callback(server.close)
         storage, watching = open_storage(settings), Watching(engine, settings)
-        yield Context(settings, engine, queue, storage, server, watching)
+        looking = Looking(engine, settings, server)
+        stack.callback(looking.close)
+        yield Context(settings, engine, queue, storage, server, watching, looking)
 
 
 def _context(request: Request) -> Context:

@@ -29,6 +29,8 @@ from service import scratch
 from service.api.form import Form, read_form
 from service.api.models import (
     CalibrationRequest,
+    CameraCapture,
+    Capture,
     CaptureRequest,
     Handling,
     MixJob,
@@ -66,7 +68,7 @@ class Intake:
     directory: Path
     sha256: dict[str, str] = field(default_factory=dict)
     uploads: dict[str, str] = field(default_factory=dict)
-    capture: dict[str, Any] | None = None
+    capture: Capture | None = None
 
 
 def read(
@@ -135,6 +137,21 @@ async def read_mix(request: Request, limit: int, job_id: str) -> Intake:
     return Intake(options, Handling.model_validate(handling), Path())
 
 
+async def read_captures(request: Request, limit: int, fill_in: FillIn) -> CameraCapture:
+    """Read a request for pairs of one camera; an empty body asks for one as the camera is set.
+
+    Raises what `read` raises.
+    """
+    body = await _limited(request, min(limit, _JSON_BYTES)).body()
+    if body and _media_type(request) != "application/json":
+        raise UnsupportedMediaError("Send what the camera is to do as application/json.")
+    _, filled_in = await run_in_threadpool(_json, body or b"{}", fill_in)
+    try:
+        return CameraCapture.model_validate_json(filled_in)
+    except ValidationError as error:
+        raise OptionError(sentence_of(error)) from error
+
+
 def _media_type(request: Request) -> str:
     return request.headers.get("content-type", "").partition(";")[0].strip().lower()
 
@@ -181,8 +198,8 @@ def _named(fill_in: FillIn, body: bytes, directory: Path) -> Intake:
     except ValidationError as error:
         raise OptionError(sentence_of(error)) from error
     drivers.check_address(wanted.capture.camera)
-    handling = _handling_of(wanted)
-    return Intake(wanted.options, handling, directory, capture=wanted.capture.model_dump())
+    handling = handling_of(wanted)
+    return Intake(wanted.options, handling, directory, capture=wanted.capture)
 
 
 def _calibration_named(fill_in: FillIn, body: bytes, directory: Path) -> Intake:
@@ -208,10 +225,11 @@ def _uploaded(
     except ValidationError as error:
         raise OptionError(sentence_of(error)) from error
     ids = wanted.uploads.model_dump()
-    return Intake(wanted.options, _handling_of(wanted), directory, uploads=ids)
+    return Intake(wanted.options, handling_of(wanted), directory, uploads=ids)
 
 
-def _handling_of(wanted: Handling) -> Handling:
+def handling_of(wanted: Handling) -> Handling:
+    """Take out of a request how its job is to be dealt with."""
     return Handling.model_validate(
         wanted.model_dump(include=set(Handling.model_fields), exclude_unset=True)
     )

@@ -15,13 +15,14 @@ from service.api import intake
 from service.api.accept import accept, refuse_when_full
 from service.api.calibrated import fill_in
 from service.api.callers import Caller, Calling, find
+from service.api.captures import accept_capture
 from service.api.context import Context, Parts, TraceId
 from service.api.models import CaptureRequest, Handling, JobAnswer, JobPage, UploadsRequest
 from service.api.pair_form import IdempotencyKey, accepted, pair_form
 from service.api.prefer import APPLIED, Wait
 from service.api.problems import responses
 from service.api.watching import answers
-from service.errors import UnknownJobError
+from service.errors import CameraHeldError, NotReadyError, UnknownJobError
 from service.retention import remove
 from service.states import State
 
@@ -50,7 +51,7 @@ SCHEMAS = (Options, CaptureRequest, UploadsRequest, Handling)
     status_code=202,
     response_model=JobAnswer,
     openapi_extra={"requestBody": _BODY},
-    responses=accepted(drivers.CameraNotFoundError, headers=APPLIED),
+    responses=accepted(drivers.CameraNotFoundError, CameraHeldError, headers=APPLIED),
 )
 async def create_job(
     request: Request,
@@ -65,7 +66,8 @@ async def create_job(
     await run_in_threadpool(refuse_when_full, context, caller, idempotency_key)
     named = partial(fill_in, context, caller)
     async with intake.read(request, context.settings, named) as wanted:
-        made = await run_in_threadpool(accept, context, caller, wanted, idempotency_key, trace_id)
+        make = accept_capture if wanted.capture else accept
+        made = await run_in_threadpool(make, context, caller, wanted, idempotency_key, trace_id)
     if wait:
         await context.watching.until_over(made.job_id, wait)
     response.headers.update(made.headers)
@@ -124,6 +126,32 @@ def cancel_job(context: Parts, caller: Calling, job_id: str) -> JobAnswer:
         job = find(connection, caller, job_id)
     if job.state == State.CANCELED:
         context.queue.withdraw(job_id)
+    return answer(context, caller, job_id)
+
+
+@router.post(
+    "/jobs/{job_id}/confirm",
+    status_code=202,
+    response_model=JobAnswer,
+    responses=responses(UnknownJobError, NotReadyError, status=(503,)),
+)
+def confirm_job(
+    context: Parts,
+    caller: Calling,
+    job_id: str,
+    request: Annotated[
+        int | None, Query(ge=1, description="Number of the request that is done; any without it.")
+    ] = None,
+) -> JobAnswer:
+    """Say that what a job asks its operator for is done, like switching the flash."""
+    with context.engine.begin() as connection:
+        job = find(connection, caller, job_id)
+        if not jobs.confirm(connection, job_id, request):
+            raise NotReadyError(
+                f"The job is {job.state}; it waits for something else."
+                if job.request
+                else f"The job is {job.state}; it asks for nothing."
+            )
     return answer(context, caller, job_id)
 
 

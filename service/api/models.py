@@ -4,10 +4,19 @@ from __future__ import annotations
 
 import base64
 from datetime import UTC, datetime
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import (
+    AllowInfNan,
+    BaseModel,
+    ConfigDict,
+    Field,
+    Strict,
+    StringConstraints,
+    field_validator,
+)
 
+from drivers import SettingName
 from pipeline.calibration.options import CalibrationOptions
 from pipeline.mix_options import MixRequest
 from pipeline.options import Options
@@ -15,13 +24,39 @@ from service import jobs
 from service.errors import Problem
 from service.states import State
 
+FlashStrategy = Literal["property", "external", "operator"]
+WhenBusy = Literal["wait", "refuse"]
+SettingValue = (
+    Annotated[int, Strict()]
+    | Annotated[float, Strict(), AllowInfNan(False)]
+    | Annotated[str, Strict(), StringConstraints(min_length=1, max_length=64)]
+)
+CaptureSettings = dict[SettingName, SettingValue]
+
+_FLASH = (
+    "What switches the flash: the camera itself (property), the operator's switch (external), or a "
+    "person, for whom the job waits (operator)."
+)
+_WHEN_BUSY = "While other jobs have the camera or wait for it: wait behind them, or be refused."
+_SETTINGS = (
+    "Written to the camera and read back before the pair. The flash is the capture's own to "
+    "switch, exposure program, focus and drive are manual and single, ISO and white balance fixed."
+)
+_KEEP = "Leave the photographs on the camera's card; else they go once both are stored for good."
+
 
 class Capture(BaseModel):
     """Where a pair comes from when it is not uploaded."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    camera: str = Field(min_length=1, description="Address of a camera, like sim://studio.")
+    camera: str = Field(
+        min_length=1, max_length=300, description="Address of a camera, like sim://studio."
+    )
+    flash: FlashStrategy = Field(default="property", description=_FLASH)
+    when_busy: WhenBusy = Field(default="wait", description=_WHEN_BUSY)
+    settings: CaptureSettings = Field(default={}, description=_SETTINGS)
+    keep: bool = Field(default=True, description=_KEEP)
 
 
 class Webhook(BaseModel):
@@ -69,6 +104,30 @@ class CaptureRequest(Handling):
     """A job whose pair a camera takes."""
 
     capture: Capture
+    options: Options = Options()
+
+
+class CameraCapture(Handling):
+    """Pairs that a camera takes, one job each."""
+
+    like: str | None = Field(
+        default=None,
+        description="Id of a job whose pair a camera took: the same flash, options and settings of "
+        "the camera, unless they are given here.",
+    )
+    flash: FlashStrategy = Field(default="property", description=_FLASH)
+    when_busy: WhenBusy = Field(default="wait", description=_WHEN_BUSY)
+    settings: CaptureSettings = Field(default={}, description=_SETTINGS)
+    keep: bool = Field(default=True, description=_KEEP)
+    pairs: int = Field(default=1, ge=1, le=1000, description="How many pairs.")
+    interval_seconds: float = Field(
+        default=0,
+        ge=0,
+        le=86400,
+        allow_inf_nan=False,
+        description="From the beginning of one pair to that of the next; a pair that takes longer "
+        "is followed by the next at once.",
+    )
     options: Options = Options()
 
 
@@ -156,6 +215,14 @@ class Links(BaseModel):
     cancel: str | None = None
     results: str | None = None
     zip: str | None = None
+    confirm: str | None = None
+
+
+class OperatorRequest(BaseModel):
+    """What a person is asked to do."""
+
+    request: str
+    until: datetime = Field(description="The job fails when it is not confirmed by then.")
 
 
 class WebhookAnswer(BaseModel):
@@ -190,6 +257,12 @@ class JobAnswer(BaseModel):
     attempt: int = Field(description="How often the job was started.")
     options: dict[str, Any]
     capture: Capture | None
+    camera_settings: dict[str, SettingValue] | None = Field(
+        description="What the camera was set to for the pair; null until it is taken."
+    )
+    operator: OperatorRequest | None = Field(
+        description="What the job waits for in the state waiting_for_operator; null in others."
+    )
     inputs: Inputs | None = Field(description="Null until a camera has taken them.")
     error: Problem | None = Field(description="Why the job failed.")
     files: list[ResultFile]
@@ -219,6 +292,8 @@ class JobAnswer(BaseModel):
             attempt=job.attempt,
             options=job.options,
             capture=Capture(**job.capture) if job.capture else None,
+            camera_settings=job.camera_settings,
+            operator=_operator(job),
             inputs=Inputs(**job.inputs) if job.inputs else None,
             error=Problem(**job.error) if job.error else None,
             files=[
@@ -236,6 +311,7 @@ class JobAnswer(BaseModel):
                 cancel=None if job.ended else f"{here}/cancel",
                 results=f"{here}/results" if done else None,
                 zip=f"{here}/results.zip" if done else None,
+                confirm=f"{here}/confirm?request={job.requests}" if job.request else None,
             ),
         )
 
@@ -247,12 +323,44 @@ class JobPage(BaseModel):
     next: str | None = Field(description="The page of older jobs; null on the last one.")
 
 
-class CameraAnswer(BaseModel):
-    """A camera that can take a pair."""
+class JobList(BaseModel):
+    """Jobs that one request made, in order."""
 
+    jobs: list[JobAnswer]
+
+
+class CameraAnswer(BaseModel):
+    """A camera, as it is or as it last told."""
+
+    id: str
     address: str
     make: str
     model: str
+    serial: str
+    state: Literal["idle", "capturing", "waiting_for_operator", "away"] = Field(
+        description="away: it did not answer when it was last looked for."
+    )
+    battery_percent: int | None = Field(description="Null where it does not tell.")
+    free_bytes: int | None = Field(
+        description="Room on its cards, in bytes; null where it does not tell."
+    )
+    holder: str | None = Field(
+        description="Id of the job that has it; null also for a job that this key may not see."
+    )
+    waiting: int = Field(description="How many captures wait for it.")
+
+
+class SettingAnswer(BaseModel):
+    """A setting of a camera."""
+
+    value: SettingValue
+    choices: list[SettingValue] = Field(
+        description="What it could be; empty where it does not tell."
+    )
+    writable: bool = Field(description="False where only a dial on the camera changes it.")
+
+
+CameraSettings = dict[str, SettingAnswer]
 
 
 class Health(BaseModel):
@@ -266,6 +374,12 @@ def _webhook(job: jobs.Job) -> WebhookAnswer | None:
         return None
     waiting = {"state": "pending" if job.ended else "waiting", "attempts": 0, "last_status": None}
     return WebhookAnswer(url=job.webhook["url"], **(job.delivery or waiting))
+
+
+def _operator(job: jobs.Job) -> OperatorRequest | None:
+    if job.request is None or job.request_until is None:
+        return None
+    return OperatorRequest(request=job.request, until=_time(job.request_until))
 
 
 def _time(seconds: float) -> datetime:

@@ -138,6 +138,7 @@ def submit(
 ) -> None:
     """Send a pair to a running service, wait, and fetch the results."""
     from service.cli.display import print_results, stage_bar
+    from service.cli.flash import ask_once
     from service.cli.folder import new_results
     from service.client import Client
 
@@ -147,7 +148,7 @@ def submit(
     with Client(url, key) as client, new_results(output) as folder:
         job = client.submit_pair(before, after, options)
         with stage_bar() as report:
-            job = client.wait(job, report)
+            job = client.wait(job, report, ask_once())
         client.download(job, folder)
         manifest = json.loads((folder / "manifest.json").read_bytes())
     print_results(manifest, output, as_json)

@@ -4,27 +4,42 @@ from __future__ import annotations
 
 import select
 import sys
+from collections.abc import Callable
 
 import drivers
 
 
 def flash_switch(text: str, settle_s: float) -> drivers.Flash:
     """Read --flash: "property", "operator", or a command or URL with {state} in it."""
+    from service.camera_tasks import brightness
+
     if text == "property":
         return drivers.PropertyFlash()
     if text == "operator":
-        return drivers.OperatorFlash(_ask, _brightness)
-    return drivers.ExternalFlash(text, _brightness, settle_s)
+        return drivers.OperatorFlash(_ask, brightness)
+    return drivers.ExternalFlash(text, brightness, settle_s)
 
 
 def _ask(request: str, timeout_s: float) -> bool:
     """Ask on the terminal; Enter confirms."""
     print(f"{request.removesuffix(', then confirm.')}, then press Enter.", file=sys.stderr)
-    ready, _, _ = select.select([sys.stdin], [], [], timeout_s)
+    return _enter_within(timeout_s)
+
+
+def ask_once() -> Callable[[str, float], bool]:
+    """Make what puts each request on the terminal once, however often it is asked."""
+    last = ""
+
+    def ask(request: str, timeout_s: float) -> bool:
+        nonlocal last
+        if request == last:
+            return _enter_within(timeout_s)
+        last = request
+        return _ask(request, timeout_s)
+
+    return ask
+
+
+def _enter_within(seconds: float) -> bool:
+    ready, _, _ = select.select([sys.stdin], [], [], seconds)
     return bool(ready and sys.stdin.readline())
-
-
-def _brightness(photograph: bytes) -> float:
-    from pipeline.decode import decode
-
-    return float(decode(photograph, quality="fast").pixels.mean())

@@ -35,6 +35,8 @@ def ls(
             made = datetime.fromtimestamp(job.created, UTC).isoformat(timespec="seconds")
             line = f"{job.id}  {job.state:<10} {stage:<13} {job.attempt:>2}  {made}  {job.owner}"
             print(line.rstrip())
+            if job.request:
+                print(f"  asks: {job.request}")
 
 
 @app.command()
@@ -46,7 +48,7 @@ def show(job_id: Id) -> None:
     del known["request_hash"]
     if known["webhook"]:  # its secret is nobody's business
         known["webhook"] = {"url": known["webhook"].get("url")}
-    for moment in ("created", "started", "finished", "deadline", "expires"):
+    for moment in ("created", "started", "finished", "deadline", "expires", "request_until"):
         if known[moment] is not None:
             known[moment] = datetime.fromtimestamp(known[moment], UTC).isoformat()
     print(json.dumps(known, indent=2, ensure_ascii=False))
@@ -60,6 +62,13 @@ def retry(job_id: Id) -> None:
     """
     with _desk() as desk:
         print(desk.retry(job_id))
+
+
+@app.command()
+def confirm(job_id: Id) -> None:
+    """Say that what a job asks for is done, like switching the flash."""
+    with _desk() as desk:
+        desk.confirm(job_id)
 
 
 @app.command()

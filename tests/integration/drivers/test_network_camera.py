@@ -35,7 +35,7 @@ def test_the_camera_says_who_it_is(camera: Any) -> None:
     with drivers.open_camera(camera.address) as opened:
         info = opened.info()
     assert info == drivers.CameraInfo(
-        camera.address, "NIKON CORPORATION", "NIKON D5100", "0000001", 87
+        camera.address, "NIKON CORPORATION", "NIKON D5100", "0000001", 87, 2 * 10**9
     )
 
 

@@ -26,5 +26,7 @@ def test_the_light_of_real_cameras_is_not_known() -> None:
 
 def test_the_simulated_camera_is_listed() -> None:
     assert drivers.list_cameras() == [
-        drivers.CameraInfo("sim://studio", "NIKON CORPORATION", "NIKON D5100", "0000001", 87)
+        drivers.CameraInfo(
+            "sim://studio", "NIKON CORPORATION", "NIKON D5100", "0000001", 87, 2 * 10**9
+        )
     ]

@@ -1,0 +1,196 @@
+"""Makes jobs of requests for captures: each waits in the queue of its camera."""
+
+from __future__ import annotations
+
+import uuid
+from dataclasses import dataclass
+from typing import Any
+
+import sqlalchemy as sa
+from pydantic import BaseModel, ValidationError
+
+import drivers
+from pipeline.errors import OptionError
+from pipeline.options import Options
+from service import cameras, jobs
+from service.api.accept import (
+    Accepted,
+    check_webhook,
+    digest,
+    make_row,
+    refuse_when_full,
+    replay,
+)
+from service.api.callers import Caller, find
+from service.api.context import Context
+from service.api.intake import Intake, handling_of
+from service.api.looking import check_camera
+from service.api.models import CameraCapture, Capture, Handling
+from service.errors import CameraHeldError, NotReadyError, sentence_of
+from service.keys import Scope
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """What is wanted of a camera. interval_seconds: from the beginning of a pair to the next."""
+
+    capture: Capture
+    options: BaseModel
+    handling: Handling
+    count: int = 1
+    interval_seconds: float = 0.0
+
+
+def accept_capture(
+    context: Context,
+    caller: Caller,
+    wanted: Intake,
+    idempotency_key: str | None,
+    trace_id: str,
+) -> Accepted:
+    """Queue one pair.
+
+    Raises ForbiddenError, ForeignCameraError, CameraHeldError, OptionError, and what
+    refuse_when_full and replay raise.
+    """
+    caller.need(Scope.CAPTURE)
+    assert wanted.capture is not None
+    request_hash = digest(
+        {
+            "options": wanted.options.model_dump(mode="json"),
+            "handling": wanted.handling.model_dump(mode="json"),
+            "capture": _row_of(wanted.capture),
+            "sha256": {},
+            "uploads": {},
+        }
+    )
+    refuse_when_full(context, caller, idempotency_key)
+    if earlier := replay(context, caller, idempotency_key, request_hash):
+        return earlier
+    pairs = Pairs(wanted.capture, wanted.options, wanted.handling)
+    return _commit(context, caller, pairs, idempotency_key, request_hash, trace_id)
+
+
+def accept_captures(
+    context: Context,
+    caller: Caller,
+    camera: str,
+    wanted: CameraCapture,
+    idempotency_key: str | None,
+    trace_id: str,
+) -> tuple[Accepted, list[str]]:
+    """Queue a burst of pairs of the camera at an address; the ids of its jobs, in order.
+
+    Raises UnknownJobError and NotReadyError for a job that none can be like, and what
+    accept_capture raises.
+    """
+    request_hash = digest({"camera": camera, "wanted": wanted.model_dump(mode="json")})
+    refuse_when_full(context, caller, idempotency_key, wanted.pairs)
+    made = replay(context, caller, idempotency_key, request_hash)
+    if made is None:
+        pairs = _pairs(context, caller, camera, wanted)
+        made = _commit(context, caller, pairs, idempotency_key, request_hash, trace_id)
+    return made, _ids(made.job_id, wanted.pairs)
+
+
+def _pairs(context: Context, caller: Caller, camera: str, wanted: CameraCapture) -> Pairs:
+    given = wanted.model_dump(include=set(Capture.model_fields), exclude_unset=True)
+    options = wanted.options
+    if wanted.like is not None:
+        like, same = _recipe(context, caller, wanted.like)
+        if "options" not in wanted.model_fields_set:
+            options = same
+        given = like | given | {"settings": like["settings"] | given.get("settings", {})}
+    capture = Capture.model_validate(given | {"camera": camera})
+    return Pairs(capture, options, handling_of(wanted), wanted.pairs, wanted.interval_seconds)
+
+
+def _recipe(context: Context, caller: Caller, job_id: str) -> tuple[dict[str, Any], Options]:
+    """Flash and settings of a job's capture, and its options."""
+    with context.engine.connect() as connection:
+        source = find(connection, caller, job_id)
+    if source.capture is None or source.task != "separate":
+        raise NotReadyError("like: the job is none whose pair a camera took to be separated.")
+    if source.camera_settings is None:
+        raise NotReadyError("like: the pair of this job is not taken yet.")
+    recipe = {name: source.capture[name] for name in ("flash", "keep") if name in source.capture}
+    try:
+        return recipe | {"settings": source.camera_settings}, Options.model_validate(source.options)
+    except ValidationError as error:
+        raise OptionError(sentence_of(error)) from error
+
+
+def _commit(
+    context: Context,
+    caller: Caller,
+    wanted: Pairs,
+    idempotency_key: str | None,
+    request_hash: str,
+    trace_id: str,
+) -> Accepted:
+    """Commit rows and queue entries together."""
+    check_camera(context.settings, wanted.capture.camera)
+    drivers.check_settings(wanted.capture.settings)
+    if wanted.capture.flash == "external" and context.settings.flash_switch is None:
+        raise OptionError(
+            "flash: this service has no switch for a flash; its operator can name one in "
+            "LIGHTLAYERS_FLASH_SWITCH."
+        )
+    check_webhook(context, wanted.handling)
+    first = uuid.uuid4().hex
+    values = {
+        "trace_id": trace_id,
+        "request_hash": request_hash,
+        "capture": _row_of(wanted.capture),
+    }
+    row = make_row(caller, values, wanted.options, wanted.handling)
+    try:
+        with context.engine.begin() as connection:
+            row["camera"] = cameras.add(connection, wanted.capture.camera)
+            if wanted.capture.when_busy == "refuse":
+                _refuse_when_held(connection, caller, row["camera"])
+            for number, job_id in enumerate(_ids(first, wanted.count)):
+                key = idempotency_key if job_id == first else None
+                one = row | {"id": job_id, "idempotency_key": key}
+                _add(context, connection, wanted, one, number * wanted.interval_seconds)
+    except sa.exc.IntegrityError:
+        earlier = replay(context, caller, idempotency_key, request_hash)
+        if earlier is None:
+            raise
+        return earlier
+    return Accepted(first, replayed=False)
+
+
+def _add(
+    context: Context,
+    connection: sa.Connection,
+    wanted: Pairs,
+    row: dict[str, Any],
+    delay_seconds: float,
+) -> None:
+    deadline = wanted.handling.deadline_seconds
+    rank = jobs.add(connection, row, None if deadline is None else deadline + delay_seconds)
+    context.queue.submit_capture(connection, row["id"], rank, row["camera"], delay_seconds)
+
+
+def _refuse_when_held(connection: sa.Connection, caller: Caller, camera: str) -> None:
+    holder = cameras.holder(connection, camera)
+    if holder:
+        raise CameraHeldError(f"{told_of(holder, caller)} has the camera; try again when it ends.")
+    if waiting := cameras.count_waiting(connection, camera):
+        raise CameraHeldError(f"{waiting} captures wait for the camera; try again later.")
+
+
+def told_of(holder: jobs.Job, caller: Caller) -> str:
+    """Name the job that holds a camera, to who may know of it."""
+    return f"The job {holder.id}" if caller.may_see(holder) else "A job of another key"
+
+
+def _row_of(capture: Capture) -> dict[str, Any]:
+    return capture.model_dump(mode="json", exclude_defaults=True)
+
+
+def _ids(first: str, count: int) -> list[str]:
+    """Ids of the jobs of a burst, which the first one gives, so that a replay finds them."""
+    rest = (uuid.uuid5(uuid.UUID(first), str(number)).hex for number in range(1, count))
+    return [first, *rest]

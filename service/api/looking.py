@@ -1,0 +1,178 @@
+"""Looks at cameras for the API: in child processes, with a deadline, and never while a job has one.
+
+What was seen is in the rows of cameras, for every process of the service.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+import sqlalchemy as sa
+
+import drivers
+from service import cameras, sandbox, scratch
+from service.errors import AttemptError, ForeignCameraError
+from service.forkserver import ForkServer
+from service.settings import Settings
+
+_FRESH_SECONDS = 15.0  # so long a look is good
+_LOOK_SECONDS = 15.0  # what one may take
+_AT_ONCE = 4
+
+
+class Looking:
+    """The cameras that this process can find, and those that the operator names."""
+
+    def __init__(self, engine: sa.Engine, settings: Settings, server: ForkServer) -> None:
+        self._engine = engine
+        self._settings = settings
+        self._server = server
+        self._pool = ThreadPoolExecutor(1 + _AT_ONCE, "cameras")  # one waits for the others
+        self._lock = threading.Lock()
+        self._running: Future[None] | None = None
+        self._refreshed = 0.0
+        self._found: list[str] = []
+        self._closed = False
+
+    def close(self) -> None:
+        """End what runs."""
+        self._closed = True
+        self._pool.shutdown(cancel_futures=True)
+
+    def addresses(self) -> list[str]:
+        """Addresses of the cameras that were found last, and of those that the operator names."""
+        return [*self._found, *configured(self._settings)]
+
+    def refresh(self, seconds: float) -> None:
+        """Look at all cameras, unless that was done just now, and wait for it for so long at most.
+
+        Raises what the database raises while it is away.
+        """
+        with self._lock:
+            old = time.monotonic() - self._refreshed > _FRESH_SECONDS
+            if self._running is None or (self._running.done() and old):
+                self._running = self._pool.submit(self._look_everywhere)
+            running = self._running
+        with contextlib.suppress(TimeoutError):
+            running.result(seconds)
+
+    def adjust(
+        self, address: str, settings: dict[str, Any], trace_id: str
+    ) -> dict[str, Any] | None:
+        """Write settings of a camera; then all that it has, by name. None while it is in use.
+
+        Raises sandbox.TaskError for what the driver says, and CameraTimeoutError.
+        """
+        camera = self._take(address)
+        if camera is None:
+            return None
+        info, answered = None, False
+        try:
+            wanted = {"camera": address, "settings": settings}
+            told = self._run("camera_settings", wanted, trace_id)
+            info, answered = drivers.CameraInfo(**told["info"]), True
+        except sandbox.TaskError as error:
+            answered = error.problem["status"] == 422  # it has said no
+            raise
+        finally:
+            with self._engine.begin() as connection:
+                cameras.give_back(connection, camera, info, answered)
+        found: dict[str, Any] = told["settings"]
+        return found
+
+    def _take(self, address: str) -> str | None:
+        with self._engine.begin() as connection:
+            camera = cameras.add(connection, address)
+            return camera if cameras.take(connection, camera, 2 * _LOOK_SECONDS) else None
+
+    def _look_everywhere(self) -> None:
+        with self._engine.begin() as connection:  # they are listed whatever comes of it
+            for address in configured(self._settings):
+                cameras.add(connection, address)
+        with contextlib.suppress(sandbox.TaskError, drivers.DriverError):
+            found = self._run("cameras", None)
+            self._found = [one for one in found if is_allowed(self._settings, one)]
+        by_id = {cameras.id_of(address): address for address in self.addresses()}
+        for look in [self._pool.submit(self._look, address) for address in by_id.values()]:
+            look.result()
+        self._refreshed = time.monotonic()
+
+    def _look(self, address: str) -> None:
+        with self._engine.begin() as connection:
+            known = cameras.find(connection, cameras.id_of(address))
+        if known and known.seconds_ago < _FRESH_SECONDS:
+            return  # another process has, or a job
+        camera = self._take(address)
+        if camera is None:
+            return
+        info = None
+        try:
+            with contextlib.suppress(sandbox.TaskError, drivers.DriverError):
+                info = drivers.CameraInfo(**self._run("camera", {"camera": address}))
+        finally:
+            with self._engine.begin() as connection:
+                cameras.give_back(connection, camera, info, answered=info is not None)
+
+    def _run(self, kind: sandbox.Kind, capture: dict[str, Any] | None, trace_id: str = "") -> Any:
+        with scratch.folder(self._settings.data_dir) as folder:
+            task = sandbox.Task(
+                kind=kind,
+                job="",
+                trace_id=trace_id,
+                directory=str(folder),
+                limits=sandbox.Limits.of(self._settings, _LOOK_SECONDS),
+                options={},
+                capture=capture,
+            )
+            try:
+                return sandbox.run(
+                    task,
+                    _LOOK_SECONDS,
+                    lambda _stage, _fraction: None,
+                    lambda: self._closed,
+                    self._server,
+                )
+            except (AttemptError, ChildProcessError) as error:
+                raise drivers.CameraTimeoutError(
+                    f"The camera gave no answer for {_LOOK_SECONDS:.0f} s: switch it off and on "
+                    "and try again."
+                ) from error
+
+
+def is_allowed(settings: Settings, address: str) -> bool:
+    """Whether the operator allows a camera: by its address, or its beginning up to :, / or ?."""
+    for allowed in settings.cameras.split():
+        rest = address.removeprefix(allowed)
+        whole = rest == "" or allowed.endswith("://") or rest[0] in ":/?"
+        if address.startswith(allowed) and whole:
+            return True
+    return False
+
+
+def check_camera(settings: Settings, address: str) -> None:
+    """Refuse a camera that the operator has not allowed. Raises ForeignCameraError."""
+    if not is_allowed(settings, address):
+        raise ForeignCameraError(
+            "This camera is none that jobs of this service may name; its operator can allow it in "
+            "LIGHTLAYERS_CAMERAS."
+        )
+
+
+def configured(settings: Settings) -> list[str]:
+    """Whole addresses among those that the operator allows."""
+    return [address for address in settings.cameras.split() if _is_whole(address)]
+
+
+def _is_whole(address: str) -> bool:
+    scheme, _, rest = address.partition("://")
+    if not rest or (scheme == "gphoto2" and ":" not in rest):
+        return False
+    try:
+        drivers.check_address(address)
+    except drivers.DriverError:
+        return False
+    return True

@@ -1,0 +1,112 @@
+"""What the process of a task does with a camera.
+
+A capture asks two questions on the way: {"kind": "operator", "request", "seconds"} whether a person
+has done what is requested, and {"kind": "keep", "settings"} whether the pair is kept for good, so
+that the card may be cleared.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import sys
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, TypeVar
+
+import drivers
+from drivers import SettingName
+from pipeline.decode import decode
+
+Tell = Callable[[dict[str, Any]], None]
+Result = TypeVar("Result")
+
+log = logging.getLogger("service.camera_tasks")
+
+
+def capture(task: dict[str, Any], tell: Tell) -> None:
+    """Take a pair, with the settings asked for, and answer with those that it was taken with."""
+    wanted, stages = task["capture"], drivers.CAPTURE_STAGES
+
+    def report(stage: str, fraction: float) -> None:
+        tell({"stage": "capture", "fraction": (stages.index(stage) + fraction) / len(stages)})
+
+    with drivers.open_camera(wanted["camera"]) as camera:
+        settings = wanted.get("settings")
+        pair = drivers.capture_pair(camera, report, flash=_flash(wanted, tell), settings=settings)
+        directory = Path(task["directory"])
+        (directory / "no_flash").write_bytes(pair.no_flash.best)
+        (directory / "flash").write_bytes(pair.flash.best)
+        taken_with = dict(pair.settings)
+        if not wanted.get("keep", True) and _ask(tell, {"kind": "keep", "settings": taken_with}):
+            _told(lambda: _clear(camera, pair), task)
+        info = _told(lambda: asdict(camera.info()), task)
+        tell({"answer": {"settings": taken_with, "info": info}})
+
+
+def find(_task: dict[str, Any], tell: Tell) -> None:
+    """Answer with the addresses of the cameras that are found here."""
+    tell({"answer": [camera.address for camera in drivers.list_cameras()]})
+
+
+def describe(task: dict[str, Any], tell: Tell) -> None:
+    """Answer with what a camera tells of itself."""
+    with drivers.open_camera(task["capture"]["camera"]) as camera:
+        tell({"answer": asdict(camera.info())})
+
+
+def adjust(task: dict[str, Any], tell: Tell) -> None:
+    """Write settings, in the order of SettingName, and answer with all that the camera has."""
+    with drivers.open_camera(task["capture"]["camera"]) as camera:
+        _set(camera, task["capture"]["settings"])
+        settings = {
+            one.name: {"value": one.value, "choices": one.choices, "writable": one.writable}
+            for one in camera.settings()
+        }
+        tell({"answer": {"settings": settings, "info": asdict(camera.info())}})
+
+
+def brightness(photograph: bytes) -> float:
+    """Tell how bright a photograph is, on a linear scale."""
+    return float(decode(photograph, quality="fast").pixels.mean())
+
+
+def _set(camera: drivers.Camera, settings: dict[str, drivers.SettingValue]) -> None:
+    for name in SettingName:
+        if name in settings and camera.read(name).value != settings[name]:
+            camera.write(name, settings[name])
+
+
+def _flash(wanted: dict[str, Any], tell: Tell) -> drivers.Flash:
+    strategy = wanted.get("flash", "property")
+    if strategy == "external":
+        return drivers.ExternalFlash(wanted["switch"], brightness, wanted["settle_seconds"])
+    if strategy == "operator":
+
+        def ask(request: str, seconds: float) -> bool:
+            return _ask(tell, {"kind": "operator", "request": request, "seconds": seconds})
+
+        return drivers.OperatorFlash(ask, brightness, wanted["operator_seconds"])
+    return drivers.PropertyFlash()
+
+
+def _ask(tell: Tell, question: dict[str, Any]) -> bool:
+    tell({"question": question})
+    return bool(json.loads(sys.stdin.readline() or "false"))
+
+
+def _clear(camera: drivers.Camera, pair: drivers.CapturedPair) -> None:
+    for shot in (pair.no_flash, pair.flash):
+        for handle in shot.handles:
+            camera.delete(handle)
+
+
+def _told(call: Callable[[], Result], task: dict[str, Any]) -> Result | None:
+    """Call the camera once its pair is taken, which no fault of the camera can undo any more."""
+    try:
+        return call()
+    except drivers.DriverError as error:
+        kind = type(error).__name__
+        log.warning("the camera failed after its pair: %s", kind, extra={"job": task["job"]})
+        return None

@@ -1,0 +1,179 @@
+"""The cameras of a service: who holds each, who waits for it, and what it last told.
+
+The row of a camera is locked by whoever begins to use it, so that one job or look has it at a time,
+whichever host it runs on.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.dialects import postgresql, sqlite
+
+import drivers
+from service import jobs
+from service.database import cameras, now
+from service.database import jobs as rows
+from service.states import ENDED, HELD
+
+_UNUSED_SECONDS = 86400.0
+
+
+@dataclass(frozen=True)
+class Camera:
+    """One camera; seconds_ago: since it was last looked at. Columns: service.database."""
+
+    id: str
+    address: str
+    make: str
+    model: str
+    serial: str
+    battery_percent: int | None
+    free_bytes: int | None
+    answered: bool
+    seconds_ago: float
+    holder: jobs.Job | None
+    waiting: int
+
+
+def id_of(address: str) -> str:
+    """Give the id of the camera at an address, however that is spelt.
+
+    Raises drivers.BadAddressError, drivers.CameraNotFoundError.
+    """
+    return hashlib.sha256(drivers.canonical_address(address).encode()).hexdigest()[:16]
+
+
+def add(connection: sa.Connection, address: str) -> str:
+    """Have a row for the camera at an address, and lock it for this transaction; its id."""
+    camera = id_of(address)
+    insert = sqlite.insert if connection.dialect.name == "sqlite" else postgresql.insert
+    new: Any = insert(cameras).values(id=camera, address=address)
+    connection.execute(new.on_conflict_do_nothing())
+    _lock(connection, camera)
+    return camera
+
+
+def address_of(connection: sa.Connection, camera: str) -> str | None:
+    """Find the address of the camera of this id."""
+    found = sa.select(cameras.c.address).where(cameras.c.id == camera)
+    return connection.execute(found).scalar()
+
+
+def find_all(connection: sa.Connection, addresses: Collection[str]) -> list[Camera]:
+    """Cameras at these addresses that were ever looked for, and all that jobs hold or wait for."""
+    used = sa.select(rows.c.camera).where(rows.c.camera.is_not(None), _unfinished())
+    busy = connection.execute(used.distinct()).scalars().all()
+    ids = {*busy, *map(id_of, addresses)}
+    query = sa.select(cameras, (now() - cameras.c.looked).label("seconds_ago"))
+    found = connection.execute(query.where(cameras.c.id.in_(ids)).order_by(cameras.c.address))
+    return [_camera(connection, row._mapping) for row in found]
+
+
+def find(connection: sa.Connection, camera: str) -> Camera | None:
+    """Find the camera of this id."""
+    query = sa.select(cameras, (now() - cameras.c.looked).label("seconds_ago"))
+    row = connection.execute(query.where(cameras.c.id == camera)).first()
+    return _camera(connection, row._mapping) if row else None
+
+
+def _camera(connection: sa.Connection, row: Mapping[Any, Any]) -> Camera:
+    names = Camera.__dataclass_fields__.keys() - {"holder", "waiting"}
+    return Camera(
+        **{name: row[name] for name in names},
+        holder=holder(connection, row["id"]),
+        waiting=count_waiting(connection, row["id"]),
+    )
+
+
+def _unfinished() -> sa.ColumnElement[bool]:
+    return sa.and_(rows.c.state.not_in(ENDED), rows.c.inputs.is_(None))
+
+
+def holder(connection: sa.Connection, camera: str) -> jobs.Job | None:
+    """Find the job that has the camera take its pair now."""
+    captures = sa.and_(rows.c.state.in_(HELD), rows.c.stage == jobs.CAPTURE)
+    found = connection.execute(sa.select(rows.c.id).where(rows.c.camera == camera, captures))
+    job_id = found.scalar()
+    return jobs.find(connection, job_id) if job_id else None
+
+
+def count_waiting(connection: sa.Connection, camera: str) -> int:
+    """How many jobs wait for the camera."""
+    count = sa.select(sa.func.count()).select_from(rows).where(jobs.waits_for_camera(camera))
+    return connection.execute(count).scalar_one()
+
+
+def claim(connection: sa.Connection, job_id: str, worker: str) -> jobs.Job | None:
+    """Start the next capture of a job, as jobs.claim does, once nobody else uses its camera.
+
+    A job that has its pair already is claimed from a dead worker alone, to be passed on.
+    """
+    job = jobs.find(connection, job_id)
+    if job is None or job.camera is None:
+        return None
+    _lock(connection, job.camera)
+    other = holder(connection, job.camera)
+    if _is_taken(connection, job.camera) or (other and other.id != job_id):
+        return None
+    job = jobs.find(connection, job_id)  # as it is now that others wait
+    if job is None or is_past_capture(job):
+        return None
+    return jobs.claim(connection, job_id, worker, jobs.CAPTURE)
+
+
+def is_past_capture(job: jobs.Job) -> bool:
+    """Whether nothing is left to do for the camera's part of a job."""
+    return job.ended or (job.inputs is not None and not job.captures)
+
+
+def take(connection: sa.Connection, camera: str, seconds: float) -> bool:
+    """Have the camera for oneself for so long at most, without a job; whether it was free."""
+    _lock(connection, camera)
+    if _is_taken(connection, camera) or holder(connection, camera):
+        return False
+    until = sa.update(cameras).where(cameras.c.id == camera).values(taken_until=now() + seconds)
+    connection.execute(until)
+    return True
+
+
+def give_back(
+    connection: sa.Connection, camera: str, info: drivers.CameraInfo | None, answered: bool
+) -> None:
+    """End take(). info: what the camera told of itself; answered: whether it answered at all."""
+    connection.execute(sa.update(cameras).where(cameras.c.id == camera).values(taken_until=0.0))
+    note(connection, camera, info, answered)
+
+
+def note(
+    connection: sa.Connection, camera: str, info: drivers.CameraInfo | None, answered: bool = True
+) -> None:
+    """Write what a camera told of itself, or that it does not answer."""
+    values: dict[str, Any] = {"answered": answered, "looked": now()}
+    if info:
+        values |= {name: getattr(info, name)[:255] for name in ("make", "model", "serial")}
+        values |= {"battery_percent": info.battery_percent, "free_bytes": info.free_bytes}
+    connection.execute(sa.update(cameras).where(cameras.c.id == camera).values(values))
+
+
+def forget_unused(connection: sa.Connection) -> None:
+    """Delete the rows of cameras that nobody has asked for in a day, and no job is of."""
+    of_jobs = sa.exists().where(rows.c.camera == cameras.c.id)
+    old = cameras.c.looked < now() - _UNUSED_SECONDS
+    unused = sa.and_(old, cameras.c.taken_until < now(), ~of_jobs)
+    connection.execute(sa.delete(cameras).where(unused))
+
+
+def _lock(connection: sa.Connection, camera: str) -> None:
+    # A write, because SQLite knows no other lock.
+    this = sa.update(cameras).where(cameras.c.id == camera)
+    connection.execute(this.values(address=cameras.c.address))
+
+
+def _is_taken(connection: sa.Connection, camera: str) -> bool:
+    taken = sa.select(cameras.c.taken_until > now()).where(cameras.c.id == camera)
+    return bool(connection.execute(taken).scalar())

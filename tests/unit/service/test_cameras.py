@@ -1,0 +1,228 @@
+"""Who holds a camera, who waits for it, and what it last told."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import sqlalchemy as sa
+
+import drivers
+from service import cameras, database, jobs
+from service.states import State
+
+ADDRESS = "ptp+ip://192.168.1.20"
+OTHER = "ptp+ip://192.168.1.21"
+INFO = drivers.CameraInfo(ADDRESS, "Make", "Model", "7", 80, 10**9)
+
+
+@pytest.fixture
+def camera(engine: sa.Engine) -> str:
+    with engine.begin() as connection:
+        return cameras.add(connection, ADDRESS)
+
+
+def _add(engine: sa.Engine, job_id: str, address: str = ADDRESS, **more: Any) -> None:
+    row = {"id": job_id, "options": {}, "trace_id": "1" * 32, "request_hash": ""}
+    with engine.begin() as connection:
+        camera = cameras.add(connection, address)
+        capture = {"camera": address}
+        jobs.add(connection, row | {"camera": camera, "capture": capture} | more)
+
+
+def _claim(engine: sa.Engine, job_id: str, worker: str = "w1") -> jobs.Job | None:
+    with engine.begin() as connection:
+        jobs.beat(connection, worker)
+        return cameras.claim(connection, job_id, worker)
+
+
+def _look(engine: sa.Engine, camera: str) -> cameras.Camera:
+    with engine.connect() as connection:
+        found = cameras.find(connection, camera)
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize(
+    ("one", "same"),
+    [
+        ("ptp+ip://studio", "ptp+ip://studio:15740"),
+        ("ptp+ip://studio", "ptp+ip://STUDIO/"),
+        ("ptp+ip://[::1]", "ptp+ip://[::1]:15740"),
+        ("sim://studio", "sim://studio/"),
+        ("ptp+usb://123", "ptp+usb://123/"),
+    ],
+)
+def test_a_camera_has_one_id_however_its_address_is_spelt(one: str, same: str) -> None:
+    assert cameras.id_of(one) == cameras.id_of(same)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("ptp+ip://studio", "ptp+ip://studio:15741"),
+        ("sim://studio", "sim://studio?lights=3"),
+        ("ptp+usb://1", "gphoto2://usb:1"),
+    ],
+)
+def test_other_cameras_have_other_ids(one: str, other: str) -> None:
+    assert cameras.id_of(one) != cameras.id_of(other)
+
+
+@pytest.mark.parametrize("address", ["", "studio", "ptp+ip://", "sim://studio?lights=9", "x://y"])
+def test_what_is_no_address_has_no_id(address: str) -> None:
+    with pytest.raises(drivers.DriverError):
+        cameras.id_of(address)
+
+
+def test_a_camera_that_was_never_looked_at_is_known_all_the_same(
+    engine: sa.Engine, camera: str
+) -> None:
+    found = _look(engine, camera)
+    assert (found.address, found.answered, found.holder, found.waiting) == (ADDRESS, False, None, 0)
+    with engine.begin() as connection:
+        assert cameras.add(connection, ADDRESS) == camera
+        assert cameras.address_of(connection, camera) == ADDRESS
+        assert cameras.address_of(connection, "another") is None
+        assert cameras.find(connection, "another") is None
+
+
+def test_what_a_camera_tells_is_kept_when_it_is_away(engine: sa.Engine, camera: str) -> None:
+    with engine.begin() as connection:
+        cameras.note(connection, camera, INFO)
+    found = _look(engine, camera)
+    assert (found.make, found.model, found.serial, found.battery_percent, found.free_bytes) == (
+        "Make", "Model", "7", 80, 10**9,
+    )  # fmt: skip
+    assert found.answered and found.seconds_ago < 60
+    with engine.begin() as connection:
+        cameras.note(connection, camera, None, answered=False)
+    found = _look(engine, camera)
+    assert (found.model, found.battery_percent, found.answered) == ("Model", 80, False)
+
+
+def test_one_job_at_a_time_has_a_camera(engine: sa.Engine, camera: str) -> None:
+    _add(engine, "a")
+    _add(engine, "b")
+    assert _look(engine, camera).waiting == 2
+    held = _claim(engine, "a")
+    assert held and (held.state, held.stage, held.attempt) == (State.RUNNING, jobs.CAPTURE, 1)
+    assert _claim(engine, "b", "w2") is None
+    found = _look(engine, camera)
+    assert found.holder == held and found.waiting == 1
+    with engine.begin() as connection:
+        assert jobs.set_inputs(connection, held, {}, 1, {"iso": 100})
+        assert cameras.holder(connection, camera) == jobs.find(connection, "a")
+        assert jobs.release(connection, held)
+    assert _look(engine, camera).holder is None
+    other = _claim(engine, "b", "w2")
+    assert other and other.id == "b"
+
+
+def test_jobs_of_two_cameras_do_not_wait_for_each_other(engine: sa.Engine) -> None:
+    _add(engine, "a")
+    _add(engine, "b", OTHER)
+    assert _claim(engine, "a")
+    assert _claim(engine, "b", "w2")
+
+
+def test_a_job_that_separates_does_not_hold_its_camera(engine: sa.Engine, camera: str) -> None:
+    _add(engine, "a", inputs={"flash": {}})
+    with engine.begin() as connection:
+        assert jobs.claim(connection, "a", "w1")
+    found = _look(engine, camera)
+    assert (found.holder, found.waiting) == (None, 0)
+    assert _claim(engine, "a", "w2") is None
+
+
+def test_a_job_that_waits_for_its_operator_holds_its_camera(engine: sa.Engine, camera: str) -> None:
+    _add(engine, "a")
+    held = _claim(engine, "a")
+    assert held
+    with engine.begin() as connection:
+        jobs.ask_operator(connection, held, "Switch the flash off.", 60)
+    holder = _look(engine, camera).holder
+    assert holder and (holder.id, holder.state) == ("a", State.WAITING_FOR_OPERATOR)
+
+
+def test_a_dead_workers_camera_goes_with_its_job(engine: sa.Engine) -> None:
+    _add(engine, "a")
+    _add(engine, "b")
+    assert _claim(engine, "a")
+    with engine.begin() as connection:
+        jobs.leave(connection, "w1")
+    assert _claim(engine, "b", "w2") is None  # not before the takeover
+    again = _claim(engine, "a", "w2")
+    assert again and (again.attempt, again.lost) == (2, 1)
+    with engine.begin() as connection:
+        jobs.fail(connection, again, {})
+    assert _claim(engine, "b", "w2")
+
+
+def test_a_pair_that_a_dead_worker_has_kept_is_only_passed_on(engine: sa.Engine) -> None:
+    _add(engine, "a")
+    held = _claim(engine, "a")
+    assert held
+    with engine.begin() as connection:
+        jobs.set_inputs(connection, held, {"flash": {}}, 1, {})
+        jobs.leave(connection, "w1")
+    again = _claim(engine, "a", "w2")
+    assert again and again.captures and not cameras.is_past_capture(again)
+    with engine.begin() as connection:
+        jobs.release(connection, again)
+        passed_on = jobs.find(connection, "a")
+    assert passed_on and cameras.is_past_capture(passed_on)
+    assert _claim(engine, "a", "w2") is None
+
+
+def test_a_look_and_a_job_never_have_a_camera_at_once(engine: sa.Engine, camera: str) -> None:
+    _add(engine, "a")
+    with engine.begin() as connection:
+        assert cameras.take(connection, camera, 60)
+        assert not cameras.take(connection, camera, 60)
+    assert _claim(engine, "a") is None
+    with engine.begin() as connection:
+        cameras.give_back(connection, camera, INFO, answered=True)
+    assert _claim(engine, "a")
+    with engine.begin() as connection:
+        assert not cameras.take(connection, camera, 60)
+
+
+def test_a_look_that_died_does_not_keep_the_camera_for_ever(engine: sa.Engine, camera: str) -> None:
+    with engine.begin() as connection:
+        assert cameras.take(connection, camera, -1)
+        assert cameras.take(connection, camera, 60)
+
+
+def test_cameras_are_listed_by_address_and_where_jobs_use_them(
+    engine: sa.Engine, camera: str
+) -> None:
+    with engine.begin() as connection:
+        cameras.add(connection, "sim://studio")  # that nobody asks for any more
+    _add(engine, "a", OTHER)
+    _add(engine, "b", "sim://studio?lights=3", state=State.FAILED)
+    with engine.connect() as connection:
+        found = cameras.find_all(connection, [f"{ADDRESS}:15740"])
+    assert [(one.address, one.waiting) for one in found] == [(ADDRESS, 0), (OTHER, 1)]
+    assert found[0].id == camera
+
+
+def test_places_in_the_queue_are_those_of_the_jobs_own_queue(engine: sa.Engine) -> None:
+    _add(engine, "a")
+    _add(engine, "b")
+    _add(engine, "c", OTHER)
+    _add(engine, "d", inputs={"flash": {}})
+    with engine.connect() as connection:
+        waiting = [job for job in (jobs.find(connection, one) for one in "abcd") if job]
+        assert jobs.positions(connection, waiting) == {"a": 1, "b": 2, "c": 1, "d": 1}
+
+
+def test_cameras_that_nobody_uses_are_forgotten(engine: sa.Engine) -> None:
+    _add(engine, "a", OTHER)
+    with engine.begin() as connection:
+        cameras.add(connection, ADDRESS)
+        cameras.add(connection, "sim://studio")
+        cameras.note(connection, cameras.id_of("sim://studio"), INFO)
+        cameras.forget_unused(connection)
+        left = connection.execute(sa.select(database.cameras.c.address)).scalars().all()
+    assert sorted(left) == [OTHER, "sim://studio"]
