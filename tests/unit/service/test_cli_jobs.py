@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
-from service import jobs
+from service import cameras, engine, jobs
 from service.api.context import Context
 from service.attempt import FRAMES, describe_inputs, inputs_key
 from service.cli import run
@@ -157,3 +157,43 @@ def test_a_database_that_breaks_is_told(
         connection.execute(sa.text("ALTER TABLE jobs RENAME TO gone"))
     assert run(["jobs", "ls"]) == 1
     assert capsys.readouterr().err.startswith("The database of jobs does not answer")
+
+
+def test_what_a_job_asks_for_is_shown_and_confirmed(
+    context: Context, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with context.engine.begin() as connection:
+        held = jobs.claim(connection, "a", "w")
+        assert held is not None
+        jobs.ask_operator(connection, held, "Switch the flash off, then confirm.", 60)
+    assert run(["jobs", "ls", "--state", "waiting_for_operator"]) == 0
+    line, request = capsys.readouterr().out.splitlines()
+    assert line.split()[:2] == ["a", "waiting_for_operator"]
+    assert request == "  asks: Switch the flash off, then confirm."
+    assert run(["jobs", "show", "a"]) == 0
+    shown = json.loads(capsys.readouterr().out)
+    assert shown["request"] == "Switch the flash off, then confirm."
+    assert shown["request_until"].endswith("+00:00")
+    assert run(["jobs", "confirm", "a"]) == 0
+    assert _find(context, "a").state == State.RUNNING
+    assert run(["jobs", "confirm", "a"]) == 2
+    assert "it asks for nothing" in capsys.readouterr().err
+
+
+def test_a_capture_that_failed_waits_for_its_camera_again(
+    context: Context, capsys: pytest.CaptureFixture[str]
+) -> None:
+    row = {"id": "c", "options": {}, "trace_id": "1" * 32, "request_hash": ""}
+    with context.engine.begin() as connection:
+        camera = cameras.add(connection, "sim://studio")
+        jobs.add(connection, row | {"camera": camera, "capture": {"camera": "sim://studio"}})
+        held = cameras.claim(connection, "c", "w")
+        assert held is not None
+        jobs.fail(connection, held, {"type": "urn:lightlayers:problem:camera-failed"})
+    assert run(["jobs", "retry", "c"]) == 0
+    new_id = capsys.readouterr().out.strip()
+    with context.engine.connect() as connection:
+        assert cameras.count_waiting(connection, camera) == 1
+        queue = sa.text("SELECT queue_name FROM workflow_status WHERE workflow_uuid = :id")
+        found = connection.execute(queue, {"id": engine.capture_id(new_id)}).scalar()
+    assert found == engine.CAPTURES

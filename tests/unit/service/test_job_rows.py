@@ -197,7 +197,7 @@ def _in_state(engine: sa.Engine, state: State) -> jobs.Job:
         if state == State.QUEUED:
             jobs.release(connection, held)
         if state == State.WAITING_FOR_OPERATOR:
-            jobs.ask_operator(connection, held, "Switch the flash off.", 60)
+            _ask(connection, held)
         if state in (State.CANCELING, State.CANCELED):
             jobs.request_cancel(connection, "a")
         if state == State.CANCELED:
@@ -213,6 +213,10 @@ def _in_state(engine: sa.Engine, state: State) -> jobs.Job:
     return held
 
 
+def _ask(connection: sa.Connection, held: jobs.Job) -> None:
+    jobs.ask_operator(connection, held, "Switch the flash off.", 60)
+
+
 _BEGUN = (State.RUNNING, State.WAITING_FOR_OPERATOR)
 
 WRITES: dict[str, tuple[Callable[[sa.Connection, jobs.Job], object], dict[State, State]]] = {
@@ -222,11 +226,7 @@ WRITES: dict[str, tuple[Callable[[sa.Connection, jobs.Job], object], dict[State,
     ),
     "request_cancel": (
         lambda connection, _held: jobs.request_cancel(connection, "a"),
-        {
-            State.QUEUED: State.CANCELED,
-            State.RUNNING: State.CANCELING,
-            State.WAITING_FOR_OPERATOR: State.CANCELING,
-        },
+        {State.QUEUED: State.CANCELED, **dict.fromkeys(_BEGUN, State.CANCELING)},
     ),
     "acknowledge_cancel": (jobs.acknowledge_cancel, {State.CANCELING: State.CANCELED}),
     "succeed": (
@@ -235,7 +235,7 @@ WRITES: dict[str, tuple[Callable[[sa.Connection, jobs.Job], object], dict[State,
     ),
     "fail": (
         lambda connection, held: jobs.fail(connection, held, {}),
-        {State.RUNNING: State.FAILED, State.WAITING_FOR_OPERATOR: State.FAILED},
+        dict.fromkeys(_BEGUN, State.FAILED),
     ),
     "fail_waiting": (
         lambda connection, _held: jobs.fail_waiting(connection, "a", {}),
@@ -243,14 +243,8 @@ WRITES: dict[str, tuple[Callable[[sa.Connection, jobs.Job], object], dict[State,
     ),
     "release": (jobs.release, dict.fromkeys(_BEGUN, State.QUEUED)),
     "lose": (jobs.lose, dict.fromkeys(_BEGUN, State.QUEUED)),
-    "ask_operator": (
-        lambda connection, held: jobs.ask_operator(connection, held, "Switch it on.", 60),
-        {State.RUNNING: State.WAITING_FOR_OPERATOR},
-    ),
-    "confirm": (
-        lambda connection, _held: jobs.confirm(connection, "a"),
-        {State.WAITING_FOR_OPERATOR: State.RUNNING},
-    ),
+    "ask_operator": (_ask, {State.RUNNING: State.WAITING_FOR_OPERATOR}),
+    "confirm": (lambda one, _held: jobs.confirm(one, "a"), {_BEGUN[1]: State.RUNNING}),
     "confirmed": (jobs.confirmed, {}),
     "report": (lambda connection, held: jobs.report(connection, held, "layers", 0.5), {}),
     "set_inputs": (lambda connection, held: jobs.set_inputs(connection, held, {}, 0, {}), {}),
@@ -513,59 +507,3 @@ def test_a_worker_takes_back_what_it_holds_without_knowing(engine: sa.Engine) ->
     again = _claim(engine, "a", "w1")
     assert again is not None
     assert (again.state, again.attempt, again.lost, again.worker) == (State.RUNNING, 2, 0, "w1")
-
-
-def _asked(engine: sa.Engine, seconds: float = 60) -> jobs.Job:
-    _add(engine, "a")
-    held = _claimed(engine, "a", "w1")
-    with engine.begin() as connection:
-        jobs.ask_operator(connection, held, "Switch the flash off.", seconds)
-    return held
-
-
-def test_a_request_is_in_the_row_until_it_is_confirmed(engine: sa.Engine) -> None:
-    held = _asked(engine)
-    job = _find(engine, "a")
-    assert (job.request, job.requests) == ("Switch the flash off.", 1)
-    assert job.request_until and 50 < job.request_until - job.created < 70
-    with engine.begin() as connection:
-        assert jobs.confirmed(connection, held) is None
-        assert not jobs.must_stop(connection, held)
-        assert jobs.confirm(connection, "a", 1)
-        assert not jobs.confirm(connection, "a", 1)
-        assert jobs.confirmed(connection, held) is True
-    job = _find(engine, "a")
-    assert (job.request, job.requests, job.request_until) == (None, 1, None)
-
-
-def test_a_confirmation_of_an_earlier_request_is_none_of_the_next(engine: sa.Engine) -> None:
-    held = _asked(engine)
-    with engine.begin() as connection:
-        assert jobs.confirm(connection, "a", 1)
-        jobs.ask_operator(connection, held, "Switch the flash on.", 60)
-        assert not jobs.confirm(connection, "a", 1)
-        assert jobs.confirm(connection, "a", 2)
-
-
-def test_a_request_that_nobody_confirms_in_time_is_over(engine: sa.Engine) -> None:
-    held = _asked(engine, seconds=-1)
-    with engine.begin() as connection:
-        assert jobs.confirmed(connection, held) is False
-    job = _find(engine, "a")
-    assert (job.state, job.request) == (State.RUNNING, None)
-
-
-def test_a_living_workers_request_is_nobody_elses(engine: sa.Engine) -> None:
-    _asked(engine)
-    with engine.begin() as connection:
-        jobs.beat(connection, "w1")
-        assert jobs.claim(connection, "a", "w2") is None
-
-
-def test_a_dead_workers_request_goes_with_it(engine: sa.Engine) -> None:
-    _asked(engine)
-    _dies(engine, "w1")
-    job = _claimed(engine, "a", "w2")
-    assert (job.state, job.attempt, job.lost, job.request) == (State.RUNNING, 2, 1, None)
-    with engine.begin() as connection:
-        assert not jobs.confirm(connection, "a")

@@ -3,6 +3,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -207,3 +208,68 @@ def test_limits_are_those_of_the_settings(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(os, "cpu_count", lambda: 4)
     settings = Settings(job_memory_bytes=7, job_open_files=16, job_output_bytes=9)
     assert sandbox.Limits.of(settings, 10) == sandbox.Limits(7, 41, 16, 9)
+
+
+_ASKS = """
+task = json.loads(sys.stdin.readline())
+answers = []
+for kind in ("first", "second"):
+    print(json.dumps({"question": {"kind": kind}}), flush=True)
+    answers.append(json.loads(sys.stdin.readline()))
+print(json.dumps({"answer": answers}), flush=True)
+"""
+
+
+def _ask(code: str, seconds: float, ask: sandbox.Ask) -> Any:
+    task = sandbox.Task("capture", "7", "trace", "folder", LIMITS, {}, None)
+    with contextlib.closing(fork_server(code)) as server:
+        return sandbox.run(task, seconds, lambda *_report: None, lambda: False, server, ask)
+
+
+def test_questions_are_answered_and_the_answer_comes_back() -> None:
+    asked: list[dict[str, Any]] = []
+
+    def ask(question: dict[str, Any]) -> bool:
+        asked.append(question)
+        return question["kind"] == "second"
+
+    assert _ask(_ASKS, 60, ask) == [False, True]
+    assert asked == [{"kind": "first"}, {"kind": "second"}]
+
+
+def test_what_a_person_takes_to_answer_is_no_time_of_the_task(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    late = 0.0
+
+    class Clock:
+        @staticmethod
+        def monotonic() -> float:
+            return time.monotonic() + late
+
+    monkeypatch.setattr(sandbox, "time", Clock)
+
+    def ask(_question: dict[str, Any]) -> bool:
+        nonlocal late
+        late += 3600
+        return True
+
+    assert _ask(_ASKS, 60, ask) == [True, True]
+
+
+def test_a_process_ends_when_nobody_is_to_be_asked_any_more() -> None:
+    def ask(_question: dict[str, Any]) -> bool:
+        raise sandbox.StoppedError
+
+    with pytest.raises(sandbox.StoppedError):
+        _ask(_ASKS, 60, ask)
+
+
+def test_a_process_that_dies_over_its_question_has_crashed() -> None:
+    code = """
+task = json.loads(sys.stdin.readline())
+print(json.dumps({"question": {}}), flush=True)
+os._exit(9)
+"""
+    with pytest.raises(CrashError, match="exit code 9"):
+        _ask(code, 60, lambda _question: True)

@@ -70,3 +70,21 @@ def test_a_setting_out_of_range_is_refused(
 def test_every_setting_says_what_it_is() -> None:
     for name, field in Settings.model_fields.items():
         assert field.description and field.description.endswith("."), name
+
+
+@pytest.mark.parametrize(
+    ("order", "fault"),
+    [
+        ("relay on", r"write \{state\} where on or off is to stand"),
+        ("http://relay/?on", r"write \{state\}"),
+        ("relay '{state}", "the command cannot be read: no closing quotation"),
+    ],
+)
+def test_an_order_for_a_flash_must_say_what_is_wanted(order: str, fault: str) -> None:
+    with pytest.raises(ValidationError, match=fault):
+        Settings(flash_switch=order)
+
+
+def test_a_flash_has_no_switch_unless_its_operator_names_one() -> None:
+    assert Settings().flash_switch is None
+    assert Settings(flash_switch="relay '{state}'").flash_switch == "relay '{state}'"

@@ -1,0 +1,160 @@
+"""Attempts that have a camera take the pair; the test is their process."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from service import cameras, jobs, sandbox
+from service.api.context import Context
+from service.attempt import Attempt
+from service.errors import CrashError
+from service.states import State
+
+PAIR = {"no_flash": b"lamps", "flash": b"lamps and flash"}
+TOLD = {"settings": {"iso": 400}, "info": None}
+
+
+@pytest.fixture
+def capture(context: Context) -> Callable[[], Attempt]:
+    """Make an attempt that is to take the pair of a job; the test is its process."""
+    row = {"id": "a", "options": {}, "trace_id": "1" * 32, "request_hash": ""}
+    with context.engine.begin() as connection:
+        camera = cameras.add(connection, "sim://studio")
+        jobs.add(connection, row | {"camera": camera, "capture": {"camera": "sim://studio"}})
+
+    def make() -> Attempt:
+        with context.engine.begin() as connection:
+            held = cameras.claim(connection, "a", "w")
+        assert held is not None
+        return Attempt(
+            held,
+            context.engine,
+            context.storage,
+            context.settings,
+            context.fork_server,
+            lambda: False,
+        )
+
+    return make
+
+
+def takes(task: sandbox.Task, *_rest: object) -> dict[str, Any]:
+    for frame, data in PAIR.items():
+        (Path(task.directory) / frame).write_bytes(data)
+    return TOLD
+
+
+def _job(context: Context) -> jobs.Job:
+    with context.engine.connect() as connection:
+        job = jobs.find(connection, "a")
+    assert job is not None
+    return job
+
+
+def test_a_pair_is_stored_and_the_job_passed_on_in_one(
+    capture: Callable[[], Attempt], context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sandbox, "run", takes)
+    passed: list[jobs.Job | None] = []
+    capture().capture(lambda connection: passed.append(jobs.find(connection, "a")))
+    job = _job(context)
+    assert passed == [job]
+    assert (job.state, job.worker, job.stage) == (State.QUEUED, None, None)
+    assert (job.camera_settings, job.stored_bytes) == ({"iso": 400}, 20)
+    assert job.inputs is not None
+    for frame, data in PAIR.items():
+        assert context.storage.get(job.inputs[frame]["key"]) == data
+        assert job.inputs[frame]["sha256"] == hashlib.sha256(data).hexdigest()
+
+
+def test_a_pair_is_kept_for_good_before_the_card_is_cleared(
+    capture: Callable[[], Attempt], context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def take(task: sandbox.Task, *rest: Any) -> None:
+        takes(task)
+        assert rest[-1]({"kind": "keep", "settings": {"iso": 400}}) is True
+        job = _job(context)
+        assert job.inputs and job.captures
+        assert context.storage.get(job.inputs["flash"]["key"]) == PAIR["flash"]
+        raise CrashError("It crashed.")  # which costs the pair nothing
+
+    monkeypatch.setattr(sandbox, "run", take)
+    capture().capture(lambda _connection: None)
+    job = _job(context)
+    assert (job.state, job.error, job.camera_settings) == (State.QUEUED, None, {"iso": 400})
+
+
+def test_an_attempt_that_counts_no_more_keeps_no_pair(
+    capture: Callable[[], Attempt], context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def freeze(task: sandbox.Task, *rest: Any) -> dict[str, Any]:
+        monkeypatch.setattr(sandbox, "run", takes)
+        with context.engine.begin() as connection:
+            jobs.leave(connection, "w")
+        capture().capture(lambda _connection: None)  # another takes a whole pair meanwhile
+        told = takes(task)
+        (Path(task.directory) / "flash").write_bytes(b"another flash")
+        assert rest[-1]({"kind": "keep", "settings": {}}) is False
+        return told
+
+    monkeypatch.setattr(sandbox, "run", freeze)
+    passed: list[str] = []
+    capture().capture(lambda _connection: passed.append("frozen"))
+    assert passed == []
+    job = _job(context)
+    assert job.attempt == 2 and job.inputs
+    kept = sorted(job.inputs[frame]["key"] for frame in PAIR)
+    assert context.storage.list("jobs/a/") == kept
+    assert context.storage.get(job.inputs["flash"]["key"]) == PAIR["flash"]
+
+
+def _taken_again(*_arguments: object) -> None:
+    pytest.fail("the pair was taken again")
+
+
+def test_a_pair_is_taken_once(
+    capture: Callable[[], Attempt], context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    attempt = capture()
+    with context.engine.begin() as connection:
+        jobs.set_inputs(connection, attempt._job, {"flash": {}}, 1, {})
+        jobs.leave(connection, "w")
+    monkeypatch.setattr(sandbox, "run", _taken_again)
+    capture().capture(lambda _connection: None)
+    assert _job(context).state == State.QUEUED
+
+
+def test_a_request_waits_in_the_row(
+    capture: Callable[[], Attempt], context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    attempt = capture()
+
+    def confirm(_seconds: float) -> None:
+        job = _job(context)
+        assert (job.state, job.request) == (State.WAITING_FOR_OPERATOR, "Switch it off.")
+        with context.engine.begin() as connection:
+            assert jobs.confirm(connection, "a")
+
+    monkeypatch.setattr(attempt, "_pause", confirm)
+    assert attempt._ask_operator("Switch it off.", 60) is True
+    assert _job(context).state == State.RUNNING
+
+
+def test_a_request_that_nobody_heeds_ends(capture: Callable[[], Attempt], context: Context) -> None:
+    assert capture()._ask_operator("Switch it off.", -1) is False
+    assert _job(context).state == State.RUNNING
+
+
+def test_a_request_ends_when_the_job_is_canceled(
+    capture: Callable[[], Attempt], context: Context
+) -> None:
+    attempt = capture()
+    with context.engine.begin() as connection:
+        jobs.request_cancel(connection, "a")
+    with pytest.raises(sandbox.StoppedError):
+        attempt._ask_operator("Switch it off.", 60)
