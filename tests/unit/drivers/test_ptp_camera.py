@@ -15,15 +15,17 @@ from drivers.errors import (
 from drivers.ptp.camera import PtpCamera
 from drivers.ptp.codes import ContainerType, EventCode, Operation, Property
 from drivers.ptp.containers import Container
-from drivers.ptp.datasets import DeviceInfo
+from drivers.ptp.datasets import DeviceInfo, StorageInfo
 from drivers.ptp.transport import DATASET_BYTES
-from drivers.ptp.wire import uint
+from drivers.ptp.wire import uint, uints
 from drivers.sim.address import SimulatedCamera
 from drivers.sim.backend import InProcessTransport
 from drivers.sim.body import Body
 
 Tamper = Callable[[bytes], bytes]
 OPTIONS = SimulatedCamera(width=64, height=64, noise="off", format="both")
+
+BARE = DeviceInfo((0x1001, 0x1002), (), (), (), "Make", "Model", "1", "")
 
 
 class Tampered(InProcessTransport):
@@ -237,3 +239,25 @@ def test_a_closed_camera_answers_no_more(clock: Clock) -> None:
     camera.close()
     with pytest.raises(CameraDisconnectedError, match="connect it again"):
         camera.objects()
+
+
+@pytest.mark.parametrize(
+    ("tampers", "free_bytes"),
+    [
+        ({}, 2 * 10**9),
+        ({Operation.GET_STORAGE_IDS: lambda _: uints([0x10001, 0x10001], 4)}, 4 * 10**9),
+        ({Operation.GET_STORAGE_IDS: lambda _: uints([0x10000], 4)}, 0),  # a slot without a card
+        ({Operation.GET_STORAGE_INFO: lambda _: StorageInfo(0, 2**64 - 1, 0, "").encode()}, None),
+        ({Operation.GET_DEVICE_INFO: lambda _: BARE.encode()}, None),
+    ],
+)
+def test_room_is_told_of_all_cards_that_tell_it(
+    clock: Clock, tampers: dict[int, Tamper], free_bytes: int | None
+) -> None:
+    assert opened(clock, tampers).info().free_bytes == free_bytes
+
+
+@pytest.mark.parametrize("value", [-1, 2**16, 10**400, 1e300, float("inf"), float("nan")])
+def test_a_number_that_no_property_could_hold_is_refused(clock: Clock, value: SettingValue) -> None:
+    with pytest.raises(SettingError, match="is not a value that iso can have"):
+        opened(clock).write(SettingName.ISO, value)

@@ -4,7 +4,7 @@ import pytest
 
 from drivers.errors import ProtocolError
 from drivers.ptp.codes import DataType, Property
-from drivers.ptp.datasets import DeviceInfo, Form, ObjectInfo, PropertyDescription
+from drivers.ptp.datasets import DeviceInfo, Form, ObjectInfo, PropertyDescription, StorageInfo
 from drivers.ptp.wire import Reader, string, uint, uints
 
 DEVICE = DeviceInfo((0x1001, 0x1002), (0x4002,), (0x5007,), (0x3811,), "Make", "Model é", "1", "")
@@ -105,3 +105,14 @@ def test_every_cut_of_a_dataset_is_refused() -> None:
     for length in range(len(OBJECT.encode()) - 34):  # what follows is not needed
         with pytest.raises(ProtocolError, match="ends too early"):
             ObjectInfo.decode(OBJECT.encode()[:length])
+
+
+def test_a_card_is_read_as_it_was_written() -> None:
+    card = StorageInfo(capacity=64 * 10**9, free=2**40 + 7, free_images=1234, label="studio é")
+    assert StorageInfo.decode(card.encode()) == card
+
+
+@pytest.mark.parametrize("length", [0, 5, 6, 21, 25])
+def test_a_card_that_ends_too_early_is_refused(length: int) -> None:
+    with pytest.raises(ProtocolError, match="ends too early"):
+        StorageInfo.decode(StorageInfo(1, 1, 1, "").encode()[:length])

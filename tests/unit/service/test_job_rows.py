@@ -486,20 +486,6 @@ def test_a_silent_worker_is_dead_and_forgotten(engine: sa.Engine) -> None:
         assert jobs.living_workers(connection, 15) == {"w2"}
 
 
-def test_what_is_committed_to_sqlite_outlasts_a_power_cut(engine: sa.Engine) -> None:
-    with engine.connect() as connection:
-        assert connection.exec_driver_sql("PRAGMA journal_mode").scalar_one() == "wal"
-        assert connection.exec_driver_sql("PRAGMA synchronous").scalar_one() == 2  # FULL
-
-
-def test_the_folder_of_a_new_database_is_made(tmp_path_factory: pytest.TempPathFactory) -> None:
-    path = tmp_path_factory.mktemp("data") / "new" / "folder" / "jobs.sqlite"
-    engine = database.connect(f"sqlite:///{path}")
-    database.metadata.create_all(engine)
-    engine.dispose()
-    assert path.exists()
-
-
 def test_a_worker_takes_back_what_it_holds_without_knowing(engine: sa.Engine) -> None:
     """The answer to its claim got lost; nothing died, so no attempt counts as lost."""
     _add(engine, "a")
