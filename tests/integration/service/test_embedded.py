@@ -57,19 +57,20 @@ def test_a_pair_goes_in_and_layers_come_out(service: Any, pair: drivers.Captured
 def test_everything_killed_in_mid_job_is_finished_after_a_start(own_service: Any) -> None:
     first = own_service.capture("sim://studio?lights=2&width=600&height=400")
     second = own_service.capture(SMALL)
-    own_service.await_stage(first)
-    taken = {key: _digest(own_service, key) for key in _stored(own_service) if "/inputs/" in key}
+    own_service.await_stage(first, attempt=2)  # the first one took the pair
+    inputs = f"{first['id']}/inputs/"
+    taken = {key: _digest(own_service, key) for key in _stored(own_service) if inputs in key}
     assert len(taken) == 2
     own_service.kill()
-    assert len(_scratch(own_service)) == 1
+    assert _scratch(own_service)
     own_service.start()
     done = own_service.await_end(first)
-    assert (done["state"], done["attempt"]) == ("succeeded", 2)
+    assert (done["state"], done["attempt"]) == ("succeeded", 3)
     assert own_service.await_end(second)["state"] == "succeeded"
     # The photographs were not taken again, and nothing of the first attempt is left.
     of_first = [key for key in _stored(own_service) if first["id"] in key]
     assert {key: _digest(own_service, key) for key in of_first if "/inputs/" in key} == taken
-    assert {key.split("/")[2] for key in of_first} == {"inputs", "2"}
+    assert {key.split("/")[2] for key in of_first} == {"inputs", "3"}
     assert _scratch(own_service) == []
 
 

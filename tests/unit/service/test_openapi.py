@@ -43,6 +43,11 @@ def test_the_routes_are_the_contract(paths: dict[str, dict[str, Any]]) -> None:
         "PATCH /uploads/{upload_id}",
         "DELETE /uploads/{upload_id}",
         "GET /cameras",
+        "GET /cameras/events",
+        "GET /cameras/{camera_id}/settings",
+        "PATCH /cameras/{camera_id}/settings",
+        "POST /cameras/{camera_id}/captures",
+        "POST /jobs/{job_id}/confirm",
         "GET /healthz",
         "GET /readyz",
     }

@@ -231,7 +231,7 @@ def test_questions_are_answered_and_the_answer_comes_back() -> None:
 
     def ask(question: dict[str, Any]) -> bool:
         asked.append(question)
-        return question["kind"] == "second"
+        return bool(question["kind"] == "second")
 
     assert _ask(_ASKS, 60, ask) == [False, True]
     assert asked == [{"kind": "first"}, {"kind": "second"}]
