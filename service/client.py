@@ -204,7 +204,7 @@ class Client:
                 yield response
         except httpx.HTTPError as error:
             raise ServiceAwayError(
-                f"The service at {self._url} does not answer: start it, or give another --url."
+                f"The service at {self._url} does not answer: start it, or check its address."
             ) from error
 
 

@@ -174,7 +174,7 @@ class _Taking:
             shot = new_shot()
             frames = {"no_flash": pair.no_flash, "flash": pair.flash}
             photographs = {frame: _best(one) for frame, one in frames.items()}
-            self._spool.add(shot, photographs, self._options)
+            spooled = self._spool.add(shot, photographs, self._options)
         except drivers.DriverError as error:
             self._camera.close()
             self._fail(str(error))
@@ -185,7 +185,8 @@ class _Taking:
             )
         else:
             waiting = self._spool.count()
-            self._told("spooled", f"{shot}: in the spool", shot=shot, waiting=waiting)
+            facts = {"shot": shot, "sha256": spooled.sha256, "waiting": waiting}
+            self._told("spooled", f"{shot}: in the spool", **facts)
 
     def _fail(self, sentence: str) -> None:
         self.failed += 1
