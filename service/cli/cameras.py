@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from service.cli.shooting import (
+    RECIPE,
     FlashSwitch,
     RecipeFile,
     Settle,
@@ -146,7 +147,7 @@ def _take(
             for kind, data in photographs.files.items():
                 names.append(f"{shot}_{frame}.{ending(kind)}")
                 durable.write(folder / names[-1], data)
-        recipe = f"{shot}_recipe.json"
+        recipe = f"{shot}{RECIPE}"
         made = Recipe.of(pair, camera.connected().info())
         durable.write(folder / recipe, f"{made.model_dump_json(indent=2)}\n".encode())
     durable.flush(output)

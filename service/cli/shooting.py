@@ -18,6 +18,9 @@ from service.cli.options import read_file
 if TYPE_CHECKING:
     import drivers
 
+RECIPE = "_recipe.json"
+"""How the names of recipes end."""
+
 FlashSwitch = Annotated[
     str,
     typer.Option(
