@@ -193,7 +193,9 @@ def simcam(
 
     camera = drivers.serve_simulated(address, host, port)
     print(f"ptp+ip://{camera.address}", flush=True)
-    with contextlib.suppress(KeyboardInterrupt), drivers.announce_simulated(camera):
+    with contextlib.suppress(KeyboardInterrupt), drivers.announce_simulated(camera) as announced:
+        if not announced:
+            say("The network lets it not be announced: give its address to who is to find it.")
         for line in sys.stdin:
             try:
                 camera.order(line)
