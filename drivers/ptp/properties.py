@@ -35,10 +35,10 @@ class Codec:
             if value == name:
                 return number
         if self.unit is not None:
-            number = float(value) / self.unit
-            if not isfinite(number):
+            size = float(value) / self.unit
+            if not isfinite(size):
                 raise ValueError("not finite")
-            return round(number)
+            return round(size)
         return int(str(value), 16)
 
 
