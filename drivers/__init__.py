@@ -32,13 +32,16 @@ from drivers.exif import ExposureFacts
 from drivers.flash import ExternalFlash, Flash, OperatorFlash, PropertyFlash
 from drivers.pair import CapturedPair
 from drivers.registry import (
+    announce_simulated,
     canonical_address,
     check_address,
     list_cameras,
+    listen_to_network,
     open_camera,
     serve_simulated,
     simulated_truth,
 )
+from drivers.returning import ReturningCamera
 from drivers.shot import Shot
 from drivers.truth import SimulatedTruth
 
@@ -67,6 +70,7 @@ __all__ = [
     "PairVerificationError",
     "PropertyFlash",
     "ProtocolError",
+    "ReturningCamera",
     "Setting",
     "SettingError",
     "SettingName",
@@ -75,11 +79,13 @@ __all__ = [
     "SimulatedTruth",
     "StoreFullError",
     "TransferError",
+    "announce_simulated",
     "canonical_address",
     "capture_pair",
     "check_address",
     "check_settings",
     "list_cameras",
+    "listen_to_network",
     "open_camera",
     "serve_simulated",
     "simulated_truth",

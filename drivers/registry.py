@@ -9,6 +9,7 @@ gphoto2      drivers.gphoto.backend, any camera that libgphoto2 knows: gphoto2:/
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from importlib import import_module
 from typing import Protocol, cast
 
@@ -42,6 +43,7 @@ class SimulatedResponder(Protocol):
     """A simulated camera that is served. address: host:port."""
 
     address: str
+    model: str
 
     def order(self, line: str) -> None:
         """Do as "fault NAME" or "flash mode|off|external" says. Raises BadAddressError."""
@@ -85,8 +87,31 @@ def canonical_address(address: str) -> str:
 
 
 def list_cameras() -> list[CameraInfo]:
-    """Every camera that can be opened now, of every backend."""
+    """Every camera that can be opened now, of every backend; looks without waiting.
+
+    Those on the network are among them after listen_to_network.
+    """
     return [info for scheme in _BACKENDS for info in _load(scheme).list_cameras()]
+
+
+def listen_to_network(wait_s: float = 0.0) -> None:
+    """From now on, take notice of cameras that announce themselves (mDNS).
+
+    wait_s: how long those that are there may take to answer, in seconds. Where the network lets
+    nobody listen, nothing is heard.
+    """
+    from drivers.ptp import mdns
+
+    if mdns.listen():
+        SystemClock().sleep(wait_s)
+
+
+def announce_simulated(responder: SimulatedResponder) -> AbstractContextManager[bool]:
+    """Announce a simulated camera that is served (mDNS); gives false where that cannot be."""
+    from drivers.ptp import mdns
+
+    host, _, port = responder.address.rpartition(":")
+    return mdns.announced(host, int(port), responder.model)
 
 
 def serve_simulated(address: str, host: str, port: int) -> SimulatedResponder:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import contextlib
 import re
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, BinaryIO, Self
 
 import httpx
 
@@ -17,6 +18,10 @@ from pipeline.options import Options
 
 _POLL_SECONDS = 0.3
 _TIMEOUT_SECONDS = 60.0
+_PIECE_BYTES = 1 << 16
+_TUS = {"Tus-Resumable": "1.0.0"}
+_GONE = (404, 410)
+_ABOUT_WHAT_WAS_SENT = (400, 413, 415, 422)  # not about the key, the address or the moment
 
 Job = dict[str, Any]
 
@@ -24,9 +29,18 @@ Job = dict[str, Any]
 class ServiceAwayError(Exception):
     """The service does not answer, or failed through no fault of the request."""
 
+    status: int | None = None
+
 
 class RefusedError(Exception):
-    """The service refused the request, or the job failed for what was sent."""
+    """The service refused the request, or the job failed for what was sent.
+
+    status: of HTTP, None where a job failed. final: whether what was sent will never pass, with
+    whichever key and whenever it is sent again.
+    """
+
+    status: int | None = None
+    final = False
 
 
 class Client:
@@ -77,6 +91,63 @@ class Client:
         """Have the camera at an address take the pair; the job."""
         wanted = options.model_dump(mode="json", exclude_defaults=True)
         return self._json("POST", "/jobs", json={"capture": {"camera": camera}, "options": wanted})
+
+    def create_upload(self, size: int) -> str:
+        """Begin to send a file of so many bytes piece by piece; the id of the upload."""
+        headers = {**_TUS, "Upload-Length": str(size)}
+        with self._request("POST", "/uploads", headers=headers) as response:
+            upload_id = response.headers.get("location", "").rpartition("/")[2]
+        if not re.fullmatch(r"[\w-]+", upload_id):
+            raise _stranger(response)
+        return str(upload_id)
+
+    def upload_offset(self, upload_id: str) -> int | None:
+        """Ask at which byte an upload goes on; None where it is gone, into a job or for good."""
+        try:
+            with self._request("HEAD", f"/uploads/{upload_id}", headers=_TUS) as response:
+                return int(response.headers["upload-offset"])
+        except (RefusedError, ServiceAwayError) as error:
+            if error.status in _GONE:
+                return None
+            raise
+        except (KeyError, ValueError) as error:
+            raise _stranger(response) from error
+
+    def append_to_upload(self, upload_id: str, file: BinaryIO, offset: int, size: int) -> None:
+        """Send a file from a byte to its end, size; what has come stays where this breaks off."""
+        file.seek(offset)
+        headers = {
+            **_TUS,
+            "Upload-Offset": str(offset),
+            "Content-Type": "application/offset+octet-stream",
+            "Content-Length": str(size - offset),
+        }
+        pieces = iter(partial(file.read, _PIECE_BYTES), b"")
+        # a body that is read once cannot be sent on to elsewhere
+        arguments = {"headers": headers, "content": pieces, "follow_redirects": False}
+        with self._request("PATCH", f"/uploads/{upload_id}", **arguments) as response:
+            if response.status_code != 204:
+                raise _stranger(response)
+
+    def submit_uploads(
+        self, uploads: Mapping[str, str], options: Mapping[str, Any], idempotency_key: str
+    ) -> Job:
+        """Make a job of finished uploads, by frame; the same key gives the same job again."""
+        body = {"uploads": dict(uploads), "options": dict(options)}
+        headers = {"Idempotency-Key": idempotency_key}
+        with self._request("POST", "/jobs", json=body, headers=headers) as response:
+            response.read()
+            try:
+                job: Job = response.json()
+                if (
+                    response.status_code == 202
+                    and job["id"]
+                    and all(job["inputs"][frame]["sha256"] for frame in uploads)
+                ):
+                    return job
+            except (ValueError, KeyError, TypeError):
+                pass
+            raise _stranger(response)
 
     def wait(
         self,
@@ -129,23 +200,36 @@ class Client:
             with self._http.stream(method, path, **arguments) as response:
                 if response.is_error:
                     response.read()
-                    raise _failure(_problem(response))
+                    raise _failure(_problem(response), response.status_code)
                 yield response
         except httpx.HTTPError as error:
             raise ServiceAwayError(
-                f"The service at {self._url} does not answer: start it, or give another --url."
+                f"The service at {self._url} does not answer: start it, or check its address."
             ) from error
 
 
 def _problem(response: httpx.Response) -> dict[str, Any]:
     try:
         problem: dict[str, Any] = response.json()
-        return {"status": problem["status"], "detail": problem["detail"]}
+        known = {name: problem[name] for name in ("status", "detail")}
+        return known | {"type": problem.get("type"), "retryable": problem.get("retryable")}
     except (ValueError, KeyError, TypeError):
-        detail = f"What answers is no lightlayers service (status {response.status_code})."
-        return {"status": 500, "detail": detail}
+        return {"status": 500, "detail": str(_stranger(response))}
 
 
-def _failure(problem: dict[str, Any]) -> Exception:
-    kind = RefusedError if problem["status"] < 500 else ServiceAwayError
-    return kind(problem["detail"])
+def _stranger(response: httpx.Response) -> ServiceAwayError:
+    return ServiceAwayError(
+        f"What answers is no lightlayers service (status {response.status_code})."
+    )
+
+
+def _failure(problem: dict[str, Any], status: int | None = None) -> Exception:
+    if problem["status"] >= 500:
+        away = ServiceAwayError(problem["detail"])
+        away.status = status
+        return away
+    refused = RefusedError(problem["detail"])
+    ours = str(problem.get("type")).startswith("urn:lightlayers:problem:")
+    refused.status = status
+    refused.final = ours and status in _ABOUT_WHAT_WAS_SENT and not problem.get("retryable")
+    return refused

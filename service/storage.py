@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import shutil
 from collections.abc import Iterable, Iterator
 from datetime import timedelta
@@ -14,6 +13,8 @@ from urllib.request import url2pathname
 import obstore
 from obstore.exceptions import GenericError
 from obstore.store import LocalStore, ObjectStore, S3Store, from_url
+
+from service import durable
 
 _CHUNK = 1024 * 1024
 
@@ -65,7 +66,7 @@ class Storage:
             paths.update(parent for parent in path.parents if parent.is_relative_to(self._folder))
         try:
             for path in paths:  # a file's name is kept by its folder
-                _flush(path)
+                durable.flush(path)
         except OSError as error:
             raise GenericError("the disk does not keep what was stored") from error
 
@@ -141,11 +142,3 @@ class Storage:
     def check(self) -> None:
         """Ask the store for something. Raises what the store's client raises when it is away."""
         next(iter(obstore.list(self._store, prefix="health", chunk_size=1)), None)
-
-
-def _flush(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -33,6 +33,9 @@ from drivers.ptp.ip_packets import (
 )
 from drivers.ptp.transport import ANSWER_S, DATASET_BYTES, SLOWEST_BYTES_PER_S, Transport
 
+ANNOUNCED: dict[str, CameraInfo] = {}
+"""Cameras on the network by what they call themselves; drivers.ptp.mdns fills it, once asked to."""
+
 _CONNECT_S = 5.0
 _NO_DATA, _DATA_OUT = 1, 2  # data phases of an operation request
 _BLOCK_BYTES = 1 << 16
@@ -217,8 +220,8 @@ def check_address(address: str) -> None:
 
 
 def list_cameras() -> list[CameraInfo]:
-    """List none: a camera on the network is known by its address."""
-    return []
+    """List those that announced themselves, if listening to the network was begun."""
+    return sorted(ANNOUNCED.values(), key=lambda camera: camera.address)
 
 
 def parse(address: str) -> tuple[str, int]:

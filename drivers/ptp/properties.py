@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import isfinite
 
 from drivers.camera import SettingName, SettingValue
 from drivers.ptp.codes import Property
@@ -34,7 +35,10 @@ class Codec:
             if value == name:
                 return number
         if self.unit is not None:
-            return round(float(value) / self.unit)
+            size = float(value) / self.unit
+            if not isfinite(size):
+                raise ValueError("not finite")
+            return round(size)
         return int(str(value), 16)
 
 

@@ -45,7 +45,7 @@ class IpResponder:
 
     def __init__(self, body: Body, host: str = "127.0.0.1", port: int = 0) -> None:
         body.prepare()
-        self.body = body
+        self.body, self.model = body, body.model.model
         self._guid = secrets.token_bytes(GUID_BYTES)
         try:
             self._listener = socket.create_server((host, port))
@@ -92,7 +92,7 @@ class IpResponder:
             stream.send(PacketType.INIT_FAIL, struct.pack("<I", InitFail.BUSY))
             return
         try:
-            number, name = struct.pack("<I", client.number), self.body.model.model
+            number, name = struct.pack("<I", client.number), self.model
             stream.send(PacketType.INIT_COMMAND_ACK, number, Greeting(self._guid, name).encode())
             client.answer_commands()
         finally:

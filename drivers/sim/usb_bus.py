@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import errno
 from collections import deque
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -29,6 +30,13 @@ _SHORT_BYTES = 8192  # of a piece, where everything comes in pieces
 _SLOW_BYTES_PER_S = 4_000_000
 
 
+@dataclass(frozen=True, eq=False)
+class _Plug:
+    """The camera as the bus knows it from one plugging in to the next."""
+
+    address: int
+
+
 class SimulatedBus(usb.backend.IBackend):  # type: ignore[misc]
     """A bus with one camera on it. held: another program has claimed its interface."""
 
@@ -39,16 +47,24 @@ class SimulatedBus(usb.backend.IBackend):  # type: ignore[misc]
         self._responder = Responder(body)
         self._answers: deque[bytes] = deque()  # one per transfer
         self._halted = False
+        self._plug = _Plug(1)
+
+    def replug(self) -> None:
+        """Plug the cable in again: the camera begins anew, at the bus's next address."""
+        self._responder = Responder(self.body)
+        self._answers.clear()
+        self._halted = False
+        self._plug = _Plug(self._plug.address + 1)
 
     def enumerate_devices(self) -> Any:
         """The one device, unless its cable is pulled."""
         if not self._responder.unplugged:
-            yield self
+            yield self._plug
 
     def get_parent(self, _device: Any) -> None:
         """It hangs on no hub."""
 
-    def get_device_descriptor(self, _device: Any) -> Any:
+    def get_device_descriptor(self, device: Any) -> Any:
         """Who made it."""
         return SimpleNamespace(
             bLength=18,
@@ -65,7 +81,7 @@ class SimulatedBus(usb.backend.IBackend):  # type: ignore[misc]
             iProduct=2,
             iSerialNumber=3,
             bNumConfigurations=1,
-            address=1,
+            address=device.address,
             bus=1,
             port_number=1,
             port_numbers=(1,),
@@ -128,7 +144,7 @@ class SimulatedBus(usb.backend.IBackend):  # type: ignore[misc]
 
     def open_device(self, device: Any) -> Any:
         """Give a handle."""
-        self._check_plugged()
+        self._check_plugged(device)
         return device
 
     def close_device(self, _handle: Any) -> None:
@@ -138,9 +154,9 @@ class SimulatedBus(usb.backend.IBackend):  # type: ignore[misc]
     def set_configuration(self, _handle: Any, _value: int) -> None:
         """Take the only configuration."""
 
-    def get_configuration(self, _handle: Any) -> int:
+    def get_configuration(self, handle: Any) -> int:
         """Give the only configuration."""
-        self._check_plugged()
+        self._check_plugged(handle)
         return 1
 
     def claim_interface(self, _handle: Any, _intf: int) -> None:
@@ -159,9 +175,9 @@ class SimulatedBus(usb.backend.IBackend):  # type: ignore[misc]
         """End a stall."""
         self._halted = False
 
-    def bulk_write(self, _handle: Any, _ep: int, _intf: int, data: Any, _timeout: int) -> int:
+    def bulk_write(self, handle: Any, _ep: int, _intf: int, data: Any, _timeout: int) -> int:
         """Take a container from the host."""
-        self._check_plugged()
+        self._check_plugged(handle)
         raw = data.tobytes()
         if raw:
             container = containers.decode(raw)
@@ -183,9 +199,9 @@ class SimulatedBus(usb.backend.IBackend):  # type: ignore[misc]
             pieces += [each[at : at + _SHORT_BYTES] for at in range(12, len(each), _SHORT_BYTES)]
         return [pieces[0], *filter(None, pieces)]
 
-    def bulk_read(self, _handle: Any, _ep: int, _intf: int, buffer: Any, timeout: int) -> int:
+    def bulk_read(self, handle: Any, _ep: int, _intf: int, buffer: Any, timeout: int) -> int:
         """Hand the host what fits of the next transfer."""
-        self._check_plugged()
+        self._check_plugged(handle)
         if self._halted:
             raise usb.core.USBError("Pipe error", errno=errno.EPIPE)
         if not self._answers:
@@ -199,9 +215,9 @@ class SimulatedBus(usb.backend.IBackend):  # type: ignore[misc]
             self._clock.sleep(count / _SLOW_BYTES_PER_S)
         return count
 
-    def intr_read(self, _handle: Any, _ep: int, _intf: int, buffer: Any, timeout: int) -> int:
+    def intr_read(self, handle: Any, _ep: int, _intf: int, buffer: Any, timeout: int) -> int:
         """Hand the host the next event."""
-        self._check_plugged()
+        self._check_plugged(handle)
         raw = self._responder.next_event()
         if raw is None:
             wait = self.body.seconds_to_wait()
@@ -220,7 +236,7 @@ class SimulatedBus(usb.backend.IBackend):  # type: ignore[misc]
 
     def ctrl_transfer(
         self,
-        _handle: Any,
+        handle: Any,
         _type: int,
         request: int,
         value: int,
@@ -229,7 +245,7 @@ class SimulatedBus(usb.backend.IBackend):  # type: ignore[misc]
         _timeout: int,
     ) -> int:
         """Answer requests for strings, and the three of the class."""
-        self._check_plugged()
+        self._check_plugged(handle)
         if request == _GET_DESCRIPTOR and value >> 8 == _STRING:
             raw = self._string(value & 0xFF)[: len(data)]
             memoryview(data)[: len(raw)] = raw
@@ -246,6 +262,6 @@ class SimulatedBus(usb.backend.IBackend):  # type: ignore[misc]
         raw = texts[index].encode("utf-16-le")
         return bytes((len(raw) + 2, _STRING)) + raw
 
-    def _check_plugged(self) -> None:
-        if self._responder.unplugged:
+    def _check_plugged(self, plug: _Plug) -> None:
+        if self._responder.unplugged or plug is not self._plug:
             raise usb.core.USBError("No such device", errno=errno.ENODEV)

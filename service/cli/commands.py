@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import signal
-import sys
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from service.cli import calibrate, jobs, keys, mix
+from service.cli import calibrate, cameras, jobs, keys, mix, tether
 from service.cli.options import (
     Flags,
     Flash,
@@ -29,6 +25,10 @@ app = typer.Typer(
 )
 app.add_typer(calibrate.app, name="calibrate")
 app.command()(mix.mix)
+app.command("cameras")(cameras.list_cameras)
+app.command()(cameras.capture)
+app.command()(tether.tether)
+app.command()(cameras.simcam)
 app.add_typer(keys.app, name="keys")
 app.add_typer(jobs.app, name="jobs")
 
@@ -166,80 +166,3 @@ def report(
     from service.cli.report import write_report
 
     print(write_report(folder, output or folder / "report.html"))
-
-
-@app.command()
-def cameras(as_json: AsJson = False) -> None:
-    """List the cameras that can take a pair."""
-    import drivers
-
-    found = drivers.list_cameras()
-    if as_json:
-        print(json.dumps([asdict(camera) for camera in found], indent=2))
-        return
-    for camera in found:
-        battery = "" if camera.battery_percent is None else f", battery {camera.battery_percent} %"
-        print(f"{camera.address}  {camera.make} {camera.model}{battery}")
-
-
-@app.command()
-def capture(
-    address: Annotated[str, typer.Argument(metavar="ADDRESS", help="Camera, like sim://studio.")],
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of the photographs.")
-    ],
-    flash: Annotated[
-        str,
-        typer.Option(
-            metavar="SWITCH",
-            help='What switches the flash: "property", the camera itself; "operator", somebody who '
-            "is asked here; or a command or URL in which {state} becomes on or off.",
-        ),
-    ] = "property",
-    settle: Annotated[
-        float, typer.Option(min=0, help="Seconds that a flash so told takes to obey.")
-    ] = 1.0,
-    delete: Annotated[
-        bool, typer.Option("--delete", help="Take the photographs off the camera's card.")
-    ] = False,
-    as_json: AsJson = False,
-) -> None:
-    """Have a camera take a pair, and save both photographs."""
-    import drivers
-    from service.cli.flash import flash_switch
-    from service.cli.folder import new_results
-
-    names = []
-    with new_results(output) as folder:
-        with drivers.open_camera(address) as camera:
-            switch = flash_switch(flash, settle)
-            pair = drivers.capture_pair(camera, flash=switch, keep=not delete)
-        for frame, shot in {"no_flash": pair.no_flash, "flash": pair.flash}.items():
-            for kind, data in shot.files.items():
-                names.append(f"{frame}.{'jpg' if kind == 'jpeg' else kind}")
-                (folder / names[-1]).write_bytes(data)
-    paths = [str(output / name) for name in names]
-    print(json.dumps({"files": paths}, indent=2) if as_json else "\n".join(paths))
-
-
-@app.command()
-def simcam(
-    address: Annotated[
-        str, typer.Argument(metavar="ADDRESS", help="Which simulated camera.")
-    ] = "sim://studio",
-    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="Port to listen on; 0 takes any.")] = 15740,
-) -> None:
-    """Serve a simulated camera by PTP/IP; lines like "fault busy" on stdin make it go wrong."""
-    import drivers
-
-    camera = drivers.serve_simulated(address, host, port)
-    print(f"ptp+ip://{camera.address}", flush=True)
-    with contextlib.suppress(KeyboardInterrupt):
-        for line in sys.stdin:
-            try:
-                camera.order(line)
-            except drivers.BadAddressError as error:
-                print(error, file=sys.stderr)
-        signal.pause()  # stdin is at its end: it serves until it is stopped
-    camera.close()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from pipeline.progress import Progress
 from service.cli.display import stage_bar
 from service.cli.folder import new_results
 from service.cli.options import read_file
+from service.cli.shooting import RECIPE
 
 REFUSED = 2
 """Exit code when a pair could not be separated."""
@@ -55,7 +56,11 @@ def separate_folder(folder: Path, output: Path, options: Options, as_json: bool)
 
 def _pairs_of(folder: Path) -> Pairs:
     try:
-        files = sorted(path for path in folder.iterdir() if path.is_file())
+        files = sorted(
+            path
+            for path in folder.iterdir()
+            if path.is_file() and not path.name.endswith(RECIPE)  # beside a captured pair
+        )
     except NotADirectoryError as error:
         raise InputError(
             f"{folder} is one photograph: name the one with the flash, too, or a folder of pairs."
@@ -77,9 +82,18 @@ def _pairs_of(folder: Path) -> Pairs:
             jpegs.add(path.name)
     stems = {Path(name).stem for name in shots if name not in jpegs}
     twins = {name for name in jpegs if Path(name).stem in stems}
-    found = find_pairs({name: shot for name, shot in shots.items() if name not in twins})
+    named = _pairs_by_name(name for name in shots if name not in twins)
+    rest = shots.keys() - twins - {name for pair in named for name in pair}
+    found = find_pairs({name: shots[name] for name in shots if name in rest})
     beside = dict.fromkeys(twins, "another file of this name holds more of the photograph")
-    return Pairs(found.found, dict(sorted((found.left | beside | unreadable).items())))
+    return Pairs(named + found.found, dict(sorted((found.left | beside | unreadable).items())))
+
+
+def _pairs_by_name(names: Iterable[str]) -> list[tuple[str, str]]:
+    """Find what `lightlayers capture` took; in a burst, times do not tell what belongs together."""
+    known = set(names)
+    pairs = [(name, name.replace("_no_flash.", "_flash.")) for name in sorted(known)]
+    return [(first, second) for first, second in pairs if first != second and second in known]
 
 
 def _no_pair(folder: Path, pairs: Pairs) -> str:

@@ -13,6 +13,7 @@ class Relay:
     def __init__(self, target: int) -> None:
         self._target = target
         self._up = True
+        self._left: int | None = None
         self._lock = threading.Lock()
         self._sockets: set[socket.socket] = set()
         self._server = socket.create_server(("127.0.0.1", 0))
@@ -26,6 +27,10 @@ class Relay:
             sockets, self._sockets = self._sockets, set()
         for one in sockets:
             _break(one)
+
+    def cut_after(self, count: int) -> None:
+        """Break all connections once so many bytes more have passed."""
+        self._left = count
 
     def mend(self) -> None:
         """Let connections pass again."""
@@ -57,6 +62,11 @@ class Relay:
         with contextlib.suppress(OSError):
             while data := source.recv(65536):
                 target.sendall(data)
+                if self._left is not None and (left := self._left - len(data)) <= 0:
+                    self._left = None
+                    self.cut()
+                elif self._left is not None:
+                    self._left = left
         with self._lock:
             self._sockets -= {source, target}
         _break(source)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
@@ -15,7 +16,7 @@ from drivers.errors import (
 from drivers.ptp.camera import PtpCamera
 from drivers.ptp.codes import ContainerType, EventCode, Operation, Property
 from drivers.ptp.containers import Container
-from drivers.ptp.datasets import DeviceInfo, StorageInfo
+from drivers.ptp.datasets import DeviceInfo, Form, PropertyDescription, StorageInfo
 from drivers.ptp.transport import DATASET_BYTES
 from drivers.ptp.wire import uint, uints
 from drivers.sim.address import SimulatedCamera
@@ -119,6 +120,18 @@ def test_values_that_the_camera_lacks_are_refused(
     with pytest.raises(SettingError, match=sentence):
         camera.write(name, value)
     assert camera.settings() == before
+
+
+@pytest.mark.parametrize("value", [-5, 1 << 16])
+def test_numbers_that_no_property_holds_are_refused_where_nothing_is_offered(
+    clock: Clock, value: int
+) -> None:
+    def unlisted(data: bytes) -> bytes:
+        return replace(PropertyDescription.decode(data), form=Form.NONE, values=()).encode()
+
+    camera = opened(clock, {Operation.GET_DEVICE_PROP_DESC: unlisted})
+    with pytest.raises(SettingError, match=f"{value} is not a value that iso can have"):
+        camera.write(SettingName.ISO, value)
 
 
 def test_a_setting_that_reads_back_otherwise_is_an_error(clock: Clock) -> None:

@@ -44,8 +44,10 @@ def test_every_setting_has_a_property_of_its_own() -> None:
         (SettingName.FLASH, "sometimes"),
         (SettingName.ISO, "high"),
         (SettingName.PROGRAM, ""),
+        (SettingName.ISO, "inf"),
+        (SettingName.SHUTTER_S, float("nan")),
     ],
 )
 def test_values_that_do_not_exist_are_refused(name: SettingName, value: SettingValue) -> None:
-    with pytest.raises(ValueError, match=r"could not convert|invalid literal"):
+    with pytest.raises(ValueError, match=r"could not convert|invalid literal|not finite"):
         CODECS[name].encode(value)

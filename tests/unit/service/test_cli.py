@@ -1,12 +1,10 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 
-import drivers
 from pipeline import process
 from pipeline.errors import UnusablePairError
 from service.cli import run
@@ -117,15 +115,6 @@ def test_a_setting_that_cannot_be_used_is_told(
     assert "job_seconds" in _refused(capsys, "worker")
 
 
-def test_a_camera_that_fails_is_no_bad_input(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    address = "sim://studio?width=64&height=64&fault=store_full"
-    said = _refused(capsys, "capture", address, "-o", str(tmp_path / "out"), code=1)
-    assert "memory card is full" in said
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_service_that_is_not_there_is_told(
     pair: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -169,37 +158,6 @@ def test_a_pair_without_light_is_bad_input(
     monkeypatch.setattr(process, "separate_files", dark)
     said = _refused(capsys, "separate", *pair, "-o", str(tmp_path / "out"))
     assert said == "The pair is black.\n"
-
-
-def test_a_capture_saves_both_photographs(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "out"
-    address = "sim://studio?width=64&height=64&format=both"
-    assert run(["capture", address, "-o", str(out)]) == 0
-    names = ["flash.dng", "flash.jpg", "no_flash.dng", "no_flash.jpg"]
-    assert sorted(path.name for path in out.iterdir()) == names
-    assert sorted(capsys.readouterr().out.split()) == [str(out / name) for name in names]
-    assert (out / "flash.jpg").read_bytes()[:3] == b"\xff\xd8\xff"
-    assert (out / "flash.dng").read_bytes() != (out / "no_flash.dng").read_bytes()
-
-
-def test_cameras_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["cameras"]) == 0
-    (camera,) = drivers.list_cameras()
-    line = capsys.readouterr().out
-    assert line.startswith(f"sim://studio  {camera.make} {camera.model}")
-    assert run(["cameras", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == [asdict(camera)]
-
-
-def test_a_capture_tells_programs_where_the_files_are(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    address = "sim://studio?width=64&height=64"
-    assert run(["capture", address, "-o", str(tmp_path / "out"), "--json"]) == 0
-    files = [str(tmp_path / "out" / name) for name in ("no_flash.dng", "flash.dng")]
-    assert json.loads(capsys.readouterr().out) == {"files": files}
 
 
 def test_the_shell_completes_commands(

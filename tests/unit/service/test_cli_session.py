@@ -161,3 +161,26 @@ def test_one_photograph_alone_is_no_pair(
 ) -> None:
     assert run(["separate", pair[0], "-o", str(tmp_path / "out")]) == 2
     assert "is one photograph: name the one with the flash, too" in capsys.readouterr().err
+
+
+def test_captured_pairs_belong_together_by_name_however_close_a_burst_was(
+    photograph: Photograph,
+    separated: list[tuple[bool, bool]],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for second, shot in ((0, "20240501T120000-000Z"), (3, "20240501T120003-000Z")):
+        photograph(f"{shot}_no_flash.jpg", second, False)
+        photograph(f"{shot}_flash.jpg", second + 2, True)
+        (tmp_path / "session" / f"{shot}_recipe.json").write_text("{}")
+    photograph("other.jpg", 6, False)
+    photograph("another.jpg", 7, True)
+    _separate(tmp_path, "--json")
+    told = json.loads(capsys.readouterr().out)
+    assert [(pair["no_flash"], pair["flash"]) for pair in told["pairs"]] == [
+        ("20240501T120000-000Z_no_flash.jpg", "20240501T120000-000Z_flash.jpg"),
+        ("20240501T120003-000Z_no_flash.jpg", "20240501T120003-000Z_flash.jpg"),
+        ("other.jpg", "another.jpg"),
+    ]
+    assert told["left"] == {}
+    assert separated == [(True, True)] * 3

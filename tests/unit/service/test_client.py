@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import io
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -167,13 +168,84 @@ def test_another_server_is_recognised(body: bytes) -> None:
         client.check_ready()
 
 
+def test_a_file_goes_up_in_pieces_and_becomes_a_job(
+    client: Client, png: Png, context: Context
+) -> None:
+    photographs = {"no_flash": png(64, 48), "flash": png(64, 48, True)}
+    uploads = {}
+    for frame, data in photographs.items():
+        uploads[frame] = client.create_upload(len(data))
+        assert client.upload_offset(uploads[frame]) == 0
+        client.append_to_upload(uploads[frame], io.BytesIO(data[:100]), 0, 100)
+        assert client.upload_offset(uploads[frame]) == 100
+        client.append_to_upload(uploads[frame], io.BytesIO(data), 100, len(data))
+    job = client.submit_uploads(uploads, {"lights": 2}, "once")
+    assert job["options"] == {"lights": 2}
+    assert context.storage.get(f"jobs/{job['id']}/inputs/flash") == photographs["flash"]
+    assert client.upload_offset(uploads["flash"]) is None
+    assert client.submit_uploads(uploads, {"lights": 2}, "once")["id"] == job["id"]
+
+
+def test_a_refusal_says_whether_it_is_for_good(client: Client) -> None:
+    with pytest.raises(RefusedError) as refused:
+        client.submit_uploads({"no_flash": "0", "flash": "1"}, {}, "once")
+    assert (refused.value.status, refused.value.final) == (422, True)
+    with pytest.raises(RefusedError, match="Upload-Length") as refused:
+        client.create_upload(-1)
+    assert (refused.value.status, refused.value.final) == (400, True)
+    upload = client.create_upload(5)
+    with pytest.raises(RefusedError, match="goes on at byte 0") as refused:
+        client.append_to_upload(upload, io.BytesIO(b"light"), 3, 5)
+    assert (refused.value.status, refused.value.final) == (409, False)
+    with pytest.raises(RefusedError, match="have come") as refused:
+        client.submit_uploads({"no_flash": upload, "flash": upload}, {}, "once")
+    assert (refused.value.status, refused.value.final) == (409, False)
+
+
+@pytest.mark.parametrize("status", [400, 401, 404, 422])
+def test_the_refusal_of_another_server_is_not_for_good(status: int) -> None:
+    body = b'{"status": 422, "detail": "No.", "type": "about:blank"}'
+    with _server(status, body) as url, Client(url) as client:
+        with pytest.raises(RefusedError) as refused:
+            client.submit_uploads({}, {}, "once")
+        assert (refused.value.status, refused.value.final) == (status, False)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [b"<html>", b"[]", b'{"id": "x"}', b'{"id": "x", "inputs": {"flash": null}}'],
+)
+@pytest.mark.parametrize("status", [200, 202])
+def test_an_answer_of_another_server_is_no_receipt(status: int, body: bytes) -> None:
+    with _server(status, body) as url, Client(url) as client:
+        for use in (
+            lambda: client.submit_uploads({"flash": "1"}, {}, "once"),
+            lambda: client.create_upload(5),
+            lambda: client.upload_offset("1"),
+            lambda: client.append_to_upload("1", io.BytesIO(b"light"), 0, 5),
+        ):
+            with pytest.raises(ServiceAwayError, match=rf"no lightlayers .*\(status {status}\)"):
+                use()
+
+
 @contextmanager
 def _server(status: int, body: bytes) -> Iterator[str]:
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
+            self.rfile.read(int(self.headers.get("content-length", 0)))
             self.send_response(status)
             self.end_headers()
-            self.wfile.write(body)
+            if self.command != "HEAD":
+                self.wfile.write(body)
+
+        def do_POST(self) -> None:
+            self.do_GET()
+
+        def do_PATCH(self) -> None:
+            self.do_GET()
+
+        def do_HEAD(self) -> None:
+            self.do_GET()
 
         def log_message(self, format: str, *arguments: object) -> None:
             """Stay quiet."""

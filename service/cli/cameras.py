@@ -1,0 +1,205 @@
+"""The commands of cameras: what there is, take pairs, and the simulated one."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import signal
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from service.cli.shooting import (
+    RECIPE,
+    FlashSwitch,
+    RecipeFile,
+    Settle,
+    SetValues,
+    ending,
+    new_shot,
+    paced,
+    say,
+    wanted_settings,
+)
+
+if TYPE_CHECKING:
+    import drivers
+
+_HEAR_S = 1.5
+"""How long cameras on the network may take to answer."""
+
+_REPEATS = 3
+"""How often a pair is begun where the camera goes away in the middle."""
+
+
+def list_cameras(
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")] = False,
+) -> None:
+    """List the cameras that can take a pair.
+
+    On the network these are the ones that announce themselves (mDNS), and those that
+    LIGHTLAYERS_CAMERAS names.
+    """
+    import drivers
+    from service.settings import Settings
+
+    named = [each for each in Settings().cameras.split() if _is_host(each)]
+    drivers.listen_to_network(_HEAR_S)
+    found = drivers.list_cameras()
+    for address in named:
+        if address not in [camera.address for camera in found]:
+            try:
+                with drivers.open_camera(address) as camera:
+                    found.append(camera.info())
+            except drivers.DriverError as error:
+                say(str(error))
+    if as_json:
+        print(json.dumps([asdict(camera) for camera in found], indent=2))
+        return
+    for info in found:
+        battery = "" if info.battery_percent is None else f", battery {info.battery_percent} %"
+        print(f"{info.address}  {f'{info.make} {info.model}'.strip()}{battery}")
+
+
+def _is_host(address: str) -> bool:
+    """Whether an address of LIGHTLAYERS_CAMERAS is that of one camera on the network."""
+    import drivers
+
+    if not address.startswith("ptp+ip://"):
+        return False
+    try:
+        drivers.check_address(address)
+    except drivers.DriverError:
+        return False
+    return True
+
+
+def capture(
+    address: Annotated[str, typer.Argument(metavar="ADDRESS", help="Camera, like sim://studio.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of the photographs.")
+    ],
+    flash: FlashSwitch = "property",
+    settle: Settle = 1.0,
+    settings: SetValues = None,
+    recipe: RecipeFile = None,
+    pairs: Annotated[int, typer.Option(min=1, help="How many pairs.")] = 1,
+    interval: Annotated[
+        float, typer.Option(min=0, help="Seconds from the beginning of a pair to the next.")
+    ] = 0.0,
+    wait: Annotated[
+        float,
+        typer.Option(
+            min=0,
+            help="Seconds to wait for a camera that is not there; a pair in which it goes away is "
+            "taken anew once it is back.",
+        ),
+    ] = 0.0,
+    delete: Annotated[
+        bool,
+        typer.Option("--delete", help="Take the photographs off the camera's card once saved."),
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")] = False,
+) -> None:
+    """Have a camera take pairs, and save all of their photographs.
+
+    The files of a pair begin with its time, and beside them is its recipe, the settings, for
+    --recipe.
+    """
+    import drivers
+    from service.cli.flash import flash_switch
+
+    wanted = wanted_settings(settings, recipe)
+    switch = flash_switch(flash, settle)
+    saved: list[dict[str, Any]] = []
+    try:
+        with contextlib.closing(drivers.ReturningCamera(address, say)) as camera:
+            for _ in paced(pairs, interval):
+                saved.append(_take(camera, wait, output, switch, wanted, delete))
+                if not as_json:
+                    print(*saved[-1]["files"], sep="\n", flush=True)
+    finally:
+        if as_json and saved:
+            print(json.dumps({"pairs": saved}, indent=2))
+
+
+def _take(
+    camera: drivers.ReturningCamera,
+    wait_s: float,
+    output: Path,
+    switch: drivers.Flash,
+    wanted: dict[drivers.SettingName, drivers.SettingValue],
+    delete: bool,
+) -> dict[str, Any]:
+    """Take and save one pair; its name and its files."""
+    from service import durable
+    from service.cli.folder import new_results
+    from service.recipe import Recipe
+
+    with new_results(output) as folder:
+        pair = _capture(camera, wait_s, switch, wanted)
+        shot = new_shot()
+        names = []
+        for frame, photographs in {"no_flash": pair.no_flash, "flash": pair.flash}.items():
+            for kind, data in photographs.files.items():
+                names.append(f"{shot}_{frame}.{ending(kind)}")
+                durable.write(folder / names[-1], data)
+        recipe = f"{shot}{RECIPE}"
+        made = Recipe.of(pair, camera.connected().info())
+        durable.write(folder / recipe, f"{made.model_dump_json(indent=2)}\n".encode())
+    durable.flush(output)
+    if delete:  # the card's copy goes only now that there is another
+        for photographs in (pair.no_flash, pair.flash):
+            for handle in photographs.handles:
+                camera.connected().delete(handle)
+    paths = [str(output / name) for name in names]
+    return {"shot": shot, "files": paths, "recipe": str(output / recipe)}
+
+
+def _capture(
+    camera: drivers.ReturningCamera,
+    wait_s: float,
+    switch: drivers.Flash,
+    wanted: dict[drivers.SettingName, drivers.SettingValue],
+) -> drivers.CapturedPair:
+    import drivers
+
+    for left in reversed(range(_REPEATS)):
+        try:
+            return drivers.capture_pair(camera.connected(wait_s), flash=switch, settings=wanted)
+        except (drivers.CameraDisconnectedError, drivers.CameraTimeoutError) as error:
+            camera.close()
+            if not wait_s or not left:
+                raise
+            say(f"{error} The whole pair is taken anew.")
+    raise AssertionError
+
+
+def simcam(
+    address: Annotated[
+        str, typer.Argument(metavar="ADDRESS", help="Which simulated camera.")
+    ] = "sim://studio",
+    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="Port to listen on; 0 takes any.")] = 15740,
+) -> None:
+    """Serve a simulated camera by PTP/IP; lines like "fault busy" on stdin make it go wrong.
+
+    It announces itself on the network of its host (mDNS).
+    """
+    import drivers
+
+    camera = drivers.serve_simulated(address, host, port)
+    print(f"ptp+ip://{camera.address}", flush=True)
+    with contextlib.suppress(KeyboardInterrupt), drivers.announce_simulated(camera) as announced:
+        if not announced:
+            say("The network lets it not be announced: give its address to who is to find it.")
+        for line in sys.stdin:
+            try:
+                camera.order(line)
+            except drivers.BadAddressError as error:
+                print(error, file=sys.stderr)
+        signal.pause()  # stdin is at its end: it serves until it is stopped
+    camera.close()

@@ -1,0 +1,279 @@
+from __future__ import annotations
+
+import io
+import json
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from drivers.ptp import usb as driver
+from service import keys, sender
+from service.api.context import Context
+from service.cli import run
+from service.spool import Spool
+from tests.unit.service.usb_bus import ADDRESS, Bus
+
+AWAY = "http://127.0.0.1:9"
+
+
+@pytest.fixture(autouse=True)
+def bus(monkeypatch: pytest.MonkeyPatch) -> Bus:
+    bus = Bus(away_for=3)
+    monkeypatch.setattr(driver, "_libusb", lambda: bus)
+    monkeypatch.setattr(sender, "PAUSES_S", (0.01,))
+    return bus
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return tmp_path / "spool"
+
+
+@pytest.fixture
+def tether(folder: Path, http: httpx.Client, monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
+    """Run the command with these lines on its stdin."""
+
+    def run_it(*arguments: str, lines: str = "", server: str = str(http.base_url)) -> int:
+        monkeypatch.setattr("sys.stdin", io.StringIO(lines))
+        where = ["--server", server, "--camera", ADDRESS, "--spool", str(folder)]
+        return run(["tether", *where, *arguments])
+
+    return run_it
+
+
+@pytest.fixture
+def waiting(folder: Path) -> Callable[[], int]:
+    """Count what is left in the spool."""
+
+    def count() -> int:
+        spool = Spool(folder)
+        found = spool.count()
+        spool.close()
+        return found
+
+    return count
+
+
+def told(capsys: pytest.CaptureFixture[str]) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+
+
+def jobs_of(http: httpx.Client) -> list[dict[str, Any]]:
+    """Every job, the oldest first."""
+    found: list[dict[str, Any]] = http.get("/jobs").raise_for_status().json()["jobs"]
+    return found[::-1]
+
+
+def test_each_press_of_enter_sends_a_pair(
+    tether: Callable[..., int],
+    http: httpx.Client,
+    waiting: Callable[[], int],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "options.json").write_text('{"lights": 2}')
+    options = ("--options", str(tmp_path / "options.json"), "--set", "iso=200")
+    assert tether(*options, lines="\n\n") == 0
+    found = jobs_of(http)
+    assert [job["options"] for job in found] == [{"lights": 2}] * 2
+    said = capsys.readouterr()
+    assert [line.partition(": ")[2] for line in said.out.splitlines() if "job" in line] == [
+        f"job {job['id']}" for job in found
+    ]
+    assert said.err.count("Press Enter to take a pair.") == 3
+    assert waiting() == 0
+
+
+def test_programs_are_told_in_lines_of_json(
+    tether: Callable[..., int], http: httpx.Client, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert tether("--pairs", "2", "--interval", "0", "--json") == 0
+    events = told(capsys)
+    jobs = jobs_of(http)
+    spooled = [event for event in events if event["event"] == "spooled"]
+    sent = [event for event in events if event["event"] == "sent"]
+    assert [event["shot"] for event in spooled] == [event["shot"] for event in sent]
+    assert [event["job"] for event in sent] == [job["id"] for job in jobs]
+    assert [event["sha256"] for event in spooled] == [
+        {frame: file["sha256"] for frame, file in job["inputs"].items()} for job in jobs
+    ]
+
+
+def test_it_captures_while_the_service_is_away_and_the_next_start_sends(
+    tether: Callable[..., int],
+    http: httpx.Client,
+    waiting: Callable[[], int],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def interrupted(_sender: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(sender.Sender, "finish", interrupted)
+        assert tether("--pairs", "3", "--interval", "0", "--json", server=AWAY) == 130
+    events = told(capsys)
+    assert [event["event"] for event in events].count("spooled") == 3
+    assert [event["event"] for event in events].count("held") == 1
+    assert events[-1]["detail"] == "Pairs in the spool, which the next start sends: 3."
+    assert (waiting(), jobs_of(http)) == (3, [])
+    assert tether("--pairs", "0", "--json") == 0
+    sent = [event["shot"] for event in told(capsys)]
+    assert sent == [event["shot"] for event in events if event["event"] == "spooled"]
+    assert (waiting(), len(jobs_of(http))) == (0, 3)
+
+
+def test_unplugged_in_a_transfer_the_press_fails_and_the_next_works_without_a_restart(
+    tether: Callable[..., int],
+    http: httpx.Client,
+    bus: Bus,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    bus.body.fault = "unplug"
+    assert tether("--json", lines="\n\n") == 1
+    events = told(capsys)
+    assert [event["event"] for event in events] == [
+        *("ready", "failed", "camera", "camera", "ready", "spooled"),
+        *[event["event"] for event in events[6:]],
+    ]
+    assert sorted(event["event"] for event in events[6:]) == ["ready", "sent"]
+    assert "plug it in again" in events[1]["detail"]
+    assert events[2]["detail"].endswith("It is waited for.")
+    assert events[3]["detail"] == "The camera is there."
+    assert bus.address == 2
+    assert len(jobs_of(http)) == 1
+
+
+def test_at_intervals_it_goes_on_once_the_camera_is_back(
+    tether: Callable[..., int], http: httpx.Client, bus: Bus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("service.cli.tether._PAUSE_S", 0.01)
+    bus.body.fault = "unplug"
+    assert tether("--interval", "0", "--pairs", "3") == 1  # one of them has failed
+    assert len(jobs_of(http)) == 2
+
+
+def test_a_disk_without_room_is_told_and_the_card_has_the_pair(
+    tether: Callable[..., int],
+    bus: Bus,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Spool, "add", full)
+    assert tether(lines="\n") == 1
+    said = capsys.readouterr().err
+    assert "cannot be written: no space left on device. The pair is on the camera's card" in said
+    assert len(bus.body.objects) == 3  # with the folder
+
+
+def test_a_pair_that_the_service_refuses_for_good_ends_as_a_failure(
+    tether: Callable[..., int],
+    http: httpx.Client,
+    folder: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "options.json").write_text('{"flash_spectrum": {"calibration": "nothing"}}')
+    assert tether("--options", str(tmp_path / "options.json"), lines="\n") == 1
+    said = capsys.readouterr().err
+    assert "there is no calibration 'nothing'" in said
+    (aside,) = (folder / "aside").iterdir()
+    assert f"put aside in {aside}" in said
+    assert jobs_of(http) == []
+
+
+class TestKeys:
+    """A service that wants a key; it comes from the environment or a file, and stays hidden."""
+
+    def test_a_key_that_may_submit_is_enough(
+        self,
+        tether: Callable[..., int],
+        context: Context,
+        monkeypatch: pytest.MonkeyPatch,
+        capsys: pytest.CaptureFixture[str],
+    ) -> None:
+        with context.engine.begin() as connection:
+            key = keys.create(connection, "agent", {keys.Scope.SUBMIT}, keys.Quotas(), None)
+        monkeypatch.setenv("LIGHTLAYERS_KEY", key)
+        assert tether(lines="\n") == 0
+        said = capsys.readouterr()
+        assert key.rpartition("_")[2] not in said.out + said.err
+
+    def test_without_one_all_pairs_wait(
+        self,
+        tether: Callable[..., int],
+        context: Context,
+        waiting: Callable[[], int],
+        monkeypatch: pytest.MonkeyPatch,
+        capsys: pytest.CaptureFixture[str],
+    ) -> None:
+        with context.engine.begin() as connection:
+            keys.create(connection, "somebody", {keys.Scope.SUBMIT}, keys.Quotas(), None)
+        held = threading.Event()
+        hold_up = sender.Sender._hold_up
+
+        def noted(own: sender.Sender, reason: str) -> None:
+            hold_up(own, reason)
+            held.set()
+
+        def interrupted(_own: sender.Sender) -> None:
+            assert held.wait(60)
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(sender.Sender, "_hold_up", noted)
+        monkeypatch.setattr(sender.Sender, "finish", interrupted)
+        assert tether(lines="\n") == 130
+        assert "This service needs a key" in capsys.readouterr().err
+        assert waiting() == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--server", "photos"], "http://"),
+        (["--camera", "ptp+usb://a b"], "ptp+usb://"),
+        (["--camera", "sim://garden"], "sim://studio"),
+        (["--options", "nothing.json"], "nothing.json cannot be read"),
+        (["--options", __file__], "no JSON"),
+        (["--interval", "-1"], "--interval"),
+        (["--pairs", "-1"], "--pairs"),
+        (["--set", "iso=auto"], "a fixed iso"),
+        (["--key-file", "nothing.key"], "nothing.key cannot be read"),
+        (["--key", "ll_abc"], "No such option"),
+    ],
+)
+def test_what_cannot_be_used_is_one_sentence(
+    tether: Callable[..., int],
+    arguments: list[str],
+    words: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert tether(*arguments) == 2
+    said = capsys.readouterr().err
+    assert words in said
+    assert len(said.splitlines()) == 1
+
+
+@pytest.mark.parametrize("text", ['{"lights": 7}', '{"colour": 1}', "[]", "3"])
+def test_options_that_no_job_can_have_are_told_before_a_pair_is_taken(
+    tether: Callable[..., int], text: str, tmp_path: Path, bus: Bus
+) -> None:
+    (tmp_path / "options.json").write_text(text)
+    assert tether("--options", str(tmp_path / "options.json"), lines="\n") == 2
+    assert len(bus.body.objects) == 1
+
+
+def test_a_spool_in_use_is_told(
+    tether: Callable[..., int], folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spool = Spool(folder)
+    assert tether(lines="\n") == 2
+    assert "in use by another agent" in capsys.readouterr().err
+    spool.close()

@@ -1,0 +1,29 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from service import durable
+
+
+def test_a_new_file_is_written_whole(tmp_path: Path) -> None:
+    durable.write(tmp_path / "a", b"light")
+    durable.flush(tmp_path)
+    assert (tmp_path / "a").read_bytes() == b"light"
+    with pytest.raises(FileExistsError):
+        durable.write(tmp_path / "a", b"other")
+    assert (tmp_path / "a").read_bytes() == b"light"
+
+
+def test_a_file_is_replaced_at_once(tmp_path: Path) -> None:
+    (tmp_path / ".a.new").write_bytes(b"left by a crash")
+    for data in (b"first", b"second"):
+        durable.replace(tmp_path / "a", data)
+        assert (tmp_path / "a").read_bytes() == data
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
+def test_what_is_not_there_is_not_flushed(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        durable.flush(tmp_path / "a")
