@@ -373,7 +373,7 @@ def test_a_size_that_is_not_true_is_an_error(clock: Clock, size: int, complaint:
         ([{"jpeg": FLASH}, {"jpeg": NO_FLASH}], "flash fired in the photograph"),
         ([{"jpeg": NO_FLASH}, {"jpeg": photograph(9, iso=200)}], r"differ in ISO \(100 and 200\)"),
         ([{"jpeg": NO_FLASH}, {"jpeg": photograph(9, f_number=4)}], r"f-number \(8 and 4\)"),
-        ([{"jpeg": NO_FLASH}, {"dng": FLASH}], "different kinds"),
+        ([{"jpeg": NO_FLASH}, {"dng": FLASH}] * 2, "different kinds"),
         ([{"jpeg": b"nothing"}, {"jpeg": FLASH}], "cannot be checked"),
     ],
 )
