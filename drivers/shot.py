@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -136,9 +137,7 @@ def _new_photographs(
     return photographs
 
 
-def _await_completion(
-    camera: Camera, clock: Clock, deadline: float, told: set[int | None]
-) -> bool:
+def _await_completion(camera: Camera, clock: Clock, deadline: float, told: set[int | None]) -> bool:
     """Wait; true once the camera says that the capture is complete, false at the deadline.
 
     told: takes the handles of the objects that the camera says it has added.
@@ -168,21 +167,27 @@ def fetch(
             f"The camera says that a photograph has {item.size} bytes, which is more than one can "
             "have: take the pair again."
         )
-    received, failures, whole = bytearray(), 0, False
-    while not whole:
-        try:
-            for chunk in camera.download(item.handle, len(received)):
-                received += chunk
-                failures = 0
-                progress(len(received))
-            whole = True
-        except TransferError:
-            failures += 1
-            if failures == DOWNLOAD_ATTEMPTS:
-                raise
-    if len(received) != item.size:
+    file = io.BytesIO(bytes(item.size))  # filled in place, so that nothing is copied again
+    received = failures = 0
+
+    def go_on(whole: memoryview) -> None:
+        nonlocal received, failures
+        for chunk in camera.download(item.handle, received, whole):
+            received += len(chunk)
+            failures = 0
+            progress(received)
+
+    with file.getbuffer() as whole:
+        while True:
+            try:
+                go_on(whole)
+                break
+            except TransferError:
+                failures += 1
+                if failures == DOWNLOAD_ATTEMPTS:
+                    raise
+    if received != item.size:
         raise TransferError(
-            f"The camera sent {len(received)} of {item.size} bytes of a photograph: take the "
-            "pair again."
+            f"The camera sent {received} of {item.size} bytes of a photograph: take the pair again."
         )
-    return bytes(received)
+    return file.getvalue()

@@ -112,7 +112,9 @@ class FakeCamera(Camera):
         told, self.waiting = self.waiting, []
         return told
 
-    def download(self, handle: int, offset: int = 0) -> Iterator[bytes]:
+    def download(
+        self, handle: int, offset: int = 0, into: memoryview | None = None
+    ) -> Iterator[bytes]:
         if self.stalls:
             self.stalls -= 1
             raise TransferError("stalled")
@@ -121,7 +123,10 @@ class FakeCamera(Camera):
             if self.failures and at > offset:
                 self.failures -= 1
                 raise TransferError("broke off")
-            yield data[at : at + 100]
+            part = data[at : at + 100]
+            if into is not None and at + len(part) <= len(into):
+                into[at : at + len(part)] = part
+            yield part
 
     def close(self) -> None:
         self.waiting = []
