@@ -16,6 +16,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from multiprocessing.connection import Connection
 from pathlib import Path
 from statistics import median
@@ -204,7 +205,7 @@ def divide(
     """Divide the time of each job but the first into PARTS. jobs: started and finished."""
     parts: dict[str, list[float]] = {part: [] for part in PARTS}
     visits = list(zip(diary.visits, overhead, strict=True))
-    for before, job in zip(jobs, jobs[1:], strict=False):
+    for before, job in pairwise(jobs):
         started, finished = job["started"], job["finished"]
         inside = [each for each in visits if started <= each[0].begun <= finished]
         if not inside:

@@ -26,7 +26,7 @@ from drivers.errors import (
     TransferError,
 )
 from drivers.ptp import nikon
-from drivers.ptp.codes import ALL_STORAGES, EventCode, ObjectFormat, Operation, Property
+from drivers.ptp.codes import EventCode, ObjectFormat, Operation, Property
 from drivers.ptp.containers import Bytes, Container
 from drivers.ptp.datasets import (
     UNKNOWN_BYTES,
@@ -108,12 +108,10 @@ class PtpCamera(Camera):
         if Operation.GET_STORAGE_INFO not in self._device.operations:
             return None
         told = []
-        data, _ = self._session.request(Operation.GET_STORAGE_IDS)
-        for storage in Reader(data).uints(4):
-            if storage & _CARD:
-                with contextlib.suppress(StoreFullError):  # it was taken out just now
-                    answer, _ = self._session.request(Operation.GET_STORAGE_INFO, storage)
-                    told.append(StorageInfo.decode(answer).free)
+        for card in self._cards():
+            with contextlib.suppress(StoreFullError):  # it was taken out just now
+                answer, _ = self._session.request(Operation.GET_STORAGE_INFO, card)
+                told.append(StorageInfo.decode(answer).free)
         known = [free for free in told if free != UNKNOWN_BYTES]
         return sum(known) if known or not told else None
 
@@ -166,7 +164,16 @@ class PtpCamera(Camera):
 
     def objects(self) -> set[int]:
         """List the handles of everything on the card, folders too."""
-        data, _ = self._session.request(Operation.GET_OBJECT_HANDLES, ALL_STORAGES, 0, 0)
+        # card by card, since not every responder takes the number that stands for all of them
+        return {handle for card in self._cards() for handle in self._objects_in(card)}
+
+    def _cards(self) -> list[int]:
+        """Give the storages; empty slots are left out."""
+        data, _ = self._session.request(Operation.GET_STORAGE_IDS)
+        return [storage for storage in Reader(data).uints(4) if storage & _CARD]
+
+    def _objects_in(self, storage: int) -> set[int]:
+        data, _ = self._session.request(Operation.GET_OBJECT_HANDLES, storage, 0, 0)
         return set(Reader(data).uints(4))
 
     def describe(self, handle: int) -> CameraObject:

@@ -90,7 +90,8 @@ class Session:
         """Run one operation and return (data, response parameters).
 
         data: bytes to send along. most: bytes that may come. into: where they are put if they fit.
-        A busy camera is asked again for about three seconds. Raises the error that the camera's response stands for.
+        A busy camera is asked again for about three seconds. Raises the error that the camera's
+        response stands for.
         """
         for pause in (*_BUSY_PAUSES_S, None):
             code, received, answer = self._once(operation, parameters, data, most, into)
