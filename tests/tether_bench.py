@@ -115,7 +115,7 @@ def measure_pairs(pairs: int, width: int, height: int) -> None:
     """Print what became of the pairs, where their time went and what the processes held."""
     session = tether_session.run(pairs, width, height)
     verdict = tether_session.judge(session.jobs, session.diary.releases)
-    _say(f"{pairs} pairs of {width} × {height} in {session.seconds:.0f} s: {verdict}")
+    _say(f"{len(session.jobs)} pairs of {width} × {height} in {session.seconds:.0f} s: {verdict}")
     overhead = tether_session.overheads(session.diary)
     _say(f"releases {len(session.diary.releases)}, visits {len(overhead)}")
     jobs = [

@@ -10,6 +10,7 @@ import contextlib
 import hashlib
 import multiprocessing
 import os
+import signal
 import socket
 import sys
 import tempfile
@@ -127,6 +128,7 @@ class WatchedResponder(IpResponder):
 
 def serve_camera(told: Connection, width: int, height: int) -> None:
     """Be the camera: tell the address, at the end the diary."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     body = WatchedBody(SimulatedCamera(width=width, height=height, format="jpeg"))
     told.send(WatchedResponder(body).address)
     told.recv()
@@ -262,10 +264,11 @@ def run(pairs: int, width: int, height: int) -> Session:
         memory: dict[str, list[float]] = {}
         with httpx.Client(base_url=url, timeout=_PATIENCE_S) as http:
             taking = _Taking(http, address)
-            for number in range(pairs):
-                taking.one(more=number + _WAITING < pairs)
-                if number % _SAMPLED == 0:
-                    _look(memory, host, camera.pid)
+            with contextlib.suppress(KeyboardInterrupt):  # what has been done counts
+                for number in range(pairs):
+                    taking.one(more=number + _WAITING < pairs)
+                    if number % _SAMPLED == 0:
+                        _look(memory, host, camera.pid)
         seconds = time.monotonic() - begun
     here.send(None)
     diary: Diary = here.recv()
@@ -289,7 +292,7 @@ class _Taking:
 
     def one(self, more: bool) -> None:
         """Wait for the pair that was asked for first; ask for another one."""
-        link, deadline = self._asked.pop(0), time.monotonic() + _PATIENCE_S
+        link, deadline = self._asked[0], time.monotonic() + _PATIENCE_S
         while (job := self._http.get(link).raise_for_status().json())["state"] not in _ENDED:
             if time.monotonic() > deadline:
                 sys.exit(f"a pair was waited for in vain: {job}")
@@ -297,6 +300,7 @@ class _Taking:
         if job["error"]:
             sys.stderr.write(f"pair {len(self.jobs) + 1}: {job['error']['detail']}\n")
         self.jobs.append(job)
+        del self._asked[0]
         if more:
             self._asked.append(self._ask())
 
