@@ -11,6 +11,7 @@ from drivers.clock import Clock
 from drivers.errors import (
     CameraBusyError,
     CaptureError,
+    PairVerificationError,
     SettingError,
     StoreFullError,
     TransferError,
@@ -77,8 +78,18 @@ def take_shot(
 
     for item in photographs:
         files[item.kind] = fetch(camera, item, received)
-    best = next(files[kind] for kind in _PREFERRED if kind in files)
-    return Shot(files, read_exposure(best), tuple(item.handle for item in photographs))
+    return Shot(files, _exposure_of(files), tuple(item.handle for item in photographs))
+
+
+def _exposure_of(files: dict[str, bytes]) -> ExposureFacts:
+    """Read the exposure of the best file; the others must be of the same photograph."""
+    best, *others = [read_exposure(files[kind]) for kind in _PREFERRED if kind in files]
+    if any(other.flash_fired != best.flash_fired for other in others):
+        raise PairVerificationError(
+            "Files of two photographs came as one: wait until the camera is idle and take the "
+            "pair again."
+        )
+    return best
 
 
 def _release(camera: Camera, clock: Clock) -> set[int]:

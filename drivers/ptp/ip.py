@@ -34,6 +34,7 @@ from drivers.ptp.ip_packets import (
 from drivers.ptp.transport import ANSWER_S, DATASET_BYTES, SLOWEST_BYTES_PER_S, Transport
 
 _CONNECT_S = 5.0
+_LEAVING_PAUSES_S = (0.1, 0.3, 0.6)
 _NO_DATA, _DATA_OUT = 1, 2  # data phases of an operation request
 _BLOCK_BYTES = 1 << 16
 
@@ -211,7 +212,17 @@ def _own_guid() -> bytes:
 def open_camera(address: str) -> Camera:
     """Open the camera at ptp+ip://host[:port]."""
     host, port = parse(address)
-    return open_awake(address, lambda: IpTransport(host, port), SystemClock())
+    return open_awake(address, lambda: _connect_patiently(host, port), SystemClock())
+
+
+def _connect_patiently(host: str, port: int) -> IpTransport:
+    """Connect; a camera may take a moment to notice that its last visitor has left."""
+    for pause in _LEAVING_PAUSES_S:
+        try:
+            return IpTransport(host, port)
+        except CameraBusyError:
+            time.sleep(pause)
+    return IpTransport(host, port)
 
 
 def check_address(address: str) -> None:
