@@ -11,7 +11,6 @@ from drivers.clock import Clock
 from drivers.errors import (
     CameraBusyError,
     CaptureError,
-    PairVerificationError,
     SettingError,
     StoreFullError,
     TransferError,
@@ -85,7 +84,7 @@ def _exposure_of(files: dict[str, bytes]) -> ExposureFacts:
     """Read the exposure of the best file; the others must be of the same photograph."""
     best, *others = [read_exposure(files[kind]) for kind in _PREFERRED if kind in files]
     if any(other.flash_fired != best.flash_fired for other in others):
-        raise PairVerificationError(
+        raise CaptureError(
             "Files of two photographs came as one: wait until the camera is idle and take the "
             "pair again."
         )

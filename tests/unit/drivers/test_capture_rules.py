@@ -473,7 +473,27 @@ def test_files_that_come_after_completion_are_never_mixed_up(clock: Clock) -> No
     shots = [{"dng": NO_FLASH, "jpeg": NO_FLASH}, {"dng": FLASH, "jpeg": FLASH}]
     camera = TellingCamera(shots=shots * 2)
     camera.late = ("jpeg",)
-    with pytest.raises(PairVerificationError, match="Files of two photographs came as one"):
+    with pytest.raises(CaptureError, match="Files of two photographs came as one"):
         capture_pair(camera, clock=clock)
     assert len(camera.shots) == 1  # in the second try, by its first photograph
     assert clock.monotonic() >= RECHARGE_S
+
+
+def test_files_that_come_a_little_late_make_the_pair_be_taken_again(clock: Clock) -> None:
+    shots = [{"dng": NO_FLASH, "jpeg": NO_FLASH}, {"dng": FLASH, "jpeg": FLASH}]
+    camera = TellingCamera(shots=shots * 2)
+    camera.late = ("jpeg",)
+    sleep = clock.sleep
+
+    def settle(seconds: float) -> None:
+        sleep(seconds)
+        for kind, data in camera.kept:
+            if kind in camera.late:
+                camera.card[max(camera.card) + 1] = (kind, data)
+        camera.kept = []
+
+    clock.sleep = settle  # type: ignore[method-assign]
+    pair = capture_pair(camera, clock=clock)
+    assert pair.no_flash.files == {"dng": NO_FLASH, "jpeg": NO_FLASH}
+    assert pair.flash.files == {"dng": FLASH, "jpeg": FLASH}
+    assert camera.shots == []
