@@ -164,10 +164,13 @@ class Camera(ABC):
         """Every event waiting; if there is none, the first that comes within timeout_s seconds."""
 
     @abstractmethod
-    def download(self, handle: int, offset: int = 0) -> Iterator[bytes | bytearray | memoryview]:
+    def download(
+        self, handle: int, offset: int = 0, into: memoryview | None = None
+    ) -> Iterator[bytes | bytearray | memoryview]:
         """Chunks of an object's bytes from offset to its end.
 
-        Raises TransferError where a chunk comes incomplete: call again with the offset reached.
+        into: room for just the whole object, where each chunk is put in its place. Raises
+        TransferError where a chunk comes incomplete: call again with the offset reached.
         """
 
     @abstractmethod

@@ -18,7 +18,7 @@ from drivers.errors import (
 )
 from drivers.flash import Flash, PropertyFlash, State
 from drivers.pair import CapturedPair, verify
-from drivers.shot import CaptureProgress, Shot, take_shot
+from drivers.shot import CaptureProgress, Shot, photographs_since, take_shot
 
 CAPTURE_STAGES = ("prepare", "no_flash", "flash", "verify")
 """The stages of a capture, in order."""
@@ -70,10 +70,13 @@ def capture_pair(
     progress("prepare", 1.0)
     taking = _Taking(camera, flash, clock, progress, frozen)
     for left in reversed(range(PAIRS)):
-        no_flash = taking.shoot("no_flash", "off")
+        before, trusting = camera.objects(), left > 0
+        no_flash = taking.shoot("no_flash", "off", trusting)
         try:
-            pair = CapturedPair(no_flash, taking.shoot("flash", "on"), frozen)
+            pair = CapturedPair(no_flash, taking.shoot("flash", "on", trusting), frozen)
             progress("verify", 0.0)
+            if trusting:
+                _check_nothing_came_late(camera, before, pair)
             verify(pair, flash.brightness)
             break
         except DriverError as error:
@@ -86,6 +89,18 @@ def capture_pair(
                 camera.delete(handle)
     progress("verify", 1.0)
     return pair
+
+
+def _check_nothing_came_late(camera: Camera, before: set[int], pair: CapturedPair) -> None:
+    """Raise CaptureError where files came after the camera had called a capture complete.
+
+    Those of the first photograph have come by now: the second took longer than a card's list
+    takes to settle.
+    """
+    fetched = {*pair.no_flash.handles, *pair.flash.handles}
+    late = photographs_since(camera, before | fetched)
+    if late or pair.no_flash.files.keys() != pair.flash.files.keys():
+        raise CaptureError("The camera called a capture complete before all its files had come.")
 
 
 def check_settings(settings: Mapping[SettingName, SettingValue]) -> None:
@@ -146,7 +161,7 @@ class _Taking:
     progress: CaptureProgress
     frozen: dict[SettingName, SettingValue]
 
-    def shoot(self, stage: str, state: State) -> Shot:
+    def shoot(self, stage: str, state: State, trusting: bool) -> Shot:
         """Switch the flash and take one photograph."""
         self.flash.switch(self.camera, state, self.clock)
         for name, value in self.frozen.items():
@@ -156,4 +171,4 @@ class _Taking:
                     f"The camera's {name} went from {value} to {found} in the middle of the pair: "
                     "leave its dials alone and take the pair again."
                 )
-        return take_shot(self.camera, self.clock, partial(self.progress, stage))
+        return take_shot(self.camera, self.clock, partial(self.progress, stage), trusting)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -20,7 +21,7 @@ PATIENCE_S = 5.0
 """How long after the exposure a photograph may take to reach the card, events or not."""
 
 SETTLE_S = 0.3
-"""Events come before the card's list is complete; so long it takes to settle."""
+"""So long the card's list takes to settle, where events do not vouch for it."""
 
 DOWNLOAD_ATTEMPTS = 4
 """How often in a row a transfer may break off without a byte gained."""
@@ -53,17 +54,21 @@ class Shot:
         return next(self.files[kind] for kind in _PREFERRED if kind in self.files)
 
 
-def take_shot(camera: Camera, clock: Clock, progress: Callable[[float], None]) -> Shot:
+def take_shot(
+    camera: Camera, clock: Clock, progress: Callable[[float], None], trusting: bool = False
+) -> Shot:
     """Take one photograph with the settings as they are and fetch it.
 
-    progress: told the share of its bytes that came. Raises FocusError, StoreFullError,
-    CaptureError, TransferError, PairVerificationError where its EXIF is missing.
+    progress: told the share of its bytes that came. trusting: do not wait for more where the
+    events name just what is new on the card. Raises FocusError, StoreFullError, CaptureError,
+    TransferError, PairVerificationError where its EXIF is missing.
     """
     progress(0.0)
     patience_s = _exposure_s(camera) + PATIENCE_S
     camera.events(timeout_s=0)  # what is still waiting belongs to earlier shots
     before = _release(camera, clock)
-    photographs = _new_photographs(camera, clock, before, clock.monotonic() + patience_s)
+    deadline = clock.monotonic() + patience_s
+    photographs = _new_photographs(camera, clock, before, deadline, trusting)
     total = sum(item.size for item in photographs)
     files: dict[str, bytes] = {}
 
@@ -71,9 +76,19 @@ def take_shot(camera: Camera, clock: Clock, progress: Callable[[float], None]) -
         progress((sum(map(len, files.values())) + count) / total)
 
     for item in photographs:
-        files[item.kind] = _fetch(camera, item, received)
-    best = next(files[kind] for kind in _PREFERRED if kind in files)
-    return Shot(files, read_exposure(best), tuple(item.handle for item in photographs))
+        files[item.kind] = fetch(camera, item, received)
+    return Shot(files, _exposure_of(files), tuple(item.handle for item in photographs))
+
+
+def _exposure_of(files: dict[str, bytes]) -> ExposureFacts:
+    """Read the exposure of the best file; the others must be of the same photograph."""
+    best, *others = [read_exposure(files[kind]) for kind in _PREFERRED if kind in files]
+    if any(other.flash_fired != best.flash_fired for other in others):
+        raise CaptureError(
+            "Files of two photographs came as one: wait until the camera is idle and take the "
+            "pair again."
+        )
+    return best
 
 
 def _release(camera: Camera, clock: Clock) -> set[int]:
@@ -102,16 +117,24 @@ def _exposure_s(camera: Camera) -> float:
         return _LONGEST_S
 
 
+def photographs_since(camera: Camera, before: set[int]) -> list[CameraObject]:
+    """Describe the photographs on the card but those that it held before."""
+    new = [camera.describe(handle) for handle in sorted(camera.objects() - before)]
+    return [item for item in new if item.kind in _PREFERRED]
+
+
 def _new_photographs(
-    camera: Camera, clock: Clock, before: set[int], deadline: float
+    camera: Camera, clock: Clock, before: set[int], deadline: float, trusting: bool
 ) -> list[CameraObject]:
     """Find the photographs that the card did not hold before; events only say when to look."""
-    complete, photographs = True, list[CameraObject]()
+    complete, photographs, told = True, list[CameraObject](), set[int | None]()
     while complete and not photographs:  # a late event of an earlier shot must not end the wait
-        complete = _await_completion(camera, clock, deadline)
-        clock.sleep(SETTLE_S)
-        new = [camera.describe(handle) for handle in sorted(camera.objects() - before)]
-        photographs = [item for item in new if item.kind in _PREFERRED]
+        complete = _await_completion(camera, clock, deadline, told)
+        if trusting and complete and told - before:
+            photographs = photographs_since(camera, before)
+        if not photographs or {item.handle for item in photographs} != told - before:
+            clock.sleep(SETTLE_S)
+            photographs = photographs_since(camera, before)
     if not photographs:
         raise CaptureError(
             "The camera released, but no photograph reached its card: check the card and try again."
@@ -124,41 +147,57 @@ def _new_photographs(
     return photographs
 
 
-def _await_completion(camera: Camera, clock: Clock, deadline: float) -> bool:
-    """Wait; true once the camera says that the capture is complete, false at the deadline."""
+def _await_completion(camera: Camera, clock: Clock, deadline: float, told: set[int | None]) -> bool:
+    """Wait; true once the camera says that the capture is complete, false at the deadline.
+
+    told: takes the handles of the objects that the camera says it has added.
+    """
     while (left := deadline - clock.monotonic()) > 0:
         for event in camera.events(timeout_s=left):
             if event.kind is EventKind.STORE_FULL:
                 raise StoreFullError(
                     "The camera's memory card is full: make room on it and try again."
                 )
+            if event.kind is EventKind.OBJECT_ADDED:
+                told.add(event.handle)
             if event.kind is EventKind.CAPTURE_COMPLETE:
                 return True
     return False
 
 
-def _fetch(camera: Camera, item: CameraObject, progress: Callable[[int], None]) -> bytes:
-    """Download one file, going on from where a transfer broke off."""
+def fetch(
+    camera: Camera, item: CameraObject, progress: Callable[[int], None] = lambda _received: None
+) -> bytes:
+    """Download one file, going on from where a transfer broke off.
+
+    progress: told the bytes that came. Raises TransferError.
+    """
     if item.size > LARGEST_BYTES:
         raise TransferError(
             f"The camera says that a photograph has {item.size} bytes, which is more than one can "
             "have: take the pair again."
         )
-    received, failures, whole = bytearray(), 0, False
-    while not whole:
-        try:
-            for chunk in camera.download(item.handle, len(received)):
-                received += chunk
-                failures = 0
-                progress(len(received))
-            whole = True
-        except TransferError:
-            failures += 1
-            if failures == DOWNLOAD_ATTEMPTS:
-                raise
-    if len(received) != item.size:
+    file = io.BytesIO(bytes(item.size))  # filled in place, so that nothing is copied again
+    received = failures = 0
+
+    def go_on(whole: memoryview) -> None:
+        nonlocal received, failures
+        for chunk in camera.download(item.handle, received, whole):
+            received += len(chunk)
+            failures = 0
+            progress(received)
+
+    with file.getbuffer() as whole:
+        while True:
+            try:
+                go_on(whole)
+                break
+            except TransferError:
+                failures += 1
+                if failures == DOWNLOAD_ATTEMPTS:
+                    raise
+    if received != item.size:
         raise TransferError(
-            f"The camera sent {len(received)} of {item.size} bytes of a photograph: take the "
-            "pair again."
+            f"The camera sent {received} of {item.size} bytes of a photograph: take the pair again."
         )
-    return bytes(received)
+    return file.getvalue()

@@ -258,7 +258,7 @@ class Sequence:
         bus = SimulatedBus(camera, self.clock)
         for _ in range(random.randint(1, _CAPTURES)):
             started, camera.fault = self.clock.seconds, self._fault()
-            bus._responder.unplugged = False  # plugged in again
+            bus.plug_in()
             try:
                 with self._opened(camera, bus) as opened:
                     pair = capture_pair(opened, self._meddle(camera), self.clock)
@@ -287,12 +287,10 @@ class Sequence:
 
 def check_pair(pair: drivers.CapturedPair, camera: Body) -> None:
     """Neither swapped nor mixed: two releases, one after the other, as the card has them."""
-    numbers = []
+    numbers, card = [], {each.data: each.info.name for each in camera.objects.values()}
     for shot, fired in ((pair.no_flash, False), (pair.flash, True)):
         assert shot.exposure.flash_fired is fired
-        stored = [camera.objects[handle] for handle in shot.handles]
-        assert [bytes(data) for data in shot.files.values()] == [each.data for each in stored]
-        (number,) = {each.info.name.partition(".")[0] for each in stored}
+        (number,) = {card[data].partition(".")[0] for data in shot.files.values()}
         numbers.append(int(number.removeprefix("DSC_")))
     assert numbers[1] == numbers[0] + 1
 

@@ -115,15 +115,20 @@ class GphotoCamera(Camera):
         told: list[Event] = self._call("events", timeout_s, patience_s=timeout_s)
         return told
 
-    def download(self, handle: int, offset: int = 0) -> Iterator[bytes]:
-        """Chunks of an object's bytes from offset to its end."""
+    def download(
+        self, handle: int, offset: int = 0, into: memoryview | None = None
+    ) -> Iterator[bytes]:
+        """Chunks of an object's bytes from offset to its end, also put in their place."""
         size = self.describe(handle).size
         while offset < size:
             chunk: bytes = self._call("chunk", handle, offset)
-            if not chunk:
+            if not 0 < len(chunk) <= size - offset:
                 raise errors.TransferError(
-                    "The camera sent nothing of a photograph: take the pair again."
+                    f"The camera sent {len(chunk)} bytes where {size - offset} are left of a "
+                    "photograph: take the pair again."
                 )
+            if into is not None:
+                into[offset : offset + len(chunk)] = chunk
             offset += len(chunk)
             yield chunk
 

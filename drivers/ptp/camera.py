@@ -26,7 +26,7 @@ from drivers.errors import (
     TransferError,
 )
 from drivers.ptp import nikon
-from drivers.ptp.codes import ALL_STORAGES, EventCode, ObjectFormat, Operation, Property
+from drivers.ptp.codes import EventCode, ObjectFormat, Operation, Property
 from drivers.ptp.containers import Bytes, Container
 from drivers.ptp.datasets import (
     UNKNOWN_BYTES,
@@ -42,7 +42,12 @@ from drivers.ptp.transport import Transport
 from drivers.ptp.wire import Reader, uint
 
 CHUNK_BYTES = 1 << 20
-"""Bytes asked for at once."""
+"""Bytes asked for at first."""
+
+LARGEST_CHUNK_BYTES = 1 << 24
+"""Bytes asked for at once of a camera that is fast."""
+
+_QUICK_S = 0.1  # a chunk that comes so soon is followed by one of twice the size
 
 _CARD = 0xFFFF  # what of a storage id is 0 where a slot has no card
 _LONGEST_LIST = 1000  # a range with more steps is not spelt out as choices
@@ -103,12 +108,10 @@ class PtpCamera(Camera):
         if Operation.GET_STORAGE_INFO not in self._device.operations:
             return None
         told = []
-        data, _ = self._session.request(Operation.GET_STORAGE_IDS)
-        for storage in Reader(data).uints(4):
-            if storage & _CARD:
-                with contextlib.suppress(StoreFullError):  # it was taken out just now
-                    answer, _ = self._session.request(Operation.GET_STORAGE_INFO, storage)
-                    told.append(StorageInfo.decode(answer).free)
+        for card in self._cards():
+            with contextlib.suppress(StoreFullError):  # it was taken out just now
+                answer, _ = self._session.request(Operation.GET_STORAGE_INFO, card)
+                told.append(StorageInfo.decode(answer).free)
         known = [free for free in told if free != UNKNOWN_BYTES]
         return sum(known) if known or not told else None
 
@@ -161,7 +164,16 @@ class PtpCamera(Camera):
 
     def objects(self) -> set[int]:
         """List the handles of everything on the card, folders too."""
-        data, _ = self._session.request(Operation.GET_OBJECT_HANDLES, ALL_STORAGES, 0, 0)
+        # card by card, since not every responder takes the number that stands for all of them
+        return {handle for card in self._cards() for handle in self._objects_in(card)}
+
+    def _cards(self) -> list[int]:
+        """Give the storages; empty slots are left out."""
+        data, _ = self._session.request(Operation.GET_STORAGE_IDS)
+        return [storage for storage in Reader(data).uints(4) if storage & _CARD]
+
+    def _objects_in(self, storage: int) -> set[int]:
+        data, _ = self._session.request(Operation.GET_OBJECT_HANDLES, storage, 0, 0)
         return set(Reader(data).uints(4))
 
     def describe(self, handle: int) -> CameraObject:
@@ -193,31 +205,42 @@ class PtpCamera(Camera):
             container = self._session.transport.receive_event(0)
         return events
 
-    def download(self, handle: int, offset: int = 0) -> Iterator[Bytes]:
+    def download(
+        self, handle: int, offset: int = 0, into: memoryview | None = None
+    ) -> Iterator[Bytes]:
         """Chunks of an object's bytes from offset to its end.
 
-        Raises TransferError where a chunk comes incomplete: call again with the offset reached.
+        into: room for just the whole object, where each chunk is put in its place. Raises
+        TransferError where a chunk comes incomplete: call again with the offset reached.
         """
         size = self.describe(handle).size
+        if into is not None and len(into) != size:
+            raise TransferError(
+                f"The camera says {size} bytes where it said {len(into)} before: try again."
+            )
         if Operation.GET_PARTIAL_OBJECT not in self._device.operations:
-            yield self._whole(handle, size)[offset:]
+            yield self._whole(handle, size, into)[offset:]
             return
+        most, clock = CHUNK_BYTES, self._session.clock
         while offset < size:
-            wanted = min(CHUNK_BYTES, size - offset)
+            asked, wanted = clock.monotonic(), min(most, size - offset)
+            place = into[offset : offset + wanted] if into is not None else None
             chunk, _ = self._session.request(
-                Operation.GET_PARTIAL_OBJECT, handle, offset, wanted, most=2 * CHUNK_BYTES
+                Operation.GET_PARTIAL_OBJECT, handle, offset, wanted, most=2 * most, into=place
             )
             if not 0 < len(chunk) <= wanted:
                 raise TransferError(
                     f"The camera sent {len(chunk)} bytes where {wanted} were asked for: try again."
                 )
+            if clock.monotonic() - asked < _QUICK_S:
+                most = min(2 * most, LARGEST_CHUNK_BYTES)
             offset += len(chunk)
             yield chunk
 
-    def _whole(self, handle: int, size: int) -> Bytes:
+    def _whole(self, handle: int, size: int, into: memoryview | None) -> Bytes:
         """Fetch an object of a camera that cannot send parts."""
         data, _ = self._session.request(
-            Operation.GET_OBJECT, handle, most=min(size, _LARGEST_WHOLE)
+            Operation.GET_OBJECT, handle, most=min(size, _LARGEST_WHOLE), into=into
         )
         if len(data) != size:
             raise TransferError(f"The camera sent {len(data)} of {size} bytes: try again.")

@@ -37,6 +37,7 @@ ANNOUNCED: dict[str, CameraInfo] = {}
 """Cameras on the network by what they call themselves; drivers.ptp.mdns fills it, once asked to."""
 
 _CONNECT_S = 5.0
+_LEAVING_PAUSES_S = (0.1, 0.3, 0.6)
 _NO_DATA, _DATA_OUT = 1, 2  # data phases of an operation request
 _BLOCK_BYTES = 1 << 16
 
@@ -110,25 +111,28 @@ class IpTransport(Transport):
         self._commands.send(PacketType.START_DATA, transaction, size)
         self._commands.send(PacketType.END_DATA, transaction, container.payload)
 
-    def receive(self, most: int = DATASET_BYTES) -> Container:
+    def receive(self, most: int = DATASET_BYTES, into: memoryview | None = None) -> Container:
         """Take the next data or response container."""
         deadline = time.monotonic() + self._answer_s
         self._await_commands(deadline)
         kind, length = self._commands.header(deadline)
         if kind is PacketType.START_DATA and length == 12:
-            return self._receive_data(most, deadline + most / SLOWEST_BYTES_PER_S)
+            return self._receive_data(most, into, deadline + most / SLOWEST_BYTES_PER_S)
         if kind is not PacketType.RESPONSE or not 6 <= length <= 26 or (length - 6) % 4:
             raise ProtocolError(f"The camera answers with a PTP/IP packet {kind.name} of {length}")
         payload = self._commands.read(length, deadline)
         code, transaction = struct.unpack_from("<HI", payload)
         return Container(ContainerType.RESPONSE, code, transaction, payload[6:])
 
-    def _receive_data(self, most: int, deadline: float) -> Container:
+    def _receive_data(self, most: int, into: memoryview | None, deadline: float) -> Container:
         transaction, size = struct.unpack("<IQ", self._commands.read(12, deadline))
         if size > most:
             self._cancel()
             raise ProtocolError(f"The camera wants to send {size} bytes where {most} are the most")
-        data, filled, kind = bytearray(size), 0, PacketType.DATA
+        if into is None or size > len(into):
+            into = memoryview(bytearray(size))
+        data = into[:size]
+        filled, kind = 0, PacketType.DATA
         while kind is not PacketType.END_DATA:
             kind, length = self._commands.header(deadline)
             if kind not in (PacketType.DATA, PacketType.END_DATA) or not 4 <= length <= (
@@ -138,7 +142,7 @@ class IpTransport(Transport):
             if self._commands.read(4, deadline) != struct.pack("<I", transaction):
                 raise ProtocolError("The camera's data are of two transactions")
             end = filled + length - 4
-            self._commands.read_into(memoryview(data)[filled:end], deadline)
+            self._commands.read_into(data[filled:end], deadline)
             filled = end
         if filled != size:
             raise ProtocolError(f"The camera sent {filled} of {size} bytes of data")
@@ -211,7 +215,17 @@ def _own_guid() -> bytes:
 def open_camera(address: str) -> Camera:
     """Open the camera at ptp+ip://host[:port]."""
     host, port = parse(address)
-    return open_awake(address, lambda: IpTransport(host, port), SystemClock())
+    return open_awake(address, lambda: _connect_patiently(host, port), SystemClock())
+
+
+def _connect_patiently(host: str, port: int) -> IpTransport:
+    """Connect; a camera may take a moment to notice that its last visitor has left."""
+    for pause in _LEAVING_PAUSES_S:
+        try:
+            return IpTransport(host, port)
+        except CameraBusyError:
+            time.sleep(pause)
+    return IpTransport(host, port)
 
 
 def check_address(address: str) -> None:

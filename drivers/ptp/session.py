@@ -85,14 +85,16 @@ class Session:
         *parameters: int,
         data: bytes | None = None,
         most: int = DATASET_BYTES,
+        into: memoryview | None = None,
     ) -> tuple[Bytes, tuple[int, ...]]:
         """Run one operation and return (data, response parameters).
 
-        data: bytes to send along. most: bytes that may come. A busy camera is asked
-        again for about three seconds. Raises the error that the camera's response stands for.
+        data: bytes to send along. most: bytes that may come. into: where they are put if they fit.
+        A busy camera is asked again for about three seconds. Raises the error that the camera's
+        response stands for.
         """
         for pause in (*_BUSY_PAUSES_S, None):
-            code, received, answer = self._once(operation, parameters, data, most)
+            code, received, answer = self._once(operation, parameters, data, most, into)
             if code == Response.OK:
                 return received, answer
             if code != Response.DEVICE_BUSY or pause is None:
@@ -130,6 +132,7 @@ class Session:
         parameters: tuple[int, ...],
         data: bytes | None = None,
         most: int = DATASET_BYTES,
+        into: memoryview | None = None,
     ) -> tuple[int, Bytes, tuple[int, ...]]:
         transaction = self._transaction
         self._transaction = 1 if transaction == _LAST_TRANSACTION else transaction + 1
@@ -139,7 +142,7 @@ class Session:
         if data is not None:
             self.transport.send(Container(ContainerType.DATA, operation, transaction, data))
         received: Bytes = b""
-        answer = self.transport.receive(most)
+        answer = self.transport.receive(most, into)
         if answer.type is ContainerType.DATA:
             received = answer.payload
             _check(answer, operation, transaction, ContainerType.DATA)

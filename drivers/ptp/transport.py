@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
-from drivers.ptp.containers import Container
+from drivers.ptp.containers import Bytes, Container
 
 ANSWER_S = 10.0
 """How long one waits for a camera's answer."""
@@ -27,11 +27,12 @@ class Transport(ABC):
         """Send a command or its data."""
 
     @abstractmethod
-    def receive(self, most: int = DATASET_BYTES) -> Container:
+    def receive(self, most: int = DATASET_BYTES, into: memoryview | None = None) -> Container:
         """Take the next data or response container.
 
-        most: bytes of data that there can be. Raises ProtocolError for malformed bytes,
-        CameraTimeoutError where nothing comes.
+        most: bytes of data that there can be. into: where data are put if they fit, the payload is
+        then a part of it. Raises ProtocolError for malformed bytes, CameraTimeoutError where
+        nothing comes.
         """
 
     @abstractmethod
@@ -41,3 +42,11 @@ class Transport(ABC):
     @abstractmethod
     def close(self) -> None:
         """Let go of the connection. Closing twice is fine."""
+
+
+def put(payload: Bytes, into: memoryview | None) -> Bytes:
+    """Copy data to where they are wanted, for transports that cannot receive them there."""
+    if into is None or len(payload) > len(into):
+        return payload
+    into[: len(payload)] = payload
+    return into[: len(payload)]

@@ -10,6 +10,7 @@ import errno
 import struct
 from array import array
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -33,7 +34,7 @@ from drivers.ptp import containers
 from drivers.ptp.camera import open_awake
 from drivers.ptp.codes import ContainerType
 from drivers.ptp.containers import Container
-from drivers.ptp.transport import ANSWER_S, DATASET_BYTES, SLOWEST_BYTES_PER_S, Transport
+from drivers.ptp.transport import ANSWER_S, DATASET_BYTES, SLOWEST_BYTES_PER_S, Transport, put
 
 _CLASS = (6, 1, 1)  # still image, capture, PTP
 _CANCEL, _RESET = 0x64, 0x66
@@ -78,7 +79,7 @@ class UsbTransport(Transport):
     def _write(self, raw: bytes) -> None:
         self._device.write(self._out.bEndpointAddress, raw, round(1000 * self._answer_s))
 
-    def receive(self, most: int = DATASET_BYTES) -> Container:
+    def receive(self, most: int = DATASET_BYTES, into: memoryview | None = None) -> Container:
         """Take the next data or response container."""
         deadline = self._clock.monotonic() + self._answer_s
         with self._translated():
@@ -97,7 +98,10 @@ class UsbTransport(Transport):
                 self._read_more(deadline)
         raw = self._received[:length]
         del self._received[:length]
-        return containers.decode(raw)
+        container = containers.decode(raw)
+        if container.type is ContainerType.DATA:
+            return replace(container, payload=put(container.payload, into))
+        return container
 
     def _read_to_the_end(self, most: int, deadline: float) -> int:
         """Read until a short packet; the length then known is put into the container."""

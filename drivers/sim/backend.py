@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
 
 from drivers.camera import Camera, CameraInfo
 from drivers.clock import Clock, SystemClock
 from drivers.errors import CameraDisconnectedError, CameraTimeoutError, ProtocolError
 from drivers.ptp import containers
 from drivers.ptp.camera import open_awake
+from drivers.ptp.codes import ContainerType
 from drivers.ptp.containers import Container
-from drivers.ptp.transport import ANSWER_S, DATASET_BYTES, Transport
+from drivers.ptp.transport import ANSWER_S, DATASET_BYTES, Transport, put
 from drivers.sim.address import parse
 from drivers.sim.body import Body
 from drivers.sim.responder import Responder
@@ -30,7 +32,7 @@ class InProcessTransport(Transport):
         self._check_connected()
         self._answers.extend(self._responder.accept(container.encode()))
 
-    def receive(self, most: int = DATASET_BYTES) -> Container:
+    def receive(self, most: int = DATASET_BYTES, into: memoryview | None = None) -> Container:
         """Take the next data or response container."""
         self._check_connected()
         if not self._answers:
@@ -44,6 +46,8 @@ class InProcessTransport(Transport):
             raise ProtocolError(
                 f"The camera sent {len(answer.payload)} bytes where {most} are the most"
             )
+        if answer.type is ContainerType.DATA:
+            return replace(answer, payload=put(answer.payload, into))
         return answer
 
     def receive_event(self, timeout_s: float) -> Container | None:

@@ -56,6 +56,10 @@ class SimulatedBus(usb.backend.IBackend):  # type: ignore[misc]
         self._halted = False
         self._plug = _Plug(self._plug.address + 1)
 
+    def plug_in(self) -> None:
+        """Put the cable back in, after the fault that pulls it."""
+        self._responder.unplugged = False
+
     def enumerate_devices(self) -> Any:
         """The one device, unless its cable is pulled."""
         if not self._responder.unplugged:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import subprocess
+import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -36,19 +39,72 @@ def test_settings_are_listed_and_set(client: Client) -> None:
 
 
 def test_both_photographs_are_taken_and_downloaded(client: Client, tmp_path: Path) -> None:
-    fired = []
+    pair = []
     for value in ("Flash off", "Fill flash"):
         client("--set-config-value", f"flashmode={value}", "--capture-image-and-download")
         (photograph,) = tmp_path.iterdir()
-        fired.append(read_exposure(photograph.read_bytes()).flash_fired)
+        pair.append(photograph.read_bytes())
         photograph.unlink()
-    assert fired == [False, True]
+    check_pair(*pair)
 
 
-def test_photographs_are_fetched_on_events(client: Client, tmp_path: Path) -> None:
-    client("--set-config-value", "flashmode=Flash off")  # a flash might still be charging
-    client("--trigger-capture", "--wait-event-and-download=CAPTURECOMPLETE")
+def check_pair(no_flash: bytes, flash: bytes) -> None:
+    """The flash alone differs."""
+    without, with_flash = read_exposure(no_flash), read_exposure(flash)
+    assert without == replace(with_flash, flash_fired=False)
+    assert with_flash.flash_fired
+
+
+def test_a_pair_is_triggered_and_fetched_on_events(client: Client, tmp_path: Path) -> None:
+    pair = []
+    for value in ("Flash off", "Fill flash"):
+        client("--set-config-value", f"flashmode={value}")
+        until_released(client, "--trigger-capture", "--wait-event-and-download=CAPTURECOMPLETE")
+        assert {path.suffix for path in tmp_path.iterdir()} == {".DNG", ".JPG"}
+        pair.append(next(tmp_path.glob("*.DNG")).read_bytes())
+        for path in tmp_path.iterdir():
+            path.unlink()
+    check_pair(*pair)
+
+
+def until_released(client: Client, *arguments: str) -> None:
+    """Release once more where the flash is still charging, which gphoto2 does not wait for."""
+    for _ in range(10):
+        with contextlib.suppress(AssertionError):
+            client(*arguments)
+            return
+    raise AssertionError("the camera never released")
+
+
+def test_tethered_photographs_are_watched_for(client: Client, tmp_path: Path) -> None:
+    client("--set-config-value", "flashmode=Flash off")
+    told = client("--trigger-capture", "--capture-tethered=2s")
+    assert "for events from camera" in told
+    assert "CAPTURECOMPLETE" in told
     assert {path.suffix for path in tmp_path.iterdir()} == {".DNG", ".JPG"}
+
+
+def test_files_on_the_card_are_listed_and_fetched(
+    client: Client, camera: Any, tmp_path: Path
+) -> None:
+    with drivers.open_camera(camera.address) as opened:
+        pair = drivers.capture_pair(opened)
+        described = [opened.describe(handle) for handle in pair.flash.handles]
+    folder = next(
+        line.split("'")[1] for line in client("--list-files").splitlines() if "100STUDI" in line
+    )
+    for item in described:
+        client("--folder", folder, "--get-file", item.name)
+        assert (tmp_path / item.name).read_bytes() == pair.flash.files[item.kind]
+
+
+def test_the_library_of_pypi_takes_a_pair(
+    camera: Any, run: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[3]))
+    port = f"ptpip:127.0.0.1:{camera.port}:{camera.port}"
+    run(sys.executable, "-m", "tests.pypi_gphoto2", port, cwd=tmp_path)
+    check_pair(*((tmp_path / name).read_bytes() for name in ("no_flash", "flash")))
 
 
 def test_our_driver_of_libgphoto2_takes_a_pair(camera: Any) -> None:
@@ -77,9 +133,12 @@ def test_a_session_has_no_malformed_packet(
         lacking("the right to record packets")
     with drivers.open_camera(camera.address) as opened:
         drivers.capture_pair(opened)
+    port = f"ptpip:127.0.0.1:{camera.port}:{camera.port}"
+    off = ("--set-config-value", "flashmode=Flash off", "--capture-image-and-download")
+    run("gphoto2", "--port", port, *off, cwd=tmp_path)
     decode = ("tshark", "-r", str(recording), "-d", f"tcp.port=={camera.port},ptpip", "-Y")
     packets = 0
-    while packets < 100:  # the recorder still writes what the kernel holds of the session
+    while packets < 200:  # the recorder still writes what the kernel holds of the sessions
         done = subprocess.run([*decode, "ptpip"], capture_output=True, text=True, check=False)
         packets = done.stdout.count("\n")
     recorder.terminate()

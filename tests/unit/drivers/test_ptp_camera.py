@@ -36,8 +36,8 @@ class Tampered(InProcessTransport):
         super().__init__(Body(OPTIONS, clock), clock)
         self.tampers = tampers
 
-    def receive(self, most: int = DATASET_BYTES) -> Container:
-        answer = super().receive(most)
+    def receive(self, most: int = DATASET_BYTES, into: memoryview | None = None) -> Container:
+        answer = super().receive(most, into)
         if answer.type is not ContainerType.DATA or answer.code not in self.tampers:
             return answer
         payload = self.tampers[answer.code](bytes(answer.payload))
@@ -177,7 +177,7 @@ def test_downloads_come_in_chunks(clock: Clock, monkeypatch: pytest.MonkeyPatch)
     whole = b"".join(camera.download(2))
     monkeypatch.setattr("drivers.ptp.camera.CHUNK_BYTES", 1000)
     chunks = list(camera.download(2))
-    assert [len(chunk) for chunk in chunks[:-1]] == [1000] * (len(chunks) - 1)
+    assert [len(chunk) for chunk in chunks[:3]] == [1000, 2000, 4000]  # as it is quick
     assert b"".join(chunks) == whole
 
 

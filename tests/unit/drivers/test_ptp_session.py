@@ -34,7 +34,7 @@ class Script(Transport):
     def send(self, container: Container) -> None:
         self.sent.append(container)
 
-    def receive(self, most: int = 0) -> Container:  # noqa: ARG002
+    def receive(self, most: int = 0, into: memoryview | None = None) -> Container:  # noqa: ARG002
         if not self.answers:
             raise CameraDisconnectedError("gone")
         return self.answers.popleft()
