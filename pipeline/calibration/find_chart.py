@@ -21,7 +21,8 @@ _NEXT = (0.9, 1.6)  # distance of neighbouring patches by their side
 _BESIDE = 0.3  # of that distance, by which a neighbour may be beside its place
 _NEAR = 0.2  # of a patch's pitch: so far its area may be from where the grid has it
 _LIKE = 0.22  # relative error of any 3 × 3 matrix from XYZ to the patches' light
-_CLIPPED = 0.98
+_MOSTLY = 0.8  # of the areas that a chart could hold of those in a row
+_TURNS = np.array([[(1, 0), (0, 1)], [(0, 1), (-1, 0)], [(-1, 0), (0, -1)], [(0, -1), (1, 0)]])
 _GRID = np.array([(c, r) for r in range(ROWS) for c in range(COLUMNS)], np.float64)
 _OUTER = np.array([(0, 0), (COLUMNS - 1, 0), (COLUMNS - 1, ROWS - 1), (0, ROWS - 1)], np.float64)
 
@@ -123,46 +124,43 @@ def _quarter_turns(first: Array, second: Array) -> list[tuple[Array, Array]]:
 def _best_placed(
     light: NDArray[np.float32], quads: list[Quad], members: dict[tuple[int, int], int]
 ) -> FoundChart | None:
-    """The chart whose grid holds these areas, and fits their colours best; None where none does."""
-    places = np.array(list(members), np.float64)
+    """The chart that holds many of these areas, and fits their colours best; None without one."""
+    places = np.array(list(members))
     points = np.array([quads[index].middle for index in members.values()])
-    best: FoundChart | None = None
-    for turned in range(4):
-        turn = np.array([[(1, 0), (0, 1)], [(0, 1), (-1, 0)], [(-1, 0), (0, -1)], [(0, -1), (1, 0)]])
-        at = places @ turn[turned].T
+    windows = []
+    for turn in _TURNS:
+        at = places @ turn.T
         low, high = at.min(axis=0), at.max(axis=0)
-        room = np.array([COLUMNS, ROWS]) - 1 - (high - low)
-        if (room < 0).any():
-            continue
-        for column in range(int(room[0]) + 1):
-            for row in range(int(room[1]) + 1):
-                chart = _chart(light, quads, at - low + (column, row), points)
-                if chart and (best is None or chart.misfit < best.misfit):
-                    best = chart
-    return best
+        for column in range(low[0] - COLUMNS + 2, high[0]):
+            for row in range(low[1] - ROWS + 2, high[1]):
+                own = at - (column, row)
+                inside = ((own >= 0) & (own < (COLUMNS, ROWS))).all(axis=1)
+                windows.append((int(inside.sum()), own[inside].astype(float), points[inside]))
+    most = max(count for count, _, _ in windows)
+    middles = np.array([quad.middle for quad in quads])
+    charts = [
+        _chart(light, middles, own, seen)
+        for count, own, seen in windows
+        if count >= max(_LEAST, _MOSTLY * most)
+    ]
+    return min(filter(None, charts), key=lambda chart: chart.misfit, default=None)
 
 
 def _chart(
-    light: NDArray[np.float32], quads: list[Quad], places: Array, points: Array
+    light: NDArray[np.float32], middles: Array, places: Array, points: Array
 ) -> FoundChart | None:
-    pitch = float(np.median([quad.side for quad in quads])) if not len(points) else 0.0
-    to_picture, _ = cv2.findHomography(places, points, cv2.RANSAC, max(3.0, pitch))
+    """The chart with areas at these places of its grid, by all areas that lie where it has them."""
+    to_picture, _ = cv2.findHomography(places, points, cv2.LMEDS)
     if to_picture is None or not np.isfinite(to_picture).all():
         return None
     for _ in range(2):
         grid = _through(to_picture, _GRID)
         pitch = float(np.linalg.norm(np.diff(grid.reshape(ROWS, COLUMNS, 2), axis=1), axis=2).mean())
-        nearest = [
-            min(quads, key=lambda quad, at=at: float(np.hypot(*(quad.middle - at)))) for at in grid
-        ]
-        close = [
-            float(np.hypot(*(quad.middle - at))) < _NEAR * pitch and quad.side < 1.1 * pitch
-            for quad, at in zip(nearest, grid, strict=True)
-        ]
-        if sum(close) < _LEAST:
+        apart = np.linalg.norm(middles - grid[:, None], axis=2)
+        close = apart.min(axis=1) < _NEAR * pitch
+        if close.sum() < _LEAST:
             return None
-        own = np.array([quad.middle for quad, near in zip(nearest, close, strict=True) if near])
-        better, _ = cv2.findHomography(_GRID[close], own, cv2.LMEDS)
+        better, _ = cv2.findHomography(_GRID[close], middles[apart.argmin(axis=1)[close]], cv2.LMEDS)
         if better is None:
             return None
         to_picture = better
@@ -173,7 +171,7 @@ def _chart(
     misfit = _misfit(colours)
     if misfit > _LIKE:
         return None
-    return FoundChart(_through(to_picture, _OUTER), misfit, sum(close))
+    return FoundChart(_through(to_picture, _OUTER), misfit, int(close.sum()))
 
 
 def _through(homography: Array, points: Array) -> Array:
