@@ -93,8 +93,7 @@ def photograph_room(target: Target, seed: int, plan: Plan | None = None) -> Room
     seen = np.clip(palette @ sensitivity.T / sensitivity.sum(axis=1), 0, 1)
     sides = [0.6 + 0.4 * (x / width - 0.5) * 2 * np.sign(d[0]) for d in directions]
     by_lamps = sum(
-        seen[what] * colour * side[..., None]
-        for colour, side in zip(colours, sides, strict=True)
+        seen[what] * colour * side[..., None] for colour, side in zip(colours, sides, strict=True)
     )
     far = np.hypot(x - random.uniform(0.3, 0.7) * width, y - 0.5 * height) / width
     by_flash = by_flash / (1 + 1.5 * far**2)[..., None]
@@ -177,9 +176,7 @@ def _placed(random: np.random.Generator, target: str, plan: Plan, number: int) -
 
 
 def _draw_chart(what: NDArray[np.int32], corners: Array, first: int) -> None:
-    to_picture = cv2.getPerspectiveTransform(
-        _CHART.astype(np.float32), corners.astype(np.float32)
-    )
+    to_picture = cv2.getPerspectiveTransform(_CHART.astype(np.float32), corners.astype(np.float32))
 
     def quad(x: float, y: float, half: tuple[float, float]) -> NDArray[np.int32]:
         around = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half + (x, y)

@@ -73,7 +73,9 @@ def _lattices(quads: list[Quad]) -> list[dict[tuple[int, int], int]]:
     return sorted(lattices, key=len, reverse=True)
 
 
-def _grown(seed: int, quads: list[Quad], middles: Array, sides: Array) -> dict[tuple[int, int], int]:
+def _grown(
+    seed: int, quads: list[Quad], middles: Array, sides: Array
+) -> dict[tuple[int, int], int]:
     """Grow a grid from an area, neighbour by neighbour, each by the sides of its own area."""
     places: dict[tuple[int, int], int] = {(0, 0): seed}
     steps = {(0, 0): _steps(quads[seed])}
@@ -155,12 +157,16 @@ def _chart(
         return None
     for _ in range(2):
         grid = _through(to_picture, _GRID)
-        pitch = float(np.linalg.norm(np.diff(grid.reshape(ROWS, COLUMNS, 2), axis=1), axis=2).mean())
+        pitch = float(
+            np.linalg.norm(np.diff(grid.reshape(ROWS, COLUMNS, 2), axis=1), axis=2).mean()
+        )
         apart = np.linalg.norm(middles - grid[:, None], axis=2)
         close = apart.min(axis=1) < _NEAR * pitch
         if close.sum() < _LEAST:
             return None
-        better, _ = cv2.findHomography(_GRID[close], middles[apart.argmin(axis=1)[close]], cv2.LMEDS)
+        better, _ = cv2.findHomography(
+            _GRID[close], middles[apart.argmin(axis=1)[close]], cv2.LMEDS
+        )
         if better is None:
             return None
         to_picture = better

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 _LONG_SIDE = 800  # pixels of the picture in which circles are looked for
 _RADII = (0.02, 0.48)  # by the short side
 _ROUND = 0.6  # how much of the outline must show
-_MOST = 40  # circles looked at
+_MOST = 16  # circles looked at, of each picture
 _RAYS, _STEPS, _BLUR = 120, 61, 5  # along which the outline is refined, and points of each
 _EDGE = (0.9, 1.1)  # radii between which it lies
 _SHADED = 0.05  # relative error of the flash part as that of a matt sphere
@@ -52,7 +52,9 @@ def find_spheres(
     judged.sort(key=lambda pair: pair[0])
     found: list[Circle] = []
     for _, one in judged:
-        if all(np.hypot(one.x - o.x, one.y - o.y) > _APART * max(one.radius, o.radius) for o in found):
+        if all(
+            np.hypot(one.x - o.x, one.y - o.y) > _APART * max(one.radius, o.radius) for o in found
+        ):
             found.append(one)
     whole = np.sqrt(np.maximum(no_flash, 0) + np.maximum(flash, 0)).astype(np.float32)
     return [
@@ -78,9 +80,7 @@ def _circles(lights: list[NDArray[np.float32]]) -> list[Circle]:
     return found
 
 
-def _matt(
-    _: NDArray[np.float32], flash: NDArray[np.float32], circle: Circle
-) -> float | None:
+def _matt(_: NDArray[np.float32], flash: NDArray[np.float32], circle: Circle) -> float | None:
     """How far the light of the flash is from that of a matt sphere; None where it is none.
 
     The light of a flash at the camera on a sphere far enough away is as the cosine to the normal.
@@ -121,9 +121,7 @@ def _mirror(
     return aside if aside < apart else None
 
 
-def _inside(
-    light: NDArray[np.float32], circle: Circle, share: float
-) -> tuple[Array | None, Array]:
+def _inside(light: NDArray[np.float32], circle: Circle, share: float) -> tuple[Array | None, Array]:
     """Light (n, 3) of a circle's inner share, and how far from its middle, by its radius."""
     height, width = light.shape[:2]
     reach = circle.radius
