@@ -28,6 +28,7 @@ _FAINT = 0.05  # of the strongest lamp: what is below is a reflection of somethi
 _SURROUNDED = 4.0  # times what the sphere shows elsewhere
 _OUTLINE = 0.01  # standard deviation of the outline, by the radius
 _MOST = 3
+_CLIPPED = 0.97
 
 
 def mirror_lamps(
@@ -65,8 +66,10 @@ def mirror_lamps(
         colours = np.full_like(colours, np.nan)
     flash = _spots(pair.flash - pair.no_flash, mask)[:1]
     aside = [_lamp(pair, spot, sphere, focal_px)[0] for spot in flash]
-    to_camera = unit(np.array([0.0, 0.0, 1.0]))
-    cosine = float(aside[0] @ to_camera) if aside else 1.0
+    middle = view_sphere(
+        sphere, np.array([sphere.x]), np.array([sphere.y]), focal_px, pair.unusable.shape[::-1]
+    )
+    cosine = float(aside[0] @ middle.towards[0]) if aside else 1.0
     # A highlight turns twice as far as the surface, which turns by the outline's error.
     deviation = np.degrees(
         2 * _OUTLINE / np.sqrt(np.maximum((1 + np.array(directions)[:, 2]) / 2, 0.05))
@@ -111,4 +114,4 @@ def _lamp(
     share = light * np.linalg.norm(angle, axis=1, keepdims=True)
     direction = unit((towards(0, 0) * share.sum(axis=1, keepdims=True)).sum(axis=0))
     # the light falls off the sphere's own reflection evenly: what glows around is small beside it
-    return direction, share.sum(axis=0), bool(pair.unusable[spot].any())
+    return direction, share.sum(axis=0), bool(light.max() > _CLIPPED)
