@@ -25,7 +25,7 @@ _ONE_COLOUR = 0.02  # how much of it may be of another colour than the whole
 _HIGHLIGHT = (0.15, 6.0)  # how far from the middle, by the radius; times what is around it
 _APART = 0.3  # of the radius: middles nearer than that are of one sphere
 
-Judge = Callable[[NDArray[np.float32], NDArray[np.float32], Circle], float | None]
+Judge = Callable[[NDArray[np.float32], Circle], float | None]
 
 
 def find_spheres(
@@ -46,7 +46,7 @@ def find_spheres(
     judge: Judge = _mirror if mirror else _matt
     judged = []
     for circle in _circles(small):
-        error = judge(small[0], small[1], circle)
+        error = judge(small[1], circle)
         if error is not None:
             judged.append((error, circle))
     judged.sort(key=lambda pair: pair[0])
@@ -80,7 +80,7 @@ def _circles(lights: list[NDArray[np.float32]]) -> list[Circle]:
     return found
 
 
-def _matt(_: NDArray[np.float32], flash: NDArray[np.float32], circle: Circle) -> float | None:
+def _matt(flash: NDArray[np.float32], circle: Circle) -> float | None:
     """How far the light of the flash is from that of a matt sphere; None where it is none.
 
     The light of a flash at the camera on a sphere far enough away is as the cosine to the normal.
@@ -104,9 +104,7 @@ def _matt(_: NDArray[np.float32], flash: NDArray[np.float32], circle: Circle) ->
     return best
 
 
-def _mirror(
-    no_flash: NDArray[np.float32], flash: NDArray[np.float32], circle: Circle
-) -> float | None:
+def _mirror(flash: NDArray[np.float32], circle: Circle) -> float | None:
     """How far from the middle the flash is reflected; None where it is not, or not alone."""
     light, away = _inside(flash, circle, 0.95)
     if light is None:

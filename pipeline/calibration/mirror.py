@@ -57,8 +57,8 @@ def mirror_lamps(
     wanted = len(found) if count == "auto" else count
     if len(found) < max(wanted, 1) or wanted > _MOST:
         raise UnusablePairError(
-            f"The sphere shows {len(found)} highlights of lamps where one to three were looked for: "
-            "check that the sphere is a mirror, switch off other lamps, or tell their number."
+            f"The sphere shows {len(found)} highlights of lamps, where one to three were looked "
+            "for: check that the sphere is a mirror, switch off other lamps, or tell their number."
         )
     directions, powers, clipped = zip(*found[:wanted], strict=True)
     colours = np.array(powers) / max(float(np.max(powers)), 1e-12)

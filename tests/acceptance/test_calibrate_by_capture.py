@@ -1,4 +1,4 @@
-"""Calibration by one command or request: a camera takes the pair, and later jobs use what it gave."""
+"""Calibration by one command or request: a camera takes the pair, later jobs use what it gave."""
 
 from __future__ import annotations
 

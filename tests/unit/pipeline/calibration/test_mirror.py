@@ -38,7 +38,7 @@ def test_highlights_tell_where_lamps_are(room: Room, pair: Pair) -> None:
 
 
 def test_highlights_that_are_not_clipped_tell_strengths_and_colours(
-    room: Room, pair_of: Callable[..., Pair]
+    pair_of: Callable[..., Pair],
 ) -> None:
     dark = photograph_room("mirror", 5, Plan(share=(0.5, 0.6), blur_px=0.0, exposure=0.05))
     assert dark.circle is not None
