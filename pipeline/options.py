@@ -154,7 +154,7 @@ class Options(PairOptions):
     setup: SetUp = Field(
         default="default",
         description="Set-up whose kept calibrations of this camera stand in for `camera`, "
-        "`flash_spectrum` and `light_directions` where these are not given; `none`: no calibration.",
+        "`flash_spectrum` and `light_directions` where these are not given; `none`: none of them.",
     )
 
     lights: Literal["auto", 1, 2, 3] = Field(default="auto", description="Number of lamps.")

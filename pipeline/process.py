@@ -59,7 +59,8 @@ def separate_files(
 
     no_flash, flash: whole files of any format that decode reads. directory: made if missing;
     manifest.json is written last. strip_rows: rows worked on at a time, which changes memory and
-    not the result. kept: calibrations that stand in for options left out. Raises InputError for what the user can mend, Canceled, OSError.
+    not the result. kept: calibrations that stand in for options left out. Raises InputError for
+    what the user can mend, Canceled, OSError.
     """
     progress.report("decode", 0.0)
     check_pair(no_flash, flash)

@@ -145,9 +145,9 @@ def page(connection: sa.Connection, owner: str | None, limit: int, after: Job | 
 def kept_calibrations(connection: sa.Connection, owner: str, setup: str | None) -> list[Job]:
     """Calibrations of an owner that are kept for a set-up, or for any, newest first."""
     named = sa.true() if setup is None else jobs.c.options["setup"].as_string() == setup
-    own = sa.and_(jobs.c.owner == owner, jobs.c.state == State.SUCCEEDED, named)
-    query = sa.select(jobs).where(own, _KEPT)
-    return [_job(row) for row in connection.execute(query.order_by(jobs.c.created.desc()))]
+    own = sa.and_(jobs.c.owner == owner, jobs.c.state == State.SUCCEEDED, named, _KEPT)
+    rows = connection.execute(sa.select(jobs).where(own).order_by(jobs.c.created.desc()))
+    return [_job(row) for row in rows]
 
 
 def newest(connection: sa.Connection, state: State | None, limit: int) -> list[Job]:
