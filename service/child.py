@@ -28,11 +28,7 @@ from pipeline.mix_options import MixRequest
 from pipeline.options import Options
 from pipeline.process import check_pair, separate_files
 from pipeline.progress import Progress
-<<<<<<< HEAD
-from service import camera_tasks, errors, forkserver, logs
-=======
-from service import errors, forkserver, kept, logs
->>>>>>> 62f8333 (Marks may be left out; calibrations by capture, kept for a camera and a set-up)
+from service import camera_tasks, errors, forkserver, kept, logs
 from service.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
 
 _CODES = {
