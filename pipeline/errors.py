@@ -6,6 +6,7 @@ PipelineError
 │   ├── ImageTooLargeError     more pixels than the limit
 │   ├── PairMismatchError      the two frames do not belong together
 │   ├── UnusablePairError      no light left to separate (black, identical, flash too weak)
+│   ├── MarkError              what is to be measured was not found, or more than once
 │   └── OptionError            an option's value cannot be used
 └── Canceled              the caller asked to stop
 
@@ -37,6 +38,10 @@ class PairMismatchError(InputError):
 
 class UnusablePairError(InputError):
     """The pair holds no light that could be separated."""
+
+
+class MarkError(InputError):
+    """What a calibration measures was not found in the photographs, or more than once."""
 
 
 class OptionError(InputError):

@@ -75,7 +75,7 @@ class Frame:
     encoding: how the values came: "raw" (sensor values), "linear" or "srgb" (decoded with the
         sRGB curve, so linear only as far as the camera followed it).
     sha256: hexadecimal digest of the file's bytes.
-    make, model: from EXIF, "" where unknown.
+    make, model, serial: of the camera, from EXIF, "" where unknown.
     flash_fired: EXIF Flash bit 0, None where unknown.
     auto_white_balance: EXIF WhiteBalance is automatic, None where unknown.
     focal_px: focal length in pixels of this frame, None where unknown.
@@ -89,6 +89,7 @@ class Frame:
     exposure: Exposure = field(default_factory=Exposure)
     make: str = ""
     model: str = ""
+    serial: str = ""
     flash_fired: bool | None = None
     auto_white_balance: bool | None = None
     focal_px: float | None = None

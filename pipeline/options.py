@@ -16,6 +16,8 @@ from pydantic import (
 )
 
 Vector = tuple[float, float, float]
+SetUp = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,39}$")]
+"""Name of a set-up of camera, flash and lamps."""
 Quality = Literal["best", "balanced", "fast"]
 OUTPUT_NAMES = (
     "layers.exr",
@@ -148,6 +150,12 @@ class PairOptions(Strict):
 
 class Options(PairOptions):
     """Options of a separation."""
+
+    setup: SetUp = Field(
+        default="default",
+        description="Set-up whose kept calibrations of this camera stand in for `camera`, "
+        "`flash_spectrum` and `light_directions` where these are not given; `none`: none of them.",
+    )
 
     lights: Literal["auto", 1, 2, 3] = Field(default="auto", description="Number of lamps.")
     method: Literal["best", "paper"] = Field(

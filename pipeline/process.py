@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from pipeline.belonging import check_sizes
+from pipeline.calibration.kept import Kept, with_kept
 from pipeline.decode import check_header, decode
 from pipeline.doubts import doubts
 from pipeline.errors import UnusablePairError
@@ -51,12 +53,14 @@ def separate_files(
     directory: Path,
     progress: Progress,
     strip_rows: int = STRIP_ROWS,
+    kept: Sequence[Kept] = (),
 ) -> dict[str, Any]:
     """Separate a pair of files and write the results; returns the manifest.
 
     no_flash, flash: whole files of any format that decode reads. directory: made if missing;
     manifest.json is written last. strip_rows: rows worked on at a time, which changes memory and
-    not the result. Raises InputError for what the user can mend, Canceled, OSError.
+    not the result. kept: calibrations that stand in for options left out. Raises InputError for
+    what the user can mend, Canceled, OSError.
     """
     progress.report("decode", 0.0)
     check_pair(no_flash, flash)
@@ -64,6 +68,7 @@ def separate_files(
     progress.report("decode", 0.5)
     after = decode(flash, options.encoding, FLASH, options.quality)
     # first what costs little and may be refused: names of cameras and lights
+    options, used = with_kept(options, kept, before)
     camera = find_camera(options.camera, before)
     model = _model(camera, before, options)
     progress.report("decode", 1.0)
@@ -121,6 +126,7 @@ def separate_files(
         mix_basis(pair.no_flash, lamps, model),
         warnings,
     )
+    manifest["calibrations"] = used
     text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False)
     progress.report("encode", 1.0)  # before the manifest, which only a finished run has
     (directory / "manifest.json").write_text(text + "\n", encoding="utf-8")

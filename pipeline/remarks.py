@@ -42,6 +42,7 @@ class Code(StrEnum):
     FOCAL_LENGTH_ASSUMED = "focal_length_assumed"
     NORMALS_DOUBTFUL = "normals_doubtful"
     FLASH_ASIDE = "flash_aside"
+    HIGHLIGHT_CLIPPED = "highlight_clipped"
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import logging
 import shutil
 import time
@@ -15,8 +16,9 @@ import sqlalchemy as sa
 from obstore.exceptions import BaseError
 
 from drivers import CameraInfo
+from pipeline.calibration.options import FILES
 from pipeline.mix_options import LAYERS, MANIFEST
-from service import cameras, eta, jobs, metrics, sandbox, scratch, tracing
+from service import cameras, eta, jobs, kept, metrics, sandbox, scratch, tracing
 from service.database import AWAY
 from service.errors import AttemptError, DeadlineError, LayersGoneError, problem_of
 from service.forkserver import ForkServer
@@ -84,7 +86,8 @@ class Attempt:
         self._storage = storage
         self._settings = settings
         self._fork_server = fork_server
-        self._keep_seconds = settings.retention_seconds
+        kept_on = job.task == "calibrate" and job.options.get("setup")
+        self._keep_seconds = None if kept_on else settings.retention_seconds
         self._stopping = stopping
         self._asked = 0.0
         self._stop = False
@@ -172,7 +175,11 @@ class Attempt:
             else:
                 self._stages.enter("fetch")
                 self._fetch(directory)
+            if self._job.task == "separate":
+                self._bring_kept(directory)
             self._run_task(self._job.task, directory)
+            if self._job.task == "calibrate":
+                self._note_camera(directory)
             self._track.reach("store", 0.0)
             self._stages.enter("store")
             results = [self._store(path) for path in sandbox.results_of(directory)]
@@ -247,6 +254,25 @@ class Attempt:
         while (done := self._patiently(look)) is None:
             self._pause(_ASK_SECONDS)
         return done
+
+    def _bring_kept(self, directory: Path) -> None:
+        with self._engine.connect() as connection:
+            rows = kept.for_separation(connection, self._job)
+        found = []
+        for row in rows:
+            key = results_key(row.id, row.attempt, FILES[row.options["kind"]])
+            with contextlib.suppress(FileNotFoundError):  # deleted at this moment
+                found.append(kept.made_of(row, self._patiently(partial(self._storage.get, key))))
+        kept.write(directory, found)
+
+    def _note_camera(self, directory: Path) -> None:
+        manifest = json.loads((directory / "results" / MANIFEST).read_bytes())
+        with self._engine.begin() as connection:
+            row = jobs.find(connection, self._job.id)
+            if row and row.inputs:
+                inputs = row.inputs | {"camera": manifest["taken_with"]}
+                size, settings = row.stored_bytes, row.camera_settings
+                jobs.set_inputs(connection, self._job, inputs, size, settings)
 
     def _fetch_layers(self, directory: Path) -> None:
         self._stages.enter("fetch")

@@ -28,7 +28,7 @@ from pipeline.mix_options import MixRequest
 from pipeline.options import Options
 from pipeline.process import check_pair, separate_files
 from pipeline.progress import Progress
-from service import camera_tasks, errors, forkserver, logs
+from service import camera_tasks, errors, forkserver, kept, logs
 from service.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
 
 _CODES = {
@@ -107,6 +107,7 @@ def _separate(task: dict[str, Any], tell: Tell) -> None:
         Options.model_validate(task["options"]),
         Path(task["directory"]) / "results",
         Progress(lambda stage, fraction: tell({"stage": stage, "fraction": fraction})),
+        kept=kept.read(Path(task["directory"])),
     )
 
 

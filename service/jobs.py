@@ -86,6 +86,11 @@ class Job:
         return self.state in HELD and self.stage == CAPTURE
 
 
+_KEPT = sa.and_(
+    jobs.c.likeness.like("calibrate-%"), jobs.c.options["setup"].as_string().is_not(None)
+)
+
+
 def _job(row: sa.Row[Any]) -> Job:
     return Job(**{**row._mapping, "state": State(row.state)})
 
@@ -135,6 +140,14 @@ def page(connection: sa.Connection, owner: str | None, limit: int, after: Job | 
     if after:
         query = query.where(sa.tuple_(jobs.c.created, jobs.c.id) < (after.created, after.id))
     return [_job(row) for row in connection.execute(query)]
+
+
+def kept_calibrations(connection: sa.Connection, owner: str, setup: str | None) -> list[Job]:
+    """Calibrations of an owner that are kept for a set-up, or for any, newest first."""
+    named = sa.true() if setup is None else jobs.c.options["setup"].as_string() == setup
+    own = sa.and_(jobs.c.owner == owner, jobs.c.state == State.SUCCEEDED, named, _KEPT)
+    rows = connection.execute(sa.select(jobs).where(own).order_by(jobs.c.created.desc()))
+    return [_job(row) for row in rows]
 
 
 def newest(connection: sa.Connection, state: State | None, limit: int) -> list[Job]:
@@ -210,8 +223,12 @@ def fail_waiting(
 
 
 def limit_keeping(connection: sa.Connection, keep_seconds: float, limit: int) -> int:
-    """Set when up to `limit` ended jobs expire that were to be kept for ever; how many it were."""
-    endless = sa.and_(jobs.c.state.in_(before(State.EXPIRED)), jobs.c.expires.is_(None))
+    """Set when up to `limit` ended jobs expire that were to be kept for ever; how many it were.
+
+    Calibrations that are kept for a set-up are not among them.
+    """
+    dateless, kept = jobs.c.expires.is_(None), (jobs.c.state == State.SUCCEEDED) & _KEPT
+    endless = sa.and_(jobs.c.state.in_(before(State.EXPIRED)), dateless, ~kept)
     some = sa.select(jobs.c.id).where(endless).limit(limit)
     dated = _update(jobs.c.id.in_(some)).values(expires=jobs.c.finished + keep_seconds)
     return connection.execute(dated).rowcount
@@ -342,7 +359,7 @@ def set_inputs(
     job: Job,
     inputs: dict[str, Any],
     size: int,
-    camera_settings: dict[str, Any],
+    camera_settings: dict[str, Any] | None,
 ) -> bool:
     """Name the stored photographs of a capture, so that no later attempt takes them again.
 

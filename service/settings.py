@@ -64,6 +64,11 @@ class Settings(BaseSettings):
         validate_default=True,
         description="Folder of the embedded database and store and of running jobs.",
     )
+    calibrations_dir: Path | None = Field(
+        default=None,
+        description="Folder in which the command line keeps calibrations of a set-up; default: "
+        "one of the user's own.",
+    )
     database_url: str = Field(
         default_factory=_database_in,
         description="sqlite:///… or postgresql://… of jobs and queue.",

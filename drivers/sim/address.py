@@ -17,7 +17,8 @@ class SimulatedCamera(BaseModel):
 
     lights: lamps that are on. width, height: pixels, even because of the colour filter mosaic.
     seed: of the noise. format: files per photograph. noise: off gives the exact light, only
-    rounded. scene: studio, a still life, or objects, one material for normals. camera: which file
+    rounded. scene: studio, a still life; objects, one material for normals; chart, card, sphere
+    and mirror, what calibrations are made of. camera: which file
     of the folder cameras. cable: direct hands the protocol over as it is, usb through pyusb.
     fault: what goes wrong, to rehearse it.
     """
@@ -30,7 +31,7 @@ class SimulatedCamera(BaseModel):
     seed: int = Field(default=1, ge=0, le=2**32 - 1)
     format: Literal["dng", "jpeg", "both"] = "dng"
     noise: Literal["on", "off"] = "on"
-    scene: Literal["studio", "objects"] = "studio"
+    scene: Literal["studio", "objects", "chart", "card", "sphere", "mirror"] = "studio"
     camera: Literal["standard", "native", "switchless"] = "standard"
     cable: Literal["direct", "usb"] = "direct"
     fault: Fault = "none"

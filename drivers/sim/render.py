@@ -21,6 +21,7 @@ Image = NDArray[np.float32]
 
 _SUBSAMPLES = 4  # per side, where a pixel straddles an edge or lies in half-shadow
 _LAMP_SAMPLES = 4  # per ray; subsamples see different ones
+_POINT_DEG = 0.5  # half the angle that a lamp spans at least in a mirror
 _GOLDEN_ANGLE = np.pi * (3 - 5**0.5)
 _DIAGONAL_35MM = float(np.hypot(36, 24))
 
@@ -80,6 +81,9 @@ class Renderer:
         self._occluders = [shape for shape in self._shapes if isinstance(shape, Solid)]
         to_lamps = np.array([lamp.direction for lamp in scene.lamps[:lights]])
         self._spreads = [np.tan(np.radians(lamp.radius_deg)) for lamp in scene.lamps[:lights]]
+        self._mirrors = [shape.mirror for shape in scene.shapes]
+        reaches = [max(lamp.radius_deg, _POINT_DEG) for lamp in scene.lamps[:lights]]
+        self._reaches = np.radians([*reaches, scene.flash_radius_deg])
         self.to_lamps = to_lamps / np.linalg.norm(to_lamps, axis=1, keepdims=True)
 
     def block(self, rows: slice, colours: Array) -> tuple[Image, Image]:
@@ -152,7 +156,16 @@ class Renderer:
                 half_shadow[own] |= (seen > 0) & (seen < 1)
             falloff = (self.eye.distance / nearest[own]) ** 2
             shading[own, -1] = np.maximum(-np.einsum("ni,ni->n", n, directions[own]), 0) * falloff
+            if mirror := self._mirrors[shape.index]:
+                shading[own] = (shading[own] > 0) * self._reflected(n, -directions[own], mirror)
         return Hits(which, material, normals, shading, half_shadow)
+
+    def _reflected(self, normals: Array, towards: Array, mirror: float) -> Array:
+        """How bright a mirror shows each lamp and last the flash, (n, N+1), by a card facing it."""
+        cosine = np.einsum("ni,ni->n", normals, towards)[:, None]
+        away = 2 * cosine * normals - towards
+        cosines = np.concatenate([away @ self.to_lamps.T, 2 * cosine**2 - 1], axis=1)
+        return np.asarray((cosines > np.cos(self._reaches)) * mirror / np.sin(self._reaches) ** 2)
 
     def _seen(self, points: Array, facing: NDArray[np.intp], lamp: int, own: int) -> Array:
         """Compute which part of a lamp is seen from points on a shape, (n,), 0…1.

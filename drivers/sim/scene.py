@@ -46,9 +46,11 @@ class Shape(_Strict):
 
     materials: one name, or several that repeat, cell by cell, over a pattern. pattern: columns
     and rows of cells, left to right and bottom to top; columns go around a sphere or cylinder.
+    gap: share of a cell's width that is between it and the next, of the material after the cells'.
     half: half sizes along x, y, z in metres. turn, tilt, roll: degrees about the vertical, then
     about the x and z axes. A sweep is a floor through its centre that curves up into a wall:
-    half = (any, radius of the curve, distance of the wall behind the centre).
+    half = (any, radius of the curve, distance of the wall behind the centre). mirror: share of
+    the light that it reflects as a mirror, in place of being matt; it shows lamps and flash alone.
     """
 
     kind: Literal["sphere", "box", "cylinder", "sweep"]
@@ -59,6 +61,8 @@ class Shape(_Strict):
     turn: float = 0.0
     tilt: float = 0.0
     roll: float = 0.0
+    gap: float = Field(default=0.0, ge=0, lt=1)
+    mirror: float = Field(default=0.0, ge=0, le=1)
 
 
 class Scene(_Strict):
@@ -66,12 +70,14 @@ class Scene(_Strict):
 
     highlight: the brightest value of the flash photograph, white = 1. flash: green response of
     a white card at the point looked at, facing the flash, on the scale of the lamps' strengths.
+    flash_radius_deg: half the angle that it spans in mirrors.
     """
 
     version: Literal[1]
     view: View
     highlight: float = Field(gt=0, lt=1)
     flash: float = Field(gt=0)
+    flash_radius_deg: float = Field(default=6.0, gt=0, lt=45)
     lamps: tuple[Lamp, ...]
     materials: dict[str, str]
     shapes: tuple[Shape, ...]

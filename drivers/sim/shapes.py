@@ -19,6 +19,7 @@ class Solid:
     def __init__(self, index: int, shape: Shape) -> None:
         self.index = index
         self._pattern = shape.pattern
+        self._gap = shape.gap
         self.kind = shape.kind
         self.centre = np.array(shape.centre)
         half = np.array(shape.half)
@@ -56,7 +57,12 @@ class Solid:
         columns, rows = self._pattern
         column = np.clip((along + 1) / 2 * columns, 0, columns - 1).astype(np.intp)
         row = np.clip((p[:, 1] + 1) / 2 * rows, 0, rows - 1).astype(np.intp)
-        return np.asarray(row * columns + column)
+        cells = row * columns + column
+        if self._gap:
+            across, up = (along + 1) / 2 * columns % 1 - 0.5, (p[:, 1] + 1) / 2 * rows % 1 - 0.5
+            between = np.maximum(np.abs(across), np.abs(up)) > (1 - self._gap) / 2
+            cells = np.where(between, columns * rows, cells)
+        return np.asarray(cells)
 
     def normals(self, points: Array) -> Array:
         """Compute outward unit normals at points on the surface, (n, 3)."""

@@ -13,21 +13,26 @@ from numpy.typing import NDArray
 
 from pipeline.calibration.camera import estimate_camera
 from pipeline.calibration.chart import read_card, read_chart
+from pipeline.calibration.find_marks import MARKS, draw_marks, find_card, find_chart, find_sphere
 from pipeline.calibration.flash import FAMILY, estimate_flash
+from pipeline.calibration.kept import TakenWith
 from pipeline.calibration.lamps import estimate_lamps
+from pipeline.calibration.mirror import mirror_lamps
 from pipeline.calibration.options import (
     FILES,
     CameraCalibration,
+    Corners,
     FlashCalibration,
     LampsCalibration,
 )
+from pipeline.calibration.patches import Patches
 from pipeline.colour.temperature import cct_duv
 from pipeline.decode import decode
 from pipeline.errors import OptionError
 from pipeline.focal import focal_length_px
 from pipeline.frames import Frame
 from pipeline.manifest import input_entry, versions
-from pipeline.options import Sensitivities, Spectrum
+from pipeline.options import Circle, Sensitivities, Spectrum
 from pipeline.pair import Pair, make_pair
 from pipeline.process import FLASH, NO_FLASH, check_pair
 from pipeline.progress import Progress
@@ -39,14 +44,19 @@ from pipeline.spectra.observer import cie_1931
 from pipeline.spectra.tables import write_sensitivities, write_spectrum
 
 _FAR_ASIDE_DEG = 5.0
+_GREY_CARD = 0.18
 
 
 @dataclass(frozen=True)
 class _Found:
-    """file: what the option of a separation reads. said: what people want to know of it."""
+    """file: what the option of a separation reads. said: what people want to know of it.
+
+    marks: a picture of where it was read.
+    """
 
     file: bytes
     said: dict[str, Any]
+    marks: bytes
 
 
 def calibrate_files(
@@ -56,7 +66,10 @@ def calibrate_files(
     directory: Path,
     progress: Progress,
 ) -> dict[str, Any]:
-    """Calibrate from a pair of files; writes the file of FILES and manifest.json, returns the last.
+    """Calibrate from a pair of files; writes what it found, MARKS and manifest.json.
+
+    What it found is the file of FILES; the manifest is returned. Marks that the options leave out
+    are looked for.
 
     no_flash, flash: whole files of any format that decode reads. directory: made if missing.
     Raises InputError for what the user can mend, Canceled, OSError.
@@ -84,12 +97,18 @@ def calibrate_files(
     progress.report("calibrate", 1.0)
     directory.mkdir(parents=True, exist_ok=True)
     name = FILES[options.kind]
-    (directory / name).write_bytes(found.file)
+    contents = {name: found.file, MARKS: found.marks}
+    for file, content in contents.items():
+        (directory / file).write_bytes(content)
     manifest = {
         "inputs": {"no_flash": input_entry(before), "flash": input_entry(after)},
         "options": options.model_dump(mode="json"),
         "found": found.said,
-        "files": [{"name": name, "sha256": hashlib.sha256(found.file).hexdigest()}],
+        "taken_with": TakenWith.of(before).model_dump(),
+        "files": [
+            {"name": file, "sha256": hashlib.sha256(content).hexdigest()}
+            for file, content in contents.items()
+        ],
         "warnings": [warning.entry() for warning in (*pair.warnings, *warnings)],
         "versions": versions(),
     }
@@ -100,11 +119,17 @@ def calibrate_files(
 
 def _flash(pair: Pair, frame: Frame, options: FlashCalibration) -> _Found:
     camera = find_camera(options.camera, frame)
-    if options.chart is not None:
-        patches = read_chart(pair, options.chart)
+    chart, card = options.chart, options.card
+    if chart is None and card is None:
+        if options.target == "chart":
+            chart = find_chart(pair)
+        else:
+            card = find_card(pair, camera.sensitivities)
+    if chart is not None:
+        patches = read_chart(pair, chart)
     else:
-        assert options.card is not None  # one of the two, as the options say
-        patches = read_card(pair, options.card)
+        assert card is not None  # one of the two, as it was given or found
+        patches = read_card(pair, card)
     flash = estimate_flash(patches, camera.sensitivities)
     white = cct_duv(cie_1931() @ flash.spectrum, np.eye(3))
     table = Spectrum(wavelength_nm=WAVELENGTHS_NM.tolist(), power=flash.spectrum.tolist())
@@ -115,8 +140,26 @@ def _flash(pair: Pair, frame: Frame, options: FlashCalibration) -> _Found:
         "duv": None if white is None else round(white[1], 4),
         "patches": len(patches.flash),
         "misfit": round(flash.misfit, 4),
+        "strength": _strength(patches),
+        **_marks(chart, card),
     }
-    return _Found(write_spectrum(table), said)
+    return _Found(write_spectrum(table), said, draw_marks(pair, chart, card))
+
+
+def _strength(patches: Patches) -> float:
+    """Green light of the flash on a white card at the target, 1 the white level."""
+    green = cie_1931()[1]
+    reflectance = patches.reflectances @ green / green.sum()
+    share = reflectance if len(patches.flash) > 1 else np.array([_GREY_CARD])
+    bright = int(np.argmax(patches.flash[:, 1]))
+    return round(float(patches.flash[bright, 1] / share[min(bright, len(share) - 1)]), 4)
+
+
+def _marks(chart: Corners | None, circle: Circle | None) -> dict[str, Any]:
+    if chart is not None:
+        return {"chart": [[round(x, 2), round(y, 2)] for x, y in chart]}
+    assert circle is not None
+    return {"card": {name: round(v, 2) for name, v in circle.model_dump().items()}}
 
 
 def _camera(pair: Pair, frame: Frame, options: CameraCalibration) -> _Found:
@@ -129,14 +172,17 @@ def _camera(pair: Pair, frame: Frame, options: CameraCalibration) -> _Found:
     approximate = find_camera(None, frame)
     if approximate.source == "approximate":
         known.append(approximate)
-    camera = estimate_camera(read_chart(pair, options.chart), flashes, known)
+    chart = options.chart or find_chart(pair)
+    camera = estimate_camera(read_chart(pair, chart), flashes, known)
     said = {
         "nearest": camera.nearest,
         "flash": camera.flash,
         "known_cameras": len(known),
         "misfit": round(camera.misfit, 4),
+        **_marks(chart, None),
     }
-    return _Found(write_sensitivities(_table(camera.sensitivities)), said)
+    file = write_sensitivities(_table(camera.sensitivities))
+    return _Found(file, said, draw_marks(pair, chart, None))
 
 
 def _table(sensitivities: NDArray[np.float64]) -> Sensitivities:
@@ -146,7 +192,9 @@ def _table(sensitivities: NDArray[np.float64]) -> Sensitivities:
 
 def _lamps(pair: Pair, frame: Frame, options: LampsCalibration, warnings: list[Remark]) -> _Found:
     focal_px = focal_length_px(frame, options.focal_px, warnings)
-    lamps = estimate_lamps(pair, options.sphere, options.lights, focal_px)
+    sphere = options.sphere or find_sphere(pair, options.mirror)
+    estimate = mirror_lamps if options.mirror else estimate_lamps
+    lamps = estimate(pair, sphere, options.lights, focal_px)
     if lamps.flash_aside_deg > _FAR_ASIDE_DEG:
         message = (
             f"The flash shines from {lamps.flash_aside_deg:.0f}° beside the camera, where normals "
@@ -154,15 +202,20 @@ def _lamps(pair: Pair, frame: Frame, options: LampsCalibration, warnings: list[R
         )
         figures = {"angle_deg": lamps.flash_aside_deg}
         warnings.append(Remark(Code.FLASH_ASIDE, message, figures))
-    strongest = float(lamps.colours[:, 1].max())
-    lights = [
-        {
-            "direction": [round(float(c), 5) for c in direction],
-            "strength": max(round(float(colour[1]) / strongest, 5), 1e-5),
-            "rgb": [round(float(c), 5) for c in colour / colour.max()],
-        }
-        for direction, colour in zip(lamps.directions, lamps.colours, strict=True)
+    lights: list[dict[str, Any]] = [
+        {"direction": [round(float(c), 5) for c in direction]} for direction in lamps.directions
     ]
+    if np.isnan(lamps.colours).any():
+        message = (
+            "A highlight of a lamp is clipped, so that only the lamps' directions are known: "
+            "expose shorter for their strengths and colours."
+        )
+        warnings.append(Remark(Code.HIGHLIGHT_CLIPPED, message))
+    else:
+        strongest = float(lamps.colours[:, 1].max())
+        for light, colour in zip(lights, lamps.colours, strict=True):
+            light["strength"] = max(round(float(colour[1]) / strongest, 5), 1e-5)
+            light["rgb"] = [round(float(c), 5) for c in colour / colour.max()]
     said = {
         "lights": [
             {**light, "deviation_deg": round(float(deviation), 3)}
@@ -172,4 +225,5 @@ def _lamps(pair: Pair, frame: Frame, options: LampsCalibration, warnings: list[R
         "flash_aside_deg": round(lamps.flash_aside_deg, 2),
         "misfit": round(lamps.misfit, 4),
     }
-    return _Found((json.dumps({"lights": lights}, indent=1) + "\n").encode(), said)
+    file = (json.dumps({"lights": lights}, indent=1) + "\n").encode()
+    return _Found(file, said, draw_marks(pair, None, lamps.circle))

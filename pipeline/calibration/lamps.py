@@ -23,7 +23,7 @@ from pipeline.pair import Pair
 Array = NDArray[np.float64]
 
 _INNER = 0.9  # of the radius: beyond, the outline that was marked may miss the sphere
-_SMALLEST_PX = 12.0
+SMALLEST_PX = 12.0
 _MOST_UNUSABLE = 0.2
 _BLOCKS = 4_000  # at least, of a large sphere
 _NO_SPHERE = 0.12  # relative error of the flash part as that of a matt sphere
@@ -95,10 +95,10 @@ def estimate_lamps(
 
 def _look(pair: Pair, sphere: Circle, focal_px: float) -> SphereLight:
     """Light of the sphere, means over blocks of pixels where there are many."""
-    if sphere.radius < _SMALLEST_PX:
+    if sphere.radius < SMALLEST_PX:
         raise OptionError(
             f"The sphere has a radius of only {sphere.radius:.3g} pixels: it must have "
-            f"{_SMALLEST_PX:g}, so photograph it from nearer."
+            f"{SMALLEST_PX:g}, so photograph it from nearer."
         )
     disc(pair.unusable.shape, sphere, "sphere")
     inner = Circle(x=sphere.x, y=sphere.y, radius=_INNER * sphere.radius)

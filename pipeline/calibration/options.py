@@ -6,10 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field, TypeAdapter, model_validator
 
-from pipeline.options import Circle, PairOptions, Sensitivities, Spectrum
+from pipeline.options import Circle, PairOptions, Sensitivities, SetUp, Spectrum
 
 Point = tuple[float, float]
-
+Kind = Literal["flash", "camera", "lamps"]
 
 Corners = Annotated[
     tuple[Point, Point, Point, Point],
@@ -20,10 +20,24 @@ Corners = Annotated[
 ]
 
 
-class FlashCalibration(PairOptions):
+class KeptOptions(PairOptions):
+    """How what is found is kept."""
+
+    setup: SetUp | None = Field(
+        default=None,
+        description="Name of a set-up for which it is kept: later jobs on photographs of this "
+        "camera that name the set-up use it.",
+    )
+
+
+class FlashCalibration(KeptOptions):
     """The spectrum of a flash, from a grey card or a ColorChecker and a known camera."""
 
     kind: Literal["flash"]
+    target: Literal["chart", "card"] = Field(
+        default="chart",
+        description="What is looked for where neither is marked: a ColorChecker or a grey card.",
+    )
     card: Circle | None = Field(
         default=None, description="A circle that lies wholly on a grey card."
     )
@@ -33,28 +47,35 @@ class FlashCalibration(PairOptions):
     )
 
     @model_validator(mode="after")
-    def _one_of_two(self) -> FlashCalibration:
-        if (self.card is None) == (self.chart is None):
+    def _not_both(self) -> FlashCalibration:
+        if self.card is not None and self.chart is not None:
             raise ValueError("mark either a grey card or a ColorChecker")
         return self
 
 
-class CameraCalibration(PairOptions):
+class CameraCalibration(KeptOptions):
     """A camera's spectral sensitivities, from a ColorChecker."""
 
     kind: Literal["camera"]
-    chart: Corners
+    chart: Corners | None = Field(default=None, description="When missing, it is looked for.")
     flash_spectrum: str | Spectrum | None = Field(
         default=None,
         description="Name of a flash or light source, or its table; when missing, the likeliest.",
     )
 
 
-class LampsCalibration(PairOptions):
-    """Directions, strengths and colours of distant lamps, from a matt grey sphere."""
+class LampsCalibration(KeptOptions):
+    """Directions, strengths and colours of distant lamps, from a matt grey or a mirror sphere."""
 
     kind: Literal["lamps"]
-    sphere: Circle = Field(description="The outline of the sphere.")
+    sphere: Circle | None = Field(
+        default=None, description="The outline of the sphere; when missing, it is looked for."
+    )
+    mirror: bool = Field(
+        default=False,
+        description="The sphere is a mirror: lamps are seen by their highlights; their strengths "
+        "and colours only where no highlight is clipped.",
+    )
     lights: Literal["auto", 1, 2, 3] = Field(default="auto", description="Number of lamps.")
     focal_px: float | None = Field(
         default=None,
@@ -71,5 +92,5 @@ CALIBRATION_OPTIONS: TypeAdapter[FlashCalibration | CameraCalibration | LampsCal
 )
 """Reads the options of any kind of calibration."""
 
-FILES = {"flash": "flash.json", "camera": "camera.json", "lamps": "lights.json"}
+FILES: dict[Kind, str] = {"flash": "flash.json", "camera": "camera.json", "lamps": "lights.json"}
 """The file that a calibration of each kind writes, as the option of a separation reads it."""

@@ -40,6 +40,7 @@ class Metadata:
     exposure: Exposure = field(default_factory=Exposure)
     make: str = ""
     model: str = ""
+    serial: str = ""
     flash_fired: bool | None = None
     auto_white_balance: bool | None = None
     orientation: int = 1
@@ -82,6 +83,7 @@ def read_metadata(data: bytes) -> Metadata:
         ),
         make=_text(tags, "Image Make"),
         model=_text(tags, "Image Model"),
+        serial=_text(tags, "EXIF BodySerialNumber"),
         flash_fired=None if flash is None else bool(int(flash) & 1),
         auto_white_balance=None if white_balance is None else white_balance == 0,
         orientation=int(orientation) if orientation and orientation in range(1, 9) else 1,

@@ -95,6 +95,7 @@ def decode(
         exposure=metadata.exposure,
         make=metadata.make,
         model=metadata.model,
+        serial=metadata.serial,
         flash_fired=metadata.flash_fired,
         auto_white_balance=metadata.auto_white_balance,
         focal_px=metadata.focal_px(width, height),

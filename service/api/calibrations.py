@@ -2,25 +2,38 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from functools import partial
+from typing import Annotated
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
+import drivers
 from pipeline.calibration.options import CameraCalibration, FlashCalibration, LampsCalibration
+from service import jobs, kept
 from service.api import intake
 from service.api.accept import accept, refuse_when_full
 from service.api.calibrated import fill_in
 from service.api.callers import Calling
 from service.api.context import Parts, TraceId
 from service.api.jobs import answer
-from service.api.models import Calibrated, CalibrationRequest, JobAnswer
+from service.api.models import (
+    Calibrated,
+    CalibrationCaptureRequest,
+    CalibrationRequest,
+    JobAnswer,
+    KeptCalibration,
+    KeptCalibrations,
+    Links,
+)
 from service.api.pair_form import IdempotencyKey, accepted, pair_form
+from service.api.problems import responses
 
 router = APIRouter(tags=["calibrations"])
 
 _KIND_SCHEMAS = (FlashCalibration, CameraCalibration, LampsCalibration)
-SCHEMAS = (Calibrated, CalibrationRequest, *_KIND_SCHEMAS)
+SCHEMAS = (Calibrated, CalibrationRequest, CalibrationCaptureRequest, *_KIND_SCHEMAS)
 """Models that the OpenAPI document names only in bodies."""
 
 _BODY = {
@@ -31,7 +44,14 @@ _BODY = {
             "What to calibrate, and the marks, as JSON text.",
             required=True,
         ),
-        "application/json": {"schema": {"$ref": "#/components/schemas/CalibrationRequest"}},
+        "application/json": {
+            "schema": {
+                "oneOf": [
+                    {"$ref": "#/components/schemas/CalibrationCaptureRequest"},
+                    {"$ref": "#/components/schemas/CalibrationRequest"},
+                ]
+            }
+        },
     },
 }
 
@@ -41,7 +61,7 @@ _BODY = {
     status_code=202,
     response_model=JobAnswer,
     openapi_extra={"requestBody": _BODY},
-    responses=accepted(),
+    responses=accepted(drivers.CameraNotFoundError),
 )
 async def create_calibration(
     request: Request,
@@ -51,10 +71,41 @@ async def create_calibration(
     trace_id: TraceId,
     idempotency_key: IdempotencyKey = None,
 ) -> JobAnswer:
-    """Calibrate a flash, a camera or lamps; a job, whose id other jobs' options may name."""
+    """Calibrate a flash, a camera or lamps, on a pair sent or taken; a job that others may name."""
     await run_in_threadpool(refuse_when_full, context, caller, idempotency_key)
     named = partial(fill_in, context, caller)
     async with intake.read_calibration(request, context.settings, named) as wanted:
         made = await run_in_threadpool(accept, context, caller, wanted, idempotency_key, trace_id)
     response.headers.update(made.headers)
     return await run_in_threadpool(answer, context, caller, made.job_id)
+
+
+@router.get(
+    "/calibrations", response_model=KeptCalibrations, responses=responses(status=(422, 503))
+)
+def list_calibrations(
+    context: Parts,
+    caller: Calling,
+    camera: Annotated[
+        str | None, Query(description="Part of a camera's make and model, in any case.")
+    ] = None,
+    setup: Annotated[str | None, Query(description="Name of a set-up.")] = None,
+) -> KeptCalibrations:
+    """List the calibrations that are kept for a camera and a set-up, newest first."""
+    with context.engine.connect() as connection:
+        rows = jobs.kept_calibrations(connection, caller.owner, setup)
+    listed = [_kept(row) for row in rows]
+    wanted = (camera or "").casefold()
+    return KeptCalibrations(calibrations=[one for one in listed if wanted in one.camera.casefold()])
+
+
+def _kept(row: jobs.Job) -> KeptCalibration:
+    of, here = kept.taken_with(row), f"/jobs/{row.id}"
+    return KeptCalibration(
+        id=row.id,
+        kind=row.options["kind"],
+        setup=row.options["setup"],
+        camera=f"{of.make} {of.model}".strip(),
+        made=datetime.fromisoformat(kept.made_at(row)),
+        links=Links(self=here, results=f"{here}/results", zip=f"{here}/results.zip"),
+    )

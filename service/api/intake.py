@@ -28,6 +28,7 @@ from pipeline.options import Options
 from service import scratch
 from service.api.form import Form, read_form
 from service.api.models import (
+    CalibrationCaptureRequest,
     CalibrationRequest,
     CameraCapture,
     Capture,
@@ -193,8 +194,14 @@ def _named(fill_in: FillIn, body: bytes, directory: Path) -> Intake:
     values, body = _json(body, fill_in)
     if isinstance(values, dict) and "uploads" in values:
         return _uploaded(UploadsRequest, body, directory)
+    return _captured(CaptureRequest, body, directory)
+
+
+def _captured(
+    model: type[CaptureRequest | CalibrationCaptureRequest], body: bytes, directory: Path
+) -> Intake:
     try:
-        wanted = CaptureRequest.model_validate_json(body)
+        wanted = model.model_validate_json(body)
     except ValidationError as error:
         raise OptionError(sentence_of(error)) from error
     drivers.check_address(wanted.capture.camera)
@@ -203,7 +210,10 @@ def _named(fill_in: FillIn, body: bytes, directory: Path) -> Intake:
 
 
 def _calibration_named(fill_in: FillIn, body: bytes, directory: Path) -> Intake:
-    return _uploaded(CalibrationRequest, _json(body, fill_in)[1], directory)
+    values, body = _json(body, fill_in)
+    if isinstance(values, dict) and "capture" in values:
+        return _captured(CalibrationCaptureRequest, body, directory)
+    return _uploaded(CalibrationRequest, body, directory)
 
 
 def _json(body: bytes, fill_in: FillIn) -> tuple[Any, bytes]:

@@ -161,6 +161,13 @@ class UploadsRequest(Handling):
     options: Options = Options()
 
 
+class CalibrationCaptureRequest(Handling):
+    """A calibration whose pair a camera takes."""
+
+    capture: Capture
+    options: CalibrationOptions
+
+
 class CalibrationRequest(Handling):
     """A calibration whose pair was uploaded before; it takes the uploads over."""
 
@@ -223,6 +230,23 @@ class OperatorRequest(BaseModel):
 
     request: str
     until: datetime = Field(description="The job fails when it is not confirmed by then.")
+
+
+class KeptCalibration(BaseModel):
+    """A calibration that is kept for a camera and a set-up."""
+
+    id: str = Field(description="Of its job, which options may name, and DELETE removes.")
+    kind: Literal["flash", "camera", "lamps"]
+    setup: str
+    camera: str = Field(description="Make and model, as its photographs say.")
+    made: datetime
+    links: Links
+
+
+class KeptCalibrations(BaseModel):
+    """Kept calibrations, newest first."""
+
+    calibrations: list[KeptCalibration]
 
 
 class WebhookAnswer(BaseModel):

@@ -6,19 +6,24 @@ import json
 import sys
 import tempfile
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from service.cli.options import (
-    Flash,
-    NoFlash,
+    MaybeFlash,
     PairFlags,
     read_file,
     read_table,
     with_flags,
 )
+
+if TYPE_CHECKING:
+    from pipeline.calibration.options import Kind
+
+_SETTLE_SECONDS = 1.0  # that a flash told by a command or URL takes to obey
 
 app = typer.Typer(
     help="Calibrates a flash, a camera or lamps from a pair, into a file that `separate` takes.",
@@ -28,19 +33,45 @@ app = typer.Typer(
 
 _CHART_HELP = (
     "Middles of the ColorChecker's outer patches dark skin, bluish green, black and white, in "
-    "this order, in pixels of NO_FLASH."
+    "this order, in pixels of NO_FLASH. Default: it is looked for."
 )
-Output = Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="File to write.")]
+Output = Annotated[
+    Path | None, typer.Option("-o", "--output", metavar="FILE", help="File to write.")
+]
+Setup = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Keep it for this set-up: `separate --setup NAME` on photographs of this camera uses "
+        "it, and `default` is used where no set-up is named.",
+    ),
+]
+MaybeNoFlash = Annotated[
+    Path | None, typer.Argument(metavar="NO_FLASH", help="Photograph without the flash.")
+]
+CameraAddress = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS", help="Have this camera take the pair, like sim://studio?scene=chart."
+    ),
+]
+FlashSwitch = Annotated[
+    str,
+    typer.Option("--flash", metavar="SWITCH", help="What switches its flash, as for capture."),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print all that is known as JSON.")]
 
 
 @app.command()
 @with_flags
 def flash(
-    no_flash: NoFlash,
-    flash: Flash,
-    output: Output,
     flags: PairFlags,
+    no_flash: MaybeNoFlash = None,
+    flash: MaybeFlash = None,
+    output: Output = None,
+    setup: Setup = None,
+    camera_address: CameraAddress = None,
+    flash_switch: FlashSwitch = "property",
     card: Annotated[
         str | None,
         typer.Option(metavar="X,Y,RADIUS", help="A circle on a grey card, in pixels of NO_FLASH."),
@@ -50,6 +81,10 @@ def flash(
         str | None,
         typer.Option(metavar="NAME|FILE", help="The camera, as for separate. Default: from EXIF."),
     ] = None,
+    target: Annotated[
+        str,
+        typer.Option(metavar="chart|card", help="What to look for where neither is marked."),
+    ] = "chart",
     as_json: AsJson = False,
 ) -> None:
     """Find the spectrum of the flash, for --flash-spectrum: from a ColorChecker or a grey card.
@@ -59,18 +94,22 @@ def flash(
     from pipeline.spectra.tables import parse_sensitivities
 
     marks = {"card": _circle(card, "card"), "chart": _corners(chart)}
-    own = {"camera": read_table(camera, parse_sensitivities)}
-    _calibrate("flash", no_flash, flash, output, flags, {**marks, **own}, as_json)
+    own = {"camera": read_table(camera, parse_sensitivities), "target": target, "setup": setup}
+    source = _Source(no_flash, flash, camera_address, flash_switch)
+    _calibrate("flash", source, output, flags, {**marks, **own}, as_json)
 
 
 @app.command()
 @with_flags
 def camera(
-    no_flash: NoFlash,
-    flash: Flash,
-    output: Output,
     flags: PairFlags,
-    chart: Annotated[str, typer.Option(metavar="X,Y,X,Y,X,Y,X,Y", help=_CHART_HELP)],
+    no_flash: MaybeNoFlash = None,
+    flash: MaybeFlash = None,
+    output: Output = None,
+    setup: Setup = None,
+    camera_address: CameraAddress = None,
+    flash_switch: FlashSwitch = "property",
+    chart: Annotated[str | None, typer.Option(metavar="X,Y,X,Y,X,Y,X,Y", help=_CHART_HELP)] = None,
     flash_spectrum: Annotated[
         str | None,
         typer.Option(
@@ -85,23 +124,32 @@ def camera(
     """
     from pipeline.spectra.tables import parse_spectrum
 
-    own = {"chart": _corners(chart), "flash_spectrum": read_table(flash_spectrum, parse_spectrum)}
-    _calibrate("camera", no_flash, flash, output, flags, own, as_json)
+    told = read_table(flash_spectrum, parse_spectrum)
+    own = {"chart": _corners(chart), "flash_spectrum": told, "setup": setup}
+    source = _Source(no_flash, flash, camera_address, flash_switch)
+    _calibrate("camera", source, output, flags, own, as_json)
 
 
 @app.command()
 @with_flags
 def lamps(
-    no_flash: NoFlash,
-    flash: Flash,
-    output: Output,
     flags: PairFlags,
+    no_flash: MaybeNoFlash = None,
+    flash: MaybeFlash = None,
+    output: Output = None,
+    setup: Setup = None,
+    camera_address: CameraAddress = None,
+    flash_switch: FlashSwitch = "property",
     sphere: Annotated[
-        str,
+        str | None,
         typer.Option(
-            metavar="X,Y,RADIUS", help="Outline of a matt grey sphere, in pixels of NO_FLASH."
+            metavar="X,Y,RADIUS",
+            help="Outline of the sphere, in pixels of NO_FLASH. Default: it is looked for.",
         ),
-    ],
+    ] = None,
+    mirror: Annotated[
+        bool, typer.Option("--mirror", help="The sphere is a mirror, not matt grey.")
+    ] = False,
     lights: Annotated[str, typer.Option(metavar="auto|1|2|3", help="Number of lamps.")] = "auto",
     focal_px: Annotated[
         float | None,
@@ -109,20 +157,51 @@ def lamps(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Find where distant lamps are, for --light-directions: from a matt grey sphere."""
+    """Find where distant lamps are, for --light-directions: from a matt grey or mirror sphere."""
     own = {
         "sphere": _circle(sphere, "sphere"),
+        "mirror": mirror,
+        "setup": setup,
         "lights": int(lights) if lights.isdecimal() else lights,
         "focal_px": focal_px,
     }
-    _calibrate("lamps", no_flash, flash, output, flags, own, as_json)
+    source = _Source(no_flash, flash, camera_address, flash_switch)
+    _calibrate("lamps", source, output, flags, own, as_json)
+
+
+@dataclass(frozen=True)
+class _Source:
+    """Where a pair comes from: two files, or a camera."""
+
+    no_flash: Path | None
+    flash: Path | None
+    address: str | None
+    switch: str
+
+    def photographs(self) -> tuple[bytes, bytes]:
+        """Read the files or take the pair. Raises OptionError, InputError, drivers.DriverError."""
+        from pipeline.errors import OptionError
+
+        if self.address is None:
+            if self.no_flash is None or self.flash is None:
+                raise OptionError(
+                    "Name two photographs, NO_FLASH and FLASH, or a camera with --camera-address."
+                )
+            return read_file(self.no_flash, "photograph"), read_file(self.flash, "photograph")
+        if self.no_flash is not None:
+            raise OptionError("Name photographs or a camera, not both.")
+        import drivers
+        from service.cli.flash import flash_switch
+
+        with drivers.open_camera(self.address) as camera:
+            pair = drivers.capture_pair(camera, flash=flash_switch(self.switch, _SETTLE_SECONDS))
+        return pair.no_flash.best, pair.flash.best
 
 
 def _calibrate(
-    kind: str,
-    no_flash: Path,
-    flash: Path,
-    output: Path,
+    kind: Kind,
+    source: _Source,
+    output: Path | None,
     flags: PairFlags,
     own: Mapping[str, Any],
     as_json: bool,
@@ -130,27 +209,48 @@ def _calibrate(
     from pydantic import ValidationError
 
     from pipeline.calibration.calibrate import calibrate_files
+    from pipeline.calibration.find_marks import MARKS
     from pipeline.calibration.options import CALIBRATION_OPTIONS, FILES
-    from pipeline.errors import InputError, OptionError
+    from pipeline.errors import OptionError
     from pipeline.progress import Progress
     from service.cli.display import stage_bar
+    from service.cli.keeping import keep
     from service.errors import sentence_of
 
     try:
         options = CALIBRATION_OPTIONS.validate_python({"kind": kind, **flags.pair_values(), **own})
     except ValidationError as error:
         raise OptionError(sentence_of(error).removeprefix(f"{kind}.")) from error
-    before, after = read_file(no_flash, "photograph"), read_file(flash, "photograph")
+    if output is None and options.setup is None:
+        raise OptionError("Name a file with --output, or keep it for a set-up with --setup.")
+    before, after = source.photographs()
     with tempfile.TemporaryDirectory(prefix="lightlayers-") as name:
         with stage_bar() as report:
             manifest = calibrate_files(before, after, options, Path(name), Progress(report))
-        content = (Path(name) / FILES[kind]).read_bytes()
+        content, marks = ((Path(name) / file).read_bytes() for file in (FILES[kind], MARKS))
+    if output is not None:
+        _write(output, content)
+        _write(_marks_beside(output), marks)
+    if options.setup is not None:
+        path = keep(kind, options.setup, manifest, content)
+        _write(_marks_beside(path), marks)
+        output = output or path
+    assert output is not None  # one of the two, as was looked at above
+    _print_found(kind, manifest, output, as_json)
+
+
+def _marks_beside(path: Path) -> Path:
+    return path.with_name(f"{path.stem}_marks.jpg")
+
+
+def _write(path: Path, content: bytes) -> None:
+    from pipeline.errors import InputError
+
     try:
-        output.write_bytes(content)
+        path.write_bytes(content)
     except OSError as error:
         reason = (error.strerror or "it cannot be written").lower()
-        raise InputError(f"The file {output} cannot be written: {reason}.") from error
-    _print_found(kind, manifest, output, as_json)
+        raise InputError(f"The file {path} cannot be written: {reason}.") from error
 
 
 def _print_found(kind: str, manifest: Mapping[str, Any], output: Path, as_json: bool) -> None:
@@ -184,12 +284,14 @@ def _place(light: Mapping[str, Any]) -> str:
 
     x, y, z = light["direction"]
     side, height = degrees(atan2(x, z)), degrees(asin(y))
-    rgb = " ".join(f"{value:.3f}" for value in light["rgb"])
-    return (
+    place = (
         f"{abs(side):.1f}° {'right' if side >= 0 else 'left'}, {abs(height):.1f}° "
-        f"{'up' if height >= 0 else 'down'} (± {light['deviation_deg']:.1f}°), strength "
-        f"{light['strength']:.3f}, colour {rgb}"
+        f"{'up' if height >= 0 else 'down'} (± {light['deviation_deg']:.1f}°)"
     )
+    if "rgb" not in light:
+        return place
+    rgb = " ".join(f"{value:.3f}" for value in light["rgb"])
+    return f"{place}, strength {light['strength']:.3f}, colour {rgb}"
 
 
 def _numbers(text: str, count: int, option: str) -> list[float]:

@@ -55,6 +55,7 @@ def separate(
     from pipeline.progress import Progress
     from service.cli.display import print_results, stage_bar
     from service.cli.folder import new_results
+    from service.cli.keeping import kept_for
     from service.cli.session import separate_folder
 
     options = flags.options()
@@ -62,7 +63,8 @@ def separate(
         return separate_folder(no_flash, output, options, as_json)
     before, after = read_file(no_flash, "photograph"), read_file(flash, "photograph")
     with new_results(output) as folder, stage_bar() as report:
-        manifest = separate_files(before, after, options, folder, Progress(report))
+        kept = kept_for(options.setup)
+        manifest = separate_files(before, after, options, folder, Progress(report), kept=kept)
     print_results(manifest, output, as_json)
     return None
 

@@ -69,6 +69,14 @@ class PairFlags:
 class Flags(PairFlags):
     """What was typed; see pipeline.options.Options for what it means."""
 
+    setup: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME|none",
+            help="Set-up whose kept calibrations stand in for --camera, --flash-spectrum and "
+            "--light-directions. Default: the one named default, if there is one.",
+        ),
+    ] = None
     lights: Annotated[str, typer.Option(metavar="auto|1|2|3", help="Number of lamps.")] = "auto"
     method: Annotated[
         str,
@@ -171,6 +179,7 @@ class Flags(PairFlags):
 
         pinned, forbidden = self.pin_lamp or (), self.forbid_lamp or ()
         values = {
+            "setup": self.setup,
             "lights": int(self.lights) if self.lights.isdecimal() else self.lights,
             "method": self.method,
             "quality": self.quality,

@@ -20,6 +20,7 @@ from pipeline.process import separate_files
 from pipeline.progress import Progress
 from service.cli.display import stage_bar
 from service.cli.folder import new_results
+from service.cli.keeping import kept_for
 from service.cli.options import read_file
 from service.cli.shooting import RECIPE
 
@@ -116,7 +117,8 @@ def _separate(
 ) -> dict[str, Any]:
     before, after = (read_file(folder / name, "photograph") for name in (no_flash, flash))
     with new_results(target) as results, stage_bar() as report:
-        return separate_files(before, after, options, results, Progress(report))
+        kept = kept_for(options.setup)
+        return separate_files(before, after, options, results, Progress(report), kept=kept)
 
 
 def _print(results: list[dict[str, Any]], left: Mapping[str, str]) -> None:

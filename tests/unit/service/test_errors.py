@@ -40,6 +40,7 @@ def test_names_of_kinds_are_the_contract() -> None:
         "invalid-option": 422,
         "invalid-request": 422,
         "layers-gone": 410,
+        "nothing-to-mark": 422,
         "malformed-request": 400,
         "not-ready": 409,
         "out-of-memory": 500,

@@ -1,0 +1,96 @@
+"""Marks that were left out: where the chart, card or sphere of a pair is, and a picture of it."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image as PillowImage
+
+from pipeline.calibration.find_card import find_cards
+from pipeline.calibration.find_chart import find_charts
+from pipeline.calibration.find_sphere import find_spheres
+from pipeline.calibration.options import Corners, Point
+from pipeline.errors import MarkError
+from pipeline.options import Circle
+from pipeline.pair import Pair
+
+MARKS = "marks.jpg"
+"""The file that shows what was read."""
+
+_LONG_SIDE = 1600
+_COLOUR = (255, 0, 200)
+_CORNER_NAMES = ("dark skin", "bluish green", "black", "white")
+
+
+def find_chart(pair: Pair) -> Corners:
+    """Find the one ColorChecker. Raises MarkError where there is none, or more than one."""
+    found = find_charts(np.maximum(_flash_of(pair), 0))
+    if not found:  # where the flash does not reach it, reading it says so
+        found = find_charts(np.maximum(pair.no_flash, 0))
+    _check_one(
+        len(found),
+        "ColorChecker",
+        "all 24 patches must be in the picture, lit by the flash, not clipped and not covered",
+        "--chart, the middles of its outer patches",
+    )
+    a, b, c, d = ((float(x), float(y)) for x, y in found[0].corners)
+    return (a, b, c, d)
+
+
+def find_card(pair: Pair, sensitivities: NDArray[np.float64]) -> Circle:
+    """Find the one grey card. Raises MarkError."""
+    found = find_cards(np.maximum(_flash_of(pair), 0), sensitivities)
+    advice = "all of it must be in the picture, and lit evenly by the flash"
+    _check_one(len(found), "grey card", advice, "--card, a circle that lies on it")
+    return found[0]
+
+
+def find_sphere(pair: Pair, mirror: bool) -> Circle:
+    """Find the outline of the one sphere. Raises MarkError."""
+    found = find_spheres(pair.no_flash, _flash_of(pair), mirror)
+    kind = "mirror sphere" if mirror else "matt grey sphere"
+    advice = "all of it must be in the picture, lit by a flash at the camera"
+    _check_one(len(found), kind, advice, "--sphere, its outline")
+    return found[0]
+
+
+def draw_marks(pair: Pair, corners: Sequence[Point] | None, circle: Circle | None) -> bytes:
+    """Draw marks into the photograph with the flash, a JPEG for people to check."""
+    height, width = pair.unusable.shape
+    scale = min(1.0, _LONG_SIDE / max(height, width))
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    light = cv2.resize(np.ascontiguousarray(pair.flash), size, interpolation=cv2.INTER_AREA)
+    high = np.maximum(np.quantile(light.reshape(-1, 3), 0.99, axis=0), 1e-9)
+    screen = (np.clip(light / high, 0, 1) ** (1 / 2.2) * 255).astype(np.uint8)
+    thick = max(1, round(max(size) / 600))
+    if corners is not None:
+        places = np.round(np.array(corners) * scale).astype(np.int32)
+        cv2.polylines(screen, [places], True, _COLOUR, thick, cv2.LINE_AA)
+        for (x, y), name in zip(places.tolist(), _CORNER_NAMES, strict=True):
+            cv2.circle(screen, (x, y), 3 * thick, _COLOUR, thick, cv2.LINE_AA)
+            where = (x + 5 * thick, y)
+            cv2.putText(screen, name, where, cv2.FONT_HERSHEY_SIMPLEX, 0.4 * thick, _COLOUR, thick)
+    if circle is not None:
+        middle = (round(circle.x * scale), round(circle.y * scale))
+        cv2.circle(screen, middle, round(circle.radius * scale), _COLOUR, thick, cv2.LINE_AA)
+        cv2.drawMarker(screen, middle, _COLOUR, cv2.MARKER_CROSS, 10 * thick, thick)
+    file = io.BytesIO()
+    PillowImage.fromarray(screen).save(file, "JPEG", quality=90)
+    return file.getvalue()
+
+
+def _flash_of(pair: Pair) -> NDArray[np.float32]:
+    return pair.flash if pair.flash_only else pair.flash - pair.no_flash
+
+
+def _check_one(count: int, what: str, advice: str, mark: str) -> None:
+    if count == 0:
+        raise MarkError(f"No {what} was found: {advice}. If it is there, give {mark}.")
+    if count > 1:
+        raise MarkError(
+            f"{count} things look like a {what}: leave one in the picture, or give {mark}."
+        )

@@ -1,0 +1,156 @@
+"""Finds a sphere in a pair by its outline: a matt one by its shading, a mirror by its highlight."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from pipeline.calibration.quads import on_screen
+from pipeline.options import Circle
+
+Array = NDArray[np.float64]
+
+_LONG_SIDE = 800  # pixels of the picture in which circles are looked for
+_RADII = (0.02, 0.48)  # by the short side
+_ROUND = 0.6  # how much of the outline must show
+_MOST = 16  # circles looked at, of each picture
+_RAYS, _STEPS, _BLUR = 120, 61, 5  # along which the outline is refined, and points of each
+_EDGE = (0.9, 1.1)  # radii between which it lies
+_SHADED = 0.05  # relative error of the flash part as that of a matt sphere
+_ONE_COLOUR = 0.02  # how much of it may be of another colour than the whole
+_HIGHLIGHT = (0.15, 6.0)  # how far from the middle, by the radius; times what is around it
+_APART = 0.3  # of the radius: middles nearer than that are of one sphere
+
+Judge = Callable[[NDArray[np.float32], Circle], float | None]
+
+
+def find_spheres(
+    no_flash: NDArray[np.floating], flash: NDArray[np.floating], mirror: bool
+) -> list[Circle]:
+    """Find the outlines of spheres that the flash lights from the camera, the likeliest first.
+
+    no_flash, flash: linear light (H, W, 3) of the lamps and of the flash alone. mirror: look for
+    mirror spheres, else for matt ones of one colour.
+    """
+    height, width = flash.shape[:2]
+    scale = min(1.0, _LONG_SIDE / max(height, width))
+    size = (round(width * scale), round(height * scale))
+    small = [
+        cv2.resize(np.ascontiguousarray(light, np.float32), size, interpolation=cv2.INTER_AREA)
+        for light in (no_flash, flash)
+    ]
+    judge: Judge = _mirror if mirror else _matt
+    judged = []
+    for circle in _circles(small):
+        error = judge(small[1], circle)
+        if error is not None:
+            judged.append((error, circle))
+    judged.sort(key=lambda pair: pair[0])
+    found: list[Circle] = []
+    for _, one in judged:
+        if all(
+            np.hypot(one.x - o.x, one.y - o.y) > _APART * max(one.radius, o.radius) for o in found
+        ):
+            found.append(one)
+    whole = np.sqrt(np.maximum(no_flash, 0) + np.maximum(flash, 0)).astype(np.float32)
+    return [
+        _refined(whole, Circle(x=c.x / scale, y=c.y / scale, radius=c.radius / scale))
+        for c in found
+    ]
+
+
+def _circles(lights: list[NDArray[np.float32]]) -> list[Circle]:
+    short = min(lights[0].shape[:2])
+    low, high = (round(share * short) for share in _RADII)
+    found = []
+    for light in (lights[1], lights[0] + lights[1]):
+        screen = cv2.medianBlur(on_screen(light), 3)
+        for grey in (screen.max(axis=2), cv2.cvtColor(screen, cv2.COLOR_RGB2GRAY)):
+            circles = cv2.HoughCircles(
+                grey, cv2.HOUGH_GRADIENT_ALT, 1.5, 4, param1=120, param2=_ROUND,
+                minRadius=max(6, low), maxRadius=high,
+            )  # fmt: skip
+            if circles is not None:
+                rows = np.asarray(circles, np.float64).reshape(-1, circles.shape[-1])[:_MOST, :3]
+                found += [Circle(x=x + 0.5, y=y + 0.5, radius=r) for x, y, r in rows.tolist()]
+    return found
+
+
+def _matt(flash: NDArray[np.float32], circle: Circle) -> float | None:
+    """How far the light of the flash is from that of a matt sphere; None where it is none.
+
+    The light of a flash at the camera on a sphere far enough away is as the cosine to the normal.
+    """
+    best = None
+    for wider in (0.96, 0.98, 1.0, 1.02, 1.04):
+        tried = Circle(x=circle.x, y=circle.y, radius=circle.radius * wider)
+        light, away = _inside(flash, tried, 0.9)
+        if light is None:
+            return None
+        shape = np.sqrt(1 - away**2)
+        colour = (light * shape[:, None]).sum(axis=0) / (shape**2).sum()
+        total = float(colour.sum())
+        if total <= 0:
+            return None
+        error = float(np.sqrt(np.mean((light.sum(axis=1) - shape * total) ** 2))) / total
+        tint = light / np.maximum(light.sum(axis=1, keepdims=True), 1e-9) - colour / total
+        spots = float(np.median(np.abs(tint)))
+        if error < _SHADED and spots < _ONE_COLOUR and (best is None or error < best):
+            best = error
+    return best
+
+
+def _mirror(flash: NDArray[np.float32], circle: Circle) -> float | None:
+    """How far from the middle the flash is reflected; None where it is not, or not alone."""
+    light, away = _inside(flash, circle, 0.95)
+    if light is None:
+        return None
+    bright = light.sum(axis=1)
+    spot = bright > 0.5 * bright.max()
+    around = float(np.median(bright[~spot])) if (~spot).any() else 0.0
+    apart, times = _HIGHLIGHT
+    if spot.mean() > 0.05 or bright.max() < times * max(around, 1e-6):
+        return None
+    aside = float(away[spot].mean())
+    return aside if aside < apart else None
+
+
+def _inside(light: NDArray[np.float32], circle: Circle, share: float) -> tuple[Array | None, Array]:
+    """Light (n, 3) of a circle's inner share, and how far from its middle, by its radius."""
+    height, width = light.shape[:2]
+    reach = circle.radius
+    if not (reach <= circle.x <= width - reach and reach <= circle.y <= height - reach):
+        return None, np.empty(0)
+    left, top = int(circle.x - reach), int(circle.y - reach)
+    part = light[top : int(circle.y + reach) + 1, left : int(circle.x + reach) + 1]
+    y, x = np.mgrid[: part.shape[0], : part.shape[1]] + 0.5
+    away = np.hypot(x + left - circle.x, y + top - circle.y) / reach
+    inner = away < share
+    return part[inner].astype(np.float64), away[inner]
+
+
+def _refined(light: NDArray[np.float32], circle: Circle) -> Circle:
+    """The outline by the edges that rays from the middle meet near it."""
+    angles = np.arange(_RAYS) * 2 * np.pi / _RAYS
+    across = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    steps = np.linspace(*_EDGE, _STEPS) * circle.radius
+    for _ in range(2):
+        at = (circle.x, circle.y) + across[:, None] * steps[:, None] - 0.5
+        x, y = (np.ascontiguousarray(at[..., axis], np.float32) for axis in (0, 1))
+        profile = cv2.remap(light, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        profile = cv2.GaussianBlur(profile, (_BLUR, 1), 0)
+        slope = np.abs(np.gradient(profile, axis=1)).sum(axis=2)
+        edges = (circle.x, circle.y) + across * steps[slope.argmax(axis=1)][:, None]
+        start = np.array([circle.x, circle.y, circle.radius])
+        fit = least_squares(
+            lambda c, edges=edges: np.hypot(*(edges - c[:2]).T) - c[2],
+            start,
+            loss="cauchy",
+            f_scale=0.005 * circle.radius,
+        )
+        circle = Circle(x=fit.x[0], y=fit.x[1], radius=max(float(fit.x[2]), 1.0))
+    return circle

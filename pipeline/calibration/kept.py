@@ -1,0 +1,108 @@
+"""Calibrations that are kept for a camera and a set-up, as defaults of later separations."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict
+
+from pipeline.calibration.options import Kind
+from pipeline.frames import Frame
+from pipeline.options import Options
+from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
+
+NO_SETUP = "none"
+"""The set-up of separations that go without kept calibrations."""
+
+OPTION_OF: dict[Kind, str] = {
+    "camera": "camera",
+    "flash": "flash_spectrum",
+    "lamps": "light_directions",
+}
+"""The option that a calibration of each kind stands in for."""
+
+_LEAST_LAMPS = 2
+
+
+class TakenWith(BaseModel):
+    """The camera of a photograph, "" where unknown.
+
+    body: a digest of its serial number. rendered: whether its values are bent by a rendering.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    make: str = ""
+    model: str = ""
+    body: str = ""
+    rendered: bool = False
+
+    @classmethod
+    def of(cls, frame: Frame) -> TakenWith:
+        """Say what camera a frame is of."""
+        digest = hashlib.sha256(frame.serial.encode()).hexdigest()[:12] if frame.serial else ""
+        rendered = frame.encoding == "srgb"
+        return cls(make=frame.make, model=frame.model, body=digest, rendered=rendered)
+
+    def fits(self, other: TakenWith) -> bool:
+        """Whether both are of one camera: of the same body where both tell it."""
+        bodies = {self.body, other.body} - {""}
+        mine, others = ((c.make, c.model, c.rendered) for c in (self, other))
+        return mine == others and bool(self.model) and len(bodies) < 2
+
+
+class Kept(BaseModel):
+    """A calibration that was kept. name: of its job or file. made: when, ISO 8601.
+
+    content: its file, as the option of a separation reads it.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    kind: Kind
+    setup: str
+    name: str
+    made: str
+    taken_with: TakenWith
+    content: str
+
+    def value(self) -> Any:
+        """What stands in for the option."""
+        data = self.content.encode()
+        if self.kind == "camera":
+            return parse_sensitivities(data)
+        return parse_spectrum(data) if self.kind == "flash" else json.loads(data)["lights"]
+
+
+def with_kept(
+    options: Options, kept: Sequence[Kept], frame: Frame
+) -> tuple[Options, list[dict[str, str]]]:
+    """Fill in what options leave out by the newest fitting calibration of each kind.
+
+    Gives the options, and for the manifest what was used. Lamps are left out where there is one
+    alone, or another number is asked for.
+    """
+    values: dict[str, Any] = {}
+    used = []
+    here = TakenWith.of(frame)
+    for one in sorted(kept, key=lambda one: one.made, reverse=True):
+        option = OPTION_OF[one.kind]
+        given = option in options.model_fields_set and getattr(options, option) is not None
+        if given or option in values or one.setup != options.setup or options.setup == NO_SETUP:
+            continue
+        if not one.taken_with.fits(here):
+            continue
+        value = one.value()
+        if one.kind == "lamps":
+            other = options.lights not in ("auto", len(value))
+            if len(value) < _LEAST_LAMPS or other:
+                continue
+        values[option] = value
+        used.append({"kind": one.kind, "setup": one.setup, "name": one.name, "made": one.made})
+    if not values:
+        return options, []
+    asked = {name: getattr(options, name) for name in options.model_fields_set}
+    return Options.model_validate({**asked, **values}), used

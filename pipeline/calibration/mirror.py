@@ -1,0 +1,117 @@
+"""Directions, strengths and colours of distant lamps, from their highlights on a mirror sphere.
+
+A small highlight shows all of a lamp: a mirror sphere maps equal solid angles to equal areas of its
+picture, so that the sum over the highlight is the lamp's light on a card, up to one factor.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.calibration.chart import disc
+from pipeline.calibration.lamps import SMALLEST_PX, LampsEstimate
+from pipeline.calibration.sphere import view_sphere
+from pipeline.errors import OptionError, UnusablePairError
+from pipeline.options import Circle
+from pipeline.pair import Pair
+from pipeline.vectors import unit
+
+Array = NDArray[np.float64]
+
+_INNER = 0.97  # of the radius: beyond, a pixel holds too wide a view
+_BRIGHT = 0.25  # of the brightest: a highlight
+_FAINT = 0.05  # of the strongest lamp: what is below is a reflection of something lit
+_SURROUNDED = 4.0  # times what the sphere shows elsewhere
+_OUTLINE = 0.01  # standard deviation of the outline, by the radius
+_MOST = 3
+_CLIPPED = 0.97
+
+
+def mirror_lamps(
+    pair: Pair, sphere: Circle, count: Literal["auto", 1, 2, 3], focal_px: float
+) -> LampsEstimate:
+    """Find the lamps that a mirror sphere reflects.
+
+    sphere: its outline. focal_px: focal length in pixels. Where a highlight is clipped, colours
+    are NaN: then only the directions are known. Raises OptionError for a circle too small or
+    outside, UnusablePairError where there are no highlights of lamps, or too many.
+    """
+    if sphere.radius < SMALLEST_PX:
+        raise OptionError(
+            f"The sphere has a radius of only {sphere.radius:.3g} pixels: it must have "
+            f"{SMALLEST_PX:g}, so photograph it from nearer."
+        )
+    disc(pair.unusable.shape, sphere, "sphere")
+    inner = Circle(x=sphere.x, y=sphere.y, radius=_INNER * sphere.radius)
+    mask = disc(pair.unusable.shape, inner, "sphere")
+    spots = _spots(pair.no_flash, mask)
+    found = [_lamp(pair, spot, sphere, focal_px) for spot in spots]
+    found.sort(key=lambda lamp: -float(lamp[1].sum()))
+    if found:
+        least = _FAINT * float(found[0][1].sum())
+        found = [lamp for lamp in found if lamp[1].sum() > least]
+    wanted = len(found) if count == "auto" else count
+    if len(found) < max(wanted, 1) or wanted > _MOST:
+        raise UnusablePairError(
+            f"The sphere shows {len(found)} highlights of lamps, where one to three were looked "
+            "for: check that the sphere is a mirror, switch off other lamps, or tell their number."
+        )
+    directions, powers, clipped = zip(*found[:wanted], strict=True)
+    colours = np.array(powers) / max(float(np.max(powers)), 1e-12)
+    if any(clipped):
+        colours = np.full_like(colours, np.nan)
+    flash = _spots(pair.flash - pair.no_flash, mask)[:1]
+    aside = [_lamp(pair, spot, sphere, focal_px)[0] for spot in flash]
+    middle = view_sphere(
+        sphere, np.array([sphere.x]), np.array([sphere.y]), focal_px, pair.unusable.shape[::-1]
+    )
+    cosine = float(aside[0] @ middle.towards[0]) if aside else 1.0
+    # A highlight turns twice as far as the surface, which turns by the outline's error.
+    deviation = np.degrees(
+        2 * _OUTLINE / np.sqrt(np.maximum((1 + np.array(directions)[:, 2]) / 2, 0.05))
+    )
+    return LampsEstimate(
+        directions=np.array(directions),
+        colours=colours,
+        deviations_deg=deviation,
+        misfit=0.0,
+        circle=sphere,
+        flash_aside_deg=float(np.degrees(np.arccos(np.clip(cosine, -1, 1)))),
+    )
+
+
+def _spots(light: NDArray[np.floating], mask: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
+    """Highlights (H, W) within a mask, the brightest first."""
+    bright = np.where(mask, light.sum(axis=2), 0.0)
+    usual = float(np.median(bright[mask]))
+    level = max(_BRIGHT * float(bright.max()), _SURROUNDED * usual)
+    count, labels = cv2.connectedComponents((bright > level).astype(np.uint8))
+    spots = [labels == label for label in range(1, count)]
+    spots = [spot for spot in spots if spot.sum() >= 3 and spot.sum() < 0.1 * mask.sum()]
+    return sorted(spots, key=lambda spot: -float(bright[spot].sum()))
+
+
+def _lamp(
+    pair: Pair, spot: NDArray[np.bool_], sphere: Circle, focal_px: float
+) -> tuple[Array, Array, bool]:
+    """Direction (3,) of a highlight's lamp, its light (3,), and whether it is clipped."""
+    height, width = spot.shape
+    whole = cv2.dilate(spot.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
+    rows, columns = np.nonzero(whole)
+    light = pair.no_flash[rows, columns].astype(np.float64)
+    x, y = columns + 0.5, rows + 0.5
+
+    def towards(dx: float, dy: float) -> Array:
+        view = view_sphere(sphere, x + dx, y + dy, focal_px, (width, height))
+        cosine = (view.normals * view.towards).sum(axis=1, keepdims=True)
+        return unit(2 * cosine * view.normals - view.towards)
+
+    angle = np.cross(towards(0.5, 0) - towards(-0.5, 0), towards(0, 0.5) - towards(0, -0.5))
+    share = light * np.linalg.norm(angle, axis=1, keepdims=True)
+    direction = unit((towards(0, 0) * share.sum(axis=1, keepdims=True)).sum(axis=0))
+    # the light falls off the sphere's own reflection evenly: what glows around is small beside it
+    return direction, share.sum(axis=0), bool(light.max() > _CLIPPED)

@@ -1,0 +1,73 @@
+"""The folder in which the command line keeps calibrations for later separations."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pipeline.calibration.kept import Kept
+
+
+def folder() -> Path:
+    """Where calibrations are kept: as the setting says, or the user's own folder."""
+    import typer
+
+    from service.settings import Settings
+
+    named = Settings().calibrations_dir
+    return named or Path(typer.get_app_dir("lightlayers")) / "calibrations"
+
+
+def keep(kind: str, setup: str, manifest: dict[str, Any], content: bytes) -> Path:
+    """Keep what a calibration found. One of the same camera, set-up and kind is replaced.
+
+    Raises pipeline.errors.InputError.
+    """
+    from pipeline.calibration.kept import Kept, TakenWith
+    from pipeline.errors import InputError
+
+    taken_with = TakenWith.model_validate(manifest["taken_with"])
+    if not taken_with.model:
+        raise InputError(
+            "The photographs do not say of which camera they are, so that nothing can be kept for "
+            "it: write a file with --output, and name it in later separations."
+        )
+    parts = [taken_with.make, taken_with.model, taken_with.body]
+    parts += ["rendered"] if taken_with.rendered else []
+    camera = "_".join("".join(c if c.isalnum() else "-" for c in part) for part in parts if part)
+    path = folder() / setup / f"{kind}_{camera}.json"
+    kept = Kept(
+        kind=kind,
+        setup=setup,
+        name=path.name,
+        made=datetime.now(UTC).isoformat(timespec="seconds"),
+        taken_with=taken_with,
+        content=content.decode(),
+    )
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(kept.model_dump_json(indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        reason = (error.strerror or "it cannot be written").lower()
+        raise InputError(f"The file {path} cannot be written: {reason}.") from error
+    return path
+
+
+def kept_for(setup: str) -> list[Kept]:
+    """The calibrations that are kept for a set-up. Raises pipeline.errors.InputError."""
+    from pydantic import ValidationError
+
+    from pipeline.calibration.kept import Kept
+    from pipeline.errors import InputError
+
+    found = []
+    for path in sorted((folder() / setup).glob("*.json")):
+        try:
+            found.append(Kept.model_validate_json(path.read_bytes()))
+        except (OSError, ValidationError) as error:
+            raise InputError(
+                f"The kept calibration {path} cannot be read: calibrate anew, or remove it."
+            ) from error
+    return found

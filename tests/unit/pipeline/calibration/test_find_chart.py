@@ -1,0 +1,38 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pipeline.calibration.find_chart import find_charts
+from tests.cluttered import Plan, Room, photograph_room
+
+
+def _flash(room: Room) -> np.ndarray:
+    return np.maximum(room.frames[1] - room.frames[0], 0)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_turned_and_tilted_chart_is_found_among_other_things(seed: int) -> None:
+    room = photograph_room("chart", seed)
+    (found,) = find_charts(_flash(room))
+    assert room.corners is not None
+    pitch = np.linalg.norm(room.corners[1] - room.corners[0]) / 5
+    assert np.abs(found.corners - room.corners).max() < 0.03 * pitch
+    assert found.patches >= 20
+    assert found.misfit < 0.12
+
+
+def test_both_of_two_charts_are_found() -> None:
+    assert len(find_charts(_flash(photograph_room("chart", 3, Plan(targets=2))))) == 2
+
+
+@pytest.mark.parametrize(
+    ("target", "plan"), [("none", Plan()), ("chart", Plan(cut=0.4)), ("chart", Plan(shadow=True))]
+)
+def test_what_is_no_whole_chart_is_not_taken_for_one(target: str, plan: Plan) -> None:
+    room = photograph_room("chart" if target == "chart" else "none", 4, plan)
+    assert find_charts(_flash(room)) == []
+
+
+def test_a_black_picture_holds_nothing() -> None:
+    assert find_charts(np.zeros((60, 90, 3))) == []

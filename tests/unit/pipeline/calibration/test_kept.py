@@ -1,0 +1,70 @@
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pipeline.calibration.kept import Kept, TakenWith, with_kept
+from pipeline.frames import Frame
+from pipeline.options import Options, Spectrum
+
+CAMERA = TakenWith(make="NIKON", model="D5100")
+TABLE = "wavelength_nm,power\n400,1\n500,2\n700,1\n"
+TWO = json.dumps({"lights": [{"direction": [1, 0, 1]}, {"direction": [0, 1, 1]}]})
+ONE = json.dumps({"lights": [{"direction": [1, 0, 1]}]})
+
+
+def _frame(**more: Any) -> Frame:
+    said = {"make": "NIKON", "model": "D5100", "encoding": "raw", **more}
+    return Frame(np.zeros((2, 2, 3), np.float32), np.zeros((2, 2), bool), sha256="", **said)
+
+
+def _kept(kind: Any = "flash", content: str = TABLE, **more: Any) -> Kept:
+    said = {"setup": "default", "name": "a", "made": "2026-01-01", "taken_with": CAMERA, **more}
+    return Kept(kind=kind, content=content, **said)
+
+
+def test_what_options_leave_out_is_filled_in_and_named() -> None:
+    options, used = with_kept(Options(lights=2), [_kept(), _kept("lamps", TWO)], _frame())
+    assert isinstance(options.flash_spectrum, Spectrum)
+    assert options.flash_spectrum.power == [1, 2, 1]
+    assert options.light_directions is not None
+    assert options.lights == 2
+    assert [entry["kind"] for entry in used] == ["flash", "lamps"]
+    assert used[0] == {"kind": "flash", "setup": "default", "name": "a", "made": "2026-01-01"}
+
+
+def test_the_newest_counts() -> None:
+    old = _kept(name="old", made="2025-01-01")
+    _, used = with_kept(Options(), [old, _kept(name="new", made="2026-05-05")], _frame())
+    assert [entry["name"] for entry in used] == ["new"]
+
+
+@pytest.mark.parametrize(
+    ("options", "kept", "frame"),
+    [
+        ({"flash_spectrum": "xenon"}, _kept(), _frame()),
+        ({"setup": "none"}, _kept(), _frame()),
+        ({"setup": "none"}, _kept(setup="none"), _frame()),
+        ({"setup": "studio"}, _kept(), _frame()),
+        ({}, _kept(), _frame(model="D850")),
+        ({}, _kept(), _frame(encoding="srgb")),
+        ({}, _kept(taken_with=TakenWith()), _frame(make="", model="")),
+        ({}, _kept(taken_with=CAMERA.model_copy(update={"body": "1"})), _frame(serial="77")),
+        ({}, _kept("lamps", ONE), _frame()),
+        ({"lights": 3}, _kept("lamps", TWO), _frame()),
+    ],
+)
+def test_what_does_not_fit_is_left(options: dict[str, Any], kept: Kept, frame: Frame) -> None:
+    given = Options.model_validate(options)
+    assert with_kept(given, [kept], frame) == (given, [])
+
+
+def test_a_body_is_told_by_a_digest_of_its_serial() -> None:
+    taken = TakenWith.of(_frame(serial="6001234"))
+    assert len(taken.body) == 12
+    assert "6001234" not in taken.model_dump_json()
+    assert taken.fits(CAMERA)
+    assert not taken.fits(TakenWith.of(_frame(serial="6001235")))

@@ -1,0 +1,76 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from pipeline.calibration.mirror import mirror_lamps
+from pipeline.errors import OptionError, UnusablePairError
+from pipeline.options import Circle
+from pipeline.pair import Pair
+from tests.cluttered import FOCAL_PX, Plan, Room, photograph_room
+from tests.targets import Shot
+
+LARGE = Plan(share=(0.5, 0.6), blur_px=0.0, exposure=0.2)
+
+
+@pytest.fixture(scope="module")
+def room() -> Room:
+    return photograph_room("mirror", 5, LARGE)
+
+
+@pytest.fixture(scope="module")
+def pair(room: Room, pair_of: Callable[..., Pair]) -> Pair:
+    return pair_of(Shot(room.frames, (b"", b"")))
+
+
+def _degrees(room: Room, found: np.ndarray) -> np.ndarray:
+    return np.degrees(np.arccos(np.clip(room.directions @ found.T, -1, 1))).min(axis=1)
+
+
+def test_highlights_tell_where_lamps_are(room: Room, pair: Pair) -> None:
+    assert room.circle is not None
+    found = mirror_lamps(pair, room.circle, "auto", FOCAL_PX)
+    assert len(found.directions) == 2
+    assert _degrees(room, found.directions).max() < 1.0
+    assert found.flash_aside_deg < 1.0
+
+
+def test_highlights_that_are_not_clipped_tell_strengths_and_colours(
+    pair_of: Callable[..., Pair],
+) -> None:
+    dark = photograph_room("mirror", 5, Plan(share=(0.5, 0.6), blur_px=0.0, exposure=0.05))
+    assert dark.circle is not None
+    found = mirror_lamps(pair_of(Shot(dark.frames, (b"", b""))), dark.circle, 2, FOCAL_PX)
+    assert not np.isnan(found.colours).any()
+    order = np.argmax(dark.directions @ found.directions.T, axis=1)
+    ours = found.colours[order] / found.colours.max()
+    true = dark.colours / dark.colours.max()
+    np.testing.assert_allclose(ours / ours[0, 1], true / true[0, 1], rtol=0.12)
+
+
+def test_clipped_highlights_tell_no_colours(pair_of: Callable[..., Pair]) -> None:
+    bright = photograph_room("mirror", 5, Plan(share=(0.5, 0.6), blur_px=0.0, exposure=2.0))
+    assert bright.circle is not None
+    found = mirror_lamps(pair_of(Shot(bright.frames, (b"", b""))), bright.circle, 2, FOCAL_PX)
+    assert np.isnan(found.colours).all()
+    assert _degrees(bright, found.directions).max() < 1.0
+
+
+def test_a_sphere_without_highlights_is_refused(pair_of: Callable[..., Pair]) -> None:
+    matt = photograph_room("matt", 5, LARGE)
+    assert matt.circle is not None
+    with pytest.raises(UnusablePairError, match="0 highlights of lamps"):
+        mirror_lamps(pair_of(Shot(matt.frames, (b"", b""))), matt.circle, "auto", FOCAL_PX)
+
+
+def test_more_lamps_than_it_shows_are_refused(room: Room, pair: Pair) -> None:
+    assert room.circle is not None
+    with pytest.raises(UnusablePairError, match="2 highlights of lamps"):
+        mirror_lamps(pair, room.circle, 3, FOCAL_PX)
+
+
+def test_a_tiny_sphere_is_refused(pair: Pair) -> None:
+    with pytest.raises(OptionError, match="a radius of only 5 pixels"):
+        mirror_lamps(pair, Circle(x=50, y=50, radius=5), "auto", FOCAL_PX)
