@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 _ID = "4aab9f8e1d6c495a96330fdd958d0610"
@@ -25,6 +26,8 @@ _JOB: dict[str, Any] = {
     "attempt": 0,
     "options": {"lights": 2},
     "capture": None,
+    "camera_settings": None,
+    "operator": None,
     "inputs": {"no_flash": {"sha256": _SHA256}, "flash": {"sha256": _SHA256[::-1]}},
     "error": None,
     "files": [],
@@ -37,6 +40,7 @@ _JOB: dict[str, Any] = {
     "links": {
         "self": f"/jobs/{_ID}",
         "cancel": f"/jobs/{_ID}/cancel",
+        "confirm": None,
         "results": None,
         "zip": None,
     },
@@ -63,16 +67,32 @@ _DONE: dict[str, Any] = {
     "links": {
         "self": f"/jobs/{_ID}",
         "cancel": None,
+        "confirm": None,
         "results": f"/jobs/{_ID}/results",
         "zip": f"/jobs/{_ID}/results.zip",
     },
 }
 
+_CAMERA = {
+    "id": "c2ltOi8vc3R1ZGlv",
+    "address": "sim://studio",
+    "make": "Nikon",
+    "model": "D5100",
+    "serial": "5001234",
+    "state": "idle",
+    "battery_percent": 84,
+    "free_bytes": 31_000_000_000,
+    "holder": None,
+    "waiting": 0,
+}
+_CAMERA_SETTINGS = {"iso": {"value": 100, "choices": [100, 200, 400], "writable": True}}
+
 SCHEMAS: dict[str, list[Any]] = {
     "CalibrationRequest": [
         {"uploads": _UPLOADS, "options": {"kind": "flash", "card": {"x": 30, "y": 12, "radius": 5}}}
     ],
-    "CameraAnswer": [{"address": "sim://studio", "make": "Nikon", "model": "D5100"}],
+    "CameraAnswer": [_CAMERA],
+    "CameraCapture": [{"flash": "operator", "settings": {"iso": 100}, "options": {"lights": 2}}],
     "CaptureRequest": [
         {"capture": {"camera": "sim://studio"}},
         {
@@ -86,6 +106,7 @@ SCHEMAS: dict[str, list[Any]] = {
     "Handling": [{"priority": "high", "deadline_seconds": 600, "webhook": _WEBHOOK}],
     "Health": [{"status": "ok"}],
     "JobAnswer": [_JOB, _DONE],
+    "JobList": [{"jobs": [_JOB]}],
     "JobPage": [{"jobs": [_DONE], "next": f"/jobs?limit=1&after={_ID}"}],
     "MixJob": [{"lamps": [{"ev": -2, "neutral": True}, {"temperature_k": 2700}], "format": "tiff"}],
     "RerunRequest": [{"options": {"lights": 3}, "priority": "low"}],
@@ -95,6 +116,7 @@ SCHEMAS: dict[str, list[Any]] = {
 
 _PARAMETERS: dict[str, Any] = {
     "after": _ID,
+    "camera_id": _CAMERA["id"],
     "idempotency-key": "6f2c1a4e-9d0b-4c53-8f3e-2a7d5b1c0e94",
     "if-none-match": f'"{_SHA256}"',
     "if-range": f'"{_SHA256}"',
@@ -104,6 +126,7 @@ _PARAMETERS: dict[str, Any] = {
     "name": "lamp1.jpg",
     "prefer": ["wait=30"],
     "range": "bytes=0-1023",
+    "request": "Switch the flash off, then confirm.",
     "tus-resumable": "1.0.0",
     "upload-checksum": "sha256 n4bQgYhMfWWaL+qgxVrQFaO/TxsrC4Is0V1sFbDwCgg=",
     "upload-length": "7340032",
@@ -128,7 +151,9 @@ _WARNING = {
     "message": "The flash does not reach 12 % of the picture; bring it nearer.",
     "figures": {"share": 0.12},
 }
-_TEXTS = {
+_ANSWERS: dict[str, Any] = {
+    "/cameras/events": f"data: {json.dumps([_CAMERA])}\n\n",
+    "/cameras/{camera_id}/settings": _CAMERA_SETTINGS,
     "/jobs/{job_id}/events": f'id: 7\ndata: {{"id": "{_ID}", "state": "running"}}\n\n',
     "/jobs/{job_id}/results": {"warnings": [_WARNING]},
 }
@@ -146,6 +171,8 @@ def add(document: dict[str, Any]) -> None:
             body = operation.get("requestBody", {}).get("content", {})
             if "multipart/form-data" in body:
                 body["multipart/form-data"]["example"] = _FORMS[path]
-            if path in _TEXTS:
+            if path in _ANSWERS:
                 for media in operation["responses"]["200"]["content"].values():
-                    media["example"] = _TEXTS[path]
+                    media["example"] = _ANSWERS[path]
+            if "application/json" in body and path == "/cameras/{camera_id}/settings":
+                body["application/json"]["example"] = {"iso": 200}

@@ -61,7 +61,12 @@ def test_the_routes_are_the_contract(paths: dict[str, dict[str, Any]]) -> None:
         "HEAD /uploads/{upload_id}",
         "PATCH /uploads/{upload_id}",
         "DELETE /uploads/{upload_id}",
+        "POST /jobs/{job_id}/confirm",
         "GET /cameras",
+        "GET /cameras/events",
+        "GET /cameras/{camera_id}/settings",
+        "PATCH /cameras/{camera_id}/settings",
+        "POST /cameras/{camera_id}/captures",
         "GET /healthz",
         "GET /readyz",
     }
