@@ -126,7 +126,7 @@ _PARAMETERS: dict[str, Any] = {
     "name": "lamp1.jpg",
     "prefer": ["wait=30"],
     "range": "bytes=0-1023",
-    "request": "Switch the flash off, then confirm.",
+    "request": 1,
     "tus-resumable": "1.0.0",
     "upload-checksum": "sha256 n4bQgYhMfWWaL+qgxVrQFaO/TxsrC4Is0V1sFbDwCgg=",
     "upload-length": "7340032",

@@ -164,6 +164,8 @@ def test_every_parameter_has_an_example(paths: dict[str, dict[str, Any]]) -> Non
         for parameter in operation.get("parameters", [])
     ]
     assert [(path, one["name"]) for path, one in parameters if "example" not in one] == []
+    for path, one in parameters:
+        assert validator_for(one["schema"]).is_valid(one["example"]), (path, one["name"])
 
 
 def test_examples_of_requests_are_taken(paths: dict[str, dict[str, Any]]) -> None:
