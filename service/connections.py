@@ -11,6 +11,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 HEAD_SECONDS = 20.0
 """How long the head of a request may take, from the first byte or the connection's beginning."""
 
+_READ_BYTES = 64 * 1024
 _REST_SECONDS = 300.0
 """How long the rest of a request that was answered already may take."""
 
@@ -24,6 +25,8 @@ class PatientProtocol(H11Protocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Wait for the first head."""
         super().connection_made(transport)
+        # asyncio reads 256 KiB at a time, of which several are held for each upload on its way.
+        transport.max_size = _READ_BYTES  # type: ignore[attr-defined]
         self._end = self.loop.call_later(self.head_seconds, transport.abort)
 
     def data_received(self, data: bytes) -> None:

@@ -236,7 +236,13 @@ def limit_keeping(connection: sa.Connection, keep_seconds: float, limit: int) ->
 
 def expire(connection: sa.Connection, limit: int) -> list[str]:
     """Up to `limit` jobs that are to be removed now, all of them in the state `expired`."""
-    due = sa.and_(jobs.c.state.in_(before(State.EXPIRED)), jobs.c.expires <= _moment())
+    # A webhook is told of an end first, unless the job was deleted before it came to that.
+    told = sa.or_(
+        jobs.c.webhook.is_(None),
+        jobs.c.delivery["state"].as_string() != "pending",
+        jobs.c.expires <= jobs.c.finished,
+    )
+    due = sa.and_(jobs.c.state.in_(before(State.EXPIRED)), jobs.c.expires <= _moment(), told)
     # In the order of an index: PostgreSQL guesses that many are due, and would read the table.
     first = sa.select(jobs.c.id).where(due).order_by(jobs.c.state, jobs.c.expires).limit(limit)
     found = connection.execute(first).scalars().all()

@@ -15,7 +15,8 @@ from service.errors import StorageFullError
 
 _FIRST_PAUSE_SECONDS = 0.5
 _LONGEST_PAUSE_SECONDS = 15.0
-_FULL = (errno.ENOSPC, errno.EDQUOT)
+FULL = (errno.ENOSPC, errno.EDQUOT)
+"""What the system says of a disk that takes no more."""
 
 Result = TypeVar("Result")
 Log = logging.Logger | logging.LoggerAdapter[logging.Logger]
@@ -24,7 +25,7 @@ Log = logging.Logger | logging.LoggerAdapter[logging.Logger]
 def passes(error: Exception) -> bool:
     """Whether an error may be over in a moment, through no doing of ours."""
     if isinstance(error, OSError):
-        return error.errno in _FULL
+        return error.errno in FULL
     if isinstance(error, NotFoundError):
         return False
     return isinstance(error, (BaseError, StorageFullError, *AWAY))

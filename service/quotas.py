@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sqlalchemy as sa
 
-from service.database import jobs, keys, now
+from service.database import jobs, keys, now, uploads
 from service.errors import QuotaError, StoredQuotaError
 from service.states import State
 
@@ -32,6 +32,21 @@ def charge(connection: sa.Connection, key_id: str) -> None:
     _check(connection, key_id, coming=0)
 
 
+def charge_upload(connection: sa.Connection, key_id: str) -> None:
+    """Count an upload that was inserted in this transaction. Raises StoredQuotaError.
+
+    Uploads count whole until a job takes them over, however little of them has come.
+    """
+    # Locked until the end, as by charge().
+    query = sa.select(keys).where(keys.c.id == key_id).with_for_update()
+    key = connection.execute(query).first()
+    if key is None or key.stored_bytes is None:
+        return
+    begun = sa.select(sa.func.sum(uploads.c.length)).where(uploads.c.owner == key_id)
+    coming = int(connection.execute(begun).scalar_one() or 0)
+    _check_stored(connection, key_id, coming, key.stored_bytes)
+
+
 def _check(connection: sa.Connection, key_id: str, coming: int) -> None:
     key = connection.execute(sa.select(keys).where(keys.c.id == key_id)).first()
     if key is None:
@@ -53,12 +68,16 @@ def _check(connection: sa.Connection, key_id: str, coming: int) -> None:
                 int(_DAY_SECONDS - second) + 1,
             )
     if key.stored_bytes is not None:
-        stored = _of_jobs(connection, key_id, sa.func.sum(jobs.c.stored_bytes))
-        if stored + coming > key.stored_bytes:
-            raise StoredQuotaError(
-                f"The photographs and results of this key's jobs may take {key.stored_bytes:,} "
-                "bytes, and with this one they would take more; delete jobs first."
-            )
+        _check_stored(connection, key_id, coming, key.stored_bytes)
+
+
+def _check_stored(connection: sa.Connection, key_id: str, coming: int, limit: int) -> None:
+    stored = _of_jobs(connection, key_id, sa.func.sum(jobs.c.stored_bytes))
+    if stored + coming > limit:
+        raise StoredQuotaError(
+            f"The photographs and results of this key's jobs may take {limit:,} bytes, and with "
+            "this one they would take more; delete jobs or uploads first."
+        )
 
 
 def _of_jobs(

@@ -28,6 +28,7 @@ from service.settings import Settings
 _RESTART_SECONDS = 1.0
 _STOP_SECONDS = 10.0
 _HEAD_BYTES = 32 * 1024
+_MEMORY_POOLS = 2
 
 log = logging.getLogger("service.serve")
 
@@ -37,6 +38,7 @@ def serve(settings: Settings, worker: bool) -> None:
 
     worker: false for a service whose workers run elsewhere. Raises StartError.
     """
+    processes.share_memory(_MEMORY_POOLS)
     logs.configure()
     tracing.configure("api")
     with contextlib.ExitStack() as stack:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import shutil
+import threading
 from collections.abc import Iterable, Iterator
 from datetime import timedelta
 from pathlib import Path
@@ -17,6 +18,7 @@ from obstore.store import LocalStore, ObjectStore, S3Store, from_url
 from service import durable
 
 _CHUNK = 1024 * 1024
+_PUTS = 4  # at a time, whatever number of threads stores: each holds pieces in memory
 
 
 class Storage:
@@ -25,6 +27,7 @@ class Storage:
     def __init__(self, url: str) -> None:
         """Open the store at file:///folder (created when missing) or s3://bucket/prefix."""
         parts = urlsplit(url)
+        self._puts = threading.Semaphore(_PUTS)
         self._folder = Path(url2pathname(parts.path)) if parts.scheme == "file" else None
         self._store: ObjectStore = (
             LocalStore(self._folder, mkdir=True, automatic_cleanup=True)
@@ -35,7 +38,8 @@ class Storage:
     def put(self, key: str, data: bytes | Path) -> None:
         """Store bytes, or a file in parts when it is large."""
         # Two pieces of a large file in memory at a time, of 5 MiB, not a dozen.
-        obstore.put(self._store, key, data, max_concurrency=2)
+        with self._puts:
+            obstore.put(self._store, key, data, max_concurrency=2)
 
     def put_file(self, key: str, path: Path) -> str:
         """Store a file, in parts when it is large, and give back its SHA-256."""

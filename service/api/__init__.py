@@ -15,6 +15,7 @@ from service.api import (
     cameras,
     documents,
     events,
+    examples,
     headers,
     health,
     jobs,
@@ -95,6 +96,8 @@ def create_app(origins: Sequence[str] = ()) -> FastAPI:
         # Never sent: a validation fault is a Problem like any other.
         schemas.pop("HTTPValidationError", None)
         schemas.pop("ValidationError", None)
+        document["components"]["examples"] = problems.examples()
+        examples.add(document)
         return document
 
     app.openapi = openapi  # type: ignore[method-assign]  # FastAPI's documented way

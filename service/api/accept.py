@@ -25,16 +25,29 @@ from service.api.models import Handling
 from service.api.uploaded import bring_uploaded, take_over
 from service.attempt import FRAMES, describe_inputs, inputs_key, job_key
 from service.errors import (
+    AttemptError,
     CrashError,
+    FileLimitError,
     IdempotencyError,
+    MemoryLimitError,
+    OutputLimitError,
     QueueFullError,
     QuotaError,
     StorageFullError,
     StoredQuotaError,
+    TimeLimitError,
+    UnreadyError,
 )
 from service.keys import Scope
 
 _CHECK_SECONDS = 30.0
+_DYING: dict[type[AttemptError], str] = {
+    CrashError: "The program that reads the headers of photographs crashed on these",
+    MemoryLimitError: "The headers of these photographs want more memory than a job may have",
+    TimeLimitError: f"The headers of these photographs are not read within {_CHECK_SECONDS:g} s",
+    FileLimitError: "The headers of these photographs want more open files than a job may have",
+    OutputLimitError: "These photographs are larger than what a job may write",
+}
 
 
 @dataclass(frozen=True)
@@ -247,10 +260,14 @@ def _check(context: Context, job_id: str, directory: Path, trace_id: str) -> Non
                 lambda: False,
                 context.fork_server,
             )
-        except CrashError as error:
+        except ChildProcessError as error:
+            raise UnreadyError(
+                "The program that reads the headers of photographs was ended; send them again."
+            ) from error
+        except AttemptError as error:
             raise UnreadableImageError(
-                "The program that reads the headers of photographs crashed on these: they are "
-                "damaged, or of a kind that is not read; if both open elsewhere, report it."
+                f"{_DYING[type(error)]}: they are damaged, or of a kind that is not read; if both "
+                "open elsewhere, report it."
             ) from error
 
 

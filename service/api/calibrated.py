@@ -60,7 +60,10 @@ def _found(context: Context, caller: Caller, option: str, job_id: object) -> Any
     if job.state != State.SUCCEEDED:
         advice = "make another" if job.ended else "wait until it has succeeded"
         raise OptionError(f"{option}: the calibration is {job.state}; {advice}.")
-    data = context.storage.get(results_key(job.id, job.attempt, FILES[kind]))
+    try:
+        data = context.storage.get(results_key(job.id, job.attempt, FILES[kind]))
+    except FileNotFoundError as error:
+        raise OptionError(f"{option}: the calibration is being deleted; make another.") from error
     if kind == "camera":
         return parse_sensitivities(data).model_dump()
     if kind == "flash":

@@ -22,7 +22,7 @@ from service.api.pair_form import IdempotencyKey, accepted, pair_form
 from service.api.prefer import APPLIED, Wait
 from service.api.problems import responses
 from service.api.watching import answers
-from service.errors import CameraHeldError, NotReadyError, UnknownJobError
+from service.errors import CameraHeldError, ForeignCameraError, NotReadyError, UnknownJobError
 from service.retention import remove
 from service.states import State
 
@@ -51,7 +51,13 @@ SCHEMAS = (Options, CaptureRequest, UploadsRequest, Handling)
     status_code=202,
     response_model=JobAnswer,
     openapi_extra={"requestBody": _BODY},
-    responses=accepted(drivers.CameraNotFoundError, CameraHeldError, headers=APPLIED),
+    responses=accepted(
+        drivers.BadAddressError,
+        drivers.CameraNotFoundError,
+        CameraHeldError,
+        ForeignCameraError,
+        headers=APPLIED,
+    ),
 )
 async def create_job(
     request: Request,

@@ -7,7 +7,7 @@ import json
 from fastapi import APIRouter, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
-from pipeline.errors import OptionError
+from pipeline.errors import InputError, OptionError
 from pipeline.mix_options import LAYERS, MANIFEST, Mix, check_lamps, read_basis
 from service.api import intake
 from service.api.accept import accept, refuse_when_full
@@ -16,8 +16,9 @@ from service.api.context import Context, Parts, TraceId
 from service.api.jobs import answer
 from service.api.models import JobAnswer, MixJob, MixOptions
 from service.api.pair_form import IdempotencyKey, accepted
+from service.api.results import deleted_meanwhile
 from service.attempt import results_key
-from service.errors import NotReadyError, UnknownJobError
+from service.errors import GoneError, NotReadyError, UnknownJobError
 from service.states import State
 
 router = APIRouter(tags=["mixes"])
@@ -38,7 +39,7 @@ _BODY = {
     status_code=202,
     response_model=JobAnswer,
     openapi_extra={"requestBody": _BODY},
-    responses=accepted(UnknownJobError, NotReadyError),
+    responses=accepted(InputError, UnknownJobError, NotReadyError, GoneError),
 )
 async def create_mix(
     request: Request,
@@ -67,5 +68,6 @@ def _check(context: Context, caller: Caller, job_id: str, mix: Mix) -> None:
         raise NotReadyError(f"The job is {job.state}; its layers are there once it is succeeded.")
     if not {LAYERS, MANIFEST} <= {result["name"] for result in job.results or []}:
         raise OptionError(f"The job has no {LAYERS} to mix; separate the pair with that output.")
-    manifest = context.storage.get(results_key(job.id, job.attempt, MANIFEST))
+    with deleted_meanwhile():
+        manifest = context.storage.get(results_key(job.id, job.attempt, MANIFEST))
     check_lamps(read_basis(json.loads(manifest)), mix)

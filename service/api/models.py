@@ -294,7 +294,9 @@ class JobAnswer(BaseModel):
     started: datetime | None
     finished: datetime | None
     deadline: datetime | None = Field(description="The job fails when it has not ended by then.")
-    expires: datetime | None = Field(description="The job and its files are removed then.")
+    expires: datetime | None = Field(
+        description="The job and its files are removed then, or once its webhook is told."
+    )
     webhook: WebhookAnswer | None
     links: Links
 

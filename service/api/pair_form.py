@@ -12,7 +12,6 @@ from pipeline import errors as pipeline_errors
 from service.api.problems import responses
 from service.attempt import FRAMES
 from service.errors import (
-    CrashError,
     IdempotencyError,
     MalformedRequestError,
     QueueFullError,
@@ -21,6 +20,7 @@ from service.errors import (
     StorageFullError,
     StoredQuotaError,
     UnfinishedUploadError,
+    UnreadyError,
     UnsupportedMediaError,
     UploadTooLargeError,
 )
@@ -95,14 +95,18 @@ def accepted(
             UploadTooLargeError,
             UnsupportedMediaError,
             UnfinishedUploadError,
-            pipeline_errors.InputError,
+            pipeline_errors.ImageTooLargeError,
+            pipeline_errors.UnreadableImageError,
+            pipeline_errors.PairMismatchError,
+            pipeline_errors.UnusablePairError,
+            pipeline_errors.OptionError,
             IdempotencyError,
             QueueFullError,
             QuotaError,
             SlowRequestError,
             StoredQuotaError,
             StorageFullError,
-            CrashError,
+            UnreadyError,
             *errors,
             status=(503,),
         ),

@@ -16,9 +16,14 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from service import metrics, tracing
 from service.api.headers import DEFAULTS
 from service.errors import (
+    DATABASE_AWAY,
     INVALID,
     KINDS,
+    STORE_AWAY,
     BusyError,
+    ForbiddenError,
+    ForeignHostError,
+    ForeignOriginError,
     Kind,
     MalformedRequestError,
     Problem,
@@ -33,10 +38,17 @@ from service.errors import (
     make_problem,
     problem_of,
 )
+from service.patience import FULL
 from service.sandbox import TaskError
 
 MEDIA_TYPE = "application/problem+json"
 RETRY_SECONDS = 10
+
+_ADMITTED = (503, 507)
+"""Statuses of 500 and more that a request may be answered with."""
+
+_TRACE = "4bf92f3577b34da6a3ce929d0e0e4736"
+"""Of examples."""
 
 log = logging.getLogger("service.api")
 
@@ -65,18 +77,47 @@ class TraceIds:
 
 
 def responses(*errors: type[Exception], status: tuple[int, ...] = ()) -> dict[int | str, Any]:
-    """Write the OpenAPI entry of the problems a route answers with."""
-    statuses = sorted({*(KINDS[error].status for error in errors), *status})
-    schema = {"$ref": "#/components/schemas/Problem"}
+    """Write the OpenAPI entry of the problems a route answers with.
+
+    errors: those that it raises. status: of others, which any route may meet.
+    """
+    own = [KINDS[error] for error in errors]
+    statuses = sorted({*(kind.status for kind in own), *status})
     return {
-        code: {"description": _describe(code), "content": {MEDIA_TYPE: {"schema": schema}}}
+        code: _describe([kind for kind in (*own, *_ANYWHERE) if kind.status == code])
         for code in statuses
     }
 
 
-def _describe(status: int) -> str:
-    kinds = sorted({kind.name for kind in (*KINDS.values(), INVALID) if kind.status == status})
-    return f"A problem: {', '.join(kinds)}."
+_ANYWHERE = (
+    *(KINDS[error] for error in (UnauthorizedError, ForbiddenError, ForeignOriginError)),
+    *(KINDS[error] for error in (ForeignHostError, BusyError)),
+    INVALID,
+    STORE_AWAY,
+    DATABASE_AWAY,
+)
+"""Kinds that any route may answer with, beside its own of the same status."""
+
+
+def _describe(kinds: list[Kind]) -> dict[str, Any]:
+    names = sorted({kind.name for kind in kinds})
+    schema = {"$ref": "#/components/schemas/Problem"}
+    examples = {name: {"$ref": f"#/components/examples/{name}"} for name in names}
+    return {
+        "description": f"A problem: {', '.join(names)}.",
+        "content": {MEDIA_TYPE: {"schema": schema, "examples": examples}},
+    }
+
+
+def examples() -> dict[str, Any]:
+    """Make an example of each kind of problem, for the OpenAPI document, by the kind's name."""
+    return {
+        kind.name: {
+            "value": make_problem(kind, kind.detail or f"{kind.title}.", _TRACE).model_dump()
+        }
+        for kind in (*KINDS.values(), INVALID)
+        if kind.status < 500 or kind.status in _ADMITTED
+    }
 
 
 def install(app: FastAPI) -> None:
@@ -87,6 +128,7 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(Exception, _on_internal)
     app.add_exception_handler(ClientDisconnect, _on_disconnect)
     app.add_exception_handler(TaskError, _on_task)
+    app.add_exception_handler(OSError, _on_system)
     for error in KINDS:
         app.add_exception_handler(error, _on_known)
 
@@ -149,6 +191,16 @@ async def _on_http(request: Request, error: Exception) -> Response:
     detail = f"{request.method} {request.url.path}: {error.detail}."
     headers = dict(error.headers) if error.headers else None
     return _answer(make_problem(kind, detail, request.state.trace_id), headers)
+
+
+async def _on_system(request: Request, error: Exception) -> Response:
+    assert isinstance(error, OSError)
+    if error.errno in FULL:
+        full = StorageFullError(
+            "The disk that takes photographs in is full; send this one again later."
+        )
+        return answer_of(full, request)
+    return await _on_internal(request, error)
 
 
 async def _on_internal(request: Request, error: Exception) -> Response:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 from typing import Annotated, Any
 
@@ -79,7 +80,8 @@ def get_manifest(context: Parts, caller: Calling, job_id: str) -> Response:
     """Get the manifest: inputs, options, lamps, files, warnings, versions."""
     job = _succeeded(context, caller, job_id)
     _result(job, MANIFEST)
-    data = context.storage.get(results_key(job_id, job.attempt, MANIFEST))
+    with deleted_meanwhile():
+        data = context.storage.get(results_key(job_id, job.attempt, MANIFEST))
     return Response(data, media_type="application/json")
 
 
@@ -138,7 +140,8 @@ def get_result(
     headers["Content-Length"] = str(end - start)
     if part:
         headers["Content-Range"] = f"bytes {start}-{end - 1}/{size}"
-    chunks = context.storage.stream(key, start, end)
+    with deleted_meanwhile():
+        chunks = context.storage.stream(key, start, end)
     return StreamingResponse(
         chunks, 206 if part else 200, headers=headers, media_type=result["media_type"]
     )
@@ -158,6 +161,15 @@ def get_zip(context: Parts, caller: Calling, job_id: str) -> Response:
     members = [_member(context, job, result) for result in job.results or []]
     headers = {"Content-Disposition": f'attachment; filename="{job_id}.zip"'}
     return StreamingResponse(stored_zip(members), headers=headers, media_type="application/zip")
+
+
+@contextlib.contextmanager
+def deleted_meanwhile() -> Iterator[None]:
+    """Raise GoneError for a file that its job's row still names, and that is not there."""
+    try:
+        yield
+    except FileNotFoundError as error:
+        raise GoneError("The job is being deleted; its results are gone.") from error
 
 
 def _member(context: Context, job: jobs.Job, result: dict[str, Any]) -> Member:

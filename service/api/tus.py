@@ -17,7 +17,7 @@ from fastapi import APIRouter, Depends, Header, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service import uploads
+from service import quotas, uploads
 from service.api.accept import refuse_when_disk_full
 from service.api.callers import Caller, Calling
 from service.api.context import Context, Parts
@@ -28,7 +28,9 @@ from service.errors import (
     ExpiredUploadError,
     MalformedRequestError,
     OffsetError,
+    SlowRequestError,
     StorageFullError,
+    StoredQuotaError,
     TusVersionError,
     UnknownUploadError,
     UnsupportedMediaError,
@@ -123,7 +125,9 @@ def describe_uploads(context: Parts) -> Response:
             UploadTooLargeError,
             UnsupportedMediaError,
             ChecksumError,
+            SlowRequestError,
             StorageFullError,
+            StoredQuotaError,
             status=(422, 503),
         ),
     },
@@ -188,6 +192,7 @@ def get_upload(context: Parts, caller: Calling, upload_id: str) -> Response:
             UploadTooLargeError,
             UnsupportedMediaError,
             ChecksumError,
+            SlowRequestError,
             StorageFullError,
             status=(422, 503),
         ),
@@ -239,6 +244,7 @@ def _create(context: Context, caller: Caller, length: int, metadata: str | None)
     values = {"id": upload_id, "owner": caller.owner, "length": length, "metadata": metadata}
     with context.engine.begin() as connection:
         uploads.add(connection, values, context.settings.upload_seconds)
+        quotas.charge_upload(connection, caller.owner)
     return _find(context, caller, upload_id)
 
 

@@ -2,7 +2,8 @@
 
 Prints how long uploads of 12 MP pairs wait for their 202 with 1, 8 and 64 clients at once, how many
 the API takes a second, what it holds in memory at most, and how much faster two workers are than
-one with jobs of one thread. PostgreSQL comes with an S3 server, which keeps its objects in memory.
+one with jobs of one thread, beside two bare processes that do the same without a service: what the
+machine has to give. PostgreSQL comes with an S3 server, which keeps its objects in memory.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import argparse
 import contextlib
 import os
 import socket
+import subprocess
 import sys
 import tempfile
 import threading
@@ -30,11 +32,27 @@ from tests.chaos.service import SETUPS, Host
 _CLIENTS = (1, 8, 64)
 _EACH = 3
 _LEAST = 24
-_JOBS = 16
+_JOBS = 8
 _WORKERS = (1, 2)
 _PATIENCE_SECONDS = 600.0
 _ONE_THREAD = {"OPENCV_FOR_THREADS_NUM": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-_SMALL = "sim://studio?lights=2&width=480&height=320&format=jpeg"
+_REPEATED = 2
+_CAMERA = "sim://studio?lights=2&width=600&height=400&format=jpeg"
+_BARE = """
+import shutil, sys
+from pathlib import Path
+from pipeline import Options, Progress, separate_files
+folder, jobs, number = Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3]
+pair = [(folder / frame).read_bytes() for frame in ("no_flash", "flash")]
+def separate():
+    separate_files(*pair, Options(), folder / f"results{number}", Progress())
+    shutil.rmtree(folder / f"results{number}")
+separate()
+print(flush=True)
+sys.stdin.read()
+for _ in range(jobs):
+    separate()
+"""
 
 Pair = dict[str, bytes]
 
@@ -50,20 +68,19 @@ def main() -> None:
     }
     no_flash, flash = (path.read_bytes() for path in pair_files("jpeg12_n2"))
     large = {"no_flash": no_flash, "flash": flash}
-    with _running(setup) as (hosts, url):
+    with tempfile.TemporaryDirectory(prefix="load-") as name, _running(setup) as (hosts, url):
+        folder = Path(name)
         _say(f"setup={setup}, pairs of {sum(map(len, large.values())) / 2**20:.1f} MiB")
         _say("| clients | uploads | p50, s | p99, s | a second | API at most, MiB |")
         _say("|---:|---:|---:|---:|---:|---:|")
         for clients in _CLIENTS:
             _say(_accept(hosts, url, large, clients))
-        _say("| workers | jobs | s | against one |")
-        _say("|---:|---:|---:|---:|")
-        small = _small_pair()
-        alone = 0.0
-        for workers in _WORKERS:
-            seconds = _work(hosts, url, small, workers)
-            alone = alone or seconds
-            _say(f"| {workers} | {_JOBS} | {seconds:.1f} | {alone / seconds:.2f} |")
+        _say("| | jobs | one, s | two, s | two against one |")
+        _say("|---|---:|---:|---:|---:|")
+        pair = _made_pair(folder)
+        for _ in range(_REPEATED):  # by turns, for what else the machine does
+            _say(speedup("bare processes", [_bare(folder, count) for count in _WORKERS]))
+            _say(speedup("workers", [_work(hosts, url, pair, count) for count in _WORKERS]))
 
 
 @contextlib.contextmanager
@@ -118,23 +135,61 @@ def _accept(hosts: list[Host], url: str, pair: Pair, clients: int) -> str:
     with httpx.Client(base_url=url, timeout=_PATIENCE_SECONDS) as http:
         for job in jobs:
             http.delete(job).raise_for_status()
+    return accepted(clients, waited, seconds, held)
+
+
+def accepted(clients: int, waited: list[float], seconds: float, held: float) -> str:
+    """Write a row: of uploads that waited so long each, so many seconds in all; held: MiB."""
     middle, worst = np.quantile(waited, [0.5, 0.99])
+    count = len(waited)
     return (
         f"| {clients} | {count} | {middle:.2f} | {worst:.2f} | {count / seconds:.1f} | {held:.0f} |"
     )
 
 
+def speedup(what: str, seconds: list[float]) -> str:
+    """Write a row: what one and what two of a kind took for the same jobs."""
+    one, two = seconds
+    return f"| {what} | {_JOBS} | {one:.1f} | {two:.1f} | {one / two:.2f} |"
+
+
 def _work(hosts: list[Host], url: str, pair: Pair, workers: int) -> float:
-    with httpx.Client(base_url=url, timeout=60) as http:
-        made = [http.post("/jobs", files=pair).raise_for_status().json() for _ in range(_JOBS)]
-        with contextlib.ExitStack() as stack:
-            for host in _worker_hosts(hosts, workers):
-                stack.callback(host.kill)
-                host.start()
-            _await(lambda: _state(http, made[0]) != "queued")
-            begin = time.monotonic()  # both have imported by the time that the first has begun
-            _await(lambda: all(_state(http, job) == "succeeded" for job in made))
-            return time.monotonic() - begin
+    with httpx.Client(base_url=url, timeout=60) as http, contextlib.ExitStack() as stack:
+        for host in _worker_hosts(hosts, workers):
+            stack.callback(host.kill)
+            before = _readies(host)
+            host.start()
+            _await(lambda host=host, before=before: _readies(host) > before)  # type: ignore[misc]
+        begin = time.monotonic()
+        left = [http.post("/jobs", files=pair).raise_for_status().json() for _ in range(_JOBS)]
+        while left:  # one long look at a time: looks are work, too
+            if _state(http, left[0]) == "succeeded":
+                left.pop(0)
+        return time.monotonic() - begin
+
+
+def _readies(host: Host) -> int:
+    return host.log.read_text().count('"message": "ready"') if host.log.exists() else 0
+
+
+def _bare(folder: Path, processes: int) -> float:
+    """Seconds for the same jobs in processes that share nothing, from their first job on."""
+    share = [sys.executable, "-c", _BARE, str(folder), str(_JOBS // processes)]
+    running = [
+        subprocess.Popen([*share, str(number)], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        for number in range(processes)
+    ]
+    for process in running:  # each has imported what it needs
+        assert process.stdout is not None and process.stdout.readline()
+    begin = time.monotonic()
+    for process in running:
+        assert process.stdin is not None
+        process.stdin.close()
+    for process in running:
+        if process.wait():
+            sys.exit("load: a bare process failed")
+        process.stdout.close()  # type: ignore[union-attr]
+    return time.monotonic() - begin
 
 
 def _worker_hosts(hosts: list[Host], count: int) -> list[Host]:
@@ -149,14 +204,19 @@ def _worker_hosts(hosts: list[Host], count: int) -> list[Host]:
     return [Host(folder / str(number), ["worker"], **shared) for number in range(count)]
 
 
-def _small_pair() -> Pair:
-    with drivers.open_camera(_SMALL) as camera:
+def _made_pair(folder: Path) -> Pair:
+    """Take a pair; it lies in the folder, too."""
+    with drivers.open_camera(_CAMERA) as camera:
         pair = drivers.capture_pair(camera)
-    return {"no_flash": pair.no_flash.best, "flash": pair.flash.best}
+    made = {"no_flash": pair.no_flash.best, "flash": pair.flash.best}
+    for frame, data in made.items():
+        (folder / frame).write_bytes(data)
+    return made
 
 
 def _state(http: httpx.Client, job: dict[str, Any]) -> str:
-    state: str = http.get(job["links"]["self"]).raise_for_status().json()["state"]
+    answer = http.get(job["links"]["self"], headers={"prefer": "wait=30"}, timeout=60)
+    state: str = answer.raise_for_status().json()["state"]
     if state in ("failed", "canceled", "expired"):
         sys.exit(f"load: a job ended as {state}")
     return state

@@ -78,9 +78,14 @@ def _measure(url: str) -> None:
                 page.add_init_script(f"({_COUNT})()")
                 rate, whole, drawn = _drag(page, f"{url}/#/jobs/{job}")
                 page.close()
-                size = f"{whole / 1e6:.2f} | {drawn / 1e6:.2f}"
-                print(f"| {lamps} | {width} × {height} | {size} | {rate:.0f} |")  # noqa: T201
+                print(row(lamps, (width, height), rate, whole, drawn))  # noqa: T201
         browser.close()
+
+
+def row(lamps: int, window: tuple[int, int], rate: float, whole: int, drawn: int) -> str:
+    """Write a row; rate: frames a second; whole, drawn: pixels."""
+    size = f"{window[0]} × {window[1]} | {whole / 1e6:.2f} | {drawn / 1e6:.2f}"
+    return f"| {lamps} | {size} | {rate:.0f} |"
 
 
 def _job(http: httpx.Client, lamps: int) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import random
 import statistics
 import threading
@@ -87,7 +86,8 @@ class Run:
         self.outcome.workers_lost = self._target.workers_lost()
         if not self._target.lives():
             self._blame("the API ended")
-        self.outcome.growth_mib = self._growth()
+        self._look()
+        self.outcome.growth_mib = growth(self._memory)
         return self.outcome
 
     def _attack(self, number: int) -> None:
@@ -173,21 +173,25 @@ class Run:
 
     def _watch(self, done: threading.Event) -> None:
         while not done.wait(_LOOK_SECONDS):
-            share = min(self.outcome.requests / self._wanted, 1.0)
-            self._memory.append((share, self._target.memory()))
+            self._look()
 
-    def _growth(self) -> float:
-        """MiB that the one which grew most has grown by since a tenth of the requests.
+    def _look(self) -> None:
+        share = min(self.outcome.requests / self._wanted, 1.0)
+        self._memory.append((share, self._target.memory()))
 
-        Not a number where a run was too short to be looked at then.
-        """
-        early = [held for share, held in self._memory if 0.1 <= share < 0.2]
-        late = [held for share, held in self._memory if share >= 0.9]
-        grown = []
-        for name in ("api", "worker"):
-            before, after = (
-                [held[name] for held in some if name in held] for some in (early, late)
-            )
-            if before and after:
-                grown.append(statistics.median(after) - statistics.median(before))
-        return max(grown, default=math.nan)
+
+def growth(memory: list[tuple[float, dict[str, float]]]) -> float:
+    """MiB that the one which grew most has grown by since a tenth of the requests.
+
+    memory: looks in their order, each the share of the requests that were sent, and MiB by name;
+    the last one is of the end.
+    """
+    seen = [look for look in memory if look[0] >= 0.1]
+    early = [held for share, held in seen if share < 0.2] or [held for _, held in seen[:1]]
+    late = [held for share, held in seen if share >= 0.9]
+    grown = []
+    for name in ("api", "worker"):
+        before, after = ([held[name] for held in some if name in held] for some in (early, late))
+        if before and after:
+            grown.append(statistics.median(after) - statistics.median(before))
+    return max(grown, default=0.0)  # those that have ended are counted elsewhere

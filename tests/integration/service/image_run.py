@@ -67,13 +67,26 @@ class Stack:
         entry = service.get("entrypoint", self._image.config["Entrypoint"])
         return self._run(name, number, [*entry, *service["command"]], also)
 
+    def say(self, name: str, *command: str) -> str:
+        """Run another command of the program as a service, to its end; what it prints."""
+        words = [*self._image.config["Entrypoint"], *command]
+        process = self._run(name, 0, words, {}, subprocess.PIPE)
+        said, _ = process.communicate(timeout=120)
+        assert process.returncode == 0
+        return said.decode().strip()
+
     def check(self, name: str, number: int) -> int:
         """Run the health check of a service; its exit code."""
         _, *command = self.services[name]["healthcheck"]["test"]
         return self._run(name, number, command, {}).wait(120)
 
     def _run(
-        self, name: str, number: int, command: list[str], also: dict[str, str]
+        self,
+        name: str,
+        number: int,
+        command: list[str],
+        also: dict[str, str],
+        stdout: int | None = None,
     ) -> subprocess.Popen[bytes]:
         service = self.services[name]
         assert service["read_only"] and service["cap_drop"] == ["ALL"]
@@ -91,6 +104,7 @@ class Stack:
                 "VOLUMES": " ".join(self._image.config["Volumes"]),
                 "OWNER": self._image.config["User"],
             },
+            stdout=stdout,
         )
         self._processes.append(process)
         return process
@@ -167,6 +181,8 @@ def test_the_image_runs_jobs_as_the_compose_file_says(
     url, pair = f"http://127.0.0.1:{ports[0]}", _pair()
     assert stack.start("bucket", 1).wait(120) == 0
     assert stack.start("migrate", 1).wait(120) == 0
+    # It listens on every network, so it does not start without a key.
+    key = stack.say("api", "keys", "create", "phone", "--scopes", "submit,read,capture")
     api = stack.start(
         "api", 1, LIGHTLAYERS_PORT=str(ports[0]), LIGHTLAYERS_METRICS_PORT=str(ports[1])
     )
@@ -175,8 +191,10 @@ def test_the_image_runs_jobs_as_the_compose_file_says(
         stack.start("worker", number, LIGHTLAYERS_METRICS_PORT=str(ports[number + 1]))
         for number in (1, 2)
     ]
-    with httpx.Client(base_url=url, timeout=60) as http:
+    bearing = {"authorization": f"Bearer {key}"}
+    with httpx.Client(base_url=url, timeout=60, headers=bearing) as http:
         _await_that("the service is ready", lambda: _is_ready(http, api))
+        assert httpx.get(f"{url}/jobs").status_code == 401
         assert [stack.check("api", 1), stack.check("worker", 1)] == [0, 0]
         metrics = httpx.get(f"http://127.0.0.1:{ports[1]}/metrics").text
         assert "lightlayers_workers 2.0" in metrics

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import signal
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qs, urlsplit
 
 import httpx
+import pytest
 
 import drivers
 
@@ -61,6 +67,82 @@ def test_of_requests_with_one_key_one_makes_the_job(
     assert send("{}").json()["state"] == "succeeded"
     assert grown_up.http.delete(first["links"]["self"]).status_code == 204
     assert send("{}").json()["id"] != first["id"]
+
+
+@pytest.fixture
+def hosts(
+    make_service: Callable[..., Any], tmp_path: Path, postgresql: str, s3: dict[str, str]
+) -> list[Any]:
+    """Two hosts of one service, which answer for results with the store's URLs."""
+    found = []
+    for name in ("first", "second"):
+        store = "s3://photographs/hosts"
+        host = make_service(
+            tmp_path / name, database_url=postgresql, store_url=store, store_presign=True
+        )
+        host.environment |= s3
+        found.append(host)
+    found[0].migrate()
+    for host in found:
+        host.start()
+    return found
+
+
+def test_any_host_takes_the_next_piece_and_the_store_gives_the_results(
+    hosts: list[Any], s3: dict[str, str]
+) -> None:
+    with drivers.open_camera("sim://studio?lights=2&width=96&height=64") as camera:
+        taken = drivers.capture_pair(camera)
+    uploads = {
+        frame: _send_by_turns(hosts, data)
+        for frame, data in (("no_flash", taken.no_flash.best), ("flash", taken.flash.best))
+    }
+    first, second = hosts
+    made = second.http.post("/jobs", json={"uploads": uploads})
+    assert made.status_code == 202, made.text
+    assert made.json()["inputs"]["flash"]["sha256"] == _digest(taken.flash.best)
+    end = first.await_end(made.json())
+    assert end["state"] == "succeeded"
+    for file in end["files"]:
+        answer = second.http.get(file["href"], follow_redirects=False)
+        assert (answer.status_code, answer.headers["cache-control"]) == (307, "no-store")
+        link = answer.headers["location"]
+        assert link.startswith(f"{s3['AWS_ENDPOINT_URL']}/photographs/hosts/jobs/")
+        assert parse_qs(urlsplit(link).query)["X-Amz-Expires"] == ["300"]
+        assert _digest(httpx.get(link).raise_for_status().content) == file["sha256"]
+        asked = second.http.head(file["href"], follow_redirects=False)
+        assert (asked.status_code, asked.headers["content-length"]) == (200, str(file["size"]))
+    part = httpx.get(link, headers={"range": "bytes=0-3"})
+    assert (part.status_code, len(part.content)) == (206, 4)
+    assert httpx.get(link.replace("/jobs/", "/uploads/")).status_code in (403, 404)
+    known = second.http.get(file["href"], headers={"if-none-match": f'"{file["sha256"]}"'})
+    assert known.status_code == 304
+    manifest = first.http.get(end["links"]["results"], follow_redirects=False)
+    assert manifest.status_code == 200 and len(manifest.json()["lamps"]) == 2
+
+
+def _send_by_turns(hosts: list[Any], data: bytes) -> str:
+    """Upload in three pieces, each to the other host; the id."""
+    tus = {"tus-resumable": "1.0.0"}
+    length = {"upload-length": str(len(data))}
+    place = hosts[0].http.post("/uploads", headers=tus | length).headers["location"]
+    ends = [0, len(data) // 3, 2 * len(data) // 3, len(data)]
+    for number, (start, end) in enumerate(pairwise(ends)):
+        headers = tus | {
+            "upload-offset": str(start),
+            "content-type": "application/offset+octet-stream",
+        }
+        host, other = hosts[number % 2].http, hosts[1 - number % 2].http
+        assert host.patch(place, content=data[start:end], headers=headers).status_code == 204
+        assert other.head(place, headers=tus).headers["upload-offset"] == str(end)
+        # The other host knows that this piece has come already.
+        again = other.patch(place, content=data[start:end], headers=headers)
+        assert again.status_code in (409, 413)
+    return str(place.rpartition("/")[2])
+
+
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
 
 
 def _listed(service: Any) -> set[str]:

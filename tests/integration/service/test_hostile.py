@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tests.hostile.run import Run
+from tests.hostile.run import GROWTH_MIB, Run
 from tests.hostile.target import Target
 
 
@@ -17,6 +17,7 @@ def test_hostile_requests_break_nothing(tmp_path: Path) -> None:
     assert outcome.faults == []
     assert not outcome.broken, outcome.line()
     assert outcome.requests >= 200
+    assert abs(outcome.growth_mib) < GROWTH_MIB  # a number, too
     # Nothing above would be told by a service that refused all of it at the door.
     assert outcome.jobs > 0
     assert {200, 201, 202, 400, 404, 422} <= set(outcome.statuses)

@@ -4,6 +4,7 @@ import io
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import httpx
@@ -20,6 +21,7 @@ from service.api.context import Context, open_context
 from service.attempt import results_key
 from service.media import media_type
 from service.settings import Settings
+from tests.unit.service.contract import check_described, described
 
 
 @pytest.fixture(autouse=True)
@@ -67,7 +69,10 @@ def http(server: tuple[FastAPI, str], context: Context) -> Iterator[httpx.Client
     """The API on a fresh database, without a worker: what is queued stays queued."""
     app, url = server
     app.state.context = context
-    with httpx.Client(base_url=url, timeout=60) as client:
+    hooks: dict[str, list[Callable[..., None]]] = {
+        "response": [partial(check_described, described(app))]
+    }
+    with httpx.Client(base_url=url, timeout=60, event_hooks=hooks) as client:
         yield client
 
 

@@ -3,6 +3,7 @@ from __future__ import annotations
 import errno
 import os
 import socket
+import tempfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -11,8 +12,16 @@ from typing import Any
 import httpx
 import pytest
 
-from service import jobs
+from service import jobs, sandbox
 from service.api.context import Context
+from service.errors import (
+    AttemptError,
+    CrashError,
+    FileLimitError,
+    MemoryLimitError,
+    OutputLimitError,
+    TimeLimitError,
+)
 from service.settings import Settings
 from service.storage import Storage
 from tests.unit.service.asking import post_capture, post_pair, problem_of, rows_of
@@ -46,6 +55,61 @@ def test_photographs_that_the_disk_does_not_keep_make_no_job(
     assert problem_of(answer)[:2] == (503, "store-unavailable")
     assert rows_of(context) == []
     assert context.storage.list("") == []
+
+
+@pytest.mark.parametrize(
+    ("death", "said"),
+    [
+        (CrashError(""), "crashed on these"),
+        (MemoryLimitError(""), "want more memory"),
+        (TimeLimitError(""), "not read within 30 s"),
+        (FileLimitError(""), "more open files"),
+        (OutputLimitError(""), "larger than what a job may write"),
+    ],
+)
+def test_what_kills_the_check_of_headers_is_no_photograph(
+    death: AttemptError,
+    said: str,
+    http: httpx.Client,
+    png: Png,
+    context: Context,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sandbox, "run", _raising(death))
+    status, kind, detail = problem_of(post_pair(http, png(64, 48), png(64, 48, True)))
+    assert (status, kind) == (422, "unreadable-image")
+    assert said in detail
+    assert context.storage.list("") == []
+
+
+def test_a_check_that_somebody_ends_is_asked_for_again(
+    http: httpx.Client, png: Png, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sandbox, "run", _raising(ChildProcessError()))
+    answer = post_pair(http, png(64, 48), png(64, 48, True))
+    assert problem_of(answer)[:2] == (503, "service-not-ready")
+    assert answer.json()["retryable"]
+
+
+def test_a_disk_that_fills_up_during_an_upload_is_told(
+    http: httpx.Client, png: Png, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    full = OSError(errno.ENOSPC, "No space left on device")
+    monkeypatch.setattr(tempfile, "mkdtemp", _raising(full))
+    for answer in (
+        post_pair(http, png(64, 48), png(64, 48, True)),
+        http.post("/jobs", json={"capture": {"camera": "sim://studio"}}),
+    ):
+        status, kind, detail = problem_of(answer)
+        assert (status, kind) == (507, "storage-full")
+        assert "is full" in detail and answer.json()["retryable"]
+
+
+def _raising(error: Exception) -> Callable[..., None]:
+    def fail(*_arguments: object, **_named: object) -> None:
+        raise error
+
+    return fail
 
 
 class TestFullQueue:

@@ -9,6 +9,7 @@ import httpx
 import pytest
 
 from service.api.context import Context
+from tests.unit.service.asking import problem_of
 
 FILES = {
     "lamp1.jpg": b"0123456789",
@@ -139,6 +140,16 @@ def test_a_job_that_has_not_succeeded_has_no_results(what: str, http: httpx.Clie
     assert problem["type"] == "urn:lightlayers:problem:not-ready"
     assert "queued" in problem["detail"]
     assert problem["retryable"]
+
+
+@pytest.mark.parametrize("what", ["results", "results/lamp1.jpg"])
+def test_results_that_go_at_this_moment_are_gone(
+    what: str, http: httpx.Client, job: str, context: Context
+) -> None:
+    context.storage.delete_below(f"{job.removeprefix('/')}/")
+    status, kind, detail = problem_of(http.get(f"{job}/{what}"))
+    assert (status, kind) == (410, "gone")
+    assert "being deleted" in detail
 
 
 def test_deleting_a_job_deletes_its_results(http: httpx.Client, job: str) -> None:

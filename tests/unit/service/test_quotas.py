@@ -97,3 +97,29 @@ def test_a_charge_of_a_refused_job_is_taken_back(context: Context) -> None:
         quotas.charge(connection, owner)
     with context.engine.connect() as connection:
         assert connection.execute(sa.select(database.keys.c.jobs_of_day)).scalar_one() == 1
+
+
+def test_uploads_that_no_job_has_taken_count(http: httpx.Client, context: Context) -> None:
+    key = bearing(context, "submit", stored_bytes=1000) | {"tus-resumable": "1.0.0"}
+
+    def begin(length: int) -> httpx.Response:
+        return http.post("/uploads", headers=key | {"upload-length": str(length)})
+
+    first = begin(600)
+    assert first.status_code == 201
+    status, kind, detail = problem_of(begin(401))
+    assert (status, kind) == (403, "stored-quota")
+    assert "1,000 bytes" in detail and "delete jobs or uploads" in detail
+    assert begin(400).status_code == 201
+    assert http.delete(first.headers["location"], headers=key).status_code == 204
+    assert begin(600).status_code == 201
+
+
+def test_uploads_begun_at_once_do_not_get_past_a_quota(
+    http: httpx.Client, context: Context
+) -> None:
+    key = bearing(context, "submit", stored_bytes=1000) | {"tus-resumable": "1.0.0"}
+    headers = key | {"upload-length": "400"}
+    with ThreadPoolExecutor(6) as pool:
+        answers = list(pool.map(lambda _: http.post("/uploads", headers=headers), range(6)))
+    assert sorted(answer.status_code for answer in answers) == [201, 201, 403, 403, 403, 403]

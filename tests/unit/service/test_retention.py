@@ -66,6 +66,43 @@ def test_a_job_past_its_time_goes_with_its_files_and_no_other(
     assert http.get(f"/jobs/{old}").status_code == 404
 
 
+@pytest.mark.parametrize(
+    ("delivery", "stays"),
+    [(None, True), ("pending", True), ("delivered", False), ("failed", False)],
+)
+def test_a_job_whose_webhook_is_to_be_told_stays_until_it_is(
+    delivery: str | None, stays: bool, sweep: Sweep, context: Context, finish: Finish
+) -> None:
+    job_id = stored_job(context, webhook={"url": "https://example.org", "secret": "s"})
+    finish(job_id, {"manifest.json": b"{}"})
+    ended = rows_of(context)[0].finished
+    assert ended is not None
+    with context.engine.begin() as connection:
+        this = database.jobs.c.id == job_id
+        began = {"finished": ended - 60, "expires": ended - 30}  # kept for half a minute
+        connection.execute(sa.update(database.jobs).where(this).values(**began))
+        if delivery:
+            jobs.set_delivery(connection, job_id, {"state": delivery, "attempts": 1})
+    sweep.run(thorough=False)
+    assert [job.id for job in rows_of(context)] == ([job_id] if stays else [])
+
+
+def test_a_deleted_job_is_removed_though_its_webhook_is_not_told(
+    sweep: Sweep, context: Context, http: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job_id = stored_job(context, webhook={"url": "https://example.org", "secret": "s"})
+    with context.engine.begin() as connection:
+        running = jobs.claim(connection, job_id, "a worker")
+    assert running is not None
+    with monkeypatch.context() as dying:  # the API, before anything is removed
+        dying.setattr("service.api.jobs.remove", lambda *_arguments: None)
+        assert http.delete(f"/jobs/{job_id}").status_code == 204
+    with context.engine.begin() as connection:
+        assert jobs.acknowledge_cancel(connection, running, 2 * 86400)
+    sweep.run(thorough=False)
+    assert rows_of(context) == []
+
+
 def test_jobs_that_were_kept_for_ever_go_by_a_setting_that_came_later(
     sweep: Sweep, finished: Callable[[], str], context: Context
 ) -> None:

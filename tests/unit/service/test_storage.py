@@ -3,9 +3,12 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
+import obstore
 import pytest
 from obstore.exceptions import GenericError
 
@@ -130,3 +133,22 @@ def test_what_a_killed_put_has_left_goes_too(tmp_path: Path) -> None:
     storage.delete_below("jobs/a/")
     assert not (tmp_path / "jobs/a").exists()
     assert storage.get("jobs/b/1/lamp1.tif") == b"another's"
+
+
+def test_a_few_puts_go_at_a_time(storage: Storage, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each holds pieces of a file in memory."""
+    going, most = [0], [0]
+    lock, four = threading.Lock(), threading.Barrier(4, timeout=60)
+
+    def put(*_arguments: object, **_named: object) -> None:
+        with lock:
+            going[0] += 1
+            most[0] = max(most[0], going[0])
+        four.wait()  # each one waits for three others
+        with lock:
+            going[0] -= 1
+
+    monkeypatch.setattr(obstore, "put", put)
+    with ThreadPoolExecutor(16) as pool:
+        list(pool.map(lambda number: storage.put(f"{number}", b""), range(16)))
+    assert most[0] == 4

@@ -1,0 +1,8 @@
+from __future__ import annotations
+
+from tests.bench.page import row
+
+
+def test_pixels_are_told_in_millions_and_frames_by_the_second() -> None:
+    told = row(2, (1920, 1080), 59.6, 2_073_600, 518_400)
+    assert told == "| 2 | 1920 × 1080 | 2.07 | 0.52 | 60 |"
