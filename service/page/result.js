@@ -1,5 +1,6 @@
 // The results of a separation: the picture, a strip for each lamp, warnings, files.
 
+import { actionsOf } from "./actions.js";
 import { fetchBytes, get, source } from "./api.js";
 import { alarm, choice, h, say } from "./dom.js";
 import { readExr } from "./exr.js";
@@ -49,6 +50,7 @@ export async function showResult(main, job, signal) {
   desk.append(
     ...warningsOf(manifest.warnings, marks && ((on) => (views.choose("mix"), marks(on))), has("residual.png") && (() => views.choose("residual.png"))),
     h("details", {}, h("summary", { textContent: "Files" }), filesOf(job)),
+    actionsOf(job),
   );
 }
 
