@@ -2,6 +2,7 @@
 
 import { actionsOf } from "./actions.js";
 import { fetchBytes, get, source } from "./api.js";
+import { fullSize } from "./area.js";
 import { alarm, choice, h, say } from "./dom.js";
 import { readExr } from "./exr.js";
 import { filesOf } from "./files.js";
@@ -63,7 +64,8 @@ function mixer(views, desk, preview, job, manifest) {
     "aria-label": "The mix. Plus and minus enlarge it, 0 shows all of it, arrow keys move it.",
   });
   views.add("mix", "Mix", canvas);
-  const light = new Light(canvas, preview);
+  const { step, fetchArea } = fullSize(job, manifest, preview);
+  const light = new Light(canvas, preview, step, fetchArea);
   const basis = manifest.mix;
   const neutral = manifest.lamps.map(() => untouched());
   const matrices = (settings) => settings.map((one, lamp) => lampMatrix(basis, lamp, one));
@@ -193,7 +195,7 @@ class Views {
       "div",
       { className: "zoom" },
       button("Fit", "Show all of the picture", () => light.zoom(null)),
-      button("1:1", "Show it pixel by pixel", () => light.zoom(1)),
+      button("1:1", "Show it pixel by pixel", () => light.zoom(light.step)),
       button("−", "Smaller", () => light.enlarge(1 / 1.5)),
       button("+", "Larger", () => light.enlarge(1.5)),
     );
@@ -261,7 +263,7 @@ function moveBy(light) {
     "+": () => light.enlarge(1.5),
     "-": () => light.enlarge(1 / 1.5),
     0: () => light.zoom(null),
-    1: () => light.zoom(1),
+    1: () => light.zoom(light.step),
     ArrowLeft: () => light.move(40, 0),
     ArrowRight: () => light.move(-40, 0),
     ArrowUp: () => light.move(0, 40),
