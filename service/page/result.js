@@ -3,6 +3,7 @@
 import { actionsOf } from "./actions.js";
 import { fetchBytes, get, source } from "./api.js";
 import { fullSize } from "./area.js";
+import { normalsForm } from "./directions.js";
 import { alarm, choice, h, say } from "./dom.js";
 import { readExr } from "./exr.js";
 import { filesOf } from "./files.js";
@@ -48,8 +49,14 @@ export async function showResult(main, job, signal) {
   for (const [name, text] of pictures(manifest)) if (has(name)) views.addImage(name, text);
   if (has("normals.png")) views.addNormals();
   views.start();
+  const show = {
+    filled: marks && ((on) => (views.choose("mix"), marks(on))),
+    unexplained: has("residual.png") && (() => views.choose("residual.png")),
+    lamps: has("gamma.png") && (() => views.choose("gamma.png")),
+  };
   desk.append(
-    ...warningsOf(manifest.warnings, marks && ((on) => (views.choose("mix"), marks(on))), has("residual.png") && (() => views.choose("residual.png"))),
+    ...warningsOf(manifest.warnings, show),
+    ...(manifest.lamps.length > 1 && !has("normals.png") ? [normalsForm(job, manifest)] : []),
     h("details", {}, h("summary", { textContent: "Files" }), filesOf(job)),
     actionsOf(job),
   );
