@@ -2,7 +2,7 @@
 
 import { get, post } from "./api.js";
 import { settingsOf } from "./camera_settings.js";
-import { bytes, h } from "./dom.js";
+import { bytes, h, pause } from "./dom.js";
 import { follow } from "./events.js";
 
 const STATES = { idle: "Ready", capturing: "Takes photographs", waiting_for_operator: "Waits for somebody", away: "Not connected" };
@@ -34,7 +34,19 @@ export async function showCameras(main, signal, attempt, options) {
   };
   show(found);
   main.append(h("section", { className: "cameras" }, h("h2", { textContent: "Or let a connected camera take both" }), list));
-  if (found.some((camera) => camera.state)) follow("/cameras/events", signal, show).catch(() => {});
+  if (found.some((camera) => camera.state)) keepUp(signal, show);
+}
+
+/** Show the cameras as they become, as long as the service tells of them. */
+async function keepUp(signal, show) {
+  while (!signal.aborted) {
+    try {
+      if (!(await follow("/cameras/events", signal, show))) return;
+    } catch (error) {
+      if (error.status) return;
+    }
+    await pause(5000, signal);
+  }
 }
 
 function rowOf(camera, attempt, options) {

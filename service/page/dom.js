@@ -62,4 +62,12 @@ export function bytes(size) {
   return `${(size / unit).toLocaleString("en", { maximumFractionDigits: size < 1e7 ? 1 : 0 })} ${name}`;
 }
 
+/** Wait for so many ms, or until the user leaves. */
+export function pause(time, signal) {
+  return new Promise((resolve) => {
+    setTimeout(resolve, time);
+    signal.addEventListener("abort", resolve, { once: true });
+  });
+}
+
 let count = 0;

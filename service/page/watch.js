@@ -1,6 +1,7 @@
 // A job from its first moment to its last: by its events, and by asking where those do not come.
 
 import { get } from "./api.js";
+import { pause } from "./dom.js";
 import { follow } from "./events.js";
 
 const ASK_MS = 1000;
@@ -32,11 +33,4 @@ export async function watch(id, signal, show) {
     await pause(ASK_MS, signal);
   }
   return signal.aborted ? null : job;
-}
-
-function pause(time, signal) {
-  return new Promise((resolve) => {
-    setTimeout(resolve, time);
-    signal.addEventListener("abort", resolve, { once: true });
-  });
 }

@@ -241,6 +241,22 @@ def test_a_camera_takes_the_pair(page: Page, service: Any) -> None:
     expect(page.get_by_role("alert")).to_contain_text("Canceled")
 
 
+def test_two_files_are_dropped_at_once(page: Page) -> None:
+    page.goto("/")
+    dropped = page.evaluate_handle(
+        """() => {
+          const data = new DataTransfer();
+          for (const name of ["dark.dng", "bright.dng"]) data.items.add(new File(["?"], name));
+          return data;
+        }"""
+    )
+    zone = page.get_by_role("region", name="With the flash", exact=True)
+    zone.dispatch_event("drop", {"dataTransfer": dropped})
+    expect(page.get_by_role("region", name="Without the flash")).to_contain_text("dark.dng")
+    expect(zone).to_contain_text("bright.dng")
+    expect(page.get_by_role("button", name="Separate the light")).to_be_enabled()
+
+
 def test_a_bad_file_is_told_in_words(page: Page) -> None:
     page.goto("/")
     for label in ("Without the flash", "With the flash"):
