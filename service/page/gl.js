@@ -65,11 +65,12 @@ export function surroundings(canvas) {
   return getComputedStyle(canvas).backgroundColor.match(/[\d.]+/g).slice(0, 3).map(Number);
 }
 
-/** Give a canvas as many pixels as the screen shows of it, or fewer by the square of a factor. */
+/** Give a canvas as many pixels as the screen shows of it, or fewer by the square of a factor; whether it had others. */
 export function fit(canvas, coarseness = 1) {
   const ratio = devicePixelRatio / coarseness;
   const width = Math.max(1, Math.round(canvas.clientWidth * ratio));
   const height = Math.max(1, Math.round(canvas.clientHeight * ratio));
-  if (canvas.width !== width) canvas.width = width;
-  if (canvas.height !== height) canvas.height = height;
+  if (canvas.width === width && canvas.height === height) return false;
+  Object.assign(canvas, { width, height });
+  return true;
 }

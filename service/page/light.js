@@ -43,6 +43,7 @@ export class Light {
     this._last = 0; // when the last frame of the screen began
     this._took = 0; // how long the one before it took, in ms
     this._drew = false; // whether the last frame drew a picture
+    this._resized = false; // and did so on a canvas of another size
     new ResizeObserver(() => this.draw()).observe(canvas);
     matchMedia("(prefers-color-scheme: light)").addEventListener("change", () => this.draw());
   }
@@ -102,7 +103,7 @@ export class Light {
   /** One frame of the screen; they follow each other until the picture is drawn sharply. */
   _frame(time) {
     if (!this.canvas.isConnected) return;
-    if (this._drew) this._learn(time - this._last);
+    if (this._drew && !this._resized) this._learn(time - this._last); // another size takes longer, once
     this._last = time;
     const settled = performance.now() - this._changed > SETTLED_MS;
     this._drew = this._stale || (this._coarse && settled);
@@ -145,7 +146,7 @@ export class Light {
     const room = this._room();
     const wanted = Math.sqrt((room[0] * room[1]) / this._budget);
     const coarseness = moving ? (COARSER.find((one) => one >= wanted) ?? COARSER.at(-1)) : 1;
-    fit(this.canvas, coarseness);
+    this._resized = fit(this.canvas, coarseness);
     const { width, height } = this.canvas;
     const scale = this._scale(room) / coarseness;
     const coarse = coarseness > 1;

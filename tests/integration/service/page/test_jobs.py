@@ -183,7 +183,7 @@ def test_a_camera_tells_how_it_is_and_takes_settings(page: Page, done: dict[str,
     page.route("**/cameras/c1/settings", change)
     page.route("**/cameras/c1/captures", capture)
     page.goto("/")
-    expect(page.get_by_text("Ready · battery 71 % · 3,100 MB free")).to_be_visible()
+    expect(page.get_by_text("Ready · battery 71 % · 3.1 GB free")).to_be_visible()
     page.get_by_text("Settings").click()
     expect(page.get_by_text("Exposure time: 1/30")).to_be_visible()
     check_access(page, "camera")
