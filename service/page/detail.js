@@ -8,7 +8,7 @@ export class Detail {
     this._light = light;
     this._fetch = fetchArea;
     this._shown = null; // left, top, right, bottom in pixels of the photograph
-    this._asked = null;
+    this._asked = null; // the same, of what is on its way, with the promise of it
     this._failed = false;
   }
 
@@ -25,17 +25,21 @@ export class Detail {
     const wanted = [...area, ...ends];
     if ((ends[0] - area[0]) * (ends[1] - area[1]) > MOST_PIXELS) return null;
     if (this._shown && contains(this._shown, wanted)) return null;
-    return this._show(wanted);
+    if (this._asked && contains(this._asked.area, wanted)) return this._asked.shown;
+    const asked = { area: wanted };
+    this._asked = asked;
+    asked.shown = this._show(asked);
+    return asked.shown;
   }
 
-  async _show(wanted) {
-    const [left, top, right, bottom] = wanted;
+  async _show(asked) {
+    const [left, top, right, bottom] = asked.area;
     const { step } = this._light;
-    this._asked = wanted;
     try {
       const picture = await this._fetch(left, top, right - left, bottom - top);
-      if (this._asked !== wanted) return false;
-      this._shown = wanted;
+      if (this._asked !== asked) return false;
+      this._asked = null;
+      this._shown = asked.area;
       this._light.showDetail({ picture, step: 1 / step, corner: [left / step, top / step] });
       return true;
     } catch (error) {
