@@ -38,6 +38,7 @@ function controlOf(key, { value, choices, writable }, change) {
 }
 
 function wordOf(key) {
+  const known = { iso: "ISO", shutter_s: "Time in s", f_number: "f-number" };
   const text = key.replaceAll("_", " ");
-  return text === "iso" ? "ISO" : text[0].toUpperCase() + text.slice(1);
+  return known[key] ?? text[0].toUpperCase() + text.slice(1);
 }
