@@ -10,6 +10,7 @@ from fastapi import Depends, FastAPI
 from fastapi.middleware.cors import CORSMiddleware
 
 from service.api import (
+    areas,
     calibrations,
     callers,
     cameras,
@@ -77,7 +78,7 @@ def create_app(origins: Sequence[str] = ()) -> FastAPI:
     app.include_router(documents.router)
     app.include_router(page.router)
     refusals = (UnauthorizedError, ForbiddenError, ForeignHostError, ForeignOriginError)
-    for module in (jobs, reruns, events, calibrations, mixes, tus, results, cameras):
+    for module in (jobs, reruns, events, calibrations, mixes, tus, results, areas, cameras):
         app.include_router(module.router, responses=problems.responses(*refusals, status=(422,)))
     make_document = app.openapi
 

@@ -78,8 +78,8 @@ _MANIFEST_SCHEMA = {
 )
 def get_manifest(context: Parts, caller: Calling, job_id: str) -> Response:
     """Get the manifest: inputs, options, lamps, files, warnings, versions."""
-    job = _succeeded(context, caller, job_id)
-    _result(job, MANIFEST)
+    job = find_succeeded(context, caller, job_id)
+    find_result(job, MANIFEST)
     with deleted_meanwhile():
         data = context.storage.get(results_key(job_id, job.attempt, MANIFEST))
     return Response(data, media_type="application/json")
@@ -115,8 +115,8 @@ def get_result(
     if_none_match: Annotated[str | None, Header()] = None,
 ) -> Response:
     """Get one file of the results, whole or in part."""
-    job = _succeeded(context, caller, job_id)
-    result = _result(job, name)
+    job = find_succeeded(context, caller, job_id)
+    result = find_result(job, name)
     etag = f'"{result["sha256"]}"'
     headers = {
         "ETag": etag,
@@ -157,7 +157,7 @@ def get_result(
 )
 def get_zip(context: Parts, caller: Calling, job_id: str) -> Response:
     """Get all results in one ZIP file."""
-    job = _succeeded(context, caller, job_id)
+    job = find_succeeded(context, caller, job_id)
     members = [_member(context, job, result) for result in job.results or []]
     headers = {"Content-Disposition": f'attachment; filename="{job_id}.zip"'}
     return StreamingResponse(stored_zip(members), headers=headers, media_type="application/zip")
@@ -181,7 +181,8 @@ def _member(context: Context, job: jobs.Job, result: dict[str, Any]) -> Member:
     return Member(result["name"], result["size"], chunks)
 
 
-def _succeeded(context: Context, caller: Caller, job_id: str) -> jobs.Job:
+def find_succeeded(context: Context, caller: Caller, job_id: str) -> jobs.Job:
+    """Find a job with results. Raises UnknownJobError, GoneError, NotReadyError."""
     with context.engine.connect() as connection:
         job = find(connection, caller, job_id)
     if job.state == State.EXPIRED:
@@ -191,7 +192,8 @@ def _succeeded(context: Context, caller: Caller, job_id: str) -> jobs.Job:
     return job
 
 
-def _result(job: jobs.Job, name: str) -> dict[str, Any]:
+def find_result(job: jobs.Job, name: str) -> dict[str, Any]:
+    """Find a file among the job's results. Raises UnknownResultError."""
     # Only names that the job wrote are ever looked up, so that no name can leave its folder.
     for result in job.results or []:
         if result["name"] == name:

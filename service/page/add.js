@@ -1,6 +1,7 @@
 // Two photographs of a job to be: dropped, picked, taken by the phone, or by a connected camera.
 
-import { get, post, upload } from "./api.js";
+import { upload } from "./api.js";
+import { showCameras } from "./cameras.js";
 import { alarm, bytes, h, say } from "./dom.js";
 
 const FRAMES = [
@@ -66,37 +67,7 @@ export async function showAdd(main, signal) {
     h("p", { className: "lead", textContent: "Two photographs from the same place: one without the flash, one with it." }),
     form,
   );
-  const found = await get("/cameras").catch(() => []);
-  if (signal.aborted || !found.length) return;
-  const capture = (address) => attempt(() => post("/jobs", { capture: { camera: address }, options: options() }));
-  main.append(
-    h(
-      "section",
-      { className: "cameras" },
-      h("h2", { textContent: "Or let a connected camera take both" }),
-      h(
-        "ul",
-        {},
-        ...found.map((camera) =>
-          h(
-            "li",
-            {},
-            h("span", {}, h("strong", { textContent: nameOf(camera) }), " ", h("code", { textContent: camera.address })),
-            h("button", {
-              type: "button",
-              textContent: "Capture",
-              "aria-label": `Capture with ${nameOf(camera)}`,
-              onclick: capture(camera.address),
-            }),
-          ),
-        ),
-      ),
-    ),
-  );
-}
-
-function nameOf({ make, model }) {
-  return model.startsWith(make.split(" ")[0]) ? model : `${make} ${model}`;
+  await showCameras(main, signal, attempt, options);
 }
 
 /** A place for one photograph; chosen(files) is called with what was dropped or picked. */

@@ -26,6 +26,21 @@ export async function post(path, body) {
   return (await request(path, { method: "POST", headers, body: JSON.stringify(body) })).json();
 }
 
+/** Delete what is at a path. */
+export async function remove(path) {
+  await request(path, { method: "DELETE" });
+}
+
+export async function patch(path, body) {
+  const headers = { "Content-Type": "application/json" };
+  return (await request(path, { method: "PATCH", headers, body: JSON.stringify(body) })).json();
+}
+
+/** Answers of a path that may be waited for, or no longer. */
+export function fetchFrom(path, signal) {
+  return request(path, { signal });
+}
+
 /** Bytes of a result. */
 export async function fetchBytes(path) {
   return (await request(path)).arrayBuffer();

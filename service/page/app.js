@@ -2,8 +2,8 @@
 
 import { showAdd } from "./add.js";
 import { alarm, say } from "./dom.js";
+import { showJob } from "./job.js";
 import { showJobs } from "./jobs.js";
-import { showJob } from "./watch.js";
 
 const main = document.getElementById("main");
 let leave = new AbortController();

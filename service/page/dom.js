@@ -58,8 +58,16 @@ export function alarm(error) {
 }
 
 export function bytes(size) {
-  const [unit, name] = size >= 1e6 ? [1e6, "MB"] : [1e3, "kB"];
-  return `${(size / unit).toLocaleString("en", { maximumFractionDigits: size < 1e7 ? 1 : 0 })} ${name}`;
+  const [unit, name] = [[1e9, "GB"], [1e6, "MB"], [1e3, "kB"]].find(([least]) => size >= least) ?? [1e3, "kB"];
+  return `${(size / unit).toLocaleString("en", { maximumFractionDigits: size < 10 * unit ? 1 : 0 })} ${name}`;
+}
+
+/** Wait for so many ms, or until the user leaves. */
+export function pause(time, signal) {
+  return new Promise((resolve) => {
+    setTimeout(resolve, time);
+    signal.addEventListener("abort", resolve, { once: true });
+  });
 }
 
 let count = 0;

@@ -25,16 +25,31 @@ export function readExr(buffer) {
   return { width, height, channels };
 }
 
-/** Half floats of three channels and one more, pixel by pixel, as WebGL takes them. */
-export function interleave(red, green, blue, alpha) {
-  const all = new Uint16Array(4 * red.length);
-  for (let pixel = 0, place = 0; pixel < red.length; pixel++) {
-    all[place++] = red[pixel];
-    all[place++] = green[pixel];
-    all[place++] = blue[pixel];
-    all[place++] = alpha[pixel];
-  }
+/** Half floats of a lamp's red, green, blue and of the confidence, pixel by pixel, as WebGL takes them. */
+export function interleave({ channels, width, height }, lamp) {
+  const all = new Uint16Array(4 * width * height);
+  const from = ["R", "G", "B"].map((letter) => channels.get(`lamp${lamp + 1}.${letter}`));
+  [...from, channels.get("Y")].forEach((plane, offset) => {
+    if (plane) for (let pixel = 0, place = offset; pixel < plane.length; pixel++, place += 4) all[place] = plane[pixel];
+  });
   return all;
+}
+
+/** 32-bit floats of 16-bit ones. */
+export function widened(halves) {
+  table ??= Float32Array.from({ length: 65536 }, (_, bits) => valueOf(bits));
+  const all = new Float32Array(halves.length);
+  for (let place = 0; place < all.length; place++) all[place] = table[halves[place]];
+  return all;
+}
+
+let table = null;
+
+function valueOf(bits) {
+  const exponent = (bits >> 10) & 31;
+  const rest = bits & 1023;
+  const size = exponent ? 2 ** (exponent - 15) * (1 + rest / 1024) : 2 ** -24 * rest;
+  return (bits & 0x8000 ? -1 : 1) * (exponent === 31 ? 65504 : size);
 }
 
 function readHeader(view) {

@@ -5,9 +5,20 @@ void main() {
   gl_Position = vec4(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0, 0.0, 1.0);
 }`;
 
+const SOFTWARE = /swiftshader|llvmpipe|softpipe|basic render|software/i;
+
 /** WebGL 2 of a canvas, null where the browser has none. */
 export function open(canvas) {
   return canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false, stencil: false });
+}
+
+/** Whether there is WebGL 2 done by a graphics card, as far as the browser tells. */
+export function hasGraphicsCard() {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  const told = gl?.getExtension("WEBGL_debug_renderer_info");
+  const software = told && SOFTWARE.test(gl.getParameter(told.UNMASKED_RENDERER_WEBGL));
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return Boolean(gl) && !software;
 }
 
 /** A program that runs a fragment shader for every pixel of the canvas. */
@@ -26,14 +37,16 @@ export function build(gl, fragment) {
   return (name) => gl.getUniformLocation(program, name);
 }
 
-/** Make texture number `unit` the current one, with these filters. */
+/** Make a texture the current one of number `unit`, with these filters. */
 export function texture(gl, unit, smaller, larger) {
   gl.activeTexture(gl.TEXTURE0 + unit);
-  gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
+  const made = gl.createTexture();
+  gl.bindTexture(gl.TEXTURE_2D, made);
   gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, smaller);
   gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, larger);
   gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE);
   gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE);
+  return made;
 }
 
 /** Linear light to the code values of sRGB, by roots, which are quicker than powers and 0.01 of 255 off. */
@@ -47,16 +60,17 @@ vec3 encoded(vec3 light) {
   return mix(curve, 12.92 * c, lessThanEqual(c, vec3(0.0031308)));
 }`;
 
-/** The colour around a picture, 0…1. */
+/** The colour around a picture, 0…255. */
 export function surroundings(canvas) {
-  return getComputedStyle(canvas).backgroundColor.match(/[\d.]+/g).slice(0, 3).map((code) => code / 255);
+  return getComputedStyle(canvas).backgroundColor.match(/[\d.]+/g).slice(0, 3).map(Number);
 }
 
-/** Give a canvas as many pixels as the screen shows of it, or fewer by the square of a factor. */
+/** Give a canvas as many pixels as the screen shows of it, or fewer by the square of a factor; whether it had others. */
 export function fit(canvas, coarseness = 1) {
   const ratio = devicePixelRatio / coarseness;
   const width = Math.max(1, Math.round(canvas.clientWidth * ratio));
   const height = Math.max(1, Math.round(canvas.clientHeight * ratio));
-  if (canvas.width !== width) canvas.width = width;
-  if (canvas.height !== height) canvas.height = height;
+  if (canvas.width === width && canvas.height === height) return false;
+  Object.assign(canvas, { width, height });
+  return true;
 }

@@ -1,7 +1,8 @@
 // The list of jobs.
 
 import { get, source } from "./api.js";
-import { h } from "./dom.js";
+import { deleteJob } from "./actions.js";
+import { alarm, h } from "./dom.js";
 
 const STATES = {
   queued: "Waits",
@@ -17,12 +18,17 @@ const STATES = {
 export async function showJobs(main, signal) {
   const list = h("ul", { className: "jobs" });
   const more = h("p");
-  main.append(h("h1", { textContent: "Jobs" }), list, more);
+  const problems = h("div");
+  main.append(h("h1", { textContent: "Jobs" }), problems, list, more);
+  const gone = (card) => {
+    (card.nextElementSibling ?? card.previousElementSibling)?.querySelector("a").focus();
+    card.remove();
+  };
   let next = "/jobs?limit=48";
   const load = async () => {
     const page = await get(next);
     if (signal.aborted) return;
-    list.append(...page.jobs.map(card));
+    list.append(...page.jobs.map((job) => card(job, gone, problems)));
     next = page.next;
     more.replaceChildren(
       ...(next ? [h("button", { type: "button", textContent: "Older jobs", onclick: load })] : []),
@@ -44,11 +50,19 @@ export function kindOf(job) {
   return kind ? `Calibration of ${kind === "lamps" ? "lamps" : `a ${kind}`}` : "Separation";
 }
 
-function card(job) {
-  const time = new Date(job.created);
+function card(job, gone, problems) {
+  const shown = new Date(job.created).toLocaleString([], { dateStyle: "medium", timeStyle: "short" });
   const picture = h("div", { className: "thumb" });
   addThumbnail(picture, job);
-  return h(
+  const remove = async () => {
+    problems.replaceChildren();
+    try {
+      if (await deleteJob(job)) gone(item);
+    } catch (error) {
+      problems.replaceChildren(alarm(error));
+    }
+  };
+  const item = h(
     "li",
     {},
     h(
@@ -57,9 +71,11 @@ function card(job) {
       picture,
       h("strong", { textContent: kindOf(job) }),
       h("span", { className: `state ${job.state}`, textContent: stateOf(job) }),
-      h("time", { dateTime: job.created, textContent: time.toLocaleString([], { dateStyle: "medium", timeStyle: "short" }) }),
+      h("time", { dateTime: job.created, textContent: shown }),
     ),
+    h("button", { type: "button", className: "link", textContent: "Delete", "aria-label": `Delete ${kindOf(job)} of ${shown}`, onclick: remove }),
   );
+  return item;
 }
 
 async function addThumbnail(place, job) {

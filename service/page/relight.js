@@ -49,7 +49,7 @@ export async function relight(canvas, url) {
     gl.viewport(0, 0, canvas.width, canvas.height);
     gl.uniform2f(place("canvas"), canvas.width, canvas.height);
     gl.uniform3f(place("lamp"), lamp[0], lamp[1], 0.6);
-    gl.uniform3fv(place("around"), surroundings(canvas));
+    gl.uniform3fv(place("around"), surroundings(canvas).map((code) => code / 255));
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   };
   canvas.addEventListener("pointermove", (event) => {

@@ -1,6 +1,9 @@
 // The results of a separation: the picture, a strip for each lamp, warnings, files.
 
+import { actionsOf } from "./actions.js";
 import { fetchBytes, get, source } from "./api.js";
+import { fullSize } from "./area.js";
+import { normalsForm } from "./directions.js";
 import { alarm, choice, h, say } from "./dom.js";
 import { readExr } from "./exr.js";
 import { filesOf } from "./files.js";
@@ -46,9 +49,16 @@ export async function showResult(main, job, signal) {
   for (const [name, text] of pictures(manifest)) if (has(name)) views.addImage(name, text);
   if (has("normals.png")) views.addNormals();
   views.start();
+  const show = {
+    filled: marks && ((on) => (views.choose("mix"), marks(on))),
+    unexplained: has("residual.png") && (() => views.choose("residual.png")),
+    lamps: has("gamma.png") && (() => views.choose("gamma.png")),
+  };
   desk.append(
-    ...warningsOf(manifest.warnings, marks && ((on) => (views.choose("mix"), marks(on))), has("residual.png") && (() => views.choose("residual.png"))),
+    ...warningsOf(manifest.warnings, show),
+    ...(manifest.lamps.length > 1 && !has("normals.png") ? [normalsForm(job, manifest)] : []),
     h("details", {}, h("summary", { textContent: "Files" }), filesOf(job)),
+    actionsOf(job),
   );
 }
 
@@ -61,7 +71,8 @@ function mixer(views, desk, preview, job, manifest) {
     "aria-label": "The mix. Plus and minus enlarge it, 0 shows all of it, arrow keys move it.",
   });
   views.add("mix", "Mix", canvas);
-  const light = new Light(canvas, preview);
+  const { step, fetchArea } = fullSize(job, manifest, preview);
+  const light = new Light(canvas, preview, step, fetchArea);
   const basis = manifest.mix;
   const neutral = manifest.lamps.map(() => untouched());
   const matrices = (settings) => settings.map((one, lamp) => lampMatrix(basis, lamp, one));
@@ -191,7 +202,7 @@ class Views {
       "div",
       { className: "zoom" },
       button("Fit", "Show all of the picture", () => light.zoom(null)),
-      button("1:1", "Show it pixel by pixel", () => light.zoom(1)),
+      button("1:1", "Show it pixel by pixel", () => light.zoom(light.step)),
       button("−", "Smaller", () => light.enlarge(1 / 1.5)),
       button("+", "Larger", () => light.enlarge(1.5)),
     );
@@ -259,7 +270,7 @@ function moveBy(light) {
     "+": () => light.enlarge(1.5),
     "-": () => light.enlarge(1 / 1.5),
     0: () => light.zoom(null),
-    1: () => light.zoom(1),
+    1: () => light.zoom(light.step),
     ArrowLeft: () => light.move(40, 0),
     ArrowRight: () => light.move(-40, 0),
     ArrowUp: () => light.move(0, 40),

@@ -3,24 +3,27 @@
 import { h, toggle } from "./dom.js";
 
 const FILLED = ["flash_too_weak", "clipped"]; // where layers were filled in
-const UNEXPLAINED = ["reflections", "unexplained", "four_or_more", "moved"]; // residual.png shows them
+const UNEXPLAINED = ["reflections", "unexplained", "four_or_more", "moved", "not_aligned", "light_changed", "flicker"]; // residual.png shows them
+const LAMPS = ["lamps_alike", "no_pure_light", "number_uncertain", "flash_like_lamps"]; // the diagram shows them
 
-/** Elements; mark(on) marks what was filled in, residual() shows what the lamps do not explain. */
-export function warningsOf(warnings, mark, residual) {
+/** Elements; show: functions that show what was filled in (on or off), what is unexplained and the
+ * diagram of the lamps, where there are such pictures.
+ */
+export function warningsOf(warnings, show) {
   if (!warnings.length) return [];
   const items = warnings.map(({ code, message, figures }) => {
     const item = h("li", {}, h("p", { textContent: message }));
     const row = h("p", { className: "row" });
-    if (FILLED.includes(code) && mark) {
-      const show = toggle("Show where", `Show where: ${message}`, false, (on) => {
-        show.setAttribute("aria-pressed", String(on));
-        mark(on);
+    if (FILLED.includes(code) && show.filled) {
+      const mark = toggle("Show where", `Show where: ${message}`, false, (on) => {
+        mark.setAttribute("aria-pressed", String(on));
+        show.filled(on);
       });
-      row.append(show);
+      row.append(mark);
     }
-    if (UNEXPLAINED.includes(code) && residual) {
-      row.append(h("button", { type: "button", className: "toggle", textContent: "Show where", onclick: residual }));
-    }
+    const look = (text, onclick) => h("button", { type: "button", className: "toggle", textContent: text, "aria-label": `${text}: ${message}`, onclick });
+    if (UNEXPLAINED.includes(code) && show.unexplained) row.append(look("Show where", show.unexplained));
+    if (LAMPS.includes(code) && show.lamps) row.append(look("Show the lamps", show.lamps));
     const numbers = Object.entries(figures).map(([name, value]) => `${name.replaceAll("_", " ")} ${value}`);
     row.append(h("small", { textContent: [code, ...numbers].join(" · ") }));
     item.append(row);

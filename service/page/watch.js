@@ -1,90 +1,36 @@
-// One job: how far it is, why it failed, or its results.
+// A job from its first moment to its last: by its events, and by asking where those do not come.
 
-import { get, post } from "./api.js";
-import { alarm, h, say } from "./dom.js";
-import { kindOf, stateOf } from "./jobs.js";
-import { showResult } from "./result.js";
+import { get } from "./api.js";
+import { pause } from "./dom.js";
+import { follow } from "./events.js";
 
-const LOOK_MS = 400;
+const ASK_MS = 1000;
+const AWAY = [0, 502, 503, 504]; // no answer, or one of a proxy or service that is about to come back
 const ENDED = ["succeeded", "failed", "canceled", "expired"];
-const STAGES = {
-  capture: "Take both photographs",
-  decode: "Read the photographs",
-  align: "Lay them on each other",
-  lamps: "Find the lamps",
-  layers: "Separate their light",
-  encode: "Write the results",
-  calibrate: "Calibrate",
-  mix: "Mix the layers",
-};
 
-export async function showJob(main, id, signal) {
-  const job = await watch(id, signal, progressOf(main, id));
-  if (!job) return;
-  main.replaceChildren();
-  if (job.state === "succeeded" && !job.options.kind) {
-    await showResult(main, job, signal);
-  } else if (job.state === "succeeded") {
-    await showFiles(main, job);
-  } else {
-    main.append(h("h1", { textContent: kindOf(job) }));
-    const title = job.error?.title ?? stateOf(job);
-    main.append(alarm({ title, message: job.error?.detail ?? "The job was stopped." }));
-    main.append(h("p", {}, h("a", { className: "button", href: "#/", textContent: "Add two photographs" })));
-  }
-  say(`${kindOf(job)}: ${stateOf(job)}`);
-}
-
-/** Look at a job until it ends; null where the user has left. */
+/** Watch a job until it ends, and give it back; null where the user has left.
+ *
+ * show(job, away): the job as it is known, and whether the service is away just now.
+ */
 export async function watch(id, signal, show) {
-  for (;;) {
-    const job = await get(`/jobs/${encodeURIComponent(id)}`);
-    if (signal.aborted) return null;
-    if (ENDED.includes(job.state)) return job;
-    show(job);
-    await new Promise((resolve) => setTimeout(resolve, LOOK_MS));
-    if (signal.aborted) return null;
-  }
-}
-
-function stagesOf(job) {
-  if (job.options.kind === "mix") return ["mix"];
-  const both = ["decode", "align"];
-  const rest = job.options.kind ? ["calibrate"] : ["lamps", "layers", "encode"];
-  return [...(job.capture ? ["capture"] : []), ...both, ...rest];
-}
-
-function progressOf(main, id) {
-  const heading = h("h1", { textContent: "…" });
-  const steps = h("ol", { className: "steps" });
-  const cancel = h("button", {
-    type: "button",
-    textContent: "Cancel",
-    onclick: () => post(`/jobs/${id}/cancel`, {}),
-  });
-  main.append(heading, steps, h("p", {}, cancel));
-  let told = "";
-  return (job) => {
-    const stages = stagesOf(job);
-    const place = job.position ? `, place ${job.position} in the queue` : "";
-    const at = stages.indexOf(job.stage);
-    heading.textContent = `${kindOf(job)}: ${stateOf(job).toLowerCase()}${place}`;
-    steps.replaceChildren(
-      ...stages.map((stage, index) => {
-        const done = index < at ? 1 : index === at ? job.fraction : 0;
-        const label = STAGES[stage];
-        const step = h("li", { className: index < at ? "done" : "" }, h("span", { textContent: label }));
-        step.append(h("progress", { max: 1, value: done, "aria-label": label }));
-        if (index === at) step.setAttribute("aria-current", "step");
-        return step;
-      }),
-    );
-    const words = STAGES[job.stage] ?? heading.textContent;
-    if (words !== told) say((told = words));
+  const path = `/jobs/${encodeURIComponent(id)}`;
+  let streams = true;
+  let job = null;
+  const told = (now) => {
+    job = now;
+    if (!signal.aborted && !ENDED.includes(job.state)) show(job, false);
   };
-}
-
-async function showFiles(main, job) {
-  const { filesOf } = await import("./files.js");
-  main.append(h("h1", { textContent: kindOf(job) }), filesOf(job));
+  while (!signal.aborted) {
+    try {
+      told(await get(path));
+      if (streams && !ENDED.includes(job.state)) streams = await follow(`${path}/events`, signal, (now) => now.state && told(now));
+      if (ENDED.includes(job.state)) break;
+    } catch (error) {
+      if (signal.aborted) break;
+      if (!job || !AWAY.includes(error.status)) throw error;
+      show(job, true);
+    }
+    await pause(ASK_MS, signal);
+  }
+  return signal.aborted ? null : job;
 }

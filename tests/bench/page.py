@@ -1,8 +1,10 @@
 """Frames a second of the light mixer while a slider is dragged: python -m tests.bench.page.
 
-Debian's Chromium draws by software here, which is the least that any graphics card does. The
-preview has 2 MP and two or three lamps. Where the machine is too slow for every pixel of the
-window the page draws fewer while something is dragged; both numbers are told.
+In Debian's Chromium, without a graphics card: drawn as the page does there, by the processor, and
+as it would with a card, by WebGL, which is software here and slower than any card. The preview has
+2 MP and two or three lamps. Where the machine is too slow for every pixel of the window the page
+draws fewer while something is dragged; both numbers are told, and the processor's time that the
+page took for a frame, which other programs on the machine do not change much.
 """
 
 from __future__ import annotations
@@ -18,17 +20,26 @@ from pathlib import Path
 from typing import Any
 
 import httpx
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import CDPSession, Page, sync_playwright
 
 _CHROMIUM = "/usr/bin/chromium"
 _WINDOWS = ((1440, 900), (1920, 1080), (2560, 1440))
 _SECONDS = 4
 _COUNT = """() => {
-  const draw = WebGL2RenderingContext.prototype.drawArrays;
   window.drawn = 0;
-  WebGL2RenderingContext.prototype.drawArrays = function (...given) {
-    window.drawn++;
-    return draw.apply(this, given);
+  const kinds = { drawArrays: WebGL2RenderingContext, putImageData: CanvasRenderingContext2D };
+  for (const [name, kind] of Object.entries(kinds)) {
+    const draw = kind.prototype[name];
+    kind.prototype[name] = function (...given) {
+      window.drawn++;
+      return draw.apply(this, given);
+    };
+  }
+}"""
+_GRAPHICS = """() => {
+  const ask = WebGL2RenderingContext.prototype.getExtension;
+  WebGL2RenderingContext.prototype.getExtension = function (name) {
+    return name === "WEBGL_debug_renderer_info" ? null : ask.call(this, name);
   };
 }"""
 _DRAG = """async (seconds) => {
@@ -41,9 +52,9 @@ _DRAG = """async (seconds) => {
     slider.dispatchEvent(new Event("input"));
     await new Promise(requestAnimationFrame);
   }
-  const rate = (window.drawn - first) / (performance.now() - begin) * 1000;
   const whole = Math.round(canvas.clientWidth * canvas.clientHeight * devicePixelRatio ** 2);
-  return [rate, whole, canvas.width * canvas.height];
+  const drawn = canvas.width * canvas.height;
+  return [window.drawn - first, performance.now() - begin, whole, drawn];
 }"""
 
 
@@ -68,24 +79,42 @@ def main() -> int:
 
 
 def _measure(url: str) -> None:
-    print("| lamps | window | picture, MP | drawn, MP | frames a second |\n|---|---|---|---|---|")  # noqa: T201
+    _say("| drawn by | lamps | window | canvas, MP | drawn, MP | frames a second | ms for each |")
+    _say("|---|---|---|---|---|---|---|")
     with sync_playwright() as playwright, httpx.Client(base_url=url) as http:
         jobs = {lamps: _job(http, lamps) for lamps in (2, 3)}
         browser = playwright.chromium.launch(executable_path=_CHROMIUM, args=["--no-sandbox"])
-        for lamps, job in jobs.items():
-            for width, height in _WINDOWS:
-                page = browser.new_page(viewport={"width": width, "height": height})
-                page.add_init_script(f"({_COUNT})()")
-                rate, whole, drawn = _drag(page, f"{url}/#/jobs/{job}")
-                page.close()
-                print(row(lamps, (width, height), rate, whole, drawn))  # noqa: T201
+        for painter in ("processor", "WebGL by software"):
+            for lamps, job in jobs.items():
+                for width, height in _WINDOWS:
+                    page = browser.new_page(viewport={"width": width, "height": height})
+                    page.add_init_script(f"({_COUNT})()")
+                    if painter != "processor":
+                        page.add_init_script(f"({_GRAPHICS})()")
+                    measured = _drag(page, f"{url}/#/jobs/{job}")
+                    page.close()
+                    _say(row(painter, lamps, (width, height), *measured))
         browser.close()
 
 
-def row(lamps: int, window: tuple[int, int], rate: float, whole: int, drawn: int) -> str:
-    """Write a row; rate: frames a second; whole, drawn: pixels."""
-    size = f"{window[0]} × {window[1]} | {whole / 1e6:.2f} | {drawn / 1e6:.2f}"
-    return f"| {lamps} | {size} | {rate:.0f} |"
+def row(
+    painter: str,
+    lamps: int,
+    window: tuple[int, int],
+    pixels: tuple[int, int],
+    frames: int,
+    seconds: tuple[float, float],
+) -> str:
+    """Write a row; pixels: in all and while dragged; seconds: by the clock and of the processor."""
+    whole, drawn = (f"{count / 1e6:.2f}" for count in pixels)
+    took, spent = seconds
+    rate, cost_ms = f"{frames / took:.0f}", f"{1000 * spent / frames:.0f}"
+    parts = (painter, lamps, f"{window[0]} × {window[1]}", whole, drawn, rate, cost_ms)
+    return f"| {' | '.join(map(str, parts))} |"
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)  # noqa: T201
 
 
 def _job(http: httpx.Client, lamps: int) -> str:
@@ -110,12 +139,21 @@ def _job(http: httpx.Client, lamps: int) -> str:
     return found
 
 
-def _drag(page: Page, address: str) -> tuple[float, int, int]:
+def _drag(page: Page, address: str) -> tuple[tuple[int, int], int, tuple[float, float]]:
+    """Drag for a while; pixels, frames and seconds as row() takes them."""
     page.goto(address)
     page.wait_for_selector("#mix[aria-busy=false]", timeout=120_000)
     page.evaluate(_DRAG, _SECONDS)  # until the page knows the machine
-    rate, whole, drawn = page.evaluate(_DRAG, _SECONDS)
-    return float(rate), int(whole), int(drawn)
+    session = page.context.new_cdp_session(page)
+    session.send("Performance.enable")
+    before = _processor_seconds(session)
+    frames, took_ms, whole, drawn = page.evaluate(_DRAG, _SECONDS)
+    return (whole, drawn), frames, (took_ms / 1000, _processor_seconds(session) - before)
+
+
+def _processor_seconds(session: CDPSession) -> float:
+    metrics = session.send("Performance.getMetrics")["metrics"]
+    return float(next(one["value"] for one in metrics if one["name"] == "ProcessTime"))
 
 
 if __name__ == "__main__":

@@ -56,6 +56,7 @@ def test_the_routes_are_the_contract(paths: dict[str, dict[str, Any]]) -> None:
         "GET /jobs/{job_id}/results",
         "GET /jobs/{job_id}/results/{name}",
         "GET /jobs/{job_id}/results.zip",
+        "GET /jobs/{job_id}/area",
         "OPTIONS /uploads",
         "POST /uploads",
         "HEAD /uploads/{upload_id}",

@@ -5,24 +5,13 @@ from __future__ import annotations
 import io
 import json
 import re
-import shutil
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import pytest
-from axe_playwright_python.sync_playwright import Axe
-from numpy.typing import NDArray
 from PIL import Image
-from playwright.sync_api import (
-    Browser,
-    FilePayload,
-    Locator,
-    Page,
-    expect,
-    sync_playwright,
-)
+from playwright.sync_api import FilePayload, Locator, Page, expect
 
 import drivers
 from pipeline.decode.exr import read_exr
@@ -30,105 +19,18 @@ from pipeline.encode.jpeg import to_srgb8
 from pipeline.encode.png import NormalsPng
 from pipeline.mix import mix_matrices
 from pipeline.mix_options import LampMix, Mix, MixBasis
+from tests.integration.service.page.looking import (
+    check_access,
+    drawn,
+    open_mixer,
+    result,
+    shown,
+    strip,
+)
 
-SHOTS = Path(__file__).parents[3] / "build" / "page"
-"""Where the test leaves what it has seen."""
-
-PATIENCE_MS = 120_000
 TWO_FRAMES = """() => new Promise((done) => {
   requestAnimationFrame(() => requestAnimationFrame(() => done(true)));
 })"""
-
-
-@pytest.fixture(scope="module")
-def browser(lacking: Callable[[str], NoReturn]) -> Iterator[Browser]:
-    program = shutil.which("chromium") or shutil.which("chromium-browser")
-    if program is None:
-        lacking("chromium")
-    SHOTS.mkdir(parents=True, exist_ok=True)
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=program, args=["--no-sandbox", "--force-color-profile=srgb"]
-        )
-        yield browser
-        browser.close()
-
-
-@pytest.fixture
-def page(browser: Browser, service: Any) -> Iterator[Page]:
-    yield from _page(browser, service, viewport={"width": 1280, "height": 800}, color_scheme="dark")
-
-
-@pytest.fixture
-def phone(browser: Browser, service: Any) -> Iterator[Page]:
-    yield from _page(
-        browser,
-        service,
-        viewport={"width": 390, "height": 844},
-        color_scheme="light",
-        has_touch=True,
-        is_mobile=True,
-    )
-
-
-def _page(browser: Browser, service: Any, **more: Any) -> Iterator[Page]:
-    context = browser.new_context(base_url=service.url, **more)
-    context.set_default_timeout(PATIENCE_MS)
-    page = context.new_page()
-    errors: list[str] = []
-    page.on("pageerror", lambda error: errors.append(str(error)))
-    yield page
-    context.close()
-    assert errors == []
-
-
-@pytest.fixture(scope="module")
-def done(service: Any, pair: drivers.CapturedPair) -> dict[str, Any]:
-    """A job whose preview is as large as its photograph."""
-    files = {"no_flash": pair.no_flash.best, "flash": pair.flash.best}
-    outputs = ["layers.exr", "preview.exr", "thumbnail.jpg", "gamma.png", "residual.png"]
-    options = {"outputs": outputs, "quality": "fast", "lights": 2}
-    answer = service.http.post("/jobs", files=files, data={"options": json.dumps(options)})
-    job: dict[str, Any] = service.await_end(answer.json())
-    assert job["state"] == "succeeded", job
-    return job
-
-
-def open_mixer(page: Page, job: dict[str, Any]) -> Locator:
-    page.goto(f"/#/jobs/{job['id']}")
-    return drawn(page)
-
-
-def drawn(page: Page) -> Locator:
-    """The canvas once what it shows is exact."""
-    canvas = page.locator("#mix")
-    expect(canvas).to_have_attribute("aria-busy", "false", timeout=PATIENCE_MS)
-    return canvas
-
-
-def shown(page: Page, size: tuple[int, int]) -> NDArray[np.int64]:
-    """What of a picture of this size (width, height) is on the screen, pixel by pixel."""
-    page.get_by_role("button", name="pixel by pixel").click()
-    canvas = drawn(page)
-    pixels = np.asarray(Image.open(io.BytesIO(canvas.screenshot())).convert("RGB")).astype(int)
-    top, left = round((pixels.shape[0] - size[1]) / 2), round((pixels.shape[1] - size[0]) / 2)
-    return np.asarray(pixels[top : top + size[1], left : left + size[0]])
-
-
-def strip(page: Page, lamp: int) -> Locator:
-    return page.get_by_role("group", name=f"Lamp {lamp}")
-
-
-def result(service: Any, job: dict[str, Any], name: str) -> bytes:
-    found: bytes = service.http.get(f"/jobs/{job['id']}/results/{name}").raise_for_status().content
-    return found
-
-
-def check_access(page: Page, name: str) -> None:
-    """Look for what keeps people out; leave a picture of it."""
-    page.screenshot(path=SHOTS / f"{name}.png")
-    found = Axe().run(page).response["violations"]
-    assert [(one["id"], one["nodes"][0]["html"]) for one in found] == []
 
 
 def test_a_pair_is_added_watched_mixed_saved_and_rendered(
@@ -337,6 +239,22 @@ def test_a_camera_takes_the_pair(page: Page, service: Any) -> None:
     assert job["capture"]["camera"] == "sim://studio"
     page.get_by_role("button", name="Cancel").click()
     expect(page.get_by_role("alert")).to_contain_text("Canceled")
+
+
+def test_two_files_are_dropped_at_once(page: Page) -> None:
+    page.goto("/")
+    dropped = page.evaluate_handle(
+        """() => {
+          const data = new DataTransfer();
+          for (const name of ["dark.dng", "bright.dng"]) data.items.add(new File(["?"], name));
+          return data;
+        }"""
+    )
+    zone = page.get_by_role("region", name="With the flash", exact=True)
+    zone.dispatch_event("drop", {"dataTransfer": dropped})
+    expect(page.get_by_role("region", name="Without the flash")).to_contain_text("dark.dng")
+    expect(zone).to_contain_text("bright.dng")
+    expect(page.get_by_role("button", name="Separate the light")).to_be_enabled()
 
 
 def test_a_bad_file_is_told_in_words(page: Page) -> None:

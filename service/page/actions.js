@@ -1,0 +1,40 @@
+// What can be done with a job that has ended: run it again, or delete it.
+
+import { post, remove } from "./api.js";
+import { alarm, h } from "./dom.js";
+
+export function actionsOf(job) {
+  const problems = h("div");
+  const attempt = (work) => async () => {
+    problems.replaceChildren();
+    try {
+      location.hash = await work();
+    } catch (error) {
+      problems.replaceChildren(alarm(error));
+    }
+  };
+  const again = async () => `#/jobs/${(await runAgain(job)).id}`;
+  const gone = async () => ((await deleteJob(job)) ? "#/jobs" : location.hash);
+  const row = h("p", { className: "row actions" });
+  if (job.options.kind === "mix") row.append(h("a", { className: "button", href: `#/jobs/${job.options.of}`, textContent: "Back to the mixer" }));
+  else if (job.state !== "expired") row.append(button("Run again", attempt(again)));
+  row.append(button("Delete", attempt(gone)), h("a", { className: "button", href: "#/", textContent: "Add two photographs" }));
+  return h("div", {}, row, problems);
+}
+
+/** Delete a job if the user agrees to that; whether it is gone. */
+export async function deleteJob(job) {
+  if (!confirm("Delete this job with its photographs and results? They cannot be brought back.")) return false;
+  await remove(`/jobs/${job.id}`);
+  return true;
+}
+
+/** Another job like this one; a camera that took no pair takes one. */
+function runAgain(job) {
+  if (job.inputs) return post(`/jobs/${job.id}/rerun`, {});
+  return post("/jobs", { capture: job.capture, options: job.options });
+}
+
+function button(textContent, onclick) {
+  return h("button", { type: "button", textContent, onclick });
+}

@@ -1,0 +1,101 @@
+// Connected cameras: how they are, their settings, and a button that has one take the pair.
+
+import { get, post } from "./api.js";
+import { settingsOf } from "./camera_settings.js";
+import { bytes, h, pause } from "./dom.js";
+import { follow } from "./events.js";
+
+const STATES = { idle: "Ready", capturing: "Takes photographs", waiting_for_operator: "Waits for somebody", away: "Not connected" };
+const FLASH = [["", "The camera switches the flash"], ["external", "A relay or trigger switches it"], ["operator", "I switch it myself"]];
+
+/** List the cameras below the form, and keep the list as they are.
+ *
+ * attempt(work): a listener that goes to the job which work makes. options(): of that job.
+ */
+export async function showCameras(main, signal, attempt, options) {
+  const found = await get("/cameras").catch(() => []);
+  if (signal.aborted || !found.length) return;
+  const list = h("ul");
+  const rows = new Map();
+  const show = (cameras) => {
+    for (const camera of cameras) {
+      const key = camera.id ?? camera.address;
+      if (!rows.has(key)) {
+        rows.set(key, rowOf(camera, attempt, options));
+        list.append(rows.get(key).element);
+      }
+      rows.get(key).show(camera);
+    }
+    for (const [key, row] of rows) {
+      if (cameras.some((camera) => (camera.id ?? camera.address) === key)) continue;
+      row.element.remove();
+      rows.delete(key);
+    }
+  };
+  show(found);
+  main.append(h("section", { className: "cameras" }, h("h2", { textContent: "Or let a connected camera take both" }), list));
+  if (found.some((camera) => camera.state)) keepUp(signal, show);
+}
+
+/** Show the cameras as they become, as long as the service tells of them. */
+async function keepUp(signal, show) {
+  while (!signal.aborted) {
+    try {
+      if (!(await follow("/cameras/events", signal, show))) return;
+    } catch (error) {
+      if (error.status) return;
+    }
+    await pause(5000, signal);
+  }
+}
+
+function rowOf(camera, attempt, options) {
+  const name = nameOf(camera);
+  const how = h("span", { className: "how" });
+  const flash = h(
+    "select",
+    { "aria-label": `Flash of ${name}` },
+    ...FLASH.map(([value, textContent]) => h("option", { value, textContent })),
+  );
+  const button = h("button", {
+    type: "button",
+    textContent: "Capture",
+    "aria-label": `Capture with ${name}`,
+    onclick: attempt(() => capture(camera, flash.value, options())),
+  });
+  const element = h(
+    "li",
+    {},
+    h("div", { className: "who" }, h("strong", { textContent: name }), " ", h("code", { textContent: camera.address }), how),
+    camera.id ? flash : null,
+    button,
+    camera.id ? settingsOf(camera, name) : null,
+  );
+  const show = (now) => {
+    how.replaceChildren(...wordsOf(now));
+    button.disabled = now.state === "away";
+  };
+  return { element, show };
+}
+
+async function capture(camera, flash, options) {
+  const how = flash ? { flash } : {};
+  if (!camera.id) return post("/jobs", { capture: { camera: camera.address }, options });
+  const made = await post(`/cameras/${encodeURIComponent(camera.id)}/captures`, { ...how, options });
+  return made.jobs?.[0] ?? made[0] ?? made;
+}
+
+/** State, battery, space, and who holds it, as far as it is known. */
+function wordsOf({ state, battery_percent, free_bytes, holder, waiting }) {
+  const words = [STATES[state] ?? state];
+  if (Number.isFinite(battery_percent)) words.push(`battery ${battery_percent} %`);
+  if (Number.isFinite(free_bytes)) words.push(`${bytes(free_bytes)} free`);
+  if (waiting) words.push(`${waiting} waiting`);
+  const text = words.filter(Boolean).join(" · ");
+  const link = holder ? h("a", { href: `#/jobs/${holder}`, textContent: "by this job" }) : null;
+  return [text, ...(link ? [" ", link] : [])];
+}
+
+function nameOf({ make, model }) {
+  return model.startsWith(make.split(" ")[0]) ? model : `${make} ${model}`;
+}

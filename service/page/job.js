@@ -1,0 +1,27 @@
+// One job: how far it is, why it failed, or its results.
+
+import { alarm, h, say } from "./dom.js";
+import { actionsOf } from "./actions.js";
+import { filesOf } from "./files.js";
+import { kindOf, stateOf } from "./jobs.js";
+import { progressOf } from "./progress.js";
+import { showResult } from "./result.js";
+import { watch } from "./watch.js";
+
+export async function showJob(main, id, signal) {
+  const job = await watch(id, signal, progressOf(main, id));
+  if (!job) return;
+  main.replaceChildren();
+  if (job.state === "succeeded" && !job.options.kind) {
+    await showResult(main, job, signal);
+  } else {
+    main.append(h("h1", { textContent: kindOf(job) }), job.state === "succeeded" ? filesOf(job) : reasonOf(job), actionsOf(job));
+  }
+  say(`${kindOf(job)}: ${stateOf(job)}`);
+}
+
+function reasonOf(job) {
+  const title = job.error?.title ?? stateOf(job);
+  const advice = job.error?.retryable ? " The same again may well work." : "";
+  return alarm({ title, message: (job.error?.detail ?? "The job was stopped before its end.") + advice });
+}

@@ -1,0 +1,55 @@
+"""What tests do with the page again and again."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from axe_playwright_python.sync_playwright import Axe
+from numpy.typing import NDArray
+from PIL import Image
+from playwright.sync_api import Locator, Page, expect
+
+SHOTS = Path(__file__).parents[4] / "build" / "page"
+"""Where the tests leave what they have seen."""
+
+PATIENCE_MS = 120_000
+
+
+def open_mixer(page: Page, job: dict[str, Any]) -> Locator:
+    page.goto(f"/#/jobs/{job['id']}")
+    return drawn(page)
+
+
+def drawn(page: Page) -> Locator:
+    """The canvas once what it shows is exact."""
+    canvas = page.locator("#mix")
+    expect(canvas).to_have_attribute("aria-busy", "false", timeout=PATIENCE_MS)
+    return canvas
+
+
+def shown(page: Page, size: tuple[int, int]) -> NDArray[np.int64]:
+    """What of a picture of this size (width, height) is on the screen, pixel by pixel."""
+    page.get_by_role("button", name="pixel by pixel").click()
+    canvas = drawn(page)
+    pixels = np.asarray(Image.open(io.BytesIO(canvas.screenshot())).convert("RGB")).astype(int)
+    top, left = round((pixels.shape[0] - size[1]) / 2), round((pixels.shape[1] - size[0]) / 2)
+    return np.asarray(pixels[top : top + size[1], left : left + size[0]])
+
+
+def strip(page: Page, lamp: int) -> Locator:
+    return page.get_by_role("group", name=f"Lamp {lamp}")
+
+
+def result(service: Any, job: dict[str, Any], name: str) -> bytes:
+    found: bytes = service.http.get(f"/jobs/{job['id']}/results/{name}").raise_for_status().content
+    return found
+
+
+def check_access(page: Page, name: str) -> None:
+    """Look for what keeps people out; leave a picture of it."""
+    page.screenshot(path=SHOTS / f"{name}.png")
+    found = Axe().run(page).response["violations"]
+    assert [(one["id"], one["nodes"][0]["html"]) for one in found] == []

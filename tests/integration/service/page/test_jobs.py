@@ -1,0 +1,217 @@
+"""Jobs and cameras on the page, in a real browser on a real service."""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import Any
+
+import pytest
+from playwright.sync_api import Page, Route, expect
+
+import drivers
+from tests.integration.service.page.looking import check_access, open_mixer
+
+LATER = "2030-01-01T12:00:00Z"
+
+
+def known(page: Page) -> list[str]:
+    """Paths that the page asks for from now on."""
+    asked: list[str] = []
+    page.on(
+        "request", lambda request: asked.append(request.url.partition("//")[2].partition("/")[2])
+    )
+    return asked
+
+
+def test_a_job_is_followed_by_its_events(page: Page, service: Any) -> None:
+    job = service.capture("sim://studio")
+    asked = known(page)
+    page.goto(f"/#/jobs/{job['id']}")
+    expect(page.get_by_role("button", name="Cancel")).to_be_visible()
+    service.http.post(f"/jobs/{job['id']}/cancel").raise_for_status()
+    expect(page.get_by_role("alert")).to_contain_text("Canceled")
+    assert [path for path in asked if path.startswith("jobs")] == [
+        f"jobs/{job['id']}",
+        f"jobs/{job['id']}/events",
+    ]
+
+
+def test_events_carry_the_key(page: Page, keyed_service: tuple[Any, str]) -> None:
+    service, key = keyed_service
+    job = service.capture("sim://studio")
+    sent: list[str | None] = []
+    page.on("request", lambda request: sent.append(request.headers.get("authorization")))
+    with page.expect_request("**/events"):
+        page.goto(f"{service.url}/#/jobs/{job['id']}")
+        page.get_by_role("textbox", name="Key").fill(key)
+        page.keyboard.press("Enter")
+    assert sent[-1] == f"Bearer {key}"
+    assert not any(key in address for address in (page.url, page.content()))
+    service.http.post(f"/jobs/{job['id']}/cancel").raise_for_status()
+
+
+def test_where_events_do_not_come_the_page_asks(
+    page: Page, service: Any, pair: drivers.CapturedPair
+) -> None:
+    page.route("**/events", lambda route: route.abort())
+    job = service.upload(pair, deadline_seconds=600)
+    page.goto(f"/#/jobs/{job['id']}")
+    expect(page.get_by_role("button", name="Cancel")).to_be_visible()
+    service.http.post(f"/jobs/{job['id']}/cancel").raise_for_status()
+    expect(page.get_by_role("alert")).to_contain_text("Canceled")
+    page.get_by_role("button", name="Run again").click()
+    page.wait_for_url(lambda url: job["id"] not in url)
+    other = page.url.rpartition("/")[2]
+    now = service.look({"links": {"self": f"/jobs/{other}"}})
+    assert now["inputs"] == service.look(job)["inputs"]
+    page.get_by_role("button", name="Cancel").click()
+    expect(page.get_by_role("alert")).to_contain_text("Canceled")
+
+
+def test_a_job_that_failed_says_why_and_is_deleted(page: Page, service: Any) -> None:
+    job = service.capture("sim://studio", deadline_seconds=0.01)
+    ended = service.await_end(job)
+    assert ended["state"] == "failed"
+    page.goto(f"/#/jobs/{job['id']}")
+    alert = page.get_by_role("alert")
+    expect(alert).to_contain_text(ended["error"]["title"])
+    expect(alert).to_contain_text(ended["error"]["detail"])
+    check_access(page, "failed")
+    page.once("dialog", lambda dialog: dialog.dismiss())
+    page.get_by_role("button", name="Delete").click()
+    assert service.look(job)["id"] == job["id"]
+    page.once("dialog", lambda dialog: dialog.accept())
+    page.get_by_role("button", name="Delete").click()
+    page.wait_for_url(re.compile("#/jobs$"))
+    assert service.http.get(f"/jobs/{job['id']}").status_code == 404
+
+
+def test_many_jobs_come_by_pages_and_go_one_by_one(page: Page, done: dict[str, Any]) -> None:
+    def jobs(route: Route) -> None:
+        last = "after=" in route.request.url
+        made = [{**done, "id": f"{number:032x}"} for number in range(2 if last else 48)]
+        more = None if last else f"/jobs?limit=48&after={made[-1]['id']}"
+        route.fulfill(json={"jobs": made, "next": more})
+
+    page.route(re.compile(r"/jobs\?"), jobs)
+    page.route("**/thumbnail.jpg", lambda route: route.abort())
+    page.route(re.compile(r"/jobs/0+$"), lambda route: route.fulfill(status=204))
+    page.goto("/#/jobs")
+    expect(page.locator(".jobs li")).to_have_count(48)
+    page.get_by_role("button", name="Older jobs").click()
+    expect(page.locator(".jobs li")).to_have_count(50)
+    expect(page.get_by_role("button", name="Older jobs")).to_have_count(0)
+    page.once("dialog", lambda dialog: dialog.accept())
+    page.get_by_role("button", name=re.compile("^Delete Separation")).first.click()
+    expect(page.locator(".jobs li")).to_have_count(49)
+
+
+def test_somebody_is_asked_and_confirms(page: Page, done: dict[str, Any]) -> None:
+    """As the service tells it: the job waits for its operator until it is confirmed."""
+    here = f"/jobs/{done['id']}"
+    request = "Switch the flash off, then confirm."
+    waiting = {
+        **done,
+        "state": "waiting_for_operator",
+        "stage": "capture",
+        "capture": {"camera": "sim://studio"},
+        "operator": {"request": request, "until": LATER},
+        "links": {**done["links"], "confirm": f"{here}/confirm"},
+    }
+    confirmed: list[str] = []
+
+    def events(route: Route) -> None:
+        if not confirmed:
+            route.abort()
+            return
+        data = json.dumps({**waiting, "state": "canceled", "operator": None})
+        route.fulfill(content_type="text/event-stream", body=f"id: 2\ndata: {data}\n\n")
+
+    def confirm(route: Route) -> None:
+        confirmed.append(route.request.method)
+        route.fulfill(status=202, json=waiting)
+
+    page.route(f"**{here}", lambda route: route.fulfill(json=waiting))
+    page.route(f"**{here}/events", events)
+    page.route(f"**{here}/confirm", confirm)
+    page.goto(f"/#{here}")
+    expect(page.get_by_role("heading", name="Separation: waits for you")).to_be_visible()
+    expect(page.get_by_role("status")).to_have_text(request)
+    check_access(page, "operator")
+    page.get_by_role("button", name="Confirm").click()
+    expect(page.get_by_role("alert")).to_contain_text("Canceled")
+    assert confirmed == ["POST"]
+
+
+def test_a_camera_tells_how_it_is_and_takes_settings(page: Page, done: dict[str, Any]) -> None:
+    """As the service tells it of a camera that another job holds."""
+    camera = {
+        "id": "c1",
+        "address": "ptp+usb://",
+        "make": "Nikon",
+        "model": "D5100",
+        "serial": "1",
+        "state": "capturing",
+        "battery_percent": 71,
+        "free_bytes": 3_100_000_000,
+        "holder": done["id"],
+        "waiting": 2,
+    }
+    settings: dict[str, Any] = {
+        "iso": {"value": 100, "choices": [100, 200, 400], "writable": True},
+        "exposure_time": {"value": "1/30", "choices": None, "writable": False},
+    }
+    sent: list[Any] = []
+
+    def change(route: Route) -> None:
+        if route.request.method == "PATCH":
+            sent.append(route.request.post_data_json)
+            settings["iso"]["value"] = sent[-1]["iso"]
+        route.fulfill(json=settings)
+
+    def capture(route: Route) -> None:
+        sent.append(route.request.post_data_json)
+        route.fulfill(status=202, json=done)
+
+    idle = json.dumps([{**camera, "state": "idle", "holder": None, "waiting": 0}])
+    page.route("**/cameras", lambda route: route.fulfill(json=[camera]))
+    page.route(
+        "**/cameras/events",
+        lambda route: route.fulfill(content_type="text/event-stream", body=f"data: {idle}\n\n"),
+    )
+    page.route("**/cameras/c1/settings", change)
+    page.route("**/cameras/c1/captures", capture)
+    page.goto("/")
+    expect(page.get_by_text("Ready · battery 71 % · 3.1 GB free")).to_be_visible()
+    page.get_by_text("Settings").click()
+    expect(page.get_by_text("Exposure time: 1/30")).to_be_visible()
+    check_access(page, "camera")
+    page.get_by_label("ISO").select_option("400")
+    expect(page.get_by_role("status")).to_have_text("ISO is 400.")
+    page.get_by_label("Flash of Nikon D5100").select_option("operator")
+    page.get_by_role("button", name="Capture").click()
+    page.wait_for_url(re.compile(done["id"]))
+    assert sent == [{"iso": 400}, {"flash": "operator", "options": {}}]
+
+
+def test_lamps_are_given_directions_for_normals(
+    page: Page, done: dict[str, Any], service: Any
+) -> None:
+    open_mixer(page, done)
+    page.get_by_text("Find the surface").click()
+    page.get_by_label("Lamp 1 from the left to the right").fill("-0.6")
+    page.get_by_label("Lamp 1 from below to above").fill("0")
+    check_access(page, "directions")
+    page.get_by_role("button", name="Find normals").click()
+    page.wait_for_url(lambda url: done["id"] not in url)
+    job = service.look({"links": {"self": f"/jobs/{page.url.rpartition('/')[2]}"}})
+    first, second = job["options"]["light_directions"]
+    assert first["direction"] == pytest.approx([-0.6, 0, 0.8])
+    assert second["direction"] == pytest.approx([0.5, 0.5, 0.5**0.5])
+    manifest = service.http.get(f"/jobs/{done['id']}/results").json()
+    assert [first["rgb"], second["rgb"]] == [lamp["rgb"] for lamp in manifest["lamps"]]
+    assert "normals.png" in job["options"]["outputs"]
+    assert job["options"]["lights"] == 2
+    page.get_by_role("button", name="Cancel").click()
+    expect(page.get_by_role("alert")).to_contain_text("Canceled")
