@@ -11,6 +11,7 @@ from pydantic import (
     Discriminator,
     Field,
     Tag,
+    WithJsonSchema,
     field_validator,
     model_validator,
 )
@@ -19,6 +20,15 @@ Vector = tuple[float, float, float]
 SetUp = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,39}$")]
 """Name of a set-up of camera, flash and lamps."""
 Quality = Literal["best", "balanced", "fast"]
+Lights = Annotated[
+    Literal["auto", 1, 2, 3],
+    # Programs that make clients out of the schema know no list of words and numbers.
+    WithJsonSchema(
+        {"anyOf": [{"const": "auto", "type": "string"}, {"enum": [1, 2, 3], "type": "integer"}]}
+    ),
+]
+"""Number of lamps that is asked for."""
+
 OUTPUT_NAMES = (
     "layers.exr",
     "lamps.tif",
@@ -157,7 +167,7 @@ class Options(PairOptions):
         "`flash_spectrum` and `light_directions` where these are not given; `none`: none of them.",
     )
 
-    lights: Literal["auto", 1, 2, 3] = Field(default="auto", description="Number of lamps.")
+    lights: Lights = Field(default="auto", description="Number of lamps.")
     method: Literal["best", "paper"] = Field(
         default="best", description="paper: as published (Hui et al. 2018); best: ours."
     )
@@ -247,7 +257,7 @@ class Options(PairOptions):
         return self
 
     @property
-    def number_of_lamps(self) -> Literal["auto", 1, 2, 3]:
+    def number_of_lamps(self) -> Lights:
         """The number of lamps asked for, which their directions tell, too."""
         if self.lights != "auto" or self.light_directions is None:
             return self.lights

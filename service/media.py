@@ -9,6 +9,7 @@ _TYPES = {
     "jpg": "image/jpeg",
     "png": "image/png",
     "glb": "model/gltf-binary",
+    "psd": "image/vnd.adobe.photoshop",
 }
 
 

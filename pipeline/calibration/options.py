@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, TypeAdapter, model_validator
 
-from pipeline.options import Circle, PairOptions, Sensitivities, SetUp, Spectrum
+from pipeline.options import Circle, Lights, PairOptions, Sensitivities, SetUp, Spectrum
 
 Point = tuple[float, float]
 Kind = Literal["flash", "camera", "lamps"]
@@ -76,7 +76,7 @@ class LampsCalibration(KeptOptions):
         description="The sphere is a mirror: lamps are seen by their highlights; their strengths "
         "and colours only where no highlight is clipped.",
     )
-    lights: Literal["auto", 1, 2, 3] = Field(default="auto", description="Number of lamps.")
+    lights: Lights = Field(default="auto", description="Number of lamps.")
     focal_px: float | None = Field(
         default=None,
         gt=0,

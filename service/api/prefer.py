@@ -6,6 +6,7 @@ import re
 from typing import Annotated
 
 from fastapi import Depends, Header, Response
+from pydantic import WithJsonSchema
 
 WAIT_SECONDS = 60
 """The longest that `Prefer: wait=N` waits."""
@@ -35,13 +36,14 @@ def preferences(headers: list[str]) -> dict[str, str]:
 def _wait(
     response: Response,
     prefer: Annotated[
-        list[str],
+        list[str] | None,
+        WithJsonSchema({"type": "string"}),  # as the RFC has it: a list, but with commas
         Header(
             description=f"wait=N: answer when the job ends, after N (≤ {WAIT_SECONDS}) s at most."
         ),
-    ] = [],  # noqa: B006  FastAPI copies it
+    ] = None,
 ) -> int:
-    wait = preferences(prefer).get("wait", "")
+    wait = preferences(prefer or []).get("wait", "")
     if not re.fullmatch(r"[0-9]{1,9}", wait):
         return 0
     seconds = min(int(wait), WAIT_SECONDS)

@@ -16,6 +16,9 @@ import typer
 
 from service.cli.commands import app
 
+_GROUPS = ((), ("calibrate",), ("keys",), ("jobs",))
+"""What is no command yet: the ones of a group are shown."""
+
 
 def main() -> None:
     """Run the command that the process was started with."""
@@ -26,8 +29,9 @@ def main() -> None:
 
 def run(arguments: Sequence[str]) -> int:
     """Run a command and give its exit code; without arguments, show what there is."""
+    shown = [*arguments, "--help"] if tuple(arguments) in _GROUPS else list(arguments)
     try:
-        code = app(list(arguments) or ["--help"], prog_name="lightlayers", standalone_mode=False)
+        code = app(shown, prog_name="lightlayers", standalone_mode=False)
     except typer.TyperException as error:
         print(" ".join(error.format_message().split()).rstrip(".") + ".", file=sys.stderr)
         return error.exit_code
@@ -56,8 +60,9 @@ def _explain(error: Exception) -> tuple[str, int]:
         return str(kind.detail), 1
     if isinstance(error, DriverError | ServiceAwayError):
         return str(error), 1
-    if isinstance(error, ValidationError):
-        return sentence_of(error), 2
+    if isinstance(error, ValidationError):  # of the settings: options were refused by their command
+        name, colon, rest = sentence_of(error).partition(":")
+        return f"LIGHTLAYERS_{name.upper()}{colon}{rest}", 2
     *_, place = traceback.extract_tb(error.__traceback__)
     return (
         f"Something broke inside lightlayers, please report it: {type(error).__name__} in "

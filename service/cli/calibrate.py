@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 _SETTLE_SECONDS = 1.0  # that a flash told by a command or URL takes to obey
 
 app = typer.Typer(
-    help="Calibrates a flash, a camera or lamps from a pair, into a file that `separate` takes.",
-    no_args_is_help=True,
+    help="Calibrate a flash, a camera or lamps, from a pair.",
     rich_markup_mode=None,
 )
 

@@ -185,7 +185,9 @@ def simcam(
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(help="Port to listen on; 0 takes any.")] = 15740,
 ) -> None:
-    """Serve a simulated camera by PTP/IP; lines like "fault busy" on stdin make it go wrong.
+    """Serve a simulated camera by PTP/IP, for trying things out.
+
+    Lines like "fault busy" on stdin make it go wrong.
 
     It announces itself on the network of its host (mDNS).
     """

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from service.cli import calibrate, cameras, jobs, keys, mix, tether
+from service.cli import calibrate, cameras, examples, jobs, keys, mix, tether
 from service.cli.options import (
     Flags,
     Flash,
@@ -24,11 +24,6 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.add_typer(calibrate.app, name="calibrate")
-app.command()(mix.mix)
-app.command("cameras")(cameras.list_cameras)
-app.command()(cameras.capture)
-app.command()(tether.tether)
-app.command()(cameras.simcam)
 app.add_typer(keys.app, name="keys")
 app.add_typer(jobs.app, name="jobs")
 
@@ -36,7 +31,7 @@ Output = Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Fol
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
 
 
-@app.command()
+@app.command(epilog=examples.SEPARATE)
 @with_flags
 def separate(
     no_flash: NoFlashOrFolder,
@@ -45,7 +40,7 @@ def separate(
     flash: MaybeFlash = None,
     as_json: AsJson = False,
 ) -> int | None:
-    """Separate a pair here, without a server; or all pairs of a folder.
+    """Separate a pair, or all pairs of a folder, without a server.
 
     In a folder, the photographs of a pair are found by what EXIF says of the flash and of the time;
     the results of each get a folder of their own in DIR, with the name of the photograph without
@@ -69,13 +64,18 @@ def separate(
     return None
 
 
-@app.command()
+app.command(epilog=examples.MIX)(mix.mix)
+
+
+@app.command(epilog=examples.SERVE)
 def serve(
     host: Annotated[
         str | None,
         typer.Option(help="Address to listen on; 0.0.0.0 for every network. Default: 127.0.0.1."),
     ] = None,
-    port: Annotated[int | None, typer.Option(help="Port to listen on. Default: 8000.")] = None,
+    port: Annotated[
+        int | None, typer.Option(min=1, max=65535, help="Port to listen on. Default: 8000.")
+    ] = None,
     worker: Annotated[
         bool, typer.Option(help="Start a worker too, as a service on one machine needs.")
     ] = True,
@@ -103,7 +103,7 @@ def worker() -> None:
 
 @app.command()
 def migrate() -> None:
-    """Bring the database's tables up to date, before newer processes start."""
+    """Bring the database up to date, before newer processes start."""
     from service.opening import migrate_database
     from service.settings import Settings
 
@@ -114,7 +114,10 @@ def migrate() -> None:
 
 @app.command()
 def doctor() -> None:
-    """Say what is wrong with the set-up that the variables describe, and what to do."""
+    """Say what is wrong with the set-up, and what to do.
+
+    The set-up is what the variables LIGHTLAYERS_… describe; exit code 1 when something is wrong.
+    """
     from service.doctor import examine
 
     wrong = False
@@ -124,7 +127,7 @@ def doctor() -> None:
     raise typer.Exit(1 if wrong else 0)
 
 
-@app.command()
+@app.command(epilog=examples.SUBMIT)
 @with_flags
 def submit(
     no_flash: NoFlash,
@@ -156,7 +159,7 @@ def submit(
     print_results(manifest, output, as_json)
 
 
-@app.command()
+@app.command(epilog=examples.REPORT)
 def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of results.")],
     output: Annotated[
@@ -164,7 +167,16 @@ def report(
         typer.Option("-o", "--output", metavar="FILE", help="Default: report.html in DIR."),
     ] = None,
 ) -> None:
-    """Write one HTML page of a result, with pictures and figures in it."""
+    """Write one HTML page of a result, to be sent to somebody.
+
+    Pictures, lamps, warnings and figures are in it; it loads nothing.
+    """
     from service.cli.report import write_report
 
     print(write_report(folder, output or folder / "report.html"))
+
+
+app.command("cameras")(cameras.list_cameras)
+app.command(epilog=examples.CAPTURE)(cameras.capture)
+app.command()(tether.tether)
+app.command()(cameras.simcam)

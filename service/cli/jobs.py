@@ -15,10 +15,9 @@ from service.states import State
 
 if TYPE_CHECKING:
     from service.desk import Desk
+    from service.jobs import Job
 
-app = typer.Typer(
-    help="See and mend the jobs of a service.", no_args_is_help=True, rich_markup_mode=None
-)
+app = typer.Typer(help="See and mend the jobs of a service.", rich_markup_mode=None)
 
 Id = Annotated[str, typer.Argument(metavar="ID", help="Id of the job.")]
 
@@ -27,10 +26,15 @@ Id = Annotated[str, typer.Argument(metavar="ID", help="Id of the job.")]
 def ls(
     state: Annotated[State | None, typer.Option(help="Only jobs in this state.")] = None,
     limit: Annotated[int, typer.Option(min=1, help="How many, the newest first.")] = 50,
+    as_json: Annotated[bool, typer.Option("--json", help="Print all of it as JSON.")] = False,
 ) -> None:
     """List jobs: id, state, stage, attempt, when made, owner."""
     with _desk() as desk:
-        for job in desk.newest(state, limit):
+        found = desk.newest(state, limit)
+        if as_json:
+            print(json.dumps([_known(job) for job in found], indent=2, ensure_ascii=False))
+            return
+        for job in found:
             stage = f"{job.stage} {job.fraction:.0%}" if job.stage else ""
             made = datetime.fromtimestamp(job.created, UTC).isoformat(timespec="seconds")
             line = f"{job.id}  {job.state:<10} {stage:<13} {job.attempt:>2}  {made}  {job.owner}"
@@ -44,6 +48,11 @@ def show(job_id: Id) -> None:
     """Print all that is known of a job, as JSON."""
     with _desk() as desk:
         job = desk.find(job_id)
+    print(json.dumps(_known(job), indent=2, ensure_ascii=False))
+
+
+def _known(job: Job) -> dict[str, Any]:
+    """Tell all that operators may see of a job."""
     known: dict[str, Any] = asdict(job)
     del known["request_hash"]
     if known["webhook"]:  # its secret is nobody's business
@@ -51,7 +60,7 @@ def show(job_id: Id) -> None:
     for moment in ("created", "started", "finished", "deadline", "expires", "request_until"):
         if known[moment] is not None:
             known[moment] = datetime.fromtimestamp(known[moment], UTC).isoformat()
-    print(json.dumps(known, indent=2, ensure_ascii=False))
+    return known
 
 
 @app.command()

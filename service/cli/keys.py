@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from service.keys import Key, Scope
 
 app = typer.Typer(
-    help="Makes, lists and revokes the keys that requests to a service bear.",
-    no_args_is_help=True,
+    help="Make, list and revoke the keys that requests bear.",
     rich_markup_mode=None,
 )
 
@@ -30,7 +29,7 @@ _DAY_SECONDS = 86400
 
 @app.command()
 def create(
-    name: Annotated[str, typer.Argument(help="Who or what gets the key.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Who or what gets the key.")],
     scopes: Annotated[
         str,
         typer.Option(

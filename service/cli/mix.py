@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -34,7 +35,10 @@ def mix(
         ),
     ] = None,
 ) -> None:
-    """Mix the layers of a photograph: every lamp as bright as you like, and of any colour."""
+    """Mix the lamps of a result, each as bright as you like.
+
+    And of any colour. A lamp that is not named stays as it is; all together are the photograph.
+    """
     from pipeline.errors import InputError
     from pipeline.mix_files import format_of, mix_files, read_manifest
     from pipeline.mix_options import read_basis
@@ -65,13 +69,33 @@ def _settings(preset: Path | None, typed: list[str], count: int) -> Mix:
     values: Any = {"lamps": [{} for _ in range(count)]}
     try:
         if preset is not None:
-            values = Mix.model_validate_json(read_file(preset, "preset")).model_dump()
+            values = _read_preset(preset)
         for text in typed:
             lamp, settings = _lamp(text, len(values["lamps"]))
             values["lamps"][lamp] |= settings
         return Mix.model_validate(values)
     except ValidationError as error:
-        raise OptionError(sentence_of(error)) from error
+        raise OptionError(_by_lamp(sentence_of(error))) from error
+
+
+def _read_preset(path: Path) -> Any:
+    from pydantic import ValidationError
+
+    from pipeline.errors import OptionError
+    from pipeline.mix_options import Mix
+    from service.errors import sentence_of
+
+    try:
+        return Mix.model_validate_json(read_file(path, "preset")).model_dump()
+    except ValidationError as error:
+        raise OptionError(
+            f"{path} is no preset of the page: {_by_lamp(sentence_of(error))}"
+        ) from error
+
+
+def _by_lamp(sentence: str) -> str:
+    """Name lamps as people do, from 1 on."""
+    return re.sub(r"^lamps\.(\d+)\.", lambda found: f"lamp {int(found[1]) + 1}, ", sentence)
 
 
 def _lamp(text: str, count: int) -> tuple[int, dict[str, Any]]:

@@ -118,7 +118,7 @@ class Flags(PairFlags):
         Path | None,
         typer.Option(
             metavar="FILE.json",
-            help="Directions of two or three lamps, for normals; see the README.",
+            help="Directions of two or three lamps, for normals; see docs/separating.md.",
         ),
     ] = None
     pin_lamp: Annotated[
@@ -161,7 +161,8 @@ class Flags(PairFlags):
         str,
         typer.Option(
             metavar="default|all|NAME,NAME…",
-            help="Files to write; lamps.tif and lamps.jpg name those of all lamps.",
+            help="Files to write; docs/results.md describes them. lamps.tif and lamps.jpg name "
+            "those of all lamps.",
         ),
     ] = "default"
 

@@ -34,7 +34,7 @@ def separate_folder(folder: Path, output: Path, options: Options, as_json: bool)
     A pair that cannot be separated does not keep the others from it. Raises InputError where the
     folder cannot be read or has no pair.
     """
-    pairs = _pairs_of(folder)
+    pairs = _pairs_of(folder, output)
     if not pairs.found:
         raise InputError(_no_pair(folder, pairs))
     results: list[dict[str, Any]] = []
@@ -55,12 +55,13 @@ def separate_folder(folder: Path, output: Path, options: Options, as_json: bool)
     return REFUSED if any("error" in result for result in results) else 0
 
 
-def _pairs_of(folder: Path) -> Pairs:
+def _pairs_of(folder: Path, output: Path) -> Pairs:
     try:
-        files = sorted(
+        shown = sorted(
             path
             for path in folder.iterdir()
-            if path.is_file() and not path.name.endswith(RECIPE)  # beside a captured pair
+            # hidden ones, and what lies beside a captured pair
+            if not path.name.startswith(".") and not path.name.endswith(RECIPE)
         )
     except NotADirectoryError as error:
         raise InputError(
@@ -72,7 +73,11 @@ def _pairs_of(folder: Path) -> Pairs:
     shots = {}
     unreadable: dict[str, str] = {}
     jpegs: set[str] = set()
-    for path in files:
+    for path in shown:
+        if path.is_dir():
+            if path.resolve() != output.resolve():
+                unreadable[path.name] = "it is a folder of its own, to be named alone"
+            continue
         data = read_file(path, "photograph")
         try:
             shots[path.name] = read_shot(data)

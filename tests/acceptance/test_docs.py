@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import re
+import shlex
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+import typer
 
 import drivers
+from service.cli.commands import app
 
 ROOT = Path(__file__).parents[2]
 
@@ -54,6 +57,35 @@ def test_the_librarys_page_runs_from_top_to_bottom(
     temperatures = in_folder("\n".join(_blocks("docs/library.md")))
     assert re.fullmatch(r"\[\d+, \d+\]\n", temperatures)
     assert (tmp_path / "a.dng").read_bytes() != (tmp_path / "b.dng").read_bytes()
+
+
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+def _lines_to_type() -> Iterator[str]:
+    """What follows `lightlayers` in the blocks of all pages but the reference, which is made."""
+    for page in PAGES:
+        if page.parent.name == "reference":
+            continue
+        for block in re.findall(r"^```\n(.*?)^```$", page.read_text(), re.DOTALL | re.MULTILINE):
+            yield from re.findall(r"(?:^|\s|venv/bin/)lightlayers ([a-z].*)", block)
+
+
+@pytest.mark.parametrize("line", sorted(set(_lines_to_type())))
+def test_every_command_of_the_pages_is_one(line: str) -> None:
+    """Each is parsed as if it were typed, and not run."""
+    command, typed = typer.main.get_command(app), shlex.split(line, comments=True)
+    while isinstance(command, typer.core.TyperGroup):
+        name, *typed = typed
+        command = command.commands[name]
+    command.make_context("lightlayers", typed)
+
+
+def test_every_option_that_the_pages_speak_of_is_one() -> None:
+    known = set(re.findall(r"--[a-z][a-z-]+", (ROOT / "docs/reference/commands.md").read_text()))
+    for page in PAGES:
+        for command in re.findall(r"`(?:\.venv/bin/)?lightlayers ([^`]+)`", page.read_text()):
+            assert set(re.findall(r"--[a-z][a-z-]+", command)) <= known, command
 
 
 def test_the_reference_is_that_of_the_code(tmp_path: Path) -> None:

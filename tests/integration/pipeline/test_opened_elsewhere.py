@@ -20,38 +20,15 @@ from pipeline.encode.exr import write_exr
 from pipeline.encode.glb import write_glb
 from pipeline.encode.png import NormalsPng
 from pipeline.mesh import make_mesh
+from pipeline.mix_files import mix_files
+from pipeline.mix_options import LampMix, Mix
 from pipeline.options import Options
 from pipeline.process import separate_files
 from pipeline.progress import Progress
 from tests.strips import write_by_strips
 
 SIZE = (192, 128)
-
-
-@pytest.fixture(scope="module")
-def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """All outputs of a pair of the simulated camera; what tells of a surface is that of a ball."""
-    folder = tmp_path_factory.mktemp("results")
-    width, height = SIZE
-    with drivers.open_camera(f"sim://studio?lights=2&width={width}&height={height}") as camera:
-        pair = drivers.capture_pair(camera)
-    options = Options(outputs="all", lights=2, quality="fast")
-    separate_files(pair.no_flash.best, pair.flash.best, options, folder, Progress())
-    _write_ball(folder)
-    return folder
-
-
-def _write_ball(folder: Path) -> None:
-    y, x = np.mgrid[1 : -1 : SIZE[1] * 1j, -1 : 1 : SIZE[0] * 1j].astype(np.float32)
-    hidden = x**2 + y**2 > 0.9
-    z = np.sqrt(np.maximum(1 - x**2 - y**2, 0))
-    normals = np.where(hidden[..., None], np.nan, np.stack([x, y, z], axis=-1)).astype(np.float32)
-    depth = np.where(hidden, np.nan, 2 - z).astype(np.float32)
-    write_exr(folder / "depth.exr", {"Z": depth})
-    write_exr(folder / "normals.exr", {"RGB": normals})
-    write_by_strips(NormalsPng(folder / "normals.png", SIZE), normals)
-    texture = np.full((*depth.shape, 3), 0.4, np.float32)
-    write_glb(folder / "surface.glb", make_mesh(depth, normals, 200.0), texture, np.eye(3))
+_LAYERS = [f"lamp{lamp}.{colour}" for lamp in (1, 2) for colour in "RGB"]
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +42,51 @@ def run(lacking: Callable[[str], NoReturn]) -> Callable[..., str]:
         return done.stdout + done.stderr
 
     return call
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory, run: Callable[..., str]) -> Path:
+    """All outputs of a pair of the simulated camera, held upright; with mixes of them.
+
+    What tells of a surface is that of a ball.
+    """
+    folder = tmp_path_factory.mktemp("results")
+    width, height = SIZE
+    with drivers.open_camera(f"sim://studio?lights=2&width={height}&height={width}") as camera:
+        pair = drivers.capture_pair(camera)
+    options = Options(outputs="all", lights=2, quality="fast", response="Sigma SD1 Merrill")
+    before, after = (
+        _turned(shot.best, tmp_path_factory.mktemp("pair"), run)
+        for shot in (pair.no_flash, pair.flash)
+    )
+    separate_files(before, after, options, folder, Progress())
+    _write_ball(folder)
+    for kind in ("jpg", "tif", "exr"):
+        mix = Mix(lamps=[LampMix(ev=-1), LampMix(neutral=True)])
+        mix_files(folder, mix, folder / f"mix.{kind}", Progress())
+    return folder
+
+
+def _turned(photograph: bytes, folder: Path, run: Callable[..., str]) -> bytes:
+    """The photograph as of a camera turned by 90°, and with the place where it was taken."""
+    path = folder / "turned.dng"
+    path.write_bytes(photograph)
+    place = ("-GPSLatitude=48.1", "-GPSLatitudeRef=N", "-GPSLongitude=11.5", "-GPSLongitudeRef=E")
+    run("exiftool", "-q", "-overwrite_original", "-n", "-Orientation=6", *place, path)
+    return path.read_bytes()
+
+
+def _write_ball(folder: Path) -> None:
+    y, x = np.mgrid[1 : -1 : SIZE[1] * 1j, -1 : 1 : SIZE[0] * 1j].astype(np.float32)
+    hidden = x**2 + y**2 > 0.9
+    z = np.sqrt(np.maximum(1 - x**2 - y**2, 0))
+    normals = np.where(hidden[..., None], np.nan, np.stack([x, y, z], axis=-1)).astype(np.float32)
+    depth = np.where(hidden, np.nan, 2 - z).astype(np.float32)
+    write_exr(folder / "depth.exr", {"Z": depth})
+    write_exr(folder / "normals.exr", {"RGB": normals})
+    write_by_strips(NormalsPng(folder / "normals.png", SIZE), normals)
+    texture = np.full((*depth.shape, 3), 0.4, np.float32)
+    write_glb(folder / "surface.glb", make_mesh(depth, normals, 200.0), texture, np.eye(3))
 
 
 def _lamp(results: Path, lamp: int) -> NDArray[np.uint16]:
@@ -123,8 +145,7 @@ def test_openimageio_reads_every_channel_of_layers(
     assert "192 x  128, 9 channel, float openexr" in told
     listed = re.search(r"channel list: (.*)", told)
     assert listed
-    lamps = [f"lamp{lamp}.{colour}" for lamp in (1, 2) for colour in "RGB"]
-    assert sorted(listed[1].split(", ")) == sorted([*"RGB", *lamps])
+    assert sorted(listed[1].split(", ")) == sorted([*"RGB", *_LAYERS])
     target = tmp_path / "sum.exr"
     picked = [f"lamp{lamp}.R,lamp{lamp}.G,lamp{lamp}.B" for lamp in (1, 2)]
     layers = results / "layers.exr"
@@ -136,36 +157,52 @@ def test_openimageio_reads_every_channel_of_layers(
 
 
 @pytest.mark.parametrize(
-    ("name", "channels"),
-    [("depth.exr", "Z"), ("normals.exr", "R, G, B"), ("white_balanced.exr", "")],
+    ("name", "channels", "depth"),
+    [
+        ("depth.exr", ["Z"], "float"),
+        ("normals.exr", [*"RGB"], "float"),
+        ("white_balanced.exr", [*"RGB", "any.R", "any.G", "any.B"], "float"),
+        ("response.exr", [*"RGB", *_LAYERS], "float"),
+        ("preview.exr", ["Y", *_LAYERS], "half"),
+        ("mix.exr", [*"RGB"], "float"),
+    ],
 )
-def test_openimageio_reads_the_other_pictures_in_float(
-    name: str, channels: str, run: Callable[..., str], results: Path
+def test_openimageio_reads_the_other_pictures(
+    name: str, channels: list[str], depth: str, run: Callable[..., str], results: Path
 ) -> None:
     told = run("oiiotool", "--info", "-v", results / name)
-    assert "192 x  128" in told and "float openexr" in told
-    assert f"channel list: {channels}" in told
+    assert "192 x  128" in told and f"{depth} openexr" in told
+    listed = re.search(r"channel list: (.*)", told)
+    assert listed and sorted(listed[1].split(", ")) == sorted(channels)
+
+
+_COLOURS = {
+    "jpg": ("8", "sRGB"),
+    "tif": ("16 16 16", "2020"),
+    "png": ("8", None),
+}
+"""Bits of a sample and profile, by the kind of a file."""
+_OTHERS = {
+    "confidence.tif": ("16", None),
+    "normals.png": ("16", None),
+}
+_DIAGRAMS = ("gamma.png", "residual.png")  # of sizes of their own
 
 
 def test_exiftool_finds_profiles_depths_and_nobody(run: Callable[..., str], results: Path) -> None:
-    names = [f"lamp1.{kind}" for kind in ("tif", "jpg")] + ["white_balanced_2.jpg", "normals.png"]
-    paths = [results / name for name in names]
-    found = {
-        Path(entry["SourceFile"]).name: entry
-        for entry in json.loads(run("exiftool", "-q", "-json", "-a", "-G", *paths))
-    }
-    for entry in found.values():
-        assert (
-            (entry["File:ImageWidth"], entry["File:ImageHeight"]) == SIZE
-            if ("File:ImageWidth" in entry)
-            else True
-        )
-        assert not [key for key in entry if re.search("GPS|Owner|Serial|Orientation", key)]
-    assert found["lamp1.jpg"]["ICC_Profile:ProfileDescription"].startswith("sRGB")
-    assert "2020" in found["lamp1.tif"]["ICC_Profile:ProfileDescription"]
-    assert found["lamp1.tif"]["EXIF:BitsPerSample"] == "16 16 16"
-    assert found["normals.png"]["PNG:BitDepth"] == 16
-    assert not [key for key in found["normals.png"] if key.startswith("ICC")]
+    paths = [path for path in results.iterdir() if path.suffix[1:] in _COLOURS]
+    assert len(paths) == 18
+    for entry in json.loads(run("exiftool", "-q", "-json", "-a", "-G", *paths)):
+        name = Path(entry["SourceFile"]).name
+        values = {key.rpartition(":")[2]: value for key, value in entry.items()}
+        bits, profile = _OTHERS.get(name, _COLOURS[name.rpartition(".")[2]])
+        assert str(values.get("BitsPerSample", values.get("BitDepth"))) == bits, name
+        if name not in _DIAGRAMS:
+            assert (values["ImageWidth"], values["ImageHeight"]) == SIZE, name
+        assert (profile or "") in values.get("ProfileDescription", ""), name
+        assert ("ProfileDescription" in values) == (profile is not None), name
+        assert not [key for key in values if re.search("GPS|Owner|Serial|Artist", key)], name
+        assert "Rotate" not in str(values.get("Orientation", "")), name
 
 
 def test_the_gltf_validator_accepts_the_surface(

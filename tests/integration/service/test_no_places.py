@@ -140,6 +140,10 @@ def test_no_result_tells_the_place_or_the_owner(
     pair = map(str, told(kind))
     more = ["--outputs", "all", "--response", "Nikon D5100", "--quality", "fast"]
     assert run(["separate", *pair, "-o", str(out), *more]) == 0
+    assert run(["report", str(out)]) == 0
+    for ending in ("jpg", "tif", "exr"):
+        mix = ["mix", str(out), "-o", str(out / f"mix.{ending}"), "--lamp", "1:ev=-1"]
+        assert run(mix) == 0
     _check(exiftool, out)
 
 

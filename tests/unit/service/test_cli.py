@@ -112,7 +112,8 @@ def test_a_setting_that_cannot_be_used_is_told(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("LIGHTLAYERS_JOB_SECONDS", "soon")
-    assert "job_seconds" in _refused(capsys, "worker")
+    said = _refused(capsys, "worker")
+    assert said.startswith("LIGHTLAYERS_JOB_SECONDS: Input should be a valid number")
 
 
 def test_a_service_that_is_not_there_is_told(
@@ -256,3 +257,11 @@ def test_no_arguments_at_all_show_the_help(capsys: pytest.CaptureFixture[str]) -
     bare = capsys.readouterr().out
     assert run(["--help"]) == 0
     assert bare == capsys.readouterr().out
+
+
+@pytest.mark.parametrize("group", ["calibrate", "keys", "jobs"])
+def test_a_group_alone_shows_its_commands(group: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run([group]) == 0
+    said = capsys.readouterr()
+    assert said.err == "" and f"Usage: lightlayers {group}" in said.out
+    assert "\nCommands:\n" in said.out

@@ -69,8 +69,8 @@ def test_a_temperature_warms(results: Path) -> None:
         (["--lamp", "3:off"], "begin with the number of a lamp, 1 to 2, and a colon"),
         (["--lamp", "off"], "begin with the number of a lamp"),
         (["--lamp", "1:loud"], "'loud' is none of off, neutral, ev=STOPS"),
-        (["--lamp", "1:ev=x"], "lamps.0.ev"),
-        (["--lamp", "1:ev=99"], "lamps.0.ev"),
+        (["--lamp", "1:ev=x"], "lamp 1, ev: "),
+        (["--lamp", "1:ev=99"], "lamp 1, ev: "),
         (["--lamp", "1:rgb=red"], "no colour of the form #rrggbb"),
         (["--preset", "nothing.json"], "preset nothing.json cannot be read"),
     ],
@@ -85,15 +85,24 @@ def test_bad_settings_are_one_sentence(
     assert not target.exists()
 
 
-@pytest.mark.parametrize("preset", [b"{", b"[]", b'{"lamps": [{}]}', b'{"lamps": 1}'])
+@pytest.mark.parametrize(
+    ("preset", "words"),
+    [
+        (b"{", "is no preset of the page: Invalid JSON"),
+        (b"[]", "is no preset of the page: "),
+        (b'{"lamps": [{"ev": "high"}, {}]}', "is no preset of the page: lamp 1, ev: "),
+        (b'{"lamps": [{}]}', "settings for 1 lamps, and the photograph has 2"),
+    ],
+)
 def test_bad_presets_are_one_sentence(
-    results: Path, tmp_path: Path, preset: bytes, capsys: pytest.CaptureFixture[str]
+    results: Path, tmp_path: Path, preset: bytes, words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "preset.json"
     file.write_bytes(preset)
     target = str(tmp_path / "mix.jpg")
     assert run(["mix", str(results), "-o", target, "--preset", str(file)]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
+    said = capsys.readouterr().err
+    assert words in said and said.count("\n") == 1
 
 
 @pytest.mark.parametrize("name", ["mix.gif", "nowhere/mix.jpg"])

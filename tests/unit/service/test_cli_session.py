@@ -184,3 +184,21 @@ def test_captured_pairs_belong_together_by_name_however_close_a_burst_was(
     ]
     assert told["left"] == {}
     assert separated == [(True, True)] * 3
+
+
+def test_what_is_no_photograph_of_the_folder_is_told_or_passed_over(
+    photograph: Photograph,
+    separated: list[tuple[bool, bool]],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    photograph("n.jpg", 1, False)
+    photograph("f.jpg", 2, True)
+    folder = tmp_path / "session"
+    (folder / ".DS_Store").write_bytes(b"\0\0\0\1Bud1")
+    for name in ("raw", "out"):
+        (folder / name).mkdir()
+    assert run(["separate", str(folder), "-o", str(folder / "out"), "--json"]) == 0
+    assert separated == [(True, True)]
+    told = json.loads(capsys.readouterr().out)
+    assert told["left"] == {"raw": "it is a folder of its own, to be named alone"}

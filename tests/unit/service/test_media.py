@@ -14,6 +14,7 @@ from service.media import media_type
         ("white_balanced_1.jpg", "image/jpeg"),
         ("gamma.png", "image/png"),
         ("surface.glb", "model/gltf-binary"),
+        ("layers.psd", "image/vnd.adobe.photoshop"),
         ("surface.unknown", "application/octet-stream"),
         ("none", "application/octet-stream"),
     ],
