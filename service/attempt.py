@@ -201,6 +201,9 @@ class Attempt:
         with contextlib.suppress(BaseError):
             for lost in range(1, self._job.attempt):
                 self._storage.delete_below(results_key(self._job.id, lost))
+                captured = captured_key(self._job.id, lost)
+                if self._job.capture and captured not in str(self._job.inputs):
+                    self._storage.delete_below(captured)
 
     def _capture(self, directory: Path) -> None:
         kept = False

@@ -178,13 +178,13 @@ def _stray_objects(service: Service, rows: Rows, known: Collection[str]) -> list
     # Photographs of an upload that was never answered have no job; a sweep removes them in a day.
     stray = []
     for key in _stored(service):
-        _, job_id, part, name = key.split("/", 3)
+        _, job_id, part, _ = key.split("/", 3)
         row = rows.get(job_id)
         if row is None:
             if job_id in known:
                 stray.append(f"{key} has no row")
         elif part == "inputs":
-            if row.inputs is None or name not in row.inputs:
+            if key not in [one["key"] for one in (row.inputs or {}).values()]:
                 stray.append(f"{key} is not of its job")
         elif row.state != "succeeded" or part != str(row.attempt):
             stray.append(f"{key} is of an attempt that does not count")
