@@ -55,7 +55,7 @@ def files(camera: PtpCamera) -> list[drivers.CameraObject]:
 
 
 def test_the_virtual_camera_says_who_it_is_and_takes_settings(virtual: PtpCamera) -> None:
-    assert virtual.info() == drivers.CameraInfo("vcamera", "GP", "VC", "0.1", 50)
+    assert virtual.info() == drivers.CameraInfo("vcamera", "GP", "VC", "0.1", 50, 555_819_297)
     assert virtual.write(drivers.SettingName.F_NUMBER, 8.0).value == 8.0
     assert virtual.read(drivers.SettingName.F_NUMBER).value == 8.0
     with pytest.raises(drivers.SettingError, match=r"offers no f_number of 9\.5"):
