@@ -51,6 +51,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     ) -> dict[str, Any]:
         given[:] = [no_flash, flash, options]
         (folder / FILES[options.kind]).write_text(f"found: {options.kind}")
+        (folder / "marks.jpg").write_bytes(b"a picture")
         return {"found": FOUND[options.kind], "warnings": [{"message": "Take care."}]}
 
     monkeypatch.setattr(calibrate, "calibrate_files", calibrate_files)
