@@ -173,7 +173,6 @@ def test_json_is_the_manifest_and_nothing_else(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["flash"], "mark either a grey card or a ColorChecker."),
         (["flash", "--card", "1,2,3", "--chart", CHART], "mark either a grey card"),
         (["flash", "--card", "1,2"], "--card takes 3 numbers with commas between them."),
         (["flash", "--card", "1,2,3,4"], "--card takes 3 numbers"),
@@ -186,7 +185,6 @@ def test_json_is_the_manifest_and_nothing_else(
         (["lamps", "--sphere", "1,2,3", "--lights", "4"], "lights: "),
         (["lamps", "--sphere", "1,2,3", "--lights", "-1"], "lights: "),
         (["lamps", "--sphere", "1,2,3", "--focal-px", "0"], "focal_px: "),
-        (["lamps"], "--sphere"),
     ],
 )
 def test_marks_that_cannot_be_used_are_one_sentence(
