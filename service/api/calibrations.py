@@ -16,6 +16,7 @@ from service.api import intake
 from service.api.accept import accept, refuse_when_full
 from service.api.calibrated import fill_in
 from service.api.callers import Calling
+from service.api.captures import accept_capture
 from service.api.context import Parts, TraceId
 from service.api.jobs import answer
 from service.api.models import (
@@ -75,7 +76,8 @@ async def create_calibration(
     await run_in_threadpool(refuse_when_full, context, caller, idempotency_key)
     named = partial(fill_in, context, caller)
     async with intake.read_calibration(request, context.settings, named) as wanted:
-        made = await run_in_threadpool(accept, context, caller, wanted, idempotency_key, trace_id)
+        make = accept_capture if wanted.capture else accept
+        made = await run_in_threadpool(make, context, caller, wanted, idempotency_key, trace_id)
     response.headers.update(made.headers)
     return await run_in_threadpool(answer, context, caller, made.job_id)
 
