@@ -46,6 +46,7 @@ def find_charts(light: NDArray[np.floating]) -> list[FoundChart]:
     size = (round(width * scale), round(height * scale))
     how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
     resized = cv2.resize(np.ascontiguousarray(light, np.float32), size, interpolation=how)
+    resized = np.asarray(resized, np.float32)
     quads = find_quads(on_screen(resized), _AREAS)
     found: list[FoundChart] = []
     for members in _lattices(quads):
@@ -97,7 +98,7 @@ def _grown(
             if not candidates:
                 continue
             chosen = min(candidates, key=lambda index: beside[index] + abs(away[index] - 1.15))
-            places[there] = chosen
+            places[there] = int(chosen)
             steps[there] = _like(_steps(quads[chosen]), steps[place])
             waiting.append(there)
     return places
@@ -180,7 +181,7 @@ def _chart(
     return FoundChart(_through(to_picture, _OUTER), misfit, int(close.sum()))
 
 
-def _through(homography: Array, points: Array) -> Array:
+def _through(homography: NDArray[np.generic], points: Array) -> Array:
     return np.asarray(cv2.perspectiveTransform(points[None], homography)[0])
 
 

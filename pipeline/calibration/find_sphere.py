@@ -40,7 +40,10 @@ def find_spheres(
     scale = min(1.0, _LONG_SIDE / max(height, width))
     size = (round(width * scale), round(height * scale))
     small = [
-        cv2.resize(np.ascontiguousarray(light, np.float32), size, interpolation=cv2.INTER_AREA)
+        np.asarray(
+            cv2.resize(np.ascontiguousarray(light, np.float32), size, interpolation=cv2.INTER_AREA),
+            np.float32,
+        )
         for light in (no_flash, flash)
     ]
     judge: Judge = _mirror if mirror else _matt

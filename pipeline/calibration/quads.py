@@ -42,7 +42,7 @@ def find_quads(screen: NDArray[np.uint8], areas: tuple[float, float]) -> list[Qu
         contours, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
         for contour in contours:
             area = cv2.contourArea(contour)
-            if low <= area <= high and (quad := _quad(contour, area)):
+            if low <= area <= high and (quad := _quad(np.asarray(contour, np.int32), area)):
                 found.append(quad)
     return _different(found)
 
@@ -62,7 +62,7 @@ def _masks(screen: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
     for low, high in _CANNY:
         edges = np.maximum.reduce([cv2.Canny(plane, low, high) for plane in cv2.split(smooth)])
         masks.append(255 - cv2.dilate(edges, np.ones((3, 3), np.uint8)))
-    return masks
+    return [np.asarray(mask, np.uint8) for mask in masks]
 
 
 def _quad(contour: NDArray[np.int32], area: float) -> Quad | None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pipeline.calibration.kept import Kept
+    from pipeline.calibration.options import Kind
 
 
 def folder() -> Path:
@@ -20,7 +21,7 @@ def folder() -> Path:
     return named or Path(typer.get_app_dir("lightlayers")) / "calibrations"
 
 
-def keep(kind: str, setup: str, manifest: dict[str, Any], content: bytes) -> Path:
+def keep(kind: Kind, setup: str, manifest: dict[str, Any], content: bytes) -> Path:
     """Keep what a calibration found. One of the same camera, set-up and kind is replaced.
 
     Raises pipeline.errors.InputError.

@@ -134,7 +134,6 @@ def test_the_lamps_calibrated_are_those_that_separate_takes(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("flash",), "mark either a grey card or a ColorChecker."),
         (("flash", "--card", "1,2"), "--card takes 3 numbers with commas between them."),
         (("flash", "--card", "30,120,x"), "--card takes 3 numbers with commas between them."),
         (("flash", "--card", "5,5,20"), "The circle of the grey card is not wholly inside"),

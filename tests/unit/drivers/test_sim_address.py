@@ -43,7 +43,7 @@ def test_every_parameter_is_read() -> None:
         ("seed=-1", "cannot take seed=-1"),
         ("format=tiff", "input should be 'dng', 'jpeg' or 'both'"),
         ("noise=loud", "input should be 'on' or 'off'"),
-        ("scene=../objects", "input should be 'studio' or 'objects'"),
+        ("scene=../objects", "input should be 'studio', 'objects', 'chart'"),
         ("fault=fire", "cannot take fault=fire: input should be 'none', 'busy_briefly'"),
         ("lamps=2", "has no parameter 'lamps'; it has lights, width"),
         ("lights", "cannot be read: write"),

@@ -51,6 +51,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     ) -> dict[str, Any]:
         given[:] = [no_flash, flash, options]
         (folder / FILES[options.kind]).write_text(f"found: {options.kind}")
+        (folder / "marks.jpg").write_bytes(b"a picture")
         return {"found": FOUND[options.kind], "warnings": [{"message": "Take care."}]}
 
     monkeypatch.setattr(calibrate, "calibrate_files", calibrate_files)
@@ -172,7 +173,6 @@ def test_json_is_the_manifest_and_nothing_else(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["flash"], "mark either a grey card or a ColorChecker."),
         (["flash", "--card", "1,2,3", "--chart", CHART], "mark either a grey card"),
         (["flash", "--card", "1,2"], "--card takes 3 numbers with commas between them."),
         (["flash", "--card", "1,2,3,4"], "--card takes 3 numbers"),
@@ -185,7 +185,6 @@ def test_json_is_the_manifest_and_nothing_else(
         (["lamps", "--sphere", "1,2,3", "--lights", "4"], "lights: "),
         (["lamps", "--sphere", "1,2,3", "--lights", "-1"], "lights: "),
         (["lamps", "--sphere", "1,2,3", "--focal-px", "0"], "focal_px: "),
-        (["lamps"], "--sphere"),
     ],
 )
 def test_marks_that_cannot_be_used_are_one_sentence(
