@@ -59,7 +59,13 @@ _LOOK_SECONDS = 0.5
 _KEEP_ALIVE_SECONDS = 15.0
 _RETRY_MS = 2000
 _OF_CAMERAS = responses(
-    UnknownCameraError, CameraHeldError, ForeignCameraError, drivers.DriverError, status=(422, 503)
+    UnknownCameraError,
+    CameraHeldError,
+    ForeignCameraError,
+    drivers.CameraNotFoundError,
+    drivers.SettingError,
+    drivers.DriverError,
+    status=(422, 503),
 )
 
 
@@ -115,7 +121,12 @@ def change_settings(
     response_model=JobList,
     openapi_extra={"requestBody": _BODY},
     responses=accepted(
-        UnknownCameraError, UnknownJobError, CameraHeldError, ForeignCameraError, NotReadyError
+        UnknownCameraError,
+        UnknownJobError,
+        CameraHeldError,
+        ForeignCameraError,
+        NotReadyError,
+        drivers.SettingError,
     ),
 )
 async def capture(

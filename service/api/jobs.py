@@ -54,6 +54,7 @@ SCHEMAS = (Options, CaptureRequest, UploadsRequest, Handling)
     responses=accepted(
         drivers.BadAddressError,
         drivers.CameraNotFoundError,
+        drivers.SettingError,
         CameraHeldError,
         ForeignCameraError,
         headers=APPLIED,
