@@ -73,7 +73,7 @@ def sigma_filter(
     return kept[..., :3], kept[..., 3:], certainty[keep]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _stabilize(
     planes: Planes, gain: Planes, floor: Planes, top: int, bottom: int, stable: Planes
 ) -> None:
@@ -90,7 +90,7 @@ def _stabilize(
                 written[x] = scale * np.sqrt(slope * max(values[x], zero) + level)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _join(
     planes: Planes,
     certainty: Planes,
@@ -144,14 +144,10 @@ def _join(
                 counted = count[y, low:high]
                 for x in range(high - low):
                     counted[x] += joins[x]
-                for k in range(0, _CHANNELS, 3):
-                    t0, p0 = total[k, y, low:high], planes[k, other, first:last]
-                    t1, p1 = total[k + 1, y, low:high], planes[k + 1, other, first:last]
-                    t2, p2 = total[k + 2, y, low:high], planes[k + 2, other, first:last]
+                for k in range(_CHANNELS):  # one by one: of more the compiler makes no vectors
+                    sums, values = total[k, y, low:high], planes[k, other, first:last]
                     for x in range(high - low):
-                        t0[x] += joins[x] * p0[x]
-                        t1[x] += joins[x] * p1[x]
-                        t2[x] += joins[x] * p2[x]
+                        sums[x] += joins[x] * values[x]
         for k in range(_CHANNELS):
             for x in range(width):
                 total[k, y, x] /= count[y, x]
