@@ -78,8 +78,8 @@ def filtered(
         wide, inner = widened(slice(top, min(top + step, height)), around, height)
         before, after, _ = one.rows(wide)
         strips.append((before[inner], after[inner]))
-    before, after = zip(*strips, strict=True)
-    return np.concatenate(before), np.concatenate(after)
+    firsts, seconds = zip(*strips, strict=True)
+    return np.concatenate(firsts), np.concatenate(seconds)
 
 
 @pytest.fixture
