@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Image, Mask
+from pipeline.frames import Image, Mask, empty_image
 from pipeline.order import quantile
 from pipeline.refine import (
     HOMOGRAPHY,
@@ -186,7 +186,8 @@ def warp(image: Image, saturated: Mask, alignment: Alignment) -> tuple[Image, Ma
     """
     height, width = saturated.shape
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
-    warped = cv2.warpPerspective(image, alignment.matrix, (width, height), flags=flags)
+    warped = empty_image(*image.shape)
+    cv2.warpPerspective(image, alignment.matrix, (width, height), dst=warped, flags=flags)
     bad = cv2.warpPerspective(
         np.multiply(saturated, np.uint8(255)),
         alignment.matrix,
@@ -194,7 +195,7 @@ def warp(image: Image, saturated: Mask, alignment: Alignment) -> tuple[Image, Ma
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
         borderValue=255,
     )
-    return np.asarray(warped, dtype=np.float32), bad > 0
+    return warped, bad > 0
 
 
 def edges(image: Image) -> Image:

@@ -58,5 +58,8 @@ def shown_gain(picture: NDArray[np.floating], matrix: Matrix) -> float:
     matrix: (3, 3), to the linear RGB of the screen.
     """
     sample = picture[::_SAMPLE_STEP, ::_SAMPLE_STEP].astype(np.float32).clip(-_LARGEST, _LARGEST)
-    white = quantile((sample @ matrix.T.astype(np.float32)).max(axis=2), _SHOWN_WHITE)
+    shown = sample @ matrix.T.astype(np.float32)
+    # not .max(axis=2), which takes ten times as long for three channels
+    brightest = np.maximum(np.maximum(shown[..., 0], shown[..., 1]), shown[..., 2])
+    white = quantile(brightest, _SHOWN_WHITE)
     return float(np.clip(1.0 / max(white, 1e-6), *_SHOWN_GAIN))

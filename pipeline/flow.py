@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.align import Alignment, edges
-from pipeline.frames import Image, Mask
+from pipeline.frames import Image, Mask, empty_image
 from pipeline.order import quantile
 from pipeline.progress import STRIP_ROWS
 from pipeline.push_pull import push_pull
@@ -78,7 +78,7 @@ def warp_along(
     counterpart.
     """
     height, width = saturated.shape
-    warped = np.empty_like(image)
+    warped = empty_image(*image.shape)
     bad = np.empty_like(saturated)
     sources = np.multiply(saturated, np.uint8(255))
     matrix = alignment.matrix.astype(np.float32)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import mmap
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -44,6 +46,28 @@ def channels_first(images: Image) -> Image:
 def by_planes(*shape: int) -> Image:
     """Make an empty float32 array (…, h, w, 3) that lies in memory by planes."""
     return np.moveaxis(np.empty((*shape[:-3], shape[-1], *shape[-3:-1]), np.float32), -3, -1)
+
+
+def empty_image(*shape: int) -> Image:
+    """Make a float32 array (H, …) whose rows release_rows can give back. Raises MemoryError."""
+    size = max(math.prod(shape), 1) * np.dtype(np.float32).itemsize
+    try:
+        memory = mmap.mmap(-1, size, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    except OSError as error:
+        raise MemoryError from error
+    memory.madvise(mmap.MADV_HUGEPAGE)
+    return np.ndarray(shape, np.float32, memory)
+
+
+def release_rows(image: Image, stop: int) -> None:
+    """Give the memory of the rows before `stop` back; they are black from then on, at the latest.
+
+    Images that empty_image did not make stay as they are.
+    """
+    if isinstance(image.base, mmap.mmap):
+        whole_pages = max(stop, 0) * image.strides[0] // mmap.PAGESIZE * mmap.PAGESIZE
+        if whole_pages:
+            image.base.madvise(mmap.MADV_DONTNEED, 0, whole_pages)
 
 
 @dataclass(frozen=True)

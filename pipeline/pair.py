@@ -13,7 +13,7 @@ from pipeline.align import NOT_ATTEMPTED, Alignment, estimate_alignment, warp
 from pipeline.belonging import check_belonging, check_flash_adds, check_light
 from pipeline.exposure import settled_ratio, written_ratio
 from pipeline.flow import residual_flow, warp_along
-from pipeline.frames import Frame, Image, Mask
+from pipeline.frames import Frame, Image, Mask, empty_image
 from pipeline.motion import find_moved
 from pipeline.noise import Noise, estimate_noise
 from pipeline.options import PairOptions
@@ -91,7 +91,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
             pixels, saturated, parallax = _laid_on(no_flash.pixels, flash, alignment)
     progress.report("align", 0.6)
     if ratio.value != 1.0:
-        own = None if pixels is flash.pixels else pixels
+        own = empty_image(*pixels.shape) if pixels is flash.pixels else pixels
         pixels = np.divide(pixels, np.float32(ratio.value), out=own)
     noises = estimate_noise(no_flash.pixels), estimate_noise(pixels)
     unusable = no_flash.saturated | saturated

@@ -13,7 +13,7 @@ from pipeline.decode import check_header, decode
 from pipeline.doubts import doubts
 from pipeline.errors import UnusablePairError
 from pipeline.focal import focal_length_px
-from pipeline.frames import Frame
+from pipeline.frames import Frame, release_rows
 from pipeline.known_lamps import find_known
 from pipeline.lamps import estimate_lamps
 from pipeline.manifest import lamp_entries, make_manifest
@@ -34,6 +34,9 @@ from pipeline.tally import Tally
 
 NO_FLASH, FLASH = "photograph without the flash", "photograph with the flash"
 """What messages call the two files."""
+
+_LOOKED_BACK = 64
+"""Rows above a strip that work on the next one may read, and more."""
 
 
 def check_pair(no_flash: bytes, flash: bytes) -> None:
@@ -73,7 +76,8 @@ def separate_files(
     model = _model(camera, before, options)
     progress.report("decode", 1.0)
     pair = make_pair(before, after, options, progress)
-    after = after.facts()  # the pair may hold another photograph, laid on the first
+    # the pair alone holds the photographs, of which the second may be another, laid on the first
+    before, after = before.facts(), after.facts()
     progress.report("lamps", 0.0)
     reduced = reduce_pair(pair)
     known = find_known(options, before.size, reduced, camera, model)
@@ -101,6 +105,7 @@ def separate_files(
     changes = None
     if model.response is not None:
         changes = camera_changes(lamps, model, model.response, options.method)
+    basis = mix_basis(pair.no_flash, lamps, model)
     tally = Tally(len(lamps), *pair.unusable.shape)
     directory.mkdir(parents=True, exist_ok=True)
     with Outputs(
@@ -111,6 +116,8 @@ def separate_files(
         ):
             tally.add(pictures.rows, pictures.layers, pictures.confidence)
             outputs.add(pictures)
+            for photograph in (pair.no_flash, pair.flash):
+                release_rows(photograph, pictures.rows.start - _LOOKED_BACK)
         entries = lamp_entries(lamps, model, tally.separated)
         files = outputs.finish(reduced, entries, progress)
     manifest = make_manifest(
@@ -123,7 +130,7 @@ def separate_files(
         facing,
         tally.filled,
         files,
-        mix_basis(pair.no_flash, lamps, model),
+        basis,
         warnings,
     )
     manifest["calibrations"] = used

@@ -22,7 +22,7 @@ from pipeline.progress import Progress
 from pipeline.proportions import model_proportions
 from pipeline.reduced import ReducedPair
 from pipeline.shares import Colour
-from pipeline.sigma_filter import ROUNDS, halo, sigma_filter
+from pipeline.sigma_filter import ROUNDS, SigmaFilter
 from pipeline.strips import widened
 
 _ROUNDS: dict[Quality, int] = {"best": ROUNDS, "balanced": ROUNDS, "fast": 1}
@@ -67,6 +67,7 @@ def separate(
     """
     height, width = pair.unusable.shape
     surroundings = Surroundings(reduced, lamps)
+    noise_filter = _filter(pair, _ROUNDS[options.quality])
     for rows in progress.strips("layers", height, strip_rows):
         if options.method == "paper":
             no_flash = pair.no_flash[rows]
@@ -77,7 +78,9 @@ def separate(
             yield Strip(rows, layers, no_flash, flash, _open(pair, rows))
             continue
         wide, inner = widened(rows, smoothing.HALO, height)
-        no_flash, flash = _filtered(pair, wide, _ROUNDS[options.quality])
+        no_flash, flash, _ = noise_filter.rows(wide)
+        if not pair.flash_only:
+            flash = flash - no_flash
         confidence, uncertainty = _reliability(pair, wide, lamps.contrast)
         proportions = smoothing.smooth_proportions(
             model_proportions(no_flash, flash, lamps),
@@ -98,17 +101,20 @@ def separate(
         yield Strip(rows, layers, no_flash, flash, confidence)
 
 
-def _filtered(pair: Pair, rows: slice, rounds: int) -> tuple[Image, Image]:
-    """Return no-flash photograph and flash part of some rows, noise filtered."""
-    around = halo(rounds) + (registration.SOFTENED_HALO if pair.registration > 0 else 0)
-    wide, inner = widened(rows, around, len(pair.unusable))
-    no_flash, flash = pair.no_flash[wide], pair.flash[wide]
-    if pair.registration > 0:
-        no_flash, flash = registration.softened(no_flash), registration.softened(flash)
-    no_flash, flash, _ = sigma_filter(
-        (no_flash, flash), (pair.no_flash_noise, pair.flash_noise), inner, rounds
-    )
-    return no_flash, flash if pair.flash_only else flash - no_flash
+def _filter(pair: Pair, rounds: int) -> SigmaFilter:
+    """Make the noise filter of a pair, as it lies or softened."""
+    height, width = pair.unusable.shape
+
+    def read(rows: slice) -> tuple[Image, Image]:
+        if not pair.registration > 0:
+            return pair.no_flash[rows], pair.flash[rows]
+        wide, inner = widened(rows, registration.SOFTENED_HALO, height)
+        return (
+            registration.softened(pair.no_flash[wide])[inner],
+            registration.softened(pair.flash[wide])[inner],
+        )
+
+    return SigmaFilter(read, (width, height), (pair.no_flash_noise, pair.flash_noise), rounds)
 
 
 def _open(pair: Pair, rows: slice) -> NDArray[np.float32]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline.colour.curves import srgb_to_linear
 from pipeline.decode.profiles import differs_from_srgb, to_linear_srgb
 from pipeline.decode.samples import Samples, UnsuitableError, upright
-from pipeline.frames import Image, Mask
+from pipeline.frames import Image, Mask, empty_image
 from pipeline.progress import STRIP_ROWS
 
 RAW_CLIP = 0.99
@@ -33,7 +33,7 @@ def to_linear(samples: Samples, srgb: bool, profiled: bool = False) -> Image:
     Raises UnsuitableError where a float sample is no finite number or absurdly large.
     """
     values = upright(samples.values, samples.orientation)
-    out: Image = np.empty(values.shape, dtype=np.float32)
+    out = empty_image(*values.shape)
     profile = samples.profile if profiled else None
     if profile is not None and not differs_from_srgb(profile):
         profile = None

@@ -1,11 +1,20 @@
 from __future__ import annotations
 
+import mmap
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from pipeline.frames import Exposure, Frame, by_planes, channels_first, planes_of
+from pipeline.frames import (
+    Exposure,
+    Frame,
+    by_planes,
+    channels_first,
+    empty_image,
+    planes_of,
+    release_rows,
+)
 
 
 def test_relative_exposure_is_time_times_speed_over_square_of_f_number() -> None:
@@ -88,3 +97,37 @@ def test_planes_of_other_images_are_copies_with_the_same_values() -> None:
     np.testing.assert_array_equal(channels_first(image), np.stack(planes))
     assert not any(np.shares_memory(plane, image) for plane in planes)
     assert all(plane.flags.c_contiguous for plane in planes)
+
+
+def test_rows_that_are_given_back_are_black_and_the_others_stay() -> None:
+    image = empty_image(300, 50, 3)
+    image[:] = 0.5
+
+    release_rows(image, 200)
+
+    row = mmap.PAGESIZE // image.strides[0] + 1
+    assert not image[: 200 - row].any()
+    assert (image[200:] == 0.5).all()
+
+
+@pytest.mark.parametrize("stop", [-64, 0])
+def test_no_row_is_given_back_before_the_first(stop: int) -> None:
+    image = empty_image(300, 50, 3)
+    image[:] = 0.5
+
+    release_rows(image, stop)
+
+    assert (image == 0.5).all()
+
+
+def test_images_of_other_memory_stay_as_they_are() -> None:
+    image = np.full((300, 50, 3), 0.5, np.float32)
+
+    release_rows(image, 200)
+
+    assert (image == 0.5).all()
+
+
+def test_an_image_that_memory_cannot_hold_is_a_memory_error() -> None:
+    with pytest.raises(MemoryError):
+        empty_image(2**20, 2**24, 3)

@@ -6,7 +6,8 @@ from numpy.typing import NDArray
 
 from pipeline.frames import Image
 from pipeline.noise import Noise
-from pipeline.sigma_filter import ROUNDS, halo, sigma_filter
+from pipeline.sigma_filter import ROUNDS, SigmaFilter, sigma_filter
+from pipeline.strips import widened
 
 Array = NDArray[np.float64]
 GAIN, FLOOR = 2e-4, 2e-6
@@ -63,25 +64,22 @@ def test_fewer_rounds_are_the_first_ones(rounds: int) -> None:
     np.testing.assert_allclose(found, defined(pair, (NOISE, NOISE), rounds)[..., :6], rtol=2e-5)
 
 
-@pytest.mark.parametrize(("rounds", "rows"), [(1, 2), (2, 5), (4, 23)])
-def test_the_halo_is_as_far_as_the_rounds_look(rounds: int, rows: int) -> None:
-    assert halo(rounds) == rows
-
-
 def filtered(
-    pair: tuple[Image, Image], rows: int | None = None, rounds: int = ROUNDS
+    pair: tuple[Image, Image], rows: int | None = None, rounds: int = ROUNDS, around: int = 0
 ) -> tuple[Image, Image]:
-    """Filter a pair in strips of so many rows, each with its halo."""
-    height, around = len(pair[0]), halo(rounds)
+    """Filter a pair in strips of so many rows, each asked for with some rows around it."""
+    height, width = pair[0].shape[:2]
     step = rows or height
+    one = SigmaFilter(
+        lambda some: (pair[0][some], pair[1][some]), (width, height), (NOISE, NOISE), rounds
+    )
     strips = []
     for top in range(0, height, step):
-        first, last = max(top - around, 0), min(top + step + around, height)
-        keep = slice(top - first, min(top + step, height) - first)
-        part = (pair[0][first:last], pair[1][first:last])
-        strips.append(sigma_filter(part, (NOISE, NOISE), keep, rounds)[:2])
-    before, after = zip(*strips, strict=True)
-    return np.concatenate(before), np.concatenate(after)
+        wide, inner = widened(slice(top, min(top + step, height)), around, height)
+        before, after, _ = one.rows(wide)
+        strips.append((before[inner], after[inner]))
+    firsts, seconds = zip(*strips, strict=True)
+    return np.concatenate(firsts), np.concatenate(seconds)
 
 
 @pytest.fixture
@@ -132,14 +130,30 @@ def test_single_pixels_far_beyond_the_noise_are_kept() -> None:
     np.testing.assert_allclose(found, flat, atol=1e-5)
 
 
+@pytest.mark.parametrize("around", [0, 2, 30])
 @pytest.mark.parametrize("rows", [1, 5, 23, 40])
-def test_rows_may_be_cut_anywhere(edge: tuple[Array, Array], rows: int) -> None:
+def test_rows_may_be_cut_anywhere(edge: tuple[Array, Array], rows: int, around: int) -> None:
     pair = noisy(edge[0], 1), noisy(edge[1], 2)
 
-    whole, cut = filtered(pair), filtered(pair, rows)
+    whole, cut = filtered(pair), filtered(pair, rows, around=around)
 
     for one, other in zip(whole, cut, strict=True):
         np.testing.assert_array_equal(other, one)
+
+
+def test_every_row_is_read_once_but_for_those_around() -> None:
+    flat = np.full((100, 8, 3), 0.4, np.float32)
+    read: list[int] = []
+
+    def reading(rows: slice) -> tuple[Image, Image]:
+        read.append(rows.stop - rows.start)
+        return flat[rows], flat[rows]
+
+    one = SigmaFilter(reading, (8, 100), (NOISE, NOISE))
+    for top in range(0, 100, 20):
+        one.rows(slice(top, top + 20))
+
+    assert sum(read) <= 100 + 4 * 2 * 2  # the first window's reach on either side of four borders
 
 
 @pytest.mark.parametrize("size", [(1, 1), (3, 50), (50, 2)])
