@@ -47,7 +47,9 @@ def separated(monkeypatch: pytest.MonkeyPatch) -> list[tuple[bool, bool]]:
     """Stand in for the separation; whether each pair it got was given in the right order."""
     seen: list[tuple[bool, bool]] = []
 
-    def separate(no_flash: bytes, flash: bytes, _options: Any, folder: Path, _progress: Any) -> Any:
+    def separate(
+        no_flash: bytes, flash: bytes, _options: Any, folder: Path, *_: Any, **__: Any
+    ) -> Any:
         dark, bright = (np.asarray(Image.open(io.BytesIO(data))) for data in (no_flash, flash))
         seen.append((int(dark.mean()) == 90, int(bright.mean()) == 200))
         if len(seen) == 2:
