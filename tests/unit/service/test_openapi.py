@@ -47,7 +47,6 @@ def test_the_routes_are_the_contract(paths: dict[str, dict[str, Any]]) -> None:
         "POST /jobs",
         "GET /calibrations",
         "POST /calibrations",
-        "GET /calibrations",
         "GET /jobs",
         "GET /jobs/{job_id}",
         "GET /jobs/{job_id}/events",
