@@ -49,12 +49,10 @@ def get_area(
     context: Parts,
     caller: Calling,
     job_id: str,
-    left: Annotated[int, Query(ge=0, description="Pixels left of it.", examples=[1200])],
-    top: Annotated[int, Query(ge=0, description="Pixels above it.", examples=[800])],
-    width: Annotated[int, Query(ge=1, description="Pixels.", examples=[900])],
-    height: Annotated[
-        int, Query(ge=1, description="Pixels; 2,097,152 in all at most.", examples=[600])
-    ],
+    left: Annotated[int, Query(ge=0, description="Pixels left of it.")],
+    top: Annotated[int, Query(ge=0, description="Pixels above it.")],
+    width: Annotated[int, Query(ge=1, description="Pixels.")],
+    height: Annotated[int, Query(ge=1, description="Pixels; 2,097,152 in all at most.")],
 ) -> Response:
     """Get an area of the layers in full size."""
     job = find_succeeded(context, caller, job_id)

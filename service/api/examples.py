@@ -122,6 +122,8 @@ _PARAMETERS: dict[str, Any] = {
     "if-range": f'"{_SHA256}"',
     "job_id": _ID,
     "last-event-id": "7",
+    "height": 600,
+    "left": 1200,
     "limit": 50,
     "name": "lamp1.jpg",
     "prefer": ["wait=30"],
@@ -132,7 +134,9 @@ _PARAMETERS: dict[str, Any] = {
     "upload-length": "7340032",
     "upload-metadata": "filename YS5kbmc=",
     "upload-offset": "4194304",
+    "top": 800,
     "upload_id": _ID,
+    "width": 900,
 }
 _FORM = {
     "no_flash": "(the bytes of a.dng)",
