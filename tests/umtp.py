@@ -84,7 +84,7 @@ class UmtpResponder(SimulatedBus):
             os.close(each)
         self.log.close()
 
-    def _check_plugged(self) -> None:
+    def _check_plugged(self, _plug: Any) -> None:
         """It stays."""
 
     def enumerate_devices(self) -> Any:

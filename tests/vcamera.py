@@ -61,7 +61,7 @@ class VirtualCamera(SimulatedBus):
         self._call("gp_port_close", self._port)
         self._call("gp_port_free", self._port)
 
-    def _check_plugged(self) -> None:
+    def _check_plugged(self, _plug: Any) -> None:
         """It stays."""
 
     def enumerate_devices(self) -> Any:

@@ -30,8 +30,8 @@ def find_cards(flash: NDArray[np.floating], sensitivities: Array) -> list[Circle
     height, width = flash.shape[:2]
     scale = min(1.0, _LONG_SIDE / max(height, width))
     size = (round(width * scale), round(height * scale))
-    light = cv2.resize(np.ascontiguousarray(flash, np.float32), size, interpolation=cv2.INTER_AREA)
-    light = np.asarray(light, np.float32)
+    whole = np.ascontiguousarray(flash, np.float32)
+    light = cv2.resize(whole, size, interpolation=cv2.INTER_AREA).astype(np.float32, copy=False)
     white = unit(np.array([sensitivities @ find_light(name) for name in FAMILY]))
     found = []
     for quad in find_quads(on_screen(light), _AREAS):

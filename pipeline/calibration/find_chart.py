@@ -45,8 +45,8 @@ def find_charts(light: NDArray[np.floating]) -> list[FoundChart]:
     scale = _LONG_SIDE / max(height, width)
     size = (round(width * scale), round(height * scale))
     how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
-    resized = cv2.resize(np.ascontiguousarray(light, np.float32), size, interpolation=how)
-    resized = np.asarray(resized, np.float32)
+    whole = np.ascontiguousarray(light, np.float32)
+    resized = cv2.resize(whole, size, interpolation=how).astype(np.float32, copy=False)
     quads = find_quads(on_screen(resized), _AREAS)
     found: list[FoundChart] = []
     for members in _lattices(quads):
@@ -181,7 +181,7 @@ def _chart(
     return FoundChart(_through(to_picture, _OUTER), misfit, int(close.sum()))
 
 
-def _through(homography: NDArray[np.generic], points: Array) -> Array:
+def _through(homography: NDArray[np.integer | np.floating], points: Array) -> Array:
     return np.asarray(cv2.perspectiveTransform(points[None], homography)[0])
 
 

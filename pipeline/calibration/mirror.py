@@ -103,7 +103,7 @@ def _lamp(
     whole = cv2.dilate(spot.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
     rows, columns = np.nonzero(whole)
     light = pair.no_flash[rows, columns].astype(np.float64)
-    x, y = columns + 0.5, rows + 0.5
+    x, y = columns.astype(np.float64) + 0.5, rows.astype(np.float64) + 0.5
 
     def towards(dx: float, dy: float) -> Array:
         view = view_sphere(sphere, x + dx, y + dy, focal_px, (width, height))

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from pipeline.calibration.options import FILES
+from pipeline.calibration.options import FILES, Kind
 from pipeline.errors import OptionError
 from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
 from service import jobs
@@ -16,7 +16,7 @@ from service.api.models import Calibrated
 from service.attempt import results_key
 from service.states import State
 
-_KINDS = {
+_KINDS: dict[str, Kind] = {
     "camera": "camera",
     "response": "camera",
     "flash_spectrum": "flash",

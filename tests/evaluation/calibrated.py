@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.calibration.calibrate import calibrate_files
-from pipeline.calibration.options import CALIBRATION_OPTIONS, FILES
+from pipeline.calibration.options import CALIBRATION_OPTIONS, FILES, Kind
 from pipeline.options import Sensitivities, Spectrum
 from pipeline.progress import Progress
 from pipeline.spectra.cameras import camera_from_table
@@ -119,7 +119,7 @@ def ways(unknown: str, chart: Shot, s: Array, flash: Array) -> dict[str, Callabl
     }
 
 
-def calibrate(kind: str, shot: Shot, **marks: Any) -> Assumed:
+def calibrate(kind: Kind, shot: Shot, **marks: Any) -> Assumed:
     """What calibrating gives, as values of Options."""
     options = CALIBRATION_OPTIONS.validate_python(
         {"kind": kind, "encoding": "linear", "exposure_ratio": 1.0, **marks}

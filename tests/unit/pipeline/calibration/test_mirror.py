@@ -26,7 +26,7 @@ def pair(room: Room, pair_of: Callable[..., Pair]) -> Pair:
 
 
 def _degrees(room: Room, found: np.ndarray) -> np.ndarray:
-    return np.degrees(np.arccos(np.clip(room.directions @ found.T, -1, 1))).min(axis=1)
+    return np.asarray(np.degrees(np.arccos(np.clip(room.directions @ found.T, -1, 1))).min(axis=1))
 
 
 def test_highlights_tell_where_lamps_are(room: Room, pair: Pair) -> None:

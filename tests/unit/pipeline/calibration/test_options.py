@@ -23,7 +23,7 @@ def test_the_kind_says_what_is_read() -> None:
     assert isinstance(flash, FlashCalibration) and flash.card is not None
     assert (flash.card.radius, flash.flash_only, flash.align) == (3.0, True, True)
     camera = read({"kind": "camera", "chart": CHART})
-    assert isinstance(camera, CameraCalibration)
+    assert isinstance(camera, CameraCalibration) and camera.chart is not None
     assert (camera.chart[2], camera.flash_spectrum) == ((50.0, 30.0), None)
     lamps = read({"kind": "lamps", "sphere": CARD})
     assert isinstance(lamps, LampsCalibration) and lamps.lights == "auto"
