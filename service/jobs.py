@@ -271,24 +271,6 @@ def known(connection: sa.Connection, job_ids: Sequence[str]) -> set[str]:
     return set(connection.execute(found).scalars())
 
 
-def beat(connection: sa.Connection, worker: str) -> None:
-    """Say that a worker lives."""
-    seen = connection.execute(sa.update(workers).where(workers.c.id == worker).values(seen=now()))
-    if seen.rowcount == 0:
-        connection.execute(sa.insert(workers).values(id=worker, seen=now()))
-
-
-def leave(connection: sa.Connection, worker: str) -> None:
-    """Say that a worker ends; what it still holds may be taken over at once."""
-    connection.execute(sa.delete(workers).where(workers.c.id == worker))
-
-
-def living_workers(connection: sa.Connection, silence_seconds: float) -> set[str]:
-    """Workers heard of lately. Forgets the others."""
-    connection.execute(sa.delete(workers).where(workers.c.seen < now() - silence_seconds))
-    return set(connection.execute(sa.select(workers.c.id)).scalars())
-
-
 def claim(
     connection: sa.Connection, job_id: str, worker: str, stage: str | None = None
 ) -> Job | None:

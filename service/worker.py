@@ -20,6 +20,7 @@ import sqlalchemy as sa
 from service import (
     cameras,
     engine,
+    heartbeats,
     jobs,
     logs,
     metrics,
@@ -99,7 +100,7 @@ class Worker:
         with self._idle:
             self._idle.wait_for(lambda: self._busy == 0, timeout=_STOP_SECONDS)
         with self._engine.begin() as connection:
-            jobs.leave(connection, self.id)
+            heartbeats.leave(connection, self.id)
         presence.leave(self._settings.data_dir, self.id)
         log.info("stopped", extra={"worker": self.id})
 
@@ -109,7 +110,7 @@ class Worker:
             self._beat()
             self._bury()
             with self._engine.begin() as connection:
-                living = jobs.living_workers(connection, self._settings.silence_seconds)
+                living = heartbeats.living(connection, self._settings.silence_seconds)
             held = self._queue.held()
             dead = {one for one in held if one.worker not in living}
             forgotten = self._forgotten(held)
@@ -128,7 +129,7 @@ class Worker:
         """Forget the workers of this machine that have died."""
         for worker in presence.dead(self._settings.data_dir):
             with self._engine.begin() as connection:
-                jobs.leave(connection, worker)
+                heartbeats.leave(connection, worker)
 
     def _forgotten(self, held: Iterable[Held]) -> set[Held]:
         """Jobs that this worker has taken out of the queue, but the answer to that got lost."""
@@ -261,7 +262,7 @@ class Worker:
 
     def _beat(self) -> None:
         with self._engine.begin() as connection:
-            jobs.beat(connection, self.id)
+            heartbeats.beat(connection, self.id)
 
 
 def _has_ended(job: jobs.Job) -> bool:

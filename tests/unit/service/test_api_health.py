@@ -4,7 +4,7 @@ import httpx
 import pytest
 import sqlalchemy as sa
 
-from service import database, jobs
+from service import database, heartbeats
 from service.api.context import Context
 from tests.unit.service.asking import problem_of
 
@@ -12,7 +12,7 @@ from tests.unit.service.asking import problem_of
 @pytest.fixture(autouse=True)
 def _worker(context: Context) -> None:
     with context.engine.begin() as connection:
-        jobs.beat(connection, "w")
+        heartbeats.beat(connection, "w")
 
 
 def _not_ready(http: httpx.Client) -> str:

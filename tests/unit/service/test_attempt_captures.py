@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from service import cameras, jobs, sandbox
+from service import cameras, heartbeats, jobs, sandbox
 from service.api.context import Context
 from service.attempt import Attempt
 from service.errors import CrashError
@@ -95,7 +95,7 @@ def test_an_attempt_that_counts_no_more_keeps_no_pair(
     def freeze(task: sandbox.Task, *rest: Any) -> dict[str, Any]:
         monkeypatch.setattr(sandbox, "run", takes)
         with context.engine.begin() as connection:
-            jobs.leave(connection, "w")
+            heartbeats.leave(connection, "w")
         capture().capture(lambda _connection: None)  # another takes a whole pair meanwhile
         told = takes(task)
         (Path(task.directory) / "flash").write_bytes(b"another flash")
@@ -123,7 +123,7 @@ def test_a_pair_is_taken_once(
     attempt = capture()
     with context.engine.begin() as connection:
         jobs.set_inputs(connection, attempt._job, {"flash": {}}, 1, {})
-        jobs.leave(connection, "w")
+        heartbeats.leave(connection, "w")
     monkeypatch.setattr(sandbox, "run", _taken_again)
     capture().capture(lambda _connection: None)
     assert _job(context).state == State.QUEUED

@@ -8,7 +8,7 @@ import pytest
 import sqlalchemy as sa
 
 import drivers
-from service import cameras, database, jobs
+from service import cameras, database, heartbeats, jobs
 from service.states import State
 
 ADDRESS = "ptp+ip://192.168.1.20"
@@ -32,7 +32,7 @@ def _add(engine: sa.Engine, job_id: str, address: str = ADDRESS, **more: Any) ->
 
 def _claim(engine: sa.Engine, job_id: str, worker: str = "w1") -> jobs.Job | None:
     with engine.begin() as connection:
-        jobs.beat(connection, worker)
+        heartbeats.beat(connection, worker)
         return cameras.claim(connection, job_id, worker)
 
 
@@ -150,7 +150,7 @@ def test_a_dead_workers_camera_goes_with_its_job(engine: sa.Engine) -> None:
     _add(engine, "b")
     assert _claim(engine, "a")
     with engine.begin() as connection:
-        jobs.leave(connection, "w1")
+        heartbeats.leave(connection, "w1")
     assert _claim(engine, "b", "w2") is None  # not before the takeover
     again = _claim(engine, "a", "w2")
     assert again and (again.attempt, again.lost) == (2, 1)
@@ -165,7 +165,7 @@ def test_a_pair_that_a_dead_worker_has_kept_is_only_passed_on(engine: sa.Engine)
     assert held
     with engine.begin() as connection:
         jobs.set_inputs(connection, held, {"flash": {}}, 1, {})
-        jobs.leave(connection, "w1")
+        heartbeats.leave(connection, "w1")
     again = _claim(engine, "a", "w2")
     assert again and again.captures and not cameras.is_past_capture(again)
     with engine.begin() as connection:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import sqlalchemy as sa
 
-from service import database, jobs, migrations
+from service import database, heartbeats, migrations
 from service.api.context import Context
 from service.cli import run
 from service.doctor import Finding, examine
@@ -39,7 +39,7 @@ def look(settings: Settings) -> Look:
 def worker(context: Context) -> None:
     """A service with a worker that lives."""
     with context.engine.begin() as connection:
-        jobs.beat(connection, "w")
+        heartbeats.beat(connection, "w")
 
 
 @pytest.mark.usefixtures("worker")

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
-from service import database, eta, jobs
+from service import database, eta, heartbeats, jobs
 from service.settings import Settings
 
 CAPTURE = {"camera": "sim://studio"}
@@ -147,7 +147,7 @@ def test_a_running_job_ends_when_its_worker_says_until_that_has_passed(
 
 
 def test_a_waiting_job_ends_after_those_before_it(connection: sa.Connection) -> None:
-    jobs.beat(connection, "w1")
+    heartbeats.beat(connection, "w1")
     _done(connection, "0", {"layers": 100.0})
     for job_id in "abc":
         _add(connection, job_id)
@@ -159,7 +159,7 @@ def test_a_waiting_job_ends_after_those_before_it(connection: sa.Connection) -> 
     assert found == {"b": pytest.approx(150, abs=5), "c": pytest.approx(250, abs=5)}
     wide = _etas(connection, "b", "c", worker_concurrency=2)
     assert wide == {"b": pytest.approx(100, abs=5), "c": pytest.approx(175, abs=5)}
-    jobs.beat(connection, "w2")
+    heartbeats.beat(connection, "w2")
     assert _etas(connection, "b", "c") == wide | {
         name: pytest.approx(end, abs=5) for name, end in wide.items()
     }
@@ -169,7 +169,7 @@ def test_without_a_living_worker_nothing_is_promised(connection: sa.Connection) 
     _done(connection, "0", {"layers": 100.0})
     _add(connection, "a")
     assert _etas(connection, "a") == {}
-    jobs.beat(connection, "w1")
+    heartbeats.beat(connection, "w1")
     assert _etas(connection, "a") == {"a": pytest.approx(100, abs=5)}
     connection.execute(sa.update(database.workers).values(seen=0.0))
     assert _etas(connection, "a") == {}

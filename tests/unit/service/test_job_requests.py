@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sqlalchemy as sa
 
-from service import jobs
+from service import heartbeats, jobs
 from service.states import State
 
 
@@ -60,7 +60,7 @@ def test_a_request_that_nobody_confirms_in_time_is_over(engine: sa.Engine) -> No
 def test_a_living_workers_request_is_nobody_elses(engine: sa.Engine) -> None:
     _asked(engine)
     with engine.begin() as connection:
-        jobs.beat(connection, "w1")
+        heartbeats.beat(connection, "w1")
         assert jobs.claim(connection, "a", "w2") is None
 
 

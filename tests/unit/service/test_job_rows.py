@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
-from service import database, jobs
+from service import database, heartbeats, jobs
 from service.states import NEXT, State
 
 
@@ -31,7 +31,7 @@ def _claim(engine: sa.Engine, job_id: str, worker: str) -> jobs.Job | None:
 
 def _claimed(engine: sa.Engine, job_id: str, worker: str) -> jobs.Job:
     with engine.begin() as connection:
-        jobs.beat(connection, worker)
+        heartbeats.beat(connection, worker)
     job = _claim(engine, job_id, worker)
     assert job is not None
     return job
@@ -39,7 +39,7 @@ def _claimed(engine: sa.Engine, job_id: str, worker: str) -> jobs.Job:
 
 def _dies(engine: sa.Engine, worker: str) -> None:
     with engine.begin() as connection:
-        jobs.leave(connection, worker)
+        heartbeats.leave(connection, worker)
 
 
 def test_a_new_job_is_queued(engine: sa.Engine) -> None:
@@ -469,21 +469,6 @@ def test_ids_of_jobs_are_told_from_others(engine: sa.Engine) -> None:
     _add(engine, "a")
     with engine.connect() as connection:
         assert jobs.known(connection, ["a", "b"]) == {"a"}
-
-
-def test_a_silent_worker_is_dead_and_forgotten(engine: sa.Engine) -> None:
-    with engine.begin() as connection:
-        jobs.beat(connection, "w1")
-        jobs.beat(connection, "w2")
-        connection.execute(
-            sa.update(database.workers)
-            .where(database.workers.c.id == "w1")
-            .values(seen=database.workers.c.seen - 100)
-        )
-        assert jobs.living_workers(connection, 15) == {"w2"}
-        connection.execute(sa.update(database.workers).values(seen=database.workers.c.seen - 100))
-        jobs.beat(connection, "w2")
-        assert jobs.living_workers(connection, 15) == {"w2"}
 
 
 def test_a_worker_takes_back_what_it_holds_without_knowing(engine: sa.Engine) -> None:

@@ -9,7 +9,7 @@ import sqlalchemy as sa
 from obstore.exceptions import GenericError
 from prometheus_client import REGISTRY, CollectorRegistry, generate_latest
 
-from service import database, jobs, metrics
+from service import database, heartbeats, jobs, metrics
 from service.errors import MalformedRequestError, StartError
 from service.settings import Settings
 
@@ -42,7 +42,7 @@ def test_what_is_in_the_database_is_asked_for_at_each_look(engine: sa.Engine) ->
     _add(engine, "a")
     _add(engine, "b")
     with engine.begin() as connection:
-        jobs.beat(connection, "w")
+        heartbeats.beat(connection, "w")
         jobs.claim(connection, "b", "w")
         connection.execute(sa.update(database.jobs).values(created=database.jobs.c.created - 60))
     told = dict(line.rsplit(" ", 1) for line in _told(engine))

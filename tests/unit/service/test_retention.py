@@ -10,7 +10,7 @@ import pytest
 import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
-from service import database, jobs, uploads
+from service import database, heartbeats, jobs, uploads
 from service.api.context import Context
 from service.attempt import FRAMES, inputs_key, results_key
 from service.retention import Sweep
@@ -167,7 +167,7 @@ def test_a_delete_that_was_cut_short_is_finished(
     held = None
     if state == "running":
         with context.engine.begin() as connection:
-            jobs.beat(connection, "w")
+            heartbeats.beat(connection, "w")
             held = jobs.claim(connection, job_id, "w")
     if state == "succeeded":
         finish(job_id, {"manifest.json": b"{}"})

@@ -9,7 +9,7 @@ import pytest
 import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
-from service import jobs, presence, worker
+from service import heartbeats, jobs, presence, worker
 from service.attempt import FRAMES, Attempt, describe_inputs
 from service.database import AWAY
 from service.engine import Held
@@ -154,7 +154,7 @@ def test_jobs_that_the_queue_forgot_to_bring_are_put_back(
     )
     one._runs.add("running")
     with one._engine.begin() as connection:
-        jobs.beat(connection, "neighbour")
+        heartbeats.beat(connection, "neighbour")
     one.keep()
     one.keep()
     assert put_back == [{"dead"}, {"dead", "mine"}]
@@ -165,11 +165,11 @@ def test_a_database_that_is_away_does_not_end_a_worker(
     one: Worker, error: type[sa.exc.DBAPIError], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     gone = error("", None, sqlite3.OperationalError("away"))
-    monkeypatch.setattr(jobs, "beat", _at_first(gone, jobs.beat))
+    monkeypatch.setattr(heartbeats, "beat", _at_first(gone, heartbeats.beat))
     one.keep()
     one.keep()
     with one._engine.begin() as connection:
-        assert jobs.living_workers(connection, 60) == {one.id}
+        assert heartbeats.living(connection, 60) == {one.id}
 
 
 def test_the_jobs_of_a_worker_that_died_on_this_machine_are_taken_over_at_once(
@@ -183,6 +183,6 @@ def test_the_jobs_of_a_worker_that_died_on_this_machine_are_taken_over_at_once(
     monkeypatch.setattr(one._queue, "put_back", put_back.extend)
     with one._engine.begin() as connection:
         for name in ("died-here", "elsewhere"):
-            jobs.beat(connection, name)
+            heartbeats.beat(connection, name)
     one.keep()
     assert put_back == held[:1]
