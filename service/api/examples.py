@@ -87,6 +87,14 @@ _CAMERA = {
 }
 _CAMERA_SETTINGS = {"iso": {"value": 100, "choices": [100, 200, 400], "writable": True}}
 
+_KEPT: dict[str, Any] = {
+    "id": _ID,
+    "kind": "flash",
+    "setup": "table",
+    "camera": "Nikon D5100",
+    "made": "2026-01-01T12:00:21Z",
+    "links": _DONE["links"],
+}
 SCHEMAS: dict[str, list[Any]] = {
     "CalibrationRequest": [
         {"uploads": _UPLOADS, "options": {"kind": "flash", "card": {"x": 30, "y": 12, "radius": 5}}}
@@ -108,6 +116,7 @@ SCHEMAS: dict[str, list[Any]] = {
     "JobAnswer": [_JOB, _DONE],
     "JobList": [{"jobs": [_JOB]}],
     "JobPage": [{"jobs": [_DONE], "next": f"/jobs?limit=1&after={_ID}"}],
+    "KeptCalibrations": [{"calibrations": [_KEPT]}],
     "MixJob": [{"lamps": [{"ev": -2, "neutral": True}, {"temperature_k": 2700}], "format": "tiff"}],
     "RerunRequest": [{"options": {"lights": 3}, "priority": "low"}],
     "UploadsRequest": [{"uploads": _UPLOADS, "options": {"lights": 2}}],
@@ -116,6 +125,7 @@ SCHEMAS: dict[str, list[Any]] = {
 
 _PARAMETERS: dict[str, Any] = {
     "after": _ID,
+    "camera": "d5100",
     "camera_id": _CAMERA["id"],
     "idempotency-key": "6f2c1a4e-9d0b-4c53-8f3e-2a7d5b1c0e94",
     "if-none-match": f'"{_SHA256}"',
@@ -126,9 +136,10 @@ _PARAMETERS: dict[str, Any] = {
     "left": 1200,
     "limit": 50,
     "name": "lamp1.jpg",
-    "prefer": ["wait=30"],
+    "prefer": "wait=30",
     "range": "bytes=0-1023",
     "request": 1,
+    "setup": "table",
     "tus-resumable": "1.0.0",
     "upload-checksum": "sha256 n4bQgYhMfWWaL+qgxVrQFaO/TxsrC4Is0V1sFbDwCgg=",
     "upload-length": "7340032",
