@@ -70,13 +70,12 @@ def capture_pair(
     progress("prepare", 1.0)
     taking = _Taking(camera, flash, clock, progress, frozen)
     for left in reversed(range(PAIRS)):
-        before, trusting = camera.objects(), left > 0
-        no_flash = taking.shoot("no_flash", "off", trusting)
+        before = camera.objects()
+        no_flash = taking.shoot("no_flash", "off")
         try:
-            pair = CapturedPair(no_flash, taking.shoot("flash", "on", trusting), frozen)
+            pair = CapturedPair(no_flash, taking.shoot("flash", "on"), frozen)
             progress("verify", 0.0)
-            if trusting:
-                _check_nothing_came_late(camera, before, pair)
+            _check_nothing_came_late(camera, before, pair)
             verify(pair, flash.brightness)
             break
         except DriverError as error:
@@ -92,15 +91,13 @@ def capture_pair(
 
 
 def _check_nothing_came_late(camera: Camera, before: set[int], pair: CapturedPair) -> None:
-    """Raise CaptureError where files came after the camera had called a capture complete.
-
-    Those of the first photograph have come by now: the second took longer than a card's list
-    takes to settle.
-    """
+    """Raise CaptureError where the card holds more of the pair than was fetched."""
     fetched = {*pair.no_flash.handles, *pair.flash.handles}
-    late = photographs_since(camera, before | fetched)
-    if late or pair.no_flash.files.keys() != pair.flash.files.keys():
-        raise CaptureError("The camera called a capture complete before all its files had come.")
+    if photographs_since(camera, before | fetched):
+        raise CaptureError(
+            "A file reached the card long after its photograph was called complete: wait until the "
+            "camera is idle and take the pair again."
+        )
 
 
 def check_settings(settings: Mapping[SettingName, SettingValue]) -> None:
@@ -161,7 +158,7 @@ class _Taking:
     progress: CaptureProgress
     frozen: dict[SettingName, SettingValue]
 
-    def shoot(self, stage: str, state: State, trusting: bool) -> Shot:
+    def shoot(self, stage: str, state: State) -> Shot:
         """Switch the flash and take one photograph."""
         self.flash.switch(self.camera, state, self.clock)
         for name, value in self.frozen.items():
@@ -171,4 +168,4 @@ class _Taking:
                     f"The camera's {name} went from {value} to {found} in the middle of the pair: "
                     "leave its dials alone and take the pair again."
                 )
-        return take_shot(self.camera, self.clock, partial(self.progress, stage), trusting)
+        return take_shot(self.camera, self.clock, partial(self.progress, stage))

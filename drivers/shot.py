@@ -21,7 +21,7 @@ PATIENCE_S = 5.0
 """How long after the exposure a photograph may take to reach the card, events or not."""
 
 SETTLE_S = 0.3
-"""So long the card's list takes to settle, where events do not vouch for it."""
+"""So long the card's list takes to settle: files may follow what events call complete."""
 
 DOWNLOAD_ATTEMPTS = 4
 """How often in a row a transfer may break off without a byte gained."""
@@ -54,21 +54,18 @@ class Shot:
         return next(self.files[kind] for kind in _PREFERRED if kind in self.files)
 
 
-def take_shot(
-    camera: Camera, clock: Clock, progress: Callable[[float], None], trusting: bool = False
-) -> Shot:
+def take_shot(camera: Camera, clock: Clock, progress: Callable[[float], None]) -> Shot:
     """Take one photograph with the settings as they are and fetch it.
 
-    progress: told the share of its bytes that came. trusting: do not wait for more where the
-    events name just what is new on the card. Raises FocusError, StoreFullError, CaptureError,
-    TransferError, PairVerificationError where its EXIF is missing.
+    progress: told the share of its bytes that came. Raises FocusError, StoreFullError,
+    CaptureError, TransferError, PairVerificationError where its EXIF is missing.
     """
     progress(0.0)
     patience_s = _exposure_s(camera) + PATIENCE_S
     camera.events(timeout_s=0)  # what is still waiting belongs to earlier shots
     before = _release(camera, clock)
     deadline = clock.monotonic() + patience_s
-    photographs = _new_photographs(camera, clock, before, deadline, trusting)
+    photographs = _new_photographs(camera, clock, before, deadline)
     total = sum(item.size for item in photographs)
     files: dict[str, bytes] = {}
 
@@ -124,17 +121,14 @@ def photographs_since(camera: Camera, before: set[int]) -> list[CameraObject]:
 
 
 def _new_photographs(
-    camera: Camera, clock: Clock, before: set[int], deadline: float, trusting: bool
+    camera: Camera, clock: Clock, before: set[int], deadline: float
 ) -> list[CameraObject]:
     """Find the photographs that the card did not hold before; events only say when to look."""
-    complete, photographs, told = True, list[CameraObject](), set[int | None]()
+    complete, photographs = True, list[CameraObject]()
     while complete and not photographs:  # a late event of an earlier shot must not end the wait
-        complete = _await_completion(camera, clock, deadline, told)
-        if trusting and complete and told - before:
-            photographs = photographs_since(camera, before)
-        if not photographs or {item.handle for item in photographs} != told - before:
-            clock.sleep(SETTLE_S)
-            photographs = photographs_since(camera, before)
+        complete = _await_completion(camera, clock, deadline)
+        clock.sleep(SETTLE_S)
+        photographs = photographs_since(camera, before)
     if not photographs:
         raise CaptureError(
             "The camera released, but no photograph reached its card: check the card and try again."
@@ -147,19 +141,14 @@ def _new_photographs(
     return photographs
 
 
-def _await_completion(camera: Camera, clock: Clock, deadline: float, told: set[int | None]) -> bool:
-    """Wait; true once the camera says that the capture is complete, false at the deadline.
-
-    told: takes the handles of the objects that the camera says it has added.
-    """
+def _await_completion(camera: Camera, clock: Clock, deadline: float) -> bool:
+    """Wait; true once the camera says that the capture is complete, false at the deadline."""
     while (left := deadline - clock.monotonic()) > 0:
         for event in camera.events(timeout_s=left):
             if event.kind is EventKind.STORE_FULL:
                 raise StoreFullError(
                     "The camera's memory card is full: make room on it and try again."
                 )
-            if event.kind is EventKind.OBJECT_ADDED:
-                told.add(event.handle)
             if event.kind is EventKind.CAPTURE_COMPLETE:
                 return True
     return False

@@ -208,10 +208,10 @@ class Attempt:
     def _capture(self, directory: Path) -> None:
         kept = False
 
-        def ask(question: dict[str, Any]) -> bool:
+        def ask(question: dict[str, Any], is_void: Callable[[], bool]) -> bool:
             nonlocal kept
             if question["kind"] == "operator":
-                return self._ask_operator(question["request"], question["seconds"])
+                return self._ask_operator(question["request"], question["seconds"], is_void)
             kept = self._keep_pair(directory, question["settings"])
             return kept
 
@@ -242,8 +242,11 @@ class Attempt:
 
         return self._patiently(write)
 
-    def _ask_operator(self, request: str, seconds: float) -> bool:
-        """Wait for a person, whom the job's row asks; whether it was confirmed in time."""
+    def _ask_operator(self, request: str, seconds: float, is_void: Callable[[], bool]) -> bool:
+        """Wait for a person, whom the job's row asks; whether it was confirmed in time.
+
+        is_void: whether nobody wants the answer any more.
+        """
 
         def ask() -> None:
             with self._engine.begin() as connection:
@@ -254,9 +257,9 @@ class Attempt:
                 return jobs.confirmed(connection, self._job)
 
         self._patiently(ask)
-        while (done := self._patiently(look)) is None:
+        while (done := self._patiently(look)) is None and not is_void():
             self._pause(_ASK_SECONDS)
-        return done
+        return bool(done)
 
     def _bring_kept(self, directory: Path) -> None:
         with self._engine.connect() as connection:

@@ -45,6 +45,12 @@ class Child:
             raise ChildProcessError("the fork server has died, and its children with it")
         return int(said)
 
+    def has_ended(self) -> bool:
+        """Whether it is dead, without waiting; wait() then gives its exit code at once."""
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._life, selectors.EVENT_READ)
+            return bool(selector.select(0))
+
     def close(self) -> None:
         """Kill it and what it has started; it is gone when this returns."""
         with self._life:

@@ -40,8 +40,8 @@ Kind = Literal[
     "check", "separate", "calibrate", "mix", "capture", "cameras", "camera", "camera_settings"
 ]
 
-Ask = Callable[[dict[str, Any]], bool]
-"""Answers a question of a process."""
+Ask = Callable[[dict[str, Any], Callable[[], bool]], bool]
+"""Answers a question of a process; told how to learn that it is dead and wants no answer."""
 
 
 class StoppedError(Exception):
@@ -87,7 +87,8 @@ class Task:
         directory/results.
     kind "capture": the camera that capture names → directory/no_flash and directory/flash; asks
         the questions of service.camera_tasks, and answers with what the camera was set to.
-    kind "cameras": answers with the addresses of all cameras that are found here.
+    kind "cameras": answers with the addresses of all cameras that are found here; where capture
+        says network, also of those that announce themselves there.
     kind "camera": answers with what the camera that capture names tells of itself.
     kind "camera_settings": writes the settings of capture, and answers with all that it has.
     """
@@ -149,7 +150,7 @@ def run(
                 answer = message["answer"]
             elif "question" in message and ask:
                 asked = time.monotonic()
-                _write(process.stdin, ask(message["question"]))
+                _write(process.stdin, ask(message["question"], process.has_ended))
                 deadline += time.monotonic() - asked
             else:
                 report(message["stage"], message["fraction"])

@@ -22,6 +22,7 @@ from service.settings import Settings
 _FRESH_SECONDS = 15.0  # so long a look is good
 _LOOK_SECONDS = 15.0  # what one may take
 _AT_ONCE = 4
+_NETWORK = "ptp+ip://"  # where the operator allows just this, cameras there announce themselves
 
 
 class Looking:
@@ -94,7 +95,7 @@ class Looking:
             for address in configured(self._settings):
                 cameras.add(connection, address)
         with contextlib.suppress(sandbox.TaskError, drivers.DriverError):
-            found = self._run("cameras", None)
+            found = self._run("cameras", {"network": _NETWORK in self._settings.cameras.split()})
             self._found = [one for one in found if is_allowed(self._settings, one)]
         by_id = {cameras.id_of(address): address for address in self.addresses()}
         for look in [self._pool.submit(self._look, address) for address in by_id.values()]:
@@ -117,7 +118,7 @@ class Looking:
             with self._engine.begin() as connection:
                 cameras.give_back(connection, camera, info, answered=info is not None)
 
-    def _run(self, kind: sandbox.Kind, capture: dict[str, Any] | None, trace_id: str = "") -> Any:
+    def _run(self, kind: sandbox.Kind, capture: dict[str, Any], trace_id: str = "") -> Any:
         with scratch.folder(self._settings.data_dir) as folder:
             task = sandbox.Task(
                 kind=kind,

@@ -41,7 +41,8 @@ def list_cameras(
     """List the cameras that can take a pair.
 
     On the network these are the ones that announce themselves (mDNS), and those that
-    LIGHTLAYERS_CAMERAS names.
+    LIGHTLAYERS_CAMERAS names. Canon EOS, Sony, Fuji, Panasonic and Olympus take pairs by
+    gphoto2:// alone, and many bodies let no computer switch their flash: capture says so first.
     """
     import drivers
     from service.settings import Settings

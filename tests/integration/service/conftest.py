@@ -91,6 +91,16 @@ class Service:
         with Client(self.url) as client:
             await_that("the service answers", lambda: self._answers(client))
 
+    def start_without_worker(self) -> None:
+        self._process = self._run("serve", "--no-worker")
+        await_that("the service answers", self._listens)
+
+    def _listens(self) -> bool:
+        assert self.pid
+        with contextlib.suppress(httpx.TransportError):
+            return self.http.get("/healthz").is_success
+        return False
+
     def make_key(self, *arguments: str) -> str:
         command = [sys.executable, "-m", "service.cli", "keys", "create", *arguments]
         made = subprocess.run(command, env=self.environment, capture_output=True, check=True)
@@ -106,10 +116,10 @@ class Service:
         self._others.append(self._run("worker"))
         return self._others[-1]
 
-    def _run(self, command: str) -> subprocess.Popen[bytes]:
+    def _run(self, *command: str) -> subprocess.Popen[bytes]:
         with self.log.open("ab") as log:
             return subprocess.Popen(
-                [sys.executable, "-m", "service.cli", command], env=self.environment, stderr=log
+                [sys.executable, "-m", "service.cli", *command], env=self.environment, stderr=log
             )
 
     def _answers(self, client: Client) -> bool:

@@ -27,7 +27,7 @@ from drivers.errors import (
     SettingError,
     TransferError,
 )
-from drivers.shot import LARGEST_BYTES, SETTLE_S
+from drivers.shot import LARGEST_BYTES
 
 
 def photograph(flash: int, iso: int = 100, f_number: int = 8) -> bytes:
@@ -438,62 +438,3 @@ def test_a_wanted_setting_that_only_a_dial_changes_may_stand_right_already(clock
     assert capture_pair(camera, clock=clock, settings={SettingName.ISO: 100}).flash.best == FLASH
     with pytest.raises(SettingError, match="iso is locked"):
         capture_pair(camera, clock=clock, settings={SettingName.ISO: 200})
-
-
-class TellingCamera(FakeCamera):
-    """A camera that names what it adds. late: of these kinds only with the next release."""
-
-    late: tuple[str, ...] = ()
-
-    def trigger(self) -> None:
-        held = [(kind, data) for kind, data in self.kept if kind in self.late]
-        self.kept = list(self.shots.pop(0).items())
-        now = [each for each in self.kept if each[0] not in self.late]
-        for kind, data in (*held, *now):
-            handle = max(self.card) + 1
-            self.card[handle] = (kind, data)
-            self.waiting.append(Event(EventKind.OBJECT_ADDED, handle))
-        self.waiting.append(Event(EventKind.CAPTURE_COMPLETE))
-
-    kept: list[tuple[str, bytes]] = []  # noqa: RUF012  each camera makes its own
-
-
-def test_nothing_is_waited_for_where_events_and_card_agree(clock: Clock) -> None:
-    pair = capture_pair(TellingCamera(), clock=clock)
-    assert [shot.best for shot in (pair.no_flash, pair.flash)] == [NO_FLASH, FLASH]
-    assert clock.monotonic() == 0
-
-
-def test_the_list_may_settle_where_events_name_nothing(clock: Clock) -> None:
-    capture_pair(FakeCamera(), clock=clock)
-    assert clock.monotonic() == pytest.approx(2 * SETTLE_S)
-
-
-def test_files_that_come_after_completion_are_never_mixed_up(clock: Clock) -> None:
-    shots = [{"dng": NO_FLASH, "jpeg": NO_FLASH}, {"dng": FLASH, "jpeg": FLASH}]
-    camera = TellingCamera(shots=shots * 2)
-    camera.late = ("jpeg",)
-    with pytest.raises(CaptureError, match="Files of two photographs came as one"):
-        capture_pair(camera, clock=clock)
-    assert len(camera.shots) == 1  # in the second try, by its first photograph
-    assert clock.monotonic() >= RECHARGE_S
-
-
-def test_files_that_come_a_little_late_make_the_pair_be_taken_again(clock: Clock) -> None:
-    shots = [{"dng": NO_FLASH, "jpeg": NO_FLASH}, {"dng": FLASH, "jpeg": FLASH}]
-    camera = TellingCamera(shots=shots * 2)
-    camera.late = ("jpeg",)
-    sleep = clock.sleep
-
-    def settle(seconds: float) -> None:
-        sleep(seconds)
-        for kind, data in camera.kept:
-            if kind in camera.late:
-                camera.card[max(camera.card) + 1] = (kind, data)
-        camera.kept = []
-
-    clock.sleep = settle  # type: ignore[method-assign]
-    pair = capture_pair(camera, clock=clock)
-    assert pair.no_flash.files == {"dng": NO_FLASH, "jpeg": NO_FLASH}
-    assert pair.flash.files == {"dng": FLASH, "jpeg": FLASH}
-    assert camera.shots == []

@@ -97,11 +97,7 @@ def test_sending_twice_with_a_key_makes_one_job(post: Callable[..., httpx.Respon
     ("options", "status", "words"),
     [
         ({"kind": "lens"}, 422, "'flash', 'camera', 'lamps'"),
-        (
-            {"kind": "flash", "card": CIRCLE, "chart": CHART},
-            422,
-            "mark either a grey card or a ColorChecker",
-        ),
+        ({**OPTIONS["flash"], "chart": CHART}, 422, "mark either a grey card or a ColorChecker"),
         ({"kind": "lamps", "sphere": {**CIRCLE, "radius": -1}}, 422, "greater than 0"),
         ({"kind": "camera", "chart": CHART[:2]}, 422, "chart"),
         ([1], 422, "object"),

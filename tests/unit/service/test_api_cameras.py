@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Iterator
 from typing import Any
@@ -90,6 +91,24 @@ class TestList:
         }
         assert (away["address"], away["state"], away["model"]) == (AWAY, "away", "")
         assert (away["battery_percent"], away["free_bytes"]) == (None, None)
+
+    @pytest.mark.parametrize("allowed", [AWAY, "ptp+ip://"])
+    def test_announcements_are_listened_to_where_all_cameras_of_the_network_are_allowed(
+        self, context: Context, allowed: str, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        asked: list[Any] = []
+
+        def run(_looking: Looking, kind: str, wanted: Any) -> list[str]:
+            asked.append((kind, wanted))
+            if kind == "cameras":
+                return []
+            raise drivers.CameraNotFoundError("away")
+
+        monkeypatch.setattr(Looking, "_run", run)
+        settings = context.settings.model_copy(update={"cameras": allowed})
+        with contextlib.closing(Looking(context.engine, settings, context.fork_server)) as looking:
+            looking.refresh(60)
+        assert asked[0] == ("cameras", {"network": allowed == "ptp+ip://"})
 
     def test_a_camera_that_a_job_has_is_told_as_it_was(
         self, http: httpx.Client, capture: Any, context: Context, monkeypatch: pytest.MonkeyPatch

@@ -77,7 +77,7 @@ def test_a_pair_is_kept_for_good_before_the_card_is_cleared(
 ) -> None:
     def take(task: sandbox.Task, *rest: Any) -> None:
         takes(task)
-        assert rest[-1]({"kind": "keep", "settings": {"iso": 400}}) is True
+        assert rest[-1]({"kind": "keep", "settings": {"iso": 400}}, lambda: False) is True
         job = _job(context)
         assert job.inputs and job.captures
         assert context.storage.get(job.inputs["flash"]["key"]) == PAIR["flash"]
@@ -99,7 +99,7 @@ def test_an_attempt_that_counts_no_more_keeps_no_pair(
         capture().capture(lambda _connection: None)  # another takes a whole pair meanwhile
         told = takes(task)
         (Path(task.directory) / "flash").write_bytes(b"another flash")
-        assert rest[-1]({"kind": "keep", "settings": {}}) is False
+        assert rest[-1]({"kind": "keep", "settings": {}}, lambda: False) is False
         return told
 
     monkeypatch.setattr(sandbox, "run", freeze)
@@ -141,12 +141,12 @@ def test_a_request_waits_in_the_row(
             assert jobs.confirm(connection, "a")
 
     monkeypatch.setattr(attempt, "_pause", confirm)
-    assert attempt._ask_operator("Switch it off.", 60) is True
+    assert attempt._ask_operator("Switch it off.", 60, lambda: False) is True
     assert _job(context).state == State.RUNNING
 
 
 def test_a_request_that_nobody_heeds_ends(capture: Callable[[], Attempt], context: Context) -> None:
-    assert capture()._ask_operator("Switch it off.", -1) is False
+    assert capture()._ask_operator("Switch it off.", -1, lambda: False) is False
     assert _job(context).state == State.RUNNING
 
 
@@ -157,4 +157,8 @@ def test_a_request_ends_when_the_job_is_canceled(
     with context.engine.begin() as connection:
         jobs.request_cancel(connection, "a")
     with pytest.raises(sandbox.StoppedError):
-        attempt._ask_operator("Switch it off.", 60)
+        attempt._ask_operator("Switch it off.", 60, lambda: False)
+
+
+def test_a_request_ends_with_the_process_that_made_it(capture: Callable[[], Attempt]) -> None:
+    assert capture()._ask_operator("Switch it off.", 60, lambda: True) is False

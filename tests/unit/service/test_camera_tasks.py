@@ -195,7 +195,16 @@ def test_a_camera_tells_of_itself(camera: Any) -> None:
     ]
 
 
-def test_cameras_that_are_found_are_named() -> None:
+@pytest.mark.parametrize("network", [True, False])
+def test_cameras_that_are_found_are_named(network: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    announced = drivers.CameraInfo("ptp+ip://192.168.1.7", "", "Model", "", None)
+    monkeypatch.setattr("drivers.ptp.ip.ANNOUNCED", heard := {})
+
+    def listen(_wait_s: float) -> None:
+        heard["name"] = announced
+
+    monkeypatch.setattr(drivers, "listen_to_network", listen)
     told: list[dict[str, Any]] = []
-    camera_tasks.find({}, told.append)
+    camera_tasks.find({"capture": {"network": network}}, told.append)
     assert "sim://studio" in told[0]["answer"]
+    assert (announced.address in told[0]["answer"]) is network

@@ -229,7 +229,8 @@ def _ask(code: str, seconds: float, ask: sandbox.Ask) -> Any:
 def test_questions_are_answered_and_the_answer_comes_back() -> None:
     asked: list[dict[str, Any]] = []
 
-    def ask(question: dict[str, Any]) -> bool:
+    def ask(question: dict[str, Any], is_dead: Callable[[], bool]) -> bool:
+        assert not is_dead()
         asked.append(question)
         return bool(question["kind"] == "second")
 
@@ -249,7 +250,7 @@ def test_what_a_person_takes_to_answer_is_no_time_of_the_task(
 
     monkeypatch.setattr(sandbox, "time", Clock)
 
-    def ask(_question: dict[str, Any]) -> bool:
+    def ask(_question: dict[str, Any], _is_dead: Callable[[], bool]) -> bool:
         nonlocal late
         late += 3600
         return True
@@ -258,18 +259,26 @@ def test_what_a_person_takes_to_answer_is_no_time_of_the_task(
 
 
 def test_a_process_ends_when_nobody_is_to_be_asked_any_more() -> None:
-    def ask(_question: dict[str, Any]) -> bool:
+    def ask(_question: dict[str, Any], _is_dead: Callable[[], bool]) -> bool:
         raise sandbox.StoppedError
 
     with pytest.raises(sandbox.StoppedError):
         _ask(_ASKS, 60, ask)
 
 
-def test_a_process_that_dies_over_its_question_has_crashed() -> None:
+def test_a_process_that_dies_over_its_question_is_not_answered_and_has_crashed() -> None:
     code = """
 task = json.loads(sys.stdin.readline())
 print(json.dumps({"question": {}}), flush=True)
 os._exit(9)
 """
+
+    def until_dead(_question: dict[str, Any], is_dead: Callable[[], bool]) -> bool:
+        deadline = time.monotonic() + 60
+        while not is_dead():
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        return False
+
     with pytest.raises(CrashError, match="exit code 9"):
-        _ask(code, 60, lambda _question: True)
+        _ask(code, 60, until_dead)
