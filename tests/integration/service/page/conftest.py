@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, NoReturn
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 import drivers
 from tests.integration.service.page.looking import PATIENCE_MS, SHOTS
@@ -20,6 +20,7 @@ def browser(lacking: Callable[[str], NoReturn]) -> Iterator[Browser]:
     if program is None:
         lacking("chromium")
     SHOTS.mkdir(parents=True, exist_ok=True)
+    expect.set_options(timeout=PATIENCE_MS)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
             executable_path=program, args=["--no-sandbox", "--force-color-profile=srgb"]

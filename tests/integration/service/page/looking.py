@@ -17,6 +17,11 @@ SHOTS = Path(__file__).parents[4] / "build" / "page"
 
 PATIENCE_MS = 120_000
 
+TWO_FRAMES = """() => new Promise((done) => {
+  requestAnimationFrame(() => requestAnimationFrame(() => done(true)));
+})"""
+"""What was drawn before the first of them is on the screen with the second."""
+
 
 def open_mixer(page: Page, job: dict[str, Any]) -> Locator:
     page.goto(f"/#/jobs/{job['id']}")
@@ -26,7 +31,8 @@ def open_mixer(page: Page, job: dict[str, Any]) -> Locator:
 def drawn(page: Page) -> Locator:
     """The canvas once what it shows is exact."""
     canvas = page.locator("#mix")
-    expect(canvas).to_have_attribute("aria-busy", "false", timeout=PATIENCE_MS)
+    expect(canvas).to_have_attribute("aria-busy", "false")
+    page.evaluate(TWO_FRAMES)
     return canvas
 
 
@@ -35,7 +41,7 @@ def shown(page: Page, size: tuple[int, int]) -> NDArray[np.int64]:
     page.get_by_role("button", name="pixel by pixel").click()
     canvas = drawn(page)
     pixels = np.asarray(Image.open(io.BytesIO(canvas.screenshot())).convert("RGB")).astype(int)
-    top, left = round((pixels.shape[0] - size[1]) / 2), round((pixels.shape[1] - size[0]) / 2)
+    left, top = ((pixels.shape[1 - axis] - size[axis] + 1) // 2 for axis in (0, 1))  # as the page
     return np.asarray(pixels[top : top + size[1], left : left + size[0]])
 
 

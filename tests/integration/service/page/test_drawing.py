@@ -83,6 +83,18 @@ def test_both_ways_of_drawing_show_the_mix_of_the_files(
     assert np.abs(halves[:, right] - mixed[:, right]).max() <= 2
 
 
+def test_of_rounded_light_both_ways_show_the_codes_of_the_files(
+    painted: Page, done: dict[str, Any], service: Any
+) -> None:
+    """Bright mixes show the 16-bit floats of the preview: given these, the files are the same."""
+    open_mixer(painted, done)
+    rounded = layers_of(service, done).astype(np.float16).astype(np.float32)
+    for lamp in (1, 2):
+        strip(painted, lamp).get_by_role("slider", name="Exposure").fill("2")
+    bright = expected(service, done, rounded, LampMix(ev=2), LampMix(ev=2))
+    assert np.abs(shown(painted, (rounded.shape[2], rounded.shape[1])) - bright).max() <= 1
+
+
 def test_enlarged_the_pixels_are_those_of_the_photograph(
     painted: Page, done: dict[str, Any], service: Any, tmp_path: Path
 ) -> None:
