@@ -38,8 +38,9 @@ def mirror_lamps(
 
     sphere: its outline. focal_px: focal length in pixels. Where a highlight is clipped, colours
     are NaN: then only the directions are known. Their deviations are those that an outline a
-    hundredth of its radius aside would cause, not of anything seen in the picture. Raises OptionError for a circle too small or
-    outside, UnusablePairError where there are no highlights of lamps, or too many.
+    hundredth of its radius aside would cause, not of anything seen in the picture. Raises
+    OptionError for a circle too small or outside, UnusablePairError where there are no highlights
+    of lamps, or too many.
     """
     if sphere.radius < SMALLEST_PX:
         raise OptionError(

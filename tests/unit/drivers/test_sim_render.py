@@ -69,7 +69,7 @@ def test_a_mirror_shows_the_lamp_where_it_is_reflected_and_is_dark_elsewhere() -
     rows, columns = np.nonzero(light[0, ..., 0] > 0.3)
     # the surface faces half-way between the camera, which is in front, and the lamp
     facing = normals[rows, columns].astype(np.float64).mean(axis=0)
-    half_way = (to_lamp + [0, 0, 1]) / np.linalg.norm(to_lamp + [0, 0, 1])
+    half_way = (to_lamp + np.array([0, 0, 1])) / np.sqrt(3.6)
     assert np.degrees(np.arccos(facing @ half_way / np.linalg.norm(facing))) < 3
     # a lamp of 15° that gives 1 on a card is 1/sin² 15° as bright
     brightest = 0.04 / np.sin(np.radians(15)) ** 2
