@@ -217,7 +217,7 @@ def _lamps(pair: Pair, frame: Frame, options: LampsCalibration, warnings: list[R
         for light, colour in zip(lights, lamps.colours, strict=True):
             light["strength"] = max(round(float(colour[1]) / strongest, 5), 1e-5)
             light["rgb"] = [round(float(c), 5) for c in colour / colour.max()]
-    said = {
+    said: dict[str, Any] = {
         "lights": [
             {**light, "deviation_deg": round(float(deviation), 3)}
             for light, deviation in zip(lights, lamps.deviations_deg, strict=True)
