@@ -195,12 +195,13 @@ def _lamps(pair: Pair, frame: Frame, options: LampsCalibration, warnings: list[R
     sphere = options.sphere or find_sphere(pair, options.mirror)
     estimate = mirror_lamps if options.mirror else estimate_lamps
     lamps = estimate(pair, sphere, options.lights, focal_px)
-    if lamps.flash_aside_deg > _FAR_ASIDE_DEG:
+    aside_deg = lamps.flash_aside_deg
+    if aside_deg is not None and aside_deg > _FAR_ASIDE_DEG:
         message = (
-            f"The flash shines from {lamps.flash_aside_deg:.0f}° beside the camera, where normals "
+            f"The flash shines from {aside_deg:.0f}° beside the camera, where normals "
             "are exact only with a flash at the camera: move it nearer to the lens, or step back."
         )
-        figures = {"angle_deg": lamps.flash_aside_deg}
+        figures = {"angle_deg": aside_deg}
         warnings.append(Remark(Code.FLASH_ASIDE, message, figures))
     lights: list[dict[str, Any]] = [
         {"direction": [round(float(c), 5) for c in direction]} for direction in lamps.directions
@@ -216,14 +217,16 @@ def _lamps(pair: Pair, frame: Frame, options: LampsCalibration, warnings: list[R
         for light, colour in zip(lights, lamps.colours, strict=True):
             light["strength"] = max(round(float(colour[1]) / strongest, 5), 1e-5)
             light["rgb"] = [round(float(c), 5) for c in colour / colour.max()]
-    said = {
+    said: dict[str, Any] = {
         "lights": [
             {**light, "deviation_deg": round(float(deviation), 3)}
             for light, deviation in zip(lights, lamps.deviations_deg, strict=True)
         ],
         "sphere": {k: round(v, 2) for k, v in lamps.circle.model_dump().items()},
-        "flash_aside_deg": round(lamps.flash_aside_deg, 2),
-        "misfit": round(lamps.misfit, 4),
     }
+    if aside_deg is not None:
+        said["flash_aside_deg"] = round(aside_deg, 2)
+    if lamps.misfit is not None:
+        said["misfit"] = round(lamps.misfit, 4)
     file = (json.dumps({"lights": lights}, indent=1) + "\n").encode()
     return _Found(file, said, draw_marks(pair, None, lamps.circle))

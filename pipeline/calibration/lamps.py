@@ -39,18 +39,21 @@ class LampsEstimate:
 
     directions: (N, 3) unit, from the surface to the lamp, x right, y up, z to the viewer.
     colours: (N, 3) camera RGB of a grey card that faces the lamp, one scale for all.
-    deviations_deg: (N,) standard deviation of each direction, as far as noise and paint go.
-    misfit: relative error of the light on the sphere, root mean square.
+    deviations_deg: (N,) standard deviation of each direction: of a matt sphere as far as noise and
+    paint go, of a mirror for an outline marked a hundredth of its radius aside, which is assumed.
+    misfit: relative error of the light on a matt sphere, root mean square; None of a mirror, whose
+    highlights are summed and not explained by a model.
     circle: the sphere's outline as it was found near the one that was marked.
-    flash_aside_deg: angle at the sphere between the camera and the flash.
+    flash_aside_deg: angle at the sphere between the camera and the flash; None where a mirror does
+    not show the flash.
     """
 
     directions: Array
     colours: Array
     deviations_deg: Array
-    misfit: float
+    misfit: float | None
     circle: Circle
-    flash_aside_deg: float
+    flash_aside_deg: float | None
 
 
 def estimate_lamps(

@@ -26,7 +26,7 @@ _INNER = 0.97  # of the radius: beyond, a pixel holds too wide a view
 _BRIGHT = 0.25  # of the brightest: a highlight
 _FAINT = 0.05  # of the strongest lamp: what is below is a reflection of something lit
 _SURROUNDED = 4.0  # times what the sphere shows elsewhere
-_OUTLINE = 0.01  # standard deviation of the outline, by the radius
+_OUTLINE = 0.01  # standard deviation of the outline by the radius, assumed
 _MOST = 3
 _CLIPPED = 0.97
 
@@ -37,8 +37,10 @@ def mirror_lamps(
     """Find the lamps that a mirror sphere reflects.
 
     sphere: its outline. focal_px: focal length in pixels. Where a highlight is clipped, colours
-    are NaN: then only the directions are known. Raises OptionError for a circle too small or
-    outside, UnusablePairError where there are no highlights of lamps, or too many.
+    are NaN: then only the directions are known. Their deviations are those that an outline a
+    hundredth of its radius aside would cause, not of anything seen in the picture. Raises
+    OptionError for a circle too small or outside, UnusablePairError where there are no highlights
+    of lamps, or too many.
     """
     if sphere.radius < SMALLEST_PX:
         raise OptionError(
@@ -69,7 +71,6 @@ def mirror_lamps(
     middle = view_sphere(
         sphere, np.array([sphere.x]), np.array([sphere.y]), focal_px, pair.unusable.shape[::-1]
     )
-    cosine = float(aside[0] @ middle.towards[0]) if aside else 1.0
     # A highlight turns twice as far as the surface, which turns by the outline's error.
     deviation = np.degrees(
         2 * _OUTLINE / np.sqrt(np.maximum((1 + np.array(directions)[:, 2]) / 2, 0.05))
@@ -78,10 +79,14 @@ def mirror_lamps(
         directions=np.array(directions),
         colours=colours,
         deviations_deg=deviation,
-        misfit=0.0,
+        misfit=None,
         circle=sphere,
-        flash_aside_deg=float(np.degrees(np.arccos(np.clip(cosine, -1, 1)))),
+        flash_aside_deg=_apart_deg(aside[0], middle.towards[0]) if aside else None,
     )
+
+
+def _apart_deg(one: Array, other: Array) -> float:
+    return float(np.degrees(np.arccos(np.clip(one @ other, -1, 1))))
 
 
 def _spots(light: NDArray[np.floating], mask: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:

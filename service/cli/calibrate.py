@@ -269,10 +269,10 @@ def _print_found(kind: str, manifest: Mapping[str, Any], output: Path, as_json: 
     else:
         for number, light in enumerate(found["lights"], 1):
             print(f"lamp{number}: {_place(light)}")
-        print(
-            f"The light on the sphere is explained to {found['misfit']:.1%}; the flash is ", end=""
-        )
-        print(f"{found['flash_aside_deg']:.1f}° beside the camera.")
+        if "misfit" in found:
+            print(f"The light on the sphere is explained to {found['misfit']:.1%}.")
+        if "flash_aside_deg" in found:
+            print(f"The flash is {found['flash_aside_deg']:.1f}° beside the camera.")
     for warning in manifest["warnings"]:
         print(f"Warning: {warning['message']}")
     print(output)

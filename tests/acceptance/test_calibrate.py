@@ -173,7 +173,8 @@ def test_a_job_names_a_calibration(service: httpx.Client, chart: tuple[Path, Pat
     options = {"kind": "camera", "chart": CORNERS, "flash_spectrum": "led", "exposure_ratio": 1}
     made = _finished(service, "/calibrations", files, options)
     assert made["state"] == "succeeded", made["error"]
-    assert [file["name"] for file in made["files"]] == ["camera.json", "manifest.json"]
+    names = sorted(file["name"] for file in made["files"])
+    assert names == ["camera.json", "manifest.json", "marks.jpg"]
     found = service.get(f"/jobs/{made['id']}/results").json()["found"]
     assert found["nearest"] == CAMERA
     table = service.get(f"/jobs/{made['id']}/results/camera.json").json()["spectral_data"]

@@ -60,6 +60,30 @@ def test_a_ball_is_shaded_by_the_cosine() -> None:
     assert (light[:, ~seen & far_from(seen)] == 0).all()
 
 
+def test_a_mirror_shows_the_lamp_where_it_is_reflected_and_is_dark_elsewhere() -> None:
+    ball = {**BALL, "mirror": 0.04}
+    to_lamp = np.array([0.6, 0.0, 0.8])
+    what = scene(ball, direction=tuple(to_lamp), radius_deg=15)
+    light, normals = rendered(what, 288, 192)
+    seen = np.isfinite(normals[..., 0])
+    rows, columns = np.nonzero(light[0, ..., 0] > 0.3)
+    # the surface faces half-way between the camera, which is in front, and the lamp
+    facing = normals[rows, columns].astype(np.float64).mean(axis=0)
+    half_way = (to_lamp + np.array([0, 0, 1])) / np.sqrt(3.6)
+    assert np.degrees(np.arccos(facing @ half_way / np.linalg.norm(facing))) < 3
+    # a lamp of 15° that gives 1 on a card is 1/sin² 15° as bright
+    brightest = 0.04 / np.sin(np.radians(15)) ** 2
+    assert light[0].max() == pytest.approx(brightest, rel=1e-3)
+    dark = seen & (normals @ half_way < np.cos(np.radians(15)))
+    assert light[0, dark, 0].max() == 0
+
+
+def test_a_mirror_shows_the_flash_in_its_middle() -> None:
+    light, normals = rendered(scene({**BALL, "mirror": 1.0}), 385, 257)
+    assert light[1, 128, 192, 0] == pytest.approx(1 / np.sin(np.radians(6)) ** 2, rel=1e-3)
+    assert light[1, normals[..., 2] < 0.95].max() == 0
+
+
 def far_from(seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Mask pixels more than two away from any surface."""
     grown = seen.copy()

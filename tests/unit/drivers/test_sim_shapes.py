@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from drivers.sim.scene import Shape
 from drivers.sim.shapes import Solid, Sweep, build
@@ -103,6 +104,20 @@ def test_patterns_count_cells_from_the_lower_left() -> None:
     around = solid("cylinder", pattern=(4, 1))
     points = np.array([[-0.6, 0, -0.8], [-0.6, 0, 0.8], [0.6, 0, 0.8], [0.6, 0, -0.8]])
     assert around.cells(points).tolist() == [0, 1, 2, 3]
+
+
+def test_a_gap_is_of_the_material_after_the_cells() -> None:
+    chart = solid("box", pattern=(2, 1), half=(2, 1, 1), gap=0.2)  # cells of 2 × 2, 0.2 left free
+    points = np.array([[-1, 0, 1], [-0.21, 0, 1], [-0.19, 0, 1], [0.19, 0, 1], [0.21, 0, 1]])
+    assert chart.cells(points).tolist() == [0, 0, 2, 2, 1]
+    points = np.array([[1, 0.79, 1], [1, 0.81, 1], [1.81, 0, 1], [-1, -0.81, 1]])
+    assert chart.cells(points).tolist() == [1, 2, 2, 2]
+
+
+@pytest.mark.parametrize("fields", [{"gap": 1.0}, {"gap": -0.1}, {"mirror": 1.1}, {"mirror": -1}])
+def test_impossible_gaps_and_mirrors_are_refused(fields: dict[str, float]) -> None:
+    with pytest.raises(ValidationError):
+        shape("box", **fields)
 
 
 def test_a_sweep_is_floor_curve_and_wall() -> None:

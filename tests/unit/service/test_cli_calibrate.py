@@ -125,8 +125,8 @@ def test_tables_are_read_from_files(pair: list[str], asked: list[Any], tmp_path:
             [
                 "lamp1: 35.3° left, 30.0° up (± 0.4°), strength 1.000, colour 1.000 0.500 0.250",
                 "lamp2: 90.0° right, 36.9° down (± 0.4°), strength 0.250, colour 1.000 0.500 0.250",
-                "The light on the sphere is explained to 1.2%; the flash is 1.3° beside the "
-                "camera.",
+                "The light on the sphere is explained to 1.2%.",
+                "The flash is 1.3° beside the camera.",
             ],
         ),
     ],
@@ -157,6 +157,21 @@ def test_a_card_and_a_flash_without_a_temperature_are_told(
     run(["calibrate", "flash", *pair, "--card", "5,6,3", "-o", str(tmp_path / "found.json")])
     said = capsys.readouterr().out
     assert said.startswith("A flash like LED-B5.\nThe card is explained to 2.1%, seen by")
+
+
+@pytest.mark.usefixtures("asked")
+def test_a_mirror_tells_no_misfit_and_no_flash_that_it_does_not_show(
+    pair: list[str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    lights = [{"direction": [0.0, 0.0, 1.0], "deviation_deg": 1.1}]
+    monkeypatch.setitem(FOUND, "lamps", {"lights": lights, "sphere": CARD})
+    saved = str(tmp_path / "found.json")
+    run(["calibrate", "lamps", *pair, "--mirror", "--sphere", "5,6,3", "-o", saved])
+    told = ["lamp1: 0.0° right, 0.0° up (± 1.1°)", "Warning: Take care.", saved]
+    assert capsys.readouterr().out.splitlines() == told
 
 
 @pytest.mark.usefixtures("asked")

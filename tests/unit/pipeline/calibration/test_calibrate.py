@@ -61,7 +61,11 @@ def test_a_flash_is_saved_as_separations_read_it(chart: Shot, tmp_path: Path) ->
     assert white is not None and found["duv"] == pytest.approx(white[1], abs=6e-5)
     assert (found["patches"], found["camera"]["source"]) == (24, "measured")
     assert 0 < found["misfit"] < 0.05
-    assert manifest["files"] == [{"name": "flash.json", "sha256": hashlib.sha256(data).hexdigest()}]
+    contents = {name: (tmp_path / name).read_bytes() for name in ("flash.json", "marks.jpg")}
+    assert manifest["files"] == [
+        {"name": name, "sha256": hashlib.sha256(content).hexdigest()}
+        for name, content in contents.items()
+    ]
     assert json.loads((tmp_path / "manifest.json").read_bytes()) == manifest
     assert manifest["options"]["kind"] == "flash"
     assert len(manifest["inputs"]["flash"]["sha256"]) == 64
@@ -212,6 +216,17 @@ def test_lamps_are_told_by_the_strongest_of_them_and_of_their_channels(
     assert [light["deviation_deg"] for light in found["lights"]] == [0.123, 0.5]
     assert found["sphere"] == {"x": 196.12, "y": 112.46, "radius": 62.79}
     assert (found["flash_aside_deg"], found["misfit"]) == (1.23, 0.0123)
+
+
+def test_what_a_mirror_does_not_tell_is_left_out(
+    ball: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    unknown = _lamps(misfit=None, flash_aside_deg=None)
+    monkeypatch.setattr(module, "mirror_lamps", lambda *_: unknown)
+    marked = {"kind": "lamps", "mirror": True, "sphere": CIRCLE, "focal_px": FOCAL_PX}
+    manifest = _run(ball, tmp_path, **marked)
+    assert set(manifest["found"]) == {"lights", "sphere"}
+    assert "flash_aside" not in [warning["code"] for warning in manifest["warnings"]]
 
 
 @pytest.mark.parametrize(("aside_deg", "warned"), [(4.9, False), (5.1, True)])

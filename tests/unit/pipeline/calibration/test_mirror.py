@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -34,7 +35,19 @@ def test_highlights_tell_where_lamps_are(room: Room, pair: Pair) -> None:
     found = mirror_lamps(pair, room.circle, "auto", FOCAL_PX)
     assert len(found.directions) == 2
     assert _degrees(room, found.directions).max() < 1.0
+    assert found.flash_aside_deg is not None
     assert found.flash_aside_deg < 1.0
+    assert found.misfit is None
+    # by an outline a hundredth aside: 2 · 0.01 rad of a highlight amid, more to the edge
+    half_angles = np.arccos(found.directions[:, 2]) / 2
+    expected = np.degrees(0.02) / np.cos(half_angles)
+    np.testing.assert_allclose(found.deviations_deg, expected, rtol=1e-9)
+
+
+def test_a_flash_that_the_sphere_does_not_show_has_no_angle(room: Room, pair: Pair) -> None:
+    assert room.circle is not None
+    unlit = replace(pair, flash=pair.no_flash)
+    assert mirror_lamps(unlit, room.circle, "auto", FOCAL_PX).flash_aside_deg is None
 
 
 def test_highlights_that_are_not_clipped_tell_strengths_and_colours(

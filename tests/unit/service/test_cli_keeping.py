@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pipeline.errors import InputError
+from service.cli.keeping import folder, keep, kept_for
+
+CONTENT = b'{"lights": [{"direction": [0, 0, 1]}]}'
+TAKEN = {"make": "NIKON", "model": "D5100 / b", "body": "", "rendered": False}
+
+
+@pytest.fixture(autouse=True)
+def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LIGHTLAYERS_CALIBRATIONS_DIR", str(tmp_path / "kept"))
+
+
+def _manifest(**more: Any) -> dict[str, Any]:
+    return {"taken_with": {**TAKEN, **more}}
+
+
+def test_what_is_kept_is_given_back(tmp_path: Path) -> None:
+    path = keep("lamps", "table", _manifest(), CONTENT)
+    assert path == tmp_path / "kept" / "table" / "lamps_NIKON_D5100---b.json"
+    (one,) = kept_for("table")
+    assert (one.kind, one.setup, one.name) == ("lamps", "table", path.name)
+    assert one.taken_with.model_dump() == TAKEN
+    assert one.value() == [{"direction": [0, 0, 1]}]
+    assert one.made.endswith("+00:00")
+    assert kept_for("default") == []
+
+
+def test_one_of_the_same_camera_is_replaced() -> None:
+    keep("lamps", "table", _manifest(), b'{"lights": []}')
+    keep("lamps", "table", _manifest(), CONTENT)
+    assert [one.content for one in kept_for("table")] == [CONTENT.decode()]
+
+
+@pytest.mark.parametrize("other", [{"model": "D850"}, {"body": "0123456789ab"}, {"rendered": True}])
+def test_other_cameras_and_renderings_are_kept_beside_it(other: dict[str, Any]) -> None:
+    keep("lamps", "table", _manifest(), CONTENT)
+    keep("lamps", "table", _manifest(**other), CONTENT)
+    assert len(kept_for("table")) == 2
+
+
+def test_without_a_setting_it_is_the_users_own_folder(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.delenv("LIGHTLAYERS_CALIBRATIONS_DIR")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.delenv("XDG_CONFIG_HOME", raising=False)
+    assert folder().is_relative_to(tmp_path)
+    assert folder().parts[-2:] == ("lightlayers", "calibrations")
+
+
+def test_nothing_is_kept_for_a_camera_that_is_not_known() -> None:
+    with pytest.raises(InputError, match="write a file with --output"):
+        keep("flash", "table", _manifest(model=""), CONTENT)
+    assert kept_for("table") == []
+
+
+def test_a_folder_that_cannot_be_written_is_said(tmp_path: Path) -> None:
+    (tmp_path / "kept").write_text("a file")
+    with pytest.raises(InputError, match=r"lamps_.*json cannot be written: "):
+        keep("lamps", "table", _manifest(), CONTENT)
+
+
+@pytest.mark.parametrize("content", ["", "{}", '{"kind": "lamps"}', "\xff"])
+def test_a_spoilt_file_is_said(content: str) -> None:
+    path = keep("lamps", "table", _manifest(), CONTENT)
+    path.write_text(content)
+    with pytest.raises(InputError, match=r"lamps_.* cannot be read: calibrate anew, or remove it"):
+        kept_for("table")
+
+
+def test_a_field_of_another_version_is_said() -> None:
+    path = keep("lamps", "table", _manifest(), CONTENT)
+    path.write_text(json.dumps({**json.loads(path.read_text()), "new": 1}))
+    with pytest.raises(InputError, match="calibrate anew"):
+        kept_for("table")
