@@ -1,4 +1,4 @@
-"""Rooms full of things, a chart, card or sphere among them, photographed with and without flash.
+"""Rooms full of things, a chart or sphere among them, photographed with and without flash.
 
 Everything follows from the seed: what lies about, where the target is and how it is turned, the
 colours of two lamps, the fall-off of the flash, blur and noise.
@@ -21,7 +21,7 @@ from pipeline.vectors import unit
 from tests.evaluation.spectra import sensitivities
 
 Array = NDArray[np.float64]
-Target = Literal["chart", "card", "matt", "mirror", "none"]
+Target = Literal["chart", "matt", "mirror", "none"]
 
 SIZE = (720, 480)
 CAMERA = "Nikon D5100"
@@ -32,12 +32,11 @@ _WELL, _READ_NOISE, _WHITE = 20_000.0, 5.0, 0.8
 _SUB = 2
 _PATCH, _FRAME = 0.43, 0.85  # by the distance of two patches' middles
 _CHART = np.array([[0, 0], [5, 0], [5, 3], [0, 3]], np.float64)
-_CARD = np.array([[0, 0], [1.4, 0], [1.4, 1], [0, 1]], np.float64)
 
 
 @dataclass(frozen=True)
 class Room:
-    """frames: (no flash, flash), (H, W, 3) linear. corners: of a chart's outer patches or a card.
+    """frames: (no flash, flash), (H, W, 3) linear. corners: of a chart's outer patches.
 
     circle: the outline of a sphere. directions: (2, 3) to the lamps. colours: (2, 3) of a white
     card that faces them. flash: (W,), its spectrum.
@@ -80,11 +79,10 @@ def photograph_room(target: Target, seed: int, plan: Plan | None = None) -> Room
     sensitivity = sensitivities(CAMERA)
     flash = find_light(FLASHES[seed % len(FLASHES)])
     corners, circle = None, None
-    for number in range(plan.targets if target in ("chart", "card") else 0):
-        corners = _placed(random, target, plan, number)
-        draw = _draw_chart if target == "chart" else _draw_card
-        draw(what, corners, first)
-        if plan.cut and target == "chart":
+    for number in range(plan.targets if target == "chart" else 0):
+        corners = _placed(random, plan, number)
+        _draw_chart(what, corners, first)
+        if plan.cut:
             _cover(what, corners, plan.cut, int(random.integers(first)))
     y, x = (np.mgrid[: height * _SUB, : width * _SUB] + 0.5) / _SUB
     directions, colours = _lamps(random, sensitivity)
@@ -149,15 +147,14 @@ def _clutter(random: np.random.Generator) -> NDArray[np.int32]:
     return what
 
 
-def _placed(random: np.random.Generator, target: str, plan: Plan, number: int) -> Array:
-    """Corners in the picture of a flat target, turned and tilted at random."""
-    grid = _CHART if target == "chart" else _CARD
-    size = np.ptp(grid, axis=0)
+def _placed(random: np.random.Generator, plan: Plan, number: int) -> Array:
+    """Corners in the picture of a chart, turned and tilted at random."""
+    size = np.ptp(_CHART, axis=0)
     for _ in range(10_000):
         turn, tilt = random.uniform(0, 2 * np.pi), np.radians(random.uniform(0, plan.tilt_deg))
         about = random.uniform(0, 2 * np.pi)
         share = random.uniform(*plan.share) / (1 if plan.targets == 1 else 2)
-        flat = (grid - grid.mean(axis=0)) / size[0]
+        flat = (_CHART - _CHART.mean(axis=0)) / size[0]
         turned = flat @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
         away = turned @ (np.cos(about), np.sin(about))
         along = np.outer(away * (np.cos(tilt) - 1), (np.cos(about), np.sin(about)))
@@ -167,7 +164,7 @@ def _placed(random: np.random.Generator, target: str, plan: Plan, number: int) -
         low, high = (0.0, 1.0) if plan.targets == 1 else (number / 2, (number + 1) / 2)
         quad = quad + random.uniform((low * SIZE[0], 0), (high * SIZE[0], SIZE[1]))
         middle = quad.mean(axis=0)
-        outer = middle + (1.55 if target == "chart" else 1.05) * (quad - middle)
+        outer = middle + 1.55 * (quad - middle)
         inside = ((outer >= 0) & (outer <= SIZE)).all()
         between = (outer[:, 0] >= low * SIZE[0]).all() and (outer[:, 0] <= high * SIZE[0]).all()
         if inside and between:
@@ -186,10 +183,6 @@ def _draw_chart(what: NDArray[np.int32], corners: Array, first: int) -> None:
     for index in range(24):
         place = quad(index % 6, index // 6, (_PATCH, _PATCH))
         cv2.fillConvexPoly(what, place, first + index)
-
-
-def _draw_card(what: NDArray[np.int32], corners: Array, first: int) -> None:
-    cv2.fillConvexPoly(what, _pixels(corners), first + 25)
 
 
 def _cover(what: NDArray[np.int32], corners: Array, share: float, colour: int) -> None:

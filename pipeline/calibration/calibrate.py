@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.calibration.camera import estimate_camera
 from pipeline.calibration.chart import read_card, read_chart
-from pipeline.calibration.find_marks import MARKS, draw_marks, find_card, find_chart, find_sphere
+from pipeline.calibration.find_marks import MARKS, draw_marks, find_chart, find_sphere
 from pipeline.calibration.flash import FAMILY, estimate_flash
 from pipeline.calibration.kept import TakenWith
 from pipeline.calibration.lamps import estimate_lamps
@@ -121,14 +121,11 @@ def _flash(pair: Pair, frame: Frame, options: FlashCalibration) -> _Found:
     camera = find_camera(options.camera, frame)
     chart, card = options.chart, options.card
     if chart is None and card is None:
-        if options.target == "chart":
-            chart = find_chart(pair)
-        else:
-            card = find_card(pair, camera.sensitivities)
+        chart = find_chart(pair)
     if chart is not None:
         patches = read_chart(pair, chart)
     else:
-        assert card is not None  # one of the two, as it was given or found
+        assert card is not None
         patches = read_card(pair, card)
     flash = estimate_flash(patches, camera.sensitivities)
     white = cct_duv(cie_1931() @ flash.spectrum, np.eye(3))

@@ -1,4 +1,4 @@
-"""Marks that were left out: where the chart, card or sphere of a pair is, and a picture of it."""
+"""Marks that were left out: where the chart or sphere of a pair is, and a picture of it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
-from pipeline.calibration.find_card import find_cards
 from pipeline.calibration.find_chart import find_charts
 from pipeline.calibration.find_sphere import find_spheres
 from pipeline.calibration.options import Corners, Point
@@ -35,18 +34,10 @@ def find_chart(pair: Pair) -> Corners:
         len(found),
         "ColorChecker",
         "all 24 patches must be in the picture, lit by the flash, not clipped and not covered",
-        "--chart, the middles of its outer patches",
+        "--chart, the middles of its outer patches; a grey card needs --card, a circle on it",
     )
     a, b, c, d = ((float(x), float(y)) for x, y in found[0].corners)
     return (a, b, c, d)
-
-
-def find_card(pair: Pair, sensitivities: NDArray[np.float64]) -> Circle:
-    """Find the one grey card. Raises MarkError."""
-    found = find_cards(np.maximum(_flash_of(pair), 0), sensitivities)
-    advice = "all of it must be in the picture, and lit evenly by the flash"
-    _check_one(len(found), "grey card", advice, "--card, a circle that lies on it")
-    return found[0]
 
 
 def find_sphere(pair: Pair, mirror: bool) -> Circle:

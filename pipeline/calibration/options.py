@@ -34,12 +34,10 @@ class FlashCalibration(KeptOptions):
     """The spectrum of a flash, from a grey card or a ColorChecker and a known camera."""
 
     kind: Literal["flash"]
-    target: Literal["chart", "card"] = Field(
-        default="chart",
-        description="What is looked for where neither is marked: a ColorChecker or a grey card.",
-    )
     card: Circle | None = Field(
-        default=None, description="A circle that lies wholly on a grey card."
+        default=None,
+        description="A circle that lies wholly on a grey card. Without it and `chart` a "
+        "ColorChecker is looked for.",
     )
     chart: Corners | None = None
     camera: str | Sensitivities | None = Field(

@@ -80,10 +80,6 @@ def flash(
         str | None,
         typer.Option(metavar="NAME|FILE", help="The camera, as for separate. Default: from EXIF."),
     ] = None,
-    target: Annotated[
-        str,
-        typer.Option(metavar="chart|card", help="What to look for where neither is marked."),
-    ] = "chart",
     as_json: AsJson = False,
 ) -> None:
     """Find the spectrum of the flash, for --flash-spectrum: from a ColorChecker or a grey card.
@@ -93,7 +89,7 @@ def flash(
     from pipeline.spectra.tables import parse_sensitivities
 
     marks = {"card": _circle(card, "card"), "chart": _corners(chart)}
-    own = {"camera": read_table(camera, parse_sensitivities), "target": target, "setup": setup}
+    own = {"camera": read_table(camera, parse_sensitivities), "setup": setup}
     source = _Source(no_flash, flash, camera_address, flash_switch)
     _calibrate("flash", source, output, flags, {**marks, **own}, as_json)
 

@@ -1,4 +1,4 @@
-"""How often charts, cards and spheres are found by themselves, and how well: docs/found_marks.md.
+"""How often charts and spheres are found by themselves, and how well: docs/found_marks.md.
 
 Of each kind of seeded room (tests.cluttered) what was found, what was refused, and what was taken
 for a target and is none.
@@ -16,17 +16,15 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.calibration.find_card import find_cards
 from pipeline.calibration.find_chart import find_charts
 from pipeline.calibration.find_sphere import find_spheres
-from tests.cluttered import CAMERA, SIZE, Plan, Room, Target, photograph_room
-from tests.evaluation.spectra import sensitivities
+from tests.cluttered import SIZE, Plan, Room, Target, photograph_room
 from tests.evaluation.tables import markdown
 
 _DOCS = Path(__file__).parents[2] / "docs"
 _HEAD = Path(__file__).with_name("found_marks_head.md")
 _NEAR = 0.1
-"""Of a patch's pitch, a card's half width or a sphere's radius: farther off is a wrong find."""
+"""Of a patch's pitch or a sphere's radius: farther off is a wrong find."""
 
 Case = tuple[str, Target, Target, Plan, int]
 CASES: tuple[Case, ...] = (
@@ -37,8 +35,6 @@ CASES: tuple[Case, ...] = (
     ("a ColorChecker, four times overexposed", "chart", "chart", Plan(exposure=4.0), 20),
     ("a ColorChecker that the flash does not reach", "chart", "chart", Plan(shadow=True), 20),
     ("no ColorChecker", "none", "chart", Plan(), 40),
-    ("a grey card", "card", "card", Plan(), 40),
-    ("no grey card", "none", "card", Plan(), 20),
     ("a matt sphere", "matt", "matt", Plan(), 40),
     ("no sphere", "none", "matt", Plan(), 20),
     ("a mirror sphere", "mirror", "mirror", Plan(), 40),
@@ -73,13 +69,6 @@ def _offs(room: Room, wanted: Target) -> list[float]:
         true = room.corners
         pitch = float(np.linalg.norm(true[1] - true[0])) / 5
         return [float(np.abs(one.corners - true).max()) / pitch for one in found]
-    if wanted == "card":
-        cards = find_cards(flash, sensitivities(CAMERA))
-        if room.corners is None:
-            return [np.inf] * len(cards)
-        middle = room.corners.mean(axis=0)
-        half = float(np.linalg.norm(room.corners[1] - room.corners[0])) / 2
-        return [float(np.hypot(c.x - middle[0], c.y - middle[1])) / half for c in cards]
     spheres = find_spheres(no_flash, flash, wanted == "mirror")
     true_circle = room.circle
     if true_circle is None:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipeline.calibration import find_marks
 from pipeline.calibration.chart import read_chart
 from pipeline.calibration.find_marks import draw_marks, find_chart, find_sphere
 from pipeline.errors import MarkError, UnusablePairError
@@ -53,15 +52,6 @@ def test_an_overexposed_chart_is_refused(pair: Callable[..., Pair]) -> None:
 def test_no_sphere_is_said(pair: Callable[..., Pair]) -> None:
     with pytest.raises(MarkError, match="No matt grey sphere was found"):
         find_sphere(pair("none", 1), mirror=False)
-
-
-def test_the_card_of_several_is_not_guessed(
-    pair: Callable[..., Pair], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    two = [Circle(x=50, y=50, radius=9), Circle(x=90, y=90, radius=9)]
-    monkeypatch.setattr(find_marks, "find_cards", lambda *_: two)
-    with pytest.raises(MarkError, match="2 things look like a grey card"):
-        find_marks.find_card(pair("none", 1), np.eye(3))
 
 
 def test_marks_are_drawn_where_they_are(pair: Callable[..., Pair]) -> None:

@@ -51,8 +51,8 @@ def test_exact_light_gives_exact_lamps(pair_of: Callable[..., Pair], count: int)
     assert (np.diff(found.colours[:, 1]) <= 1e-9).all()
     ratio = found.colours[list(order)] / COLOURS[:count]
     assert ratio / ratio[0, 0] == pytest.approx(np.ones((count, 3)), rel=0.01)
-    assert found.misfit < 0.002
-    assert found.flash_aside_deg < 0.1
+    assert found.misfit is not None and found.misfit < 0.002
+    assert found.flash_aside_deg is not None and found.flash_aside_deg < 0.1
 
 
 @pytest.mark.usefixtures("coarse")
