@@ -49,6 +49,8 @@ usb_max_packet_size 0x200
 class UmtpResponder(SimulatedBus):
     """A bus with that program on it. store: the folder that it offers as its card."""
 
+    address = 1
+
     def __init__(self, folder: Path, store: Path) -> None:
         self._master, slave = pty.openpty()
         tty.setraw(slave)

@@ -28,6 +28,8 @@ class VirtualCamera(SimulatedBus):
     environment, by which the library is told, until the camera is done with.
     """
 
+    address = 1
+
     def __init__(self, folder: Path, set_variable: Callable[[str, str], None]) -> None:
         spec = importlib.util.find_spec("gphoto2")
         assert spec is not None and spec.origin is not None

@@ -8,9 +8,9 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 from fastapi.responses import Response, StreamingResponse
 
-from pipeline.decode.scan_lines import ScanLines
 from pipeline.errors import OptionError
 from pipeline.mix_options import LAYERS
+from pipeline.scan_lines import ScanLines
 from service.api.callers import Calling
 from service.api.context import Parts
 from service.api.problems import responses

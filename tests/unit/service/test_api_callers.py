@@ -39,7 +39,9 @@ class TestRequired:
         self, method: str, path: str, http: httpx.Client
     ) -> None:
         unknown = "1" * 32
-        answer = http.request(method, path.format(job_id=unknown, upload_id=unknown, name="x"))
+        answer = http.request(
+            method, path.format(job_id=unknown, upload_id=unknown, camera_id="x", name="x")
+        )
         if path in OPEN:
             assert answer.status_code == (503 if path == "/readyz" else 200)  # no worker lives
             return

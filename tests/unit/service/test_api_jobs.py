@@ -37,7 +37,7 @@ def test_an_upload_becomes_a_queued_job(http: httpx.Client, png: Png, context: C
 def test_a_capture_becomes_a_queued_job(http: httpx.Client) -> None:
     wanted = {"capture": {"camera": "sim://studio"}, "options": {"lights": 3}}
     job = http.post("/jobs", json=wanted).json()
-    assert (job["capture"], job["options"]) == ({"camera": "sim://studio"}, {"lights": 3})
+    assert (job["capture"]["camera"], job["options"]) == ("sim://studio", {"lights": 3})
     assert job["inputs"] is None
 
 

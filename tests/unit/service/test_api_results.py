@@ -33,6 +33,7 @@ def test_a_succeeded_job_links_its_results(http: httpx.Client, job: str) -> None
     assert answer["links"] == {
         "self": job,
         "cancel": None,
+        "confirm": None,
         "results": f"{job}/results",
         "zip": f"{job}/results.zip",
     }

@@ -139,7 +139,7 @@ def test_a_fault_of_the_program_is_named_without_a_trace(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    def broken(*_arguments: object) -> None:
+    def broken(*_arguments: object, **_kept: object) -> None:
         raise ZeroDivisionError("Light.")
 
     monkeypatch.setattr(process, "separate_files", broken)
@@ -153,7 +153,7 @@ def test_a_pair_without_light_is_bad_input(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    def dark(*_arguments: object) -> None:
+    def dark(*_arguments: object, **_kept: object) -> None:
         raise UnusablePairError("The pair is black.")
 
     monkeypatch.setattr(process, "separate_files", dark)
@@ -193,7 +193,12 @@ MANIFEST = {
 @pytest.fixture
 def separated(monkeypatch: pytest.MonkeyPatch) -> None:
     def separate(
-        _no_flash: bytes, _flash: bytes, _options: object, folder: Path, _progress: object
+        _no_flash: bytes,
+        _flash: bytes,
+        _options: object,
+        folder: Path,
+        _progress: object,
+        kept: object,  # noqa: ARG001
     ) -> dict[str, object]:
         for name in ("lamp1.jpg", "manifest.json"):
             (folder / name).write_text(name)

@@ -7,9 +7,9 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from pipeline.decode.scan_lines import ScanLines
 from pipeline.encode.exr import ExrFile, write_exr
 from pipeline.errors import InputError
+from pipeline.scan_lines import ScanLines
 
 NAMES = ["lamp1.R", "lamp1.G", "lamp1.B", "lamp2.R", "lamp2.G", "lamp2.B"]
 
