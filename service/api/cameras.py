@@ -38,6 +38,7 @@ from service.database import AWAY
 from service.errors import (
     CameraHeldError,
     ForeignCameraError,
+    MalformedRequestError,
     NotReadyError,
     UnknownCameraError,
     UnknownJobError,
@@ -81,7 +82,7 @@ def list_cameras(context: Parts, caller: Calling) -> list[CameraAnswer]:
     responses={
         200: {
             "description": "All cameras as GET /cameras lists them, at once and after each change.",
-            "content": {"text/event-stream": {"schema": {"type": "string"}}},
+            "content": {"text/event-stream": {"schema": {}}},
         },
         **responses(status=(503,)),
     },
@@ -100,7 +101,11 @@ def get_settings(
     return _adjust(context, caller, camera_id, {}, trace_id)
 
 
-@router.patch("/cameras/{camera_id}/settings", response_model=CameraSettings, responses=_OF_CAMERAS)
+@router.patch(
+    "/cameras/{camera_id}/settings",
+    response_model=CameraSettings,
+    responses=_OF_CAMERAS | responses(MalformedRequestError),
+)
 def change_settings(
     context: Parts,
     caller: Calling,

@@ -29,7 +29,7 @@ _RETRY_MS = 2000
         200: {
             "description": "The job as GET /jobs/{job_id} shows it, at once and after each change, "
             "to the last one when it has ended; the event `deleted` when it is deleted.",
-            "content": {"text/event-stream": {"schema": {"type": "string"}}},
+            "content": {"text/event-stream": {"schema": {}}},
         },
         204: {"description": "The job has ended and Last-Event-ID names its last event."},
         **responses(UnknownJobError, status=(503,)),

@@ -222,6 +222,11 @@ class TestSettings:
         answer = http.patch(f"{PATH}/settings", content=body, headers=headers)
         assert problem_of(answer)[0] == 422
 
+    def test_a_body_that_is_no_text_is_refused(self, http: httpx.Client) -> None:
+        headers = {"content-type": "application/json"}
+        answer = http.patch(f"{PATH}/settings", content=b"\x02\xff\xfe", headers=headers)
+        assert problem_of(answer)[:2] == (400, "malformed-request")
+
     def test_a_camera_that_is_away_is_a_problem(self, http: httpx.Client) -> None:
         answer = http.get(f"/cameras/{cameras.id_of(AWAY)}/settings")
         status, kind, told = problem_of(answer)
