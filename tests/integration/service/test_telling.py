@@ -70,7 +70,7 @@ def test_an_end_is_told_though_its_worker_is_killed_while_it_tells(telling: Any)
     assert (webhook["state"], webhook["attempts"]) == ("delivered", 1)
     assert {one.headers["webhook-id"] for one in told} == {f"job_{job['id']}"}
     end = telling.look(job)
-    assert (end["state"], end["attempt"]) == ("succeeded", 1)
+    assert (end["state"], end["attempt"]) == ("succeeded", 2)  # after the capture
 
 
 def test_an_end_that_was_not_queued_is_told_after_a_start(telling: Any) -> None:
@@ -115,5 +115,5 @@ def test_a_stream_ends_with_the_service_and_goes_on_after_its_start(own_service:
         rest = list(events(answer))
     ids = [event.id for event in (*seen, *rest) if event.data]
     assert len(set(ids)) == len(ids)
-    assert (rest[-1].data["state"], rest[-1].data["attempt"]) == ("succeeded", 2)
+    assert (rest[-1].data["state"], rest[-1].data["attempt"]) == ("succeeded", 3)
     assert own_service.http.get(path, headers={"last-event-id": ids[-1]}).status_code == 204
