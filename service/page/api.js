@@ -127,6 +127,7 @@ function askKey() {
     const dialog = document.getElementById("key");
     const text = document.getElementById("key-text");
     text.value = "";
+    document.getElementById("key-refused").hidden = !key(); // one that was sent already
     dialog.addEventListener(
       "close",
       () => {

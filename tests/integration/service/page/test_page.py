@@ -298,8 +298,9 @@ def test_a_warning_shows_where(page: Page, done: dict[str, Any], service: Any) -
 
 def test_a_key_is_asked_for_and_forgotten_with_the_tab(page: Page) -> None:
     def guard(route: Any) -> None:
-        if route.request.headers.get("authorization") == "Bearer open sesame":
-            route.continue_()
+        headers = route.request.headers
+        if headers.pop("authorization", None) == "Bearer open sesame":
+            route.continue_(headers=headers)  # without the key, which the service itself refuses
         else:
             problem = {"type": "x", "title": "No key", "detail": "Send a key.", "status": 401}
             route.fulfill(status=401, json=problem)
@@ -308,7 +309,11 @@ def test_a_key_is_asked_for_and_forgotten_with_the_tab(page: Page) -> None:
     page.goto("/#/jobs")
     key = page.get_by_role("textbox", name="Key")
     expect(key).to_be_visible()
+    expect(page.get_by_text("did not take that key")).to_be_hidden()
     check_access(page, "key")
+    key.fill("open please")
+    page.keyboard.press("Enter")
+    expect(page.get_by_text("did not take that key")).to_be_visible()
     key.fill("open sesame")
     with page.expect_response(lambda answer: "/jobs?" in answer.url and answer.ok):
         page.keyboard.press("Enter")
