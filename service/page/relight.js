@@ -69,4 +69,5 @@ export async function relight(canvas, url) {
     requestAnimationFrame(draw);
   });
   new ResizeObserver(draw).observe(canvas);
+  matchMedia("(prefers-color-scheme: light)").addEventListener("change", draw);
 }

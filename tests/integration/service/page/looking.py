@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from axe_playwright_python.sync_playwright import Axe
 from numpy.typing import NDArray
 from PIL import Image
@@ -47,6 +48,16 @@ def shown(page: Page, size: tuple[int, int]) -> NDArray[np.int64]:
 
 def strip(page: Page, lamp: int) -> Locator:
     return page.get_by_role("group", name=f"Lamp {lamp}")
+
+
+def tab_to(page: Page, wanted: Locator) -> None:
+    """Go to an element by the tab key alone."""
+    wanted.wait_for()
+    for _ in range(60):
+        if wanted.evaluate("(element) => element === document.activeElement"):
+            return
+        page.keyboard.press("Tab")
+    pytest.fail("no way there by the tab key")
 
 
 def result(service: Any, job: dict[str, Any], name: str) -> bytes:

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from PIL import Image
 from playwright.sync_api import Page, expect
 
 import drivers
-from tests.integration.service.page.looking import check_access, drawn
+from tests.integration.service.page.looking import check_access, drawn, strip, tab_to
 
 
 @pytest.fixture
@@ -48,7 +49,8 @@ def test_a_camera_is_seen_set_and_used_with_a_hand_at_its_flash(
     assert studio.http.get(f"/cameras/{listed['id']}/settings").json() == settings
 
     page.get_by_label("Flash of NIKON D5100").select_option("operator")
-    page.get_by_role("button", name="Capture with NIKON D5100").click()
+    tab_to(page, page.get_by_role("button", name="Capture with NIKON D5100"))
+    page.keyboard.press("Enter")
     asked = page.get_by_role("region", name="What you are asked to do")
     expect(asked).to_contain_text("flash off")
     check_access(page, "operator")
@@ -62,8 +64,19 @@ def test_a_camera_is_seen_set_and_used_with_a_hand_at_its_flash(
     for words, order in (("flash off", "flash off"), ("flash on", "flash external")):
         expect(asked).to_contain_text(words)
         camera.order(order)
-        asked.get_by_role("button", name="Confirm").click()
+        tab_to(page, asked.get_by_role("button", name="Confirm"))
+        page.keyboard.press("Enter")
     drawn(page)
     expect(camera_now).to_contain_text("Ready")
     job = studio.look({"links": {"self": f"/jobs/{job_id}"}})
     assert (job["state"], job["camera_settings"]["iso"]) == ("succeeded", 400)
+
+    tab_to(page, strip(page, 1).get_by_role("slider", name="Exposure"))
+    page.keyboard.press("ArrowLeft")
+    tab_to(page, page.get_by_role("button", name="Render full size"))
+    page.keyboard.press("Enter")
+    tab_to(page, page.get_by_role("button", name="Download mix.jpg"))
+    with page.expect_download() as saved:
+        page.keyboard.press("Enter")
+    with Image.open(saved.value.path()) as picture:
+        assert picture.size == (96, 64)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import FilePayload, Locator, Page, expect
+from playwright.sync_api import FilePayload, Page, expect
 
 import drivers
 from pipeline.decode.exr import read_exr
@@ -27,6 +27,7 @@ from tests.integration.service.page.looking import (
     result,
     shown,
     strip,
+    tab_to,
 )
 
 
@@ -167,30 +168,23 @@ def test_keys_do_all_that_pointers_do(page: Page, done: dict[str, Any]) -> None:
     open_mixer(page, done)
     before = page.locator("#mix").screenshot()
 
-    def tab_to(wanted: Locator) -> None:
-        for _ in range(60):
-            if wanted.evaluate("(element) => element === document.activeElement"):
-                return
-            page.keyboard.press("Tab")
-        pytest.fail("no way there by the tab key")
-
     exposure = strip(page, 1).get_by_role("slider", name="Exposure")
-    tab_to(exposure)
+    tab_to(page, exposure)
     for _ in range(10):
         page.keyboard.press("ArrowLeft")
     expect(exposure).to_have_attribute("aria-valuetext", "−0.50 EV")
-    tab_to(strip(page, 1).get_by_role("radio", name="As shot"))
+    tab_to(page, strip(page, 1).get_by_role("radio", name="As shot"))
     page.keyboard.press("ArrowRight")
     expect(strip(page, 1).get_by_role("radio", name="Neutral")).to_be_checked()
     solo = page.get_by_role("button", name="Solo Lamp 2")
-    tab_to(solo)
+    tab_to(page, solo)
     page.keyboard.press("Space")
     expect(solo).to_have_attribute("aria-pressed", "true")
     drawn(page)
     assert page.locator("#mix").screenshot() != before
     page.keyboard.press("Space")
     page.goto("/#/")
-    tab_to(page.get_by_label("Choose a file: Without the flash"))
+    tab_to(page, page.get_by_label("Choose a file: Without the flash"))
     with page.expect_file_chooser():
         page.keyboard.press("Enter")
 
