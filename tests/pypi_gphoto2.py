@@ -6,9 +6,23 @@ A program of its own, since the import sends every libgphoto2 below to the plug-
 from __future__ import annotations
 
 import sys
+import time
 from pathlib import Path
 
 import gphoto2
+
+_AGAIN_S = 0.2
+
+
+def released(camera: gphoto2.Camera) -> gphoto2.CameraFilePath:
+    """Take a photograph as soon as the flash is charged, which libgphoto2 does not wait for."""
+    while True:
+        try:
+            return camera.capture(gphoto2.GP_CAPTURE_IMAGE)
+        except gphoto2.GPhoto2Error as error:
+            if error.code != gphoto2.GP_ERROR_CAMERA_BUSY:
+                raise
+            time.sleep(_AGAIN_S)
 
 
 def main(port: str) -> None:
@@ -25,7 +39,7 @@ def main(port: str) -> None:
             flash = camera.get_single_config("flashmode")
             flash.set_value(mode)
             camera.set_single_config("flashmode", flash)
-            taken = camera.capture(gphoto2.GP_CAPTURE_IMAGE)
+            taken = released(camera)
             file = camera.file_get(taken.folder, taken.name, gphoto2.GP_FILE_TYPE_NORMAL)
             Path(name).write_bytes(file.get_data_and_size())
     finally:

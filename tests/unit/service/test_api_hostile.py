@@ -28,7 +28,7 @@ HOSTILE = [
     "' OR '1'='1",
     "1; DROP TABLE jobs; --",
     "%' UNION SELECT digest FROM keys --",
-    "{{7*7}}${7*7}<%= 7*7 %>",
+    "{{1913*1913}}${1913*1913}<%= 1913*1913 %>",
     "<script>alert(1)</script>",
     "a\r\nSet-Cookie: a=b",
     "a\nb",
@@ -43,7 +43,7 @@ def _is_harmless(answer: httpx.Response, context: Context) -> bool:
     assert answer.status_code < 500
     assert "set-cookie" not in answer.headers
     assert b"root:" not in answer.content
-    assert b"7*7" in answer.content or b"49" not in answer.content.split(b"trace_id")[0]
+    assert b"3659569" not in answer.content  # 1913²: nothing was worked out
     assert answer.headers["content-type"].startswith(("application/problem+json", "application/js"))
     with context.engine.connect() as connection:
         assert connection.execute(sa.select(sa.func.count()).select_from(database.jobs)).scalar()
