@@ -42,6 +42,7 @@ class SettingName(StrEnum):
     PROGRAM = "program"  # manual, auto, aperture, shutter, creative, action, portrait
     FOCUS = "focus"  # manual, auto, macro
     DRIVE = "drive"  # single, burst, timelapse
+    FORMAT = "format"  # raw, jpeg_fine, raw+jpeg_fine and the like, or the camera's own word
 
 
 class EventKind(StrEnum):

@@ -21,7 +21,10 @@ PATIENCE_S = 5.0
 """How long after the exposure a photograph may take to reach the card, events or not."""
 
 SETTLE_S = 0.3
-"""So long the card's list takes to settle: files may follow what events call complete."""
+"""So long the card's list takes to settle: files may follow what events call complete.
+
+Where the camera's setting of its format says which files come, they are enough.
+"""
 
 DOWNLOAD_ATTEMPTS = 4
 """How often in a row a transfer may break off without a byte gained."""
@@ -63,9 +66,10 @@ def take_shot(camera: Camera, clock: Clock, progress: Callable[[float], None]) -
     progress(0.0)
     patience_s = _exposure_s(camera) + PATIENCE_S
     camera.events(timeout_s=0)  # what is still waiting belongs to earlier shots
+    promised = _promised(camera)
     before = _release(camera, clock)
     deadline = clock.monotonic() + patience_s
-    photographs = _new_photographs(camera, clock, before, deadline)
+    photographs = _new_photographs(camera, clock, before, promised, deadline)
     total = sum(item.size for item in photographs)
     files: dict[str, bytes] = {}
 
@@ -114,6 +118,16 @@ def _exposure_s(camera: Camera) -> float:
         return _LONGEST_S
 
 
+def _promised(camera: Camera) -> set[str]:
+    """Tell what files a photograph gives by the camera's setting, "raw", "jpeg"; none: unknown."""
+    try:
+        parts = str(camera.read(SettingName.FORMAT).value).split("+")
+    except SettingError:
+        return set()
+    families = {part.partition("_")[0] for part in parts}
+    return families if families <= {"raw", "jpeg"} else set()
+
+
 def photographs_since(camera: Camera, before: set[int]) -> list[CameraObject]:
     """Describe the photographs on the card but those that it held before."""
     new = [camera.describe(handle) for handle in sorted(camera.objects() - before)]
@@ -121,14 +135,13 @@ def photographs_since(camera: Camera, before: set[int]) -> list[CameraObject]:
 
 
 def _new_photographs(
-    camera: Camera, clock: Clock, before: set[int], deadline: float
+    camera: Camera, clock: Clock, before: set[int], promised: set[str], deadline: float
 ) -> list[CameraObject]:
     """Find the photographs that the card did not hold before; events only say when to look."""
     complete, photographs = True, list[CameraObject]()
     while complete and not photographs:  # a late event of an earlier shot must not end the wait
         complete = _await_completion(camera, clock, deadline)
-        clock.sleep(SETTLE_S)
-        photographs = photographs_since(camera, before)
+        photographs = _settled(camera, clock, before, promised, deadline)
     if not photographs:
         raise CaptureError(
             "The camera released, but no photograph reached its card: check the card and try again."
@@ -139,6 +152,24 @@ def _new_photographs(
             "again."
         )
     return photographs
+
+
+def _settled(
+    camera: Camera, clock: Clock, before: set[int], promised: set[str], deadline: float
+) -> list[CameraObject]:
+    """List the new photographs once all that were promised are there, or nothing more comes."""
+    photographs = photographs_since(camera, before)
+    settling = clock.monotonic() + SETTLE_S
+    while not promised or {_family(item.kind) for item in photographs} != promised:
+        if clock.monotonic() >= (max(deadline, settling) if promised and photographs else settling):
+            break
+        clock.sleep(SETTLE_S)
+        photographs = photographs_since(camera, before)
+    return photographs
+
+
+def _family(kind: str) -> str:
+    return "raw" if kind in RAW_KINDS else kind
 
 
 def _await_completion(camera: Camera, clock: Clock, deadline: float) -> bool:

@@ -30,6 +30,10 @@ def job(no_flash: str, flash: str, state: str = "succeeded") -> dict[str, Any]:
     return {"state": state, "inputs": inputs}
 
 
+def ended(no_flash: str, flash: str, finished: str) -> dict[str, Any]:
+    return job(no_flash, flash) | {"finished": finished}
+
+
 @pytest.mark.parametrize(
     ("jobs", "verdict"),
     [
@@ -55,16 +59,16 @@ def test_what_the_camera_needs_itself_is_not_ours() -> None:
 
 def test_the_time_of_a_pair_is_divided_without_a_rest() -> None:
     diary = Diary(RELEASES, [Visit(0.5, 2.25), Visit(2.75, 4.25)])
-    jobs = [{"started": 0.25, "finished": 2.375}, {"started": 2.5, "finished": 5.0}]
+    jobs = [ended("d1", "d2", "1970-01-01T00:00:03Z"), ended("d3", "d4", "1970-01-01T00:00:05Z")]
     parts = divide(jobs, diary, overheads(diary))
-    assert list(parts.values()) == [[0.125], [0.25], [0.5], [1.0], [0.75]]
-    assert sum(seconds for (seconds,) in parts.values()) == 5.0 - 2.375
+    assert list(parts.values()) == [[0.5], [0.5], [1.0], [0.75]]
+    assert sum(seconds for (seconds,) in parts.values()) == 5.0 - 2.25
 
 
-def test_a_job_that_did_not_reach_the_camera_is_left_out() -> None:
-    jobs = [{"started": 0.25, "finished": 2.375}, {"started": 2.5, "finished": 2.6}]
-    diary = Diary(RELEASES, [Visit(0.5, 2.25)])
-    assert set(map(len, divide(jobs, diary, overheads(diary)).values())) == {0}
+def test_a_visit_without_a_job_ends_none() -> None:
+    jobs = [ended("d1", "d2", "1970-01-01T00:00:03Z"), {"inputs": None, "finished": None}]
+    diary = Diary(RELEASES, [Visit(0.5, 2.25), Visit(2.75, 4.25)])
+    assert list(divide(jobs, diary, overheads(diary)).values()) == [[0.5], [0.5], [1.0], []]
 
 
 @pytest.mark.parametrize(

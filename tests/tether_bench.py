@@ -13,7 +13,6 @@ import statistics
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from multiprocessing.connection import Connection
 
 import drivers
@@ -118,13 +117,9 @@ def measure_pairs(pairs: int, width: int, height: int) -> None:
     _say(f"{len(session.jobs)} pairs of {width} × {height} in {session.seconds:.0f} s: {verdict}")
     overhead = tether_session.overheads(session.diary)
     _say(f"releases {len(session.diary.releases)}, visits {len(overhead)}")
-    jobs = [
-        {name: datetime.fromisoformat(job[name]).timestamp() for name in ("started", "finished")}
-        for job in session.jobs
-    ]
     _say("| part of a pair, s | median | 99 % | worst |")
     _say("|---|---:|---:|---:|")
-    for part, seconds in tether_session.divide(jobs, session.diary, overhead).items():
+    for part, seconds in tether_session.divide(session.jobs, session.diary, overhead).items():
         worst = tether_session.quantile(seconds, 0.99), max(seconds)
         _say(f"| {part} | {statistics.median(seconds):.3f} | {worst[0]:.3f} | {worst[1]:.3f} |")
     _say("| process | MiB, early | most | growth |")

@@ -17,6 +17,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
 from itertools import pairwise
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -192,36 +193,34 @@ def _within(visit: Visit, releases: Sequence[Release]) -> list[Release]:
 
 
 PARTS = (
-    "from the end of the job before until it starts",
-    "until the camera is reached",
+    "camera left alone since the pair before",
     "capture: the camera's own time",
     "capture: ours",
-    "photographs stored, layers computed, results stored",
+    "from there to the job's end, beside the next pair",
 )
 """Where the time of a pair goes while the next one waits already."""
 
 
 def divide(
-    jobs: Sequence[dict[str, float]], diary: Diary, overhead: Sequence[float]
+    jobs: Sequence[dict[str, Any]], diary: Diary, overhead: Sequence[float]
 ) -> dict[str, list[float]]:
-    """Divide the time of each job but the first into PARTS. jobs: started and finished."""
+    """Divide the time of each visit but the first into PARTS, and tell how long its job went on.
+
+    jobs: as the service answers. A visit that gave no job its photograph has no end of a job.
+    """
+    finished = {
+        job["inputs"]["flash"]["sha256"]: datetime.fromisoformat(job["finished"]).timestamp()
+        for job in jobs
+        if job["inputs"]
+    }
     parts: dict[str, list[float]] = {part: [] for part in PARTS}
-    visits = list(zip(diary.visits, overhead, strict=True))
-    for before, job in pairwise(jobs):
-        started, finished = job["started"], job["finished"]
-        inside = [each for each in visits if started <= each[0].begun <= finished]
-        if not inside:
-            continue
-        visit, ours = inside[-1]
-        seconds = (
-            started - before["finished"],
-            visit.begun - started,
-            visit.ended - visit.begun - ours,
-            ours,
-            finished - visit.ended,
-        )
-        for part, spent in zip(PARTS, seconds, strict=True):
-            parts[part].append(spent)
+    alone, own, of_ours, afterwards = parts.values()
+    for (before, visit), ours in zip(pairwise(diary.visits), overhead[1:], strict=True):
+        alone.append(visit.begun - before.ended)
+        own.append(visit.ended - visit.begun - ours)
+        of_ours.append(ours)
+        digests = [digest for each in _within(visit, diary.releases) for digest in each.digests]
+        afterwards += [finished[digest] - visit.ended for digest in digests if digest in finished]
     return parts
 
 

@@ -16,6 +16,7 @@ WIDGETS: dict[SettingName, tuple[str, ...]] = {
     SettingName.PROGRAM: ("expprogram", "autoexposuremode"),
     SettingName.FOCUS: ("focusmode",),
     SettingName.DRIVE: ("capturemode", "drivemode"),
+    SettingName.FORMAT: ("imagequality", "imageformat"),
 }
 """What a setting is called, the better name first."""
 
@@ -53,6 +54,20 @@ _WORDS: dict[SettingName, dict[str, str]] = {
     },
     SettingName.FOCUS: {"manual": "manual", "mf": "manual", "automatic": "auto"},
     SettingName.DRIVE: {"single shot": "single", "single": "single", "burst": "burst"},
+    SettingName.FORMAT: {
+        "jpeg basic": "jpeg_basic",
+        "jpeg normal": "jpeg_normal",
+        "jpeg fine": "jpeg_fine",
+        "nef (raw)": "raw",
+        "nef+basic": "raw+jpeg_basic",
+        "nef+normal": "raw+jpeg_normal",
+        "nef+fine": "raw+jpeg_fine",
+        "raw": "raw",
+        "raw+jpeg": "raw+jpeg",
+        "raw + jpeg": "raw+jpeg",
+        "large fine jpeg": "jpeg_fine",
+        "raw + large fine jpeg": "raw+jpeg_fine",
+    },
 }
 _NUMBERS = (SettingName.SHUTTER_S, SettingName.F_NUMBER, SettingName.ISO)
 

@@ -36,7 +36,7 @@ from drivers.ptp.datasets import (
     PropertyDescription,
     StorageInfo,
 )
-from drivers.ptp.properties import CODECS
+from drivers.ptp.properties import CODECS, Codec
 from drivers.ptp.session import Session
 from drivers.ptp.transport import Transport
 from drivers.ptp.wire import Reader, uint
@@ -124,7 +124,7 @@ class PtpCamera(Camera):
     def read(self, name: SettingName) -> Setting:
         """Read one setting. Raises SettingError where the camera has none of that name."""
         description = self._describe_property(name)
-        decode = CODECS[name].decode
+        decode = self._codec(name, description).decode
         return Setting(
             name,
             decode(description.current),
@@ -143,7 +143,7 @@ class PtpCamera(Camera):
                 f"The camera's {name} cannot be set from a computer: set it to {value} on the "
                 "camera itself."
             )
-        codec = CODECS[name]
+        codec = self._codec(name, description)
         try:
             number = codec.encode(value)
             raw = uint(number, description.width)
@@ -249,6 +249,9 @@ class PtpCamera(Camera):
     def close(self) -> None:
         """Give the camera back. Closing twice is fine."""
         self._session.close()
+
+    def _codec(self, name: SettingName, description: PropertyDescription) -> Codec:
+        return nikon.codec(self._device, description) or CODECS[name]
 
     def _describe_property(self, name: SettingName) -> PropertyDescription:
         code = CODECS[name].code

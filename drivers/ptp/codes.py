@@ -74,6 +74,7 @@ class Property(IntEnum):
     """Device properties."""
 
     BATTERY_LEVEL = 0x5001
+    COMPRESSION_SETTING = 0x5004
     WHITE_BALANCE = 0x5005
     F_NUMBER = 0x5007
     FOCUS_MODE = 0x500A

@@ -7,9 +7,10 @@ are left alone: their photographs never reach the card.
 from __future__ import annotations
 
 from drivers.errors import ProtocolError
-from drivers.ptp.codes import NIKON, ContainerType, Operation
+from drivers.ptp.codes import NIKON, ContainerType, Operation, Property
 from drivers.ptp.containers import Container
-from drivers.ptp.datasets import DeviceInfo
+from drivers.ptp.datasets import DeviceInfo, Form, PropertyDescription
+from drivers.ptp.properties import Codec
 from drivers.ptp.session import Session
 from drivers.ptp.wire import Reader
 
@@ -17,6 +18,31 @@ _NO_FOCUSING = 0xFFFFFFFF
 _TO_CARD = 0
 _POLL_S = 0.1
 _MOST_EVENTS = 1000
+
+_FORMATS = Codec(
+    Property.COMPRESSION_SETTING,
+    names={
+        0: "jpeg_basic",
+        1: "jpeg_normal",
+        2: "jpeg_fine",
+        3: "raw",
+        4: "raw+jpeg_basic",
+        5: "raw+jpeg_normal",
+        6: "raw+jpeg_fine",
+    },
+)
+
+
+def codec(device: DeviceInfo, description: PropertyDescription) -> Codec | None:
+    """Give the codec of a setting whose numbers are Nikon's own; None for any other.
+
+    Newer bodies offer more formats and number them otherwise, so that theirs have no names.
+    """
+    if description.code != Property.COMPRESSION_SETTING:
+        return None
+    listed = description.form is Form.ENUMERATION and bool(description.values)
+    known = listed and set(description.values) <= _FORMATS.names.keys()
+    return _FORMATS if known and device.manufacturer.lower().startswith("nikon") else None
 
 
 class Calls:

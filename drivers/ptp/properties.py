@@ -85,5 +85,6 @@ CODECS = {
     SettingName.DRIVE: Codec(
         Property.STILL_CAPTURE_MODE, names={1: "single", 2: "burst", 3: "timelapse"}
     ),
+    SettingName.FORMAT: Codec(Property.COMPRESSION_SETTING),  # its numbers are the maker's own
 }
 """One codec per setting."""

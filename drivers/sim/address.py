@@ -16,11 +16,11 @@ class SimulatedCamera(BaseModel):
     """What the address of a simulated camera says.
 
     lights: lamps that are on. width, height: pixels, even because of the colour filter mosaic.
-    seed: of the noise. format: files per photograph. noise: off gives the exact light, only
-    rounded. scene: studio, a still life; objects, one material for normals; chart, card, sphere
-    and mirror, what calibrations are made of. camera: which file
-    of the folder cameras. cable: direct hands the protocol over as it is, usb through pyusb.
-    fault: what goes wrong, to rehearse it.
+    seed: of the noise. format: files per photograph, until another one is set. noise: off gives
+    the exact light, only rounded. scene: studio, a still life; objects, one material for normals;
+    chart, card, sphere and mirror, what calibrations are made of. camera: which file of the folder
+    cameras. cable: direct hands the protocol over as it is, usb through pyusb. fault: what goes
+    wrong, to rehearse it.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)

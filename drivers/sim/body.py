@@ -32,6 +32,7 @@ PHOTOGRAPH_BYTES = 30 * 10**6
 
 _BUSY_RELEASES = 2
 _FLASH_FIRES = (3, 5)  # fill, red-eye fill
+_FORMATS = {"jpeg": 2, "dng": 3, "both": 6}  # as Nikon numbers fine JPEGs, RAW, and the two
 _ROWS = 256  # read out at once
 
 _METERED_TIME = Fraction(1, 50)
@@ -66,6 +67,7 @@ class Body:
         self.fault: Fault = options.fault
         self.model = load_model(options.camera)
         self.properties = {int(item.code): item.describe() for item in self.model.properties}
+        self.set_property(Property.COMPRESSION_SETTING, _FORMATS[options.format])
         folder = ObjectInfo(STORAGE, ObjectFormat.ASSOCIATION, 0, 0, 0, 0, "100STUDI", "")
         self.objects = {FOLDER: StoredObject(folder, b"")}
         self.events: deque[tuple[EventCode, int]] = deque()
@@ -172,10 +174,11 @@ class Body:
 
     def _photograph(self, shooting: Shooting) -> list[tuple[ObjectFormat, str, bytes]]:
         raw = self._expose(shooting)
+        wanted = self.properties[Property.COMPRESSION_SETTING].current
         files = []
-        if self._options.format in ("dng", "both"):
+        if wanted in (_FORMATS["dng"], _FORMATS["both"]):
             files.append((ObjectFormat.DNG, "DNG", write_dng(raw, shooting)))
-        if self._options.format in ("jpeg", "both"):
+        if wanted in (_FORMATS["jpeg"], _FORMATS["both"]):
             files.append((ObjectFormat.EXIF_JPEG, "JPG", write_jpeg(raw, shooting)))
         return files
 

@@ -82,6 +82,8 @@ class FakeCamera(Camera):
         return list(self.table.values())
 
     def read(self, name: SettingName) -> Setting:
+        if name not in self.table:
+            raise SettingError(f"no setting {name}")
         return self.table[name]
 
     def write(self, name: SettingName, value: SettingValue) -> Setting:

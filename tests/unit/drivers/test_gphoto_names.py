@@ -28,6 +28,10 @@ from drivers.gphoto.names import WIDGETS, decode
         (SettingName.WHITE_BALANCE, "Automatic", "auto"),
         (SettingName.DRIVE, "Single Shot", "single"),
         (SettingName.FOCUS, "Manual", "manual"),
+        (SettingName.FORMAT, "NEF (Raw)", "raw"),
+        (SettingName.FORMAT, "NEF+Fine", "raw+jpeg_fine"),
+        (SettingName.FORMAT, "RAW + Large Fine JPEG", "raw+jpeg_fine"),
+        (SettingName.FORMAT, "cRAW", "cRAW"),
     ],
 )
 def test_texts_of_libgphoto2_become_values(

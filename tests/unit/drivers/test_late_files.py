@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from drivers.camera import Event, EventKind
+from drivers.camera import Event, EventKind, SettingName
 from drivers.capture import capture_pair
 from drivers.clock import Clock
-from drivers.errors import CaptureError, PairVerificationError
+from drivers.errors import CaptureError, PairVerificationError, SettingError
 from drivers.flash import ExternalFlash, PropertyFlash
-from drivers.shot import SETTLE_S
-from tests.unit.drivers.test_capture_rules import FLASH, NO_FLASH, FakeCamera
+from drivers.shot import PATIENCE_S, SETTLE_S
+from tests.unit.drivers.test_capture_rules import FLASH, MANUAL, NO_FLASH, FakeCamera
 
 
 @dataclass
@@ -92,3 +92,65 @@ def test_a_file_that_comes_while_the_last_is_fetched_makes_the_pair_be_taken_aga
 def test_a_second_file_that_never_comes_in_time_leaves_the_raw_files(clock: Clock) -> None:
     pair = capture_pair(Delaying(shots=list(RAW_AND_JPEG), clock=clock, delay_s=6), clock=clock)
     assert [pair.no_flash.files, pair.flash.files] == [{"dng": NO_FLASH}, {"dng": FLASH}]
+
+
+def _of_format(camera: FakeCamera, value: str) -> FakeCamera:
+    camera.set(SettingName.FORMAT, value)
+    return camera
+
+
+@pytest.mark.parametrize(
+    ("value", "shots"),
+    [
+        ("raw", [{"dng": NO_FLASH}, {"dng": FLASH}]),
+        ("raw", [{"nef": NO_FLASH}, {"nef": FLASH}]),
+        ("jpeg_fine", [{"jpeg": NO_FLASH}, {"jpeg": FLASH}]),
+        ("raw+jpeg_fine", RAW_AND_JPEG),
+        ("raw+jpeg", RAW_AND_JPEG),
+    ],
+)
+def test_files_as_the_format_says_are_all_that_is_waited_for(
+    clock: Clock, value: str, shots: list[dict[str, bytes]]
+) -> None:
+    pair = capture_pair(_of_format(FakeCamera(shots=list(shots)), value), clock=clock)
+    assert [pair.no_flash.files, pair.flash.files] == shots
+    assert clock.monotonic() == 0
+    assert pair.settings[SettingName.FORMAT] == value
+
+
+@pytest.mark.parametrize("value", ["jpeg_fine", "raw+jpeg_fine", "0x0006", "Large Fine JPEG"])
+def test_files_other_than_the_format_says_settle(clock: Clock, value: str) -> None:
+    shots = [{"dng": NO_FLASH}, {"dng": FLASH}]
+    pair = capture_pair(_of_format(FakeCamera(shots=list(shots)), value), clock=clock)
+    assert [pair.no_flash.files, pair.flash.files] == shots
+    assert clock.monotonic() >= 2 * SETTLE_S
+
+
+@pytest.mark.parametrize("delay_s", [0.01, 0.31, 0.45, 2.0, 4.9])
+def test_a_second_file_that_the_format_promises_is_waited_for(clock: Clock, delay_s: float) -> None:
+    camera = Delaying(shots=list(RAW_AND_JPEG), clock=clock, delay_s=delay_s)
+    pair = capture_pair(_of_format(camera, "raw+jpeg_fine"), clock=clock)
+    assert [pair.no_flash.files, pair.flash.files] == RAW_AND_JPEG
+    assert 2 * delay_s <= clock.monotonic() < 2 * (delay_s + SETTLE_S)
+
+
+def test_a_promised_file_that_never_comes_leaves_the_raw_files_after_the_patience(
+    clock: Clock,
+) -> None:
+    camera = Delaying(shots=list(RAW_AND_JPEG), clock=clock, delay_s=60)
+    pair = capture_pair(_of_format(camera, "raw+jpeg_fine"), clock=clock)
+    assert [pair.no_flash.files, pair.flash.files] == [{"dng": NO_FLASH}, {"dng": FLASH}]
+    assert clock.monotonic() == pytest.approx(
+        2 * (PATIENCE_S + float(MANUAL[SettingName.SHUTTER_S])), abs=2 * SETTLE_S
+    )
+
+
+def test_a_format_turned_between_the_photographs_is_told(clock: Clock) -> None:
+    class Turned(FakeCamera):
+        def trigger(self) -> None:
+            super().trigger()
+            self.set(SettingName.FORMAT, "raw")
+
+    camera = _of_format(Turned(), "jpeg_fine")
+    with pytest.raises(SettingError, match="format went from jpeg_fine to raw"):
+        capture_pair(camera, clock=clock)

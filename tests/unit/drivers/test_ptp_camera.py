@@ -85,6 +85,73 @@ def test_settings_are_listed_in_units_for_people(clock: Clock) -> None:
     assert all(setting.writable for setting in settings.values())
 
 
+def _described(maker: str, form: Form, values: tuple[int, ...], current: int) -> dict[int, Tamper]:
+    """Tampers that make the camera another maker's, with other numbers of formats."""
+
+    def described(data: bytes) -> bytes:
+        plain = PropertyDescription.decode(data)
+        if plain.code != Property.COMPRESSION_SETTING:
+            return data
+        return replace(plain, current=current, form=form, values=values).encode()
+
+    def named(data: bytes) -> bytes:
+        return replace(DeviceInfo.decode(data), manufacturer=maker).encode()
+
+    return {Operation.GET_DEVICE_INFO: named, Operation.GET_DEVICE_PROP_DESC: described}
+
+
+@pytest.mark.parametrize(
+    ("number", "name"),
+    [
+        (0, "jpeg_basic"),
+        (1, "jpeg_normal"),
+        (2, "jpeg_fine"),
+        (3, "raw"),
+        (4, "raw+jpeg_basic"),
+        (5, "raw+jpeg_normal"),
+        (6, "raw+jpeg_fine"),
+    ],
+)
+def test_formats_of_nikon_have_names(clock: Clock, number: int, name: str) -> None:
+    tampers = _described("Nikon Corporation", Form.ENUMERATION, tuple(range(7)), number)
+    setting = opened(clock, tampers).read(SettingName.FORMAT)
+    assert (setting.value, setting.choices[number]) == (name, name)
+
+
+@pytest.mark.parametrize(
+    ("maker", "form", "values"),
+    [
+        ("Make", Form.ENUMERATION, (2, 3, 6)),
+        ("NIKON CORPORATION", Form.ENUMERATION, tuple(range(14))),  # numbered otherwise
+        ("NIKON CORPORATION", Form.ENUMERATION, ()),
+        ("NIKON CORPORATION", Form.RANGE, (0, 6, 1)),
+        ("NIKON CORPORATION", Form.NONE, ()),
+    ],
+)
+def test_formats_that_are_not_known_stay_numbers(
+    clock: Clock, maker: str, form: Form, values: tuple[int, ...]
+) -> None:
+    camera = opened(clock, _described(maker, form, values, 3))
+    assert camera.read(SettingName.FORMAT).value == "0x0003"
+
+
+@pytest.mark.parametrize(
+    ("value", "kinds"),
+    [("raw", {"dng"}), ("jpeg_fine", {"jpeg"}), ("raw+jpeg_fine", {"dng", "jpeg"})],
+)
+def test_the_format_decides_what_reaches_the_card(
+    clock: Clock, value: str, kinds: set[str]
+) -> None:
+    camera = opened(clock)
+    assert camera.read(SettingName.FORMAT).value == "raw+jpeg_fine"
+    camera.write(SettingName.FORMAT, value)
+    before = camera.objects()
+    camera.trigger()
+    clock.sleep(1)
+    camera.events(0)
+    assert {camera.describe(handle).kind for handle in camera.objects() - before} == kinds
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
     [
