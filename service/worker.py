@@ -99,9 +99,7 @@ class Worker:
         self._stopping.set()
         with self._idle:
             self._idle.wait_for(lambda: self._busy == 0, timeout=_STOP_SECONDS)
-        with self._engine.begin() as connection:
-            heartbeats.leave(connection, self.id)
-        presence.leave(self._settings.data_dir, self.id)
+        self._leave()
         log.info("stopped", extra={"worker": self.id})
 
     def keep(self) -> None:
@@ -124,6 +122,14 @@ class Worker:
             self._queue_news()
         except Exception:  # the next heartbeat may find the database there again
             log.exception("the heartbeat was cut short", extra={"worker": self.id})
+
+    def _leave(self) -> None:
+        try:
+            with self._engine.begin() as connection:
+                heartbeats.leave(connection, self.id)
+            presence.leave(self._settings.data_dir, self.id)
+        except Exception:  # others find out by the lock that goes with the process, or its silence
+            log.exception("left without a word", extra={"worker": self.id})
 
     def _bury(self) -> None:
         """Forget the workers of this machine that have died."""

@@ -99,6 +99,22 @@ def test_a_worker_that_is_cut_off_counts_no_more(
         assert _ends(grown_up, job) == ["succeeded"]
 
 
+def test_a_worker_that_stops_while_the_database_is_away_ends_and_its_job_goes_on(
+    grown_up: Any, far_worker: Relay, pair: drivers.CapturedPair
+) -> None:
+    far = grown_up.start_worker()
+    jobs = [grown_up.upload(pair) for _ in range(2)]
+    for job in jobs:
+        grown_up.await_stage(job)
+    far_worker.cut()
+    far.terminate()
+    assert far.wait(60) == 0
+    assert "left without a word" in grown_up.log.read_text()
+    for job in jobs:
+        assert grown_up.await_end(job)["state"] == "succeeded"
+        assert _ends(grown_up, job) == ["succeeded"]
+
+
 def test_a_job_outlasts_a_store_that_is_away_for_a_moment(
     tmp_path: Path, pair: drivers.CapturedPair, s3: dict[str, str], make_service: Any
 ) -> None:
