@@ -32,7 +32,7 @@ DOWNLOAD_ATTEMPTS = 4
 LARGEST_BYTES = 1 << 29
 """No camera's photograph is larger; a size beyond it is a mistake."""
 
-_BUSY_PAUSES_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 1.6, 1.6, 1.6)  # charging a flash takes long
+_BUSY_PAUSES_S = (0.05, 0.1, *[0.2] * 39)  # charging a flash takes long; 8 s
 _LONGEST_S = 30.0  # of an exposure, where the camera does not tell
 _PREFERRED = (*RAW_KINDS, "jpeg")
 
