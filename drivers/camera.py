@@ -18,9 +18,10 @@ names itself.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
+from math import isfinite
 from types import TracebackType
 from typing import Self
 
@@ -84,6 +85,18 @@ class Setting:
     writable: bool
 
 
+_ALIKE = 0.01  # cameras round 1/60 s to 0.0166 or 0.0167; their steps are a quarter apart
+
+
+def meant(value: SettingValue, offered: Iterable[SettingValue]) -> SettingValue:
+    """Give the offered number that a value stands for, within 1 %; else the value itself."""
+    if isinstance(value, str) or not isfinite(value):
+        return value
+    numbers = [each for each in offered if not isinstance(each, str)]
+    nearest = min(numbers, key=lambda each: abs(each - value), default=value)
+    return nearest if abs(nearest - value) <= _ALIKE * abs(value) else value
+
+
 @dataclass(frozen=True)
 class Event:
     """Something the camera told. handle: the object meant, where there is one."""
@@ -136,7 +149,7 @@ class Camera(ABC):
 
     @abstractmethod
     def write(self, name: SettingName, value: SettingValue) -> Setting:
-        """Write one setting and read it back.
+        """Write one setting, a number as the offered one next to it, and read it back.
 
         Raises SettingError where it is missing, read-only, refused, or reads back otherwise.
         """

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 
-from drivers.camera import Camera, SettingName, SettingValue
+from drivers.camera import Camera, SettingName, SettingValue, meant
 from drivers.clock import Clock, SystemClock
 from drivers.errors import (
     CameraBusyError,
@@ -134,7 +134,7 @@ def _fix_everything(
 def _ensure(camera: Camera, name: SettingName, value: SettingValue) -> None:
     """Write a setting, unless it stands right already: a dial need not be writable then."""
     setting = camera.read(name)
-    if setting.writable or setting.value != value:
+    if setting.writable or setting.value != meant(value, (setting.value,)):
         camera.write(name, value)
 
 

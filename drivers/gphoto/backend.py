@@ -26,6 +26,7 @@ from drivers.camera import (
     Setting,
     SettingName,
     SettingValue,
+    meant,
 )
 from drivers.errors import (
     BadAddressError,
@@ -83,11 +84,12 @@ class GphotoCamera(Camera):
 
         Raises SettingError where it is missing, read-only, refused, or reads back otherwise.
         """
-        self._call("write", name, value)
+        wanted = meant(value, self.read(name).choices)
+        self._call("write", name, wanted)
         setting = self.read(name)
-        if setting.value != value:
+        if setting.value != wanted:
             raise SettingError(
-                f"The camera was told to set {name} to {value} but kept {setting.value}: check "
+                f"The camera was told to set {name} to {wanted} but kept {setting.value}: check "
                 "its dials and try again."
             )
         return setting

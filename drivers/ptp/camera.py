@@ -16,6 +16,7 @@ from drivers.camera import (
     SettingName,
     SettingValue,
     kind_of_name,
+    meant,
 )
 from drivers.clock import Clock
 from drivers.errors import (
@@ -144,12 +145,12 @@ class PtpCamera(Camera):
                 "camera itself."
             )
         codec = self._codec(name, description)
+        choices = _choices(description)
         try:
-            number = codec.encode(value)
+            number = codec.encode(meant(value, map(codec.decode, choices)))
             raw = uint(number, description.width)
         except (ValueError, OverflowError, struct.error) as error:
             raise SettingError(f"{value!r} is not a value that {name} can have.") from error
-        choices = _choices(description)
         if choices and number not in choices:
             offered = ", ".join(str(codec.decode(choice)) for choice in choices)
             raise SettingError(f"The camera offers no {name} of {value}; it offers {offered}.")

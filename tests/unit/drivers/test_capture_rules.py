@@ -17,6 +17,7 @@ from drivers.camera import (
     Setting,
     SettingName,
     SettingValue,
+    meant,
 )
 from drivers.capture import CAPTURE_STAGES, RECHARGE_S, capture_pair
 from drivers.clock import Clock
@@ -440,3 +441,30 @@ def test_a_wanted_setting_that_only_a_dial_changes_may_stand_right_already(clock
     assert capture_pair(camera, clock=clock, settings={SettingName.ISO: 100}).flash.best == FLASH
     with pytest.raises(SettingError, match="iso is locked"):
         capture_pair(camera, clock=clock, settings={SettingName.ISO: 200})
+
+
+@pytest.mark.parametrize(
+    ("value", "offered", "taken"),
+    [
+        (1 / 60, (0.0166, 0.02), 0.0166),
+        (1 / 60, (0.0168, 0.02), 0.0168),
+        (0.0165, (0.0167, 0.02), 0.0165),
+        (100, (100, "auto"), 100),
+        ("auto", (100, "auto"), "auto"),
+        (5.6, (), 5.6),
+        (5.6, ("auto",), 5.6),
+        (float("inf"), (30,), float("inf")),
+        (0, (0.0001,), 0),
+    ],
+)
+def test_a_number_means_the_offered_one_within_a_hundredth(
+    value: SettingValue, offered: tuple[SettingValue, ...], taken: SettingValue
+) -> None:
+    assert meant(value, offered) == taken
+
+
+def test_a_dial_that_stands_right_but_for_rounding_is_left_alone(clock: Clock) -> None:
+    camera = FakeCamera()
+    camera.table[SettingName.SHUTTER_S] = Setting(SettingName.SHUTTER_S, 0.0166, (), writable=False)
+    pair = capture_pair(camera, clock=clock, settings={SettingName.SHUTTER_S: 1 / 60})
+    assert pair.settings[SettingName.SHUTTER_S] == 0.0166

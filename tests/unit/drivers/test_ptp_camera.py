@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -171,8 +172,47 @@ def test_settings_are_written_and_read_back(
 
 
 @pytest.mark.parametrize(
+    ("offered", "value", "number"),
+    [
+        ((166, 200), 1 / 60, 166),
+        ((167, 200), 1 / 60, 167),
+        ((166, 167), 1 / 60, 167),
+        ((156, 200), 1 / 64, 156),
+        ((79, 80), 1 / 125, 80),
+        ((300_000, 310_000), 30, 300_000),
+    ],
+)
+def test_times_are_taken_as_the_camera_rounds_them(
+    clock: Clock, offered: tuple[int, ...], value: float, number: int
+) -> None:
+    current = [offered[-1]]
+
+    def described(data: bytes) -> bytes:
+        plain = PropertyDescription.decode(data)
+        return replace(plain, values=offered, current=current[0]).encode()
+
+    camera = opened(clock, {Operation.GET_DEVICE_PROP_DESC: described})
+    camera._session.request = _noting(camera._session.request, current)  # type: ignore[method-assign]
+    assert camera.write(SettingName.SHUTTER_S, value).value == number / 10_000
+    assert current == [number]
+
+
+def _noting(request: Callable[..., Any], current: list[int]) -> Callable[..., Any]:
+    """Note what is set in place of setting it, as the body offers other values."""
+
+    def noted(operation: Operation, *arguments: Any, **more: Any) -> Any:
+        if operation is not Operation.SET_DEVICE_PROP_VALUE:
+            return request(operation, *arguments, **more)
+        current[0] = int.from_bytes(more["data"], "little")
+        return b"", ()
+
+    return noted
+
+
+@pytest.mark.parametrize(
     ("name", "value", "sentence"),
     [
+        (SettingName.SHUTTER_S, 0.0205, "offers no shutter_s of 0.0205; it offers 0.005"),
         (SettingName.ISO, 123, "offers no iso of 123; it offers 100, 200"),
         (SettingName.FLASH, "auto", "offers no flash of auto; it offers off, fill"),
         (SettingName.FLASH, "now", "'now' is not a value that flash can have"),
