@@ -88,9 +88,9 @@ class Setting:
 _ALIKE = 0.01  # cameras round 1/60 s to 0.0166 or 0.0167; their steps are a quarter apart
 
 
-def meant(value: SettingValue, offered: Iterable[SettingValue]) -> SettingValue:
-    """Give the offered number that a value stands for, within 1 %; else the value itself."""
-    if isinstance(value, str) or not isfinite(value):
+def meant(name: SettingName, value: SettingValue, offered: Iterable[SettingValue]) -> SettingValue:
+    """Give the offered exposure time that a value stands for, within 1 %; else the value itself."""
+    if name is not SettingName.SHUTTER_S or isinstance(value, str) or not isfinite(value):
         return value
     numbers = [each for each in offered if not isinstance(each, str)]
     nearest = min(numbers, key=lambda each: abs(each - value), default=value)
@@ -149,7 +149,7 @@ class Camera(ABC):
 
     @abstractmethod
     def write(self, name: SettingName, value: SettingValue) -> Setting:
-        """Write one setting, a number as the offered one next to it, and read it back.
+        """Write one setting, a time as the offered one next to it, and read it back.
 
         Raises SettingError where it is missing, read-only, refused, or reads back otherwise.
         """

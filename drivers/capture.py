@@ -134,7 +134,7 @@ def _fix_everything(
 def _ensure(camera: Camera, name: SettingName, value: SettingValue) -> None:
     """Write a setting, unless it stands right already: a dial need not be writable then."""
     setting = camera.read(name)
-    if setting.writable or setting.value != meant(value, (setting.value,)):
+    if setting.writable or setting.value != meant(name, value, (setting.value,)):
         camera.write(name, value)
 
 

@@ -84,7 +84,7 @@ class GphotoCamera(Camera):
 
         Raises SettingError where it is missing, read-only, refused, or reads back otherwise.
         """
-        wanted = meant(value, self.read(name).choices)
+        wanted = meant(name, value, self.read(name).choices)
         self._call("write", name, wanted)
         setting = self.read(name)
         if setting.value != wanted:

@@ -147,7 +147,7 @@ class PtpCamera(Camera):
         codec = self._codec(name, description)
         choices = _choices(description)
         try:
-            number = codec.encode(meant(value, map(codec.decode, choices)))
+            number = codec.encode(meant(name, value, map(codec.decode, choices)))
             raw = uint(number, description.width)
         except (ValueError, OverflowError, struct.error) as error:
             raise SettingError(f"{value!r} is not a value that {name} can have.") from error

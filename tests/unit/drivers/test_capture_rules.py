@@ -449,18 +449,27 @@ def test_a_wanted_setting_that_only_a_dial_changes_may_stand_right_already(clock
         (1 / 60, (0.0166, 0.02), 0.0166),
         (1 / 60, (0.0168, 0.02), 0.0168),
         (0.0165, (0.0167, 0.02), 0.0165),
-        (100, (100, "auto"), 100),
-        ("auto", (100, "auto"), "auto"),
-        (5.6, (), 5.6),
-        (5.6, ("auto",), 5.6),
+        ("bulb", (0.02, "bulb"), "bulb"),
+        (0.02, (), 0.02),
+        (0.02, ("bulb",), 0.02),
         (float("inf"), (30,), float("inf")),
         (0, (0.0001,), 0),
     ],
 )
-def test_a_number_means_the_offered_one_within_a_hundredth(
+def test_a_time_means_the_offered_one_within_a_hundredth(
     value: SettingValue, offered: tuple[SettingValue, ...], taken: SettingValue
 ) -> None:
-    assert meant(value, offered) == taken
+    assert meant(SettingName.SHUTTER_S, value, offered) == taken
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "offered"),
+    [(SettingName.ISO, 401, (400, "auto")), (SettingName.F_NUMBER, 5.61, (5.6,))],
+)
+def test_other_numbers_mean_themselves(
+    name: SettingName, value: SettingValue, offered: tuple[SettingValue, ...]
+) -> None:
+    assert meant(name, value, offered) == value
 
 
 def test_a_dial_that_stands_right_but_for_rounding_is_left_alone(clock: Clock) -> None:
