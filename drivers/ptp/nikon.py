@@ -1,4 +1,4 @@
-"""Nikon's own calls: capture to the card, readiness, and events that have to be asked for.
+"""What is Nikon's own: capture to the card, readiness, events to be asked for, file formats.
 
 Codes as observed in libgphoto2. The calls that capture into the camera's memory (0x90C0, 0x90CB)
 are left alone: their photographs never reach the card.

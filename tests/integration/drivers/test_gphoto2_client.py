@@ -104,6 +104,8 @@ def test_the_library_of_pypi_takes_a_pair(
 def test_our_driver_of_libgphoto2_takes_a_pair(camera: Any) -> None:
     with drivers.open_camera(f"gphoto2://ptpip:127.0.0.1:{camera.port}:{camera.port}") as opened:
         assert opened.info().model == "NIKON D5100"
+        for value, taken in ((0.0101, 0.01), (0.0201, 0.02)):  # as cameras round them
+            assert opened.write(drivers.SettingName.SHUTTER_S, value).value == taken
         pair = drivers.capture_pair(opened)
     assert [shot.exposure.flash_fired for shot in (pair.no_flash, pair.flash)] == [False, True]
     assert pair.flash.files.keys() == {"dng", "jpeg"}
