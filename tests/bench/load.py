@@ -27,7 +27,7 @@ import numpy as np
 
 import drivers
 from tests.bench.pairs import pair_files
-from tests.chaos.service import SETUPS, Host
+from tests.chaos.service import SETUPS, Host, grown_up
 
 _CLIENTS = (1, 8, 64)
 _EACH = 3
@@ -96,7 +96,7 @@ def _running(setup: str) -> Iterator[tuple[list[Host], str]]:
             finally:
                 host.kill()
             return
-        with SETUPS[setup](folder) as service:
+        with grown_up(folder, relayed=False) as service:
             yield from _answering(service.hosts, service.urls[0])
 
 

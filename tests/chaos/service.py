@@ -119,8 +119,11 @@ def embedded(folder: Path) -> Iterator[Service]:
 
 
 @contextlib.contextmanager
-def grown_up(folder: Path) -> Iterator[Service]:
-    """Two API hosts and two worker hosts on PostgreSQL and an S3 server."""
+def grown_up(folder: Path, relayed: bool = True) -> Iterator[Service]:
+    """Two API hosts and two worker hosts on PostgreSQL and an S3 server.
+
+    relayed: whether the ways to the store, and of workers to the database, can be cut.
+    """
     programs = find_programs()
     if programs is None:
         sys.exit("chaos: PostgreSQL is not installed.")
@@ -128,8 +131,9 @@ def grown_up(folder: Path) -> Iterator[Service]:
     database.create()
     with contextlib.ExitStack() as stack:
         stack.callback(database.stop)
-        store = Relay(stack.enter_context(_s3(folder / "s3")))
-        os.environ |= _s3_variables(store.port)
+        store_port = stack.enter_context(_s3(folder / "s3"))
+        store = Relay(store_port) if relayed else None
+        os.environ |= _s3_variables(store.port if store else store_port)
         bucket = f"{os.environ['AWS_ENDPOINT_URL']}/photographs"
         httpx.put(bucket).raise_for_status()
         store_url = "s3://photographs/chaos"
@@ -145,8 +149,8 @@ def grown_up(folder: Path) -> Iterator[Service]:
             for number, port in enumerate(ports)
         ]
         for number in range(2):
-            relay = Relay(database.port)
-            url = database.url(relay.port)
+            relay = Relay(database.port) if relayed else None
+            url = database.url(relay.port if relay else None)
             there = folder / f"worker{number}"
             host = Host(there, ["worker"], database_url=url, store_url=store_url)
             host.relay = relay

@@ -2,14 +2,14 @@ from __future__ import annotations
 
 import sqlite3
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
-from service import heartbeats, jobs, presence, worker
+from service import database, heartbeats, jobs, presence, worker
 from service.attempt import FRAMES, Attempt, describe_inputs
 from service.database import AWAY
 from service.engine import Held
@@ -17,29 +17,38 @@ from service.settings import Settings
 from service.states import State
 from service.worker import Worker
 
+CUT_SHORT = {
+    "its process died": ChildProcessError("the fork server has died"),
+    "the pool was empty": sa.exc.TimeoutError("no connection"),
+    "something nobody thought of": RuntimeError("what?"),
+}
+
 
 @pytest.fixture
-def one(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> Worker:
-    """A worker whose queue is the test."""
-    monkeypatch.setattr(worker, "_RETRY_SECONDS", 0.01)
-    return Worker(settings)
+def one(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> Iterator[Worker]:
+    """A worker that lives, whose queue is the test, and that does not wait before it retries."""
+    monkeypatch.setattr(worker, "_RETRY_SECONDS", 0.0)
+    one = Worker(settings)
+    one._beat()
+    yield one
+    one._engine.dispose()
 
 
-def _add(one: Worker, job_id: str) -> None:
-    values: dict[str, Any] = {
-        "id": job_id,
+def _add(one: Worker, **values: Any) -> None:
+    row = {
+        "id": "a",
         "options": {},
-        "inputs": describe_inputs(job_id, dict.fromkeys(FRAMES, "")),
+        "inputs": describe_inputs("a", dict.fromkeys(FRAMES, "")),
         "trace_id": "1" * 32,
         "request_hash": "",
     }
     with one._engine.begin() as connection:
-        jobs.add(connection, values)
+        jobs.add(connection, row | values)
 
 
-def _find(one: Worker, job_id: str) -> jobs.Job:
+def _find(one: Worker) -> jobs.Job:
     with one._engine.connect() as connection:
-        job = jobs.find(connection, job_id)
+        job = jobs.find(connection, "a")
     assert job is not None
     return job
 
@@ -74,10 +83,77 @@ def test_whatever_cuts_an_attempt_short_another_follows(
 ) -> None:
     """Raised to the queue, it would take the job out there, and leave its row running for ever."""
     monkeypatch.setattr(Attempt, "run", _at_first(error, _ends))
-    _add(one, "a")
+    _add(one)
     one.run("a")
-    job = _find(one, "a")
+    job = _find(one)
     assert (job.state, job.attempt, job.lost) == (State.SUCCEEDED, 2, lost)
+
+
+@pytest.mark.parametrize("how", CUT_SHORT)
+def test_attempts_that_are_cut_short_are_bounded(
+    how: str, one: Worker, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    attempts: list[int] = []
+
+    def work(attempt: Attempt) -> bool:
+        attempts.append(attempt._job.attempt)
+        raise CUT_SHORT[how]
+
+    monkeypatch.setattr(Attempt, "run", work)
+    _add(one)
+    one.run("a")
+    assert attempts == [1, 2, 3]
+    job = _find(one)
+    assert (job.state, job.lost) == (State.FAILED, 3)
+    assert job.error is not None
+    assert job.error["type"] == "urn:lightlayers:problem:abandoned"
+    assert "cut short 3 times" in job.error["detail"]
+    assert str(CUT_SHORT[how]) in caplog.text
+
+
+def test_an_attempt_that_is_cut_short_while_it_is_canceled_ends_so(
+    one: Worker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def work(_attempt: Attempt) -> None:
+        with one._engine.begin() as connection:
+            jobs.request_cancel(connection, "a")
+        raise CUT_SHORT["its process died"]
+
+    monkeypatch.setattr(Attempt, "run", work)
+    _add(one)
+    one.run("a")
+    assert _find(one).state == State.CANCELED
+
+
+@pytest.mark.parametrize("seen", ["by its heartbeat", "when it takes the job"])
+def test_a_job_that_waits_past_its_deadline_fails(seen: str, one: Worker) -> None:
+    _add(one, deadline=1.0)
+    if seen == "by its heartbeat":
+        one.keep()
+    else:
+        one.run("a")
+    job = _find(one)
+    assert (job.state, job.results) == (State.FAILED, None)
+    assert job.error is not None
+    assert job.error["type"] == "urn:lightlayers:problem:deadline-passed"
+    assert (job.error["retryable"], job.error["trace_id"]) == (True, "1" * 32)
+
+
+def test_a_heartbeat_outlives_what_breaks_it(
+    one: Worker, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail() -> list[str]:
+        raise RuntimeError("no such workflow")
+
+    with monkeypatch.context() as broken:
+        broken.setattr(one._queue, "held", fail)
+        one.keep()
+    assert "no such workflow" in caplog.text
+    with one._engine.begin() as connection:
+        connection.execute(sa.delete(database.workers))
+    one.keep()
+    with one._engine.connect() as connection:
+        assert connection.execute(sa.select(database.workers.c.id)).scalars().all() == [one.id]
 
 
 def test_an_attempt_is_given_up_when_the_database_is_back(
@@ -86,9 +162,9 @@ def test_an_attempt_is_given_up_when_the_database_is_back(
     away = sa.exc.OperationalError("", None, sqlite3.OperationalError("away"))
     monkeypatch.setattr(Attempt, "run", _at_first(away, _ends))
     monkeypatch.setattr(Attempt, "give_up", _at_first(away, Attempt.give_up))
-    _add(one, "a")
+    _add(one)
     one.run("a")
-    assert _find(one, "a").state == State.SUCCEEDED
+    assert _find(one).state == State.SUCCEEDED
 
 
 def test_a_claim_whose_answer_got_lost_is_made_again(
@@ -107,10 +183,9 @@ def test_a_claim_whose_answer_got_lost_is_made_again(
 
     monkeypatch.setattr(jobs, "claim", claim_and_lose)
     monkeypatch.setattr(Attempt, "run", _ends)
-    _add(one, "a")
-    one._beat()
+    _add(one)
     one.run("a")
-    job = _find(one, "a")
+    job = _find(one)
     assert (job.state, job.attempt, job.lost) == (State.SUCCEEDED, 2, 0)
 
 
@@ -126,7 +201,7 @@ def test_one_worker_runs_a_job_once_at_a_time(one: Worker, monkeypatch: pytest.M
         _ends(attempt)
 
     monkeypatch.setattr(Attempt, "run", run)
-    _add(one, "a")
+    _add(one)
     threads = [threading.Thread(target=one.run, args=("a",)) for _ in range(2)]
     threads[0].start()
     assert begun.wait(60)
