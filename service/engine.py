@@ -37,10 +37,10 @@ CAPTURES = "captures"
 _WORKFLOW = "run_job"
 _CAPTURE = "capture_pair"
 _CAPTURERS = 16  # cameras that a worker has take pairs at once: it waits for them most of the time
-_PRESS_SECONDS = 0.25  # somebody stands at the camera and waits
 _TELLING_QUEUE = "webhooks"
 _TELLING_WORKFLOW = "tell_webhook"
 _TELLERS = 8  # webhooks a worker tells at once: it waits for them most of the time
+_TELLING_SECONDS = 2.0  # each look at a queue costs every worker 10 ms of its processor
 _UPKEEP = "upkeep"
 _SWEEP = "sweep"
 _HOURLY = "0 0 * * * *"  # the first field of six is that of seconds
@@ -227,18 +227,23 @@ def launch(
         raise StartError(
             "The queue's tables are older than this lightlayers needs: run `lightlayers migrate`."
         ) from fault
-    for queue, at_once in ((JOBS, concurrency), (_TELLING_QUEUE, _TELLERS)):
-        DBOS.register_queue(
-            queue,
-            worker_concurrency=at_once,
-            polling_interval_sec=poll_seconds,
-            on_conflict="always_update",
-        )
+    DBOS.register_queue(
+        JOBS,
+        worker_concurrency=concurrency,
+        polling_interval_sec=poll_seconds,
+        on_conflict="always_update",
+    )
     DBOS.register_queue(
         CAPTURES,
         worker_concurrency=_CAPTURERS,
         partition_concurrency=1,
-        polling_interval_sec=min(poll_seconds, _PRESS_SECONDS),
+        polling_interval_sec=poll_seconds,
+        on_conflict="always_update",
+    )
+    DBOS.register_queue(
+        _TELLING_QUEUE,
+        worker_concurrency=_TELLERS,
+        polling_interval_sec=max(poll_seconds, _TELLING_SECONDS),
         on_conflict="always_update",
     )
     DBOS.register_queue(

@@ -64,9 +64,10 @@ export async function download(path, name) {
 /** Send a form; sent(fraction) is called while it is on its way. */
 export async function upload(path, form, sent) {
   for (;;) {
+    const tried = key();
     const answer = await send(path, form, sent);
     if (answer.status !== 401) return parsed(answer);
-    await askKey();
+    await otherKey(tried);
   }
 }
 
@@ -90,7 +91,8 @@ function parsed(call) {
 
 async function request(path, init = {}) {
   for (;;) {
-    const headers = { ...init.headers, ...(key() ? { Authorization: `Bearer ${key()}` } : {}) };
+    const tried = key();
+    const headers = { ...init.headers, ...(tried ? { Authorization: `Bearer ${tried}` } : {}) };
     let answer;
     try {
       answer = await fetch(path, { ...init, headers });
@@ -99,7 +101,7 @@ async function request(path, init = {}) {
     }
     if (answer.ok) return answer;
     if (answer.status !== 401) throw new Problem(asJson(await answer.text()) ?? unknown(answer.status));
-    await askKey();
+    await otherKey(tried);
   }
 }
 
@@ -120,6 +122,11 @@ function key() {
 }
 
 let asking = null;
+
+/** Have another key than the one that was refused; it may have come while that was on its way. */
+async function otherKey(refused) {
+  if (key() === refused) await askKey();
+}
 
 /** Ask for a key, once for all requests that wait for it. */
 function askKey() {

@@ -300,7 +300,7 @@ def test_a_key_is_asked_for_and_forgotten_with_the_tab(page: Page) -> None:
             problem = {"type": "x", "title": "No key", "detail": "Send a key.", "status": 401}
             route.fulfill(status=401, json=problem)
 
-    page.route(re.compile(r"/jobs\?"), guard)
+    page.route(re.compile(r":\d+/jobs[/?]"), guard)  # of thumbnails, too
     page.goto("/#/jobs")
     key = page.get_by_role("textbox", name="Key")
     expect(key).to_be_visible()
@@ -316,6 +316,34 @@ def test_a_key_is_asked_for_and_forgotten_with_the_tab(page: Page) -> None:
     expect(page.locator("#key")).to_be_hidden()
     assert page.evaluate("Object.values(sessionStorage)") == ["open sesame"]
     assert page.evaluate("localStorage.length + document.cookie.length") == 0
+
+
+def test_a_key_that_came_meanwhile_is_tried_before_another_is_asked_for(page: Page) -> None:
+    held: list[Any] = []
+    problem = {"type": "x", "title": "No key", "detail": "Send a key.", "status": 401}
+
+    def guard(route: Any) -> None:
+        if route.request.headers.get("authorization") == "Bearer open sesame":
+            route.fulfill(json={"jobs": [], "next": None})
+        elif "limit=2" in route.request.url:
+            held.append(route)
+        else:
+            route.fulfill(status=401, json=problem)
+
+    page.route(re.compile(r":\d+/jobs\?"), guard)
+    page.goto("/")
+    page.evaluate(
+        """async () => {
+            const { get } = await import("/page/api.js");
+            window.answers = Promise.all([get("/jobs?limit=2"), get("/jobs?limit=1")]);
+        }"""
+    )
+    page.get_by_role("textbox", name="Key").fill("open sesame")
+    with page.expect_response(lambda answer: "limit=1" in answer.url and answer.ok):
+        page.keyboard.press("Enter")
+    held[0].fulfill(status=401, json=problem)
+    assert page.evaluate("window.answers") == [{"jobs": [], "next": None}] * 2
+    expect(page.locator("#key")).to_be_hidden()
 
 
 def test_the_page_and_the_service_compute_the_same(page: Page) -> None:
