@@ -36,7 +36,7 @@ _JOBS = 8
 _WORKERS = (1, 2)
 _PATIENCE_SECONDS = 600.0
 _ONE_THREAD = {"OPENCV_FOR_THREADS_NUM": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-_REPEATED = 2
+_REPEATED = 3
 _CAMERA = "sim://studio?lights=2&width=600&height=400&format=jpeg"
 _BARE = """
 import shutil, sys

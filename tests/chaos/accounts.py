@@ -145,15 +145,18 @@ def _entries(service: Service) -> Iterator[dict[str, Any]]:
 
 
 def noticed(service: Service, takeovers: Takeovers) -> list[float]:
-    """Seconds until a living worker had put each job that was taken over back into the queue."""
+    """Seconds until a living worker had put each job that was taken over back into the queue.
+
+    Without those whose line a kill kept out of the log.
+    """
     back: dict[str, list[float]] = defaultdict(list)
     for entry in _entries(service):
         if entry.get("message") == "taken over":
             back[entry["job"]].append(datetime.fromisoformat(entry["time"]).timestamp())
     return [
         min(after)
-        for job_id, since in takeovers.lost_at
-        if (after := [when - since for when in back[job_id] if when > since])
+        for (job_id, since), took in zip(takeovers.lost_at, takeovers.seconds, strict=True)
+        if (after := [when - since for when in back[job_id] if since < when <= since + took])
     ]
 
 
