@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 _SECOND_LAMP = 300.0
 _THIRD_LAMP, _THIRD_GAIN, _THIRD_OFF = 1.6, 150.0, 0.125
 _SECOND_STEEPNESS, _THIRD_STEEPNESS = 4.0, 3.0
+_NO_THIRD, _SHOWN = 0.0, 1.2  # below which no other way to find three lamps makes up for it
 _FOURTH_UNEXPLAINED, _FOURTH_GAIN = 1.45, 45.0
 _UNSURE = 0.3
 
@@ -43,12 +44,14 @@ def count_lamps(
     reduced: ReducedPair,
     evidence: Evidence,
     model: Model,
+    first: Callable[[int], Fit],
     fit: Callable[[int], Fit],
     least: int = 1,
 ) -> Count:
     """Count the lamps of a pair.
 
-    fit: gives the best fit of a number of lamps, 1 to 3. least: how many there are for certain.
+    first: gives a fit of a number of lamps, 1 to 3. fit: gives the best one, at several times the
+    cost for three. least: how many there are for certain.
     """
     can_be = (number for number in range(least, MOST_LAMPS + 1) if fit(number).cost < np.inf)
     least = next(can_be, least)
@@ -61,9 +64,12 @@ def count_lamps(
         if gain < _SECOND_LAMP:
             return Count(1, 1.0 - several, more=False)
     if least < 3:
-        third = (fit(2).cost - fit(3).cost) / _THIRD_GAIN
+        off = 0.0
         if _edges_tell(reduced, evidence):
-            third += share_off(evidence.differences, fit(2).matrices) / _THIRD_OFF
+            off = share_off(evidence.differences, fit(2).matrices) / _THIRD_OFF
+        third = off + (fit(2).cost - first(3).cost) / _THIRD_GAIN
+        if off > _SHOWN or third > _NO_THIRD:
+            third = off + (fit(2).cost - fit(3).cost) / _THIRD_GAIN
         three = _logistic(_THIRD_STEEPNESS * (third - _THIRD_LAMP))
         if third < _THIRD_LAMP:
             return Count(2, min(several, 1.0 - three), more=False)

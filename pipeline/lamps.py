@@ -16,7 +16,7 @@ from pipeline.frames import Matrix
 from pipeline.hui2018.lights import invariants_of_pair, lights_of_pair
 from pipeline.hui2018.pruning import prune
 from pipeline.matrixfit.evidence import gather_evidence
-from pipeline.matrixfit.fit import MOST_LAMPS, Fit, fit_matrices
+from pipeline.matrixfit.fit import MOST_LAMPS, Fit, first_fit, fit_matrices
 from pipeline.matrixfit.known import FORBIDDEN_DEGREES, Known, nothing_known
 from pipeline.matrixfit.unexplained import left_over, shares_alone
 from pipeline.model import Model
@@ -108,11 +108,15 @@ def estimate_lamps(
     gammas = _invariants(reduced, model)
 
     @cache
+    def first(lamps: int) -> Fit:
+        return first_fit(reduced, evidence, model, lamps, known)
+
+    @cache
     def fit(lamps: int) -> Fit:
-        return fit_matrices(reduced, evidence, model, lamps, known)
+        return fit_matrices(reduced, evidence, model, lamps, known, first(lamps))
 
     if requested == "auto":
-        count = count_lamps(reduced, evidence, model, fit, max(1, len(known.pinned)))
+        count = count_lamps(reduced, evidence, model, first, fit, max(1, len(known.pinned)))
     else:
         count = Count(requested, confidence=1.0, more=False)
     if method == "paper":

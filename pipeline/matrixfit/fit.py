@@ -55,36 +55,67 @@ def fit_pin(data: Data, model: Model, of_area: bool) -> Pin:
     return Pin(term, follow(problem, [start[None]])[0], of_area)
 
 
-def fit_matrices(
+def first_fit(
     reduced: ReducedPair, evidence: Evidence, model: Model, lamps: int, known: Known
 ) -> Fit:
-    """Fit the matrices of one to three lamps, beside those that are pinned; deterministic.
+    """Fit the matrices of one to three lamps in one way; deterministic. The rest as fit_matrices.
 
     Without edges of shadows only the outline of the pixels' cloud speaks. Where the published
     lamps leave no light over, the outline is exact, and nothing is gained by fitting.
-
-    How many pixels one lamp lights alone decides where corners come to lie, so three lamps that
-    leave much unexplained are found in other ways, too, and those that leave least are taken.
     """
-    published = _published(reduced, model, lamps)
     outline = not evidence.has_edges
     problem = _problem(evidence, model.prior, lamps, outline, _PURE_SHARE, known)
-    level = _RENDERED_COST_LEVEL if reduced.rendered else _COST_LEVEL
-    free = not known.pinned and not known.rejects(published)
-    if outline and free and mean_left_over(reduced, published) < _NOTHING:
-        return Fit(published, _cost(published, problem.terms, level))
-    candidates = model.lamp_matrix(start_points(evidence, model.tensor))
-    matrices = search(problem, candidates)
-    # the few differences of an outline are chance, and tell nothing of what is left unexplained
-    left = 0.0 if outline or lamps < MOST_LAMPS else unexplained(reduced, evidence, matrices)
-    if left > _LITTLE:
-        found = [matrices, *_otherwise(problem, evidence, candidates, published)]
-        found = [one for one in found if not known.rejects(one)] or found[:1]
-        cost = min(_cost(one, problem.terms, level) for one in found)
-        matrices = min(found, key=lambda one: unexplained(reduced, evidence, one))
-    else:
-        cost = _cost(matrices, problem.terms, level)
+    level = _cost_level(reduced)
+    if outline and not known.pinned:
+        published = _published(reduced, model, lamps)
+        exact = mean_left_over(reduced, published) < _NOTHING
+        if exact and not known.rejects(published):
+            return Fit(published, _cost(published, problem.terms, level))
+    matrices = search(problem, _candidates(evidence, model))
+    cost = _cost(matrices, problem.terms, level)
     return Fit(matrices, np.inf if known.rejects(matrices) else cost)
+
+
+def fit_matrices(
+    reduced: ReducedPair,
+    evidence: Evidence,
+    model: Model,
+    lamps: int,
+    known: Known,
+    first: Fit | None = None,
+) -> Fit:
+    """Fit the matrices of one to three lamps, beside those that are pinned; deterministic.
+
+    first: of first_fit, where it is there. How many pixels one lamp lights alone decides where
+    corners come to lie, so three lamps that leave much unexplained are found in other ways, too,
+    and those that leave least are taken.
+    """
+    first = first or first_fit(reduced, evidence, model, lamps, known)
+    # the few differences of an outline are chance, and tell nothing of what is left unexplained
+    if lamps < MOST_LAMPS or not evidence.has_edges:
+        return first
+    if unexplained(reduced, evidence, first.matrices) <= _LITTLE:
+        return first
+    problem = _problem(evidence, model.prior, lamps, False, _PURE_SHARE, known)
+    published = _published(reduced, model, lamps)
+    found = [
+        first.matrices,
+        *_otherwise(problem, evidence, _candidates(evidence, model), published),
+    ]
+    found = [one for one in found if not known.rejects(one)] or found[:1]
+    level = _cost_level(reduced)
+    cost = min(_cost(one, problem.terms, level) for one in found)
+    matrices = min(found, key=lambda one: unexplained(reduced, evidence, one))
+    return Fit(matrices, np.inf if known.rejects(matrices) else cost)
+
+
+def _candidates(evidence: Evidence, model: Model) -> Array:
+    """Matrices (k, 3, 3) that may be lamps."""
+    return model.lamp_matrix(start_points(evidence, model.tensor))
+
+
+def _cost_level(reduced: ReducedPair) -> float:
+    return _RENDERED_COST_LEVEL if reduced.rendered else _COST_LEVEL
 
 
 def _otherwise(

@@ -43,7 +43,7 @@ class Counting:
     def __call__(self, pair: Any) -> Count:
         reduced, evidence = self.evidence(pair)
         fit = partial(self.fit, reduced, evidence)
-        return count_lamps(reduced, evidence, self.model, fit)
+        return count_lamps(reduced, evidence, self.model, fit, fit)
 
 
 @pytest.fixture
@@ -183,7 +183,8 @@ def by_costs(
     assert not len(evidence.differences)
 
     def run(*values: float, least: int = 1) -> Count:
-        return count_lamps(reduced, evidence, counted.model, costs(*values), least)
+        fit = costs(*values)
+        return count_lamps(reduced, evidence, counted.model, fit, fit, least)
 
     return run
 
@@ -216,10 +217,35 @@ def test_differences_that_two_lamps_leave_off_stand_for_half_of_a_third(
     monkeypatch.setattr(count, "signs_of_fourth", lambda *_: False)
     reduced, evidence = counted.evidence(shadowed(warm_to_cool[:2]))
 
-    found = count_lamps(reduced, evidence, counted.model, costs(0, -900, -900 - third))
+    fit = costs(0, -900, -900 - third)
+    found = count_lamps(reduced, evidence, counted.model, fit, fit)
 
     assert (found.number, found.more) == (number, False)
     assert 0.5 <= found.confidence < 0.55
+
+
+@pytest.mark.parametrize(
+    ("off", "first", "number"),
+    [(0.1, -1.0, 2), (0.1, 130.0, 3), (0.16, -900.0, 3)],
+)
+def test_other_ways_to_three_lamps_are_tried_where_they_may_change_the_number(
+    counted: Counting,
+    shadowed: Shadowed,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+    off: float,
+    first: float,
+    number: int,
+) -> None:
+    """They would gain 999 here: not tried where two lamps leave little off and a third is worse."""
+    monkeypatch.setattr(count, "share_off", lambda *_: off)
+    monkeypatch.setattr(count, "signs_of_fourth", lambda *_: False)
+    reduced, evidence = counted.evidence(shadowed(warm_to_cool[:2]))
+    gains = costs(0, -900, -900 - first + off / 0.125 * 150), costs(0, -900, -1899)
+
+    found = count_lamps(reduced, evidence, counted.model, *gains)
+
+    assert found.number == number
 
 
 @pytest.mark.parametrize("third", [241.0, 999.0])
