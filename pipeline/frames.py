@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 import mmap
 from dataclasses import dataclass, field, replace
@@ -16,6 +17,8 @@ Plane = NDArray[np.float32]
 Planes = tuple[Plane, Plane, Plane]
 
 Numbers = tuple[float, ...]
+
+_malloc_trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
 
 
 def numbers_of(array: NDArray[np.floating]) -> Numbers:
@@ -68,6 +71,12 @@ def release_rows(image: Image, stop: int) -> None:
         whole_pages = max(stop, 0) * image.strides[0] // mmap.PAGESIZE * mmap.PAGESIZE
         if whole_pages:
             image.base.madvise(mmap.MADV_DONTNEED, 0, whole_pages)
+
+
+def trim_memory() -> None:
+    """Give freed memory that glibc's allocator holds on to back; nothing where there is another."""
+    if _malloc_trim is not None:
+        _malloc_trim(0)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from pipeline.decode import check_header, decode
 from pipeline.doubts import doubts
 from pipeline.errors import UnusablePairError
 from pipeline.focal import focal_length_px
-from pipeline.frames import Frame, release_rows
+from pipeline.frames import Frame, release_rows, trim_memory
 from pipeline.known_lamps import find_known
 from pipeline.lamps import estimate_lamps
 from pipeline.manifest import lamp_entries, make_manifest
@@ -68,8 +68,11 @@ def separate_files(
     progress.report("decode", 0.0)
     check_pair(no_flash, flash)
     before = decode(no_flash, options.encoding, NO_FLASH, options.quality)
+    del no_flash  # RAW files are large, and a caller may have kept none of them
+    trim_memory()
     progress.report("decode", 0.5)
     after = decode(flash, options.encoding, FLASH, options.quality)
+    del flash
     # first what costs little and may be refused: names of cameras and lights
     options, used = with_kept(options, kept, before)
     camera = find_camera(options.camera, before)
@@ -99,6 +102,7 @@ def separate_files(
             options.method,
         )
         warnings.extend(facing.warnings)
+    trim_memory()  # what the estimation took would add to what strips take
     progress.report("lamps", 1.0)
 
     wanted = wanted_outputs(options)

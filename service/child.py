@@ -98,12 +98,13 @@ def _take_stdout() -> Tell:
 
 
 def _check(task: dict[str, Any], _tell: Tell) -> None:
-    check_pair(*_photographs(task))
+    check_pair(_photograph(task, "no_flash"), _photograph(task, "flash"))
 
 
 def _separate(task: dict[str, Any], tell: Tell) -> None:
     separate_files(
-        *_photographs(task),
+        _photograph(task, "no_flash"),
+        _photograph(task, "flash"),
         Options.model_validate(task["options"]),
         Path(task["directory"]) / "results",
         Progress(lambda stage, fraction: tell({"stage": stage, "fraction": fraction})),
@@ -113,7 +114,8 @@ def _separate(task: dict[str, Any], tell: Tell) -> None:
 
 def _calibrate(task: dict[str, Any], tell: Tell) -> None:
     calibrate_files(
-        *_photographs(task),
+        _photograph(task, "no_flash"),
+        _photograph(task, "flash"),
         CALIBRATION_OPTIONS.validate_python(task["options"]),
         Path(task["directory"]) / "results",
         Progress(lambda stage, fraction: tell({"stage": stage, "fraction": fraction})),
@@ -130,9 +132,8 @@ def _mix(task: dict[str, Any], tell: Tell) -> None:
     )
 
 
-def _photographs(task: dict[str, Any]) -> tuple[bytes, bytes]:
-    directory = Path(task["directory"])
-    return (directory / "no_flash").read_bytes(), (directory / "flash").read_bytes()
+def _photograph(task: dict[str, Any], name: str) -> bytes:
+    return (Path(task["directory"]) / name).read_bytes()
 
 
 _WORK: dict[str, Callable[[dict[str, Any], Tell], None]] = {

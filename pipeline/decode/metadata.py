@@ -61,9 +61,9 @@ class Metadata:
 def read_metadata(data: bytes) -> Metadata:
     """Facts from the EXIF block of a JPEG, TIFF, PNG, HEIF or TIFF-like RAW file; never raises."""
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), io.BytesIO(data) as file:
             warnings.simplefilter("ignore")
-            tags = exifread.process_file(io.BytesIO(data), details=False, extract_thumbnail=False)
+            tags = exifread.process_file(file, details=False, extract_thumbnail=False)
     except Exception:  # a broken EXIF block makes exifread raise whatever it ran into
         return Metadata()
     flash = _number(tags, "EXIF Flash")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import logging
 from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import islice
 
 import numpy as np
@@ -33,7 +34,7 @@ def holds_raw(data: bytes) -> bool:
     A DNGVersion tag, a colour filter array or linear raw samples in any directory say so, and so
     does a file without any picture of a kind that TIFF readers show. Raises what tifffile raises.
     """
-    with TiffFile(io.BytesIO(data)) as file:
+    with _opened(data) as file:
         pages = list(_pages(file))
         return any(
             page.photometric in (_CFA, _LINEAR_RAW) or _DNG_VERSION in page.tags for page in pages
@@ -42,7 +43,7 @@ def holds_raw(data: bytes) -> bool:
 
 def tiff_size(data: bytes) -> tuple[int, int]:
     """(width, height) of the first full picture, before orientation. Raises ValueError."""
-    with TiffFile(io.BytesIO(data)) as file:
+    with _opened(data) as file:
         page = _full(file)
         return int(page.imagewidth), int(page.imagelength)  # a damaged tag makes them tuples
 
@@ -52,7 +53,7 @@ def read_tiff(data: bytes, orientation: int) -> Samples:
 
     Raises UnsuitableError for a grey one, ValueError and what tifffile raises.
     """
-    with TiffFile(io.BytesIO(data)) as file:
+    with _opened(data) as file:
         page = _full(file)
         if 0 in page.databytecounts:
             raise ValueError("a strip without data")
@@ -73,7 +74,7 @@ def dng_matrix(data: bytes) -> Matrix | None:
     ColorMatrix1 and 2 of the DNG specification 1.4. None for another file, or one without.
     """
     try:
-        with TiffFile(io.BytesIO(data)) as file:
+        with _opened(data) as file:
             tags = file.pages.first.tags
             found = {
                 tags.valueof(light): tags.valueof(matrix)
@@ -87,6 +88,13 @@ def dng_matrix(data: bytes) -> Matrix | None:
         return None
     rationals = np.array(values, dtype=np.float64).reshape(9, 2)
     return rationals[:, 0].reshape(3, 3) / rationals[:, 1].reshape(3, 3)
+
+
+@contextmanager
+def _opened(data: bytes) -> Iterator[TiffFile]:
+    """Open a file that does not outlive the block: what tifffile makes of it refers to itself."""
+    with io.BytesIO(data) as memory, TiffFile(memory) as file:
+        yield file
 
 
 def _pages(file: TiffFile) -> Iterator[TiffPage]:

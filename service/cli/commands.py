@@ -56,10 +56,16 @@ def separate(
     options = flags.options()
     if flash is None:
         return separate_folder(no_flash, output, options, as_json)
-    before, after = read_file(no_flash, "photograph"), read_file(flash, "photograph")
     with new_results(output) as folder, stage_bar() as report:
         kept = kept_for(options.setup)
-        manifest = separate_files(before, after, options, folder, Progress(report), kept=kept)
+        manifest = separate_files(
+            read_file(no_flash, "photograph"),
+            read_file(flash, "photograph"),
+            options,
+            folder,
+            Progress(report),
+            kept=kept,
+        )
     print_results(manifest, output, as_json)
     return None
 

@@ -120,10 +120,16 @@ def _own_name(no_flash: str, all_of_them: list[str]) -> str:
 def _separate(
     folder: Path, no_flash: str, flash: str, target: Path, options: Options
 ) -> dict[str, Any]:
-    before, after = (read_file(folder / name, "photograph") for name in (no_flash, flash))
     with new_results(target) as results, stage_bar() as report:
         kept = kept_for(options.setup)
-        return separate_files(before, after, options, results, Progress(report), kept=kept)
+        return separate_files(
+            read_file(folder / no_flash, "photograph"),
+            read_file(folder / flash, "photograph"),
+            options,
+            results,
+            Progress(report),
+            kept=kept,
+        )
 
 
 def _print(results: list[dict[str, Any]], left: Mapping[str, str]) -> None:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import mmap
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from pipeline.frames import (
     empty_image,
     planes_of,
     release_rows,
+    trim_memory,
 )
 
 
@@ -131,3 +133,21 @@ def test_images_of_other_memory_stay_as_they_are() -> None:
 def test_an_image_that_memory_cannot_hold_is_a_memory_error() -> None:
     with pytest.raises(MemoryError):
         empty_image(2**20, 2**24, 3)
+
+
+def test_freed_memory_is_given_back() -> None:
+    """Arrays too small for maps of their own, under one that stays."""
+    freed = [np.ones(2**14) for _ in range(1000)]
+    stays = np.ones(2**14)
+    del freed
+    before = resident_mib()
+
+    trim_memory()
+
+    assert before - resident_mib() > 60
+    assert stays.all()
+
+
+def resident_mib() -> float:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * mmap.PAGESIZE / 2**20

@@ -191,6 +191,33 @@ def test_stages_run_in_order_from_zero_to_one(files: Callable[..., Files], tmp_p
         assert fractions == sorted(fractions)
 
 
+class Photograph(bytes):
+    """A file that tells when nobody holds it any more."""
+
+    gone: Callable[[], None]
+
+    def __del__(self) -> None:
+        self.gone()
+
+
+def test_photographs_are_let_go_as_soon_as_they_are_decoded(
+    files: Callable[..., Files], tmp_path: Path
+) -> None:
+    no_flash, flash = (Photograph(file) for file in files())
+    heard: list[str] = []
+    no_flash.gone = lambda: heard.append("no flash")
+    flash.gone = lambda: heard.append("flash")
+    progress = Progress(lambda stage, fraction: heard.append(f"{stage} {fraction}"))
+    given = [flash, no_flash]
+    del no_flash, flash
+
+    separate_files(
+        given.pop(), given.pop(), Options(**CAMERA, outputs=["gamma.png"]), tmp_path, progress
+    )
+
+    assert heard[:5] == ["decode 0.0", "no flash", "decode 0.5", "flash", "decode 1.0"]
+
+
 @pytest.mark.parametrize("stage", STAGES)
 def test_a_run_can_be_canceled_in_every_stage(
     files: Callable[..., Files], tmp_path: Path, stage: str

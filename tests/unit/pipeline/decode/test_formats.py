@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import io
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -233,3 +235,23 @@ def test_pictures_are_turned_upright(
 
     assert frame.size == (upright.shape[1], upright.shape[0]) == check_header(data)
     assert np.abs(frame.pixels - linear(upright)).max() < (0.02 if kind == "JPEG" else 1e-6)
+
+
+@pytest.mark.parametrize("kind", ["TIFF", "DNG", "JPEG"])
+def test_nothing_holds_a_file_that_has_been_read(
+    codes: Codes, pillow_file: Write, tiff_file: Write, dng_file: Write, kind: str
+) -> None:
+    """RAW files are large, and what refers to itself lives until the garbage is collected."""
+    data = {
+        "TIFF": lambda: tiff_file(codes),
+        "DNG": lambda: dng_file(np.full((48, 64), 5000, np.uint16)),
+        "JPEG": lambda: pillow_file(codes, "JPEG"),
+    }[kind]()
+    held = sys.getrefcount(data)
+    gc.disable()
+    try:
+        check_header(data)
+        decode(data)
+        assert sys.getrefcount(data) == held
+    finally:
+        gc.enable()
