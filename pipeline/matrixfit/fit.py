@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import UnusablePairError
 from pipeline.hui2018.lights import lights_of_pair
 from pipeline.matrixfit.evidence import Data, Evidence
 from pipeline.matrixfit.known import Known, Pin, nothing_known
@@ -52,7 +54,8 @@ def fit_pin(data: Data, model: Model, of_area: bool) -> Pin:
     term = alone_term(data)
     start = model.lamp_matrix(unit(invariants(data, model.tensor).sum(axis=0)))
     problem = Problem(1, [term], model.prior, LEVELS, nothing_known(model.flash_white))
-    return Pin(term, follow(problem, [start[None]])[0], of_area)
+    matrices, _ = follow(problem, [start[None]])
+    return Pin(term, matrices[0], of_area)
 
 
 def first_fit(
@@ -61,7 +64,9 @@ def first_fit(
     """Fit the matrices of one to three lamps in one way; deterministic. The rest as fit_matrices.
 
     Without edges of shadows only the outline of the pixels' cloud speaks. Where the published
-    lamps leave no light over, the outline is exact, and nothing is gained by fitting.
+    lamps leave no light over, the outline is exact, and nothing is gained by fitting. Two lamps
+    are searched from the published ones, too: where nearly all light is mixed, or lamps are
+    strongly coloured, the search may pass the likeliest ones by.
     """
     outline = not evidence.has_edges
     problem = _problem(evidence, model.prior, lamps, outline, _PURE_SHARE, known)
@@ -71,7 +76,14 @@ def first_fit(
         exact = mean_left_over(reduced, published) < _NOTHING
         if exact and not known.rejects(published):
             return Fit(published, _cost(published, problem.terms, level))
-    matrices = search(problem, _candidates(evidence, model))
+    matrices, found_cost = search(problem, _candidates(evidence, model))
+    # of chromaticities that a camera's rendering bent, the likeliest lamps are too often wrong
+    if lamps == 2 and not reduced.rendered:
+        with suppress(UnusablePairError):  # hardly any pixels agree
+            start = known.completed(_published(reduced, model, lamps))
+            other, other_cost = follow(problem, [start])
+            if other_cost < found_cost:
+                matrices = other
     cost = _cost(matrices, problem.terms, level)
     return Fit(matrices, np.inf if known.rejects(matrices) else cost)
 
@@ -123,10 +135,10 @@ def _otherwise(
 ) -> Iterator[Array]:
     """Three lamps (3, 3, 3) from another start, by the outline, by other shares of pure pixels."""
     known = problem.known
-    yield follow(problem, [known.completed(published)])
+    yield follow(problem, [known.completed(published)])[0]
     for outline, share in ((True, _PURE_SHARE), *((False, one) for one in _OTHER_PURE_SHARES)):
         other = _problem(evidence, problem.prior, MOST_LAMPS, outline, share, known)
-        yield search(other, candidates)
+        yield search(other, candidates)[0]
 
 
 def _published(reduced: ReducedPair, model: Model, lamps: int) -> Array:

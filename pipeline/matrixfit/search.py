@@ -41,10 +41,10 @@ class Problem:
     known: Known
 
 
-def search(problem: Problem, candidates: Array) -> Array:
-    """Matrices (N, 3, 3) of unit norm, the likeliest that sets of candidates lead to.
+def search(problem: Problem, candidates: Array) -> tuple[Array, float]:
+    """Matrices (N, 3, 3) that sets of candidates lead to, and their cost, as follow gives them.
 
-    candidates: (k, 3, 3) matrices that may be lamps. As follow, it may end at a forbidden lamp.
+    candidates: (k, 3, 3) matrices that may be lamps.
     """
     terms, level = problem.terms, problem.levels[0][0]
     weights = [term.weights for term in terms]
@@ -57,18 +57,19 @@ def search(problem: Problem, candidates: Array) -> Array:
     return follow(problem, [problem.prior.matrices(theta) for _, theta, _ in best])
 
 
-def follow(problem: Problem, starts: list[Array]) -> Array:
+def follow(problem: Problem, starts: list[Array]) -> tuple[Array, float]:
     """Matrices (N, 3, 3) of unit norm, the likeliest that these starts (N, 3, 3) lead to.
 
-    They have a forbidden lamp among them only where every start leads to one.
+    The cost beside them is −log posterior at the last level. They have a forbidden lamp among
+    them only where every start leads to one, and then the cost is infinite.
     """
     weights = [term.weights for term in problem.terms]
     found = [(0.0, problem.prior.coordinates(one), weights) for one in starts]
     for level, kept in problem.levels:
         found = [_refined(t, w, problem, level) for _, t, w in found]
         found = sorted(found, key=lambda one: one[0])[:kept]
-    theta = found[0][1]
-    return problem.prior.matrices(theta / np.linalg.norm(theta, axis=1, keepdims=True))
+    cost, theta, _ = found[0]
+    return problem.prior.matrices(theta / np.linalg.norm(theta, axis=1, keepdims=True)), cost
 
 
 def _best_starts(problem: Problem, candidates: Array) -> list[Array]:

@@ -1,12 +1,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.errors import UnusablePairError
 from pipeline.matrixfit import fit
 from pipeline.matrixfit.evidence import gather_evidence
 from pipeline.matrixfit.fit import Fit, fit_matrices
@@ -119,13 +121,58 @@ def test_three_lamps_that_leave_much_are_found_otherwise(
     true = model.lamp_matrix(warm_to_cool)
     wrong = np.roll(true, 1, axis=2) / np.linalg.norm(true, axis=(1, 2), keepdims=True)
     likeliest = fitted(shadowed(warm_to_cool), 3).cost
-    monkeypatch.setattr(fit, "search", lambda *_: wrong)
+    monkeypatch.setattr(fit, "search", lambda *_: (wrong, 0.0))
 
     found = fitted(shadowed(warm_to_cool), 3)
 
     assert off(wrong, true) > 0.1
     assert off(found.matrices, true) < 0.006
     assert found.cost == pytest.approx(likeliest, abs=5)
+
+
+@pytest.mark.parametrize(
+    ("rendered", "cost", "corrected"),
+    [(False, 0.0, True), (False, -1e9, False), (True, 0.0, False)],
+)
+def test_two_lamps_are_searched_from_the_published_ones_too(
+    shadowed: Callable[[Array], Any],
+    fitted: Fitted,
+    model: Model,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+    off: Off,
+    rendered: bool,
+    cost: float,
+    corrected: bool,
+) -> None:
+    """The likelier ones are taken, but where a camera's rendering bent the chromaticities."""
+    true = model.lamp_matrix(warm_to_cool[[0, 2]])
+    wrong = np.roll(true, 1, axis=2) / np.linalg.norm(true, axis=(1, 2), keepdims=True)
+    monkeypatch.setattr(fit, "search", lambda *_: (wrong, cost))
+
+    found = fitted(replace(shadowed(warm_to_cool[[0, 2]]), rendered=rendered), 2)
+
+    assert off(wrong, true) > 0.1
+    assert (off(found.matrices, true) < 0.006) == corrected
+    assert corrected or np.array_equal(found.matrices, wrong)
+
+
+def test_without_published_lamps_two_are_searched_as_they_are(
+    shadowed: Callable[[Array], Any],
+    fitted: Fitted,
+    model: Model,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+    off: Off,
+) -> None:
+    def none(*_: object) -> Array:
+        raise UnusablePairError("The light of hardly any pixel agrees with that of another.")
+
+    monkeypatch.setattr(fit, "lights_of_pair", none)
+
+    found = fitted(shadowed(warm_to_cool[[0, 2]]), 2)
+
+    assert off(found.matrices, model.lamp_matrix(warm_to_cool[[0, 2]])) < 0.006
 
 
 def test_an_outline_is_not_judged_by_its_few_differences(
