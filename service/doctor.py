@@ -25,8 +25,9 @@ from pydantic import ValidationError
 
 import pipeline
 from service import census, database, migrations
-from service.errors import StartError, sentence_of
+from service.errors import StartError
 from service.opening import cause_of, open_storage
+from service.sentences import sentence_of
 from service.settings import Settings
 
 _PREFIX = "LIGHTLAYERS_"

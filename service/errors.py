@@ -47,7 +47,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from obstore import exceptions as obstore_errors
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, Field
 from sqlalchemy.exc import DBAPIError
 
 import drivers
@@ -362,17 +362,3 @@ def problem_of(error: Exception, trace_id: str) -> Problem:
     """Make the problem that an exception is. What is in no table keeps its details in the log."""
     kind = kind_of(error)
     return make_problem(kind, kind.detail or str(error), trace_id)
-
-
-def sentence_of(error: ValidationError) -> str:
-    """Tell the first fault that pydantic found in one sentence that names the place."""
-    fault = error.errors(include_url=False, include_context=False, include_input=False)[0]
-    unknown = fault["type"] == "extra_forbidden"
-    return describe_fault(fault["loc"], "this name is not known" if unknown else fault["msg"])
-
-
-def describe_fault(location: tuple[int | str, ...], message: str) -> str:
-    """One sentence for a place in the request and what is wrong there."""
-    message = message.removeprefix("Value error, ").rstrip(".")
-    place = ".".join(str(part) for part in location)
-    return f"{place}: {message}." if place else f"{message[:1].upper()}{message[1:]}."

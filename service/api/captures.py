@@ -26,8 +26,9 @@ from service.api.context import Context
 from service.api.intake import Intake, handling_of
 from service.api.looking import check_camera
 from service.api.models import CameraCapture, Capture, Handling
-from service.errors import CameraHeldError, NotReadyError, sentence_of
+from service.errors import CameraHeldError, NotReadyError
 from service.keys import Scope
+from service.sentences import sentence_of
 
 
 @dataclass(frozen=True)

@@ -40,12 +40,8 @@ from service.api.models import (
     UploadsRequest,
 )
 from service.attempt import FRAMES
-from service.errors import (
-    MalformedRequestError,
-    UnsupportedMediaError,
-    UploadTooLargeError,
-    sentence_of,
-)
+from service.errors import MalformedRequestError, UnsupportedMediaError, UploadTooLargeError
+from service.sentences import sentence_of
 from service.settings import Settings
 
 _JSON_BYTES = 1024 * 1024

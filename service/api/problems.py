@@ -33,13 +33,13 @@ from service.errors import (
     SlowRequestError,
     StorageFullError,
     UnauthorizedError,
-    describe_fault,
     kind_of,
     make_problem,
     problem_of,
 )
 from service.patience import FULL
 from service.sandbox import TaskError
+from service.sentences import describe_fault
 
 MEDIA_TYPE = "application/problem+json"
 RETRY_SECONDS = 10

@@ -28,8 +28,9 @@ from service.api.context import Context, Parts, TraceId
 from service.api.jobs import answer
 from service.api.models import JobAnswer, RerunRequest
 from service.api.pair_form import IdempotencyKey, accepted
-from service.errors import GoneError, NotReadyError, UnknownJobError, sentence_of
+from service.errors import GoneError, NotReadyError, UnknownJobError
 from service.repeat import copy_pair
+from service.sentences import sentence_of
 
 router = APIRouter(tags=["jobs"])
 

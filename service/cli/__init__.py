@@ -50,7 +50,8 @@ def _explain(error: Exception) -> tuple[str, int]:
     from drivers import BadAddressError, CameraNotFoundError, DriverError
     from pipeline.errors import InputError
     from service.client import RefusedError, ServiceAwayError
-    from service.errors import DATABASE_AWAY, STORE_AWAY, ServiceError, kind_of, sentence_of
+    from service.errors import DATABASE_AWAY, STORE_AWAY, ServiceError, kind_of
+    from service.sentences import sentence_of
 
     if isinstance(
         error, InputError | BadAddressError | CameraNotFoundError | RefusedError | ServiceError

@@ -210,7 +210,7 @@ def _calibrate(
     from pipeline.progress import Progress
     from service.cli.display import stage_bar
     from service.cli.keeping import keep
-    from service.errors import sentence_of
+    from service.sentences import sentence_of
 
     try:
         options = CALIBRATION_OPTIONS.validate_python({"kind": kind, **flags.pair_values(), **own})

@@ -64,7 +64,7 @@ def _settings(preset: Path | None, typed: list[str], count: int) -> Mix:
 
     from pipeline.errors import OptionError
     from pipeline.mix_options import Mix
-    from service.errors import sentence_of
+    from service.sentences import sentence_of
 
     values: Any = {"lamps": [{} for _ in range(count)]}
     try:
@@ -83,7 +83,7 @@ def _read_preset(path: Path) -> Any:
 
     from pipeline.errors import OptionError
     from pipeline.mix_options import Mix
-    from service.errors import sentence_of
+    from service.sentences import sentence_of
 
     try:
         return Mix.model_validate_json(read_file(path, "preset")).model_dump()

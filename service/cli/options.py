@@ -176,7 +176,7 @@ class Flags(PairFlags):
         from pipeline.errors import OptionError
         from pipeline.options import Options
         from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
-        from service.errors import sentence_of
+        from service.sentences import sentence_of
 
         pinned, forbidden = self.pin_lamp or (), self.forbid_lamp or ()
         values = {

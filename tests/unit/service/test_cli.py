@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -55,6 +57,19 @@ def test_photographs_that_cannot_be_opened_are_told(
         assert "nothing.jpg cannot be read: no such file or directory." in said
         said = _refused(capsys, command, pair[0], str(tmp_path), *out)
         assert "cannot be read: is a directory." in said
+
+
+def test_a_separation_loads_nothing_of_the_service(pair: list[str], tmp_path: Path) -> None:
+    """Imports that it has no use for cost time in every run."""
+    program = "import sys; from service.cli import run; run(sys.argv[1:]); print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", program, "separate", *pair, "-o", str(tmp_path / "out")],
+        capture_output=True,
+        text=True,
+    )
+    loaded = set(done.stdout.splitlines()[-1].split())
+    assert (tmp_path / "out" / "manifest.json").exists()
+    assert loaded.isdisjoint({"sqlalchemy", "obstore", "fastapi", "dbos", "drivers", "httpx"})
 
 
 @pytest.mark.parametrize(

@@ -3,13 +3,11 @@ from __future__ import annotations
 import pytest
 import sqlalchemy as sa
 from obstore import exceptions as obstore_errors
-from pydantic import ValidationError
 
 import drivers
 from pipeline import errors as pipeline_errors
-from pipeline.options import Options
 from service import errors
-from service.errors import KINDS, kind_of, problem_of, sentence_of
+from service.errors import KINDS, kind_of, problem_of
 
 TRACE = "0123456789abcdef0123456789abcdef"
 
@@ -151,22 +149,3 @@ def test_kinds_that_may_pass_later_are_retryable() -> None:
         "store-unavailable",
         "upload-unfinished",
     }
-
-
-@pytest.mark.parametrize(
-    ("options", "expected"),
-    [
-        ({"lights": 4}, "more than three lamps have no unique answer"),
-        ({"focal_px": -1}, "focal_px: Input should be greater than 0."),
-        ({"basis": "svd"}, "basis: Input should be 'wpca', 'pca' or 'joint'."),
-        ({"lamps": 2}, "lamps: this name is not known."),
-        ({"outputs": ["a.gif"]}, "unknown output a.gif"),
-    ],
-)
-def test_a_fault_of_the_options_is_one_sentence(options: dict[str, object], expected: str) -> None:
-    with pytest.raises(ValidationError) as caught:
-        Options.model_validate(options)
-    sentence = sentence_of(caught.value)
-    assert expected.lower() in sentence.lower()
-    assert sentence.endswith(".")
-    assert "\n" not in sentence
