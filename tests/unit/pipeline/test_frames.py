@@ -137,8 +137,8 @@ def test_an_image_that_memory_cannot_hold_is_a_memory_error() -> None:
 
 def test_freed_memory_is_given_back() -> None:
     """Arrays too small for maps of their own, under one that stays."""
-    freed = [np.ones(2**14) for _ in range(1000)]
-    stays = np.ones(2**14)
+    freed = [np.ones(2**12) for _ in range(4000)]
+    stays = np.ones(2**12)
     del freed
     before = resident_mib()
 
