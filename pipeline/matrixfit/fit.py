@@ -64,8 +64,8 @@ def first_fit(
     """Fit the matrices of one to three lamps in one way; deterministic. The rest as fit_matrices.
 
     Without edges of shadows only the outline of the pixels' cloud speaks. Where the published
-    lamps leave no light over, the outline is exact, and nothing is gained by fitting. Two lamps
-    are searched from the published ones, too: where nearly all light is mixed, or lamps are
+    lamps leave no light over, the outline is exact, and nothing is gained by fitting. Several
+    lamps are searched from the published ones, too: where nearly all light is mixed, or lamps are
     strongly coloured, the search may pass the likeliest ones by.
     """
     outline = not evidence.has_edges
@@ -78,7 +78,7 @@ def first_fit(
             return Fit(published, _cost(published, problem.terms, level))
     matrices, found_cost = search(problem, _candidates(evidence, model))
     # of chromaticities that a camera's rendering bent, the likeliest lamps are too often wrong
-    if lamps == 2 and not reduced.rendered:
+    if lamps > 1 and not reduced.rendered:
         with suppress(UnusablePairError):  # hardly any pixels agree
             start = known.completed(_published(reduced, model, lamps))
             other, other_cost = follow(problem, [start])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline.errors import UnusablePairError
 from pipeline.matrixfit import fit
 from pipeline.matrixfit.evidence import gather_evidence
-from pipeline.matrixfit.fit import Fit, fit_matrices
+from pipeline.matrixfit.fit import Fit, first_fit, fit_matrices
 from pipeline.matrixfit.known import nothing_known
 from pipeline.model import Model
 from pipeline.reduced import reduce_pair
@@ -121,7 +121,7 @@ def test_three_lamps_that_leave_much_are_found_otherwise(
     true = model.lamp_matrix(warm_to_cool)
     wrong = np.roll(true, 1, axis=2) / np.linalg.norm(true, axis=(1, 2), keepdims=True)
     likeliest = fitted(shadowed(warm_to_cool), 3).cost
-    monkeypatch.setattr(fit, "search", lambda *_: (wrong, 0.0))
+    monkeypatch.setattr(fit, "search", lambda *_: (wrong, -1e9))
 
     found = fitted(shadowed(warm_to_cool), 3)
 
@@ -130,27 +130,30 @@ def test_three_lamps_that_leave_much_are_found_otherwise(
     assert found.cost == pytest.approx(likeliest, abs=5)
 
 
+@pytest.mark.parametrize("which", [[0, 2], [0, 1, 2]])
 @pytest.mark.parametrize(
     ("rendered", "cost", "corrected"),
     [(False, 0.0, True), (False, -1e9, False), (True, 0.0, False)],
 )
-def test_two_lamps_are_searched_from_the_published_ones_too(
+def test_several_lamps_are_searched_from_the_published_ones_too(
     shadowed: Callable[[Array], Any],
-    fitted: Fitted,
     model: Model,
     warm_to_cool: Array,
     monkeypatch: pytest.MonkeyPatch,
     off: Off,
+    which: list[int],
     rendered: bool,
     cost: float,
     corrected: bool,
 ) -> None:
     """The likelier ones are taken, but where a camera's rendering bent the chromaticities."""
-    true = model.lamp_matrix(warm_to_cool[[0, 2]])
+    true = model.lamp_matrix(warm_to_cool[which])
     wrong = np.roll(true, 1, axis=2) / np.linalg.norm(true, axis=(1, 2), keepdims=True)
     monkeypatch.setattr(fit, "search", lambda *_: (wrong, cost))
+    pair = replace(shadowed(warm_to_cool[which]), rendered=rendered)
+    reduced, nothing = reduce_pair(pair), nothing_known(model.flash_white)
 
-    found = fitted(replace(shadowed(warm_to_cool[[0, 2]]), rendered=rendered), 2)
+    found = first_fit(reduced, gather_evidence(reduced, False), model, len(which), nothing)
 
     assert off(wrong, true) > 0.1
     assert (off(found.matrices, true) < 0.006) == corrected
