@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import tempfile
 from concurrent.futures import ProcessPoolExecutor
@@ -33,6 +32,7 @@ from tests.evaluation.calibrated import (
     ways,
 )
 from tests.evaluation.capture import Capture, Sensor, capture
+from tests.evaluation.environment import settle
 from tests.evaluation.product import Planes, picture, planes_of
 from tests.evaluation.scenes import neutral_seen, render_seen, scenes
 from tests.evaluation.scoring import balance_score, joint_snr, valid_pixels
@@ -126,8 +126,7 @@ def main() -> None:
     parser.add_argument("--set", choices=get_args(Split))
     parser.add_argument("--cameras", type=Path, help="folder of measured cameras, AMPAS JSON")
     arguments = parser.parse_args()
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"
-    os.environ.pop("LIGHTLAYERS_SPECTRA", None)  # measured cameras are not to be known
+    settle()
     splits: tuple[Split, ...] = (arguments.set,) if arguments.set else get_args(Split)
     if arguments.cameras:
         found, spheres = _run(_of_folder(arguments.cameras, splits)), []

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import statistics
 import sys
 import tempfile
@@ -33,6 +32,7 @@ from pipeline.spectra.library import colour_science, without_warnings
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from pipeline.spectra.matrices import best_matrix
 from tests.evaluation.conditions import Condition, make_shot
+from tests.evaluation.environment import settle
 from tests.evaluation.product import picture, planes_of
 from tests.evaluation.scenes import SIZE, Scene, render_response, scenes
 from tests.evaluation.scoring import joint_snr
@@ -236,7 +236,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.evaluation.editing", description=__doc__)
     parser.add_argument("--set", choices=get_args(Split), default="report")
     split: Split = parser.parse_args().set
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    settle(own_spectra=True)
     there = pairs(split)
     jobs = [
         (scene, *pair)

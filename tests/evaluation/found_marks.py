@@ -7,7 +7,6 @@ for a target and is none.
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ import numpy as np
 from pipeline.calibration.find_chart import find_charts
 from pipeline.calibration.find_sphere import find_spheres
 from tests.cluttered import SIZE, Plan, Room, Target, photograph_room
+from tests.evaluation.environment import settle
 from tests.evaluation.tables import markdown
 
 _DOCS = Path(__file__).parents[2] / "docs"
@@ -102,7 +102,7 @@ def main() -> None:
     )
     parser.add_argument("--share", type=float, default=1.0, help="of the rooms, printed only")
     share = parser.parse_args().share
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    settle()
     head = ["in the room", "rooms", "found", "not found", "more than one", "wrong", "off, %"]
     table = [head]
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:

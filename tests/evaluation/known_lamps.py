@@ -6,7 +6,6 @@ The report scenes write docs/known_lamps.md. The development scenes print.
 from __future__ import annotations
 
 import argparse
-import os
 import statistics
 import sys
 from concurrent.futures import ProcessPoolExecutor
@@ -35,6 +34,7 @@ from pipeline.spectra.lights import find_light
 from pipeline.vectors import unit
 from tests.evaluation.ceilings import dealt_out
 from tests.evaluation.conditions import Condition, make_shot
+from tests.evaluation.environment import settle
 from tests.evaluation.scenes import NEUTRAL, Scene, scenes
 from tests.evaluation.scoring import joint_snr
 from tests.evaluation.shots import Shot
@@ -248,7 +248,7 @@ def main() -> None:
     )
     parser.add_argument("--set", choices=get_args(Split), default="report")
     arguments = parser.parse_args()
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    settle()
     named: list[Named] = []
     pinned: list[Pinned] = []
     every = [one for group, most in GROUPS.items() for one in scenes(group, arguments.set)[:most]]

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import tempfile
 import time
@@ -29,6 +28,7 @@ from pipeline.process import separate_files
 from pipeline.progress import Progress
 from pipeline.vectors import unit
 from tests.evaluation.baselines.woodham1980 import single_shot_normals
+from tests.evaluation.environment import settle
 from tests.evaluation.objects import CAMERA, OBJECTS, Kind, Object, ObjectShot, photograph
 from tests.evaluation.product import planes_of
 from tests.evaluation.spectra import Split, flash_spectrum, sensitivities
@@ -209,7 +209,7 @@ def main() -> None:
     parser.add_argument("--condition", choices=CONDITIONS, action="append")
     parser.add_argument("--method", choices=METHODS, action="append")
     arguments = parser.parse_args()
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    settle()
     jobs = [
         (name, thing, arguments.set, method)
         for name in arguments.condition or CONDITIONS

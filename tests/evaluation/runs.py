@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 
+from tests.evaluation.environment import settle
 from tests.evaluation.experiments import EXPERIMENTS
 from tests.evaluation.figures import Outcome
 from tests.evaluation.results import Result, run_scene
@@ -28,8 +28,7 @@ def run(
     The results of each experiment are in the order of scenes and methods, however they came.
     Experiments with none of the methods are left out.
     """
-    # before a worker loads numpy: its threads would wait for each other
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    settle()
     chosen = {
         name: tuple(method for method in EXPERIMENTS[name].methods if method in methods)
         for name in names

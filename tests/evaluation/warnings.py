@@ -5,7 +5,6 @@ Writes docs/warnings.md, for the development and the report scenes.
 
 from __future__ import annotations
 
-import os
 import statistics
 import sys
 from collections import Counter
@@ -18,6 +17,7 @@ from typing import get_args
 
 from pipeline.remarks import Code
 from tests.evaluation.conditions import Condition
+from tests.evaluation.environment import settle
 from tests.evaluation.figures import codes
 from tests.evaluation.results import Result, run_scene
 from tests.evaluation.scenes import Scene, scenes
@@ -106,8 +106,7 @@ def main() -> None:
 
 def run() -> Found:
     """Results of every case, in the order of CASES."""
-    # before a worker loads numpy: its threads would wait for each other
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    settle()
     found: Found = {}
     with ProcessPoolExecutor(_WORKERS, mp_context=get_context("spawn")) as pool:
         waiting = {
