@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,11 +41,12 @@ class Fit:
     matrices: (N, 3, 3), unit Frobenius norm, pinned lamps first. cost: −log likelihood at one
     fixed level of the likeliest that were found, lower is better; costs of different numbers of
     lamps on the same evidence can be compared. It is infinite where no fit avoids what is
-    forbidden.
+    forbidden. passed_over: (N, 3, 3) each, what else the search came to.
     """
 
     matrices: Array
     cost: float
+    passed_over: tuple[Array, ...] = ()
 
 
 def fit_pin(data: Data, model: Model, of_area: bool) -> Pin:
@@ -66,26 +66,27 @@ def first_fit(
     Without edges of shadows only the outline of the pixels' cloud speaks. Where the published
     lamps leave no light over, the outline is exact, and nothing is gained by fitting. Several
     lamps are searched from the published ones, too: where nearly all light is mixed, or lamps are
-    strongly coloured, the search may pass the likeliest ones by.
+    strongly coloured, the search may pass the likeliest two by; three are searched alike, since
+    costs of different numbers of lamps are compared.
     """
     outline = not evidence.has_edges
     problem = _problem(evidence, model.prior, lamps, outline, _PURE_SHARE, known)
     level = _cost_level(reduced)
-    if outline and not known.pinned:
-        published = _published(reduced, model, lamps)
+    published = _published(reduced, model, lamps)
+    if outline and published is not None and not known.pinned:
         exact = mean_left_over(reduced, published) < _NOTHING
         if exact and not known.rejects(published):
             return Fit(published, _cost(published, problem.terms, level))
-    matrices, found_cost = search(problem, _candidates(evidence, model))
-    # of chromaticities that a camera's rendering bent, the likeliest lamps are too often wrong
-    if lamps > 1 and not reduced.rendered:
-        with suppress(UnusablePairError):  # hardly any pixels agree
-            start = known.completed(_published(reduced, model, lamps))
-            other, other_cost = follow(problem, [start])
-            if other_cost < found_cost:
-                matrices = other
-    cost = _cost(matrices, problem.terms, level)
-    return Fit(matrices, np.inf if known.rejects(matrices) else cost)
+    matrices, cost = search(problem, _candidates(evidence, model))
+    passed_over: tuple[Array, ...] = ()
+    if lamps > 1 and published is not None:
+        other, other_cost = follow(problem, [known.completed(published)])
+        # of chromaticities that a camera's rendering bent, the likeliest lamps are too often wrong
+        if other_cost < cost and not reduced.rendered:
+            matrices, other = other, matrices
+        passed_over = (other,)
+    cost = np.inf if known.rejects(matrices) else _cost(matrices, problem.terms, level)
+    return Fit(matrices, cost, passed_over)
 
 
 def fit_matrices(
@@ -109,11 +110,8 @@ def fit_matrices(
     if unexplained(reduced, evidence, first.matrices) <= _LITTLE:
         return first
     problem = _problem(evidence, model.prior, lamps, False, _PURE_SHARE, known)
-    published = _published(reduced, model, lamps)
-    found = [
-        first.matrices,
-        *_otherwise(problem, evidence, _candidates(evidence, model), published),
-    ]
+    others = _otherwise(problem, evidence, _candidates(evidence, model))
+    found = [first.matrices, *first.passed_over, *others]
     found = [one for one in found if not known.rejects(one)] or found[:1]
     level = _cost_level(reduced)
     cost = min(_cost(one, problem.terms, level) for one in found)
@@ -130,20 +128,20 @@ def _cost_level(reduced: ReducedPair) -> float:
     return _RENDERED_COST_LEVEL if reduced.rendered else _COST_LEVEL
 
 
-def _otherwise(
-    problem: Problem, evidence: Evidence, candidates: Array, published: Array
-) -> Iterator[Array]:
-    """Three lamps (3, 3, 3) from another start, by the outline, by other shares of pure pixels."""
+def _otherwise(problem: Problem, evidence: Evidence, candidates: Array) -> Iterator[Array]:
+    """Three lamps (3, 3, 3) by the outline, and by other shares of pure pixels."""
     known = problem.known
-    yield follow(problem, [known.completed(published)])[0]
     for outline, share in ((True, _PURE_SHARE), *((False, one) for one in _OTHER_PURE_SHARES)):
         other = _problem(evidence, problem.prior, MOST_LAMPS, outline, share, known)
         yield search(other, candidates)[0]
 
 
-def _published(reduced: ReducedPair, model: Model, lamps: int) -> Array:
-    """Matrices (N, 3, 3) of unit norm of the lamps that the published method finds."""
-    matrices = model.lamp_matrix(lights_of_pair(reduced, model, lamps))
+def _published(reduced: ReducedPair, model: Model, lamps: int) -> Array | None:
+    """Matrices (N, 3, 3) of unit norm of the lamps that the published method finds, if any."""
+    try:
+        matrices = model.lamp_matrix(lights_of_pair(reduced, model, lamps))
+    except UnusablePairError:  # hardly any pixels agree
+        return None
     return np.asarray(matrices / np.linalg.norm(matrices, axis=(1, 2), keepdims=True))
 
 

@@ -160,7 +160,7 @@ def test_several_lamps_are_searched_from_the_published_ones_too(
     assert corrected or np.array_equal(found.matrices, wrong)
 
 
-def test_without_published_lamps_two_are_searched_as_they_are(
+def test_what_the_search_passes_over_counts_where_three_lamps_leave_much(
     shadowed: Callable[[Array], Any],
     fitted: Fitted,
     model: Model,
@@ -168,14 +168,43 @@ def test_without_published_lamps_two_are_searched_as_they_are(
     monkeypatch: pytest.MonkeyPatch,
     off: Off,
 ) -> None:
+    """Likelier lamps give way to those that the search itself found."""
+    true = model.lamp_matrix(warm_to_cool)
+    true /= np.linalg.norm(true, axis=(1, 2), keepdims=True)
+    wrong = np.roll(true, 1, axis=2)
+    monkeypatch.setattr(fit, "search", lambda *_: (true, 0.0))
+    monkeypatch.setattr(fit, "follow", lambda *_: (wrong, -1e9))
+    monkeypatch.setattr(fit, "_otherwise", lambda *_: [np.roll(true, 2, axis=2)])
+
+    found = fitted(shadowed(warm_to_cool), 3)
+
+    assert off(found.matrices, true) < 1e-12
+    assert off(wrong, true) > 0.1
+
+
+@pytest.mark.parametrize("scene", ["shadowed", "outline", "much is left"])
+@pytest.mark.parametrize("which", [[0, 2], [0, 1, 2]])
+def test_without_published_lamps_others_are_found_as_they_are(
+    shadowed: Callable[[Array], Any],
+    exact: Callable[..., Any],
+    fitted: Fitted,
+    model: Model,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+    off: Off,
+    which: list[int],
+    scene: str,
+) -> None:
     def none(*_: object) -> Array:
         raise UnusablePairError("The light of hardly any pixel agrees with that of another.")
 
     monkeypatch.setattr(fit, "lights_of_pair", none)
+    monkeypatch.setattr(fit, "_LITTLE", 0.0 if scene == "much is left" else fit._LITTLE)
+    true = warm_to_cool[which]
 
-    found = fitted(shadowed(warm_to_cool[[0, 2]]), 2)
+    found = fitted(exact(true)[0] if scene == "outline" else shadowed(true), len(which))
 
-    assert off(found.matrices, model.lamp_matrix(warm_to_cool[[0, 2]])) < 0.006
+    assert off(found.matrices, model.lamp_matrix(true)) < (0.06 if scene == "outline" else 0.006)
 
 
 def test_an_outline_is_not_judged_by_its_few_differences(
