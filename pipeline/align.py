@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frames import Image, Mask, empty_image
-from pipeline.order import quantile
+from pipeline.order import ENOUGH, quantile
 from pipeline.refine import (
     HOMOGRAPHY,
     SHIFT,
@@ -117,7 +117,7 @@ def _estimate(
     edges that flash and lamps draw differently is off by half a pixel at the corners.
     """
     found, chosen = np.eye(3), None
-    best = agreement(reference_steps[0], sample_steps[0], found)
+    best = agreement(reference_steps, sample_steps, found)
     for motion, freedoms, worth_it in _MOTIONS:
         start = found
         if motion is not None:
@@ -132,7 +132,7 @@ def _estimate(
         if motion != cv2.MOTION_TRANSLATION and moves > _MAX_TURN * np.hypot(*reference.shape):
             continue
         plain = moves > _PLAIN_PX and motion is not None
-        agrees = agreement(reference_steps[0], sample_steps[0], candidate)
+        agrees = agreement(reference_steps, sample_steps, candidate)
         if agrees > best + (worth_it / 2 if plain else worth_it):
             found, chosen = candidate, freedoms
         best = max(best, agrees)
@@ -201,7 +201,8 @@ def warp(image: Image, saturated: Mask, alignment: Alignment) -> tuple[Image, Ma
 def edges(image: Image) -> Image:
     """Gradient magnitude of the brightness, divided by its own local mean and compressed."""
     gray = np.maximum(cv2.transform(image, np.full((1, 3), 1 / 3)), np.float32(0.0))
-    gray = np.sqrt(gray / np.float32(max(quantile(gray, 0.95), 1e-9)))
+    bright = quantile(gray[:: max(1, gray.size // ENOUGH)], 0.95)
+    gray = np.sqrt(gray / np.float32(max(bright, 1e-9)))
     gray = np.asarray(cv2.GaussianBlur(gray, (0, 0), 1.0), np.float32)
     slopes = cv2.Scharr(gray, -1, 1, 0), cv2.Scharr(gray, -1, 0, 1)
     magnitude = np.asarray(cv2.magnitude(*slopes), np.float32)

@@ -7,6 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+ENOUGH = 100_000
+"""Values, spread over a picture, that tell its quantiles."""
+
 
 def quantile(values: NDArray[Any], share: float) -> float:
     """Value below which a share 0…1 of some finite values lies, between neighbours on a line."""

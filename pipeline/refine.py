@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.frames import Image
 from pipeline.lucas_kanade import equations, products, sampled
-from pipeline.order import quantile
+from pipeline.order import ENOUGH, quantile
 
 Pyramid = list[Image]
 """Steps of a photograph, the largest first, each next one half as large."""
@@ -24,9 +24,8 @@ _TUKEY = 4.685  # standard deviations at which a difference counts for nothing
 _MAD = 1.4826
 _EDGES = 0.85  # quantile of the gradient above which pixels tell of motion
 _FEW = 50  # pixels that still tell
-_ENOUGH = 400_000  # pixels for a quantile
 _ROUNDS = 12
-_DONE_PX = 0.005
+_NEAR_PX, _DONE_PX = 0.05, 0.005  # last steps of a motion that is near enough to compare, and done
 HOMOGRAPHY = np.eye(8)
 SHIFT = HOMOGRAPHY[[2, 5]]
 TURN = np.concatenate([SHIFT, [HOMOGRAPHY[1] - HOMOGRAPHY[3], HOMOGRAPHY[0] + HOMOGRAPHY[4]]])
@@ -46,7 +45,7 @@ def log_detail(image: Image) -> Image:
     smooth; edges of shadows are not.
     """
     steps = np.asarray(cv2.GaussianBlur(np.maximum(image, 0.0), (0, 0), _BLUR), dtype=np.float32)
-    step = max(1, len(image) * image.shape[1] // _ENOUGH)
+    step = max(1, len(image) * image.shape[1] // ENOUGH)
     bright = np.array([quantile(steps[::step, :, channel], 0.95) for channel in range(3)])
     _rows(steps)[:] += np.tile(np.float32(_DARK * bright + 1e-9), image.shape[1])
     np.log(steps, out=steps)
@@ -77,37 +76,61 @@ def shrinking(size: tuple[int, int], full: tuple[int, int]) -> NDArray[np.float6
 def refine_motion(
     reference: Pyramid, sample: Pyramid, matrix: NDArray[np.float64], freedoms: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Refine a homography that is right within a pixel or two.
+    """Refine a homography that is right within a pixel or two, as far as comparing motions needs.
 
     reference, sample: from pyramid. matrix: (3, 3), from a reference pixel to the sample's, in
     full size. freedoms: (n, 8), what may change: SHIFT, TURN or HOMOGRAPHY. Large pictures count
-    from half their size on, which is right to 0.03 pixels: see finish_motion. Where the equations
-    of a size have no solution, it changes nothing.
+    from half their size on. The last step is below 0.05 pixels: see finish_motion. Where the
+    equations of a size have no solution, it changes nothing.
     """
-    height, width = reference[0].shape[:2]
     for level in range(len(reference) - 1, _finest(reference) - 1, -1):
         one, other = reference[level], sample[level]
-        shrink = shrinking(one.shape[1::-1], (width, height))
-        enlarge = np.linalg.inv(shrink)
-        matrix = enlarge @ _refined(one, other, shrink @ matrix @ enlarge, freedoms) @ shrink
+        small = _refined(one, other, _at(reference, level, matrix), freedoms, _NEAR_PX)
+        matrix = _from(reference, level, small)
     return np.asarray(matrix)
 
 
 def finish_motion(
     reference: Pyramid, sample: Pyramid, matrix: NDArray[np.float64], freedoms: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Make what refine_motion found exact in full size, where that has not been done."""
-    if _finest(reference) == 0:
-        return matrix
-    return _refined(reference[0], sample[0], matrix, freedoms)
+    """Make what refine_motion found exact in full size."""
+    return _refined(reference[0], sample[0], matrix, freedoms, _DONE_PX)
+
+
+def agreement(reference: Pyramid, sample: Pyramid, matrix: NDArray[np.float64]) -> float:
+    """Correlation of the steps that two photographs share under a motion, −1…1.
+
+    The arguments are those of refine_motion, and so is the size that counts.
+    """
+    level = _finest(reference)
+    moved = _at(reference, level, matrix)
+    rows = _rows(reference[level]), _rows(_warped(sample[level], moved))
+    first, second, shared = products(*rows, moved, 1)
+    return float(shared / max(np.sqrt(first * second), 1e-12))
 
 
 def _finest(steps: Pyramid) -> int:
     return int(max(steps[0].shape) > _LARGE and len(steps) > 1)
 
 
+def _at(steps: Pyramid, level: int, matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Express a homography of full size in the pixels of a level."""
+    shrink = shrinking(steps[level].shape[1::-1], steps[0].shape[1::-1])
+    return np.asarray(shrink @ matrix @ np.linalg.inv(shrink))
+
+
+def _from(steps: Pyramid, level: int, matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Express a homography of a level in the pixels of full size."""
+    shrink = shrinking(steps[level].shape[1::-1], steps[0].shape[1::-1])
+    return np.asarray(np.linalg.inv(shrink) @ matrix @ shrink)
+
+
 def _refined(
-    reference: Image, sample: Image, matrix: NDArray[np.float64], freedoms: NDArray[np.float64]
+    reference: Image,
+    sample: Image,
+    matrix: NDArray[np.float64],
+    freedoms: NDArray[np.float64],
+    done_px: float,
 ) -> NDArray[np.float64]:
     height, width = reference.shape[:2]
     unit = max(width, height) / 2.0  # coordinates of order one keep the equations in balance
@@ -122,7 +145,7 @@ def _refined(
             return matrix
         found = found @ (from_unit @ step @ to_unit)
         found = found / found[2, 2]
-        if unit * np.abs(step - np.eye(3)).max() < _DONE_PX:
+        if unit * np.abs(step - np.eye(3)).max() < done_px:
             break
     return found
 
@@ -137,7 +160,7 @@ def _step(
     """One round: the small motion, in unit coordinates, that takes away most of the difference."""
     first, second = _rows(reference), _rows(_warped(sample, matrix))
     where = (matrix, _MARGIN, _REACH)
-    strengths, differences = sampled(first, second, *where, max(1, first.size // (3 * _ENOUGH)))
+    strengths, differences = sampled(first, second, *where, max(1, first.size // (3 * ENOUGH)))
     if strengths.shape[1] < _FEW:
         return None
     least, scales = np.empty((2, 3), np.float32)
@@ -158,12 +181,6 @@ def _step(
     if not np.isfinite(solution).all():
         return None
     return np.asarray(np.eye(3) + np.append(solution, 0.0).reshape(3, 3))
-
-
-def agreement(reference: Image, sample: Image, matrix: NDArray[np.float64]) -> float:
-    """Correlation of the steps that two photographs share under a motion, −1…1."""
-    first, second, shared = products(_rows(reference), _rows(_warped(sample, matrix)), matrix, 1)
-    return float(shared / max(np.sqrt(first * second), 1e-12))
 
 
 def _warped(image: Image, matrix: NDArray[np.float64]) -> Image:

@@ -6,7 +6,16 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline import refine
-from pipeline.refine import HOMOGRAPHY, SHIFT, TURN, agreement, log_detail, pyramid, refine_motion
+from pipeline.refine import (
+    HOMOGRAPHY,
+    SHIFT,
+    TURN,
+    agreement,
+    finish_motion,
+    log_detail,
+    pyramid,
+    refine_motion,
+)
 
 Image = NDArray[np.float32]
 Array = NDArray[np.float64]
@@ -57,10 +66,12 @@ def test_motions_are_found_within_a_twentieth_of_a_pixel(kind: str) -> None:
     light = np.linspace(0.2, 1.0, WIDTH)[None, :, None] * np.array([1.0, 0.7, 0.4])
     one, other = patches() * light, seen(patches(), matrix) * light[:, ::-1, ::-1]
 
-    steps = [log_detail(image.astype(np.float32)) for image in (one, other)]
-    found = refine_motion(pyramid(steps[0]), pyramid(steps[1]), np.eye(3), freedoms)
+    steps = [pyramid(log_detail(image.astype(np.float32))) for image in (one, other)]
+    near = refine_motion(steps[0], steps[1], np.eye(3), freedoms)
+    found = finish_motion(steps[0], steps[1], near, freedoms)
 
     assert error(np.eye(3), matrix) > 1
+    assert error(near, matrix) < 0.15
     assert error(found, matrix) < 0.05
 
 
@@ -94,7 +105,7 @@ def test_an_even_picture_leaves_the_motion_as_it_is(value: float) -> None:
 
 
 def test_agreement_is_one_for_the_same_steps_and_falls_with_the_distance() -> None:
-    steps = log_detail(patches())
+    steps = pyramid(log_detail(patches()))
     off = [np.array([[1, 0, pixels], [0, 1, 0], [0, 0, 1.0]]) for pixels in (0.0, 1.0, 3.0)]
 
     found = [agreement(steps, steps, matrix) for matrix in off]
@@ -164,7 +175,7 @@ def test_a_round_by_some_of_the_rows_finds_the_same(monkeypatch: pytest.MonkeyPa
     matrix, _ = MOVED["shift"]
     steps = [log_detail(image) for image in (patches(), seen(patches(), matrix))]
     full = refine._step(steps[0], steps[1], np.eye(3), TO_UNIT, SHIFT)
-    monkeypatch.setattr(refine, "_ENOUGH", WIDTH * HEIGHT // 4)
+    monkeypatch.setattr(refine, "ENOUGH", WIDTH * HEIGHT // 4)
 
     step = refine._step(steps[0], steps[1], np.eye(3), TO_UNIT, SHIFT)
 
@@ -186,11 +197,29 @@ def test_agreement_is_the_correlation_where_both_are_seen() -> None:
     steps = [log_detail(image) for image in (patches(), patches(1) + patches())]
     matrix = np.array([[1, 0, 3.0], [0, 1, 2.0], [0, 0, 1]])
 
-    found = agreement(steps[0], steps[1], matrix)
+    found = agreement([steps[0]], [steps[1]], matrix)
 
     one, other = steps[0][:-3, :-4].astype(float), steps[1][2:-1, 3:-1].astype(float)
     expected = (one * other).sum() / np.sqrt((one**2).sum() * (other**2).sum())
     assert found == pytest.approx(expected, abs=1e-5)
+
+
+def test_large_pictures_are_compared_at_half_their_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Grain of single pixels, which the half size averages away, counts where it is not large."""
+    rng = np.random.default_rng(6)
+    grain = [rng.normal(0, 0.2, (HEIGHT, WIDTH, 3)).astype(np.float32) for _ in range(2)]
+    steps = [pyramid(log_detail(patches()) + one) for one in grain]
+    matrix = np.array([[1, 0, 4.0], [0, 1, -2.0], [0, 0, 1]])
+    moved = pyramid(seen(steps[1][0], matrix))
+    full = agreement(steps[0], moved, matrix)
+    monkeypatch.setattr(refine, "_LARGE", WIDTH - 1)
+
+    half = agreement(steps[0], moved, matrix)
+
+    assert half > full + 0.1
+    halved = np.array([[1, 0, 2.0], [0, 1, -1.0], [0, 0, 1]])
+    monkeypatch.setattr(refine, "_LARGE", WIDTH)
+    assert half == pytest.approx(agreement(steps[0][1:], moved[1:], halved), abs=1e-6)
 
 
 def test_steps_are_logarithms_less_their_local_mean() -> None:
