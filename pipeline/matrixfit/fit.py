@@ -72,16 +72,17 @@ def first_fit(
     outline = not evidence.has_edges
     problem = _problem(evidence, model.prior, lamps, outline, _PURE_SHARE, known)
     level = _cost_level(reduced)
-    published = _published(reduced, model, lamps)
+    # of chromaticities that a camera's rendering bent, the likeliest lamps are too often wrong
+    searched_too = lamps == MOST_LAMPS or (lamps > 1 and not reduced.rendered)
+    published = _published(reduced, model, lamps) if outline or searched_too else None
     if outline and published is not None and not known.pinned:
         exact = mean_left_over(reduced, published) < _NOTHING
         if exact and not known.rejects(published):
             return Fit(published, _cost(published, problem.terms, level))
     matrices, cost = search(problem, _candidates(evidence, model))
     passed_over: tuple[Array, ...] = ()
-    if lamps > 1 and published is not None:
+    if searched_too and published is not None:
         other, other_cost = follow(problem, [known.completed(published)])
-        # of chromaticities that a camera's rendering bent, the likeliest lamps are too often wrong
         if other_cost < cost and not reduced.rendered:
             matrices, other = other, matrices
         passed_over = (other,)
