@@ -30,6 +30,7 @@ _FAINTEST = 0.02  # of a lamp's strongest channel, so that no ratio explodes
 _LACKING = (0.06, 0.2)  # of the strongest channel, between which a lamp comes to have a colour
 _CLIPPING = (0.9, 0.99)  # of white, between which a channel comes to count as clipped
 _SINGULAR = 1e-9  # relative determinant
+_LONGEST = 1e30  # so that single precision holds it
 
 
 class WhiteBalance:
@@ -142,12 +143,12 @@ def _by_lamps(
 ) -> None:
     """Write Σ_j brightness_j z_j T_n I_f, z_j = layer_j · T_j I_f / ‖T_j I_f‖²."""
     zero = np.float32(0.0)
-    strength = np.empty(layers.shape[3])
+    strength = np.empty(layers.shape[3], np.float32)
     for y in range(layers.shape[2]):
         red, green, blue = flash[0][y], flash[1][y], flash[2][y]
-        strength[:] = 0.0
+        strength[:] = zero
         for j in range(len(layers)):
-            m, scale = matrices[j], brightness[j]
+            m, scale = matrices[j], np.float32(brightness[j])
             layer_0, layer_1, layer_2 = layers[j, 0, y], layers[j, 1, y], layers[j, 2, y]
             for x in range(len(strength)):
                 r, g, b = red[x], green[x], blue[x]
@@ -156,13 +157,16 @@ def _by_lamps(
                 p2 = max(np.float32(m[6]) * r + np.float32(m[7]) * g + np.float32(m[8]) * b, zero)
                 energy = p0 * p0 + p1 * p1 + p2 * p2
                 z = (p0 * layer_0[x] + p1 * layer_1[x] + p2 * layer_2[x]) / energy
-                strength[x] += scale * z if energy > 0 else 0.0
+                strength[x] += scale * z if energy > 0 else zero
         out_0, out_1, out_2 = balanced[0][y], balanced[1][y], balanced[2][y]
         for x in range(len(strength)):
             r, g, b = red[x], green[x], blue[x]
-            out_0[x] = max(strength[x] * (n[0] * r + n[1] * g + n[2] * b), 0.0)
-            out_1[x] = max(strength[x] * (n[3] * r + n[4] * g + n[5] * b), 0.0)
-            out_2[x] = max(strength[x] * (n[6] * r + n[7] * g + n[8] * b), 0.0)
+            lit = np.float32(n[0]) * r + np.float32(n[1]) * g + np.float32(n[2]) * b
+            out_0[x] = max(strength[x] * lit, zero)
+            lit = np.float32(n[3]) * r + np.float32(n[4]) * g + np.float32(n[5]) * b
+            out_1[x] = max(strength[x] * lit, zero)
+            lit = np.float32(n[6]) * r + np.float32(n[7]) * g + np.float32(n[8]) * b
+            out_2[x] = max(strength[x] * lit, zero)
 
 
 @njit(cache=True, error_model="numpy")
@@ -173,11 +177,14 @@ def _by_strength(
 
     d: (3, 3, 3) by rows, as published: channel of the result, channel of the flash part, column.
     """
-    zero = np.float32(0.0)
+    zero, faint = np.float32(0.0), np.float32(1e-9)
+    strength = np.empty(flash[0].shape[1], np.float32)
     for y in range(flash[0].shape[0]):
-        for x in range(flash[0].shape[1]):
-            r, g, b = flash[0][y, x], flash[1][y, x], flash[2][y, x]
-            n0, n1, n2 = no_flash[0][y, x], no_flash[1][y, x], no_flash[2][y, x]
+        reds, greens, blues = flash[0][y], flash[1][y], flash[2][y]
+        seen_0, seen_1, seen_2 = no_flash[0][y], no_flash[1][y], no_flash[2][y]
+        for x in range(len(strength)):
+            r, g, b = reds[x], greens[x], blues[x]
+            n0, n1, n2 = seen_0[x], seen_1[x], seen_2[x]
             a0, b0, c0 = _columns(d[0:9], r, g, b)
             a1, b1, c1 = _columns(d[9:18], r, g, b)
             a2, b2, c2 = _columns(d[18:27], r, g, b)
@@ -191,16 +198,21 @@ def _by_strength(
             u = u0 * n0 + u1 * n1 + u2 * n2
             v = v0 * n0 + v1 * n1 + v2 * n2
             w = w0 * n0 + w1 * n1 + w2 * n2
-            strength = np.sqrt(u * u + v * v + w * w) / (determinant * unit)
-            strength = strength if determinant > _SINGULAR * np.sqrt(squared) else 0.0
-            red = max(strength * (m[0] * r + m[1] * g + m[2] * b), 0.0)
-            green = max(strength * (m[3] * r + m[4] * g + m[5] * b), 0.0)
-            blue = max(strength * (m[6] * r + m[7] * g + m[8] * b), 0.0)
+            length = min(np.sqrt(u * u + v * v + w * w) / (determinant * unit), _LONGEST)
+            strength[x] = length if determinant > _SINGULAR * np.sqrt(squared) else 0.0
+        out_0, out_1, out_2 = balanced[0][y], balanced[1][y], balanced[2][y]
+        for x in range(len(strength)):
+            r, g, b = reds[x], greens[x], blues[x]
+            lit_0 = np.float32(m[0]) * r + np.float32(m[1]) * g + np.float32(m[2]) * b
+            lit_1 = np.float32(m[3]) * r + np.float32(m[4]) * g + np.float32(m[5]) * b
+            lit_2 = np.float32(m[6]) * r + np.float32(m[7]) * g + np.float32(m[8]) * b
+            red, green = max(strength[x] * lit_0, zero), max(strength[x] * lit_1, zero)
+            blue = max(strength[x] * lit_2, zero)
             # near-singular pixels give any length: nothing gets far brighter than the photograph
-            limit = _BRIGHTEST * max(max(n0, n1), max(n2, zero))
-            share = min(limit / max(max(red, green), max(blue, 1e-9)), 1.0)
-            balanced[0][y, x], balanced[1][y, x] = share * red, share * green
-            balanced[2][y, x] = share * blue
+            brightest = max(max(seen_0[x], seen_1[x]), max(seen_2[x], zero))
+            limit = np.float32(_BRIGHTEST) * brightest
+            share = min(limit / max(max(red, green), max(blue, faint)), np.float32(1.0))
+            out_0[x], out_1[x], out_2[x] = share * red, share * green, share * blue
 
 
 @njit(cache=True, error_model="numpy", inline="always")

@@ -14,6 +14,7 @@ from pipeline import separation
 from pipeline.frames import by_planes, channels_first, planes_of
 from pipeline.lamps import Lamps
 from pipeline.model import Model, build_model
+from pipeline.progress import STRIP_ROWS
 from pipeline.proportions import model_proportions, predictions
 from pipeline.separation import Strip
 from pipeline.spectra.cameras import Camera, measured_cameras
@@ -24,7 +25,7 @@ from tests.definitions import pixels
 
 Array = NDArray[np.float32]
 
-_ROWS, _WIDTH, _STRIPS = 256, 4000, 4
+_WIDTH, _STRIPS = 4000, 16
 _ROUNDS = 5
 _LAMPS = ("A", "D150")
 
@@ -35,13 +36,13 @@ def measure() -> dict[str, float]:
     lamps = _lamps(model)
     balance = WhiteBalance(lamps, model)
     rng = np.random.default_rng(1)
-    flash = rng.uniform(0.01, 1, (_STRIPS, _ROWS, _WIDTH, 3)).astype(np.float32)
-    shares = rng.uniform(0.05, 0.5, (2, _STRIPS, _ROWS, _WIDTH, 1)).astype(np.float32)
+    flash = rng.uniform(0.01, 1, (_STRIPS, STRIP_ROWS, _WIDTH, 3)).astype(np.float32)
+    shares = rng.uniform(0.05, 0.5, (2, _STRIPS, STRIP_ROWS, _WIDTH, 1)).astype(np.float32)
     lit = np.stack([predictions(strip, lamps) for strip in flash], axis=1)
     photograph = np.asarray((shares * lit).sum(axis=0), dtype=np.float32)
     layers = np.empty((2, *photograph.shape), np.float32)
     balanced = np.empty((2, *photograph.shape), np.float32)
-    sure = np.ones((_ROWS, _WIDTH), np.float32)
+    sure = np.ones((STRIP_ROWS, _WIDTH), np.float32)
 
     def strips() -> Any:
         return zip(range(_STRIPS), photograph, flash, strict=True)
@@ -53,7 +54,7 @@ def measure() -> dict[str, float]:
             parts = model_proportions(seen, part, lamps)
             lit = by_planes(2, *given.shape)
             separation._deal_out(planes_of(seen), sure, channels_first(parts), channels_first(lit))
-            strip = Strip(slice(0, _ROWS), lit, seen, part, sure)
+            strip = Strip(slice(0, STRIP_ROWS), lit, seen, part, sure)
             balance.approach_1(strip)
             balance.approach_2(strip)
 
@@ -62,7 +63,7 @@ def measure() -> dict[str, float]:
         greens = whites_of(lamps, model)[:, 1] / (matrix @ model.flash_white)[1]
         for i, seen, part in strips():
             layers[:, i] = pixels.model_proportions(seen, part, lamps) * seen
-            strip = Strip(slice(0, _ROWS), layers[:, i], seen, part, sure)
+            strip = Strip(slice(0, STRIP_ROWS), layers[:, i], seen, part, sure)
             balanced[0, i] = pixels.approach_1(strip, lamps, greens, matrix)
             balanced[1, i] = pixels.approach_2(strip, model, matrix)
 

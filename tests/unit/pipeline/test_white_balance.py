@@ -276,12 +276,13 @@ def test_between_a_colour_and_none_a_lamp_is_believed_by_half(
     assert made[2] == pytest.approx(0, abs=1e-6)
 
 
+@pytest.mark.parametrize("flash", [(0.4, 1e-6, 1e-6), (1e-42, 2e-42, 1e-42)])
 def test_no_pixel_of_approach_2_gets_far_brighter_than_the_photograph(
-    lit: Lit, model: Model, warm_to_cool: Array
+    lit: Lit, model: Model, warm_to_cool: Array, flash: tuple[float, ...]
 ) -> None:
     """Colours of which the flash part holds next to nothing ask for any amount of light."""
     strip, lamps = lit(warm_to_cool[[0, 2]])
-    strip.flash[...] = np.array([0.4, 1e-6, 1e-6])
+    strip.flash[...] = np.array(flash)
 
     found = approach_2(strip, lamps, model, "best")
 
