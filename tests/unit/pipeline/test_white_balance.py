@@ -288,6 +288,12 @@ def test_no_pixel_of_approach_2_gets_far_brighter_than_the_photograph(
 
     peak = found.max(axis=2) / strip.no_flash.max(axis=2)
     assert peak.max() <= 4.001
+
+
+def test_published_approach_2_stays_finite(lit: Lit, model: Model, warm_to_cool: Array) -> None:
+    strip, lamps = lit(warm_to_cool[[0, 2]])
+    strip.flash[...] = np.array([0.4, 1e-6, 1e-6])
+
     assert np.isfinite(approach_2(strip, lamps, model, "paper")).all()
 
 
