@@ -81,18 +81,17 @@ def estimate_alignment(no_flash: Image, flash: Image) -> Alignment:
 
 def _attempt(no_flash: Image, flash: Image, working_size: int) -> Alignment:
     height, width = no_flash.shape[:2]
-    scale = min(1.0, working_size / max(height, width))
-    size = (max(round(width * scale), 1), max(round(height * scale), 1))
+    size = _within((width, height), working_size)
     reference, reference_steps = _reduced(no_flash, size)
     sample, sample_steps = _reduced(flash, size)
     try:
         small = _estimate(reference, sample, reference_steps, sample_steps)
-        correlation = _correlation(reference, sample, small, size)
+        correlation = _correlation(reference, sample, _to_size(small, size, reference.shape[::-1]))
     except cv2.error:
         return _refused(None, "no common structure was found")
     if not np.isfinite(small).all() or not np.isfinite(correlation):
         return _refused(None, "no common structure was found")
-    matrix = _to_full_size(small, size, (width, height))
+    matrix = _to_size(small, size, (width, height))
     motion = _corner_motion(matrix, width, height)
     if correlation < _MIN_CORRELATION:
         return _refused(float(correlation), f"their edges correlate by only {correlation:.2f}")
@@ -101,38 +100,46 @@ def _attempt(no_flash: Image, flash: Image, working_size: int) -> Alignment:
     return Alignment(not np.array_equal(small, np.eye(3)), matrix, float(correlation))
 
 
+def _within(size: tuple[int, int], longest: int) -> tuple[int, int]:
+    """(width, height) of the same shape, no side longer than that, and no larger."""
+    scale = min(1.0, longest / max(size))
+    return max(round(size[0] * scale), 1), max(round(size[1] * scale), 1)
+
+
 def _reduced(image: Image, size: tuple[int, int]) -> tuple[Image, Pyramid]:
-    """Edges and steps of a photograph at (width, height)."""
+    """Edges of a photograph as the search wants them, and its steps at (width, height)."""
     small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
-    return edges(small), pyramid(log_detail(small))
+    searched = cv2.resize(small, _within(size, _SEARCH_SIZE), interpolation=cv2.INTER_AREA)
+    return edges(np.asarray(searched, np.float32)), pyramid(log_detail(small))
 
 
 def _estimate(
     reference: Image, sample: Image, reference_steps: Pyramid, sample_steps: Pyramid
 ) -> NDArray[np.float64]:
-    """Homography of the simplest motion that explains the photographs.
+    """Homography, in pixels of the steps, of the simplest motion that explains the photographs.
 
     reference, sample: edges; reference_steps, sample_steps: from pyramid. A richer motion must
     make the steps agree better, so that a pair from a tripod stays as it is: the homography of
     edges that flash and lamps draw differently is off by half a pixel at the corners.
     """
     found, chosen = np.eye(3), None
-    best = agreement(reference_steps, sample_steps, found)
+    height, width = reference_steps[0].shape[:2]
+    best = agreement(reference_steps[0], sample_steps[0], found)
     for motion, freedoms, worth_it in _MOTIONS:
         start = found
         if motion is not None:
             try:
-                start = _search(reference, sample, found, motion)
+                start = _search(reference, sample, found, motion, (width, height))
             except cv2.error:
                 if motion == cv2.MOTION_TRANSLATION:
                     raise
                 continue  # too few edges for so rich a motion
         candidate = refine_motion(reference_steps, sample_steps, start, freedoms)
-        moves = _corner_motion(candidate @ np.linalg.inv(found), *reference.shape[::-1])
-        if motion != cv2.MOTION_TRANSLATION and moves > _MAX_TURN * np.hypot(*reference.shape):
+        moves = _corner_motion(candidate @ np.linalg.inv(found), width, height)
+        if motion != cv2.MOTION_TRANSLATION and moves > _MAX_TURN * np.hypot(width, height):
             continue
         plain = moves > _PLAIN_PX and motion is not None
-        agrees = agreement(reference_steps, sample_steps, candidate)
+        agrees = agreement(reference_steps[0], sample_steps[0], candidate)
         if agrees > best + (worth_it / 2 if plain else worth_it):
             found, chosen = candidate, freedoms
         best = max(best, agrees)
@@ -142,33 +149,32 @@ def _estimate(
 
 
 def _search(
-    reference: Image, sample: Image, start: NDArray[np.float64], motion: int
+    reference: Image,
+    sample: Image,
+    start: NDArray[np.float64],
+    motion: int,
+    size: tuple[int, int],
 ) -> NDArray[np.float64]:
     """Motion of OpenCV's kinds that correlates edges best, as near as the refinement needs it.
 
-    Raises cv2.error where there are too few edges.
+    start, and what is returned: in pixels of a picture of (width, height). Raises cv2.error where
+    there are too few edges.
     """
-    height, width = reference.shape
-    scale = min(1.0, _SEARCH_SIZE / max(height, width))
-    size = (max(round(width * scale), 1), max(round(height * scale), 1))
-    one, other = (
-        cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (reference, sample)
-    )
     parameters = cv2.ECCParameters()
     parameters.motionType = motion
-    parameters.nlevels = int(np.clip(np.log2(min(size) / 16), 1, 5))
+    parameters.nlevels = int(np.clip(np.log2(min(reference.shape) / 16), 1, 5))
     parameters.criteria = _SEARCHED
-    shrink = shrinking(size, (width, height))
-    small = shrink @ start @ np.linalg.inv(shrink)
-    _, rows = cv2.findTransformECCMultiScale(one, other, small[:2].astype(np.float32), parameters)
+    small = _to_size(start, size, reference.shape[::-1])
+    rows = cv2.findTransformECCMultiScale(
+        reference, sample, small[:2].astype(np.float32), parameters
+    )[1]
     found = np.vstack([rows, small[2:]]).astype(np.float64)
-    return _to_full_size(found, size, (width, height))
+    return _to_size(found, reference.shape[::-1], size)
 
 
-def _correlation(
-    reference: Image, sample: Image, matrix: NDArray[np.float64], size: tuple[int, int]
-) -> float:
+def _correlation(reference: Image, sample: Image, matrix: NDArray[np.float64]) -> float:
     """Correlation of the edges where the warped sample covers the reference."""
+    size = reference.shape[::-1]
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
     warped = cv2.warpPerspective(sample, matrix, size, flags=flags)
     everywhere = np.full(reference.shape, 255, dtype=np.uint8)
@@ -220,12 +226,12 @@ def _local_mean(plane: Image) -> Image:
     return np.asarray(cv2.resize(smooth, (width, height)), dtype=np.float32)
 
 
-def _to_full_size(
-    small: NDArray[np.float64], size: tuple[int, int], full: tuple[int, int]
+def _to_size(
+    matrix: NDArray[np.float64], size: tuple[int, int], other: tuple[int, int]
 ) -> NDArray[np.float64]:
-    """Express a homography found on a reduced image in full-size pixel coordinates."""
-    shrink = shrinking(size, full)
-    matrix = np.linalg.inv(shrink) @ small @ shrink
+    """Express a homography of pictures of one (width, height) in the pixels of another."""
+    back = shrinking(size, other)
+    matrix = np.linalg.inv(back) @ matrix @ back
     return np.asarray(matrix / matrix[2, 2])
 
 

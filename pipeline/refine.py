@@ -25,7 +25,7 @@ _MAD = 1.4826
 _EDGES = 0.85  # quantile of the gradient above which pixels tell of motion
 _FEW = 50  # pixels that still tell
 _ROUNDS = 12
-_NEAR_PX, _DONE_PX = 0.05, 0.005  # last steps of a motion that is near enough to compare, and done
+_NEAR_PX, _DONE_PX = 0.02, 0.005  # last steps of a motion that is near enough to compare, and done
 HOMOGRAPHY = np.eye(8)
 SHIFT = HOMOGRAPHY[[2, 5]]
 TURN = np.concatenate([SHIFT, [HOMOGRAPHY[1] - HOMOGRAPHY[3], HOMOGRAPHY[0] + HOMOGRAPHY[4]]])
@@ -80,7 +80,7 @@ def refine_motion(
 
     reference, sample: from pyramid. matrix: (3, 3), from a reference pixel to the sample's, in
     full size. freedoms: (n, 8), what may change: SHIFT, TURN or HOMOGRAPHY. Large pictures count
-    from half their size on. The last step is below 0.05 pixels: see finish_motion. Where the
+    from half their size on. The last step is below 0.02 pixels: see finish_motion. Where the
     equations of a size have no solution, it changes nothing.
     """
     for level in range(len(reference) - 1, _finest(reference) - 1, -1):
@@ -97,15 +97,9 @@ def finish_motion(
     return _refined(reference[0], sample[0], matrix, freedoms, _DONE_PX)
 
 
-def agreement(reference: Pyramid, sample: Pyramid, matrix: NDArray[np.float64]) -> float:
-    """Correlation of the steps that two photographs share under a motion, −1…1.
-
-    The arguments are those of refine_motion, and so is the size that counts.
-    """
-    level = _finest(reference)
-    moved = _at(reference, level, matrix)
-    rows = _rows(reference[level]), _rows(_warped(sample[level], moved))
-    first, second, shared = products(*rows, moved, 1)
+def agreement(reference: Image, sample: Image, matrix: NDArray[np.float64]) -> float:
+    """Correlation of the steps that two photographs share under a motion, −1…1."""
+    first, second, shared = products(_rows(reference), _rows(_warped(sample, matrix)), matrix, 1)
     return float(shared / max(np.sqrt(first * second), 1e-12))
 
 

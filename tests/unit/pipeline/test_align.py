@@ -6,7 +6,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline import align
-from pipeline.align import NOT_ATTEMPTED, Alignment, _to_full_size, estimate_alignment, warp
+from pipeline.align import NOT_ATTEMPTED, Alignment, _to_size, estimate_alignment, warp
 
 Image = NDArray[np.float32]
 Array = NDArray[np.float64]
@@ -218,7 +218,7 @@ def test_saturated_pixels_move_along_and_spread_over_every_pixel_they_touch() ->
 
 def test_pixel_centers_are_kept_when_a_motion_is_enlarged() -> None:
     """Four full pixels to a small one: x = 4u + 1.5, so u → 2u is x → 2x − 1.5."""
-    found = _to_full_size(np.diag([2.0, 2.0, 1.0]), (80, 60), (320, 240))
+    found = _to_size(np.diag([2.0, 2.0, 1.0]), (80, 60), (320, 240))
 
     expected = np.array([[2, 0, -1.5], [0, 2, -1.5], [0, 0, 1]])
     np.testing.assert_allclose(found, expected, atol=1e-12)

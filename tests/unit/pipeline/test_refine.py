@@ -105,7 +105,7 @@ def test_an_even_picture_leaves_the_motion_as_it_is(value: float) -> None:
 
 
 def test_agreement_is_one_for_the_same_steps_and_falls_with_the_distance() -> None:
-    steps = pyramid(log_detail(patches()))
+    steps = log_detail(patches())
     off = [np.array([[1, 0, pixels], [0, 1, 0], [0, 0, 1.0]]) for pixels in (0.0, 1.0, 3.0)]
 
     found = [agreement(steps, steps, matrix) for matrix in off]
@@ -197,29 +197,11 @@ def test_agreement_is_the_correlation_where_both_are_seen() -> None:
     steps = [log_detail(image) for image in (patches(), patches(1) + patches())]
     matrix = np.array([[1, 0, 3.0], [0, 1, 2.0], [0, 0, 1]])
 
-    found = agreement([steps[0]], [steps[1]], matrix)
+    found = agreement(steps[0], steps[1], matrix)
 
     one, other = steps[0][:-3, :-4].astype(float), steps[1][2:-1, 3:-1].astype(float)
     expected = (one * other).sum() / np.sqrt((one**2).sum() * (other**2).sum())
     assert found == pytest.approx(expected, abs=1e-5)
-
-
-def test_large_pictures_are_compared_at_half_their_size(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Grain of single pixels, which the half size averages away, counts where it is not large."""
-    rng = np.random.default_rng(6)
-    grain = [rng.normal(0, 0.2, (HEIGHT, WIDTH, 3)).astype(np.float32) for _ in range(2)]
-    steps = [pyramid(log_detail(patches()) + one) for one in grain]
-    matrix = np.array([[1, 0, 4.0], [0, 1, -2.0], [0, 0, 1]])
-    moved = pyramid(seen(steps[1][0], matrix))
-    full = agreement(steps[0], moved, matrix)
-    monkeypatch.setattr(refine, "_LARGE", WIDTH - 1)
-
-    half = agreement(steps[0], moved, matrix)
-
-    assert half > full + 0.1
-    halved = np.array([[1, 0, 2.0], [0, 1, -1.0], [0, 0, 1]])
-    monkeypatch.setattr(refine, "_LARGE", WIDTH)
-    assert half == pytest.approx(agreement(steps[0][1:], moved[1:], halved), abs=1e-6)
 
 
 def test_steps_are_logarithms_less_their_local_mean() -> None:
