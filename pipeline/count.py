@@ -1,7 +1,9 @@
 """How many lamps a pair needs: by how much better one more explains it.
 
-A second lamp earns its place by the likelihood that it gains. A third is told by that gain, too,
-and by differences across the edges of shadows: with two lamps, nearly all show one of them.
+A second lamp earns its place by the likelihood that it gains, and in photographs that a camera
+rendered not without lessening what one leaves over, where that is much. A third is told by that
+gain, too, and by differences across the edges of shadows: with two lamps, nearly all show one of
+them.
 """
 
 from __future__ import annotations
@@ -16,14 +18,22 @@ from scipy.special import expit
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.fit import MOST_LAMPS, Fit
 from pipeline.matrixfit.fourth import gain_of_fourth
-from pipeline.matrixfit.unexplained import share_off, unexplained
+from pipeline.matrixfit.unexplained import left_over, share_off, unexplained
 from pipeline.model import Model
 from pipeline.reduced import ReducedPair
 
 Array = NDArray[np.float64]
 
+MUCH_LEFT = 0.08
+"""Relative light left over by lamps that do not explain a photograph; bounced and shiny light
+leave up to 0.05."""
+
+DOUBTFUL = 0.5
+"""Confidence in a number of lamps that do not explain the photograph."""
+
 # Chosen on development scenes, exact and noisy (docs/decisions/0005-fitted-lamps.md)
 _SECOND_LAMP = 300.0
+_HARDLY_LESS = 0.9
 _THIRD_LAMP, _THIRD_GAIN, _THIRD_OFF = 1.6, 150.0, 0.125
 _SECOND_STEEPNESS, _THIRD_STEEPNESS = 4.0, 3.0
 _NO_THIRD, _SHOWN = 0.0, 1.2  # below which no other way to find three lamps makes up for it
@@ -63,6 +73,8 @@ def count_lamps(
         several = _logistic(_SECOND_STEEPNESS * np.log(gain / _SECOND_LAMP))
         if gain < _SECOND_LAMP:
             return Count(1, 1.0 - several, more=False)
+        if reduced.rendered and _as_much_left(reduced, fit):
+            return Count(1, DOUBTFUL, more=False)
     if least < 3:
         off = 0.0
         if _edges_tell(reduced, evidence):
@@ -92,6 +104,12 @@ def signs_of_fourth(
 def _edges_tell(reduced: ReducedPair, evidence: Evidence) -> bool:
     """Whether differences show lamps, and not the curve of a camera's rendering."""
     return evidence.has_edges and not reduced.rendered
+
+
+def _as_much_left(reduced: ReducedPair, fit: Callable[[int], Fit]) -> bool:
+    """Whether two lamps explain as little as one: a rendering's curve can make them likelier."""
+    left = left_over(reduced, fit(2).matrices)
+    return left > max(MUCH_LEFT, _HARDLY_LESS * left_over(reduced, fit(1).matrices))
 
 
 def _logistic(x: float) -> float:

@@ -103,10 +103,10 @@ def _of_lamps(reduced: ReducedPair, lamps: Lamps, hidden: list[int]) -> Iterator
     yield from lamps.contradictions
     yield from _of_likeness(reduced, lamps)
     if hidden:
-        names = " and ".join(f"lamp{index + 1}" for index in hidden)
+        by = " alone or by ".join(f"lamp{index + 1}" for index in hidden)
         message = (
-            f"Nowhere in the picture does {names} light anything alone, and no edge of a shadow "
-            "tells its colour, so how bright its layer is, is a guess. Show some place that the "
+            f"No place in the picture is lit by {by} alone, and no edge of a shadow tells such a "
+            "lamp's colour, so how bright its layer is, is a guess. Show some place that the "
             "other lamps do not reach, such as the shadow of a thing put into the picture."
         )
         yield Remark(Code.NO_PURE_LIGHT, message, {"lamps": len(hidden)})

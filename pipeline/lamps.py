@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.contradictions import contradictions
-from pipeline.count import Count, count_lamps, signs_of_fourth
+from pipeline.count import DOUBTFUL, MUCH_LEFT, Count, count_lamps, signs_of_fourth
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.frames import Matrix
 from pipeline.hui2018.lights import invariants_of_pair, lights_of_pair
@@ -27,8 +27,6 @@ from pipeline.vectors import unit
 Array = NDArray[np.float64]
 
 _MIN_PIXELS = 200
-_MUCH_LEFT = 0.08  # relative; bounced and shiny light leave up to 0.05
-_DOUBTFUL = 0.5  # confidence in a number of lamps that do not explain the photograph
 _ALONE_DEGREES = 10.0
 _LEAST_CONTRAST = 1e-3
 _TYPICAL_SCATTER_DEGREES = 1.7  # median over lamps and reflectances, weighted PCA
@@ -80,7 +78,7 @@ class Lamps:
     @property
     def unexplained(self) -> bool:
         """Whether the lamps leave much of the light unexplained."""
-        return self.left_over > _MUCH_LEFT
+        return self.left_over > MUCH_LEFT
 
 
 def estimate_lamps(
@@ -138,8 +136,8 @@ def estimate_lamps(
         free = fit_matrices(reduced, evidence, model, count.number, nothing)
         against = contradictions(reduced, evidence, known, fit(count.number), free)
     left = left_over(reduced, matrices)
-    if requested == "auto" and left > _MUCH_LEFT:
-        count = replace(count, confidence=min(count.confidence, _DOUBTFUL))
+    if requested == "auto" and left > MUCH_LEFT:
+        count = replace(count, confidence=min(count.confidence, DOUBTFUL))
     order = _warm_first(coefficients)
     return Lamps(
         coefficients=coefficients[order],

@@ -310,6 +310,35 @@ def test_counting_is_the_same_every_time(
     assert counted(pair) == counted(pair)
 
 
+@pytest.mark.parametrize(
+    ("rendered", "left", "number"),
+    [
+        (True, (0.16, 0.15), 1),
+        (True, (0.16, 0.14), 2),
+        (True, (0.085, 0.081), 1),
+        (True, (0.085, 0.079), 2),
+        (False, (0.16, 0.15), 2),
+    ],
+)
+def test_a_second_lamp_of_a_rendered_pair_lessens_what_is_left_over(
+    counted: Counting,
+    shadowed: Shadowed,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+    rendered: bool,
+    left: tuple[float, float],
+    number: int,
+) -> None:
+    """Where two leave much and hardly less than one, their likelihood is the curve's doing."""
+    pair = replace(shadowed(warm_to_cool[[0, 2]]), rendered=rendered)
+    monkeypatch.setattr(count, "left_over", lambda _, matrices: left[len(matrices) - 1])
+
+    found = counted(pair)
+
+    assert found.number == number
+    assert (found.confidence == 0.5) == (number == 1)
+
+
 @pytest.mark.parametrize(("rendered", "numbers"), [(True, {1}), (False, {2, 3})])
 def test_a_rendering_that_bends_colours_does_not_make_a_lamp(
     counted: Counting,

@@ -160,7 +160,7 @@ def test_lamps_never_seen_alone_are_named(said: Callable[..., list[Remark]]) -> 
     (remark,) = said(hidden=[0, 1])
 
     assert remark.code == Code.NO_PURE_LIGHT
-    assert "lamp1 and lamp2" in remark.message
+    assert "lit by lamp1 alone or by lamp2 alone" in remark.message
     assert remark.figures == {"lamps": 2}
     assert said(hidden=[0, 1], method="paper") == []
 
