@@ -19,6 +19,7 @@ from pipeline.residual_map import MARKED, relative_residual
 # Chosen on development scenes (docs/decisions/0009-warnings.md)
 _UNSURE = 0.6
 _SIMILAR_DEGREES = 6.0
+_RIVAL_DEGREES = 5.0
 _LEAST_CONTRAST = 1e-3
 _MUCH_WEAK = 0.1
 _MUCH_CLIPPED = 0.05
@@ -102,6 +103,14 @@ def _of_lamps(reduced: ReducedPair, lamps: Lamps, hidden: list[int]) -> Iterator
         yield from _of_reflections(reduced, lamps)
     yield from lamps.contradictions
     yield from _of_likeness(reduced, lamps)
+    if lamps.rival_deg > _RIVAL_DEGREES:
+        message = (
+            "Two other lamps would explain the photograph nearly as well, one of them "
+            f"{lamps.rival_deg:.0f}° in colour from those found, so the layers may be wrong. If "
+            "they look so, pin a lamp by a place that it lights alone; a hard shadow of each lamp "
+            "makes it plainer."
+        )
+        yield Remark(Code.LAMPS_AMBIGUOUS, message, {"angle_deg": lamps.rival_deg})
     if hidden:
         by = " alone or by ".join(f"lamp{index + 1}" for index in hidden)
         message = (

@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 _MIN_PIXELS = 200
 _ALONE_DEGREES = 10.0
 _LEAST_CONTRAST = 1e-3
+_NEARLY_AS_LIKELY = 100.0  # in −log likelihood; right lamps were up to 40 ahead of wrong ones
 _TYPICAL_SCATTER_DEGREES = 1.7  # median over lamps and reflectances, weighted PCA
 
 
@@ -46,7 +47,8 @@ class Lamps:
     more: whether there are signs of a fourth lamp. left_over: relative light that they do not
     explain in the worst tenth of it. edges: (N,) places at edges of shadows that show each lamp
     alone ÷ usable pixels. contradictions: where the photograph speaks against what was pinned or
-    forbidden.
+    forbidden. rival_deg: angle in degrees from the nearest of them to a lamp of two others that
+    are nearly as likely; 0 where there are none.
     """
 
     coefficients: Array
@@ -61,6 +63,7 @@ class Lamps:
     left_over: float
     edges: Array
     contradictions: tuple[Remark, ...]
+    rival_deg: float = 0.0
 
     def __len__(self) -> int:
         return len(self.coefficients)
@@ -130,6 +133,9 @@ def estimate_lamps(
         coefficients, matrices = _normalised(fit(count.number).matrices, model)
         if requested == MOST_LAMPS and signs_of_fourth(reduced, evidence, model, matrices):
             count = replace(count, more=True)
+    rival_deg = 0.0
+    if method == "best" and count.number == 2:
+        rival_deg = _rival_deg(fit(2), coefficients, model)
     against: list[Remark] = []
     if known.pinned or len(known.forbidden):
         nothing = nothing_known(model.flash_white)
@@ -152,6 +158,7 @@ def estimate_lamps(
         left_over=left,
         edges=evidence.difference_share * shares_alone(evidence.differences, matrices[order]),
         contradictions=tuple(against),
+        rival_deg=rival_deg,
     )
 
 
@@ -173,6 +180,17 @@ def _normalised(matrices: Matrix, model: Model) -> tuple[Array, Matrix]:
     # chromaticities do not tell T from −T
     scale = np.sign(whites.sum(axis=1)) * np.linalg.norm(whites, axis=1)
     return whites / scale[:, None], matrices / scale[:, None, None]
+
+
+def _rival_deg(found: Fit, coefficients: Array, model: Model) -> float:
+    """Largest angle between lamps that are nearly as likely and the nearest found, or back."""
+    furthest = 0.0
+    for rival in found.passed_over:
+        if rival.cost < found.cost + _NEARLY_AS_LIKELY:
+            cosines = coefficients @ _normalised(rival.matrices, model)[0].T
+            nearest = min(cosines.max(axis=0).min(), cosines.max(axis=1).min())
+            furthest = max(furthest, float(np.degrees(np.arccos(min(nearest, 1.0)))))
+    return furthest
 
 
 def _warm_first(coefficients: Array) -> NDArray[np.int64]:

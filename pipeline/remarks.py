@@ -33,6 +33,7 @@ class Code(StrEnum):
     UNEXPLAINED = "unexplained"
     NUMBER_UNCERTAIN = "number_uncertain"
     LAMPS_ALIKE = "lamps_alike"
+    LAMPS_AMBIGUOUS = "lamps_ambiguous"
     REFLECTIONS = "reflections"
     NO_PURE_LIGHT = "no_pure_light"
     PIN_NOT_PURE = "pin_not_pure"

@@ -4,7 +4,7 @@ import { h, toggle } from "./dom.js";
 
 const FILLED = ["flash_too_weak", "clipped"]; // where layers were filled in
 const UNEXPLAINED = ["reflections", "unexplained", "four_or_more", "moved", "not_aligned", "light_changed", "flicker"]; // residual.png shows them
-const LAMPS = ["lamps_alike", "no_pure_light", "number_uncertain", "flash_like_lamps"]; // the diagram shows them
+const LAMPS = ["lamps_alike", "lamps_ambiguous", "no_pure_light", "number_uncertain", "flash_like_lamps"]; // the diagram shows them
 
 /** Elements; show: functions that show what was filled in (on or off), what is unexplained and the
  * diagram of the lamps, where there are such pictures.

@@ -156,6 +156,17 @@ def test_what_speaks_against_known_lamps_is_told(said: Callable[..., list[Remark
     assert said(contradictions=(against,)) == [against]
 
 
+@pytest.mark.parametrize(("rival_deg", "warned"), [(5.0, False), (5.1, True), (25.0, True)])
+def test_other_lamps_nearly_as_likely_are_told(
+    said: Callable[..., list[Remark]], rival_deg: float, warned: bool
+) -> None:
+    found = said(rival_deg=rival_deg)
+
+    assert [(one.code, one.figures) for one in found] == [
+        (Code.LAMPS_AMBIGUOUS, {"angle_deg": rival_deg})
+    ] * warned
+
+
 def test_lamps_never_seen_alone_are_named(said: Callable[..., list[Remark]]) -> None:
     (remark,) = said(hidden=[0, 1])
 
