@@ -29,7 +29,6 @@ Array = NDArray[np.float64]
 _MIN_PIXELS = 200
 _ALONE_DEGREES = 10.0
 _LEAST_CONTRAST = 1e-3
-_NEARLY_AS_LIKELY = 100.0  # in −log likelihood; right lamps were up to 40 ahead of wrong ones
 _TYPICAL_SCATTER_DEGREES = 1.7  # median over lamps and reflectances, weighted PCA
 
 
@@ -47,8 +46,8 @@ class Lamps:
     more: whether there are signs of a fourth lamp. left_over: relative light that they do not
     explain in the worst tenth of it. edges: (N,) places at edges of shadows that show each lamp
     alone ÷ usable pixels. contradictions: where the photograph speaks against what was pinned or
-    forbidden. rival_deg: angle in degrees from the nearest of them to a lamp of two others that
-    are nearly as likely; 0 where there are none.
+    forbidden. rival_deg: largest angle in degrees between two lamps that another search came
+    to and the nearest of these, or back; 0 where there was none.
     """
 
     coefficients: Array
@@ -183,13 +182,12 @@ def _normalised(matrices: Matrix, model: Model) -> tuple[Array, Matrix]:
 
 
 def _rival_deg(found: Fit, coefficients: Array, model: Model) -> float:
-    """Largest angle between lamps that are nearly as likely and the nearest found, or back."""
+    """Largest angle between lamps that the search passed over and the nearest found, or back."""
     furthest = 0.0
     for rival in found.passed_over:
-        if rival.cost < found.cost + _NEARLY_AS_LIKELY:
-            cosines = coefficients @ _normalised(rival.matrices, model)[0].T
-            nearest = min(cosines.max(axis=0).min(), cosines.max(axis=1).min())
-            furthest = max(furthest, float(np.degrees(np.arccos(min(nearest, 1.0)))))
+        cosines = coefficients @ _normalised(rival, model)[0].T
+        nearest = min(cosines.max(axis=0).min(), cosines.max(axis=1).min())
+        furthest = max(furthest, float(np.degrees(np.arccos(min(nearest, 1.0)))))
     return furthest
 
 

@@ -41,12 +41,12 @@ class Fit:
     matrices: (N, 3, 3), unit Frobenius norm, pinned lamps first. cost: −log likelihood at one
     fixed level of the likeliest that were found, lower is better; costs of different numbers of
     lamps on the same evidence can be compared. It is infinite where no fit avoids what is
-    forbidden. passed_over: what else the search came to.
+    forbidden. passed_over: (N, 3, 3) each, what else the search came to.
     """
 
     matrices: Array
     cost: float
-    passed_over: tuple[Fit, ...] = ()
+    passed_over: tuple[Array, ...] = ()
 
 
 def fit_pin(data: Data, model: Model, of_area: bool) -> Pin:
@@ -80,12 +80,12 @@ def first_fit(
         if exact and not known.rejects(published):
             return Fit(published, _cost(published, problem.terms, level))
     matrices, cost = search(problem, _candidates(evidence, model))
-    passed_over: tuple[Fit, ...] = ()
+    passed_over: tuple[Array, ...] = ()
     if searched_too and published is not None:
         other, other_cost = follow(problem, [known.completed(published)])
         if other_cost < cost and not reduced.rendered:
             matrices, other = other, matrices
-        passed_over = (Fit(other, _cost(other, problem.terms, level)),)
+        passed_over = (other,)
     cost = np.inf if known.rejects(matrices) else _cost(matrices, problem.terms, level)
     return Fit(matrices, cost, passed_over)
 
@@ -112,7 +112,7 @@ def fit_matrices(
         return first
     problem = _problem(evidence, model.prior, lamps, False, _PURE_SHARE, known)
     others = _otherwise(problem, evidence, _candidates(evidence, model))
-    found = [first.matrices, *(one.matrices for one in first.passed_over), *others]
+    found = [first.matrices, *first.passed_over, *others]
     found = [one for one in found if not known.rejects(one)] or found[:1]
     level = _cost_level(reduced)
     cost = min(_cost(one, problem.terms, level) for one in found)
