@@ -105,9 +105,9 @@ def _of_lamps(reduced: ReducedPair, lamps: Lamps, hidden: list[int]) -> Iterator
     yield from _of_likeness(reduced, lamps)
     if lamps.rival_deg > _RIVAL_DEGREES:
         message = (
-            f"Another search came to two lamps of which one is {lamps.rival_deg:.0f}° in colour "
-            "from those found, so the layers may be wrong. Check camera, encoding and flash "
-            "spectrum; if they are right, pin a lamp by a place that it lights alone."
+            f"Another search came to lamps that are up to {lamps.rival_deg:.0f}° in colour from "
+            "those found, so the layers may be wrong. Check camera, encoding and flash spectrum; "
+            "if they are right, pin a lamp by a place that it lights alone."
         )
         yield Remark(Code.LAMPS_AMBIGUOUS, message, {"angle_deg": lamps.rival_deg})
     if hidden:

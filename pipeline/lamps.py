@@ -46,8 +46,8 @@ class Lamps:
     more: whether there are signs of a fourth lamp. left_over: relative light that they do not
     explain in the worst tenth of it. edges: (N,) places at edges of shadows that show each lamp
     alone ÷ usable pixels. contradictions: where the photograph speaks against what was pinned or
-    forbidden. rival_deg: largest angle in degrees between two lamps that another search came
-    to and the nearest of these, or back; 0 where there was none.
+    forbidden. rival_deg: largest angle in degrees between lamps that another search came to
+    and the nearest of these, or back; 0 where there was none.
     """
 
     coefficients: Array
@@ -133,8 +133,8 @@ def estimate_lamps(
         if requested == MOST_LAMPS and signs_of_fourth(reduced, evidence, model, matrices):
             count = replace(count, more=True)
     rival_deg = 0.0
-    if method == "best" and count.number == 2:
-        rival_deg = _rival_deg(fit(2), coefficients, model)
+    if method == "best" and not reduced.rendered:  # a rendering's curve leads searches apart
+        rival_deg = _rival_deg(first(count.number), coefficients, model)
     against: list[Remark] = []
     if known.pinned or len(known.forbidden):
         nothing = nothing_known(model.flash_white)

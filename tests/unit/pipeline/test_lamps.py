@@ -268,21 +268,24 @@ def test_two_other_lamps_that_a_search_came_to_are_rivals(
     colours = warm_to_cool[[0, 2]], warm_to_cool[[1, 0]]
     wide, narrow = (model.lamp_matrix(one) for one in (colours[::-1] if swapped else colours))
     fit = Fit(wide, 0.0, (turned * narrow,))
-    monkeypatch.setattr(lamps, "fit_matrices", lambda *_: fit)
+    monkeypatch.setattr(lamps, "first_fit", lambda *_: fit)
 
     found = estimate_lamps(reduce_pair(shadowed(warm_to_cool[[0, 2]])), model, 2, "best", False)
 
     expected = float(angles(*whites(model, warm_to_cool[[1, 2]])))
     assert found.rival_deg == pytest.approx(expected, abs=1e-6)
+    bent = replace(shadowed(warm_to_cool[[0, 2]]), rendered=True)
+    assert estimate_lamps(reduce_pair(bent), model, 2, "best", False).rival_deg == 0
 
 
+@pytest.mark.parametrize("which", [[0, 2], [0, 1, 2]])
 def test_lamps_found_in_two_ways_have_no_rivals(
-    shadowed: Shadowed, model: Model, warm_to_cool: Array
+    shadowed: Shadowed, model: Model, warm_to_cool: Array, which: list[int]
 ) -> None:
-    reduced = reduce_pair(shadowed(warm_to_cool[[0, 2]]))
+    reduced = reduce_pair(shadowed(warm_to_cool[which]))
 
-    assert estimate_lamps(reduced, model, 2, "best", False).rival_deg < 0.1
-    assert estimate_lamps(reduced, model, 2, "paper", False).rival_deg == 0.0
+    assert estimate_lamps(reduced, model, "auto", "best", False).rival_deg < 0.1
+    assert estimate_lamps(reduced, model, "auto", "paper", False).rival_deg == 0.0
 
 
 @pytest.mark.parametrize(("requested", "confidence"), [("auto", 0.5), (1, 1.0)])
