@@ -61,7 +61,7 @@ def _decoded(path: Path) -> NDArray[np.float32]:
         codes = simplejpeg.decode_jpeg(path.read_bytes(), "RGB")
         return np.asarray(cv2.LUT(codes, np.linspace(0, 1, 256, dtype=np.float32)))
     with rawpy.imread(str(path)) as raw:
-        mosaic = np.ascontiguousarray(raw.raw_image_visible)
+        mosaic = np.array(raw.raw_image_visible)  # else it is gone with the file
     demosaiced = cv2.demosaicing(mosaic, cv2.COLOR_BayerRG2RGB_EA)
     return np.asarray(np.multiply(demosaiced, np.float32(1 / 65535), dtype=np.float32))
 
