@@ -7,14 +7,14 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Image, Matrix, by_planes
+from pipeline.frames import Image, Matrix, by_planes, planes_of
+from pipeline.half_floats import to_float, to_half
 from pipeline.order import quantile
 from pipeline.progress import STRIP_ROWS
 
 _SHOWN_GAIN = (0.25, 8.0)
 _SHOWN_WHITE = 0.995  # quantile of a picture's brightest channel that becomes white
 _SAMPLE_STEP = 4
-_LARGEST = np.float32(np.finfo(np.float16).max)
 
 
 class Canvas:
@@ -31,8 +31,8 @@ class Canvas:
     def write(self, linear: Image) -> None:
         """Take the next rows (h, W, 3)."""
         rows = slice(self._next, self._next + len(linear))
-        with np.errstate(over="ignore"):  # of light that is white in any case
-            self._planes[:, rows] = np.moveaxis(linear, -1, 0)
+        for kept, plane in zip(self._planes, planes_of(linear), strict=True):
+            kept[rows] = to_half(plane)
         self._next = rows.stop
 
     def strips(self) -> Iterator[Image]:
@@ -40,7 +40,8 @@ class Canvas:
         for top in range(0, self._planes.shape[1], STRIP_ROWS):
             planes = self._planes[:, top : top + STRIP_ROWS]
             strip = by_planes(*planes.shape[1:], 3)
-            np.clip(planes, -_LARGEST, _LARGEST, out=np.moveaxis(strip, -1, 0))
+            for channel, plane in enumerate(planes):
+                strip[..., channel] = to_float(plane)
             yield strip
 
     def picture(self) -> Image:
@@ -57,7 +58,7 @@ def shown_gain(picture: NDArray[np.floating], matrix: Matrix) -> float:
 
     matrix: (3, 3), to the linear RGB of the screen.
     """
-    sample = picture[::_SAMPLE_STEP, ::_SAMPLE_STEP].astype(np.float32).clip(-_LARGEST, _LARGEST)
+    sample = picture[::_SAMPLE_STEP, ::_SAMPLE_STEP].astype(np.float32)
     shown = sample @ matrix.T.astype(np.float32)
     # not .max(axis=2), which takes ten times as long for three channels
     brightest = np.maximum(np.maximum(shown[..., 0], shown[..., 1]), shown[..., 2])

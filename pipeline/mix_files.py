@@ -26,7 +26,7 @@ from pipeline.progress import STRIP_ROWS, Progress
 ENCODINGS = {
     "jpeg": ("jpg", "8-bit sRGB curve", "sRGB"),
     "tiff": ("tif", "16-bit linear", "Rec. 2020"),
-    "exr": ("exr", "32-bit float", "linear sRGB, 1.0 = white of the screen"),
+    "exr": ("exr", "16-bit float", "linear sRGB, 1.0 = white of the screen"),
 }
 """Of every format the end of the name, encoding and colour space."""
 
@@ -146,7 +146,7 @@ def _target(target: Path, size: tuple[int, int]) -> _Target:
     kind = format_of(target)
     if kind == "jpeg":
         return JpegFile(target, size)
-    return TiffFile(target, size, _REC2020) if kind == "tiff" else ExrFile(target, size)
+    return TiffFile(target, size, _REC2020) if kind == "tiff" else ExrFile(target, size, half=True)
 
 
 def _as_rows(file: _Target, rows: Image) -> Any:

@@ -62,7 +62,7 @@ class MixRequest(Mix):
 
     format: Literal["jpeg", "tiff", "exr"] = Field(
         default="jpeg",
-        description="jpeg: 8-bit sRGB; tiff: 16-bit linear Rec. 2020; exr: 32-bit float, linear "
+        description="jpeg: 8-bit sRGB; tiff: 16-bit linear Rec. 2020; exr: 16-bit float, linear "
         "sRGB, not cut off at white.",
     )
 

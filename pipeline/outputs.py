@@ -204,8 +204,8 @@ class Outputs:
     def _open_layers(self, photograph: Image) -> None:
         size, wanted, camera_to_xyz = self._size, self._wanted, self._model.camera_to_xyz
         if "layers.exr" in wanted:
-            exr = partial(ExrFile, size=size)
-            kind = ("32-bit float", _CAMERA_RGB)
+            exr = partial(ExrFile, size=size, half=True)
+            kind = ("16-bit float", _CAMERA_RGB)
             self._stream("layers.exr", kind, exr, lambda pictures: _with_sum(pictures.layers))
         to_rec2020 = _fitting(XYZ_TO_REC2020 @ camera_to_xyz)
         to_srgb = XYZ_TO_SRGB @ camera_to_xyz
@@ -246,8 +246,8 @@ class Outputs:
             if f"white_balanced_{number}.tif" in wanted:
                 self._stream(f"white_balanced_{number}.tif", _REC2020, tiff, rows)
         if "white_balanced.exr" in wanted:
-            kind = ("32-bit float", f"{_CAMERA_RGB}, as under the neutral light")
-            exr = partial(ExrFile, size=self._size)
+            kind = ("16-bit float", f"{_CAMERA_RGB}, as under the neutral light")
+            exr = partial(ExrFile, size=self._size, half=True)
             self._stream("white_balanced.exr", kind, exr, _both_balanced)
         return kept
 
@@ -265,10 +265,10 @@ class Outputs:
                     self._show(f"response_lamp{lamp + 1}.jpg", canvas, to_srgb @ change, gain)
         if "response.exr" in self._wanted:
             kind = (
-                "32-bit float",
+                "16-bit float",
                 "linear RGB of the other camera, exposed to the same green of D65",
             )
-            exr = partial(ExrFile, size=self._size)
+            exr = partial(ExrFile, size=self._size, half=True)
             self._stream(
                 "response.exr",
                 kind,

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +16,11 @@ from pipeline.errors import InputError
 
 _HEADER_BYTES = 4096
 _AT_ONCE = 2**23  # bytes that are read in one piece
+_TYPES = {1: "<f2", 2: "<f4"}  # by OpenEXR's numbers; layers were of 32 bits once
 
 
 class ScanLines:
-    """The channels of an EXR of 32-bit floats in plain scan lines.
+    """The channels of an EXR of 16-bit or 32-bit floats in plain scan lines.
 
     read: gives bytes start...end-1 of the file. Raises InputError for any other file.
     """
@@ -28,7 +30,7 @@ class ScanLines:
         try:
             attributes, end = _attributes(read(0, _HEADER_BYTES))
             box = struct.unpack("<4i", attributes["dataWindow"])
-            self.channels = _channels(attributes["channels"])
+            self.channels, self._type = _channels(attributes["channels"])
             plain = attributes["compression"] == b"\0"
         except (KeyError, ValueError, IndexError, struct.error) as error:
             raise InputError("The layers are no EXR that this version wrote.") from error
@@ -37,7 +39,7 @@ class ScanLines:
         self.width = box[2] - box[0] + 1
         self.height = box[3] - box[1] + 1
         self._first = end + 8 * self.height
-        self._line = 8 + 4 * self.width * len(self.channels)
+        self._line = 8 + self._type.itemsize * self.width * len(self.channels)
 
     def area(
         self, names: Sequence[str], left: int, top: int, width: int, height: int
@@ -50,7 +52,7 @@ class ScanLines:
             rows = min(step, height - row)
             start = self._first + (top + row) * self._line
             lines = np.frombuffer(self._read(start, start + rows * self._line), np.uint8)
-            values = lines.reshape(rows, self._line)[:, 8:].view("<f4")
+            values = lines.reshape(rows, self._line)[:, 8:].view(self._type)
             values = values.reshape(rows, len(self.channels), self.width)
             part = values[:, places, left : left + width].transpose(1, 0, 2)
             found[:, row : row + rows] = np.clip(part, -65504, 65504)
@@ -73,14 +75,15 @@ def _attributes(head: bytes) -> tuple[dict[str, bytes], int]:
     return attributes, place + 1
 
 
-def _channels(listed: bytes) -> list[str]:
-    """Names of the channels as they follow each other in a line."""
+def _channels(listed: bytes) -> tuple[list[str], np.dtype[Any]]:
+    """Names of the channels as they follow each other in a line, and the type of all of them."""
     names: list[str] = []
+    types: set[int] = set()
     place = 0
     while listed[place]:
         end = listed.index(0, place)
         names.append(listed[place:end].decode())
-        if struct.unpack_from("<i", listed, end + 1) != (2,):
-            raise ValueError("not 32-bit floats")
+        types.add(struct.unpack_from("<i", listed, end + 1)[0])
         place = end + 17
-    return names
+    (only,) = types
+    return names, np.dtype(_TYPES[only])

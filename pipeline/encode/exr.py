@@ -11,22 +11,25 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
+from pipeline.half_floats import to_half
+
 _FLOAT = Imath.Channel(Imath.PixelType(Imath.PixelType.FLOAT))
 _HALF = Imath.Channel(Imath.PixelType(Imath.PixelType.HALF))
 
 
 class ExrFile:
-    """An EXR of 32-bit floats, written from top to bottom as some rows after the others.
+    """An EXR written from top to bottom, some rows after the others.
 
     Plain scan lines: docs/decisions/0011-uncompressed-layers.md. size: (width, height). half: of
-    16-bit floats. OpenEXR's newer interface takes whole pictures only, which need far more memory.
+    16-bit floats, as light is written; else of 32-bit floats. OpenEXR's newer interface takes whole
+    pictures only, which need far more memory.
     """
 
     def __init__(self, path: Path, size: tuple[int, int], half: bool = False) -> None:
         self._path = path
         self._size = size
         self._channel = _HALF if half else _FLOAT
-        self._type: type[np.floating] = np.float16 if half else np.float32
+        self._half = half
         self._file: OpenEXR.OutputFile | None = None
 
     def write(self, pictures: dict[str, NDArray[np.float32]]) -> None:
@@ -47,7 +50,10 @@ class ExrFile:
             prefix = "" if name == "RGB" else f"{name}."
             channels |= {f"{prefix}{letter}": picture[..., k] for k, letter in enumerate("RGB")}
         rows = len(next(iter(channels.values())))
-        lines = {name: np.ascontiguousarray(plane, self._type) for name, plane in channels.items()}
+        lines = {
+            name: to_half(plane) if self._half else np.ascontiguousarray(plane)
+            for name, plane in channels.items()
+        }
         with _errors_numbered():
             if self._file is None:
                 header = OpenEXR.Header(*self._size)

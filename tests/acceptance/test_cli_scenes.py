@@ -81,7 +81,7 @@ def test_layers_add_up_to_the_photograph(
 
     total = results.exr("layers.exr")
 
-    np.testing.assert_allclose(results.layers().sum(0), total, atol=1e-5)
+    np.testing.assert_allclose(results.layers().sum(0), total, rtol=2**-10, atol=1e-6)
     assert 10 * np.log10(np.square(light).sum() / np.square(total - light).sum()) > 33
 
 
