@@ -37,14 +37,15 @@ def floor(no_flash: Path, flash: Path, lights: int) -> dict[str, float]:
     seconds["align"] = time.process_time() - start
 
     start = time.process_time()
-    layers = [np.copy(moved) for _ in range(lights + 1)]  # two are read, N + 2 written, by halves
+    copies = [np.copy(moved) for _ in range(lights + 1)]  # two are read, N + 2 written, by halves
     seconds["layers"] = _C_OVER_COPY * (time.process_time() - start)
 
     codes = np.clip(moved * 255, 0, 255).astype(np.uint8)
+    light = copies[0].astype(np.float16)
     start = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
-        for i, layer in enumerate(layers):
-            _write(Path(folder) / f"{i}.exr", layer.data)
+        for i in range(lights + 1):
+            _write(Path(folder) / f"{i}.exr", light.data)
             if i < lights:
                 _write(Path(folder) / f"{i}.tif", codes.data)
                 _write(Path(folder) / f"{i}.tif.low", codes.data)  # 16 bits

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import time
+from datetime import UTC, datetime
+from fractions import Fraction
 from pathlib import Path
 
 import cv2
@@ -8,6 +10,7 @@ import numpy as np
 import pytest
 import simplejpeg
 
+from drivers.sim.files import Shooting, write_dng
 from tests.bench import floor as bench
 from tests.bench.floor import floor
 from tests.bench.usage import Usage
@@ -30,6 +33,16 @@ def test_codes_are_shares_of_white(tmp_path: Path) -> None:
     grey = np.full((16, 16, 3), 128, np.uint8)
     (tmp_path / "a.jpg").write_bytes(simplejpeg.encode_jpeg(grey, 100, "RGB", "444"))
     assert bench._decoded(tmp_path / "a.jpg") == pytest.approx(128 / 255, abs=0.005)
+
+
+def test_raw_light_outlives_its_file(tmp_path: Path) -> None:
+    """Of a size that the system takes back as soon as LibRaw frees it."""
+    mosaic = np.full((1600, 2400), 20000, np.uint16)
+    taken = datetime(2026, 1, 2, tzinfo=UTC)
+    shooting = Shooting(Fraction(1, 60), Fraction(4), 200, False, 35.0, taken)
+    (tmp_path / "a.dng").write_bytes(write_dng(mosaic, shooting))
+    light = bench._decoded(tmp_path / "a.dng")
+    assert light[2:-2, 2:-2] == pytest.approx(20000 / 65535, abs=1e-4)
 
 
 def test_the_second_picture_is_laid_upon_the_first(pair: list[Path]) -> None:
