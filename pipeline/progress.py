@@ -9,7 +9,7 @@ from pipeline.errors import Canceled
 STAGES = ("decode", "align", "lamps", "layers", "encode")
 """The stages of a separation, in order. A calibration has decode, align and calibrate."""
 
-STRIP_ROWS = 64
+STRIP_ROWS = 32
 """Rows worked on at a time, so that peak memory is the images and one strip."""
 
 

@@ -73,12 +73,14 @@ def lamp_spectra() -> NDArray[np.float64]:
     ]
     candidates += [black_body(kelvin) for kelvin in range(2000, 4000, 300)]
     candidates += [daylight(kelvin) for kelvin in range(4000, 10001, 1000)]
-    kept: list[NDArray[np.float64]] = []
-    for spectrum in candidates:
-        width_nm = STEP_NM / float(np.sum(spectrum**2))
-        if width_nm >= _NARROWEST_NM and all(_cosine(spectrum, k) < _TWIN_COSINE for k in kept):
-            kept.append(spectrum)
-    return _frozen(np.array(kept))
+    spectra = np.array(candidates)
+    lengths = np.linalg.norm(spectra, axis=1)
+    cosines = spectra @ spectra.T / np.outer(lengths, lengths)
+    kept: list[int] = []
+    for index in np.flatnonzero(STEP_NM / lengths**2 >= _NARROWEST_NM):
+        if (cosines[index, kept] < _TWIN_COSINE).all():
+            kept.append(int(index))
+    return _frozen(spectra[kept])
 
 
 @cache
@@ -156,10 +158,6 @@ def _normalised(power: NDArray[np.float64], purpose: str) -> NDArray[np.float64]
 
 def _unit(power: NDArray[np.float64]) -> NDArray[np.float64]:
     return _frozen(power / power.sum())
-
-
-def _cosine(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    return float(a @ b / np.linalg.norm(a) / np.linalg.norm(b))
 
 
 def _frozen(values: NDArray[np.float64]) -> NDArray[np.float64]:
