@@ -119,7 +119,7 @@ def test_layers_that_are_dealt_out_add_up_to_the_photograph(method: str) -> None
 
     total = METHODS[method](shot).layers.sum(axis=0)
 
-    np.testing.assert_allclose(total, shot.photograph, atol=1e-4)
+    np.testing.assert_allclose(total, shot.photograph, rtol=2**-10, atol=1e-4)
 
 
 @pytest.mark.parametrize("method", ["paper", *BASES])
