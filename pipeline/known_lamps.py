@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from pipeline.errors import OptionError
 from pipeline.frames import Mask
-from pipeline.matrixfit.evidence import Data, evidence_of_area, evidence_of_surfaces
+from pipeline.matrixfit.data import Data
+from pipeline.matrixfit.evidence import evidence_of_area, evidence_of_surfaces
 from pipeline.matrixfit.fit import fit_pin
 from pipeline.matrixfit.known import FORBIDDEN_DEGREES, Known, Pin
 from pipeline.model import Model

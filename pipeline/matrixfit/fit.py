@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from pipeline.errors import UnusablePairError
 from pipeline.hui2018.lights import lights_of_pair
-from pipeline.matrixfit.evidence import Data, Evidence
+from pipeline.matrixfit.data import Data
+from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.known import Known, Pin, nothing_known
 from pipeline.matrixfit.objective import Term, Whitened, alone_term, make_terms
 from pipeline.matrixfit.prior import MatrixPrior
@@ -29,6 +30,7 @@ MOST_LAMPS = 3
 _PURE_SHARE, _OTHER_PURE_SHARES = 0.02, (0.03, 0.01)
 _LITTLE = 0.6  # unexplained by three lamps
 _NOTHING = 1e-6  # of the light
+_AGAINST = 0.2  # of the terminators' weight: so much likelier are lamps that they speak for
 _OUTLINE_LEVELS = (*LEVELS, (0.001, 1))
 _OUTLINE_WIDENED = 3**0.5  # with one kind of data instead of two, the prior would weigh too much
 _COST_LEVEL, _RENDERED_COST_LEVEL = 0.004, 0.016  # a camera's rendering bends chromaticities
@@ -63,8 +65,9 @@ def first_fit(
 ) -> Fit:
     """Fit the matrices of one to three lamps in one way; deterministic. The rest as fit_matrices.
 
-    Without edges of shadows only the outline of the pixels' cloud speaks. Where the published
-    lamps leave no light over, the outline is exact, and nothing is gained by fitting. Several
+    Without edges of shadows the outline of the pixels' cloud speaks, and terminators. Where the
+    published lamps leave no light over, the outline is exact, and nothing is gained by fitting,
+    unless terminators say that it reaches no lamp alone. Several
     lamps are searched from the published ones, too: where nearly all light is mixed, or lamps are
     strongly coloured, the search may pass the likeliest two by; three are searched alike, since
     costs of different numbers of lamps are compared.
@@ -75,10 +78,11 @@ def first_fit(
     # of chromaticities that a camera's rendering bent, the likeliest lamps are too often wrong
     searched_too = lamps == MOST_LAMPS or (lamps > 1 and not reduced.rendered)
     published = _published(reduced, model, lamps) if outline or searched_too else None
-    if outline and published is not None and not known.pinned:
-        exact = mean_left_over(reduced, published) < _NOTHING
-        if exact and not known.rejects(published):
-            return Fit(published, _cost(published, problem.terms, level))
+    exact = None
+    if outline and published is not None and _leaves_nothing(reduced, published, known):
+        exact = Fit(published, _cost(published, problem.terms, level))
+        if not len(evidence.terminators):
+            return exact
     matrices, cost = search(problem, _candidates(evidence, model))
     passed_over: tuple[Array, ...] = ()
     if searched_too and published is not None:
@@ -87,6 +91,8 @@ def first_fit(
             matrices, other = other, matrices
         passed_over = (other,)
     cost = np.inf if known.rejects(matrices) else _cost(matrices, problem.terms, level)
+    if exact is not None and cost > exact.cost - _AGAINST * evidence.terminators.weight.sum():
+        return exact
     return Fit(matrices, cost, passed_over)
 
 
@@ -118,6 +124,13 @@ def fit_matrices(
     cost = min(_cost(one, problem.terms, level) for one in found)
     matrices = min(found, key=lambda one: unexplained(reduced, evidence, one))
     return Fit(matrices, np.inf if known.rejects(matrices) else cost)
+
+
+def _leaves_nothing(reduced: ReducedPair, matrices: Array, known: Known) -> bool:
+    """Whether lamps, of which none is known, leave no light over."""
+    if known.pinned or known.rejects(matrices):
+        return False
+    return mean_left_over(reduced, matrices) < _NOTHING
 
 
 def _candidates(evidence: Evidence, model: Model) -> Array:
@@ -154,7 +167,7 @@ def _problem(
     pure_share: float,
     known: Known,
 ) -> Problem:
-    terms = make_terms(evidence.pixels, evidence.differences, lamps, outline, pure_share)
+    terms = make_terms(evidence, lamps, outline, pure_share)
     if not outline:
         return Problem(lamps, terms, prior, LEVELS, known)
     wide = replace(prior, deviations=_OUTLINE_WIDENED * prior.deviations)

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.matrixfit.evidence import Data
+from pipeline.matrixfit.data import Data
+from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.mixture import blocks, mixture
 from pipeline.matrixfit.prior import MatrixPrior
 
@@ -120,14 +121,13 @@ def posterior(
     return value, gradient + by_matrix.reshape(-1, 9) @ prior.basis
 
 
-def make_terms(
-    pixels: Data, differences: Data, lamps: int, outline: bool, pure_share: float
-) -> list[Term]:
+def make_terms(evidence: Evidence, lamps: int, outline: bool, pure_share: float) -> list[Term]:
     """The mixtures for a number of lamps.
 
     pure_share: of three lamps, the share of pixels that each lights alone.
-    outline: there are no shadow edges, so that only the outline of the pixels' cloud speaks.
+    outline: there are no shadow edges, so that pixels speak by their cloud's outline alone.
     """
+    bends = _terminator_term(evidence.terminators, lamps)
     if outline:
         shape = Shape(True, 0.0, 1.5, 1.0, area_power=0.2)
         weights = {
@@ -135,15 +135,15 @@ def make_terms(
             2: (0.003, 0.003, 0.974, 0.02),
             3: (0.003,) * 3 + (0.01,) * 3 + (0.941, 0.02),
         }
-        return [Term(pixels, shape, np.array(weights[lamps]), None)]
+        return [Term(evidence.pixels, shape, np.array(weights[lamps]), None), bends]
     inside = {
         1: (0.97, 0.03),
         2: (0.15, 0.15, 0.67, 0.03),
         3: (pure_share,) * 3 + (1.5 * pure_share,) * 3 + (0.975 - 7.5 * pure_share, 0.025),
     }
     # re-estimated, the weights of pixels give way until a corner sits in a cluster of them
-    shown = Term(pixels, Shape(True, 0.0, 1.5, 1.0), np.array(inside[lamps]), None)
-    return [shown, difference_term(differences, lamps)]
+    shown = Term(evidence.pixels, Shape(True, 0.0, 1.5, 1.0), np.array(inside[lamps]), None)
+    return [shown, difference_term(evidence.differences, lamps), bends]
 
 
 def alone_term(data: Data) -> Term:
@@ -158,3 +158,11 @@ def difference_term(differences: Data, lamps: int) -> Term:
     weights = np.array([corners / lamps] * lamps + [edges / max(pairs, 1)] * pairs + [0.0])
     weights[-1] = 1.0 - weights.sum()
     return Term(differences, Shape(False, 0.5, 6.0, 1.5), weights, 25.0)
+
+
+def _terminator_term(terminators: Data, lamps: int) -> Term:
+    """The mixture of terminators: one lamp's alone, seldom two that lie together."""
+    corners, edges = (0.9, 0.0) if lamps == 1 else (0.85, 0.05)
+    pairs = lamps * (lamps - 1) // 2
+    weights = np.array([corners / lamps] * lamps + [edges / max(pairs, 1)] * pairs + [0.1])
+    return Term(terminators, Shape(False, 0.0, 6.0, 1.5), weights, 25.0)

@@ -19,10 +19,10 @@ Array = NDArray[np.float64]
 LEVELS = ((0.008, 2), (0.004, 2), (0.002, 1))
 """Annealing: level s0, and how many of the best go on."""
 
-_SCORING_DATA = 300
+_SCORING_DATA, _SCORING_LEAST = 300, 150  # together, and of each kind
 _SCORING_LEVEL = 0.01
 _STARTS = 12
-_FIRST_DATA, _FIRST_KEPT = 800, 5
+_FIRST_DATA, _FIRST_KEPT = 800, 8
 _ALIKE = float(np.cos(np.radians(2.5)))
 _ROUNDS, _STEPS = 3, 25
 
@@ -84,7 +84,8 @@ def _best_starts(problem: Problem, candidates: Array) -> list[Array]:
     sets = [(*pinned, *chosen) for chosen in choose(places, free)]
     theta = prior.coordinates(candidates)
     matrices = prior.matrices(theta)
-    share = _SCORING_DATA // len(terms)
+    kinds = sum(len(term.data) > 0 for term in terms)
+    share = max(_SCORING_DATA // max(kinds, 1), _SCORING_LEAST)
     thin = [
         Whitened(replace(term, data=term.data.thinned(share)), _SCORING_LEVEL) for term in terms
     ]

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from pipeline.hui2018.invariant import light_coefficients
 from pipeline.hui2018.projection import from_plane, to_plane
-from pipeline.matrixfit.evidence import Data, Evidence
+from pipeline.matrixfit.data import Data
+from pipeline.matrixfit.evidence import Evidence
 from pipeline.vectors import unit
 
 Array = NDArray[np.float64]
@@ -34,9 +35,10 @@ def start_points(evidence: Evidence, tensor: Array) -> Array:
     center = unit(np.median(pixels, axis=0))
     plane, rotation = to_plane(pixels, center)
     found: list[Array] = []
-    if len(evidence.differences):
-        steps, _ = to_plane(invariants(evidence.differences, tensor), center)
-        found.append(_peaks(steps, plane, _PEAKS_OF_DIFFERENCES))
+    for alone in (evidence.differences, evidence.terminators):
+        if len(alone):
+            points, _ = to_plane(invariants(alone, tensor), center)
+            found.append(_peaks(points, plane, _PEAKS_OF_DIFFERENCES))
     found.append(_peaks(plane, plane, _PEAKS_OF_PIXELS))
     found.append(_extremes(plane))
     return _merged(np.concatenate(found), rotation)

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.matrixfit.evidence import Data, Evidence
+from pipeline.matrixfit.data import Data
+from pipeline.matrixfit.evidence import Evidence
 from pipeline.reduced import ReducedPair
 from pipeline.shares import shares
 

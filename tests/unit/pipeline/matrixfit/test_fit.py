@@ -110,6 +110,26 @@ def test_an_exact_outline_is_taken_as_it_is(
     assert np.degrees(np.arccos(np.clip(cosines.max(axis=0), -1, 1))).max() < 0.02
 
 
+def test_terminators_show_lamps_that_the_outline_does_not_reach(
+    pair_of: Callable[..., Any],
+    fitted: Fitted,
+    model: Model,
+    warm_to_cool: Array,
+) -> None:
+    """One lamp shines everywhere, two end at lines: the published triangle is exact and wrong."""
+    true = model.lamp_matrix(warm_to_cool)
+    v, u = np.mgrid[:120, :160] / np.array([120, 160])[:, None, None]
+    z = np.array([np.clip(0.55 - u, 0.0, None), np.clip(v - 0.45, 0.0, None), 0.2 + 0.1 * u])
+    part = np.array([0.3, 0.5, 0.4]) * (0.6 + 0.4 * u[..., None])
+
+    found = fitted(pair_of(np.einsum("nhw,nkl,hwl->hwk", z, true, part), part), 3)
+
+    seen, wanted = (light @ part[0, 0] for light in (found.matrices, true))
+    cosines = (seen @ wanted.T) / np.linalg.norm(seen, axis=1)[:, None]
+    cosines /= np.linalg.norm(wanted, axis=1)
+    assert np.degrees(np.arccos(np.clip(cosines.max(axis=0), -1, 1))).max() < 0.5
+
+
 def test_three_lamps_that_leave_much_are_found_otherwise(
     shadowed: Callable[[Array], Any],
     fitted: Fitted,

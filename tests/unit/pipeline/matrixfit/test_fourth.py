@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.matrixfit.evidence import Data, Evidence, gather_evidence
+from pipeline.matrixfit.data import nothing
+from pipeline.matrixfit.evidence import Evidence, gather_evidence
 from pipeline.matrixfit.fourth import gain_of_fourth
 from pipeline.model import Model
 from pipeline.reduced import reduce_pair
@@ -58,10 +59,9 @@ def test_without_edges_of_shadows_nothing_is_said(
     seen: Callable[[Array], Evidence], model: Model, four: Array, warm_to_cool: Array
 ) -> None:
     evidence = seen(four)
-    none = Data(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0))
 
     gain = gain_of_fourth(
-        replace(evidence, differences=none), model, model.lamp_matrix(warm_to_cool)
+        replace(evidence, differences=nothing()), model, model.lamp_matrix(warm_to_cool)
     )
 
     assert gain == 0

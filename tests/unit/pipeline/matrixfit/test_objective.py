@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.matrixfit.evidence import Data
+from pipeline.matrixfit.data import Data, nothing
+from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.known import nothing_known
 from pipeline.matrixfit.objective import (
     Shape,
@@ -23,7 +24,7 @@ Array = NDArray[np.float64]
 
 LIGHTS = np.array([[0.8, 0.5, 0.2], [0.4, 0.6, 0.7], [0.4, 0.8, 0.3]])
 PURE = 0.02
-EMPTY = Data(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0))
+EMPTY = nothing()
 
 
 def drawn(model: Model, count: int, seed: int, lamps: int = 2, noise: float = 0.004) -> Data:
@@ -36,6 +37,10 @@ def drawn(model: Model, count: int, seed: int, lamps: int = 2, noise: float = 0.
     u = light[:, :2] / light.sum(axis=1, keepdims=True) + rng.normal(0, noise, (count, 2))
     covariance = np.tile([noise**2, 0.3 * noise**2, noise**2], (count, 1))
     return Data(x, u, covariance, np.full(count, 400.0 / count))
+
+
+def seen(pixels: Data = EMPTY, differences: Data = EMPTY, terminators: Data = EMPTY) -> Evidence:
+    return Evidence(pixels, differences, terminators, 0.1)
 
 
 def open_field(matrices: Array) -> tuple[float, Array]:
@@ -56,7 +61,8 @@ def pure(data: Data, matrix: Array) -> Data:
 def test_the_gradient_is_that_of_differences(
     model: Model, lamps: int, outline: bool, pinned: int
 ) -> None:
-    made = make_terms(drawn(model, 60, 1, lamps), drawn(model, 40, 2, lamps), lamps, outline, PURE)
+    evidence = seen(*(drawn(model, n, i, lamps) for i, n in enumerate((60, 40, 30), 1)))
+    made = make_terms(evidence, lamps, outline, PURE)
     terms = [Whitened(term, 0.01) for term in made]
     weights = [term.weights for term in made]
     shown = pure(drawn(model, 30, 5), model.lamp_matrix(LIGHTS[2]))
@@ -80,7 +86,7 @@ def test_the_gradient_is_that_of_differences(
 
 
 def test_without_data_the_prior_is_left(model: Model) -> None:
-    terms = [Whitened(term, 0.01) for term in make_terms(EMPTY, EMPTY, 2, False, PURE)]
+    terms = [Whitened(term, 0.01) for term in make_terms(seen(), 2, False, PURE)]
     weights = [term.term.weights for term in terms]
     theta = np.random.default_rng(0).normal(0, 0.3, (2, 9))
 
@@ -92,7 +98,7 @@ def test_without_data_the_prior_is_left(model: Model) -> None:
 
 
 def test_the_true_lamps_explain_the_data_best(model: Model) -> None:
-    made = make_terms(drawn(model, 300, 3), drawn(model, 9, 4), 2, False, PURE)
+    made = make_terms(seen(drawn(model, 300, 3), drawn(model, 9, 4)), 2, False, PURE)
     terms = [Whitened(term, 0.005) for term in made]
     weights = [term.weights for term in made]
 
@@ -153,7 +159,7 @@ def test_reweighting_finds_how_much_is_pure(model: Model) -> None:
     """Differences of which all lie at the first corner."""
     matrices = model.lamp_matrix(LIGHTS[:2])
     data = pure(drawn(model, 400, 6), matrices[0])
-    term = Whitened(make_terms(EMPTY, data, 2, False, PURE)[1], 0.004)
+    term = Whitened(make_terms(seen(differences=data), 2, False, PURE)[1], 0.004)
 
     found = term.reweighted(matrices, term.term.weights)
 
@@ -166,7 +172,7 @@ def test_reweighting_finds_how_much_is_pure(model: Model) -> None:
 def test_a_pseudo_count_keeps_weights_near_where_they_began(model: Model) -> None:
     matrices = model.lamp_matrix(LIGHTS[:2])
     data = pure(drawn(model, 400, 6), matrices[0])
-    made = make_terms(EMPTY, data, 2, False, PURE)[1]
+    made = make_terms(seen(differences=data), 2, False, PURE)[1]
     firm = Term(made.data, made.shape, made.weights, 1e9)
 
     found = Whitened(firm, 0.004).reweighted(matrices, made.weights)
@@ -177,7 +183,7 @@ def test_a_pseudo_count_keeps_weights_near_where_they_began(model: Model) -> Non
 @pytest.mark.parametrize("outline", [False, True])
 def test_weights_of_pixels_stay(model: Model, outline: bool) -> None:
     matrices = model.lamp_matrix(LIGHTS[:2])
-    term = make_terms(pure(drawn(model, 400, 6), matrices[0]), EMPTY, 2, outline, PURE)[0]
+    term = make_terms(seen(pure(drawn(model, 400, 6), matrices[0])), 2, outline, PURE)[0]
 
     found = Whitened(term, 0.004).reweighted(matrices, term.weights)
 
@@ -185,7 +191,7 @@ def test_weights_of_pixels_stay(model: Model, outline: bool) -> None:
 
 
 def test_no_differences_leave_their_weights(model: Model) -> None:
-    term = make_terms(EMPTY, EMPTY, 2, False, PURE)[1]
+    term = make_terms(seen(), 2, False, PURE)[1]
 
     found = Whitened(term, 0.004).reweighted(model.lamp_matrix(LIGHTS[:2]), term.weights)
 
@@ -195,9 +201,9 @@ def test_no_differences_leave_their_weights(model: Model) -> None:
 @pytest.mark.parametrize("lamps", [1, 2, 3])
 @pytest.mark.parametrize("outline", [False, True])
 def test_weights_begin_as_shares_of_all_components(lamps: int, outline: bool) -> None:
-    terms = make_terms(EMPTY, EMPTY, lamps, outline, PURE)
+    terms = make_terms(seen(), lamps, outline, PURE)
 
-    assert len(terms) == (1 if outline else 2)
+    assert len(terms) == (2 if outline else 3)
     for term in terms:
         interior = lamps == 3 and term.shape.interior
         assert len(term.weights) == {1: 2, 2: 4, 3: 7}[lamps] + interior
@@ -205,14 +211,31 @@ def test_weights_begin_as_shares_of_all_components(lamps: int, outline: bool) ->
 
 
 def test_the_share_of_pure_pixels_is_that_of_three_lamps_alone() -> None:
-    pixels, differences = make_terms(EMPTY, EMPTY, 3, False, 0.03)
+    pixels, differences, _ = make_terms(seen(), 3, False, 0.03)
 
     np.testing.assert_allclose(pixels.weights[:3], 0.03)
     assert pixels.weights.sum() == pytest.approx(1)
     np.testing.assert_array_equal(
-        differences.weights, make_terms(EMPTY, EMPTY, 3, False, 0.01)[1].weights
+        differences.weights, make_terms(seen(), 3, False, 0.01)[1].weights
     )
     np.testing.assert_array_equal(
-        make_terms(EMPTY, EMPTY, 2, False, 0.03)[0].weights,
-        make_terms(EMPTY, EMPTY, 2, False, 0.01)[0].weights,
+        make_terms(seen(), 2, False, 0.03)[0].weights,
+        make_terms(seen(), 2, False, 0.01)[0].weights,
     )
+
+
+@pytest.mark.parametrize("outline", [False, True])
+def test_terminators_show_lamps_alone(model: Model, outline: bool) -> None:
+    """They are taken for corners, not for mixtures, with shadows and without."""
+    matrices = model.lamp_matrix(LIGHTS[:2])
+    mixed, first = drawn(model, 400, 6), pure(drawn(model, 400, 6), matrices[0])
+    costs = []
+    for data in (mixed, first):
+        term = Whitened(make_terms(seen(terminators=data), 2, outline, PURE)[-1], 0.004)
+        costs.append(term.value(matrices, term.term.weights)[0])
+
+    # a corner of density 0.425 / (2π √det), and outliers of 6
+    covariance = 0.006**2 * np.eye(2) + 0.004**2 * np.array([[1, 0.3], [0.3, 1]])
+    peak = 0.425 / (2 * np.pi * np.sqrt(np.linalg.det(covariance)))
+    assert costs[1] == pytest.approx(-400 * np.log(peak), rel=0.01)
+    assert costs[0] > costs[1] + 800

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.matrixfit.evidence import Data, Evidence
+from pipeline.matrixfit.data import Data, nothing
+from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.unexplained import (
     left_over,
     mean_left_over,
@@ -112,7 +113,7 @@ def test_pixels_outside_the_triangle_are_counted(order: tuple[int, ...]) -> None
 def test_signs_add_up() -> None:
     """Nothing left over, 0.4 of the differences off and 0.5 of the pixels outside."""
     differences = on_grey((0.2, 0.2), (0.6, 0.2), (0.2, 0.6), (0.4, 0.2), (0.25, 0.2))
-    evidence = Evidence(on_grey((0.3, 0.3), (0.45, 0.45)), differences, 0.1)
+    evidence = Evidence(on_grey((0.3, 0.3), (0.45, 0.45)), differences, nothing(), 0.1)
 
     assert unexplained(off_by(0.0), evidence, LAMPS) == pytest.approx(
         0.4 / 0.4 + 0.5 / 0.1, abs=1e-3

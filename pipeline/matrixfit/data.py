@@ -1,0 +1,60 @@
+"""What the fit explains: chromaticities, how sure they are, and how much each counts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Data:
+    """n chromaticities to be explained.
+
+    x: (n, 3) flash colour, summing to 1. u: (n, 2) red and green chromaticity of the light.
+    covariance: (n, 3) its xx, xy, yy. weight: (n,).
+    """
+
+    x: Array
+    u: Array
+    covariance: Array
+    weight: Array
+
+    def __len__(self) -> int:
+        return len(self.weight)
+
+    def thinned(self, count: int) -> Data:
+        """Evenly drawn subset of at most so many, with the same total weight."""
+        if len(self) <= count:
+            return self
+        pick = np.linspace(0, len(self) - 1, count).round().astype(int)
+        scale = self.weight.sum() / self.weight[pick].sum()
+        return Data(self.x[pick], self.u[pick], self.covariance[pick], self.weight[pick] * scale)
+
+
+def nothing() -> Data:
+    """No data at all."""
+    empty = np.zeros((0, 3))
+    return Data(empty, np.zeros((0, 2)), empty, np.zeros(0))
+
+
+def draw(worth: Array, count: int) -> NDArray[np.int64]:
+    """Indices drawn with probability ∝ worth by systematic sampling, so always the same ones."""
+    if len(worth) <= count:
+        return np.arange(len(worth))
+    ladder = np.cumsum(worth)
+    rungs = (np.arange(count) + 0.5) / count * ladder[-1]
+    return np.unique(np.searchsorted(ladder, rungs))
+
+
+def sandwich(left: Array, variance: Array, right: Array) -> Array:
+    """L diag(v) Rᵀ of matrices L, R (n, 3, 3) and variances v (n, 3)."""
+    return np.asarray((left * variance[:, None, :]) @ right.transpose(0, 2, 1))
+
+
+def upper(covariance: Array) -> Array:
+    """Return xx, xy, yy (n, 3) of covariances (n, 3, 3)."""
+    return np.stack([covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]], axis=1)

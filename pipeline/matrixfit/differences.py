@@ -1,0 +1,73 @@
+"""Differences across the edges of shadows, which show the lamp that is shadowed."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.frames import Mask
+from pipeline.matrixfit.contrasts import Ratios, contrast, steps
+from pipeline.matrixfit.data import Data
+
+Array = NDArray[np.float64]
+
+_SAME_SHADING = 0.15  # logarithm of the flash part
+_BEYOND = 0.5  # change of light on both sides of a shadow's edge, of that across it
+_LEAST_STEP = 0.25  # of the mean light relative to the flash
+_FACTORS, _SURFACE = np.array([1.0, -1.0]), np.array([0.5, 0.5])
+
+
+def find_differences(ratios: Ratios) -> list[Data]:
+    """Differences between neighbours alike under the flash, by direction; weights are their worth.
+
+    Only where the light does not go on changing beyond them: across the edge of a shadow one lamp
+    changes, along a bent surface all of them do.
+    """
+    use, light = ratios.use, ratios.total
+    if not use.any():
+        return []
+    least = _LEAST_STEP * float(light[use].mean())
+    parts = []
+    for ox, oy in steps(use.shape):
+        a, b = _shifted(use.shape, ox, oy)
+        good = use[a] & use[b]
+        good &= np.abs(np.log(ratios.strength[a] / ratios.strength[b])) < _SAME_SHADING
+        good &= (np.abs(light[a] - light[b]) > least) & _is_edge(light, use, ox, oy)
+        rows, columns = np.nonzero(good)
+        rows = rows + max(-oy, 0)
+        one, other = (rows, columns), (rows + oy, columns + ox)
+        swap = (light[one] < light[other]) * 1
+        # from where the lamp shines to where it does not
+        rows = rows[:, None] + oy * np.stack([swap, 1 - swap], axis=1)
+        columns = columns[:, None] + ox * np.stack([swap, 1 - swap], axis=1)
+        same = ratios.alike(one, other)
+        parts.append(contrast(ratios, (rows[same], columns[same]), _FACTORS, _SURFACE))
+    return parts
+
+
+def _shifted(
+    shape: tuple[int, ...], ox: int, oy: int
+) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """Two views of an image, pixel by pixel (ox, oy) apart; ox ≥ 0."""
+    height, width = shape
+    rows = (slice(0, height - abs(oy)), slice(abs(oy), height))
+    a_rows, b_rows = rows if oy >= 0 else rows[::-1]
+    return (a_rows, slice(0, width - ox)), (b_rows, slice(ox, width))
+
+
+def _is_edge(light: Array, use: Mask, ox: int, oy: int) -> Mask:
+    """Whether the light changes between two pixels (ox, oy) apart and hardly beyond them."""
+    padded = np.pad(np.where(use, light, np.nan), ((abs(oy), abs(oy)), (ox, ox)), mode="edge")
+    height, width = light.shape
+    inner = (slice(abs(oy), abs(oy) + height), slice(ox, ox + width))
+
+    def at(count: int) -> Array:
+        rows = slice(inner[0].start + count * oy, inner[0].stop + count * oy)
+        columns = slice(inner[1].start + count * ox, inner[1].stop + count * ox)
+        return padded[rows, columns]
+
+    before, after = np.abs(at(-1) - light), np.abs(at(1) - light)
+    a, b = _shifted(use.shape, ox, oy)
+    # what lies outside or cannot be used says nothing
+    beyond = np.nan_to_num(before[a]) + np.nan_to_num(after[b])
+    return np.asarray(beyond < _BEYOND * np.abs(light[a] - light[b]))
