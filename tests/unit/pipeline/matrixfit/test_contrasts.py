@@ -133,7 +133,8 @@ def test_steps_grow_with_the_picture(size: int, length: int) -> None:
 
 @pytest.mark.parametrize(("count", "total"), [(300, 125.0), (600, 250.0), (900, 250.0)])
 def test_many_contrasts_count_no_more_than_some(count: int, total: float) -> None:
-    half = Data(*(np.ones((count // 2, n)) for n in (3, 2, 3)), np.ones(count // 2))
+    x, u, covariance = (np.ones((count // 2, n)) for n in (3, 2, 3))
+    half = Data(x, u, covariance, np.ones(count // 2))
 
     found = drawn([half, half], 400)
 

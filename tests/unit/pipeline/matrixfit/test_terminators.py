@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -24,7 +26,7 @@ def rising() -> Array:
     return 0.6 + 0.3 * ACROSS / WIDTH + 0.1 * (ACROSS / WIDTH) ** 2
 
 
-def shown(light: Array, flash: Array | None = None, **more: Array | float) -> Evidence:
+def shown(light: Array, flash: Array | None = None, **more: Any) -> Evidence:
     lit = even(0.5, 0.5, 0.5) if flash is None else flash
     return gather_evidence(reduced_pair(light * lit / 0.5, lit, **more), True)
 
