@@ -113,9 +113,10 @@ def _of_lamps(reduced: ReducedPair, lamps: Lamps, hidden: list[int]) -> Iterator
     if hidden:
         by = " alone or by ".join(f"lamp{index + 1}" for index in hidden)
         message = (
-            f"No place in the picture is lit by {by} alone, and no edge of a shadow tells such a "
-            "lamp's colour, so how bright its layer is, is a guess. Show some place that the "
-            "other lamps do not reach, such as the shadow of a thing put into the picture."
+            f"No place in the picture is lit by {by} alone, and neither the edge of a shadow nor a "
+            "round thing that turns away from it tells such a lamp's colour, so how bright its "
+            "layer is, is a guess. Show some place that the other lamps do not reach, such as the "
+            "shadow of a thing put into the picture."
         )
         yield Remark(Code.NO_PURE_LIGHT, message, {"lamps": len(hidden)})
     if lamps.confidence < _UNSURE:

@@ -18,7 +18,7 @@ from pipeline.hui2018.pruning import prune
 from pipeline.matrixfit.evidence import gather_evidence
 from pipeline.matrixfit.fit import MOST_LAMPS, Fit, first_fit, fit_matrices
 from pipeline.matrixfit.known import FORBIDDEN_DEGREES, Known, nothing_known
-from pipeline.matrixfit.unexplained import left_over, shares_alone
+from pipeline.matrixfit.unexplained import left_over, places_alone
 from pipeline.model import Model
 from pipeline.reduced import ReducedPair
 from pipeline.remarks import Remark
@@ -44,10 +44,10 @@ class Lamps:
     pinned: (N,) which pinned lamp each is, counted from 0, −1 for one that was free.
     invariants: (n, 3) the unit Γ they were estimated from, after pruning, for the diagram.
     more: whether there are signs of a fourth lamp. left_over: relative light that they do not
-    explain in the worst tenth of it. edges: (N,) places at edges of shadows that show each lamp
-    alone ÷ usable pixels. contradictions: where the photograph speaks against what was pinned or
-    forbidden. rival_deg: largest angle in degrees between lamps that another search came to
-    and the nearest of these, or back; 0 where there was none.
+    explain in the worst tenth of it. alone: (N,) places where the edge of a shadow or a terminator
+    shows each lamp alone ÷ usable pixels. contradictions: where the photograph speaks against what
+    was pinned or forbidden. rival_deg: largest angle in degrees between lamps that another search
+    came to and the nearest of these, or back; 0 where there was none.
     """
 
     coefficients: Array
@@ -60,7 +60,7 @@ class Lamps:
     invariants: Array
     more: bool
     left_over: float
-    edges: Array
+    alone: Array
     contradictions: tuple[Remark, ...]
     rival_deg: float = 0.0
 
@@ -155,7 +155,7 @@ def estimate_lamps(
         invariants=gammas,
         more=count.more,
         left_over=left,
-        edges=evidence.difference_share * shares_alone(evidence.differences, matrices[order]),
+        alone=places_alone(evidence, matrices[order]),
         contradictions=tuple(against),
         rival_deg=rival_deg,
     )

@@ -13,11 +13,13 @@ _OUTERMOST = 0.995  # quantile: where a lamp shines alone, found a little off as
 _ALONE, _NEARLY = 0.01, 0.05  # below it
 _GATHERED = 0.45  # of the pixels nearly of one lamp are of it alone where it shines alone
 _LEAST_AREA = 0.015
-_LEAST_EDGES = 0.001
+_LEAST_PLACES = 0.001
 
 
 def without_pure_light(reduced: ReducedPair, lamps: Lamps) -> list[int]:
-    """Indices of lamps that neither light an area alone nor cast a shadow that shows.
+    """Indices of lamps that neither light an area alone nor cast a shadow that shows it.
+
+    The shadow may be a surface's own, where it turns away from the lamp.
 
     Lamps are fitted to the outline of the light, so that some pixels always lie at each of them.
     Where a lamp shines alone, a whole area does; at the outline of mixtures there is but a rim.
@@ -30,4 +32,4 @@ def without_pure_light(reduced: ReducedPair, lamps: Lamps) -> list[int]:
     most = np.quantile(shares, _OUTERMOST, axis=1, keepdims=True)
     alone, nearly = (np.mean(shares > most - below, axis=1) for below in (_ALONE, _NEARLY))
     area = (alone > _LEAST_AREA) & (alone > _GATHERED * nearly)
-    return [int(index) for index in np.flatnonzero(~area & (lamps.edges < _LEAST_EDGES))]
+    return [int(index) for index in np.flatnonzero(~area & (lamps.alone < _LEAST_PLACES))]

@@ -31,13 +31,14 @@ _CELL, _FLATTENING, _MIN_FLASH_COLOUR = 0.01, 0.6, 1e-3
 class Evidence:
     """What pixels show, differences across the edges of shadows, and terminators.
 
-    difference_share: differences accepted ÷ usable pixels.
+    difference_share, terminator_share: how many there were ÷ usable pixels.
     """
 
     pixels: Data
     differences: Data
     terminators: Data
     difference_share: float
+    terminator_share: float
 
     @property
     def has_edges(self) -> bool:
@@ -64,13 +65,14 @@ def gather_evidence(reduced: ReducedPair, flash_only: bool) -> Evidence:
     ratios = make_ratios(no_flash, flash, v_n, v_f, use, coupled)
     differences, terminators = find_differences(ratios), find_terminators(ratios)
     usable = max(int(use.sum()), 1)
-    if sum(len(part) for part in terminators) < _FEW_TERMINATORS * usable:
-        terminators = []  # chance
+    shares = [sum(len(part) for part in parts) / usable for parts in (differences, terminators)]
+    if shares[1] < _FEW_TERMINATORS:
+        terminators, shares[1] = [], 0.0  # chance
     return Evidence(
         _pixels(no_flash[use], flash[use], v_n[use], v_f[use], coupled),
         drawn(differences, _DIFFERENCES),
         drawn(terminators, _TERMINATORS),
-        sum(len(part) for part in differences) / usable,
+        *shares,
     )
 
 

@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 
 _QUANTILE = 0.9
 _OFF, _OUTSIDE = 0.03, 0.005  # chromaticity, beyond two standard deviations
+_TERMINATOR = 0.2  # of an edge: it is wide, and found again in every direction
 _MUCH_LEFT, _MUCH_OFF, _MUCH_OUTSIDE = 0.01, 0.4, 0.1
 
 
@@ -52,14 +53,24 @@ def share_off(differences: Data, matrices: Array) -> float:
     return float(1.0 - shares_alone(differences, matrices).sum())
 
 
-def shares_alone(differences: Data, matrices: Array) -> Array:
-    """Shares (N,) of the differences that show each of the lamps (N, 3, 3) alone, 0 without any."""
-    if not len(differences):
+def shares_alone(data: Data, matrices: Array) -> Array:
+    """Shares (N,) of the data that show each of the lamps (N, 3, 3) alone, 0 without any."""
+    if not len(data):
         return np.zeros(len(matrices))
-    off = np.linalg.norm(differences.u - _corners(differences, matrices), axis=2)
-    shown = off.min(axis=0) <= _OFF + 2 * _deviation(differences)
+    off = np.linalg.norm(data.u - _corners(data, matrices), axis=2)
+    shown = off.min(axis=0) <= _OFF + 2 * _deviation(data)
     nearest = off.argmin(axis=0)
     return np.array([np.mean(shown & (nearest == lamp)) for lamp in range(len(matrices))])
+
+
+def places_alone(evidence: Evidence, matrices: Array) -> Array:
+    """Places (N,) that show each of the lamps (N, 3, 3) alone ÷ usable pixels.
+
+    They are edges of shadows, and terminators, which count less.
+    """
+    edges = evidence.difference_share * shares_alone(evidence.differences, matrices)
+    bends = evidence.terminator_share * shares_alone(evidence.terminators, matrices)
+    return edges + _TERMINATOR * bends
 
 
 def share_outside(pixels: Data, matrices: Array) -> float:

@@ -115,6 +115,6 @@ def _lamps(model: Model) -> Lamps:
         invariants=coefficients,
         more=False,
         left_over=0.0,
-        edges=np.full(count, 0.01),
+        alone=np.full(count, 0.01),
         contradictions=(),
     )

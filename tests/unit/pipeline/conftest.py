@@ -85,7 +85,7 @@ def lamps_of(model: Model) -> Callable[..., Lamps]:
             "invariants": np.repeat(vectors, 100, axis=0),
             "more": False,
             "left_over": 0.0,
-            "edges": np.full(len(vectors), 0.01),
+            "alone": np.full(len(vectors), 0.01),
             "contradictions": (),
         }
         return Lamps(**{**given, **more})

@@ -367,9 +367,9 @@ def test_edges_tell_which_lamp_casts_a_shadow(
     with_shadows = estimate_lamps(reduce_pair(shadowed(two)), model, 2, "best", False)
     without = estimate_lamps(reduce_pair(exact(two)[0]), model, 2, "best", False)
 
-    assert with_shadows.edges.shape == (2,)
-    assert (with_shadows.edges > 0.01).all()
-    assert (without.edges < 0.002).all()
+    assert with_shadows.alone.shape == (2,)
+    assert (with_shadows.alone > 0.01).all()
+    assert (without.alone < 0.002).all()
 
 
 @pytest.fixture

@@ -31,7 +31,7 @@ def lit(model: Model, flash_part: Array, pair_of: Build) -> Callable[..., Reduce
 @pytest.fixture
 def two(lamps_of: Build, warm_to_cool: Array) -> Any:
     """Two lamps that cast no shadow."""
-    return lamps_of(warm_to_cool[[0, 2]], edges=np.zeros(2))
+    return lamps_of(warm_to_cool[[0, 2]], alone=np.zeros(2))
 
 
 def mixture(warm_least: float, warm_most: float) -> Array:
@@ -115,13 +115,13 @@ def test_an_area_of_one_lamp_tells_that_lamp(lit: Build, two: Any, lamp: int) ->
 
 
 def test_edges_of_shadows_tell_a_lamp(lit: Build, lamps_of: Build, warm_to_cool: Array) -> None:
-    lamps = lamps_of(warm_to_cool[[0, 2]], edges=np.array([0.0011, 0.0009]))
+    lamps = lamps_of(warm_to_cool[[0, 2]], alone=np.array([0.0011, 0.0009]))
 
     assert without_pure_light(lit(lamps.coefficients, mixture(0.2, 0.8)), lamps) == [1]
 
 
 def test_one_lamp_is_always_alone(lit: Build, lamps_of: Build, warm_to_cool: Array) -> None:
-    lamps = lamps_of(warm_to_cool[:1], edges=np.zeros(1))
+    lamps = lamps_of(warm_to_cool[:1], alone=np.zeros(1))
 
     assert without_pure_light(lit(lamps.coefficients, np.ones((1, 64, 96))), lamps) == []
 
@@ -136,6 +136,6 @@ def test_a_lamp_found_a_little_off_is_still_seen_alone(
     shares[:, :20, :20] = np.array([1.0, 0.0])[:, None, None]
     shares[:, 40:, 60:] = np.array([0.0, 1.0])[:, None, None]
 
-    found = without_pure_light(lit(true, shares), lamps_of(warm_to_cool[[0, 2]], edges=np.zeros(2)))
+    found = without_pure_light(lit(true, shares), lamps_of(warm_to_cool[[0, 2]], alone=np.zeros(2)))
 
     assert found == []

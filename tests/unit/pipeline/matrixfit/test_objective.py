@@ -40,7 +40,7 @@ def drawn(model: Model, count: int, seed: int, lamps: int = 2, noise: float = 0.
 
 
 def seen(pixels: Data = EMPTY, differences: Data = EMPTY, terminators: Data = EMPTY) -> Evidence:
-    return Evidence(pixels, differences, terminators, 0.1)
+    return Evidence(pixels, differences, terminators, 0.1, 0.0)
 
 
 def open_field(matrices: Array) -> tuple[float, Array]:

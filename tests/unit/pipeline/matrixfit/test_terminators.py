@@ -33,8 +33,10 @@ def shown(light: Array, flash: Array | None = None, **more: Any) -> Evidence:
 
 def test_terminators_are_the_lamp_that_begins() -> None:
     """On grey, the other lamp shines on both sides, bent as much as no lamp is that goes on."""
-    found = shown(LAMP * falling() + REST * rising()).terminators
+    evidence = shown(LAMP * falling() + REST * rising())
 
+    found = evidence.terminators
+    assert evidence.terminator_share == pytest.approx(len(found) / (HEIGHT * WIDTH))
     # at least a column, but for where oblique steps reach beyond the picture
     assert len(found) >= HEIGHT - 6
     np.testing.assert_allclose(found.x, np.full((len(found), 3), 1 / 3))
@@ -94,7 +96,10 @@ def test_few_terminators_are_chance() -> None:
     light = np.broadcast_to(REST, (HEIGHT, WIDTH, 3)).copy()
     light[:1] += (LAMP * falling())[:1]
 
-    assert not len(shown(light).terminators)
+    evidence = shown(light)
+
+    assert not len(evidence.terminators)
+    assert evidence.terminator_share == 0
 
 
 def test_a_picture_smaller_than_a_terminator_has_none() -> None:
