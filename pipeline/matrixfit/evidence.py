@@ -66,8 +66,9 @@ def gather_evidence(reduced: ReducedPair, flash_only: bool) -> Evidence:
     differences, terminators = find_differences(ratios), find_terminators(ratios)
     usable = max(int(use.sum()), 1)
     shares = [sum(len(part) for part in parts) / usable for parts in (differences, terminators)]
-    if shares[1] < _FEW_TERMINATORS:
-        terminators, shares[1] = [], 0.0  # chance
+    # few are chance, and where shadows have more edges, those tell lamps more surely
+    if shares[1] < max(_FEW_TERMINATORS, shares[0]):
+        terminators, shares[1] = [], 0.0
     return Evidence(
         _pixels(no_flash[use], flash[use], v_n[use], v_f[use], coupled),
         drawn(differences, _DIFFERENCES),

@@ -22,7 +22,7 @@ LEVELS = ((0.008, 2), (0.004, 2), (0.002, 1))
 _SCORING_DATA, _SCORING_LEAST = 300, 150  # together, and of each kind
 _SCORING_LEVEL = 0.01
 _STARTS = 12
-_FIRST_DATA, _FIRST_KEPT = 800, 8
+_FIRST_DATA, _FIRST_KEPT = 800, 5
 _ALIKE = float(np.cos(np.radians(2.5)))
 _ROUNDS, _STEPS = 3, 25
 

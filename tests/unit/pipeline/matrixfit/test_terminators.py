@@ -108,3 +108,15 @@ def test_a_picture_smaller_than_a_terminator_has_none() -> None:
     found = gather_evidence(reduced_pair(light, np.full((5, 6, 3), 0.5)), True)
 
     assert not len(found.terminators)
+
+
+@pytest.mark.parametrize(("rows", "some"), [(6, True), (30, False)])
+def test_edges_of_shadows_tell_more_where_there_are_more(rows: int, some: bool) -> None:
+    """A shadow beside the middle in some rows, a terminator in all."""
+    light = LAMP * falling() + REST * np.ones((HEIGHT, WIDTH, 1))
+    light[:rows, : MIDDLE // 2] += LAMP
+
+    evidence = shown(light)
+
+    assert evidence.has_edges
+    assert bool(len(evidence.terminators)) is some
