@@ -18,7 +18,7 @@ from service.api.calibrated import fill_in
 from service.api.callers import Calling
 from service.api.captures import accept_capture
 from service.api.context import Parts, TraceId
-from service.api.jobs import answer
+from service.api.jobs import answer_made
 from service.api.models import (
     Calibrated,
     CalibrationCaptureRequest,
@@ -29,6 +29,7 @@ from service.api.models import (
     Links,
 )
 from service.api.pair_form import IdempotencyKey, accepted, pair_form
+from service.api.prefer import APPLIED, Wait
 from service.api.problems import responses
 
 router = APIRouter(tags=["calibrations"])
@@ -62,7 +63,7 @@ _BODY = {
     status_code=202,
     response_model=JobAnswer,
     openapi_extra={"requestBody": _BODY},
-    responses=accepted(drivers.CameraNotFoundError),
+    responses=accepted(drivers.CameraNotFoundError, headers=APPLIED),
 )
 async def create_calibration(
     request: Request,
@@ -70,6 +71,7 @@ async def create_calibration(
     context: Parts,
     caller: Calling,
     trace_id: TraceId,
+    wait: Wait,
     idempotency_key: IdempotencyKey = None,
 ) -> JobAnswer:
     """Calibrate a flash, a camera or lamps, on a pair sent or taken; a job that others may name."""
@@ -78,8 +80,7 @@ async def create_calibration(
     async with intake.read_calibration(request, context.settings, named) as wanted:
         make = accept_capture if wanted.capture else accept
         made = await run_in_threadpool(make, context, caller, wanted, idempotency_key, trace_id)
-    response.headers.update(made.headers)
-    return await run_in_threadpool(answer, context, caller, made.job_id)
+    return await answer_made(context, caller, made, wait, response)
 
 
 @router.get(

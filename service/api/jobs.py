@@ -12,7 +12,7 @@ import drivers
 from pipeline.options import Options
 from service import jobs
 from service.api import intake
-from service.api.accept import accept, refuse_when_full
+from service.api.accept import Accepted, accept, refuse_when_full
 from service.api.calibrated import fill_in
 from service.api.callers import Caller, Calling, find
 from service.api.captures import accept_capture
@@ -75,10 +75,7 @@ async def create_job(
     async with intake.read(request, context.settings, named) as wanted:
         make = accept_capture if wanted.capture else accept
         made = await run_in_threadpool(make, context, caller, wanted, idempotency_key, trace_id)
-    if wait:
-        await context.watching.until_over(made.job_id, wait)
-    response.headers.update(made.headers)
-    return await run_in_threadpool(answer, context, caller, made.job_id)
+    return await answer_made(context, caller, made, wait, response)
 
 
 @router.get(
@@ -182,3 +179,13 @@ def answer(context: Context, caller: Caller, job_id: str) -> JobAnswer:
     with context.engine.connect() as connection:
         ((_, made),) = answers(connection, context.settings, [find(connection, caller, job_id)])
     return made
+
+
+async def answer_made(
+    context: Context, caller: Caller, made: Accepted, wait: int, response: Response
+) -> JobAnswer:
+    """Make the answer for a job just made, once it has ended or after so many seconds."""
+    if wait:
+        await context.watching.until_over(made.job_id, wait)
+    response.headers.update(made.headers)
+    return await run_in_threadpool(answer, context, caller, made.job_id)

@@ -13,9 +13,10 @@ from service.api import intake
 from service.api.accept import accept, refuse_when_full
 from service.api.callers import Caller, Calling, find
 from service.api.context import Context, Parts, TraceId
-from service.api.jobs import answer
+from service.api.jobs import answer_made
 from service.api.models import JobAnswer, MixJob, MixOptions
 from service.api.pair_form import IdempotencyKey, accepted
+from service.api.prefer import APPLIED, Wait
 from service.api.results import deleted_meanwhile
 from service.attempt import results_key
 from service.errors import GoneError, NotReadyError, UnknownJobError
@@ -39,7 +40,7 @@ _BODY = {
     status_code=202,
     response_model=JobAnswer,
     openapi_extra={"requestBody": _BODY},
-    responses=accepted(InputError, UnknownJobError, NotReadyError, GoneError),
+    responses=accepted(InputError, UnknownJobError, NotReadyError, GoneError, headers=APPLIED),
 )
 async def create_mix(
     request: Request,
@@ -48,6 +49,7 @@ async def create_mix(
     caller: Calling,
     trace_id: TraceId,
     job_id: str,
+    wait: Wait,
     idempotency_key: IdempotencyKey = None,
 ) -> JobAnswer:
     """Mix the layers of a job into a picture of full size; a job of its own."""
@@ -56,8 +58,7 @@ async def create_mix(
     assert isinstance(wanted.options, MixOptions)
     await run_in_threadpool(_check, context, caller, job_id, wanted.options.mix)
     made = await run_in_threadpool(accept, context, caller, wanted, idempotency_key, trace_id)
-    response.headers.update(made.headers)
-    return await run_in_threadpool(answer, context, caller, made.job_id)
+    return await answer_made(context, caller, made, wait, response)
 
 
 def _check(context: Context, caller: Caller, job_id: str, mix: Mix) -> None:

@@ -25,9 +25,10 @@ from service.api.accept import (
 from service.api.calibrated import fill_in
 from service.api.callers import Caller, Calling, find
 from service.api.context import Context, Parts, TraceId
-from service.api.jobs import answer
+from service.api.jobs import answer_made
 from service.api.models import JobAnswer, RerunRequest
 from service.api.pair_form import IdempotencyKey, accepted
+from service.api.prefer import APPLIED, Wait
 from service.errors import GoneError, NotReadyError, UnknownJobError
 from service.repeat import copy_pair
 from service.sentences import sentence_of
@@ -49,7 +50,7 @@ _BODY = {
     status_code=202,
     response_model=JobAnswer,
     openapi_extra={"requestBody": _BODY},
-    responses=accepted(UnknownJobError, NotReadyError, GoneError),
+    responses=accepted(UnknownJobError, NotReadyError, GoneError, headers=APPLIED),
 )
 async def rerun_job(
     request: Request,
@@ -58,6 +59,7 @@ async def rerun_job(
     caller: Calling,
     trace_id: TraceId,
     job_id: str,
+    wait: Wait,
     idempotency_key: IdempotencyKey = None,
 ) -> JobAnswer:
     """Do a job again on copies of its photographs, with these options or the same ones."""
@@ -65,8 +67,7 @@ async def rerun_job(
     made = await run_in_threadpool(
         _accept, context, caller, job_id, wanted, idempotency_key, trace_id
     )
-    response.headers.update(made.headers)
-    return await run_in_threadpool(answer, context, caller, made.job_id)
+    return await answer_made(context, caller, made, wait, response)
 
 
 def _accept(

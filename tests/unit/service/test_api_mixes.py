@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import json
+import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import httpx
@@ -50,6 +52,23 @@ def test_a_mix_becomes_a_queued_job(
     with context.engine.connect() as connection:
         row = jobs.find(connection, job["id"])
     assert row is not None and row.task == "mix"
+
+
+def test_a_mix_may_be_waited_for(
+    http: httpx.Client, separated: Callable[..., str], finish: Finish
+) -> None:
+    of = separated()
+    with ThreadPoolExecutor(1) as pool:
+        waiting = pool.submit(http.post, f"/jobs/{of}/mix", json=TWO, headers={"prefer": "wait=60"})
+        while len(found := http.get("/jobs").json()["jobs"]) < 2:
+            threading.Event().wait(0.01)
+        (mix,) = (job["id"] for job in found if job["id"] != of)
+        finish(mix, {})
+        answer = waiting.result()
+
+    assert (answer.status_code, answer.json()["id"]) == (202, mix)
+    assert answer.json()["state"] == "succeeded"
+    assert answer.headers["preference-applied"] == "wait=60"
 
 
 def test_sending_twice_with_a_key_makes_one_job(
