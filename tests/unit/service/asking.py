@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import threading
 import uuid
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import httpx
@@ -67,3 +70,19 @@ def bearing(context: Context, *scopes: str, **quotas: int) -> dict[str, str]:
 def owner_of(header: dict[str, str]) -> str:
     """Id of the key in a header."""
     return keys.id_of(header["authorization"].removeprefix("Bearer "))
+
+
+def ended_while_waiting(
+    http: httpx.Client,
+    finish: Callable[[str, dict[str, bytes]], None],
+    make: Callable[[], httpx.Response],
+) -> tuple[str, httpx.Response]:
+    """End the one job that a request makes while it waits: its id, and the request's answer."""
+    before = {job["id"] for job in http.get("/jobs").json()["jobs"]}
+    with ThreadPoolExecutor(1) as pool:
+        waiting = pool.submit(make)
+        while not (new := {job["id"] for job in http.get("/jobs").json()["jobs"]} - before):
+            threading.Event().wait(0.01)
+        (made,) = new
+        finish(made, {})
+        return made, waiting.result()

@@ -11,6 +11,7 @@ from pipeline.options import Sensitivities, Spectrum
 from pipeline.spectra.tables import write_sensitivities, write_spectrum
 from service import jobs
 from service.api.context import Context
+from tests.unit.service.asking import ended_while_waiting
 
 Png = Callable[..., bytes]
 Finish = Callable[[str, dict[str, bytes]], None]
@@ -58,6 +59,18 @@ def calibrated(post: Callable[..., httpx.Response], finish: Finish) -> Callable[
         return job["id"]
 
     return make
+
+
+def test_a_calibration_may_be_waited_for(
+    http: httpx.Client, post: Callable[..., httpx.Response], finish: Finish
+) -> None:
+    made, answer = ended_while_waiting(
+        http, finish, lambda: post("/calibrations", OPTIONS["flash"], prefer="wait=60")
+    )
+
+    assert (answer.status_code, answer.json()["id"]) == (202, made)
+    assert answer.json()["state"] == "succeeded"
+    assert answer.headers["preference-applied"] == "wait=60"
 
 
 @pytest.mark.parametrize("kind", OPTIONS)

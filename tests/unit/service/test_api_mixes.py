@@ -1,9 +1,7 @@
 from __future__ import annotations
 
 import json
-import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import httpx
@@ -14,7 +12,7 @@ from pipeline.colour.spaces import XYZ_TO_SRGB
 from service import jobs
 from service.api.context import Context
 from service.attempt import Attempt
-from tests.unit.service.asking import post_capture, problem_of
+from tests.unit.service.asking import ended_while_waiting, post_capture, problem_of
 
 Finish = Callable[[str, dict[str, bytes]], None]
 
@@ -57,14 +55,11 @@ def test_a_mix_becomes_a_queued_job(
 def test_a_mix_may_be_waited_for(
     http: httpx.Client, separated: Callable[..., str], finish: Finish
 ) -> None:
-    of = separated()
-    with ThreadPoolExecutor(1) as pool:
-        waiting = pool.submit(http.post, f"/jobs/{of}/mix", json=TWO, headers={"prefer": "wait=60"})
-        while len(found := http.get("/jobs").json()["jobs"]) < 2:
-            threading.Event().wait(0.01)
-        (mix,) = (job["id"] for job in found if job["id"] != of)
-        finish(mix, {})
-        answer = waiting.result()
+    path = f"/jobs/{separated()}/mix"
+
+    mix, answer = ended_while_waiting(
+        http, finish, lambda: http.post(path, json=TWO, headers={"prefer": "wait=60"})
+    )
 
     assert (answer.status_code, answer.json()["id"]) == (202, mix)
     assert answer.json()["state"] == "succeeded"

@@ -14,6 +14,7 @@ from service.api.context import Context
 from service.settings import Settings
 from service.storage import Storage
 from tests.unit.service.asking import (
+    ended_while_waiting,
     post_capture,
     post_pair,
     problem_of,
@@ -55,6 +56,16 @@ def test_a_rerun_is_a_job_of_its_own_on_the_same_photographs(
             context.storage.get(f"jobs/{one['id']}/inputs/{frame}") for one in (job, made)
         )
         assert first == second
+
+
+def test_a_rerun_may_be_waited_for(
+    http: httpx.Client, job: Job, finish: Callable[[str, dict[str, bytes]], None]
+) -> None:
+    made, answer = ended_while_waiting(http, finish, lambda: _rerun(http, job, prefer="wait=60"))
+
+    assert (answer.status_code, answer.json()["id"]) == (202, made)
+    assert answer.json()["state"] == "succeeded"
+    assert answer.headers["preference-applied"] == "wait=60"
 
 
 @pytest.mark.parametrize("body", [None, {}, {"options": None}])
