@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, NoReturn
 
 import httpx
@@ -339,14 +340,14 @@ def s3() -> Iterator[dict[str, str]]:
 
 
 @pytest.fixture(scope="session")
-def postgresql(
-    tmp_path_factory: pytest.TempPathFactory, lacking: Callable[[str], NoReturn]
-) -> Iterator[str]:
+def postgresql(lacking: Callable[[str], NoReturn]) -> Iterator[str]:
     """A PostgreSQL server of its own: the URL of an empty database."""
     programs = find_programs()
     if programs is None:
         lacking("postgresql")
-    server = PostgreSQL(tmp_path_factory.mktemp("postgresql") / "server", programs)
-    server.create()
-    yield server.url()
-    server.stop()
+    # not under pytest's folder, which another run on this machine closes to the server's user
+    with TemporaryDirectory(prefix="lightlayers-postgresql-") as folder:
+        server = PostgreSQL(Path(folder) / "server", programs)
+        server.create()
+        yield server.url()
+        server.stop()
