@@ -193,7 +193,14 @@ def warp(image: Image, saturated: Mask, alignment: Alignment) -> tuple[Image, Ma
     height, width = saturated.shape
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
     warped = empty_image(*image.shape)
-    cv2.warpPerspective(image, alignment.matrix, (width, height), dst=warped, flags=flags)
+    cv2.warpPerspective(
+        image,
+        alignment.matrix,
+        (width, height),
+        dst=warped,
+        flags=flags,
+        borderMode=cv2.BORDER_REPLICATE,  # black would reach into usable pixels
+    )
     bad = cv2.warpPerspective(
         np.multiply(saturated, np.uint8(255)),
         alignment.matrix,
