@@ -89,9 +89,7 @@ def warp_along(
         y += np.arange(rows.start, rows.stop, dtype=np.float32)[:, None]
         u, v, w = (row[0] * x + row[1] * y + row[2] for row in matrix)
         u, v = u / w, v / w
-        warped[rows] = cv2.remap(
-            image, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
-        )
+        warped[rows] = cv2.remap(image, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         bad[rows] = cv2.remap(sources, u, v, cv2.INTER_LINEAR, borderValue=255) > 0
     return warped, bad
 

@@ -28,6 +28,7 @@ from pipeline.strips import widened
 _ROUNDS: dict[Quality, int] = {"best": ROUNDS, "balanced": ROUNDS, "fast": 1}
 _UNUSABLE_REACH = 1
 _DOUBT = 1.5  # standard deviations of a pixel's light at which it counts for a little less
+_MISPLACED = 0.03  # of the flash part: the deviation at which a pixel counts half
 
 
 @dataclass(frozen=True)
@@ -81,12 +82,12 @@ def separate(
         no_flash, flash, _ = noise_filter.rows(wide)
         if not pair.flash_only:
             flash = flash - no_flash
-        confidence, uncertainty = _reliability(pair, wide, lamps.contrast)
+        confidence, trust, uncertainty = _reliability(pair, wide, lamps.contrast)
         proportions = smoothing.smooth_proportions(
             model_proportions(no_flash, flash, lamps),
             no_flash,
             flash,
-            confidence,
+            trust,
             uncertainty,
             inner,
         )
@@ -127,11 +128,12 @@ def _open(pair: Pair, rows: slice) -> NDArray[np.float32]:
 
 def _reliability(
     pair: Pair, rows: slice, contrast: float
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Confidence and uncertainty (h, W), each 0…1.
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """Confidence, trust and uncertainty (h, W), each 0…1.
 
     Confidence is how far flash part and no-flash light stand out from their noise, 0 in unusable
-    pixels. Uncertainty is what noise may do to proportions.
+    pixels. Trust is what a pixel counts among its neighbours: less where the flash part is not
+    quite from the same place, as beside edges. Uncertainty is what both may do to proportions.
     """
     beside = np.zeros(pair.no_flash[rows].shape[:2], np.float32)
     if pair.registration > 0:
@@ -139,7 +141,7 @@ def _reliability(
         variance = registration.registration_variance(pair.flash[wide], pair.registration)
         beside = variance[inner].sum(axis=2)
     confidence = _open(pair, rows)
-    uncertainty = np.empty_like(confidence)
+    trust, uncertainty = np.empty((2, *confidence.shape), dtype=np.float32)
     _weigh_noise(
         planes_of(pair.no_flash[rows]),
         planes_of(pair.flash[rows]),
@@ -149,9 +151,10 @@ def _reliability(
         pair.flash_only,
         contrast,
         confidence,
+        trust,
         uncertainty,
     )
-    return confidence, uncertainty
+    return confidence, trust, uncertainty
 
 
 @njit(cache=True, error_model="numpy")
@@ -164,9 +167,10 @@ def _weigh_noise(
     flash_only: bool,
     contrast: float,
     confidence: Plane,
+    trust: Plane,
     uncertainty: Plane,
 ) -> None:
-    """Multiply confidence (h, W), and write uncertainty.
+    """Multiply confidence (h, W), and write trust and uncertainty.
 
     beside: variance (h, W) of a flash photograph that lies beside the other.
     """
@@ -190,6 +194,8 @@ def _weigh_noise(
             relative = variance / max(squared, variance)
             relative += part_variance / max(part_squared, part_variance)
             confidence[y, x] *= certain
+            placed = part_squared / max(part_squared + beside[y, x] / _MISPLACED**2, 1e-30)
+            trust[y, x] = confidence[y, x] * placed
             uncertainty[y, x] = min(np.sqrt(relative) / contrast, 1.0)
 
 

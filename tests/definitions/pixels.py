@@ -29,6 +29,7 @@ Doubles = NDArray[np.float64]
 _REGULAR = 1e-6
 _RADIUS, _EPSILON, _TOLERANCE = 4, 1e-4, 0.25
 _DOUBT = 1.5
+_MISPLACED = 0.03
 _BRIGHTEST = 4.0
 
 
@@ -169,14 +170,14 @@ def separate(pair: Pair, reduced: ReducedPair, lamps: Lamps) -> tuple[Array, Dou
     no_flash, flash, _ = sigma_filter(pictures, (pair.no_flash_noise, pair.flash_noise))
     if not pair.flash_only:
         flash = flash - no_flash
-    confidence, uncertainty = _reliability(pair, lamps.contrast)
+    confidence, placed, uncertainty = _reliability(pair, lamps.contrast)
     near = cv2.dilate(pair.unusable.astype(np.uint8), np.ones((3, 3), np.uint8))
     confidence = np.where(near > 0, 0.0, confidence)
     parts = smooth_proportions(
         model_proportions(no_flash, flash, lamps),
         no_flash,
         flash,
-        confidence.astype(np.float32),
+        (confidence * placed).astype(np.float32),
         uncertainty.astype(np.float32),
         slice(None),
     )
@@ -187,13 +188,15 @@ def separate(pair: Pair, reduced: ReducedPair, lamps: Lamps) -> tuple[Array, Dou
     return layers.astype(np.float32), confidence
 
 
-def _reliability(pair: Pair, contrast: float) -> tuple[Doubles, Doubles]:
-    """Confidence, unusable pixels or not, and uncertainty (H, W)."""
+def _reliability(pair: Pair, contrast: float) -> tuple[Doubles, Doubles, Doubles]:
+    """Confidence, unusable pixels or not, how well placed they are, and uncertainty (H, W)."""
     light, part = pair.no_flash.sum(axis=2), pair.flash.sum(axis=2)
     variance = pair.no_flash_noise.variance(pair.no_flash).sum(axis=2)
     part_variance = pair.flash_noise.variance(pair.flash).sum(axis=2)
+    beside = np.zeros(light.shape)
     if pair.registration > 0:
-        part_variance += registration_variance(pair.flash, pair.registration).sum(axis=2)
+        beside += registration_variance(pair.flash, pair.registration).sum(axis=2)
+    part_variance = part_variance + beside
     if not pair.flash_only:
         part, part_variance = part - light, part_variance + variance
     certain, relative = np.ones(light.shape), np.zeros(light.shape)
@@ -201,7 +204,8 @@ def _reliability(pair: Pair, contrast: float) -> tuple[Doubles, Doubles]:
         squared = np.square(np.maximum(value, 0.0))
         certain *= squared / (squared + _DOUBT**2 * noise)
         relative += noise / np.maximum(np.square(value), noise)
-    return certain, np.minimum(np.sqrt(relative) / contrast, 1.0)
+    placed = 1.0 / (1.0 + beside / np.maximum(_MISPLACED * part, 1e-15) ** 2)
+    return certain, placed, np.minimum(np.sqrt(relative) / contrast, 1.0)
 
 
 def approach_1(strip: Strip, lamps: Lamps, greens: Doubles, to_neutral: Doubles) -> Image:

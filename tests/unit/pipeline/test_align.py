@@ -206,6 +206,16 @@ def test_whole_pixels_are_moved_as_they_are_and_uncovered_ones_marked() -> None:
     assert not bad[3:, :-5].any()
 
 
+@pytest.mark.parametrize("x", [-2.5, 0.5, 1.25])
+def test_nothing_from_beyond_the_border_reaches_usable_pixels(x: float) -> None:
+    even = np.full((HEIGHT, WIDTH, 3), 0.4, np.float32)
+
+    found, bad = warp(even, np.zeros((HEIGHT, WIDTH), bool), Alignment(True, turn(0, x), 0.9))
+
+    assert bad.mean() < 0.02
+    np.testing.assert_allclose(found[~bad], 0.4, atol=1e-5)
+
+
 def test_saturated_pixels_move_along_and_spread_over_every_pixel_they_touch() -> None:
     clipped = np.zeros((20, 30), bool)
     clipped[10, 15] = True

@@ -135,5 +135,15 @@ def test_pictures_larger_than_a_strip_have_no_seams() -> None:
     found, _ = warp_along(tall, np.zeros(tall.shape[:2], bool), NOT_ATTEMPTED, flow)
 
     y, x = np.mgrid[: tall.shape[0], :WIDTH].astype(np.float32) + np.float32(1.25)
-    expected = cv2.remap(tall, x, y, cv2.INTER_CUBIC)
+    expected = cv2.remap(tall, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     np.testing.assert_allclose(found, expected, atol=1e-3)
+
+
+def test_nothing_from_beyond_the_border_reaches_usable_pixels() -> None:
+    even = np.full((HEIGHT, WIDTH, 3), 0.4, np.float32)
+    flow = np.full((30, 40, 2), 1.5, np.float32)
+
+    found, bad = warp_along(even, np.zeros((HEIGHT, WIDTH), bool), NOT_ATTEMPTED, flow)
+
+    assert not bad[:-2, :-2].any()
+    np.testing.assert_allclose(found[~bad], 0.4, atol=1e-5)

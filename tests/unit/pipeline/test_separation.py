@@ -298,3 +298,32 @@ def test_best_is_what_it_is_defined_to_be(
     reached = (slice(None), slice(20, None), slice(20, None))
     np.testing.assert_allclose(found.layers[reached], layers[reached], atol=3e-6)
     np.testing.assert_allclose(found.confidence, confidence, atol=1e-5)
+
+
+def test_edges_that_do_not_quite_fit_take_the_shares_beside_them(
+    pair_of: Callable[..., Any],
+    separated: Callable[..., Strip],
+    lamps_of: Callable[..., Any],
+    exact: Exact,
+    warm_to_cool: Array,
+) -> None:
+    """Even light on a painted step; the flash photograph lies two fifths of a pixel beside it."""
+    chosen = warm_to_cool[[0, 2]]
+    clean, layers = exact(chosen)
+    shape = clean.no_flash.shape
+    lit = [clean.no_flash[30, 30], (clean.flash - clean.no_flash)[30, 30]]
+    place = np.broadcast_to(np.arange(shape[1]) - shape[1] / 2 + 0.5, shape[:2])
+
+    def painted(shift: float) -> list[Array]:
+        first = np.clip(place + shift + 0.5, 0, 1)[..., None]
+        paint = 0.2 + first * (np.array([1.0, 0.3, 0.5]) - 0.2)
+        return [light * paint for light in lit]
+
+    before, part = painted(0.0)[0], painted(0.4)[1]
+    lamps, truth = lamps_of(chosen), layers[:, 30, 30] / clean.no_flash[30, 30]
+
+    def worst(registration: float) -> float:
+        strip = separated(pair_of(before, part, registration=registration), lamps)
+        return float(np.abs(strip.layers / before - truth[:, None, None]).max())
+
+    assert worst(0.35) < 0.45 * worst(0.0)
