@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.frames import Image, Mask
 from pipeline.pair import Pair
+from pipeline.placing import place_flash, placement
 from pipeline.registration import SOFTENED_HALO, registration_variance, softened
 from pipeline.sigma_filter import sigma_filter
 from pipeline.strips import widened
@@ -59,13 +60,16 @@ def reduce_pair(pair: Pair) -> ReducedPair:
     count = np.maximum(share * block**2, 1.0)[..., None] * averaged[..., None]
     no_flash_variance = pair.no_flash_noise.variance(no_flash, count)
     flash_variance = pair.flash_noise.variance(flash, count)
+    beside = None
     if pair.registration > 0:
-        flash_variance = flash_variance + registration_variance(
-            flash, _LIKELY_OFFSET * pair.registration / block
-        )
+        beside = registration_variance(flash, pair.registration / block)
+        flash_variance = flash_variance + _LIKELY_OFFSET**2 * beside
     if not pair.flash_only:
         flash = flash - no_flash
         flash_variance = flash_variance + no_flash_variance
+    if beside is not None:
+        placed = placement(flash.sum(axis=2), beside.sum(axis=2))
+        flash = place_flash(no_flash, flash, placed, share)
     usable = (
         (share >= _MIN_OPEN)
         & _bright(flash, flash_variance, _MIN_FLASH)

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pipeline import registration, smoothing
+from pipeline import placing, registration, smoothing
 from pipeline.fill import Surroundings
 from pipeline.frames import Image, Numbers, Plane, Planes, channels_first, numbers_of, planes_of
 from pipeline.hui2018.separation import published_layers
@@ -28,7 +28,6 @@ from pipeline.strips import widened
 _ROUNDS: dict[Quality, int] = {"best": ROUNDS, "balanced": ROUNDS, "fast": 1}
 _UNUSABLE_REACH = 1
 _DOUBT = 1.5  # standard deviations of a pixel's light at which it counts for a little less
-_MISPLACED = 0.03  # of the flash part: the deviation at which a pixel counts half
 
 
 @dataclass(frozen=True)
@@ -78,25 +77,34 @@ def separate(
             )
             yield Strip(rows, layers, no_flash, flash, _open(pair, rows))
             continue
-        wide, inner = widened(rows, smoothing.HALO, height)
+        halo = smoothing.HALO + (placing.HALO if pair.registration > 0 else 0)
+        wide, inner = widened(rows, halo, height)
         no_flash, flash, _ = noise_filter.rows(wide)
         if not pair.flash_only:
             flash = flash - no_flash
-        confidence, trust, uncertainty = _reliability(pair, wide, lamps.contrast)
-        proportions = smoothing.smooth_proportions(
-            model_proportions(no_flash, flash, lamps),
-            no_flash,
-            flash,
-            trust,
-            uncertainty,
-            inner,
+        confidence, placed, uncertainty = _reliability(pair, wide, lamps.contrast)
+        if pair.registration > 0:
+            flash = placing.place_flash(no_flash, flash, placed, confidence)
+        proportions = model_proportions(no_flash, flash, lamps)
+        smooth = smoothing.smooth_proportions(
+            proportions, no_flash, flash, confidence * placed, uncertainty, inner
         )
+        if pair.registration > 0:
+            smooth = placing.mend_proportions(
+                smooth,
+                proportions,
+                pair.no_flash[wide],
+                pair.no_flash_noise,
+                placed,
+                confidence,
+                inner,
+            )
         no_flash, flash, confidence = no_flash[inner], flash[inner], confidence[inner]
         layers = surroundings.rows(rows, width)
         _deal_out(
             planes_of(pair.no_flash[rows]),
             confidence,
-            channels_first(proportions),
+            channels_first(smooth),
             channels_first(layers),
         )
         yield Strip(rows, layers, no_flash, flash, confidence)
@@ -129,19 +137,23 @@ def _open(pair: Pair, rows: slice) -> NDArray[np.float32]:
 def _reliability(
     pair: Pair, rows: slice, contrast: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """Confidence, trust and uncertainty (h, W), each 0…1.
+    """Confidence, placement and uncertainty (h, W), each 0…1.
 
     Confidence is how far flash part and no-flash light stand out from their noise, 0 in unusable
-    pixels. Trust is what a pixel counts among its neighbours: less where the flash part is not
-    quite from the same place, as beside edges. Uncertainty is what both may do to proportions.
+    pixels. Placement is less where the flash part is not quite from the same place, as beside
+    edges. Uncertainty is what both may do to proportions.
     """
-    beside = np.zeros(pair.no_flash[rows].shape[:2], np.float32)
+    confidence = _open(pair, rows)
+    placed, uncertainty = np.ones_like(confidence), np.empty_like(confidence)
+    beside = np.zeros_like(confidence)
     if pair.registration > 0:
         wide, inner = widened(rows, registration.HALO, len(pair.unusable))
         variance = registration.registration_variance(pair.flash[wide], pair.registration)
         beside = variance[inner].sum(axis=2)
-    confidence = _open(pair, rows)
-    trust, uncertainty = np.empty((2, *confidence.shape), dtype=np.float32)
+        part = pair.flash[rows].sum(axis=2)
+        if not pair.flash_only:
+            part -= pair.no_flash[rows].sum(axis=2)
+        placed = placing.placement(part, beside)
     _weigh_noise(
         planes_of(pair.no_flash[rows]),
         planes_of(pair.flash[rows]),
@@ -151,10 +163,9 @@ def _reliability(
         pair.flash_only,
         contrast,
         confidence,
-        trust,
         uncertainty,
     )
-    return confidence, trust, uncertainty
+    return confidence, placed, uncertainty
 
 
 @njit(cache=True, error_model="numpy")
@@ -167,10 +178,9 @@ def _weigh_noise(
     flash_only: bool,
     contrast: float,
     confidence: Plane,
-    trust: Plane,
     uncertainty: Plane,
 ) -> None:
-    """Multiply confidence (h, W), and write trust and uncertainty.
+    """Multiply confidence (h, W), and write uncertainty.
 
     beside: variance (h, W) of a flash photograph that lies beside the other.
     """
@@ -194,8 +204,6 @@ def _weigh_noise(
             relative = variance / max(squared, variance)
             relative += part_variance / max(part_squared, part_variance)
             confidence[y, x] *= certain
-            placed = part_squared / max(part_squared + beside[y, x] / _MISPLACED**2, 1e-30)
-            trust[y, x] = confidence[y, x] * placed
             uncertainty[y, x] = min(np.sqrt(relative) / contrast, 1.0)
 
 

@@ -10,12 +10,16 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
+
 import drivers
 from pipeline.options import Options
 from pipeline.process import separate_files
 from pipeline.progress import STRIP_ROWS, Progress
 
 _SIZE = "width=96&height=64&noise=off"
+_MOTION_PX = 3
 
 
 def main() -> None:
@@ -23,6 +27,7 @@ def main() -> None:
     for count in (1, 2, 3):
         for rows in (24, STRIP_ROWS):  # one strip alone lies otherwise in memory than several
             _separate(f"sim://studio?lights={count}&{_SIZE}", {"lights": count}, rows)
+        _separate_moved(f"sim://studio?lights={count}&format=jpeg&{_SIZE}", {"lights": count})
     objects = f"sim://studio?scene=objects&lights=3&{_SIZE}"
     truth = drivers.simulated_truth(objects)
     lights = [{"direction": tuple(one)} for one in truth.directions.tolist()]
@@ -34,6 +39,15 @@ def _separate(address: str, options: dict[str, Any], strip_rows: int) -> None:
         pair = drivers.capture_pair(camera)
         files = pair.no_flash.best, pair.flash.best
         separate_files(*files, Options(**options), Path(folder), Progress(), strip_rows)
+
+
+def _separate_moved(address: str, options: dict[str, Any]) -> None:
+    """Separate a pair whose flash photograph was taken from a little beside."""
+    with drivers.open_camera(address) as camera, tempfile.TemporaryDirectory() as folder:
+        pair = drivers.capture_pair(camera)
+        flash = cv2.imdecode(np.frombuffer(pair.flash.best, np.uint8), cv2.IMREAD_COLOR)
+        moved = cv2.imencode(".png", np.roll(flash, _MOTION_PX, axis=1))[1].tobytes()
+        separate_files(pair.no_flash.best, moved, Options(**options), Path(folder), Progress())
 
 
 if __name__ == "__main__":

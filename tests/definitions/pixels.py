@@ -25,11 +25,12 @@ from pipeline.sigma_filter import sigma_filter
 
 Array = NDArray[np.float32]
 Doubles = NDArray[np.float64]
+Floats = NDArray[np.floating]
 
 _REGULAR = 1e-6
 _RADIUS, _EPSILON, _TOLERANCE = 4, 1e-4, 0.25
 _DOUBT = 1.5
-_MISPLACED = 0.03
+_MISPLACED, _WELL = 0.03, 0.7
 _BRIGHTEST = 4.0
 
 
@@ -162,6 +163,56 @@ def _box(plane: Array) -> Array:
     return np.asarray(mean, dtype=np.float32)
 
 
+def place_flash(no_flash: Image, flash: Image, placed: Floats, confidence: Floats) -> Image:
+    """pipeline.placing.place_flash: flash regressed on no-flash around each pixel."""
+    out = flash.astype(np.float64)
+    for y, x in np.argwhere(placed < _WELL):
+        near, distance = _around(placed.shape, y, x, 2)
+        weight = np.exp(-distance / 2.0) * np.maximum(placed[near], 0.05)
+        weight *= confidence[near] + 1e-6
+        steps = no_flash[near].reshape(-1, 3).astype(np.float64) - no_flash[y, x]
+        mean = np.average(steps, axis=0, weights=weight.ravel())
+        spread = np.cov(steps.T, aweights=weight.ravel(), ddof=0)
+        spread += np.eye(3) * (1e-4 * np.square(no_flash[y, x] + mean).sum() + 1e-14)
+        pull = 1.0 - (steps - mean) @ np.linalg.solve(spread, mean)
+        regressed = (weight.ravel() * pull) @ flash[near].reshape(-1, 3) / weight.sum()
+        out[y, x] += (1.0 - placed[y, x] / _WELL) * (np.maximum(regressed, 0.0) - out[y, x])
+    return out.astype(np.float32)
+
+
+def mend_proportions(
+    smooth: Array,
+    proportions: Array,
+    photograph: Image,
+    variance: Doubles,
+    placed: Floats,
+    confidence: Floats,
+) -> Array:
+    """pipeline.placing.mend_proportions; variance: (h, W), of the photograph's sum."""
+    out = smooth.astype(np.float64)
+    for y, x in np.argwhere(placed < _WELL):
+        near, distance = _around(placed.shape, y, x, 4)
+        own = photograph[y, x].astype(np.float64)
+        unlike = np.square(photograph[near] - own).sum(axis=-1)
+        unlike /= 2 * 0.07**2 * np.square(own).sum() + 2 * variance[y, x] + 1e-12
+        weight = np.exp(-distance / 8.0) * placed[near] * confidence[near] / (1 + unlike) ** 2
+        if weight.sum() > 0:
+            mean = np.einsum("hw,nhwk->nk", weight, proportions[:, *near]) / weight.sum()
+            share = (1.0 - placed[y, x] / _WELL) * min(weight.sum() / 0.1, 1.0)
+            out[:, y, x] += share * (mean - out[:, y, x])
+    return out.astype(np.float32)
+
+
+def _around(
+    shape: tuple[int, ...], y: int, x: int, reach: int
+) -> tuple[tuple[slice, slice], Doubles]:
+    """The pixels around one, as far as the picture goes, and their squared distances from it."""
+    rows = slice(max(y - reach, 0), min(y + reach + 1, shape[0]))
+    columns = slice(max(x - reach, 0), min(x + reach + 1, shape[1]))
+    down, right = np.arange(rows.start, rows.stop) - y, np.arange(columns.start, columns.stop) - x
+    return (rows, columns), np.add.outer(down**2, right**2).astype(np.float64)
+
+
 def separate(pair: Pair, reduced: ReducedPair, lamps: Lamps) -> tuple[Array, Doubles]:
     """pipeline.separation.separate by "best", in one piece: layers, confidence."""
     pictures = pair.no_flash, pair.flash
@@ -173,14 +224,20 @@ def separate(pair: Pair, reduced: ReducedPair, lamps: Lamps) -> tuple[Array, Dou
     confidence, placed, uncertainty = _reliability(pair, lamps.contrast)
     near = cv2.dilate(pair.unusable.astype(np.uint8), np.ones((3, 3), np.uint8))
     confidence = np.where(near > 0, 0.0, confidence)
+    if pair.registration > 0:
+        flash = place_flash(no_flash, flash, placed, confidence)
+    proportions = model_proportions(no_flash, flash, lamps)
     parts = smooth_proportions(
-        model_proportions(no_flash, flash, lamps),
+        proportions,
         no_flash,
         flash,
         (confidence * placed).astype(np.float32),
         uncertainty.astype(np.float32),
         slice(None),
     )
+    if pair.registration > 0:
+        variance = pair.no_flash_noise.variance(pair.no_flash).sum(axis=2)
+        parts = mend_proportions(parts, proportions, pair.no_flash, variance, placed, confidence)
     height, width = confidence.shape
     around = Surroundings(reduced, lamps).rows(slice(0, height), width)
     trust = confidence[..., None]
