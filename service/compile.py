@@ -45,7 +45,7 @@ def _separate_moved(address: str, options: dict[str, Any]) -> None:
     """Separate a pair whose flash photograph was taken from a little beside."""
     with drivers.open_camera(address) as camera, tempfile.TemporaryDirectory() as folder:
         pair = drivers.capture_pair(camera)
-        flash = cv2.imdecode(np.frombuffer(pair.flash.best, np.uint8), cv2.IMREAD_COLOR)
+        flash = np.asarray(cv2.imdecode(np.frombuffer(pair.flash.best, np.uint8), cv2.IMREAD_COLOR))
         moved = cv2.imencode(".png", np.roll(flash, _MOTION_PX, axis=1))[1].tobytes()
         separate_files(pair.no_flash.best, moved, Options(**options), Path(folder), Progress())
 
