@@ -70,8 +70,7 @@ def demosaic(
         raise ValueError(f"{colours.tolist()} is no Bayer pattern")
     height, width = mosaic.shape
     out = empty_image(height, width, 3)
-    side = _TILE + 2 * _HALO
-    scratch = np.empty((_PLANES, side, side), np.float32)
+    scratch = np.empty(_PLANES * (_TILE + 2 * _HALO) ** 2, np.float32)
     first, second, third, fourth = (int(channel) for channel in np.ravel(colours))
     channels = (first, second, third, fourth)
     levels = numbers_of(np.asarray(black, np.float64))
@@ -80,8 +79,7 @@ def demosaic(
         for left in range(0, width, _TILE):
             columns = slice(left, min(left + _TILE, width))
             window = _window(mosaic, rows, columns)
-            planes = scratch[:, : window.shape[0], : window.shape[1]]
-            _demosaic(window, channels, levels, 1.0 / white, planes, out[rows, columns])
+            _demosaic(window, channels, levels, 1.0 / white, scratch, out, top, left)
     return out
 
 
@@ -133,15 +131,20 @@ def _demosaic(
     colours: tuple[int, int, int, int],
     black: Numbers,
     scale: float,
-    planes: Plane,
+    scratch: NDArray[np.float32],
     out: Image,
+    top: int,
+    left: int,
 ) -> None:
-    """Write out (h, w, 3) from window (h + 2·_HALO, w + 2·_HALO).
+    """Write a tile (h, w) of out (H, W, 3) from window (h + 2·_HALO, w + 2·_HALO).
 
-    colours, black: of the four upper left photosites. planes: room for _PLANES like window.
+    colours, black: of the four upper left photosites. scratch: room for _PLANES planes. Parts are
+    cut out here: cut out before, they would be of several types, each to be compiled.
     What comes out at photosites of the other kind is left unused: loops without branches become
     vector instructions.
     """
+    height, width = window.shape
+    planes = scratch[: _PLANES * height * width].reshape((_PLANES, height, width))
     light, across, down = planes[0], planes[1], planes[2]
     share, steep, fall = planes[3], planes[4], planes[5]
     _write_light(window, black, scale, light)
@@ -151,7 +154,8 @@ def _demosaic(
     green, diagonal = steep, fall  # their memory, once they have been weighed
     _write_green(across, down, share, green)
     _write_diagonal(green, diagonal)
-    _write_channels(light, share, green, diagonal, colours, out)
+    tile = out[top : top + height - 2 * _HALO, left : left + width - 2 * _HALO]
+    _write_channels(light, share, green, diagonal, colours, tile)
 
 
 @_compiled
