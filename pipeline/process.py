@@ -67,11 +67,11 @@ def separate_files(
     """
     progress.report("decode", 0.0)
     check_pair(no_flash, flash)
-    before = decode(no_flash, options.encoding, NO_FLASH, options.quality)
+    before = decode(no_flash, options.encoding, NO_FLASH)
     del no_flash  # RAW files are large, and a caller may have kept none of them
     trim_memory()
     progress.report("decode", 0.5)
-    after = decode(flash, options.encoding, FLASH, options.quality)
+    after = decode(flash, options.encoding, FLASH)
     del flash
     # first what costs little and may be refused: names of cameras and lights
     options, used = with_kept(options, kept, before)

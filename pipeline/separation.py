@@ -25,7 +25,7 @@ from pipeline.shares import Colour
 from pipeline.sigma_filter import ROUNDS, SigmaFilter
 from pipeline.strips import widened
 
-_ROUNDS: dict[Quality, int] = {"best": ROUNDS, "balanced": ROUNDS, "fast": 1}
+_ROUNDS: dict[Quality, int] = {"best": ROUNDS, "balanced": 2, "fast": 1}
 _UNUSABLE_REACH = 1
 _DOUBT = 1.5  # standard deviations of a pixel's light at which it counts for a little less
 

@@ -58,7 +58,7 @@ def to_linear(samples: Samples, srgb: bool, profiled: bool = False) -> Image:
     return out
 
 
-def clipped(samples: Samples, raw: bool) -> Mask:
+def clipped(samples: Samples, raw: bool = False) -> Mask:
     """Pixels (H, W), upright, with a clipped channel.
 
     8 bits: 254 and above (the last code values before white are bent by the camera's curve and
@@ -79,9 +79,29 @@ def clipped(samples: Samples, raw: bool) -> Mask:
         rows = mask[top : top + STRIP_ROWS]
         cv2.inRange(values[top : top + STRIP_ROWS], (-np.inf,) * 3, (float(below),) * 3, dst=rows)
     mask = cv2.bitwise_not(mask)
-    if raw:
-        mask = cv2.dilate(mask, np.ones((_DEMOSAIC_REACH, _DEMOSAIC_REACH), np.uint8))
-    return np.asarray(mask > 0)
+    return _reached(mask) if raw else np.asarray(mask > 0)
+
+
+def clipped_photosites(
+    mosaic: NDArray[np.uint16], black: NDArray[np.float64], white: float
+) -> Mask:
+    """Pixels (H, W) around photosites (H, W) that reach 0.99 of the white level.
+
+    black: (2, 2), of the upper left photosites. white: what is measured between the least of black
+    and the white level. Equal to clipped of the picture that is made of them.
+    """
+    mask = np.empty(mosaic.shape, np.uint8)
+    limits = np.ceil(black + RAW_CLIP * white)
+    for y in range(2):
+        for x in range(2):
+            np.greater_equal(mosaic[y::2, x::2], limits[y, x], out=mask[y::2, x::2].view(np.bool_))
+    return _reached(mask)
+
+
+def _reached(mask: NDArray[Any]) -> Mask:
+    """Pixels whose values came from clipped ones (not 0), too."""
+    square = np.ones((_DEMOSAIC_REACH, _DEMOSAIC_REACH), np.uint8)
+    return np.asarray(cv2.dilate(mask, square) > 0)
 
 
 def _curve(values: NDArray[np.float32], srgb: bool) -> NDArray[np.float32]:

@@ -3,24 +3,37 @@
 from __future__ import annotations
 
 import io
+from typing import NamedTuple
 
 import numpy as np
 import rawpy
 
+from pipeline.decode.bayer import bayer_mosaic
+from pipeline.decode.demosaic import demosaic
+from pipeline.decode.linear import clipped, clipped_photosites, to_linear
 from pipeline.decode.metadata import Metadata, read_metadata
 from pipeline.decode.quiet import muted
 from pipeline.decode.samples import Samples
-from pipeline.decode.tiff import dng_matrix
-from pipeline.frames import Matrix
-from pipeline.options import Quality
+from pipeline.decode.tiff import black_repeats, dng_matrix
+from pipeline.frames import Image, Mask, Matrix
 
-_DEMOSAICING: dict[Quality, rawpy.DemosaicAlgorithm] = {
-    "best": rawpy.DemosaicAlgorithm.DHT,
-    "balanced": rawpy.DemosaicAlgorithm.PPG,
-    "fast": rawpy.DemosaicAlgorithm.LINEAR,
-}
 _TURNED = (5, 6)
 """LibRaw's `flip` values for a quarter turn."""
+_CORRECTED = ("phase one",)
+"""Makers whose sensors' faults LibRaw corrects after it has unpacked the file."""
+
+
+class RawPicture(NamedTuple):
+    """A RAW file, upright.
+
+    pixels: (H, W, 3), the camera's own colours, 1 = white level. saturated: (H, W), see clipped.
+    xyz_to_camera: matrix from CIE XYZ to camera RGB, None where it is not known.
+    """
+
+    pixels: Image
+    saturated: Mask
+    metadata: Metadata
+    xyz_to_camera: Matrix | None
 
 
 def raw_size(data: bytes) -> tuple[int, int]:
@@ -30,29 +43,38 @@ def raw_size(data: bytes) -> tuple[int, int]:
         return (height, width) if raw.sizes.flip in _TURNED else (width, height)
 
 
-def read_raw(data: bytes, quality: Quality) -> tuple[Samples, Metadata, Matrix | None]:
-    """Upright samples, facts, and the matrix from CIE XYZ to camera RGB where it is known.
+def read_raw(data: bytes) -> RawPicture:
+    """Read sensor values, without white balance, as light.
 
-    Demosaiced in the camera's own colours, white level at samples.white. DHT does not suffer from
-    channels without white balance; docs/performance.md measures it beside the plainer ways.
+    Mosaics of Bayer sensors are made pictures of by demosaic, all others by LibRaw: where that
+    has a choice by DHT, which does not suffer from channels without white balance either.
     adjust_maximum_thr must be 0: LibRaw otherwise scales every frame by its own maximum, which
     gives the two frames of a pair two gains. Raises rawpy's errors.
     """
+    metadata = read_metadata(data)
     with muted(), rawpy.imread(io.BytesIO(data)) as raw:
-        values = raw.postprocess(
-            demosaic_algorithm=_DEMOSAICING[quality],
-            user_wb=[1.0, 1.0, 1.0, 1.0],
-            output_color=rawpy.ColorSpace.raw,
-            output_bps=16,
-            gamma=(1, 1),
-            no_auto_bright=True,
-            adjust_maximum_thr=0.0,
-        )
         known = np.asarray(raw.rgb_xyz_matrix, dtype=np.float64)[:3]
-        metadata = read_metadata(data)
         if metadata == Metadata():  # no EXIF where a TIFF reader finds it, as in CR3 and RAF
             metadata = preview_metadata(raw)
-    return Samples(values, 65535.0), metadata, known if known.any() else dng_matrix(data)
+        corrected = metadata.make.lower().startswith(_CORRECTED)
+        mosaic = None if corrected else bayer_mosaic(raw, black_repeats(data))
+        if mosaic is not None:
+            pixels = demosaic(mosaic.values, mosaic.colours, mosaic.black, mosaic.white)
+            saturated = clipped_photosites(mosaic.values, mosaic.black, mosaic.white)
+        else:
+            values = raw.postprocess(
+                demosaic_algorithm=rawpy.DemosaicAlgorithm.DHT,
+                user_wb=[1.0, 1.0, 1.0, 1.0],
+                output_color=rawpy.ColorSpace.raw,
+                output_bps=16,
+                gamma=(1, 1),
+                no_auto_bright=True,
+                adjust_maximum_thr=0.0,
+            )
+    if mosaic is None:
+        samples = Samples(values, 65535.0)
+        pixels, saturated = to_linear(samples, srgb=False), clipped(samples, raw=True)
+    return RawPicture(pixels, saturated, metadata, known if known.any() else dng_matrix(data))
 
 
 def preview_metadata(raw: rawpy.RawPy) -> Metadata:

@@ -26,7 +26,6 @@ from pipeline.decode.signatures import Kind, kind_of
 from pipeline.decode.tiff import holds_raw, read_tiff, tiff_size
 from pipeline.errors import ImageTooLargeError, OptionError, PipelineError, UnreadableImageError
 from pipeline.frames import Frame
-from pipeline.options import Quality
 
 FORMATS = "a JPEG, PNG, TIFF, OpenEXR, HEIC, DNG or a camera's RAW file"
 
@@ -52,18 +51,13 @@ def check_header(data: bytes, name: str = "no-flash photograph") -> tuple[int, i
     return _size(data, _kind(data, name), name)
 
 
-def decode(
-    data: bytes,
-    encoding: str = "auto",
-    name: str = "no-flash photograph",
-    quality: Quality = "best",
-) -> Frame:
+def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph") -> Frame:
     """Decode a photograph to linear light.
 
     encoding: "auto" takes RAW and DNG as sensor values, 8-bit pictures and HEIF as their ICC
     profile says, else as sRGB, 16-bit integer TIFF and PNG and every float file as linear;
     "linear" and "srgb" say how the values of a file that is not RAW are encoded. Pictures with a
-    profile become linear sRGB. name: what messages call the picture. quality: of demosaicing.
+    profile become linear sRGB. name: what messages call the picture.
     Raises UnreadableImageError, ImageTooLargeError, and OptionError for a RAW file said to be
     sRGB.
     """
@@ -75,22 +69,24 @@ def decode(
         )
     with _readable(name, _damaged(kind)):
         if kind == "RAW":
-            samples, metadata, xyz_to_camera = read_raw(data, quality)
+            encoding = "raw"
+            pixels, saturated, metadata, xyz_to_camera = read_raw(data)
         else:
             metadata, xyz_to_camera = read_metadata(data), None
             samples = _samples(data, kind, metadata)
-        rendered = kind == "HEIF" or samples.values.dtype == "uint8"
-        profiled = encoding == "auto" and rendered
-        if encoding == "auto":
-            encoding = "srgb" if rendered else "linear"
-        pixels = to_linear(samples, encoding == "srgb", profiled)
+            rendered = kind == "HEIF" or samples.values.dtype == "uint8"
+            profiled = encoding == "auto" and rendered
+            if encoding == "auto":
+                encoding = "srgb" if rendered else "linear"
+            pixels = to_linear(samples, encoding == "srgb", profiled)
+            saturated = clipped(samples)
         if pixels.ndim != 3 or pixels.shape[2] != 3:
             raise ValueError("a damaged header gave other samples than RGB")
     height, width = pixels.shape[:2]
     return Frame(
         pixels=pixels,
-        saturated=clipped(samples, raw=kind == "RAW"),
-        encoding="raw" if kind == "RAW" else encoding,
+        saturated=saturated,
+        encoding=encoding,
         sha256=hashlib.sha256(data).hexdigest(),
         exposure=metadata.exposure,
         make=metadata.make,

@@ -22,6 +22,7 @@ _DNG_VERSION = 50706
 _COLOR_MATRICES = ((50721, 50778), (50722, 50779))
 """Tags of the two matrices and of the lights they are for, the second nearer to daylight."""
 _D65 = 21
+_BLACK_REPEATS = 50713
 _REDUCED = 1
 _JPEG_IN_TIFF = (6, 7)
 _MAX_DIRECTORIES = 64
@@ -88,6 +89,22 @@ def dng_matrix(data: bytes) -> Matrix | None:
         return None
     rationals = np.array(values, dtype=np.float64).reshape(9, 2)
     return rationals[:, 0].reshape(3, 3) / rationals[:, 1].reshape(3, 3)
+
+
+def black_repeats(data: bytes) -> int:
+    """Rows or columns, whichever are more, after which a DNG's levels of black repeat; else 1.
+
+    BlackLevelRepeatDim of the DNG specification 1.4.
+    """
+    try:
+        with _opened(data) as file:
+            return max(
+                int(part)
+                for page in _pages(file)
+                for part in page.tags.valueof(_BLACK_REPEATS, (1,))
+            )
+    except Exception:  # not a TIFF, or one that only LibRaw understands
+        return 1
 
 
 @contextmanager

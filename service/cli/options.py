@@ -86,7 +86,7 @@ class Flags(PairFlags):
         str,
         typer.Option(
             metavar="best|balanced|fast",
-            help="How much care to take of RAW files and noise; see docs/performance.md.",
+            help="How widely noise is averaged; see docs/performance.md.",
         ),
     ] = "best"
     basis: Annotated[

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.colour.curves import srgb_to_linear
-from pipeline.decode.linear import RAW_CLIP, clipped, to_linear
+from pipeline.decode.linear import RAW_CLIP, clipped, clipped_photosites, to_linear
 from pipeline.decode.samples import Samples, upright
 
 
@@ -90,6 +90,30 @@ def test_a_clipped_sensor_value_spoils_the_pixels_around_it() -> None:
     expected = np.zeros((11, 11), bool)
     expected[3:8, 3:8] = True
     np.testing.assert_array_equal(mask, expected)
+
+
+def test_a_photosite_spoils_the_pixels_around_it_from_its_own_level_of_black_on() -> None:
+    black = np.array([[600.0, 610.0], [620.0, 640.0]])
+    mosaic = np.full((13, 12), 9_000, np.uint16)
+    mosaic[4, 2], mosaic[4, 3], mosaic[9, 8], mosaic[9, 9] = 10_499, 10_510, 10_519, 10_539
+
+    mask = clipped_photosites(mosaic, black, 10_000)
+
+    expected = np.zeros((13, 12), bool)
+    expected[2:7, 1:6] = True  # of (4, 3) alone: 610 + 9900
+    np.testing.assert_array_equal(mask, expected)
+
+
+@pytest.mark.parametrize("size", [(2, 2), (3, 5), (40, 31)])
+def test_photosites_are_clipped_as_a_picture_of_them_is(size: tuple[int, int]) -> None:
+    """With one level of black for all, and white at the end of 16 bits."""
+    mosaic = np.random.default_rng(0).integers(64_000, 65_535, size, dtype=np.uint16)
+    mosaic[:, : size[1] // 2] = 1
+
+    mask = clipped_photosites(mosaic, np.zeros((2, 2)), 65535.0)
+
+    grey = np.repeat(mosaic[..., None], 3, axis=2)
+    np.testing.assert_array_equal(mask, clipped(Samples(grey, 65535.0), raw=True))
 
 
 def test_the_mask_is_turned_with_the_picture() -> None:
