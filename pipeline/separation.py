@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 
 from pipeline import registration, smoothing
 from pipeline.fill import Surroundings
-from pipeline.frames import Image, Numbers, Plane, Planes, channels_first, numbers_of, planes_of
+from pipeline.frames import (
+    Image,
+    Numbers,
+    Plane,
+    Planes,
+    channels_first,
+    numbers_of,
+    planes_of,
+    rows_by_planes,
+)
 from pipeline.hui2018.separation import published_layers
 from pipeline.lamps import Lamps
 from pipeline.model import Model
@@ -94,7 +103,7 @@ def separate(
         no_flash, flash, confidence = no_flash[inner], flash[inner], confidence[inner]
         layers = surroundings.rows(rows, width)
         _deal_out(
-            planes_of(pair.no_flash[rows]),
+            planes_of(rows_by_planes(pair.no_flash, rows)),
             confidence,
             channels_first(proportions),
             channels_first(layers),
@@ -108,7 +117,7 @@ def _filter(pair: Pair, rounds: int) -> SigmaFilter:
 
     def read(rows: slice) -> tuple[Image, Image]:
         if not pair.registration > 0:
-            return pair.no_flash[rows], pair.flash[rows]
+            return rows_by_planes(pair.no_flash, rows), rows_by_planes(pair.flash, rows)
         wide, inner = widened(rows, registration.SOFTENED_HALO, height)
         return (
             registration.softened(pair.no_flash[wide])[inner],
@@ -135,16 +144,16 @@ def _reliability(
     pixels. Trust is what a pixel counts among its neighbours: less where the flash part is not
     quite from the same place, as beside edges. Uncertainty is what both may do to proportions.
     """
-    beside = np.zeros(pair.no_flash[rows].shape[:2], np.float32)
+    confidence = _open(pair, rows)
+    beside = np.zeros_like(confidence)
     if pair.registration > 0:
         wide, inner = widened(rows, registration.HALO, len(pair.unusable))
         variance = registration.registration_variance(pair.flash[wide], pair.registration)
         beside = variance[inner].sum(axis=2)
-    confidence = _open(pair, rows)
     trust, uncertainty = np.empty((2, *confidence.shape), dtype=np.float32)
     _weigh_noise(
-        planes_of(pair.no_flash[rows]),
-        planes_of(pair.flash[rows]),
+        planes_of(rows_by_planes(pair.no_flash, rows)),
+        planes_of(rows_by_planes(pair.flash, rows)),
         beside,
         (numbers_of(pair.no_flash_noise.gain), numbers_of(pair.no_flash_noise.floor)),
         (numbers_of(pair.flash_noise.gain), numbers_of(pair.flash_noise.floor)),

@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.area_means import area_means
 from pipeline.encode.exr import ExrFile
-from pipeline.frames import Image
+from pipeline.frames import Image, Photograph
 
 PREVIEW_PIXELS = 2**21
 """Most pixels of a preview."""
@@ -62,11 +63,11 @@ class PreviewFile:
         return np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
-def thumbnail(picture: Image) -> Image:
+def thumbnail(picture: Photograph) -> Image:
     """Make a picture (H, W, 3) at most 400 pixels long; a smaller one stays as it is."""
     height, width = picture.shape[:2]
     scale = _THUMBNAIL / max(height, width)
     if scale >= 1:
-        return picture
+        return picture[:]
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float32)
+    return area_means(picture, size)
