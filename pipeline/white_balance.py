@@ -6,6 +6,8 @@ reflectances, and colours from the layers where the flash part is of no use.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 
@@ -23,6 +25,7 @@ from pipeline.frames import (
 from pipeline.lamps import Lamps
 from pipeline.model import Model
 from pipeline.separation import Strip
+from pipeline.shares import Colour
 from pipeline.spectra.matrices import best_matrix
 
 _BRIGHTEST = 4.0
@@ -217,7 +220,7 @@ def _by_strength(
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _columns(d: Numbers, r: float, g: float, b: float) -> tuple[float, float, float]:
+def _columns(d: Numbers, r: Any, g: Any, b: Any) -> Colour:
     """One channel of c_1, c_2, c_3."""
     return (
         np.float32(d[0]) * r + np.float32(d[3]) * g + np.float32(d[6]) * b,
