@@ -15,7 +15,7 @@ from pipeline.coded import CodedImage
 from pipeline.exposure import settled_ratio, written_ratio
 from pipeline.flow import residual_flow, warp_along
 from pipeline.frames import Frame, Mask, Photograph
-from pipeline.memory import empty_image
+from pipeline.memory import empty_image, releasable
 from pipeline.motion import find_moved
 from pipeline.noise import Noise, estimate_noise
 from pipeline.options import PairOptions
@@ -119,7 +119,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
     pair = Pair(
         no_flash=no_flash.pixels,
         flash=pixels,
-        unusable=unusable,
+        unusable=releasable(unusable),
         flash_only=options.flash_only,
         exposure_ratio=ratio.value,
         exposure_source=ratio.source,
