@@ -14,7 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Image, Mask, empty_image
+from pipeline.area_means import area_means
+from pipeline.frames import Image, Mask, Photograph
+from pipeline.memory import empty_image
 from pipeline.order import ENOUGH, quantile
 from pipeline.refine import (
     HOMOGRAPHY,
@@ -64,7 +66,7 @@ class Alignment:
 NOT_ATTEMPTED = Alignment(False, np.eye(3), None)
 
 
-def estimate_alignment(no_flash: Image, flash: Image) -> Alignment:
+def estimate_alignment(no_flash: Photograph, flash: Photograph) -> Alignment:
     """Find the homography that lays the flash frame on the no-flash frame.
 
     no_flash, flash: (H, W, 3) linear, equal sizes. A result that cannot be trusted is refused
@@ -79,7 +81,7 @@ def estimate_alignment(no_flash: Image, flash: Image) -> Alignment:
     return refused
 
 
-def _attempt(no_flash: Image, flash: Image, working_size: int) -> Alignment:
+def _attempt(no_flash: Photograph, flash: Photograph, working_size: int) -> Alignment:
     height, width = no_flash.shape[:2]
     size = _within((width, height), working_size)
     reference, reference_steps = _reduced(no_flash, size)
@@ -106,9 +108,9 @@ def _within(size: tuple[int, int], longest: int) -> tuple[int, int]:
     return max(round(size[0] * scale), 1), max(round(size[1] * scale), 1)
 
 
-def _reduced(image: Image, size: tuple[int, int]) -> tuple[Image, Pyramid]:
+def _reduced(image: Photograph, size: tuple[int, int]) -> tuple[Image, Pyramid]:
     """Edges of a photograph as the search wants them, and its steps at (width, height)."""
-    small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
+    small = area_means(image, size)
     searched = cv2.resize(small, _within(size, _SEARCH_SIZE), interpolation=cv2.INTER_AREA)
     return edges(np.asarray(searched, np.float32)), pyramid(log_detail(small))
 
@@ -184,7 +186,7 @@ def _correlation(reference: Image, sample: Image, matrix: NDArray[np.float64]) -
     return float(cv2.computeECC(reference, warped, covered))
 
 
-def warp(image: Image, saturated: Mask, alignment: Alignment) -> tuple[Image, Mask]:
+def warp(image: Photograph, saturated: Mask, alignment: Alignment) -> tuple[Image, Mask]:
     """Resample the flash frame on the no-flash frame's pixels.
 
     Returns the warped (H, W, 3) image and the (H, W) mask of pixels that are saturated or have
@@ -194,7 +196,7 @@ def warp(image: Image, saturated: Mask, alignment: Alignment) -> tuple[Image, Ma
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
     warped = empty_image(*image.shape)
     cv2.warpPerspective(
-        image,
+        image[:],
         alignment.matrix,
         (width, height),
         dst=warped,

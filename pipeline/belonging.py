@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import PairMismatchError, UnusablePairError
-from pipeline.frames import Frame, Image, Mask
+from pipeline.frames import Frame, Mask, Photograph
 from pipeline.noise import Noise
 from pipeline.order import quantile
 from pipeline.progress import STRIP_ROWS
@@ -56,7 +56,7 @@ def check_belonging(no_flash: Frame, flash: Frame) -> None:
         )
 
 
-def _equal(first: Image, second: Image) -> bool:
+def _equal(first: Photograph, second: Photograph) -> bool:
     """Whether all values are the same; two photographs differ in their first rows."""
     return all(
         np.array_equal(first[top : top + STRIP_ROWS], second[top : top + STRIP_ROWS])
@@ -80,7 +80,7 @@ def check_light(no_flash: Frame, flash: Frame) -> None:
 
 
 def check_flash_adds(
-    no_flash: Image, flash: Image, unusable: Mask, noises: tuple[Noise, Noise]
+    no_flash: Photograph, flash: Photograph, unusable: Mask, noises: tuple[Noise, Noise]
 ) -> None:
     """Raise UnusablePairError where the flash part is missing or negative, or all is clipped.
 
@@ -106,7 +106,7 @@ def check_flash_adds(
         )
 
 
-def _sampled(pixels: NDArray[Any]) -> NDArray[Any]:
+def _sampled(pixels: Photograph | Mask) -> NDArray[Any]:
     """Some of the pixels (H, W, …), at equal steps."""
     height, width = pixels.shape[:2]
     step = max(_LEAST_STEP, int(np.sqrt(height * width / _SAMPLES)))

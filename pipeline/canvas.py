@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Image, Matrix, by_planes, planes_of
+from pipeline.frames import Image, Matrix, Photograph, by_planes, planes_of
 from pipeline.half_floats import to_float, to_half
 from pipeline.order import quantile
 from pipeline.progress import STRIP_ROWS
@@ -53,7 +53,7 @@ class Canvas:
         return shown_gain(np.moveaxis(self._planes, 0, -1), matrix)
 
 
-def shown_gain(picture: NDArray[np.floating], matrix: Matrix) -> float:
+def shown_gain(picture: Photograph | NDArray[np.float16], matrix: Matrix) -> float:
     """Factor by which bright parts of a picture (H, W, 3) become white.
 
     matrix: (3, 3), to the linear RGB of the screen.

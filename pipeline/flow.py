@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.align import Alignment, edges
-from pipeline.frames import Image, Mask, empty_image
+from pipeline.area_means import area_means
+from pipeline.frames import Image, Mask, Photograph
+from pipeline.memory import empty_image
 from pipeline.order import quantile
 from pipeline.progress import STRIP_ROWS
 from pipeline.push_pull import push_pull
@@ -32,7 +34,7 @@ _CODES = 110.0  # edges run from 0 to 2
 _SUM = np.ones((1, 3), np.float32)  # over channels, as a matrix
 
 
-def residual_flow(no_flash: Image, flash: Image) -> Array | None:
+def residual_flow(no_flash: Photograph, flash: Photograph) -> Array | None:
     """Find where pixels of the no-flash photograph lie in the flash photograph.
 
     no_flash, flash: (H, W, 3) linear, aligned but for parallax. Returns (h, w, 2) float32 of
@@ -42,10 +44,7 @@ def residual_flow(no_flash: Image, flash: Image) -> Array | None:
     height, width = no_flash.shape[:2]
     scale = min(1.0, _WORKING_SIZE / max(height, width))
     size = (max(round(width * scale), 1), max(round(height * scale), 1))
-    pair = [
-        np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
-        for image in (no_flash, flash)
-    ]
+    pair = [area_means(image, size) for image in (no_flash, flash)]
     codes = [np.clip(edges(image) * _CODES, 0, 255).astype(np.uint8) for image in pair]
     forward = _search(codes[0], codes[1])
     steps = [log_detail(image) * _lit(image) for image in pair]
@@ -69,7 +68,7 @@ def residual_flow(no_flash: Image, flash: Image) -> Array | None:
 
 
 def warp_along(
-    image: Image, saturated: Mask, alignment: Alignment, flow: Array
+    image: Photograph, saturated: Mask, alignment: Alignment, flow: Array
 ) -> tuple[Image, Mask]:
     """Resample the flash frame on the no-flash frame's pixels, by homography and flow in one.
 
@@ -78,6 +77,7 @@ def warp_along(
     counterpart.
     """
     height, width = saturated.shape
+    linear = image[:]
     warped = empty_image(*image.shape)
     bad = np.empty_like(saturated)
     sources = np.multiply(saturated, np.uint8(255))
@@ -89,7 +89,7 @@ def warp_along(
         y += np.arange(rows.start, rows.stop, dtype=np.float32)[:, None]
         u, v, w = (row[0] * x + row[1] * y + row[2] for row in matrix)
         u, v = u / w, v / w
-        warped[rows] = cv2.remap(image, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        warped[rows] = cv2.remap(linear, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         bad[rows] = cv2.remap(sources, u, v, cv2.INTER_LINEAR, borderValue=255) > 0
     return warped, bad
 

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import ctypes
-import math
-import mmap
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+
+from pipeline.coded import CodedImage
+from pipeline.memory import release_rows
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Matrix = NDArray[np.float64]
 Plane = NDArray[np.float32]
 Planes = tuple[Plane, Plane, Plane]
+Photograph = Image | CodedImage
+"""Linear pixels (H, W, 3), in memory as they are or as code values."""
 
 Numbers = tuple[float, ...]
-
-_malloc_trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
 
 
 def numbers_of(array: NDArray[np.floating]) -> Numbers:
@@ -41,6 +41,21 @@ def planes_of(image: Image) -> Planes:
     )
 
 
+def rows_by_planes(photograph: Photograph, rows: slice) -> Image:
+    """Some rows (h, W, 3) of a photograph, by planes where they are made linear anyway."""
+    if isinstance(photograph, CodedImage):
+        return photograph.rows_by_planes(rows)
+    return photograph[rows]
+
+
+def release_photograph(photograph: Photograph, stop: int) -> None:
+    """Give the memory of a photograph's rows before `stop` back, where it can be."""
+    if isinstance(photograph, CodedImage):
+        photograph.release_rows(stop)
+    else:
+        release_rows(photograph, stop)
+
+
 def channels_first(images: Image) -> Image:
     """Images (…, h, w, 3) as (…, 3, h, w), contiguous: their own memory if it lies by planes."""
     return np.ascontiguousarray(np.moveaxis(images, -1, -3))
@@ -49,34 +64,6 @@ def channels_first(images: Image) -> Image:
 def by_planes(*shape: int) -> Image:
     """Make an empty float32 array (…, h, w, 3) that lies in memory by planes."""
     return np.moveaxis(np.empty((*shape[:-3], shape[-1], *shape[-3:-1]), np.float32), -3, -1)
-
-
-def empty_image(*shape: int) -> Image:
-    """Make a float32 array (H, …) whose rows release_rows can give back. Raises MemoryError."""
-    size = max(math.prod(shape), 1) * np.dtype(np.float32).itemsize
-    try:
-        memory = mmap.mmap(-1, size, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
-    except OSError as error:
-        raise MemoryError from error
-    memory.madvise(mmap.MADV_HUGEPAGE)
-    return np.ndarray(shape, np.float32, memory)
-
-
-def release_rows(image: Image, stop: int) -> None:
-    """Give the memory of the rows before `stop` back; they are black from then on, at the latest.
-
-    Images that empty_image did not make stay as they are.
-    """
-    if isinstance(image.base, mmap.mmap):
-        whole_pages = max(stop, 0) * image.strides[0] // mmap.PAGESIZE * mmap.PAGESIZE
-        if whole_pages:
-            image.base.madvise(mmap.MADV_DONTNEED, 0, whole_pages)
-
-
-def trim_memory() -> None:
-    """Give freed memory that glibc's allocator holds on to back; nothing where there is another."""
-    if _malloc_trim is not None:
-        _malloc_trim(0)
 
 
 @dataclass(frozen=True)
@@ -102,7 +89,7 @@ class Exposure:
 class Frame:
     """One photograph in linear camera RGB.
 
-    pixels: float32 (H, W, 3), linear, 1.0 = white level of the sensor (or of the file), black 0;
+    pixels: (H, W, 3), linear, 1.0 = white level of the sensor (or of the file), black 0;
         negative values are kept where the file holds them (noise around black).
     saturated: bool (H, W), true where a channel was clipped.
     encoding: how the values came: "raw" (sensor values), "linear" or "srgb" (decoded with the
@@ -115,7 +102,7 @@ class Frame:
     xyz_to_camera: (3, 3) matrix from CIE XYZ to camera RGB as LibRaw knows it, None for others.
     """
 
-    pixels: Image
+    pixels: Photograph
     saturated: Mask
     encoding: str
     sha256: str

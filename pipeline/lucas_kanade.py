@@ -152,13 +152,16 @@ def equations(
 
 @_summing
 def products(
-    first: Array, second: Array, matrix: Doubles, inset: int
+    first: Array, second: Array, matrix: Doubles, top: int, height: int, inset: int
 ) -> tuple[float, float, float]:
-    """Sums of squares of both, and of their products, of the pixels in both (see span)."""
-    height, width = first.shape[0], first.shape[1] // 3
+    """Sums of squares of both, and of their products, of the pixels in both (see span).
+
+    first, second: rows from top on of pictures of that height.
+    """
+    width = first.shape[1] // 3
     squares, other_squares, shared = 0.0, 0.0, 0.0
-    for y in range(height):
-        start, end = span(matrix, y, (width, height), 0, inset)
+    for y in range(len(first)):
+        start, end = span(matrix, top + y, (width, height), 0, inset)
         for i in range(3 * start, 3 * end):
             squares += first[y, i] * first[y, i]
             other_squares += second[y, i] * second[y, i]

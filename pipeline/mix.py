@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pipeline.canvas import shown_gain
 from pipeline.colour.spaces import XYZ_TO_SRGB, adaptation
 from pipeline.colour.temperature import white_of
-from pipeline.frames import Image, Matrix
+from pipeline.frames import Image, Matrix, Photograph
 from pipeline.lamps import Lamps
 from pipeline.mix_options import LampBasis, LampMix, Mix, MixBasis, check_lamps
 from pipeline.model import Model
@@ -26,7 +26,7 @@ TINT_PER_DUV = -3000.0
 _DIGITS = 7
 
 
-def mix_basis(photograph: Image, lamps: Lamps, model: Model) -> MixBasis:
+def mix_basis(photograph: Photograph, lamps: Lamps, model: Model) -> MixBasis:
     """Make what mixing the layers of a photograph (H, W, 3) starts from."""
     gain = shown_gain(photograph, XYZ_TO_SRGB @ model.camera_to_xyz)
     whites = whites_of(lamps, model) @ model.camera_to_xyz.T

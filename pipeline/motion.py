@@ -12,8 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.area_means import area_means
 from pipeline.blocks import any_in_blocks
-from pipeline.frames import Image, Mask
+from pipeline.frames import Image, Mask, Photograph
 from pipeline.noise import Noise
 
 Array = NDArray[np.float32]
@@ -40,7 +41,11 @@ _SUM = np.ones((1, 3), np.float32)  # over channels, as a matrix
 
 
 def find_moved(
-    no_flash: Image, flash: Image, unusable: Mask, noises: tuple[Noise, Noise], rendered: bool
+    no_flash: Photograph,
+    flash: Photograph,
+    unusable: Mask,
+    noises: tuple[Noise, Noise],
+    rendered: bool,
 ) -> Mask:
     """Mark pixels whose two photographs show different things.
 
@@ -53,7 +58,7 @@ def find_moved(
     size = (width // block, height // block)
     crop = (slice(size[1] * block), slice(size[0] * block))
     before, after = (
-        np.maximum(cv2.resize(image[crop], size, interpolation=cv2.INTER_AREA), 0.0)
+        np.maximum(area_means(image, size, (crop[1].stop, crop[0].stop)), 0.0)
         for image in (no_flash, flash)
     )
     variances = [

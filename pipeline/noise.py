@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Image
+from pipeline.frames import Image, Photograph
 from pipeline.order import quantile
 from pipeline.second_differences import (
     BLOCK,
@@ -63,18 +63,18 @@ class Noise:
         return Noise(self.gain * less, self.floor * less, max(self.grain / block**2, 1.0))
 
 
-def estimate_noise(pixels: Image) -> Noise:
+def estimate_noise(photograph: Photograph) -> Noise:
     """Estimate the noise of a photograph from its own flat areas.
 
-    pixels: (H, W, 3) linear. Second differences (Immerkær 1996) give a variance per block; a
+    photograph: (H, W, 3) linear. Second differences (Immerkær 1996) give a variance per block; a
     straight line over brightness is fitted to the quieter blocks, because the busier ones hold
     texture. Done on the photograph and on means of 2×2 pixels, since denoising and compression
     leave noise that hides from neighbouring pixels; smaller than 64 pixels, once. Of photographs
     of more than two million pixels, two are looked at, in tiles all over the picture.
     """
-    height, width = pixels.shape[:2]
+    height, width = photograph.shape[:2]
     large = height * width > _ENOUGH
-    pixels = _tiles(pixels) if large else np.ascontiguousarray(pixels)
+    pixels = _tiles(photograph) if large else np.ascontiguousarray(photograph[:])
     rows = _TILE[0] if large else height
     scales = [s for s in _SCALES if min(height, width) >= _SMALLEST * s]
     means = _halved(pixels) if scales else pixels
@@ -86,7 +86,7 @@ def estimate_noise(pixels: Image) -> Noise:
     return Noise(noise.gain, noise.floor, _grain(pixels, means, rows, scales, lines[0], noise))
 
 
-def _tiles(pixels: Image) -> Image:
+def _tiles(pixels: Photograph) -> Image:
     """Tiles of a large photograph, evenly spread over it, one below the other."""
     height, width = _TILE[0], min(_TILE[1], pixels.shape[1])
     columns = pixels.shape[1] // width

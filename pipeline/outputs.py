@@ -20,7 +20,7 @@ from pipeline.encode.jpeg import JpegFile, write_jpeg
 from pipeline.encode.png import NormalsPng, write_png8
 from pipeline.encode.preview import PreviewFile, thumbnail
 from pipeline.encode.tiff import GrayTiffFile, TiffFile
-from pipeline.frames import Image, Matrix
+from pipeline.frames import Image, Matrix, Photograph
 from pipeline.gamma_diagram import draw_gamma_diagram
 from pipeline.lamps import Lamps
 from pipeline.mesh import make_mesh
@@ -87,7 +87,7 @@ class Outputs:
 
     def __init__(
         self,
-        photograph: Image,
+        photograph: Photograph,
         lamps: Lamps,
         model: Model,
         facing: Facing | None,
@@ -153,7 +153,7 @@ class Outputs:
         return described
 
     def _open(
-        self, photograph: Image, facing: Facing | None, changes: NDArray[np.float64] | None
+        self, photograph: Photograph, facing: Facing | None, changes: NDArray[np.float64] | None
     ) -> None:
         """Open the files in the order in which the manifest lists them."""
         surface = None if facing is None else facing.surface
@@ -201,7 +201,7 @@ class Outputs:
         path = self._directory / name
         self._outputs.append(_Output(path, *kind, lambda: write(path)))
 
-    def _open_layers(self, photograph: Image) -> None:
+    def _open_layers(self, photograph: Photograph) -> None:
         size, wanted, camera_to_xyz = self._size, self._wanted, self._model.camera_to_xyz
         if "layers.exr" in wanted:
             exr = partial(ExrFile, size=size, half=True)
@@ -342,7 +342,7 @@ class Outputs:
                 "normals_confidence.tif", kind, grey, lambda pictures: pictures.normals_confidence
             )
 
-    def _open_previews(self, photograph: Image) -> None:
+    def _open_previews(self, photograph: Photograph) -> None:
         if "preview.exr" in self._wanted:
             kind = ("16-bit float", f"{_CAMERA_RGB}; Y: 1 = separated, 0 = filled in")
             preview = partial(PreviewFile, size=self._size)

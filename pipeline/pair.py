@@ -5,15 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.align import NOT_ATTEMPTED, Alignment, estimate_alignment, warp
+from pipeline.area_means import area_means
 from pipeline.belonging import check_belonging, check_flash_adds, check_light
+from pipeline.coded import CodedImage
 from pipeline.exposure import settled_ratio, written_ratio
 from pipeline.flow import residual_flow, warp_along
-from pipeline.frames import Frame, Image, Mask, empty_image
+from pipeline.frames import Frame, Mask, Photograph
+from pipeline.memory import empty_image, releasable
 from pipeline.motion import find_moved
 from pipeline.noise import Noise, estimate_noise
 from pipeline.options import PairOptions
@@ -35,7 +37,7 @@ _NOTABLE_DIMMING = 0.03
 class Pair:
     """A pair ready for separation, on the no-flash photograph's scale.
 
-    no_flash, flash: float32 (H, W, 3) linear camera RGB, 1.0 = white level of the no-flash
+    no_flash, flash: (H, W, 3) linear camera RGB, 1.0 = white level of the no-flash
         photograph as given. flash is the flash photograph, laid on the other and divided by
         exposure_ratio, or the flash part alone when flash_only.
     unusable: bool (H, W), saturated in either, without counterpart, or showing something that
@@ -50,8 +52,8 @@ class Pair:
     clipped: share of the picture that is clipped in one of the photographs, 0…1.
     """
 
-    no_flash: Image
-    flash: Image
+    no_flash: Photograph
+    flash: Photograph
     unusable: Mask
     flash_only: bool
     exposure_ratio: float
@@ -91,8 +93,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
             pixels, saturated, parallax = _laid_on(no_flash.pixels, flash, alignment)
     progress.report("align", 0.6)
     if ratio.value != 1.0:
-        own = empty_image(*pixels.shape) if pixels is flash.pixels else pixels
-        pixels = np.divide(pixels, np.float32(ratio.value), out=own)
+        pixels = _divided(pixels, ratio.value, pixels is not flash.pixels)
     noises = estimate_noise(no_flash.pixels), estimate_noise(pixels)
     unusable = no_flash.saturated | saturated
     moved = 0.0
@@ -102,7 +103,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
         settled, doubts = settled_ratio(ratio, ratios, rendered)
         warnings += doubts
         if settled.value != ratio.value:
-            pixels = pixels * np.float32(ratio.value / settled.value)
+            pixels = _divided(pixels, settled.value / ratio.value, pixels is not flash.pixels)
             noises = noises[0], estimate_noise(pixels)
             ratios = block_ratios(no_flash.pixels, pixels, unusable, noises)
         ratio = settled
@@ -118,7 +119,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
     pair = Pair(
         no_flash=no_flash.pixels,
         flash=pixels,
-        unusable=unusable,
+        unusable=releasable(unusable),
         flash_only=options.flash_only,
         exposure_ratio=ratio.value,
         exposure_source=ratio.source,
@@ -136,7 +137,16 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
     return pair
 
 
-def _laid_on(no_flash: Image, flash: Frame, alignment: Alignment) -> tuple[Image, Mask, float]:
+def _divided(pixels: Photograph, by: float, own: bool) -> Photograph:
+    """Divide all values; those of pixels that nobody else holds in their own memory."""
+    if isinstance(pixels, CodedImage):
+        return pixels.divided(by)
+    return np.divide(pixels, np.float32(by), out=pixels if own else empty_image(*pixels.shape))
+
+
+def _laid_on(
+    no_flash: Photograph, flash: Frame, alignment: Alignment
+) -> tuple[Photograph, Mask, float]:
     """Flash frame and its mask on the no-flash frame's pixels, and the share that has parallax."""
     pixels, saturated = flash.pixels, flash.saturated
     if alignment.applied:
@@ -199,13 +209,11 @@ def _rendering_warnings(no_flash: Frame, flash: Frame, ratio: float) -> list[Rem
     return warnings
 
 
-def _copy_warnings(no_flash: Image, flash: Image, flash_only: bool) -> list[Remark]:
+def _copy_warnings(no_flash: Photograph, flash: Photograph, flash_only: bool) -> list[Remark]:
     """Notice a flash part that is the no-flash photograph over again."""
     height, width = no_flash.shape[:2]
     size = (max(width // _COPY_BLOCK, 1), max(height // _COPY_BLOCK, 1))
-    before, after = (
-        cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (no_flash, flash)
-    )
+    before, after = (area_means(image, size) for image in (no_flash, flash))
     part = after if flash_only else after - before
     lit = (before > 0).all(axis=2) & (part > 0).all(axis=2)
     if not lit.any():

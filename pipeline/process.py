@@ -13,10 +13,11 @@ from pipeline.decode import check_header, decode
 from pipeline.doubts import doubts
 from pipeline.errors import UnusablePairError
 from pipeline.focal import focal_length_px
-from pipeline.frames import Frame, release_rows, trim_memory
+from pipeline.frames import Frame, release_photograph
 from pipeline.known_lamps import find_known
 from pipeline.lamps import estimate_lamps
 from pipeline.manifest import lamp_entries, make_manifest
+from pipeline.memory import release_rows, trim_memory
 from pipeline.mix import mix_basis
 from pipeline.model import Model, build_model
 from pipeline.normals import find_facing
@@ -120,8 +121,10 @@ def separate_files(
         ):
             tally.add(pictures.rows, pictures.layers, pictures.confidence)
             outputs.add(pictures)
+            done = pictures.rows.start - _LOOKED_BACK
+            release_rows(pair.unusable, done)
             for photograph in (pair.no_flash, pair.flash):
-                release_rows(photograph, pictures.rows.start - _LOOKED_BACK)
+                release_photograph(photograph, done)
         entries = lamp_entries(lamps, model, tally.separated)
         files = outputs.finish(reduced, entries, progress)
     manifest = make_manifest(

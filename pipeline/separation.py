@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 
 from pipeline import placing, registration, smoothing
 from pipeline.fill import Surroundings
-from pipeline.frames import Image, Numbers, Plane, Planes, channels_first, numbers_of, planes_of
+from pipeline.frames import (
+    Image,
+    Numbers,
+    Plane,
+    Planes,
+    channels_first,
+    numbers_of,
+    planes_of,
+    rows_by_planes,
+)
 from pipeline.hui2018.separation import published_layers
 from pipeline.lamps import Lamps
 from pipeline.model import Model
@@ -102,7 +111,7 @@ def separate(
         no_flash, flash, confidence = no_flash[inner], flash[inner], confidence[inner]
         layers = surroundings.rows(rows, width)
         _deal_out(
-            planes_of(pair.no_flash[rows]),
+            planes_of(rows_by_planes(pair.no_flash, rows)),
             confidence,
             channels_first(smooth),
             channels_first(layers),
@@ -116,7 +125,7 @@ def _filter(pair: Pair, rounds: int) -> SigmaFilter:
 
     def read(rows: slice) -> tuple[Image, Image]:
         if not pair.registration > 0:
-            return pair.no_flash[rows], pair.flash[rows]
+            return rows_by_planes(pair.no_flash, rows), rows_by_planes(pair.flash, rows)
         wide, inner = widened(rows, registration.SOFTENED_HALO, height)
         return (
             registration.softened(pair.no_flash[wide])[inner],
@@ -155,8 +164,8 @@ def _reliability(
             part -= pair.no_flash[rows].sum(axis=2)
         placed = placing.placement(part, beside)
     _weigh_noise(
-        planes_of(pair.no_flash[rows]),
-        planes_of(pair.flash[rows]),
+        planes_of(rows_by_planes(pair.no_flash, rows)),
+        planes_of(rows_by_planes(pair.flash, rows)),
         beside,
         (numbers_of(pair.no_flash_noise.gain), numbers_of(pair.no_flash_noise.floor)),
         (numbers_of(pair.flash_noise.gain), numbers_of(pair.flash_noise.floor)),

@@ -111,25 +111,26 @@ class _Round:
         self._count = np.empty((0, size[0]), np.float32)
 
     def rows(self, top: int, bottom: int) -> tuple[Planes, Plane]:
-        planes, count = self._planes[:, top - self._top :], self._count[top - self._top :]
+        kept = max(self._bottom - top, 0)
+        planes = np.empty((_CHANNELS, bottom - top, self._planes.shape[2]), np.float32)
+        count = np.empty(planes.shape[1:], np.float32)
+        planes[:, :kept] = self._planes[:, top - self._top : bottom - self._top]
+        count[:kept] = self._count[top - self._top : bottom - self._top]
         if bottom > self._bottom:
-            fresh = self._filtered(max(self._bottom, top), bottom)
-            planes = np.concatenate([planes, fresh[0]], axis=1)
-            count = np.concatenate([count, fresh[1]])
-        self._planes, self._count = np.ascontiguousarray(planes), count
+            self._filter(top + kept, bottom, planes, count)
+        self._planes, self._count = planes, count
         self._top, self._bottom = top, bottom
-        return self._planes, self._count
+        return planes, count
 
-    def _filtered(self, top: int, bottom: int) -> tuple[Planes, Plane]:
+    def _filter(self, top: int, bottom: int, total: Planes, count: Plane) -> None:
+        """Write rows of the round into the last ones of its averages and their counts."""
         around = self._reach * self._gap
         wide, inner = widened(slice(top, bottom), around, self._height)
         planes, certainty = self._before.rows(wide.start, wide.stop)
         stable = np.empty_like(planes)
         _stabilize(planes, *self._noise, stable)
-        total = np.empty((_CHANNELS, bottom - top, planes.shape[2]), np.float32)
-        count = np.empty(total.shape[1:], np.float32)
-        _join(planes, certainty, stable, self._reach, self._gap, inner.start, total, count)
-        return total, count
+        first = total.shape[1] - (bottom - top)
+        _join(planes, certainty, stable, self._reach, self._gap, inner.start, first, total, count)
 
 
 @njit(cache=True, error_model="numpy")
@@ -155,20 +156,22 @@ def _join(
     reach: int,
     gap: int,
     top: int,
+    first_row: int,
     total: Planes,
     count: Plane,
 ) -> None:
     """One round for rows from top on: neighbours at −reach … reach gaps in both axes.
 
     planes, stable: (6, h, W), the pair and the same with noise of variance one. certainty: (h, W).
-    total, count: the averages and how many pixels they are of, (6, n, W) and (n, W). Rows are
-    worked on whole, plane by plane, which the compiler turns into vector instructions.
+    total, count: the averages and how many pixels they are of, (6, n, W) and (n, W), written from
+    first_row on. Rows are worked on whole, plane by plane, which the compiler turns into vector
+    instructions.
     """
     zero, limit = np.float32(0.0), np.float32(_JOIN**2)
     _, height, width = planes.shape
     scratch = np.empty(width, np.float32)
-    for row in range(count.shape[0]):
-        y = top + row
+    for row in range(first_row, count.shape[0]):
+        y = top + row - first_row
         for x in range(width):
             count[row, x] = certainty[y, x]
         for k in range(_CHANNELS):

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.area_means import area_means
 from pipeline.blocks import any_in_blocks
-from pipeline.frames import Image, Mask
+from pipeline.frames import Mask, Photograph
 from pipeline.noise import Noise
 
 Array = NDArray[np.float64]
@@ -65,7 +65,7 @@ class Ratios:
 
 
 def block_ratios(
-    no_flash: Image, flash: Image, unusable: Mask, noises: tuple[Noise, Noise]
+    no_flash: Photograph, flash: Photograph, unusable: Mask, noises: tuple[Noise, Noise]
 ) -> Ratios:
     """Divide the flash photograph by the other, block by block, at most 384 to a side.
 
@@ -75,12 +75,10 @@ def block_ratios(
     height, width = unusable.shape
     block = -(-max(height, width) // _LONGER_SIDE)
     size = (width // block, height // block)
-    crop = (slice(size[1] * block), slice(size[0] * block))
-
-    def means(values: NDArray[np.float32]) -> Array:
-        return np.asarray(cv2.resize(values[crop], size, interpolation=cv2.INTER_AREA), np.float64)
-
-    before, after = means(no_flash), means(flash)
+    crop = (size[0] * block, size[1] * block)
+    before, after = (
+        area_means(image, size, crop).astype(np.float64) for image in (no_flash, flash)
+    )
     total = before.sum(axis=2)
     usable = (
         ~any_in_blocks(unusable, block)

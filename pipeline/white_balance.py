@@ -6,6 +6,8 @@ reflectances, and colours from the layers where the flash part is of no use.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 
@@ -23,13 +25,14 @@ from pipeline.frames import (
 from pipeline.lamps import Lamps
 from pipeline.model import Model
 from pipeline.separation import Strip
+from pipeline.shares import Colour
 from pipeline.spectra.matrices import best_matrix
 
 _BRIGHTEST = 4.0
 _FAINTEST = 0.02  # of a lamp's strongest channel, so that no ratio explodes
 _LACKING = (0.06, 0.2)  # of the strongest channel, between which a lamp comes to have a colour
 _CLIPPING = (0.9, 0.99)  # of white, between which a channel comes to count as clipped
-_SINGULAR = 1e-9  # relative determinant
+_SINGULAR = 1e-6  # relative determinant; single precision tells less
 _LONGEST = 1e30  # so that single precision holds it
 
 
@@ -198,8 +201,9 @@ def _by_strength(
             u = u0 * n0 + u1 * n1 + u2 * n2
             v = v0 * n0 + v1 * n1 + v2 * n2
             w = w0 * n0 + w1 * n1 + w2 * n2
-            length = min(np.sqrt(u * u + v * v + w * w) / (determinant * unit), _LONGEST)
-            strength[x] = length if determinant > _SINGULAR * np.sqrt(squared) else 0.0
+            length = np.sqrt(u * u + v * v + w * w) / (determinant * np.float32(unit))
+            solved = determinant > np.float32(_SINGULAR) * np.sqrt(squared)
+            strength[x] = min(length, np.float32(_LONGEST)) if solved else zero
         out_0, out_1, out_2 = balanced[0][y], balanced[1][y], balanced[2][y]
         for x in range(len(strength)):
             r, g, b = reds[x], greens[x], blues[x]
@@ -216,12 +220,12 @@ def _by_strength(
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _columns(d: Numbers, r: float, g: float, b: float) -> tuple[float, float, float]:
+def _columns(d: Numbers, r: Any, g: Any, b: Any) -> Colour:
     """One channel of c_1, c_2, c_3."""
     return (
-        d[0] * r + d[3] * g + d[6] * b,
-        d[1] * r + d[4] * g + d[7] * b,
-        d[2] * r + d[5] * g + d[8] * b,
+        np.float32(d[0]) * r + np.float32(d[3]) * g + np.float32(d[6]) * b,
+        np.float32(d[1]) * r + np.float32(d[4]) * g + np.float32(d[7]) * b,
+        np.float32(d[2]) * r + np.float32(d[5]) * g + np.float32(d[8]) * b,
     )
 
 

@@ -73,7 +73,7 @@ def adjust(task: dict[str, Any], tell: Tell) -> None:
 
 def brightness(photograph: bytes) -> float:
     """Tell how bright a photograph is, on a linear scale."""
-    return float(decode(photograph).pixels.mean())
+    return float(decode(photograph).pixels[:].mean())
 
 
 def _set(camera: drivers.Camera, settings: dict[str, drivers.SettingValue]) -> None:

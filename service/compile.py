@@ -1,7 +1,7 @@
 """Compile what jobs run, once, where the service is installed: python -m service.compile.
 
-Numba keeps what it compiles beside the source, or in NUMBA_CACHE_DIR. Without this the first jobs
-after an installation would pay for it.
+Numba keeps what it compiles beside the source, or in NUMBA_CACHE_DIR, and tables of colour-science
+are kept there, too. Without this the first jobs after an installation would pay for it.
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ def find_chart(pair: Pair) -> Corners:
 
 def find_sphere(pair: Pair, mirror: bool) -> Circle:
     """Find the outline of the one sphere. Raises MarkError."""
-    found = find_spheres(pair.no_flash, _flash_of(pair), mirror)
+    found = find_spheres(pair.no_flash[:], _flash_of(pair), mirror)
     kind = "mirror sphere" if mirror else "matt grey sphere"
     advice = "all of it must be in the picture, lit by a flash at the camera"
     _check_one(len(found), kind, advice, "--sphere, its outline")
@@ -75,7 +75,7 @@ def draw_marks(pair: Pair, corners: Sequence[Point] | None, circle: Circle | Non
 
 
 def _flash_of(pair: Pair) -> NDArray[np.float32]:
-    return pair.flash if pair.flash_only else pair.flash - pair.no_flash
+    return pair.flash[:] if pair.flash_only else pair.flash[:] - pair.no_flash[:]
 
 
 def _check_one(count: int, what: str, advice: str, mark: str) -> None:

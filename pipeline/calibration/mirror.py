@@ -50,7 +50,7 @@ def mirror_lamps(
     disc(pair.unusable.shape, sphere, "sphere")
     inner = Circle(x=sphere.x, y=sphere.y, radius=_INNER * sphere.radius)
     mask = disc(pair.unusable.shape, inner, "sphere")
-    spots = _spots(pair.no_flash, mask)
+    spots = _spots(pair.no_flash[:], mask)
     found = [_lamp(pair, spot, sphere, focal_px) for spot in spots]
     found.sort(key=lambda lamp: -float(lamp[1].sum()))
     if found:
@@ -66,7 +66,7 @@ def mirror_lamps(
     colours = np.array(powers) / max(float(np.max(powers)), 1e-12)
     if any(clipped):
         colours = np.full_like(colours, np.nan)
-    flash = _spots(pair.flash - pair.no_flash, mask)[:1]
+    flash = _spots(pair.flash[:] - pair.no_flash[:], mask)[:1]
     aside = [_lamp(pair, spot, sphere, focal_px)[0] for spot in flash]
     middle = view_sphere(
         sphere, np.array([sphere.x]), np.array([sphere.y]), focal_px, pair.unusable.shape[::-1]

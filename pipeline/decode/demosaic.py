@@ -18,7 +18,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pipeline.frames import Image, Numbers, Plane, empty_image, numbers_of
+from pipeline.frames import Image, Numbers, Plane, numbers_of
+from pipeline.memory import empty_image
 from pipeline.strips import widened
 
 Values = NDArray[np.uint16]

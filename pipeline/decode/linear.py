@@ -8,10 +8,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.coded import CodedImage
 from pipeline.colour.curves import srgb_to_linear
 from pipeline.decode.profiles import differs_from_srgb, to_linear_srgb
 from pipeline.decode.samples import Samples, UnsuitableError, upright
-from pipeline.frames import Image, Mask, empty_image
+from pipeline.frames import Mask, Photograph
+from pipeline.memory import empty_image, releasable
 from pipeline.progress import STRIP_ROWS
 
 RAW_CLIP = 0.99
@@ -24,8 +26,8 @@ _BRIGHTEST = 65504.0
 """Largest value of a half float, as in OpenEXR; no light is so much brighter than white."""
 
 
-def to_linear(samples: Samples, srgb: bool, profiled: bool = False) -> Image:
-    """Make samples float32 (H, W, 3), upright, linear, 1.0 = samples.white.
+def to_linear(samples: Samples, srgb: bool, profiled: bool = False) -> Photograph:
+    """Make samples (H, W, 3), upright, linear, 1.0 = samples.white; of 8 bits as a CodedImage.
 
     srgb: the values follow the sRGB curve. profiled: they follow the profile of the file, where
     that is of other colours than sRGB, and become linear sRGB. Integers go through a table, so a
@@ -33,7 +35,6 @@ def to_linear(samples: Samples, srgb: bool, profiled: bool = False) -> Image:
     Raises UnsuitableError where a float sample is no finite number or absurdly large.
     """
     values = upright(samples.values, samples.orientation)
-    out = empty_image(*values.shape)
     profile = samples.profile if profiled else None
     if profile is not None and not differs_from_srgb(profile):
         profile = None
@@ -42,6 +43,9 @@ def to_linear(samples: Samples, srgb: bool, profiled: bool = False) -> Image:
     if values.dtype.kind == "u":
         codes = np.arange(np.iinfo(values.dtype).max + 1) / samples.white
         table = _curve(codes.astype(np.float32), srgb)
+    if values.dtype == np.uint8 and table is not None and convert is None:
+        return CodedImage(releasable(values), table)
+    out = empty_image(*values.shape)
     for top in range(0, out.shape[0], STRIP_ROWS):
         strip = values[top : top + STRIP_ROWS]
         if convert is not None:

@@ -15,7 +15,7 @@ from pipeline.decode.metadata import Metadata, read_metadata
 from pipeline.decode.quiet import muted
 from pipeline.decode.samples import Samples
 from pipeline.decode.tiff import black_repeats, dng_matrix
-from pipeline.frames import Image, Mask, Matrix
+from pipeline.frames import Mask, Matrix, Photograph
 
 _TURNED = (5, 6)
 """LibRaw's `flip` values for a quarter turn."""
@@ -30,7 +30,7 @@ class RawPicture(NamedTuple):
     xyz_to_camera: matrix from CIE XYZ to camera RGB, None where it is not known.
     """
 
-    pixels: Image
+    pixels: Photograph
     saturated: Mask
     metadata: Metadata
     xyz_to_camera: Matrix | None
@@ -59,7 +59,7 @@ def read_raw(data: bytes) -> RawPicture:
         corrected = metadata.make.lower().startswith(_CORRECTED)
         mosaic = None if corrected else bayer_mosaic(raw, black_repeats(data))
         if mosaic is not None:
-            pixels = demosaic(mosaic.values, mosaic.colours, mosaic.black, mosaic.white)
+            pixels: Photograph = demosaic(mosaic.values, mosaic.colours, mosaic.black, mosaic.white)
             saturated = clipped_photosites(mosaic.values, mosaic.black, mosaic.white)
         else:
             values = raw.postprocess(

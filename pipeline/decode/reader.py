@@ -25,7 +25,7 @@ from pipeline.decode.samples import Samples, UnsuitableError
 from pipeline.decode.signatures import Kind, kind_of
 from pipeline.decode.tiff import holds_raw, read_tiff, tiff_size
 from pipeline.errors import ImageTooLargeError, OptionError, PipelineError, UnreadableImageError
-from pipeline.frames import Frame
+from pipeline.frames import Frame, Photograph
 
 FORMATS = "a JPEG, PNG, TIFF, OpenEXR, HEIC, DNG or a camera's RAW file"
 
@@ -68,6 +68,7 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
             f"The {name} is a RAW file, which holds linear values: leave the encoding to auto."
         )
     with _readable(name, _damaged(kind)):
+        pixels: Photograph
         if kind == "RAW":
             encoding = "raw"
             pixels, saturated, metadata, xyz_to_camera = read_raw(data)

@@ -40,15 +40,7 @@ class ExrFile:
         Raises ValueError for pictures of different size, OSError where nothing can be written, with
         an errno as of Python's own files.
         """
-        if len({picture.shape[:2] for picture in pictures.values()}) != 1:
-            raise ValueError("the channels of an EXR must have one size")
-        channels: dict[str, NDArray[np.float32]] = {}
-        for name, picture in pictures.items():
-            if picture.ndim == 2:
-                channels[name] = picture
-                continue
-            prefix = "" if name == "RGB" else f"{name}."
-            channels |= {f"{prefix}{letter}": picture[..., k] for k, letter in enumerate("RGB")}
+        channels = channels_of(pictures)
         rows = len(next(iter(channels.values())))
         lines = {
             name: to_half(plane) if self._half else np.ascontiguousarray(plane)
@@ -66,6 +58,20 @@ class ExrFile:
         """End the file."""
         if self._file is not None:
             self._file.close()
+
+
+def channels_of(pictures: dict[str, NDArray[np.float32]]) -> dict[str, NDArray[np.float32]]:
+    """Planes (h, W) by the names of their channels, of what ExrFile takes; it says the rest."""
+    if len({picture.shape[:2] for picture in pictures.values()}) != 1:
+        raise ValueError("the channels of an EXR must have one size")
+    channels: dict[str, NDArray[np.float32]] = {}
+    for name, picture in pictures.items():
+        if picture.ndim == 2:
+            channels[name] = picture
+            continue
+        prefix = "" if name == "RGB" else f"{name}."
+        channels |= {f"{prefix}{letter}": picture[..., k] for k, letter in enumerate("RGB")}
+    return channels
 
 
 @contextmanager

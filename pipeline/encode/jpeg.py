@@ -4,10 +4,10 @@ from functools import cache
 from pathlib import Path
 from typing import BinaryIO
 
+import imagecodecs
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from PIL import Image as PillowImage
 
 from pipeline.colour.curves import linear_to_srgb
 from pipeline.colour.icc import srgb_profile
@@ -19,40 +19,96 @@ QUALITY = 92
 _IDENTITY: Matrix = np.eye(3)
 _LUMINANCE = numbers_of(rgb_to_xyz(SRGB_PRIMARIES)[1].astype(np.float32))
 _STEPS = 65535
+_LONGEST = 65500  # of libjpeg
+_BLOCK = 8
+_ROWS = 4 * _BLOCK
+"""Rows encoded at a time; a restart interval counts at most 65535 blocks."""
+
+_FRAME, _SCAN, _END, _RESTART = b"\xff\xc0", b"\xff\xda", b"\xff\xd9", 0xD0
 
 
 class JpegFile:
-    """An 8-bit sRGB JPEG of quality 92 with its ICC profile and no EXIF, given from top to bottom.
+    """An 8-bit sRGB JPEG of quality 92 with its ICC profile, no EXIF, written from top to bottom.
 
     size: (width, height). to_srgb: matrix (3, 3) that takes a pixel to linear sRGB. Colour is not
     subsampled (4:4:4): the borders between coloured lights are what these pictures show. Encoders
-    take whole pictures, so that code values are kept until close.
+    take whole pictures: some rows at a time are one, and the file joins them by restart markers
+    (ITU-T T.81, E.1.4). Raises OSError for more than 65500 pixels to a side.
     """
 
     def __init__(
         self, file: Path | BinaryIO, size: tuple[int, int], to_srgb: Matrix = _IDENTITY
     ) -> None:
         width, height = size
+        if max(size) > _LONGEST:
+            raise OSError(f"a JPEG has at most {_LONGEST} pixels to a side, not {max(size)}")
         self._file = file
+        self._size = size
         self._to_srgb = to_srgb
-        self._codes = np.empty((height, width, 3), np.uint8)
-        self._next = 0
+        self._codes = np.empty((min(_ROWS, height), width, 3), np.uint8)
+        self._waiting = 0
+        self._parts = 0
+        if isinstance(file, Path):
+            file.write_bytes(b"")
 
     def write(self, linear: Image) -> None:
-        """Take the next rows (h, W, 3), linear, 1.0 = white."""
-        rows = slice(self._next, self._next + len(linear))
-        _write_codes(linear, self._to_srgb, self._codes[rows])
-        self._next = rows.stop
+        """Take the next rows (h, W, 3), linear, 1.0 = white. Raises OSError."""
+        while len(linear):
+            some = linear[: len(self._codes) - self._waiting]
+            end = self._waiting + len(some)
+            _write_codes(some, self._to_srgb, self._codes[self._waiting : end])
+            self._waiting, linear = end, linear[len(some) :]
+            if end == len(self._codes):
+                self._encode()
 
     def close(self) -> None:
-        """Encode and write. Raises OSError where the file cannot be written."""
-        PillowImage.fromarray(self._codes).save(
-            self._file,
-            "JPEG",
-            quality=QUALITY,
-            subsampling="4:4:4",
-            icc_profile=srgb_profile(),
+        """End the file. Raises OSError."""
+        if self._waiting:
+            self._encode()
+        self._append(_END)
+
+    def _encode(self) -> None:
+        """Append the rows that wait; every part but the last has the same number of them."""
+        rows = self._codes[: self._waiting]
+        jpeg = bytes(imagecodecs.jpeg8_encode(rows, QUALITY, colorspace="RGB", subsampling="444"))
+        scan = jpeg.index(_SCAN)
+        start = scan + 2 + int.from_bytes(jpeg[scan + 2 : scan + 4], "big")
+        if self._parts == 0:
+            self._append(self._head(jpeg[:scan]) + jpeg[scan:start])
+        else:
+            self._append(bytes((0xFF, _RESTART + (self._parts - 1) % 8)))
+        self._append(jpeg[start : -len(_END)])
+        self._parts += 1
+        self._waiting = 0
+
+    def _head(self, head: bytes) -> bytes:
+        """Make the segments before the scan of the first part those of the whole picture."""
+        width, height = self._size
+        profile = b"ICC_PROFILE\0\1\1" + srgb_profile()
+        after_jfif = 4 + int.from_bytes(head[4:6], "big")
+        frame = head.index(_FRAME) + 5  # marker, length, precision
+        blocks = -(-width // _BLOCK) * (_ROWS // _BLOCK)
+        return b"".join(
+            (
+                head[:after_jfif],
+                _segment(0xE2, profile),
+                head[after_jfif:frame],
+                height.to_bytes(2, "big"),
+                head[frame + 2 :],
+                _segment(0xDD, blocks.to_bytes(2, "big")),
+            )
         )
+
+    def _append(self, data: bytes) -> None:
+        if isinstance(self._file, Path):
+            with self._file.open("ab") as file:
+                file.write(data)
+        else:
+            self._file.write(data)
+
+
+def _segment(marker: int, data: bytes) -> bytes:
+    return bytes((0xFF, marker)) + (len(data) + 2).to_bytes(2, "big") + data
 
 
 def write_jpeg(file: Path | BinaryIO, linear: Image, to_srgb: Matrix = _IDENTITY) -> None:

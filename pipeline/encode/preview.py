@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.encode.exr import ExrFile
-from pipeline.frames import Image
+from pipeline.area_means import area_means
+from pipeline.encode.exr import ExrFile, channels_of
+from pipeline.frames import Image, Photograph
 
 PREVIEW_PIXELS = 2**21
 """Most pixels of a preview."""
@@ -41,32 +42,43 @@ class PreviewFile:
 
     def write(self, pictures: dict[str, NDArray[np.float32]]) -> None:
         """Take the next rows, given as to ExrFile."""
-        if self._rest:
-            pictures = {
-                name: np.concatenate([self._rest[name], rows]) for name, rows in pictures.items()
+        planes = channels_of(pictures)
+        height = len(next(iter(planes.values())))
+        waiting = len(next(iter(self._rest.values()))) if self._rest else 0
+        start = min(-waiting % self._step, height)
+        if start:  # they go on with squares that the rows before began
+            begun = {
+                name: np.concatenate([self._rest[name], plane[:start]])
+                for name, plane in planes.items()
             }
-        whole = len(next(iter(pictures.values()))) // self._step * self._step
-        if whole:
-            self._file.write({name: self._means(rows[:whole]) for name, rows in pictures.items()})
-        self._rest = {name: rows[whole:].copy() for name, rows in pictures.items()}
+            self._rest = {} if waiting + start == self._step else begun
+            if not self._rest:
+                self._append(begun)
+        whole = start + (height - start) // self._step * self._step
+        if start < whole:
+            self._append({name: plane[start:whole] for name, plane in planes.items()})
+        if whole < height:
+            self._rest = {name: plane[whole:].copy() for name, plane in planes.items()}
 
     def close(self) -> None:
         """End the file."""
         self._file.close()
 
+    def _append(self, planes: dict[str, NDArray[np.float32]]) -> None:
+        """Write the means of whole squares."""
+        self._file.write({name: self._means(plane) for name, plane in planes.items()})
+
     def _means(self, rows: NDArray[np.float32]) -> NDArray[np.float32]:
-        if rows.ndim == 3:
-            return np.stack([self._means(rows[..., k]) for k in range(3)], axis=-1)
-        plane = np.ascontiguousarray(rows[:, : self._width * self._step])
+        plane = rows[:, : self._width * self._step]
         size = self._width, len(rows) // self._step
         return np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
-def thumbnail(picture: Image) -> Image:
+def thumbnail(picture: Photograph) -> Image:
     """Make a picture (H, W, 3) at most 400 pixels long; a smaller one stays as it is."""
     height, width = picture.shape[:2]
     scale = _THUMBNAIL / max(height, width)
     if scale >= 1:
-        return picture
+        return picture[:]
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float32)
+    return area_means(picture, size)

@@ -17,6 +17,7 @@ from pipeline.options import Sensitivities
 from pipeline.spectra.colorimetry import camera_to_xyz
 from pipeline.spectra.folder import folder_spectra
 from pipeline.spectra.grid import on_grid
+from pipeline.spectra.kept import kept
 from pipeline.spectra.library import colour_science, without_warnings
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from pipeline.spectra.names import key_of, unknown
@@ -142,10 +143,14 @@ def _measured(name: str) -> Camera | None:
 
 
 def _measured_by_colour(name: str) -> Camera:
+    return Camera(name, _scaled(_packaged_sensitivities(name)), "measured")
+
+
+@kept("colour-science")
+def _packaged_sensitivities(name: str) -> NDArray[np.float64]:
     with without_warnings():
         table = colour_science().MSDS_CAMERA_SENSITIVITIES[_PACKAGED[name]]
-    values = on_grid(table.wavelengths, table.values, outside="zero").T
-    return Camera(name, _scaled(values), "measured")
+    return np.asarray(on_grid(table.wavelengths, table.values, outside="zero").T)
 
 
 def _keys(name: str) -> set[str]:

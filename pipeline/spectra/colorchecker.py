@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.spectra.grid import on_grid
+from pipeline.spectra.kept import kept
 from pipeline.spectra.library import colour_science
 
 ROWS, COLUMNS = 4, 6
 
 
 @cache
+@kept("colour-science")
 def colorchecker_spectra() -> NDArray[np.float64]:
     """Reflectances (24, W), 0 to 1, row by row from dark skin to black (average of BabelColor)."""
     patches = colour_science().SDS_COLOURCHECKERS["BabelColor Average"].values()
-    values = np.array([on_grid(patch.wavelengths, patch.values, "hold") for patch in patches])
-    values.setflags(write=False)
-    return values
+    return np.array([on_grid(patch.wavelengths, patch.values, "hold") for patch in patches])

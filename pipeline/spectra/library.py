@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from typing import Any, cast
-from unittest.mock import NonCallableMock
 
 
 @cache
@@ -43,6 +42,9 @@ def _hidden(package: str) -> Iterator[None]:
     try:
         yield
     finally:
+        # imported only here: it imports asyncio
+        from unittest.mock import NonCallableMock
+
         # colour puts mocks where the package would be
         for name in modules.keys() - before:
             if modules[name] is None or isinstance(modules[name], NonCallableMock):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from functools import cache
 from importlib.resources import files
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from pipeline.options import Spectrum
 from pipeline.spectra.colorchecker import colorchecker_spectra
 from pipeline.spectra.folder import folder_spectra
 from pipeline.spectra.grid import STEP_NM, WAVELENGTHS_NM, on_grid
+from pipeline.spectra.kept import kept
 from pipeline.spectra.library import colour_science, without_warnings
 from pipeline.spectra.names import key_of, unknown
 from pipeline.spectra.tables import parse_spectrum
@@ -84,6 +86,7 @@ def lamp_spectra() -> NDArray[np.float64]:
 
 
 @cache
+@kept("colour-science")
 def reflectance_spectra() -> NDArray[np.float64]:
     """Reflectances (m, W), 0 to 1, to learn from.
 
@@ -104,7 +107,7 @@ def reflectance_spectra() -> NDArray[np.float64]:
         on_grid(training.wavelengths, training.values, "hold").T,
         on_grid(samples.wavelengths, samples.values, "hold").T,
     ]
-    return _frozen(np.clip(np.concatenate(tables), 0.0, 1.0))
+    return np.clip(np.concatenate(tables), 0.0, 1.0)
 
 
 @cache
@@ -116,12 +119,24 @@ def _xenon() -> NDArray[np.float64]:
 @cache
 def packaged_lights() -> dict[str, NDArray[np.float64]]:
     """Lights (W,) of colour-science by name, each summing to 1."""
+    return dict(zip(_packaged_names().tolist(), _packaged_spectra(), strict=True))
+
+
+@kept("colour-science")
+def _packaged_names() -> NDArray[np.str_]:
+    return np.array([*_packaged()])
+
+
+@kept("colour-science")
+def _packaged_spectra() -> NDArray[np.float64]:
+    return np.array(
+        [_unit(on_grid(table.wavelengths, table.values, "hold")) for table in _packaged().values()]
+    )
+
+
+def _packaged() -> dict[str, Any]:
     colour = colour_science()
-    tables = {**colour.SDS_ILLUMINANTS, **colour.SDS_LIGHT_SOURCES}
-    return {
-        name: _unit(on_grid(table.wavelengths, table.values, "hold"))
-        for name, table in tables.items()
-    }
+    return {**colour.SDS_ILLUMINANTS, **colour.SDS_LIGHT_SOURCES}
 
 
 def _named_daylight(name: str) -> NDArray[np.float64] | None:
@@ -133,6 +148,7 @@ def _named_daylight(name: str) -> NDArray[np.float64] | None:
     return daylight(kelvin) if low <= kelvin <= high else None
 
 
+@kept("colour-science")
 def black_body(kelvin: float) -> NDArray[np.float64]:
     """Black body (W,) of a temperature, summing to 1 (Planck)."""
     colour = colour_science()
@@ -141,6 +157,7 @@ def black_body(kelvin: float) -> NDArray[np.float64]:
         return _unit(colour.sd_blackbody(kelvin, shape).values)
 
 
+@kept("colour-science")
 def daylight(kelvin: float) -> NDArray[np.float64]:
     """CIE daylight (W,) of a nominal temperature (CIE 15:2018, corrected by 1.4388/1.4380)."""
     colour = colour_science()

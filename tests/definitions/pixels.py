@@ -215,9 +215,9 @@ def _around(
 
 def separate(pair: Pair, reduced: ReducedPair, lamps: Lamps) -> tuple[Array, Doubles]:
     """pipeline.separation.separate by "best", in one piece: layers, confidence."""
-    pictures = pair.no_flash, pair.flash
+    pictures = pair.no_flash[:], pair.flash[:]
     if pair.registration > 0:
-        pictures = softened(pair.no_flash), softened(pair.flash)
+        pictures = softened(pair.no_flash[:]), softened(pair.flash[:])
     no_flash, flash, _ = sigma_filter(pictures, (pair.no_flash_noise, pair.flash_noise))
     if not pair.flash_only:
         flash = flash - no_flash
@@ -236,8 +236,9 @@ def separate(pair: Pair, reduced: ReducedPair, lamps: Lamps) -> tuple[Array, Dou
         slice(None),
     )
     if pair.registration > 0:
-        variance = pair.no_flash_noise.variance(pair.no_flash).sum(axis=2)
-        parts = mend_proportions(parts, proportions, pair.no_flash, variance, placed, confidence)
+        photograph = pair.no_flash[:]
+        variance = pair.no_flash_noise.variance(photograph).sum(axis=2)
+        parts = mend_proportions(parts, proportions, photograph, variance, placed, confidence)
     height, width = confidence.shape
     around = Surroundings(reduced, lamps).rows(slice(0, height), width)
     trust = confidence[..., None]
@@ -247,12 +248,12 @@ def separate(pair: Pair, reduced: ReducedPair, lamps: Lamps) -> tuple[Array, Dou
 
 def _reliability(pair: Pair, contrast: float) -> tuple[Doubles, Doubles, Doubles]:
     """Confidence, unusable pixels or not, how well placed they are, and uncertainty (H, W)."""
-    light, part = pair.no_flash.sum(axis=2), pair.flash.sum(axis=2)
-    variance = pair.no_flash_noise.variance(pair.no_flash).sum(axis=2)
-    part_variance = pair.flash_noise.variance(pair.flash).sum(axis=2)
+    light, part = pair.no_flash[:].sum(axis=2), pair.flash[:].sum(axis=2)
+    variance = pair.no_flash_noise.variance(pair.no_flash[:]).sum(axis=2)
+    part_variance = pair.flash_noise.variance(pair.flash[:]).sum(axis=2)
     beside = np.zeros(light.shape)
     if pair.registration > 0:
-        beside += registration_variance(pair.flash, pair.registration).sum(axis=2)
+        beside += registration_variance(pair.flash[:], pair.registration).sum(axis=2)
     part_variance = part_variance + beside
     if not pair.flash_only:
         part, part_variance = part - light, part_variance + variance

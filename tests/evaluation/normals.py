@@ -127,7 +127,7 @@ def _product(method: str) -> Method:
 
 
 def _single_shot(shot: ObjectShot, condition: Condition) -> Found:
-    before, after = (decode(file, "linear", "photograph").pixels for file in shot.files)
+    before, after = (decode(file, "linear", "photograph").pixels[:] for file in shot.files)
     white = sensitivities(CAMERA) @ flash_spectrum(condition.flash)
     surface = (after - before)[shot.lit].mean(axis=0) / white
     rgb = np.array([light["rgb"] for light in shot.lights])

@@ -66,7 +66,7 @@ class Shot:
     @property
     def photograph(self) -> Image:
         """The photograph without the flash, (H, W, 3)."""
-        return self.pair.no_flash
+        return self.pair.no_flash[:]
 
     @property
     def usable(self) -> Mask:
@@ -78,6 +78,6 @@ class Shot:
         """The photograph without the flash, and the flash part, with their noise filtered."""
         pair = self.pair
         no_flash, flash, _ = sigma_filter(
-            (pair.no_flash, pair.flash), (pair.no_flash_noise, pair.flash_noise)
+            (pair.no_flash[:], pair.flash[:]), (pair.no_flash_noise, pair.flash_noise)
         )
         return no_flash, flash if pair.flash_only else flash - no_flash

@@ -70,7 +70,7 @@ def test_products_are_sums_over_what_lies_in_both(kind: str) -> None:
     one, other = drawn()
     inside = np.repeat(in_both(MATRICES[kind], 0, 1), 3, axis=1)
 
-    found = products(one, other, MATRICES[kind], 1)
+    found = products(one, other, MATRICES[kind], 0, len(one), 1)
 
     expected = [(a * b)[inside].sum() for a, b in ((one, one), (other, other), (one, other))]
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-3)

@@ -204,6 +204,21 @@ def test_agreement_is_the_correlation_where_both_are_seen() -> None:
     assert found == pytest.approx(expected, abs=1e-5)
 
 
+def test_large_photographs_agree_as_their_bands_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    steps = [log_detail(image) for image in (patches(), patches(1) + patches())]
+    matrix = np.array([[1, 0, 3.0], [0, 1, 2.0], [0, 0, 1]])
+    monkeypatch.setattr(refine, "_LARGE", 1)
+    monkeypatch.setattr(refine, "_BAND", 10)
+
+    found = agreement(steps[0], steps[1], matrix)
+
+    bands = [row for row in range(HEIGHT - 3) if row % 30 < 10]
+    one, other = steps[0][:, :-4].astype(float), steps[1][:, 3:-1].astype(float)
+    one, other = one[bands], other[np.array(bands) + 2]
+    expected = (one * other).sum() / np.sqrt((one**2).sum() * (other**2).sum())
+    assert found == pytest.approx(expected, abs=1e-5)
+
+
 def test_steps_are_logarithms_less_their_local_mean() -> None:
     image = patches() - np.float32(0.15)
     smooth = cv2.GaussianBlur(np.maximum(image, 0.0), (0, 0), 0.5)

@@ -65,7 +65,7 @@ def test_each_photograph_has_its_own_noise(flat: Callable[..., Pair]) -> None:
 def test_clipped_pixels_do_not_count(flat: Callable[..., Pair]) -> None:
     pair, clipped = flat(), np.zeros((40, 40), bool)
     clipped[10, 10:19] = True
-    pair.no_flash[clipped] = pair.flash[clipped] = 9.0
+    pair.no_flash[:][clipped] = pair.flash[:][clipped] = 9.0
     found = mean_light(replace(pair, unusable=clipped), _middle(), "the card")
     assert found.lamps == pytest.approx(0.2)
     assert found.flash_variance[0] == pytest.approx((1e-4 * 0.9 + 2e-6) / 91, rel=1e-5)

@@ -220,6 +220,27 @@ def test_jpeg_is_the_same_whole_and_in_strips(tmp_path: Path, picture: Picture) 
     assert (tmp_path / "a.jpg").read_bytes() == (tmp_path / "b.jpg").read_bytes()
 
 
+@pytest.mark.parametrize("size", [(300, 41), (85, 75), (9, 8), (40, 300), (33, 32)])
+def test_jpeg_shows_what_an_encoder_of_whole_pictures_writes(size: tuple[int, int]) -> None:
+    light = np.random.default_rng(3).random((*size[::-1], 3)).astype(np.float32)
+    whole, file = io.BytesIO(), io.BytesIO()
+    PillowImage.fromarray(to_srgb8(light)).save(whole, "JPEG", quality=92, subsampling="4:4:4")
+
+    write_jpeg(file, light)
+
+    expected = np.asarray(PillowImage.open(whole))
+    np.testing.assert_array_equal(np.asarray(PillowImage.open(file)), expected)
+    strict = simplejpeg.decode_jpeg(file.getvalue(), "RGB", strict=True)
+    assert strict.shape == expected.shape
+    assert np.abs(strict.astype(int) - expected).max() <= 1
+
+
+@pytest.mark.parametrize("size", [(65501, 1), (1, 65501)])
+def test_jpeg_refuses_what_its_readers_do_not_read(tmp_path: Path, size: tuple[int, int]) -> None:
+    with pytest.raises(OSError, match="65500"):
+        JpegFile(tmp_path / "a.jpg", size)
+
+
 def test_grey_is_16_bit_linear(tmp_path: Path, picture: Picture) -> None:
     write_by_strips(GrayTiffFile(tmp_path / "a.tif", size_of(picture)), picture[..., 0])
 

@@ -1,0 +1,41 @@
+"""Photographs in a smaller size, each pixel the mean of the area that it covers."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+
+from pipeline.coded import CodedImage
+from pipeline.frames import Image, Photograph
+
+_ROWS = 48  # of the photograph, made linear at a time
+_MANY_ROWS = 512  # from which a whole photograph is made linear
+
+
+def area_means(
+    photograph: Photograph, size: tuple[int, int], crop: tuple[int, int] | None = None
+) -> Image:
+    """Reduce a photograph (H, W, 3) to (width, height): float32 (height, width, 3).
+
+    crop: (width, height) of the upper left part that is reduced; all of it where None.
+    """
+    columns, rows = crop or (photograph.shape[1], photograph.shape[0])
+    if not isinstance(photograph, CodedImage):
+        return _resized(photograph[:rows, :columns], size)
+    groups = math.gcd(rows, size[1])  # of rows that become whole rows
+    of, to = rows // groups, size[1] // groups
+    if of > _MANY_ROWS:
+        return _resized(photograph[:rows, :columns], size)
+    small = np.empty((size[1], size[0], 3), np.float32)
+    step = -(-_ROWS // of)
+    for first in range(0, groups, step):
+        last = min(first + step, groups)
+        part = photograph[first * of : last * of, :columns]
+        small[first * to : last * to] = _resized(part, (size[0], (last - first) * to))
+    return small
+
+
+def _resized(image: Image, size: tuple[int, int]) -> Image:
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)

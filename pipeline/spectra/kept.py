@@ -1,0 +1,82 @@
+"""Tables that take a library long to make, kept in files.
+
+colour-science takes half a second to import, and its tables another tenth: more than most jobs
+spend on finding lamps. They lie where Numba keeps what it compiles.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import io
+import os
+import tempfile
+import zipfile
+from collections.abc import Callable
+from contextlib import suppress
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+_Given = ParamSpec("_Given")
+_Table = TypeVar("_Table", bound=NDArray[Any])
+
+
+def kept(library: str) -> Callable[[Callable[_Given, _Table]], Callable[_Given, _Table]]:
+    """Decorate a function that makes a table by a library, so that its file gives it once made.
+
+    What the function returns must follow from its arguments, its module and the library's version
+    alone; arrays are read-only. Where no file can be written it is made each time.
+    """
+
+    def decorate(make: Callable[_Given, _Table]) -> Callable[_Given, _Table]:
+        @functools.wraps(make)
+        def table(*args: _Given.args, **kwargs: _Given.kwargs) -> _Table:
+            given = "-".join(map(str, (*args, *kwargs.values())))
+            path = _folder() / f"{make.__name__}{given and '-' + given}.npz"
+            stamp = _stamp(library, inspect.getfile(make))
+            values: _Table | None = _read(path, stamp)
+            if values is None:
+                values = make(*args, **kwargs)
+                _write(path, stamp, values)
+            values.setflags(write=False)
+            return values
+
+        return table
+
+    return decorate
+
+
+def _folder() -> Path:
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    return Path(given) if given else Path(__file__).with_name("__pycache__")
+
+
+@functools.cache
+def _stamp(library: str, module: str) -> str:
+    source = Path(module).stat()
+    return f"{library} {version(library)}, {source.st_size} bytes of {source.st_mtime_ns}"
+
+
+def _read(path: Path, stamp: str) -> Any:
+    try:
+        file = np.load(io.BytesIO(path.read_bytes()), allow_pickle=False)
+        return file["values"] if str(file["stamp"]) == stamp else None
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return None
+
+
+def _write(path: Path, stamp: str, values: NDArray[Any]) -> None:
+    with suppress(OSError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as file:
+            try:
+                np.savez(file, stamp=np.array(stamp), values=values)
+                file.close()
+                Path(file.name).replace(path)
+            except BaseException:
+                Path(file.name).unlink(missing_ok=True)
+                raise

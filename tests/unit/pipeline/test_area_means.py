@@ -1,0 +1,36 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from pipeline.area_means import area_means
+from pipeline.coded import CodedImage
+
+TABLE = np.square(np.linspace(0, 1, 256, dtype=np.float32))
+
+
+@pytest.mark.parametrize("size", [(40, 30), (64, 40), (50, 37), (160, 592), (1, 1)])
+@pytest.mark.parametrize("crop", [None, (160, 592)])
+def test_code_values_give_the_means_of_their_light(
+    size: tuple[int, int], crop: tuple[int, int] | None
+) -> None:
+    codes = np.random.default_rng(4).integers(0, 256, (600, 161, 3), np.uint8)
+    light = TABLE[codes]
+    width, height = crop or (161, 600)
+    expected = cv2.resize(light[:height, :width], size, interpolation=cv2.INTER_AREA)
+
+    for photograph in (light, CodedImage(codes, TABLE)):
+        found = area_means(photograph, size, crop)
+
+        assert found.dtype == np.float32
+        np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+def test_blocks_become_their_means() -> None:
+    codes = np.repeat(np.repeat(np.arange(6, dtype=np.uint8).reshape(2, 3), 4, 0), 4, 1)
+    photograph = CodedImage(np.stack([codes] * 3, axis=-1), TABLE)
+
+    means = area_means(photograph, (3, 2))
+
+    np.testing.assert_allclose(means[..., 1], TABLE[:6].reshape(2, 3), rtol=1e-6)
