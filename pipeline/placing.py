@@ -33,6 +33,7 @@ _ALIKE_REACH, _ALIKE_SPREAD = 4, 2.0  # of the average
 _LEAST = 0.05  # what the worst placed pixel counts in the regression
 _STEP = 1e-4  # (0.01)², steps of the colour smaller than this part of the light are noise
 _SAME = 2 * 0.07**2  # difference of colours, squared, relative to the light's
+_KNOWN = 0.2  # confidence below which a pixel's own proportions say little
 _ENOUGH = 0.1  # well placed neighbours of a pixel's own colour
 HALO = _REACH + _ALIKE_REACH
 """Rows beyond either end of a strip that place_flash and then mend_proportions need."""
@@ -78,11 +79,12 @@ def mend_proportions(
     placed: Plane,
     confidence: Plane,
     keep: slice,
-) -> Array:
+) -> tuple[Array, Plane]:
     """Give pixels that are not well placed the proportions of well placed ones of their colour.
 
-    These are a mean over the 9 × 9 pixels around, weighed by how near they are in place and in
-    colour (cross bilateral filter, Eisemann and Durand 2004, Petschnigg et al. 2004).
+    Pixels without a usable flash part, as along the border, get them, too: a mean over the 9 × 9
+    pixels around, weighed by how near they are in place and in colour (cross bilateral filter,
+    Eisemann and Durand 2004, Petschnigg et al. 2004).
 
     Parameters
     ----------
@@ -94,12 +96,14 @@ def mend_proportions(
 
     Returns
     -------
-    (N, len(keep), W, 3) float32, 0…1, smooth where placed is .7 or more
+    (N, len(keep), W, 3) float32, 0…1, smooth where placed is .7 or more and confidence .2
+    (len(keep), W) float32, 0…1, how far to trust them: confidence, or more where neighbours tell
     """
     if len(smooth) == 1:
-        return smooth
+        return smooth, confidence[keep]
     out = by_planes(*smooth.shape)
     out[...] = smooth
+    trust = confidence[keep].copy()
     first, _, _ = keep.indices(len(placed))
     _average(
         tuple(planes_of(one) for one in proportions),
@@ -109,8 +113,9 @@ def mend_proportions(
         confidence,
         first,
         channels_first(out),
+        trust,
     )
-    return out
+    return out, trust
 
 
 def _kernel() -> Array:
@@ -215,6 +220,7 @@ def _average(
     confidence: Plane,
     first: int,
     smooth: Array,
+    trust: Plane,
 ) -> None:
     """Go from smooth (N, 3, h, w) to the averages as far as pixels are not well placed.
 
@@ -226,7 +232,8 @@ def _average(
     near = np.exp(-(np.arange(-_ALIKE_REACH, _ALIKE_REACH + 1) ** 2) / (2 * _ALIKE_SPREAD**2))
     for y in range(first, first + smooth.shape[2]):
         for x in range(width):
-            if placed[y, x] >= _WELL:
+            worth = min(placed[y, x] / _WELL, confidence[y, x] / _KNOWN)
+            if worth >= 1.0:
                 continue
             own = photograph[0][y, x], photograph[1][y, x], photograph[2][y, x]
             same, tolerance = 0.0, 0.0
@@ -247,7 +254,8 @@ def _average(
                     n, total = n + 1, total + weight
             if total <= 0:
                 continue
-            share = (1.0 - placed[y, x] / _WELL) * min(total / _ENOUGH, 1.0)
+            share = (1.0 - worth) * min(total / _ENOUGH, 1.0)
+            trust[y - first, x] += share * (1.0 - trust[y - first, x])
             for lamp in range(len(smooth)):
                 for k in range(3):
                     mean = 0.0

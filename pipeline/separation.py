@@ -98,8 +98,9 @@ def separate(
         smooth = smoothing.smooth_proportions(
             proportions, no_flash, flash, confidence * placed, uncertainty, inner
         )
+        trust = confidence[inner]
         if pair.registration > 0:
-            smooth = placing.mend_proportions(
+            smooth, trust = placing.mend_proportions(
                 smooth,
                 proportions,
                 pair.no_flash[wide],
@@ -112,7 +113,7 @@ def separate(
         layers = surroundings.rows(rows, width)
         _deal_out(
             planes_of(rows_by_planes(pair.no_flash, rows)),
-            confidence,
+            trust,
             channels_first(smooth),
             channels_first(layers),
         )

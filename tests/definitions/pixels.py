@@ -30,7 +30,7 @@ Floats = NDArray[np.floating]
 _REGULAR = 1e-6
 _RADIUS, _EPSILON, _TOLERANCE = 4, 1e-4, 0.25
 _DOUBT = 1.5
-_MISPLACED, _WELL = 0.03, 0.7
+_MISPLACED, _WELL, _KNOWN = 0.03, 0.7, 0.2
 _BRIGHTEST = 4.0
 
 
@@ -187,10 +187,11 @@ def mend_proportions(
     variance: Doubles,
     placed: Floats,
     confidence: Floats,
-) -> Array:
+) -> tuple[Array, Doubles]:
     """pipeline.placing.mend_proportions; variance: (h, W), of the photograph's sum."""
-    out = smooth.astype(np.float64)
-    for y, x in np.argwhere(placed < _WELL):
+    out, trust = smooth.astype(np.float64), confidence.astype(np.float64)
+    worth = np.minimum(placed / _WELL, confidence / _KNOWN)
+    for y, x in np.argwhere(worth < 1.0):
         near, distance = _around(placed.shape, y, x, 4)
         own = photograph[y, x].astype(np.float64)
         unlike = np.square(photograph[near] - own).sum(axis=-1)
@@ -198,9 +199,10 @@ def mend_proportions(
         weight = np.exp(-distance / 8.0) * placed[near] * confidence[near] / (1 + unlike) ** 2
         if weight.sum() > 0:
             mean = np.einsum("hw,nhwk->nk", weight, proportions[:, *near]) / weight.sum()
-            share = (1.0 - placed[y, x] / _WELL) * min(weight.sum() / 0.1, 1.0)
+            share = (1.0 - worth[y, x]) * min(weight.sum() / 0.1, 1.0)
             out[:, y, x] += share * (mean - out[:, y, x])
-    return out.astype(np.float32)
+            trust[y, x] += share * (1.0 - trust[y, x])
+    return out.astype(np.float32), trust
 
 
 def _around(
@@ -235,13 +237,16 @@ def separate(pair: Pair, reduced: ReducedPair, lamps: Lamps) -> tuple[Array, Dou
         uncertainty.astype(np.float32),
         slice(None),
     )
+    trust = confidence
     if pair.registration > 0:
         photograph = pair.no_flash[:]
         variance = pair.no_flash_noise.variance(photograph).sum(axis=2)
-        parts = mend_proportions(parts, proportions, photograph, variance, placed, confidence)
+        parts, trust = mend_proportions(
+            parts, proportions, photograph, variance, placed, confidence
+        )
     height, width = confidence.shape
     around = Surroundings(reduced, lamps).rows(slice(0, height), width)
-    trust = confidence[..., None]
+    trust = trust[..., None]
     layers = (trust * parts + (1.0 - trust) * around) * pair.no_flash
     return layers.astype(np.float32), confidence
 

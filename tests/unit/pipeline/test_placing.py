@@ -82,7 +82,7 @@ def test_what_two_lamps_have_of_one_paint_they_have_beside_its_edge(
     truth = parts(scene, 2)
     wrong = np.where(scene["placed"][..., None] < 0.5, truth[::-1], truth)
 
-    mended = mend_proportions(
+    mended, _ = mend_proportions(
         wrong,
         wrong,
         scene["no_flash"],
@@ -100,28 +100,49 @@ def test_what_two_lamps_have_of_one_paint_they_have_beside_its_edge(
 @pytest.mark.parametrize("noise", [QUIET, LOUD], ids=["quiet", "loud"])
 def test_the_average_is_as_defined(scene: dict[str, Array], lamps: int, noise: Noise) -> None:
     rng = np.random.default_rng(7)
-    placed = rng.uniform(0, 1, scene["placed"].shape).astype(np.float32)
+    placed, confidence = rng.uniform(0, 1, (2, *scene["placed"].shape)).astype(np.float32)
     given = rng.dirichlet(np.ones(lamps), (*placed.shape, 3)).transpose(3, 0, 1, 2)
     proportions = np.ascontiguousarray(given, np.float32)
     smooth = parts(scene, lamps)
     variance = noise.variance(scene["no_flash"]).sum(axis=2)
-    wanted = pixels.mend_proportions(
-        smooth, proportions, scene["no_flash"], variance, placed, scene["confidence"]
+    wanted, wanted_trust = pixels.mend_proportions(
+        smooth, proportions, scene["no_flash"], variance, placed, confidence
     )
 
     rows = slice(0, len(placed))
-    found = mend_proportions(
-        smooth, proportions, scene["no_flash"], noise, placed, scene["confidence"], rows
+    found, trust = mend_proportions(
+        smooth, proportions, scene["no_flash"], noise, placed, confidence, rows
     )
 
     np.testing.assert_allclose(found, wanted, atol=2e-6)
+    np.testing.assert_allclose(trust, wanted_trust, atol=2e-6)
+
+
+def test_pixels_without_a_flash_part_take_what_their_paint_has_beside_them(
+    scene: dict[str, Array],
+) -> None:
+    truth = parts(scene, 2)
+    border = np.zeros(scene["placed"].shape, bool)
+    border[:, :3] = True
+    wrong = np.where(border[..., None], truth[::-1], truth)
+    everywhere = np.ones(border.shape, np.float32)
+    unknown = np.where(border, 0.0, 0.9).astype(np.float32)
+
+    mended, trust = mend_proportions(
+        wrong, wrong, scene["no_flash"], QUIET, everywhere, unknown, slice(0, len(border))
+    )
+
+    assert np.abs(mended - truth).max() < 0.15 * np.abs(wrong - truth).max()
+    np.testing.assert_array_equal(mended[:, ~border], truth[:, ~border])
+    assert (trust[border] > 0.9).all()
+    np.testing.assert_array_equal(trust[~border], unknown[~border])
 
 
 def test_one_lamp_keeps_all(scene: dict[str, Array]) -> None:
     whole = np.ones((1, *scene["truth"].shape), np.float32)
     none = np.zeros_like(scene["placed"])
 
-    found = mend_proportions(
+    found, _ = mend_proportions(
         whole, whole, scene["no_flash"], QUIET, none, none, slice(0, len(scene["placed"]))
     )
 
@@ -131,11 +152,12 @@ def test_one_lamp_keeps_all(scene: dict[str, Array]) -> None:
 def test_where_no_neighbour_is_sure_proportions_stay(scene: dict[str, Array]) -> None:
     given, none = parts(scene, 2), np.zeros_like(scene["placed"])
 
-    kept = mend_proportions(
+    kept, trust = mend_proportions(
         given, given[::-1], scene["no_flash"], QUIET, none, none, slice(0, len(none))
     )
 
     np.testing.assert_array_equal(kept, given)
+    assert not trust.any()
 
 
 def test_rows_with_their_halo_are_as_the_whole(scene: dict[str, Array]) -> None:
@@ -149,10 +171,10 @@ def test_rows_with_their_halo_are_as_the_whole(scene: dict[str, Array]) -> None:
 
     proportions = parts(scene, 2)
     light, placed, confidence = scene["no_flash"], scene["placed"], scene["confidence"]
-    all_rows = mend_proportions(
+    all_rows, all_trust = mend_proportions(
         proportions, proportions, light, QUIET, placed, confidence, slice(0, len(placed))
     )
-    some = mend_proportions(
+    some, some_trust = mend_proportions(
         proportions[:, top:bottom],
         proportions[:, wide],
         light[wide],
@@ -162,3 +184,4 @@ def test_rows_with_their_halo_are_as_the_whole(scene: dict[str, Array]) -> None:
         slice(HALO, HALO + bottom - top),
     )
     np.testing.assert_array_equal(some, all_rows[:, top:bottom])
+    np.testing.assert_array_equal(some_trust, all_trust[top:bottom])
