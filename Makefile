@@ -22,7 +22,7 @@ demo: setup  ## Have the simulated camera take a pair, separate it, put the resu
 
 test: lint  ## Run every check and every test
 	@.ci/test-programs
-	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist loadfile
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 lint: setup  ## Check style, types and the import rules
 	$(BIN)/ruff check .

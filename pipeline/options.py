@@ -58,6 +58,11 @@ manifest.json is always written; normals, their confidence, depth and surface on
 directions, and but for the normals not with the method paper; the responses only with a
 response."""
 
+FACING_OUTPUTS = frozenset(
+    {"normals.png", "normals.exr", "normals_confidence.tif", "depth.exr", "surface.glb"}
+)
+"""Those that need to know where surfaces face."""
+
 
 class Strict(BaseModel):
     """What is asked for: no unknown names, no infinite numbers."""

@@ -13,7 +13,7 @@ from pipeline.hui2018.white_balance import PublishedWhiteBalance
 from pipeline.lamps import Lamps
 from pipeline.model import Model
 from pipeline.normals import Facing
-from pipeline.options import Options
+from pipeline.options import FACING_OUTPUTS, Options
 from pipeline.pair import Pair
 from pipeline.photometric_stereo.confidence import normals_confidence
 from pipeline.progress import Progress
@@ -22,7 +22,7 @@ from pipeline.response import other_response
 from pipeline.separation import separate
 from pipeline.white_balance import WhiteBalance
 
-_NORMALS = frozenset({"normals.png", "normals.exr", "normals_confidence.tif", "surface.glb"})
+_NORMALS = FACING_OUTPUTS - {"depth.exr"}
 _RESPONSES = frozenset({"response.jpg", "response_lamps.jpg", "response.exr"})
 
 

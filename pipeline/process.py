@@ -21,7 +21,7 @@ from pipeline.memory import release_rows, trim_memory
 from pipeline.mix import mix_basis
 from pipeline.model import Model, build_model
 from pipeline.normals import find_facing
-from pipeline.options import Options
+from pipeline.options import FACING_OUTPUTS, Options
 from pipeline.outputs import Outputs, wanted_outputs
 from pipeline.pair import make_pair
 from pipeline.pictures import render
@@ -90,8 +90,9 @@ def separate_files(
     )
     warnings = [*pair.warnings, *_model_warnings(before, camera)]
     warnings += doubts(pair, reduced, lamps, options.method)
+    wanted = wanted_outputs(options)
     facing = None
-    if options.light_directions is not None:
+    if options.light_directions is not None and wanted & FACING_OUTPUTS:
         focal_px = focal_length_px(before, options.focal_px, warnings)
         facing = find_facing(
             options.light_directions,
@@ -106,7 +107,6 @@ def separate_files(
     trim_memory()  # what the estimation took would add to what strips take
     progress.report("lamps", 1.0)
 
-    wanted = wanted_outputs(options)
     changes = None
     if model.response is not None:
         changes = camera_changes(lamps, model, model.response, options.method)

@@ -14,6 +14,8 @@ from drivers.clock import Clock
 # before numpy loads: its threads wait for each other where other programs keep the processors busy,
 # and small matrices then take twenty times as long
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# hundreds of processes start, each of which would compile our modules anew
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 
 @pytest.fixture(scope="session")

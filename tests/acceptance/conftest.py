@@ -213,11 +213,9 @@ def angles(found: NDArray[Any], true: NDArray[Any]) -> NDArray[np.float64]:
 
 
 @pytest.fixture(scope="session")
-def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Our environment without settings of lightlayers, with a place for compiled modules."""
-    other = {name: text for name, text in os.environ.items() if "LIGHTLAYERS_" not in name}
-    other.pop("PYTHONDONTWRITEBYTECODE", None)
-    return {**other, "PYTHONPYCACHEPREFIX": str(tmp_path_factory.mktemp("compiled"))}
+def environment() -> dict[str, str]:
+    """Our environment without settings of lightlayers."""
+    return {name: text for name, text in os.environ.items() if "LIGHTLAYERS_" not in name}
 
 
 @pytest.fixture(scope="session")

@@ -287,8 +287,7 @@ def test_normals_need_the_focal_length_or_warn(
     scene: Callable[..., Any], separated: Callable[..., Any], lights_file: Callable[..., Path]
 ) -> None:
     found = scene(3, "objects")
-    lights = lights_file("strength", "rgb")
-    flags = (*NIKON, "--lights", 3, "--light-directions", lights)
+    flags = (*NIKON, "--lights", 3, "--light-directions", lights_file())
 
     guessed = separated(found.exact, *flags)
     known = separated(found.exact, *flags, "--focal-px", found.truth.focal_px)

@@ -266,10 +266,23 @@ def test_an_unknown_focal_length_is_warned_of(
     both, lit = shaped
     given = lit if told else {**lit, "focal_px": None}
 
-    manifest = separated(both, tmp_path, **given, method="paper", outputs=[])
+    manifest = separated(both, tmp_path, **given, method="paper", outputs=["normals.png"])
 
     assert ("focal_length_assumed" in codes(manifest)) is not told
     assert manifest["normals"] is not None
+
+
+def test_nobody_asks_where_surfaces_face_so_nobody_looks(
+    shaped: tuple[Files, dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Calibrated directions come with every later job, also with those that want pictures alone."""
+    both, lit = shaped
+    monkeypatch.setattr("pipeline.process.find_facing", lambda *_: pytest.fail("looked"))
+
+    manifest = separated(both, tmp_path, **{**lit, "focal_px": None}, outputs=["lamps.jpg"])
+
+    assert manifest["normals"] is None
+    assert "focal_length_assumed" not in codes(manifest)
 
 
 def test_what_was_filled_in_is_warned_of(
