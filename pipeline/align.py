@@ -32,7 +32,8 @@ from pipeline.refine import (
 )
 
 _WORKING_SIZES = (1600, 800)  # longer side; the second for pairs whose noise drowns fine edges
-_SEARCH_SIZE = 800  # longer side where edges are searched for a motion that is then refined
+_EDGES_SIZE = 800  # longer side where edges are taken, and are to correlate
+_SEARCH_SIZE = 400  # where they are searched for a motion that is then refined
 _SEARCHED = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-4)  # refined afterwards
 _LOCAL = 16.0
 _LOCAL_SIZE = 4  # pixels averaged where the local mean is taken
@@ -109,10 +110,15 @@ def _within(size: tuple[int, int], longest: int) -> tuple[int, int]:
 
 
 def _reduced(image: Photograph, size: tuple[int, int]) -> tuple[Image, Pyramid]:
-    """Edges of a photograph as the search wants them, and its steps at (width, height)."""
+    """Edges of a photograph, and its steps at (width, height)."""
     small = area_means(image, size)
-    searched = cv2.resize(small, _within(size, _SEARCH_SIZE), interpolation=cv2.INTER_AREA)
-    return edges(np.asarray(searched, np.float32)), pyramid(log_detail(small))
+    return edges(_shrunk(small, _EDGES_SIZE)), pyramid(log_detail(small))
+
+
+def _shrunk(image: Image, longest: int) -> Image:
+    """A picture with no side longer than that."""
+    size = _within((image.shape[1], image.shape[0]), longest)
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
 def _estimate(
@@ -162,6 +168,7 @@ def _search(
     start, and what is returned: in pixels of a picture of (width, height). Raises cv2.error where
     there are too few edges.
     """
+    reference, sample = _shrunk(reference, _SEARCH_SIZE), _shrunk(sample, _SEARCH_SIZE)
     parameters = cv2.ECCParameters()
     parameters.motionType = motion
     parameters.nlevels = int(np.clip(np.log2(min(reference.shape) / 16), 1, 5))

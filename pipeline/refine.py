@@ -1,7 +1,8 @@
 """Refines a motion by least squares on what flash and lamps leave alike: steps of reflectance.
 
 Source: Lucas & Kanade 1981 in the compositional form of Baker & Matthews, "Lucas-Kanade 20 Years
-On", IJCV 2004, with the robust weights of Holland & Welsch 1977 (Tukey's biweight).
+On", IJCV 2004, with the robust weights of Holland & Welsch 1977 (Tukey's biweight) and the step
+lengths of Barzilai & Borwein, "Two-Point Step Size Gradient Methods", IMA J. Numer. Anal. 1988.
 """
 
 from __future__ import annotations
@@ -24,8 +25,9 @@ _TUKEY = 4.685  # standard deviations at which a difference counts for nothing
 _MAD = 1.4826
 _EDGES = 0.85  # quantile of the gradient above which pixels tell of motion
 _FEW = 50  # pixels that still tell
-_ROUNDS = 12
-_NEAR_PX, _DONE_PX = 0.05, 0.005  # last steps of a motion that is near enough to compare, and done
+_NEAR = (12, 0.05, cv2.INTER_LINEAR)  # rounds at most, last step in pixels, and interpolation
+_EXACT = (2, 0.005, cv2.INTER_CUBIC)  # a third round changes less than photographs tell
+_FARTHEST = 3.0  # times as far as a round would go alone
 HOMOGRAPHY = np.eye(8)
 SHIFT = HOMOGRAPHY[[2, 5]]
 TURN = np.concatenate([SHIFT, [HOMOGRAPHY[1] - HOMOGRAPHY[3], HOMOGRAPHY[0] + HOMOGRAPHY[4]]])
@@ -87,7 +89,7 @@ def refine_motion(
     for level in range(len(reference) - 1, _finest(reference) - 1, -1):
         one, other = reference[level], sample[level]
         start = _at(reference, level, matrix)
-        small = _refined(one, other, start, freedoms, _NEAR_PX, cv2.INTER_LINEAR)
+        small = _refined(one, other, start, freedoms, *_NEAR)
         matrix = _from(reference, level, small)
     return np.asarray(matrix)
 
@@ -96,7 +98,7 @@ def finish_motion(
     reference: Pyramid, sample: Pyramid, matrix: NDArray[np.float64], freedoms: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Make what refine_motion found exact in full size."""
-    return _refined(reference[0], sample[0], matrix, freedoms, _DONE_PX, cv2.INTER_CUBIC)
+    return _refined(reference[0], sample[0], matrix, freedoms, *_EXACT)
 
 
 def agreement(reference: Image, sample: Image, matrix: NDArray[np.float64]) -> float:
@@ -135,6 +137,7 @@ def _refined(
     sample: Image,
     matrix: NDArray[np.float64],
     freedoms: NDArray[np.float64],
+    rounds: int,
     done_px: float,
     interpolation: int,
 ) -> NDArray[np.float64]:
@@ -144,16 +147,32 @@ def _refined(
         [[1 / unit, 0, -width / 2 / unit], [0, 1 / unit, -height / 2 / unit], [0, 0, 1]]
     )
     from_unit = np.linalg.inv(to_unit)
-    found = matrix
-    for _ in range(_ROUNDS):
+    found, before, gone = matrix, np.zeros((3, 3)), np.zeros((3, 3))
+    for _ in range(rounds):
         step = _step(reference, sample, found, to_unit, freedoms, interpolation)
         if step is None:
             return matrix
-        found = found @ (from_unit @ step @ to_unit)
+        change = step - np.eye(3)
+        gone, before = _lengthened(change, before, gone), change
+        found = found @ (from_unit @ (np.eye(3) + gone) @ to_unit)
         found = found / found[2, 2]
-        if unit * np.abs(step - np.eye(3)).max() < done_px:
+        if unit * np.abs(gone).max() < done_px:
             break
     return found
+
+
+def _lengthened(
+    change: NDArray[np.float64], before: NDArray[np.float64], gone: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """How far to go by a round's change, told by the round before: its change, and how far it went.
+
+    What else differs between the photographs makes every round go short, often by half: steeper
+    gradients ask for less, and weights are those of where it starts.
+    """
+    if not gone.any():
+        return change
+    went, shrank = np.vdot(gone, gone), np.vdot(gone, before - change)
+    return np.asarray(change * (went / max(shrank, went / _FARTHEST)))
 
 
 def _step(

@@ -68,6 +68,16 @@ def _dot(a: Colour, b: Colour) -> float:
 
 
 @njit(cache=True, error_model="numpy", inline="always")
+def _inner(a: Colour, b: Colour) -> Any:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _cross(a: Colour, b: Colour) -> Colour:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True, error_model="numpy", inline="always")
 def _alone(seen: float, power: float) -> float:
     share = seen / power
     return share if (power > 0) & (seen > 0) else 0.0
@@ -93,19 +103,26 @@ def share_of_one(seen: Colour, first: Colour) -> float:
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def shares_of_two(seen: Colour, first: Colour, second: Colour) -> tuple[float, float]:
+def shares_of_two(seen: Colour, first: Colour, second: Colour) -> tuple[Any, Any]:
     """Shares of one pixel, as shares defines them; for other compiled loops.
 
-    Without branches, so that loops over pixels become vector instructions.
+    Without branches, so that loops over pixels become vector instructions, and in the precision
+    of its arguments: cross products keep what a difference of squares would lose.
     """
-    s0, s1 = _dot(first, seen), _dot(second, seen)
-    g00, g01, g11 = _dot(first, first), _dot(first, second), _dot(second, second)
-    z0, z1, explained = _together(s0, s1, g00, g01, g11)
-    one, other = _alone(s0, g00), _alone(s1, g11)
+    s0, s1 = _inner(first, seen), _inner(second, seen)
+    g00, g11 = _inner(first, first), _inner(second, second)
+    normal = _cross(first, second)
+    determinant = _inner(normal, normal)  # g00 · g11 − g01², by Lagrange's identity
+    z0, z1 = _inner(normal, _cross(seen, second)), _inner(normal, _cross(first, seen))
+    # no solution on the border is better than one inside
+    both = (determinant > np.float32(_REGULAR) * g00 * g11) & (z0 >= 0) & (z1 >= 0)
+    zero = np.float32(0.0)
+    one, other = s0 / g00, s1 / g11
+    one, other = (one if (g00 > 0) & (s0 > 0) else zero), (other if (g11 > 0) & (s1 > 0) else zero)
     stronger = one * s0 >= other * s1
-    both = explained >= 0  # no solution on the border is better than one inside
-    one, other = (one if stronger else 0.0), (0.0 if stronger else other)
-    return (z0 if both else one), (z1 if both else other)
+    one, other = (one if stronger else zero), (zero if stronger else other)
+    scale = np.float32(1.0) / determinant
+    return (z0 * scale if both else one), (z1 * scale if both else other)
 
 
 @njit(cache=True, error_model="numpy", inline="always")

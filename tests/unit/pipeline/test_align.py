@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 import pytest
@@ -232,6 +234,30 @@ def test_pixel_centers_are_kept_when_a_motion_is_enlarged() -> None:
 
     expected = np.array([[2, 0, -1.5], [0, 2, -1.5], [0, 0, 1]])
     np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_edges_are_searched_in_a_smaller_size_and_correlated_in_their_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    sizes: dict[str, list[tuple[int, ...]]] = {"searched": [], "correlated": []}
+    search, correlate = cv2.findTransformECCMultiScale, cv2.computeECC
+
+    def searched(*given: Any) -> Any:
+        sizes["searched"].append(given[0].shape)
+        return search(*given)
+
+    def correlated(*given: Any) -> Any:
+        sizes["correlated"].append(given[0].shape)
+        return correlate(*given)
+
+    monkeypatch.setattr(cv2, "findTransformECCMultiScale", searched)
+    monkeypatch.setattr(cv2, "computeECC", correlated)
+    picture = np.asarray(cv2.resize(moved(surfaces(), np.eye(3)), (1000, 750)), np.float32)
+
+    estimate_alignment(picture, picture)
+
+    assert set(sizes["searched"]) == {(300, 400)}
+    assert set(sizes["correlated"]) == {(600, 800)}
 
 
 def shift_found(pixels: float) -> Alignment:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 import pytest
@@ -182,6 +184,36 @@ def test_a_round_by_some_of_the_rows_finds_the_same(monkeypatch: pytest.MonkeyPa
     assert full is not None
     assert step is not None
     np.testing.assert_allclose(step, full, atol=0.05 * np.abs(full - np.eye(3)).max())
+
+
+@pytest.mark.parametrize(("covered", "farthest"), [(0.5, 2.0), (1.0, 1.0), (0.2, 3.0), (-0.1, 3.0)])
+def test_a_step_is_as_long_as_the_one_before_fell_short(covered: float, farthest: float) -> None:
+    """Rounds that cover half of the way each: the second is doubled, and arrives."""
+    way, gone = np.diag([4.0, 2.0, 0.0]), np.diag([0.6, 0.3, 0.0])
+
+    first = refine._lengthened(covered * way, np.zeros((3, 3)), np.zeros((3, 3)))
+    second = refine._lengthened(covered * (way - gone), covered * way, gone)
+
+    np.testing.assert_allclose(first, covered * way)
+    np.testing.assert_allclose(second, farthest * covered * (way - gone))
+
+
+def test_two_rounds_that_go_short_make_a_motion_exact(monkeypatch: pytest.MonkeyPatch) -> None:
+    matrix, freedoms = MOVED["tilt"]
+    steps = [pyramid(log_detail(image)) for image in (patches(), seen(patches(), matrix))]
+    near = refine_motion(steps[0], steps[1], np.eye(3), freedoms)
+    step_of = refine._step
+
+    def short(*given: Any) -> Array:
+        step = step_of(*given)
+        assert step is not None
+        return np.asarray(0.5 * (np.eye(3) + step))
+
+    monkeypatch.setattr(refine, "_step", short)
+
+    found = finish_motion(steps[0], steps[1], near, freedoms)
+
+    assert error(found, matrix) < 0.02
 
 
 @pytest.mark.parametrize("pixels", [WIDTH, WIDTH - 11])

@@ -131,7 +131,10 @@ def test_pictures_keep_their_shape() -> None:
 @pytest.mark.parametrize("count", [1, 2, 3])
 @pytest.mark.parametrize("alike", [0.0, 0.9, 0.9999])
 def test_shares_are_what_they_are_defined_to_be(count: int, alike: float) -> None:
-    """Any values, among them negative light, channels without any, and lamps that are alike."""
+    """Any values, among them negative light, channels without any, and lamps that are alike.
+
+    Lamps that differ by a factor alone explain a pixel as well one as the other.
+    """
     rng = np.random.default_rng(7)
     no_flash = rng.normal(0.3, 0.4, (4000, 3)).astype(np.float32)
     apart = np.maximum(rng.normal(0.3, 0.4, (count, 4000, 3)), 0)
@@ -143,4 +146,6 @@ def test_shares_are_what_they_are_defined_to_be(count: int, alike: float) -> Non
     mixed, expected = ((z[..., None] * predictions).sum(axis=0) for z in (found, defined))
     np.testing.assert_allclose(mixed, expected, atol=2e-4)
     if alike < 0.99:
-        np.testing.assert_allclose(found, defined, rtol=1e-4, atol=1e-5)
+        told = np.linalg.matrix_rank(np.moveaxis(predictions, 0, 1)) == count
+        np.testing.assert_allclose(found[:, told], defined[:, told], rtol=1e-4, atol=5e-5)
+        assert told.mean() > 0.7
