@@ -24,8 +24,10 @@ from pipeline.refine import (
     TURN,
     Pyramid,
     agreement,
+    better_share,
     finish_motion,
     log_detail,
+    products,
     pyramid,
     refine_motion,
     shrinking,
@@ -42,6 +44,7 @@ _MOTIONS = (  # of OpenCV, if it is to search; what the refinement may change; w
     (cv2.MOTION_EUCLIDEAN, TURN, 0.015),
     (None, HOMOGRAPHY, 0.01),  # a search would bend it to shadows where there are few edges
 )
+_MOSTLY = 0.6  # share of the picture's blocks that must agree better
 _PLAIN_PX = 1.0  # shadows are taken for shorter shifts; longer ones need to gain half as much
 _MAX_TURN = 0.03  # of the diagonal: what three degrees do to a corner, more is no hand
 _MIN_CORRELATION = 0.25  # related pairs reach 0.4 to 0.9, unrelated ones at most 0.1
@@ -132,7 +135,8 @@ def _estimate(
     """
     found, chosen = np.eye(3), None
     height, width = reference_steps[0].shape[:2]
-    best = agreement(reference_steps[0], sample_steps[0], found)
+    known = products(reference_steps[0], sample_steps[0], found)
+    best = agreement(known)
     for motion, freedoms, worth_it in _MOTIONS:
         start = found
         if motion is not None:
@@ -146,10 +150,13 @@ def _estimate(
         moves = _corner_motion(candidate @ np.linalg.inv(found), width, height)
         if motion != cv2.MOTION_TRANSLATION and moves > _MAX_TURN * np.hypot(width, height):
             continue
+        there = products(reference_steps[0], sample_steps[0], candidate)
+        if better_share(there, known) < _MOSTLY:
+            continue  # a few strong edges of shadows move, the rest of the picture does not
         plain = moves > _PLAIN_PX and motion is not None
-        agrees = agreement(reference_steps[0], sample_steps[0], candidate)
+        agrees = agreement(there)
         if agrees > best + (worth_it / 2 if plain else worth_it):
-            found, chosen = candidate, freedoms
+            found, chosen, known = candidate, freedoms, there
         best = max(best, agrees)
     if chosen is None:
         return found

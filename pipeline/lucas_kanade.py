@@ -151,19 +151,25 @@ def equations(
 
 
 @_summing
-def products(
-    first: Array, second: Array, matrix: Doubles, top: int, height: int, inset: int
-) -> tuple[float, float, float]:
-    """Sums of squares of both, and of their products, of the pixels in both (see span).
+def add_products(
+    first: Array, second: Array, matrix: Doubles, top: int, height: int, inset: int, sums: Doubles
+) -> None:
+    """Add sums of squares of both, and of their products, of the pixels in both (see span).
 
-    first, second: rows from top on of pictures of that height.
+    first, second: rows from top on of pictures of that height. sums: (n, 3), of n columns of blocks
+    from left to right.
     """
-    width = first.shape[1] // 3
-    squares, other_squares, shared = 0.0, 0.0, 0.0
+    width, count = first.shape[1] // 3, len(sums)
     for y in range(len(first)):
         start, end = span(matrix, top + y, (width, height), 0, inset)
-        for i in range(3 * start, 3 * end):
-            squares += first[y, i] * first[y, i]
-            other_squares += second[y, i] * second[y, i]
-            shared += first[y, i] * second[y, i]
-    return squares, other_squares, shared
+        for block in range(count):
+            left = max(start, block * width // count)
+            right = min(end, (block + 1) * width // count)
+            squares, other_squares, shared = 0.0, 0.0, 0.0
+            for i in range(3 * left, 3 * right):
+                squares += first[y, i] * first[y, i]
+                other_squares += second[y, i] * second[y, i]
+                shared += first[y, i] * second[y, i]
+            sums[block, 0] += squares
+            sums[block, 1] += other_squares
+            sums[block, 2] += shared

@@ -12,11 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frames import Image
-from pipeline.lucas_kanade import equations, products, sampled
+from pipeline.lucas_kanade import add_products, equations, sampled
 from pipeline.order import ENOUGH, quantile
 
 Pyramid = list[Image]
 """Steps of a photograph, the largest first, each next one half as large."""
+
+Products = NDArray[np.float64]
+"""Sums (rows, columns, 3) over blocks: squares of either photograph's steps, and their products."""
 
 _BLUR = 0.5
 _LOCAL = 2.0  # what is smoother than this is light, not reflectance
@@ -36,6 +39,8 @@ TURN = np.concatenate([SHIFT, [HOMOGRAPHY[1] - HOMOGRAPHY[3], HOMOGRAPHY[0] + HO
 _LEVELS = 3
 _LARGE = 800  # longer side
 _SMALLEST = 48
+_BLOCKS = (6, 8)  # rows and columns of blocks in which photographs are compared
+_STRONG = 0.01  # of the most telling block's squares: blocks with less tell nothing
 _BAND, _BANDS_APART = 24, 3  # rows compared at a time, and of how many bands one
 _MARGIN = 6  # pixels at the border, where the local mean is one-sided
 _REACH = 3  # pixels that gradients of an interpolated picture reach
@@ -101,19 +106,42 @@ def finish_motion(
     return _refined(reference[0], sample[0], matrix, freedoms, *_EXACT)
 
 
-def agreement(reference: Image, sample: Image, matrix: NDArray[np.float64]) -> float:
-    """Correlation of the steps that two photographs share under a motion, −1…1.
+def products(reference: Image, sample: Image, matrix: NDArray[np.float64]) -> Products:
+    """Sums of squares of the steps of two photographs, and of their products, under a motion.
 
-    Large photographs are compared in bands of rows, a third of all.
+    Returns (6, 8, 3) of as many blocks of the picture. Large photographs are compared in bands of
+    rows, a third of all.
     """
     height, width = reference.shape[:2]
     apart = _BAND * _BANDS_APART if max(height, width) > _LARGE else _BAND
-    sums = np.zeros(3)
+    sums = np.zeros((*_BLOCKS, 3))
     for top in range(0, height, apart):
         rows = slice(top, min(top + _BAND, height))
         first, second = reference[rows], _warped(sample, matrix, cv2.INTER_CUBIC, rows)
-        sums += products(_rows(first), _rows(second), matrix, top, height, 1)
-    return float(sums[2] / max(np.sqrt(sums[0] * sums[1]), 1e-12))
+        block = top * _BLOCKS[0] // height
+        add_products(_rows(first), _rows(second), matrix, top, height, 1, sums[block])
+    return sums
+
+
+def agreement(found: Products) -> float:
+    """Correlation of the steps that two photographs share under a motion, −1…1; of products."""
+    return float(_correlations(found.sum(axis=(0, 1))))
+
+
+def better_share(found: Products, other: Products) -> float:
+    """Share 0…1 of the blocks with strong steps in which `found` agrees better than `other`.
+
+    0 where no block has any.
+    """
+    better = _correlations(found) > _correlations(other)
+    strength = np.minimum(other[..., 0], other[..., 1])
+    tells = strength > _STRONG * strength.max()
+    return float(better[tells].mean()) if tells.any() else 0.0
+
+
+def _correlations(found: Products) -> NDArray[np.float64]:
+    squares, other_squares, shared = np.moveaxis(found, -1, 0)
+    return np.asarray(shared / np.maximum(np.sqrt(squares * other_squares), 1e-12))
 
 
 def _finest(steps: Pyramid) -> int:

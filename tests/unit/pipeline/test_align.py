@@ -302,6 +302,22 @@ def test_a_motion_that_no_hand_makes_is_not_taken_for_the_turn_of_round_things()
     assert np.linalg.norm(where(found.matrix) - where(np.eye(3)), axis=1).max() < 0.5
 
 
+@pytest.mark.parametrize(("mostly", "applied"), [(align._MOSTLY, False), (0.0, True)])
+def test_strong_edges_that_move_in_a_part_of_the_picture_move_no_picture(
+    monkeypatch: pytest.MonkeyPatch, mostly: float, applied: bool
+) -> None:
+    """As shadows do, which flash and lamps throw to different places."""
+    monkeypatch.setattr(align, "_MOSTLY", mostly)
+    paint = moved(surfaces(), np.eye(3))
+    faint = 0.4 + 0.15 * (paint - 0.4)
+    shadows, others = faint.copy(), faint.copy()
+    part = slice(HEIGHT // 4, 3 * HEIGHT // 4), slice(WIDTH // 4, WIDTH // 2)
+    shadows[part] = paint[part]
+    others[part] = np.roll(paint, 2, axis=1)[part]
+
+    assert estimate_alignment(by_lamps(shadows), by_flash(others)).applied is applied
+
+
 @pytest.mark.parametrize(("pixels", "applied"), [(3.0, True), (0.5, False)])
 def test_a_plain_shift_needs_to_mend_less_than_a_short_one(
     monkeypatch: pytest.MonkeyPatch, pixels: float, applied: bool

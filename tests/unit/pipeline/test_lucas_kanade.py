@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.lucas_kanade import products, sampled, span
+from pipeline.lucas_kanade import add_products, sampled, span
 
 Array = NDArray[np.float64]
 HEIGHT, WIDTH = 30, 40
@@ -66,11 +66,17 @@ def test_gradients_and_differences_of_some_rows(step: int) -> None:
 
 
 @pytest.mark.parametrize("kind", MATRICES)
-def test_products_are_sums_over_what_lies_in_both(kind: str) -> None:
+@pytest.mark.parametrize("columns", [1, 3])
+def test_products_are_sums_over_what_lies_in_both(kind: str, columns: int) -> None:
     one, other = drawn()
     inside = np.repeat(in_both(MATRICES[kind], 0, 1), 3, axis=1)
+    sums = np.ones((columns, 3))
 
-    found = products(one, other, MATRICES[kind], 0, len(one), 1)
+    add_products(one, other, MATRICES[kind], 0, len(one), 1, sums)
 
-    expected = [(a * b)[inside].sum() for a, b in ((one, one), (other, other), (one, other))]
-    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-3)
+    for column, found in enumerate(sums):
+        left, right = (3 * (edge * WIDTH // columns) for edge in (column, column + 1))
+        own = np.zeros_like(inside)
+        own[:, left:right] = inside[:, left:right]
+        expected = [(a * b)[own].sum() for a, b in ((one, one), (other, other), (one, other))]
+        np.testing.assert_allclose(found, np.add(expected, 1.0), rtol=1e-4, atol=1e-3)

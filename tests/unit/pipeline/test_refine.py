@@ -13,8 +13,10 @@ from pipeline.refine import (
     SHIFT,
     TURN,
     agreement,
+    better_share,
     finish_motion,
     log_detail,
+    products,
     pyramid,
     refine_motion,
 )
@@ -110,7 +112,7 @@ def test_agreement_is_one_for_the_same_steps_and_falls_with_the_distance() -> No
     steps = log_detail(patches())
     off = [np.array([[1, 0, pixels], [0, 1, 0], [0, 0, 1.0]]) for pixels in (0.0, 1.0, 3.0)]
 
-    found = [agreement(steps, steps, matrix) for matrix in off]
+    found = [agreement(products(steps, steps, matrix)) for matrix in off]
 
     assert found[0] == pytest.approx(1)
     assert 0.6 < found[1] < 0.95
@@ -229,11 +231,34 @@ def test_agreement_is_the_correlation_where_both_are_seen() -> None:
     steps = [log_detail(image) for image in (patches(), patches(1) + patches())]
     matrix = np.array([[1, 0, 3.0], [0, 1, 2.0], [0, 0, 1]])
 
-    found = agreement(steps[0], steps[1], matrix)
+    found = agreement(products(steps[0], steps[1], matrix))
 
     one, other = steps[0][:-3, :-4].astype(float), steps[1][2:-1, 3:-1].astype(float)
     expected = (one * other).sum() / np.sqrt((one**2).sum() * (other**2).sum())
     assert found == pytest.approx(expected, abs=1e-5)
+
+
+def test_a_motion_is_better_in_the_blocks_that_it_lays_right() -> None:
+    steps = log_detail(patches())
+    moved = steps.copy()
+    moved[:, WIDTH // 2 :] = np.roll(steps, 3, axis=1)[:, WIDTH // 2 :]
+    three = np.array([[1, 0, 3.0], [0, 1, 0], [0, 0, 1]])
+
+    still, shifted = products(steps, moved, np.eye(3)), products(steps, moved, three)
+
+    assert better_share(shifted, still) == pytest.approx(0.5, abs=0.13)
+    assert better_share(shifted, still) + better_share(still, shifted) == pytest.approx(1)
+    assert better_share(still, still) == 0
+
+
+def test_blocks_without_steps_tell_nothing() -> None:
+    found, other = np.ones((2, 6, 8, 3))
+    other[..., 2] = 0.5
+    other[:, 2:, :] *= 1e-3
+    found[:, 2:, 2] = -1.0
+
+    assert better_share(found, other) == 1
+    assert better_share(found, np.zeros_like(other)) == 0
 
 
 def test_large_photographs_agree_as_their_bands_do(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -242,7 +267,7 @@ def test_large_photographs_agree_as_their_bands_do(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(refine, "_LARGE", 1)
     monkeypatch.setattr(refine, "_BAND", 10)
 
-    found = agreement(steps[0], steps[1], matrix)
+    found = agreement(products(steps[0], steps[1], matrix))
 
     bands = [row for row in range(HEIGHT - 3) if row % 30 < 10]
     one, other = steps[0][:, :-4].astype(float), steps[1][:, 3:-1].astype(float)
