@@ -222,9 +222,9 @@ def _average(
     smooth: Array,
     trust: Plane,
 ) -> None:
-    """Go from smooth (N, 3, h, w) to the averages as far as pixels are not well placed.
+    """Go from smooth (N, 3, h, w) to the averages as far as pixels' own say little.
 
-    first: the row of all others that belongs to row 0 of smooth.
+    first: the row of all others that belongs to row 0 of smooth. trust: (h, w), raised as far.
     """
     height, width = placed.shape
     side = 2 * _ALIKE_REACH + 1

@@ -58,18 +58,14 @@ def _shares(light: Array, predictions: Array, found: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _dot(a: Colour, b: Colour) -> float:
-    """In double precision: lamps that look alike at a pixel need it."""
-    return (
-        np.float64(a[0]) * np.float64(b[0])
-        + np.float64(a[1]) * np.float64(b[1])
-        + np.float64(a[2]) * np.float64(b[2])
-    )
+def _dot(a: Colour, b: Colour) -> Any:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _inner(a: Colour, b: Colour) -> Any:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+def _double(a: Colour) -> Colour:
+    """In double precision: lamps that look alike at a pixel need it."""
+    return np.float64(a[0]), np.float64(a[1]), np.float64(a[2])
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -99,6 +95,7 @@ def _together(
 @njit(cache=True, error_model="numpy")
 def share_of_one(seen: Colour, first: Colour) -> float:
     """Share of one pixel, as shares defines it; for other compiled loops."""
+    seen, first = _double(seen), _double(first)
     return _alone(_dot(first, seen), _dot(first, first))
 
 
@@ -109,11 +106,11 @@ def shares_of_two(seen: Colour, first: Colour, second: Colour) -> tuple[Any, Any
     Without branches, so that loops over pixels become vector instructions, and in the precision
     of its arguments: cross products keep what a difference of squares would lose.
     """
-    s0, s1 = _inner(first, seen), _inner(second, seen)
-    g00, g11 = _inner(first, first), _inner(second, second)
+    s0, s1 = _dot(first, seen), _dot(second, seen)
+    g00, g11 = _dot(first, first), _dot(second, second)
     normal = _cross(first, second)
-    determinant = _inner(normal, normal)  # g00 · g11 − g01², by Lagrange's identity
-    z0, z1 = _inner(normal, _cross(seen, second)), _inner(normal, _cross(first, seen))
+    determinant = _dot(normal, normal)  # g00 · g11 − g01², by Lagrange's identity
+    z0, z1 = _dot(normal, _cross(seen, second)), _dot(normal, _cross(first, seen))
     # no solution on the border is better than one inside
     both = (determinant > np.float32(_REGULAR) * g00 * g11) & (z0 >= 0) & (z1 >= 0)
     zero = np.float32(0.0)
@@ -130,6 +127,7 @@ def shares_of_three(
     seen: Colour, first: Colour, second: Colour, third: Colour
 ) -> tuple[float, float, float]:
     """Shares of one pixel, as shares defines them; for other compiled loops, without branches."""
+    seen, first, second, third = _double(seen), _double(first), _double(second), _double(third)
     s0, s1, s2 = _dot(first, seen), _dot(second, seen), _dot(third, seen)
     g00, g01, g02 = _dot(first, first), _dot(first, second), _dot(first, third)
     g11, g12, g22 = _dot(second, second), _dot(second, third), _dot(third, third)

@@ -69,6 +69,6 @@ def bayer_mosaic(raw: rawpy.RawPy, black_repeats: int) -> Mosaic | None:
 def _repeats_after_two(raw: rawpy.RawPy) -> bool:
     try:
         pattern = raw.raw_pattern
-    except NotImplementedError:  # of patterns that rawpy does not know
+    except NotImplementedError:  # rawpy's answer where it knows no pattern; LibRaw does those
         return False
     return pattern is not None and pattern.shape == (2, 2)
