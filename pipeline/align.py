@@ -39,9 +39,10 @@ _SEARCH_SIZE = 400  # where they are searched for a motion that is then refined
 _SEARCHED = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-4)  # refined afterwards
 _LOCAL = 16.0
 _LOCAL_SIZE = 4  # pixels averaged where the local mean is taken
+_FIRST = 0.02  # what the first motion taken must gain in agreement; tripod pairs gain up to .018
 _MOTIONS = (  # of OpenCV, if it is to search; what the refinement may change; what it must gain
-    (cv2.MOTION_TRANSLATION, SHIFT, 0.02),  # in agreement; tripod pairs gain less
-    (cv2.MOTION_EUCLIDEAN, TURN, 0.015),
+    (cv2.MOTION_TRANSLATION, SHIFT, _FIRST),  # over the motion taken before
+    (cv2.MOTION_EUCLIDEAN, TURN, 0.006),
     (None, HOMOGRAPHY, 0.01),  # a search would bend it to shadows where there are few edges
 )
 _MOSTLY = 0.6  # share of the picture's blocks that must agree better
@@ -153,9 +154,12 @@ def _estimate(
         there = products(reference_steps[0], sample_steps[0], candidate)
         if better_share(there, known) < _MOSTLY:
             continue  # a few strong edges of shadows move, the rest of the picture does not
-        plain = moves > _PLAIN_PX and motion is not None
+        if chosen is None:
+            worth_it = _FIRST
+        if motion == cv2.MOTION_TRANSLATION and moves > _PLAIN_PX:
+            worth_it = _FIRST / 2
         agrees = agreement(there)
-        if agrees > best + (worth_it / 2 if plain else worth_it):
+        if agrees > best + worth_it:
             found, chosen, known = candidate, freedoms, there
         best = max(best, agrees)
     if chosen is None:

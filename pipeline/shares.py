@@ -12,6 +12,7 @@ Array = NDArray[np.float32]
 Colour = tuple[Any, Any, Any]
 
 _REGULAR = 1e-6  # relative determinant below which lamps are too alike at a pixel to be told apart
+_LEAST = 1e-30  # squares and determinants below it are beyond single precision: black
 
 
 def shares(no_flash: Array, predictions: Array) -> Array:
@@ -113,9 +114,11 @@ def shares_of_two(seen: Colour, first: Colour, second: Colour) -> tuple[Any, Any
     z0, z1 = _dot(normal, _cross(seen, second)), _dot(normal, _cross(first, seen))
     # no solution on the border is better than one inside
     both = (determinant > np.float32(_REGULAR) * g00 * g11) & (z0 >= 0) & (z1 >= 0)
-    zero = np.float32(0.0)
+    zero, least = np.float32(0.0), np.float32(_LEAST)
+    both &= determinant > least
     one, other = s0 / g00, s1 / g11
-    one, other = (one if (g00 > 0) & (s0 > 0) else zero), (other if (g11 > 0) & (s1 > 0) else zero)
+    one = one if (g00 > least) & (s0 > 0) else zero
+    other = other if (g11 > least) & (s1 > 0) else zero
     stronger = one * s0 >= other * s1
     one, other = (one if stronger else zero), (zero if stronger else other)
     scale = np.float32(1.0) / determinant

@@ -333,3 +333,24 @@ def test_a_plain_shift_needs_to_mend_less_than_a_short_one(
 
     assert found.applied is applied
     assert found.problem is None
+
+
+@pytest.mark.parametrize(
+    ("agreements", "degrees"),
+    [((0.1, 0.1, 0.115), 0.0), ((0.1, 0.1, 0.125), 1.5), ((0.1, 0.125, 0.135), 1.5)],
+    ids=["as little as shading", "enough", "beside a shift"],
+)
+def test_a_turn_alone_needs_to_mend_more_than_one_beside_a_shift(
+    monkeypatch: pytest.MonkeyPatch, agreements: tuple[float, ...], degrees: float
+) -> None:
+    """Lamps at its sides leave the lower edge of a ball dark, as if it had shrunk: 0.01."""
+    given = iter([*agreements, *[agreements[-1]] * 9])
+    monkeypatch.setattr(align, "agreement", lambda *_: next(given))
+    canvas = surfaces()
+
+    found = estimate_alignment(
+        by_lamps(moved(canvas, np.eye(3))), by_flash(moved(canvas, np.linalg.inv(TURN)))
+    )
+
+    turned = np.degrees(np.arctan2(found.matrix[1, 0], found.matrix[0, 0]))
+    assert turned == pytest.approx(degrees, abs=0.05)

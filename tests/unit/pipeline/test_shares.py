@@ -67,6 +67,20 @@ def test_shares_do_not_depend_on_the_brightness_of_the_flash(scale: float) -> No
     np.testing.assert_allclose(found[:, 0], [0.5, 0.25], rtol=1e-4)
 
 
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("scale", [10.0**-power for power in range(6, 45, 2)])
+def test_shares_of_next_to_nothing_are_finite(count: int, scale: float) -> None:
+    """What interpolation leaves of black, whose squares single precision hardly holds."""
+    rng = np.random.default_rng(count)
+    predictions = (scale * rng.uniform(0, 1, (count, 400, 3))).astype(np.float32)
+    for light in (np.zeros((400, 3), np.float32), predictions[0], 1e-3 * predictions[-1]):
+        found = shares(light, predictions)
+
+        assert np.isfinite(found).all()
+        assert (found >= 0).all()
+        assert found.max() <= 1.01
+
+
 @pytest.mark.parametrize("apart", [0.3, 0.03, 0.01])
 def test_lamps_that_look_alike_at_a_pixel_are_told_apart(apart: float) -> None:
     predictions = np.tile(np.array([0.4, 0.5, 0.3]), (3, 1, 1)) + apart * np.eye(3)[:, None]
