@@ -36,6 +36,7 @@ from pipeline.strips import widened
 
 _ROUNDS: dict[Quality, int] = {"best": ROUNDS, "balanced": 2, "fast": 1}
 _UNUSABLE_REACH = 1
+_INVISIBLE = 0.002  # standard deviation of a proportion that is not worth averaging
 _DOUBT = 1.5  # standard deviations of a pixel's light at which it counts for a little less
 
 
@@ -214,7 +215,8 @@ def _weigh_noise(
             relative = variance / max(squared, variance)
             relative += part_variance / max(part_squared, part_variance)
             confidence[y, x] *= certain
-            uncertainty[y, x] = min(np.sqrt(relative) / contrast, 1.0)
+            noise = relative / (contrast * contrast) - _INVISIBLE * _INVISIBLE
+            uncertainty[y, x] = min(np.sqrt(max(noise, 0.0)), 1.0)
 
 
 @njit(cache=True, error_model="numpy", inline="always")

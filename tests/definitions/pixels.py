@@ -30,6 +30,7 @@ Floats = NDArray[np.floating]
 _REGULAR = 1e-6
 _RADIUS, _EPSILON, _TOLERANCE = 4, 1e-4, 0.25
 _DOUBT = 1.5
+_INVISIBLE = 0.002
 _MISPLACED, _WELL, _KNOWN = 0.03, 0.7, 0.2
 _BRIGHTEST = 4.0
 
@@ -268,7 +269,8 @@ def _reliability(pair: Pair, contrast: float) -> tuple[Doubles, Doubles, Doubles
         certain *= squared / (squared + _DOUBT**2 * noise)
         relative += noise / np.maximum(np.square(value), noise)
     placed = 1.0 / (1.0 + beside / np.maximum(_MISPLACED * part, 1e-15) ** 2)
-    return certain, placed, np.minimum(np.sqrt(relative) / contrast, 1.0)
+    visible = np.maximum(relative / contrast**2 - _INVISIBLE**2, 0.0)
+    return certain, placed, np.minimum(np.sqrt(visible), 1.0)
 
 
 def approach_1(strip: Strip, lamps: Lamps, greens: Doubles, to_neutral: Doubles) -> Image:

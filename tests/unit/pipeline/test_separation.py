@@ -104,6 +104,20 @@ def test_best_is_near_the_truth_in_the_model(
     assert found.confidence.min() > 0.9
 
 
+def test_noise_that_nobody_sees_is_not_averaged(
+    exact: Exact, separated: Callable[..., Strip], lamps_of: Callable[..., Any], warm_to_cool: Array
+) -> None:
+    """What rounding to 16 bits does is no reason to smooth the kinks of the light."""
+    noise = Noise(np.full(3, 1e-8), np.full(3, 1e-13))
+    chosen = warm_to_cool[[0, 2]]
+    pair, layers = exact(chosen, no_flash_noise=noise, flash_noise=noise)
+
+    found = separated(pair, lamps_of(chosen))
+
+    error = np.square(found.layers - layers).sum() / np.square(layers).sum()
+    assert 10 * np.log10(1 / error) > 90
+
+
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_layers_of_best_add_up_to_the_photograph(
     grainy: Callable[..., Any],
