@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,10 +43,12 @@ def planes_of(image: Image) -> Planes:
 
 
 def rows_by_planes(photograph: Photograph, rows: slice) -> Image:
-    """Some rows (h, W, 3) of a photograph, by planes where they are made linear anyway."""
+    """Some rows (h, W, 3) of a photograph, by planes."""
     if isinstance(photograph, CodedImage):
         return photograph.rows_by_planes(rows)
-    return photograph[rows]
+    laid = by_planes(*photograph[rows].shape)
+    cv2.split(photograph[rows], planes_of(laid))
+    return laid
 
 
 def release_photograph(photograph: Photograph, stop: int) -> None:

@@ -5,12 +5,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from pipeline.coded import CodedImage
 from pipeline.frames import (
     Exposure,
     Frame,
     by_planes,
     channels_first,
     planes_of,
+    rows_by_planes,
 )
 
 
@@ -94,3 +96,26 @@ def test_planes_of_other_images_are_copies_with_the_same_values() -> None:
     np.testing.assert_array_equal(channels_first(image), np.stack(planes))
     assert not any(np.shares_memory(plane, image) for plane in planes)
     assert all(plane.flags.c_contiguous for plane in planes)
+
+
+@pytest.mark.parametrize("coded", [False, True], ids=["linear", "code values"])
+def test_rows_by_planes_are_a_copy_of_contiguous_channels(coded: bool) -> None:
+    codes = np.random.default_rng(1).integers(0, 256, (9, 7, 3), dtype=np.uint8)
+    table = np.linspace(0, 1, 256, dtype=np.float32)
+    image = table[codes]
+
+    rows = rows_by_planes(CodedImage(codes, table) if coded else image, slice(2, 6))
+
+    np.testing.assert_array_equal(rows, image[2:6])
+    assert np.shares_memory(rows, planes_of(rows)[1])
+    assert not np.shares_memory(rows, image)
+
+
+def test_rows_of_an_image_by_planes_stay_by_planes() -> None:
+    image = by_planes(9, 7, 3)
+    image[...] = np.random.default_rng(1).uniform(size=image.shape)
+
+    rows = rows_by_planes(image, slice(2, 6))
+
+    np.testing.assert_array_equal(rows, image[2:6])
+    assert np.shares_memory(rows, planes_of(rows)[1])
