@@ -75,11 +75,12 @@ def render(
         trust = None
         if surface is not None and normals is not None and "normals_confidence.tif" in wanted:
             trust = normals_confidence(strip, surface, normals)
+        balanced_1, balanced_2 = balance.of(strip, bool(wanted & first), bool(wanted & second))
         yield Pictures(
             rows=strip.rows,
             layers=strip.layers,
-            white_balanced_1=balance.approach_1(strip) if wanted & first else None,
-            white_balanced_2=balance.approach_2(strip) if wanted & second else None,
+            white_balanced_1=balanced_1,
+            white_balanced_2=balanced_2,
             normals=normals,
             normals_confidence=trust,
             response=(

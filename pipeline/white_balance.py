@@ -33,7 +33,10 @@ _FAINTEST = 0.02  # of a lamp's strongest channel, so that no ratio explodes
 _LACKING = (0.06, 0.2)  # of the strongest channel, between which a lamp comes to have a colour
 _CLIPPING = (0.9, 0.99)  # of white, between which a channel comes to count as clipped
 _SINGULAR = 1e-6  # relative determinant; single precision tells less
-_LONGEST = 1e30  # so that single precision holds it
+_LEAST = 1e-30  # of what is divided by, so that single precision holds the result
+
+_inlined = njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+_compiled = njit(cache=True, error_model="numpy", fastmath={"contract"})
 
 
 class WhiteBalance:
@@ -54,51 +57,36 @@ class WhiteBalance:
         self._from_layers = tuple(numbers_of(one) for one in from_layers(lamps, model))
         self._white = numbers_of(neutral_white(model))
 
-    def approach_1(self, strip: Strip) -> Image:
-        """Every lamp replaced by the neutral light of the same green response.
+    def of(self, strip: Strip, first: bool, second: bool) -> tuple[Image | None, Image | None]:
+        """Both approaches where wanted, (h, W, 3) linear camera RGB under the neutral light.
 
-        I = Σ_j (z_j g_j / g_n) T_n I_f, brightness z_j from the layers, g the green response of a
-        white card. Returns (h, W, 3), linear camera RGB as under the neutral light, by planes.
+        I, every lamp replaced by the neutral light of the same green response: Σ_j (z_j g_j / g_n)
+        T_n I_f, brightness z_j from the layers, g the green response of a white card. II, all light
+        replaced by neutral light of the same strength: ‖β‖/‖b_n‖ T_n I_f, but nowhere far brighter
+        than the photograph. Any number of lamps will do for II, since none is told from the other.
+        Both lie in memory by planes.
         """
-        balanced = by_planes(*strip.flash.shape)
-        _by_lamps(
-            planes_of(strip.flash),
-            channels_first(strip.layers),
-            self._matrices,
-            self._brightness,
-            self._to_neutral,
-            planes_of(balanced),
-        )
-        self._finish(strip, balanced)
-        return balanced
-
-    def approach_2(self, strip: Strip) -> Image:
-        """All light replaced by neutral light of the same strength ‖β‖.
-
-        I = ‖β‖/‖b_n‖ T_n I_f, but nowhere far brighter than the photograph. Any number of lamps
-        will do, since none is told from the other. Returns the same as approach_1.
-        """
-        balanced = by_planes(*strip.flash.shape)
-        _by_strength(
+        if not (first or second):
+            return None, None
+        shape = strip.flash.shape
+        balanced_1 = by_planes(*shape) if first else by_planes(0, *shape[1:])
+        balanced_2 = by_planes(*shape) if second else by_planes(0, *shape[1:])
+        _balance(
             planes_of(strip.no_flash),
             planes_of(strip.flash),
+            channels_first(strip.layers),
+            strip.confidence,
+            self._matrices,
+            self._brightness,
             self._tensor,
             self._strength,
             self._to_neutral,
-            planes_of(balanced),
-        )
-        self._finish(strip, balanced)
-        return balanced
-
-    def _finish(self, strip: Strip, balanced: Image) -> None:
-        """Take colours from the layers where the flash part is of no use; make highlights white."""
-        _finish(
-            channels_first(strip.layers),
-            strip.confidence,
             self._from_layers,
             self._white,
-            planes_of(balanced),
+            planes_of(balanced_1),
+            planes_of(balanced_2),
         )
+        return balanced_1 if first else None, balanced_2 if second else None
 
 
 def whites_of(lamps: Lamps, model: Model) -> Matrix:
@@ -135,91 +123,178 @@ def neutral_white(model: Model) -> Matrix:
     return np.asarray(white / white[1])
 
 
-@njit(cache=True, error_model="numpy")
+@_compiled
+def _balance(
+    no_flash: Planes,
+    flash: Planes,
+    layers: Image,
+    confidence: Plane,
+    matrices: tuple[Numbers, ...],
+    brightness: Numbers,
+    tensor: Numbers,
+    unit: float,
+    to_neutral: Numbers,
+    layers_to_neutral: tuple[Numbers, ...],
+    white: Numbers,
+    first: Planes,
+    second: Planes,
+) -> None:
+    """Write approaches I and II; one without rows is not wanted.
+
+    Row by row, so that what both need is computed once, and in short loops: a single long one takes
+    longer, since a processor looks only some hundred instructions ahead.
+    """
+    rows, width = layers.shape[2:]
+    scratch = np.empty((8, width), np.float32)
+    lit, filled = (scratch[0], scratch[1], scratch[2]), (scratch[3], scratch[4], scratch[5])
+    clipped, strength = scratch[6], scratch[7]
+    for y in range(rows):
+        part, trust = (flash[0][y], flash[1][y], flash[2][y]), confidence[y]
+        _light(part, to_neutral, lit)
+        _fill(layers, y, trust, layers_to_neutral, filled, clipped)
+        if len(first[0]) > 0:
+            _by_lamps(part, layers, y, matrices, brightness, strength)
+            out = first[0][y], first[1][y], first[2][y]
+            _finish(lit, strength, trust, filled, clipped, white, out)
+        if len(second[0]) > 0:
+            seen = no_flash[0][y], no_flash[1][y], no_flash[2][y]
+            _by_strength(seen, part, lit, tensor, unit, strength)
+            out = second[0][y], second[1][y], second[2][y]
+            _finish(lit, strength, trust, filled, clipped, white, out)
+
+
+@_compiled
+def _light(flash: Planes, m: Numbers, lit: Planes) -> None:
+    """Write T_n I_f of a row."""
+    reds, greens, blues = flash
+    lit_0, lit_1, lit_2 = lit
+    for x in range(len(reds)):
+        lit_0[x], lit_1[x], lit_2[x] = _times(m, reds[x], greens[x], blues[x])
+
+
+@_compiled
+def _fill(
+    layers: Image,
+    y: int,
+    confidence: Plane,
+    matrices: tuple[Numbers, ...],
+    filled: Planes,
+    clipped: Plane,
+) -> None:
+    """Write what the layers' colours under the neutral light add to a row, and its highlights.
+
+    filled: as far as the flash part is not trusted. clipped: 0…1, how far a pixel is to be white.
+    """
+    zero, one = np.float32(0.0), np.float32(1.0)
+    filled_0, filled_1, filled_2 = filled
+    for x in range(len(confidence)):
+        r = g = b = p0 = p1 = p2 = zero
+        for j in range(len(matrices)):
+            red, green, blue = layers[j, 0, y, x], layers[j, 1, y, x], layers[j, 2, y, x]
+            q0, q1, q2 = _times(matrices[j], red, green, blue)
+            r, g, b = r + red, g + green, b + blue
+            p0, p1, p2 = p0 + q0, p1 + q1, p2 + q2
+        rest = one - confidence[x]
+        filled_0[x], filled_1[x] = rest * max(p0, zero), rest * max(p1, zero)
+        filled_2[x] = rest * max(p2, zero)
+        clipped[x] = _clipped(max(min(r, g), min(max(r, g), b)))  # of the second of three
+
+
+@_compiled
 def _by_lamps(
     flash: Planes,
     layers: Image,
+    y: int,
     matrices: tuple[Numbers, ...],
     brightness: Numbers,
-    n: Numbers,
-    balanced: Planes,
+    strength: Plane,
 ) -> None:
-    """Write Σ_j brightness_j z_j T_n I_f, z_j = layer_j · T_j I_f / ‖T_j I_f‖²."""
+    """Write Σ_j brightness_j z_j of a row, z_j = layer_j · T_j I_f / ‖T_j I_f‖²."""
     zero = np.float32(0.0)
-    strength = np.empty(layers.shape[3], np.float32)
-    for y in range(layers.shape[2]):
-        red, green, blue = flash[0][y], flash[1][y], flash[2][y]
-        strength[:] = zero
-        for j in range(len(layers)):
-            m, scale = matrices[j], np.float32(brightness[j])
-            layer_0, layer_1, layer_2 = layers[j, 0, y], layers[j, 1, y], layers[j, 2, y]
-            for x in range(len(strength)):
-                r, g, b = red[x], green[x], blue[x]
-                p0 = max(np.float32(m[0]) * r + np.float32(m[1]) * g + np.float32(m[2]) * b, zero)
-                p1 = max(np.float32(m[3]) * r + np.float32(m[4]) * g + np.float32(m[5]) * b, zero)
-                p2 = max(np.float32(m[6]) * r + np.float32(m[7]) * g + np.float32(m[8]) * b, zero)
-                energy = p0 * p0 + p1 * p1 + p2 * p2
-                z = (p0 * layer_0[x] + p1 * layer_1[x] + p2 * layer_2[x]) / energy
-                strength[x] += scale * z if energy > 0 else zero
-        out_0, out_1, out_2 = balanced[0][y], balanced[1][y], balanced[2][y]
-        for x in range(len(strength)):
-            r, g, b = red[x], green[x], blue[x]
-            lit = np.float32(n[0]) * r + np.float32(n[1]) * g + np.float32(n[2]) * b
-            out_0[x] = max(strength[x] * lit, zero)
-            lit = np.float32(n[3]) * r + np.float32(n[4]) * g + np.float32(n[5]) * b
-            out_1[x] = max(strength[x] * lit, zero)
-            lit = np.float32(n[6]) * r + np.float32(n[7]) * g + np.float32(n[8]) * b
-            out_2[x] = max(strength[x] * lit, zero)
+    reds, greens, blues = flash
+    for x in range(len(strength)):
+        r, g, b = reds[x], greens[x], blues[x]
+        total = zero
+        for j in range(len(matrices)):
+            p0, p1, p2 = _times(matrices[j], r, g, b)
+            p0, p1, p2 = max(p0, zero), max(p1, zero), max(p2, zero)
+            energy = p0 * p0 + p1 * p1 + p2 * p2
+            power = p0 * layers[j, 0, y, x] + p1 * layers[j, 1, y, x] + p2 * layers[j, 2, y, x]
+            total += np.float32(brightness[j]) * (power / energy) if energy > 0 else zero
+        strength[x] = total
 
 
-@njit(cache=True, error_model="numpy")
+@_compiled
 def _by_strength(
-    no_flash: Planes, flash: Planes, d: Numbers, unit: float, m: Numbers, balanced: Planes
+    no_flash: Planes, flash: Planes, lit: Planes, d: Numbers, unit: float, strength: Plane
 ) -> None:
-    """Write ‖β‖/unit T_n I_f; β by Cramer's rule from the columns c_j = D_j I_f, as published.
+    """Write ‖β‖/unit of a row; β by Cramer's rule from the columns c_j = D_j I_f, as published.
 
+    lit: T_n I_f, which the strength is not to make far brighter than the photograph.
     d: (3, 3, 3) by rows, as published: channel of the result, channel of the flash part, column.
     """
-    zero, faint = np.float32(0.0), np.float32(1e-9)
-    strength = np.empty(flash[0].shape[1], np.float32)
-    for y in range(flash[0].shape[0]):
-        reds, greens, blues = flash[0][y], flash[1][y], flash[2][y]
-        seen_0, seen_1, seen_2 = no_flash[0][y], no_flash[1][y], no_flash[2][y]
-        for x in range(len(strength)):
-            r, g, b = reds[x], greens[x], blues[x]
-            n0, n1, n2 = seen_0[x], seen_1[x], seen_2[x]
-            a0, b0, c0 = _columns(d[0:9], r, g, b)
-            a1, b1, c1 = _columns(d[9:18], r, g, b)
-            a2, b2, c2 = _columns(d[18:27], r, g, b)
-            u0, u1, u2 = b1 * c2 - b2 * c1, b2 * c0 - b0 * c2, b0 * c1 - b1 * c0
-            v0, v1, v2 = c1 * a2 - c2 * a1, c2 * a0 - c0 * a2, c0 * a1 - c1 * a0
-            w0, w1, w2 = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
-            determinant = abs(a0 * u0 + a1 * u1 + a2 * u2)
-            squared = a0 * a0 + a1 * a1 + a2 * a2
-            squared *= b0 * b0 + b1 * b1 + b2 * b2
-            squared *= c0 * c0 + c1 * c1 + c2 * c2
-            u = u0 * n0 + u1 * n1 + u2 * n2
-            v = v0 * n0 + v1 * n1 + v2 * n2
-            w = w0 * n0 + w1 * n1 + w2 * n2
-            length = np.sqrt(u * u + v * v + w * w) / (determinant * np.float32(unit))
-            solved = determinant > np.float32(_SINGULAR) * np.sqrt(squared)
-            strength[x] = min(length, np.float32(_LONGEST)) if solved else zero
-        out_0, out_1, out_2 = balanced[0][y], balanced[1][y], balanced[2][y]
-        for x in range(len(strength)):
-            r, g, b = reds[x], greens[x], blues[x]
-            lit_0 = np.float32(m[0]) * r + np.float32(m[1]) * g + np.float32(m[2]) * b
-            lit_1 = np.float32(m[3]) * r + np.float32(m[4]) * g + np.float32(m[5]) * b
-            lit_2 = np.float32(m[6]) * r + np.float32(m[7]) * g + np.float32(m[8]) * b
-            red, green = max(strength[x] * lit_0, zero), max(strength[x] * lit_1, zero)
-            blue = max(strength[x] * lit_2, zero)
-            # near-singular pixels give any length: nothing gets far brighter than the photograph
-            brightest = max(max(seen_0[x], seen_1[x]), max(seen_2[x], zero))
-            limit = np.float32(_BRIGHTEST) * brightest
-            share = min(limit / max(max(red, green), max(blue, faint)), np.float32(1.0))
-            out_0[x], out_1[x], out_2[x] = share * red, share * green, share * blue
+    zero, least = np.float32(0.0), np.float32(_LEAST)
+    reds, greens, blues = flash
+    seen_0, seen_1, seen_2 = no_flash
+    lit_0, lit_1, lit_2 = lit
+    for x in range(len(strength)):
+        r, g, b = reds[x], greens[x], blues[x]
+        n0, n1, n2 = seen_0[x], seen_1[x], seen_2[x]
+        a0, b0, c0 = _columns(d[0:9], r, g, b)
+        a1, b1, c1 = _columns(d[9:18], r, g, b)
+        a2, b2, c2 = _columns(d[18:27], r, g, b)
+        u0, u1, u2 = b1 * c2 - b2 * c1, b2 * c0 - b0 * c2, b0 * c1 - b1 * c0
+        v0, v1, v2 = c1 * a2 - c2 * a1, c2 * a0 - c0 * a2, c0 * a1 - c1 * a0
+        w0, w1, w2 = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
+        determinant = abs(a0 * u0 + a1 * u1 + a2 * u2)
+        squared = a0 * a0 + a1 * a1 + a2 * a2
+        squared *= b0 * b0 + b1 * b1 + b2 * b2
+        squared *= c0 * c0 + c1 * c1 + c2 * c2
+        relative = determinant * np.float32(1.0 / _SINGULAR)
+        u = u0 * n0 + u1 * n1 + u2 * n2
+        v = v0 * n0 + v1 * n1 + v2 * n2
+        w = w0 * n0 + w1 * n1 + w2 * n2
+        length = np.sqrt(u * u + v * v + w * w) / (determinant * np.float32(unit))
+        # near-singular pixels give any length
+        limit = np.float32(_BRIGHTEST) * max(max(n0, n1), max(n2, zero))
+        limit /= max(max(lit_0[x], lit_1[x]), max(lit_2[x], least))
+        strength[x] = min(length, limit) if relative * relative > squared else zero
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@_compiled
+def _finish(
+    lit: Planes,
+    strength: Plane,
+    confidence: Plane,
+    filled: Planes,
+    clipped: Plane,
+    white: Numbers,
+    balanced: Planes,
+) -> None:
+    """Write strength T_n I_f of a row, the layers' colours blended in, and highlights white.
+
+    Gains would give what is clipped the colour of no lamp. Its brightness is the least that all
+    channels have, if it is white.
+    """
+    zero, one = np.float32(0.0), np.float32(1.0)
+    w0, w1, w2 = np.float32(white[0]), np.float32(white[1]), np.float32(white[2])
+    inverse_0, inverse_1, inverse_2 = one / w0, one / w1, one / w2
+    lit_0, lit_1, lit_2 = lit
+    filled_0, filled_1, filled_2 = filled
+    out_0, out_1, out_2 = balanced
+    for x in range(len(confidence)):
+        trust, scale = confidence[x], strength[x]
+        red = trust * max(scale * lit_0[x], zero) + filled_0[x]
+        green = trust * max(scale * lit_1[x], zero) + filled_1[x]
+        blue = trust * max(scale * lit_2[x], zero) + filled_2[x]
+        brightness = max(max(red * inverse_0, green * inverse_1), blue * inverse_2)
+        brightness, rest = clipped[x] * brightness, one - clipped[x]
+        out_0[x] = rest * red + brightness * w0
+        out_1[x] = rest * green + brightness * w1
+        out_2[x] = rest * blue + brightness * w2
+
+
+@_inlined
 def _columns(d: Numbers, r: Any, g: Any, b: Any) -> Colour:
     """One channel of c_1, c_2, c_3."""
     return (
@@ -229,51 +304,17 @@ def _columns(d: Numbers, r: Any, g: Any, b: Any) -> Colour:
     )
 
 
-@njit(cache=True, error_model="numpy")
-def _finish(
-    layers: Image,
-    confidence: Plane,
-    matrices: tuple[Numbers, ...],
-    white: Numbers,
-    balanced: Planes,
-) -> None:
-    """Blend in the layers' colours under the neutral light, and make highlights white.
-
-    Gains would give what is clipped the colour of no lamp. Its brightness is the least that all
-    channels have, if it is white.
-    """
-    zero, one = np.float32(0.0), np.float32(1.0)
-    w0, w1, w2 = np.float32(white[0]), np.float32(white[1]), np.float32(white[2])
-    sums = np.empty((6, layers.shape[3]), np.float32)
-    light_0, light_1, light_2, sum_0, sum_1, sum_2 = sums
-    for y in range(layers.shape[2]):
-        sums[:] = zero
-        for j in range(len(layers)):
-            m = matrices[j]
-            layer_0, layer_1, layer_2 = layers[j, 0, y], layers[j, 1, y], layers[j, 2, y]
-            for x in range(len(layer_0)):
-                r, g, b = layer_0[x], layer_1[x], layer_2[x]
-                light_0[x] += r
-                light_1[x] += g
-                light_2[x] += b
-                sum_0[x] += np.float32(m[0]) * r + np.float32(m[1]) * g + np.float32(m[2]) * b
-                sum_1[x] += np.float32(m[3]) * r + np.float32(m[4]) * g + np.float32(m[5]) * b
-                sum_2[x] += np.float32(m[6]) * r + np.float32(m[7]) * g + np.float32(m[8]) * b
-        trusted, out_0, out_1, out_2 = confidence[y], balanced[0][y], balanced[1][y], balanced[2][y]
-        for x in range(len(trusted)):
-            trust = trusted[x]
-            red = trust * out_0[x] + (one - trust) * max(sum_0[x], zero)
-            green = trust * out_1[x] + (one - trust) * max(sum_1[x], zero)
-            blue = trust * out_2[x] + (one - trust) * max(sum_2[x], zero)
-            r, g, b = _clipped(light_0[x]), _clipped(light_1[x]), _clipped(light_2[x])
-            share = max(min(r, g), min(max(r, g), b))  # of the second of three
-            brightness = max(max(red / w0, green / w1), blue / w2)
-            out_0[x] = (one - share) * red + share * brightness * w0
-            out_1[x] = (one - share) * green + share * brightness * w1
-            out_2[x] = (one - share) * blue + share * brightness * w2
+@_inlined
+def _times(m: Numbers, r: Any, g: Any, b: Any) -> Colour:
+    """A colour by the matrix m, row by row."""
+    return (
+        np.float32(m[0]) * r + np.float32(m[1]) * g + np.float32(m[2]) * b,
+        np.float32(m[3]) * r + np.float32(m[4]) * g + np.float32(m[5]) * b,
+        np.float32(m[6]) * r + np.float32(m[7]) * g + np.float32(m[8]) * b,
+    )
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@_inlined
 def _clipped(light: np.float32) -> np.float32:
     """How far a channel counts as clipped, 0…1."""
     low, scale = np.float32(_CLIPPING[0]), np.float32(1.0 / (_CLIPPING[1] - _CLIPPING[0]))

@@ -27,11 +27,16 @@ class PublishedWhiteBalance:
         self._brightness = greens / (self._to_neutral @ model.flash_white)[1]
         self._strength = float(np.linalg.norm(model.neutral))
 
-    def approach_1(self, strip: Strip) -> Image:
+    def of(self, strip: Strip, first: bool, second: bool) -> tuple[Image | None, Image | None]:
+        """Both approaches where wanted, (h, W, 3) linear camera RGB under the neutral light."""
+        return self._approach_1(strip) if first else None, self._approach_2(
+            strip
+        ) if second else None
+
+    def _approach_1(self, strip: Strip) -> Image:
         """Every lamp replaced by the neutral light of the same green response.
 
-        I = Σ_j (z_j g_j / g_n) T_n I_f, g the green response of a white card. Returns (h, W, 3),
-        linear camera RGB.
+        I = Σ_j (z_j g_j / g_n) T_n I_f, g the green response of a white card.
         """
         brightness = np.zeros(strip.flash.shape[:2], dtype=np.float32)
         predicted = predictions(strip.flash, self._lamps)
@@ -42,11 +47,10 @@ class PublishedWhiteBalance:
             brightness += z * scale
         return _neutral(strip.flash, brightness, self._to_neutral)
 
-    def approach_2(self, strip: Strip) -> Image:
+    def _approach_2(self, strip: Strip) -> Image:
         """All light replaced by neutral light of the same strength ‖β‖.
 
         I = ‖β‖/‖b_n‖ T_n I_f. Any number of lamps will do, since none is told from the other.
-        Returns the same as approach_1.
         """
         beta = light_coefficients(strip.no_flash, strip.flash, self._tensor)
         strength = (np.linalg.norm(beta, axis=-1) / self._strength).astype(np.float32)

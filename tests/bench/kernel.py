@@ -54,9 +54,7 @@ def measure() -> dict[str, float]:
             parts = model_proportions(seen, part, lamps)
             lit = by_planes(2, *given.shape)
             separation._deal_out(planes_of(seen), sure, channels_first(parts), channels_first(lit))
-            strip = Strip(rows, lit, seen, part, sure)
-            balance.approach_1(strip)
-            balance.approach_2(strip)
+            balance.of(Strip(rows, lit, seen, part, sure), True, True)
 
     def defined() -> None:
         matrix = model.flash_to_neutral

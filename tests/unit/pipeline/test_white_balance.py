@@ -23,11 +23,17 @@ Lit = Callable[[Array], tuple[Strip, Any]]
 
 
 def approach_1(strip: Strip, lamps: Any, model: Model, method: str) -> Image:
-    return balance_of(method)(lamps, model).approach_1(strip)
+    found, other = balance_of(method)(lamps, model).of(strip, True, False)
+    assert found is not None
+    assert other is None
+    return found
 
 
 def approach_2(strip: Strip, lamps: Any, model: Model, method: str) -> Image:
-    return balance_of(method)(lamps, model).approach_2(strip)
+    other, found = balance_of(method)(lamps, model).of(strip, False, True)
+    assert found is not None
+    assert other is None
+    return found
 
 
 def balance_of(method: str) -> type[WhiteBalance | PublishedWhiteBalance]:
@@ -318,6 +324,22 @@ def test_dark_pixels_stay_finite_and_not_negative(
 
     assert np.isfinite(found).all()
     assert (found >= 0).all()
+
+
+@pytest.mark.parametrize("method", ["paper", "best"])
+def test_both_approaches_at_once_are_what_they_are_alone(
+    lit: Lit, model: Model, warm_to_cool: Array, method: str
+) -> None:
+    strip, lamps = lit(warm_to_cool)
+    strip.confidence[10:20] = 0.3
+    balance = balance_of(method)(lamps, model)
+
+    found = balance.of(strip, True, True)
+
+    for one, alone in zip(found, (approach_1, approach_2), strict=True):
+        assert one is not None
+        np.testing.assert_array_equal(one, alone(strip, lamps, model, method))
+    assert balance.of(strip, False, False) == (None, None)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
