@@ -8,11 +8,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pipeline.frames import Image, Numbers, Planes, by_planes, numbers_of, planes_of
+from pipeline.frames import Image, Numbers, Plane, Planes, by_planes, numbers_of, planes_of
 from pipeline.lamps import Lamps
 from pipeline.shares import Colour, shares_of_three, shares_of_two
 
 Array = NDArray[np.float32]
+
+_inlined = njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+_compiled = njit(cache=True, error_model="numpy", fastmath={"contract"})
 
 
 def predictions(flash: Image, lamps: Lamps) -> Array:
@@ -45,7 +48,7 @@ def model_proportions(no_flash: Image, flash: Image, lamps: Lamps) -> Array:
     return parts
 
 
-@njit(cache=True, error_model="numpy")
+@_compiled
 def _two(
     no_flash: Planes,
     flash: Planes,
@@ -53,23 +56,61 @@ def _two(
     weights: Numbers,
     parts: tuple[Planes, ...],
 ) -> None:
-    one, half = np.float32(1.0), np.float32(0.5)
+    """Write parts of two lamps, row by row in short loops: one long loop takes longer."""
     own, rest = parts
-    for y in range(flash[0].shape[0]):
-        for x in range(flash[0].shape[1]):
-            seen, f = _pixel(no_flash, y, x), _pixel(flash, y, x)
-            a, b = _lit(matrices[0], f), _lit(matrices[1], f)
-            z0, z1 = shares_of_two(_times(seen, weights), _times(a, weights), _times(b, weights))
-            a, b = _scaled(a, z0), _scaled(b, z1)
-            overall = _part(_sum(a), _sum(a) + _sum(b), half)
-            p = _part(a[0], a[0] + b[0], overall)
-            q = _part(a[1], a[1] + b[1], overall)
-            r = _part(a[2], a[2] + b[2], overall)
-            own[0][y, x], own[1][y, x], own[2][y, x] = p, q, r
-            rest[0][y, x], rest[1][y, x], rest[2][y, x] = one - p, one - q, one - r
+    rows, width = flash[0].shape
+    scratch = np.empty((8, width), np.float32)
+    first, second = (scratch[0], scratch[1], scratch[2]), (scratch[3], scratch[4], scratch[5])
+    z0, z1 = scratch[6], scratch[7]
+    for y in range(rows):
+        seen = no_flash[0][y], no_flash[1][y], no_flash[2][y]
+        added = flash[0][y], flash[1][y], flash[2][y]
+        _light_row(matrices[0], added, first)
+        _light_row(matrices[1], added, second)
+        _share_row(seen, first, second, weights, z0, z1)
+        own_row, rest_row = (own[0][y], own[1][y], own[2][y]), (rest[0][y], rest[1][y], rest[2][y])
+        _part_row(first, second, z0, z1, own_row, rest_row)
 
 
-@njit(cache=True, error_model="numpy")
+@_compiled
+def _light_row(m: Numbers, flash: Planes, lit: Planes) -> None:
+    """Write what a lamp of matrix m gives."""
+    red, green, blue = lit
+    for x in range(len(red)):
+        red[x], green[x], blue[x] = _lit(m, (flash[0][x], flash[1][x], flash[2][x]))
+
+
+@_compiled
+def _share_row(
+    no_flash: Planes, first: Planes, second: Planes, weights: Numbers, z0: Plane, z1: Plane
+) -> None:
+    """Write shares of two lamps in any scale, as parts do not depend on it."""
+    for x in range(len(z0)):
+        seen = no_flash[0][x], no_flash[1][x], no_flash[2][x]
+        a, b = (first[0][x], first[1][x], first[2][x]), (second[0][x], second[1][x], second[2][x])
+        z0[x], z1[x], _ = shares_of_two(
+            _times(seen, weights), _times(a, weights), _times(b, weights)
+        )
+
+
+@_compiled
+def _part_row(
+    first: Planes, second: Planes, z0: Plane, z1: Plane, own: Planes, rest: Planes
+) -> None:
+    """Write parts of two lamps that have shares z0 and z1."""
+    one, half = np.float32(1.0), np.float32(0.5)
+    for x in range(len(z0)):
+        a, b = (first[0][x], first[1][x], first[2][x]), (second[0][x], second[1][x], second[2][x])
+        a, b = _scaled(a, z0[x]), _scaled(b, z1[x])
+        total = a[0] + b[0], a[1] + b[1], a[2] + b[2]
+        overall = _part(_sum(a), _sum(total), half)
+        p, q = _part(a[0], total[0], overall), _part(a[1], total[1], overall)
+        r = _part(a[2], total[2], overall)
+        own[0][x], own[1][x], own[2][x] = p, q, r
+        rest[0][x], rest[1][x], rest[2][x] = one - p, one - q, one - r
+
+
+@_compiled
 def _three(
     no_flash: Planes,
     flash: Planes,
@@ -93,23 +134,23 @@ def _three(
             _write(parts[2], y, x, c, total, _part(_sum(c), whole, third))
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@_inlined
 def _pixel(planes: Planes, y: int, x: int) -> Colour:
     return planes[0][y, x], planes[1][y, x], planes[2][y, x]
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@_inlined
 def _sum(a: Colour) -> Any:
     return a[0] + a[1] + a[2]
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@_inlined
 def _part(light: Any, total: Any, otherwise: Any) -> Any:
     part = light / total
     return part if total > 0 else otherwise
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@_inlined
 def _write(planes: Planes, y: int, x: int, light: Colour, total: Colour, otherwise: Any) -> None:
     """A lamp's part of every channel of one pixel."""
     planes[0][y, x] = _part(light[0], total[0], otherwise)
@@ -117,7 +158,7 @@ def _write(planes: Planes, y: int, x: int, light: Colour, total: Colour, otherwi
     planes[2][y, x] = _part(light[2], total[2], otherwise)
 
 
-@njit(cache=True, error_model="numpy")
+@_inlined
 def _lit(m: Numbers, f: Colour) -> Colour:
     """What a lamp of matrix m, row by row, gives where the flash gives f."""
     zero = np.float32(0.0)
@@ -128,11 +169,11 @@ def _lit(m: Numbers, f: Colour) -> Colour:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@_inlined
 def _times(a: Colour, b: Numbers) -> Colour:
     return a[0] * np.float32(b[0]), a[1] * np.float32(b[1]), a[2] * np.float32(b[2])
 
 
-@njit(cache=True, error_model="numpy")
+@_inlined
 def _scaled(a: Colour, z: float) -> Colour:
     return a[0] * np.float32(z), a[1] * np.float32(z), a[2] * np.float32(z)

@@ -50,7 +50,8 @@ def _shares(light: Array, predictions: Array, found: Array) -> None:
         p = predictions[1, i]
         second = p[0], p[1], p[2]
         if len(predictions) == 2:
-            found[0, i], found[1, i] = shares_of_two(seen, first, second)
+            z0, z1, scale = shares_of_two(seen, first, second)
+            found[0, i], found[1, i] = z0 / scale, z1 / scale
             continue
         p = predictions[2, i]
         found[0, i], found[1, i], found[2, i] = shares_of_three(
@@ -101,28 +102,29 @@ def share_of_one(seen: Colour, first: Colour) -> float:
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def shares_of_two(seen: Colour, first: Colour, second: Colour) -> tuple[Any, Any]:
-    """Shares of one pixel, as shares defines them; for other compiled loops.
+def shares_of_two(seen: Colour, first: Colour, second: Colour) -> tuple[Any, Any, Any]:
+    """Shares of one pixel, as shares defines them, times a scale > 0, and the scale.
 
-    Without branches, so that loops over pixels become vector instructions, and in the precision
-    of its arguments: cross products keep what a difference of squares would lose.
+    For other compiled loops, which need not divide where the ratio of shares is enough. Without
+    branches, so that loops over pixels become vector instructions, and in the precision of its
+    arguments: cross products keep what a difference of squares would lose.
     """
     s0, s1 = _dot(first, seen), _dot(second, seen)
     g00, g11 = _dot(first, first), _dot(second, second)
     normal = _cross(first, second)
     determinant = _dot(normal, normal)  # g00 · g11 − g01², by Lagrange's identity
     z0, z1 = _dot(normal, _cross(seen, second)), _dot(normal, _cross(first, seen))
+    zero, least = np.float32(0.0), np.float32(_LEAST)
     # no solution on the border is better than one inside
     both = (determinant > np.float32(_REGULAR) * g00 * g11) & (z0 >= 0) & (z1 >= 0)
-    zero, least = np.float32(0.0), np.float32(_LEAST)
     both &= determinant > least
-    one, other = s0 / g00, s1 / g11
-    one = one if (g00 > least) & (s0 > 0) else zero
-    other = other if (g11 > least) & (s1 > 0) else zero
-    stronger = one * s0 >= other * s1
-    one, other = (one if stronger else zero), (zero if stronger else other)
-    scale = np.float32(1.0) / determinant
-    return (z0 * scale if both else one), (z1 * scale if both else other)
+    one = s0 if (g00 > least) & (s0 > 0) else zero
+    other = s1 if (g11 > least) & (s1 > 0) else zero
+    # s²/g is what a lamp explains alone; a black one explains nothing
+    weaker = (other > 0) & ((one <= 0) | (one * one * g11 < other * other * g00))
+    one, other = (zero if weaker else one), (other if weaker else zero)
+    scale = determinant if both else max(g11 if weaker else g00, least)
+    return (z0 if both else one), (z1 if both else other), scale
 
 
 @njit(cache=True, error_model="numpy", inline="always")

@@ -141,8 +141,8 @@ def _balance(
 ) -> None:
     """Write approaches I and II; one without rows is not wanted.
 
-    Row by row, so that what both need is computed once, and in short loops: a single long one takes
-    longer, since a processor looks only some hundred instructions ahead.
+    Row by row, so that what both need is computed once and stays in the cache, and in short loops:
+    one long loop takes longer.
     """
     rows, width = layers.shape[2:]
     scratch = np.empty((8, width), np.float32)

@@ -58,6 +58,24 @@ def test_proportions_are_those_of_the_layers(
     np.testing.assert_allclose(found, layers / layers.sum(axis=0), atol=1e-4)
 
 
+@pytest.mark.parametrize("scale", [1e3, 1e-2, 1e-4])
+@pytest.mark.parametrize("count", [2, 3])
+def test_proportions_do_not_depend_on_how_bright_a_pixel_is(
+    exact: Callable[..., tuple[Any, Array]],
+    lamps_of: Callable[..., Any],
+    flash_part: Image,
+    warm_to_cool: Array,
+    count: int,
+    scale: float,
+) -> None:
+    pair, layers = exact(warm_to_cool[:count])
+    given = np.asarray(pair.no_flash * np.float32(scale))
+
+    found = model_proportions(given, flash_part * np.float32(scale), lamps_of(warm_to_cool[:count]))
+
+    np.testing.assert_allclose(found, layers / layers.sum(axis=0), atol=1e-4)
+
+
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_proportions_sum_to_one_whatever_the_pixels_hold(
     lamps_of: Callable[..., Any], warm_to_cool: Array, count: int

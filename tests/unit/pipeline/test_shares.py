@@ -119,12 +119,15 @@ def test_without_flash_light_nothing_is_shared(count: int) -> None:
     assert not found.any()
 
 
-def test_a_lamp_without_light_in_a_pixel_has_no_share_there() -> None:
-    predictions = np.array([[[0.5, 0.4, 0.3]], [[0.0, 0.0, 0.0]]], dtype=np.float32)
+@pytest.mark.parametrize("lit", [0, 1])
+def test_a_lamp_without_light_in_a_pixel_has_no_share_there(lit: int) -> None:
+    predictions = np.zeros((2, 1, 3), np.float32)
+    predictions[lit] = 0.5, 0.4, 0.3
 
-    found = shares(predictions[0] * np.float32(0.5), predictions)
+    found = shares(predictions[lit] * np.float32(0.5), predictions)
 
-    np.testing.assert_allclose(found[:, 0], [0.5, 0.0], rtol=1e-6)
+    np.testing.assert_allclose(found[lit], 0.5, rtol=1e-6)
+    assert found[1 - lit] == 0
 
 
 @pytest.mark.parametrize("value", [0.0, -0.3])
