@@ -29,9 +29,8 @@ class PublishedWhiteBalance:
 
     def of(self, strip: Strip, first: bool, second: bool) -> tuple[Image | None, Image | None]:
         """Both approaches where wanted, (h, W, 3) linear camera RGB under the neutral light."""
-        return self._approach_1(strip) if first else None, self._approach_2(
-            strip
-        ) if second else None
+        balanced_1 = self._approach_1(strip) if first else None
+        return balanced_1, self._approach_2(strip) if second else None
 
     def _approach_1(self, strip: Strip) -> Image:
         """Every lamp replaced by the neutral light of the same green response.
