@@ -40,8 +40,9 @@ _SEARCHED = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-4)  # refin
 _LOCAL = 16.0
 _LOCAL_SIZE = 4  # pixels averaged where the local mean is taken
 _FIRST = 0.02  # what the first motion taken must gain in agreement; tripod pairs gain up to .018
+_FIRST_PART = 0.12  # of the agreement, which noise lowers: a turn then need not gain more
 _MOTIONS = (  # of OpenCV, if it is to search; what the refinement may change; what it must gain
-    (cv2.MOTION_TRANSLATION, SHIFT, _FIRST),  # over the motion taken before
+    (cv2.MOTION_TRANSLATION, SHIFT, _FIRST),  # in agreement, over the motion taken before
     (cv2.MOTION_EUCLIDEAN, TURN, 0.006),
     (None, HOMOGRAPHY, 0.01),  # a search would bend it to shadows where there are few edges
 )
@@ -154,11 +155,11 @@ def _estimate(
         there = products(reference_steps[0], sample_steps[0], candidate)
         if better_share(there, known) < _MOSTLY:
             continue  # a few strong edges of shadows move, the rest of the picture does not
-        if chosen is None:
-            worth_it = _FIRST
-        if motion == cv2.MOTION_TRANSLATION and moves > _PLAIN_PX:
-            worth_it = _FIRST / 2
         agrees = agreement(there)
+        if motion == cv2.MOTION_TRANSLATION:
+            worth_it = _FIRST / 2 if moves > _PLAIN_PX else _FIRST
+        elif chosen is None:
+            worth_it = min(_FIRST, _FIRST_PART * agrees)
         if agrees > best + worth_it:
             found, chosen, known = candidate, freedoms, there
         best = max(best, agrees)

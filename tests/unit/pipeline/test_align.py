@@ -337,8 +337,13 @@ def test_a_plain_shift_needs_to_mend_less_than_a_short_one(
 
 @pytest.mark.parametrize(
     ("agreements", "degrees"),
-    [((0.1, 0.1, 0.115), 0.0), ((0.1, 0.1, 0.125), 1.5), ((0.1, 0.125, 0.135), 1.5)],
-    ids=["as little as shading", "enough", "beside a shift"],
+    [
+        ((0.8, 0.8, 0.815), 0.0),
+        ((0.8, 0.8, 0.825), 1.5),
+        ((0.8, 0.825, 0.835), 1.5),
+        ((0.1, 0.1, 0.115), 1.5),
+    ],
+    ids=["as little as shading", "enough", "beside a shift", "as much as noise leaves"],
 )
 def test_a_turn_alone_needs_to_mend_more_than_one_beside_a_shift(
     monkeypatch: pytest.MonkeyPatch, agreements: tuple[float, ...], degrees: float
