@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
 from drivers import CapturedPair, SimulatedTruth, capture_pair, open_camera, simulated_truth
+from tests.acceptance.forks import Forks
 
 COMMAND = Path(sys.executable).parent / "lightlayers"
 PATIENCE_SECONDS = 240
@@ -220,12 +221,15 @@ def environment() -> dict[str, str]:
 
 @pytest.fixture(scope="session")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Scene]:
-    """Simulate a scene, once for all tests: scene(lights, kind)."""
+    """Simulate a scene, once for all tests: scene(lights, kind, size)."""
 
     @cache
-    def simulate(lights: int, kind: str = "studio") -> Scene:
+    def simulate(
+        lights: int, kind: str = "studio", size: tuple[int, int] = (WIDTH, HEIGHT)
+    ) -> Scene:
+        width, height = size
         address = (
-            f"sim://studio?lights={lights}&width={WIDTH}&height={HEIGHT}&scene={kind}&format=both"
+            f"sim://studio?lights={lights}&width={width}&height={height}&scene={kind}&format=both"
         )
         truth = simulated_truth(address)
         with open_camera(address) as camera:
@@ -268,16 +272,25 @@ def command(
 
 
 @pytest.fixture(scope="session")
-def separated(command: Callable[..., Run]) -> Callable[..., Results]:
-    """Results of the command, which must succeed; run once for all that ask for the same."""
+def separated(
+    tmp_path_factory: pytest.TempPathFactory, environment: dict[str, str]
+) -> Iterator[Callable[..., Results]]:
+    """Results of the command, which must succeed; run once for all that ask for the same.
+
+    In a fork: test_the_same_pair_gives_the_same_bytes holds that it is as the command by itself.
+    """
+    forks = Forks(environment)
 
     @cache
     def separate(pair: tuple[Path, Path], *flags: object) -> Results:
-        run = command(pair, *flags)
-        assert run.code == 0, run.stderr
-        return run.results
+        folder = tmp_path_factory.mktemp("results")
+        said, out = folder / "said", folder / "out"
+        arguments = ["separate", *pair, "-o", out, *flags]
+        assert forks.run([str(one) for one in arguments], said) == 0, said.read_text()
+        return Results(out)
 
-    return separate
+    yield separate
+    forks.close()
 
 
 @pytest.fixture
