@@ -201,15 +201,21 @@ class Service:
                 process.terminate()
                 process.wait(_PATIENCE_SECONDS)
 
-    def capture(self, camera: str, **handling: object) -> Job:
-        answer = self.http.post("/jobs", json={"capture": {"camera": camera}, **handling})
+    def capture(self, camera: str, lights: int | None = None, **handling: object) -> Job:
+        """lights: as for `upload`."""
+        body = {"capture": {"camera": camera}, "options": _options(lights), **handling}
+        answer = self.http.post("/jobs", json=body)
         assert answer.status_code == 202, answer.text
         job: Job = answer.json()
         return job
 
-    def upload(self, pair: drivers.CapturedPair, **handling: object) -> Job:
+    def upload(
+        self, pair: drivers.CapturedPair, lights: int | None = None, **handling: object
+    ) -> Job:
+        """lights: how many lamps there are; to find out is most of the work of a job."""
         files = {"no_flash": pair.no_flash.best, "flash": pair.flash.best}
-        answer = self.http.post("/jobs", files=files, data={"handling": json.dumps(handling)})
+        data = {"handling": json.dumps(handling), "options": json.dumps(_options(lights))}
+        answer = self.http.post("/jobs", files=files, data=data)
         assert answer.status_code == 202, answer.text
         job: Job = answer.json()
         return job
@@ -242,6 +248,10 @@ class Service:
 
         found: Job = await_that("the job ends", look)
         return found
+
+
+def _options(lights: int | None) -> dict[str, int]:
+    return {} if lights is None else {"lights": lights}
 
 
 @pytest.fixture(scope="session")

@@ -55,8 +55,8 @@ def test_a_pair_goes_in_and_layers_come_out(service: Any, pair: drivers.Captured
 
 
 def test_everything_killed_in_mid_job_is_finished_after_a_start(own_service: Any) -> None:
-    first = own_service.capture("sim://studio?lights=2&width=600&height=400")
-    second = own_service.capture(SMALL)
+    first = own_service.capture("sim://studio?lights=2&width=300&height=200")
+    second = own_service.capture(SMALL, lights=2)
     own_service.await_stage(first, attempt=2)  # the first one took the pair
     inputs = f"{first['id']}/inputs/"
     taken = {key: _digest(own_service, key) for key in _stored(own_service) if inputs in key}
@@ -131,7 +131,7 @@ def test_a_crash_hurts_only_its_job(service: Any, pair: drivers.CapturedPair) ->
     assert "SIGSEGV" in done["error"]["detail"]
     assert service.find("worker") == workers
     assert service.find("fork server") == servers
-    assert service.await_end(service.upload(pair))["state"] == "succeeded"
+    assert service.await_end(service.upload(pair, lights=2))["state"] == "succeeded"
 
 
 def test_a_dead_fork_server_costs_an_attempt(service: Any, pair: drivers.CapturedPair) -> None:
@@ -196,7 +196,7 @@ def test_a_job_past_its_deadline_fails_running_or_waiting(
 def test_a_job_is_run_again_after_its_first_run_is_deleted(
     service: Any, pair: drivers.CapturedPair
 ) -> None:
-    first = service.await_end(service.upload(pair))
+    first = service.await_end(service.upload(pair, lights=2))
     body = {"options": {"lights": 1}, "priority": "high"}
     again = service.http.post(f"{first['links']['self']}/rerun", json=body)
     assert again.status_code == 202
@@ -210,7 +210,7 @@ def test_a_job_is_run_again_after_its_first_run_is_deleted(
 def test_jobs_are_removed_once_their_time_is_over(
     kept_shortly: Any, pair: drivers.CapturedPair
 ) -> None:
-    job = kept_shortly.upload(pair)
+    job = kept_shortly.upload(pair, lights=2)
     expires = kept_shortly.await_end(job)["expires"]
     assert expires is not None
     here = job["links"]["self"]

@@ -55,8 +55,9 @@ def test_of_requests_with_one_key_one_makes_the_job(
         return answer
 
     before = _listed(grown_up)
+    options = '{"lights": 2}'
     with ThreadPoolExecutor(4) as pool:
-        answers = list(pool.map(send, ["{}"] * 4))
+        answers = list(pool.map(send, [options] * 4))
     assert [answer.status_code for answer in answers] == [202] * 4
     first = answers[0].json()
     assert {answer.json()["id"] for answer in answers} == {first["id"]}
@@ -64,9 +65,9 @@ def test_of_requests_with_one_key_one_makes_the_job(
     assert [answer.headers.get("idempotency-replayed") for answer in answers].count("true") == 3
     assert send('{"lights": 1}').status_code == 422
     assert grown_up.await_end(first)["state"] == "succeeded"
-    assert send("{}").json()["state"] == "succeeded"
+    assert send(options).json()["state"] == "succeeded"
     assert grown_up.http.delete(first["links"]["self"]).status_code == 204
-    assert send("{}").json()["id"] != first["id"]
+    assert send(options).json()["id"] != first["id"]
 
 
 @pytest.fixture

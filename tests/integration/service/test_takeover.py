@@ -50,7 +50,7 @@ def test_a_frozen_worker_that_comes_back_changes_nothing(
         os.kill(pid, signal.SIGCONT)
     # It finds that it counts no more, gives up, and is there for the next job.
     own_service.await_that("its process is gone", lambda: not own_service.find("child"))
-    after = own_service.await_end(own_service.upload(pair))
+    after = own_service.await_end(own_service.upload(pair, lights=2))
     assert after["state"] == "succeeded"
     now = own_service.look(job)
     assert (now["state"], now["attempt"], _digests(own_service, job)) == ("succeeded", 2, digests)

@@ -16,7 +16,11 @@ SMALL = "sim://studio?lights=2&width=128&height=96"
 
 
 def _capture(service: Any, receiver: Receiver, camera: str = SMALL) -> Job:
-    wanted = {"capture": {"camera": camera}, "webhook": {"url": receiver.url, "secret": SECRET}}
+    wanted = {
+        "capture": {"camera": camera},
+        "options": {"lights": 2},
+        "webhook": {"url": receiver.url, "secret": SECRET},
+    }
     answer = service.http.post("/jobs", json=wanted)
     assert answer.status_code == 202, answer.text
     job: Job = answer.json()
@@ -100,7 +104,7 @@ def test_a_webhook_in_a_private_network_is_refused(service: Any) -> None:
 
 
 def test_a_stream_ends_with_the_service_and_goes_on_after_its_start(own_service: Any) -> None:
-    job = own_service.capture("sim://studio?lights=2&width=600&height=400")
+    job = own_service.capture("sim://studio?lights=2&width=300&height=200")
     path = f"{job['links']['self']}/events"
     seen = []
     with own_service.http.stream("GET", path) as answer:

@@ -25,7 +25,7 @@ def _id(uploader: Any) -> str:
 
 
 def _job_of(service: Any, ids: dict[str, str]) -> Any:
-    answer = service.http.post("/jobs", json={"uploads": ids})
+    answer = service.http.post("/jobs", json={"uploads": ids, "options": {"lights": 2}})
     assert answer.status_code == 202, answer.text
     return service.await_end(answer.json())
 
