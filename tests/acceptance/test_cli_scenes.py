@@ -296,4 +296,5 @@ def test_normals_need_the_focal_length_or_warn(
     known = separated(found.exact, *flags, "--focal-px", found.truth.focal_px)
 
     assert "focal_length_assumed" in guessed.warnings()
-    assert known.normal_error(found.truth) < guessed.normal_error(found.truth)
+    assert known.normal_error(found.truth) < 2
+    assert guessed.normal_error(found.truth) > 8
