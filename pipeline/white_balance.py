@@ -52,7 +52,7 @@ class WhiteBalance:
         self._to_neutral = numbers_of(model.flash_to_neutral)
         greens = whites_of(lamps, model)[:, 1]
         self._brightness = numbers_of(greens / (model.flash_to_neutral @ model.flash_white)[1])
-        self._tensor = numbers_of(model.tensor)
+        self._tensor = numbers_of(model.tensor.transpose(0, 2, 1))
         self._strength = float(np.linalg.norm(model.neutral))
         self._from_layers = tuple(numbers_of(one) for one in from_layers(lamps, model))
         self._white = numbers_of(neutral_white(model))
@@ -231,7 +231,7 @@ def _by_strength(
     """Write ‖β‖/unit of a row; β by Cramer's rule from the columns c_j = D_j I_f, as published.
 
     lit: T_n I_f, which the strength is not to make far brighter than the photograph.
-    d: (3, 3, 3) by rows, as published: channel of the result, channel of the flash part, column.
+    d: (3, 3, 3) by rows: channel of the result, column, channel of the flash part.
     """
     zero, least = np.float32(0.0), np.float32(_LEAST)
     reds, greens, blues = flash
@@ -240,9 +240,9 @@ def _by_strength(
     for x in range(len(strength)):
         r, g, b = reds[x], greens[x], blues[x]
         n0, n1, n2 = seen_0[x], seen_1[x], seen_2[x]
-        a0, b0, c0 = _columns(d[0:9], r, g, b)
-        a1, b1, c1 = _columns(d[9:18], r, g, b)
-        a2, b2, c2 = _columns(d[18:27], r, g, b)
+        a0, b0, c0 = _times(d[0:9], r, g, b)
+        a1, b1, c1 = _times(d[9:18], r, g, b)
+        a2, b2, c2 = _times(d[18:27], r, g, b)
         u0, u1, u2 = b1 * c2 - b2 * c1, b2 * c0 - b0 * c2, b0 * c1 - b1 * c0
         v0, v1, v2 = c1 * a2 - c2 * a1, c2 * a0 - c0 * a2, c0 * a1 - c1 * a0
         w0, w1, w2 = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
@@ -292,16 +292,6 @@ def _finish(
         out_0[x] = rest * red + brightness * w0
         out_1[x] = rest * green + brightness * w1
         out_2[x] = rest * blue + brightness * w2
-
-
-@_inlined
-def _columns(d: Numbers, r: Any, g: Any, b: Any) -> Colour:
-    """One channel of c_1, c_2, c_3."""
-    return (
-        np.float32(d[0]) * r + np.float32(d[3]) * g + np.float32(d[6]) * b,
-        np.float32(d[1]) * r + np.float32(d[4]) * g + np.float32(d[7]) * b,
-        np.float32(d[2]) * r + np.float32(d[5]) * g + np.float32(d[8]) * b,
-    )
 
 
 @_inlined
