@@ -10,11 +10,15 @@ from pipeline.errors import OptionError
 from pipeline.frames import Frame
 from pipeline.options import PairOptions
 from pipeline.remarks import Code, Remark
-from pipeline.steadiness import Ratios, darker_share, largest_ratio, ratio_without_flash
+from pipeline.steadiness import Ratios, brightening, darker_share, ratio_without_flash
 
 _MAX_PLAUSIBLE = 1000.0
 _AGREES = 0.06  # natural logarithm; inter-reflected flash light alone makes 0.02
 _AGREES_RENDERED = 0.35  # a camera's curves differ
+_ADVICE = (
+    "Pass the right exposure ratio, and if it was right, take both photographs in steady light: "
+    "daylight or a lamp may have changed in between."
+)
 _MANY_DARKER = 0.15  # share of the picture that no lamp or motion makes darker
 
 
@@ -73,31 +77,39 @@ def settled_ratio(
             f"ratio of {found.value:.3g}, which was taken. Pass the exposure ratio if you know it."
         )
         return found, [Remark(Code.EXPOSURE_ESTIMATED, message, {"ratio": found.value})]
-    said = "The exposure ratio given" if ratio.source == "option" else "The files' exposure ratio"
-    advice = (
-        "Pass the right exposure ratio, and if it was right, take both photographs in steady "
-        "light: daylight or a lamp may have changed in between."
-    )
     if peak is not None:
         if abs(np.log(peak)) < (_AGREES_RENDERED if rendered else _AGREES):
             return ratio, []
         shown = ratio.value * peak
         message = (
-            f"{said}, {ratio.value:.3g}, does not fit: what the flash does not reach shows "
-            f"{shown:.3g}. {advice}"
+            f"{_said(ratio)}, {ratio.value:.3g}, does not fit: what the flash does not reach shows "
+            f"{shown:.3g}. {_ADVICE}"
         )
         figures = {"ratio": ratio.value, "ratio_shown": shown}
         return ratio, [Remark(Code.EXPOSURE_MISMATCH, message, figures)]
     share = darker_share(ratios, rendered)
     if share < _MANY_DARKER:
         return ratio, []
-    most = ratio.value * largest_ratio(ratios)
+    return ratio, [darkening(ratio, ratios, share)]
+
+
+def darkening(ratio: ExposureRatio, ratios: Ratios, share: float) -> Remark:
+    """Warn of a ratio that makes a share of the picture darker with the flash than without.
+
+    ratios: of the pair on the scale of that ratio.
+    """
+    most = ratio.value / brightening(ratios)
     message = (
-        f"{said}, {ratio.value:.3g}, makes {share:.0%} of the picture darker with the flash than "
-        f"without: it can be {most:.3g} at most. {advice}"
+        f"{_said(ratio)}, {ratio.value:.3g}, makes {share:.1%} of the picture darker with the "
+        f"flash than without: it can be {most:.3g} at most. {_ADVICE}"
     )
     figures = {"ratio": ratio.value, "ratio_at_most": most, "share": share}
-    return ratio, [Remark(Code.EXPOSURE_MISMATCH, message, figures)]
+    return Remark(Code.EXPOSURE_MISMATCH, message, figures)
+
+
+def _said(ratio: ExposureRatio) -> str:
+    whose = {"option": "The exposure ratio given", "exif": "The files' exposure ratio"}
+    return whose.get(ratio.source, "The exposure ratio that was taken")
 
 
 def _unless_darker(ratio: ExposureRatio, ratios: Ratios, rendered: bool) -> str:
@@ -106,7 +118,7 @@ def _unless_darker(ratio: ExposureRatio, ratios: Ratios, rendered: bool) -> str:
         return ""
     return (
         f", though {share:.0%} of the picture is then darker with the flash than without and the "
-        f"ratio can be {ratio.value * largest_ratio(ratios):.3g} at most"
+        f"ratio can be {ratio.value / brightening(ratios):.3g} at most"
     )
 
 

@@ -46,12 +46,14 @@ def find_moved(
     unusable: Mask,
     noises: tuple[Noise, Noise],
     rendered: bool,
+    brightened: float = 1.0,
 ) -> Mask:
     """Mark pixels whose two photographs show different things.
 
     no_flash, flash: (H, W, 3) linear, aligned, on one scale, the flash photograph with the lamps'
     light in it. unusable: (H, W), left out. noises: of each. rendered: a camera made them
-    pictures, with a curve of its own. Returns bool (H, W).
+    pictures, with a curve of its own. brightened: times which the flash photograph is taken.
+    Returns bool (H, W).
     """
     height, width = unusable.shape
     block = -(-max(height, width) // _WORKING_SIZE)
@@ -65,6 +67,7 @@ def find_moved(
         _variance(noise.of_means(block), image)
         for noise, image in zip(noises, (before, after), strict=True)
     ]
+    after, variances[1] = after * np.float32(brightened), variances[1] * np.float32(brightened**2)
     out = any_in_blocks(unusable, block)
     reach = np.ones((_CLIPPED_REACH, _CLIPPED_REACH), np.uint8)
     usable = cv2.dilate(out.astype(np.uint8), reach) == 0

@@ -12,7 +12,7 @@ from pipeline.align import NOT_ATTEMPTED, Alignment, estimate_alignment, warp
 from pipeline.area_means import area_means
 from pipeline.belonging import check_belonging, check_flash_adds, check_light
 from pipeline.coded import CodedImage
-from pipeline.exposure import settled_ratio, written_ratio
+from pipeline.exposure import ExposureRatio, darkening, settled_ratio, written_ratio
 from pipeline.flow import residual_flow, warp_along
 from pipeline.frames import Frame, Mask, Photograph
 from pipeline.memory import empty_image, releasable
@@ -21,7 +21,7 @@ from pipeline.noise import Noise, estimate_noise
 from pipeline.options import PairOptions
 from pipeline.progress import Progress
 from pipeline.remarks import Code, Remark
-from pipeline.steadiness import Ratios, bands, block_ratios, darker_share
+from pipeline.steadiness import Ratios, bands, block_ratios, brightening, darker_share
 
 _EXPOSURES_DIFFER = 0.15  # in stops
 _COPY_BLOCK = 8  # pixels averaged, against noise
@@ -30,7 +30,8 @@ _COPY_COLOUR_SPREAD = 1.0  # the same over all channels: lamp and flash differ i
 _PARALLAX_PX = 0.5
 _REGISTRATION_PX = 0.35  # of alignment and interpolation, measured
 _NOTABLE_MOTION = 0.002
-_NOTABLE_DIMMING = 0.03
+_STILL = 0.25  # of what seems to have moved may be left in a brighter photograph
+_NOTABLE_DIMMING, _NOTABLE_DARKENING = 0.01, 0.005
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
         pixels = _divided(pixels, ratio.value, pixels is not flash.pixels)
     noises = estimate_noise(no_flash.pixels), estimate_noise(pixels)
     unusable = no_flash.saturated | saturated
-    moved = 0.0
+    moved = darkened = 0.0
     if not options.flash_only:
         progress.report("align", 0.7)
         ratios = block_ratios(no_flash.pixels, pixels, unusable, noises)
@@ -112,9 +113,18 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
         if alignment.problem is None:
             there = find_moved(no_flash.pixels, pixels, unusable, noises, rendered)
             moved = float(there.mean())
+            if moved > _NOTABLE_MOTION:
+                brighter = brightening(ratios)
+                still = find_moved(no_flash.pixels, pixels, unusable, noises, rendered, brighter)
+                # what has moved has edges that no brightness explains
+                if still.mean() < _STILL * moved:
+                    there, moved, darkened = still, float(still.mean()), moved
             unusable = unusable | there
             ratios = ratios.without(there)
-        warnings += _unsteady_warnings(ratios, moved, rendered, bool(doubts))
+        if not doubts:
+            darkened = max(darkened, darker_share(ratios, rendered))
+            warnings += _darkening_warnings(ratio, ratios, darkened)
+        warnings += _unsteady_warnings(ratios, moved)
     progress.report("align", 0.9)
     pair = Pair(
         no_flash=no_flash.pixels,
@@ -159,10 +169,22 @@ def _laid_on(
     return pixels, saturated, float(np.mean(np.abs(flow).max(axis=2) > _PARALLAX_PX))
 
 
-def _unsteady_warnings(
-    ratios: Ratios, moved: float, rendered: bool, ratio_in_doubt: bool
-) -> list[Remark]:
-    """What moved or changed between the photographs, and how to shoot without it."""
+def _darkening_warnings(ratio: ExposureRatio, ratios: Ratios, share: float) -> list[Remark]:
+    """Why a share of the picture is darker with the flash than without, though nothing moved."""
+    if ratio.source == "option":  # people err more often than cameras
+        return [darkening(ratio, ratios, share)] if share > _NOTABLE_DARKENING else []
+    if share <= _NOTABLE_DIMMING:
+        return []
+    message = (
+        f"In {share:.1%} of the picture a lamp or daylight was weaker in the flash photograph "
+        "than in the other: wait for steady light, and under lamps on the mains expose for a "
+        "multiple of 1/100 s (1/120 s where the mains has 60 Hz)."
+    )
+    return [Remark(Code.LIGHT_CHANGED, message, {"share": share})]
+
+
+def _unsteady_warnings(ratios: Ratios, moved: float) -> list[Remark]:
+    """What moved or flickered between the photographs, and how to shoot without it."""
     warnings = []
     if moved > _NOTABLE_MOTION:
         message = (
@@ -171,14 +193,6 @@ def _unsteady_warnings(
             "the two photographs in quick succession."
         )
         warnings.append(Remark(Code.MOVED, message, {"share": moved}))
-    darker = darker_share(ratios, rendered)
-    if darker > _NOTABLE_DIMMING and not ratio_in_doubt:
-        message = (
-            f"In {darker:.1%} of the picture a lamp or daylight was weaker in the flash photograph "
-            "than in the other: wait for steady light, and under lamps on the mains expose for a "
-            "multiple of 1/100 s (1/120 s where the mains has 60 Hz)."
-        )
-        warnings.append(Remark(Code.LIGHT_CHANGED, message, {"share": darker}))
     height = bands(ratios)
     if height is not None:
         message = (

@@ -32,7 +32,8 @@ _FLASH_COLOUR = 0.12  # by which channels of blocks with flash differ, or colour
 _NEGATIVE = 0.05  # below the ratio: darker with the flash than without
 _NEGATIVE_RENDERED = 0.25
 _FEW_BLOCKS = 200
-_LOW = 0.01
+_LOWEST = 0.002
+_SURELY = 2.0  # standard deviations
 _FROM_CYCLES, _MOST_CYCLES = 4, 60
 _ROWS_KNOWN = 0.5
 _LINE = 2  # cycles on either side that a wave leaks to
@@ -134,14 +135,22 @@ def darker_share(ratios: Ratios, rendered: bool) -> float:
     if np.count_nonzero(sure) < _FEW_BLOCKS:
         return 0.0
     logs = ratios.logs[sure]
-    noise = np.sqrt(np.square(ratios.noise[sure]).mean(axis=1) / 3)
-    darker = (logs < 0).all(axis=1) & (logs.mean(axis=1) < -np.maximum(least, 4 * noise))
+    least_sure = np.maximum(least, 4 * _noise_of_means(ratios))
+    darker = (logs < 0).all(axis=1) & (logs.mean(axis=1) < -least_sure)
     return float(np.mean(darker))
 
 
-def largest_ratio(ratios: Ratios) -> float:
-    """Ratio of the exposures that leaves next to no block darker with the flash than without."""
-    return float(np.exp(np.quantile(ratios.logs[ratios.sure].mean(axis=1), _LOW)))
+def brightening(ratios: Ratios) -> float:
+    """By how much the flash photograph must be brighter for no block to be surely darker, ≥ 1."""
+    if not ratios.sure.any():
+        return 1.0
+    logs = ratios.logs[ratios.sure].mean(axis=1) + _SURELY * _noise_of_means(ratios)
+    return float(np.exp(-min(np.quantile(logs, _LOWEST), 0.0)))
+
+
+def _noise_of_means(ratios: Ratios) -> Array:
+    """Standard deviation of the mean over channels in the blocks that are sure."""
+    return np.asarray(np.sqrt(np.square(ratios.noise[ratios.sure]).mean(axis=1) / 3))
 
 
 def bands(ratios: Ratios) -> float | None:

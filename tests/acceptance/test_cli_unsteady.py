@@ -128,6 +128,33 @@ def test_a_wrong_exposure_ratio_given_is_noticed(
     )
 
 
+def test_shadows_of_the_flash_tell_of_a_wrong_exposure_ratio(
+    light: tuple[Any, Any], separated: Callable[..., Any], tmp_path: Path
+) -> None:
+    """Places that a wrong ratio darkens are told of as that, and not as things that moved.
+
+    A fifth of the flash light comes into its shadows from around, so that no place is without it.
+    """
+    lamps, part = light
+    height, width = lamps.shape[:2]
+    pools = np.zeros((height, width))
+    for x in (0.25, 0.6):
+        cv2.circle(pools, (int(x * width), height // 2), height // 10, 1.0, -1)
+    pools = cv2.GaussianBlur(pools, (0, 0), height / 60)[..., None]
+    pair = write_pair(tmp_path, lamps, lamps + part * (1 - 0.8 * pools))
+
+    wrong = separated(pair, *FLAGS, "--exposure-ratio", 1.5)
+    right = separated(pair, *FLAGS, "--exposure-ratio", 1)
+
+    assert any(
+        w.startswith("The exposure ratio given, 1.5, makes ") and "at most" in w
+        for w in warnings_of(wrong)
+    )
+    assert not any("moved" in w for w in warnings_of(wrong))
+    assert wrong.manifest["moved"] == 0
+    assert not any("exposure ratio" in w or "moved" in w for w in warnings_of(right))
+
+
 def test_a_wrong_exposure_in_the_files_is_noticed(
     light: tuple[Any, Any], short_reach: Any, separated: Callable[..., Any], tmp_path: Path
 ) -> None:

@@ -48,9 +48,10 @@ def moved_in(
     pair: tuple[NDArray[np.float32], NDArray[np.float32]],
     unusable: NDArray[np.bool_] = NOTHING,
     rendered: bool = False,
+    brightened: float = 1.0,
 ) -> NDArray[np.bool_]:
     noises = estimate_noise(pair[0]), estimate_noise(pair[1])
-    return find_moved(*pair, unusable, noises, rendered)
+    return find_moved(*pair, unusable, noises, rendered, brightened)
 
 
 @pytest.mark.parametrize("lamp_shadow", [False, True])
@@ -88,6 +89,34 @@ def test_a_lamp_that_became_weaker_is_no_motion() -> None:
     dimmed = after - 0.6 * before * (u < 0.4)  # more than the flash adds, on the left
 
     assert moved_in((before, dimmed.astype(np.float32))).mean() < 0.01
+
+
+@pytest.mark.parametrize("brightened", [1.5, 3.0])
+def test_a_person_who_moved_is_marked_in_a_brightened_photograph_too(brightened: float) -> None:
+    red = np.array([0.5, 0.1, 0.1])
+    albedos = [wall() * (1 - person(x)) + red * person(x) for x in (120, 200)]
+    before, after = photographs((albedos[0], albedos[1]))
+    plain = moved_in((before, after))
+
+    found = moved_in((before, after), brightened=brightened)
+
+    assert np.mean(found & plain) > 0.7 * plain.mean()
+
+
+def test_places_that_are_darker_alone_are_gone_in_a_brightened_photograph() -> None:
+    """As the flash's shadows are where the ratio of the exposures is wrong."""
+    before, after = photographs((wall(), wall()))
+    pool = cv2.GaussianBlur(person(160)[..., 0], (0, 0), 6)[..., None]
+    darker = before * pool / 1.5 + after * (1 - pool)
+    pair = before, darker.astype(np.float32)
+
+    assert moved_in(pair).mean() > 0.01
+    assert not moved_in(pair, brightened=1.5).any()
+    # the same light in units of its own
+    np.testing.assert_array_equal(
+        moved_in(pair, brightened=1.5),
+        moved_in((before, (1.5 * darker).astype(np.float32))),
+    )
 
 
 def test_half_a_pixel_of_misalignment_is_no_motion() -> None:

@@ -288,6 +288,36 @@ def test_what_moved_is_unusable_and_told(
     )
 
 
+@pytest.mark.parametrize(
+    ("source", "code"), [("option", "exposure_mismatch"), ("exif", "light_changed")]
+)
+def test_places_that_a_wrong_ratio_darkens_have_not_moved(
+    frames: Callable[..., tuple[Frame, Frame]],
+    frame: Callable[..., Frame],
+    source: str,
+    code: str,
+) -> None:
+    """The flash casts a soft shadow, which a ratio of 1.5 makes darker than without any flash."""
+    before, after = frames()
+    y, x = np.mgrid[: before.pixels.shape[0], : before.pixels.shape[1]]
+    shadow = np.clip(1.5 - np.hypot(y - 40, x - 60) / 20, 0, 1)[..., None]
+    shadowed = before.pixels[:] + (1 - shadow) * (after.pixels[:] - before.pixels[:])
+    longer = replace(EXPOSURE, time_s=1 / 40) if source == "exif" else EXPOSURE
+    options = {"exposure_ratio": 1.5} if source == "option" else {}
+
+    right = paired((before, frame(shadowed.astype(np.float32), exposure=EXPOSURE)))
+    wrong = paired((before, frame(shadowed.astype(np.float32), exposure=longer)), **options)
+
+    assert right.warnings == ()
+    assert wrong.moved == 0
+    assert not wrong.unusable.any()
+    assert [w.code for w in wrong.warnings] == [code]
+    if source == "option":
+        message = wrong.warnings[0].message
+        assert message.startswith("The exposure ratio given, 1.5, makes ")
+        assert wrong.warnings[0].figures["ratio_at_most"] == pytest.approx(1.0, abs=0.15)
+
+
 def test_a_ratio_from_the_pixels_scales_the_flash_frame(
     frame: Callable[..., Frame],
     light: tuple[Array, Array],

@@ -9,8 +9,8 @@ from pipeline.steadiness import (
     Ratios,
     bands,
     block_ratios,
+    brightening,
     darker_share,
-    largest_ratio,
     ratio_without_flash,
 )
 
@@ -139,12 +139,6 @@ def test_share_that_is_darker_with_the_flash(left: float, rendered: bool, share:
     assert darker_share(found, rendered) == pytest.approx(share, abs=0.02)
 
 
-def test_the_largest_ratio_leaves_nothing_darker() -> None:
-    lamps, flash = scene(reach=0.5)
-
-    assert largest_ratio(ratios_of(lamps, 0.6 * (lamps + flash))) == pytest.approx(0.6, rel=0.04)
-
-
 def flicker(cycles: float, height: float, phase: float) -> Array:
     y = np.arange(HEIGHT)[:, None, None] / HEIGHT
     return np.asarray(1 + height * np.sin(2 * np.pi * (cycles * y + phase)))
@@ -190,3 +184,22 @@ def test_bands_along_columns_are_no_flicker() -> None:
     found = ratios_of(lamps, (lamps + flash) * (1 + 0.1 * np.sin(2 * np.pi * 9 * x)))
 
     assert bands(found) is None
+
+
+@pytest.mark.parametrize(("left", "times"), [(0.5, 2.0), (0.8, 1.25)])
+def test_how_much_brighter_a_darkened_photograph_must_be(left: float, times: float) -> None:
+    lamps, _ = scene()
+
+    assert brightening(ratios_of(lamps, left * lamps)) == pytest.approx(times, rel=0.03)
+
+
+def test_what_is_nowhere_darker_need_not_be_brighter() -> None:
+    lamps, flash = scene()
+
+    assert brightening(ratios_of(lamps, lamps + flash)) == 1
+
+
+def test_of_black_pictures_no_brightness_is_known() -> None:
+    black = np.zeros((40, 60, 3))
+
+    assert brightening(ratios_of(black, black)) == 1
