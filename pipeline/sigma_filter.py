@@ -7,7 +7,7 @@ et al. 1989.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numba import njit
@@ -20,11 +20,14 @@ from pipeline.strips import widened
 Array = NDArray[np.float32]
 Planes = NDArray[np.float32]
 
-_WINDOWS = ((2, 1), (1, 3), (1, 6), (1, 12))  # reach and gap of each round
+_GAPS = (1, 2, 5, 12)  # pixels between those of the 3×3 window of each round
 _JOIN = 4.2  # standard deviations of one pixel, over six channels
 _CHANNELS = 6
-ROUNDS = len(_WINDOWS)
+ROUNDS = len(_GAPS)
 """Rounds that there are; fewer average less."""
+
+_compiled = njit(cache=True, error_model="numpy", fastmath={"contract"})
+_inlined = njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
 
 
 def sigma_filter(
@@ -43,9 +46,9 @@ class SigmaFilter:
     """Averages each pixel of a pair with the neighbours that differ from it only by noise.
 
     A neighbour joins when the six channels' squared differences, each divided by the variance
-    of one pixel, sum to less than 4.2² (Lee 1983, on the pair). First the 5×5 window, then 3×3
-    windows with ever wider gaps on what came out, so that flat areas are averaged widely at little
-    cost. The pair is worked on from top to bottom; every row goes through every round once.
+    of one pixel, sum to less than 4.2² (Lee 1983, on the pair). The 3×3 window, then such windows
+    with ever wider gaps on what came out, so that flat areas are averaged widely at little cost.
+    The pair is worked on from top to bottom; every row goes through every round once.
     """
 
     def __init__(
@@ -64,8 +67,8 @@ class SigmaFilter:
         floor = np.concatenate([np.maximum(noise.floor, 1e-12) for noise in noises])
         noise = gain.astype(np.float32), floor.astype(np.float32)
         stage: _Rows = _Given(read)
-        for reach, gap in _WINDOWS[:rounds]:
-            stage = _Round(stage, reach, gap, size, noise)
+        for gap in _GAPS[:rounds]:
+            stage = _Round(stage, gap, size, noise)
         self._last = stage
 
     def rows(self, rows: slice) -> tuple[Image, Image, Plane]:
@@ -100,10 +103,10 @@ class _Round:
     """What comes out of one round; rows that may be asked for again are kept."""
 
     def __init__(
-        self, before: _Rows, reach: int, gap: int, size: tuple[int, int], noise: tuple[Array, Array]
+        self, before: _Rows, gap: int, size: tuple[int, int], noise: tuple[Array, Array]
     ) -> None:
         self._before = before
-        self._reach, self._gap = reach, gap
+        self._gap = gap
         self._height = size[1]
         self._noise = noise
         self._top = self._bottom = 0
@@ -124,16 +127,15 @@ class _Round:
 
     def _filter(self, top: int, bottom: int, total: Planes, count: Plane) -> None:
         """Write rows of the round into the last ones of its averages and their counts."""
-        around = self._reach * self._gap
-        wide, inner = widened(slice(top, bottom), around, self._height)
+        wide, inner = widened(slice(top, bottom), self._gap, self._height)
         planes, certainty = self._before.rows(wide.start, wide.stop)
         stable = np.empty_like(planes)
         _stabilize(planes, *self._noise, stable)
         first = total.shape[1] - (bottom - top)
-        _join(planes, certainty, stable, self._reach, self._gap, inner.start, first, total, count)
+        _join(planes, certainty, stable, self._gap, inner.start, first, total, count)
 
 
-@njit(cache=True, error_model="numpy")
+@_compiled
 def _stabilize(planes: Planes, gain: Array, floor: Array, stable: Planes) -> None:
     """Write planes (6, h, W) so that their noise has unit variance everywhere.
 
@@ -148,66 +150,139 @@ def _stabilize(planes: Planes, gain: Array, floor: Array, stable: Planes) -> Non
                 written[x] = scale * np.sqrt(slope * max(values[x], zero) + level)
 
 
-@njit(cache=True, error_model="numpy")
+@_compiled
 def _join(
     planes: Planes,
     certainty: Plane,
     stable: Planes,
-    reach: int,
     gap: int,
     top: int,
     first_row: int,
     total: Planes,
     count: Plane,
 ) -> None:
-    """One round for rows from top on: neighbours at −reach … reach gaps in both axes.
+    """One round for rows from top on: the 3×3 window with a gap.
 
     planes, stable: (6, h, W), the pair and the same with noise of variance one. certainty: (h, W).
     total, count: the averages and how many pixels they are of, (6, n, W) and (n, W), written from
-    first_row on. Rows are worked on whole, plane by plane, which the compiler turns into vector
-    instructions.
+    first_row on. Rows are worked on whole, which the compiler turns into vector instructions, but
+    for the columns whose window reaches beyond the border.
     """
-    zero, limit = np.float32(0.0), np.float32(_JOIN**2)
     _, height, width = planes.shape
-    scratch = np.empty(width, np.float32)
+    inner = max(width - 2 * gap, 0)
+    joins, inverse = np.zeros((9, inner), np.float32), np.empty(inner, np.float32)
     for row in range(first_row, count.shape[0]):
         y = top + row - first_row
-        for x in range(width):
-            count[row, x] = certainty[y, x]
+        for x in range(min(gap, width)):
+            _join_pixel(planes, certainty, stable, gap, y, x, row, total, count)
+        for x in range(gap + inner, width):
+            _join_pixel(planes, certainty, stable, gap, y, x, row, total, count)
+        if inner == 0:
+            continue
+        above, below = y - gap if y >= gap else y, y + gap if y + gap < height else y
+        _compare(stable, certainty, y, y, gap, joins[3], joins[4], joins[5])
+        joins[0:3], joins[6:9] = np.float32(0.0), np.float32(0.0)
+        if above < y:
+            _compare(stable, certainty, y, above, gap, joins[0], joins[1], joins[2])
+        if below > y:
+            _compare(stable, certainty, y, below, gap, joins[6], joins[7], joins[8])
+        _count(joins, count[row, gap : gap + inner], inverse)
         for k in range(_CHANNELS):
-            for x in range(width):
-                total[k, row, x] = planes[k, y, x] * certainty[y, x]
-        for dy in range(-reach, reach + 1):
-            other = y + dy * gap
-            if other < 0 or other >= height:
-                continue
-            for dx in range(-reach, reach + 1):
-                if dx == 0 and dy == 0:
-                    continue
-                shift = dx * gap
-                low, high = max(0, -shift), min(width, width - shift)
-                if low >= high:
-                    continue
-                first, last = low + shift, high + shift
-                weight, joins = certainty[other, first:last], scratch[: high - low]
-                a0, b0 = stable[0, y, low:high], stable[0, other, first:last]
-                a1, b1 = stable[1, y, low:high], stable[1, other, first:last]
-                a2, b2 = stable[2, y, low:high], stable[2, other, first:last]
-                a3, b3 = stable[3, y, low:high], stable[3, other, first:last]
-                a4, b4 = stable[4, y, low:high], stable[4, other, first:last]
-                a5, b5 = stable[5, y, low:high], stable[5, other, first:last]
-                for x in range(high - low):
-                    d0, d1, d2 = a0[x] - b0[x], a1[x] - b1[x], a2[x] - b2[x]
-                    d3, d4, d5 = a3[x] - b3[x], a4[x] - b4[x], a5[x] - b5[x]
-                    squared = d0 * d0 + d1 * d1 + d2 * d2 + d3 * d3 + d4 * d4 + d5 * d5
-                    joins[x] = weight[x] if squared < limit else zero
-                counted = count[row, low:high]
-                for x in range(high - low):
-                    counted[x] += joins[x]
-                for k in range(_CHANNELS):  # one by one: of more the compiler makes no vectors
-                    sums, values = total[k, row, low:high], planes[k, other, first:last]
-                    for x in range(high - low):
-                        sums[x] += joins[x] * values[x]
-        for k in range(_CHANNELS):
-            for x in range(width):
-                total[k, row, x] /= count[row, x]
+            averages = total[k, row, gap : gap + inner]
+            _average(joins, inverse, planes[k, above], planes[k, y], planes[k, below], averages)
+
+
+@_compiled
+def _join_pixel(
+    planes: Planes,
+    certainty: Plane,
+    stable: Planes,
+    gap: int,
+    y: int,
+    x: int,
+    row: int,
+    total: Planes,
+    count: Plane,
+) -> None:
+    """The same for one pixel, whose window may reach beyond the border."""
+    _, height, width = planes.shape
+    counted, limit = np.float32(0.0), np.float32(_JOIN**2)
+    total[:, row, x] = np.float32(0.0)
+    for v in range(max(y % gap, y - gap), min(y + gap + 1, height), gap):
+        for u in range(max(x % gap, x - gap), min(x + gap + 1, width), gap):
+            squared = np.float32(0.0)
+            for k in range(_CHANNELS):
+                squared += (stable[k, y, x] - stable[k, v, u]) ** 2
+            if squared < limit:
+                counted += certainty[v, u]
+                for k in range(_CHANNELS):
+                    total[k, row, x] += certainty[v, u] * planes[k, v, u]
+    count[row, x] = counted
+    for k in range(_CHANNELS):
+        total[k, row, x] /= counted
+
+
+@_inlined
+def _compare(
+    stable: Planes, certainty: Plane, y: int, other: int, gap: int, j0: Any, j1: Any, j2: Any
+) -> None:
+    """Write what three neighbours in another row count for, 0 for those that do not join.
+
+    j0, j1, j2: (n,), of those to the left, above or below, and to the right of n pixels.
+    """
+    zero, limit = np.float32(0.0), np.float32(_JOIN**2)
+    width = stable.shape[2]
+    left, middle, right = slice(width - 2 * gap), slice(gap, width - gap), slice(2 * gap, width)
+    a0, a1, a2 = stable[0, y, middle], stable[1, y, middle], stable[2, y, middle]
+    a3, a4, a5 = stable[3, y, middle], stable[4, y, middle], stable[5, y, middle]
+    l0, l1, l2 = stable[0, other, left], stable[1, other, left], stable[2, other, left]
+    l3, l4, l5 = stable[3, other, left], stable[4, other, left], stable[5, other, left]
+    m0, m1, m2 = stable[0, other, middle], stable[1, other, middle], stable[2, other, middle]
+    m3, m4, m5 = stable[3, other, middle], stable[4, other, middle], stable[5, other, middle]
+    r0, r1, r2 = stable[0, other, right], stable[1, other, right], stable[2, other, right]
+    r3, r4, r5 = stable[3, other, right], stable[4, other, right], stable[5, other, right]
+    w0, w1, w2 = certainty[other, left], certainty[other, middle], certainty[other, right]
+    for x in range(len(j0)):
+        a = a0[x], a1[x], a2[x], a3[x], a4[x], a5[x]
+        to_left = _distance(a, l0[x], l1[x], l2[x], l3[x], l4[x], l5[x])
+        to_middle = _distance(a, m0[x], m1[x], m2[x], m3[x], m4[x], m5[x])
+        to_right = _distance(a, r0[x], r1[x], r2[x], r3[x], r4[x], r5[x])
+        j0[x] = w0[x] if to_left < limit else zero
+        j1[x] = w1[x] if to_middle < limit else zero
+        j2[x] = w2[x] if to_right < limit else zero
+
+
+@_inlined
+def _distance(a: Any, b0: Any, b1: Any, b2: Any, b3: Any, b4: Any, b5: Any) -> Any:
+    """Square of the distance of two pixels in six channels."""
+    d0, d1, d2 = a[0] - b0, a[1] - b1, a[2] - b2
+    d3, d4, d5 = a[3] - b3, a[4] - b4, a[5] - b5
+    return d0 * d0 + d1 * d1 + d2 * d2 + d3 * d3 + d4 * d4 + d5 * d5
+
+
+@_inlined
+def _count(joins: Array, counted: Any, inverse: Any) -> None:
+    """Write how many pixels joined, and 1 ÷ that."""
+    one = np.float32(1.0)
+    j0, j1, j2, j3, j4 = joins[0], joins[1], joins[2], joins[3], joins[4]
+    j5, j6, j7, j8 = joins[5], joins[6], joins[7], joins[8]
+    for x in range(len(counted)):
+        counted[x] = j0[x] + j1[x] + j2[x] + j3[x] + j4[x] + j5[x] + j6[x] + j7[x] + j8[x]
+        inverse[x] = one / counted[x]
+
+
+@_inlined
+def _average(joins: Array, inverse: Any, above: Any, own: Any, below: Any, averages: Any) -> None:
+    """Write averages (n,) of one channel over the pixels that joined from three rows (W,)."""
+    gap, width = (len(own) - len(averages)) // 2, len(own)
+    left, middle, right = slice(width - 2 * gap), slice(gap, width - gap), slice(2 * gap, width)
+    j0, j1, j2, j3, j4 = joins[0], joins[1], joins[2], joins[3], joins[4]
+    j5, j6, j7, j8 = joins[5], joins[6], joins[7], joins[8]
+    v0, v1, v2 = above[left], above[middle], above[right]
+    v3, v4, v5 = own[left], own[middle], own[right]
+    v6, v7, v8 = below[left], below[middle], below[right]
+    for x in range(len(averages)):
+        above_sum = j0[x] * v0[x] + j1[x] * v1[x] + j2[x] * v2[x]
+        own_sum = j3[x] * v3[x] + j4[x] * v4[x] + j5[x] * v5[x]
+        below_sum = j6[x] * v6[x] + j7[x] * v7[x] + j8[x] * v8[x]
+        averages[x] = (above_sum + own_sum + below_sum) * inverse[x]

@@ -20,8 +20,8 @@ _LIMITS: dict[str, tuple[float, float, float]] = {
 """CPU seconds, MiB and the ratio to the floor that are asked for."""
 _QUALITY = """\
 Layers of RAW pairs of the simulated camera, 1200 × 800, against the truth, medians of three noises;
-CPU of the 24 megapixel pair over that of `best`. `best` averages noise over 47 × 47
-pixels, `balanced` over 11 × 11, `fast` over 5 × 5.
+CPU of the 24 megapixel pair over that of `best`. `best` averages noise over 41 × 41
+pixels, `balanced` over 17 × 17, `fast` over 7 × 7.
 """
 
 
