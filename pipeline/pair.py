@@ -31,7 +31,7 @@ _PARALLAX_PX = 0.5
 _REGISTRATION_PX = 0.35  # of alignment and interpolation, measured
 _NOTABLE_MOTION = 0.002
 _STILL = 0.25  # of what seems to have moved may be left in a brighter photograph
-_NOTABLE_DIMMING, _NOTABLE_DARKENING = 0.01, 0.005
+_NOTABLE_DIMMING, _NOTABLE_DARKENING = 0.01, 0.002
 
 
 @dataclass(frozen=True)
