@@ -111,14 +111,9 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
         check_flash_adds(no_flash.pixels, pixels, unusable, noises)
         progress.report("align", 0.8)
         if alignment.problem is None:
-            there = find_moved(no_flash.pixels, pixels, unusable, noises, rendered)
+            photographs = no_flash.pixels, pixels
+            there, darkened = _moved(photographs, unusable, noises, rendered, brightening(ratios))
             moved = float(there.mean())
-            if moved > _NOTABLE_MOTION:
-                brighter = brightening(ratios)
-                still = find_moved(no_flash.pixels, pixels, unusable, noises, rendered, brighter)
-                # what has moved has edges that no brightness explains
-                if still.mean() < _STILL * moved:
-                    there, moved, darkened = still, float(still.mean()), moved
             unusable = unusable | there
             ratios = ratios.without(there)
         if not doubts:
@@ -167,6 +162,26 @@ def _laid_on(
     del pixels, saturated  # not one more photograph in memory
     pixels, saturated = warp_along(flash.pixels, flash.saturated, alignment, flow)
     return pixels, saturated, float(np.mean(np.abs(flow).max(axis=2) > _PARALLAX_PX))
+
+
+def _moved(
+    photographs: tuple[Photograph, Photograph],
+    unusable: Mask,
+    noises: tuple[Noise, Noise],
+    rendered: bool,
+    brighter: float,
+) -> tuple[Mask, float]:
+    """What moved, and the share of the picture that seemed to, but is only darker with the flash.
+
+    brighter: times which the flash photograph must be taken for nothing to be darker.
+    """
+    there = find_moved(*photographs, unusable, noises, rendered)
+    share = float(there.mean())
+    if share <= _NOTABLE_MOTION:
+        return there, 0.0
+    # what has moved has edges that no brightness explains
+    still = find_moved(*photographs, unusable, noises, rendered, brighter)
+    return (still, share) if still.mean() < _STILL * share else (there, 0.0)
 
 
 def _darkening_warnings(ratio: ExposureRatio, ratios: Ratios, share: float) -> list[Remark]:
