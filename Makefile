@@ -6,6 +6,8 @@ BUILD = buildah bud --isolation chroot --layers
 JOBS = 200
 FAULTS = 60
 SEED = 1
+# tests wait for services a quarter of their time, so one worker more than processors, up to four
+WORKERS = $(shell n=$$(nproc); echo $$((n < 4 ? n + 1 : 4)))
 BIN := .venv/bin
 INSTALLED := .venv/installed
 
@@ -22,7 +24,7 @@ demo: setup  ## Have the simulated camera take a pair, separate it, put the resu
 
 test: lint  ## Run every check and every test
 	@.ci/test-programs
-	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest --numprocesses $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 lint: setup  ## Check style, types and the import rules
 	$(BIN)/ruff check .
