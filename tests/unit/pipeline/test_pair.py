@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import Canceled, OptionError
 from pipeline.frames import Exposure, Frame
+from pipeline.motion import find_moved
 from pipeline.noise import estimate_noise
 from pipeline.options import Options
 from pipeline.pair import Pair, make_pair
@@ -316,6 +317,34 @@ def test_places_that_a_wrong_ratio_darkens_have_not_moved(
         message = wrong.warnings[0].message
         assert message.startswith("The exposure ratio given, 1.5, makes ")
         assert wrong.warnings[0].figures["ratio_at_most"] == pytest.approx(1.0, abs=0.15)
+
+
+def test_what_is_only_darker_does_not_count_as_moved(frame: Callable[..., Frame]) -> None:
+    """A sharp shadow of the flash, darkened by a wrong ratio, looks like a thing that came."""
+    rng = np.random.default_rng(1)
+    patches = rng.uniform(0.2, 0.9, (12, 16, 3)).repeat(20, 0).repeat(20, 1)
+    albedo = cv2.GaussianBlur(patches, (0, 0), 0.8)
+    u = np.linspace(0, 1, 320)[None, :, None]
+    lamps = albedo * (0.15 + 0.5 * (1 - u)) * np.array([1.0, 0.7, 0.4])
+    strip = np.zeros((240, 320))
+    strip[:, 200:240] = 1
+    shadow = cv2.GaussianBlur(strip, (0, 0), 1)[..., None]
+    lit = lamps + 0.4 * albedo * (1 - shadow)
+    before, after = (
+        frame(light + rng.normal(size=light.shape) * 0.002, exposure=EXPOSURE)
+        for light in (lamps, lit)
+    )
+    options = Options(exposure_ratio=2, align=False)
+    unusable = np.zeros((240, 320), bool)
+    darkened = after.pixels[:] / np.float32(2)
+    noises = estimate_noise(before.pixels), estimate_noise(darkened)
+    assert find_moved(before.pixels, darkened, unusable, noises, rendered=False).mean() > 0.01
+
+    pair = make_pair(before, after, options, Progress())
+
+    assert pair.moved == 0
+    assert not pair.unusable.any()
+    assert [w.code for w in pair.warnings] == ["exposure_mismatch"]
 
 
 def test_a_ratio_from_the_pixels_scales_the_flash_frame(
