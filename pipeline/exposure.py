@@ -94,7 +94,7 @@ def settled_ratio(
 
 
 def darkening(ratio: ExposureRatio, ratios: Ratios, share: float) -> Remark:
-    """Warn of a ratio that makes a share of the picture darker with the flash than without.
+    """Warn of a given or written ratio that makes a share of the picture darker with the flash.
 
     ratios: of the pair on the scale of that ratio.
     """
@@ -108,8 +108,7 @@ def darkening(ratio: ExposureRatio, ratios: Ratios, share: float) -> Remark:
 
 
 def _said(ratio: ExposureRatio) -> str:
-    whose = {"option": "The exposure ratio given", "exif": "The files' exposure ratio"}
-    return whose.get(ratio.source, "The exposure ratio that was taken")
+    return "The exposure ratio given" if ratio.source == "option" else "The files' exposure ratio"
 
 
 def _unless_darker(ratio: ExposureRatio, ratios: Ratios, rendered: bool) -> str:

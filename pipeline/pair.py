@@ -112,7 +112,9 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
         progress.report("align", 0.8)
         if alignment.problem is None:
             photographs = no_flash.pixels, pixels
-            there, darkened = _moved(photographs, unusable, noises, rendered, brightening(ratios))
+            there, darkened = _moved_or_darkened(
+                photographs, unusable, noises, rendered, brightening(ratios)
+            )
             moved = float(there.mean())
             unusable = unusable | there
             ratios = ratios.without(there)
@@ -164,7 +166,7 @@ def _laid_on(
     return pixels, saturated, float(np.mean(np.abs(flow).max(axis=2) > _PARALLAX_PX))
 
 
-def _moved(
+def _moved_or_darkened(
     photographs: tuple[Photograph, Photograph],
     unusable: Mask,
     noises: tuple[Noise, Noise],

@@ -135,8 +135,8 @@ def darker_share(ratios: Ratios, rendered: bool) -> float:
     if np.count_nonzero(sure) < _FEW_BLOCKS:
         return 0.0
     logs = ratios.logs[sure]
-    least_sure = np.maximum(least, 4 * _noise_of_means(ratios))
-    darker = (logs < 0).all(axis=1) & (logs.mean(axis=1) < -least_sure)
+    threshold = np.maximum(least, 4 * _noise_of_means(ratios))
+    darker = (logs < 0).all(axis=1) & (logs.mean(axis=1) < -threshold)
     return float(np.mean(darker))
 
 
