@@ -14,7 +14,7 @@ from pipeline.belonging import check_belonging, check_flash_adds, check_light
 from pipeline.coded import CodedImage
 from pipeline.exposure import ExposureRatio, darkening, settled_ratio, written_ratio
 from pipeline.flow import residual_flow, warp_along
-from pipeline.frames import Frame, Mask, Photograph
+from pipeline.frames import Frame, Image, Mask, Photograph
 from pipeline.memory import empty_image, releasable
 from pipeline.motion import find_moved
 from pipeline.noise import Noise, estimate_noise
@@ -68,6 +68,10 @@ class Pair:
     moved: float
     clipped: float
     warnings: tuple[Remark, ...]
+
+    def flash_part(self) -> Image:
+        """Light of the flash alone, (H, W, 3); noise makes some of it negative."""
+        return self.flash[:] if self.flash_only else self.flash[:] - self.no_flash[:]
 
 
 def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Progress) -> Pair:

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
 from pipeline.calibration.find_chart import find_charts
@@ -27,7 +26,7 @@ _CORNER_NAMES = ("dark skin", "bluish green", "black", "white")
 
 def find_chart(pair: Pair) -> Corners:
     """Find the one ColorChecker. Raises MarkError where there is none, or more than one."""
-    found = find_charts(np.maximum(_flash_of(pair), 0))
+    found = find_charts(np.maximum(pair.flash_part(), 0))
     if not found:  # where the flash does not reach it, reading it says so
         found = find_charts(np.maximum(pair.no_flash, 0))
     _check_one(
@@ -42,7 +41,7 @@ def find_chart(pair: Pair) -> Corners:
 
 def find_sphere(pair: Pair, mirror: bool) -> Circle:
     """Find the outline of the one sphere. Raises MarkError."""
-    found = find_spheres(pair.no_flash[:], _flash_of(pair), mirror)
+    found = find_spheres(pair.no_flash[:], pair.flash_part(), mirror)
     kind = "mirror sphere" if mirror else "matt grey sphere"
     advice = "all of it must be in the picture, lit by a flash at the camera"
     _check_one(len(found), kind, advice, "--sphere, its outline")
@@ -72,10 +71,6 @@ def draw_marks(pair: Pair, corners: Sequence[Point] | None, circle: Circle | Non
     file = io.BytesIO()
     PillowImage.fromarray(screen).save(file, "JPEG", quality=90)
     return file.getvalue()
-
-
-def _flash_of(pair: Pair) -> NDArray[np.float32]:
-    return pair.flash[:] if pair.flash_only else pair.flash[:] - pair.no_flash[:]
 
 
 def _check_one(count: int, what: str, advice: str, mark: str) -> None:

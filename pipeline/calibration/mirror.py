@@ -16,6 +16,7 @@ from pipeline.calibration.chart import disc
 from pipeline.calibration.lamps import SMALLEST_PX, LampsEstimate
 from pipeline.calibration.sphere import view_sphere
 from pipeline.errors import OptionError, UnusablePairError
+from pipeline.frames import Image
 from pipeline.options import Circle
 from pipeline.pair import Pair
 from pipeline.vectors import unit
@@ -50,8 +51,8 @@ def mirror_lamps(
     disc(pair.unusable.shape, sphere, "sphere")
     inner = Circle(x=sphere.x, y=sphere.y, radius=_INNER * sphere.radius)
     mask = disc(pair.unusable.shape, inner, "sphere")
-    spots = _spots(pair.no_flash[:], mask)
-    found = [_lamp(pair, spot, sphere, focal_px) for spot in spots]
+    room, flash = pair.no_flash[:], pair.flash_part()
+    found = [_lamp(room, spot, sphere, focal_px) for spot in _spots(room, mask)]
     found.sort(key=lambda lamp: -float(lamp[1].sum()))
     if found:
         least = _FAINT * float(found[0][1].sum())
@@ -66,8 +67,7 @@ def mirror_lamps(
     colours = np.array(powers) / max(float(np.max(powers)), 1e-12)
     if any(clipped):
         colours = np.full_like(colours, np.nan)
-    flash = _spots(pair.flash[:] - pair.no_flash[:], mask)[:1]
-    aside = [_lamp(pair, spot, sphere, focal_px)[0] for spot in flash]
+    aside = [_lamp(flash, spot, sphere, focal_px)[0] for spot in _spots(flash, mask)[:1]]
     middle = view_sphere(
         sphere, np.array([sphere.x]), np.array([sphere.y]), focal_px, pair.unusable.shape[::-1]
     )
@@ -89,7 +89,7 @@ def _apart_deg(one: Array, other: Array) -> float:
     return float(np.degrees(np.arccos(np.clip(one @ other, -1, 1))))
 
 
-def _spots(light: NDArray[np.floating], mask: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
+def _spots(light: Image, mask: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
     """Highlights (H, W) within a mask, the brightest first."""
     bright = np.where(mask, light.sum(axis=2), 0.0)
     usual = float(np.median(bright[mask]))
@@ -101,13 +101,13 @@ def _spots(light: NDArray[np.floating], mask: NDArray[np.bool_]) -> list[NDArray
 
 
 def _lamp(
-    pair: Pair, spot: NDArray[np.bool_], sphere: Circle, focal_px: float
+    picture: Image, spot: NDArray[np.bool_], sphere: Circle, focal_px: float
 ) -> tuple[Array, Array, bool]:
     """Direction (3,) of a highlight's lamp, its light (3,), and whether it is clipped."""
     height, width = spot.shape
     whole = cv2.dilate(spot.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
     rows, columns = np.nonzero(whole)
-    light = pair.no_flash[rows, columns].astype(np.float64)
+    light = picture[rows, columns].astype(np.float64)
     x, y = columns.astype(np.float64) + 0.5, rows.astype(np.float64) + 0.5
 
     def towards(dx: float, dy: float) -> Array:

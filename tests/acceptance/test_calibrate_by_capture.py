@@ -113,6 +113,9 @@ def test_a_calibration_by_capture_is_the_default_of_later_jobs(service: httpx.Cl
     truth = simulated_truth(MIRROR)
     towards = unit(np.array([light["direction"] for light in found]))
     assert np.degrees(np.arccos(truth.directions @ towards.T)).min(axis=1).max() < 1.0
+    said = service.get(made["links"]["results"]).json()
+    assert said["warnings"] == []
+    assert said["found"]["flash_aside_deg"] < 0.5
     listed = service.get("/calibrations", params={"camera": "d5100"}).json()["calibrations"]
     entry = next(one for one in listed if one["id"] == made["id"])
     assert (entry["kind"], entry["setup"]) == ("lamps", "table")

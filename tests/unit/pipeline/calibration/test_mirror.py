@@ -50,6 +50,23 @@ def test_a_flash_that_the_sphere_does_not_show_has_no_angle(room: Room, pair: Pa
     assert mirror_lamps(unlit, room.circle, "auto", FOCAL_PX).flash_aside_deg is None
 
 
+def test_where_the_flash_is_tells_its_own_light_alone(room: Room, pair: Pair) -> None:
+    """In a room of which the sphere shows the lamps, and all around them is black."""
+    assert room.circle is not None
+    seen = pair.no_flash[:]
+    bright = seen.sum(axis=2, keepdims=True) > 0.25 * seen.sum(axis=2).max()
+    black = np.where(bright, seen, 0).astype(np.float32)
+    dark = replace(pair, no_flash=black, flash=black + pair.flash_part())
+    alone = replace(dark, flash=pair.flash_part(), flash_only=True)
+
+    found = [mirror_lamps(one, room.circle, "auto", FOCAL_PX) for one in (pair, dark, alone)]
+
+    expected, *others = (one.flash_aside_deg for one in found)
+    assert expected is not None
+    assert expected < 1.0
+    assert others == pytest.approx([expected, expected], abs=0.01)
+
+
 def test_highlights_that_are_not_clipped_tell_strengths_and_colours(
     pair_of: Callable[..., Pair],
 ) -> None:
