@@ -48,6 +48,7 @@ def mix_files(folder: Path, mix: Mix, target: Path, progress: Progress) -> None:
     not whole is not left behind.
     """
     matrices = mix_matrices(read_basis(read_manifest(folder)), mix)
+    format_of(target)  # before anything that is there is written over
     source = _open(folder, len(matrices))
     size = _size(source)
     try:

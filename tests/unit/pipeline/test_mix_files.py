@@ -112,6 +112,14 @@ def test_folders_that_cannot_be_mixed_are_refused(
     assert not (folder / "mix.jpg").exists()
 
 
+def test_a_refused_name_leaves_the_file_that_has_it(folder: Path) -> None:
+    mine = folder / "mine.png"
+    mine.write_bytes(b"mine")
+    with pytest.raises(InputError, match="has to end in"):
+        mix_files(folder, TWO, mine, Progress())
+    assert mine.read_bytes() == b"mine"
+
+
 def test_layers_that_break_off_leave_no_picture(folder: Path) -> None:
     whole = (folder / "layers.exr").read_bytes()
     (folder / "layers.exr").write_bytes(whole[: len(whole) // 2])
