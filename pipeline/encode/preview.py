@@ -79,6 +79,6 @@ def thumbnail(picture: Photograph) -> Image:
     height, width = picture.shape[:2]
     scale = _THUMBNAIL / max(height, width)
     if scale >= 1:
-        return picture[:]
+        return np.array(picture[:])  # its own memory: a photograph's may be given back
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
     return area_means(picture, size)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.encode import preview
 from pipeline.encode.preview import PreviewFile, preview_step, thumbnail
+from pipeline.memory import empty_image, release_rows
 
 
 def channels(path: Path) -> dict[str, NDArray[np.float16]]:
@@ -60,3 +61,13 @@ def test_a_thumbnail_is_at_most_400_pixels_long() -> None:
     assert thumbnail(np.zeros((300, 800, 3), np.float32)).shape == (150, 400, 3)
     assert thumbnail(np.zeros((2, 9000, 3), np.float32)).shape == (1, 400, 3)
     assert thumbnail(np.full((50, 40, 3), 0.5, np.float32)).shape == (50, 40, 3)
+
+
+def test_a_small_thumbnail_outlasts_the_photograph() -> None:
+    photograph = empty_image(384, 384, 3)
+    photograph[:] = 0.5
+
+    small = thumbnail(photograph)
+    release_rows(photograph, 384)
+
+    assert (small == 0.5).all()
