@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import math
 import mmap
@@ -50,5 +51,6 @@ def _empty(shape: tuple[int, ...], kind: np.dtype[Any]) -> NDArray[Any]:
         memory = mmap.mmap(-1, size, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
     except OSError as error:
         raise MemoryError from error
-    memory.madvise(mmap.MADV_HUGEPAGE)
+    with contextlib.suppress(OSError):  # a kernel may have no huge pages
+        memory.madvise(mmap.MADV_HUGEPAGE)
     return np.ndarray(shape, kind, memory)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import mmap
 from pathlib import Path
 
@@ -36,6 +37,20 @@ def test_images_of_other_memory_stay_as_they_are() -> None:
     release_rows(image, 200)
 
     assert (image == 0.5).all()
+
+
+def test_a_kernel_without_huge_pages_gives_memory_as_well(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Refusing(mmap.mmap):
+        def madvise(self, option: int, *place: int) -> None:
+            if option == mmap.MADV_HUGEPAGE:
+                raise OSError(errno.EINVAL, "Invalid argument")
+            super().madvise(option, *place)
+
+    monkeypatch.setattr("pipeline.memory.mmap.mmap", Refusing)
+
+    assert empty_image(3, 2, 3).shape == (3, 2, 3)
 
 
 def test_an_image_that_memory_cannot_hold_is_a_memory_error() -> None:
