@@ -16,7 +16,9 @@ _MIN_VOLUME = 0.02  # of the parallelepiped, or area of the parallelogram, of th
 
 def unit_directions(lights: Sequence[DirectedLight]) -> NDArray[np.float64]:
     """Unit directions (J, 3) to lamps. Raises OptionError for those that fix no normals."""
-    directions = unit(np.array([light.direction for light in lights], dtype=np.float64))
+    given = np.array([light.direction for light in lights], dtype=np.float64)
+    # any length is allowed, of which the square may be no number
+    directions = unit(given / np.abs(given).max(axis=1, keepdims=True))
     volume = np.sqrt(max(np.linalg.det(directions @ directions.T), 0.0))
     if volume < _MIN_VOLUME:
         raise OptionError(

@@ -20,13 +20,14 @@ from pipeline.encode.jpeg import JpegFile, write_jpeg
 from pipeline.encode.png import NormalsPng, write_png8
 from pipeline.encode.preview import PreviewFile, thumbnail
 from pipeline.encode.tiff import GrayTiffFile, TiffFile
+from pipeline.errors import OptionError
 from pipeline.frames import Image, Matrix, Photograph
 from pipeline.gamma_diagram import draw_gamma_diagram
 from pipeline.lamps import Lamps
 from pipeline.mesh import make_mesh
 from pipeline.model import Model, Response
 from pipeline.normals import Facing
-from pipeline.options import OUTPUT_NAMES, Options
+from pipeline.options import FACING_OUTPUTS, OUTPUT_NAMES, Options
 from pipeline.photometric_stereo.detail import surface_depth
 from pipeline.photometric_stereo.solve import Surface
 from pipeline.pictures import Pictures
@@ -53,12 +54,21 @@ _REC2020 = ("16-bit linear", "Rec. 2020")
 
 
 def wanted_outputs(options: Options) -> frozenset[str]:
-    """Names out of OUTPUT_NAMES that the options ask for."""
+    """Names out of OUTPUT_NAMES that the options ask for.
+
+    Raises OptionError for normals that are asked for by name where no directions are known.
+    """
     if options.outputs == "all":
         return frozenset(OUTPUT_NAMES)
     if options.outputs == "default":
         return frozenset(OUTPUT_NAMES) - _ONLY_ON_REQUEST
-    return frozenset(options.outputs)
+    wanted = frozenset(options.outputs)
+    if wanted & FACING_OUTPUTS and options.light_directions is None:
+        raise OptionError(
+            f"The output {min(wanted & FACING_OUTPUTS)} needs the lamps' directions: give light "
+            "directions, or calibrate the lamps of this camera and set-up first."
+        )
+    return wanted
 
 
 class _Writer(Protocol):

@@ -20,6 +20,13 @@ def test_directions_have_length_one(count: int) -> None:
     np.testing.assert_allclose(found, expected[:count])
 
 
+@pytest.mark.parametrize("length", [1e-300, 1e300])
+def test_directions_may_be_of_any_length(length: float) -> None:
+    found = unit_directions(lights((3 * length, 0, 4 * length), (0, -5, 12)))
+
+    np.testing.assert_allclose(found, [(0.6, 0, 0.8), (0, -5 / 13, 12 / 13)])
+
+
 @pytest.mark.parametrize(
     "directions",
     [

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
 from pipeline.colour.spaces import XYZ_TO_REC2020
-from pipeline.errors import Canceled
+from pipeline.errors import Canceled, OptionError
 from pipeline.model import Model, build_model
 from pipeline.normals import Facing
-from pipeline.options import OUTPUT_NAMES, Options
+from pipeline.options import FACING_OUTPUTS, OUTPUT_NAMES, Options
 from pipeline.outputs import Outputs, wanted_outputs
 from pipeline.pictures import Pictures
 from pipeline.progress import Progress
@@ -64,6 +64,18 @@ def test_all_is_all() -> None:
 @pytest.mark.parametrize("names", [[], ["gamma.png"], ["layers.exr", "white_balanced.exr"]])
 def test_names_are_taken_as_they_are(names: list[str]) -> None:
     assert wanted_outputs(Options(outputs=names)) == frozenset(names)
+
+
+@pytest.mark.parametrize("name", sorted(FACING_OUTPUTS))
+def test_normals_by_name_need_directions(name: str) -> None:
+    names = ["gamma.png", name]
+    two = [{"direction": (1, 0, 1)}, {"direction": (0, 1, 1)}]
+
+    with pytest.raises(OptionError, match=f"The output {name} needs the lamps' directions"):
+        wanted_outputs(Options(outputs=names))
+
+    known = Options.model_validate({"outputs": names, "light_directions": two})
+    assert wanted_outputs(known) == frozenset(names)
 
 
 SIZE = (40, 64)
