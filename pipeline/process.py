@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.belonging import check_sizes
-from pipeline.calibration.kept import Kept, with_kept
+from pipeline.calibration.kept import Kept, setup_warnings, with_kept
 from pipeline.decode import check_header, decode
 from pipeline.doubts import doubts
 from pipeline.errors import UnusablePairError
@@ -75,7 +75,9 @@ def separate_files(
     after = decode(flash, options.encoding, FLASH)
     del flash
     # first what costs little and may be refused: names of cameras and lights
+    warnings = setup_warnings(options, kept, before)
     options, used = with_kept(options, kept, before)
+    wanted = wanted_outputs(options)
     camera = find_camera(options.camera, before)
     model = _model(camera, before, options)
     progress.report("decode", 1.0)
@@ -88,9 +90,8 @@ def separate_files(
     lamps = estimate_lamps(
         reduced, model, options.number_of_lamps, options.method, options.flash_only, known
     )
-    warnings = [*pair.warnings, *_model_warnings(before, camera)]
+    warnings += [*pair.warnings, *_model_warnings(before, camera)]
     warnings += doubts(pair, reduced, lamps, options.method)
-    wanted = wanted_outputs(options)
     facing = None
     if options.light_directions is not None and wanted & FACING_OUTPUTS:
         focal_px = focal_length_px(before, options.focal_px, warnings)

@@ -27,6 +27,7 @@ class Code(StrEnum):
     FLASH_LIKE_LAMPS = "flash_like_lamps"
     FLASH_TOO_WEAK = "flash_too_weak"
     CLIPPED = "clipped"
+    NOTHING_KEPT = "nothing_kept"
     # the lamps
     CAMERA_APPROXIMATE = "camera_approximate"
     FOUR_OR_MORE = "four_or_more"

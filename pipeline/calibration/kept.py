@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict
 from pipeline.calibration.options import Kind
 from pipeline.frames import Frame
 from pipeline.options import Options
+from pipeline.remarks import Code, Remark
 from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
 
 NO_SETUP = "none"
@@ -24,6 +25,7 @@ OPTION_OF: dict[Kind, str] = {
 }
 """The option that a calibration of each kind stands in for."""
 
+_UNASKED = "default"
 _LEAST_LAMPS = 2
 
 
@@ -106,3 +108,16 @@ def with_kept(
         return options, []
     asked = {name: getattr(options, name) for name in options.model_fields_set}
     return Options.model_validate({**asked, **values}), used
+
+
+def setup_warnings(options: Options, kept: Sequence[Kept], frame: Frame) -> list[Remark]:
+    """Warn of a set-up that is named, and for which nothing of the frame's camera is kept."""
+    here = TakenWith.of(frame)
+    fitting = any(one.setup == options.setup and one.taken_with.fits(here) for one in kept)
+    if fitting or options.setup in (_UNASKED, NO_SETUP):
+        return []
+    message = (
+        f"Nothing is kept of this camera for the set-up {options.setup!r}, so that the pair was "
+        "separated without its calibrations: check the name, or calibrate for it."
+    )
+    return [Remark(Code.NOTHING_KEPT, message)]

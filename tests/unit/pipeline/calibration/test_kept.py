@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.calibration.kept import Kept, TakenWith, with_kept
+from pipeline.calibration.kept import Kept, TakenWith, setup_warnings, with_kept
 from pipeline.frames import Frame
 from pipeline.options import Options, Spectrum
 
@@ -60,6 +60,36 @@ def test_the_newest_counts() -> None:
 def test_what_does_not_fit_is_left(options: dict[str, Any], kept: Kept, frame: Frame) -> None:
     given = Options.model_validate(options)
     assert with_kept(given, [kept], frame) == (given, [])
+
+
+@pytest.mark.parametrize(
+    ("setup", "kept"),
+    [
+        ("tabel", [_kept(setup="table")]),
+        ("table", []),
+        ("table", [_kept(setup="table", taken_with=TakenWith(make="NIKON", model="D850"))]),
+    ],
+)
+def test_a_named_set_up_of_which_nothing_fits_is_warned_of(setup: str, kept: list[Kept]) -> None:
+    warnings = setup_warnings(Options(setup=setup), kept, _frame())
+
+    assert [warning.code for warning in warnings] == ["nothing_kept"]
+    assert f"'{setup}'" in warnings[0].message
+
+
+@pytest.mark.parametrize(
+    ("options", "kept"),
+    [
+        ({}, []),
+        ({"setup": "default"}, []),
+        ({"setup": "none"}, []),
+        ({"setup": "table"}, [_kept(setup="table")]),
+        ({"setup": "table", "lights": 1}, [_kept("lamps", TWO, setup="table")]),
+        ({"setup": "table", "flash_spectrum": "xenon"}, [_kept(setup="table")]),
+    ],
+)
+def test_other_set_ups_are_not(options: dict[str, Any], kept: list[Kept]) -> None:
+    assert setup_warnings(Options.model_validate(options), kept, _frame()) == []
 
 
 def test_a_body_is_told_by_a_digest_of_its_serial() -> None:
