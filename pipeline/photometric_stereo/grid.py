@@ -13,10 +13,11 @@ so that the light of the lamps is (l·w) times the flash part: linear in h.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, sparse
+from scipy import ndimage
 
 Array = NDArray[np.float64]
 
@@ -28,15 +29,14 @@ class Grid:
     """The pixels of a surface, and what w is of the squared depths at their corners.
 
     mask: bool (H, W), n pixels. corners: (n, 4), places among the c corners. to_w: (n, 3, 4), w
-    from the corners' h. bends: sparse (m, c), f/2 times second differences of h along the sides of
-    pixels, in which slopes change by 1 per pixel where h is 1. corner_mask: bool (H + 1, W + 1).
-    focal_px, centre: as of make_grid.
+    from the corners' h. bent: (b, 3), places of three corners in a row that sides of pixels join.
+    corner_mask: bool (H + 1, W + 1). focal_px, centre: as of make_grid.
     """
 
     mask: NDArray[np.bool_]
     corners: NDArray[np.intp]
     to_w: Array
-    bends: sparse.csr_array
+    bent: NDArray[np.intp]
     corner_mask: NDArray[np.bool_]
     focal_px: float
     centre: tuple[float, float]
@@ -47,13 +47,27 @@ class Grid:
         mask[mask] = ~off
         return make_grid(mask, self.focal_px, self.centre)
 
+    @cached_property
+    def corner_count(self) -> int:
+        """How many corners there are, c."""
+        return int(self.corner_mask.sum())
+
     def w(self, h: Array) -> Array:
         """Normals (n, 3) of length D²/(n·v). h: (c,) squared depths."""
         return np.asarray(np.einsum("nck,nk->nc", self.to_w, h[self.corners]))
 
+    @property
+    def to_bend(self) -> Array:
+        """What (3,) a bend is of the squared depths at its corners."""
+        return self.focal_px / 2 * np.array([1.0, -2.0, 1.0])
+
+    def bends(self, h: Array) -> Array:
+        """Bends (b,), by how much slopes change per pixel where h is 1. h: (c,) squared depths."""
+        return np.asarray(h[self.bent] @ self.to_bend)
+
     def flat(self) -> Array:
         """Squared depths (c,) of a plane that faces the camera."""
-        return np.ones(int(self.corner_mask.sum()))
+        return np.ones(self.corner_count)
 
     def inflated(self) -> Array:
         """Squared depths (c,) of the silhouette blown up like a balloon."""
@@ -88,11 +102,10 @@ def make_grid(mask: NDArray[np.bool_], focal_px: float, centre: tuple[float, flo
     zero = np.zeros_like(X)[:, None]
     rows = [across + zero, -down + zero, mean + X[:, None] * across - Y[:, None] * down]
     to_w = np.stack(rows, axis=1) * ((1 + X**2 + Y**2) ** 1.5)[:, None, None]
-    bends = _bends(index, mask, focal_px)
-    return Grid(mask, corners, to_w, bends, corner_mask, focal_px, centre)
+    return Grid(mask, corners, to_w, _bent(index, mask), corner_mask, focal_px, centre)
 
 
-def _bends(index: NDArray[np.intp], mask: NDArray[np.bool_], focal_px: float) -> sparse.csr_array:
+def _bent(index: NDArray[np.intp], mask: NDArray[np.bool_]) -> NDArray[np.intp]:
     rim = np.pad(mask, 1)
     # between corners that no pixel joins the surface may jump
     across, down = rim[:-1, 1:-1] | rim[1:, 1:-1], rim[1:-1, :-1] | rim[1:-1, 1:]
@@ -102,8 +115,4 @@ def _bends(index: NDArray[np.intp], mask: NDArray[np.bool_], focal_px: float) ->
         (index[:-2], index[1:-1], index[2:], down[:-1] & down[1:]),
     ):
         triples.append(np.stack([a[joined], b[joined], c[joined]], axis=1))
-    places = np.concatenate(triples)
-    rows = np.repeat(np.arange(len(places)), 3)
-    values = np.tile(focal_px / 2 * np.array([1.0, -2.0, 1.0]), len(places))
-    shape = (len(places), int(index.max()) + 1)
-    return sparse.csr_array((values, (rows, places.ravel())), shape=shape)
+    return np.concatenate(triples)

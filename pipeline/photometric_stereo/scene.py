@@ -8,9 +8,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.photometric_stereo.equations import Pattern
 from pipeline.photometric_stereo.grid import Grid
 from pipeline.photometric_stereo.materials import Materials, find_segments
 from pipeline.photometric_stereo.responses import ResponsePrior
+from pipeline.photometric_stereo.sums import Sums
 
 Array = NDArray[np.float64]
 
@@ -86,6 +88,27 @@ class Scene:
         """How much (t,) the albedo of each pixel in a segment counts, 0…1."""
         return np.minimum(1.0, self.total / np.percentile(self.total, _DARK))[self.tinted]
 
+    @cached_property
+    def sums(self) -> Sums:
+        """Sums over the pixels."""
+        counts = self.grid.corner_count, len(self.materials)
+        return Sums(self.grid.corners, *self.shares, *counts)
+
+    @cached_property
+    def surface(self) -> Pattern:
+        """Equations of h, by light (n, 4), bends (b, 3) and albedo of pixels in segments (t, 4)."""
+        grid = self.grid
+        return Pattern(grid.corner_count, grid.corners, grid.bent, grid.corners[self.tinted])
+
+    @cached_property
+    def surface_and_albedo(self) -> Pattern:
+        """The same of h and albedo: by that of pixels (t, 7), and by what is usual (S, 3)."""
+        grid = self.grid
+        tints = grid.corner_count + np.arange(3 * self.segment_count).reshape(-1, 3)
+        own = np.concatenate([grid.corners[self.tinted], tints[self.segments[self.tinted]]], axis=1)
+        size = grid.corner_count + tints.size
+        return Pattern(size, grid.corners, grid.bent, own, tints)
+
     @property
     def _chromaticity(self) -> Array:
         return np.asarray(self.flash[:, :2] / self.total[:, None])
@@ -124,11 +147,14 @@ def responses(scene: Scene, state: State) -> Array:
     return np.asarray(light + scene.total[:, None, None] * deviations)
 
 
+def brightness(scene: Scene, state: State) -> Array:
+    """How bright (n, J) each lamp is: l·w where it lights the pixel, else 0."""
+    return np.asarray((scene.grid.w(state.h) @ scene.directions.T) * state.lit)
+
+
 def predicted(scene: Scene, state: State) -> Array:
     """Light (n, 3) of the lamps."""
-    brightness = (scene.grid.w(state.h) @ scene.directions.T) * state.lit
-    response = responses(scene, state)
-    return np.asarray(np.einsum("nj,njx->nx", brightness, response))
+    return np.asarray(np.einsum("nj,njx->nx", brightness(scene, state), responses(scene, state)))
 
 
 def lamp_light(scene: Scene, state: State, precision: Array) -> Array:

@@ -1,0 +1,98 @@
+"""The equations of a Gauss–Newton step: sums of small ones, and their solution.
+
+Most unknowns hang together with their neighbours alone, so that their matrix is sparse, with
+entries whose places never change. The few that nearly all others hang on are a border about it,
+solved for by themselves: they would fill up the factors of the rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+Array = NDArray[np.float64]
+Places = NDArray[np.intp]
+
+_RIDGE = 1e-9  # of the mean diagonal, so that nothing is singular
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Residuals of one kind, r for each of n small groups of k unknowns.
+
+    by: (n, r, k), their derivatives by those. precision: (n, r), how much they count. residual:
+    (n, r).
+    """
+
+    by: Array
+    precision: Array
+    residual: Array
+
+    @property
+    def weighed(self) -> Array:
+        """Derivatives (n, k, r) times precision."""
+        return np.asarray((self.by * self.precision[..., None]).transpose(0, 2, 1))
+
+    @property
+    def slope(self) -> Array:
+        """Half the slope (n, k) of the sum of weighed squares."""
+        return np.asarray((self.weighed @ self.residual[..., None])[..., 0])
+
+
+class Pattern:
+    """Where the entries of a sparse normal matrix are, which rows of several kinds add up to."""
+
+    def __init__(self, size: int, *groups: Places) -> None:
+        """size: number of unknowns. groups: (n, k) of each kind, which unknowns its rows are of."""
+        self._size, self._groups = size, [group.ravel() for group in groups]
+        rows = [np.broadcast_to(g[:, :, None], (*g.shape, g.shape[1])).ravel() for g in groups]
+        columns = [np.broadcast_to(g[:, None, :], (*g.shape, g.shape[1])).ravel() for g in groups]
+        every = np.arange(size)
+        keys = np.concatenate([*columns, every]) * size + np.concatenate([*rows, every])
+        keys, self._sums = np.unique(keys, return_inverse=True)
+        self._rows = (keys % size).astype(np.int32)
+        self._starts = np.searchsorted(keys, np.arange(size + 1) * size).astype(np.int32)
+
+    def equations(self, *kinds: Rows) -> Equations:
+        """Equations of the step that lowers the weighed squares of all rows most."""
+        normal = [(rows.weighed @ rows.by).ravel() for rows in kinds]
+        values = np.concatenate([*normal, np.zeros(self._size)])
+        summed = np.bincount(self._sums, values, len(self._rows))
+        diagonal = self._sums[-self._size :]
+        summed[diagonal] += _RIDGE * summed[diagonal].mean()
+        matrix = sparse.csc_matrix((summed, self._rows, self._starts), (self._size, self._size))
+        downhill = np.zeros(self._size)
+        for group, rows in zip(self._groups, kinds, strict=True):
+            downhill -= np.bincount(group, rows.slope.ravel(), self._size)
+        return Equations(matrix, downhill)
+
+
+class Equations:
+    """A symmetric, positive sparse system, factored."""
+
+    def __init__(self, matrix: sparse.csc_matrix, right: Array) -> None:
+        """matrix: (size, size). right: (size,)."""
+        self._factors = splu(
+            matrix,
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+        self._right = right
+
+    def solution(self) -> Array:
+        """Step (size,)."""
+        return np.asarray(self._factors.solve(self._right))
+
+    def solution_with(self, border: Array, corner: Array, right: Array) -> tuple[Array, Array]:
+        """Step (size,), and that (k,) of k more unknowns that hang on all.
+
+        border: (size, k) and corner: (k, k) of the normal matrix. right: (k,), downhill.
+        """
+        by_border, alone = self._factors.solve(border), self.solution()
+        outer = np.linalg.solve(corner - border.T @ by_border, right - border.T @ alone)
+        return alone - by_border @ outer, np.asarray(outer)
