@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.calibration.chart_layout import CORNER_NAMES, CORNERS, colour_misfit
 from pipeline.calibration.light import mean_light
 from pipeline.calibration.options import Point
 from pipeline.calibration.patches import Patches
@@ -16,12 +17,9 @@ from pipeline.frames import Mask
 from pipeline.options import Circle
 from pipeline.pair import Pair
 from pipeline.spectra.colorchecker import COLUMNS, ROWS, colorchecker_spectra
-from pipeline.spectra.observer import cie_1931
 
 Array = NDArray[np.float64]
 
-_CORNERS = np.array([[0, 0], [COLUMNS - 1, 0], [COLUMNS - 1, ROWS - 1], [0, ROWS - 1]], np.float32)
-_CORNER_NAMES = ("dark skin", "bluish green", "black", "white")
 _HALF_SIDE = 0.25  # of the distance of two patches' middles; a patch has 0.46
 _NO_CHART = 0.3  # relative error of any 3 × 3 matrix from XYZ to what was read
 _FINER = 4  # bits of a pixel that OpenCV draws with
@@ -38,7 +36,9 @@ def read_chart(pair: Pair, corners: Sequence[Point]) -> Patches:
     quad = np.array(corners, np.float32)
     _check_corners(quad, width, height)
     lights = []
-    to_picture = np.asarray(cv2.getPerspectiveTransform(_CORNERS, quad), np.float64)
+    to_picture = np.asarray(
+        cv2.getPerspectiveTransform(CORNERS.astype(np.float32), quad), np.float64
+    )
     grid = np.array([(c, r) for r in range(ROWS) for c in range(COLUMNS)], np.float64)
     for number, (column, row) in enumerate(grid):
         what = f"patch {number + 1} of the chart"
@@ -112,7 +112,7 @@ def _check_order(flash: Array) -> None:
         (1, 0, 3, 2): numbers[:, ::-1],
         (3, 2, 1, 0): numbers[::-1],
     }
-    misfits = {corners: _matrix_misfit(flash[order.ravel()]) for corners, order in orders.items()}
+    misfits = {corners: colour_misfit(flash[order.ravel()]) for corners, order in orders.items()}
     best = min(misfits, key=lambda corners: misfits[corners])
     if misfits[best] > _NO_CHART:
         raise OptionError(
@@ -120,16 +120,8 @@ def _check_order(flash: Array) -> None:
             "middles of dark skin, bluish green, black and white, in this order."
         )
     if best != (0, 1, 2, 3):
-        places = ", ".join(f"{_CORNER_NAMES[place]}'s" for place in best)
+        places = ", ".join(f"{CORNER_NAMES[place]}'s" for place in best)
         raise OptionError(
             "The chart is turned or mirrored: the corners should be dark skin, bluish green, "
             f"black and white, and what was given looks like {places}."
         )
-
-
-def _matrix_misfit(flash: Array) -> float:
-    """Relative error that the best matrix from the patches' XYZ to their light leaves."""
-    xyz = colorchecker_spectra() @ cie_1931().T
-    weight = 1 / np.maximum(flash.sum(axis=1, keepdims=True), 1e-12)
-    left = flash - xyz @ np.linalg.lstsq(xyz * weight, flash * weight, rcond=None)[0]
-    return float(np.sqrt(np.mean(np.square(left * weight)) / np.mean(np.square(flash * weight))))

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.calibration.chart_layout import CORNERS, colour_misfit
 from pipeline.calibration.quads import Quad, find_quads, on_screen
-from pipeline.spectra.colorchecker import COLUMNS, ROWS, colorchecker_spectra
-from pipeline.spectra.observer import cie_1931
+from pipeline.spectra.colorchecker import COLUMNS, ROWS
 
 Array = NDArray[np.float64]
 
@@ -24,7 +24,6 @@ _LIKE = 0.22  # relative error of any 3 × 3 matrix from XYZ to the patches' lig
 _MOSTLY = 0.8  # of the areas that a chart could hold of those in a row
 _TURNS = np.array([[(1, 0), (0, 1)], [(0, 1), (-1, 0)], [(-1, 0), (0, -1)], [(0, -1), (1, 0)]])
 _GRID = np.array([(c, r) for r in range(ROWS) for c in range(COLUMNS)], np.float64)
-_OUTER = np.array([(0, 0), (COLUMNS - 1, 0), (COLUMNS - 1, ROWS - 1), (0, ROWS - 1)], np.float64)
 
 
 @dataclass(frozen=True)
@@ -175,10 +174,10 @@ def _chart(
     colours = _colours(light, grid, pitch)
     if colours is None:
         return None
-    misfit = _misfit(colours)
+    misfit = colour_misfit(colours)
     if misfit > _LIKE:
         return None
-    return FoundChart(_through(to_picture, _OUTER), misfit, int(close.sum()))
+    return FoundChart(_through(to_picture, CORNERS), misfit, int(close.sum()))
 
 
 def _through(homography: NDArray[np.integer | np.floating], points: Array) -> Array:
@@ -200,14 +199,6 @@ def _colours(light: NDArray[np.float32], grid: Array, pitch: float) -> Array | N
         ],
         np.float64,
     )
-
-
-def _misfit(colours: Array) -> float:
-    """Relative error that the best matrix from the patches' XYZ to their light leaves."""
-    xyz = colorchecker_spectra() @ cie_1931().T
-    weight = 1 / np.maximum(colours.sum(axis=1, keepdims=True), 1e-12)
-    left = colours - xyz @ np.linalg.lstsq(xyz * weight, colours * weight, rcond=None)[0]
-    return float(np.sqrt(np.mean(np.square(left * weight)) / np.mean(np.square(colours * weight))))
 
 
 def _same(one: FoundChart, other: FoundChart) -> bool:

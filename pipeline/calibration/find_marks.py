@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from PIL import Image as PillowImage
 
+from pipeline.calibration.chart_layout import CORNER_NAMES
 from pipeline.calibration.find_chart import find_charts
 from pipeline.calibration.find_sphere import find_spheres
 from pipeline.calibration.options import Corners, Point
@@ -21,7 +22,6 @@ MARKS = "marks.jpg"
 
 _LONG_SIDE = 1600
 _COLOUR = (255, 0, 200)
-_CORNER_NAMES = ("dark skin", "bluish green", "black", "white")
 
 
 def find_chart(pair: Pair) -> Corners:
@@ -60,7 +60,7 @@ def draw_marks(pair: Pair, corners: Sequence[Point] | None, circle: Circle | Non
     if corners is not None:
         places = np.round(np.array(corners) * scale).astype(np.int32)
         cv2.polylines(screen, [places], True, _COLOUR, thick, cv2.LINE_AA)
-        for (x, y), name in zip(places.tolist(), _CORNER_NAMES, strict=True):
+        for (x, y), name in zip(places.tolist(), CORNER_NAMES, strict=True):
             cv2.circle(screen, (x, y), 3 * thick, _COLOUR, thick, cv2.LINE_AA)
             where = (x + 5 * thick, y)
             cv2.putText(screen, name, where, cv2.FONT_HERSHEY_SIMPLEX, 0.4 * thick, _COLOUR, thick)

@@ -1,0 +1,28 @@
+"""What a ColorChecker looks like: where its outer patches are, and what colours it may have."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.spectra.colorchecker import COLUMNS, ROWS, colorchecker_spectra
+from pipeline.spectra.observer import cie_1931
+
+Array = NDArray[np.float64]
+
+CORNER_NAMES = ("dark skin", "bluish green", "black", "white")
+"""The outer patches, clockwise."""
+
+CORNERS = np.array([(0, 0), (COLUMNS - 1, 0), (COLUMNS - 1, ROWS - 1), (0, ROWS - 1)], np.float64)
+"""Their places (4, 2), column and row."""
+
+
+def colour_misfit(light: Array) -> float:
+    """Relative error that the best matrix from the patches' XYZ to their light (24, 3) leaves.
+
+    Light of one colour on the patches, in their order, leaves a few hundredths.
+    """
+    xyz = colorchecker_spectra() @ cie_1931().T
+    weight = 1 / np.maximum(light.sum(axis=1, keepdims=True), 1e-12)
+    left = light - xyz @ np.linalg.lstsq(xyz * weight, light * weight, rcond=None)[0]
+    return float(np.sqrt(np.mean(np.square(left * weight)) / np.mean(np.square(light * weight))))

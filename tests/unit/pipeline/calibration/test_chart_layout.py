@@ -1,0 +1,32 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pipeline.calibration.chart_layout import CORNER_NAMES, CORNERS, colour_misfit
+from pipeline.spectra.colorchecker import COLUMNS, colorchecker_spectra
+from pipeline.spectra.observer import cie_1931
+
+XYZ = colorchecker_spectra() @ cie_1931().T
+
+
+def test_corners_are_those_of_the_names() -> None:
+    """Neutral patches are the last row, dark skin and bluish green the ends of the first."""
+    spectra = colorchecker_spectra()
+    numbers = dict(zip(CORNER_NAMES, (CORNERS @ [1, COLUMNS]).astype(int), strict=True))
+
+    assert numbers == {"dark skin": 0, "bluish green": 5, "black": 23, "white": 18}
+    means = spectra.mean(axis=1)
+    assert means[numbers["white"]] == means.max()
+    assert means[numbers["black"]] == means.min()
+
+
+def test_a_matrix_of_the_patches_colours_leaves_nothing() -> None:
+    light = XYZ @ np.array([[0.9, 0.2, 0.1], [0.1, 1.0, 0.0], [0.0, 0.1, 0.7]])
+
+    assert colour_misfit(light) == pytest.approx(0, abs=1e-9)
+    assert colour_misfit(7 * light) == pytest.approx(0, abs=1e-9)
+
+
+def test_patches_in_another_order_leave_much() -> None:
+    assert colour_misfit(XYZ[::-1]) > 0.3
