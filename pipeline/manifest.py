@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from importlib.metadata import version
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from pipeline.frames import Frame
 from pipeline.lamps import Lamps
 from pipeline.mix_options import MixBasis
 from pipeline.model import Model
-from pipeline.normals import Facing
+from pipeline.normals import CONVENTIONS, Facing
 from pipeline.options import Options
 from pipeline.pair import Pair
 from pipeline.remarks import Remark
@@ -81,13 +81,14 @@ def make_manifest(
     filled: float,
     files: list[dict[str, Any]],
     mix: MixBasis,
+    calibrations: list[dict[str, str]],
     warnings: list[Remark],
 ) -> dict[str, Any]:
     """Build the manifest; equal input and options give equal bytes.
 
     entries: from lamp_entries. facing: of the normals, None without. filled: share of pixels
     whose layers are filled in from their surroundings. files: from describe. mix: what mixing the
-    layers starts from.
+    layers starts from. calibrations: from with_kept, those that stood in for options.
     """
     no_flash, flash = frames
     given = options.flash_spectrum
@@ -117,10 +118,11 @@ def make_manifest(
             "confidence": round(lamps.confidence, 3),
         },
         "lamps": entries,
-        "normals": None if facing is None else _normals(facing),
+        "normals": None if facing is None else _normals(facing, options.normals),
         "filled": round(filled, 4),
         "files": files,
         "mix": mix.model_dump(mode="json"),
+        "calibrations": calibrations,
         "warnings": [warning.entry() for warning in warnings],
         "versions": versions(),
     }
@@ -131,9 +133,9 @@ def versions() -> dict[str, str]:
     return {name: version(name) for name in ("lightlayers", *_LIBRARIES)}
 
 
-def _normals(facing: Facing) -> dict[str, Any]:
+def _normals(facing: Facing, convention: Literal["gl", "dx"]) -> dict[str, Any]:
     return {
-        "convention": "x right, y up, z to the viewer (OpenGL)",
+        "convention": CONVENTIONS[convention],
         "strengths": [round(float(strength), 4) for strength in facing.strengths],
     }
 

@@ -22,6 +22,12 @@ from pipeline.reduced import ReducedPair
 from pipeline.remarks import Code, Remark
 from pipeline.separation import Strip
 
+CONVENTIONS = {
+    "gl": "x right, y up, z to the viewer (OpenGL)",
+    "dx": "x right, y down, z to the viewer (DirectX)",
+}
+"""Axes of the normals that are written, by the option normals."""
+
 _MUCH_LEFT = 0.05  # relative; sensor noise leaves up to 0.025
 
 

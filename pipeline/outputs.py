@@ -26,7 +26,7 @@ from pipeline.gamma_diagram import draw_gamma_diagram
 from pipeline.lamps import Lamps
 from pipeline.mesh import make_mesh
 from pipeline.model import Model, Response
-from pipeline.normals import Facing
+from pipeline.normals import CONVENTIONS, Facing
 from pipeline.options import FACING_OUTPUTS, OUTPUT_NAMES, Options
 from pipeline.photometric_stereo.detail import surface_depth
 from pipeline.photometric_stereo.solve import Surface
@@ -45,10 +45,6 @@ _ONLY_ON_REQUEST = frozenset(
     }
 )
 _CAMERA_RGB = "linear camera RGB, 1.0 = white level of the no-flash photograph"
-_NORMALS = {
-    "gl": "unit normals, x right, y up, z to the viewer (OpenGL)",
-    "dx": "unit normals, x right, y down, z to the viewer (DirectX)",
-}
 _SRGB = ("8-bit sRGB curve", "sRGB")
 _REC2020 = ("16-bit linear", "Rec. 2020")
 
@@ -288,11 +284,14 @@ class Outputs:
 
     def _open_normals(self) -> None:
         if "normals.png" in self._wanted:
-            kind = ("16-bit, (n + 1)/2 · 65535, 0 = unknown", _NORMALS[self._convention])
+            kind = (
+                "16-bit, (n + 1)/2 · 65535, 0 = unknown",
+                f"unit normals, {CONVENTIONS[self._convention]}",
+            )
             png = partial(NormalsPng, size=self._size)
             self._stream("normals.png", kind, png, self._normals)
         if "normals.exr" in self._wanted:
-            kind = ("32-bit float, NaN = unknown", _NORMALS[self._convention])
+            kind = ("32-bit float, NaN = unknown", f"unit normals, {CONVENTIONS[self._convention]}")
             exr = partial(ExrFile, size=self._size)
             self._stream("normals.exr", kind, exr, lambda rows: {"RGB": self._normals(rows)})
 

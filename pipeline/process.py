@@ -139,9 +139,9 @@ def separate_files(
         tally.filled,
         files,
         basis,
+        used,
         warnings,
     )
-    manifest["calibrations"] = used
     text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False)
     progress.report("encode", 1.0)  # before the manifest, which only a finished run has
     (directory / "manifest.json").write_text(text + "\n", encoding="utf-8")

@@ -63,6 +63,7 @@ def manifest_of(
             "filled": 0.123456,
             "files": [{"name": "layers.exr", "sha256": "cc"}],
             "mix": mix_basis(pair.no_flash, lamps, model),
+            "calibrations": [{"kind": "flash", "name": "a"}],
             "warnings": [Remark(Code.FLICKER, "Something is odd.", {"height": 0.123456})],
         }
         given.update({key: value for key, value in more.items() if key in given})
@@ -92,6 +93,7 @@ def test_the_manifest_says_what_is_needed(manifest_of: Callable[..., dict[str, A
     assert found["normals"] is None
     assert found["filled"] == 0.1235
     assert found["files"] == [{"name": "layers.exr", "sha256": "cc"}]
+    assert found["calibrations"] == [{"kind": "flash", "name": "a"}]
     assert found["warnings"] == [
         {"code": "flicker", "message": "Something is odd.", "figures": {"height": 0.1235}}
     ]
@@ -174,7 +176,9 @@ def test_normals_are_told_with_their_strengths(
     found = manifest_of(facing=facing, options=options)["normals"]
 
     assert found["strengths"] == [1.0, 0.5679, 0.25]
-    assert "y up" in found["convention"]
+    assert found["convention"] == "x right, y up, z to the viewer (OpenGL)"
+    turned = manifest_of(facing=facing, options=options.model_copy(update={"normals": "dx"}))
+    assert turned["normals"]["convention"] == "x right, y down, z to the viewer (DirectX)"
 
 
 # lamps
