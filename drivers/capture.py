@@ -47,7 +47,6 @@ def capture_pair(
     progress: CaptureProgress = lambda _stage, _fraction: None,
     clock: Clock | None = None,
     flash: Flash | None = None,
-    keep: bool = True,
     settings: Mapping[SettingName, SettingValue] | None = None,
 ) -> CapturedPair:
     """Take a photograph without the flash and one with it.
@@ -57,7 +56,7 @@ def capture_pair(
     is set, but for an automatic ISO or white balance, which is put to a fixed one.
     progress(stage, fraction): stage is one of CAPTURE_STAGES; the fractions start anew where a
     pair is taken once more, because its second photograph failed. flash: what switches it, by
-    default the camera's own setting. keep: leave the photographs on the card.
+    default the camera's own setting.
 
     Raises SettingError, FlashError, FocusError, StoreFullError, CaptureError, TransferError,
     PairVerificationError, and what every method of Camera may raise.
@@ -82,10 +81,6 @@ def capture_pair(
             if not left or type(error) not in _WORTH_ANOTHER_PAIR:
                 raise
             clock.sleep(RECHARGE_S)
-    if not keep:
-        for shot in (pair.no_flash, pair.flash):
-            for handle in shot.handles:
-                camera.delete(handle)
     progress("verify", 1.0)
     return pair
 

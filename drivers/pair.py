@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from drivers.camera import SettingName, SettingValue
+from drivers.camera import Camera, SettingName, SettingValue
 from drivers.errors import NoFlashError, PairVerificationError
 from drivers.shot import Shot
 
@@ -23,6 +23,12 @@ class CapturedPair:
     no_flash: Shot
     flash: Shot
     settings: Mapping[SettingName, SettingValue] = field(default_factory=dict, compare=False)
+
+    def delete_from(self, camera: Camera) -> None:
+        """Delete the photographs from the camera's card. Raises what Camera.delete raises."""
+        for shot in (self.no_flash, self.flash):
+            for handle in shot.handles:
+                camera.delete(handle)
 
 
 def verify(pair: CapturedPair, brightness: Callable[[bytes], float] | None) -> None:

@@ -42,7 +42,7 @@ def capture(task: dict[str, Any], tell: Tell) -> None:
         (directory / "flash").write_bytes(pair.flash.best)
         taken_with = dict(pair.settings)
         if not wanted.get("keep", True) and _ask(tell, {"kind": "keep", "settings": taken_with}):
-            _told(lambda: _clear(camera, pair), task)
+            _told(lambda: pair.delete_from(camera), task)
         info = _told(lambda: asdict(camera.info()), task)
         tell({"answer": {"settings": taken_with, "info": info}})
 
@@ -98,12 +98,6 @@ def _flash(wanted: dict[str, Any], tell: Tell) -> drivers.Flash:
 def _ask(tell: Tell, question: dict[str, Any]) -> bool:
     tell({"question": question})
     return bool(json.loads(sys.stdin.readline() or "false"))
-
-
-def _clear(camera: drivers.Camera, pair: drivers.CapturedPair) -> None:
-    for shot in (pair.no_flash, pair.flash):
-        for handle in shot.handles:
-            camera.delete(handle)
 
 
 def _told(call: Callable[[], Result], task: dict[str, Any]) -> Result | None:

@@ -153,9 +153,7 @@ def _take(
         durable.write(folder / recipe, f"{made.model_dump_json(indent=2)}\n".encode())
     durable.flush(output)
     if delete:  # the card's copy goes only now that there is another
-        for photographs in (pair.no_flash, pair.flash):
-            for handle in photographs.handles:
-                camera.connected().delete(handle)
+        pair.delete_from(camera.connected())
     paths = [str(output / name) for name in names]
     return {"shot": shot, "files": paths, "recipe": str(output / recipe)}
 

@@ -247,18 +247,13 @@ def test_a_dial_turned_between_the_photographs_is_noticed(clock: Clock) -> None:
     assert len(camera.shots) == 1
 
 
-def test_the_cards_copy_goes_only_when_asked(clock: Clock) -> None:
+def test_a_pair_is_deleted_from_the_card_and_nothing_else(clock: Clock) -> None:
     camera = FakeCamera()
     camera.card[40] = ("jpeg", b"old")
-    capture_pair(camera, clock=clock, keep=False)
+    pair = capture_pair(camera, clock=clock)
+    assert sorted(camera.card) == [1, 40, 41, 42]
+    pair.delete_from(camera)
     assert camera.card == {1: ("folder", b""), 40: ("jpeg", b"old")}
-
-
-def test_copies_of_a_pair_that_is_none_stay_on_the_card(clock: Clock) -> None:
-    camera = FakeCamera([{"jpeg": FLASH}, {"jpeg": FLASH}])
-    with pytest.raises(PairVerificationError):
-        capture_pair(camera, clock=clock, keep=False)
-    assert sorted(camera.card) == [1, 2, 3]
 
 
 def test_a_camera_need_not_tell_its_other_settings(clock: Clock) -> None:
