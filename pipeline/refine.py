@@ -209,7 +209,7 @@ def _step(
     matrix: NDArray[np.float64],
     to_unit: NDArray[np.float64],
     freedoms: NDArray[np.float64],
-    interpolation: int = cv2.INTER_CUBIC,
+    interpolation: int,
 ) -> NDArray[np.float64] | None:
     """One round: the small motion, in unit coordinates, that takes away most of the difference."""
     first, second = _rows(reference), _rows(_warped(sample, matrix, interpolation))

@@ -39,7 +39,6 @@ ANNOUNCED: dict[str, CameraInfo] = {}
 _CONNECT_S = 5.0
 _LEAVING_PAUSES_S = (0.1, 0.3, 0.6)
 _NO_DATA, _DATA_OUT = 1, 2  # data phases of an operation request
-_BLOCK_BYTES = 1 << 16
 
 _FAILURES = {
     InitFail.REJECTED: "The camera at {} turned this computer away: let it connect in the "

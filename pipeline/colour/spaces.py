@@ -23,10 +23,10 @@ def xy_to_xyz(xy: tuple[float, float]) -> NDArray[np.float64]:
     return np.array([x / y, 1.0, (1.0 - x - y) / y])
 
 
-def rgb_to_xyz(primaries: Primaries, white: tuple[float, float] = D65_XY) -> Matrix:
-    """Matrix (3, 3) from linear RGB to CIE XYZ, white (1, 1, 1) → Y = 1 (SMPTE RP 177)."""
+def rgb_to_xyz(primaries: Primaries) -> Matrix:
+    """Matrix (3, 3) from linear RGB to CIE XYZ, white (1, 1, 1) → D65 of Y = 1 (SMPTE RP 177)."""
     columns = np.array([xy_to_xyz(xy) for xy in primaries]).T
-    matrix: Matrix = columns * np.linalg.solve(columns, xy_to_xyz(white))
+    matrix: Matrix = columns * np.linalg.solve(columns, xy_to_xyz(D65_XY))
     return matrix
 
 

@@ -6,6 +6,7 @@ import difflib
 import re
 from collections.abc import Iterable
 
+_NEAR = 4  # names that are listed at most
 _NOISE = {"corporation", "corp", "co", "ltd", "inc", "company", "imaging", "eos", "npl"}
 
 
@@ -18,10 +19,10 @@ def key_of(name: str) -> str:
     return "".join(dict.fromkeys(word for word in words if word not in _NOISE))
 
 
-def near_names(name: str, known: Iterable[str], count: int = 4) -> list[str]:
-    """Return the known names nearest to a name, best first, at most `count`."""
+def near_names(name: str, known: Iterable[str]) -> list[str]:
+    """Return the known names nearest to a name, best first, at most four."""
     by_key = {key_of(candidate): candidate for candidate in known}
-    return [by_key[key] for key in difflib.get_close_matches(key_of(name), by_key, count, 0.5)]
+    return [by_key[key] for key in difflib.get_close_matches(key_of(name), by_key, _NEAR, 0.5)]
 
 
 def unknown(what: str, name: str, known: Iterable[str]) -> str:

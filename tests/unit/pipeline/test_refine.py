@@ -166,7 +166,7 @@ def test_the_compiled_round_is_the_one_of_the_source(kind: str, start: str) -> N
     reference, sample = (log_detail(image) for image in images)
     before = np.eye(3) if start == "still" else matrix
 
-    step = refine._step(reference, sample, before, TO_UNIT, HOMOGRAPHY)
+    step = refine._step(reference, sample, before, TO_UNIT, HOMOGRAPHY, cv2.INTER_CUBIC)
 
     expected = step_by_numpy(reference, sample, before)
     assert np.abs(expected - np.eye(3)).max() > (1e-3 if start == "still" else 1e-6)
@@ -178,10 +178,10 @@ def test_a_round_by_some_of_the_rows_finds_the_same(monkeypatch: pytest.MonkeyPa
     """Thresholds of a large picture are those of a part of its pixels."""
     matrix, _ = MOVED["shift"]
     steps = [log_detail(image) for image in (patches(), seen(patches(), matrix))]
-    full = refine._step(steps[0], steps[1], np.eye(3), TO_UNIT, SHIFT)
+    full = refine._step(steps[0], steps[1], np.eye(3), TO_UNIT, SHIFT, cv2.INTER_CUBIC)
     monkeypatch.setattr(refine, "ENOUGH", WIDTH * HEIGHT // 4)
 
-    step = refine._step(steps[0], steps[1], np.eye(3), TO_UNIT, SHIFT)
+    step = refine._step(steps[0], steps[1], np.eye(3), TO_UNIT, SHIFT, cv2.INTER_CUBIC)
 
     assert full is not None
     assert step is not None
@@ -224,7 +224,7 @@ def test_a_round_with_too_few_pixels_finds_nothing(pixels: int) -> None:
     steps = log_detail(patches())
     away = np.array([[1, 0, pixels], [0, 1, 0], [0, 0, 1.0]])
 
-    assert refine._step(steps, steps, away, TO_UNIT, HOMOGRAPHY) is None
+    assert refine._step(steps, steps, away, TO_UNIT, HOMOGRAPHY, cv2.INTER_CUBIC) is None
 
 
 def test_agreement_is_the_correlation_where_both_are_seen() -> None:

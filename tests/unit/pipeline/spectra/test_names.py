@@ -27,8 +27,8 @@ def test_two_cameras_have_two_keys(one: str, other: str) -> None:
 
 
 def test_near_names_come_best_first_and_few() -> None:
-    known = ["Nikon D5100", "Nikon D5300", "Nikon D70", "Canon R5", "Sigma"]
-    assert near_names("nikon d5101", known, 2) == ["Nikon D5100", "Nikon D5300"]
+    known = ["Nikon D5100", "Nikon D5300", "Nikon D5200", "Nikon D5000", "Nikon D70", "Sigma"]
+    assert near_names("nikon d5101", known) == known[:4]
     assert near_names("zzz", known) == []
 
 
