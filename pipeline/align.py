@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.area_means import area_means
+from pipeline.area_means import area_means, size_within
 from pipeline.frames import Image, Mask, Photograph
 from pipeline.memory import empty_image
 from pipeline.order import ENOUGH, quantile
@@ -89,7 +89,7 @@ def estimate_alignment(no_flash: Photograph, flash: Photograph) -> Alignment:
 
 def _attempt(no_flash: Photograph, flash: Photograph, working_size: int) -> Alignment:
     height, width = no_flash.shape[:2]
-    size = _within((width, height), working_size)
+    size = size_within((width, height), working_size)
     reference, reference_steps = _reduced(no_flash, size)
     sample, sample_steps = _reduced(flash, size)
     try:
@@ -108,12 +108,6 @@ def _attempt(no_flash: Photograph, flash: Photograph, working_size: int) -> Alig
     return Alignment(not np.array_equal(small, np.eye(3)), matrix, float(correlation))
 
 
-def _within(size: tuple[int, int], longest: int) -> tuple[int, int]:
-    """(width, height) of the same shape, no side longer than that, and no larger."""
-    scale = min(1.0, longest / max(size))
-    return max(round(size[0] * scale), 1), max(round(size[1] * scale), 1)
-
-
 def _reduced(image: Photograph, size: tuple[int, int]) -> tuple[Image, Pyramid]:
     """Edges of a photograph, and its steps at (width, height)."""
     small = area_means(image, size)
@@ -122,7 +116,7 @@ def _reduced(image: Photograph, size: tuple[int, int]) -> tuple[Image, Pyramid]:
 
 def _shrunk(image: Image, longest: int) -> Image:
     """A picture with no side longer than that."""
-    size = _within((image.shape[1], image.shape[0]), longest)
+    size = size_within((image.shape[1], image.shape[0]), longest)
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
 
 

@@ -14,6 +14,12 @@ _ROWS = 48  # of the photograph, made linear at a time
 _MANY_ROWS = 512  # from which a whole photograph is made linear
 
 
+def size_within(size: tuple[int, int], longest: int) -> tuple[int, int]:
+    """(width, height) of the same shape as size, no side longer than that, and no larger."""
+    scale = min(1.0, longest / max(size))
+    return max(round(size[0] * scale), 1), max(round(size[1] * scale), 1)
+
+
 def area_means(
     photograph: Photograph, size: tuple[int, int], crop: tuple[int, int] | None = None
 ) -> Image:

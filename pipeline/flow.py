@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.align import Alignment, edges
-from pipeline.area_means import area_means
+from pipeline.area_means import area_means, size_within
 from pipeline.frames import Image, Mask, Photograph
 from pipeline.memory import empty_image
 from pipeline.order import quantile
@@ -42,8 +42,7 @@ def residual_flow(no_flash: Photograph, flash: Photograph) -> Array | None:
     notable part of the picture is explained better by any motion.
     """
     height, width = no_flash.shape[:2]
-    scale = min(1.0, _WORKING_SIZE / max(height, width))
-    size = (max(round(width * scale), 1), max(round(height * scale), 1))
+    size = size_within((width, height), _WORKING_SIZE)
     pair = [area_means(image, size) for image in (no_flash, flash)]
     codes = [np.clip(edges(image) * _CODES, 0, 255).astype(np.uint8) for image in pair]
     forward = _search(codes[0], codes[1])

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from PIL import Image as PillowImage
 
+from pipeline.area_means import area_means, size_within
 from pipeline.calibration.chart_layout import CORNER_NAMES
 from pipeline.calibration.find_chart import find_charts
 from pipeline.calibration.find_sphere import find_spheres
@@ -51,9 +52,9 @@ def find_sphere(pair: Pair, mirror: bool) -> Circle:
 def draw_marks(pair: Pair, corners: Sequence[Point] | None, circle: Circle | None) -> bytes:
     """Draw marks into the photograph with the flash, a JPEG for people to check."""
     height, width = pair.unusable.shape
-    scale = min(1.0, _LONG_SIDE / max(height, width))
-    size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    light = cv2.resize(np.ascontiguousarray(pair.flash), size, interpolation=cv2.INTER_AREA)
+    size = size_within((width, height), _LONG_SIDE)
+    scale = size[0] / width
+    light = area_means(pair.flash, size)
     high = np.maximum(np.quantile(light.reshape(-1, 3), 0.99, axis=0), 1e-9)
     screen = (np.clip(light / high, 0, 1) ** (1 / 2.2) * 255).astype(np.uint8)
     thick = max(1, round(max(size) / 600))

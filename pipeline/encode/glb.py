@@ -4,12 +4,12 @@ import io
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import trimesh
 from PIL import Image as PillowImage
 from trimesh.exchange.gltf import export_glb
 
+from pipeline.area_means import area_means, size_within
 from pipeline.encode.jpeg import write_jpeg
 from pipeline.frames import Image, Matrix
 from pipeline.mesh import Mesh
@@ -64,10 +64,9 @@ def write_glb(path: Path, mesh: Mesh, picture: Image, to_srgb: Matrix) -> None:
 
 def _texture(picture: Image, to_srgb: Matrix) -> bytes:
     height, width = picture.shape[:2]
-    scale = _LONGEST / max(height, width)
-    if scale < 1:
-        size = (round(width * scale), round(height * scale))
-        picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float32)
+    size = size_within((width, height), _LONGEST)
+    if size != (width, height):
+        picture = area_means(picture, size)
     file = io.BytesIO()
     write_jpeg(file, picture, to_srgb)
     return file.getvalue()

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.area_means import area_means
+from pipeline.area_means import area_means, size_within
 from pipeline.encode.exr import ExrFile, channels_of
 from pipeline.frames import Image, Photograph
 
@@ -77,8 +77,7 @@ class PreviewFile:
 def thumbnail(picture: Photograph) -> Image:
     """Make a picture (H, W, 3) at most 400 pixels long; a smaller one stays as it is."""
     height, width = picture.shape[:2]
-    scale = _THUMBNAIL / max(height, width)
-    if scale >= 1:
+    size = size_within((width, height), _THUMBNAIL)
+    if size == (width, height):
         return np.array(picture[:])  # its own memory: a photograph's may be given back
-    size = (max(1, round(width * scale)), max(1, round(height * scale)))
     return area_means(picture, size)

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pipeline.area_means import area_means
+from pipeline.area_means import area_means, size_within
 from pipeline.coded import CodedImage
 
 TABLE = np.square(np.linspace(0, 1, 256, dtype=np.float32))
@@ -34,3 +34,20 @@ def test_blocks_become_their_means() -> None:
     means = area_means(photograph, (3, 2))
 
     np.testing.assert_allclose(means[..., 1], TABLE[:6].reshape(2, 3), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("size", "longest", "expected"),
+    [
+        ((600, 400), 300, (300, 200)),
+        ((400, 600), 300, (200, 300)),
+        ((300, 200), 300, (300, 200)),
+        ((30, 20), 300, (30, 20)),
+        ((1001, 500), 100, (100, 50)),
+        ((9000, 2), 400, (400, 1)),
+    ],
+)
+def test_sizes_keep_their_shape_and_grow_never(
+    size: tuple[int, int], longest: int, expected: tuple[int, int]
+) -> None:
+    assert size_within(size, longest) == expected
