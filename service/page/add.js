@@ -9,20 +9,33 @@ const FRAMES = [
   ["flash", "With the flash", "From the same place, nothing moved, the same exposure."],
 ];
 const KINDS = "image/*,.dng,.nef,.cr2,.cr3,.arw,.raf,.orf,.rw2,.pef,.tif,.tiff,.exr,.heic";
+const LEFT_OUT = { title: "Two photographs make a pair", message: "The others were left out." };
 
 export async function showAdd(main, signal) {
   const files = {};
   const problems = h("div");
   const go = h("button", { className: "main", textContent: "Separate the light", disabled: true });
   const sent = h("progress", { max: 1, value: 0, hidden: true, "aria-label": "Sent" });
-  const zones = FRAMES.map(([frame, title, hint], index) =>
+  const enable = () => (go.disabled = swap.disabled = FRAMES.some(([frame]) => !files[frame]));
+  const put = (chosen, first) => {
+    chosen.forEach((file, index) => {
+      files[FRAMES[first + index][0]] = file;
+      zones[first + index].show(file);
+    });
+    enable();
+  };
+  const swap = h("button", {
+    type: "button",
+    textContent: "Swap",
+    "aria-label": "Swap the two photographs",
+    disabled: true,
+    onclick: () => put([files.flash, files.no_flash], 0),
+  });
+  const zones = FRAMES.map(([, title, hint], index) =>
     zone(title, hint, (chosen) => {
-      chosen.slice(0, 2).forEach((file, more) => {
-        const place = chosen.length > 1 ? more : index;
-        files[FRAMES[place][0]] = file;
-        zones[place].show(file);
-      });
-      go.disabled = FRAMES.some(([name]) => !files[name]);
+      problems.replaceChildren(...(chosen.length > 2 ? [alarm(LEFT_OUT)] : []));
+      if (chosen.length > 1) put(inOrder(chosen.slice(0, 2)), 0);
+      else put(chosen, index);
     }),
   );
   const lamps = h(
@@ -40,7 +53,7 @@ export async function showAdd(main, signal) {
     } catch (error) {
       problems.replaceChildren(alarm(error));
       sent.hidden = true;
-      go.disabled = false;
+      enable();
     }
   };
   const form = h(
@@ -51,14 +64,14 @@ export async function showAdd(main, signal) {
         const body = new FormData();
         for (const [frame] of FRAMES) body.append(frame, files[frame]);
         body.append("options", JSON.stringify(options()));
-        go.disabled = true;
+        go.disabled = swap.disabled = true;
         sent.hidden = false;
         say("The photographs are being sent.");
         return upload("/jobs", body, (fraction) => (sent.value = fraction));
       }),
     },
     h("div", { className: "zones" }, ...zones.map((one) => one.element)),
-    h("p", { className: "row" }, h("label", {}, "Lamps ", lamps), go, sent),
+    h("p", { className: "row" }, h("label", {}, "Lamps ", lamps), swap, go, sent),
     problems,
   );
   main.classList.add("narrow");
@@ -70,6 +83,12 @@ export async function showAdd(main, signal) {
   await showCameras(main, signal, attempt, options);
 }
 
+/** Two files, the one without the flash first as far as their names tell, as those of a capture do. */
+function inOrder(two) {
+  const tells = ({ name }) => (/(^|[^a-z])no[ _-]?flash|without/i.test(name) ? 0 : /flash/i.test(name) ? 2 : 1);
+  return two.sort((a, b) => tells(a) - tells(b)); // stable: where names tell nothing, as they came
+}
+
 /** A place for one photograph; chosen(files) is called with what was dropped or picked. */
 function zone(title, hint, chosen) {
   const picture = h("div", { className: "chosen" });
@@ -78,7 +97,10 @@ function zone(title, hint, chosen) {
       type: "file",
       className: "unseen",
       ...more,
-      onchange: (event) => chosen([...event.target.files]),
+      onchange: ({ target }) => {
+        chosen([...target.files]);
+        target.value = ""; // else the same file, replaced meanwhile, could not be chosen again
+      },
     });
   const pick = input({ accept: KINDS, multiple: true, "aria-label": `Choose a file: ${title}` });
   const shoot = input({ accept: "image/*", capture: "environment", "aria-label": `Take it with this device: ${title}` });
