@@ -126,7 +126,9 @@ function zone(title, hint, chosen) {
   }
   const show = (file) => {
     const name = h("span", { className: "name", textContent: `${file.name} · ${bytes(file.size)}` });
-    const image = h("img", { alt: "", src: URL.createObjectURL(file), onerror: () => image.remove() });
+    const src = URL.createObjectURL(file);
+    const free = () => URL.revokeObjectURL(src); // else the file stays in memory while the page is open
+    const image = h("img", { alt: "", src, onload: free, onerror: () => (free(), image.remove()) });
     picture.replaceChildren(image, name);
     element.classList.add("filled");
     say(`${title}: ${file.name}`);

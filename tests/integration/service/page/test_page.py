@@ -316,6 +316,35 @@ def test_two_files_are_swapped_and_sent_so(page: Page, done: dict[str, Any]) -> 
     assert parts == [("no_flash", "2.dng"), ("flash", "1.dng")]
 
 
+def test_photographs_that_were_shown_are_not_held_on_to(page: Page) -> None:
+    page.add_init_script(
+        """const held = new Set();
+        const tell = () => (document.documentElement.dataset.held = held.size);
+        const { createObjectURL, revokeObjectURL } = URL;
+        URL.createObjectURL = (file) => {
+          const url = createObjectURL(file);
+          held.add(url);
+          tell();
+          return url;
+        };
+        URL.revokeObjectURL = (url) => {
+          revokeObjectURL(url);
+          held.delete(url);
+          tell();
+        };"""
+    )
+    page.goto("/")
+    picture = io.BytesIO()
+    Image.new("RGB", (3, 2)).save(picture, "PNG")
+    contents = {"Without the flash": picture.getvalue(), "With the flash": b"no picture"}
+    for label, buffer in contents.items():
+        file: FilePayload = {"name": "a.png", "mimeType": "image/png", "buffer": buffer}
+        page.get_by_label(f"Choose a file: {label}").set_input_files(file)
+    expect(page.locator("html")).to_have_attribute("data-held", "0")
+    expect(page.locator(".chosen img")).to_have_count(1)
+    expect(page.locator(".chosen img")).to_have_js_property("naturalWidth", 3)
+
+
 def test_a_bad_file_is_told_in_words(page: Page) -> None:
     page.goto("/")
     for label in ("Without the flash", "With the flash"):
