@@ -20,15 +20,11 @@ const WORDS = {
 /** A table of files with a button for each. */
 export function filesOf(job) {
   const failed = h("div");
-  const save = (path, name) => () => {
-    failed.replaceChildren();
-    download(path, name).catch((error) => failed.append(alarm(error)));
-  };
   const row = (file) =>
     h(
       "li",
       {},
-      h("button", { type: "button", className: "link", textContent: file.name, onclick: save(file.href, file.name) }),
+      h("button", { type: "button", className: "link", textContent: file.name, onclick: save(file.href, file.name, failed) }),
       h("span", { className: "what", textContent: WORDS[file.name] ?? wordsOf(file.name) }),
       h("span", { className: "size", textContent: bytes(file.size) }),
     );
@@ -39,11 +35,19 @@ export function filesOf(job) {
     h("button", {
       type: "button",
       textContent: `Download all (${all})`,
-      onclick: save(job.links.zip, `${job.id}.zip`),
+      onclick: save(job.links.zip, `${job.id}.zip`, failed),
     }),
     h("ul", {}, ...job.files.map(row)),
     failed,
   );
+}
+
+/** A listener that saves a result, and tells in an element where that fails. */
+export function save(path, name, failed) {
+  return () => {
+    failed.replaceChildren();
+    download(path, name).catch((error) => failed.append(alarm(error)));
+  };
 }
 
 function wordsOf(name) {

@@ -1,12 +1,13 @@
 // The mix as a picture of full size, made by a job of its own.
 
-import { download, post } from "./api.js";
+import { post } from "./api.js";
 import { alarm, bytes, h, say } from "./dom.js";
+import { save } from "./files.js";
 import { watch } from "./watch.js";
 
 const FORMATS = [["jpeg", "JPEG"], ["tiff", "TIFF, 16 bits"], ["exr", "EXR, linear"]];
 
-export function renderForm(job, current, problems) {
+export function renderForm(job, current, problems, signal) {
   const format = h("select", { "aria-label": "Format" }, ...FORMATS.map(([value, textContent]) => h("option", { value, textContent })));
   const button = h("button", { className: "main", textContent: "Render full size" });
   const bar = h("progress", { max: 1, hidden: true, "aria-label": "Rendering" });
@@ -21,8 +22,8 @@ export function renderForm(job, current, problems) {
     bar.removeAttribute("value");
     try {
       const made = await post(`/jobs/${job.id}/mix`, { lamps: current(), format: format.value });
-      const ended = await watch(made.id, new AbortController().signal, (now) => (bar.value = now.fraction));
-      finish(ended, done);
+      const ended = await watch(made.id, signal, (now) => (bar.value = now.fraction));
+      if (ended) finish(ended, done, problems);
     } catch (error) {
       problems.append(alarm(error));
     }
@@ -32,7 +33,7 @@ export function renderForm(job, current, problems) {
   return form;
 }
 
-function finish(job, done) {
+function finish(job, done, problems) {
   if (job.state !== "succeeded") {
     const error = new Error(job.error?.detail ?? "The rendering was stopped.");
     error.title = job.error?.title;
@@ -43,7 +44,7 @@ function finish(job, done) {
     h("button", {
       type: "button",
       textContent: `Download ${file.name} (${bytes(file.size)})`,
-      onclick: () => download(file.href, file.name),
+      onclick: save(file.href, file.name, problems),
     }),
   );
   say("The picture of full size is ready.");

@@ -38,7 +38,7 @@ export async function showResult(main, job, signal) {
     if (signal.aborted) return;
     picture.replaceChildren();
     try {
-      marks = mixer(views, desk, preview, job, manifest);
+      marks = mixer(views, desk, preview, job, manifest, signal);
     } catch (error) {
       picture.append(alarm(error));
     }
@@ -63,7 +63,7 @@ export async function showResult(main, job, signal) {
 }
 
 /** Strips, comparison, presets and rendering; gives what marks places that were filled in. */
-function mixer(views, desk, preview, job, manifest) {
+function mixer(views, desk, preview, job, manifest, signal) {
   const canvas = h("canvas", {
     id: "mix",
     tabIndex: 0,
@@ -103,7 +103,7 @@ function mixer(views, desk, preview, job, manifest) {
   desk.append(
     h("div", { className: "strips" }, ...strips.map((strip) => strip.element)),
     presets(current, replace, problems),
-    renderForm(job, current, problems),
+    renderForm(job, current, problems, signal),
     problems,
   );
   changed();

@@ -372,6 +372,38 @@ def test_a_bad_preset_is_told_in_words(page: Page, done: dict[str, Any]) -> None
         expect(page.get_by_role("alert")).to_contain_text(words)
 
 
+def test_a_mix_that_cannot_be_fetched_is_told_in_words(page: Page, done: dict[str, Any]) -> None:
+    file = {"name": "mix.jpg", "size": 1000, "href": "/jobs/mixed/results/mix.jpg"}
+    mixed = {**done, "id": "mixed", "files": [file]}
+    problem = {"type": "x", "title": "No storage", "detail": "It does not answer.", "status": 503}
+    page.route("**/mix", lambda route: route.fulfill(status=202, json=mixed))
+    page.route("**/jobs/mixed", lambda route: route.fulfill(json=mixed))
+    page.route("**/mix.jpg", lambda route: route.fulfill(status=503, json=problem))
+    open_mixer(page, done)
+    page.get_by_role("button", name="Render full size").click()
+    fetch = page.get_by_role("button", name="Download mix.jpg")
+    fetch.wait_for()
+    page.evaluate("sessionStorage.setItem('lightlayers-key', 'x')")  # the page itself fetches then
+    for _ in range(2):
+        fetch.click()
+        expect(page.get_by_role("alert")).to_have_count(1)
+        expect(page.get_by_role("alert")).to_contain_text("It does not answer.")
+
+
+def test_a_rendering_is_watched_no_longer_than_its_mixer(
+    page: Page, service: Any, done: dict[str, Any]
+) -> None:
+    """As one that takes long: another job that is under way."""
+    job = service.capture("sim://studio")
+    page.route("**/mix", lambda route: route.fulfill(status=202, json=job))
+    open_mixer(page, done)
+    with page.expect_response("**/events"):
+        page.get_by_role("button", name="Render full size").click()
+    with page.expect_event("requestfailed", lambda request: request.url.endswith("/events")):
+        page.goto("/#/jobs")
+    service.http.post(f"/jobs/{job['id']}/cancel").raise_for_status()
+
+
 def test_a_warning_shows_where(page: Page, done: dict[str, Any], service: Any) -> None:
     """One that this pair does not give is added to what the service answers."""
     manifest = json.loads(result(service, done, "manifest.json"))
