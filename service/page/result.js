@@ -32,15 +32,15 @@ export async function showResult(main, job, signal) {
   let marks = null;
   if (manifest.mix && has("preview.exr")) {
     const wait = h("p", { className: "wait", textContent: "Loading the layers …" });
-    if (has("thumbnail.jpg")) picture.append(await thumbnail(job));
     picture.append(wait);
-    const preview = readExr(await fetchBytes(`/jobs/${job.id}/results/preview.exr`));
-    if (signal.aborted) return;
-    picture.replaceChildren();
+    // a thumbnail that does not come, or too late, is done without
+    if (has("thumbnail.jpg")) thumbnail(job).then((image) => wait.before(image), console.error);
     try {
+      const preview = readExr(await fetchBytes(`/jobs/${job.id}/results/preview.exr`));
+      if (signal.aborted) return;
       marks = mixer(views, desk, preview, job, manifest, signal);
     } catch (error) {
-      picture.append(alarm(error));
+      views.add("mix", "Mix", alarm(error)); // where the picture would be, beside the other views
     }
   } else {
     const message = "This job has no preview.exr, which the mixer needs; its files are below.";

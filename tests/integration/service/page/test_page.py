@@ -404,6 +404,46 @@ def test_a_rendering_is_watched_no_longer_than_its_mixer(
     service.http.post(f"/jobs/{job['id']}/cancel").raise_for_status()
 
 
+def test_layers_that_cannot_be_fetched_leave_all_else(
+    page: Page, done: dict[str, Any], service: Any
+) -> None:
+    manifest = json.loads(result(service, done, "manifest.json"))
+    manifest["warnings"] = [{"code": "clipped", "message": "Expose less.", "figures": {}}]
+    problem = {"type": "x", "title": "No storage", "detail": "It does not answer.", "status": 503}
+    page.route("**/results", lambda route: route.fulfill(json=manifest))
+    page.route("**/preview.exr", lambda route: route.fulfill(status=503, json=problem))
+    page.goto(f"/#/jobs/{done['id']}")
+    alert = page.locator(".picture").get_by_role("alert")
+    expect(alert).to_contain_text("It does not answer.")
+    expect(page.get_by_text("Expose less.")).to_be_visible()
+    page.get_by_text("Files", exact=True).click()
+    expect(page.get_by_role("button", name="layers.exr")).to_be_visible()
+    expect(page.get_by_role("button", name="Run again")).to_be_visible()
+    check_access(page, "no_layers")
+    page.get_by_role("radio", name="Why these lamps").check(force=True)
+    expect(page.get_by_role("img", name="Why these lamps")).to_be_visible()
+    page.get_by_role("radio", name="Mix").check(force=True)
+    expect(alert).to_be_visible()
+
+
+def test_a_thumbnail_that_cannot_be_fetched_is_done_without(
+    page: Page, done: dict[str, Any]
+) -> None:
+    """With a key, with which the page fetches it itself."""
+
+    def guard(route: Any) -> None:
+        headers = route.request.headers
+        headers.pop("authorization", None)  # which the service itself refuses
+        route.continue_(headers=headers)
+
+    page.add_init_script("sessionStorage.setItem('lightlayers-key', 'x')")
+    page.route("**/jobs/**", guard)
+    page.route("**/thumbnail.jpg", lambda route: route.abort())
+    open_mixer(page, done)
+    expect(page.get_by_role("alert")).to_have_count(0)
+    expect(page.get_by_role("button", name="Run again")).to_be_visible()
+
+
 def test_a_warning_shows_where(page: Page, done: dict[str, Any], service: Any) -> None:
     """One that this pair does not give is added to what the service answers."""
     manifest = json.loads(result(service, done, "manifest.json"))
