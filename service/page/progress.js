@@ -17,7 +17,7 @@ const STAGES = {
 
 /** Gives a function that shows a job, and whether the service is away just now. */
 export function progressOf(main, id) {
-  const heading = h("h1", { textContent: "…" });
+  const heading = h("h1");
   const when = h("p", { className: "lead" });
   const request = h("div");
   const problems = h("div");
@@ -27,10 +27,11 @@ export function progressOf(main, id) {
     post(path, {}).catch((error) => problems.replaceChildren(alarm(error)));
   };
   const cancel = h("button", { type: "button", textContent: "Cancel", onclick: ask(`/jobs/${id}/cancel`) });
-  main.append(heading, when, request, steps, h("p", {}, cancel), problems);
+  const parts = [heading, when, request, steps, h("p", {}, cancel), problems];
   let told = "";
   let asked = "";
   return (job, away) => {
+    if (!heading.isConnected) main.append(...parts); // only now is it known that there is such a job
     heading.textContent = `${kindOf(job)}: ${stateOf(job).toLowerCase()}`;
     when.textContent = away ? "The service does not answer just now; it is asked again." : whenOf(job);
     cancel.disabled = job.state === "canceling";

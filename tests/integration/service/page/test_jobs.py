@@ -87,6 +87,13 @@ def test_a_job_that_failed_says_why_and_is_deleted(page: Page, service: Any) -> 
     assert service.http.get(f"/jobs/{job['id']}").status_code == 404
 
 
+def test_of_a_job_that_is_not_there_the_error_alone_is_shown(page: Page) -> None:
+    page.goto("/#/jobs/doesnotexist")
+    alert = page.get_by_role("alert")
+    expect(alert).to_contain_text("doesnotexist")
+    expect(page.locator("main > *")).to_have_count(1)
+
+
 def test_many_jobs_come_by_pages_and_go_one_by_one(page: Page, done: dict[str, Any]) -> None:
     def jobs(route: Route) -> None:
         last = "after=" in route.request.url
