@@ -15,6 +15,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+import drivers
 from tests.bench import align, kernel, quality, tasks
 from tests.bench.floor import floor
 from tests.bench.pairs import PAIRS, pair_files
@@ -24,7 +25,8 @@ from tests.bench.usage import Usage, medians, python, run
 _DOCS = Path(__file__).parents[2] / "docs"
 _ROUNDS = 3
 _JOBS = ("jpeg12_n2", "raw24_n3", "jpeg48_n2")
-_SMALL, _LARGE = "jpeg3_n2", "jpeg12_n2"
+_SMALL, _LARGE, _FACING = "jpeg3_n2", "jpeg12_n2", "raw12_n3"
+_OBJECTS = "sim://studio?lights=3&width=120&height=80&scene=objects"  # as _FACING, but small
 
 
 def main() -> int:
@@ -43,6 +45,7 @@ def main() -> int:
     if not quick:
         figures["align"] = align.measure(_LARGE)
         figures["growth"] = _growth()
+        figures["normals"] = _normals()
         figures["quality"] = quality.measure(
             lambda asked: _separated("raw24_n3", "--quality", asked).cpu_s
         )
@@ -105,6 +108,20 @@ def _growth() -> dict[str, float]:
         "parallel2_speedup": median(one["speedup"] for one in pairs),
         "parallel2_cpu_ratio": median(one["cpu_ratio"] for one in pairs),
     }
+
+
+def _normals() -> dict[str, float]:
+    """CPU of a job whose lamps have known directions, and of the same job without, by turns."""
+    truth = drivers.simulated_truth(_OBJECTS)
+    lights = [{"direction": direction.tolist()} for direction in truth.directions]
+    with_normals, without = [], []
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "lights.json"
+        file.write_text(json.dumps({"lights": lights}))
+        for _ in range(_ROUNDS):
+            with_normals.append(_separated(_FACING, "--light-directions", str(file)).cpu_s)
+            without.append(_separated(_FACING).cpu_s)
+    return {"cpu_s": median(with_normals), "without_cpu_s": median(without)}
 
 
 if __name__ == "__main__":

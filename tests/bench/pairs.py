@@ -29,6 +29,7 @@ class Made:
 PAIRS = {
     "jpeg3_n2": Made("sim://studio?lights=2&width=2000&height=1500&format=jpeg", 2, 3),
     "jpeg12_n2": Made("sim://studio?lights=2&width=4000&height=3000&format=jpeg", 2, 12),
+    "raw12_n3": Made("sim://studio?lights=3&width=4000&height=3000&scene=objects", 3, 12),
     "raw24_n3": Made("sim://studio?lights=3&width=6000&height=4000", 3, 24),
     "jpeg48_n2": Made(
         "sim://studio?lights=2&width=4000&height=3000&format=jpeg", 2, 48, enlarged=_ENLARGED

@@ -48,6 +48,8 @@ def report(figures: dict[str, Any]) -> str:
         _goal("per-pixel work: CPU over a copy of its bytes", kernel["memcpy_ratio"], 12),
         _goal("per-pixel work: times faster than NumPy", kernel["numpy_speedup"], 6, least=True),
         _goal("… than numpy.linalg.solve", kernel["solve_speedup"], 30, least=True),
+        _goal("raw12_n3, with normals: CPU, s", figures["normals"]["cpu_s"], 60),
+        ["… without", f"{figures['normals']['without_cpu_s']:.1f}", "", ""],
         _goal("four times the pixels: CPU", growth["pixels4_cpu_ratio"], 4.4),
         ["two jobs at once: throughput", f"{growth['parallel2_speedup']:.2f}", "", ""],
         ["… CPU over one after the other", f"{growth['parallel2_cpu_ratio']:.2f}", "", ""],

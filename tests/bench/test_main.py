@@ -23,6 +23,10 @@ def measured(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[Sequence[s
     def run(command: Sequence[str]) -> Usage:
         jobs.append(command)
         megapixels = 12 if "jpeg12" in command[2] else 3
+        if "--light-directions" in command:
+            told = json.loads(Path(command[-1]).read_text())["lights"]
+            assert [len(light["direction"]) for light in told] == [3] * 3
+            megapixels = 5
         return Usage(megapixels, 4.0, 300.0 + next(rounds))
 
     def two_at_once(files: Sequence[Path], options: dict[str, Any]) -> dict[str, float]:
@@ -95,9 +99,10 @@ def test_the_whole_bench_writes_a_page_its_figures_and_a_picture(
         "parallel2_cpu_ratio": 25.0,
     }
     assert figures["quality"] == {"fast": 3}
+    assert figures["normals"] == {"cpu_s": 5, "without_cpu_s": 3}
     assert measured[-1][2].startswith("raw24_n3") and measured[-1][-2:] == ["--quality", "fast"]
     # of three rounds, between which the floor's is called, too
     assert [job["peak_mb"] for job in figures["jobs"].values()] == [302, 308, 314]
     assert [command[-1] for command in measured[:9]] == ["2"] * 3 + ["3"] * 3 + ["2"] * 3
-    assert (tmp_path / "performance.md").read_text() == "6 parts"
+    assert (tmp_path / "performance.md").read_text() == "7 parts"
     assert (tmp_path / "images/performance.png").read_text() == "jpeg12_n2 raw24_n3 jpeg48_n2"

@@ -41,6 +41,7 @@ def figures() -> dict[str, Any]:
             "best": {"two_db": 29.54, "three_db": 20.3, "cpu_ratio": 1.0},
             "fast": {"two_db": 28.0, "three_db": 18.7, "cpu_ratio": 0.456},
         },
+        "normals": {"cpu_s": 61.0, "without_cpu_s": 9.96},
         "growth": {"pixels4_cpu_ratio": 4.0, "parallel2_speedup": 1.7, "parallel2_cpu_ratio": 1.05},
     }
 
@@ -55,6 +56,7 @@ def test_the_page_says_what_is_met(figures: dict[str, Any]) -> None:
     assert cells("jpeg12_n2: CPU, s") == ["2.9", "≤ 3", "yes"]
     assert cells("jpeg12_n2: peak memory, MiB") == ["700", "≤ 512", "**no**"]
     assert cells("jpeg12_n2: CPU over the floor's") == ["1.5", "≤ 1.5", "yes"]
+    assert cells("raw12_n3, with normals: CPU, s") == ["61", "≤ 60", "**no**"]
     assert cells("raw24_n3: CPU, s") == ["7.5", "≤ 7", "**no**"]
     assert cells("raw24_n3: peak memory, MiB") == ["700", "≤ 1126", "yes"]
     assert cells("raw24_n3: CPU over the floor's") == ["1.5", "≤ 1.5", "yes"]
