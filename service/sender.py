@@ -85,7 +85,11 @@ class Sender:
         """Tell why nothing goes, once for each reason."""
         if reason != self._held and not self._stopped.is_set():
             self._held = reason
-            count = self._spool.count()
+            try:
+                count = self._spool.count()
+            except OSError:  # it may be why nothing goes
+                self._tell("held", reason, reason=reason)
+                return
             waiting = f"{count} pair{'' if count == 1 else 's'} wait{'s' if count == 1 else ''}"
             self._tell("held", f"{reason} {waiting} in the spool.", reason=reason, waiting=count)
 

@@ -387,6 +387,25 @@ def test_a_disk_that_fails_and_a_fault_of_the_program_are_told_and_outlived(
     assert "secret" not in told.events[1][1]
 
 
+def test_a_spool_that_cannot_be_read_is_told_and_outlived(
+    service: FakeService,
+    spool: Spool,
+    told: Told,
+    pairs: list[dict[str, tuple[str, bytes]]],
+    tmp_path: Path,
+) -> None:
+    waiting, away = tmp_path / "spool" / "waiting", tmp_path / "away"
+    pair = spool.add("shot", pairs[0], {})
+    waiting.rename(away)
+    sender = Sender(spool, service, told)
+    reason = "The spool cannot be read or written: no such file or directory."
+    assert told.await_event("held") == reason
+    away.rename(waiting)
+    sender.finish()
+    assert service.stored == [pair.sha256]
+    assert told.events[0] == ("held", reason, {"reason": reason})
+
+
 def test_a_sender_that_is_stopped_begins_nothing_more(
     service: FakeService, spool: Spool, told: Told, pairs: list[dict[str, tuple[str, bytes]]]
 ) -> None:
