@@ -161,8 +161,7 @@ class Attempt:
             self._track = eta.Track(eta.pace_of(connection, self._job))
 
     def _folder(self, stack: contextlib.ExitStack) -> Path:
-        folder = scratch.folder(self._settings.data_dir)
-        return self._patiently(lambda: stack.enter_context(folder))
+        return self._patiently(lambda: stack.enter_context(scratch.folder(self._settings.data_dir)))
 
     def _work(self) -> bool:
         self._begin()

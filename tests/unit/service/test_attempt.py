@@ -3,6 +3,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import sqlite3
+import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -235,10 +236,10 @@ def at_first(error: Exception, work: Callable[..., Any]) -> Callable[..., Any]:
     """Raise an error once, and then work."""
     errors = [error]
 
-    def fail_once(*arguments: Any) -> Any:
+    def fail_once(*arguments: Any, **named: Any) -> Any:
         if errors:
             raise errors.pop()
-        return work(*arguments)
+        return work(*arguments, **named)
 
     return fail_once
 
@@ -269,6 +270,18 @@ def test_a_disk_that_is_full_for_a_moment_costs_no_job(
     job = run()
     assert job is not None and job.state == State.SUCCEEDED
     assert context.storage.get(results_key("a", 1, "a.png")) == b"result"
+
+
+@pytest.mark.usefixtures("patient")
+def test_a_disk_that_has_no_room_for_a_folder_for_a_moment_costs_no_job(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sandbox, "run", separates)
+    full = OSError(errno.ENOSPC, "full")
+    monkeypatch.setattr(tempfile, "mkdtemp", at_first(full, tempfile.mkdtemp))
+    job = run()
+    assert job is not None
+    assert (job.state, job.attempt) == (State.SUCCEEDED, 1)
 
 
 def test_a_disk_that_stays_full_fails_the_job_with_that_reason(
