@@ -131,9 +131,12 @@ def retry_after(header: str) -> float:
         return float(header[:9])
     try:
         wanted = parsedate_to_datetime(header)
-    except ValueError:
+    except (ValueError, OverflowError):
         return 0.0
-    return max((wanted.astimezone(UTC) - datetime.now(UTC)).total_seconds(), 0.0)
+    if wanted.tzinfo is None:
+        wanted = wanted.replace(tzinfo=UTC)
+    # Not turned into UTC: there is no such date for the last hours of the year 9999.
+    return max((wanted - datetime.now(UTC)).total_seconds(), 0.0)
 
 
 def _headers(message_id: str, secret: str, body: bytes) -> dict[str, str]:

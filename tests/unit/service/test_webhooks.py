@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import random
+import time
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from email.utils import format_datetime
@@ -290,6 +291,7 @@ def test_pauses_grow_to_about_a_day(
         (503, "1", 4, 6),
         (503, "soon", 4, 6),
         (503, "999999999999", 86400, 86400),
+        (503, "Fri, 31 Dec 9999 23:59:59 -2359", 86400, 86400),
     ],
 )
 def test_a_receiver_may_ask_for_a_pause(
@@ -312,7 +314,20 @@ def test_retry_after_may_be_a_date() -> None:
     date = format_datetime(datetime.now(UTC) + timedelta(hours=1), usegmt=True)
     assert 3590 < retry_after(date) <= 3600
     assert retry_after("Wed, 21 Oct 2015 07:28:00 GMT") == 0.0
-    assert [retry_after(text) for text in ("", "-5", "soon", "²", "1.5")] == [0.0] * 5
+    far = f"Fri, 31 Dec 9999 23:59:59 +{'9' * 30}"
+    assert [retry_after(text) for text in ("", "-5", "soon", "²", "1.5", far)] == [0.0] * 6
+
+
+@pytest.mark.parametrize("zone", ["GMT", "-0000", ""])
+def test_a_date_of_no_zone_is_in_utc(zone: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TZ", "Asia/Tokyo")
+    time.tzset()
+    try:
+        date = f"{datetime.now(UTC) + timedelta(hours=1):%a, %d %b %Y %H:%M:%S} {zone}"
+        assert 3590 < retry_after(date) <= 3600
+    finally:
+        monkeypatch.undo()
+        time.tzset()
 
 
 def test_the_queue_takes_a_telling_once_and_forgets_it_with_its_job(context: Context) -> None:
