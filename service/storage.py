@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import os
 import shutil
 import threading
 from collections.abc import Iterable, Iterator
@@ -120,7 +122,12 @@ class Storage:
         obstore.delete(self._store, key)
 
     def changed(self, prefix: str) -> float:
-        """When an object below prefix was last stored, in seconds since 1970; 0 without any."""
+        """When anything below prefix was last stored, in seconds since 1970; 0 without any.
+
+        In a folder, what is being stored counts too, though it is no object yet.
+        """
+        if self._folder is not None:
+            return _newest(self._folder / prefix)
         found = obstore.list(self._store, prefix=prefix)
         times = (item["last_modified"].timestamp() for batch in found for item in batch)
         return max(times, default=0.0)
@@ -146,3 +153,13 @@ class Storage:
     def check(self) -> None:
         """Ask the store for something. Raises what the store's client raises when it is away."""
         next(iter(obstore.list(self._store, prefix="health", chunk_size=1)), None)
+
+
+def _newest(folder: Path) -> float:
+    """When a folder or anything in it was last written, in seconds since 1970; 0 without it."""
+    newest = 0.0
+    for parent, _, names in os.walk(folder):
+        for path in (Path(parent), *(Path(parent, name) for name in names)):
+            with contextlib.suppress(FileNotFoundError):  # stored or deleted at this moment
+                newest = max(newest, path.stat().st_mtime)
+    return newest

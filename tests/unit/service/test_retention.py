@@ -3,7 +3,6 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import httpx
 import pytest
@@ -197,7 +196,7 @@ def test_old_files_without_a_job_go(
         context.storage.put(f"jobs/{name}/inputs/no_flash", b"light")
     store = context.settings.data_dir / "store" / "jobs"
     for folder in (store / "old", store / job_id):
-        for path in filter(Path.is_file, folder.rglob("*")):
+        for path in (folder, *folder.rglob("*")):
             os.utime(path, (time.time() - 90_000,) * 2)
     os.utime(store / "young" / "inputs" / "flash", (time.time() - 90_000,) * 2)
     sweep.run(thorough=False)
@@ -205,6 +204,22 @@ def test_old_files_without_a_job_go(
     sweep.run(thorough=True)
     assert set(context.storage.folders("jobs/")) == {job_id, "young"}
     assert len(context.storage.list(f"jobs/{job_id}/")) == 3
+
+
+@pytest.mark.parametrize("name", ["inputs", "inputs/no_flash#1"])
+def test_files_that_are_being_stored_stay(name: str, sweep: Sweep, context: Context) -> None:
+    begun = context.settings.data_dir / "store" / "jobs" / "new" / name
+    begun.parent.mkdir(parents=True)
+    if name == "inputs":
+        begun.mkdir()
+    else:
+        begun.write_bytes(b"half")
+        for folder in (begun.parent, begun.parent.parent):
+            os.utime(folder, (time.time() - 90_000,) * 2)
+    assert context.storage.folders("jobs/") == ["new"]
+    assert context.storage.list("jobs/") == []
+    sweep.run(thorough=True)
+    assert begun.exists()
 
 
 def test_uploads_whose_time_is_over_go(sweep: Sweep, context: Context) -> None:
