@@ -11,8 +11,9 @@ from typing import Any
 import sqlalchemy as sa
 
 from service import jobs
+from service.attempt import job_key
 from service.engine import Queue
-from service.errors import NotReadyError, UnknownJobError
+from service.errors import NotReadyError, QuotaError, StoredQuotaError, UnknownJobError
 from service.opening import open_database, open_storage
 from service.repeat import copy_pair
 from service.settings import Settings
@@ -52,7 +53,9 @@ class Desk:
     def retry(self, job_id: str) -> str:
         """Make a job like this one, which has failed or was canceled; the id of the new one.
 
-        Raises UnknownJobError or NotReadyError.
+        Raises UnknownJobError, NotReadyError, GoneError for photographs that are removed,
+        QuotaError and StoredQuotaError by the quotas of its owner, and BaseError while the store
+        is away.
         """
         job = self.find(job_id)
         if job.state not in _RETRIED:
@@ -60,27 +63,28 @@ class Desk:
                 f"The job is {job.state}; one that is failed or canceled can be made anew."
             )
         new_id = uuid.uuid4().hex
-        inputs, size = copy_pair(self.storage, job, new_id) if job.inputs else (None, 0)
-        values: dict[str, Any] = {
+        untaken = {"capture": job.capture, "camera": job.camera}
+        pair = copy_pair(self.storage, job, new_id) if job.inputs else untaken
+        values: dict[str, Any] = pair | {
             "id": new_id,
             "owner": job.owner,
             "priority": job.priority,
             "options": job.options,
-            "capture": job.capture,
-            "camera": job.camera,
-            "inputs": inputs,
-            "stored_bytes": size,
             "likeness": job.likeness,
             "webhook": job.webhook,
             "trace_id": uuid.uuid4().hex,
             "request_hash": job.request_hash,
         }
-        with self.engine.begin() as connection:
-            rank = jobs.add(connection, values)
-            if job.camera and not inputs:
-                self.queue.submit_capture(connection, new_id, rank, job.camera)
-            else:
-                self.queue.submit(connection, new_id, rank)
+        try:
+            with self.engine.begin() as connection:
+                rank = jobs.add(connection, values)
+                if job.camera and not job.inputs:
+                    self.queue.submit_capture(connection, new_id, rank, job.camera)
+                else:
+                    self.queue.submit(connection, new_id, rank)
+        except (QuotaError, StoredQuotaError):
+            self.storage.delete_below(job_key(new_id))
+            raise
         return new_id
 
     def confirm(self, job_id: str) -> None:

@@ -15,10 +15,11 @@ from service.storage import Storage
 _GONE = "The photographs of the job are removed; send them again."
 
 
-def copy_pair(storage: Storage, source: jobs.Job, new_id: str) -> tuple[dict[str, Any], int]:
-    """Copy the photographs of a job for good; the `inputs` of the new job's row, and their bytes.
+def copy_pair(storage: Storage, source: jobs.Job, new_id: str) -> dict[str, Any]:
+    """Copy the photographs of a job for good; all that the new job's row says of them, by column.
 
-    Raises NotReadyError where a camera has not taken them yet, GoneError where they are removed.
+    Raises NotReadyError where a camera has not taken them yet, GoneError where they are removed,
+    BaseError while the store is away.
     """
     if source.state == State.EXPIRED:
         raise GoneError(_GONE)
@@ -36,4 +37,9 @@ def copy_pair(storage: Storage, source: jobs.Job, new_id: str) -> tuple[dict[str
             raise GoneError(_GONE) from error
         raise
     digests = {frame: source.inputs[frame]["sha256"] for frame in FRAMES}
-    return describe_inputs(new_id, digests), size
+    return {
+        "capture": source.capture,
+        "camera_settings": source.camera_settings,
+        "inputs": describe_inputs(new_id, digests),
+        "stored_bytes": size,
+    }

@@ -91,13 +91,9 @@ def _accept(
         raise NotReadyError("A mix has no photographs of its own; mix the layers again.")
     options = _options(context, caller, source, wanted.options)
     new_id = uuid.uuid4().hex
-    inputs, size = copy_pair(context.storage, source, new_id)
-    values = {
+    values = copy_pair(context.storage, source, new_id) | {
         "id": new_id,
         "trace_id": trace_id,
-        "capture": source.capture,
-        "inputs": inputs,
-        "stored_bytes": size,
         "idempotency_key": idempotency_key,
         "request_hash": request_hash,
     }

@@ -25,6 +25,8 @@ from tests.unit.service.asking import (
 Png = Callable[..., bytes]
 Job = dict[str, Any]
 
+SIM = "sim://studio"
+
 
 @pytest.fixture
 def job(http: httpx.Client, context: Context) -> Job:
@@ -129,6 +131,20 @@ def test_a_calibration_is_run_again_as_one(http: httpx.Client, context: Context)
     other = {"kind": "lamps", "sphere": {"x": 20, "y": 20, "radius": 5}}
     assert _rerun(http, job, {"options": other}).json()["options"] == other
     assert problem_of(_rerun(http, job, {"options": {"lights": 2}}))[:2] == (422, "invalid-option")
+
+
+def test_a_captured_pair_is_run_again_with_what_its_camera_was_set_to(
+    http: httpx.Client, context: Context
+) -> None:
+    settings, capture = {"iso": 400, "f_number": 8.0}, {"camera": SIM}
+    job = {"id": stored_job(context, capture=capture, camera_settings=settings)}
+    made = _rerun(http, job).json()
+    assert made["camera_settings"] == settings
+    first, second = (http.get(f"/jobs/{each['id']}").json()["capture"] for each in (job, made))
+    assert first == second
+    (camera,) = (each["id"] for each in http.get("/cameras").json() if each["address"] == SIM)
+    shot = http.post(f"/cameras/{camera}/captures", json={"like": made["id"]})
+    assert shot.json()["jobs"][0]["capture"]["settings"] == settings
 
 
 class TestIdempotencyKey:

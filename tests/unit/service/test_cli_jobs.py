@@ -7,12 +7,13 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
-from service import cameras, engine, jobs
+from service import cameras, database, engine, jobs
 from service.api.context import Context
 from service.attempt import FRAMES, describe_inputs, inputs_key
 from service.cli import run
 from service.settings import Settings
 from service.states import State
+from tests.unit.service.asking import bearing, owner_of
 
 
 @pytest.fixture
@@ -98,6 +99,41 @@ def test_a_failed_job_is_made_anew(context: Context, capsys: pytest.CaptureFixtu
     assert new.inputs == describe_inputs(new_id, dict.fromkeys(FRAMES, "digest"))
     assert context.storage.get(inputs_key(new_id, "flash")) == b"flash"
     assert new_id in _queued(context)
+
+
+def test_a_captured_job_is_made_anew_with_its_pair(
+    context: Context, capsys: pytest.CaptureFixture[str]
+) -> None:
+    settings = {"iso": 400, "f_number": 8.0}
+    with context.engine.begin() as connection:
+        camera = cameras.add(connection, "sim://studio")
+        captured = {"camera": camera, "capture": {"camera": "sim://studio"}, "stored_bytes": 13}
+        row = sa.update(database.jobs).values(**captured, camera_settings=settings)
+        connection.execute(row)
+    _fail(context)
+    assert run(["jobs", "retry", "a"]) == 0
+    new_id = capsys.readouterr().out.strip()
+    new = _find(context, new_id)
+    assert (new.capture, new.camera_settings) == ({"camera": "sim://studio"}, settings)
+    assert (new.stored_bytes, new.inputs) == (
+        len("no_flash") + len("flash"),
+        describe_inputs(new_id, dict.fromkeys(FRAMES, "digest")),
+    )
+    with context.engine.connect() as connection:
+        assert cameras.count_waiting(connection, camera) == 0
+    assert new_id in _queued(context)  # for a worker, and not for the camera
+
+
+def test_a_job_beyond_the_quotas_of_its_owner_is_not_made_anew(
+    context: Context, capsys: pytest.CaptureFixture[str]
+) -> None:
+    owner = owner_of(bearing(context, "submit", jobs_per_day=0))
+    with context.engine.begin() as connection:
+        connection.execute(sa.update(database.jobs).values(owner=owner))
+    _fail(context)
+    assert run(["jobs", "retry", "a"]) == 2
+    assert "This key may make 0 jobs a day" in capsys.readouterr().err
+    assert context.storage.list("jobs/") == [inputs_key("a", frame) for frame in sorted(FRAMES)]
 
 
 def _queued(context: Context) -> list[str]:
