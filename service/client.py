@@ -23,6 +23,8 @@ _TUS = {"Tus-Resumable": "1.0.0"}
 _GONE = (404, 410)
 _ABOUT_WHAT_WAS_SENT = (400, 413, 415, 422)  # not about the key, the address or the moment
 
+_LOOKED_AT = {"state", "stage", "fraction", "operator", "error", "files"}
+
 Job = dict[str, Any]
 
 
@@ -80,7 +82,7 @@ class Client:
 
     def submit_pair(self, no_flash: bytes, flash: bytes, options: Options) -> Job:
         """Send two photographs; the job."""
-        return self._json(
+        return self._job(
             "POST",
             "/jobs",
             files={"no_flash": ("no_flash", no_flash), "flash": ("flash", flash)},
@@ -90,7 +92,7 @@ class Client:
     def submit_capture(self, camera: str, options: Options) -> Job:
         """Have the camera at an address take the pair; the job."""
         wanted = options.model_dump(mode="json", exclude_defaults=True)
-        return self._json("POST", "/jobs", json={"capture": {"camera": camera}, "options": wanted})
+        return self._job("POST", "/jobs", json={"capture": {"camera": camera}, "options": wanted})
 
     def create_upload(self, size: int) -> str:
         """Begin to send a file of so many bytes piece by piece; the id of the upload."""
@@ -167,7 +169,7 @@ class Client:
                 self._confirm(job)
             else:
                 time.sleep(_POLL_SECONDS)
-            job = self._json("GET", job["links"]["self"])
+            job = self._job("GET", job["links"]["self"])
         if job["state"] == "canceled":
             raise RefusedError("The job was canceled.")
         if job["error"]:
@@ -188,18 +190,23 @@ class Client:
                 for chunk in response.iter_bytes():
                     target.write(chunk)
 
-    def _json(self, method: str, path: str, **arguments: Any) -> dict[str, Any]:
+    def _job(self, method: str, path: str, **arguments: Any) -> Job:
         with self._request(method, path, **arguments) as response:
-            response.read()
-            answer: dict[str, Any] = response.json()
-        return answer
+            job = _object(response)
+            links = job.get("links")
+            if not (job.keys() >= _LOOKED_AT and isinstance(links, dict) and "self" in links):
+                raise _stranger(response)
+            return job
+
+    def _json(self, method: str, path: str) -> dict[str, Any]:
+        with self._request(method, path) as response:
+            return _object(response)
 
     @contextlib.contextmanager
     def _request(self, method: str, path: str, **arguments: Any) -> Iterator[httpx.Response]:
         try:
             with self._http.stream(method, path, **arguments) as response:
                 if response.is_error:
-                    response.read()
                     raise _failure(_problem(response), response.status_code)
                 yield response
         except httpx.HTTPError as error:
@@ -208,13 +215,25 @@ class Client:
             ) from error
 
 
+def _object(response: httpx.Response) -> dict[str, Any]:
+    response.read()
+    try:
+        found = response.json()
+    except ValueError as error:
+        raise _stranger(response) from error
+    if not isinstance(found, dict):
+        raise _stranger(response)
+    return found
+
+
 def _problem(response: httpx.Response) -> dict[str, Any]:
     try:
-        problem: dict[str, Any] = response.json()
-        known = {name: problem[name] for name in ("status", "detail")}
-        return known | {"type": problem.get("type"), "retryable": problem.get("retryable")}
-    except (ValueError, KeyError, TypeError):
-        return {"status": 500, "detail": str(_stranger(response))}
+        problem = _object(response)
+    except ServiceAwayError:
+        problem = {}
+    if isinstance(problem.get("status"), int) and "detail" in problem:
+        return problem
+    return {"status": 500, "detail": str(_stranger(response))}
 
 
 def _stranger(response: httpx.Response) -> ServiceAwayError:

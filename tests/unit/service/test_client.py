@@ -161,10 +161,36 @@ def test_a_canceled_job_is_told(client: Client, http: httpx.Client) -> None:
         client.wait(job, _ignore)
 
 
-@pytest.mark.parametrize("body", [b"<html>", b"[]", b'{"detail": "no status"}'])
-def test_another_server_is_recognised(body: bytes) -> None:
-    refused = pytest.raises(ServiceAwayError, match=r"no lightlayers service \(status 502\)")
-    with _server(502, body) as url, Client(url) as client, refused:
+@pytest.mark.parametrize("status", [200, 404, 502])
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"<html>",
+        b"\xff",
+        b"[]",
+        b'{"detail": "no status"}',
+        b'{"status": "error", "detail": "no such page"}',
+        b'{"state": "queued", "stage": null, "links": {}}',
+        b'{"state": "failed", "stage": 1, "fraction": 1, "operator": 1, "error": 1, "files": 1}',
+    ],
+)
+def test_another_server_is_recognised(body: bytes, status: int) -> None:
+    job = {"state": "queued", "stage": None, "operator": None, "links": {"self": "/jobs/1"}}
+    with _server(status, body) as url, Client(url) as client:
+        uses: list[Callable[[], object]] = [
+            lambda: client.submit_pair(b"", b"", Options()),
+            lambda: client.submit_capture("sim://studio", Options()),
+            lambda: client.wait(job, _ignore),
+        ]
+        for use in uses:
+            with pytest.raises(ServiceAwayError, match=rf"no lightlayers .*\(status {status}\)"):
+                use()
+
+
+@pytest.mark.parametrize(("status", "body"), [(200, b"<html>"), (200, b"[]"), (404, b"{}")])
+def test_another_server_is_not_ready(status: int, body: bytes) -> None:
+    refused = pytest.raises(ServiceAwayError, match=rf"no lightlayers .*\(status {status}\)")
+    with _server(status, body) as url, Client(url) as client, refused:
         client.check_ready()
 
 
@@ -251,7 +277,7 @@ def _server(status: int, body: bytes) -> Iterator[str]:
             """Stay quiet."""
 
     with HTTPServer(("127.0.0.1", 0), Handler) as server:
-        thread = threading.Thread(target=server.serve_forever)
+        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
         thread.start()
         yield f"http://127.0.0.1:{server.server_port}"
         server.shutdown()
