@@ -14,7 +14,7 @@ from pipeline.scan_lines import ScanLines
 from service.api.callers import Calling
 from service.api.context import Parts
 from service.api.problems import responses
-from service.api.results import find_result, find_succeeded
+from service.api.results import deleted_meanwhile, find_result, find_succeeded
 from service.attempt import results_key
 from service.errors import GoneError, NotReadyError, UnknownJobError, UnknownResultError
 
@@ -62,14 +62,16 @@ def get_area(
     def read(start: int, end: int) -> bytes:
         return b"".join(context.storage.stream(key, start, min(end, size)))
 
-    lines = ScanLines(read)
+    with deleted_meanwhile():
+        lines = ScanLines(read)
     if left + width > lines.width or top + height > lines.height:
         raise OptionError(f"The picture has {lines.width} x {lines.height} pixels: ask within it.")
     if width * height > MOST_PIXELS:
         raise OptionError(f"An area has {MOST_PIXELS} pixels at most: ask for several.")
     lamps = sum(name.endswith(".R") for name in lines.channels)
     names = [f"lamp{lamp + 1}.{letter}" for lamp in range(lamps) for letter in "RGB"]
-    planes = lines.area(names, left, top, width, height)
+    with deleted_meanwhile():
+        planes = lines.area(names, left, top, width, height)
 
     def chunks() -> Iterator[bytes]:
         for plane in planes:
