@@ -15,13 +15,19 @@ import sqlalchemy as sa
 
 import drivers
 from service import cameras, sandbox, scratch
-from service.errors import AttemptError, ForeignCameraError
+from service.errors import AttemptError, ForeignCameraError, StorageFullError
 from service.forkserver import ForkServer
 from service.settings import Settings
 
 _FRESH_SECONDS = 15.0  # so long a look is good
 _LOOK_SECONDS = 15.0  # what one may take
 _AT_ONCE = 4
+_UNANSWERED = (
+    sandbox.TaskError,
+    drivers.DriverError,
+    StorageFullError,
+    OSError,
+)  # a full disk, too
 _NETWORK = "ptp+ip://"  # where the operator allows just this, cameras there announce themselves
 
 
@@ -94,7 +100,7 @@ class Looking:
         with self._engine.begin() as connection:  # they are listed whatever comes of it
             for address in configured(self._settings):
                 cameras.add(connection, address)
-        with contextlib.suppress(sandbox.TaskError, drivers.DriverError):
+        with contextlib.suppress(*_UNANSWERED):
             found = self._run("cameras", {"network": _NETWORK in self._settings.cameras.split()})
             self._found = [one for one in found if is_allowed(self._settings, one)]
         by_id = {cameras.id_of(address): address for address in self.addresses()}
@@ -112,7 +118,7 @@ class Looking:
             return
         info = None
         try:
-            with contextlib.suppress(sandbox.TaskError, drivers.DriverError):
+            with contextlib.suppress(*_UNANSWERED):
                 info = drivers.CameraInfo(**self._run("camera", {"camera": address}))
         finally:
             with self._engine.begin() as connection:

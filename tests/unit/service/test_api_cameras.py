@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 from collections.abc import Iterator
 from typing import Any
@@ -14,6 +15,7 @@ import drivers
 from service import camera_tasks, cameras, jobs, sandbox
 from service.api.context import Context
 from service.api.looking import Looking
+from service.errors import StorageFullError
 from service.errors import problem_of as problem
 from service.settings import Settings
 from tests.unit.service.asking import bearing, owner_of, problem_of, rows_of
@@ -109,6 +111,37 @@ class TestList:
         with contextlib.closing(Looking(context.engine, settings, context.fork_server)) as looking:
             looking.refresh(60)
         assert asked[0] == ("cameras", {"network": allowed == "ptp+ip://"})
+
+    @pytest.mark.parametrize(
+        "error", [OSError(errno.ENOSPC, "full"), StorageFullError("The disk is full.")]
+    )
+    def test_a_full_disk_leaves_looks_unanswered(
+        self, error: Exception, http: httpx.Client, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        def run(*_arguments: object) -> None:
+            raise error
+
+        monkeypatch.setattr(Looking, "_run", run)
+        shown = http.get("/cameras").raise_for_status().json()
+        assert {one["address"]: one["state"] for one in shown} == {SIM: "away", AWAY: "away"}
+
+    def test_a_camera_that_another_process_saw_just_now_is_left_alone(
+        self, http: httpx.Client, context: Context, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        http.get("/cameras").raise_for_status()
+        looked: list[str] = []
+
+        def run(_looking: Looking, kind: str, _wanted: Any) -> list[str]:
+            looked.append(kind)
+            return []
+
+        monkeypatch.setattr(Looking, "_run", run)
+        with contextlib.closing(
+            Looking(context.engine, context.settings, context.fork_server)
+        ) as other:
+            other.refresh(60)
+        assert looked == ["cameras"]
+        assert http.get("/cameras").json()[1]["state"] == "idle"
 
     def test_a_camera_that_a_job_has_is_told_as_it_was(
         self, http: httpx.Client, capture: Any, context: Context, monkeypatch: pytest.MonkeyPatch
