@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 
-@contextmanager
+@contextlib.contextmanager
 def folder(data_dir: Path) -> Iterator[Path]:
     """Make a folder that lives as long as the block, or until clear() when the process is killed.
 
@@ -19,15 +19,16 @@ def folder(data_dir: Path) -> Iterator[Path]:
     """
     parent = data_dir / "work"
     parent.mkdir(parents=True, exist_ok=True)
-    with _locked(parent):
-        path = Path(tempfile.mkdtemp(dir=parent))
-        owned = os.open(path, os.O_RDONLY)
-        fcntl.flock(owned, fcntl.LOCK_EX)
-    try:
+    with contextlib.ExitStack() as stack:
+        with _locked(parent):
+            path = Path(tempfile.mkdtemp(dir=parent))
+            try:
+                stack.enter_context(_locked(path))
+            except OSError:
+                path.rmdir()
+                raise
+        stack.callback(shutil.rmtree, path)  # before its lock goes, which does so in any case
         yield path
-    finally:
-        shutil.rmtree(path)
-        os.close(owned)
 
 
 def clear(data_dir: Path) -> None:
@@ -50,10 +51,10 @@ def clear(data_dir: Path) -> None:
                 os.close(descriptor)
 
 
-@contextmanager
-def _locked(parent: Path) -> Iterator[None]:
-    """Keep clear() from meeting a folder between its making and its lock."""
-    descriptor = os.open(parent, os.O_RDONLY)
+@contextlib.contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Hold the lock of a folder; that of their parent keeps clear() from folders without one."""
+    descriptor = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX)
         yield

@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import errno
+import fcntl
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -21,6 +24,42 @@ def test_a_folder_goes_when_the_block_fails(tmp_path: Path) -> None:
         (folder / "no_flash").write_bytes(b"photograph")
         raise KeyError
     assert list((tmp_path / "work").iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_removed_is_left_to_clearing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(_path: Path) -> None:
+        raise PermissionError
+
+    with monkeypatch.context() as failing:
+        failing.setattr(shutil, "rmtree", fail)
+        with pytest.raises(PermissionError), scratch.folder(tmp_path) as folder:
+            (folder / "no_flash").write_bytes(b"photograph")
+    assert folder.exists()
+    scratch.clear(tmp_path)
+    assert not folder.exists()
+
+
+def test_a_folder_that_cannot_be_locked_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lock, calls = fcntl.flock, [fcntl.LOCK_EX]
+
+    def fail_second(descriptor: int, how: int) -> None:
+        if not calls:
+            raise OSError(errno.ENOLCK, "no locks available")
+        calls.pop()
+        lock(descriptor, how)
+
+    descriptors = Path("/proc/self/fd")
+    opened = len(list(descriptors.iterdir()))
+    with monkeypatch.context() as failing:
+        failing.setattr(fcntl, "flock", fail_second)
+        with pytest.raises(OSError, match="no locks"), scratch.folder(tmp_path):
+            pass
+    assert list((tmp_path / "work").iterdir()) == []
+    assert len(list(descriptors.iterdir())) == opened
 
 
 def test_clearing_spares_a_folder_in_use(tmp_path: Path) -> None:
