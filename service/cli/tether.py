@@ -200,9 +200,12 @@ def _best(shot: drivers.Shot) -> tuple[str, bytes]:
 
 
 def _options(path: Path | None) -> dict[str, Any]:
-    """Read the options of the jobs. Raises InputError, ValidationError."""
-    from pipeline.errors import InputError
+    """Read the options of the jobs. Raises InputError."""
+    from pydantic import ValidationError
+
+    from pipeline.errors import InputError, OptionError
     from pipeline.options import Options
+    from service.sentences import sentence_of
 
     if path is None:
         return {}
@@ -213,7 +216,10 @@ def _options(path: Path | None) -> dict[str, Any]:
     if not isinstance(asked, dict):
         raise InputError(f'The file of options {path} is no JSON object like {{"lights": 2}}.')
     calibrated = [name for name, value in asked.items() if _names_calibration(value)]
-    Options.model_validate({name: asked[name] for name in asked if name not in calibrated})
+    try:
+        Options.model_validate({name: asked[name] for name in asked if name not in calibrated})
+    except ValidationError as error:
+        raise OptionError(f"The file of options {path}: {sentence_of(error)}") from error
     return asked
 
 

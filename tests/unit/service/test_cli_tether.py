@@ -261,12 +261,29 @@ def test_what_cannot_be_used_is_one_sentence(
     assert len(said.splitlines()) == 1
 
 
-@pytest.mark.parametrize("text", ['{"lights": 7}', '{"colour": 1}', "[]", "3"])
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('{"lights": 7}', ": lights: more than three lamps"),
+        ('{"colour": 1}', ": colour: this name is not known."),
+        ("[]", "is no JSON object"),
+        ("3", "is no JSON object"),
+    ],
+)
 def test_options_that_no_job_can_have_are_told_before_a_pair_is_taken(
-    tether: Callable[..., int], text: str, tmp_path: Path, bus: Bus
+    tether: Callable[..., int],
+    text: str,
+    words: str,
+    tmp_path: Path,
+    bus: Bus,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    (tmp_path / "options.json").write_text(text)
-    assert tether("--options", str(tmp_path / "options.json"), lines="\n") == 2
+    file = tmp_path / "options.json"
+    file.write_text(text)
+    assert tether("--options", str(file), lines="\n") == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"The file of options {file}")
+    assert words in said
     assert len(bus.body.objects) == 1
 
 
