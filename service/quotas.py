@@ -68,12 +68,13 @@ def _check(connection: sa.Connection, key_id: str, coming: int) -> None:
                 int(_DAY_SECONDS - second) + 1,
             )
     if key.stored_bytes is not None:
+        # A job that comes has at least a byte; one that has come is counted with its bytes.
         _check_stored(connection, key_id, coming, key.stored_bytes)
 
 
-def _check_stored(connection: sa.Connection, key_id: str, coming: int, limit: int) -> None:
+def _check_stored(connection: sa.Connection, key_id: str, coming_bytes: int, limit: int) -> None:
     stored = _of_jobs(connection, key_id, sa.func.sum(jobs.c.stored_bytes))
-    if stored + coming > limit:
+    if stored + coming_bytes > limit:
         raise StoredQuotaError(
             f"The photographs and results of this key's jobs may take {limit:,} bytes, and with "
             "this one they would take more; delete jobs or uploads first."
