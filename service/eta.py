@@ -17,15 +17,15 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from service.database import jobs, now, workers
+from pipeline.progress import STAGES
+from service.census import living_workers
+from service.database import jobs, now
 from service.jobs import Job
 from service.settings import Settings
 from service.states import HELD, State
 
 _RECENT = 20
-_ORDER = (
-    "start", "capture", "decode", "align", "lamps", "layers", "encode", "calibrate", "mix", "store"
-)  # fmt: skip
+_ORDER = ("start", "capture", *STAGES, "calibrate", "mix", "store")
 """Everything that attempts do, in order: photographs fetched, the stages, results stored."""
 
 _FIRST_SHARES = {
@@ -161,7 +161,7 @@ def etas(
     if not waiting:
         return found
     usual = [sum(seconds.values()) for seconds in _recent(connection, sa.true())]
-    slots = _slots(connection, settings)
+    slots = living_workers(connection, settings.silence_seconds) * settings.worker_concurrency
     if not usual or not slots:
         return found
     held = sa.select(sa.func.count()).select_from(jobs).where(jobs.c.state.in_(HELD))
@@ -175,17 +175,6 @@ def etas(
             wait = _wait(places[job.id], running, slots) * median(usual)
             found[job.id] = moment + wait + own
     return found
-
-
-def _slots(connection: sa.Connection, settings: Settings) -> int:
-    """How many jobs the living workers run at a time."""
-    living = (
-        sa.select(sa.func.count())
-        .select_from(workers)
-        .where(workers.c.seen >= now() - settings.silence_seconds)
-    )
-    count: int = connection.execute(living).scalar_one()
-    return count * settings.worker_concurrency
 
 
 def _wait(position: int, running: int, slots: int) -> float:

@@ -429,8 +429,7 @@ def release(connection: sa.Connection, job: Job) -> bool:
 
     False when the attempt counts no more.
     """
-    fresh = {"worker": None, "stage": None, "fraction": 0.0, "progress": 0.0, "eta": None}
-    return _move(connection, State.QUEUED, _of_attempt(job), **fresh)
+    return _move(connection, State.QUEUED, _of_attempt(job), **_WAITS_ANEW)
 
 
 def set_delivery(connection: sa.Connection, job_id: str, delivery: dict[str, Any]) -> None:
@@ -448,9 +447,17 @@ def with_news(connection: sa.Connection, limit: int) -> list[Job]:
 
 def lose(connection: sa.Connection, job: Job) -> None:
     """Put back a job whose attempt was cut short though its worker lives."""
-    fresh = {"worker": None, "stage": None, "fraction": 0.0, "progress": 0.0, "eta": None}
-    _move(connection, State.QUEUED, _of_attempt(job), lost=jobs.c.lost + 1, **fresh)
+    _move(connection, State.QUEUED, _of_attempt(job), lost=jobs.c.lost + 1, **_WAITS_ANEW)
 
+
+_WAITS_ANEW: dict[str, float | None] = {
+    "worker": None,
+    "stage": None,
+    "fraction": 0.0,
+    "progress": 0.0,
+    "eta": None,
+}
+"""What becomes of a job's progress when it is put back."""
 
 _NO_REQUEST: dict[str, None] = {"request": None, "request_until": None}
 """Whatever follows a request ends it."""
