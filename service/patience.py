@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
-from obstore.exceptions import BaseError, NotFoundError
+from obstore.exceptions import BaseError
 
 from service.database import AWAY
 from service.errors import StorageFullError
@@ -26,8 +26,6 @@ def passes(error: Exception) -> bool:
     """Whether an error may be over in a moment, through no doing of ours."""
     if isinstance(error, OSError):
         return error.errno in FULL
-    if isinstance(error, NotFoundError):
-        return False
     return isinstance(error, (BaseError, StorageFullError, *AWAY))
 
 

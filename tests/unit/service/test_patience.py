@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 import sqlalchemy as sa
-from obstore.exceptions import GenericError, NotFoundError
+from obstore.exceptions import GenericError
 
 from service.errors import CrashError, StorageFullError
 from service.patience import passes, patiently
@@ -63,7 +63,6 @@ def test_waiting_may_be_ended() -> None:
         (OSError(errno.ENOSPC, "full"), True),
         (sa.exc.OperationalError("SELECT 1", None, sqlite3.OperationalError("full")), True),
         (sa.exc.InterfaceError("SELECT 1", None, sqlite3.InterfaceError("gone")), True),
-        (NotFoundError("no such photograph"), False),
         (FileNotFoundError(errno.ENOENT, "no such photograph"), False),
         (ChildProcessError("no fork server"), False),
         (sa.exc.IntegrityError("INSERT", None, sqlite3.IntegrityError("twice")), False),
