@@ -155,6 +155,12 @@ def any_made(connection: sa.Connection) -> bool:
     return connection.execute(sa.select(keys.c.id).limit(1)).first() is not None
 
 
+def is_usable(connection: sa.Connection, key_id: str) -> bool:
+    """Whether the key of this id is neither revoked nor expired."""
+    query = sa.select(keys.c.id).where(keys.c.id == key_id, _USABLE)
+    return connection.execute(query).first() is not None
+
+
 def any_usable(connection: sa.Connection) -> bool:
     """Whether there is a key that requests can be made with."""
     return connection.execute(sa.select(keys.c.id).where(_USABLE).limit(1)).first() is not None

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 import sqlalchemy as sa
 from fastapi import Depends, Request
+from fastapi.concurrency import run_in_threadpool
 from fastapi.security import HTTPBearer
 
 from service import jobs, keys
 from service.api.context import Context, Parts
 from service.api.hosts import came_through_proxy, check_origin, is_loopback
+from service.database import AWAY
 from service.errors import ForbiddenError, UnauthorizedError, UnknownJobError
 from service.keys import Scope
 from service.settings import Settings
 
 OPEN = ("/healthz", "/readyz", "/", "/page/{name}")
 """Routes that ask for no key: they tell only that the service lives, and what its page is."""
+
+STANDING_SECONDS = 15.0
+"""How often it is asked whether the key of a stream is still good."""
 
 SCHEME = HTTPBearer(
     scheme_name="key",
@@ -78,8 +84,9 @@ def identify(
 ) -> Caller | None:
     """Find out who sends a request; None on OPEN routes.
 
-    Asked of the database each time, so that a revoked key ends at once on every host. Raises
-    UnauthorizedError, ForbiddenError, ForeignOriginError.
+    Asked of the database each time, so that a revoked key ends with the next request on every
+    host; streams ask again as they go on, see Standing. Raises UnauthorizedError, ForbiddenError,
+    ForeignOriginError.
     """
     path = request.scope["route"].path
     if path in OPEN:
@@ -102,6 +109,29 @@ def _caller_of(request: Request, context: Context) -> Caller:
         with context.engine.begin() as connection:
             keys.note_use(connection, key)
     return Caller(key.id, key.scopes)
+
+
+class Standing:
+    """Whether a caller may still be told, who was let in when a stream began that goes on."""
+
+    def __init__(self, engine: sa.Engine, caller: Caller) -> None:
+        self._engine, self._caller = engine, caller
+        self._asked = time.monotonic()
+
+    async def holds(self) -> bool:
+        """Ask the database, unless that was done just now; while it is away, nothing changes."""
+        if time.monotonic() - self._asked < STANDING_SECONDS:
+            return True
+        self._asked = time.monotonic()
+        with contextlib.suppress(*AWAY):
+            return await run_in_threadpool(self._look)
+        return True
+
+    def _look(self) -> bool:
+        with self._engine.connect() as connection:
+            if self._caller.owner:
+                return keys.is_usable(connection, self._caller.owner)
+            return not keys.any_made(connection)
 
 
 def _check_keyless(connection: sa.Connection, request: Request, settings: Settings) -> None:

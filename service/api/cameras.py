@@ -19,7 +19,7 @@ from service import cameras, jobs
 from service.api import intake
 from service.api.accept import refuse_when_full
 from service.api.calibrated import fill_in
-from service.api.callers import Caller, Calling
+from service.api.callers import Caller, Calling, Standing
 from service.api.captures import accept_captures, told_of
 from service.api.context import Context, Parts, TraceId
 from service.api.looking import check_camera
@@ -193,7 +193,8 @@ def _state(camera: cameras.Camera) -> Any:
 async def _events(context: Context, caller: Caller) -> AsyncIterator[bytes]:
     yield format_sse_event(retry=_RETRY_MS)
     seen, told = None, time.monotonic()
-    while not context.watching.closed:
+    standing = Standing(context.engine, caller)
+    while not context.watching.closed and await standing.holds():
         with contextlib.suppress(*AWAY):  # they wait on: the database may come back
             listed = await run_in_threadpool(_list, context, caller, 0.0)
             news = json.dumps([camera.model_dump() for camera in listed])

@@ -10,7 +10,7 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response
 from fastapi.sse import KEEPALIVE_COMMENT, EventSourceResponse, format_sse_event
 
-from service.api.callers import Caller, Calling, find
+from service.api.callers import Caller, Calling, Standing, find
 from service.api.context import Context, Parts
 from service.api.problems import responses
 from service.api.watching import Snapshot, Watching, answers
@@ -48,7 +48,9 @@ async def watch_job(
     if first.ended and first.mark == last_event_id:
         return Response(status_code=204)  # which tells a browser not to come again
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-    return EventSourceResponse(_events(context.watching, job_id, last_event_id), headers=headers)
+    standing = Standing(context.engine, caller)
+    told = _events(context.watching, standing, job_id, last_event_id)
+    return EventSourceResponse(told, headers=headers)
 
 
 def _look(context: Context, caller: Caller, job_id: str) -> Snapshot:
@@ -58,10 +60,12 @@ def _look(context: Context, caller: Caller, job_id: str) -> Snapshot:
     return Snapshot(answer, job.revision, job.ended)
 
 
-async def _events(watching: Watching, job_id: str, seen: str | None) -> AsyncIterator[bytes]:
+async def _events(
+    watching: Watching, standing: Standing, job_id: str, seen: str | None
+) -> AsyncIterator[bytes]:
     yield format_sse_event(retry=_RETRY_MS)
     with watching.watch(job_id) as watched:
-        while not watching.closed:
+        while not watching.closed and await standing.holds():
             latest = watched.latest
             if watched.gone:
                 yield format_sse_event(event="deleted", data_str=f'{{"id": "{job_id}"}}')

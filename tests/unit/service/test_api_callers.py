@@ -8,11 +8,21 @@ import httpx
 import pytest
 
 from service import keys
-from service.api import create_app
+from service.api import callers, create_app
+from service.api import events as api_events
 from service.api.callers import OPEN, Caller, scopes_for
 from service.api.context import Context
+from service.api.looking import Looking
 from service.settings import Settings
-from tests.unit.service.asking import bearing, owner_of, post_capture, post_pair, problem_of
+from tests.unit.service.asking import (
+    bearing,
+    owner_of,
+    post_capture,
+    post_pair,
+    problem_of,
+    stored_job,
+)
+from tests.unit.service.streams import events
 
 Png = Callable[..., bytes]
 Finish = Callable[[str, dict[str, bytes]], None]
@@ -76,11 +86,40 @@ class TestRequired:
             keys.revoke(connection, owner_of(key))
         assert http.get("/jobs", headers=key).status_code == 401
 
+    @pytest.mark.parametrize("path", ["/jobs/{id}/events", "/cameras/events"])
+    def test_a_key_that_is_revoked_ends_its_streams(
+        self, path: str, http: httpx.Client, context: Context, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(callers, "STANDING_SECONDS", 0.01)
+        monkeypatch.setattr(Looking, "refresh", lambda _looking, _seconds: None)
+        monkeypatch.setattr(api_events, "_KEEP_ALIVE_SECONDS", 0.02)
+        key = bearing(context, "read", "capture")
+        job = stored_job(context, owner=owner_of(key))
+        with http.stream("GET", path.format(id=job), headers=key) as answer:
+            stream = events(answer)
+            next(stream)
+            with context.engine.begin() as connection:
+                keys.revoke(connection, owner_of(key))
+            assert all(number < 500 for number, _ in enumerate(stream))
+        assert http.get("/jobs", headers=key).status_code == 401
+
     def test_use_is_seen(self, http: httpx.Client, context: Context) -> None:
         key = bearing(context, "read")
         http.get("/jobs", headers=key)
         with context.engine.connect() as connection:
             assert keys.list_keys(connection)[0].used is not None
+
+
+def test_the_first_key_ends_streams_without_one(
+    http: httpx.Client, context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(callers, "STANDING_SECONDS", 0.01)
+    monkeypatch.setattr(api_events, "_KEEP_ALIVE_SECONDS", 0.02)
+    with http.stream("GET", f"/jobs/{post_capture(http)['id']}/events") as answer:
+        stream = events(answer)
+        assert [next(stream).comment for _ in range(4)][1:] == ["ping"] * 3
+        bearing(context, "read")
+        assert all(number < 500 for number, _ in enumerate(stream))
 
 
 def test_the_first_key_ends_the_time_without_keys(http: httpx.Client, context: Context) -> None:

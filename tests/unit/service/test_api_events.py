@@ -13,6 +13,7 @@ import sqlalchemy as sa
 from service import database, jobs
 from service.api import events as route
 from service.api import watching
+from service.api.callers import Caller, Standing
 from service.api.context import Context
 from service.api.watching import Watching
 from service.settings import Settings
@@ -182,7 +183,8 @@ def test_a_service_that_stops_sends_its_watchers_away(engine: sa.Engine) -> None
 
     async def watch() -> None:
         watched = Watching(engine, Settings())
-        stream = route._events(watched, "a", None)
+        standing = Standing(engine, Caller(""))
+        stream = route._events(watched, standing, "a", None)
         told = [await anext(stream), await anext(stream)]
         assert b"queued" in told[1]
         waiting = asyncio.create_task(watched.until_over("a", 3600))
@@ -191,7 +193,9 @@ def test_a_service_that_stops_sends_its_watchers_away(engine: sa.Engine) -> None
         watched.close()
         assert await rest is None
         await waiting
-        assert [event async for event in route._events(watched, "a", None)] == [b"retry: 2000\n\n"]
+        assert [event async for event in route._events(watched, standing, "a", None)] == [
+            b"retry: 2000\n\n"
+        ]
 
     asyncio.run(watch())
 
