@@ -20,10 +20,16 @@ from pipeline.calibration.options import FILES
 from pipeline.mix_options import LAYERS, MANIFEST
 from service import cameras, eta, jobs, kept, metrics, sandbox, scratch, tracing
 from service.database import AWAY
-from service.errors import AttemptError, DeadlineError, LayersGoneError, problem_of
+from service.errors import (
+    AttemptError,
+    DeadlineError,
+    LayersGoneError,
+    StorageFullError,
+    problem_of,
+)
 from service.forkserver import ForkServer
 from service.media import media_type
-from service.patience import patiently
+from service.patience import FULL, patiently
 from service.settings import Settings
 from service.stages import Stages
 from service.states import State
@@ -136,6 +142,8 @@ class Attempt:
             if not isinstance(error, AttemptError):  # a fault of ours, of the store or of the disk
                 self._log.exception("failed")
                 metrics.count_fault(error)
+            if isinstance(error, OSError) and error.errno in FULL:
+                error = StorageFullError(sandbox.DISK_IS_FULL)
             counts = self._fail(problem_of(error, self._job.trace_id).model_dump())
         if not counts:
             self.give_up()

@@ -211,6 +211,7 @@ def _messages(
 _TOO_MUCH = (
     "The results are larger than a job's may be; ask for fewer, or send smaller photographs."
 )
+DISK_IS_FULL = "The disk on which jobs run is full; send this one again later."
 _TOO_LONG = "The separation took longer than a job may take; send smaller photographs."
 
 
@@ -228,7 +229,7 @@ def _raise_for_exit(code: int) -> None:
     if code == OUT_OF_FILES:
         raise FileLimitError("The separation needs more open files than a job may have.")
     if code == DISK_FULL:
-        raise StorageFullError("The disk on which jobs run is full; send this one again later.")
+        raise StorageFullError(DISK_IS_FULL)
     if code == -signal.SIGKILL:
         raise MemoryLimitError(
             "The system killed the program, most likely for want of memory; "

@@ -284,10 +284,21 @@ def test_a_disk_that_has_no_room_for_a_folder_for_a_moment_costs_no_job(
     assert (job.state, job.attempt) == (State.SUCCEEDED, 1)
 
 
+@pytest.mark.parametrize(
+    ("module", "name", "error"),
+    [
+        (sandbox, "run", StorageFullError("The disk is full.")),
+        (tempfile, "mkdtemp", OSError(errno.ENOSPC, "full")),
+        (Storage, "get_file", OSError(errno.EDQUOT, "full")),
+    ],
+)
 def test_a_disk_that_stays_full_fails_the_job_with_that_reason(
-    run: Run, monkeypatch: pytest.MonkeyPatch
+    module: object, name: str, error: Exception, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sandbox, "run", raising(StorageFullError("The disk is full.")))
+    def fail(*_arguments: object, **_named: object) -> None:
+        raise error
+
+    monkeypatch.setattr(module, name, fail)
     job = run()
     assert job is not None and job.error is not None
     assert job.error["type"] == "urn:lightlayers:problem:storage-full"
