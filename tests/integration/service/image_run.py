@@ -167,7 +167,7 @@ def stack(
         "127.0.0.1:9100": f"127.0.0.1:{ports[2]}",
     }
     for parent in [tmp_path, *tmp_path.parents[:3]]:
-        parent.chmod(0o755)
+        parent.chmod(parent.stat().st_mode | 0o055)  # the last one may be /tmp, with more bits
     stack = Stack(image, tmp_path, replaced)
     yield stack
     stack.close()
