@@ -33,6 +33,7 @@ from service.errors import (
     SlowRequestError,
     StorageFullError,
     UnauthorizedError,
+    UnreadyError,
     kind_of,
     make_problem,
     problem_of,
@@ -161,6 +162,8 @@ def answer_of(error: Exception, request: Request) -> Response:
         log.error("no room for a job", extra={"trace_id": request.state.trace_id})
     elif isinstance(error, BusyError):
         log.warning("too many requests", extra={"trace_id": request.state.trace_id})
+    elif isinstance(error, UnreadyError):  # balancers ask all the time, and a stop is no fault
+        log.info("%s", error, extra={"trace_id": request.state.trace_id})
     elif kind_of(error).status >= 500:
         log.error("request failed", exc_info=error, extra={"trace_id": request.state.trace_id})
     return _answer(problem_of(error, request.state.trace_id), headers)

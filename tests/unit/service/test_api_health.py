@@ -50,6 +50,12 @@ def test_a_service_without_its_database_is_not_ready(http: httpx.Client, context
     assert _not_ready(http) == "The service is not ready: the database of jobs does not answer."
 
 
-def test_a_service_that_was_told_to_stop_is_not_ready(http: httpx.Client, context: Context) -> None:
+def test_a_service_that_was_told_to_stop_is_not_ready(
+    http: httpx.Client, context: Context, caplog: pytest.LogCaptureFixture
+) -> None:
     context.draining.set()
+    caplog.set_level("INFO", "service.api")
     assert _not_ready(http) == "The service is not ready: it was told to stop."
+    (said,) = [record for record in caplog.records if record.name == "service.api"]
+    assert said.getMessage() == "The service is not ready: it was told to stop."
+    assert (said.levelname, said.exc_info) == ("INFO", None)  # nothing is wrong
