@@ -31,6 +31,26 @@ Output = Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Fol
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
 
 
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        print(f"lightlayers {version('lightlayers')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _lightlayers(
+    _version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Show the version and exit."
+        ),
+    ] = False,
+) -> None:
+    pass
+
+
 @app.command(epilog=examples.SEPARATE)
 @with_flags
 def separate(

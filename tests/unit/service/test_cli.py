@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,11 @@ def test_options_that_cannot_be_used_are_one_sentence(
     said = _refused(capsys, "separate", *pair, "-o", str(tmp_path / "out"), *arguments)
     assert words in said
     assert not (tmp_path / "out").exists()
+
+
+def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["--version"]) == 0
+    assert capsys.readouterr().out == f"lightlayers {version('lightlayers')}\n"
 
 
 def test_photographs_that_cannot_be_opened_are_told(
