@@ -129,7 +129,12 @@ def _is_missing_file(url: str) -> bool:
         parsed = sa.make_url(url)
     except sa.exc.ArgumentError:
         return False
-    return parsed.get_backend_name() == "sqlite" and not Path(parsed.database or "").is_file()
+    if parsed.get_backend_name() != "sqlite":
+        return False
+    try:
+        return not Path(parsed.database or "").is_file()
+    except OSError:  # its folder may not be entered: opening it tells why
+        return False
 
 
 def _no_database(error: Exception) -> Finding:
@@ -185,7 +190,8 @@ def _store(settings: Settings) -> Iterator[Finding]:
 
 
 def _disk(settings: Settings) -> Iterator[Finding]:
-    folder = next(path for path in (settings.data_dir, *settings.data_dir.parents) if path.exists())
+    folders = (settings.data_dir, *settings.data_dir.parents)
+    folder = next(path for path in folders if os.access(path, os.F_OK))
     free = shutil.disk_usage(folder).free
     said = f"{free / 2**30:.1f} GiB are free at {folder}"
     if free < max(settings.free_bytes, settings.upload_bytes):

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import resource
 import socket
 from collections.abc import Callable
@@ -155,6 +156,21 @@ def test_a_folder_that_is_a_file_is_told(look: Look, settings: Settings) -> None
     assert (found.grade, "LIGHTLAYERS_DATA_DIR" in found.sentence) == ("wrong", True)
 
 
+def test_a_folder_that_cannot_be_looked_at_is_told_with_the_rest(
+    look: Look, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LIGHTLAYERS_DATA_DIR", str(tmp_path / ("x" * 300)))  # even by root
+    found = look()
+    assert {part for part, finding in found.items() if finding.grade == "wrong"} == {
+        "data_dir",
+        "database",
+        "store",
+    }
+    assert "LIGHTLAYERS_DATA_DIR" in found["data_dir"].sentence
+    assert found["disk"].sentence.endswith(f"free at {tmp_path}.")
+    assert found["port"].grade == "ok"
+
+
 def test_a_folder_that_others_may_read_is_told(look: Look, settings: Settings) -> None:
     settings.data_dir.mkdir(mode=0o755)
     assert look()["data_dir"].grade == "note"
@@ -190,7 +206,7 @@ def test_kernels_that_are_not_compiled_yet_are_told(
     assert (found.grade, "-m service.compile" in found.sentence) == ("note", True)
     (tmp_path / "smoothing.nbi").touch()
     assert look()["kernels"].grade == "ok"
-    monkeypatch.setattr("service.doctor.os.access", lambda _path, _how: False)
+    monkeypatch.setattr("service.doctor.os.access", lambda _path, how: how != os.W_OK)
     assert look()["kernels"].grade == "wrong"
 
 
