@@ -10,6 +10,8 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+from service.errors import StartError
+
 
 @contextlib.contextmanager
 def folder(data_dir: Path) -> Iterator[Path]:
@@ -32,10 +34,19 @@ def folder(data_dir: Path) -> Iterator[Path]:
 
 
 def clear(data_dir: Path) -> None:
-    """Remove the folders whose process is dead; the kernel has dropped its locks on them."""
+    """Remove the folders whose process is dead; the kernel has dropped its locks on them.
+
+    Raises StartError where data_dir may not be entered.
+    """
     parent = data_dir / "work"
-    if not parent.exists():
-        return
+    try:
+        if not parent.exists():
+            return
+    except OSError as error:
+        reason = (error.strerror or "unknown reason").lower()
+        raise StartError(
+            f"The folder {data_dir} cannot be opened: check LIGHTLAYERS_DATA_DIR ({reason})."
+        ) from error
     with _locked(parent):
         for path in parent.iterdir():
             try:

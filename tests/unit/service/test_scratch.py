@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from service import scratch
+from service.errors import StartError
 
 
 def test_a_folder_goes_with_its_block(tmp_path: Path) -> None:
@@ -81,6 +82,12 @@ def test_clearing_removes_what_a_killed_process_left(tmp_path: Path) -> None:
     assert [path.name for path in left[0].iterdir()] == ["no_flash"]
     scratch.clear(tmp_path)
     assert list((tmp_path / "work").iterdir()) == []
+
+
+def test_clearing_a_folder_that_cannot_be_opened_says_what_to_check(tmp_path: Path) -> None:
+    folder = tmp_path / ("x" * 300)  # not even by root
+    with pytest.raises(StartError, match="check LIGHTLAYERS_DATA_DIR"):
+        scratch.clear(folder)
 
 
 def test_clearing_before_the_first_folder_does_nothing(tmp_path: Path) -> None:
