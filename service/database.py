@@ -189,7 +189,8 @@ def connect(url: str) -> sa.Engine:
             here, pool_pre_ping=True, hide_parameters=True, connect_args=arguments
         )
     if parsed.database:
-        Path(parsed.database).parent.mkdir(parents=True, exist_ok=True)
+        # Secrets of webhooks are in it; what is there already is its owner's to close.
+        Path(parsed.database).parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     engine = sa.create_engine(parsed, hide_parameters=True)
 
     @sa.event.listens_for(engine, "connect")

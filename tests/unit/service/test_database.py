@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 import sqlalchemy as sa
 
@@ -18,3 +20,10 @@ def test_the_folder_of_a_new_database_is_made(tmp_path_factory: pytest.TempPathF
     database.metadata.create_all(engine)
     engine.dispose()
     assert path.exists()
+    assert path.parent.stat().st_mode & 0o777 == 0o700
+
+
+def test_a_folder_that_is_there_keeps_its_rights(tmp_path: Path) -> None:
+    tmp_path.chmod(0o755)
+    database.connect(f"sqlite:///{tmp_path / 'jobs.sqlite'}").dispose()
+    assert tmp_path.stat().st_mode & 0o777 == 0o755

@@ -59,6 +59,7 @@ def test_a_service_that_works_has_nothing_wrong(
 def test_before_the_first_start_only_the_start_is_missing(look: Look) -> None:
     found = look()
     assert found["database"].grade == "note"
+    assert found["data_dir"].grade == "ok"  # it makes the folder, for its user alone
     assert "wrong" not in {finding.grade for finding in found.values()}
 
 
