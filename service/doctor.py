@@ -24,7 +24,8 @@ from obstore.exceptions import BaseError
 from pydantic import ValidationError
 
 import pipeline
-from service import census, database, migrations
+from service import census, database, keys, migrations
+from service.api.callers import keys_required
 from service.errors import StartError
 from service.opening import cause_of, open_storage
 from service.sentences import sentence_of
@@ -106,6 +107,7 @@ def _folder(settings: Settings) -> Iterator[Finding]:
 def _database(settings: Settings) -> Iterator[Finding]:
     if _is_missing_file(settings.database_url):
         yield Finding("note", "database", "there is none yet; `lightlayers serve` makes it.")
+        yield _keys(settings, False)
         return
     try:
         engine = database.connect(settings.database_url)
@@ -116,6 +118,8 @@ def _database(settings: Settings) -> Iterator[Finding]:
         yield Finding("ok", "database", f"it answers, at schema {migrations.check(engine)}.")
         yield _clock(engine)
         yield _workers(engine, settings)
+        with engine.connect() as connection:
+            yield _keys(settings, keys.any_usable(connection))
     except migrations.SchemaError as error:
         yield Finding("wrong", "database", str(error))
     except (sa.exc.SQLAlchemyError, OSError) as error:
@@ -165,6 +169,17 @@ def _workers(engine: sa.Engine, settings: Settings) -> Finding:
     if not living:
         return Finding("wrong", "workers", "none lives: start one with `lightlayers worker`.")
     return Finding("ok", "workers", f"{living} live; the oldest job has waited {waiting:.0f} s.")
+
+
+def _keys(settings: Settings, usable: bool) -> Finding:
+    if keys_required(settings) and not usable:
+        return Finding(
+            "wrong",
+            "keys",
+            "requests need one, and none is good, so that `lightlayers serve` does not start: make "
+            "one with `lightlayers keys create NAME`, or let LIGHTLAYERS_HOST be 127.0.0.1.",
+        )
+    return Finding("ok", "keys", "there is one." if usable else "none is needed to start.")
 
 
 def _store(settings: Settings) -> Iterator[Finding]:

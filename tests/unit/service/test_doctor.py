@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 import sqlalchemy as sa
 
-from service import database, heartbeats, migrations
+from service import database, heartbeats, keys, migrations
 from service.api.context import Context
 from service.cli import run
 from service.doctor import Finding, examine
+from service.opening import open_database
 from service.settings import Settings
 
 Look = Callable[[], dict[str, Finding]]
@@ -128,6 +129,20 @@ def test_an_older_schema_is_told_and_left_alone(look: Look, settings: Settings) 
 def test_a_service_without_workers_is_told(look: Look) -> None:
     found = look()["workers"]
     assert (found.grade, "lightlayers worker" in found.sentence) == ("wrong", True)
+
+
+def test_a_service_that_lacks_a_key_is_told(
+    look: Look, settings: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert look()["keys"] == Finding("ok", "keys", "none is needed to start.")
+    monkeypatch.setenv("LIGHTLAYERS_KEYS", "required")
+    assert look()["keys"].grade == "wrong"  # before the first start
+    engine = open_database(settings)
+    assert "lightlayers keys create" in look()["keys"].sentence
+    with engine.begin() as connection:
+        keys.create(connection, "phone", {keys.Scope.READ}, keys.Quotas(), None)
+    engine.dispose()
+    assert look()["keys"] == Finding("ok", "keys", "there is one.")
 
 
 def test_a_clock_that_is_off_is_told(
