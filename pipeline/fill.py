@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from pipeline.compiling import njit
 from pipeline.frames import by_planes, channels_first
 from pipeline.lamps import Lamps
 from pipeline.proportions import model_proportions

@@ -6,8 +6,9 @@ Pictures are (h, 3·w) here, the channels of a pixel side by side, so that loops
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from pipeline.compiling import njit
 
 Array = NDArray[np.float32]
 Doubles = NDArray[np.float64]

@@ -8,9 +8,9 @@ do not fit there are taken from neighbours that are well placed, by colour. Comp
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from pipeline.compiling import njit
 from pipeline.frames import (
     Image,
     Numbers,

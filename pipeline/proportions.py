@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from pipeline.compiling import njit
 from pipeline.frames import Image, Numbers, Plane, Planes, by_planes, numbers_of, planes_of
 from pipeline.lamps import Lamps
 from pipeline.shares import Colour, shares_of_three, shares_of_two

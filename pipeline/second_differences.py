@@ -8,9 +8,9 @@ mirrored about its last pixel.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from pipeline.compiling import njit
 from pipeline.frames import Image, Mask
 
 Array = NDArray[np.float32]

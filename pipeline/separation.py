@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from pipeline import placing, registration, smoothing
+from pipeline.compiling import njit
 from pipeline.fill import Surroundings
 from pipeline.frames import (
     Image,

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from pipeline.compiling import njit
 
 Array = NDArray[np.float32]
 Colour = tuple[Any, Any, Any]

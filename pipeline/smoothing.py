@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from pipeline.compiling import njit
 from pipeline.frames import Image, Plane, Planes, by_planes, channels_first, planes_of
 
 Array = NDArray[np.float32]

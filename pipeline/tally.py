@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from pipeline.compiling import njit
 from pipeline.frames import Plane, Planes, planes_of
 
 _FILLED = 0.5  # confidence below which a pixel counts as filled in

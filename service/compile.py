@@ -6,6 +6,7 @@ are kept there, too. Without this the first jobs after an installation would pay
 
 from __future__ import annotations
 
+import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import cv2
 import numpy as np
 
 import drivers
+from pipeline.compiling import CACHE
 from pipeline.options import Options
 from pipeline.process import separate_files
 from pipeline.progress import STRIP_ROWS, Progress
@@ -24,6 +26,8 @@ _MOTION_PX = 3
 
 def main() -> None:
     """Separate tiny pairs of the simulated camera in every way that compiled code takes."""
+    if CACHE.unwritable:
+        sys.exit(f"{CACHE.unwritable} cannot be written, so that nothing compiled would be kept.")
     for count in (1, 2, 3):
         for rows in (24, STRIP_ROWS):  # one strip alone lies otherwise in memory than several
             _separate(f"sim://studio?lights={count}&{_SIZE}", {"lights": count}, rows)

@@ -15,9 +15,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from pipeline.compiling import njit
 from pipeline.frames import Image, Numbers, Plane, numbers_of
 from pipeline.memory import empty_image
 from pipeline.strips import widened

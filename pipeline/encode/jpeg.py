@@ -6,12 +6,12 @@ from typing import BinaryIO
 
 import imagecodecs
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from pipeline.colour.curves import linear_to_srgb
 from pipeline.colour.icc import srgb_profile
 from pipeline.colour.spaces import SRGB_PRIMARIES, rgb_to_xyz
+from pipeline.compiling import njit
 from pipeline.frames import Image, Matrix, Numbers, Planes, numbers_of, planes_of
 
 QUALITY = 92

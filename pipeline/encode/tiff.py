@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 import tifffile
-from numba import njit
 from numpy.typing import NDArray
 
 from pipeline.colour.icc import linear_rec2020_profile
+from pipeline.compiling import njit
 from pipeline.frames import Image, Matrix, Numbers, Plane, Planes, numbers_of, planes_of
 from pipeline.progress import STRIP_ROWS
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from pipeline.compiling import njit
 from pipeline.matrixfit.elementary import exp, log, ndtr
 
 Array = NDArray[np.float64]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from pipeline.compiling import njit
 from pipeline.frames import Image
 from pipeline.photometric_stereo.solve import Surface
 from pipeline.separation import Strip

@@ -76,6 +76,7 @@ def _write(path: Path, stamp: str, values: NDArray[Any]) -> None:
             try:
                 np.savez(file, stamp=np.array(stamp), values=values)
                 file.close()
+                Path(file.name).chmod(0o644)  # like Numba's, for whoever runs what was installed
                 Path(file.name).replace(path)
             except BaseException:
                 Path(file.name).unlink(missing_ok=True)

@@ -65,6 +65,12 @@ def test_a_damaged_file_is_made_anew(table: Make, tmp_path: Path, damage: bytes)
     assert CALLS == [5, 5]
 
 
+def test_who_may_not_write_the_file_may_read_it(table: Make, tmp_path: Path) -> None:
+    table(5)
+    (file,) = (tmp_path / "compiled").iterdir()
+    assert file.stat().st_mode & 0o777 == 0o644
+
+
 def test_without_a_folder_it_is_made_each_time(table: Make, tmp_path: Path) -> None:
     (tmp_path / "compiled").touch()  # no folder
 

@@ -1,0 +1,131 @@
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from numba.core.registry import cpu_target
+
+from pipeline import compiling
+from pipeline.compiling import Cache, njit, settle
+
+
+def _double(number: int) -> int:
+    return 2 * number
+
+
+def _folder_of(kernel: Any) -> Path:
+    return Path(kernel.stats.cache_path)
+
+
+@pytest.fixture
+def given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """What NUMBA_CACHE_DIR names, with a compiled function."""
+    monkeypatch.setattr(compiling._config, "CACHE_DIR", str(tmp_path / "given"))
+    assert njit(cache=True)(_double)(2) == 4
+    return tmp_path / "given"
+
+
+@pytest.fixture
+def at_exit(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
+    """What would be called at the end of the process."""
+    called: list[tuple[Any, ...]] = []
+    monkeypatch.setattr("atexit.register", lambda *call: called.append(call))
+    return called
+
+
+@pytest.fixture
+def lock(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_exit: list[tuple[Any, ...]]
+) -> Callable[[Path], None]:
+    """Have a folder written no more, even by root."""
+    assert at_exit == []
+    (tmp_path / "own").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "own"))
+    write = tempfile.TemporaryFile
+
+    def lock(folder: Path) -> None:
+        def refuse(dir: str) -> Any:
+            if Path(dir).is_relative_to(folder):
+                raise PermissionError(dir)
+            return write(dir=dir)
+
+        monkeypatch.setattr(tempfile, "TemporaryFile", refuse)
+
+    return lock
+
+
+def test_code_is_kept_in_the_folder_that_is_given(given: Path) -> None:
+    cache = settle()
+    assert cache.folder.parent == given
+    assert cache.unwritable is None
+
+
+def test_what_may_only_be_read_is_read(
+    given: Path,
+    tmp_path: Path,
+    lock: Callable[[Path], None],
+    at_exit: list[tuple[Any, ...]],
+) -> None:
+    lock(given)
+    cache = settle()
+    assert cache.unwritable == given
+    assert cache.folder.is_relative_to(tmp_path / "own")
+    kernel: Any = njit(cache=True)(_double)
+    assert kernel(3) == 6
+    assert kernel.stats.cache_hits.total() == 1
+    kept = {path: path.read_bytes() for path in given.rglob("*.nb?")}
+    assert kernel(1.5) == 3  # compiled anew, for numbers of another kind
+    assert kernel.stats.cache_misses.total() == 1
+    assert {path: path.read_bytes() for path in given.rglob("*.nb?")} == kept
+    ((remove, own, owner),) = at_exit
+    remove(own, owner + 1)  # as in a fork
+    assert own.exists()
+    assert owner == os.getpid()
+    remove(own, owner)
+    assert list((tmp_path / "own").iterdir()) == []
+
+
+def test_where_nothing_can_be_kept_code_is_compiled_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lock: Callable[[Path], None]
+) -> None:
+    monkeypatch.setattr(compiling._config, "CACHE_DIR", "")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "user"))
+    lock(Path(compiling.__file__).parent)
+    assert settle() == Cache(next((tmp_path / "user" / "numba").iterdir()))
+    (tmp_path / "user").rename(tmp_path / "gone")
+    (tmp_path / "user").touch()  # no folder
+    cache = settle()
+    assert cache.folder.is_relative_to(tmp_path / "own")
+    assert cache.unwritable == Path(compiling.__file__).with_name("__pycache__")
+
+
+def test_code_of_another_processor_is_none(given: Path) -> None:
+    cache = Cache(_folder_of(njit(cache=True)(_double)))
+    assert cache.folder.parent == given
+    assert cache.is_filled()
+    (index,) = cache.folder.glob("*.nbi")
+    processor = cpu_target.target_context.codegen().magic_tuple()[1].encode()
+    index.write_bytes(index.read_bytes().replace(processor, b"8086"))
+    assert not cache.is_filled()
+    assert not Cache(given).is_filled()
+
+
+def test_a_module_with_loops_is_imported_where_nothing_can_be_written(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    nowhere = {"NUMBA_CACHE_DIR": str(tmp_path / "file"), "TMPDIR": str(tmp_path)}
+    code = "import pipeline.smoothing, pipeline.compiling as c; print(c.CACHE.unwritable)"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, **nowhere},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.strip() == str(tmp_path / "file")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
