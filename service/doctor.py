@@ -23,7 +23,7 @@ import sqlalchemy as sa
 from obstore.exceptions import BaseError
 from pydantic import ValidationError
 
-import pipeline
+from pipeline import compiling
 from service import census, database, keys, migrations
 from service.api.callers import keys_required
 from service.errors import StartError
@@ -259,24 +259,22 @@ def _files(_settings: Settings) -> Iterator[Finding]:
 
 
 def _kernels(_settings: Settings) -> Iterator[Finding]:
-    given = os.environ.get("NUMBA_CACHE_DIR")
-    folder = Path(given) if given else Path(pipeline.__file__).parent
-    compiled = any(folder.rglob("*.nbi"))
-    probe = folder if given else folder / "__pycache__"
-    writable = os.access(probe if probe.exists() else folder, os.W_OK)
-    if compiled and writable:
-        yield Finding("ok", "kernels", f"they are compiled, below {folder}.")
-        return
-    if not writable:
-        yield Finding(
-            "wrong",
-            "kernels",
-            f"{probe} cannot be written, so that each process compiles them anew: give it to the "
-            "user that runs the service, or set NUMBA_CACHE_DIR.",
-        )
-        return
+    cache, filled = compiling.CACHE, compiling.CACHE.is_filled()
     command = f"{Path(sys.executable).name} -m service.compile"
-    yield Finding("note", "kernels", f"they will be compiled by the first jobs: run `{command}`.")
+    if filled and cache.unwritable:
+        sentence = f"they are compiled; {cache.unwritable} cannot be written, so no more are kept."
+    elif filled:
+        sentence = f"they are compiled for this processor, in {cache.folder}."
+    elif cache.unwritable:
+        sentence = (
+            f"none are compiled for this processor and {cache.unwritable} cannot be written, so "
+            "that each process compiles them anew: give it to the user that runs the service, or "
+            "set NUMBA_CACHE_DIR."
+        )
+    else:
+        sentence = f"the first jobs will compile them for this processor: run `{command}`."
+    missing: Literal["note", "wrong"] = "wrong" if cache.unwritable else "note"
+    yield Finding("ok" if filled else missing, "kernels", sentence)
 
 
 def _ports(settings: Settings) -> Iterator[Finding]:

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import os
 import resource
 import socket
 from collections.abc import Callable
@@ -9,6 +8,7 @@ from pathlib import Path
 import pytest
 import sqlalchemy as sa
 
+from pipeline import compiling
 from service import database, heartbeats, keys, migrations
 from service.api.context import Context
 from service.cli import run
@@ -214,16 +214,28 @@ def test_too_few_files_are_told(look: Look, monkeypatch: pytest.MonkeyPatch) -> 
     assert look()["ulimits"].grade == "wrong"
 
 
-def test_kernels_that_are_not_compiled_yet_are_told(
-    look: Look, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("filled", "unwritable", "grade", "words"),
+    [
+        (True, None, "ok", "in /compiled/pipeline."),
+        (True, Path("/compiled"), "ok", "they are compiled; /compiled cannot be written"),
+        (False, None, "note", "-m service.compile"),
+        (False, Path("/compiled"), "wrong", "each process compiles them anew"),
+    ],
+)
+def test_whether_kernels_are_compiled_is_told(
+    filled: bool,
+    unwritable: Path | None,
+    grade: str,
+    words: str,
+    look: Look,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    cache = compiling.Cache(Path("/compiled/pipeline"), unwritable)
+    monkeypatch.setattr(compiling, "CACHE", cache)
+    monkeypatch.setattr(compiling.Cache, "is_filled", lambda _self: filled)
     found = look()["kernels"]
-    assert (found.grade, "-m service.compile" in found.sentence) == ("note", True)
-    (tmp_path / "smoothing.nbi").touch()
-    assert look()["kernels"].grade == "ok"
-    monkeypatch.setattr("service.doctor.os.access", lambda _path, how: how != os.W_OK)
-    assert look()["kernels"].grade == "wrong"
+    assert (found.grade, words in found.sentence) == (grade, True)
 
 
 @pytest.mark.parametrize("name", ["port", "metrics_port"])
