@@ -11,7 +11,8 @@ ServiceError
 ├── UnknownResultError       404  no such result of a job
 ├── UnknownCameraError       404  no such camera
 ├── CameraHeldError          409  a job has the camera, or waits for it
-├── NotReadyError            409  the job has no results (yet)
+├── NotReadyError            409  the job has no results yet
+│   └── EndedError           409  and it never will: it has ended
 ├── SlowRequestError         408  the rest of the request does not come
 ├── UnknownUploadError       404  no such upload
 ├── OffsetError              409  an upload does not go on there
@@ -99,7 +100,11 @@ class CameraHeldError(ServiceError):
 
 
 class NotReadyError(ServiceError):
-    """The job has no results, or none yet."""
+    """The job does not have yet what is asked for."""
+
+
+class EndedError(NotReadyError):
+    """The job has ended without what is asked for."""
 
 
 class SlowRequestError(ServiceError):
@@ -304,6 +309,7 @@ KINDS: dict[type[Exception], Kind] = {
     UnknownCameraError: Kind("unknown-camera", 404, "No such camera"),
     CameraHeldError: Kind("camera-held", 409, "The camera is in use", retryable=True),
     NotReadyError: Kind("not-ready", 409, "The job is not as far as that", retryable=True),
+    EndedError: Kind("ended", 409, "The job has ended without that"),
     GoneError: Kind("gone", 410, "The job's files are removed"),
     SlowRequestError: Kind("slow-request", 408, "The request does not come", retryable=True),
     UnknownUploadError: Kind("unknown-upload", 404, "No such upload"),

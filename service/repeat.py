@@ -8,7 +8,7 @@ from obstore.exceptions import BaseError
 
 from service import jobs
 from service.attempt import FRAMES, describe_inputs, inputs_key, job_key
-from service.errors import GoneError, NotReadyError
+from service.errors import EndedError, GoneError, NotReadyError
 from service.states import State
 from service.storage import Storage
 
@@ -18,11 +18,13 @@ _GONE = "The photographs of the job are removed; send them again."
 def copy_pair(storage: Storage, source: jobs.Job, new_id: str) -> dict[str, Any]:
     """Copy the photographs of a job for good; all that the new job's row says of them, by column.
 
-    Raises NotReadyError where a camera has not taken them yet, GoneError where they are removed,
-    BaseError while the store is away.
+    Raises NotReadyError where a camera has not taken them yet, EndedError where it never will,
+    GoneError where they are removed, BaseError while the store is away.
     """
     if source.state == State.EXPIRED:
         raise GoneError(_GONE)
+    if source.inputs is None and source.ended:
+        raise EndedError("The job ended before its camera had taken photographs; send a new one.")
     if source.inputs is None:
         raise NotReadyError("The job has no photographs yet; its camera has not taken them.")
     keys = {frame: inputs_key(new_id, frame) for frame in FRAMES}

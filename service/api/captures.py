@@ -26,7 +26,7 @@ from service.api.context import Context
 from service.api.intake import Intake, handling_of
 from service.api.looking import check_camera
 from service.api.models import CameraCapture, Capture, Handling
-from service.errors import CameraHeldError, NotReadyError
+from service.errors import CameraHeldError, EndedError, NotReadyError
 from service.keys import Scope
 from service.sentences import sentence_of
 
@@ -112,6 +112,8 @@ def _recipe(context: Context, caller: Caller, job_id: str) -> tuple[dict[str, An
         source = find(connection, caller, job_id)
     if source.capture is None or source.task != "separate":
         raise NotReadyError("like: the job is none whose pair a camera took to be separated.")
+    if source.camera_settings is None and source.ended:
+        raise EndedError("like: the job has ended, and its pair was never taken; name another.")
     if source.camera_settings is None:
         raise NotReadyError("like: the pair of this job is not taken yet.")
     recipe = {name: source.capture[name] for name in ("flash", "keep") if name in source.capture}

@@ -22,7 +22,13 @@ from service.api.pair_form import IdempotencyKey, accepted, pair_form
 from service.api.prefer import APPLIED, Wait
 from service.api.problems import responses
 from service.api.watching import answers
-from service.errors import CameraHeldError, ForeignCameraError, NotReadyError, UnknownJobError
+from service.errors import (
+    CameraHeldError,
+    EndedError,
+    ForeignCameraError,
+    NotReadyError,
+    UnknownJobError,
+)
 from service.retention import remove
 from service.states import State
 
@@ -150,6 +156,8 @@ def confirm_job(
     """Say that what a job asks its operator for is done, like switching the flash."""
     with context.engine.begin() as connection:
         job = find(connection, caller, job_id)
+        if job.ended:
+            raise EndedError(f"The job is {job.state}; it asks for nothing any more.")
         if not jobs.confirm(connection, job_id, request):
             raise NotReadyError(
                 f"The job is {job.state}; it waits for something else."

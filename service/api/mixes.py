@@ -19,7 +19,7 @@ from service.api.pair_form import IdempotencyKey, accepted
 from service.api.prefer import APPLIED, Wait
 from service.api.results import deleted_meanwhile
 from service.attempt import results_key
-from service.errors import GoneError, NotReadyError, UnknownJobError
+from service.errors import EndedError, GoneError, NotReadyError, UnknownJobError
 from service.states import State
 
 router = APIRouter(tags=["mixes"])
@@ -65,6 +65,8 @@ def _check(context: Context, caller: Caller, job_id: str, mix: Mix) -> None:
     """Refuse what could never be mixed."""
     with context.engine.connect() as connection:
         job = find(connection, caller, job_id)
+    if job.ended and job.state != State.SUCCEEDED:
+        raise EndedError(f"The job is {job.state}; there will be no layers, so run it again.")
     if job.state != State.SUCCEEDED:
         raise NotReadyError(f"The job is {job.state}; its layers are there once it is succeeded.")
     if not {LAYERS, MANIFEST} <= {result["name"] for result in job.results or []}:

@@ -21,11 +21,13 @@ from service.errors import (
     KINDS,
     STORE_AWAY,
     BusyError,
+    EndedError,
     ForbiddenError,
     ForeignHostError,
     ForeignOriginError,
     Kind,
     MalformedRequestError,
+    NotReadyError,
     Problem,
     QueueFullError,
     QuotaError,
@@ -80,9 +82,11 @@ class TraceIds:
 def responses(*errors: type[Exception], status: tuple[int, ...] = ()) -> dict[int | str, Any]:
     """Write the OpenAPI entry of the problems a route answers with.
 
-    errors: those that it raises. status: of others, which any route may meet.
+    errors: those that it raises; what a job does not have yet it may never have. status: of
+    others, which any route may meet.
     """
-    own = [KINDS[error] for error in errors]
+    also = (EndedError,) if NotReadyError in errors else ()
+    own = [KINDS[error] for error in (*errors, *also)]
     statuses = sorted({*(kind.status for kind in own), *status})
     return {
         code: _describe([kind for kind in (*own, *_ANYWHERE) if kind.status == code])

@@ -19,6 +19,7 @@ from service.api.ranges import parse_range
 from service.api.zips import Member, stored_zip
 from service.attempt import results_key
 from service.errors import (
+    EndedError,
     GoneError,
     NotReadyError,
     RangeError,
@@ -182,11 +183,13 @@ def _member(context: Context, job: jobs.Job, result: dict[str, Any]) -> Member:
 
 
 def find_succeeded(context: Context, caller: Caller, job_id: str) -> jobs.Job:
-    """Find a job with results. Raises UnknownJobError, GoneError, NotReadyError."""
+    """Find a job with results. Raises UnknownJobError, GoneError, NotReadyError, EndedError."""
     with context.engine.connect() as connection:
         job = find(connection, caller, job_id)
     if job.state == State.EXPIRED:
         raise GoneError("The results of the job are removed; run it again.")
+    if job.ended and job.state != State.SUCCEEDED:
+        raise EndedError(f"The job is {job.state}; there will be no results, so run it again.")
     if job.state != State.SUCCEEDED:
         raise NotReadyError(f"The job is {job.state}; results are there once it is succeeded.")
     return job

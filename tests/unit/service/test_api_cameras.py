@@ -391,13 +391,15 @@ class TestCaptures:
         assert other["capture"]["settings"]["iso"] == 200
         assert other["capture"]["settings"]["f_number"] == 8.0
 
-    def test_a_job_without_a_pair_is_no_recipe(self, capture: Any) -> None:
+    def test_a_job_without_a_pair_is_no_recipe(self, http: httpx.Client, capture: Any) -> None:
         first = capture().json()["jobs"][0]
         assert problem_of(capture(like=first["id"])) == (
             409,
             "not-ready",
             "like: the pair of this job is not taken yet.",
         )
+        http.post(first["links"]["cancel"])
+        assert problem_of(capture(like=first["id"]))[:2] == (409, "ended")
         assert problem_of(capture(like="nothing"))[:2] == (404, "unknown-job")
 
     def test_a_recipe_of_another_key_is_nobodys(self, http: httpx.Client, context: Context) -> None:
@@ -506,6 +508,19 @@ class TestConfirm:
         canceling = http.post(f"/jobs/{job['id']}/cancel").json()
         assert (canceling["state"], canceling["operator"]) == ("canceling", None)
         assert problem_of(http.post(f"/jobs/{job['id']}/confirm"))[:2] == (409, "not-ready")
+
+    def test_a_job_that_has_ended_asks_for_nothing_any_more(
+        self, http: httpx.Client, capture: Any
+    ) -> None:
+        job = capture(flash="operator").json()["jobs"][0]
+        http.post(f"/jobs/{job['id']}/cancel")
+        answer = http.post(f"/jobs/{job['id']}/confirm")
+        assert problem_of(answer) == (
+            409,
+            "ended",
+            "The job is canceled; it asks for nothing any more.",
+        )
+        assert answer.json()["retryable"] is False
 
     @pytest.mark.parametrize("number", ["0", "-1", "x", "1e9"])
     def test_what_is_no_number_of_a_request_is_refused(

@@ -98,8 +98,12 @@ def test_settings_that_cannot_be_are_refused(
 def test_jobs_without_layers_are_refused(http: httpx.Client, separated: Callable[..., str]) -> None:
     unknown = http.post("/jobs/nothing/mix", json=TWO)
     assert problem_of(unknown)[:2] == (404, "unknown-job")
-    waiting = http.post(f"/jobs/{post_capture(http)['id']}/mix", json=TWO)
+    early = post_capture(http)["id"]
+    waiting = http.post(f"/jobs/{early}/mix", json=TWO)
     assert problem_of(waiting)[:2] == (409, "not-ready")
+    http.post(f"/jobs/{early}/cancel")
+    ended = http.post(f"/jobs/{early}/mix", json=TWO)
+    assert problem_of(ended)[:2] == (409, "ended")
     bare = http.post(f"/jobs/{separated({'manifest.json': b'{}'})}/mix", json=TWO)
     assert "no layers.exr" in problem_of(bare)[2]
     old = http.post(f"/jobs/{separated({**FILES, 'manifest.json': b'{}'})}/mix", json=TWO)

@@ -175,11 +175,14 @@ class TestIdempotencyKey:
 
 
 def test_a_job_without_photographs_yet_cannot_be_run_again(http: httpx.Client) -> None:
-    assert problem_of(_rerun(http, post_capture(http))) == (
+    job = post_capture(http)
+    assert problem_of(_rerun(http, job)) == (
         409,
         "not-ready",
         "The job has no photographs yet; its camera has not taken them.",
     )
+    http.post(job["links"]["cancel"])
+    assert problem_of(_rerun(http, job))[:2] == (409, "ended")
 
 
 def test_a_job_that_is_being_removed_is_gone(

@@ -143,6 +143,22 @@ def test_a_job_that_has_not_succeeded_has_no_results(what: str, http: httpx.Clie
     assert problem["retryable"]
 
 
+@pytest.mark.parametrize("what", ["results", "results/lamp1.jpg", "results.zip", "area"])
+def test_a_job_that_has_ended_without_results_is_not_asked_again(
+    what: str, http: httpx.Client
+) -> None:
+    path = http.post("/jobs", json={"capture": {"camera": "sim://studio"}}).json()["links"]["self"]
+    http.post(f"{path}/cancel")
+    area = {"left": 0, "top": 0, "width": 1, "height": 1} if what == "area" else None
+    answer = http.get(f"{path}/{what}", params=area)
+    assert problem_of(answer) == (
+        409,
+        "ended",
+        "The job is canceled; there will be no results, so run it again.",
+    )
+    assert answer.json()["retryable"] is False
+
+
 @pytest.mark.parametrize("what", ["results", "results/lamp1.jpg"])
 def test_results_that_go_at_this_moment_are_gone(
     what: str, http: httpx.Client, job: str, context: Context

@@ -26,6 +26,7 @@ def test_names_of_kinds_are_the_contract() -> None:
         "crashed": 500,
         "database-unavailable": 503,
         "deadline-passed": 500,
+        "ended": 409,
         "forbidden": 403,
         "foreign-camera": 403,
         "foreign-host": 421,
