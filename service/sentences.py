@@ -5,14 +5,63 @@ A module of its own, since commands start quickly that import this alone.
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 from pydantic import ValidationError
+
+_BRANCH = re.compile(r"(constrained-)?(bool|int|float|str)|[a-z-]*\[.*\]")
+"""What pydantic adds to a place where a value may be of several kinds, or is a name itself."""
+
+_WORDS = (
+    (r" or instance of \w+$| after validation", ""),
+    (r"\bvalid dictionary\b", "valid object"),
+    (r"^Dictionary\b", "The object"),
+)
+"""Python's words, and those of people who write JSON."""
 
 
 def sentence_of(error: ValidationError) -> str:
     """Tell the first fault that pydantic found in one sentence that names the place."""
-    fault = error.errors(include_url=False, include_context=False, include_input=False)[0]
-    unknown = fault["type"] == "extra_forbidden"
-    return describe_fault(fault["loc"], "this name is not known" if unknown else fault["msg"])
+    return sentence_of_faults(error.errors(include_url=False, include_input=False))
+
+
+def sentence_of_faults(faults: Sequence[Mapping[str, Any]]) -> str:
+    """Tell the first of pydantic's faults, not empty, in one sentence that names the place.
+
+    A value that may be of several kinds has a fault as each: those farthest within it are told.
+    """
+    first = _place(faults[0])
+    same = [fault for fault in faults if _place(fault)[: len(first)] == first]
+    told = same if len(faults[0]["loc"]) > len(first) else same[:1]
+    place = max(map(_place, told), key=len)
+    messages = dict.fromkeys(_message(fault) for fault in told if _place(fault) == place)
+    start, *others = messages
+    *more, last = [start, *(other.removeprefix("Input should be ") for other in others)]
+    return describe_fault(place, f"{', '.join(more)} or {last}" if more else last)
+
+
+def _place(fault: Mapping[str, Any]) -> tuple[int | str, ...]:
+    location: tuple[int | str, ...] = tuple(fault["loc"])
+    if fault["type"] == "json_invalid":
+        return ()
+    if fault["type"] == "extra_forbidden":  # the last part is what somebody wrote
+        return location
+    return tuple(part for part in location if not _BRANCH.fullmatch(str(part)))
+
+
+def _message(fault: Mapping[str, Any]) -> str:
+    message: str = fault["msg"]
+    if fault["type"] == "extra_forbidden":
+        return "this name is not known"
+    if fault["type"] == "json_invalid":
+        return f"Invalid JSON: {fault['ctx']['error']}"
+    if fault["loc"][-1:] == ("[key]",):
+        return message.replace("Input", "this name is not known; it", 1)
+    for pattern, word in _WORDS:
+        message = re.sub(pattern, word, message)
+    return message
 
 
 def describe_fault(location: tuple[int | str, ...], message: str) -> str:

@@ -188,6 +188,7 @@ def _limited(request: Request, limit: int) -> Request:
 
 def _named(fill_in: FillIn, body: bytes, directory: Path) -> Intake:
     values, body = _json(body, fill_in)
+    _check_source(values)
     if isinstance(values, dict) and "uploads" in values:
         return _uploaded(UploadsRequest, body, directory)
     return _captured(CaptureRequest, body, directory)
@@ -207,9 +208,17 @@ def _captured(
 
 def _calibration_named(fill_in: FillIn, body: bytes, directory: Path) -> Intake:
     values, body = _json(body, fill_in)
+    _check_source(values)
     if isinstance(values, dict) and "capture" in values:
         return _captured(CalibrationCaptureRequest, body, directory)
     return _uploaded(CalibrationRequest, body, directory)
+
+
+def _check_source(values: Any) -> None:
+    if isinstance(values, dict) and values.keys().isdisjoint(("capture", "uploads")):
+        raise OptionError(
+            "Name the pair: `uploads` for photographs that are sent, or `capture` for a camera."
+        )
 
 
 def _json(body: bytes, fill_in: FillIn) -> tuple[Any, bytes]:

@@ -42,7 +42,7 @@ from service.errors import (
 )
 from service.patience import FULL
 from service.sandbox import TaskError
-from service.sentences import describe_fault
+from service.sentences import sentence_of_faults
 
 MEDIA_TYPE = "application/problem+json"
 RETRY_SECONDS = 10
@@ -186,9 +186,12 @@ async def _on_task(_request: Request, error: Exception) -> Response:
 
 async def _on_validation(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
-    fault = error.errors()[0]
-    detail = describe_fault(tuple(fault["loc"]), str(fault["msg"]))
-    return _answer(make_problem(INVALID, detail, request.state.trace_id))
+    faults = [{**fault, "loc": _within_body(tuple(fault["loc"]))} for fault in error.errors()]
+    return _answer(make_problem(INVALID, sentence_of_faults(faults), request.state.trace_id))
+
+
+def _within_body(location: tuple[int | str, ...]) -> tuple[int | str, ...]:
+    return location[1:] if location[0] == "body" and len(location) > 1 else location
 
 
 async def _on_http(request: Request, error: Exception) -> Response:

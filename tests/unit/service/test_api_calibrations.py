@@ -135,7 +135,10 @@ def test_bad_requests_are_refused(http: httpx.Client, png: Png) -> None:
         "The part options is missing; it says what to calibrate.",
     )
     as_json = http.post("/calibrations", json=OPTIONS["flash"])
-    assert (as_json.status_code, as_json.json()["detail"]) == (422, "uploads: Field required.")
+    assert (as_json.status_code, as_json.json()["detail"]) == (
+        422,
+        "Name the pair: `uploads` for photographs that are sent, or `capture` for a camera.",
+    )
     as_text = http.post("/calibrations", content=b"x", headers={"content-type": "text/plain"})
     assert (as_text.status_code, as_text.json()["title"]) == (415, "Neither multipart nor JSON")
     files["flash"] = ("b", b"no picture")

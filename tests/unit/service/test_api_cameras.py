@@ -246,14 +246,30 @@ class TestSettings:
         assert told.startswith(detail)
 
     @pytest.mark.parametrize(
-        "body",
-        ["", "{", "[]", "{}", '{"colour": 1}', '{"iso": null}', '{"iso": true}', '{"iso": [1]}',
-         '{"iso": NaN}', '{"iso": ""}', '{"iso": "' + 65 * "x" + '"}'],
-    )  # fmt: skip
-    def test_what_says_no_settings_is_refused(self, http: httpx.Client, body: str) -> None:
+        ("body", "words"),
+        [
+            ("", "body: Field required."),
+            ("{", "Invalid JSON: Expecting property name enclosed in double quotes."),
+            ("[]", "body: Input should be a valid object."),
+            ("{}", "body: The object should have at least 1 item, not 0."),
+            ('{"colour": 1}', "colour: this name is not known; it should be 'shutter_s', "),
+            ('{"iso": null}', "iso: Input should be a valid integer, a valid number or a valid "),
+            ('{"iso": true}', "iso: "),
+            ('{"iso": [1]}', "iso: "),
+            ('{"iso": NaN}', "iso: Input should be a valid integer, a finite number or a valid "),
+            ('{"iso": ""}', "iso: "),
+            ('{"iso": "' + 65 * "x" + '"}', "iso: "),
+        ],
+    )
+    def test_what_says_no_settings_is_refused(
+        self, http: httpx.Client, body: str, words: str
+    ) -> None:
         headers = {"content-type": "application/json"}
         answer = http.patch(f"{PATH}/settings", content=body, headers=headers)
-        assert problem_of(answer)[0] == 422
+        status, kind, told = problem_of(answer)
+        assert (status, kind) == (422, "invalid-request")
+        assert told.startswith(words)
+        assert "[" not in told
 
     def test_a_body_that_is_no_text_is_refused(self, http: httpx.Client) -> None:
         headers = {"content-type": "application/json"}

@@ -358,6 +358,7 @@ class TestJobs:
     @pytest.mark.parametrize(
         ("body", "words"),
         [
+            ({}, "Name the pair: `uploads` for photographs that are sent, or `capture` for a "),
             ({"uploads": {}}, "uploads.no_flash: Field required."),
             ({"uploads": {"no_flash": "x", "flash": "y"}}, "there is no upload 'x'"),
             ({"uploads": {"no_flash": "x", "flash": 1}}, "uploads.flash: "),

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+from typing import Annotated, Literal
+
 import pytest
-from pydantic import ValidationError
+from pydantic import Field, StrictBool, StrictInt, TypeAdapter, ValidationError
 
 from pipeline.options import Options
 from service.sentences import describe_fault, sentence_of
@@ -15,6 +17,12 @@ from service.sentences import describe_fault, sentence_of
         ({"basis": "svd"}, "basis: Input should be 'wpca', 'pca' or 'joint'."),
         ({"lamps": 2}, "lamps: this name is not known."),
         ({"outputs": ["a.gif"]}, "unknown output a.gif"),
+        ({"outputs": "a.gif"}, "outputs: Input should be 'default' or 'all' or a valid list."),
+        ({"outputs": [1, 2]}, "outputs.0: Input should be a valid string."),
+        ({"response": 1}, "response: Input should be a valid string or a valid object."),
+        ({"light_directions": [1]}, "light_directions.0: Input should be a valid object."),
+        ({"int": 1}, "int: this name is not known."),
+        ({"lights": 0, "focal_px": -1}, "lights: Input should be 'auto', 1, 2 or 3."),
     ],
 )
 def test_a_fault_of_the_options_is_one_sentence(options: dict[str, object], expected: str) -> None:
@@ -24,6 +32,22 @@ def test_a_fault_of_the_options_is_one_sentence(options: dict[str, object], expe
     assert expected.lower() in sentence.lower()
     assert sentence.endswith(".")
     assert "\n" not in sentence
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        ("x", "Invalid JSON: expected value at line 1 column 1."),
+        ("{}", "The object should have at least 1 item, not 0."),
+        ('{"z": 1}', "z: this name is not known; it should be 'x' or 'y'."),
+        ('{"x": "z"}', "x: Input should be a valid integer or a valid boolean."),
+    ],
+)
+def test_a_fault_of_an_object_is_one_sentence(value: str, expected: str) -> None:
+    kind = dict[Literal["x", "y"], StrictInt | StrictBool]
+    with pytest.raises(ValidationError) as caught:
+        TypeAdapter(Annotated[kind, Field(min_length=1)]).validate_json(value)
+    assert sentence_of(caught.value) == expected
 
 
 @pytest.mark.parametrize(
