@@ -8,17 +8,16 @@ from pathlib import Path
 
 import sqlalchemy as sa
 
-from pipeline.calibration.kept import NO_SETUP, Kept, TakenWith
+from pipeline.calibration.kept import DEFAULT_SETUP, NO_SETUP, Kept, TakenWith
 from service import jobs
 from service.jobs import Job
 
 _FILE = "kept.json"
-_DEFAULT = "default"
 
 
 def for_separation(connection: sa.Connection, job: Job) -> list[Job]:
     """The newest calibration of each kind and camera in the set-up that a separation names."""
-    setup = job.options.get("setup", _DEFAULT)
+    setup = job.options.get("setup", DEFAULT_SETUP)
     if setup == NO_SETUP:
         return []
     newest: dict[tuple[str, TakenWith], Job] = {}

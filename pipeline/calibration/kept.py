@@ -25,7 +25,9 @@ OPTION_OF: dict[Kind, str] = {
 }
 """The option that a calibration of each kind stands in for."""
 
-_UNASKED = "default"
+DEFAULT_SETUP = "default"
+"""The set-up of separations that name none."""
+
 _LEAST_LAMPS = 2
 
 
@@ -114,7 +116,7 @@ def setup_warnings(options: Options, kept: Sequence[Kept], frame: Frame) -> list
     """Warn of a set-up that is named, and for which nothing of the frame's camera is kept."""
     here = TakenWith.of(frame)
     fitting = any(one.setup == options.setup and one.taken_with.fits(here) for one in kept)
-    if fitting or options.setup in (_UNASKED, NO_SETUP):
+    if fitting or options.setup in (DEFAULT_SETUP, NO_SETUP):
         return []
     message = (
         f"Nothing is kept of this camera for the set-up {options.setup!r}, so that the pair was "

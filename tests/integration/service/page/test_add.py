@@ -1,0 +1,149 @@
+"""Photographs and cameras on the page: how a pair is added."""
+
+from __future__ import annotations
+
+import io
+import re
+from typing import Any
+
+import pytest
+from PIL import Image
+from playwright.sync_api import FilePayload, Page, expect
+
+from tests.integration.service.page.looking import (
+    check_access,
+)
+
+
+def test_a_camera_takes_the_pair(page: Page, service: Any) -> None:
+    page.goto("/")
+    page.get_by_role("button", name="Capture with NIKON D5100").click()
+    expect(page.locator(".steps").get_by_text("Take both photographs")).to_be_visible()
+    page.wait_for_url(re.compile("#/jobs/"))
+    job = service.look({"links": {"self": f"/jobs/{page.url.rpartition('/')[2]}"}})
+    assert job["capture"]["camera"] == "sim://studio"
+    page.get_by_role("button", name="Cancel").click()
+    expect(page.get_by_role("alert")).to_contain_text("Canceled")
+
+
+def test_a_camera_that_fails_leaves_nothing_to_send(page: Page) -> None:
+    problem = {"type": "x", "title": "No camera", "detail": "Switch it on.", "status": 503}
+    page.route("**/captures", lambda route: route.fulfill(status=503, json=problem))
+    page.goto("/")
+    page.get_by_role("button", name="Capture with NIKON D5100").click()
+    expect(page.get_by_role("alert")).to_contain_text("Switch it on.")
+    expect(page.get_by_role("button", name="Separate the light")).to_be_disabled()
+
+
+def _drop(page: Page, zone: str, *names: str) -> None:
+    dropped = page.evaluate_handle(
+        """(names) => {
+          const data = new DataTransfer();
+          for (const name of names) data.items.add(new File(["?"], name));
+          return data;
+        }""",
+        names,
+    )
+    region = page.get_by_role("region", name=zone, exact=True)
+    region.dispatch_event("drop", {"dataTransfer": dropped})
+
+
+def _expect_added(page: Page, no_flash: str, flash: str) -> None:
+    for zone, name in (("Without the flash", no_flash), ("With the flash", flash)):
+        shown = page.get_by_role("region", name=zone, exact=True).locator(".name")
+        expect(shown).to_have_text(re.compile(f"^{re.escape(name)} "))
+
+
+@pytest.mark.parametrize(
+    ("names", "no_flash", "flash"),
+    [
+        (("dark.dng", "bright.dng"), "dark.dng", "bright.dng"),
+        (("a_flash.jpg", "a_no_flash.jpg"), "a_no_flash.jpg", "a_flash.jpg"),
+        (("Flash.JPG", "NoFlash.JPG"), "NoFlash.JPG", "Flash.JPG"),
+        (("with.nef", "without.nef"), "without.nef", "with.nef"),
+        (("casino_flash.jpg", "room.jpg"), "room.jpg", "casino_flash.jpg"),
+        (("2_no_flash.jpg", "1_no_flash.jpg"), "2_no_flash.jpg", "1_no_flash.jpg"),
+    ],
+)
+def test_two_files_are_dropped_at_once(
+    page: Page, names: tuple[str, str], no_flash: str, flash: str
+) -> None:
+    page.goto("/")
+    _drop(page, "With the flash", *names)
+    _expect_added(page, no_flash, flash)
+    expect(page.get_by_role("button", name="Separate the light")).to_be_enabled()
+    expect(page.get_by_role("alert")).to_have_count(0)
+
+
+def test_a_third_file_is_told_of(page: Page) -> None:
+    page.goto("/")
+    _drop(page, "Without the flash", "1.dng", "2.dng", "3.dng")
+    _expect_added(page, "1.dng", "2.dng")
+    expect(page.get_by_role("alert")).to_contain_text("The others were left out.")
+    check_access(page, "third")
+    _drop(page, "With the flash", "3.dng")
+    _expect_added(page, "1.dng", "3.dng")
+    expect(page.get_by_role("alert")).to_have_count(0)
+
+
+def test_two_files_are_swapped_and_sent_so(page: Page, done: dict[str, Any]) -> None:
+    sent: list[str] = []
+
+    def jobs(route: Any) -> None:
+        sent.append(route.request.post_data_buffer.decode())
+        route.fulfill(status=202, json=done)
+
+    page.route(re.compile(r"/jobs$"), jobs)
+    page.goto("/")
+    swap = page.get_by_role("button", name="Swap")
+    for label, name in (("Without the flash", "1.dng"), ("With the flash", "2.dng")):
+        expect(swap).to_be_disabled()
+        choose = page.get_by_label(f"Choose a file: {label}")
+        choose.set_input_files({"name": name, "mimeType": "", "buffer": name.encode()})
+        expect(choose).to_have_value("")  # so that the same one can be chosen there again
+    swap.click()
+    _expect_added(page, "2.dng", "1.dng")
+    page.get_by_role("button", name="Separate the light").click()
+    page.wait_for_url(re.compile(done["id"]))
+    parts = re.findall(r'name="(\w+)"; filename="([^"]+)"', sent[0])
+    assert parts == [("no_flash", "2.dng"), ("flash", "1.dng")]
+
+
+def test_photographs_that_were_shown_are_not_held_on_to(page: Page) -> None:
+    page.add_init_script(
+        """const held = new Set();
+        const tell = () => (document.documentElement.dataset.held = held.size);
+        const { createObjectURL, revokeObjectURL } = URL;
+        URL.createObjectURL = (file) => {
+          const url = createObjectURL(file);
+          held.add(url);
+          tell();
+          return url;
+        };
+        URL.revokeObjectURL = (url) => {
+          revokeObjectURL(url);
+          held.delete(url);
+          tell();
+        };"""
+    )
+    page.goto("/")
+    picture = io.BytesIO()
+    Image.new("RGB", (3, 2)).save(picture, "PNG")
+    contents = {"Without the flash": picture.getvalue(), "With the flash": b"no picture"}
+    for label, buffer in contents.items():
+        file: FilePayload = {"name": "a.png", "mimeType": "image/png", "buffer": buffer}
+        page.get_by_label(f"Choose a file: {label}").set_input_files(file)
+    expect(page.locator("html")).to_have_attribute("data-held", "0")
+    expect(page.locator(".chosen img")).to_have_count(1)
+    expect(page.locator(".chosen img")).to_have_js_property("naturalWidth", 3)
+
+
+def test_a_bad_file_is_told_in_words(page: Page) -> None:
+    page.goto("/")
+    for label in ("Without the flash", "With the flash"):
+        file: FilePayload = {"name": "a.jpg", "mimeType": "image/jpeg", "buffer": b"no picture"}
+        page.get_by_label(f"Choose a file: {label}").set_input_files(file)
+    page.get_by_role("button", name="Separate the light").click()
+    expect(page.get_by_role("alert")).to_contain_text("photograph without the flash")
+    check_access(page, "refused")
+    expect(page.get_by_role("button", name="Separate the light")).to_be_enabled()
