@@ -9,16 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frames import Image, Mask
+from pipeline.noise import Noise
 from pipeline.pair import Pair
 from pipeline.placing import place_flash, placement
 from pipeline.registration import SOFTENED_HALO, registration_variance, softened
-from pipeline.sigma_filter import sigma_filter
+from pipeline.sigma_filter import ROUNDS, sigma_filter
 from pipeline.strips import widened
 
 _LONGER_SIDE = 512
 _BLOCK_ROWS = 16  # worked on at a time
 _MIN_OPEN = 0.5  # share of a block's pixels that must be usable
 _SIGNIFICANT = 4.0  # standard deviations
+_LITTLE_NOISE = 0.005  # relative; wide averages bend light that changes more than this noise does
+_QUIETER = 3.0  # times, by a round in which all nine pixels join
 _LIKELY_OFFSET = 0.4  # of the registration's deviation: most pixels beside edges lie better
 _MIN_FLASH, _MIN_LIGHT = 0.01, 0.003  # of the 99th percentile; darker pixels are mostly stray light
 
@@ -46,8 +49,8 @@ class ReducedPair:
 def reduce_pair(pair: Pair) -> ReducedPair:
     """Average blocks of the pair so that its longer side has at most 512 of them.
 
-    The noise that is left is filtered as in the full-size pair. What is left over at the right
-    and bottom edge after whole blocks is dropped.
+    The noise that is left is filtered as in the full-size pair, in as many rounds as it takes to
+    leave little. What is left over at the right and bottom edge after whole blocks is dropped.
     """
     height, width = pair.unusable.shape
     block = -(-max(height, width) // _LONGER_SIDE)
@@ -56,7 +59,8 @@ def reduce_pair(pair: Pair) -> ReducedPair:
     filled = np.maximum(share, 1.0 / block**2)[..., None]
     no_flash, flash = no_flash / filled, flash / filled
     noises = (pair.no_flash_noise.of_means(block), pair.flash_noise.of_means(block))
-    no_flash, flash, averaged = sigma_filter((no_flash, flash), noises)
+    rounds = _rounds((no_flash, flash), noises, pair.flash_only)
+    no_flash, flash, averaged = sigma_filter((no_flash, flash), noises, rounds)
     count = np.maximum(share * block**2, 1.0)[..., None] * averaged[..., None]
     no_flash_variance = pair.no_flash_noise.variance(no_flash, count)
     flash_variance = pair.flash_noise.variance(flash, count)
@@ -106,6 +110,22 @@ def _means_of_open(
                 light = softened(picture[wide, columns])[inner]
             means[blocks] = _means(light * open_[..., None], some)
     return share, no_flash, flash
+
+
+def _rounds(images: tuple[Image, Image], noises: tuple[Noise, Noise], flash_only: bool) -> int:
+    """How often to average, by the noise of what the flash and the lamps light."""
+    light, part = (image.sum(axis=2) for image in images)
+    variance, part_variance = (
+        noise.variance(image).sum(axis=2) for noise, image in zip(noises, images, strict=True)
+    )
+    if not flash_only:
+        part, part_variance = part - light, part_variance + variance
+    lit = (light > 0) & (part > max(_MIN_FLASH * np.percentile(part, 99), 0.0))
+    if not lit.any():
+        return ROUNDS
+    squared = variance[lit] / light[lit] ** 2 + part_variance[lit] / part[lit] ** 2
+    too_much = np.sqrt(np.median(squared)) / _LITTLE_NOISE
+    return int(np.clip(np.ceil(np.log(max(too_much, 1.0)) / np.log(_QUIETER)), 0, ROUNDS))
 
 
 def _means(image: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.float32]:

@@ -148,6 +148,41 @@ def test_noise_of_flat_areas_is_filtered(pair_of: Callable[..., Any]) -> None:
     assert np.median(found.no_flash_variance) < 0.02 * 1e-4
 
 
+@pytest.mark.parametrize(
+    ("noise", "rounds"),
+    [(0.002, 0), (0.0045, 0), (0.006, 1), (0.014, 1), (0.016, 2), (0.04, 2), (0.05, 3), (0.3, 4)],
+)
+@pytest.mark.parametrize("flash_only", [False, True])
+def test_noise_is_averaged_as_often_as_it_takes_to_leave_little(
+    pair_of: Callable[..., Any], noise: float, rounds: int, flash_only: bool
+) -> None:
+    """Noise is relative, of flash part and light together; a black half does not count."""
+    size = 64, 104
+    no_flash, part = even(*size, 0.2), even(*size, 0.2)
+    no_flash[:, :56] = part[:, :56] = 0.0
+    squares = 2.0 if flash_only else 3.0  # the flash part is a difference of two photographs
+    floor = np.full(3, 3 * (0.2 * noise) ** 2 / squares)
+    exact = Noise(np.full(3, 1e-12), floor)
+    pair = pair_of(no_flash, part, no_flash_noise=exact, flash_noise=exact, flash_only=flash_only)
+
+    found = reduce_pair(pair)
+
+    np.testing.assert_allclose(found.no_flash_variance[32, 79], floor / 9**rounds, rtol=1e-4)
+
+
+def test_light_that_changes_little_is_not_bent_where_there_is_little_noise(
+    pair_of: Callable[..., Any],
+) -> None:
+    rng = np.random.default_rng(1)
+    no_flash, part = rng.uniform(0.2, 0.2002, (2, 64, 96, 3)).astype(np.float32)
+    noise = Noise(np.full(3, 1e-12), np.full(3, 2e-7))
+
+    found = reduce_pair(pair_of(no_flash, part, no_flash_noise=noise, flash_noise=noise))
+
+    np.testing.assert_array_equal(found.no_flash, no_flash)
+    np.testing.assert_allclose(found.flash, part, atol=1e-7)
+
+
 @pytest.mark.parametrize("dark", ["no_flash", "flash"])
 def test_places_without_light_of_either_kind_are_not_used(
     pair_of: Callable[..., Any], dark: str
@@ -196,7 +231,7 @@ def test_edges_of_a_pair_laid_together_are_less_certain(pair_of: Callable[..., A
         reduce_pair(pair_of(before, part, registration=deviation)) for deviation in (0.0, 0.35)
     )
 
-    added = np.sqrt(laid.flash_variance - at_rest.flash_variance)
+    added = np.sqrt(np.maximum(laid.flash_variance - at_rest.flash_variance, 0.0))
 
     soft = softened((before + part).astype(np.float32))[20, 28:32, 0]
     slopes = np.array([soft[2] - soft[0], soft[3] - soft[1]]) / 2
