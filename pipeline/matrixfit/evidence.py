@@ -31,7 +31,8 @@ _CELL, _FLATTENING, _MIN_FLASH_COLOUR = 0.01, 0.6, 1e-3
 class Evidence:
     """What pixels show, differences across the edges of shadows, and terminators.
 
-    difference_share, terminator_share: how many there were ÷ usable pixels.
+    difference_share, terminator_share: how many there were ÷ usable pixels. Where shadows have
+    edges, terminators are not asked, and their share is 0.
     """
 
     pixels: Data
@@ -66,8 +67,8 @@ def gather_evidence(reduced: ReducedPair, flash_only: bool) -> Evidence:
     differences, terminators = find_differences(ratios), find_terminators(ratios)
     usable = max(int(use.sum()), 1)
     shares = [sum(len(part) for part in parts) / usable for parts in (differences, terminators)]
-    # few are chance, and where shadows have more edges, those tell lamps more surely
-    if shares[1] < max(_FEW_TERMINATORS, shares[0]):
+    # few are chance, and where shadows have edges, soft ones have bends of all lamps beside them
+    if shares[1] < _FEW_TERMINATORS or shares[0] >= _FEW_DIFFERENCES:
         terminators, shares[1] = [], 0.0
     return Evidence(
         _pixels(no_flash[use], flash[use], v_n[use], v_f[use], coupled),

@@ -67,10 +67,10 @@ def first_fit(
 
     Without edges of shadows the outline of the pixels' cloud speaks, and terminators. Where the
     published lamps leave no light over, the outline is exact, and nothing is gained by fitting,
-    unless terminators say that it reaches no lamp alone. Several
-    lamps are searched from the published ones, too: where nearly all light is mixed, or lamps are
-    strongly coloured, the search may pass the likeliest two by; three are searched alike, since
-    costs of different numbers of lamps are compared.
+    unless terminators say that it reaches no lamp alone. Several lamps are searched from the
+    published ones, too: where nearly all light is mixed, or lamps are strongly coloured, the search
+    may pass the likeliest two by; three are searched alike, since costs of different numbers of
+    lamps are compared.
     """
     outline = not evidence.has_edges
     problem = _problem(evidence, model.prior, lamps, outline, _PURE_SHARE, known)

@@ -110,13 +110,14 @@ def test_a_picture_smaller_than_a_terminator_has_none() -> None:
     assert not len(found.terminators)
 
 
-@pytest.mark.parametrize(("rows", "some"), [(6, True), (30, False)])
-def test_edges_of_shadows_tell_more_where_there_are_more(rows: int, some: bool) -> None:
+@pytest.mark.parametrize("rows", [0, 1, 6, 30])
+def test_terminators_are_not_asked_where_shadows_have_edges(rows: int) -> None:
     """A shadow beside the middle in some rows, a terminator in all."""
     light = LAMP * falling() + REST * np.ones((HEIGHT, WIDTH, 1))
     light[:rows, : MIDDLE // 2] += LAMP
 
     evidence = shown(light)
 
-    assert evidence.has_edges
-    assert bool(len(evidence.terminators)) is some
+    assert evidence.has_edges is (rows > 0)
+    assert bool(len(evidence.terminators)) is (rows == 0)
+    assert (evidence.terminator_share > 0) is (rows == 0)
