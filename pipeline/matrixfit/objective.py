@@ -127,7 +127,6 @@ def make_terms(evidence: Evidence, lamps: int, outline: bool, pure_share: float)
     pure_share: of three lamps, the share of pixels that each lights alone.
     outline: there are no shadow edges, so that pixels speak by their cloud's outline alone.
     """
-    bends = _terminator_term(evidence.terminators, lamps)
     if outline:
         shape = Shape(True, 0.0, 1.5, 1.0, area_power=0.2)
         weights = {
@@ -135,7 +134,8 @@ def make_terms(evidence: Evidence, lamps: int, outline: bool, pure_share: float)
             2: (0.003, 0.003, 0.974, 0.02),
             3: (0.003,) * 3 + (0.01,) * 3 + (0.941, 0.02),
         }
-        return [Term(evidence.pixels, shape, np.array(weights[lamps]), None), bends]
+        shown = Term(evidence.pixels, shape, np.array(weights[lamps]), None)
+        return [shown, _terminator_term(evidence.terminators, lamps)]
     inside = {
         1: (0.97, 0.03),
         2: (0.15, 0.15, 0.67, 0.03),
@@ -143,7 +143,7 @@ def make_terms(evidence: Evidence, lamps: int, outline: bool, pure_share: float)
     }
     # re-estimated, the weights of pixels give way until a corner sits in a cluster of them
     shown = Term(evidence.pixels, Shape(True, 0.0, 1.5, 1.0), np.array(inside[lamps]), None)
-    return [shown, difference_term(evidence.differences, lamps), bends]
+    return [shown, difference_term(evidence.differences, lamps)]
 
 
 def alone_term(data: Data) -> Term:

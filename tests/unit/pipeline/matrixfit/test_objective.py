@@ -203,7 +203,7 @@ def test_no_differences_leave_their_weights(model: Model) -> None:
 def test_weights_begin_as_shares_of_all_components(lamps: int, outline: bool) -> None:
     terms = make_terms(seen(), lamps, outline, PURE)
 
-    assert len(terms) == (2 if outline else 3)
+    assert len(terms) == 2
     for term in terms:
         interior = lamps == 3 and term.shape.interior
         assert len(term.weights) == {1: 2, 2: 4, 3: 7}[lamps] + interior
@@ -211,7 +211,7 @@ def test_weights_begin_as_shares_of_all_components(lamps: int, outline: bool) ->
 
 
 def test_the_share_of_pure_pixels_is_that_of_three_lamps_alone() -> None:
-    pixels, differences, _ = make_terms(seen(), 3, False, 0.03)
+    pixels, differences = make_terms(seen(), 3, False, 0.03)
 
     np.testing.assert_allclose(pixels.weights[:3], 0.03)
     assert pixels.weights.sum() == pytest.approx(1)
@@ -224,14 +224,13 @@ def test_the_share_of_pure_pixels_is_that_of_three_lamps_alone() -> None:
     )
 
 
-@pytest.mark.parametrize("outline", [False, True])
-def test_terminators_show_lamps_alone(model: Model, outline: bool) -> None:
-    """They are taken for corners, not for mixtures, with shadows and without."""
+def test_terminators_show_lamps_alone(model: Model) -> None:
+    """They are taken for corners, not for mixtures."""
     matrices = model.lamp_matrix(LIGHTS[:2])
     mixed, first = drawn(model, 400, 6), pure(drawn(model, 400, 6), matrices[0])
     costs = []
     for data in (mixed, first):
-        term = Whitened(make_terms(seen(terminators=data), 2, outline, PURE)[-1], 0.004)
+        term = Whitened(make_terms(seen(terminators=data), 2, True, PURE)[-1], 0.004)
         costs.append(term.value(matrices, term.term.weights)[0])
 
     # a corner of density 0.425 / (2π √det), and outliers of 6
