@@ -80,10 +80,11 @@ def test_a_pair_is_added_watched_mixed_saved_and_rendered(
     assert preset["lamps"][0] == {**LampMix().model_dump(mode="json"), "ev": -1.5, "neutral": True}
     assert preset["lamps"][1]["tint"] == 12
     page.get_by_role("button", name="Reset", exact=True).click()
-    assert np.abs(shown(page, size) - untouched).max() == 0
+    # without a graphics card the lamp that changed last is added last: sums differ by rounding
+    assert np.abs(shown(page, size) - untouched).max() <= 1
     page.get_by_label("Load a preset").set_input_files(saved.value.path())
     expect(strip(page, 2).get_by_role("slider", name="Tint")).to_have_value("12")
-    assert np.abs(shown(page, size) - mixed).max() == 0
+    assert np.abs(shown(page, size) - mixed).max() <= 1
 
 
 def test_a_mix_is_heard_and_seen_by_everyone(page: Page, done: dict[str, Any]) -> None:
@@ -109,7 +110,7 @@ def test_one_lamp_alone_is_its_layer(page: Page, done: dict[str, Any], service: 
     soloed = shown(page, size)
     page.get_by_role("button", name="Solo Lamp 2").click()
     page.get_by_role("button", name="Lamp 1 on").click()
-    assert np.abs(shown(page, size) - soloed).max() == 0
+    assert np.abs(shown(page, size) - soloed).max() <= 1
     page.get_by_role("radio", name="Lamp 1", exact=True).check(force=True)
     other = shown(page, size)
     assert np.abs(other - soloed).mean() > 10

@@ -1,0 +1,60 @@
+"""A service with a simulated camera and one that is switched off."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+import drivers
+from service import camera_tasks, cameras, jobs, sandbox
+from service.api.context import Context
+from service.api.looking import Looking
+from service.errors import problem_of
+from service.settings import Settings
+
+SIM = "sim://studio?width=64&height=64"
+AWAY = "ptp+ip://127.0.0.1:1"
+PATH = f"/cameras/{cameras.id_of(SIM)}"
+
+
+def with_cameras(settings: Settings) -> Settings:
+    """The settings of a service with both cameras."""
+    return settings.model_copy(update={"cameras": f"{SIM} {AWAY}", "queued_jobs_per_key": 10})
+
+
+def ask_in_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Do what the routes ask of a camera in this process."""
+    work = {
+        "cameras": camera_tasks.find,
+        "camera": camera_tasks.describe,
+        "camera_settings": camera_tasks.adjust,
+    }
+
+    def run(_looking: Looking, kind: str, capture: Any, trace_id: str = "") -> Any:
+        told: list[dict[str, Any]] = []
+        try:
+            work[kind]({"capture": capture}, told.append)
+        except drivers.DriverError as error:
+            raise sandbox.TaskError(problem_of(error, trace_id).model_dump()) from error
+        return json.loads(json.dumps(told[-1]["answer"]))
+
+    monkeypatch.setattr(Looking, "_run", run)
+
+
+def hold(context: Context, job_id: str) -> jobs.Job:
+    """Give a job the camera that it waits for."""
+    with context.engine.begin() as connection:
+        held = cameras.claim(connection, job_id, "w")
+    assert held is not None
+    return held
+
+
+def take(context: Context, job_id: str, settings: dict[str, Any]) -> None:
+    """Do a worker's part: take the pair of a job."""
+    held = hold(context, job_id)
+    inputs = {frame: {"key": frame, "sha256": "0" * 64} for frame in ("no_flash", "flash")}
+    with context.engine.begin() as connection:
+        assert jobs.set_inputs(connection, held, inputs, 2, settings)
+        assert jobs.release(connection, held)

@@ -1,0 +1,268 @@
+"""The routes of captures; the queue of the camera is real, and nothing is taken."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import httpx
+import pytest
+
+from service import cameras, jobs
+from service.api.context import Context
+from service.settings import Settings
+from tests.unit.service.asking import bearing, problem_of, rows_of
+from tests.unit.service.studio import PATH, SIM, ask_in_process, hold, take, with_cameras
+
+
+@pytest.fixture
+def settings(settings: Settings) -> Settings:
+    return with_cameras(settings)
+
+
+@pytest.fixture(autouse=True)
+def _no_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    ask_in_process(monkeypatch)
+
+
+@pytest.fixture
+def capture(http: httpx.Client) -> Any:
+    """Ask the simulated camera for pairs."""
+    http.get("/cameras").raise_for_status()
+    return lambda **wanted: http.post(f"{PATH}/captures", json=wanted)
+
+
+class TestCaptures:
+    def test_a_capture_is_a_job_in_the_cameras_queue(self, capture: Any, context: Context) -> None:
+        wanted = {"flash": "operator", "settings": {"iso": 200}, "keep": False, "priority": "high"}
+        answer = capture(**wanted, options={"lights": 2})
+        assert answer.status_code == 202
+        (job,) = answer.json()["jobs"]
+        assert answer.headers["location"] == f"/jobs/{job['id']}"
+        assert job["capture"] == {
+            "camera": SIM,
+            "flash": "operator",
+            "when_busy": "wait",
+            "settings": {"iso": 200},
+            "keep": False,
+        }
+        assert (job["state"], job["position"], job["options"]) == ("queued", 1, {"lights": 2})
+        assert (job["camera_settings"], job["operator"], job["inputs"]) == (None, None, None)
+        (row,) = rows_of(context)
+        assert (row.camera, row.priority) == (cameras.id_of(SIM), "high")
+
+    def test_the_same_may_be_asked_for_by_address(self, http: httpx.Client) -> None:
+        wanted = {"camera": f"{SIM}", "flash": "operator", "settings": {"iso": 200}}
+        job = http.post("/jobs", json={"capture": wanted}).raise_for_status().json()
+        assert job["capture"] == {**wanted, "when_busy": "wait", "keep": True}
+        refused = http.post("/jobs", json={"capture": {**wanted, "when_busy": "refuse"}})
+        assert problem_of(refused) == (
+            409,
+            "camera-held",
+            "1 captures wait for the camera; try again later.",
+        )
+
+    def test_an_empty_body_asks_for_a_pair_as_the_camera_is_set(
+        self, http: httpx.Client, capture: Any
+    ) -> None:
+        assert capture is not None
+        answer = http.post(f"{PATH}/captures")
+        assert answer.status_code == 202
+        assert answer.json()["jobs"][0]["capture"]["settings"] == {}
+
+    def test_a_camera_that_is_free_refuses_nobody(self, capture: Any, context: Context) -> None:
+        first = capture(when_busy="refuse")
+        assert first.status_code == 202
+        assert problem_of(capture(when_busy="refuse"))[:2] == (409, "camera-held")
+        take(context, first.json()["jobs"][0]["id"], {})
+        assert capture(when_busy="refuse").status_code == 202
+
+    def test_a_burst_is_a_job_for_each_pair(self, capture: Any, context: Context) -> None:
+        made = capture(pairs=3, interval_seconds=60, deadline_seconds=30).json()["jobs"]
+        assert len({job["id"] for job in made}) == 3
+        rows = {row.id: row for row in rows_of(context)}
+        deadlines = [rows[job["id"]].deadline or 0 for job in made]
+        assert [round(later - deadlines[0]) for later in deadlines] == [0, 60, 120]
+        ranks = [rows[job["id"]].rank for job in made]
+        assert ranks == sorted(set(ranks))
+
+    def test_a_burst_that_is_sent_again_is_the_same(
+        self, http: httpx.Client, capture: Any, context: Context
+    ) -> None:
+        assert capture is not None
+        key = {"idempotency-key": "burst-1"}
+        body = {"pairs": 3}
+        first, again = (http.post(f"{PATH}/captures", json=body, headers=key) for _ in range(2))
+        assert first.json() == again.json()
+        assert again.headers["idempotency-replayed"] == "true"
+        assert len(rows_of(context)) == 3
+        other = http.post(f"{PATH}/captures", json={"pairs": 2}, headers=key)
+        assert problem_of(other)[:2] == (422, "idempotency-key-reused")
+
+    def test_a_burst_for_which_there_is_no_room_is_refused_whole(
+        self, capture: Any, context: Context
+    ) -> None:
+        assert problem_of(capture(pairs=11))[:2] == (429, "queue-full")
+        assert rows_of(context) == []
+        assert capture(pairs=10).status_code == 202
+
+    def test_the_next_shot_may_be_like_an_earlier_one(self, capture: Any, context: Context) -> None:
+        options = {"lights": 2}
+        first = capture(flash="operator", keep=False, options=options).json()["jobs"][0]
+        take(context, first["id"], {"iso": 400, "program": "manual", "f_number": 8.0})
+        same = capture(like=first["id"]).json()["jobs"][0]
+        assert same["options"] == options
+        assert (same["capture"]["flash"], same["capture"]["keep"]) == ("operator", False)
+        assert same["capture"]["settings"] == {"iso": 400, "program": "manual", "f_number": 8.0}
+        other = capture(
+            like=first["id"], flash="property", settings={"iso": 200}, options={"lights": 1}
+        ).json()["jobs"][0]
+        assert (other["capture"]["flash"], other["options"]) == ("property", {"lights": 1})
+        assert other["capture"]["settings"]["iso"] == 200
+        assert other["capture"]["settings"]["f_number"] == 8.0
+
+    def test_a_job_without_a_pair_is_no_recipe(self, http: httpx.Client, capture: Any) -> None:
+        first = capture().json()["jobs"][0]
+        assert problem_of(capture(like=first["id"])) == (
+            409,
+            "not-ready",
+            "like: the pair of this job is not taken yet.",
+        )
+        http.post(first["links"]["cancel"])
+        assert problem_of(capture(like=first["id"]))[:2] == (409, "ended")
+        assert problem_of(capture(like="nothing"))[:2] == (404, "unknown-job")
+
+    def test_a_recipe_of_another_key_is_nobodys(self, http: httpx.Client, context: Context) -> None:
+        mine, other = bearing(context, "capture"), bearing(context, "capture")
+        http.get("/cameras", headers=mine)
+        made = http.post(f"{PATH}/captures", json={}, headers=mine).json()["jobs"][0]
+        take(context, made["id"], {"iso": 400})
+        answer = http.post(f"{PATH}/captures", json={"like": made["id"]}, headers=other)
+        assert problem_of(answer)[:2] == (404, "unknown-job")
+
+    def test_a_switch_that_is_not_there_is_told_before_the_first_shot(self, capture: Any) -> None:
+        status, kind, told = problem_of(capture(flash="external"))
+        assert (status, kind) == (422, "invalid-option")
+        assert "LIGHTLAYERS_FLASH_SWITCH" in told
+
+    @pytest.mark.parametrize(
+        ("written", "detail"),
+        [
+            ({"flash": "off"}, "The flash is switched by the capture"),
+            ({"program": "auto"}, "A pair is taken with program manual"),
+            ({"iso": "auto"}, "A pair is taken with a fixed iso"),
+        ],
+    )
+    def test_settings_that_no_pair_can_have_are_refused(
+        self, capture: Any, written: Any, detail: str
+    ) -> None:
+        status, kind, told = problem_of(capture(settings=written))
+        assert (status, kind) == (422, "camera-setting")
+        assert told.startswith(detail)
+
+    @pytest.mark.parametrize(
+        ("wanted", "place"),
+        [
+            ({"flash": "radio"}, "flash"),
+            ({"flash": "rm -rf {state}"}, "flash"),
+            ({"when_busy": "steal"}, "when_busy"),
+            ({"settings": {"colour": 1}}, "settings.colour"),
+            ({"settings": {"iso": None}}, "settings.iso"),
+            ({"pairs": 0}, "pairs"),
+            ({"pairs": 1001}, "pairs"),
+            ({"pairs": 1.5}, "pairs"),
+            ({"interval_seconds": -1}, "interval_seconds"),
+            ({"keep": "perhaps"}, "keep"),
+            ({"options": {"lights": 9}}, "options.lights"),
+            ({"camera": SIM}, "camera"),
+            ({"switch": "http://elsewhere/{state}"}, "switch"),
+        ],
+    )
+    def test_bad_wishes_are_refused(self, capture: Any, wanted: Any, place: str) -> None:
+        status, kind, told = problem_of(capture(**wanted))
+        assert (status, kind) == (422, "invalid-option")
+        assert told.startswith(place)
+
+    def test_other_bodies_are_refused(self, http: httpx.Client, capture: Any) -> None:
+        assert capture is not None
+        plain = http.post(
+            f"{PATH}/captures", content=b"now", headers={"content-type": "text/plain"}
+        )
+        assert problem_of(plain)[0] == 415
+
+
+class TestConfirm:
+    def test_what_a_job_asks_for_is_shown_until_it_is_confirmed(
+        self, http: httpx.Client, capture: Any, context: Context
+    ) -> None:
+        job = capture(flash="operator").json()["jobs"][0]
+        held = hold(context, job["id"])
+        with context.engine.begin() as connection:
+            jobs.ask_operator(connection, held, "Switch the flash off, then confirm.", 60)
+        shown = http.get(f"/jobs/{job['id']}").json()
+        assert shown["state"] == "waiting_for_operator"
+        assert shown["operator"]["request"] == "Switch the flash off, then confirm."
+        link = shown["links"]["confirm"]
+        assert link == f"/jobs/{job['id']}/confirm?request=1"
+        confirmed = http.post(link)
+        assert (confirmed.status_code, confirmed.json()["state"]) == (202, "running")
+        assert confirmed.json()["operator"] is None
+        assert confirmed.json()["links"]["confirm"] is None
+        status, kind, told = problem_of(http.post(link))
+        assert (status, kind, told) == (
+            409,
+            "not-ready",
+            "The job is running; it asks for nothing.",
+        )
+
+    def test_a_second_click_does_not_answer_the_next_request(
+        self, http: httpx.Client, capture: Any, context: Context
+    ) -> None:
+        job = capture(flash="operator").json()["jobs"][0]
+        held = hold(context, job["id"])
+        for request in ("off", "on"):
+            with context.engine.begin() as connection:
+                jobs.confirm(connection, job["id"])
+                jobs.ask_operator(connection, held, f"Switch the flash {request}.", 60)
+        here = f"/jobs/{job['id']}/confirm"
+        assert problem_of(http.post(f"{here}?request=1"))[:2] == (409, "not-ready")
+        assert http.post(here).json()["state"] == "running"
+
+    def test_a_job_that_waits_may_be_canceled(
+        self, http: httpx.Client, capture: Any, context: Context
+    ) -> None:
+        job = capture(flash="operator").json()["jobs"][0]
+        held = hold(context, job["id"])
+        with context.engine.begin() as connection:
+            jobs.ask_operator(connection, held, "Switch the flash off.", 60)
+        canceling = http.post(f"/jobs/{job['id']}/cancel").json()
+        assert (canceling["state"], canceling["operator"]) == ("canceling", None)
+        assert problem_of(http.post(f"/jobs/{job['id']}/confirm"))[:2] == (409, "not-ready")
+
+    def test_a_job_that_has_ended_asks_for_nothing_any_more(
+        self, http: httpx.Client, capture: Any
+    ) -> None:
+        job = capture(flash="operator").json()["jobs"][0]
+        http.post(f"/jobs/{job['id']}/cancel")
+        answer = http.post(f"/jobs/{job['id']}/confirm")
+        assert problem_of(answer) == (
+            409,
+            "ended",
+            "The job is canceled; it asks for nothing any more.",
+        )
+        assert answer.json()["retryable"] is False
+
+    @pytest.mark.parametrize("number", ["0", "-1", "x", "1e9"])
+    def test_what_is_no_number_of_a_request_is_refused(
+        self, http: httpx.Client, number: str
+    ) -> None:
+        assert problem_of(http.post(f"/jobs/1/confirm?request={number}"))[0] == 422
+
+    def test_jobs_that_are_not_there_ask_for_nothing(self, http: httpx.Client) -> None:
+        assert problem_of(http.post("/jobs/1/confirm"))[:2] == (404, "unknown-job")
+
+    def test_nobody_confirms_for_another_key(self, http: httpx.Client, context: Context) -> None:
+        mine, other = bearing(context, "capture"), bearing(context, "capture")
+        http.get("/cameras", headers=mine)
+        made = http.post(f"{PATH}/captures", json={}, headers=mine).json()["jobs"][0]
+        answer = http.post(f"/jobs/{made['id']}/confirm", headers=other)
+        assert problem_of(answer)[:2] == (404, "unknown-job")
