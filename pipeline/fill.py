@@ -26,6 +26,11 @@ class Surroundings:
         self._block = reduced.block
         self._count = count
 
+    def blocks(self) -> Array:
+        """Proportions (N, h, w, 3) in the middle of every block of the reduced pair."""
+        height, width = self._map.shape[:2]
+        return np.moveaxis(self._map.reshape(height, width, self._count, 3), 2, 0)
+
     def rows(self, rows: slice, width: int) -> Array:
         """Proportions (N, h, width, 3) for some rows of the full-size picture, bilinear."""
         around = by_planes(self._count, rows.stop - rows.start, width, 3)

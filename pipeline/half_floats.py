@@ -15,13 +15,13 @@ _LARGEST = np.float32(np.finfo(np.float16).max)
 _NOTHING = np.zeros(4)  # OpenCV's scalars have four numbers
 
 
-def to_half(plane: NDArray[np.float32]) -> Half:
-    """Round a plane (h, W) to the nearest half floats; what is beyond ±65504 becomes that."""
-    within = np.ascontiguousarray(np.clip(plane, -_LARGEST, _LARGEST))
+def to_half(light: NDArray[np.float32]) -> Half:
+    """Round light (h, W) or (h, W, 3) to the nearest half floats, ±65504 where it is beyond."""
+    within = np.ascontiguousarray(np.clip(light, -_LARGEST, _LARGEST))
     return np.asarray(cv2.add(within, _NOTHING, dtype=cv2.CV_16F), np.float16)
 
 
-def to_float(plane: Half) -> NDArray[np.float32]:
-    """Half floats (h, W) as float32, exactly."""
-    same = np.ascontiguousarray(plane)
+def to_float(light: Half) -> NDArray[np.float32]:
+    """Half floats (h, W) or (h, W, 3) as float32, exactly."""
+    same = np.ascontiguousarray(light)
     return np.asarray(cv2.add(same, _NOTHING, dtype=cv2.CV_32F), np.float32)

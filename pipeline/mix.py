@@ -11,13 +11,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.canvas import shown_gain
 from pipeline.colour.spaces import XYZ_TO_SRGB, adaptation
 from pipeline.colour.temperature import white_of
 from pipeline.frames import Image, Matrix, Photograph
 from pipeline.lamps import Lamps
 from pipeline.mix_options import LampBasis, LampMix, Mix, MixBasis, check_lamps
 from pipeline.model import Model
+from pipeline.shown import shown_gain
 from pipeline.white_balance import from_layers, neutral_white, whites_of
 
 TINT_PER_DUV = -3000.0

@@ -12,7 +12,6 @@ from typing import Any, Literal, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.canvas import Canvas, shown_gain
 from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
 from pipeline.encode.exr import ExrFile, write_exr
 from pipeline.encode.files import describe
@@ -23,6 +22,7 @@ from pipeline.encode.tiff import GrayTiffFile, TiffFile
 from pipeline.errors import OptionError
 from pipeline.frames import Image, Matrix, Photograph
 from pipeline.gamma_diagram import draw_gamma_diagram
+from pipeline.half_floats import Half, to_float, to_half
 from pipeline.lamps import Lamps
 from pipeline.mesh import make_mesh
 from pipeline.model import Model, Response
@@ -34,6 +34,7 @@ from pipeline.pictures import Pictures
 from pipeline.progress import Progress
 from pipeline.reduced import ReducedPair
 from pipeline.residual_map import draw_residual_map, relative_residual
+from pipeline.shown import shown_gain
 
 _ONLY_ON_REQUEST = frozenset(
     {
@@ -94,6 +95,7 @@ class Outputs:
     def __init__(
         self,
         photograph: Photograph,
+        small: Pictures,
         lamps: Lamps,
         model: Model,
         facing: Facing | None,
@@ -104,11 +106,12 @@ class Outputs:
     ) -> None:
         """Open the files.
 
-        photograph: (H, W, 3), the no-flash photograph, on whose scale layers are shown. facing:
-        None where there are no normals. changes: of camera_changes, None without another camera.
-        wanted: names out of OUTPUT_NAMES; those of what there is not are passed over. directory:
-        where, it exists. convention: of the normals that are written. Raises OptionError for a
-        picture that a wanted format cannot hold, OSError.
+        photograph: (H, W, 3), the no-flash photograph, on whose scale layers are shown. small: of
+        overview, which says how bright the other pictures are shown. facing: None where there are
+        no normals. changes: of camera_changes, None without another camera. wanted: names out of
+        OUTPUT_NAMES; those of what there is not are passed over. directory: where, it exists.
+        convention: of the normals that are written. Raises OptionError for a picture that a wanted
+        format cannot hold, OSError.
         """
         self._convention = convention
         self._size = photograph.shape[1], photograph.shape[0]
@@ -119,7 +122,7 @@ class Outputs:
         self._takers: list[Callable[[Pictures], None]] = []
         self._outputs: list[_Output] = []
         try:
-            self._open(photograph, facing, changes)
+            self._open(photograph, small, facing, changes)
         except BaseException:
             self._remove()
             raise
@@ -159,18 +162,22 @@ class Outputs:
         return described
 
     def _open(
-        self, photograph: Photograph, facing: Facing | None, changes: NDArray[np.float64] | None
+        self,
+        photograph: Photograph,
+        small: Pictures,
+        facing: Facing | None,
+        changes: NDArray[np.float64] | None,
     ) -> None:
         """Open the files in the order in which the manifest lists them."""
         surface = None if facing is None else facing.surface
         self._open_layers(photograph)
-        texture = self._open_balanced(surface is not None and "surface.glb" in self._wanted)
+        self._open_balanced(small)
         if changes is not None and self._model.response is not None:
-            self._open_response(changes, self._model.response)
+            self._open_response(small, changes, self._model.response)
         if facing is not None:
             self._open_normals()
         if surface is not None:
-            self._open_surface(surface, texture)
+            self._open_surface(small, surface)
         self._open_confidences(surface is not None)
         self._open_previews(photograph)
 
@@ -186,22 +193,9 @@ class Outputs:
         self._takers.append(lambda pictures: opened.write(rows(pictures)))
         self._at_last(name, kind, lambda _: opened.close())
 
-    def _keep(self, rows: Callable[[Pictures], Any]) -> Canvas:
-        """Keep a picture until its brightness is known."""
-        canvas = Canvas(self._size)
-        self._takers.append(lambda pictures: canvas.write(rows(pictures)))
-        return canvas
-
-    def _show(self, name: str, canvas: Canvas, to_srgb: Matrix, gain: Callable[[], float]) -> None:
-        """Write a JPEG of a picture that is kept."""
-
-        def write(path: Path) -> None:
-            file = JpegFile(path, self._size, gain() * to_srgb)
-            for strip in canvas.strips():
-                file.write(strip)
-            file.close()
-
-        self._at_last(name, _SRGB, write)
+    def _show(self, name: str, to_srgb: Matrix, rows: Callable[[Pictures], Any]) -> None:
+        """Write a JPEG from what `rows` picks out of every strip."""
+        self._stream(name, _SRGB, partial(JpegFile, size=self._size, to_srgb=to_srgb), rows)
 
     def _at_last(self, name: str, kind: tuple[str, str], write: Callable[[Path], None]) -> None:
         path = self._directory / name
@@ -214,16 +208,14 @@ class Outputs:
             kind = ("16-bit float", _CAMERA_RGB)
             self._stream("layers.exr", kind, exr, lambda pictures: _with_sum(pictures.layers))
         to_rec2020 = _fitting(XYZ_TO_REC2020 @ camera_to_xyz)
-        to_srgb = XYZ_TO_SRGB @ camera_to_xyz
-        to_srgb = shown_gain(photograph, to_srgb) * to_srgb
+        to_srgb = _as_shown(photograph, XYZ_TO_SRGB @ camera_to_xyz)
         for lamp in range(len(self._lamps)):
             layer = partial(_layer, lamp)
             if "lamps.tif" in wanted:
                 tiff = partial(TiffFile, size=size, to_rec2020=to_rec2020)
                 self._stream(f"lamp{lamp + 1}.tif", _REC2020, tiff, layer)
             if "lamps.jpg" in wanted:
-                jpeg = partial(JpegFile, size=size, to_srgb=to_srgb)
-                self._stream(f"lamp{lamp + 1}.jpg", _SRGB, jpeg, layer)
+                self._show(f"lamp{lamp + 1}.jpg", to_srgb, layer)
         if "layers.psd" in wanted:
             # imported only here: few ask for it
             from pipeline.encode.psd import PsdFile
@@ -231,22 +223,13 @@ class Outputs:
             psd = partial(PsdFile, size=size, lamps=len(self._lamps), to_rec2020=to_rec2020)
             self._stream("layers.psd", _REC2020, psd, lambda pictures: pictures.layers)
 
-    def _open_balanced(self, textured: bool) -> Canvas | None:
-        """Open the balanced pictures; returns what is kept of the first, for a texture if asked."""
+    def _open_balanced(self, small: Pictures) -> None:
         wanted, neutral = self._wanted, self._model.neutral_to_xyz
-        to_srgb = XYZ_TO_SRGB @ neutral
         both = (_balanced_1, _balanced_2)
-        kept = None
         for number, rows in enumerate(both, 1):
             name = f"white_balanced_{number}.jpg"
-            textures = number == 1 and textured
-            if name not in wanted and not textures:
-                continue
-            canvas = self._keep(rows)
             if name in wanted:
-                self._show(name, canvas, to_srgb, partial(canvas.gain, to_srgb))
-            if textures:
-                kept = canvas
+                self._show(name, _as_shown(rows(small), XYZ_TO_SRGB @ neutral), rows)
         tiff = partial(TiffFile, size=self._size, to_rec2020=_fitting(XYZ_TO_REC2020 @ neutral))
         for number, rows in enumerate(both, 1):
             if f"white_balanced_{number}.tif" in wanted:
@@ -255,20 +238,19 @@ class Outputs:
             kind = ("16-bit float", f"{_CAMERA_RGB}, as under the neutral light")
             exr = partial(ExrFile, size=self._size, half=True)
             self._stream("white_balanced.exr", kind, exr, _both_balanced)
-        return kept
 
-    def _open_response(self, changes: NDArray[np.float64], response: Response) -> None:
+    def _open_response(
+        self, small: Pictures, changes: NDArray[np.float64], response: Response
+    ) -> None:
         """Through the other camera, the layers on the scale of the photograph."""
-        to_srgb = XYZ_TO_SRGB @ response.camera_to_xyz
         if self._wanted & {"response.jpg", "response_lamps.jpg"}:
-            whole = self._keep(lambda pictures: pictures.response)
-            gain = partial(whole.gain, to_srgb)
+            to_srgb = _as_shown(small.response, XYZ_TO_SRGB @ response.camera_to_xyz)
             if "response.jpg" in self._wanted:
-                self._show("response.jpg", whole, to_srgb, gain)
+                self._show("response.jpg", to_srgb, lambda pictures: pictures.response)
             if "response_lamps.jpg" in self._wanted:
                 for lamp, change in enumerate(changes):
-                    canvas = self._keep(partial(_layer, lamp))
-                    self._show(f"response_lamp{lamp + 1}.jpg", canvas, to_srgb @ change, gain)
+                    layer = partial(_layer, lamp)
+                    self._show(f"response_lamp{lamp + 1}.jpg", to_srgb @ change, layer)
         if "response.exr" in self._wanted:
             kind = (
                 "16-bit float",
@@ -301,7 +283,7 @@ class Outputs:
             return pictures.normals
         return pictures.normals * np.array([1, -1, 1], np.float32)
 
-    def _open_surface(self, surface: Surface, texture: Canvas | None) -> None:
+    def _open_surface(self, small: Pictures, surface: Surface) -> None:
         size = self._size[::-1]
         if "depth.exr" in self._wanted:
             kind = (
@@ -311,26 +293,32 @@ class Outputs:
             self._at_last(
                 "depth.exr", kind, lambda path: write_exr(path, {"Z": surface_depth(surface, size)})
             )
-        if texture is None:
+        if "surface.glb" not in self._wanted:
             return
-        normals: list[Image | None] = []
-        self._takers.append(lambda pictures: normals.append(pictures.normals))
+        normals: list[Image] = []
+        texture: list[Half] = []
+
+        def keep(pictures: Pictures) -> None:
+            if pictures.normals is not None and pictures.white_balanced_1 is not None:
+                normals.append(pictures.normals)
+                texture.append(to_half(pictures.white_balanced_1))
+
+        self._takers.append(keep)
         kind = (
             "glTF 2.0 binary, camera in the origin, x right, y up, z to the viewer, depth 1 in the "
             "median",
             "sRGB",
         )
-        to_srgb = XYZ_TO_SRGB @ self._model.neutral_to_xyz
+        to_srgb = _as_shown(small.white_balanced_1, XYZ_TO_SRGB @ self._model.neutral_to_xyz)
 
         def write(path: Path) -> None:
             # imported only here: it takes longer than the rest of the writing
             from pipeline.encode.glb import write_glb
 
             depth = surface_depth(surface, size)
-            mesh = make_mesh(
-                depth, np.concatenate([one for one in normals if one is not None]), surface.focal_px
-            )
-            write_glb(path, mesh, texture.picture(), texture.gain(to_srgb) * to_srgb)
+            mesh = make_mesh(depth, np.concatenate(normals), surface.focal_px)
+            picture = np.concatenate([to_float(rows) for rows in texture])
+            write_glb(path, mesh, picture, to_srgb)
 
         self._at_last("surface.glb", kind, write)
 
@@ -358,8 +346,7 @@ class Outputs:
             self._stream("preview.exr", kind, preview, _layers_and_confidence)
         if "thumbnail.jpg" in self._wanted:
             small = thumbnail(photograph)
-            to_srgb = XYZ_TO_SRGB @ self._model.camera_to_xyz
-            to_srgb = shown_gain(photograph, to_srgb) * to_srgb
+            to_srgb = _as_shown(photograph, XYZ_TO_SRGB @ self._model.camera_to_xyz)
             self._at_last("thumbnail.jpg", _SRGB, lambda path: write_jpeg(path, small, to_srgb))
 
     def _open_diagrams(self, reduced: ReducedPair, entries: list[dict[str, Any]]) -> None:
@@ -371,6 +358,11 @@ class Outputs:
         if "residual.png" in self._wanted:
             residual = draw_residual_map(relative_residual(reduced, self._lamps))
             self._at_last("residual.png", kind, lambda path: write_png8(path, residual))
+
+
+def _as_shown(picture: Photograph | None, to_srgb: Matrix) -> Matrix:
+    """Make bright parts of a picture white, none of a picture that is not there."""
+    return to_srgb if picture is None else shown_gain(picture, to_srgb) * to_srgb
 
 
 def _layer(lamp: int, pictures: Pictures) -> Image:

@@ -19,11 +19,17 @@ from pipeline.photometric_stereo.confidence import normals_confidence
 from pipeline.progress import Progress
 from pipeline.reduced import ReducedPair
 from pipeline.response import other_response
-from pipeline.separation import separate
+from pipeline.separation import Strip, separate, separate_reduced
 from pipeline.white_balance import WhiteBalance
 
+_FIRST = frozenset({"white_balanced_1.jpg", "white_balanced_1.tif", "white_balanced.exr"})
+_SECOND = frozenset({"white_balanced_2.jpg", "white_balanced_2.tif", "white_balanced.exr"})
 _NORMALS = FACING_OUTPUTS - {"depth.exr"}
 _RESPONSES = frozenset({"response.jpg", "response_lamps.jpg", "response.exr"})
+_BALANCES: dict[str, type[WhiteBalance | PublishedWhiteBalance]] = {
+    "best": WhiteBalance,
+    "paper": PublishedWhiteBalance,
+}
 
 
 @dataclass(frozen=True)
@@ -65,17 +71,14 @@ def render(
     (pipeline.options.OUTPUT_NAMES).
     """
     surface = None if facing is None else facing.surface
-    first = {"white_balanced_1.jpg", "white_balanced_1.tif", "white_balanced.exr"}
-    if surface is not None:
-        first.add("surface.glb")
-    second = {"white_balanced_2.jpg", "white_balanced_2.tif", "white_balanced.exr"}
-    balance = (WhiteBalance if options.method == "best" else PublishedWhiteBalance)(lamps, model)
+    first = _FIRST if surface is None else _FIRST | {"surface.glb"}
+    balance = _BALANCES[options.method](lamps, model)
     for strip in separate(pair, reduced, lamps, model, options, progress, strip_rows):
         normals = facing.of(strip) if facing is not None and wanted & _NORMALS else None
         trust = None
         if surface is not None and normals is not None and "normals_confidence.tif" in wanted:
             trust = normals_confidence(strip, surface, normals)
-        balanced_1, balanced_2 = balance.of(strip, bool(wanted & first), bool(wanted & second))
+        balanced_1, balanced_2 = balance.of(strip, bool(wanted & first), bool(wanted & _SECOND))
         yield Pictures(
             rows=strip.rows,
             layers=strip.layers,
@@ -83,10 +86,41 @@ def render(
             white_balanced_2=balanced_2,
             normals=normals,
             normals_confidence=trust,
-            response=(
-                other_response(strip, changes)
-                if changes is not None and wanted & _RESPONSES
-                else None
-            ),
+            response=_response(strip, changes, wanted),
             confidence=strip.confidence,
         )
+
+
+def overview(
+    pair: Pair,
+    reduced: ReducedPair,
+    lamps: Lamps,
+    model: Model,
+    changes: NDArray[np.float64] | None,
+    method: str,
+    wanted: frozenset[str],
+) -> Pictures:
+    """Make the pictures that are shown as small as the reduced pair, to tell how bright they are.
+
+    changes, wanted: as for render. There are no normals.
+    """
+    strip = separate_reduced(pair, reduced, lamps)
+    shown = _FIRST | {"surface.glb"}
+    balance = _BALANCES[method](lamps, model)
+    balanced_1, balanced_2 = balance.of(strip, bool(wanted & shown), bool(wanted & _SECOND))
+    return Pictures(
+        rows=strip.rows,
+        layers=strip.layers,
+        white_balanced_1=balanced_1,
+        white_balanced_2=balanced_2,
+        normals=None,
+        normals_confidence=None,
+        response=_response(strip, changes, wanted),
+        confidence=strip.confidence,
+    )
+
+
+def _response(
+    strip: Strip, changes: NDArray[np.float64] | None, wanted: frozenset[str]
+) -> Image | None:
+    return None if changes is None or not wanted & _RESPONSES else other_response(strip, changes)

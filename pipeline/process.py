@@ -24,7 +24,7 @@ from pipeline.normals import find_facing
 from pipeline.options import FACING_OUTPUTS, Options
 from pipeline.outputs import Outputs, wanted_outputs
 from pipeline.pair import make_pair
-from pipeline.pictures import render
+from pipeline.pictures import overview, render
 from pipeline.progress import STRIP_ROWS, Progress
 from pipeline.reduced import reduce_pair
 from pipeline.remarks import Code, Remark
@@ -111,11 +111,12 @@ def separate_files(
     changes = None
     if model.response is not None:
         changes = camera_changes(lamps, model, model.response, options.method)
+    small = overview(pair, reduced, lamps, model, changes, options.method, wanted)
     basis = mix_basis(pair.no_flash, lamps, model)
     tally = Tally(len(lamps), *pair.unusable.shape)
     directory.mkdir(parents=True, exist_ok=True)
     with Outputs(
-        pair.no_flash, lamps, model, facing, changes, wanted, directory, options.normals
+        pair.no_flash, small, lamps, model, facing, changes, wanted, directory, options.normals
     ) as outputs:
         for pictures in render(
             pair, reduced, lamps, model, facing, changes, options, wanted, progress, strip_rows

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import placing, registration, smoothing
+from pipeline.area_means import area_means
 from pipeline.compiling import njit
 from pipeline.fill import Surroundings
 from pipeline.frames import (
@@ -119,6 +120,20 @@ def separate(
             channels_first(layers),
         )
         yield Strip(rows, layers, no_flash, flash, confidence)
+
+
+def separate_reduced(pair: Pair, reduced: ReducedPair, lamps: Lamps) -> Strip:
+    """Separate the blocks of a reduced pair roughly, all of them at once.
+
+    What cannot be separated takes the proportions of its surroundings, and the light of the
+    photograph, clipped as it may be.
+    """
+    height, width = reduced.usable.shape
+    crop = width * reduced.block, height * reduced.block
+    light = area_means(pair.no_flash, (width, height), crop)
+    layers = Surroundings(reduced, lamps).blocks() * light
+    confidence = reduced.usable.astype(np.float32)
+    return Strip(slice(0, height), layers, light, reduced.flash, confidence)
 
 
 def _filter(pair: Pair, rounds: int) -> SigmaFilter:

@@ -94,3 +94,14 @@ def test_surroundings_of_a_reduced_pair_lie_where_they_belong(
     np.testing.assert_allclose(across[:514], 1, atol=1e-4)
     np.testing.assert_allclose(across[518:], 0, atol=1e-4)
     np.testing.assert_allclose(across[514:518], [1, 2 / 3, 1 / 3, 0], atol=1e-3)
+
+
+def test_blocks_have_the_proportions_of_their_middle(
+    surroundings: tuple[Surroundings, NDArray[np.float32]],
+) -> None:
+    around, true = surroundings
+
+    found = around.blocks()
+
+    np.testing.assert_array_equal(found, around.rows(slice(0, 64), 96))
+    assert np.abs(found - true)[:, :18].max() < 0.02

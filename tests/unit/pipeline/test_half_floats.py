@@ -40,3 +40,11 @@ def test_a_channel_of_a_picture_is_taken_as_it_lies() -> None:
     half = to_half(picture[..., 1])
     np.testing.assert_array_equal(half, picture[..., 1].astype(np.float16))
     np.testing.assert_array_equal(to_float(half[:, ::2]), half[:, ::2].astype(np.float32))
+
+
+def test_a_picture_by_planes_is_taken_whole() -> None:
+    planes = np.random.default_rng(2).random((3, 5, 7), dtype=np.float32)
+    picture = np.moveaxis(planes, 0, -1)
+    half = to_half(picture)
+    np.testing.assert_array_equal(half, picture.astype(np.float16))
+    np.testing.assert_array_equal(to_float(half), half.astype(np.float32))

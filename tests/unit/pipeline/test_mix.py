@@ -8,7 +8,6 @@ import pytest
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from pipeline.canvas import shown_gain
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.colour.temperature import cct_duv, white_of
 from pipeline.errors import OptionError
@@ -16,6 +15,7 @@ from pipeline.lamps import Lamps
 from pipeline.mix import mix_basis, mix_matrices, mixed
 from pipeline.mix_options import LampMix, Mix, MixBasis
 from pipeline.model import Model
+from pipeline.shown import shown_gain
 
 Array = NDArray[np.float64]
 SRGB_TO_XYZ = np.linalg.inv(XYZ_TO_SRGB)

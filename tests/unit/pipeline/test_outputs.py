@@ -127,6 +127,7 @@ def written(
         given = more.get("given", pictures)
         with Outputs(
             more.get("photograph", given.layers.sum(axis=0)),
+            given,
             lamps_of(warm_to_cool[[0, 2]]),
             more.get("by", model),
             more.get("facing", facing),

@@ -11,9 +11,10 @@ from pipeline.errors import Canceled
 from pipeline.model import Model, build_model
 from pipeline.normals import Facing
 from pipeline.options import OUTPUT_NAMES, Options
-from pipeline.pictures import Pictures, render
+from pipeline.pictures import Pictures, overview, render
 from pipeline.progress import Progress
 from pipeline.reduced import reduce_pair
+from pipeline.shown import shown_gain
 from pipeline.spectra.cameras import Camera, srgb_stand_in
 from pipeline.spectra.lights import find_light
 from tests.surfaces import wall
@@ -25,6 +26,25 @@ NAMES = ("white_balanced_1", "white_balanced_2", "normals", "normals_confidence"
 @pytest.fixture(scope="module")
 def model_with_response(camera: Camera) -> Model:
     return build_model(camera, find_light("xenon"), find_light("D65"), "wpca", srgb_stand_in())
+
+
+@pytest.fixture
+def seen_whole(
+    exact: Callable[..., tuple[Any, Array]],
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Array,
+    model_with_response: Model,
+) -> Callable[..., Pictures]:
+    """Make the overview of the pair that `rendered` renders."""
+
+    def run(*wanted: str, method: str = "best") -> Pictures:
+        pair, _ = exact(warm_to_cool)
+        lamps, changes = lamps_of(warm_to_cool), np.stack([np.eye(3)] * 3)
+        reduced = reduce_pair(pair)
+        names = frozenset(wanted)
+        return overview(pair, reduced, lamps, model_with_response, changes, method, names)
+
+    return run
 
 
 @pytest.fixture
@@ -129,6 +149,36 @@ def test_strips_make_the_same_pictures(
         assert picture.dtype == np.float32
         assert name == "normals" or np.isfinite(picture).all()
         np.testing.assert_array_equal(picture, getattr(whole, name))
+
+
+@pytest.mark.parametrize("method", ["best", "paper"])
+def test_the_overview_is_as_bright_as_the_pictures(
+    rendered: Callable[..., Pictures], seen_whole: Callable[..., Pictures], method: str
+) -> None:
+    small = seen_whole(*OUTPUT_NAMES, method=method)
+    whole = rendered(*OUTPUT_NAMES, method=method)
+
+    for name in ("white_balanced_1", "white_balanced_2", "response"):
+        gains = [shown_gain(getattr(one, name), np.eye(3)) for one in (small, whole)]
+        assert gains[0] == pytest.approx(gains[1], rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "made"),
+    [
+        ((), set()),
+        (("white_balanced_1.jpg", "normals.png"), {"white_balanced_1"}),
+        (("surface.glb",), {"white_balanced_1"}),
+        (("white_balanced_2.jpg",), {"white_balanced_2"}),
+        (("response_lamps.jpg",), {"response"}),
+    ],
+)
+def test_the_overview_has_what_is_shown(
+    seen_whole: Callable[..., Pictures], wanted: tuple[str, ...], made: set[str]
+) -> None:
+    small = seen_whole(*wanted)
+
+    assert {name for name in NAMES if getattr(small, name) is not None} == made
 
 
 def test_cancel_stops_the_rendering(rendered: Callable[..., Pictures]) -> None:

@@ -13,7 +13,7 @@ from pipeline.noise import Noise
 from pipeline.options import Options
 from pipeline.progress import Progress
 from pipeline.reduced import reduce_pair
-from pipeline.separation import Strip, separate
+from pipeline.separation import Strip, separate, separate_reduced
 from pipeline.sigma_filter import sigma_filter
 from tests.definitions import pixels
 
@@ -339,3 +339,19 @@ def test_edges_that_do_not_quite_fit_take_the_shares_beside_them(
         return float(np.abs(strip.layers / before - truth[:, None, None]).max())
 
     assert worst(0.35) < 0.45 * worst(0.0)
+
+
+def test_a_reduced_pair_is_separated_about_as_the_pair(
+    exact: Exact, lamps_of: Callable[..., Any], warm_to_cool: Array
+) -> None:
+    """Where it is clipped its light is the photograph's, dealt out as around."""
+    clipped = np.zeros((64, 96), bool)
+    clipped[20:40, 30:60] = True
+    pair, layers = exact(warm_to_cool[[0, 2]], unusable=clipped)
+
+    strip = separate_reduced(pair, reduce_pair(pair), lamps_of(warm_to_cool[[0, 2]]))
+
+    np.testing.assert_allclose(strip.layers.sum(axis=0), pair.no_flash, rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(strip.layers[:, :18], layers[:, :18], rtol=0.05, atol=0.005)
+    assert not strip.confidence[clipped].any()
+    assert strip.confidence[:18].mean() > 0.9
