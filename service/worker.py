@@ -47,6 +47,7 @@ log = logging.getLogger("service.worker")
 
 
 Claim = Callable[[sa.Connection, str, str], jobs.Job | None]
+IsOver = Callable[[sa.Connection, jobs.Job], bool]
 
 
 class Worker:
@@ -165,8 +166,7 @@ class Worker:
         The rest of the job waits in the queue of jobs then, and the camera is free.
         """
         queued = engine.capture_id(job_id)
-        past = cameras.is_past_capture
-        self._alone(queued, lambda: self._run(job_id, cameras.claim, past))
+        self._alone(queued, lambda: self._run(job_id, cameras.claim, self._is_passed_on))
 
     def _alone(self, queued: str, work: Callable[[], None]) -> None:
         with self._idle:
@@ -180,7 +180,15 @@ class Worker:
                 self._runs.remove(queued)
                 self._idle.notify_all()
 
-    def _run(self, job_id: str, claim: Claim, is_over: Callable[[jobs.Job], bool]) -> None:
+    def _is_passed_on(self, connection: sa.Connection, job: jobs.Job) -> bool:
+        """Whether the camera's part of a job is done; the rest of it waits in its queue then."""
+        over = cameras.is_past_capture(job)
+        if over and job.state == State.QUEUED:
+            # An attempt that was cut short once it had the pair has not passed it on.
+            self._queue.submit(connection, job.id, job.rank)
+        return over
+
+    def _run(self, job_id: str, claim: Claim, is_over: IsOver) -> None:
         attempt: Attempt | None = None
         lost = False
         while True:
@@ -194,7 +202,8 @@ class Worker:
                 with self._engine.begin() as connection:
                     held = claim(connection, job_id, self.id)
                     known = held or jobs.find(connection, job_id)
-                if known is None or is_over(known):
+                    over = known is None or is_over(connection, known)
+                if over:
                     return
                 if held:
                     attempt = self._start(held)
@@ -271,7 +280,7 @@ class Worker:
             heartbeats.beat(connection, self.id)
 
 
-def _has_ended(job: jobs.Job) -> bool:
+def _has_ended(_connection: sa.Connection, job: jobs.Job) -> bool:
     return job.ended
 
 

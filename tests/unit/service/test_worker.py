@@ -9,7 +9,7 @@ import pytest
 import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
-from service import database, heartbeats, jobs, presence, worker
+from service import cameras, database, heartbeats, jobs, presence, worker
 from service.attempt import FRAMES, Attempt, describe_inputs
 from service.database import AWAY
 from service.engine import Held
@@ -261,3 +261,20 @@ def test_the_jobs_of_a_worker_that_died_on_this_machine_are_taken_over_at_once(
             heartbeats.beat(connection, name)
     one.keep()
     assert put_back == held[:1]
+
+
+def test_a_pair_that_was_kept_but_not_passed_on_goes_into_the_queue_of_jobs(one: Worker) -> None:
+    """As after an attempt that its worker's end or a dead process cut short in between."""
+    with one._engine.begin() as connection:
+        camera = cameras.add(connection, "sim://studio")
+    _add(one, camera=camera, capture={"camera": "sim://studio"})
+    assert not _queued(one)
+    one.capture("a")
+    one.capture("a")  # and once
+    assert _queued(one) == ["a"]
+
+
+def _queued(one: Worker) -> list[str]:
+    with one._engine.connect() as connection:
+        rows = connection.exec_driver_sql("SELECT workflow_uuid FROM workflow_status")
+        return [row[0] for row in rows]
