@@ -118,8 +118,9 @@ class Storage:
         return sorted(item["path"] for batch in found for item in batch)
 
     def delete(self, key: str) -> None:
-        """Delete an object."""
-        obstore.delete(self._store, key)
+        """Delete an object, unless it is gone already."""
+        with contextlib.suppress(FileNotFoundError):
+            obstore.delete(self._store, key)
 
     def changed(self, prefix: str) -> float:
         """When anything below prefix was last stored, in seconds since 1970; 0 without any.
@@ -133,11 +134,13 @@ class Storage:
         return max(times, default=0.0)
 
     def delete_below(self, prefix: str) -> None:
-        """Delete every object below prefix, which ends with a slash."""
+        """Delete every object below prefix, which ends with a slash; others may do so as well."""
         keys = self.list(prefix)
-        if keys:
+        if self._folder is None and keys:
             obstore.delete(self._store, keys)
         if self._folder is not None:
+            for key in keys:
+                self.delete(key)
             # A process that was killed while it stored something has left a file that is no object.
             shutil.rmtree(self._folder / prefix, ignore_errors=True)
 

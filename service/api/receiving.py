@@ -8,6 +8,7 @@ from pathlib import Path
 
 from fastapi import Request
 from fastapi.concurrency import contextmanager_in_threadpool, run_in_threadpool
+from obstore.exceptions import BaseError
 from starlette.requests import ClientDisconnect
 
 from service import scratch, uploads
@@ -20,6 +21,11 @@ _PART_BYTES = 8 * 1024 * 1024
 
 ALGORITHMS = ("sha256", "sha1")
 """Of checksums, the better one first."""
+
+_ELSEWHERE = (
+    "The upload was gone on with by another request, or ended, meanwhile; ask with HEAD where it "
+    "goes on."
+)
 
 
 @dataclass(frozen=True)
@@ -98,8 +104,7 @@ class _Body:
             )
         part = uploads.part_name(upload)
         key = uploads.part_key(upload, part)
-        context.storage.put(key, self._path)
-        context.storage.flush([key])
+        self._store(key)
         with context.engine.begin() as connection:
             kept = uploads.append(
                 connection, upload, part, self._size, context.settings.upload_seconds
@@ -107,10 +112,19 @@ class _Body:
             now = uploads.find(connection, upload.owner, upload.id) if kept else None
         if now is None:
             context.storage.delete(key)
-            raise OffsetError(
-                "The upload was gone on with by another request, or ended, meanwhile; ask with "
-                "HEAD where it goes on."
-            )
+            raise OffsetError(_ELSEWHERE)
         self.upload = now
         self._path.unlink()
         self._size = 0
+
+    def _store(self, key: str) -> None:
+        upload, context = self.upload, self._context
+        try:
+            context.storage.put(key, self._path)
+            context.storage.flush([key])
+        except BaseError as error:
+            with context.engine.connect() as connection:
+                ended = uploads.find(connection, upload.owner, upload.id) is None
+            if ended:  # and its folder with it, while this was stored
+                raise OffsetError(_ELSEWHERE) from error
+            raise

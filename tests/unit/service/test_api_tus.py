@@ -6,7 +6,7 @@ import base64
 import hashlib
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from email.utils import parsedate_to_datetime
 from typing import Any
 
@@ -17,6 +17,7 @@ import sqlalchemy as sa
 from service import database
 from service.api.context import Context
 from service.settings import Settings
+from service.storage import Storage
 from tests.unit.service.asking import problem_of, rows_of
 
 Png = Callable[..., bytes]
@@ -258,6 +259,20 @@ class TestBreaks:
             _await(lambda: arrived() == 30)
         _await(lambda: not list((context.settings.data_dir / "work").iterdir()))
         assert offset_of(http, place) == 0
+        assert context.storage.list("") == []
+
+    def test_an_upload_that_is_removed_while_a_piece_is_stored_is_gone(
+        self, http: httpx.Client, context: Context, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        place = create(http, 6)
+        flush = Storage.flush
+
+        def remove(storage: Storage, keys: Iterable[str]) -> None:
+            assert http.delete(place, headers=TUS).status_code == 204
+            flush(storage, keys)
+
+        monkeypatch.setattr(Storage, "flush", remove)
+        assert problem_of(patch(http, place, 0, b"abc"))[:2] == (409, "upload-offset")
         assert context.storage.list("") == []
 
     def test_of_two_requests_at_once_the_later_one_is_refused(

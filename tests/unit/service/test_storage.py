@@ -152,3 +152,25 @@ def test_a_few_puts_go_at_a_time(storage: Storage, monkeypatch: pytest.MonkeyPat
     with ThreadPoolExecutor(16) as pool:
         list(pool.map(lambda number: storage.put(f"{number}", b""), range(16)))
     assert most[0] == 4
+
+
+def test_what_several_delete_at_once_is_deleted_and_no_error(
+    storage: Storage, tmp_path: Path
+) -> None:
+    for job in range(50):
+        for name in ("inputs/flash", "1/layers.exr", "1/gamma.png"):
+            storage.put(f"jobs/{job}/{name}", b"light")
+
+    def delete(_number: int) -> None:
+        for job in range(50):
+            storage.delete_below(f"jobs/{job}/")
+
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(delete, range(4)))
+    assert storage.list("jobs/") == []
+    assert list((tmp_path / "a store").glob("jobs/*")) == []
+
+
+def test_an_object_that_is_gone_is_deleted(storage: Storage) -> None:
+    storage.delete("jobs/1/inputs/flash")
+    assert storage.list("jobs/") == []
