@@ -409,6 +409,8 @@ class Attempt:
         if counts:
             self._log.info("failed: %s", problem["type"])
             tracing.note("outcome", problem["type"])
+            with contextlib.suppress(BaseError):  # what is left of them here goes with the job
+                self._storage.delete_below(results_key(self._job.id, self._job.attempt))
         return counts
 
     def _end(self, end: Callable[..., bool], outcome: Any) -> bool:

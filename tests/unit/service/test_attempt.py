@@ -257,6 +257,28 @@ def test_a_store_that_is_away_for_a_moment_costs_no_job(
     assert (job.state, job.attempt) == (State.SUCCEEDED, 1)
 
 
+def test_a_job_that_fails_leaves_no_results(
+    run: Run, context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The disk fills up with the second one."""
+    put_file = Storage.put_file
+
+    def put(storage: Storage, key: str, path: Path) -> str:
+        if path.name == "b.png":
+            raise OSError(errno.ENOSPC, "full")
+        return put_file(storage, key, path)
+
+    def separates_more(task: sandbox.Task, *_rest: object) -> None:
+        separates(task)
+        (Path(task.directory) / "results" / "b.png").write_bytes(b"result")
+
+    monkeypatch.setattr(sandbox, "run", separates_more)
+    monkeypatch.setattr(Storage, "put_file", put)
+    job = run()
+    assert job is not None and job.state == State.FAILED
+    assert context.storage.list("") == sorted(inputs_key("a", frame) for frame in FRAMES)
+
+
 @pytest.mark.usefixtures("patient")
 def test_a_disk_that_is_full_for_a_moment_costs_no_job(
     run: Run, context: Context, monkeypatch: pytest.MonkeyPatch
