@@ -45,11 +45,11 @@ ServiceError
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from obstore import exceptions as obstore_errors
 from pydantic import BaseModel, Field
-from sqlalchemy.exc import DBAPIError
+from sqlalchemy.exc import DataError, DBAPIError
 
 import drivers
 from pipeline import errors as pipeline_errors
@@ -263,6 +263,11 @@ class Kind:
 
 
 INVALID = Kind("invalid-request", 422, "A value of the request cannot be used")
+UNSTORABLE = replace(
+    INVALID,
+    detail="A value of the request is none that the database can look up: it holds a NUL, or is "
+    "too large.",
+)
 INTERNAL = Kind(
     "internal",
     500,
@@ -340,6 +345,7 @@ KINDS: dict[type[Exception], Kind] = {
     LayersGoneError: Kind("layers-gone", 410, "The layers are gone"),
     obstore_errors.BaseError: STORE_AWAY,
     DBAPIError: DATABASE_AWAY,
+    DataError: UNSTORABLE,
 }
 """One table from exceptions to problems; a subclass without a row of its own takes its parent's."""
 

@@ -82,6 +82,7 @@ def test_names_of_kinds_are_the_contract() -> None:
         (errors.CrashError("x"), "crashed"),
         (obstore_errors.NotFoundError("x"), "store-unavailable"),
         (sa.exc.OperationalError("x", None, Exception()), "database-unavailable"),
+        (sa.exc.DataError("x", None, Exception()), "invalid-request"),
         (KeyError("x"), "internal"),
         (pipeline_errors.PipelineError("x"), "internal"),
     ],
@@ -130,6 +131,14 @@ def test_details_of_the_machine_stay_in_the_log(error: Exception) -> None:
     assert "secret" not in problem.model_dump_json()
     assert problem.retryable
     assert problem.status in (500, 503)
+
+
+def test_what_a_database_cannot_look_up_is_told_without_the_query() -> None:
+    error = sa.exc.DataError("select secret", ("secret",), Exception("NUL (0x00)"))
+    problem = problem_of(error, TRACE)
+    assert (problem.status, problem.retryable) == (422, False)
+    assert problem.detail.startswith("A value of the request is none that the database")
+    assert "secret" not in problem.model_dump_json()
 
 
 def test_kinds_that_may_pass_later_are_retryable() -> None:
