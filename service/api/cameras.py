@@ -71,9 +71,12 @@ _OF_CAMERAS = responses(
 
 
 @router.get("/cameras", response_model=list[CameraAnswer], responses=responses(status=(503,)))
-def list_cameras(context: Parts, caller: Calling) -> list[CameraAnswer]:
+async def list_cameras(context: Parts, caller: Calling) -> list[CameraAnswer]:
     """List the cameras that are found here, named in the settings, or in use, as they are now."""
-    return _list(context, caller, _PATIENCE_SECONDS)
+    looked = asyncio.shield(asyncio.wrap_future(context.looking.refresh()))
+    with contextlib.suppress(TimeoutError):  # in no thread, of which other requests need one
+        await asyncio.wait_for(looked, _PATIENCE_SECONDS)
+    return await run_in_threadpool(_list, context, caller)
 
 
 @router.get(
@@ -163,8 +166,7 @@ def _jobs(context: Context, ids: list[str]) -> JobList:
         return JobList(jobs=[one for _, one in answers(connection, context.settings, found)])
 
 
-def _list(context: Context, caller: Caller, seconds: float) -> list[CameraAnswer]:
-    context.looking.refresh(seconds)
+def _list(context: Context, caller: Caller) -> list[CameraAnswer]:
     with context.engine.connect() as connection:
         found = cameras.find_all(connection, context.looking.addresses())
     return [_answer(camera, caller) for camera in found]
@@ -196,7 +198,8 @@ async def _events(context: Context, caller: Caller) -> AsyncIterator[bytes]:
     standing = Standing(context.engine, caller)
     while not context.watching.closed and await standing.holds():
         with contextlib.suppress(*AWAY):  # they wait on: the database may come back
-            listed = await run_in_threadpool(_list, context, caller, 0.0)
+            context.looking.refresh()
+            listed = await run_in_threadpool(_list, context, caller)
             news = json.dumps([camera.model_dump() for camera in listed])
             if news != seen:
                 seen, told = news, time.monotonic()

@@ -18,8 +18,8 @@ router = APIRouter(tags=["health"])
 
 
 @router.get("/healthz", response_model=Health)
-def get_health() -> Health:
-    """Tell that the process answers."""
+async def get_health() -> Health:
+    """Tell that the process answers, whatever its threads wait for."""
     return Health()
 
 

@@ -54,18 +54,16 @@ class Looking:
         """Addresses of the cameras that were found last, and of those that the operator names."""
         return [*self._found, *configured(self._settings)]
 
-    def refresh(self, seconds: float) -> None:
-        """Look at all cameras, unless that was done just now, and wait for it for so long at most.
+    def refresh(self) -> Future[None]:
+        """Look at all cameras, unless that is done already or was just now.
 
-        Raises what the database raises while it is away.
+        Its result raises what the database raises while it is away.
         """
         with self._lock:
             old = time.monotonic() - self._refreshed > _FRESH_SECONDS
             if self._running is None or (self._running.done() and old):
                 self._running = self._pool.submit(self._look_everywhere)
-            running = self._running
-        with contextlib.suppress(TimeoutError):
-            running.result(seconds)
+            return self._running
 
     def adjust(
         self, address: str, settings: dict[str, Any], trace_id: str

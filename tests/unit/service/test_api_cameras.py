@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import httpx
@@ -72,7 +74,7 @@ class TestList:
         monkeypatch.setattr(Looking, "_run", run)
         settings = context.settings.model_copy(update={"cameras": allowed})
         with contextlib.closing(Looking(context.engine, settings, context.fork_server)) as looking:
-            looking.refresh(60)
+            looking.refresh().result(60)
         assert asked[0] == ("cameras", {"network": allowed == "ptp+ip://"})
 
     @pytest.mark.parametrize(
@@ -102,7 +104,7 @@ class TestList:
         with contextlib.closing(
             Looking(context.engine, context.settings, context.fork_server)
         ) as other:
-            other.refresh(60)
+            other.refresh().result(60)
         assert looked == ["cameras"]
         assert http.get("/cameras").json()[1]["state"] == "idle"
 
@@ -160,6 +162,19 @@ class TestList:
         key = bearing(context, "read", "submit")
         refused = http.request(method, path, headers=key, json={})
         assert problem_of(refused)[:2] == (403, "forbidden")
+
+    def test_a_camera_that_is_slow_takes_no_thread_of_other_requests(
+        self, http: httpx.Client, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """More clients wait for the look than there are threads."""
+        looked = threading.Event()
+        monkeypatch.setattr(Looking, "_look_everywhere", lambda _looking: looked.wait(60))
+        with ThreadPoolExecutor(60) as pool:
+            waiting = [pool.submit(http.get, "/cameras") for _ in range(60)]
+            assert http.get("/jobs").status_code == 200
+            assert not any(one.done() for one in waiting)
+            looked.set()
+            assert {one.result().status_code for one in waiting} == {200}
 
     def test_changes_are_sent_as_they_happen(
         self, http: httpx.Client, capture: Any, context: Context
