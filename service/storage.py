@@ -18,6 +18,8 @@ from obstore.exceptions import GenericError
 from obstore.store import LocalStore, ObjectStore, S3Store, from_url
 
 from service import durable
+from service.errors import StorageFullError
+from service.patience import FULL
 
 _CHUNK = 1024 * 1024
 _PUTS = 4  # at a time, whatever number of threads stores: each holds pieces in memory
@@ -38,21 +40,25 @@ class Storage:
         )
 
     def put(self, key: str, data: bytes | Path) -> None:
-        """Store bytes, or a file in parts when it is large."""
+        """Store bytes, or a file in parts when it is large. Raises StorageFullError."""
         # Two pieces of a large file in memory at a time, of 5 MiB, not a dozen.
-        with self._puts:
+        with self._puts, _room():
             obstore.put(self._store, key, data, max_concurrency=2)
 
     def put_file(self, key: str, path: Path) -> str:
-        """Store a file, in parts when it is large, and give back its SHA-256."""
+        """Store a file as put does, and give back its SHA-256."""
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
         self.put(key, path)
         return digest
 
     def copy(self, key: str, other: str) -> None:
-        """Copy an object; neither is hurt when the other is deleted. Raises FileNotFoundError."""
-        obstore.copy(self._store, key, other)
+        """Copy an object; neither is hurt when the other is deleted.
+
+        Raises FileNotFoundError, StorageFullError.
+        """
+        with _room():
+            obstore.copy(self._store, key, other)
 
     def size(self, key: str) -> int:
         """Tell how many bytes an object has. Raises FileNotFoundError."""
@@ -156,6 +162,19 @@ class Storage:
     def check(self) -> None:
         """Ask the store for something. Raises what the store's client raises when it is away."""
         next(iter(obstore.list(self._store, prefix="health", chunk_size=1)), None)
+
+
+@contextlib.contextmanager
+def _room() -> Iterator[None]:
+    """Tell a full disk from a store that is away, which the store's client does in words alone."""
+    try:
+        yield
+    except GenericError as error:
+        if any(f"(os error {number})" in str(error) for number in FULL):
+            raise StorageFullError(
+                "The disk that photographs and results are kept on is full; try again later."
+            ) from error
+        raise
 
 
 def _newest(folder: Path) -> float:

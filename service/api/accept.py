@@ -235,7 +235,7 @@ def _store_pair(
         for frame in FRAMES:
             context.storage.put(inputs_key(job_id, frame), directory / frame)
         context.storage.flush(inputs_key(job_id, frame) for frame in FRAMES)
-    except BaseError:
+    except (BaseError, StorageFullError):
         context.storage.delete_below(job_key(job_id))
         raise
     return sha256

@@ -1,10 +1,12 @@
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import shutil
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,6 +14,7 @@ import obstore
 import pytest
 from obstore.exceptions import GenericError
 
+from service.errors import StorageFullError
 from service.storage import Storage
 from tests.stores import check_copy, check_folders
 
@@ -174,3 +177,33 @@ def test_what_several_delete_at_once_is_deleted_and_no_error(
 def test_an_object_that_is_gone_is_deleted(storage: Storage) -> None:
     storage.delete("jobs/1/inputs/flash")
     assert storage.list("jobs/") == []
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
+def test_a_full_disk_is_told_from_a_store_that_is_away(
+    storage: Storage, number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the words of the store's client."""
+
+    def fail(*_arguments: object, **_named: object) -> None:
+        raise GenericError(
+            f"Generic LocalFileSystem error: Unable to copy data to file: {os.strerror(number)} "
+            f"(os error {number})\n\nDebug source:\nGeneric {{}}"
+        )
+
+    for name in ("put", "copy"):
+        monkeypatch.setattr(obstore, name, fail)
+    for store in (partial(storage.put, "a", b"light"), partial(storage.copy, "a", "b")):
+        with pytest.raises(StorageFullError, match="kept on is full"):
+            store()
+
+
+def test_a_store_that_is_away_is_not_full(
+    storage: Storage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_arguments: object, **_named: object) -> None:
+        raise GenericError("Generic S3 error: connection refused (os error 111)")
+
+    monkeypatch.setattr(obstore, "put", fail)
+    with pytest.raises(GenericError):
+        storage.put("a", b"light")
