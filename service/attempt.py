@@ -139,14 +139,20 @@ class Attempt:
         except (*AWAY, ChildProcessError):
             raise
         except Exception as error:
-            if not isinstance(error, AttemptError):  # a fault of ours, of the store or of the disk
-                self._log.exception("failed")
-                metrics.count_fault(error)
-            if isinstance(error, OSError) and error.errno in FULL:
-                error = StorageFullError(sandbox.DISK_IS_FULL)
-            counts = self._fail(problem_of(error, self._job.trace_id).model_dump())
+            if isinstance(error, FileNotFoundError) and self._is_void():
+                counts = False  # its photographs were deleted with it
+            else:
+                counts = self._fail(self._problem_of(error))
         if not counts:
             self.give_up()
+
+    def _problem_of(self, error: Exception) -> dict[str, Any]:
+        if not isinstance(error, AttemptError):  # a fault of ours, of the store or of the disk
+            self._log.error("failed", exc_info=error)
+            metrics.count_fault(error)
+        if isinstance(error, OSError) and error.errno in FULL:
+            error = StorageFullError(sandbox.DISK_IS_FULL)
+        return problem_of(error, self._job.trace_id).model_dump()
 
     def _take(self, pass_on: Callable[[sa.Connection], None]) -> bool:
         self._begin()
@@ -390,6 +396,10 @@ class Attempt:
                 if time.monotonic() - self._heard > self._settings.silence_seconds:
                     raise
         return self._stop
+
+    def _is_void(self) -> bool:
+        with self._engine.connect() as connection:
+            return jobs.must_stop(connection, self._job)
 
     def _is_over(self) -> bool:
         with self._engine.connect() as connection:

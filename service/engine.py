@@ -24,7 +24,6 @@ from dbos import (
 )
 
 from service.errors import StartError
-from service.settings import TELLINGS
 
 _APPLICATION = "lightlayers"
 _VERSION = "1"  # pinned: a job of an older program may be run by a newer one
@@ -148,11 +147,6 @@ class Queue:
         """Put what workers have back into its queue."""
         for one in held:
             self._client.resume_workflow(one.id, queue_name=one.queue)
-
-    def forget(self, job_id: str) -> None:
-        """Drop everything the queue knows about a job."""
-        tellings = [_telling(job_id, number) for number in range(1, TELLINGS + 1)]
-        self._client.delete_workflows([job_id, capture_id(job_id), *tellings])
 
     def forget_done(self, seconds: float) -> None:
         """Drop what was done more than so many seconds ago; the rows of jobs tell how it ended."""

@@ -173,13 +173,14 @@ def confirm_job(
 def delete_job(context: Parts, caller: Calling, job_id: str) -> None:
     """Delete a job with its photographs and results; a running one is stopped first."""
     with context.engine.begin() as connection:
-        find(connection, caller, job_id)
+        waited = not find(connection, caller, job_id).ended
         jobs.request_cancel(connection, job_id)
         jobs.condemn(connection, job_id)  # whatever comes of the rest, a sweep finds it
         job = find(connection, caller, job_id)
     remove(context.engine, context.storage, job_id)
-    if job.ended:  # a running one leaves the queue when its worker finds the row gone
-        context.queue.forget(job_id)
+    # A running one leaves the queue when its worker finds the row gone.
+    if waited and job.ended:
+        context.queue.withdraw(job_id)
 
 
 def answer(context: Context, caller: Caller, job_id: str) -> JobAnswer:

@@ -218,6 +218,22 @@ def test_a_job_that_was_deleted_leaves_nothing_at_all(
     assert context.storage.list("jobs/") == []
 
 
+def test_a_job_that_is_deleted_while_it_begins_is_no_fault(
+    run: Run,
+    context: Context,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    def gone(*_arguments: object) -> None:
+        with context.engine.begin() as connection:
+            jobs.remove(connection, "a")
+        raise FileNotFoundError
+
+    monkeypatch.setattr(Storage, "get_file", gone)
+    assert run() is None
+    assert "failed" not in caplog.text
+
+
 @pytest.fixture
 def patient(context: Context, monkeypatch: pytest.MonkeyPatch) -> None:
     """Have attempts try again, at once."""

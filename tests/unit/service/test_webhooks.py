@@ -330,19 +330,12 @@ def test_a_date_of_no_zone_is_in_utc(zone: str, monkeypatch: pytest.MonkeyPatch)
         time.tzset()
 
 
-def test_the_queue_takes_a_telling_once_and_forgets_it_with_its_job(context: Context) -> None:
+def test_the_queue_takes_a_telling_once(context: Context) -> None:
     with context.engine.begin() as connection:
         for _ in range(2):
             context.queue.submit_telling(connection, "a", 1, 0.0)
         context.queue.submit_telling(connection, "a", 2, 3600.0)
-        context.queue.submit(connection, "a", 1)
-    assert _workflows(context) == {
-        "a": "ENQUEUED",
-        "a-webhook-1": "ENQUEUED",
-        "a-webhook-2": "DELAYED",
-    }
-    context.queue.forget("a")
-    assert _workflows(context) == {}
+    assert _workflows(context) == {"a-webhook-1": "ENQUEUED", "a-webhook-2": "DELAYED"}
 
 
 def _workflows(context: Context) -> dict[str, str]:
