@@ -15,10 +15,18 @@ _MIN_VOLUME = 0.02  # of the parallelepiped, or area of the parallelogram, of th
 
 
 def unit_directions(lights: Sequence[DirectedLight]) -> NDArray[np.float64]:
-    """Unit directions (J, 3) to lamps. Raises OptionError for those that fix no normals."""
+    """Unit directions (J, 3) to lamps.
+
+    Raises OptionError for those that fix no normals, and where all lie behind the surface.
+    """
     given = np.array([light.direction for light in lights], dtype=np.float64)
     # any length is allowed, of which the square may be no number
     directions = unit(given / np.abs(given).max(axis=1, keepdims=True))
+    if (directions[:, 2] <= 0).all():
+        raise OptionError(
+            "None of the light directions points to the camera's side: z goes from the surface to "
+            "the camera, so turn its sign."
+        )
     volume = np.sqrt(max(np.linalg.det(directions @ directions.T), 0.0))
     if volume < _MIN_VOLUME:
         raise OptionError(

@@ -42,3 +42,18 @@ def test_directions_may_be_of_any_length(length: float) -> None:
 def test_directions_that_fix_no_normals_are_refused(directions: tuple[Vector, ...]) -> None:
     with pytest.raises(OptionError, match="nearly alike, or lie nearly in one plane"):
         unit_directions(lights(*directions))
+
+
+@pytest.mark.parametrize("count", [2, 3])
+@pytest.mark.parametrize("z", [-0.7, 0.0])
+def test_lamps_that_all_lie_behind_the_surface_are_refused(count: int, z: float) -> None:
+    given = lights((-0.6, 0.3, z), (0.7, 0.4, -0.6), (0, -0.9, -1e-3))[:count]
+
+    with pytest.raises(OptionError, match="z goes from the surface to the camera"):
+        unit_directions(given)
+
+
+def test_some_lamps_may_stand_behind_the_surface() -> None:
+    found = unit_directions(lights((-3, 0, -4), (0, 5, 12)))
+
+    np.testing.assert_allclose(found, [(-0.6, 0, -0.8), (0, 5 / 13, 12 / 13)])
