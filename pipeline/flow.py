@@ -22,6 +22,7 @@ from pipeline.refine import log_detail
 Array = NDArray[np.float32]
 
 _WORKING_SIZE = 1000  # longer side
+_NARROWEST = 16  # shorter side, below which the search has no patches
 _WINDOW = 5.0  # standard deviation of the window of local correlations, pixels
 _GAIN = 0.15  # by which the correlation must rise to believe a motion
 _FITS = 0.6  # correlation of what lies right
@@ -39,10 +40,12 @@ def residual_flow(no_flash: Photograph, flash: Photograph) -> Array | None:
 
     no_flash, flash: (H, W, 3) linear, aligned but for parallax. Returns (h, w, 2) float32 of
     displacements (x, y) in pixels of the full size, on a grid that may be coarser; None where no
-    notable part of the picture is explained better by any motion.
+    notable part of the picture is explained better by any motion, or it is too narrow to tell.
     """
     height, width = no_flash.shape[:2]
     size = size_within((width, height), _WORKING_SIZE)
+    if min(size) < _NARROWEST:
+        return None
     pair = [area_means(image, size) for image in (no_flash, flash)]
     codes = [np.clip(edges(image) * _CODES, 0, 255).astype(np.uint8) for image in pair]
     forward = _search(codes[0], codes[1])

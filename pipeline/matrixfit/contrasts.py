@@ -81,13 +81,18 @@ def make_ratios(
 
 
 def steps(shape: tuple[int, ...]) -> list[tuple[int, int]]:
-    """Steps (dx, dy) in pixels between neighbours, of like length in six directions; dx ≥ 0."""
+    """Steps (dx, dy) in pixels between neighbours, of like length in six directions; dx ≥ 0.
+
+    shape: (h, w). Directions are left out in which nothing has a neighbour.
+    """
+    height, width = shape
     stride = max(shape) / _SPACING
     lengths = [stride / np.hypot(dx, dy) for dx, dy in _DIRECTIONS]
-    return [
+    every = [
         (round(dx * length), round(dy * length))
         for (dx, dy), length in zip(_DIRECTIONS, lengths, strict=True)
     ]
+    return [(dx, dy) for dx, dy in every if dx < width and abs(dy) < height]
 
 
 def contrast(

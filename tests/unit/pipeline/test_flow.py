@@ -111,6 +111,14 @@ def test_pictures_without_edges_have_no_flow(value: float) -> None:
     assert residual_flow(even, even + np.float32(0.1)) is None
 
 
+@pytest.mark.parametrize("shape", [(32, 2120), (2120, 32)])
+def test_the_narrowest_pictures_have_no_flow(shape: tuple[int, int]) -> None:
+    """Of 15 pixels at the working size, which the search cannot be asked for."""
+    long = np.resize(patches(1), (*shape, 3)).astype(np.float32)
+
+    assert residual_flow(long, long + np.float32(0.1)) is None
+
+
 @pytest.mark.parametrize("grid", [(120, 160), (60, 80)])
 def test_homography_and_flow_are_applied_in_one(grid: tuple[int, int]) -> None:
     """Two pixels by the matrix and three by a flow on a coarser grid are five."""

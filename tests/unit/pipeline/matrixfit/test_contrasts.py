@@ -131,6 +131,20 @@ def test_steps_grow_with_the_picture(size: int, length: int) -> None:
     assert all(dx >= 0 for dx, _ in found)
 
 
+@pytest.mark.parametrize(
+    ("shape", "expected"),
+    [
+        ((3, 300), {(4, 0), (2, -2), (2, 2), (3, 2)}),
+        ((300, 3), {(0, 4), (2, -2), (2, 2), (2, 3)}),
+        ((1, 300), {(4, 0)}),
+    ],
+)
+def test_steps_end_within_the_narrowest_pictures(
+    shape: tuple[int, int], expected: set[tuple[int, int]]
+) -> None:
+    assert set(steps(shape)) == expected
+
+
 @pytest.mark.parametrize(("count", "total"), [(300, 125.0), (600, 250.0), (900, 250.0)])
 def test_many_contrasts_count_no_more_than_some(count: int, total: float) -> None:
     x, u, covariance = (np.ones((count // 2, n)) for n in (3, 2, 3))
