@@ -7,14 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.colour.curves import linear_to_srgb
 from pipeline.errors import PairMismatchError, UnusablePairError
-from pipeline.frames import Frame, Mask, Photograph
+from pipeline.frames import Frame, Image, Mask, Photograph
 from pipeline.noise import Noise
 from pipeline.order import quantile
 from pipeline.progress import STRIP_ROWS
 
 _BLACK = 2e-4  # of the white level; an 8-bit sRGB code of 1 is 3e-4
 _MIN_USABLE = 0.02
+_ALIKE = (2.5 / 65535, 2.5 / 255)  # code values of 16 bits linear and of 8 bits rendered
 _DARKER = 0.6  # share of lit pixels that lose light with the flash on: the frames are swapped
 _SMALLEST = 32
 _SAMPLES, _LEAST_STEP = 200_000, 4  # pixels looked at, and the step between them at least
@@ -77,6 +79,35 @@ def check_light(no_flash: Frame, flash: Frame) -> None:
             raise UnusablePairError(
                 f"The photograph {name} is black: expose it longer or raise the ISO speed."
             )
+
+
+def check_colours(no_flash: Frame, flash: Frame) -> None:
+    """Raise UnusablePairError where both photographs are grey, saved in colour though they are."""
+    if _colourless(no_flash) and _colourless(flash):
+        raise UnusablePairError(
+            "The two photographs are grey, but lamps are told apart by their colours: send colour "
+            "photographs."
+        )
+
+
+def _colourless(frame: Frame) -> bool:
+    """Whether the channels agree within two code values wherever a file's pixels are not clipped.
+
+    Sensor values never do. False where all are clipped, which is told as that.
+    """
+    if frame.encoding == "raw" or _sampled(frame.saturated).all():
+        return False
+    rendered = frame.encoding == "srgb"
+
+    def agree(pixels: Image, saturated: Mask) -> bool:
+        codes = linear_to_srgb(pixels) if rendered else pixels
+        apart = codes.max(axis=2) - codes.min(axis=2)
+        return bool((apart[~saturated] <= _ALIKE[rendered]).all())
+
+    return agree(_sampled(frame.pixels), _sampled(frame.saturated)) and all(
+        agree(frame.pixels[top : top + STRIP_ROWS], frame.saturated[top : top + STRIP_ROWS])
+        for top in range(0, len(frame.pixels), STRIP_ROWS)
+    )
 
 
 def check_flash_adds(

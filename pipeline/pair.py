@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.align import NOT_ATTEMPTED, Alignment, estimate_alignment, warp
 from pipeline.area_means import area_means
-from pipeline.belonging import check_belonging, check_flash_adds, check_light
+from pipeline.belonging import check_belonging, check_colours, check_flash_adds, check_light
 from pipeline.coded import CodedImage
 from pipeline.exposure import ExposureRatio, darkening, settled_ratio, written_ratio
 from pipeline.flow import residual_flow, warp_along
@@ -84,6 +84,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
     rendered = no_flash.encoding == "srgb"
     ratio = written_ratio(no_flash, flash, options)
     check_light(no_flash, flash)
+    check_colours(no_flash, flash)
     warnings = _rendering_warnings(no_flash, flash, ratio.value) if rendered else []
 
     progress.report("align", 0.0)

@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.belonging import check_belonging, check_flash_adds, check_light, check_sizes
+from pipeline.belonging import (
+    check_belonging,
+    check_colours,
+    check_flash_adds,
+    check_light,
+    check_sizes,
+)
+from pipeline.colour.curves import linear_to_srgb, srgb_to_linear
 from pipeline.errors import InputError, PairMismatchError, UnusablePairError
 from pipeline.frames import Frame
 from pipeline.noise import Noise
@@ -278,3 +285,67 @@ def test_photographs_that_differ_in_their_last_row_alone_are_two() -> None:
 
     with pytest.raises(UnusablePairError, match="identical"):
         check_belonging(first, replace(first, pixels=first.pixels[:].copy(), sha256="b"))
+
+
+# photographs without colour
+
+
+def greyed(frame: Frame, apart: float, **more: Any) -> Frame:
+    """All channels alike, but for one pixel whose channels are so far apart."""
+    pixels = np.repeat(np.clip(frame.pixels[..., 1:2], 0.05, 0.9), 3, axis=2)
+    if more.get("encoding") == "srgb":
+        pixels = linear_to_srgb(pixels)
+    pixels[1, 1, 0] += apart
+    if more.get("encoding") == "srgb":
+        pixels = srgb_to_linear(pixels)
+    return replace(frame, pixels=pixels, **more)
+
+
+@pytest.mark.parametrize(("encoding", "code"), [("srgb", 1 / 255), ("linear", 1 / 65535)])
+@pytest.mark.parametrize(("codes", "grey"), [(0, True), (2, True), (3, False)])
+def test_grey_photographs_saved_in_colour_are_refused(
+    frames: Callable[..., tuple[Frame, Frame]],
+    encoding: str,
+    code: float,
+    codes: int,
+    grey: bool,
+) -> None:
+    both = [greyed(one, codes * code, encoding=encoding) for one in frames()]
+
+    if grey:
+        with pytest.raises(UnusablePairError, match="are grey, but lamps are told apart by their"):
+            paired((both[0], both[1]))
+    else:
+        check_colours(both[0], both[1])
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_one_photograph_without_colour_is_no_reason_to_refuse(
+    frames: Callable[..., tuple[Frame, Frame]], which: int
+) -> None:
+    """A grey wall under light that the camera takes as white."""
+    both = list(frames())
+    both[which] = greyed(both[which], 0.0)
+
+    check_colours(both[0], both[1])
+
+
+def test_sensor_values_are_never_taken_as_grey(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    both = [greyed(one, 0.0, encoding="raw") for one in frames()]
+
+    check_colours(both[0], both[1])
+
+
+def test_clipped_pixels_have_no_colour_to_tell(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    """A clipped pixel does not make grey photographs coloured, and clipped ones are not grey."""
+    both = [greyed(one, 0.5) for one in frames()]
+    some, every = np.zeros((96, 128), bool), np.ones((96, 128), bool)
+    some[1, 1] = True
+
+    with pytest.raises(UnusablePairError, match="are grey"):
+        check_colours(replace(both[0], saturated=some), replace(both[1], saturated=some))
+    check_colours(replace(both[0], saturated=every), replace(both[1], saturated=every))
