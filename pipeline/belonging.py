@@ -37,16 +37,25 @@ def check_sizes(no_flash: tuple[int, int], flash: tuple[int, int]) -> None:
         )
 
 
-def check_belonging(no_flash: Frame, flash: Frame) -> None:
-    """Check sizes and encodings, and that the flash fired in the right one of two photographs.
+def check_belonging(no_flash: Frame, flash: Frame, flash_only: bool) -> None:
+    """Check sizes, encodings and cameras, and that the flash fired in the right photograph.
 
+    flash_only: the second is the flash part alone, which may have been computed from RAW files and
+    written as linear values.
     Raises PairMismatchError, UnusablePairError.
     """
     check_sizes(no_flash.size, flash.size)
-    if (no_flash.encoding == "srgb") != (flash.encoding == "srgb"):
+    encodings = {no_flash.encoding, flash.encoding}
+    if len(encodings) > 1 and not (flash_only and encodings == {"raw", "linear"}):
         raise PairMismatchError(
             f"The photograph without the flash holds {_words(no_flash)}, the one with it "
             f"{_words(flash)}: send two files of one kind."
+        )
+    cameras = [_camera(frame) for frame in (no_flash, flash)]
+    if None not in cameras and cameras[0] != cameras[1]:
+        raise PairMismatchError(
+            f"The photograph without the flash is of a {no_flash.make} {no_flash.model}, the one "
+            f"with it of a {flash.make} {flash.model}: send two files of one camera."
         )
     if no_flash.sha256 == flash.sha256 or _equal(no_flash.pixels, flash.pixels):
         raise UnusablePairError(
@@ -64,6 +73,12 @@ def _equal(first: Photograph, second: Photograph) -> bool:
         np.array_equal(first[top : top + STRIP_ROWS], second[top : top + STRIP_ROWS])
         for top in range(0, len(first), STRIP_ROWS)
     )
+
+
+def _camera(frame: Frame) -> tuple[str, str] | None:
+    """Make and model, however they are spelt; None where not both are known."""
+    make, model = frame.make.strip().casefold(), frame.model.strip().casefold()
+    return (make, model) if make and model else None
 
 
 def _words(frame: Frame) -> str:

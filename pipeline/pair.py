@@ -80,7 +80,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
     Raises PairMismatchError for frames that do not belong together, UnusablePairError when there
     is no light to separate, OptionError for an exposure ratio that cannot be.
     """
-    check_belonging(no_flash, flash)
+    check_belonging(no_flash, flash, options.flash_only)
     rendered = no_flash.encoding == "srgb"
     ratio = written_ratio(no_flash, flash, options)
     check_light(no_flash, flash)

@@ -74,6 +74,8 @@ def test_the_smallest_size_is_32_pixels() -> None:
     [
         (("raw", "srgb"), ("sensor values", "sRGB values")),
         (("srgb", "linear"), ("sRGB values", "linear values")),
+        (("raw", "linear"), ("sensor values", "linear values")),
+        (("linear", "raw"), ("linear values", "sensor values")),
     ],
 )
 def test_encodings_are_not_mixed(
@@ -89,12 +91,56 @@ def test_encodings_are_not_mixed(
     assert f"without the flash holds {words[0]}, the one with it {words[1]}" in str(refused.value)
 
 
-def test_sensor_values_and_linear_values_go_together(
+@pytest.mark.parametrize("encodings", [("raw", "linear"), ("linear", "raw")])
+def test_the_flash_part_alone_may_be_computed_from_sensor_values(
+    frames: Callable[..., tuple[Frame, Frame]], encodings: tuple[str, str]
+) -> None:
+    both = [replace(one, encoding=kind) for one, kind in zip(frames(), encodings, strict=True)]
+
+    check_belonging(both[0], both[1], flash_only=True)
+
+
+def test_a_rendered_flash_part_alone_does_not_go_with_sensor_values(
     frames: Callable[..., tuple[Frame, Frame]],
 ) -> None:
     before, after = frames()
 
-    assert paired((replace(before, encoding="raw"), after)).warnings == ()
+    with pytest.raises(PairMismatchError, match="holds sensor values, the one with it sRGB values"):
+        paired((replace(before, encoding="raw"), replace(after, encoding="srgb")), flash_only=True)
+
+
+@pytest.mark.parametrize(
+    "cameras",
+    [(("Nikon", "D1"), ("Canon", "EOS")), (("Nikon", "D1"), ("Nikon", "D2"))],
+    ids=["makes", "models"],
+)
+def test_photographs_of_two_cameras_are_refused(
+    frames: Callable[..., tuple[Frame, Frame]], cameras: tuple[tuple[str, str], tuple[str, str]]
+) -> None:
+    both = [
+        replace(one, make=make, model=model)
+        for one, (make, model) in zip(frames(), cameras, strict=True)
+    ]
+
+    with pytest.raises(PairMismatchError) as refused:
+        paired((both[0], both[1]))
+
+    first, second = (" ".join(camera) for camera in cameras)
+    assert f"without the flash is of a {first}, the one with it of a {second}" in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "camera", [(" NIKON ", "d1 "), ("", "D2"), ("Canon", ""), ("", "")], ids=repr
+)
+def test_one_camera_may_be_spelt_in_two_ways_or_be_unknown(
+    frames: Callable[..., tuple[Frame, Frame]], camera: tuple[str, str]
+) -> None:
+    before, after = frames()
+    make, model = camera
+
+    check_belonging(
+        replace(before, make="Nikon", model="D1"), replace(after, make=make, model=model), False
+    )
 
 
 @pytest.mark.parametrize("same", ["file", "pixels"])
@@ -156,9 +202,9 @@ def test_photographs_are_swapped_only_where_the_exif_says_both(
 
     if swapped:
         with pytest.raises(UnusablePairError, match="swap the two"):
-            check_belonging(both[0], both[1])
+            check_belonging(both[0], both[1], False)
     else:
-        check_belonging(both[0], both[1])
+        check_belonging(both[0], both[1], False)
 
 
 # photographs without light
@@ -281,10 +327,10 @@ def test_photographs_that_differ_in_their_last_row_alone_are_two() -> None:
     pixels = first.pixels[:].copy()
     pixels[-1, -1, 2] = 0.3
 
-    check_belonging(first, replace(first, pixels=pixels, sha256="b"))
+    check_belonging(first, replace(first, pixels=pixels, sha256="b"), False)
 
     with pytest.raises(UnusablePairError, match="identical"):
-        check_belonging(first, replace(first, pixels=first.pixels[:].copy(), sha256="b"))
+        check_belonging(first, replace(first, pixels=first.pixels[:].copy(), sha256="b"), False)
 
 
 # photographs without colour
