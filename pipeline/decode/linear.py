@@ -19,6 +19,8 @@ from pipeline.progress import STRIP_ROWS
 RAW_CLIP = 0.99
 """Share of the white level from which a sensor value counts as clipped."""
 
+_RENDERED_CLIP = 254 / 255
+
 _DEMOSAIC_REACH = 5
 """Side of the square of pixels whose demosaiced values a clipped sensor value has reached."""
 
@@ -49,7 +51,7 @@ def to_linear(samples: Samples, srgb: bool, profiled: bool = False) -> Photograp
     for top in range(0, out.shape[0], STRIP_ROWS):
         strip = values[top : top + STRIP_ROWS]
         if convert is not None:
-            out[top : top + STRIP_ROWS] = convert(strip)
+            out[top : top + STRIP_ROWS] = convert(_full_range(strip, samples.white))
         elif table is not None:
             cv2.LUT(strip, table, dst=out[top : top + STRIP_ROWS])
         else:
@@ -62,13 +64,14 @@ def to_linear(samples: Samples, srgb: bool, profiled: bool = False) -> Photograp
     return out
 
 
-def clipped(samples: Samples, raw: bool = False) -> Mask:
+def clipped(samples: Samples, raw: bool = False, curved: bool = False) -> Mask:
     """Pixels (H, W), upright, with a clipped channel.
 
     8 bits: 254 and above (the last code values before white are bent by the camera's curve and
-    by JPEG). 16 bits: white itself. RAW: 0.99 of the white level, with the pixels around whose
-    demosaiced values came from it. Float files say nothing of where the sensor ended, save one
-    whose largest value is exactly 1: that has been cut off there.
+    by JPEG), and as much of white where 16 bits are curved. 16 bits else: white itself. RAW: 0.99
+    of the white level, with the pixels around whose demosaiced values came from it. Float files say
+    nothing of where the sensor ended, save one whose largest value is exactly 1: that has been cut
+    off there.
     """
     values = upright(samples.values, samples.orientation)
     if values.dtype.kind == "f":
@@ -76,6 +79,8 @@ def clipped(samples: Samples, raw: bool = False) -> Mask:
         below: float = np.nextafter(np.float32(limit), np.float32(0))
     elif raw:
         below = np.ceil(RAW_CLIP * samples.white) - 1
+    elif curved:
+        below = np.ceil(_RENDERED_CLIP * samples.white) - 1
     else:
         below = samples.white - (2 if values.dtype == np.uint8 else 1)
     mask: NDArray[Any] = np.empty(values.shape[:2], dtype=np.uint8)
@@ -106,6 +111,14 @@ def _reached(mask: NDArray[Any]) -> Mask:
     """Pixels whose values came from clipped ones (not 0), too."""
     square = np.ones((_DEMOSAIC_REACH, _DEMOSAIC_REACH), np.uint8)
     return np.asarray(cv2.dilate(mask, square) > 0)
+
+
+def _full_range(codes: NDArray[Any], white: float) -> NDArray[Any]:
+    """Code values of which the largest of their type is white, as profiles have it."""
+    largest = np.iinfo(codes.dtype).max
+    if white == largest:
+        return codes
+    return np.asarray(np.round(codes * (largest / white)), dtype=codes.dtype)
 
 
 def _curve(values: NDArray[np.float32], srgb: bool) -> NDArray[np.float32]:

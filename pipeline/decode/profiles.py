@@ -20,6 +20,8 @@ from pipeline.frames import Image
 
 _SAME = 0.004
 """Linear light by which a profile may differ from sRGB and count as sRGB: one code value."""
+_STRAIGHT = 0.02
+"""Of white, by which the light of greys may differ from a line; a gamma of 1.1 does by 0.035."""
 _ROUNDING = 2e-6
 """Linear light by which tables may differ from the colour management they stand for."""
 _UNNAMED_PRIMARIES = (1, 2)
@@ -56,6 +58,16 @@ def differs_from_srgb(profile: bytes) -> bool:
         return False
     as_srgb = srgb_to_linear((probe / 255).astype(np.float32))
     return float(np.abs(light - as_srgb).max()) > _SAME
+
+
+def is_curved(profile: bytes) -> bool:
+    """Whether code values of an RGB profile are not linear; False for one of no use."""
+    grey = np.linspace(0, 65535, 256).astype(np.uint16)
+    try:
+        light = profile_to_linear(np.repeat(grey[None, :, None], 3, axis=2), profile)[0, :, 1]
+    except imagecodecs.CmsError:
+        return False
+    return bool(np.abs(light - light[-1] * (grey / 65535)).max() > _STRAIGHT * light[-1])
 
 
 def to_linear_srgb(profile: bytes, kind: np.dtype[Any]) -> Callable[[NDArray[Any]], Image]:

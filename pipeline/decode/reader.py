@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pipeline.decode.exr import exr_size, read_exr
 from pipeline.decode.linear import clipped, to_linear
 from pipeline.decode.metadata import Metadata, read_metadata
+from pipeline.decode.profiles import is_curved
 from pipeline.decode.raw import raw_size, read_raw
 from pipeline.decode.rendered import (
     heif_size,
@@ -55,9 +56,10 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
     """Decode a photograph to linear light.
 
     encoding: "auto" takes RAW and DNG as sensor values, 8-bit pictures and HEIF as their ICC
-    profile says, else as sRGB, 16-bit integer TIFF and PNG and every float file as linear;
-    "linear" and "srgb" say how the values of a file that is not RAW are encoded. Pictures with a
-    profile become linear sRGB. name: what messages call the picture.
+    profile says, else as sRGB, 16-bit integer TIFF and PNG as their ICC profile says where that is
+    not linear, else as linear, and every float file as linear; "linear" and "srgb" say how the
+    values of a file that is not RAW are encoded. Pictures whose profile is followed become linear
+    sRGB. name: what messages call the picture.
     Raises UnreadableImageError, ImageTooLargeError, and OptionError for a RAW file said to be
     sRGB.
     """
@@ -75,12 +77,13 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
         else:
             metadata, xyz_to_camera = read_metadata(data), None
             samples = _samples(data, kind, metadata)
-            rendered = kind == "HEIF" or samples.values.dtype == "uint8"
+            curved = encoding == "auto" and _curved(samples)
+            rendered = kind == "HEIF" or samples.values.dtype == "uint8" or curved
             profiled = encoding == "auto" and rendered
             if encoding == "auto":
                 encoding = "srgb" if rendered else "linear"
             pixels = to_linear(samples, encoding == "srgb", profiled)
-            saturated = clipped(samples)
+            saturated = clipped(samples, curved=curved and kind != "HEIF")
         if pixels.ndim != 3 or pixels.shape[2] != 3:
             raise ValueError("a damaged header gave other samples than RGB")
     height, width = pixels.shape[:2]
@@ -140,6 +143,12 @@ def _samples(data: bytes, kind: Kind, metadata: Metadata) -> Samples:
     if kind == "TIFF":
         return read_tiff(data, metadata.orientation)
     return read_exr(data) if kind == "EXR" else read_heif(data)
+
+
+def _curved(samples: Samples) -> bool:
+    """Whether a file says by its profile that its 16-bit integers are not linear."""
+    profile = samples.profile
+    return samples.values.dtype == "uint16" and profile is not None and is_curved(profile)
 
 
 def _damaged(kind: Kind) -> str:

@@ -38,7 +38,7 @@ class PairFlags:
         typer.Option(
             metavar="auto|linear|srgb",
             help="How the pixel values are encoded; auto: RAW, DNG, 16-bit and float files linear, "
-            "8-bit ones sRGB.",
+            "8-bit ones sRGB, integers with an ICC profile as that says.",
         ),
     ] = "auto"
     flash_only: Annotated[

@@ -3,19 +3,29 @@
 from __future__ import annotations
 
 import io
+import struct
+import zlib
 from collections.abc import Callable
 from typing import Any
 
+import imagecodecs
 import numpy as np
 import pillow_heif
 import pytest
+import tifffile
 from numpy.typing import NDArray
 from PIL import Image as PillowImage
 from PIL import ImageCms
 
 from pipeline.colour.icc import linear_rec2020_profile, matrix_profile, srgb_profile
+from pipeline.colour.spaces import SRGB_PRIMARIES, Primaries
 from pipeline.decode import decode, profiles
-from pipeline.decode.profiles import differs_from_srgb, profile_to_linear, to_linear_srgb
+from pipeline.decode.profiles import (
+    differs_from_srgb,
+    is_curved,
+    profile_to_linear,
+    to_linear_srgb,
+)
 
 P3 = ((0.680, 0.320), (0.265, 0.690), (0.150, 0.060))
 P3_TO_SRGB = np.array([[1.2249, -0.2247, 0.0], [-0.0420, 1.0419, 0.0], [-0.0197, -0.0786, 1.0979]])
@@ -27,7 +37,7 @@ def p3() -> bytes:
     return matrix_profile("P3", P3, "srgb")
 
 
-def linear(codes: NDArray[np.uint8]) -> NDArray[np.float64]:
+def linear(codes: NDArray[Any]) -> NDArray[np.float64]:
     value = codes / 255.0
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 
@@ -133,6 +143,106 @@ def test_a_broken_profile_counts_as_none(
 
 
 ADOBE = ((0.64, 0.33), (0.21, 0.71), (0.15, 0.06))
+
+
+def sixteen_bits(values: NDArray[np.uint16], kind: str, profile: bytes) -> bytes:
+    if kind == "PNG":
+        data = bytes(imagecodecs.png_encode(values))
+        chunk = b"iCCPname\0\0" + zlib.compress(profile)
+        chunk = struct.pack(">I", len(chunk) - 4) + chunk + struct.pack(">I", zlib.crc32(chunk))
+        return data[:33] + chunk + data[33:]  # after the header
+    file = io.BytesIO()
+    order: Any = ">" if kind == "big-endian TIFF" else "<"
+    tifffile.imwrite(file, values, photometric="rgb", iccprofile=profile, byteorder=order)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("kind", ["TIFF", "big-endian TIFF", "PNG"])
+@pytest.mark.parametrize(
+    ("primaries", "to_srgb"), [(SRGB_PRIMARIES, np.eye(3)), (P3, P3_TO_SRGB)], ids=["sRGB", "P3"]
+)
+def test_16_bits_follow_a_profile_that_is_not_linear(
+    codes: NDArray[np.uint8], kind: str, primaries: Primaries, to_srgb: NDArray[np.float64]
+) -> None:
+    """As programs that develop RAW files export them."""
+    profile = matrix_profile("exported", primaries, "srgb")
+
+    frame = decode(sixteen_bits(codes.astype(np.uint16) * 257, kind, profile))
+
+    np.testing.assert_allclose(frame.pixels, linear(codes) @ to_srgb.T, atol=0.001)
+    assert frame.encoding == "srgb"
+
+
+@pytest.mark.parametrize("kind", ["TIFF", "PNG"])
+@pytest.mark.parametrize(
+    ("profile", "encoding"),
+    [
+        (linear_rec2020_profile(), "auto"),
+        (b"no profile at all" * 10, "auto"),
+        (srgb_profile(), "linear"),
+        (matrix_profile("P3", P3, "srgb"), "linear"),
+    ],
+    ids=["linear profile", "no profile", "told, sRGB", "told, P3"],
+)
+def test_16_bits_stay_linear_without_a_curve_or_where_told(
+    codes: NDArray[np.uint8], kind: str, profile: bytes, encoding: str
+) -> None:
+    frame = decode(sixteen_bits(codes.astype(np.uint16) * 257, kind, profile), encoding)
+
+    np.testing.assert_allclose(frame.pixels, codes / 255, atol=1e-6)
+    assert frame.encoding == "linear"
+
+
+@pytest.mark.parametrize(
+    ("profile", "encoding", "limit"),
+    [
+        (srgb_profile(), "auto", 254 * 257),
+        (matrix_profile("P3", P3, "srgb"), "auto", 254 * 257),
+        (linear_rec2020_profile(), "auto", 65535),
+        (srgb_profile(), "linear", 65535),
+    ],
+    ids=["sRGB", "P3", "linear", "told"],
+)
+def test_curved_16_bits_are_clipped_where_8_are(profile: bytes, encoding: str, limit: int) -> None:
+    values = np.full((40, 40, 3), 30000, np.uint16)
+    values[:, 20:, 1] = limit
+    values[:, :20, 1] = limit - 1
+
+    frame = decode(sixteen_bits(values, "TIFF", profile), encoding)
+
+    assert frame.saturated[:, 20:].all()
+    assert not frame.saturated[:, :20].any()
+
+
+def test_the_white_of_12_bits_is_that_of_their_profile() -> None:
+    values = np.full((16, 16, 3), 4095, np.uint16)
+    values[8:] = 2048
+    file = io.BytesIO()
+    profile = matrix_profile("P3", P3, "srgb")
+    tifffile.imwrite(file, values, photometric="rgb", bitspersample=12, iccprofile=profile)
+
+    frame = decode(file.getvalue())
+
+    np.testing.assert_allclose(frame.pixels[0, 0], 1.0, atol=1e-3)
+    np.testing.assert_allclose(frame.pixels[-1, 0], linear(np.array(127.53)), atol=1e-3)
+    assert frame.saturated[:8].all()
+    assert not frame.saturated[8:].any()
+
+
+@pytest.mark.parametrize(
+    ("profile", "curved"),
+    [
+        (srgb_profile(), True),
+        (matrix_profile("A", ADOBE, "srgb"), True),
+        (matrix_profile("A", ADOBE, "linear"), False),
+        (linear_rec2020_profile(), False),
+        (b"no profile at all", False),
+        (ImageCms.ImageCmsProfile(ImageCms.createProfile("LAB")).tobytes(), False),
+    ],
+    ids=["sRGB", "Adobe", "linear Adobe", "Rec. 2020", "text", "Lab"],
+)
+def test_profiles_are_curved_or_linear(profile: bytes, curved: bool) -> None:
+    assert is_curved(profile) is curved
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
