@@ -13,7 +13,13 @@ from starlette.requests import ClientDisconnect
 
 from service import scratch, uploads
 from service.api.context import Context
-from service.errors import ChecksumError, MalformedRequestError, OffsetError, UploadTooLargeError
+from service.errors import (
+    ChecksumError,
+    MalformedRequestError,
+    OffsetError,
+    SlowRequestError,
+    UploadTooLargeError,
+)
 from service.uploads import Upload
 
 _PART_BYTES = 8 * 1024 * 1024
@@ -41,10 +47,10 @@ async def receive(
 ) -> Upload:
     """Append the request's body to an upload; the upload as it is then.
 
-    Without a checksum what has come is kept even where the connection breaks; with one nothing is,
-    unless all has come and fits. Raises UploadTooLargeError, ChecksumError, OffsetError where
-    another request has gone on with the upload meanwhile, MalformedRequestError after too many
-    pieces, ClientDisconnect.
+    Without a checksum what has come is kept even where the connection breaks or stalls; with one
+    nothing is, unless all has come and fits. Raises UploadTooLargeError, ChecksumError, OffsetError
+    where another request has gone on with the upload meanwhile, MalformedRequestError after too
+    many pieces, ClientDisconnect, SlowRequestError.
     """
     data_dir = context.settings.data_dir
     async with contextmanager_in_threadpool(scratch.folder(data_dir)) as directory:
@@ -52,7 +58,7 @@ async def receive(
         try:
             async for chunk in request.stream():
                 await run_in_threadpool(body.write, chunk)
-        except ClientDisconnect:
+        except (ClientDisconnect, SlowRequestError):
             if checksum is None:
                 await run_in_threadpool(body.keep)
             raise

@@ -287,6 +287,19 @@ class TestBreaks:
         assert len(context.storage.list("")) == 1
 
 
+class TestShortPauses:
+    @pytest.fixture
+    def settings(self, settings: Settings) -> Settings:
+        return settings.model_copy(update={"pause_seconds": 0.2})
+
+    @pytest.mark.parametrize(("more", "kept"), [("", 30), ("Upload-Checksum: sha1 AAAA\r\n", 0)])
+    def test_what_came_before_a_stall_stays(self, more: str, kept: int, http: httpx.Client) -> None:
+        place = create(http, 100)
+        with _begin_piece(http, place, 100, b"x" * 30, more) as stalled:
+            assert stalled.recv(1000).startswith(b"HTTP/1.1 408 ")
+        assert offset_of(http, place) == kept
+
+
 class TestJobs:
     @pytest.fixture
     def pair(self, http: httpx.Client, png: Png) -> dict[str, str]:
