@@ -150,7 +150,10 @@ def confirm_job(
     caller: Calling,
     job_id: str,
     request: Annotated[
-        int | None, Query(ge=1, description="Number of the request that is done; any without it.")
+        int | None,
+        Query(
+            ge=1, le=2**31 - 1, description="Number of the request that is done; any without it."
+        ),
     ] = None,
 ) -> JobAnswer:
     """Say that what a job asks its operator for is done, like switching the flash."""

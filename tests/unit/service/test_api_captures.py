@@ -251,7 +251,7 @@ class TestConfirm:
         )
         assert answer.json()["retryable"] is False
 
-    @pytest.mark.parametrize("number", ["0", "-1", "x", "1e9"])
+    @pytest.mark.parametrize("number", ["0", "-1", "x", "1e9", str(2**31), str(10**30)])
     def test_what_is_no_number_of_a_request_is_refused(
         self, http: httpx.Client, number: str
     ) -> None:
