@@ -26,14 +26,17 @@ SENT = [
     "Content-Type",
     "Idempotency-Key",
     "If-None-Match",
+    "If-Range",
     "Last-Event-ID",
     "Prefer",
     "Range",
     "traceparent",
     "Tus-Resumable",
+    "Upload-Checksum",
     "Upload-Length",
     "Upload-Metadata",
     "Upload-Offset",
+    "X-HTTP-Method-Override",
 ]
 SHOWN = [
     "Content-Range",
@@ -43,6 +46,7 @@ SHOWN = [
     "Retry-After",
     "Trace-Id",
     "Tus-Resumable",
+    "Upload-Expires",
     "Upload-Length",
     "Upload-Offset",
 ]

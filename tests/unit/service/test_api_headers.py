@@ -87,7 +87,8 @@ def test_pages_that_the_operator_named_may(app: FastAPI) -> None:
     preflight = {
         "origin": ORIGIN,
         "access-control-request-method": "POST",
-        "access-control-request-headers": "authorization, idempotency-key, upload-offset",
+        "access-control-request-headers": "authorization, idempotency-key, if-range, "
+        "upload-checksum, upload-offset, x-http-method-override",
     }
     allowed = _run(app, "OPTIONS", "/jobs", headers=preflight)
     assert allowed.status_code == 200
@@ -96,6 +97,8 @@ def test_pages_that_the_operator_named_may(app: FastAPI) -> None:
     answer = _run(app, "GET", "/jobs", headers={"origin": ORIGIN})
     assert answer.status_code == 200
     assert answer.headers["access-control-allow-origin"] == ORIGIN
+    shown = answer.headers["access-control-expose-headers"].split(", ")
+    assert {"Location", "Upload-Expires", "Upload-Offset"} <= set(shown)
     others = _run(app, "OPTIONS", "/jobs", headers={**preflight, "origin": "https://evil.example"})
     assert "access-control-allow-origin" not in others.headers
 
