@@ -113,12 +113,12 @@ def assemble(storage: Storage, upload: Upload, path: Path) -> str:
 
 def remove_expired(engine: sa.Engine, storage: Storage) -> None:
     """Delete uploads whose time is over, and pieces without an upload. May run at any time."""
-    # In this order: what has an object now had its row before.
-    keys = storage.list(_PREFIX)
+    # In this order: what has a piece now, if a half-stored one, had its row before.
+    stored = storage.folders(_PREFIX)
     with engine.begin() as connection:
         connection.execute(sa.delete(uploads).where(uploads.c.expires <= now()))
         known = set(connection.execute(sa.select(uploads.c.id)).scalars())
-    for upload_id in sorted({key.split("/")[1] for key in keys} - known):
+    for upload_id in sorted(set(stored) - known):
         delete_parts(storage, upload_id)
 
 

@@ -99,6 +99,20 @@ def test_what_is_expired_and_what_is_nobodys_goes(engine: sa.Engine, storage: St
         assert uploads.find(connection, "a", "over") is None
 
 
+def test_pieces_that_were_half_stored_go_with_their_upload(
+    engine: sa.Engine, storage: Storage, tmp_path: Path
+) -> None:
+    for name, seconds in (("kept", 60), ("over", -1)):
+        _add(engine, name, 6, seconds=seconds)
+    for name in ("kept", "over", "nobodys"):
+        folder = tmp_path / "store" / "uploads" / name
+        folder.mkdir(parents=True)
+        (folder / "000-x#1").write_bytes(b"abc")  # no object: its name is one of the store's own
+    assert storage.list("") == []
+    uploads.remove_expired(engine, storage)
+    assert [path.name for path in (tmp_path / "store" / "uploads").iterdir()] == ["kept"]
+
+
 def test_an_upload_without_its_objects_cannot_be_read(
     engine: sa.Engine, storage: Storage, tmp_path: Path
 ) -> None:
