@@ -8,13 +8,14 @@ import json
 import time
 from collections.abc import AsyncIterator
 from functools import partial
-from typing import Annotated, Any
+from typing import Any
 
-from fastapi import APIRouter, Body, Request, Response
+from fastapi import APIRouter, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.sse import KEEPALIVE_COMMENT, EventSourceResponse, format_sse_event
 
 import drivers
+from pipeline.errors import OptionError
 from service import cameras, jobs
 from service.api import intake
 from service.api.accept import refuse_when_full
@@ -27,9 +28,10 @@ from service.api.models import (
     CameraAnswer,
     CameraCapture,
     CameraSettings,
+    CaptureSettings,
     JobList,
     SettingAnswer,
-    SettingValue,
+    SettingsRequest,
 )
 from service.api.pair_form import IdempotencyKey, accepted
 from service.api.problems import responses
@@ -38,35 +40,35 @@ from service.database import AWAY
 from service.errors import (
     CameraHeldError,
     ForeignCameraError,
-    MalformedRequestError,
     NotReadyError,
+    SlowRequestError,
     UnknownCameraError,
     UnknownJobError,
+    UnsupportedMediaError,
+    UploadTooLargeError,
 )
 from service.states import State
 
 router = APIRouter(tags=["cameras"])
 
-SCHEMAS = (CameraCapture,)
+SCHEMAS = (CameraCapture, SettingsRequest)
 """Models that the OpenAPI document names only in bodies."""
 
-_BODY = {
-    "content": {
-        "application/json": {"schema": {"$ref": f"#/components/schemas/{CameraCapture.__name__}"}}
-    }
-}
+_BODY, _SETTINGS_BODY = (
+    {"content": {"application/json": {"schema": {"$ref": f"#/components/schemas/{one.__name__}"}}}}
+    for one in SCHEMAS
+)
 _PATIENCE_SECONDS = 10.0  # a request waits so long for cameras that are slow to answer
 _LOOK_SECONDS = 0.5
 _KEEP_ALIVE_SECONDS = 15.0
 _RETRY_MS = 2000
-_OF_CAMERAS = responses(
+_PROBLEMS = (
     UnknownCameraError,
     CameraHeldError,
     ForeignCameraError,
     drivers.CameraNotFoundError,
     drivers.SettingError,
     drivers.DriverError,
-    status=(422, 503),
 )
 
 
@@ -96,7 +98,11 @@ async def watch_cameras(context: Parts, caller: Calling) -> Response:
     return EventSourceResponse(_events(context, caller), headers=headers)
 
 
-@router.get("/cameras/{camera_id}/settings", response_model=CameraSettings, responses=_OF_CAMERAS)
+@router.get(
+    "/cameras/{camera_id}/settings",
+    response_model=CameraSettings,
+    responses=responses(*_PROBLEMS, status=(422, 503)),
+)
 def get_settings(
     context: Parts, caller: Calling, trace_id: TraceId, camera_id: str
 ) -> CameraSettings:
@@ -107,20 +113,29 @@ def get_settings(
 @router.patch(
     "/cameras/{camera_id}/settings",
     response_model=CameraSettings,
-    responses=_OF_CAMERAS | responses(MalformedRequestError),
+    openapi_extra={"requestBody": {"required": True, **_SETTINGS_BODY}},
+    responses=responses(
+        *_PROBLEMS,
+        UploadTooLargeError,
+        UnsupportedMediaError,
+        SlowRequestError,
+        OptionError,
+        status=(503,),
+    ),
 )
-def change_settings(
+async def change_settings(
+    request: Request,
     context: Parts,
     caller: Calling,
     trace_id: TraceId,
     camera_id: str,
-    wanted: Annotated[dict[drivers.SettingName, SettingValue], Body(min_length=1)],
 ) -> CameraSettings:
     """Write settings of a camera that no job has, one by one, and read all of them back.
 
     Where one is refused, those before it in the order of the answer stay written.
     """
-    return _adjust(context, caller, camera_id, dict(wanted), trace_id)
+    wanted = await intake.read_settings(request, context.settings.upload_bytes)
+    return await run_in_threadpool(_adjust, context, caller, camera_id, wanted, trace_id)
 
 
 @router.post(
@@ -229,7 +244,7 @@ def _adjust(
     context: Context,
     caller: Caller,
     camera_id: str,
-    wanted: dict[drivers.SettingName, Any],
+    wanted: CaptureSettings,
     trace_id: str,
 ) -> CameraSettings:
     address = _address(context, camera_id)

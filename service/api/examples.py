@@ -119,6 +119,7 @@ SCHEMAS: dict[str, list[Any]] = {
     "KeptCalibrations": [{"calibrations": [_KEPT]}],
     "MixJob": [{"lamps": [{"ev": -2, "neutral": True}, {"temperature_k": 2700}], "format": "tiff"}],
     "RerunRequest": [{"options": {"lights": 3}, "priority": "low"}],
+    "SettingsRequest": [{"iso": 200}],
     "UploadsRequest": [{"uploads": _UPLOADS, "options": {"lights": 2}}],
 }
 """Of the bodies of requests and answers, by the names of their schemas."""
@@ -189,5 +190,3 @@ def add(document: dict[str, Any]) -> None:
             if path in _ANSWERS:
                 for media in operation["responses"]["200"]["content"].values():
                     media["example"] = _ANSWERS[path]
-            if "application/json" in body and path == "/cameras/{camera_id}/settings":
-                body["application/json"]["example"] = {"iso": 200}

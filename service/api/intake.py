@@ -33,10 +33,12 @@ from service.api.models import (
     CameraCapture,
     Capture,
     CaptureRequest,
+    CaptureSettings,
     Handling,
     MixJob,
     MixOptions,
     RerunRequest,
+    SettingsRequest,
     UploadsRequest,
 )
 from service.attempt import FRAMES
@@ -145,6 +147,17 @@ async def read_captures(request: Request, limit: int, fill_in: FillIn) -> Camera
     _, filled_in = await run_in_threadpool(_json, body or b"{}", fill_in)
     try:
         return CameraCapture.model_validate_json(filled_in)
+    except ValidationError as error:
+        raise OptionError(sentence_of(error)) from error
+
+
+async def read_settings(request: Request, limit: int) -> CaptureSettings:
+    """Read which settings of a camera to write. Raises what `read_rerun` raises."""
+    body = await _limited(request, min(limit, _JSON_BYTES)).body()
+    if _media_type(request) != "application/json":
+        raise UnsupportedMediaError("Send the settings of the camera as application/json.")
+    try:
+        return SettingsRequest.model_validate_json(body).root
     except ValidationError as error:
         raise OptionError(sentence_of(error)) from error
 

@@ -11,6 +11,7 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
+    RootModel,
     Strict,
     StringConstraints,
     field_validator,
@@ -129,6 +130,10 @@ class CameraCapture(Handling):
         "is followed by the next at once.",
     )
     options: Options = Options()
+
+
+class SettingsRequest(RootModel[Annotated[CaptureSettings, Field(min_length=1)]]):
+    """Settings of a camera to write, by name."""
 
 
 class MixJob(MixRequest, Handling):

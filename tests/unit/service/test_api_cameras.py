@@ -226,10 +226,11 @@ class TestSettings:
     @pytest.mark.parametrize(
         ("body", "words"),
         [
-            ("", "body: Field required."),
-            ("{", "Invalid JSON: Expecting property name enclosed in double quotes."),
-            ("[]", "body: Input should be a valid object."),
-            ("{}", "body: The object should have at least 1 item, not 0."),
+            ("", "Invalid JSON: EOF while parsing a value at line 1 column 0."),
+            ("{", "Invalid JSON: EOF while parsing an object at line 1 column 1."),
+            ("\x02", "Invalid JSON: expected value at line 1 column 1."),
+            ("[]", "Input should be an object."),
+            ("{}", "The object should have at least 1 item, not 0."),
             ('{"colour": 1}', "colour: this name is not known; it should be 'shutter_s', "),
             ('{"iso": null}', "iso: Input should be a valid integer, a valid number or a valid "),
             ('{"iso": true}', "iso: "),
@@ -245,14 +246,24 @@ class TestSettings:
         headers = {"content-type": "application/json"}
         answer = http.patch(f"{PATH}/settings", content=body, headers=headers)
         status, kind, told = problem_of(answer)
-        assert (status, kind) == (422, "invalid-request")
+        assert (status, kind) == (422, "invalid-option")
         assert told.startswith(words)
         assert "[" not in told
 
-    def test_a_body_that_is_no_text_is_refused(self, http: httpx.Client) -> None:
-        headers = {"content-type": "application/json"}
-        answer = http.patch(f"{PATH}/settings", content=b"\x02\xff\xfe", headers=headers)
-        assert problem_of(answer)[:2] == (400, "malformed-request")
+    @pytest.mark.parametrize(
+        ("body", "media_type", "status", "kind"),
+        [
+            (b"\x02\xff\xfe", "application/json", 422, "invalid-option"),
+            (b'{"iso": 200}', "text/plain", 415, "unsupported-media-type"),
+            (b'{"iso": 200}' + b" " * 2**20, "application/json", 413, "upload-too-large"),
+        ],
+    )
+    def test_a_body_that_is_no_json_of_usual_size_is_refused(
+        self, http: httpx.Client, body: bytes, media_type: str, status: int, kind: str
+    ) -> None:
+        headers = {"content-type": media_type}
+        answer = http.patch(f"{PATH}/settings", content=body, headers=headers)
+        assert problem_of(answer)[:2] == (status, kind)
 
     def test_a_camera_that_is_away_is_a_problem(self, http: httpx.Client) -> None:
         answer = http.get(f"/cameras/{cameras.id_of(AWAY)}/settings")
