@@ -186,20 +186,13 @@ async def _on_task(_request: Request, error: Exception) -> Response:
 
 async def _on_validation(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
-    faults = [{**fault, "loc": _within_body(tuple(fault["loc"]))} for fault in error.errors()]
-    return _answer(make_problem(INVALID, sentence_of_faults(faults), request.state.trace_id))
-
-
-def _within_body(location: tuple[int | str, ...]) -> tuple[int | str, ...]:
-    return location[1:] if location[0] == "body" and len(location) > 1 else location
+    detail = sentence_of_faults(error.errors())
+    return _answer(make_problem(INVALID, detail, request.state.trace_id))
 
 
 async def _on_http(request: Request, error: Exception) -> Response:
     # What the router itself refuses: unknown paths and methods.
     assert isinstance(error, HTTPException)
-    if error.status_code == 400:  # what a body raises that is not even text
-        broken = MalformedRequestError("The body cannot be read; send JSON in UTF-8.")
-        return _answer(problem_of(broken, request.state.trace_id))
     kind = Kind(f"http-{error.status_code}", error.status_code, str(error.detail))
     detail = f"{request.method} {request.url.path}: {error.detail}."
     headers = dict(error.headers) if error.headers else None
