@@ -150,8 +150,12 @@ async def create_upload(
     checksum = _checksum(upload_checksum)
     upload = await run_in_threadpool(_create, context, caller, length, metadata)
     if content_type == _PIECE:
-        _check_announced(request, upload)
-        upload = await receive(request, context, upload, checksum)
+        try:
+            _check_announced(request, upload)
+            upload = await receive(request, context, upload, checksum)
+        except Exception:  # without an answer that names it, nobody can go on with it
+            await run_in_threadpool(_remove, context, caller, upload.id)
+            raise
     return Response(
         status_code=201, headers={"Location": f"/uploads/{upload.id}", **_state(upload)}
     )
@@ -231,10 +235,8 @@ async def append_to_upload(
 )
 def delete_upload(context: Parts, caller: Calling, upload_id: str) -> Response:
     """Remove an upload."""
-    with context.engine.begin() as connection:
-        if not uploads.remove(connection, caller.owner, [upload_id]):
-            raise _unknown(upload_id)
-    uploads.delete_parts(context.storage, upload_id)
+    if not _remove(context, caller, upload_id):
+        raise _unknown(upload_id)
     return Response(status_code=204)
 
 
@@ -246,6 +248,15 @@ def _create(context: Context, caller: Caller, length: int, metadata: str | None)
         uploads.add(connection, values, context.settings.upload_seconds)
         quotas.charge_upload(connection, caller.owner)
     return _find(context, caller, upload_id)
+
+
+def _remove(context: Context, caller: Caller, upload_id: str) -> bool:
+    """Delete row and pieces of an upload; false when it is not there (any more)."""
+    with context.engine.begin() as connection:
+        if not uploads.remove(connection, caller.owner, [upload_id]):
+            return False
+    uploads.delete_parts(context.storage, upload_id)
+    return True
 
 
 def _find(context: Context, caller: Caller, upload_id: str) -> Upload:

@@ -94,6 +94,22 @@ class TestProtocol:
         assert (answer.status_code, answer.headers["upload-offset"]) == (201, "3")
         assert offset_of(http, answer.headers["location"]) == 3
 
+    @pytest.mark.parametrize(
+        ("data", "more", "status"),
+        [
+            (b"abc", checksum("sha1", b"abX"), 460),
+            (b"abcdefg", {}, 413),
+            (iter([b"abcd", b"efg"]), {}, 413),
+        ],
+    )
+    def test_a_creation_whose_piece_is_refused_leaves_nothing(
+        self, data: Any, more: dict[str, str], status: int, http: httpx.Client, context: Context
+    ) -> None:
+        headers = {**PIECE, "Upload-Length": "6", **more}
+        assert problem_of(http.post("/uploads", headers=headers, content=data))[0] == status
+        with context.engine.connect() as connection:
+            assert connection.execute(sa.select(database.uploads)).all() == []
+
     def test_a_method_may_be_overridden(self, http: httpx.Client) -> None:
         place = create(http, 3)
         headers = {**PIECE, "Upload-Offset": "0", "X-HTTP-Method-Override": "PATCH"}
