@@ -40,11 +40,8 @@ def charge_upload(connection: sa.Connection, key_id: str) -> None:
     # Locked until the end, as by charge().
     query = sa.select(keys).where(keys.c.id == key_id).with_for_update()
     key = connection.execute(query).first()
-    if key is None or key.stored_bytes is None:
-        return
-    begun = sa.select(sa.func.sum(uploads.c.length)).where(uploads.c.owner == key_id)
-    coming = int(connection.execute(begun).scalar_one() or 0)
-    _check_stored(connection, key_id, coming, key.stored_bytes)
+    if key is not None and key.stored_bytes is not None:
+        _check_stored(connection, key_id, 0, key.stored_bytes)
 
 
 def _check(connection: sa.Connection, key_id: str, coming: int) -> None:
@@ -68,16 +65,18 @@ def _check(connection: sa.Connection, key_id: str, coming: int) -> None:
                 int(_DAY_SECONDS - second) + 1,
             )
     if key.stored_bytes is not None:
-        # A job that comes has at least a byte; one that has come is counted with its bytes.
         _check_stored(connection, key_id, coming, key.stored_bytes)
 
 
-def _check_stored(connection: sa.Connection, key_id: str, coming_bytes: int, limit: int) -> None:
+def _check_stored(connection: sa.Connection, key_id: str, coming: int, limit: int) -> None:
+    # A job that comes has at least a byte, and may be made of uploads that are finished.
+    begun = uploads.c.received < uploads.c.length if coming else sa.true()
+    query = sa.select(sa.func.sum(uploads.c.length)).where(uploads.c.owner == key_id, begun)
     stored = _of_jobs(connection, key_id, sa.func.sum(jobs.c.stored_bytes))
-    if stored + coming_bytes > limit:
+    if stored + int(connection.execute(query).scalar_one() or 0) + coming > limit:
         raise StoredQuotaError(
-            f"The photographs and results of this key's jobs may take {limit:,} bytes, and with "
-            "this one they would take more; delete jobs or uploads first."
+            f"This key's uploads and the photographs and results of its jobs may take {limit:,} "
+            "bytes, and with this one they would take more; delete jobs or uploads first."
         )
 
 

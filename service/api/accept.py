@@ -161,9 +161,9 @@ def commit(
     row = make_row(caller, values, options, handling)
     try:
         with context.engine.begin() as connection:
+            take_over(connection, caller, taken)  # first, so that their bytes count once
             rank = jobs.add(connection, row, handling.deadline_seconds)
             context.queue.submit(connection, row["id"], rank)
-            take_over(connection, caller, taken)
     except (QuotaError, StoredQuotaError):
         context.storage.delete_below(job_key(row["id"]))
         raise

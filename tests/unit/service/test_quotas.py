@@ -115,6 +115,54 @@ def test_uploads_that_no_job_has_taken_count(http: httpx.Client, context: Contex
     assert begin(600).status_code == 201
 
 
+def _upload(http: httpx.Client, data: bytes, received: int, key: dict[str, str]) -> str:
+    """Begin an upload, of which the first bytes come; its id."""
+    headers = key | {
+        "tus-resumable": "1.0.0",
+        "upload-length": str(len(data)),
+        "content-type": "application/offset+octet-stream",
+    }
+    answer = http.post("/uploads", headers=headers, content=data[:received])
+    assert answer.status_code == 201
+    return answer.headers["location"].rpartition("/")[2]
+
+
+@pytest.mark.parametrize("received", [0, 1, 100])
+def test_uploads_leave_less_room_for_jobs(
+    received: int, http: httpx.Client, context: Context, png: Png
+) -> None:
+    pair = png(64, 48), png(64, 48, True)
+    key = bearing(context, "submit", stored_bytes=len(pair[0]) + len(pair[1]) + 99)
+    place = f"/uploads/{_upload(http, b'x' * 100, received, key)}"
+    status, kind, detail = problem_of(post_pair(http, *pair, headers=key))
+    assert (status, kind) == (403, "stored-quota")
+    assert "This key's uploads" in detail
+    assert context.storage.list("jobs/") == []
+    http.delete(place, headers=key | {"tus-resumable": "1.0.0"}).raise_for_status()
+    assert post_pair(http, *pair, headers=key).status_code == 202
+
+
+def test_uploads_that_become_a_job_count_once(
+    http: httpx.Client, context: Context, png: Png
+) -> None:
+    pair = {"no_flash": png(64, 48), "flash": png(64, 48, True)}
+    size = sum(map(len, pair.values()))
+    key = bearing(context, "submit", stored_bytes=size)
+    ids = {frame: _upload(http, data, len(data), key) for frame, data in pair.items()}
+    assert http.post("/jobs", json={"uploads": ids}, headers=key).status_code == 202
+    with context.engine.connect() as connection:
+        assert connection.execute(sa.select(database.jobs.c.stored_bytes)).scalar_one() == size
+    assert problem_of(post_pair(http, *pair.values(), headers=key))[:2] == (403, "stored-quota")
+
+
+def test_a_key_that_uploads_have_filled_is_told_before_a_pair_is_read(
+    http: httpx.Client, context: Context
+) -> None:
+    key = bearing(context, "submit", stored_bytes=100)
+    _upload(http, b"x" * 100, 99, key)
+    assert problem_of(http.post("/jobs", headers=key))[:2] == (403, "stored-quota")
+
+
 def test_uploads_begun_at_once_do_not_get_past_a_quota(
     http: httpx.Client, context: Context
 ) -> None:
