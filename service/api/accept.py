@@ -112,16 +112,7 @@ def accept(
     caller.need(Scope.SUBMIT)
     refuse_when_full(context, caller, idempotency_key)  # an upload may have taken long
     check_webhook(context, wanted.handling)
-    request_hash = digest(
-        {
-            "options": wanted.options.model_dump(mode="json"),
-            "handling": wanted.handling.model_dump(mode="json"),
-            "capture": None,
-            "sha256": wanted.sha256,
-            # Their bytes never change, and they go when a job is made of them.
-            "uploads": wanted.uploads,
-        }
-    )
+    request_hash = hash_of(wanted)
     if earlier := replay(context, caller, idempotency_key, request_hash):
         return earlier
     job_id = uuid.uuid4().hex
@@ -142,6 +133,20 @@ def accept(
         "request_hash": request_hash,
     }
     return commit(context, caller, values, wanted.options, wanted.handling, wanted.uploads)
+
+
+def hash_of(wanted: Intake) -> str:
+    """Digest a request for a job whose pair is sent, or that needs none."""
+    return digest(
+        {
+            "options": wanted.options.model_dump(mode="json"),
+            "handling": wanted.handling.model_dump(mode="json"),
+            "capture": None,
+            "sha256": wanted.sha256,
+            # Their bytes never change, and they go when a job is made of them.
+            "uploads": wanted.uploads,
+        }
+    )
 
 
 def commit(

@@ -10,7 +10,7 @@ from fastapi.concurrency import run_in_threadpool
 from pipeline.errors import InputError, OptionError
 from pipeline.mix_options import LAYERS, MANIFEST, Mix, check_lamps, read_basis
 from service.api import intake
-from service.api.accept import accept, refuse_when_full
+from service.api.accept import Accepted, accept, hash_of, refuse_when_full, replay
 from service.api.callers import Caller, Calling, find
 from service.api.context import Context, Parts, TraceId
 from service.api.jobs import answer_made
@@ -55,10 +55,23 @@ async def create_mix(
     """Mix the layers of a job into a picture of full size; a job of its own."""
     await run_in_threadpool(refuse_when_full, context, caller, idempotency_key)
     wanted = await intake.read_mix(request, context.settings.upload_bytes, job_id)
-    assert isinstance(wanted.options, MixOptions)
-    await run_in_threadpool(_check, context, caller, job_id, wanted.options.mix)
-    made = await run_in_threadpool(accept, context, caller, wanted, idempotency_key, trace_id)
+    made = await run_in_threadpool(_accept, context, caller, wanted, idempotency_key, trace_id)
     return await answer_made(context, caller, made, wait, response)
+
+
+def _accept(
+    context: Context,
+    caller: Caller,
+    wanted: intake.Intake,
+    idempotency_key: str | None,
+    trace_id: str,
+) -> Accepted:
+    assert isinstance(wanted.options, MixOptions)
+    # Before the job is looked at, which may have been deleted since the first answer got lost.
+    if earlier := replay(context, caller, idempotency_key, hash_of(wanted)):
+        return earlier
+    _check(context, caller, wanted.options.of, wanted.options.mix)
+    return accept(context, caller, wanted, idempotency_key, trace_id)
 
 
 def _check(context: Context, caller: Caller, job_id: str, mix: Mix) -> None:

@@ -76,6 +76,20 @@ def test_sending_twice_with_a_key_makes_one_job(
     assert problem_of(other)[:2] == (422, "idempotency-key-reused")
 
 
+def test_a_key_gives_the_mix_after_its_job_is_gone(
+    http: httpx.Client, separated: Callable[..., str]
+) -> None:
+    of, key = separated(), {"Idempotency-Key": "once"}
+    first = http.post(f"/jobs/{of}/mix", json=TWO, headers=key).json()
+    http.delete(f"/jobs/{of}").raise_for_status()
+    again = http.post(f"/jobs/{of}/mix", json=TWO, headers=key)
+    assert (again.status_code, again.json()["id"]) == (202, first["id"])
+    assert again.headers["idempotency-replayed"] == "true"
+    other = http.post(f"/jobs/{of}/mix", json={**TWO, "format": "exr"}, headers=key)
+    assert problem_of(other)[:2] == (422, "idempotency-key-reused")
+    assert problem_of(http.post(f"/jobs/{of}/mix", json=TWO))[:2] == (404, "unknown-job")
+
+
 @pytest.mark.parametrize(
     ("body", "words"),
     [
