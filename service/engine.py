@@ -54,7 +54,7 @@ def migrate(engine: sa.Engine) -> None:
 
 @dataclass(frozen=True)
 class Held:
-    """What a worker has taken out of a queue: in those of jobs and captures, id tells the job."""
+    """What a worker has taken out of a queue; in that of jobs, id is the job's."""
 
     id: str
     worker: str
@@ -120,7 +120,7 @@ class Queue:
         options = EnqueueOptions(
             workflow_name=_TELLING_WORKFLOW,
             queue_name=_TELLING_QUEUE,
-            workflow_id=_telling(job_id, number),
+            workflow_id=telling_id(job_id, number),
             app_version=_VERSION,
         )
         if delay_seconds > 0:
@@ -170,7 +170,8 @@ def capture_id(job_id: str) -> str:
     return f"{job_id}-capture"
 
 
-def _telling(job_id: str, number: int) -> str:
+def telling_id(job_id: str, number: int) -> str:
+    """Give the id that a telling of a job's webhook has in its queue."""
     return f"{job_id}-webhook-{number}"
 
 
@@ -182,15 +183,15 @@ def launch(
     tell: Callable[[str, int], None],
     concurrency: int,
     poll_seconds: float,
-    sweep: Callable[[bool], None],
+    sweep: Callable[[str, bool], None],
     sweep_seconds: int,
 ) -> None:
     """Have this process call run and capture(job id), tell(job id, number) in threads, and sweep.
 
     worker: unique among all workers ever. run: must return only when the job has ended, since a
     return takes the job out of the queue for good; capture: when its pair is taken; tell: when
-    what came of it is written. sweep: called in one worker at a time, every sweep_seconds (1…60)
-    with false, every hour with true. Raises StartError.
+    what came of it is written. sweep(its id in the queue, thorough): called in one worker at a
+    time, every sweep_seconds (1…60) with false, every hour with true. Raises StartError.
     """
     # DBOS writes to the console of its own unless its logger has a handler.
     logging.getLogger("dbos").addHandler(logging.NullHandler())
@@ -212,7 +213,7 @@ def launch(
 
     @DBOS.workflow(name=_SWEEP, max_recovery_attempts=None)
     def run_sweep(_scheduled: object, thorough: bool) -> None:
-        sweep(thorough)
+        sweep(str(DBOS.workflow_id), thorough)
 
     DBOS.listen_queues([JOBS, CAPTURES, _TELLING_QUEUE, _UPKEEP])
     try:

@@ -68,9 +68,9 @@ class Worker:
         self._idle = threading.Condition()
         self._busy = 0
         self._runs: set[str] = set()
-        """What the queues have called run() or capture() for: ids in them."""
-        self._idle_jobs: set[Held] = set()
-        """What the queues have given to this worker, without calling run() or capture() yet."""
+        """What the queues have called this worker for: ids in them."""
+        self._idle_held: set[Held] = set()
+        """What the queues have given to this worker, without calling it yet."""
 
     def serve(self, stop: threading.Event) -> None:
         """Work until `stop` is set, then put back what is running. Raises StartError.
@@ -87,10 +87,10 @@ class Worker:
             self.id,
             lambda job_id: self.run(job_id),
             lambda job_id: self.capture(job_id),
-            lambda job_id, number: self._teller.tell(job_id, number),
+            lambda job_id, number: self.tell(job_id, number),
             self._settings.worker_concurrency,
             self._settings.poll_seconds,
-            self._sweep,
+            self.sweep,
             self._settings.sweep_seconds,
         )
         log.info("ready", extra={"worker": self.id})
@@ -139,17 +139,11 @@ class Worker:
                 heartbeats.leave(connection, worker)
 
     def _forgotten(self, held: Iterable[Held]) -> set[Held]:
-        """Jobs that this worker has taken out of the queue, but the answer to that got lost."""
+        """What this worker has taken out of the queues, but the answer to that got lost."""
         with self._idle:
-            idle = {
-                one
-                for one in held
-                if one.worker == self.id
-                and one.queue in (engine.JOBS, engine.CAPTURES)
-                and one.id not in self._runs
-            }
-        # What came out just now is called run() for in a moment.
-        forgotten, self._idle_jobs = idle & self._idle_jobs, idle
+            idle = {one for one in held if one.worker == self.id and one.id not in self._runs}
+        # What came out just now is called for in a moment.
+        forgotten, self._idle_held = idle & self._idle_held, idle
         return forgotten
 
     def run(self, job_id: str) -> None:
@@ -167,6 +161,15 @@ class Worker:
         """
         queued = engine.capture_id(job_id)
         self._alone(queued, lambda: self._run(job_id, cameras.claim, self._is_passed_on))
+
+    def tell(self, job_id: str, number: int) -> None:
+        """Tell a job's webhook for the `number`th time. Returns only when it is written."""
+        queued = engine.telling_id(job_id, number)
+        self._alone(queued, lambda: self._teller.tell(job_id, number))
+
+    def sweep(self, queued: str, thorough: bool) -> None:
+        """Remove what is due, or as much as can be; queued: id of the sweep in its queue."""
+        self._alone(queued, lambda: self._sweep(thorough))
 
     def _alone(self, queued: str, work: Callable[[], None]) -> None:
         with self._idle:

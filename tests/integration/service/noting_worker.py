@@ -23,7 +23,7 @@ def main(url: str, name: str) -> None:
     connected = database.connect(url)
     queue = engine.Queue(connected)
     engine.launch(
-        connected, name, run, run, lambda _job, _number: None, 1, 0.05, lambda _thorough: None, 60
+        connected, name, run, run, lambda *_telling: None, 1, 0.05, lambda *_sweep: None, 60
     )
     for line in sys.stdin:
         if line == "go\n":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import sqlite3
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -57,6 +58,36 @@ def test_a_frozen_worker_that_comes_back_changes_nothing(
     assert _ends(own_service, job) == ["succeeded"]
     stored = Storage((own_service.data / "store").as_uri()).list(f"jobs/{job['id']}/")
     assert {key.split("/")[2] for key in stored} == {"inputs", "2"}
+
+
+def test_a_sweep_of_which_the_worker_never_heard_is_done_again(kept_shortly: Any) -> None:
+    """One is out of the queue at a time: nothing would be removed until that worker ends."""
+    database = sqlite3.connect(
+        kept_shortly.data / "lightlayers.sqlite", isolation_level=None, timeout=60
+    )
+    sweeps = "SELECT workflow_uuid, status FROM workflow_status WHERE queue_name = 'upkeep' "
+
+    def done() -> tuple[str, str] | None:
+        return database.execute(sweeps + "AND status = 'SUCCESS'").fetchone()
+
+    kept_shortly.await_that("a sweep is done", done)
+    found = done()
+    assert found is not None
+    sweep, _ = found
+    database.execute(
+        "UPDATE workflow_status SET status = 'PENDING', output = NULL, "
+        "executor_id = (SELECT id FROM workers) WHERE workflow_uuid = ?",
+        (sweep,),
+    )
+    kept_shortly.await_that(
+        "it is done again",
+        lambda: (
+            database.execute(sweeps + "AND workflow_uuid = ?", (sweep,)).fetchone()
+            == (sweep, "SUCCESS")
+        ),
+    )
+    database.close()
+    assert f'"put back", "job": "{sweep}"' in kept_shortly.log.read_text()
 
 
 @pytest.fixture

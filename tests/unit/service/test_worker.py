@@ -212,13 +212,15 @@ def test_one_worker_runs_a_job_once_at_a_time(one: Worker, monkeypatch: pytest.M
     assert runs == [1]
 
 
-def test_jobs_that_the_queue_forgot_to_bring_are_put_back(
+def test_what_the_queues_forgot_to_bring_is_put_back(
     one: Worker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """A sweep of which the answer got lost would hold up all others, a telling be told never."""
     put_back: list[set[str]] = []
     held = [
         Held("mine", one.id, "jobs"),
         Held("running", one.id, "jobs"),
+        Held("a telling", one.id, "webhooks"),
         Held("a sweep", one.id, "upkeep"),
         Held("dead", "another", "jobs"),
         Held("living", "neighbour", "jobs"),
@@ -232,7 +234,40 @@ def test_jobs_that_the_queue_forgot_to_bring_are_put_back(
         heartbeats.beat(connection, "neighbour")
     one.keep()
     one.keep()
-    assert put_back == [{"dead"}, {"dead", "mine"}]
+    assert put_back == [{"dead"}, {"dead", "mine", "a telling", "a sweep"}]
+
+
+def test_tellings_and_sweeps_that_take_long_are_not_put_back(
+    one: Worker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun, go = threading.Barrier(3), threading.Event()
+    put_back: list[set[Held]] = []
+    done: list[tuple[Any, ...]] = []
+
+    def work(*arguments: Any) -> None:
+        begun.wait(60)
+        assert go.wait(60)
+        done.append(arguments)
+
+    monkeypatch.setattr(one._teller, "tell", work)
+    monkeypatch.setattr(one._sweeping, "run", work)
+    held = [Held("a-webhook-2", one.id, "webhooks"), Held("sched-often", one.id, "upkeep")]
+    monkeypatch.setattr(one._queue, "held", lambda: held)
+    monkeypatch.setattr(one._queue, "put_back", put_back.append)
+    threads = [
+        threading.Thread(target=one.tell, args=("a", 2)),
+        threading.Thread(target=one.sweep, args=("sched-often", True)),
+    ]
+    for thread in threads:
+        thread.start()
+    begun.wait(60)
+    one.keep()
+    one.keep()
+    go.set()
+    for thread in threads:
+        thread.join()
+    assert put_back == [set(), set()]
+    assert sorted(done, key=len) == [(True,), ("a", 2)]
 
 
 @pytest.mark.parametrize("error", AWAY)
