@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 from collections.abc import Iterator
 from typing import Annotated, Any
 
@@ -161,7 +162,12 @@ def get_zip(context: Parts, caller: Calling, job_id: str) -> Response:
     job = find_succeeded(context, caller, job_id)
     members = [_member(context, job, result) for result in job.results or []]
     headers = {"Content-Disposition": f'attachment; filename="{job_id}.zip"'}
-    return StreamingResponse(stored_zip(members), headers=headers, media_type="application/zip")
+    chunks = stored_zip(members)
+    with deleted_meanwhile():
+        first = next(chunks)
+    return StreamingResponse(
+        itertools.chain([first], chunks), headers=headers, media_type="application/zip"
+    )
 
 
 @contextlib.contextmanager

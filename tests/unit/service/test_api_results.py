@@ -159,7 +159,7 @@ def test_a_job_that_has_ended_without_results_is_not_asked_again(
     assert answer.json()["retryable"] is False
 
 
-@pytest.mark.parametrize("what", ["results", "results/lamp1.jpg"])
+@pytest.mark.parametrize("what", ["results", "results/lamp1.jpg", "results.zip"])
 def test_results_that_go_at_this_moment_are_gone(
     what: str, http: httpx.Client, job: str, context: Context
 ) -> None:
