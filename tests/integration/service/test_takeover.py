@@ -68,7 +68,10 @@ def test_a_sweep_of_which_the_worker_never_heard_is_done_again(kept_shortly: Any
     sweeps = "SELECT workflow_uuid, status FROM workflow_status WHERE queue_name = 'upkeep' "
 
     def done() -> tuple[str, str] | None:
-        return database.execute(sweeps + "AND status = 'SUCCESS'").fetchone()
+        found: tuple[str, str] | None = database.execute(
+            sweeps + "AND status = 'SUCCESS'"
+        ).fetchone()
+        return found
 
     kept_shortly.await_that("a sweep is done", done)
     found = done()
