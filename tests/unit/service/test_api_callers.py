@@ -91,7 +91,7 @@ class TestRequired:
         self, path: str, http: httpx.Client, context: Context, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setattr(callers, "STANDING_SECONDS", 0.01)
-        monkeypatch.setattr(Looking, "refresh", lambda _looking, _seconds: None)
+        monkeypatch.setattr(Looking, "refresh", lambda _looking: None)
         monkeypatch.setattr(api_events, "_KEEP_ALIVE_SECONDS", 0.02)
         key = bearing(context, "read", "capture")
         job = stored_job(context, owner=owner_of(key))
