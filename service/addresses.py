@@ -14,7 +14,8 @@ Networks = tuple[ipaddress.IPv4Network | ipaddress.IPv6Network, ...]
 
 _NAT64 = ipaddress.ip_network("64:ff9b::/96")
 _SPECIAL = [  # that Pythons of some versions take for public
-    ipaddress.ip_network(text) for text in ("192.0.0.0/24", "192.88.99.0/24", "64:ff9b:1::/48")
+    ipaddress.ip_network(text)
+    for text in ("192.0.0.0/24", "192.88.99.0/24", "64:ff9b:1::/48", "fec0::/10")
 ]
 _REFUSAL = (
     "this service calls no addresses of private networks; its operator may allow some with "
