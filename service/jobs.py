@@ -432,19 +432,6 @@ def release(connection: sa.Connection, job: Job) -> bool:
     return _move(connection, State.QUEUED, _of_attempt(job), **_WAITS_ANEW)
 
 
-def set_delivery(connection: sa.Connection, job_id: str, delivery: dict[str, Any]) -> None:
-    """Write what came of telling the job's webhook."""
-    connection.execute(_update(jobs.c.id == job_id).values(delivery=delivery))
-
-
-def with_news(connection: sa.Connection, limit: int) -> list[Job]:
-    """Ended jobs with a webhook for which no delivery is queued yet, up to `limit`."""
-    # Spelt as the index has it, so that it is used; the rows are held until the transaction ends.
-    news = sa.and_(jobs.c.webhook.is_not(None), jobs.c.delivery.is_(None), jobs.c.finished > 0)
-    query = sa.select(jobs).where(news).limit(limit).with_for_update(skip_locked=True)
-    return [_job(row) for row in connection.execute(query)]
-
-
 def lose(connection: sa.Connection, job: Job) -> None:
     """Put back a job whose attempt was cut short though its worker lives."""
     _move(connection, State.QUEUED, _of_attempt(job), lost=jobs.c.lost + 1, **_WAITS_ANEW)

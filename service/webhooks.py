@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 import sqlalchemy as sa
 from standardwebhooks import Webhook
 
-from service import jobs
+from service import deliveries, jobs
 from service.addresses import parse_networks
 from service.engine import Queue
 from service.outgoing import Answer, UnansweredError, post
@@ -39,10 +39,11 @@ log = logging.getLogger("service.webhooks")
 
 def queue_news(connection: sa.Connection, queue: Queue) -> int:
     """Queue the first telling of ended jobs, within a transaction; of how many."""
-    news = jobs.with_news(connection, _AT_ONCE)
-    for job in news:
-        jobs.set_delivery(connection, job.id, _delivery("pending", 0, None))
-        queue.submit_telling(connection, job.id, 1, 0.0)
+    begun = _delivery("pending", 0, None)
+    found = deliveries.news(connection, _AT_ONCE)
+    news = [job_id for job_id in found if deliveries.write(connection, job_id, begun)]
+    for job_id in news:
+        queue.submit_telling(connection, job_id, 1, 0.0)
     return len(news)
 
 
@@ -99,9 +100,6 @@ class Teller:
     def _record(
         self, connection: sa.Connection, job_id: str, number: int, answer: Answer | None
     ) -> None:
-        job = jobs.find(connection, job_id)
-        if job is None or not _awaits(job, number):
-            return
         status = answer.status if answer else None
         if status and 200 <= status < 300:
             state = "delivered"
@@ -109,8 +107,9 @@ class Teller:
             state = "failed"
         else:
             state = "pending"
+        written = deliveries.write(connection, job_id, _delivery(state, number, status))
+        if written and state == "pending":
             self._queue.submit_telling(connection, job_id, number + 1, self._pause(number, answer))
-        jobs.set_delivery(connection, job_id, _delivery(state, number, status))
 
     def _pause(self, number: int, answer: Answer | None) -> float:
         """Seconds until the next telling: longer each time, and not the same for all."""

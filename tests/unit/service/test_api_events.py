@@ -10,7 +10,7 @@ import httpx
 import pytest
 import sqlalchemy as sa
 
-from service import database, jobs
+from service import database, deliveries, jobs
 from service.api import events as route
 from service.api import watching
 from service.api.callers import Caller, Standing
@@ -247,7 +247,7 @@ def test_a_webhook_is_shown_without_its_secret(http: httpx.Client, context: Cont
     assert ended.json()["webhook"] == {**shown, "state": "pending"}
     with context.engine.begin() as connection:
         delivery = {"state": "failed", "attempts": 12, "last_status": 500}
-        jobs.set_delivery(connection, job["id"], delivery)
+        deliveries.write(connection, job["id"], delivery)
     told = http.get(job["links"]["self"])
     assert told.json()["webhook"] == {**shown, **delivery}
     for text in (answer.text, ended.text, told.text, http.get("/jobs").text):

@@ -9,7 +9,7 @@ import pytest
 import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
-from service import database, heartbeats, jobs, uploads
+from service import database, deliveries, heartbeats, jobs, uploads
 from service.api.context import Context
 from service.attempt import FRAMES, inputs_key, results_key
 from service.retention import Sweep
@@ -81,7 +81,7 @@ def test_a_job_whose_webhook_is_to_be_told_stays_until_it_is(
         began = {"finished": ended - 60, "expires": ended - 30}  # kept for half a minute
         connection.execute(sa.update(database.jobs).where(this).values(**began))
         if delivery:
-            jobs.set_delivery(connection, job_id, {"state": delivery, "attempts": 1})
+            deliveries.write(connection, job_id, {"state": delivery, "attempts": 1})
     sweep.run(thorough=False)
     assert [job.id for job in rows_of(context)] == ([job_id] if stays else [])
 

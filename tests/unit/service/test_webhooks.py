@@ -12,7 +12,7 @@ import pytest
 import sqlalchemy as sa
 from standardwebhooks import Webhook
 
-from service import jobs, webhooks
+from service import deliveries, jobs, webhooks
 from service.api.context import Context
 from service.outgoing import Answer, UnansweredError
 from service.settings import Settings
@@ -113,6 +113,26 @@ def test_an_end_that_was_rolled_back_is_no_news(engine: sa.Engine, queue: FakeQu
         connection.rollback()
     assert _news(engine, queue) == 0
     assert _find(engine, "a").state == State.QUEUED
+
+
+def test_news_that_another_worker_has_told_meanwhile_stay_told(
+    engine: sa.Engine, queue: FakeQueue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """SQLite holds no rows for who reads them."""
+    _ended(engine, "a")
+    told = {"state": "delivered", "attempts": 1, "last_status": 204}
+    news = deliveries.news
+
+    def stall(connection: sa.Connection, limit: int) -> list[str]:
+        found = news(connection, limit)
+        with engine.begin() as other:
+            assert deliveries.write(other, "a", told)
+        return found
+
+    monkeypatch.setattr(deliveries, "news", stall)
+    assert _news(engine, queue) == 0
+    assert queue.queued == []
+    assert _find(engine, "a").delivery == told
 
 
 def test_without_a_webhook_nothing_is_queued(engine: sa.Engine, queue: FakeQueue) -> None:
@@ -249,6 +269,23 @@ def test_a_second_copy_of_a_telling_does_nothing(
     assert _tell(engine, queue, 2)["state"] == "delivered"
     _answers(monkeypatch, 500)
     assert _tell(engine, queue, 3)["state"] == "delivered"
+
+
+def test_a_copy_of_a_telling_that_ends_late_takes_nothing_back(
+    engine: sa.Engine, queue: FakeQueue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _ended(engine, "a")
+    _news(engine, queue)
+    told = {"state": "delivered", "attempts": 1, "last_status": 204}
+
+    def stall(*_arguments: object) -> Answer:
+        with engine.begin() as other:
+            assert deliveries.write(other, "a", told)
+        return Answer(500, "")
+
+    monkeypatch.setattr(webhooks, "post", stall)
+    assert _tell(engine, queue) == told
+    assert len(queue.queued) == 1
 
 
 def test_a_deleted_job_is_not_told(engine: sa.Engine, queue: Any) -> None:
