@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import sqlalchemy as sa
 
-from service import fairness, metrics, quotas
+from service import bursts, fairness, metrics, quotas
 from service.database import jobs, now, workers
 from service.states import ENDED, HELD, State, before
 
@@ -261,8 +261,11 @@ def condemn(connection: sa.Connection, job_id: str) -> None:
 
 
 def remove(connection: sa.Connection, job_id: str) -> None:
-    """Delete the row."""
-    connection.execute(sa.delete(jobs).where(jobs.c.id == job_id))
+    """Delete the row; a job of the same burst inherits its idempotency key."""
+    this = sa.delete(jobs).where(jobs.c.id == job_id)
+    key = connection.execute(this.returning(jobs.c.idempotency_key)).scalar()
+    if key is not None:
+        bursts.hand_on(connection, job_id, key)
 
 
 def known(connection: sa.Connection, job_ids: Sequence[str]) -> set[str]:

@@ -16,7 +16,7 @@ from fastapi.sse import KEEPALIVE_COMMENT, EventSourceResponse, format_sse_event
 
 import drivers
 from pipeline.errors import OptionError
-from service import cameras, jobs
+from service import bursts, cameras, jobs
 from service.api import intake
 from service.api.accept import refuse_when_full
 from service.api.calibrated import fill_in
@@ -166,18 +166,18 @@ async def capture(
     address = await run_in_threadpool(_address, context, camera_id)
     named = partial(fill_in, context, caller)
     wanted = await intake.read_captures(request, context.settings.upload_bytes, named)
-    made, ids = await run_in_threadpool(
+    made = await run_in_threadpool(
         accept_captures, context, caller, address, wanted, idempotency_key, trace_id
     )
     response.headers.update(made.headers)
-    return await run_in_threadpool(_jobs, context, ids)
+    return await run_in_threadpool(_jobs, context, made.job_id)
 
 
-def _jobs(context: Context, ids: list[str]) -> JobList:
+def _jobs(context: Context, job_id: str) -> JobList:
+    """Those of a job's burst; one that was deleted since an earlier answer is left out."""
     with context.engine.connect() as connection:
-        made = {job.id: job for job in jobs.find_all(connection, ids)}
-        # One that was deleted since an earlier answer is left out.
-        found = [made[job_id] for job_id in ids if job_id in made]
+        kept = jobs.find_all(connection, bursts.kept(connection, job_id))
+        found = sorted(kept, key=lambda job: job.id)
         return JobList(jobs=[one for _, one in answers(connection, context.settings, found)])
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import uuid
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 import drivers
 from pipeline.errors import OptionError
 from pipeline.options import Options
-from service import cameras, jobs
+from service import bursts, cameras, jobs
 from service.api.accept import (
     Accepted,
     check_webhook,
@@ -79,19 +78,18 @@ def accept_captures(
     wanted: CameraCapture,
     idempotency_key: str | None,
     trace_id: str,
-) -> tuple[Accepted, list[str]]:
-    """Queue a burst of pairs of the camera at an address; the ids of its jobs, in order.
+) -> Accepted:
+    """Queue a burst of pairs of the camera at an address; the first of its jobs that is kept.
 
     Raises UnknownJobError and NotReadyError for a job that none can be like, and what
     accept_capture raises.
     """
     request_hash = digest({"camera": camera, "wanted": wanted.model_dump(mode="json")})
     refuse_when_full(context, caller, idempotency_key, wanted.pairs)
-    made = replay(context, caller, idempotency_key, request_hash)
-    if made is None:
-        pairs = _pairs(context, caller, camera, wanted)
-        made = _commit(context, caller, pairs, idempotency_key, request_hash, trace_id)
-    return made, _ids(made.job_id, wanted.pairs)
+    if earlier := replay(context, caller, idempotency_key, request_hash):
+        return earlier
+    pairs = _pairs(context, caller, camera, wanted)
+    return _commit(context, caller, pairs, idempotency_key, request_hash, trace_id)
 
 
 def _pairs(context: Context, caller: Caller, camera: str, wanted: CameraCapture) -> Pairs:
@@ -140,7 +138,7 @@ def _commit(
             "LIGHTLAYERS_FLASH_SWITCH."
         )
     check_webhook(context, wanted.handling)
-    first = uuid.uuid4().hex
+    ids = bursts.new_ids(wanted.count)
     values = {
         "trace_id": trace_id,
         "request_hash": request_hash,
@@ -152,8 +150,8 @@ def _commit(
             row["camera"] = cameras.add(connection, wanted.capture.camera)
             if wanted.capture.when_busy == "refuse":
                 _refuse_when_held(connection, caller, row["camera"])
-            for number, job_id in enumerate(_ids(first, wanted.count)):
-                key = idempotency_key if job_id == first else None
+            for number, job_id in enumerate(ids):
+                key = idempotency_key if number == 0 else None
                 one = row | {"id": job_id, "idempotency_key": key}
                 _add(context, connection, wanted, one, number * wanted.interval_seconds)
     except sa.exc.IntegrityError:
@@ -161,7 +159,7 @@ def _commit(
         if earlier is None:
             raise
         return earlier
-    return Accepted(first, replayed=False)
+    return Accepted(ids[0], replayed=False)
 
 
 def _add(
@@ -191,9 +189,3 @@ def told_of(holder: jobs.Job, caller: Caller) -> str:
 
 def _row_of(capture: Capture) -> dict[str, Any]:
     return capture.model_dump(mode="json", exclude_defaults=True)
-
-
-def _ids(first: str, count: int) -> list[str]:
-    """Ids of the jobs of a burst, which the first one gives, so that a replay finds them."""
-    rest = (uuid.uuid5(uuid.UUID(first), str(number)).hex for number in range(1, count))
-    return [first, *rest]

@@ -98,6 +98,28 @@ class TestCaptures:
         other = http.post(f"{PATH}/captures", json={"pairs": 2}, headers=key)
         assert problem_of(other)[:2] == (422, "idempotency-key-reused")
 
+    def test_a_burst_is_not_taken_anew_while_a_job_of_it_is_kept(
+        self, http: httpx.Client, capture: Any, context: Context
+    ) -> None:
+        assert capture is not None
+
+        def send() -> httpx.Response:
+            key = {"idempotency-key": "burst-1"}
+            return http.post(f"{PATH}/captures", json={"pairs": 3}, headers=key)
+
+        ids = [job["id"] for job in send().json()["jobs"]]
+        for deleted, kept in ((0, ids[1:]), (2, ids[1:2])):
+            assert http.delete(f"/jobs/{ids[deleted]}").status_code == 204
+            again = send()
+            assert [job["id"] for job in again.json()["jobs"]] == kept
+            assert again.headers["idempotency-replayed"] == "true"
+            assert again.headers["location"] == f"/jobs/{kept[0]}"
+        assert [row.id for row in rows_of(context)] == ids[1:2]
+        assert http.delete(f"/jobs/{ids[1]}").status_code == 204
+        anew = send()
+        assert len(anew.json()["jobs"]) == 3
+        assert "idempotency-replayed" not in anew.headers
+
     def test_a_burst_for_which_there_is_no_room_is_refused_whole(
         self, capture: Any, context: Context
     ) -> None:
