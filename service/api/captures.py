@@ -81,8 +81,8 @@ def accept_captures(
 ) -> Accepted:
     """Queue a burst of pairs of the camera at an address; the first of its jobs that is kept.
 
-    Raises UnknownJobError and NotReadyError for a job that none can be like, and what
-    accept_capture raises.
+    Raises UnknownJobError, OptionError, NotReadyError and EndedError for a job that none can be
+    like, and what accept_capture raises.
     """
     request_hash = digest({"camera": camera, "wanted": wanted.model_dump(mode="json")})
     refuse_when_full(context, caller, idempotency_key, wanted.pairs)
@@ -109,7 +109,9 @@ def _recipe(context: Context, caller: Caller, job_id: str) -> tuple[dict[str, An
     with context.engine.connect() as connection:
         source = find(connection, caller, job_id)
     if source.capture is None or source.task != "separate":
-        raise NotReadyError("like: the job is none whose pair a camera took to be separated.")
+        raise OptionError(
+            "like: the job separates no pair that a camera takes; name one that does."
+        )
     if source.camera_settings is None and source.ended:
         raise EndedError("like: the job has ended, and its pair was never taken; name another.")
     if source.camera_settings is None:

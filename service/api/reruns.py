@@ -88,7 +88,10 @@ def _accept(
     with context.engine.connect() as connection:
         source = find(connection, caller, job_id)
     if source.task == "mix":
-        raise NotReadyError("A mix has no photographs of its own; mix the layers again.")
+        raise OptionError(
+            "The job is a mix, which has no photographs of its own; mix the layers again, or run "
+            "the job again that they are of."
+        )
     options = _options(context, caller, source, wanted.options)
     new_id = uuid.uuid4().hex
     values = copy_pair(context.storage, source, new_id) | {

@@ -10,7 +10,7 @@ import pytest
 from service import cameras, jobs
 from service.api.context import Context
 from service.settings import Settings
-from tests.unit.service.asking import bearing, problem_of, rows_of
+from tests.unit.service.asking import bearing, problem_of, rows_of, stored_job
 from tests.unit.service.studio import PATH, SIM, ask_in_process, hold, take, with_cameras
 
 
@@ -152,6 +152,15 @@ class TestCaptures:
         http.post(first["links"]["cancel"])
         assert problem_of(capture(like=first["id"]))[:2] == (409, "ended")
         assert problem_of(capture(like="nothing"))[:2] == (404, "unknown-job")
+
+    def test_a_job_of_uploads_is_never_a_recipe(self, capture: Any, context: Context) -> None:
+        answer = capture(like=stored_job(context))
+        assert problem_of(answer) == (
+            422,
+            "invalid-option",
+            "like: the job separates no pair that a camera takes; name one that does.",
+        )
+        assert answer.json()["retryable"] is False
 
     def test_a_recipe_of_another_key_is_nobodys(self, http: httpx.Client, context: Context) -> None:
         mine, other = bearing(context, "capture"), bearing(context, "capture")

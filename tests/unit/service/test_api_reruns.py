@@ -240,3 +240,16 @@ class TestFullQueue:
         assert (status, kind) == (429, "queue-full")
         assert detail == "1 jobs of yours wait already; send this one again later."
         assert len(context.storage.list("")) == 2
+
+
+def test_a_mix_cannot_be_run_again(http: httpx.Client, context: Context) -> None:
+    """Neither now nor later: it is no question of time."""
+    options = {"kind": "mix", "of": "a", "mix": {"lamps": [{"ev": 1}]}}
+    answer = _rerun(http, {"id": stored_job(context, options=options, inputs=None)})
+    assert problem_of(answer) == (
+        422,
+        "invalid-option",
+        "The job is a mix, which has no photographs of its own; mix the layers again, or run the "
+        "job again that they are of.",
+    )
+    assert answer.json()["retryable"] is False
