@@ -19,6 +19,8 @@ from pydantic import (
 Vector = tuple[float, float, float]
 SetUp = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,39}$")]
 """Name of a set-up of camera, flash and lamps."""
+NO_SETUP = "none"
+"""The set-up of separations that go without kept calibrations."""
 Quality = Literal["best", "balanced", "fast"]
 Lights = Annotated[
     Literal["auto", 1, 2, 3],

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import sqlalchemy as sa
 
-from pipeline.calibration.kept import DEFAULT_SETUP, NO_SETUP, Kept, TakenWith
+from pipeline.calibration.kept import DEFAULT_SETUP, Kept, TakenWith
+from pipeline.options import NO_SETUP
 from service import jobs
 from service.jobs import Job
 

@@ -11,12 +11,9 @@ from pydantic import BaseModel, ConfigDict
 
 from pipeline.calibration.options import Kind
 from pipeline.frames import Frame
-from pipeline.options import Options
+from pipeline.options import NO_SETUP, Options
 from pipeline.remarks import Code, Remark
 from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
-
-NO_SETUP = "none"
-"""The set-up of separations that go without kept calibrations."""
 
 OPTION_OF: dict[Kind, str] = {
     "camera": "camera",

@@ -4,9 +4,17 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, TypeAdapter, model_validator
+from pydantic import Field, TypeAdapter, field_validator, model_validator
 
-from pipeline.options import Circle, Lights, PairOptions, Sensitivities, SetUp, Spectrum
+from pipeline.options import (
+    NO_SETUP,
+    Circle,
+    Lights,
+    PairOptions,
+    Sensitivities,
+    SetUp,
+    Spectrum,
+)
 
 Point = tuple[float, float]
 Kind = Literal["flash", "camera", "lamps"]
@@ -28,6 +36,15 @@ class KeptOptions(PairOptions):
         description="Name of a set-up for which it is kept: later jobs on photographs of this "
         "camera that name the set-up use it.",
     )
+
+    @field_validator("setup")
+    @classmethod
+    def _can_be_used(cls, value: str | None) -> str | None:
+        if value == NO_SETUP:
+            raise ValueError(
+                f"separations of the set-up {NO_SETUP} go without calibrations; give another name"
+            )
+        return value
 
 
 class FlashCalibration(KeptOptions):
