@@ -18,6 +18,7 @@ from pydantic import BaseModel
 from pipeline.errors import OptionError, UnreadableImageError
 from service import eta, jobs, quotas, sandbox, tracing, uploads
 from service.addresses import ForbiddenAddressError, check_url, parse_networks
+from service.api.calibrated import complete
 from service.api.callers import Caller
 from service.api.context import Context
 from service.api.intake import Intake
@@ -115,6 +116,7 @@ def accept(
     request_hash = hash_of(wanted)
     if earlier := replay(context, caller, idempotency_key, request_hash):
         return earlier
+    options = complete(context, caller, wanted.options, wanted.calibrations)
     job_id = uuid.uuid4().hex
     sha256: dict[str, str] = {}
     if wanted.sha256 or wanted.uploads:
@@ -132,14 +134,15 @@ def accept(
         "idempotency_key": idempotency_key,
         "request_hash": request_hash,
     }
-    return commit(context, caller, values, wanted.options, wanted.handling, wanted.uploads)
+    return commit(context, caller, values, options, wanted.handling, wanted.uploads)
 
 
 def hash_of(wanted: Intake) -> str:
     """Digest a request for a job whose pair is sent, or that needs none."""
     return digest(
         {
-            "options": wanted.options.model_dump(mode="json"),
+            # As they were sent: calibrations that they name may have been deleted since.
+            "options": wanted.options.model_dump(mode="json") | wanted.calibrations,
             "handling": wanted.handling.model_dump(mode="json"),
             "capture": None,
             "sha256": wanted.sha256,

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
 
 from pipeline.calibration.options import FILES, Kind
 from pipeline.errors import OptionError
@@ -14,7 +16,10 @@ from service.api.callers import Caller
 from service.api.context import Context
 from service.api.models import Calibrated
 from service.attempt import results_key
+from service.sentences import sentence_of
 from service.states import State
+
+_Options = TypeVar("_Options", bound=BaseModel)
 
 _KINDS: dict[str, Kind] = {
     "camera": "camera",
@@ -25,7 +30,38 @@ _KINDS: dict[str, Kind] = {
 }
 """Options that a calibration may fill in, and of which kind it must be."""
 
+_STAND_INS: dict[Kind, Any] = {
+    "camera": "",
+    "flash": "",
+    "lamps": [{"direction": [0, 0, 1]}] * 2,
+}
+"""What passes for the find of a calibration until it is looked up."""
+
 _WORDS = {"camera": "a camera", "flash": "a flash", "lamps": "lamps"}
+
+
+def take_out(options: Any) -> tuple[Any, dict[str, Any]]:
+    """Put stand-ins where options name calibrations; the options then, and what stood there.
+
+    options: as sent.
+    """
+    if not isinstance(options, dict):
+        return options, {}
+    named = {name: value for name, value in options.items() if _names_one(name, value)}
+    return options | {name: _STAND_INS[_KINDS[name]] for name in named}, named
+
+
+def complete(
+    context: Context, caller: Caller, options: _Options, named: dict[str, Any]
+) -> _Options:
+    """Put what calibrations found where take_out has put stand-ins. Raises OptionError."""
+    if not named:
+        return options
+    sent = options.model_dump(mode="json", exclude_unset=True) | named
+    try:
+        return type(options).model_validate(fill_in(context, caller, sent))
+    except ValidationError as error:
+        raise OptionError(sentence_of(error)) from error
 
 
 def fill_in(context: Context, caller: Caller, options: Any) -> Any:
@@ -38,10 +74,14 @@ def fill_in(context: Context, caller: Caller, options: Any) -> Any:
         return options
     return {
         name: _found(context, caller, name, value["calibration"])
-        if name in _KINDS and isinstance(value, Mapping) and set(value) == {"calibration"}
+        if _names_one(name, value)
         else value
         for name, value in options.items()
     }
+
+
+def _names_one(option: str, value: Any) -> bool:
+    return option in _KINDS and isinstance(value, Mapping) and set(value) == {"calibration"}
 
 
 def _found(context: Context, caller: Caller, option: str, job_id: object) -> Any:

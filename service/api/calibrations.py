@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from datetime import datetime
-from functools import partial
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
@@ -14,7 +13,6 @@ from pipeline.calibration.options import CameraCalibration, FlashCalibration, La
 from service import jobs, kept
 from service.api import intake
 from service.api.accept import accept, refuse_when_full
-from service.api.calibrated import fill_in
 from service.api.callers import Calling
 from service.api.captures import accept_capture
 from service.api.context import Parts, TraceId
@@ -76,8 +74,7 @@ async def create_calibration(
 ) -> JobAnswer:
     """Calibrate a flash, a camera or lamps, on a pair sent or taken; a job that others may name."""
     await run_in_threadpool(refuse_when_full, context, caller, idempotency_key)
-    named = partial(fill_in, context, caller)
-    async with intake.read_calibration(request, context.settings, named) as wanted:
+    async with intake.read_calibration(request, context.settings) as wanted:
         make = accept_capture if wanted.capture else accept
         made = await run_in_threadpool(make, context, caller, wanted, idempotency_key, trace_id)
     return await answer_made(context, caller, made, wait, response)

@@ -7,7 +7,6 @@ import contextlib
 import json
 import time
 from collections.abc import AsyncIterator
-from functools import partial
 from typing import Any
 
 from fastapi import APIRouter, Request, Response
@@ -19,7 +18,6 @@ from pipeline.errors import OptionError
 from service import bursts, cameras, jobs
 from service.api import intake
 from service.api.accept import refuse_when_full
-from service.api.calibrated import fill_in
 from service.api.callers import Caller, Calling, Standing
 from service.api.captures import accept_captures, told_of
 from service.api.context import Context, Parts, TraceId
@@ -164,10 +162,9 @@ async def capture(
     """Have a camera take one pair or several, each separated by a job of its own."""
     await run_in_threadpool(refuse_when_full, context, caller, idempotency_key)
     address = await run_in_threadpool(_address, context, camera_id)
-    named = partial(fill_in, context, caller)
-    wanted = await intake.read_captures(request, context.settings.upload_bytes, named)
+    wanted, named = await intake.read_captures(request, context.settings.upload_bytes)
     made = await run_in_threadpool(
-        accept_captures, context, caller, address, wanted, idempotency_key, trace_id
+        accept_captures, context, caller, address, wanted, named, idempotency_key, trace_id
     )
     response.headers.update(made.headers)
     return await run_in_threadpool(_jobs, context, made.job_id)

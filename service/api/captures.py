@@ -20,6 +20,7 @@ from service.api.accept import (
     refuse_when_full,
     replay,
 )
+from service.api.calibrated import complete
 from service.api.callers import Caller, find
 from service.api.context import Context
 from service.api.intake import Intake, handling_of
@@ -57,7 +58,7 @@ def accept_capture(
     assert wanted.capture is not None
     request_hash = digest(
         {
-            "options": wanted.options.model_dump(mode="json"),
+            "options": wanted.options.model_dump(mode="json") | wanted.calibrations,
             "handling": wanted.handling.model_dump(mode="json"),
             "capture": _row_of(wanted.capture),
             "sha256": {},
@@ -67,7 +68,8 @@ def accept_capture(
     refuse_when_full(context, caller, idempotency_key)
     if earlier := replay(context, caller, idempotency_key, request_hash):
         return earlier
-    pairs = Pairs(wanted.capture, wanted.options, wanted.handling)
+    options = complete(context, caller, wanted.options, wanted.calibrations)
+    pairs = Pairs(wanted.capture, options, wanted.handling)
     return _commit(context, caller, pairs, idempotency_key, request_hash, trace_id)
 
 
@@ -76,25 +78,30 @@ def accept_captures(
     caller: Caller,
     camera: str,
     wanted: CameraCapture,
+    named: dict[str, Any],
     idempotency_key: str | None,
     trace_id: str,
 ) -> Accepted:
     """Queue a burst of pairs of the camera at an address; the first of its jobs that is kept.
 
-    Raises UnknownJobError, OptionError, NotReadyError and EndedError for a job that none can be
-    like, and what accept_capture raises.
+    named: calibrations, as an Intake has them. Raises UnknownJobError, OptionError, NotReadyError
+    and EndedError for a job that none can be like, and what accept_capture raises.
     """
-    request_hash = digest({"camera": camera, "wanted": wanted.model_dump(mode="json")})
+    asked = wanted.model_dump(mode="json")
+    asked["options"] |= named
+    request_hash = digest({"camera": camera, "wanted": asked})
     refuse_when_full(context, caller, idempotency_key, wanted.pairs)
     if earlier := replay(context, caller, idempotency_key, request_hash):
         return earlier
-    pairs = _pairs(context, caller, camera, wanted)
+    pairs = _pairs(context, caller, camera, wanted, named)
     return _commit(context, caller, pairs, idempotency_key, request_hash, trace_id)
 
 
-def _pairs(context: Context, caller: Caller, camera: str, wanted: CameraCapture) -> Pairs:
+def _pairs(
+    context: Context, caller: Caller, camera: str, wanted: CameraCapture, named: dict[str, Any]
+) -> Pairs:
     given = wanted.model_dump(include=set(Capture.model_fields), exclude_unset=True)
-    options = wanted.options
+    options = complete(context, caller, wanted.options, named)
     if wanted.like is not None:
         like, same = _recipe(context, caller, wanted.like)
         if "options" not in wanted.model_fields_set:

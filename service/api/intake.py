@@ -6,7 +6,6 @@ import json
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +25,7 @@ from pipeline.errors import OptionError
 from pipeline.mix_options import MixRequest
 from pipeline.options import Options
 from service import scratch
+from service.api.calibrated import take_out
 from service.api.form import Form, read_form
 from service.api.models import (
     CalibrationCaptureRequest,
@@ -50,7 +50,6 @@ _JSON_BYTES = 1024 * 1024
 _TEXTS = ("options", "handling")
 
 AnyOptions = Options | FlashCalibration | CameraCalibration | LampsCalibration
-FillIn = Callable[[Any], Any]
 
 
 @dataclass(frozen=True)
@@ -59,7 +58,8 @@ class Intake:
 
     directory: where the photographs lie by frame, or are brought to, as long as the request is
     dealt with. sha256: of those that lie there already, by frame. uploads: ids of earlier uploads,
-    by frame. A mix has none of these, but the other job in its options.
+    by frame. A mix has none of these, but the other job in its options. calibrations: what the
+    options name, as sent, by option; the options themselves have stand-ins there.
     """
 
     options: AnyOptions | MixOptions
@@ -68,26 +68,21 @@ class Intake:
     sha256: dict[str, str] = field(default_factory=dict)
     uploads: dict[str, str] = field(default_factory=dict)
     capture: Capture | None = None
+    calibrations: dict[str, Any] = field(default_factory=dict)
 
 
-def read(
-    request: Request, settings: Settings, fill_in: FillIn
-) -> AbstractAsyncContextManager[Intake]:
+def read(request: Request, settings: Settings) -> AbstractAsyncContextManager[Intake]:
     """Read a request for a separation; its files live as long as the context.
 
-    fill_in: puts tables where options name calibrations. Raises MalformedRequestError,
-    UnsupportedMediaError, UploadTooLargeError, OptionError, and for a camera that cannot be
-    drivers.BadAddressError or CameraNotFoundError.
+    Raises MalformedRequestError, UnsupportedMediaError, UploadTooLargeError, OptionError, and for
+    a camera that cannot be drivers.BadAddressError or CameraNotFoundError.
     """
-    return _read(request, settings, partial(_named, fill_in), partial(_pair, fill_in))
+    return _read(request, settings, _named, _pair)
 
 
-def read_calibration(
-    request: Request, settings: Settings, fill_in: FillIn
-) -> AbstractAsyncContextManager[Intake]:
+def read_calibration(request: Request, settings: Settings) -> AbstractAsyncContextManager[Intake]:
     """Read a request for a calibration, as `read` does."""
-    named, sent = partial(_calibration_named, fill_in), partial(_calibration_pair, fill_in)
-    return _read(request, settings, named, sent)
+    return _read(request, settings, _calibration_named, _calibration_pair)
 
 
 @asynccontextmanager
@@ -136,17 +131,18 @@ async def read_mix(request: Request, limit: int, job_id: str) -> Intake:
     return Intake(options, Handling.model_validate(handling), Path())
 
 
-async def read_captures(request: Request, limit: int, fill_in: FillIn) -> CameraCapture:
+async def read_captures(request: Request, limit: int) -> tuple[CameraCapture, dict[str, Any]]:
     """Read a request for pairs of one camera; an empty body asks for one as the camera is set.
 
-    Raises what `read` raises.
+    Also gives the calibrations that its options name, as an Intake has them. Raises what `read`
+    raises.
     """
     body = await _limited(request, min(limit, _JSON_BYTES)).body()
     if body and _media_type(request) != "application/json":
         raise UnsupportedMediaError("Send what the camera is to do as application/json.")
-    _, filled_in = await run_in_threadpool(_json, body or b"{}", fill_in)
+    _, body, named = await run_in_threadpool(_json, body or b"{}")
     try:
-        return CameraCapture.model_validate_json(filled_in)
+        return CameraCapture.model_validate_json(body), named
     except ValidationError as error:
         raise OptionError(sentence_of(error)) from error
 
@@ -199,16 +195,19 @@ def _limited(request: Request, limit: int) -> Request:
     return Request(request.scope, receive)
 
 
-def _named(fill_in: FillIn, body: bytes, directory: Path) -> Intake:
-    values, body = _json(body, fill_in)
+def _named(body: bytes, directory: Path) -> Intake:
+    values, body, named = _json(body)
     _check_source(values)
     if isinstance(values, dict) and "uploads" in values:
-        return _uploaded(UploadsRequest, body, directory)
-    return _captured(CaptureRequest, body, directory)
+        return _uploaded(UploadsRequest, body, directory, named)
+    return _captured(CaptureRequest, body, directory, named)
 
 
 def _captured(
-    model: type[CaptureRequest | CalibrationCaptureRequest], body: bytes, directory: Path
+    model: type[CaptureRequest | CalibrationCaptureRequest],
+    body: bytes,
+    directory: Path,
+    named: dict[str, Any],
 ) -> Intake:
     try:
         wanted = model.model_validate_json(body)
@@ -216,15 +215,15 @@ def _captured(
         raise OptionError(sentence_of(error)) from error
     drivers.check_address(wanted.capture.camera)
     handling = handling_of(wanted)
-    return Intake(wanted.options, handling, directory, capture=wanted.capture)
+    return Intake(wanted.options, handling, directory, capture=wanted.capture, calibrations=named)
 
 
-def _calibration_named(fill_in: FillIn, body: bytes, directory: Path) -> Intake:
-    values, body = _json(body, fill_in)
+def _calibration_named(body: bytes, directory: Path) -> Intake:
+    values, body, named = _json(body)
     _check_source(values)
     if isinstance(values, dict) and "capture" in values:
-        return _captured(CalibrationCaptureRequest, body, directory)
-    return _uploaded(CalibrationRequest, body, directory)
+        return _captured(CalibrationCaptureRequest, body, directory, named)
+    return _uploaded(CalibrationRequest, body, directory, named)
 
 
 def _check_source(values: Any) -> None:
@@ -234,26 +233,31 @@ def _check_source(values: Any) -> None:
         )
 
 
-def _json(body: bytes, fill_in: FillIn) -> tuple[Any, bytes]:
+def _json(body: bytes) -> tuple[Any, bytes, dict[str, Any]]:
     try:
         values = json.loads(body)
     except (ValueError, RecursionError):  # told where it is read
-        return None, body
+        return None, body, {}
+    named: dict[str, Any] = {}
     if isinstance(values, dict) and "options" in values:
-        values["options"] = fill_in(values["options"])
+        values["options"], named = take_out(values["options"])
         body = json.dumps(values).encode()
-    return values, body
+    return values, body, named
 
 
 def _uploaded(
-    model: type[UploadsRequest | CalibrationRequest], body: bytes, directory: Path
+    model: type[UploadsRequest | CalibrationRequest],
+    body: bytes,
+    directory: Path,
+    named: dict[str, Any],
 ) -> Intake:
     try:
         wanted = model.model_validate_json(body)
     except ValidationError as error:
         raise OptionError(sentence_of(error)) from error
     ids = wanted.uploads.model_dump()
-    return Intake(wanted.options, handling_of(wanted), directory, uploads=ids)
+    handling = handling_of(wanted)
+    return Intake(wanted.options, handling, directory, uploads=ids, calibrations=named)
 
 
 def handling_of(wanted: Handling) -> Handling:
@@ -263,28 +267,31 @@ def handling_of(wanted: Handling) -> Handling:
     )
 
 
-def _pair(fill_in: FillIn, form: Form, directory: Path) -> Intake:
-    text = _filled_in(form.texts.get("options", "{}"), fill_in)
-    return _sent(form, lambda: Options.model_validate_json(text), directory)
+def _pair(form: Form, directory: Path) -> Intake:
+    return _sent(form, form.texts.get("options", "{}"), Options.model_validate_json, directory)
 
 
-def _calibration_pair(fill_in: FillIn, form: Form, directory: Path) -> Intake:
+def _calibration_pair(form: Form, directory: Path) -> Intake:
     if not form.texts.get("options"):
         raise MalformedRequestError("The part options is missing; it says what to calibrate.")
-    text = _filled_in(form.texts["options"], fill_in)
-    return _sent(form, lambda: CALIBRATION_OPTIONS.validate_json(text), directory)
+    return _sent(form, form.texts["options"], CALIBRATION_OPTIONS.validate_json, directory)
 
 
-def _sent(form: Form, options: Callable[[], AnyOptions], directory: Path) -> Intake:
+def _sent(
+    form: Form, text: str, options_of: Callable[[str], AnyOptions], directory: Path
+) -> Intake:
+    text, named = _taken_out(text)
     try:
         handling = Handling.model_validate_json(form.texts.get("handling", "{}"))
-        return Intake(options(), handling, directory, sha256=form.sha256)
+        options = options_of(text)
+        return Intake(options, handling, directory, sha256=form.sha256, calibrations=named)
     except ValidationError as error:
         raise OptionError(sentence_of(error)) from error
 
 
-def _filled_in(text: str, fill_in: FillIn) -> str:
+def _taken_out(text: str) -> tuple[str, dict[str, Any]]:
     try:
-        return json.dumps(fill_in(json.loads(text)))
+        options, named = take_out(json.loads(text))
+        return json.dumps(options), named
     except (ValueError, RecursionError):
-        return text  # what is wrong with it is told where it is read
+        return text, {}  # what is wrong with it is told where it is read

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
@@ -13,7 +12,6 @@ from pipeline.options import Options
 from service import jobs
 from service.api import intake
 from service.api.accept import Accepted, accept, refuse_when_full
-from service.api.calibrated import fill_in
 from service.api.callers import Caller, Calling, find
 from service.api.captures import accept_capture
 from service.api.context import Context, Parts, TraceId
@@ -77,8 +75,7 @@ async def create_job(
 ) -> JobAnswer:
     """Separate a pair of photographs, or have a camera take one and separate it."""
     await run_in_threadpool(refuse_when_full, context, caller, idempotency_key)
-    named = partial(fill_in, context, caller)
-    async with intake.read(request, context.settings, named) as wanted:
+    async with intake.read(request, context.settings) as wanted:
         make = accept_capture if wanted.capture else accept
         made = await run_in_threadpool(make, context, caller, wanted, idempotency_key, trace_id)
     return await answer_made(context, caller, made, wait, response)

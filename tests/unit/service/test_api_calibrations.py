@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import httpx
@@ -11,7 +12,8 @@ from pipeline.options import Sensitivities, Spectrum
 from pipeline.spectra.tables import write_sensitivities, write_spectrum
 from service import jobs
 from service.api.context import Context
-from tests.unit.service.asking import ended_while_waiting
+from tests.unit.service.asking import ended_while_waiting, problem_of
+from tests.unit.service.studio import ask_in_process
 
 Png = Callable[..., bytes]
 Finish = Callable[[str, dict[str, bytes]], None]
@@ -36,6 +38,11 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "lamps": {"kind": "lamps", "sphere": CIRCLE},
 }
 FILES = {"flash": "flash.json", "camera": "camera.json", "lamps": "lights.json"}
+
+
+@pytest.fixture(autouse=True)
+def _no_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    ask_in_process(monkeypatch)
 
 
 @pytest.fixture
@@ -180,6 +187,67 @@ def test_captures_and_calibrations_take_calibrations(
     assert http.post("/jobs", json=wanted).json()["options"]["camera"]["wavelength_nm"] == NM
     flash = post("/calibrations", {**OPTIONS["flash"], **camera}).json()
     assert flash["options"]["camera"]["b"] == [1.0, 0.3, 0.0]
+
+
+def test_outputs_that_need_a_response_take_it_from_a_calibration(
+    post: Callable[..., httpx.Response], calibrated: Callable[[str], str]
+) -> None:
+    outputs = {"outputs": ["response.jpg"]}
+    assert post("/jobs", outputs).status_code == 422
+    response = {"response": {"calibration": calibrated("camera")}}
+    assert post("/jobs", {**outputs, **response}).json()["options"]["response"]["r"] == [0, 0.2, 1]
+
+
+def test_what_a_calibration_found_is_judged_as_a_table_is(
+    post: Callable[..., httpx.Response], finish: Finish
+) -> None:
+    lamps = post("/calibrations", OPTIONS["lamps"]).json()["id"]
+    finish(lamps, {FILES["lamps"]: json.dumps({"lights": LIGHTS[:1]}).encode()})
+    answer = post("/jobs", {"light_directions": {"calibration": lamps}})
+    assert problem_of(answer) == (
+        422,
+        "invalid-option",
+        "light_directions: List should have at least 2 items, not 1.",
+    )
+
+
+@pytest.fixture
+def requests(
+    http: httpx.Client, post: Callable[..., httpx.Response]
+) -> dict[str, Callable[..., httpx.Response]]:
+    """Ways to ask for a job with options and headers."""
+    camera = http.get("/cameras").json()[0]["id"]
+
+    def send(path: str, options: Any, headers: dict[str, str], **more: Any) -> httpx.Response:
+        return http.post(path, json={**more, "options": options}, headers=headers)
+
+    return {
+        "pair": lambda options, headers: post("/jobs", options, **headers),
+        "capture": partial(send, "/jobs", capture={"camera": "sim://studio"}),
+        "burst": partial(send, f"/cameras/{camera}/captures"),
+    }
+
+
+@pytest.mark.parametrize("way", ["pair", "capture", "burst"])
+def test_a_key_gives_the_job_after_its_calibration_is_gone(
+    requests: dict[str, Callable[..., httpx.Response]],
+    calibrated: Callable[[str], str],
+    http: httpx.Client,
+    way: str,
+) -> None:
+    ask, headers = requests[way], {"idempotency-key": "once"}
+    flash, other = calibrated("flash"), calibrated("flash")
+    options = {"flash_spectrum": {"calibration": flash}}
+    first = ask(options, headers)
+    assert first.status_code == 202, first.text
+    http.delete(f"/jobs/{flash}").raise_for_status()
+    again = ask(options, headers)
+    assert (again.status_code, again.json()) == (202, first.json())
+    assert again.headers["idempotency-replayed"] == "true"
+    for name in (flash, other):
+        changed = {**options, "neutral": {"calibration": name}}
+        assert problem_of(ask(changed, headers))[:2] == (422, "idempotency-key-reused")
+    assert problem_of(ask(options, {}))[:2] == (422, "invalid-option")
 
 
 def test_calibrations_that_cannot_be_used_are_named(
