@@ -12,7 +12,7 @@ import OpenEXR
 from numpy.typing import NDArray
 
 from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
-from pipeline.encode.exr import ExrFile
+from pipeline.encode.exr import ExrFile, name_of
 from pipeline.encode.files import describe
 from pipeline.encode.jpeg import JpegFile
 from pipeline.encode.tiff import TiffFile
@@ -111,8 +111,9 @@ def _open(folder: Path, lamps: int) -> Any:
         raise InputError(
             f"There is no {LAYERS} among the results: separate the pair with that output."
         )
+    name = name_of(path)
     try:
-        source = OpenEXR.InputFile(str(path))
+        source = OpenEXR.InputFile(name)
     except Exception as error:  # OpenEXR raises what it likes
         raise InputError(f"{LAYERS} cannot be read: it is damaged, or no EXR.") from error
     if not set(_channels(lamps)) <= source.header()["channels"].keys():

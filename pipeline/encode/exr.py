@@ -11,6 +11,7 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
+from pipeline.errors import InputError
 from pipeline.half_floats import to_half
 
 _FLOAT = Imath.Channel(Imath.PixelType(Imath.PixelType.FLOAT))
@@ -22,11 +23,11 @@ class ExrFile:
 
     Plain scan lines: docs/decisions/0011-uncompressed-layers.md. size: (width, height). half: of
     16-bit floats, as light is written; else of 32-bit floats. OpenEXR's newer interface takes whole
-    pictures only, which need far more memory.
+    pictures only, which need far more memory. Raises InputError as name_of does.
     """
 
     def __init__(self, path: Path, size: tuple[int, int], half: bool = False) -> None:
-        self._path = path
+        self._name = name_of(path)
         self._size = size
         self._channel = _HALF if half else _FLOAT
         self._half = half
@@ -51,13 +52,25 @@ class ExrFile:
                 header = OpenEXR.Header(*self._size)
                 header["compression"] = Imath.Compression(Imath.Compression.NO_COMPRESSION)
                 header["channels"] = dict.fromkeys(channels, self._channel)
-                self._file = OpenEXR.OutputFile(str(self._path), header)
+                self._file = OpenEXR.OutputFile(self._name, header)
             self._file.writePixels(lines, rows)
 
     def close(self) -> None:
         """End the file."""
         if self._file is not None:
             self._file.close()
+
+
+def name_of(path: Path) -> str:
+    """Name of a file for OpenEXR, which crashes over one that is not UTF-8. Raises InputError."""
+    name = str(path)
+    try:
+        name.encode()
+    except UnicodeEncodeError as error:
+        raise InputError(
+            f"EXR files cannot be at {name!a}: the name is not UTF-8, so rename the folder."
+        ) from error
+    return name
 
 
 def channels_of(pictures: dict[str, NDArray[np.float32]]) -> dict[str, NDArray[np.float32]]:

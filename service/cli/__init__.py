@@ -1,7 +1,7 @@
 """The command line, lightlayers: what people separate, serve, capture and manage with.
 
 Exit codes: 0 with results, 1 for a failure that is not the user's, 2 for bad input, 130 for
-Ctrl-C. Whatever goes wrong is one sentence on stderr.
+Ctrl-C, 143 and 129 for SIGTERM and SIGHUP. Whatever goes wrong is one sentence on stderr.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from pathlib import Path
 
 import typer
 
+from service.cli import signals
 from service.cli.commands import app
 
 _GROUPS = ((), ("calibrate",), ("keys",), ("jobs",))
@@ -24,6 +25,7 @@ def main() -> None:
     """Run the command that the process was started with."""
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
+    signals.install()
     sys.exit(run(sys.argv[1:]))
 
 
@@ -38,6 +40,8 @@ def run(arguments: Sequence[str]) -> int:
     except typer.Abort:
         return 130
     except Exception as error:
+        if ended := signals.exit_code():
+            return ended
         sentence, code = _explain(error)
         print(sentence, file=sys.stderr)
     return code or 0

@@ -89,7 +89,8 @@ def capture(
     recipe: RecipeFile = None,
     pairs: Annotated[int, typer.Option(min=1, help="How many pairs.")] = 1,
     interval: Annotated[
-        float, typer.Option(min=0, help="Seconds from the beginning of a pair to the next.")
+        float,
+        typer.Option(min=0, max=86400, help="Seconds from the beginning of a pair to the next."),
     ] = 0.0,
     wait: Annotated[
         float,

@@ -41,11 +41,13 @@ def mix(
     """
     from pipeline.errors import InputError
     from pipeline.mix_files import format_of, mix_files, read_manifest
-    from pipeline.mix_options import read_basis
+    from pipeline.mix_options import LAYERS, read_basis
     from pipeline.progress import Progress
     from service.cli.display import stage_bar
 
     format_of(output)
+    if output.resolve() == (results / LAYERS).resolve():
+        raise InputError(f"The layers would be lost: write the mix elsewhere than {output}.")
     count = len(read_basis(read_manifest(results)).lamps)
     settings = _settings(preset, lamp or [], count)
     partial = output.with_name(f".partial-{output.name}")
@@ -56,6 +58,8 @@ def mix(
     except OSError as error:
         reason = (error.strerror or "it cannot be written").lower()
         raise InputError(f"The picture {output} cannot be written: {reason}.") from error
+    finally:
+        partial.unlink(missing_ok=True)
     print(output)
 
 
@@ -73,6 +77,11 @@ def _settings(preset: Path | None, typed: list[str], count: int) -> Mix:
         for text in typed:
             lamp, settings = _lamp(text, len(values["lamps"]))
             values["lamps"][lamp] |= settings
+            if "tint" in settings and values["lamps"][lamp].get("temperature_k") is None:
+                raise OptionError(
+                    f"--lamp {text[:80]}: a tint needs a temperature beside it, like "
+                    "temperature=5000,tint=10."
+                )
         return Mix.model_validate(values)
     except ValidationError as error:
         raise OptionError(_by_lamp(sentence_of(error))) from error

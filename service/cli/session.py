@@ -24,6 +24,7 @@ from service.cli.keeping import kept_for
 from service.cli.options import read_file
 from service.cli.shooting import RECIPE
 
+_LARGEST = 2**30  # bytes; the largest cameras write a third of that
 REFUSED = 2
 """Exit code when a pair could not be separated."""
 
@@ -78,10 +79,13 @@ def _pairs_of(folder: Path, output: Path) -> Pairs:
             if path.resolve() != output.resolve():
                 unreadable[path.name] = "it is a folder of its own, to be named alone"
             continue
-        data = read_file(path, "photograph")
         try:
+            if not path.is_file() or path.stat().st_size > _LARGEST:
+                unreadable[path.name] = "it is no photograph"
+                continue
+            data = read_file(path, "photograph")
             shots[path.name] = read_shot(data)
-        except InputError:
+        except (InputError, OSError):
             unreadable[path.name] = "it is no photograph that can be read"
             continue
         if kind_of(data) == "JPEG":

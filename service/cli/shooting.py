@@ -29,7 +29,9 @@ FlashSwitch = Annotated[
         "is asked here; or a command or URL in which {state} becomes on or off.",
     ),
 ]
-Settle = Annotated[float, typer.Option(min=0, help="Seconds that a flash so told takes to obey.")]
+Settle = Annotated[
+    float, typer.Option(min=0, max=3600, help="Seconds that a flash so told takes to obey.")
+]
 SetValues = Annotated[
     list[str] | None,
     typer.Option(
@@ -70,7 +72,7 @@ def _value(text: str) -> drivers.SettingValue:
     """Read a number, as 200, 5.6 or 1/60, or else a word."""
     try:
         number = float(Fraction(text)) if "/" in text else float(text)
-    except (ValueError, ZeroDivisionError):
+    except (ValueError, ZeroDivisionError, OverflowError):
         return text
     if not math.isfinite(number):
         return text

@@ -142,6 +142,8 @@ def test_a_recipe_makes_another_pair_like_the_first(
         (["--recipe", "nothing.json"], "The recipe nothing.json cannot be read"),
         (["--pairs", "0"], "--pairs"),
         (["--interval", "-1"], "--interval"),
+        (["--interval", "inf"], "--interval"),
+        (["--settle", "inf"], "--settle"),
         (["--wait", "soon"], "--wait"),
     ],
 )
@@ -152,7 +154,9 @@ def test_what_cannot_be_asked_of_a_camera_is_told_before_it_is_opened(
     assert not out.exists()
 
 
-@pytest.mark.parametrize("value", ["inf", "nan", "1/0", "-5", "1e400", "77", "high"])
+@pytest.mark.parametrize(
+    "value", ["inf", "nan", "1/0", "-5", "1e400", f"{10**400}/1", "77", "high"]
+)
 def test_values_that_the_camera_cannot_have_are_told(
     value: str, out: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

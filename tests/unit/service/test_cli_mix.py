@@ -71,6 +71,7 @@ def test_a_temperature_warms(results: Path) -> None:
         (["--lamp", "1:loud"], "'loud' is none of off, neutral, ev=STOPS"),
         (["--lamp", "1:ev=x"], "lamp 1, ev: "),
         (["--lamp", "1:ev=99"], "lamp 1, ev: "),
+        (["--lamp", "1:tint=10"], "a tint needs a temperature beside it"),
         (["--lamp", "1:rgb=red"], "no colour of the form #rrggbb"),
         (["--preset", "nothing.json"], "preset nothing.json cannot be read"),
     ],
@@ -120,3 +121,32 @@ def test_a_folder_without_results_is_refused(
 ) -> None:
     assert run(["mix", str(tmp_path), "-o", str(tmp_path / "mix.jpg")]) == 2
     assert "no folder of results" in capsys.readouterr().err
+
+
+def test_a_folder_is_no_picture_and_nothing_is_left_beside_it(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = results.parent / "mix.jpg"
+    target.mkdir()
+    assert run(["mix", str(results), "-o", str(target)]) == 2
+    assert "is a directory" in capsys.readouterr().err
+    assert sorted(path.name for path in results.parent.iterdir()) == ["mix.jpg", "results"]
+
+
+def test_layers_are_not_mixed_over_themselves(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    layers = (results / "layers.exr").read_bytes()
+    assert run(["mix", str(results), "-o", str(results / ".." / "results" / "layers.exr")]) == 2
+    assert "The layers would be lost" in capsys.readouterr().err
+    assert (results / "layers.exr").read_bytes() == layers
+
+
+def test_a_name_that_is_no_utf_8_is_told(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """OpenEXR ends the process over it."""
+    folder = results.with_name("r\udcff\udcfe")
+    results.rename(folder)
+    for source, target in ((folder, results.parent / "mix.jpg"), (folder, folder / "mix.exr")):
+        assert run(["mix", str(source), "-o", str(target)]) == 2
+        assert "the name is not UTF-8, so rename the folder." in capsys.readouterr().err
+    assert sorted(path.name for path in folder.iterdir()) == ["layers.exr", "manifest.json"]

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -204,3 +205,24 @@ def test_what_is_no_photograph_of_the_folder_is_told_or_passed_over(
     assert separated == [(True, True)]
     told = json.loads(capsys.readouterr().out)
     assert told["left"] == {"raw": "it is a folder of its own, to be named alone"}
+
+
+def test_what_is_no_file_of_the_folder_keeps_nobody_back(
+    photograph: Photograph,
+    separated: list[tuple[bool, bool]],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """A link to nowhere, a pipe that nobody writes to, and a film that no memory holds."""
+    photograph("a.jpg", 0, fired=False)
+    photograph("b.jpg", 5, fired=True)
+    folder = tmp_path / "session"
+    (folder / "c.jpg").symlink_to(tmp_path / "nowhere")
+    os.mkfifo(folder / "d")
+    with (folder / "e.mp4").open("wb") as film:
+        film.truncate(60 * 2**30)
+    assert run(["separate", str(folder), "-o", str(tmp_path / "out")]) == 0
+    assert len(separated) == 1
+    said = capsys.readouterr().out
+    for name in ("c.jpg", "d", "e.mp4"):
+        assert f"Left out: {name}: it is no photograph." in said

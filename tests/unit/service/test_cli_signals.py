@@ -1,0 +1,62 @@
+"""Commands that are told to end; each is a process of its own."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SLOW = """
+import sys, time
+import pipeline.process
+def separate_files(_no_flash, _flash, _options, directory, *_rest, **_named):
+    (directory / "lamp1.tif").write_bytes(b"half of it")
+    print("begun", flush=True)
+    try:
+        time.sleep(60)
+    except BaseException as error:
+        raise {error}
+pipeline.process.separate_files = separate_files
+from service.cli import main
+main()
+"""
+
+
+@pytest.mark.parametrize("error", ["error", 'SystemError("a loop returned a result") from error'])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
+)
+def test_a_command_that_is_told_to_end_leaves_nothing_and_says_nothing(
+    number: signal.Signals, code: int, error: str, pair: list[str], tmp_path: Path
+) -> None:
+    """Compiled loops make SystemErrors of what signals raise."""
+    out = tmp_path / "out"
+    process = subprocess.Popen(
+        [sys.executable, "-c", SLOW.format(error=error), "separate", *pair, "-o", str(out)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "begun\n"
+    process.send_signal(number)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == code
+    assert "broke inside" not in said and "Traceback" not in said
+    assert not out.exists()
+
+
+def test_signals_that_are_ignored_stay_so(tmp_path: Path) -> None:
+    """As under nohup."""
+    program = (
+        "import os, signal; signal.signal(signal.SIGHUP, signal.SIG_IGN);"
+        "from service.cli import signals; signals.install();"
+        "os.kill(os.getpid(), signal.SIGHUP); print(signals.exit_code())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path, check=True
+    )
+    assert done.stdout == "None\n"
