@@ -21,6 +21,8 @@ SetUp = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,39}$")]
 """Name of a set-up of camera, flash and lamps."""
 NO_SETUP = "none"
 """The set-up of separations that go without kept calibrations."""
+FocalLength = Annotated[float, Field(ge=10, le=1e6)]
+"""In pixels: from a fisheye on a thumbnail to a telescope."""
 Quality = Literal["best", "balanced", "fast"]
 Lights = Annotated[
     Literal["auto", 1, 2, 3],
@@ -106,7 +108,8 @@ class DirectedLight(Strict):
     )
     strength: float | None = Field(
         default=None,
-        gt=0,
+        ge=1e-6,
+        le=1e6,
         description="Brightness on a white card that faces the lamp, relative to the others; "
         "unknown when missing.",
     )
@@ -216,9 +219,8 @@ class Options(PairOptions):
         default=None,
         description="Camera through which the photograph and each layer are shown anew.",
     )
-    focal_px: float | None = Field(
+    focal_px: FocalLength | None = Field(
         default=None,
-        gt=0,
         description="Focal length in pixels; default from EXIF, else 50 mm-equivalent.",
     )
     normals: Literal["gl", "dx"] = Field(

@@ -9,6 +9,7 @@ from pydantic import Field, TypeAdapter, field_validator, model_validator
 from pipeline.options import (
     NO_SETUP,
     Circle,
+    FocalLength,
     Lights,
     PairOptions,
     Sensitivities,
@@ -92,9 +93,8 @@ class LampsCalibration(KeptOptions):
         "and colours only where no highlight is clipped.",
     )
     lights: Lights = Field(default="auto", description="Number of lamps.")
-    focal_px: float | None = Field(
+    focal_px: FocalLength | None = Field(
         default=None,
-        gt=0,
         description="Focal length in pixels; default from EXIF, else 50 mm-equivalent.",
     )
 

@@ -13,7 +13,7 @@ from service.sentences import describe_fault, sentence_of
     ("options", "expected"),
     [
         ({"lights": 4}, "more than three lamps have no unique answer"),
-        ({"focal_px": -1}, "focal_px: Input should be greater than 0."),
+        ({"focal_px": -1}, "focal_px: Input should be greater than or equal to 10."),
         ({"basis": "svd"}, "basis: Input should be 'wpca', 'pca' or 'joint'."),
         ({"lamps": 2}, "lamps: this name is not known."),
         ({"outputs": ["a.gif"]}, "unknown output a.gif"),

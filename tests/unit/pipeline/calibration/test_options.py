@@ -55,7 +55,8 @@ def test_tables_stand_for_names() -> None:
         ({"kind": "camera", "setup": "none"}, "go without calibrations; give another name"),
         ({"kind": "camera", "chart": CHART[:3]}, "required"),
         ({"kind": "lamps", "sphere": CARD, "lights": 4}, "'auto', 1, 2 or 3"),
-        ({"kind": "lamps", "sphere": CARD, "focal_px": -1}, "greater than 0"),
+        ({"kind": "lamps", "sphere": CARD, "focal_px": -1}, "than or equal to 10"),
+        ({"kind": "lamps", "sphere": CARD, "focal_px": 1e30}, "than or equal to 1000000"),
         ({"kind": "lamps", "sphere": CARD, "card": CARD}, "Extra inputs"),
     ],
 )
