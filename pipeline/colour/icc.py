@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.colour.curves import srgb_to_linear
 from pipeline.colour.spaces import (
+    ADOBE_RGB_PRIMARIES,
     D65_XY,
     REC2020_PRIMARIES,
     SRGB_PRIMARIES,
@@ -26,6 +27,8 @@ _VERSION = 0x02400000
 _DATE = (2020, 1, 1, 0, 0, 0)
 """The same for ever: equal profiles are to be equal bytes."""
 _CURVE_POINTS = 1024
+_ADOBE_GAMMA = 0x0233
+"""2.19921875 as u8Fixed8Number; Adobe RGB (1998), 4.3.4.2."""
 _COPYRIGHT = b"No copyright, use freely"
 
 
@@ -41,14 +44,22 @@ def srgb_profile() -> bytes:
     return matrix_profile("sRGB", SRGB_PRIMARIES, "srgb")
 
 
-def matrix_profile(name: str, primaries: Primaries, curve: Literal["linear", "srgb"]) -> bytes:
+@cache
+def adobe_rgb_profile() -> bytes:
+    """Return an ICC profile of Adobe RGB (1998)."""
+    return matrix_profile("Adobe RGB (1998)", ADOBE_RGB_PRIMARIES, "adobe")
+
+
+def matrix_profile(
+    name: str, primaries: Primaries, curve: Literal["linear", "srgb", "adobe"]
+) -> bytes:
     """Return a version 2.4 display profile of an RGB space with D65 white.
 
     name: ASCII description. curve: how code values become light.
     """
     adapt = adaptation(xy_to_xyz(D65_XY), _D50)
     colorants = adapt @ rgb_to_xyz(primaries)
-    trc = _linear_curve() if curve == "linear" else _srgb_curve()
+    trc = {"linear": _linear_curve, "srgb": _srgb_curve, "adobe": _adobe_curve}[curve]()
     tags = {
         b"desc": _description(name.encode("ascii")),
         b"cprt": b"text" + bytes(4) + _COPYRIGHT + b"\0",
@@ -91,6 +102,10 @@ def _srgb_curve() -> bytes:
 
 def _linear_curve() -> bytes:
     return b"curv" + bytes(4) + struct.pack(">I", 0)
+
+
+def _adobe_curve() -> bytes:
+    return b"curv" + bytes(4) + struct.pack(">IH", 1, _ADOBE_GAMMA)
 
 
 def _description(name: bytes) -> bytes:

@@ -13,8 +13,10 @@ SRGB_PRIMARIES: Primaries = ((0.640, 0.330), (0.300, 0.600), (0.150, 0.060))
 """CIE xy of red, green and blue, IEC 61966-2-1 (as Rec. ITU-R BT.709)."""
 REC2020_PRIMARIES: Primaries = ((0.708, 0.292), (0.170, 0.797), (0.131, 0.046))
 """CIE xy of red, green and blue, Rec. ITU-R BT.2020."""
+ADOBE_RGB_PRIMARIES: Primaries = ((0.64, 0.33), (0.21, 0.71), (0.15, 0.06))
+"""CIE xy of red, green and blue, Adobe RGB (1998), 4.3.1.1."""
 D65_XY = (0.3127, 0.3290)
-"""White of both spaces."""
+"""White of all of them."""
 
 
 def xy_to_xyz(xy: tuple[float, float]) -> NDArray[np.float64]:

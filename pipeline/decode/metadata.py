@@ -19,6 +19,7 @@ logging.getLogger("exifread").setLevel(logging.CRITICAL)  # it tells the termina
 _MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 _FULL_FRAME_DIAGONAL_MM = math.hypot(36.0, 24.0)
 
+_UNCALIBRATED, _ADOBE_RGB = 0xFFFF, "R03"
 _LONGEST_TEXT = 64
 _TIME_S = (1e-6, 1e5)
 _ISO = (1.0, 1e8)
@@ -35,6 +36,7 @@ class Metadata:
     orientation: 1–8 as EXIF 2.32 defines it. focal_35mm: equivalent focal length in mm.
     focal_plane: focal length as a share of the picture's long side, from the resolution of the
     focal plane. taken_s: when, in seconds by the camera's own clock, whatever its time zone.
+    adobe_rgb: the values are Adobe RGB, as DCF 2.0 has it.
     """
 
     exposure: Exposure = field(default_factory=Exposure)
@@ -47,6 +49,7 @@ class Metadata:
     focal_35mm: float | None = None
     focal_plane: float | None = None
     taken_s: float | None = None
+    adobe_rgb: bool = False
 
     def focal_px(self, width: int, height: int) -> float | None:
         """Focal length in pixels of a frame of this size, None where unknown.
@@ -90,6 +93,8 @@ def read_metadata(data: bytes) -> Metadata:
         focal_35mm=_within(_FOCAL_MM, tags, "EXIF FocalLengthIn35mmFilm"),
         focal_plane=_focal_plane(tags),
         taken_s=_taken(tags),
+        adobe_rgb=_number(tags, "EXIF ColorSpace") == _UNCALIBRATED
+        and _text(tags, "Interoperability InteroperabilityIndex") == _ADOBE_RGB,
     )
 
 

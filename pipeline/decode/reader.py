@@ -8,7 +8,9 @@ import os
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
+from pipeline.colour.icc import adobe_rgb_profile
 from pipeline.decode.exr import exr_size, read_exr
 from pipeline.decode.linear import clipped, to_linear
 from pipeline.decode.metadata import Metadata, read_metadata
@@ -59,7 +61,7 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
     profile says, else as sRGB, 16-bit integer TIFF and PNG as their ICC profile says where that is
     not linear, else as linear, and every float file as linear; "linear" and "srgb" say how the
     values of a file that is not RAW are encoded. Pictures whose profile is followed become linear
-    sRGB. name: what messages call the picture.
+    sRGB, as do JPEG files that are Adobe RGB by their EXIF. name: what messages call the picture.
     Raises UnreadableImageError, ImageTooLargeError, and OptionError for a RAW file said to be
     sRGB.
     """
@@ -137,7 +139,10 @@ def _size(data: bytes, kind: Kind, name: str) -> tuple[int, int]:
 
 def _samples(data: bytes, kind: Kind, metadata: Metadata) -> Samples:
     if kind == "JPEG":
-        return read_jpeg(data, metadata.orientation)
+        samples = read_jpeg(data, metadata.orientation)
+        if metadata.adobe_rgb and samples.profile is None:
+            return replace(samples, profile=adobe_rgb_profile())
+        return samples
     if kind == "PNG":
         return read_png(data, metadata.orientation)
     if kind == "TIFF":

@@ -85,6 +85,42 @@ def test_heif_with_a_p3_profile(codes: NDArray[np.uint8], p3: bytes) -> None:
     np.testing.assert_allclose(frame.pixels, linear(codes) @ P3_TO_SRGB.T, atol=0.03)
 
 
+ADOBE_TO_SRGB = np.array([[1.3984, -0.3984, 0.0], [0.0, 1.0, 0.0], [0.0, -0.0429, 1.0429]])
+"""Linear Adobe RGB (1998) → linear sRGB, from the matrices to XYZ of both standards."""
+
+
+@pytest.mark.parametrize(
+    ("color_space", "index", "adobe"),
+    [(0xFFFF, "R03", True), (0xFFFF, "R98", False), (1, "R03", False), (0xFFFF, None, False)],
+)
+def test_jpeg_of_a_camera_set_to_adobe_rgb_tells_so_by_exif(
+    codes: NDArray[np.uint8],
+    pillow_file: Callable[..., bytes],
+    exif_of: Callable[..., PillowImage.Exif],
+    color_space: int,
+    index: str | None,
+    adobe: bool,
+) -> None:
+    interoperability = {} if index is None else {0xA005: {1: index}}
+    exif = exif_of({}, {0xA001: color_space, **interoperability})
+
+    frame = decode(pillow_file(codes, "JPEG", exif=exif, quality=100, subsampling=0))
+
+    light = (codes / 255) ** (563 / 256) @ ADOBE_TO_SRGB.T
+    np.testing.assert_allclose(frame.pixels, light if adobe else linear(codes), atol=0.02)
+
+
+def test_a_profile_goes_before_what_exif_says(
+    codes: NDArray[np.uint8],
+    pillow_file: Callable[..., bytes],
+    exif_of: Callable[..., PillowImage.Exif],
+) -> None:
+    exif = exif_of({}, {0xA001: 0xFFFF, 0xA005: {1: "R03"}})
+    data = pillow_file(codes, "JPEG", exif=exif, icc_profile=srgb_profile())
+
+    np.testing.assert_array_equal(decode(data).pixels, decode(pillow_file(codes, "JPEG")).pixels)
+
+
 def test_other_peoples_srgb_profile_changes_nothing(
     codes: NDArray[np.uint8], pillow_file: Callable[..., bytes]
 ) -> None:
