@@ -10,7 +10,10 @@ from pathlib import Path
 import pytest
 
 SLOW = """
-import sys, time
+import signal, sys, time
+for number in (signal.SIGTERM, signal.SIGHUP):  # whatever the tests themselves ignore
+    signal.signal(number, signal.SIG_DFL)
+signal.signal(signal.SIGINT, signal.default_int_handler)
 import pipeline.process
 def separate_files(_no_flash, _flash, _options, directory, *_rest, **_named):
     (directory / "lamp1.tif").write_bytes(b"half of it")

@@ -56,7 +56,9 @@ def test_a_pair_is_added_watched_mixed_saved_and_rendered(
     neutral = Mix(lamps=[LampMix(), LampMix()])
     to_srgb = mix_matrices(MixBasis.model_validate(manifest["mix"]), neutral)[0]
     untouched = shown(page, size)
-    assert np.abs(untouched - to_srgb8(photograph, to_srgb)).max() <= 2
+    # half floats of layers round otherwise than those of their sum: a code or two, and four where
+    # the darkest channel of a colour that the screen cannot show is moved into its range
+    assert np.abs(untouched - to_srgb8(photograph, to_srgb)).max() <= 4
 
     warm, cool = strip(page, 1), strip(page, 2)
     warm.get_by_role("slider", name="Exposure").fill("-1.5")
@@ -71,7 +73,7 @@ def test_a_pair_is_added_watched_mixed_saved_and_rendered(
     saved.value.save_as(tmp_path / "mix.exr")
     rendered = to_srgb8(read_exr((tmp_path / "mix.exr").read_bytes()).values)
     mixed = shown(page, size)
-    assert np.abs(mixed - rendered).max() <= 2
+    assert np.abs(mixed - rendered).max() <= 4
     assert np.abs(mixed - untouched).mean() > 10
 
     with page.expect_download() as saved:
