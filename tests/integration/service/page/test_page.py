@@ -58,7 +58,8 @@ def test_a_pair_is_added_watched_mixed_saved_and_rendered(
     untouched = shown(page, size)
     # half floats of layers round otherwise than those of their sum: a code or two, and four where
     # the darkest channel of a colour that the screen cannot show is moved into its range
-    assert np.abs(untouched - to_srgb8(photograph, to_srgb)).max() <= 4
+    off = np.abs(untouched - to_srgb8(photograph, to_srgb))
+    assert off.max() <= 4 and np.count_nonzero(off > 2) <= 5
 
     warm, cool = strip(page, 1), strip(page, 2)
     warm.get_by_role("slider", name="Exposure").fill("-1.5")
@@ -73,7 +74,8 @@ def test_a_pair_is_added_watched_mixed_saved_and_rendered(
     saved.value.save_as(tmp_path / "mix.exr")
     rendered = to_srgb8(read_exr((tmp_path / "mix.exr").read_bytes()).values)
     mixed = shown(page, size)
-    assert np.abs(mixed - rendered).max() <= 4
+    off = np.abs(mixed - rendered)
+    assert off.max() <= 4 and np.count_nonzero(off > 2) <= 5
     assert np.abs(mixed - untouched).mean() > 10
 
     with page.expect_download() as saved:
