@@ -18,6 +18,7 @@ from service.cli.options import (
     read_file,
     read_table,
     with_flags,
+    written_path,
 )
 
 if TYPE_CHECKING:
@@ -35,7 +36,8 @@ _CHART_HELP = (
     "this order, in pixels of NO_FLASH. Default: it is looked for."
 )
 Output = Annotated[
-    Path | None, typer.Option("-o", "--output", metavar="FILE", help="File to write.")
+    Path | None,
+    typer.Option("-o", "--output", metavar="FILE", parser=written_path, help="File to write."),
 ]
 Setup = Annotated[
     str | None,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from service.cli.options import written_path
 from service.cli.shooting import (
     RECIPE,
     FlashSwitch,
@@ -81,7 +82,14 @@ def _is_host(address: str) -> bool:
 def capture(
     address: Annotated[str, typer.Argument(metavar="ADDRESS", help="Camera, like sim://studio.")],
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of the photographs.")
+        Path,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="DIR",
+            parser=written_path,
+            help="Folder of the photographs.",
+        ),
     ],
     flash: FlashSwitch = "property",
     settle: Settle = 1.0,

@@ -17,6 +17,7 @@ from service.cli.options import (
     NoFlashOrFolder,
     read_file,
     with_flags,
+    written_path,
 )
 
 app = typer.Typer(
@@ -27,7 +28,10 @@ app.add_typer(calibrate.app, name="calibrate")
 app.add_typer(keys.app, name="keys")
 app.add_typer(jobs.app, name="jobs")
 
-Output = Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of results.")]
+Output = Annotated[
+    Path,
+    typer.Option("-o", "--output", metavar="DIR", parser=written_path, help="Folder of results."),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
 
 
@@ -190,7 +194,13 @@ def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of results.")],
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="FILE", help="Default: report.html in DIR."),
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE",
+            parser=written_path,
+            help="Default: report.html in DIR.",
+        ),
     ] = None,
 ) -> None:
     """Write one HTML page of a result, to be sent to somebody.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from service.cli.options import read_file
+from service.cli.options import read_file, written_path
 
 if TYPE_CHECKING:
     from pipeline.mix_options import Mix
@@ -22,7 +22,14 @@ def mix(
         Path, typer.Argument(metavar="DIR", help="Folder of results, with layers.exr.")
     ],
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="FILE", help="Picture: .jpg, .tif or .exr.")
+        Path,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE",
+            parser=written_path,
+            help="Picture: .jpg, .tif or .exr.",
+        ),
     ],
     preset: Annotated[
         Path | None, typer.Option(metavar="FILE.json", help="Settings as the page saves them.")

@@ -250,6 +250,24 @@ def read_file(path: Path, what: str) -> bytes:
         raise InputError(f"The {what} {path} cannot be read: {reason}.") from error
 
 
+def written_path(text: str) -> Path:
+    """Read where something is to be written, before any work is done for it.
+
+    Raises pipeline.errors.OptionError.
+    """
+    from pipeline.errors import OptionError
+
+    if not text:
+        raise OptionError("--output is empty: name where to write to; . is the current folder.")
+    try:
+        text.encode()
+    except UnicodeEncodeError as error:
+        raise OptionError(
+            f"--output {text!a} is not UTF-8, which OpenEXR needs: give another name."
+        ) from error
+    return Path(text)
+
+
 def read_table(value: str | None, parse: Callable[[bytes], Table]) -> Table | str | None:
     """Read a table when a file was named, else the name."""
     if value is None:

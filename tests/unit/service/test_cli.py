@@ -129,6 +129,35 @@ def test_commands_that_cannot_be_understood_are_one_sentence(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("name", "words"), [("", "--output is empty"), ("o\udcff.jpg", "'o\\udcff.jpg' is not UTF-8")]
+)
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["separate", "a.jpg", "b.jpg"],
+        ["separate", "."],
+        ["submit", "a.jpg", "b.jpg"],
+        ["capture", "sim://studio"],
+        ["mix", "."],
+        ["report", "."],
+        ["calibrate", "flash", "a.jpg", "b.jpg"],
+    ],
+)
+def test_names_that_nothing_can_be_written_to_are_told_first(
+    arguments: list[str],
+    name: str,
+    words: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Nothing that the arguments name is there; an empty name is the current folder for Path."""
+    monkeypatch.chdir(tmp_path)
+    assert words in _refused(capsys, *arguments, "-o", name)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_setting_that_cannot_be_used_is_told(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
