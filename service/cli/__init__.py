@@ -12,10 +12,7 @@ import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
-import typer
-
 from service.cli import signals
-from service.cli.commands import app
 
 _GROUPS = ((), ("calibrate",), ("keys",), ("jobs",))
 """What is no command yet: the ones of a group are shown."""
@@ -31,20 +28,32 @@ def main() -> None:
 
 def run(arguments: Sequence[str]) -> int:
     """Run a command and give its exit code; without arguments, show what there is."""
-    shown = [*arguments, "--help"] if tuple(arguments) in _GROUPS else list(arguments)
     try:
-        code = app(shown, prog_name="lightlayers", standalone_mode=False)
-    except typer.TyperException as error:
-        print(" ".join(error.format_message().split()).rstrip(".") + ".", file=sys.stderr)
-        return error.exit_code
-    except typer.Abort:
+        return _run(arguments)
+    except KeyboardInterrupt:
         return 130
     except Exception as error:
         if ended := signals.exit_code():
             return ended
         sentence, code = _explain(error)
         print(sentence, file=sys.stderr)
-    return code or 0
+        return code
+
+
+def _run(arguments: Sequence[str]) -> int:
+    # Imported only here, where Ctrl-C ends in silence: it takes most of the time until --help.
+    import typer
+
+    from service.cli.commands import app
+
+    shown = [*arguments, "--help"] if tuple(arguments) in _GROUPS else list(arguments)
+    try:
+        return app(shown, prog_name="lightlayers", standalone_mode=False) or 0
+    except typer.TyperException as error:
+        print(" ".join(error.format_message().split()).rstrip(".") + ".", file=sys.stderr)
+        return error.exit_code
+    except typer.Abort:
+        return 130
 
 
 def _explain(error: Exception) -> tuple[str, int]:

@@ -111,12 +111,14 @@ def serve(
     ] = True,
 ) -> None:
     """Serve the HTTP API, with a worker."""
+    from service.cli import signals
     from service.serve import serve
     from service.settings import Settings
 
     given = {"host": host, "port": port}
     typed = {name: value for name, value in given.items() if value is not None}
     settings = Settings.model_validate({**Settings().model_dump(), **typed})
+    signals.leave_hangup()
     serve(settings, worker)
 
 
@@ -124,9 +126,11 @@ def serve(
 def worker() -> None:
     """Run one more worker of the same service."""
     from service import logs
+    from service.cli import signals
     from service.settings import Settings
     from service.worker import run_until_signal
 
+    signals.leave_hangup()
     logs.configure()
     run_until_signal(Settings())
 

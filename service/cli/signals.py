@@ -18,6 +18,15 @@ def install() -> None:
             signal.signal(number, _raise)
 
 
+def leave_hangup() -> None:
+    """Have SIGHUP end a service at once, as if nothing were installed; ignored, it stays so.
+
+    Services handle the other signals themselves, and their threads do not end by an exception.
+    """
+    if signal.getsignal(signal.SIGHUP) is _raise:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
 def exit_code() -> int | None:
     """128 and the number of the first signal that came, None before.
 

@@ -52,6 +52,45 @@ def test_a_command_that_is_told_to_end_leaves_nothing_and_says_nothing(
     assert not out.exists()
 
 
+IMPORTING = """
+import os, signal, sys
+class Finder:
+    def find_spec(self, name, *_rest):
+        if name == "service.cli.commands":
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Finder())
+from service.cli import main
+main()
+"""
+
+
+def test_a_command_that_is_told_to_end_while_it_starts_says_nothing() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", IMPORTING, "--version"], capture_output=True, text=True
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+
+
+SERVICE = """
+import os, signal
+import service.serve, service.worker
+def wait(*_arguments):
+    os.kill(os.getpid(), signal.SIGHUP)
+service.serve.serve = service.worker.run_until_signal = wait
+from service.cli import main
+main()
+"""
+
+
+@pytest.mark.parametrize("command", ["serve", "worker"])
+def test_a_terminal_that_is_closed_ends_services_at_once(command: str, tmp_path: Path) -> None:
+    """An exception in their midst waits for threads, and is told in the log."""
+    done = subprocess.run(
+        [sys.executable, "-c", SERVICE, command], capture_output=True, text=True, cwd=tmp_path
+    )
+    assert (done.returncode, done.stderr) == (-signal.SIGHUP, "")
+
+
 def test_signals_that_are_ignored_stay_so(tmp_path: Path) -> None:
     """As under nohup."""
     program = (
