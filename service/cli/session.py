@@ -75,11 +75,15 @@ def _pairs_of(folder: Path, output: Path) -> Pairs:
     unreadable: dict[str, str] = {}
     jpegs: set[str] = set()
     for path in shown:
-        if path.is_dir():
-            if path.resolve() != output.resolve():
-                unreadable[path.name] = "it is a folder of its own, to be named alone"
+        printable = path.name.encode(errors="backslashreplace").decode()
+        if printable != path.name:  # their results could not be named after them
+            unreadable[printable] = "its name is not UTF-8, so rename it"
             continue
         try:
+            if path.is_dir():
+                if path.resolve() != output.resolve():
+                    unreadable[path.name] = "it is a folder of its own, to be named alone"
+                continue
             if not path.is_file() or path.stat().st_size > _LARGEST:
                 unreadable[path.name] = "it is no photograph"
                 continue

@@ -213,12 +213,13 @@ def test_what_is_no_file_of_the_folder_keeps_nobody_back(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """A link to nowhere, a pipe that nobody writes to, and a film that no memory holds."""
+    """Links to nowhere, a pipe that nobody writes to, and a film that no memory holds."""
     photograph("a.jpg", 0, fired=False)
     photograph("b.jpg", 5, fired=True)
     folder = tmp_path / "session"
     (folder / "c.jpg").symlink_to(tmp_path / "nowhere")
     os.mkfifo(folder / "d")
+    (folder / "f.jpg").symlink_to("f" * 300)  # not even asked about, as in a forbidden folder
     with (folder / "e.mp4").open("wb") as film:
         film.truncate(60 * 2**30)
     assert run(["separate", str(folder), "-o", str(tmp_path / "out")]) == 0
@@ -226,3 +227,20 @@ def test_what_is_no_file_of_the_folder_keeps_nobody_back(
     said = capsys.readouterr().out
     for name in ("c.jpg", "d", "e.mp4"):
         assert f"Left out: {name}: it is no photograph." in said
+    assert "Left out: f.jpg: it is no photograph that can be read." in said
+
+
+def test_names_that_are_not_utf_8_keep_nobody_back(
+    photograph: Photograph,
+    separated: list[tuple[bool, bool]],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    photograph("a.jpg", 0, fired=False)
+    photograph("b.jpg", 5, fired=True)
+    photograph("c\udcff.jpg", 3600, fired=False)
+    photograph("d.jpg", 3605, fired=True)
+    assert run(["separate", str(tmp_path / "session"), "-o", str(tmp_path / "out")]) == 0
+    assert len(separated) == 1
+    said = capsys.readouterr().out
+    assert r"Left out: c\udcff.jpg: its name is not UTF-8, so rename it." in said
