@@ -19,6 +19,7 @@ from service.cli.shooting import (
     RecipeFile,
     Settle,
     SetValues,
+    a_number,
     ending,
     new_shot,
     paced,
@@ -98,12 +99,18 @@ def capture(
     pairs: Annotated[int, typer.Option(min=1, help="How many pairs.")] = 1,
     interval: Annotated[
         float,
-        typer.Option(min=0, max=86400, help="Seconds from the beginning of a pair to the next."),
+        typer.Option(
+            min=0,
+            max=86400,
+            callback=a_number,
+            help="Seconds from the beginning of a pair to the next.",
+        ),
     ] = 0.0,
     wait: Annotated[
         float,
         typer.Option(
             min=0,
+            callback=a_number,
             help="Seconds to wait for a camera that is not there; a pair in which it goes away is "
             "taken anew once it is back.",
         ),

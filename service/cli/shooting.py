@@ -21,6 +21,14 @@ if TYPE_CHECKING:
 RECIPE = "_recipe.json"
 """How the names of recipes end."""
 
+
+def a_number(seconds: float | None) -> float | None:
+    """Refuse nan, which no bound of an option does. Raises typer.BadParameter."""
+    if seconds is not None and math.isnan(seconds):
+        raise typer.BadParameter("nan is no number of seconds.")
+    return seconds
+
+
 FlashSwitch = Annotated[
     str,
     typer.Option(
@@ -30,7 +38,10 @@ FlashSwitch = Annotated[
     ),
 ]
 Settle = Annotated[
-    float, typer.Option(min=0, max=3600, help="Seconds that a flash so told takes to obey.")
+    float,
+    typer.Option(
+        min=0, max=3600, callback=a_number, help="Seconds that a flash so told takes to obey."
+    ),
 ]
 SetValues = Annotated[
     list[str] | None,

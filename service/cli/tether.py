@@ -21,6 +21,7 @@ from service.cli.shooting import (
     RecipeFile,
     Settle,
     SetValues,
+    a_number,
     ending,
     new_shot,
     paced,
@@ -64,7 +65,12 @@ def tether(
     recipe: RecipeFile = None,
     interval: Annotated[
         float | None,
-        typer.Option(min=0, help="Take a pair every so many seconds, not at each press of Enter."),
+        typer.Option(
+            min=0,
+            max=86400,
+            callback=a_number,
+            help="Take a pair every so many seconds, not at each press of Enter.",
+        ),
     ] = None,
     pairs: Annotated[
         int | None, typer.Option(min=0, help="End after so many pairs; 0 only sends what waits.")

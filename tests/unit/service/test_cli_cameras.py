@@ -144,7 +144,10 @@ def test_a_recipe_makes_another_pair_like_the_first(
         (["--interval", "-1"], "--interval"),
         (["--interval", "inf"], "--interval"),
         (["--settle", "inf"], "--settle"),
+        (["--interval", "nan"], "--interval"),
+        (["--settle", "nan"], "--settle"),
         (["--wait", "soon"], "--wait"),
+        (["--wait", "nan"], "--wait"),
     ],
 )
 def test_what_cannot_be_asked_of_a_camera_is_told_before_it_is_opened(

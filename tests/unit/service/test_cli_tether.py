@@ -243,6 +243,8 @@ class TestKeys:
         (["--options", "nothing.json"], "nothing.json cannot be read"),
         (["--options", __file__], "no JSON"),
         (["--interval", "-1"], "--interval"),
+        (["--interval", "inf"], "--interval"),
+        (["--interval", "nan"], "--interval"),
         (["--pairs", "-1"], "--pairs"),
         (["--set", "iso=auto"], "a fixed iso"),
         (["--key-file", "nothing.key"], "nothing.key cannot be read"),
