@@ -12,6 +12,7 @@ import OpenEXR
 from numpy.typing import NDArray
 
 from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
+from pipeline.decode.quiet import muted
 from pipeline.encode.exr import ExrFile, name_of
 from pipeline.encode.files import describe
 from pipeline.encode.jpeg import JpegFile
@@ -113,7 +114,8 @@ def _open(folder: Path, lamps: int) -> Any:
         )
     name = name_of(path)
     try:
-        source = OpenEXR.InputFile(name)
+        with muted():
+            source = OpenEXR.InputFile(name)
     except Exception as error:  # OpenEXR raises what it likes
         raise InputError(f"{LAYERS} cannot be read: it is damaged, or no EXR.") from error
     if not set(_channels(lamps)) <= source.header()["channels"].keys():
@@ -133,7 +135,8 @@ def _size(source: Any) -> tuple[int, int]:
 
 def _layers(source: Any, lamps: int, rows: slice) -> NDArray[np.float32]:
     try:
-        planes = source.channels(_channels(lamps), _FLOAT, rows.start, rows.stop - 1)
+        with muted():
+            planes = source.channels(_channels(lamps), _FLOAT, rows.start, rows.stop - 1)
     except Exception as error:
         raise InputError(f"{LAYERS} cannot be read to its end: it is damaged.") from error
     height = rows.stop - rows.start
