@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -38,7 +39,8 @@ def mix(
         list[str] | None,
         typer.Option(
             metavar="N:SETTING,…",
-            help=f"Settings of lamp N, above those of the preset: {_SETTINGS}. Once for each lamp.",
+            help=f"Settings of lamp N, above those of the preset: {_SETTINGS}; a tint needs a "
+            "temperature beside it. Once for each lamp.",
         ),
     ] = None,
 ) -> None:
@@ -102,7 +104,8 @@ def _read_preset(path: Path) -> Any:
     from service.sentences import sentence_of
 
     try:
-        return Mix.model_validate_json(read_file(path, "preset")).model_dump()
+        text = read_file(path, "preset").removeprefix(codecs.BOM_UTF8)  # as editors may add it
+        return Mix.model_validate_json(text).model_dump()
     except ValidationError as error:
         raise OptionError(
             f"{path} is no preset of the page: {_by_lamp(sentence_of(error))}"

@@ -58,6 +58,12 @@ def test_a_preset_is_taken_and_changed(results: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(changed, 1.25, atol=1e-6)
 
 
+def test_a_preset_may_begin_with_a_byte_order_mark(results: Path, tmp_path: Path) -> None:
+    preset = tmp_path / "preset.json"
+    preset.write_text(json.dumps({"lamps": [{"on": False}, {}]}), encoding="utf-8-sig")
+    np.testing.assert_allclose(mixed(results, "--preset", str(preset)), 0.5, atol=1e-6)
+
+
 def test_a_temperature_warms(results: Path) -> None:
     red, _, blue = mixed(results, "--lamp", "1:temperature=2700,tint=10", "--lamp", "2:off")
     assert red > 2 * blue > 0
