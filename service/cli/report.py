@@ -51,7 +51,7 @@ def write_report(folder: Path, target: Path) -> Path:
             "facts": _facts(manifest),
             "files": _files(manifest["files"]),
         }
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise InputError(
             f"The manifest in {folder} is not that of a separation, or of another version."
         ) from error
@@ -109,7 +109,8 @@ def _pictures(folder: Path, manifest: Mapping[str, Any]) -> Iterable[Html]:
 def _small(path: Path) -> bytes:
     """Give a picture of the results as a JPEG of at most _LONGEST_SIDE pixels a side."""
     read = np.frombuffer(read_file(path, "picture"), np.uint8)
-    picture = cv2.imdecode(read, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR)
+    flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR
+    picture = cv2.imdecode(read, flags) if read.size else None
     if picture is None:
         raise InputError(f"The picture {path} is damaged.")
     if picture.dtype == np.uint16:

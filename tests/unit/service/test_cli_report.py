@@ -119,8 +119,11 @@ def test_a_file_that_is_not_there_is_told(
     assert not (results / "report.html").exists()
 
 
-def test_a_damaged_picture_is_told(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (results / "lamp1.jpg").write_bytes(b"\xff\xd8\xff light")
+@pytest.mark.parametrize("data", [b"", b"\xff\xd8\xff light"])
+def test_a_damaged_picture_is_told(
+    data: bytes, results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (results / "lamp1.jpg").write_bytes(data)
     assert run(["report", str(results)]) == 2
     assert "lamp1.jpg is damaged." in capsys.readouterr().err
 
@@ -133,6 +136,26 @@ def test_another_manifest_is_told(
     assert run(["report", str(results)]) == 2
     said = capsys.readouterr().err
     assert f"manifest in {results} is not that of a separation" in said
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"inputs": ["a.dng", "b.dng"]},
+        {"inputs": {"no_flash": "a.dng", "flash": "b.dng"}},
+        {"lamps": [LAMP | {"cct_k": "warm"}]},
+        {"lamps": [LAMP | {"cct_k": 10**400}]},
+        {"lamps": [LAMP | {"srgb": None}]},
+        {"filled": "little"},
+    ],
+)
+def test_a_manifest_that_was_changed_by_hand_is_told(
+    changed: dict[str, Any], results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (results / "manifest.json").write_text(json.dumps(MANIFEST | changed))
+    assert run(["report", str(results)]) == 2
+    assert f"manifest in {results} is not that of a separation" in capsys.readouterr().err
+    assert not (results / "report.html").exists()
 
 
 def test_no_warning_is_said_as_well(results: Path) -> None:
