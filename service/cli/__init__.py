@@ -6,6 +6,7 @@ Ctrl-C, 143 and 129 for SIGTERM and SIGHUP. Whatever goes wrong is one sentence 
 
 from __future__ import annotations
 
+import io
 import sys
 import traceback
 import warnings
@@ -23,6 +24,8 @@ def main() -> None:
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
     signals.install()
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="surrogateescape")  # paths that are not UTF-8, as they are
     sys.exit(run(sys.argv[1:]))
 
 

@@ -4,7 +4,10 @@ import base64
 import copy
 import io
 import json
+import os
 import re
+import subprocess
+import sys
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -107,6 +110,19 @@ def test_what_files_say_is_no_markup(results: Path) -> None:
 def test_a_page_may_lie_elsewhere(results: Path, tmp_path: Path) -> None:
     assert run(["report", str(results), "-o", str(tmp_path / "shown.html")]) == 0
     assert (tmp_path / "shown.html").exists() and not (results / "report.html").exists()
+
+
+def test_a_folder_that_is_not_utf_8_is_printed_as_it_is(results: Path) -> None:
+    folder = results / "r\udcff"
+    folder.mkdir()
+    (folder / "manifest.json").write_text(json.dumps(MANIFEST | {"files": []}))
+    done = subprocess.run(
+        [sys.executable, "-m", "service.cli", "report", folder],
+        env={**os.environ, "PYTHONIOENCODING": "utf-8:strict"},
+        capture_output=True,
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.stdout == os.fsencode(folder / "report.html") + b"\n"
 
 
 @pytest.mark.parametrize("missing", ["manifest.json", "lamp1.jpg"])
