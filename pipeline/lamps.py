@@ -18,6 +18,7 @@ from pipeline.hui2018.pruning import prune
 from pipeline.matrixfit.evidence import gather_evidence
 from pipeline.matrixfit.fit import MOST_LAMPS, Fit, first_fit, fit_matrices
 from pipeline.matrixfit.known import FORBIDDEN_DEGREES, Known, nothing_known
+from pipeline.matrixfit.starts import NO_AGREEMENT
 from pipeline.matrixfit.unexplained import left_over, places_alone
 from pipeline.model import Model
 from pipeline.reduced import ReducedPair
@@ -26,7 +27,9 @@ from pipeline.vectors import unit
 
 Array = NDArray[np.float64]
 
-_MIN_PIXELS = 200
+MIN_PIXELS = 200
+"""As few as tell anything of lamps."""
+
 _ALONE_DEGREES = 10.0
 _LEAST_CONTRAST = 1e-3
 _TYPICAL_SCATTER_DEGREES = 1.7  # median over lamps and reflectances, weighted PCA
@@ -100,7 +103,7 @@ def estimate_lamps(
     """
     known = known or nothing_known(model.flash_white)
     evidence = gather_evidence(reduced, flash_only)
-    if len(evidence.pixels) < _MIN_PIXELS:
+    if len(evidence.pixels) < MIN_PIXELS:
         raise UnusablePairError(
             "Too few pixels show both lamps and flash unclipped: bring the flash nearer or raise "
             "its power, and expose so that little is clipped."
@@ -166,10 +169,7 @@ def _invariants(reduced: ReducedPair, model: Model) -> Array:
     gammas = invariants_of_pair(reduced, model)
     kept = prune(gammas[gammas.any(axis=1)])
     if not len(kept):
-        raise UnusablePairError(
-            "The light of hardly any pixel agrees with that of another: use a stronger flash and "
-            "less ISO speed, or check camera and encoding."
-        )
+        raise UnusablePairError(NO_AGREEMENT)
     return unit(kept @ np.linalg.inv(model.published).T)
 
 

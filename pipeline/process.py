@@ -16,6 +16,7 @@ from pipeline.focal import focal_length_px
 from pipeline.frames import Frame, release_photograph
 from pipeline.known_lamps import find_known
 from pipeline.lamps import estimate_lamps
+from pipeline.likely_camera import likely_camera, names_no_camera
 from pipeline.manifest import lamp_entries, make_manifest
 from pipeline.memory import release_rows, trim_memory
 from pipeline.mix import mix_basis
@@ -86,6 +87,15 @@ def separate_files(
     before, after = before.facts(), after.facts()
     progress.report("lamps", 0.0)
     reduced = reduce_pair(pair)
+    if names_no_camera(camera, before):
+        camera = likely_camera(
+            reduced,
+            find_light(options.flash_spectrum),
+            options.number_of_lamps,
+            options.flash_only,
+            lambda one: _model(one, before, options),
+        )
+        model = _model(camera, before, options)
     known = find_known(options, before.size, reduced, camera, model)
     lamps = estimate_lamps(
         reduced, model, options.number_of_lamps, options.method, options.flash_only, known
@@ -172,5 +182,10 @@ def _model_warnings(frame: Frame, camera: Camera) -> list[Remark]:
             "The camera's spectral sensitivities are not known and were approximated: name a "
             "measured camera or send its table for exact work."
         )
+        if frame.encoding == "linear":
+            message += (
+                f" The files do not say whose colours they hold: {camera.name} explains the pair "
+                "best and was taken."
+            )
         warnings.append(Remark(Code.CAMERA_APPROXIMATE, message))
     return warnings

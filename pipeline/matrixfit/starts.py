@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import UnusablePairError
 from pipeline.hui2018.invariant import light_coefficients
 from pipeline.hui2018.projection import from_plane, to_plane
 from pipeline.matrixfit.data import Data
@@ -13,6 +14,11 @@ from pipeline.matrixfit.evidence import Evidence
 from pipeline.vectors import unit
 
 Array = NDArray[np.float64]
+
+NO_AGREEMENT = (
+    "The light of hardly any pixel agrees with that of another: use a stronger flash and less ISO "
+    "speed, or check camera and encoding."
+)
 
 _BINS, _BLUR = 96, 1.2
 _PEAKS_OF_DIFFERENCES, _PEAKS_OF_PIXELS = 14, 8
@@ -30,10 +36,17 @@ def invariants(data: Data, tensor: Array) -> Array:
 
 
 def start_points(evidence: Evidence, tensor: Array) -> Array:
-    """Coefficients (k, 3) of lights that may be lamps; at most thirty."""
+    """Coefficients (k, 3) of lights that may be lamps; at most thirty.
+
+    Raises UnusablePairError where the model makes no sense of any pixel, as under a wrong camera.
+    """
     pixels = invariants(evidence.pixels, tensor)
+    if not len(pixels):
+        raise UnusablePairError(NO_AGREEMENT)
     center = unit(np.median(pixels, axis=0))
     plane, rotation = to_plane(pixels, center)
+    if not len(plane):
+        raise UnusablePairError(NO_AGREEMENT)
     found: list[Array] = []
     for alone in (evidence.differences, evidence.terminators):
         if len(alone):

@@ -73,7 +73,7 @@ def find_camera(request: str | Sensitivities | None, frame: Frame) -> Camera:
     if frame.encoding != "raw":
         return srgb_stand_in()
     if frame.xyz_to_camera is None:
-        return Camera("typical sensor", _typical_sensor().sensitivities, "stand-in")
+        return typical_sensor()
     functions = frame.xyz_to_camera @ _sensor_xyz()
     return Camera(name or "camera", _scaled(np.maximum(functions, 0.0)), "approximate")
 
@@ -115,6 +115,20 @@ def srgb_stand_in() -> Camera:
 
 
 @cache
+def typical_sensor() -> Camera:
+    """Sensitivities that stand for a sensor of which nothing is known: those of the Nikon D5100."""
+    return Camera("typical sensor", _measured_by_colour("Nikon D5100").sensitivities, "stand-in")
+
+
+@cache
+def balanced_sensor() -> Camera:
+    """The same where the channels were multiplied until a white card in daylight is white."""
+    sensor = typical_sensor().sensitivities
+    balanced = _scaled(sensor / (sensor @ find_light("D65"))[:, None])
+    return Camera("typical sensor, balanced for daylight", balanced, "stand-in")
+
+
+@cache
 def _sensor_xyz() -> NDArray[np.float64]:
     """CIE XYZ functions (3, W) as nearly as a real sensor has them: those of the Nikon D5100.
 
@@ -122,12 +136,8 @@ def _sensor_xyz() -> NDArray[np.float64]:
     matrices of them, a lamp's place on the sphere of invariants is off by 0.8° with these
     functions and by 2.1° with the observer's own (medians; known sensitivities: 0.3°).
     """
-    camera = _typical_sensor().sensitivities
+    camera = typical_sensor().sensitivities
     return camera_to_xyz(camera, find_light("D65"), reflectance_spectra()) @ camera
-
-
-def _typical_sensor() -> Camera:
-    return _measured_by_colour("Nikon D5100")
 
 
 def _measured(name: str) -> Camera | None:

@@ -21,7 +21,8 @@ class Condition:
     size: (width, height). files: exact linear values, those of a sensor with its noise, or JPEG.
     exposure: share of the light that is let in. motion_px: of the hand between the photographs.
     camera, flash: names to be told, None for the right ones; nothing is told with a JPEG, whose
-    colours are those of sRGB. lights: whether the number of lamps is told, or a wrong one.
+    colours are those of sRGB. camera_told: whether anything is said of the camera. lights: whether
+    the number of lamps is told, or a wrong one.
     flash_strength: of all lamps together. exposure_ratio: to be told; the true one is 1.
     """
 
@@ -30,6 +31,7 @@ class Condition:
     exposure: float = 1.0
     motion_px: float = 0.0
     camera: str | None = None
+    camera_told: bool = True
     flash: str | None = None
     lights: Literal["told", "auto", 1] = "told"
     flash_strength: float = 1.0
@@ -49,7 +51,7 @@ def make_shot(scene: Scene, condition: Condition) -> Shot:
         "flash_spectrum": condition.flash or scene.flash,
         "exposure_ratio": condition.exposure_ratio,
     }
-    if condition.files != "jpeg":
+    if condition.camera_told and condition.files != "jpeg":
         options["camera"] = condition.camera or scene.camera
     seen = coefficients(scene.lamp_spectra, scene.camera)
     return Shot(

@@ -66,6 +66,8 @@ EXPERIMENTS: dict[str, Experiment] = {
     "three-motion": Experiment("three", FEW, Condition(motion_px=2.0)),
     "two-wrong-flash": Experiment("two", FEW, Condition(flash="led")),
     "two-wrong-camera": Experiment("two", FEW, Condition(camera="Sigma SD1 Merrill")),
+    "two-untold-camera": Experiment("two", FEW, Condition(camera_told=False)),
+    "three-untold-camera": Experiment("three", FEW, Condition(camera_told=False)),
     "two-jpeg": Experiment("two", FEW, Condition(files="jpeg")),
     "three-jpeg": Experiment("three", FEW, Condition(files="jpeg")),
     **{

@@ -253,10 +253,14 @@ def test_rendered_files_are_warned_of(files: Callable[..., Files], tmp_path: Pat
     assert manifest["camera"] == {"name": "sRGB", "source": "stand-in"}
 
 
-def test_an_unknown_sensor_is_warned_of(files: Callable[..., Files], tmp_path: Path) -> None:
+def test_an_unknown_sensor_is_told_by_the_pair_and_warned_of(
+    files: Callable[..., Files], tmp_path: Path
+) -> None:
     manifest = separated(files(), tmp_path, camera=None, outputs=[])
 
-    assert "camera_approximate" in codes(manifest)
+    assert manifest["camera"] == {"name": "typical sensor", "source": "stand-in"}
+    (warning,) = (w for w in manifest["warnings"] if w["code"] == "camera_approximate")
+    assert "typical sensor explains the pair best and was taken" in warning["message"]
 
 
 @pytest.mark.parametrize("told", [False, True])

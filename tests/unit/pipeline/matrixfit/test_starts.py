@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.errors import UnusablePairError
+from pipeline.matrixfit import starts
 from pipeline.matrixfit.evidence import gather_evidence
 from pipeline.matrixfit.starts import invariants, start_points
 from pipeline.model import Model
@@ -77,3 +79,19 @@ def test_invariants_of_one_lamp_are_its_coefficients(
 
     assert len(found) == len(evidence.pixels)
     np.testing.assert_allclose(found, np.tile(warm_to_cool[1], (len(found), 1)), atol=1e-4)
+
+
+@pytest.mark.parametrize("gammas", [np.zeros((0, 3)), np.eye(3).repeat(100, axis=0)])
+def test_a_model_that_makes_no_sense_of_any_pixel_is_an_error(
+    exact: Callable[..., Any],
+    model: Model,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+    gammas: Array,
+) -> None:
+    """No pixel can be solved, or all are solved and have no middle."""
+    evidence = gather_evidence(reduce_pair(exact(warm_to_cool)[0]), False)
+    monkeypatch.setattr(starts, "invariants", lambda *_: gammas)
+
+    with pytest.raises(UnusablePairError, match="hardly any pixel agrees"):
+        start_points(evidence, model.tensor)

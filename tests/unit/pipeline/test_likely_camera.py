@@ -1,0 +1,159 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.colour.spaces import XYZ_TO_SRGB
+from pipeline.errors import UnusablePairError
+from pipeline.frames import Frame
+from pipeline.likely_camera import likely_camera, names_no_camera
+from pipeline.matrixfit.fit import first_fit
+from pipeline.model import Model, build_model
+from pipeline.pair import Pair
+from pipeline.reduced import reduce_pair
+from pipeline.spectra.cameras import Camera, find_camera, srgb_stand_in
+from pipeline.spectra.colorimetry import camera_to_xyz
+from pipeline.spectra.grid import WAVELENGTHS_NM
+from pipeline.spectra.lights import find_light, reflectance_spectra
+from tests.reduced_pairs import even, reduced_pair
+
+Array = NDArray[np.float64]
+
+HEIGHT, WIDTH, PATCH = 64, 96, 4
+LAMPS = ("A", "D150", "FL2")
+SENSOR, BALANCED = "typical sensor", "typical sensor, balanced for daylight"
+
+
+@pytest.fixture(scope="module")
+def other_sensor(camera: Camera) -> Array:
+    """Sensitivities (3, W) of a camera that is none of the known ones: 8 nm off, red halved."""
+    moved = [np.interp(WAVELENGTHS_NM - 8.0, WAVELENGTHS_NM, s) for s in camera.sensitivities]
+    return np.array(moved) * np.array([[0.5], [1.0], [1.0]])
+
+
+def converted(s: Array, to: str) -> Array:
+    """What a converter makes of the sensor's values, (3, 3)."""
+    matrix: Array = np.eye(3)
+    if to == "balanced":
+        matrix = np.diag(1 / (s @ find_light("D65")))
+    if to == "sRGB":
+        matrix = XYZ_TO_SRGB @ camera_to_xyz(s, find_light("D65"), reflectance_spectra())
+    return matrix
+
+
+def photographed(s: Array, to: str, lamps: tuple[str, ...], pair_of: Callable[..., Pair]) -> Pair:
+    """A pair (64, 96): patches of measured surfaces under lamps that cast shadows."""
+    rng = np.random.default_rng(5)
+    spectra = reflectance_spectra()
+    rows, columns = HEIGHT // PATCH, WIDTH // PATCH
+    chosen = spectra[rng.integers(0, len(spectra), rows * columns)]
+    v, u = np.mgrid[:HEIGHT, :WIDTH] / np.array([HEIGHT, WIDTH])[:, None, None]
+    functions = converted(s, to) @ s
+
+    def lit_by(light: Array, strength: Array) -> Array:
+        light = light / (s[1] @ light)
+        colours = (chosen * light) @ functions.T
+        patches = colours.reshape(rows, columns, 3).repeat(PATCH, axis=0).repeat(PATCH, axis=1)
+        return np.asarray(patches * strength[..., None])
+
+    falloff = [0.9 - 0.5 * u, 0.4 + 0.5 * u, 0.4 + 0.4 * v]
+    no_flash = np.zeros((HEIGHT, WIDTH, 3))
+    for j, name in enumerate(lamps):
+        lit = np.where((np.hypot(u - 0.3 - 0.11 * j, v - 0.5) < 0.22), 0.0, falloff[j])
+        lit[u + (j - 1) * v < 0.15] = 0.0
+        no_flash += lit_by(find_light(name), lit)
+    flash = lit_by(find_light("xenon"), 0.7 - 0.6 * ((u - 0.5) ** 2 + (v - 0.5) ** 2))
+    scale = 0.9 / max(no_flash.max(), flash.max())
+    return pair_of(scale * no_flash, scale * flash)
+
+
+def chosen_for(pair: Any, requested: Literal["auto", 1, 2, 3]) -> Camera:
+    flash = find_light("xenon")
+
+    def build(camera: Camera) -> Model:
+        return build_model(camera, flash, find_light("D65"), "wpca")
+
+    return likely_camera(pair, flash, requested, False, build)
+
+
+@pytest.mark.parametrize("to", ["sensor", "balanced", "sRGB"])
+@pytest.mark.parametrize("count", [2, 3])
+@pytest.mark.parametrize("automatic", [True, False], ids=["auto", "given"])
+def test_the_pair_tells_whose_colours_it_holds(
+    other_sensor: Array,
+    pair_of: Callable[..., Pair],
+    to: str,
+    count: Literal[2, 3],
+    automatic: bool,
+) -> None:
+    pair = photographed(other_sensor, to, LAMPS[:count], pair_of)
+
+    chosen = chosen_for(reduce_pair(pair), "auto" if automatic else count)
+
+    assert chosen.name == {"sensor": SENSOR, "balanced": BALANCED, "sRGB": "sRGB"}[to]
+
+
+@pytest.mark.parametrize("requested", ["auto", 1])
+@pytest.mark.parametrize("to", ["sensor", "sRGB"])
+def test_under_one_lamp_it_tells_too(
+    other_sensor: Array,
+    pair_of: Callable[..., Pair],
+    to: str,
+    requested: Literal["auto", 1],
+) -> None:
+    pair = photographed(other_sensor, to, LAMPS[:1], pair_of)
+
+    assert chosen_for(reduce_pair(pair), requested).name == {"sensor": SENSOR}.get(to, to)
+
+
+def test_a_balanced_sensor_sees_daylight_as_white(
+    other_sensor: Array, pair_of: Callable[..., Pair]
+) -> None:
+    pair = photographed(other_sensor, "balanced", LAMPS[:2], pair_of)
+
+    white = chosen_for(reduce_pair(pair), 2).sensitivities @ find_light("D65")
+
+    np.testing.assert_allclose(white / white[1], 1.0, rtol=1e-9)
+
+
+def test_a_pair_that_tells_nothing_is_taken_for_srgb() -> None:
+    """Estimating the lamps then says that too few pixels are usable."""
+    dark = reduced_pair(even(0.0, 0.0, 0.0), even(0.0, 0.0, 0.0))
+
+    assert chosen_for(dark, "auto") is srgb_stand_in()
+
+
+def test_a_camera_that_makes_no_sense_of_any_pixel_is_not_taken(
+    other_sensor: Array, pair_of: Callable[..., Pair], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def failing(reduced: Any, evidence: Any, model: Model, *more: Any) -> Any:
+        if (model.sensitivities < 0).any():  # sRGB's functions alone have negative parts
+            raise UnusablePairError("hardly any pixel agrees")
+        return first_fit(reduced, evidence, model, *more)
+
+    monkeypatch.setattr("pipeline.likely_camera.first_fit", failing)
+    pair = photographed(other_sensor, "sRGB", LAMPS[:2], pair_of)
+
+    assert chosen_for(reduce_pair(pair), 2).name == BALANCED
+
+
+@pytest.mark.parametrize(
+    ("asked", "encoding", "make", "unknown"),
+    [
+        (None, "linear", "", True),
+        (None, "srgb", "", False),
+        (None, "raw", "", False),
+        (None, "linear", "Nikon D5100", False),
+        ("Nikon D5100", "linear", "", False),
+    ],
+)
+def test_only_linear_files_that_name_no_camera_are_asked(
+    frame: Callable[..., Frame], asked: str | None, encoding: str, make: str, unknown: bool
+) -> None:
+    photograph = frame(np.zeros((2, 2, 3)), encoding=encoding, make=make)
+
+    assert names_no_camera(find_camera(asked, photograph), photograph) is unknown
