@@ -32,7 +32,7 @@ SENSOR, BALANCED = "typical sensor", "typical sensor, balanced for daylight"
 def other_sensor(camera: Camera) -> Array:
     """Sensitivities (3, W) of a camera that is none of the known ones: 8 nm off, red halved."""
     moved = [np.interp(WAVELENGTHS_NM - 8.0, WAVELENGTHS_NM, s) for s in camera.sensitivities]
-    return np.array(moved) * np.array([[0.5], [1.0], [1.0]])
+    return np.asarray(np.array(moved) * np.array([[0.5], [1.0], [1.0]]))
 
 
 def converted(s: Array, to: str) -> Array:
