@@ -1,18 +1,19 @@
 // What can be done with a job that has ended: run it again, or delete it.
 
 import { post, remove } from "./api.js";
-import { alarm, h } from "./dom.js";
+import { alarm, h, single } from "./dom.js";
 
 export function actionsOf(job) {
   const problems = h("div");
-  const attempt = (work) => async () => {
-    problems.replaceChildren();
-    try {
-      location.hash = await work();
-    } catch (error) {
-      problems.replaceChildren(alarm(error));
-    }
-  };
+  const attempt = (work) =>
+    single(async () => {
+      problems.replaceChildren();
+      try {
+        location.hash = await work();
+      } catch (error) {
+        problems.replaceChildren(alarm(error));
+      }
+    });
   const again = async () => `#/jobs/${(await runAgain(job)).id}`;
   const gone = async () => ((await deleteJob(job)) ? "#/jobs" : location.hash);
   const row = h("p", { className: "row actions" });

@@ -2,7 +2,7 @@
 
 import { upload } from "./api.js";
 import { showCameras } from "./cameras.js";
-import { alarm, bytes, h, say } from "./dom.js";
+import { alarm, bytes, h, say, single } from "./dom.js";
 
 const FRAMES = [
   ["no_flash", "Without the flash", "Only the lamps of the room light it."],
@@ -44,18 +44,18 @@ export async function showAdd(main, signal) {
     ...[["auto", "Find out"], ["1", "1"], ["2", "2"], ["3", "3"]].map(([value, textContent]) => h("option", { value, textContent })),
   );
   const options = () => (lamps.value === "auto" ? {} : { lights: Number(lamps.value) });
-  const attempt = (work) => async (event) => {
-    event.preventDefault();
-    problems.replaceChildren();
-    try {
-      const job = await work();
-      if (!signal.aborted) location.hash = `#/jobs/${job.id}`;
-    } catch (error) {
-      problems.replaceChildren(alarm(error));
-      sent.hidden = true;
-      enable();
-    }
-  };
+  const attempt = (work) =>
+    single(async () => {
+      problems.replaceChildren();
+      try {
+        const job = await work();
+        if (!signal.aborted) location.hash = `#/jobs/${job.id}`;
+      } catch (error) {
+        problems.replaceChildren(alarm(error));
+        sent.hidden = true;
+        enable();
+      }
+    });
   const form = h(
     "form",
     {

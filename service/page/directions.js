@@ -1,7 +1,7 @@
 // Where the lamps stand, told on balls that they light: another job finds the surface's normals.
 
 import { get, post } from "./api.js";
-import { alarm, h } from "./dom.js";
+import { alarm, h, single } from "./dom.js";
 
 const FARTHEST = 0.95; // of the ball's radius: a lamp behind the surface lights nothing
 const FIRST = [[-0.5, 0.5], [0.5, 0.5], [0, 0.7]];
@@ -18,8 +18,7 @@ export function normalsForm(job, manifest) {
     if (calibration.value) return { calibration: calibration.value };
     return places.map(([x, y], index) => ({ direction: [x, y, Math.sqrt(1 - x * x - y * y)], rgb: manifest.lamps[index].rgb }));
   };
-  const submit = async (event) => {
-    event.preventDefault();
+  const submit = single(async () => {
     problems.replaceChildren();
     try {
       const made = await post(`/jobs/${job.id}/rerun`, { options: withNormals(job.options, told()) });
@@ -27,7 +26,7 @@ export function normalsForm(job, manifest) {
     } catch (error) {
       problems.replaceChildren(alarm(error));
     }
-  };
+  });
   const element = h(
     "details",
     { className: "directions" },

@@ -42,6 +42,21 @@ export function choice(label, options, chosen, change) {
   );
 }
 
+/** A listener that does nothing while its work is under way: else a double click were two. */
+export function single(work) {
+  let busy = false;
+  return async (event) => {
+    event.preventDefault();
+    if (busy) return;
+    busy = true;
+    try {
+      await work();
+    } finally {
+      busy = false;
+    }
+  };
+}
+
 /** Tell it to screen readers. */
 export function say(text) {
   document.getElementById("said").textContent = text;

@@ -8,9 +8,10 @@ from typing import Any
 
 import pytest
 from PIL import Image
-from playwright.sync_api import FilePayload, Page, expect
+from playwright.sync_api import FilePayload, Page, Route, expect
 
 from tests.integration.service.page.looking import (
+    TWO_FRAMES,
     check_access,
 )
 
@@ -33,6 +34,18 @@ def test_a_camera_that_fails_leaves_nothing_to_send(page: Page) -> None:
     page.get_by_role("button", name="Capture with NIKON D5100").click()
     expect(page.get_by_role("alert")).to_contain_text("Switch it on.")
     expect(page.get_by_role("button", name="Separate the light")).to_be_disabled()
+
+
+def test_a_double_click_takes_one_pair(page: Page, done: dict[str, Any]) -> None:
+    held: list[Route] = []
+    page.route("**/captures", lambda route: held.append(route))
+    page.goto("/")
+    with page.expect_request("**/captures"):
+        page.get_by_role("button", name="Capture with NIKON D5100").dblclick()
+    page.evaluate(TWO_FRAMES)
+    assert len(held) == 1
+    held[0].fulfill(status=202, json=done)
+    page.wait_for_url(re.compile(done["id"]))
 
 
 def _drop(page: Page, zone: str, *names: str) -> None:

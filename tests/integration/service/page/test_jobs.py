@@ -10,7 +10,7 @@ import pytest
 from playwright.sync_api import Page, Route, expect
 
 import drivers
-from tests.integration.service.page.looking import check_access, open_mixer
+from tests.integration.service.page.looking import TWO_FRAMES, check_access, open_mixer
 
 LATER = "2030-01-01T12:00:00Z"
 
@@ -67,6 +67,22 @@ def test_where_events_do_not_come_the_page_asks(
     assert now["inputs"] == service.look(job)["inputs"]
     page.get_by_role("button", name="Cancel").click()
     expect(page.get_by_role("alert")).to_contain_text("Canceled")
+
+
+@pytest.mark.parametrize("name", ["Run again", "Find normals"])
+def test_a_double_click_makes_one_job(page: Page, done: dict[str, Any], name: str) -> None:
+    held: list[Route] = []
+    page.route("**/rerun", lambda route: held.append(route))
+    open_mixer(page, done)
+    page.get_by_text("Find the surface").click()
+    with page.expect_request("**/rerun"):
+        page.get_by_role("button", name=name).dblclick()
+    page.evaluate(TWO_FRAMES)
+    assert len(held) == 1
+    held[0].fulfill(status=503, json={"title": "Full", "detail": "Come back.", "status": 503})
+    expect(page.get_by_role("alert")).to_contain_text("Come back.")
+    with page.expect_request("**/rerun"):  # what failed may be tried again
+        page.get_by_role("button", name=name).click()
 
 
 def test_a_job_that_failed_says_why_and_is_deleted(page: Page, service: Any) -> None:
