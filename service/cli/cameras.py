@@ -6,7 +6,9 @@ import contextlib
 import json
 import signal
 import sys
+from collections.abc import Callable
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -135,9 +137,12 @@ def capture(
     try:
         with contextlib.closing(drivers.ReturningCamera(address, say)) as camera:
             for _ in paced(pairs, interval):
-                saved.append(_take(camera, wait, output, switch, wanted, delete))
+                about, clear = _take(camera, wait, output, switch, wanted)
+                saved.append(about)
                 if not as_json:
-                    print(*saved[-1]["files"], sep="\n", flush=True)
+                    print(*about["files"], sep="\n", flush=True)
+                if delete:  # the card's copy goes only now that there is another
+                    clear()
     finally:
         if as_json and saved:
             print(json.dumps({"pairs": saved}, indent=2))
@@ -149,15 +154,14 @@ def _take(
     output: Path,
     switch: drivers.Flash,
     wanted: dict[drivers.SettingName, drivers.SettingValue],
-    delete: bool,
-) -> dict[str, Any]:
-    """Take and save one pair; its name and its files."""
+) -> tuple[dict[str, Any], Callable[[], None]]:
+    """Take and save one pair; its name and its files, and what takes it off the card."""
     from service import durable
     from service.cli.folder import new_results
     from service.recipe import Recipe
 
     with new_results(output) as folder:
-        pair = _capture(camera, wait_s, switch, wanted)
+        opened, taker, pair = _capture(camera, wait_s, switch, wanted)
         shot = new_shot()
         names = []
         for frame, photographs in {"no_flash": pair.no_flash, "flash": pair.flash}.items():
@@ -165,13 +169,24 @@ def _take(
                 names.append(f"{shot}_{frame}.{ending(kind)}")
                 durable.write(folder / names[-1], data)
         recipe = f"{shot}{RECIPE}"
-        made = Recipe.of(pair, camera.connected().info())
+        made = Recipe.of(pair, taker)
         durable.write(folder / recipe, f"{made.model_dump_json(indent=2)}\n".encode())
     durable.flush(output)
-    if delete:  # the card's copy goes only now that there is another
-        pair.delete_from(camera.connected())
     paths = [str(output / name) for name in names]
-    return {"shot": shot, "files": paths, "recipe": str(output / recipe)}
+    about = {"shot": shot, "files": paths, "recipe": str(output / recipe)}
+    return about, partial(_clear, opened, pair)
+
+
+def _clear(camera: drivers.Camera, pair: drivers.CapturedPair) -> None:
+    """Take a pair off the card, by the connection that took it: another may number it anew."""
+    import drivers
+
+    try:
+        pair.delete_from(camera)
+    except drivers.DriverError as error:
+        raise drivers.CaptureError(
+            "The pair is saved, but could not be taken off the camera's card: delete it there."
+        ) from error
 
 
 def _capture(
@@ -179,12 +194,16 @@ def _capture(
     wait_s: float,
     switch: drivers.Flash,
     wanted: dict[drivers.SettingName, drivers.SettingValue],
-) -> drivers.CapturedPair:
+) -> tuple[drivers.Camera, drivers.CameraInfo, drivers.CapturedPair]:
+    """Take a pair; with which camera. It is asked before: after the pair it may be gone."""
     import drivers
 
     for left in reversed(range(_REPEATS)):
         try:
-            return drivers.capture_pair(camera.connected(wait_s), flash=switch, settings=wanted)
+            opened = camera.connected(wait_s)
+            taker = opened.info()
+            pair = drivers.capture_pair(opened, flash=switch, settings=wanted)
+            return opened, taker, pair
         except (drivers.CameraDisconnectedError, drivers.CameraTimeoutError) as error:
             camera.close()
             if not wait_s or not left:

@@ -232,6 +232,37 @@ class TestUnplugged:
         assert list(shots(out).values()) == [["flash.jpg", "no_flash.jpg", "recipe.json"]]
         assert bus.address == 2
 
+    @pytest.fixture
+    def _after_the_pair(self, bus: Bus, monkeypatch: pytest.MonkeyPatch) -> None:
+        capture_pair = drivers.capture_pair
+
+        def unplugged(camera: drivers.Camera, **how: Any) -> drivers.CapturedPair:
+            pair = capture_pair(camera, **how)
+            bus._responder.unplugged = True
+            return pair
+
+        monkeypatch.setattr(drivers, "capture_pair", unplugged)
+
+    @pytest.mark.usefixtures("_after_the_pair")
+    def test_a_pair_that_is_here_already_is_kept(self, out: Path) -> None:
+        assert capture(ADDRESS, "-o", str(out)) == 0
+        ((_, names),) = shots(out).items()
+        assert names == ["flash.jpg", "no_flash.jpg", "recipe.json"]
+        (recipe,) = out.glob("*_recipe.json")
+        assert json.loads(recipe.read_bytes())["camera"]["serial"] == "0000001"
+
+    @pytest.mark.usefixtures("_after_the_pair")
+    def test_a_pair_that_cannot_be_deleted_is_told_as_saved(
+        self, bus: Bus, out: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        bus.away_for = 0  # back at once, where other photographs may have these numbers
+        assert capture(ADDRESS, "-o", str(out), "--delete") == 1
+        said = capsys.readouterr()
+        assert said.out.splitlines() == [str(path) for path in sorted(out.glob("*.jpg"))][::-1]
+        assert said.err.startswith("The pair is saved, but could not be taken off the camera's")
+        assert len(said.err.splitlines()) == 1
+        assert len(bus.body.objects) == 3  # with the folder
+
     def test_with_a_wait_the_whole_pair_is_taken_anew(
         self, bus: Bus, out: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
