@@ -9,9 +9,8 @@ import { showResult } from "./result.js";
 import { watch } from "./watch.js";
 
 export async function showJob(main, id, signal) {
-  const job = await watch(id, signal, progressOf(main, id));
+  const job = await watch(id, signal, progressOf(main, id)).finally(() => signal.aborted || main.replaceChildren());
   if (!job) return;
-  main.replaceChildren();
   if (job.state === "succeeded" && !job.options.kind) {
     await showResult(main, job, signal);
   } else {

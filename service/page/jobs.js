@@ -2,7 +2,7 @@
 
 import { get, source } from "./api.js";
 import { deleteJob } from "./actions.js";
-import { alarm, h } from "./dom.js";
+import { alarm, h, single } from "./dom.js";
 
 const STATES = {
   queued: "Waits",
@@ -25,13 +25,17 @@ export async function showJobs(main, signal) {
     card.remove();
   };
   let next = "/jobs?limit=48";
+  const older = single(async () => {
+    problems.replaceChildren();
+    await load().catch((error) => problems.replaceChildren(alarm(error)));
+  });
   const load = async () => {
     const page = await get(next);
     if (signal.aborted) return;
     list.append(...page.jobs.map((job) => card(job, gone, problems)));
     next = page.next;
     more.replaceChildren(
-      ...(next ? [h("button", { type: "button", textContent: "Older jobs", onclick: load })] : []),
+      ...(next ? [h("button", { type: "button", textContent: "Older jobs", onclick: older })] : []),
     );
     if (!list.children.length) more.append("There are none yet. ", h("a", { href: "#/", textContent: "Add two photographs." }));
   };

@@ -65,7 +65,7 @@ export function hexOf(rgb) {
 export function readPreset(text, count) {
   let lamps;
   try {
-    lamps = JSON.parse(text).lamps;
+    lamps = JSON.parse(text)?.lamps;
   } catch {
     throw new Error("The file is not a preset: it is not JSON.");
   }

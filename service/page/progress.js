@@ -1,7 +1,7 @@
 // How far a job is, stage by stage, and what it asks its operator to do.
 
 import { post } from "./api.js";
-import { alarm, h, say } from "./dom.js";
+import { alarm, h, say, single } from "./dom.js";
 import { kindOf, stateOf } from "./jobs.js";
 
 const STAGES = {
@@ -22,10 +22,11 @@ export function progressOf(main, id) {
   const request = h("div");
   const problems = h("div");
   const steps = h("ol", { className: "steps" });
-  const ask = (path) => () => {
-    problems.replaceChildren();
-    post(path, {}).catch((error) => problems.replaceChildren(alarm(error)));
-  };
+  const ask = (path) =>
+    single(async () => {
+      problems.replaceChildren();
+      await post(path, {}).catch((error) => problems.replaceChildren(alarm(error)));
+    });
   const cancel = h("button", { type: "button", textContent: "Cancel", onclick: ask(`/jobs/${id}/cancel`) });
   const parts = [heading, when, request, steps, h("p", {}, cancel), problems];
   let told = "";
@@ -36,10 +37,10 @@ export function progressOf(main, id) {
     when.textContent = away ? "The service does not answer just now; it is asked again." : whenOf(job);
     cancel.disabled = job.state === "canceling";
     steps.replaceChildren(...stepsOf(job));
-    const wanted = job.operator?.request ?? "";
-    if (wanted !== asked) request.replaceChildren(...requestOf(job, ask));
-    asked = wanted;
-    const words = wanted || STAGES[job.stage] || heading.textContent;
+    const link = job.operator ? job.links.confirm : ""; // of this request alone, whatever its words
+    if (link !== asked) request.replaceChildren(...requestOf(job, ask));
+    asked = link;
+    const words = job.operator?.request || STAGES[job.stage] || heading.textContent;
     if (words !== told) say((told = words));
   };
 }

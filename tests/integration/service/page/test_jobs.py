@@ -130,6 +130,72 @@ def test_many_jobs_come_by_pages_and_go_one_by_one(page: Page, done: dict[str, A
     expect(page.locator(".jobs li")).to_have_count(49)
 
 
+def test_older_jobs_that_cannot_be_fetched_are_told_in_words(
+    page: Page, done: dict[str, Any]
+) -> None:
+    def jobs(route: Route) -> None:
+        if "after=" in route.request.url:
+            route.abort()
+        else:
+            route.fulfill(json={"jobs": [done], "next": "/jobs?limit=48&after=x"})
+
+    page.route(re.compile(r"/jobs\?"), jobs)
+    page.goto("/#/jobs")
+    page.get_by_role("button", name="Older jobs").click()
+    expect(page.get_by_role("alert")).to_contain_text("No connection")
+    expect(page.get_by_role("button", name="Older jobs")).to_be_visible()
+
+
+def test_of_a_job_that_is_deleted_meanwhile_the_error_alone_is_shown(
+    page: Page, done: dict[str, Any]
+) -> None:
+    there = [True]
+    problem = {"title": "No such job", "detail": "It may have been deleted.", "status": 404}
+
+    def job(route: Route) -> None:
+        if there:
+            route.fulfill(json={**done, "state": "running"})
+        else:
+            route.fulfill(status=404, json=problem)
+
+    page.route(f"**/jobs/{done['id']}", job)
+    page.route("**/events", lambda route: route.abort())
+    page.goto(f"/#/jobs/{done['id']}")
+    expect(page.get_by_role("button", name="Cancel")).to_be_visible()
+    there.clear()
+    expect(page.get_by_role("alert")).to_contain_text("No such job")
+    expect(page.locator("main > *")).to_have_count(1)
+
+
+def test_the_same_request_asked_anew_is_confirmed_anew(page: Page, done: dict[str, Any]) -> None:
+    here = f"/jobs/{done['id']}"
+    number = [1]
+    confirmed: list[str] = []
+
+    def job(route: Route) -> None:
+        request = {"request": "Switch the flash off, then confirm.", "until": LATER}
+        links = {**done["links"], "confirm": f"{here}/confirm?request={number[0]}"}
+        told = {"state": "waiting_for_operator", "operator": request, "links": links}
+        route.fulfill(json={**done, **told})
+
+    def confirm(route: Route) -> None:
+        confirmed.append(route.request.url.rpartition("=")[2])
+        route.fulfill(status=202, json=done)
+
+    page.route(f"**{here}", job)
+    page.route(f"**{here}/events", lambda route: route.abort())
+    page.route(f"**{here}/confirm?*", confirm)
+    page.goto(f"/#{here}")
+    expect(page.get_by_role("button", name="Confirm")).to_be_visible()
+    number[0] = 3  # its worker died, and another one begins the pair anew
+    for _ in range(2):  # known by the time of the second answer
+        with page.expect_response(f"**{here}"):
+            pass
+    page.get_by_role("button", name="Confirm").click()
+    expect(page.get_by_role("alert")).to_have_count(0)
+    assert confirmed == ["3"]
+
+
 def test_somebody_is_asked_and_confirms(page: Page, done: dict[str, Any]) -> None:
     """As the service tells it: the job waits for its operator until it is confirmed."""
     here = f"/jobs/{done['id']}"
