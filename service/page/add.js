@@ -1,6 +1,6 @@
 // Two photographs of a job to be: dropped, picked, taken by the phone, or by a connected camera.
 
-import { upload } from "./api.js";
+import { newOnce, upload } from "./api.js";
 import { showCameras } from "./cameras.js";
 import { alarm, bytes, h, say, single } from "./dom.js";
 
@@ -13,6 +13,7 @@ const LEFT_OUT = { title: "Two photographs make a pair", message: "The others we
 
 export async function showAdd(main, signal) {
   const files = {};
+  let once = newOnce(); // the same for what is sent again after its answer got lost
   const problems = h("div");
   const go = h("button", { className: "main", textContent: "Separate the light", disabled: true });
   const sent = h("progress", { max: 1, value: 0, hidden: true, "aria-label": "Sent" });
@@ -22,6 +23,7 @@ export async function showAdd(main, signal) {
       files[FRAMES[first + index][0]] = file;
       zones[first + index].show(file);
     });
+    once = newOnce();
     enable();
   };
   const swap = h("button", {
@@ -40,7 +42,7 @@ export async function showAdd(main, signal) {
   );
   const lamps = h(
     "select",
-    {},
+    { onchange: () => (once = newOnce()) },
     ...[["auto", "Find out"], ["1", "1"], ["2", "2"], ["3", "3"]].map(([value, textContent]) => h("option", { value, textContent })),
   );
   const options = () => (lamps.value === "auto" ? {} : { lights: Number(lamps.value) });
@@ -67,7 +69,7 @@ export async function showAdd(main, signal) {
         go.disabled = swap.disabled = true;
         sent.hidden = false;
         say("The photographs are being sent.");
-        return upload("/jobs", body, (fraction) => (sent.value = fraction));
+        return upload("/jobs", body, once, (fraction) => (sent.value = fraction));
       }),
     },
     h("div", { className: "zones" }, ...zones.map((one) => one.element)),

@@ -21,8 +21,13 @@ export async function get(path) {
   return (await request(path)).json();
 }
 
+/** An Idempotency-Key: whatever is sent with the same one makes one job. */
+export function newOnce() {
+  return crypto.randomUUID?.() ?? String(Math.random()); // over http, browsers have the first on localhost alone
+}
+
 export async function post(path, body) {
-  const headers = { "Content-Type": "application/json", "Idempotency-Key": crypto.randomUUID?.() ?? String(Math.random()) };
+  const headers = { "Content-Type": "application/json", "Idempotency-Key": newOnce() };
   return (await request(path, { method: "POST", headers, body: JSON.stringify(body) })).json();
 }
 
@@ -61,20 +66,21 @@ export async function download(path, name) {
   if (link.href.startsWith("blob:")) setTimeout(() => URL.revokeObjectURL(link.href), 60000);
 }
 
-/** Send a form; sent(fraction) is called while it is on its way. */
-export async function upload(path, form, sent) {
+/** Send a form; once: its Idempotency-Key. sent(fraction) is called while it is on its way. */
+export async function upload(path, form, once, sent) {
   for (;;) {
     const tried = key();
-    const answer = await send(path, form, sent);
+    const answer = await send(path, form, once, sent);
     if (answer.status !== 401) return parsed(answer);
     await otherKey(tried);
   }
 }
 
-function send(path, form, sent) {
+function send(path, form, once, sent) {
   return new Promise((resolve, reject) => {
     const call = new XMLHttpRequest();
     call.open("POST", path);
+    call.setRequestHeader("Idempotency-Key", once);
     if (key()) call.setRequestHeader("Authorization", `Bearer ${key()}`);
     call.upload.onprogress = (event) => sent(event.loaded / event.total);
     call.onload = () => resolve(call);
@@ -138,7 +144,7 @@ function askKey() {
     dialog.addEventListener(
       "close",
       () => {
-        sessionStorage.setItem(KEY, text.value.trim());
+        sessionStorage.setItem(KEY, text.value.replace(/[^ -~]/g, "").trim()); // what no header can carry is in no key
         text.value = "";
         asking = null;
         resolve();

@@ -39,4 +39,7 @@ addEventListener("hashchange", () => {
   main.focus();
   route();
 });
+for (const type of ["dragover", "drop"]) {
+  addEventListener(type, (event) => event.preventDefault()); // else a file beside its place were opened instead of the page
+}
 route();

@@ -122,6 +122,42 @@ def test_two_files_are_swapped_and_sent_so(page: Page, done: dict[str, Any]) -> 
     assert parts == [("no_flash", "2.dng"), ("flash", "1.dng")]
 
 
+def test_a_pair_whose_answer_got_lost_is_sent_again_as_the_same(page: Page) -> None:
+    once: list[str] = []
+
+    def jobs(route: Route) -> None:
+        once.append(route.request.headers["idempotency-key"])
+        route.abort()
+
+    page.route(re.compile(r"/jobs$"), jobs)
+    page.goto("/")
+    _drop(page, "Without the flash", "1.dng", "2.dng")
+    for change in (None, None, "Swap", "Lamps"):
+        if change == "Swap":
+            page.get_by_role("button", name="Swap").click()
+        if change == "Lamps":
+            page.get_by_label("Lamps").select_option("2")
+        with page.expect_request(re.compile(r"/jobs$")):
+            page.get_by_role("button", name="Separate the light").click()
+        expect(page.get_by_role("alert")).to_contain_text("No connection")
+        expect(page.get_by_role("button", name="Separate the light")).to_be_enabled()
+    first, again, swapped, counted = once
+    assert first == again
+    assert len({first, swapped, counted}) == 3
+
+
+def test_a_file_dropped_beside_its_place_does_not_replace_the_page(page: Page) -> None:
+    page.goto("/")
+    kept = page.evaluate(
+        """() => ["dragover", "drop"].map((type) => {
+          const over = new DragEvent(type, { bubbles: true, cancelable: true });
+          document.querySelector("h1").dispatchEvent(over);
+          return over.defaultPrevented;
+        })"""
+    )
+    assert kept == [True, True]
+
+
 def test_photographs_that_were_shown_are_not_held_on_to(page: Page) -> None:
     page.add_init_script(
         """const held = new Set();
