@@ -211,7 +211,7 @@ def _calibrate(
     from pipeline.errors import OptionError
     from pipeline.progress import Progress
     from service.cli.display import stage_bar
-    from service.cli.keeping import keep
+    from service.cli.keeping import keep, marks_beside
     from service.sentences import sentence_of
 
     try:
@@ -227,17 +227,12 @@ def _calibrate(
         content, marks = ((Path(name) / file).read_bytes() for file in (FILES[kind], MARKS))
     if output is not None:
         _write(output, content)
-        _write(_marks_beside(output), marks)
+        _write(marks_beside(output), marks)
     if options.setup is not None:
-        path = keep(kind, options.setup, manifest, content)
-        _write(_marks_beside(path), marks)
+        path = keep(kind, options.setup, manifest, content, marks)
         output = output or path
     assert output is not None  # one of the two, as was looked at above
     _print_found(kind, manifest, output, as_json)
-
-
-def _marks_beside(path: Path) -> Path:
-    return path.with_name(f"{path.stem}_marks.jpg")
 
 
 def _write(path: Path, content: bytes) -> None:

@@ -21,13 +21,15 @@ def folder() -> Path:
     return named or Path(typer.get_app_dir("lightlayers")) / "calibrations"
 
 
-def keep(kind: Kind, setup: str, manifest: dict[str, Any], content: bytes) -> Path:
+def keep(kind: Kind, setup: str, manifest: dict[str, Any], content: bytes, marks: bytes) -> Path:
     """Keep what a calibration found. One of the same camera, set-up and kind is replaced.
 
-    Raises pipeline.errors.InputError.
+    content: the file that was found. marks: the picture of where, which is put beside it.
+    Raises pipeline.errors.InputError, and then what was kept before still is.
     """
     from pipeline.calibration.kept import Kept, TakenWith
     from pipeline.errors import InputError
+    from service import durable
 
     taken_with = TakenWith.model_validate(manifest["taken_with"])
     if not taken_with.model:
@@ -49,11 +51,17 @@ def keep(kind: Kind, setup: str, manifest: dict[str, Any], content: bytes) -> Pa
     )
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(kept.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        durable.replace(marks_beside(path), marks)
+        durable.replace(path, f"{kept.model_dump_json(indent=1)}\n".encode())
     except OSError as error:
         reason = (error.strerror or "it cannot be written").lower()
         raise InputError(f"The file {path} cannot be written: {reason}.") from error
     return path
+
+
+def marks_beside(path: Path) -> Path:
+    """Where the picture lies that shows the marks of a calibration's file."""
+    return path.with_name(f"{path.stem}_marks.jpg")
 
 
 def kept_for(setup: str) -> list[Kept]:

@@ -7,9 +7,11 @@ from typing import Any
 import pytest
 
 from pipeline.errors import InputError
+from service import durable
 from service.cli.keeping import folder, keep, kept_for
 
 CONTENT = b'{"lights": [{"direction": [0, 0, 1]}]}'
+MARKS = b"a picture"
 TAKEN = {"make": "NIKON", "model": "D5100 / b", "body": "", "rendered": False}
 
 
@@ -23,7 +25,7 @@ def _manifest(**more: Any) -> dict[str, Any]:
 
 
 def test_what_is_kept_is_given_back(tmp_path: Path) -> None:
-    path = keep("lamps", "table", _manifest(), CONTENT)
+    path = keep("lamps", "table", _manifest(), CONTENT, MARKS)
     assert path == tmp_path / "kept" / "table" / "lamps_NIKON_D5100---b.json"
     (one,) = kept_for("table")
     assert (one.kind, one.setup, one.name) == ("lamps", "table", path.name)
@@ -33,16 +35,35 @@ def test_what_is_kept_is_given_back(tmp_path: Path) -> None:
     assert kept_for("default") == []
 
 
+@pytest.mark.parametrize("ending", ["json", "jpg"])
+def test_on_a_full_disk_what_was_kept_before_still_is(
+    monkeypatch: pytest.MonkeyPatch, ending: str
+) -> None:
+    keep("lamps", "table", _manifest(), CONTENT, MARKS)
+    write = durable.write
+
+    def write_some(path: Path, data: bytes) -> None:
+        full = path.suffixes[-2:] == [f".{ending}", ".new"]
+        write(path, data[:5] if full else data)
+        if full:
+            raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(durable, "write", write_some)
+    with pytest.raises(InputError, match="cannot be written: no space left on device"):
+        keep("lamps", "table", _manifest(), b'{"lights": []}', b"another picture")
+    assert [one.content for one in kept_for("table")] == [CONTENT.decode()]
+
+
 def test_one_of_the_same_camera_is_replaced() -> None:
-    keep("lamps", "table", _manifest(), b'{"lights": []}')
-    keep("lamps", "table", _manifest(), CONTENT)
+    keep("lamps", "table", _manifest(), b'{"lights": []}', MARKS)
+    keep("lamps", "table", _manifest(), CONTENT, MARKS)
     assert [one.content for one in kept_for("table")] == [CONTENT.decode()]
 
 
 @pytest.mark.parametrize("other", [{"model": "D850"}, {"body": "0123456789ab"}, {"rendered": True}])
 def test_other_cameras_and_renderings_are_kept_beside_it(other: dict[str, Any]) -> None:
-    keep("lamps", "table", _manifest(), CONTENT)
-    keep("lamps", "table", _manifest(**other), CONTENT)
+    keep("lamps", "table", _manifest(), CONTENT, MARKS)
+    keep("lamps", "table", _manifest(**other), CONTENT, MARKS)
     assert len(kept_for("table")) == 2
 
 
@@ -58,26 +79,26 @@ def test_without_a_setting_it_is_the_users_own_folder(
 
 def test_nothing_is_kept_for_a_camera_that_is_not_known() -> None:
     with pytest.raises(InputError, match="write a file with --output"):
-        keep("flash", "table", _manifest(model=""), CONTENT)
+        keep("flash", "table", _manifest(model=""), CONTENT, MARKS)
     assert kept_for("table") == []
 
 
 def test_a_folder_that_cannot_be_written_is_said(tmp_path: Path) -> None:
     (tmp_path / "kept").write_text("a file")
     with pytest.raises(InputError, match=r"lamps_.*json cannot be written: "):
-        keep("lamps", "table", _manifest(), CONTENT)
+        keep("lamps", "table", _manifest(), CONTENT, MARKS)
 
 
 @pytest.mark.parametrize("content", ["", "{}", '{"kind": "lamps"}', "\xff"])
 def test_a_spoilt_file_is_said(content: str) -> None:
-    path = keep("lamps", "table", _manifest(), CONTENT)
+    path = keep("lamps", "table", _manifest(), CONTENT, MARKS)
     path.write_text(content)
     with pytest.raises(InputError, match=r"lamps_.* cannot be read: calibrate anew, or remove it"):
         kept_for("table")
 
 
 def test_a_field_of_another_version_is_said() -> None:
-    path = keep("lamps", "table", _manifest(), CONTENT)
+    path = keep("lamps", "table", _manifest(), CONTENT, MARKS)
     path.write_text(json.dumps({**json.loads(path.read_text()), "new": 1}))
     with pytest.raises(InputError, match="calibrate anew"):
         kept_for("table")
