@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Discriminator,
@@ -17,7 +19,21 @@ from pydantic import (
 )
 
 Vector = tuple[float, float, float]
-SetUp = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,39}$")]
+_SETUP_NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,39}$"
+
+
+def _check_setup(name: str) -> str:
+    if not re.fullmatch(_SETUP_NAME, name):
+        raise ValueError(
+            "such a name has 1 to 40 of the letters A to Z and a to z, digits, dots, dashes and "
+            "underscores, and begins with a letter or digit"
+        )
+    return name
+
+
+SetUp = Annotated[
+    str, AfterValidator(_check_setup), Field(json_schema_extra={"pattern": _SETUP_NAME})
+]
 """Name of a set-up of camera, flash and lamps."""
 NO_SETUP = "none"
 """The set-up of separations that go without kept calibrations."""

@@ -15,8 +15,9 @@ _BRANCH = re.compile(r"(constrained-)?(bool|int|float|str)|[a-z-]*\[.*\]")
 """What pydantic adds to a place where a value may be of several kinds, or is a name itself."""
 
 _WORDS = (
-    (r" or instance of \w+$| after validation", ""),
+    (r" or instance of \w+$| after validation| or object to extract fields from$", ""),
     (r"\bvalid dictionary\b", "valid object"),
+    (r"\bvalid tuple\b", "valid list"),
     (r"^Dictionary\b", "The object"),
 )
 """Python's words, and those of people who write JSON."""
@@ -53,6 +54,10 @@ def _place(fault: Mapping[str, Any]) -> tuple[int | str, ...]:
 
 def _message(fault: Mapping[str, Any]) -> str:
     message: str = fault["msg"]
+    if fault["type"] == "union_tag_not_found":
+        return f"Field {fault['ctx']['discriminator']} required"
+    if fault["type"] == "union_tag_invalid":
+        return f"{fault['ctx']['discriminator']} should be one of {fault['ctx']['expected_tags']}"
     if fault["type"] == "extra_forbidden":
         return "this name is not known"
     if fault["type"] == "json_invalid":

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import Field, StrictBool, StrictInt, TypeAdapter, ValidationError
 
+from pipeline.calibration.options import CALIBRATION_OPTIONS
 from pipeline.options import Options
 from service.sentences import describe_fault, sentence_of
 
@@ -21,6 +22,7 @@ from service.sentences import describe_fault, sentence_of
         ({"outputs": [1, 2]}, "outputs.0: Input should be a valid string."),
         ({"response": 1}, "response: Input should be a valid string or a valid object."),
         ({"light_directions": [1]}, "light_directions.0: Input should be a valid object."),
+        ({"setup": "my table"}, "setup: such a name has 1 to 40 of the letters"),
         ({"int": 1}, "int: this name is not known."),
         ({"lights": 0, "focal_px": -1}, "lights: Input should be 'auto', 1, 2 or 3."),
     ],
@@ -32,6 +34,21 @@ def test_a_fault_of_the_options_is_one_sentence(options: dict[str, object], expe
     assert expected.lower() in sentence.lower()
     assert sentence.endswith(".")
     assert "\n" not in sentence
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({}, "Field 'kind' required."),
+        ({"kind": "lens"}, "'kind' should be one of 'flash', 'camera', 'lamps'."),
+        (3, "Input should be a valid object."),
+        ({"kind": "flash", "chart": 3}, "flash.chart: Input should be a valid list."),
+    ],
+)
+def test_a_fault_of_a_calibration_is_one_sentence(options: object, expected: str) -> None:
+    with pytest.raises(ValidationError) as caught:
+        CALIBRATION_OPTIONS.validate_python(options)
+    assert sentence_of(caught.value) == expected
 
 
 @pytest.mark.parametrize(
