@@ -10,13 +10,22 @@ import drivers
 
 
 def flash_switch(text: str, settle_s: float) -> drivers.Flash:
-    """Read --flash: "property", "operator", or a command or URL with {state} in it."""
+    """Read --flash: "property", "operator", or a command or URL with {state} in it.
+
+    Raises pipeline.errors.OptionError.
+    """
+    from pipeline.errors import OptionError
     from service.camera_tasks import brightness
 
     if text == "property":
         return drivers.PropertyFlash()
     if text == "operator":
         return drivers.OperatorFlash(_ask, brightness)
+    if "{state}" not in text:
+        raise OptionError(
+            f"--flash {text}: write property, operator, or a command or URL in which {{state}} "
+            "becomes on or off."
+        )
     return drivers.ExternalFlash(text, brightness, settle_s)
 
 

@@ -247,6 +247,7 @@ class TestKeys:
         (["--interval", "nan"], "--interval"),
         (["--pairs", "-1"], "--pairs"),
         (["--set", "iso=auto"], "a fixed iso"),
+        (["--flash", "relay on"], "in which {state} becomes on or off"),
         (["--key-file", "nothing.key"], "nothing.key cannot be read"),
         (["--key", "ll_abc"], "No such option"),
     ],
