@@ -194,7 +194,8 @@ async def _on_http(request: Request, error: Exception) -> Response:
     # What the router itself refuses: unknown paths and methods.
     assert isinstance(error, HTTPException)
     kind = Kind(f"http-{error.status_code}", error.status_code, str(error.detail))
-    detail = f"{request.method} {request.url.path}: {error.detail}."
+    wrong = f"{request.method} {request.url.path}: {error.detail}."
+    detail = f"{wrong} Check the address; /docs lists what this service answers."
     headers = dict(error.headers) if error.headers else None
     return _answer(make_problem(kind, detail, request.state.trace_id), headers)
 

@@ -327,7 +327,10 @@ def test_a_trace_id_of_the_caller_is_kept(http: httpx.Client) -> None:
 def test_unknown_paths_and_methods_are_problems(
     method: str, path: str, status: int, http: httpx.Client
 ) -> None:
-    assert problem_of(http.request(method, path))[:2] == (status, f"http-{status}")
+    answer = http.request(method, path)
+    assert problem_of(answer)[:2] == (status, f"http-{status}")
+    assert answer.json()["detail"].startswith(f"{method} {path}: ")
+    assert "Check the address" in answer.json()["detail"]
 
 
 def test_cameras_are_listed(http: httpx.Client) -> None:
