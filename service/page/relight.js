@@ -27,11 +27,11 @@ void main() {
 
 const LONGEST = 2048; // pixels of the normals that are shown
 
-/** Show normals on a canvas, lit from where the pointer or the arrow keys say. */
-export async function relight(canvas, url) {
+/** Show normals, a picture, on a canvas, lit from where the pointer or the arrow keys say. */
+export async function relight(canvas, blob) {
   const gl = open(canvas);
   if (!gl) throw new Error("This browser cannot show normals: it has no WebGL 2.");
-  const whole = await createImageBitmap(await (await fetch(url)).blob(), {
+  const whole = await createImageBitmap(blob, {
     colorSpaceConversion: "none",
     premultiplyAlpha: "none",
   });

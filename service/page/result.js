@@ -181,7 +181,14 @@ class Views {
 
   addImage(name, text) {
     const image = h("img", { className: "plain", alt: text });
-    this.add(name, text, image, async () => (image.src = await source(this._path(name))));
+    const path = this._path(name);
+    this.add(name, text, image, async () => {
+      image.src = await source(path);
+      await image.decode().catch(async () => {
+        await fetchBytes(path); // which says why it did not come
+        throw new Error("This browser cannot show the picture; it is among the files.");
+      });
+    });
   }
 
   addNormals() {
@@ -191,7 +198,7 @@ class Views {
       role: "img",
       "aria-label": "The normals under a light that follows the pointer or the arrow keys.",
     });
-    this.add("normals.png", "Normals", canvas, async () => relight(canvas, await source(this._path("normals.png"))));
+    this.add("normals.png", "Normals", canvas, async () => relight(canvas, new Blob([await fetchBytes(this._path("normals.png"))])));
   }
 
   /** Let a picture be enlarged and moved by pointer and keys. */
@@ -229,8 +236,12 @@ class Views {
     const view = this._views.get(name);
     const mixes = view.element === this._light?.canvas;
     if (view.element.parentNode !== this._place) this._place.replaceChildren(view.element);
-    Promise.resolve(view.start()).catch((error) => this._place.append(alarm(error)));
+    const { start } = view;
     view.start = () => {};
+    Promise.resolve(start()).catch((error) => {
+      view.start = start; // looked at again, it is tried again
+      if (this._place.contains(view.element)) this._place.append(alarm(error));
+    });
     for (const part of [this._zoom, this._comparison]) if (part) part.hidden = !mixes;
     if (mixes) this.shown(name);
   }

@@ -276,6 +276,24 @@ def test_a_rendering_is_watched_no_longer_than_its_mixer(
     service.http.post(f"/jobs/{job['id']}/cancel").raise_for_status()
 
 
+def test_a_picture_that_cannot_be_fetched_is_told_in_words_and_tried_again(
+    page: Page, done: dict[str, Any]
+) -> None:
+    problem = {"type": "x", "title": "No storage", "detail": "It does not answer.", "status": 503}
+    page.route("**/gamma.png", lambda route: route.fulfill(status=503, json=problem))
+    open_mixer(page, done)
+    look = page.get_by_role("radio", name="Why these lamps")
+    look.check(force=True)
+    expect(page.get_by_role("alert")).to_contain_text("It does not answer.")
+    page.unroute("**/gamma.png")
+    page.get_by_role("radio", name="Mix").check(force=True)
+    expect(page.get_by_role("alert")).to_have_count(0)
+    look.check(force=True)
+    picture = page.get_by_role("img", name="Why these lamps")
+    expect(picture).not_to_have_js_property("naturalWidth", 0)
+    expect(page.get_by_role("alert")).to_have_count(0)
+
+
 def test_layers_that_cannot_be_fetched_leave_all_else(
     page: Page, done: dict[str, Any], service: Any
 ) -> None:
