@@ -196,6 +196,22 @@ def test_the_same_request_asked_anew_is_confirmed_anew(page: Page, done: dict[st
     assert confirmed == ["3"]
 
 
+def test_on_a_small_phone_a_job_tells_its_kind_and_state(phone: Page, done: dict[str, Any]) -> None:
+    phone.set_viewport_size({"width": 320, "height": 568})
+    made = {**done, "state": "waiting_for_operator", "options": {"kind": "camera"}, "files": []}
+    phone.route(
+        re.compile(r"/jobs\?"), lambda route: route.fulfill(json={"jobs": [made] * 2, "next": None})
+    )
+    phone.goto("/#/jobs")
+    for card in phone.locator(".jobs a").all():
+        whole = card.bounding_box()
+        assert whole is not None
+        for words in ("Calibration of a camera", "Waits for you"):
+            part = card.get_by_text(words).bounding_box()
+            assert part is not None
+            assert part["x"] + part["width"] <= whole["x"] + whole["width"]
+
+
 def test_somebody_is_asked_and_confirms(page: Page, done: dict[str, Any]) -> None:
     """As the service tells it: the job waits for its operator until it is confirmed."""
     here = f"/jobs/{done['id']}"

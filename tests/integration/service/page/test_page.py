@@ -227,6 +227,20 @@ def test_a_phone_has_picture_and_lamps_at_once(phone: Page, done: dict[str, Any]
     assert phone.evaluate("document.documentElement.scrollWidth") == 390
 
 
+def test_a_phone_held_across_has_the_picture_beside_the_lamps(
+    phone: Page, done: dict[str, Any]
+) -> None:
+    phone.set_viewport_size({"width": 844, "height": 390})
+    canvas = open_mixer(phone, done)
+    expect(strip(phone, 1)).to_be_in_viewport(ratio=0.9)
+    picture, lamp = canvas.bounding_box(), strip(phone, 1).bounding_box()
+    assert picture is not None
+    assert lamp is not None
+    assert picture["height"] > 390 / 2
+    assert picture["x"] + picture["width"] <= lamp["x"]
+    check_access(phone, "phone_across")
+
+
 def test_a_bad_preset_is_told_in_words(page: Page, done: dict[str, Any]) -> None:
     open_mixer(page, done)
     for text, words in (
