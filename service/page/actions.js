@@ -33,7 +33,7 @@ export async function deleteJob(job) {
 /** Another job like this one; a camera that took no pair takes one. */
 function runAgain(job) {
   if (job.inputs) return post(`/jobs/${job.id}/rerun`, {});
-  return post("/jobs", { capture: job.capture, options: job.options });
+  return post(job.options.kind ? "/calibrations" : "/jobs", { capture: job.capture, options: job.options });
 }
 
 function button(textContent, onclick) {

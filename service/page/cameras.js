@@ -19,7 +19,7 @@ export async function showCameras(main, signal, attempt, options) {
   const rows = new Map();
   const show = (cameras) => {
     for (const camera of cameras) {
-      const key = camera.id ?? camera.address;
+      const key = keyOf(camera);
       if (!rows.has(key)) {
         rows.set(key, rowOf(camera, attempt, options));
         list.append(rows.get(key).element);
@@ -27,7 +27,7 @@ export async function showCameras(main, signal, attempt, options) {
       rows.get(key).show(camera);
     }
     for (const [key, row] of rows) {
-      if (cameras.some((camera) => (camera.id ?? camera.address) === key)) continue;
+      if (cameras.some((camera) => keyOf(camera) === key)) continue;
       row.element.remove();
       rows.delete(key);
     }
@@ -66,7 +66,7 @@ function rowOf(camera, attempt, options) {
   const element = h(
     "li",
     {},
-    h("div", { className: "who" }, h("strong", { textContent: name }), " ", h("code", { textContent: camera.address }), how),
+    h("div", { className: "who" }, h("strong", { textContent: name }), " ", name === camera.address ? null : h("code", { textContent: camera.address }), how),
     camera.id ? flash : null,
     button,
     camera.id ? settingsOf(camera, name) : null,
@@ -96,6 +96,12 @@ function wordsOf({ state, battery_percent, free_bytes, holder, waiting }) {
   return [text, ...(link ? [" ", link] : [])];
 }
 
-function nameOf({ make, model }) {
+/** What a row is known by: one that has been away since the start is named only once it has come. */
+function keyOf(camera) {
+  return `${camera.id ?? camera.address} ${nameOf(camera)}`;
+}
+
+function nameOf({ make, model, address }) {
+  if (!make && !model) return address;
   return model.startsWith(make.split(" ")[0]) ? model : `${make} ${model}`;
 }

@@ -300,6 +300,46 @@ def test_a_camera_tells_how_it_is_and_takes_settings(page: Page, done: dict[str,
     assert sent == [{"iso": 400}, {"flash": "operator", "options": {}}]
 
 
+def test_a_camera_that_comes_later_is_named_then(page: Page) -> None:
+    away = {
+        "id": "c1",
+        "address": "ptp+ip://192.168.1.20",
+        "make": "",
+        "model": "",
+        "serial": "",
+        "state": "away",
+        "battery_percent": None,
+        "free_bytes": None,
+        "holder": None,
+        "waiting": 0,
+    }
+    told: list[Any] = [{**away, "make": "Nikon", "model": "D5100", "state": "idle"}]
+    waits: list[Route] = []
+    page.route("**/cameras", lambda route: route.fulfill(json=[away]))
+    page.route("**/cameras/events", lambda route: waits.append(route))
+    page.goto("/")
+    row = page.locator(".cameras li")
+    expect(row).to_contain_text("Not connected")
+    expect(page.get_by_role("button", name=f"Capture with {away['address']}")).to_be_disabled()
+    body = f"data: {json.dumps(told)}\n\n"
+    waits[0].fulfill(content_type="text/event-stream", body=body)
+    expect(page.get_by_role("button", name="Capture with Nikon D5100")).to_be_enabled()
+    expect(row).to_have_count(1)
+    expect(row).to_contain_text("Nikon D5100 ptp+ip://192.168.1.20")
+
+
+def test_a_calibration_without_a_pair_is_run_again(page: Page, service: Any) -> None:
+    wanted = {"capture": {"camera": "sim://studio?fault=store_full"}, "options": {"kind": "flash"}}
+    made = service.http.post("/calibrations", json=wanted).raise_for_status().json()
+    assert service.await_end(made)["state"] == "failed"
+    page.goto(f"/#/jobs/{made['id']}")
+    page.get_by_role("button", name="Run again").click()
+    page.wait_for_url(lambda url: made["id"] not in url)
+    again = service.look({"links": {"self": f"/jobs/{page.url.rpartition('/')[2]}"}})
+    assert (again["options"]["kind"], again["capture"]) == ("flash", made["capture"])
+    expect(page.get_by_role("alert")).to_contain_text("memory card is full")
+
+
 def test_lamps_are_given_directions_for_normals(
     page: Page, done: dict[str, Any], service: Any
 ) -> None:
