@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Literal
 
 import numpy as np
@@ -15,7 +15,7 @@ from pipeline.errors import OptionError
 from pipeline.frames import Frame
 from pipeline.options import Sensitivities
 from pipeline.spectra.colorimetry import camera_to_xyz
-from pipeline.spectra.folder import folder_spectra
+from pipeline.spectra.folder import folder_spectra, read_spectrum
 from pipeline.spectra.grid import on_grid
 from pipeline.spectra.kept import kept
 from pipeline.spectra.library import colour_science, without_warnings
@@ -83,9 +83,7 @@ def measured_cameras() -> list[Camera]:
     cameras = [_measured_by_colour(name) for name in _PACKAGED]
     for name, path in folder_spectra().items():
         with suppress(OptionError):  # a light's table, or none
-            cameras.append(
-                camera_from_table(name, parse_sensitivities(path.read_bytes()), "measured")
-            )
+            cameras.append(read_spectrum(path, partial(_camera_of_folder, name)))
     return cameras
 
 
@@ -145,11 +143,15 @@ def _measured(name: str) -> Camera | None:
     wanted = key_of(name)
     for known, path in folder_spectra().items():
         if wanted in _keys(known):
-            return camera_from_table(known, parse_sensitivities(path.read_bytes()), "measured")
+            return read_spectrum(path, partial(_camera_of_folder, known))
     for known, entry in _PACKAGED.items():
         if wanted in _keys(known) or wanted == key_of(entry):
             return _measured_by_colour(known)
     return None
+
+
+def _camera_of_folder(name: str, data: bytes) -> Camera:
+    return camera_from_table(name, parse_sensitivities(data), "measured")
 
 
 def _measured_by_colour(name: str) -> Camera:

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 from pipeline.errors import OptionError
 
 _AMPAS_RANGE = re.compile(r"_\d+_\d+_\d+$")
 """The wavelength range at the end of a file's name in rawtoaces-data."""
+
+
+_Read = TypeVar("_Read")
 
 
 def folder_spectra() -> dict[str, Path]:
@@ -30,3 +35,18 @@ def folder_spectra() -> dict[str, Path]:
         for path in sorted(root.rglob("*"))
         if path.suffix.lower() in (".csv", ".json") and path.is_file()
     }
+
+
+def read_spectrum(path: Path, read: Callable[[bytes], _Read]) -> _Read:
+    """Read a file of the folder: it may be used unasked, so that an OptionError names it."""
+    try:
+        return read(path.read_bytes())
+    except OSError as error:
+        reason = (error.strerror or "it fails").lower()
+        raise OptionError(
+            f"The file {path.name} in the folder of LIGHTLAYERS_SPECTRA cannot be read: {reason}."
+        ) from error
+    except OptionError as error:
+        raise OptionError(
+            f"The file {path.name} in the folder of LIGHTLAYERS_SPECTRA cannot be used. {error}"
+        ) from error

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline.errors import OptionError
 from pipeline.options import Spectrum
 from pipeline.spectra.colorchecker import colorchecker_spectra
-from pipeline.spectra.folder import folder_spectra
+from pipeline.spectra.folder import folder_spectra, read_spectrum
 from pipeline.spectra.grid import STEP_NM, WAVELENGTHS_NM, on_grid
 from pipeline.spectra.kept import kept
 from pipeline.spectra.library import colour_science, without_warnings
@@ -46,7 +46,7 @@ def find_light(request: str | Spectrum, purpose: str = "flash") -> NDArray[np.fl
     wanted = key_of(request)
     own = {key_of(name): path for name, path in folder_spectra().items()}
     if wanted in own:
-        return find_light(parse_spectrum(own[wanted].read_bytes()), purpose)
+        return find_light(read_spectrum(own[wanted], parse_spectrum), purpose)
     if wanted == _XENON:
         return _xenon()
     packaged = packaged_lights()

@@ -133,6 +133,22 @@ def test_a_setting_that_names_no_folder_is_an_option_error(
         find_camera("Nikon D5100", frame_of())
 
 
+def test_a_file_that_is_used_unasked_is_named_where_it_cannot_be(
+    frame_of: FrameOf, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "nikon_d5100.csv").write_text("wavelength_nm,R,G,B\n400,none,0,0\n")
+    monkeypatch.setenv("LIGHTLAYERS_SPECTRA", str(tmp_path))
+    with pytest.raises(OptionError, match=r"nikon_d5100\.csv .* cannot be used\. .* not a number"):
+        find_camera(None, frame_of("NIKON CORPORATION", "NIKON D5100", encoding="raw"))
+
+    def refuse(_path: Path) -> bytes:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "read_bytes", refuse)
+    with pytest.raises(OptionError, match=r"nikon_d5100\.csv .* cannot be read: permission denied"):
+        find_light("nikon d5100")
+
+
 def test_a_table_handed_in_is_used_as_it_is(frame_of: FrameOf) -> None:
     table = Sensitivities(
         wavelength_nm=[400, 500, 600, 700], r=[0, 0, 4, 0], g=[0, 2, 0, 0], b=[1, 0, 0, 0]
