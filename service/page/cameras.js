@@ -4,6 +4,7 @@ import { get, post } from "./api.js";
 import { settingsOf } from "./camera_settings.js";
 import { bytes, h, pause } from "./dom.js";
 import { follow } from "./events.js";
+import { AWAY } from "./watch.js";
 
 const STATES = { idle: "Ready", capturing: "Takes photographs", waiting_for_operator: "Waits for somebody", away: "Not connected" };
 const FLASH = [["", "The camera switches the flash"], ["external", "A relay or trigger switches it"], ["operator", "I switch it myself"]];
@@ -13,9 +14,10 @@ const FLASH = [["", "The camera switches the flash"], ["external", "A relay or t
  * attempt(work): a listener that goes to the job which work makes. options(): of that job.
  */
 export async function showCameras(main, signal, attempt, options) {
-  const found = await get("/cameras").catch(() => []);
-  if (signal.aborted || !found.length) return;
+  const found = await get("/cameras").catch(() => null);
+  if (signal.aborted || !found) return;
   const list = h("ul");
+  const section = h("section", { className: "cameras" }, h("h2", { textContent: "Or let a connected camera take both" }), list);
   const rows = new Map();
   const show = (cameras) => {
     for (const camera of cameras) {
@@ -31,19 +33,20 @@ export async function showCameras(main, signal, attempt, options) {
       row.element.remove();
       rows.delete(key);
     }
+    section.hidden = !cameras.length;
   };
   show(found);
-  main.append(h("section", { className: "cameras" }, h("h2", { textContent: "Or let a connected camera take both" }), list));
-  if (found.some((camera) => camera.state)) keepUp(signal, show);
+  main.append(section);
+  if (found.every((camera) => camera.state)) keepUp(signal, show);
 }
 
-/** Show the cameras as they become, as long as the service tells of them. */
+/** Show the cameras as they become, by their events, and by asking where those are held back. */
 async function keepUp(signal, show) {
   while (!signal.aborted) {
     try {
-      if (!(await follow("/cameras/events", signal, show))) return;
+      if (!(await follow("/cameras/events", signal, show)) && !signal.aborted) show(await get("/cameras"));
     } catch (error) {
-      if (error.status) return;
+      if (!AWAY.includes(error.status)) return;
     }
     await pause(5000, signal);
   }

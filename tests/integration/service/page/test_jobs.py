@@ -300,6 +300,56 @@ def test_a_camera_tells_how_it_is_and_takes_settings(page: Page, done: dict[str,
     assert sent == [{"iso": 400}, {"flash": "operator", "options": {}}]
 
 
+@pytest.mark.parametrize("trouble", ["away", "held back"])
+def test_cameras_are_kept_up_with_through_trouble(page: Page, trouble: str) -> None:
+    camera = {
+        "id": "c1",
+        "address": "ptp+usb://",
+        "make": "Nikon",
+        "model": "D5100",
+        "serial": "1",
+        "state": "capturing",
+        "battery_percent": None,
+        "free_bytes": None,
+        "holder": None,
+        "waiting": 0,
+    }
+    tried: list[str] = []
+
+    def events(route: Route) -> None:
+        tried.append(route.request.url)
+        if trouble == "away" and len(tried) == 1:
+            route.fulfill(status=503, json={"title": "Away", "detail": "Away.", "status": 503})
+        elif trouble == "away":
+            body = f"data: {json.dumps([{**camera, 'state': 'idle'}])}\n\n"
+            route.fulfill(content_type="text/event-stream", body=body)
+
+    def cameras(route: Route) -> None:
+        route.fulfill(json=[{**camera, "state": "idle" if tried else "capturing"}])
+
+    page.route("**/cameras/events", events)
+    page.route("**/cameras", cameras)
+    page.goto("/")
+    row = page.locator(".cameras li")
+    expect(row).to_contain_text("Takes photographs")
+    expect(row).to_contain_text("Ready")
+
+
+def test_a_camera_that_is_connected_while_the_page_is_open_is_shown(page: Page) -> None:
+    camera = {"id": "c1", "address": "ptp+usb://", "make": "Nikon", "model": "D5100"}
+    waits: list[Route] = []
+    page.route("**/cameras", lambda route: route.fulfill(json=[]))
+    page.route("**/cameras/events", lambda route: waits.append(route))
+    with page.expect_request("**/cameras/events"):
+        page.goto("/")
+    heading = page.get_by_role("heading", name="Or let a connected camera take both")
+    expect(heading).to_have_count(0)
+    body = f"data: {json.dumps([{**camera, 'state': 'idle', 'waiting': 0}])}\n\n"
+    waits[0].fulfill(content_type="text/event-stream", body=body)
+    expect(heading).to_be_visible()
+    expect(page.get_by_role("button", name="Capture with Nikon D5100")).to_be_enabled()
+
+
 def test_a_camera_that_comes_later_is_named_then(page: Page) -> None:
     away = {
         "id": "c1",
