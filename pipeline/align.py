@@ -267,6 +267,7 @@ def _corner_motion(matrix: NDArray[np.float64], width: int, height: int) -> floa
 def _refused(correlation: float | None, why: str) -> Alignment:
     problem = (
         f"The two photographs could not be aligned ({why}); they are used as they are, so edges "
-        "may show wrong light. Use a tripod, or pass --no-align if they already fit."
+        "may show wrong light. Use a tripod, or switch aligning off if they already fit "
+        "(--no-align, or the option align: false)."
     )
     return Alignment(False, np.eye(3), correlation, problem)

@@ -34,7 +34,8 @@ def find_chart(pair: Pair) -> Corners:
         len(found),
         "ColorChecker",
         "all 24 patches must be in the picture, lit by the flash, not clipped and not covered",
-        "--chart, the middles of its outer patches; a grey card needs --card, a circle on it",
+        "the option chart, the middles of its outer patches; a grey card needs card, a circle "
+        "on it",
     )
     a, b, c, d = ((float(x), float(y)) for x, y in found[0].corners)
     return (a, b, c, d)
@@ -45,7 +46,7 @@ def find_sphere(pair: Pair, mirror: bool) -> Circle:
     found = find_spheres(pair.no_flash[:], pair.flash_part(), mirror)
     kind = "mirror sphere" if mirror else "matt grey sphere"
     advice = "all of it must be in the picture, lit by a flash at the camera"
-    _check_one(len(found), kind, advice, "--sphere, its outline")
+    _check_one(len(found), kind, advice, "the option sphere, its outline")
     return found[0]
 
 

@@ -85,7 +85,7 @@ def test_a_camera_without_a_chart_in_view_is_said(
         check=False,
     )
     assert done.returncode == 2
-    assert "No ColorChecker was found" in done.stderr and "give --chart" in done.stderr
+    assert "No ColorChecker was found" in done.stderr and "give the option chart" in done.stderr
     assert "Traceback" not in done.stderr
     assert not (tmp_path / "f.json").exists()
 

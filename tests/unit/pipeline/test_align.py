@@ -152,7 +152,7 @@ def test_unrelated_photographs_are_refused_with_a_sentence() -> None:
     problem = refusal(estimate_alignment(by_lamps(no_flash), by_flash(flash)))
 
     assert problem.startswith("The two photographs could not be aligned (")
-    assert "--no-align" in problem
+    assert "--no-align" in problem and "align: false" in problem
     assert problem.endswith(".")
 
 
