@@ -68,7 +68,8 @@ function stagesOf(job) {
 function whenOf(job) {
   const parts = [];
   if (job.position) parts.push(`Place ${job.position} in the queue`);
-  if (job.attempt > 1) parts.push(`Attempt ${job.attempt}`);
+  const tries = job.attempt - (job.capture && job.inputs ? 1 : 0); // the first start took the pair, and did not fail
+  if (tries > 1) parts.push(`Attempt ${tries}`);
   const seconds = job.eta ? (new Date(job.eta) - Date.now()) / 1000 : 0;
   if (seconds > 90) parts.push(`about ${Math.round(seconds / 60)} minutes left`);
   else if (seconds > 5) parts.push(`about ${Math.ceil(seconds / 5) * 5} seconds left`);

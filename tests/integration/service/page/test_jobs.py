@@ -167,6 +167,21 @@ def test_of_a_job_that_is_deleted_meanwhile_the_error_alone_is_shown(
     expect(page.locator("main > *")).to_have_count(1)
 
 
+def test_taking_the_pair_is_no_attempt_that_failed(page: Page, done: dict[str, Any]) -> None:
+    attempt = [2]
+
+    def job(route: Route) -> None:
+        taken = {"capture": {"camera": "sim://studio"}, "state": "running", "stage": "lamps"}
+        route.fulfill(json={**done, **taken, "position": 7, "attempt": attempt[0]})
+
+    page.route(f"**/jobs/{done['id']}", job)
+    page.route("**/events", lambda route: route.abort())
+    page.goto(f"/#/jobs/{done['id']}")
+    expect(page.locator(".lead")).to_have_text("Place 7 in the queue")
+    attempt[0] = 3
+    expect(page.locator(".lead")).to_have_text("Place 7 in the queue · Attempt 2")
+
+
 def test_the_same_request_asked_anew_is_confirmed_anew(page: Page, done: dict[str, Any]) -> None:
     here = f"/jobs/{done['id']}"
     number = [1]
