@@ -220,6 +220,10 @@ def _calibrate(
         raise OptionError(sentence_of(error).removeprefix(f"{kind}.")) from error
     if output is None and options.setup is None:
         raise OptionError("Name a file with --output, or keep it for a set-up with --setup.")
+    if output is not None and output.suffix.lower() != ".json":  # perhaps a photograph
+        raise OptionError(
+            f"A calibration cannot be written as {output.name}: its name has to end in .json."
+        )
     before, after = source.photographs()
     with tempfile.TemporaryDirectory(prefix="lightlayers-") as name:
         with stage_bar() as report:

@@ -39,6 +39,10 @@ def write_report(folder: Path, target: Path) -> Path:
 
     Raises InputError where the folder holds no results or the page cannot be written.
     """
+    if target.suffix.lower() not in (".html", ".htm"):  # perhaps a picture of the results
+        raise InputError(
+            f"A page cannot be written as {target.name}: its name has to end in .html."
+        )
     manifest = _manifest(folder)
     page = Template((files("service.cli") / "report.html").read_text(encoding="utf-8"))
     try:

@@ -220,6 +220,16 @@ def test_marks_that_cannot_be_used_are_one_sentence(
     assert not saved.exists()
 
 
+def test_a_photograph_is_not_written_over(
+    pair: list[str], asked: list[Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = Path(pair[1]).read_bytes()
+    assert run(["calibrate", "flash", *pair, "--card", "5,6,3", "-o", pair[1]]) == 2
+    assert "its name has to end in .json." in capsys.readouterr().err
+    assert not asked
+    assert Path(pair[1]).read_bytes() == before
+
+
 def test_what_cannot_be_read_written_or_used_is_told(
     pair: list[str],
     tmp_path: Path,

@@ -112,6 +112,14 @@ def test_a_page_may_lie_elsewhere(results: Path, tmp_path: Path) -> None:
     assert (tmp_path / "shown.html").exists() and not (results / "report.html").exists()
 
 
+def test_a_picture_is_not_written_over(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    picture = results / "lamp1.jpg"
+    before = picture.read_bytes()
+    assert run(["report", str(results), "-o", str(picture)]) == 2
+    assert "lamp1.jpg: its name has to end in .html." in capsys.readouterr().err
+    assert picture.read_bytes() == before
+
+
 def test_a_folder_that_is_not_utf_8_is_printed_as_it_is(results: Path) -> None:
     folder = results / "r\udcff"
     folder.mkdir()
