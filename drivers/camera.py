@@ -70,6 +70,12 @@ class CameraInfo:
     battery_percent: int | None
     free_bytes: int | None = None
 
+    def __post_init__(self) -> None:
+        """Leave out what no terminal should be told by a camera."""
+        for name in ("make", "model", "serial"):
+            words = "".join(filter(str.isprintable, getattr(self, name)))
+            object.__setattr__(self, name, words)
+
 
 @dataclass(frozen=True)
 class Setting:

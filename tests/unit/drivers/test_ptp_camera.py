@@ -66,6 +66,15 @@ def test_the_camera_says_who_it_is(clock: Clock) -> None:
     )
 
 
+def test_the_camera_gives_no_orders_to_a_terminal(clock: Clock) -> None:
+    def hostile(_data: bytes) -> bytes:
+        words = ("\x1b]0;mine\x07Make", "Mo\ndel", "1", "2\x9b")
+        return DeviceInfo((0x1001, 0x1002), (), (), (), *words).encode()
+
+    info = opened(clock, {Operation.GET_DEVICE_INFO: hostile}).info()
+    assert (info.make, info.model, info.serial) == ("]0;mineMake", "Model", "2")
+
+
 def test_a_camera_without_a_battery_gauge_tells_no_charge(clock: Clock) -> None:
     def without(data: bytes) -> bytes:
         info = DeviceInfo.decode(data)
