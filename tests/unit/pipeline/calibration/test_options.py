@@ -51,7 +51,7 @@ def test_tables_stand_for_names() -> None:
         ({"kind": "flash", "card": CARD, "chart": CHART}, "mark either a grey card"),
         ({"kind": "flash", "card": {**CARD, "radius": 0}}, "greater than 0"),
         ({"kind": "flash", "card": {**CARD, "x": float("nan")}}, "finite"),
-        ({"kind": "camera", "setup": "../up"}, "pattern"),
+        ({"kind": "camera", "setup": "../up"}, "1 to 40 of the letters"),
         ({"kind": "camera", "setup": "none"}, "go without calibrations; give another name"),
         ({"kind": "camera", "chart": CHART[:3]}, "required"),
         ({"kind": "lamps", "sphere": CARD, "lights": 4}, "'auto', 1, 2 or 3"),
