@@ -12,20 +12,23 @@ import tempfile
 from collections.abc import Generator
 from pathlib import Path
 
+from service import scratch
+
 _UNNAMED = "."  # files begin with it until they are locked
 
 
 def enter(data_dir: Path, worker: str) -> None:
     """Say that this process is a worker, for as long as it lives.
 
-    Raises OSError where data_dir cannot be written.
+    Raises StartError where data_dir cannot be written.
     """
     folder = _folder(data_dir)
-    folder.mkdir(parents=True, exist_ok=True)
-    # Never closed: the lock goes with the process.
-    descriptor, path = tempfile.mkstemp(dir=folder, prefix=_UNNAMED)
-    fcntl.flock(descriptor, fcntl.LOCK_EX)
-    Path(path).rename(folder / worker)
+    with scratch.usable(data_dir):
+        folder.mkdir(parents=True, exist_ok=True)
+        # Never closed: the lock goes with the process.
+        descriptor, path = tempfile.mkstemp(dir=folder, prefix=_UNNAMED)
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        Path(path).rename(folder / worker)
 
 
 def leave(data_dir: Path, worker: str) -> None:
@@ -39,6 +42,8 @@ def dead(data_dir: Path) -> Generator[str]:
         try:
             descriptor = os.open(path, os.O_RDONLY)
         except FileNotFoundError:  # another worker was quicker
+            continue
+        except PermissionError:  # of another user, whose workers or whose silence will tell
             continue
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

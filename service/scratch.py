@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import os
 import shutil
@@ -36,30 +37,40 @@ def folder(data_dir: Path) -> Iterator[Path]:
 def clear(data_dir: Path) -> None:
     """Remove the folders whose process is dead; the kernel has dropped its locks on them.
 
-    Raises StartError where data_dir may not be entered.
+    Raises StartError where data_dir, or what lies in it, is not this user's to write.
     """
-    parent = data_dir / "work"
+    with usable(data_dir):
+        data_dir.mkdir(mode=0o700, parents=True, exist_ok=True)
+        parent = data_dir / "work"
+        parent.mkdir(exist_ok=True)
+        if not os.access(parent, os.W_OK | os.X_OK):  # else the first job would find it out
+            raise PermissionError(errno.EACCES, "it cannot be written")
+        with _locked(parent):
+            for path in parent.iterdir():
+                try:
+                    descriptor = os.open(path, os.O_RDONLY)
+                except FileNotFoundError:  # whoever had it was done with it just now
+                    continue
+                try:
+                    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    shutil.rmtree(path)
+                except BlockingIOError:
+                    continue
+                finally:
+                    os.close(descriptor)
+
+
+@contextlib.contextmanager
+def usable(data_dir: Path) -> Iterator[None]:
+    """Raise StartError where the block cannot use data_dir."""
     try:
-        if not parent.exists():
-            return
+        yield
     except OSError as error:
         reason = (error.strerror or "unknown reason").lower()
         raise StartError(
-            f"The folder {data_dir} cannot be opened: check LIGHTLAYERS_DATA_DIR ({reason})."
+            f"The folder {data_dir} cannot be used ({reason}): give it, with all that is in it, to "
+            "the user that runs the service, or check LIGHTLAYERS_DATA_DIR."
         ) from error
-    with _locked(parent):
-        for path in parent.iterdir():
-            try:
-                descriptor = os.open(path, os.O_RDONLY)
-            except FileNotFoundError:  # whoever had it was done with it just now
-                continue
-            try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(path)
-            except BlockingIOError:
-                continue
-            finally:
-                os.close(descriptor)
 
 
 @contextlib.contextmanager

@@ -17,7 +17,7 @@ from types import FrameType
 
 import uvicorn
 
-from service import keys, logs, metrics, processes, scratch, tracing, uploads
+from service import keys, logs, metrics, processes, tracing, uploads
 from service.api import create_app
 from service.api.callers import keys_required
 from service.api.context import Context, open_context
@@ -47,7 +47,6 @@ def serve(settings: Settings, worker: bool) -> None:
         _check_keys(context)
         metrics.serve(settings, context.engine)
         context.fork_server.start()
-        scratch.clear(settings.data_dir)
         uploads.remove_expired(context.engine, context.storage)
         # uvicorn raises the signal again once it has stopped; the default would end us on the spot.
         signal.signal(signal.SIGTERM, lambda _number, _frame: sys.exit(0))

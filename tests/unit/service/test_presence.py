@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from service import presence
+from service.errors import StartError
 
 
 def _die(data_dir: Path, worker: str) -> None:
@@ -66,5 +68,21 @@ def test_without_a_folder_nobody_has_died(tmp_path: Path) -> None:
 
 def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     (tmp_path / "workers").touch()
-    with pytest.raises(FileExistsError):
+    with pytest.raises(StartError, match="LIGHTLAYERS_DATA_DIR"):
         presence.enter(tmp_path, "worker-1")
+
+
+def test_workers_of_other_users_hide_no_death(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _die(tmp_path, "worker-1")
+    _die(tmp_path, "worker-2")
+    open_any = os.open
+
+    def open_own(path: Path, flags: int) -> int:
+        if path.name == "worker-1":
+            raise PermissionError
+        return open_any(path, flags)
+
+    monkeypatch.setattr(os, "open", open_own)
+    assert list(presence.dead(tmp_path)) == ["worker-2"]

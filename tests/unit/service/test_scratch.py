@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import os
 import shutil
 import subprocess
 import sys
@@ -90,6 +91,28 @@ def test_clearing_a_folder_that_cannot_be_opened_says_what_to_check(tmp_path: Pa
         scratch.clear(folder)
 
 
-def test_clearing_before_the_first_folder_does_nothing(tmp_path: Path) -> None:
-    scratch.clear(tmp_path)
-    assert list(tmp_path.iterdir()) == []
+def test_clearing_before_the_first_folder_makes_their_place(tmp_path: Path) -> None:
+    scratch.clear(tmp_path / "data")
+    assert list((tmp_path / "data" / "work").iterdir()) == []
+    assert (tmp_path / "data").stat().st_mode & 0o077 == 0
+
+
+def test_a_folder_that_cannot_be_written_is_told_before_the_first_job(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "access", lambda _path, mode: not mode & os.W_OK)  # root may
+    with pytest.raises(StartError, match="it cannot be written"):
+        scratch.clear(tmp_path)
+
+
+def test_what_another_user_has_left_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "work" / "theirs").mkdir(parents=True)
+
+    def refuse(_path: Path) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(shutil, "rmtree", refuse)
+    with pytest.raises(StartError, match="permission denied"):
+        scratch.clear(tmp_path)
