@@ -1,4 +1,4 @@
-"""What operators do with jobs of all owners, straight on database, queue and store."""
+"""What operators do with jobs of all owners, straight on database and queue."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from service.opening import open_database, open_storage
 from service.repeat import copy_pair
 from service.settings import Settings
 from service.states import State
-from service.storage import Storage
 
 _RETRIED = (State.FAILED, State.CANCELED)
 
@@ -29,7 +28,7 @@ class Desk:
 
     engine: sa.Engine
     queue: Queue
-    storage: Storage
+    settings: Settings
 
     def newest(self, state: State | None, limit: int) -> list[jobs.Job]:
         """Up to `limit` jobs, newest first; state: those in it only."""
@@ -54,17 +53,19 @@ class Desk:
         """Make a job like this one, which has failed or was canceled; the id of the new one.
 
         Raises UnknownJobError, NotReadyError, GoneError for photographs that are removed,
-        QuotaError and StoredQuotaError by the quotas of its owner, and BaseError while the store
-        is away.
+        QuotaError and StoredQuotaError by the quotas of its owner, and StartError or BaseError
+        while the store is away.
         """
         job = self.find(job_id)
         if job.state not in _RETRIED:
             raise NotReadyError(
                 f"The job is {job.state}; one that is failed or canceled can be made anew."
             )
+        # Opened here alone: where the store is away, the jobs can be looked at all the same.
+        storage = open_storage(self.settings)
         new_id = uuid.uuid4().hex
         untaken = {"capture": job.capture, "camera": job.camera}
-        pair = copy_pair(self.storage, job, new_id) if job.inputs else untaken
+        pair = copy_pair(storage, job, new_id) if job.inputs else untaken
         values: dict[str, Any] = pair | {
             "id": new_id,
             "owner": job.owner,
@@ -83,7 +84,7 @@ class Desk:
                 else:
                     self.queue.submit(connection, new_id, rank)
         except (QuotaError, StoredQuotaError):
-            self.storage.delete_below(job_key(new_id))
+            storage.delete_below(job_key(new_id))
             raise
         return new_id
 
@@ -103,7 +104,7 @@ def open_desk(settings: Settings) -> Iterator[Desk]:
         stack.callback(engine.dispose)
         queue = Queue(engine)
         stack.callback(queue.close)
-        yield Desk(engine, queue, open_storage(settings))
+        yield Desk(engine, queue, settings)
 
 
 def _known(job: jobs.Job | None, job_id: str) -> jobs.Job:

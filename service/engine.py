@@ -49,7 +49,13 @@ _BATCH = 500
 
 def migrate(engine: sa.Engine) -> None:
     """Create or bring up to date the queue's tables; before the first Queue or launch."""
+    _silence_dbos()  # it warns of what it can do without; whatever else fails is raised
     DBOS.migrate(engine.url.render_as_string(hide_password=False))
+
+
+def _silence_dbos() -> None:
+    # It writes to the console of its own unless its logger has a handler.
+    logging.getLogger("dbos").addHandler(logging.NullHandler())
 
 
 @dataclass(frozen=True)
@@ -193,8 +199,7 @@ def launch(
     what came of it is written. sweep(its id in the queue, thorough): called in one worker at a
     time, every sweep_seconds (1…60) with false, every hour with true. Raises StartError.
     """
-    # DBOS writes to the console of its own unless its logger has a handler.
-    logging.getLogger("dbos").addHandler(logging.NullHandler())
+    _silence_dbos()
     DBOS(
         config=DBOSConfig(
             name=_APPLICATION,

@@ -22,8 +22,8 @@ app = typer.Typer(help="See and mend the jobs of a service.", rich_markup_mode=N
 Id = Annotated[str, typer.Argument(metavar="ID", help="Id of the job.")]
 
 
-@app.command()
-def ls(
+@app.command("list")
+def list_jobs(
     state: Annotated[State | None, typer.Option(help="Only jobs in this state.")] = None,
     limit: Annotated[int, typer.Option(min=1, help="How many, the newest first.")] = 50,
     as_json: Annotated[bool, typer.Option("--json", help="Print all of it as JSON.")] = False,

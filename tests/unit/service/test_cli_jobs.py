@@ -66,14 +66,14 @@ def test_jobs_of_all_owners_are_listed(
         held = jobs.claim(connection, "b", "w")
         assert held is not None
         jobs.report(connection, held, "align", 0.25)
-    assert run(["jobs", "ls"]) == 0
+    assert run(["jobs", "list"]) == 0
     lines = sorted(line.split() for line in capsys.readouterr().out.splitlines())
     assert [line[:2] for line in lines] == [["a", "queued"], ["b", "running"]]
     assert lines[0][-1] == "key1"
     assert lines[1][2:5] == ["align", "25%", "1"]
-    assert run(["jobs", "ls", "--state", "running"]) == 0
+    assert run(["jobs", "list", "--state", "running"]) == 0
     assert [line[0] for line in capsys.readouterr().out.splitlines()] == ["b"]
-    assert run(["jobs", "ls", "--limit", "1"]) == 0
+    assert run(["jobs", "list", "--limit", "1"]) == 0
     assert len(capsys.readouterr().out.splitlines()) == 1
 
 
@@ -191,7 +191,7 @@ def test_a_database_that_breaks_is_told(
 ) -> None:
     with context.engine.begin() as connection:
         connection.execute(sa.text("ALTER TABLE jobs RENAME TO gone"))
-    assert run(["jobs", "ls"]) == 1
+    assert run(["jobs", "list"]) == 1
     assert capsys.readouterr().err.startswith("The database of jobs does not answer")
 
 
@@ -202,7 +202,7 @@ def test_what_a_job_asks_for_is_shown_and_confirmed(
         held = jobs.claim(connection, "a", "w")
         assert held is not None
         jobs.ask_operator(connection, held, "Switch the flash off, then confirm.", 60)
-    assert run(["jobs", "ls", "--state", "waiting_for_operator"]) == 0
+    assert run(["jobs", "list", "--state", "waiting_for_operator"]) == 0
     line, request = capsys.readouterr().out.splitlines()
     assert line.split()[:2] == ["a", "waiting_for_operator"]
     assert request == "  asks: Switch the flash off, then confirm."
@@ -233,3 +233,13 @@ def test_a_capture_that_failed_waits_for_its_camera_again(
         queue = sa.text("SELECT queue_name FROM workflow_status WHERE workflow_uuid = :id")
         found = connection.execute(queue, {"id": engine.capture_id(new_id)}).scalar()
     assert found == engine.CAPTURES
+
+
+def test_jobs_are_looked_at_and_stopped_while_the_store_is_away(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LIGHTLAYERS_STORE_URL", "file:///dev/null/store")
+    for command in (["list"], ["show", "a"], ["cancel", "a"]):
+        assert run(["jobs", *command]) == 0
+    assert run(["jobs", "retry", "a"]) == 2
+    assert "LIGHTLAYERS_STORE_URL" in capsys.readouterr().err
