@@ -30,3 +30,13 @@ def configure() -> None:
     handler.setFormatter(_JsonFormatter())
     logging.basicConfig(handlers=[handler], level=logging.WARNING, force=True)
     logging.getLogger("service").setLevel(logging.INFO)
+    logging.getLogger("uvicorn.error").addFilter(_is_news)
+
+
+def _is_news(record: logging.LogRecord) -> bool:
+    # What broke a request is in our log by then, with its trace_id.
+    error = record.exc_info[1] if record.exc_info else None
+    return not (
+        isinstance(error, Exception)
+        and record.getMessage().startswith("Exception in ASGI application")
+    )

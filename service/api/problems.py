@@ -17,6 +17,7 @@ from service import metrics, tracing
 from service.api.headers import DEFAULTS
 from service.errors import (
     DATABASE_AWAY,
+    INTERNAL,
     INVALID,
     KINDS,
     STORE_AWAY,
@@ -212,6 +213,12 @@ async def _on_system(request: Request, error: Exception) -> Response:
 
 async def _on_internal(request: Request, error: Exception) -> Response:
     trace_id = request.state.trace_id
-    log.error("request failed", exc_info=error, extra={"trace_id": trace_id})
+    # An answer that has begun becomes no problem: its connection is closed, and it is not whole.
+    known = error.__cause__ if isinstance(error, RuntimeError) else None
+    if isinstance(known, Exception) and kind_of(known) is not INTERNAL:
+        metrics.count_fault(known)
+        log.warning("answer broken off: %s", kind_of(known).name, extra={"trace_id": trace_id})
+    else:
+        log.error("request failed", exc_info=error, extra={"trace_id": trace_id})
     # Sent by the outermost layer, where nothing else adds them.
     return _answer(problem_of(error, trace_id), {**DEFAULTS, "Trace-Id": trace_id})

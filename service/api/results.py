@@ -163,8 +163,7 @@ def get_zip(context: Parts, caller: Calling, job_id: str) -> Response:
     members = [_member(context, job, result) for result in job.results or []]
     headers = {"Content-Disposition": f'attachment; filename="{job_id}.zip"'}
     chunks = stored_zip(members)
-    with deleted_meanwhile():
-        first = next(chunks)
+    first = next(chunks)
     return StreamingResponse(
         itertools.chain([first], chunks), headers=headers, media_type="application/zip"
     )
@@ -183,7 +182,8 @@ def _member(context: Context, job: jobs.Job, result: dict[str, Any]) -> Member:
     key = results_key(job.id, job.attempt, result["name"])
 
     def chunks() -> Iterator[bytes]:
-        return context.storage.stream(key, 0, result["size"])
+        with deleted_meanwhile():
+            return context.storage.stream(key, 0, result["size"])
 
     return Member(result["name"], result["size"], chunks)
 

@@ -169,6 +169,25 @@ def test_results_that_go_at_this_moment_are_gone(
     assert "being deleted" in detail
 
 
+def test_a_zip_is_broken_off_when_its_job_is_deleted(
+    http: httpx.Client,
+    finish: Callable[[str, dict[str, bytes]], None],
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    made = http.post("/jobs", json={"capture": {"camera": "sim://studio"}}).json()
+    finish(made["id"], dict.fromkeys(("a", "b", "manifest.json"), bytes(20_000_000)))
+    path = http.get(made["links"]["self"]).json()["links"]["zip"]
+    with httpx.stream("GET", f"{http.base_url}{path}") as answer:
+        chunks = answer.iter_raw()
+        next(chunks)
+        assert http.delete(made["links"]["self"]).status_code == 204
+        with pytest.raises(httpx.RemoteProtocolError):  # nobody takes it for whole
+            for _ in chunks:
+                pass
+    (told,) = [record for record in caplog.records if record.name == "service.api"]
+    assert (told.getMessage(), told.exc_info) == ("answer broken off: gone", None)
+
+
 def test_deleting_a_job_deletes_its_results(http: httpx.Client, job: str) -> None:
     assert http.delete(job).status_code == 204
     assert http.get(f"{job}/results/lamp1.jpg").status_code == 404

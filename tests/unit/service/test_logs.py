@@ -43,6 +43,18 @@ def test_a_traceback_stays_on_its_line(capsys: pytest.CaptureFixture[str]) -> No
     assert "ValueError: broken" in json.loads(lines[0])["traceback"]
 
 
+def test_what_broke_a_request_is_told_once(capsys: pytest.CaptureFixture[str]) -> None:
+    logs.configure()
+    library = logging.getLogger("uvicorn.error")
+    try:
+        raise ValueError("broken")
+    except ValueError:
+        library.exception("Exception in ASGI application\n")
+        library.exception("something else")
+    (line,) = capsys.readouterr().err.splitlines()
+    assert json.loads(line)["message"] == "something else"
+
+
 def test_libraries_speak_from_warnings_on(capsys: pytest.CaptureFixture[str]) -> None:
     logs.configure()
     logging.getLogger("uvicorn").info("chatter")
