@@ -41,9 +41,14 @@ class Storage:
 
     def put(self, key: str, data: bytes | Path) -> None:
         """Store bytes, or a file in parts when it is large. Raises StorageFullError."""
-        # Two pieces of a large file in memory at a time, of 5 MiB, not a dozen.
-        with self._puts, _room():
-            obstore.put(self._store, key, data, max_concurrency=2)
+        try:
+            # Two pieces of a large file in memory at a time, of 5 MiB, not a dozen.
+            with self._puts, _room():
+                obstore.put(self._store, key, data, max_concurrency=2)
+        except FileNotFoundError as error:  # a bucket that is gone is a store that is away
+            if self._folder is not None:
+                raise
+            raise GenericError("there is no such bucket") from error
 
     def put_file(self, key: str, path: Path) -> str:
         """Store a file as put does, and give back its SHA-256."""

@@ -5,9 +5,11 @@ from pathlib import Path
 
 import httpx
 import pytest
+from obstore.exceptions import BaseError
 
 from service.errors import StartError
 from service.opening import open_storage
+from service.patience import passes
 from service.settings import Settings
 from service.storage import Storage
 from tests.stores import check_copy, check_folders
@@ -52,6 +54,13 @@ def test_what_is_not_there_is_said(storage: Storage) -> None:
         storage.get("jobs/4/nothing")
     with pytest.raises(FileNotFoundError):
         storage.stream("jobs/4/nothing", 0, 1)
+
+
+@pytest.mark.usefixtures("storage")
+def test_a_bucket_that_is_gone_is_a_store_that_is_away() -> None:
+    with pytest.raises(BaseError, match="no such bucket") as caught:
+        Storage("s3://gone").put("jobs/5/inputs/flash", b"light")
+    assert passes(caught.value)
 
 
 def test_a_copy_stays_when_its_original_goes(storage: Storage) -> None:
