@@ -19,6 +19,8 @@ _PATIENCE_SECONDS = 30
 AWAY = (sa.exc.OperationalError, sa.exc.InterfaceError, sa.exc.InternalError)
 """What is raised while a database is away or has no room, or has dropped a connection."""
 
+_DISK_FULL = "53100"  # PostgreSQL's code
+
 _POSTGRESQL = {
     # A host that is cut off is noticed, whichever of the two has something to say.
     "connect_timeout": 5,
@@ -203,6 +205,15 @@ def connect(url: str) -> sa.Engine:
         connection.execute("PRAGMA foreign_keys=ON")
 
     return engine
+
+
+def is_full(error: sa.exc.DBAPIError) -> bool:
+    """Whether a statement failed because the database's disk has no room."""
+    cause = error.orig
+    return (
+        getattr(cause, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
+        or getattr(cause, "sqlstate", None) == _DISK_FULL
+    )
 
 
 def _switch_to_wal(connection: Any) -> None:

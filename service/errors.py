@@ -53,6 +53,7 @@ from sqlalchemy.exc import DataError, DBAPIError
 
 import drivers
 from pipeline import errors as pipeline_errors
+from service.database import is_full
 
 
 class ServiceError(Exception):
@@ -290,6 +291,11 @@ DATABASE_AWAY = Kind(
     retryable=True,
     detail="The database of jobs does not answer; try again in a minute.",
 )
+DATABASE_FULL = replace(
+    DATABASE_AWAY,
+    detail="The disk of the database of jobs is full, so that nothing can be written, not even "
+    "that a job is deleted; its operator has to make room.",
+)
 
 KINDS: dict[type[Exception], Kind] = {
     pipeline_errors.UnreadableImageError: Kind("unreadable-image", 422, "Not a readable image"),
@@ -352,6 +358,8 @@ KINDS: dict[type[Exception], Kind] = {
 
 def kind_of(error: Exception) -> Kind:
     """Find the kind of problem that an exception is; INTERNAL for what is in no table."""
+    if isinstance(error, DBAPIError) and is_full(error):
+        return DATABASE_FULL
     for parent in type(error).__mro__:
         if parent in KINDS:
             return KINDS[parent]

@@ -66,14 +66,14 @@ def _explain(error: Exception) -> tuple[str, int]:
     from drivers import BadAddressError, CameraNotFoundError, DriverError
     from pipeline.errors import InputError
     from service.client import RefusedError, ServiceAwayError
-    from service.errors import DATABASE_AWAY, STORE_AWAY, ServiceError, kind_of
+    from service.errors import DATABASE_AWAY, DATABASE_FULL, STORE_AWAY, ServiceError, kind_of
     from service.sentences import sentence_of
 
     if isinstance(
         error, InputError | BadAddressError | CameraNotFoundError | RefusedError | ServiceError
     ):
         return str(error), 2
-    if (kind := kind_of(error)) in (DATABASE_AWAY, STORE_AWAY):
+    if (kind := kind_of(error)) in (DATABASE_AWAY, DATABASE_FULL, STORE_AWAY):
         return str(kind.detail), 1
     if isinstance(error, DriverError | ServiceAwayError):
         return str(error), 1

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import psycopg.errors
 import pytest
 import sqlalchemy as sa
 
@@ -27,3 +28,16 @@ def test_a_folder_that_is_there_keeps_its_rights(tmp_path: Path) -> None:
     tmp_path.chmod(0o755)
     database.connect(f"sqlite:///{tmp_path / 'jobs.sqlite'}").dispose()
     assert tmp_path.stat().st_mode & 0o777 == 0o755
+
+
+def test_a_full_disk_is_told_from_a_database_that_is_away(tmp_path: Path) -> None:
+    engine = database.connect(f"sqlite:///{tmp_path / 'jobs.sqlite'}")
+    database.metadata.create_all(engine)
+    with engine.connect() as connection:
+        connection.exec_driver_sql("PRAGMA max_page_count = 1")
+        with pytest.raises(sa.exc.OperationalError) as caught:
+            connection.exec_driver_sql("CREATE TABLE more AS SELECT zeroblob(100000)")
+    engine.dispose()
+    assert database.is_full(caught.value)
+    assert database.is_full(sa.exc.OperationalError("x", None, psycopg.errors.DiskFull()))
+    assert not database.is_full(sa.exc.OperationalError("x", None, psycopg.OperationalError()))

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import psycopg.errors
 import pytest
 import sqlalchemy as sa
 from obstore import exceptions as obstore_errors
@@ -89,6 +90,13 @@ def test_names_of_kinds_are_the_contract() -> None:
 )
 def test_an_error_is_of_its_nearest_kind(error: Exception, name: str) -> None:
     assert kind_of(error).name == name
+
+
+def test_a_database_without_room_says_so() -> None:
+    full = sa.exc.OperationalError("x", None, psycopg.errors.DiskFull())
+    away = sa.exc.OperationalError("x", None, psycopg.OperationalError())
+    assert "disk" in problem_of(full, TRACE).detail
+    assert "disk" not in problem_of(away, TRACE).detail
 
 
 def test_every_error_of_the_service_and_of_bad_input_has_a_kind() -> None:
