@@ -28,6 +28,7 @@ from service.errors import (
     problem_of,
 )
 from service.forkserver import ForkServer
+from service.frames import FRAMES
 from service.media import media_type
 from service.patience import FULL, patiently
 from service.settings import Settings
@@ -35,7 +36,6 @@ from service.stages import Stages
 from service.states import State
 from service.storage import Storage
 
-FRAMES = ("no_flash", "flash")
 JOBS = "jobs/"
 """What the keys of all jobs' objects begin with."""
 

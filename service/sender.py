@@ -7,7 +7,8 @@ from collections.abc import Callable
 from typing import Any, Literal
 
 from service.client import Client, Job, RefusedError, ServiceAwayError
-from service.spool import FRAMES, DamagedPairError, Spool, SpooledPair
+from service.frames import FRAMES
+from service.spool import DamagedPairError, Spool, SpooledPair
 
 PAUSES_S = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 30.0)
 """Between tries while the service is away; the last one is repeated."""

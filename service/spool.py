@@ -25,8 +25,7 @@ from pydantic import BaseModel, ValidationError
 
 from pipeline.errors import InputError
 from service import durable
-
-FRAMES = ("no_flash", "flash")
+from service.frames import FRAMES
 
 _PARTIAL = ".partial-"
 _ABOUT, _UPLOADS, _REASON = "pair.json", "uploads.json", "reason.txt"

@@ -24,7 +24,7 @@ from service.api.context import Context
 from service.api.intake import Intake
 from service.api.models import Handling
 from service.api.uploaded import bring_uploaded, take_over
-from service.attempt import FRAMES, describe_inputs, inputs_key, job_key
+from service.attempt import describe_inputs, inputs_key, job_key
 from service.errors import (
     AttemptError,
     CrashError,
@@ -39,6 +39,7 @@ from service.errors import (
     TimeLimitError,
     UnreadyError,
 )
+from service.frames import FRAMES
 from service.keys import Scope
 
 _CHECK_SECONDS = 30.0

@@ -41,8 +41,8 @@ from service.api.models import (
     SettingsRequest,
     UploadsRequest,
 )
-from service.attempt import FRAMES
 from service.errors import MalformedRequestError, UnsupportedMediaError, UploadTooLargeError
+from service.frames import FRAMES
 from service.sentences import sentence_of
 from service.settings import Settings
 

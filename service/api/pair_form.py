@@ -10,7 +10,6 @@ from pydantic import AfterValidator, Field
 
 from pipeline import errors as pipeline_errors
 from service.api.problems import responses
-from service.attempt import FRAMES
 from service.errors import (
     IdempotencyError,
     MalformedRequestError,
@@ -24,6 +23,7 @@ from service.errors import (
     UnsupportedMediaError,
     UploadTooLargeError,
 )
+from service.frames import FRAMES
 
 _KEY = "[!-~]{1,255}"
 

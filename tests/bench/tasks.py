@@ -17,8 +17,8 @@ from statistics import median
 from typing import Any, Literal
 
 from service import sandbox
-from service.attempt import FRAMES
 from service.forkserver import ForkServer
+from service.frames import FRAMES
 from service.settings import Settings
 from tests.bench.usage import python, run
 

@@ -12,7 +12,8 @@ import httpx
 
 from service import jobs, keys
 from service.api.context import Context
-from service.attempt import FRAMES, describe_inputs, inputs_key
+from service.attempt import describe_inputs, inputs_key
+from service.frames import FRAMES
 
 
 def post_pair(http: httpx.Client, no_flash: bytes, flash: bytes, **more: Any) -> httpx.Response:

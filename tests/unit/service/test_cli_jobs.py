@@ -9,8 +9,9 @@ import sqlalchemy as sa
 
 from service import cameras, database, engine, jobs
 from service.api.context import Context
-from service.attempt import FRAMES, describe_inputs, inputs_key
+from service.attempt import describe_inputs, inputs_key
 from service.cli import run
+from service.frames import FRAMES
 from service.settings import Settings
 from service.states import State
 from tests.unit.service.asking import bearing, owner_of

@@ -10,9 +10,10 @@ import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
 from service import cameras, database, heartbeats, jobs, presence, worker
-from service.attempt import FRAMES, Attempt, describe_inputs
+from service.attempt import Attempt, describe_inputs
 from service.database import AWAY
 from service.engine import Held
+from service.frames import FRAMES
 from service.settings import Settings
 from service.states import State
 from service.worker import Worker
