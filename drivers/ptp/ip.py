@@ -68,7 +68,7 @@ class IpTransport(Transport):
             answer = self._greeted(self._commands, PacketType.INIT_COMMAND_ACK)
             if len(answer) < 4:
                 raise ProtocolError("The camera's PTP/IP greeting has no connection number")
-            self.camera = Greeting.decode(answer[4:])
+            Greeting.decode(answer[4:])  # what answers is a camera, or this raises
             self._events = self._connect(host, port)
             self._events.send(PacketType.INIT_EVENT_REQUEST, answer[:4])
             self._greeted(self._events, PacketType.INIT_EVENT_ACK)
