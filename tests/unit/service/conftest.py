@@ -22,6 +22,7 @@ from service.attempt import results_key
 from service.media import media_type
 from service.settings import Settings
 from tests.unit.service.contract import check_described, described
+from tests.unit.service.studio import PATH, ask_in_process
 
 
 @pytest.fixture(autouse=True)
@@ -74,6 +75,19 @@ def http(server: tuple[FastAPI, str], context: Context) -> Iterator[httpx.Client
     }
     with httpx.Client(base_url=url, timeout=60, event_hooks=hooks) as client:
         yield client
+
+
+@pytest.fixture
+def cameras_in_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Do what the routes ask of a camera in this process."""
+    ask_in_process(monkeypatch)
+
+
+@pytest.fixture
+def capture(http: httpx.Client) -> Callable[..., httpx.Response]:
+    """Ask the simulated camera for pairs, of a service with_cameras."""
+    http.get("/cameras").raise_for_status()
+    return lambda **wanted: http.post(f"{PATH}/captures", json=wanted)
 
 
 @pytest.fixture

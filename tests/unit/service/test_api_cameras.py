@@ -19,26 +19,17 @@ from service.errors import StorageFullError
 from service.settings import Settings
 from tests.unit.service.asking import bearing, owner_of, problem_of
 from tests.unit.service.streams import events
-from tests.unit.service.studio import AWAY, PATH, SIM, ask_in_process, hold, with_cameras
+from tests.unit.service.studio import AWAY, PATH, SIM, hold, with_cameras
 
 FOREIGN = "ptp+ip://192.168.1.99"
+
+
+pytestmark = pytest.mark.usefixtures("cameras_in_process")
 
 
 @pytest.fixture
 def settings(settings: Settings) -> Settings:
     return with_cameras(settings)
-
-
-@pytest.fixture(autouse=True)
-def _no_processes(monkeypatch: pytest.MonkeyPatch) -> None:
-    ask_in_process(monkeypatch)
-
-
-@pytest.fixture
-def capture(http: httpx.Client) -> Any:
-    """Ask the simulated camera for pairs."""
-    http.get("/cameras").raise_for_status()
-    return lambda **wanted: http.post(f"{PATH}/captures", json=wanted)
 
 
 class TestList:

@@ -7,28 +7,18 @@ from typing import Any
 import httpx
 import pytest
 
-from service import cameras, jobs
+from service import cameras
 from service.api.context import Context
 from service.settings import Settings
 from tests.unit.service.asking import bearing, problem_of, rows_of, stored_job
-from tests.unit.service.studio import PATH, SIM, ask_in_process, hold, take, with_cameras
+from tests.unit.service.studio import PATH, SIM, take, with_cameras
+
+pytestmark = pytest.mark.usefixtures("cameras_in_process")
 
 
 @pytest.fixture
 def settings(settings: Settings) -> Settings:
     return with_cameras(settings)
-
-
-@pytest.fixture(autouse=True)
-def _no_processes(monkeypatch: pytest.MonkeyPatch) -> None:
-    ask_in_process(monkeypatch)
-
-
-@pytest.fixture
-def capture(http: httpx.Client) -> Any:
-    """Ask the simulated camera for pairs."""
-    http.get("/cameras").raise_for_status()
-    return lambda **wanted: http.post(f"{PATH}/captures", json=wanted)
 
 
 class TestCaptures:
@@ -219,81 +209,3 @@ class TestCaptures:
             f"{PATH}/captures", content=b"now", headers={"content-type": "text/plain"}
         )
         assert problem_of(plain)[0] == 415
-
-
-class TestConfirm:
-    def test_what_a_job_asks_for_is_shown_until_it_is_confirmed(
-        self, http: httpx.Client, capture: Any, context: Context
-    ) -> None:
-        job = capture(flash="operator").json()["jobs"][0]
-        held = hold(context, job["id"])
-        with context.engine.begin() as connection:
-            jobs.ask_operator(connection, held, "Switch the flash off, then confirm.", 60)
-        shown = http.get(f"/jobs/{job['id']}").json()
-        assert shown["state"] == "waiting_for_operator"
-        assert shown["operator"]["request"] == "Switch the flash off, then confirm."
-        link = shown["links"]["confirm"]
-        assert link == f"/jobs/{job['id']}/confirm?request=1"
-        confirmed = http.post(link)
-        assert (confirmed.status_code, confirmed.json()["state"]) == (202, "running")
-        assert confirmed.json()["operator"] is None
-        assert confirmed.json()["links"]["confirm"] is None
-        status, kind, told = problem_of(http.post(link))
-        assert (status, kind, told) == (
-            409,
-            "not-ready",
-            "The job is running; it asks for nothing.",
-        )
-
-    def test_a_second_click_does_not_answer_the_next_request(
-        self, http: httpx.Client, capture: Any, context: Context
-    ) -> None:
-        job = capture(flash="operator").json()["jobs"][0]
-        held = hold(context, job["id"])
-        for request in ("off", "on"):
-            with context.engine.begin() as connection:
-                jobs.confirm(connection, job["id"])
-                jobs.ask_operator(connection, held, f"Switch the flash {request}.", 60)
-        here = f"/jobs/{job['id']}/confirm"
-        assert problem_of(http.post(f"{here}?request=1"))[:2] == (409, "not-ready")
-        assert http.post(here).json()["state"] == "running"
-
-    def test_a_job_that_waits_may_be_canceled(
-        self, http: httpx.Client, capture: Any, context: Context
-    ) -> None:
-        job = capture(flash="operator").json()["jobs"][0]
-        held = hold(context, job["id"])
-        with context.engine.begin() as connection:
-            jobs.ask_operator(connection, held, "Switch the flash off.", 60)
-        canceling = http.post(f"/jobs/{job['id']}/cancel").json()
-        assert (canceling["state"], canceling["operator"]) == ("canceling", None)
-        assert problem_of(http.post(f"/jobs/{job['id']}/confirm"))[:2] == (409, "not-ready")
-
-    def test_a_job_that_has_ended_asks_for_nothing_any_more(
-        self, http: httpx.Client, capture: Any
-    ) -> None:
-        job = capture(flash="operator").json()["jobs"][0]
-        http.post(f"/jobs/{job['id']}/cancel")
-        answer = http.post(f"/jobs/{job['id']}/confirm")
-        assert problem_of(answer) == (
-            409,
-            "ended",
-            "The job is canceled; it asks for nothing any more.",
-        )
-        assert answer.json()["retryable"] is False
-
-    @pytest.mark.parametrize("number", ["0", "-1", "x", "1e9", str(2**31), str(10**30)])
-    def test_what_is_no_number_of_a_request_is_refused(
-        self, http: httpx.Client, number: str
-    ) -> None:
-        assert problem_of(http.post(f"/jobs/1/confirm?request={number}"))[0] == 422
-
-    def test_jobs_that_are_not_there_ask_for_nothing(self, http: httpx.Client) -> None:
-        assert problem_of(http.post("/jobs/1/confirm"))[:2] == (404, "unknown-job")
-
-    def test_nobody_confirms_for_another_key(self, http: httpx.Client, context: Context) -> None:
-        mine, other = bearing(context, "capture"), bearing(context, "capture")
-        http.get("/cameras", headers=mine)
-        made = http.post(f"{PATH}/captures", json={}, headers=mine).json()["jobs"][0]
-        answer = http.post(f"/jobs/{made['id']}/confirm", headers=other)
-        assert problem_of(answer)[:2] == (404, "unknown-job")
