@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import hashlib
 import os
@@ -24,6 +25,9 @@ from service.patience import FULL
 _CHUNK = 1024 * 1024
 _PUTS = 4  # at a time, whatever number of threads stores: each holds pieces in memory
 
+_RETRY = timedelta(seconds=45)
+"""How long a request that fails is sent again. One that hangs takes 30 s: it is sent twice."""
+
 
 class Storage:
     """Objects by key. Keys are paths with forward slashes; puts are atomic."""
@@ -36,7 +40,7 @@ class Storage:
         self._store: ObjectStore = (
             LocalStore(self._folder, mkdir=True, automatic_cleanup=True)
             if self._folder
-            else from_url(url)
+            else from_url(url, retry_config={"retry_timeout": _RETRY})
         )
 
     def put(self, key: str, data: bytes | Path) -> None:
@@ -167,6 +171,15 @@ class Storage:
     def check(self) -> None:
         """Ask the store for something. Raises what the store's client raises when it is away."""
         next(iter(obstore.list(self._store, prefix="health", chunk_size=1)), None)
+
+    async def check_within(self, seconds: float) -> None:
+        """Do what check() does, in no thread, for so long at most. Raises GenericError then."""
+        try:
+            async with asyncio.timeout(seconds):
+                found = obstore.list(self._store, prefix="health", chunk_size=1)
+                await anext(aiter(found), None)
+        except TimeoutError as error:
+            raise GenericError(f"no answer within {seconds:g} s") from error
 
 
 @contextlib.contextmanager

@@ -77,12 +77,12 @@ def keys_required(settings: Settings) -> bool:
     return settings.keys == "required" or not is_loopback(settings.host)
 
 
-def identify(
+async def identify(
     request: Request,
     context: Parts,
     _described: Annotated[Any, Depends(SCHEME)],
 ) -> Caller | None:
-    """Find out who sends a request; None on OPEN routes.
+    """Find out who sends a request; None on OPEN routes, which wait for no thread here.
 
     Asked of the database each time, so that a revoked key ends with the next request on every
     host; streams ask again as they go on, see Standing. Raises UnauthorizedError, ForbiddenError,
@@ -91,7 +91,7 @@ def identify(
     path = request.scope["route"].path
     if path in OPEN:
         return None
-    caller = _caller_of(request, context)
+    caller = await run_in_threadpool(_caller_of, request, context)
     caller.need(*scopes_for(request.method, path))
     return caller
 

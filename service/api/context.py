@@ -59,12 +59,12 @@ def open_context(settings: Settings) -> Iterator[Context]:
         yield Context(settings, engine, queue, storage, server, watching, looking)
 
 
-def _context(request: Request) -> Context:
+async def _context(request: Request) -> Context:
     context: Context = request.app.state.context
     return context
 
 
-def _trace_id(request: Request) -> str:
+async def _trace_id(request: Request) -> str:
     trace_id: str = request.state.trace_id
     return trace_id
 

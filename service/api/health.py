@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import sqlalchemy as sa
 from fastapi import APIRouter
+from fastapi.concurrency import run_in_threadpool
 from obstore.exceptions import BaseError
 
 from service import census, metrics
@@ -13,6 +12,8 @@ from service.api.context import Context, Parts
 from service.api.models import Health
 from service.api.problems import responses
 from service.errors import UnreadyError
+
+_STORE_SECONDS = 5.0
 
 router = APIRouter(tags=["health"])
 
@@ -24,26 +25,31 @@ async def get_health() -> Health:
 
 
 @router.get("/readyz", response_model=Health, responses=responses(UnreadyError))
-def get_readiness(context: Parts) -> Health:
+async def get_readiness(context: Parts) -> Health:
     """Tell whether database and store answer and a worker lives; the problem names what lacks."""
-    lacking = list(_lacking(context))
+    lacking = [*await run_in_threadpool(_lacking, context), *await _lacking_store(context)]
     if lacking:
         raise UnreadyError(f"The service is not ready: {'; '.join(lacking)}.")
     return Health()
 
 
-def _lacking(context: Context) -> Iterator[str]:
-    if context.draining.is_set():
-        yield "it was told to stop"
+def _lacking(context: Context) -> list[str]:
+    lacking = ["it was told to stop"] if context.draining.is_set() else []
     try:
         with context.engine.connect() as connection:
             workers = census.living_workers(connection, context.settings.silence_seconds)
         if not workers:
-            yield "no worker lives, so start one with `lightlayers worker`"
+            lacking.append("no worker lives, so start one with `lightlayers worker`")
     except sa.exc.SQLAlchemyError:
-        yield "the database of jobs does not answer"
+        lacking.append("the database of jobs does not answer")
+    return lacking
+
+
+async def _lacking_store(context: Context) -> list[str]:
+    # In no thread: while a store hangs, balancers that ask again and again would take all of them.
     try:
-        context.storage.check()
+        await context.storage.check_within(_STORE_SECONDS)
     except (BaseError, OSError) as error:
         metrics.count_fault(error)
-        yield "the store of photographs does not answer"
+        return ["the store of photographs does not answer"]
+    return []

@@ -1,11 +1,19 @@
 from __future__ import annotations
 
+import socket
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
 import httpx
 import pytest
 import sqlalchemy as sa
+from fastapi import FastAPI
 
 from service import database, heartbeats
+from service.api import health
 from service.api.context import Context
+from service.storage import Storage
 from tests.unit.service.asking import problem_of
 
 
@@ -34,6 +42,43 @@ def test_a_service_without_its_store_is_alive_but_not_ready(
     store.rmdir()
     store.write_bytes(b"no folder")
     assert _not_ready(http) == "The service is not ready: the store of photographs does not answer."
+
+
+def test_a_store_that_hangs_is_told_soon(
+    http: httpx.Client,
+    context: Context,
+    server: tuple[FastAPI, str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(health, "_STORE_SECONDS", 0.2)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://127.0.0.1:{silent.getsockname()[1]}")
+        monkeypatch.setenv("AWS_ALLOW_HTTP", "true")
+        monkeypatch.setenv("AWS_SKIP_SIGNATURE", "true")
+        server[0].state.context = replace(context, storage=Storage("s3://photographs"))
+        assert "the store of photographs does not answer" in _not_ready(http)
+
+
+def test_the_process_answers_whatever_its_threads_wait_for(
+    http: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    taken, go_on = threading.Semaphore(0), threading.Event()
+
+    def wait(_context: Context) -> list[str]:
+        taken.release()
+        go_on.wait(30)
+        return []
+
+    monkeypatch.setattr(health, "_lacking", wait)
+    with ThreadPoolExecutor(50) as pool:
+        asked = [pool.submit(http.get, "/readyz") for _ in range(50)]
+        try:
+            for _ in range(40):  # as many threads as the service has
+                assert taken.acquire(timeout=10)
+            assert http.get("/healthz", timeout=5).status_code == 200
+        finally:
+            go_on.set()
+        assert {each.result().status_code for each in asked} == {200}
 
 
 def test_a_service_whose_worker_is_silent_is_not_ready(
