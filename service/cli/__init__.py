@@ -53,7 +53,8 @@ def _run(arguments: Sequence[str]) -> int:
     try:
         return app(shown, prog_name="lightlayers", standalone_mode=False) or 0
     except typer.TyperException as error:
-        print(" ".join(error.format_message().split()).rstrip(".") + ".", file=sys.stderr)
+        message = error.format_message().replace("Value error, ", "")  # pydantic's own words
+        print(" ".join(message.split()).rstrip(".") + ".", file=sys.stderr)
         return error.exit_code
     except typer.Abort:
         return 130

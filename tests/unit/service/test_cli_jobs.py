@@ -244,3 +244,8 @@ def test_jobs_are_looked_at_and_stopped_while_the_store_is_away(
         assert run(["jobs", *command]) == 0
     assert run(["jobs", "retry", "a"]) == 2
     assert "LIGHTLAYERS_STORE_URL" in capsys.readouterr().err
+
+
+def test_a_state_that_there_is_not_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["jobs", "list", "--state", "bad"]) == 2
+    assert capsys.readouterr().err.startswith("Invalid value for '--state': 'bad' is not one of ")
