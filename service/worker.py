@@ -32,7 +32,7 @@ from service import (
 )
 from service.attempt import Attempt
 from service.engine import Held
-from service.errors import AbandonedError, DeadlineError, problem_of
+from service.errors import AbandonedError, DeadlineError, StartError, problem_of
 from service.opening import open_database, open_storage
 from service.patience import passes
 from service.processes import die_with_parent
@@ -292,7 +292,11 @@ def main() -> None:
     if len(sys.argv) > 1:
         die_with_parent(int(sys.argv[1]))
     logs.configure()
-    run_until_signal(Settings())
+    try:
+        run_until_signal(Settings())
+    except StartError as error:  # one line, as of everything else: `serve` tries again
+        log.error("%s", error)
+        sys.exit(2)
 
 
 def run_until_signal(settings: Settings) -> None:

@@ -1,8 +1,14 @@
 from __future__ import annotations
 
+import json
+import os
+import socket
 import sqlite3
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -314,3 +320,16 @@ def _queued(one: Worker) -> list[str]:
     with one._engine.connect() as connection:
         rows = connection.exec_driver_sql("SELECT workflow_uuid FROM workflow_status")
         return [row[0] for row in rows]
+
+
+def test_a_worker_that_cannot_start_says_so_in_one_line_of_the_log(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        settings = {"DATA_DIR": str(tmp_path), "METRICS_PORT": str(other.getsockname()[1])}
+        given = {f"LIGHTLAYERS_{name}": text for name, text in settings.items()}
+        command = [sys.executable, "-m", "service.worker"]
+        done = subprocess.run(
+            command, env=os.environ | given, capture_output=True, text=True, check=False
+        )
+    (line,) = done.stderr.splitlines()
+    assert done.returncode == 2
+    assert "set another LIGHTLAYERS_METRICS_PORT" in json.loads(line)["message"]
