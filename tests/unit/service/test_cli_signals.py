@@ -9,11 +9,15 @@ from pathlib import Path
 
 import pytest
 
-SLOW = """
-import signal, sys, time
+HEARD = """
+import signal
 for number in (signal.SIGTERM, signal.SIGHUP):  # whatever the tests themselves ignore
     signal.signal(number, signal.SIG_DFL)
 signal.signal(signal.SIGINT, signal.default_int_handler)
+"""
+
+SLOW = """
+import sys, time
 import pipeline.process
 def separate_files(_no_flash, _flash, _options, directory, *_rest, **_named):
     (directory / "lamp1.tif").write_bytes(b"half of it")
@@ -38,7 +42,7 @@ def test_a_command_that_is_told_to_end_leaves_nothing_and_says_nothing(
     """Compiled loops make SystemErrors of what signals raise."""
     out = tmp_path / "out"
     process = subprocess.Popen(
-        [sys.executable, "-c", SLOW.format(error=error), "separate", *pair, "-o", str(out)],
+        [sys.executable, "-c", HEARD + SLOW.format(error=error), "separate", *pair, "-o", str(out)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -66,7 +70,7 @@ main()
 
 def test_a_command_that_is_told_to_end_while_it_starts_says_nothing() -> None:
     done = subprocess.run(
-        [sys.executable, "-c", IMPORTING, "--version"], capture_output=True, text=True
+        [sys.executable, "-c", HEARD + IMPORTING, "--version"], capture_output=True, text=True
     )
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
@@ -86,7 +90,10 @@ main()
 def test_a_terminal_that_is_closed_ends_services_at_once(command: str, tmp_path: Path) -> None:
     """An exception in their midst waits for threads, and is told in the log."""
     done = subprocess.run(
-        [sys.executable, "-c", SERVICE, command], capture_output=True, text=True, cwd=tmp_path
+        [sys.executable, "-c", HEARD + SERVICE, command],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
     )
     assert (done.returncode, done.stderr) == (-signal.SIGHUP, "")
 
