@@ -47,9 +47,13 @@ def likely_camera(
     flash: (W,) its spectrum. build: the model of a camera.
     """
     evidence = gather_evidence(reduced, flash_only)
-    if len(evidence.pixels) < MIN_PIXELS:
+    lit = reduced.flash[reduced.usable].astype(np.float64)
+    lit = lit[(lit > 0).all(axis=1)]
+    if len(evidence.pixels) < MIN_PIXELS or not len(lit):
         return srgb_stand_in()
-    numbers = [_TELLING_LAMPS, MOST_LAMPS] if requested == "auto" else [max(requested, 2)]
+    numbers = (
+        [_TELLING_LAMPS, MOST_LAMPS] if requested == "auto" else [max(requested, _TELLING_LAMPS)]
+    )
 
     def cost(camera: Camera) -> float:
         model = build(camera)
@@ -62,7 +66,7 @@ def likely_camera(
         theta = model.prior.coordinates(likeliest.matrices)
         return likeliest.cost + _PRIOR_WEIGHT * model.prior.penalty(theta)[0]
 
-    seen = _log_ratios(reduced.flash[reduced.usable].astype(np.float64))
+    seen = _log_ratios(lit)
     sensor = min(
         (typical_sensor(), balanced_sensor()),
         key=lambda one: np.linalg.norm(_log_ratios(_under(flash, one)) - seen),
@@ -76,6 +80,6 @@ def _under(flash: Array, camera: Camera) -> Array:
 
 
 def _log_ratios(colours: Array) -> Array:
-    """Medians (2,) of ln R/G and ln B/G over those colours (n, 3) that have all three."""
-    logs = np.log(colours[(colours > 0).all(axis=1)])
+    """Medians (2,) of ln R/G and ln B/G over positive colours (n, 3)."""
+    logs = np.log(colours)
     return np.asarray(np.median(logs[:, ::2] - logs[:, 1:2], axis=0))

@@ -127,6 +127,18 @@ def test_a_pair_that_tells_nothing_is_taken_for_srgb() -> None:
     assert chosen_for(dark, "auto") is srgb_stand_in()
 
 
+def test_a_pair_without_blue_is_taken_for_srgb(
+    other_sensor: Array, pair_of: Callable[..., Pair]
+) -> None:
+    pair = photographed(other_sensor, "sensor", LAMPS[:2], pair_of)
+    without = np.array([1.0, 1.0, 0.0])
+    part = pair.flash[:] - pair.no_flash[:]
+
+    chosen = chosen_for(reduce_pair(pair_of(pair.no_flash[:] * without, part * without)), 2)
+
+    assert chosen is srgb_stand_in()
+
+
 def test_a_camera_that_makes_no_sense_of_any_pixel_is_not_taken(
     other_sensor: Array, pair_of: Callable[..., Pair], monkeypatch: pytest.MonkeyPatch
 ) -> None:
