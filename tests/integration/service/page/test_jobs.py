@@ -15,6 +15,21 @@ from tests.integration.service.page.looking import TWO_FRAMES, check_access, ope
 LATER = "2030-01-01T12:00:00Z"
 
 
+CAMERA: dict[str, Any] = {
+    "id": "c1",
+    "address": "ptp+usb://",
+    "make": "Nikon",
+    "model": "D5100",
+    "serial": "1",
+    "state": "capturing",
+    "battery_percent": None,
+    "free_bytes": None,
+    "holder": None,
+    "waiting": 0,
+}
+"""A busy camera as the service tells it."""
+
+
 def known(page: Page) -> list[str]:
     """Paths that the page asks for from now on."""
     asked: list[str] = []
@@ -266,18 +281,8 @@ def test_somebody_is_asked_and_confirms(page: Page, done: dict[str, Any]) -> Non
 
 def test_a_camera_tells_how_it_is_and_takes_settings(page: Page, done: dict[str, Any]) -> None:
     """As the service tells it of a camera that another job holds."""
-    camera = {
-        "id": "c1",
-        "address": "ptp+usb://",
-        "make": "Nikon",
-        "model": "D5100",
-        "serial": "1",
-        "state": "capturing",
-        "battery_percent": 71,
-        "free_bytes": 3_100_000_000,
-        "holder": done["id"],
-        "waiting": 2,
-    }
+    told = {"battery_percent": 71, "free_bytes": 3_100_000_000, "holder": done["id"], "waiting": 2}
+    camera = {**CAMERA, **told}
     settings: dict[str, Any] = {
         "iso": {"value": 100, "choices": [100, 200, 400], "writable": True},
         "exposure_time": {"value": "1/30", "choices": None, "writable": False},
@@ -317,18 +322,6 @@ def test_a_camera_tells_how_it_is_and_takes_settings(page: Page, done: dict[str,
 
 @pytest.mark.parametrize("trouble", ["away", "held back"])
 def test_cameras_are_kept_up_with_through_trouble(page: Page, trouble: str) -> None:
-    camera = {
-        "id": "c1",
-        "address": "ptp+usb://",
-        "make": "Nikon",
-        "model": "D5100",
-        "serial": "1",
-        "state": "capturing",
-        "battery_percent": None,
-        "free_bytes": None,
-        "holder": None,
-        "waiting": 0,
-    }
     tried: list[str] = []
 
     def events(route: Route) -> None:
@@ -336,11 +329,11 @@ def test_cameras_are_kept_up_with_through_trouble(page: Page, trouble: str) -> N
         if trouble == "away" and len(tried) == 1:
             route.fulfill(status=503, json={"title": "Away", "detail": "Away.", "status": 503})
         elif trouble == "away":
-            body = f"data: {json.dumps([{**camera, 'state': 'idle'}])}\n\n"
+            body = f"data: {json.dumps([{**CAMERA, 'state': 'idle'}])}\n\n"
             route.fulfill(content_type="text/event-stream", body=body)
 
     def cameras(route: Route) -> None:
-        route.fulfill(json=[{**camera, "state": "idle" if tried else "capturing"}])
+        route.fulfill(json=[{**CAMERA, "state": "idle" if tried else "capturing"}])
 
     page.route("**/cameras/events", events)
     page.route("**/cameras", cameras)
