@@ -63,6 +63,11 @@ def mix(
     try:
         with stage_bar() as report:
             mix_files(results, settings, partial, Progress(report))
+        if output.exists() and _head(output) != _head(partial):  # perhaps a photograph
+            raise InputError(
+                f"The picture {output} would be lost, which is no mix of these layers: give "
+                "another name, or remove it first."
+            )
         partial.replace(output)
     except OSError as error:
         reason = (error.strerror or "it cannot be written").lower()
@@ -70,6 +75,12 @@ def mix(
     finally:
         partial.unlink(missing_ok=True)
     print(output)
+
+
+def _head(picture: Path) -> bytes:
+    """The start of a picture, which mixes of one size and format have in common, and no other."""
+    with picture.open("rb") as file:
+        return file.read(256)
 
 
 def _settings(preset: Path | None, typed: list[str], count: int) -> Mix:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from PIL import Image
 
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.decode.exr import read_exr
@@ -146,6 +148,33 @@ def test_layers_are_not_mixed_over_themselves(
     assert run(["mix", str(results), "-o", str(results / ".." / "results" / "layers.exr")]) == 2
     assert "The layers would be lost" in capsys.readouterr().err
     assert (results / "layers.exr").read_bytes() == layers
+
+
+@pytest.mark.parametrize("name", ["mix.jpg", "mix.tif", "mix.exr"])
+def test_a_mix_replaces_one_of_before_and_no_photograph(
+    results: Path, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = results.parent / name
+    assert run(["mix", str(results), "-o", str(target)]) == 0
+    first = target.read_bytes()
+    assert run(["mix", str(results), "-o", str(target), "--lamp", "1:off"]) == 0
+    second = target.read_bytes()
+    assert second != first
+    photograph = {".jpg": jpeg(), ".tif": first[:160] + b"Camera" + first[166:], ".exr": b"v/1"}
+    target.write_bytes(photograph[target.suffix])
+    assert run(["mix", str(results), "-o", str(target)]) == 2
+    assert f"The picture {target} would be lost" in capsys.readouterr().err
+    assert target.read_bytes() == photograph[target.suffix]
+    assert sorted(path.name for path in results.parent.iterdir()) == [name, "results"]
+
+
+def jpeg() -> bytes:
+    """As a camera writes it, with EXIF."""
+    exif = Image.Exif()
+    exif[0x0110] = "Camera"
+    file = io.BytesIO()
+    Image.new("RGB", (6, 4)).save(file, "JPEG", exif=exif)
+    return file.getvalue()
 
 
 def test_a_name_that_is_no_utf_8_is_told(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
