@@ -63,19 +63,23 @@ export function hexOf(rgb) {
 
 /** Read a preset; throws an Error with a sentence where it is none for so many lamps. */
 export function readPreset(text, count) {
-  let lamps;
+  let preset;
   try {
-    lamps = JSON.parse(text)?.lamps;
+    preset = JSON.parse(text);
   } catch {
     throw new Error("The file is not a preset: it is not JSON.");
   }
+  const lamps = preset?.lamps;
   if (!Array.isArray(lamps)) throw new Error("The file is not a preset: it has no list of lamps.");
+  const other = Object.keys(preset).find((name) => name !== "lamps");
+  if (other !== undefined) throw new Error(`The preset has ${JSON.stringify(other.slice(0, 40))} beside its lamps, which is not known.`);
   if (lamps.length !== count) {
     throw new Error(`The preset is one for ${lamps.length} lamps, and this photograph has ${count}.`);
   }
   return lamps.map((lamp) => {
     const read = { ...untouched(), ...lamp };
     const right =
+      Object.prototype.toString.call(lamp) === "[object Object]" && // neither null nor a list
       Object.keys(read).length === 6 &&
       [read.on, read.neutral].every((flag) => typeof flag === "boolean") &&
       within(read.ev, -10, 10) &&

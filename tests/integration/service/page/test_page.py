@@ -248,6 +248,8 @@ def test_a_bad_preset_is_told_in_words(page: Page, done: dict[str, Any]) -> None
         ("null", "no list of lamps"),
         ('{"lamps": [{}]}', "one for 1 lamps"),
         ('{"lamps": [{"ev": 99}, {}]}', "out of its range"),
+        ('{"lamps": [null, {}]}', "out of its range"),
+        ('{"lamps": [{}, {}], "gamma": 2}', 'has "gamma" beside its lamps, which is not known'),
     ):
         file: FilePayload = {
             "name": "mix.json",
