@@ -74,16 +74,24 @@ def _table(
         raise OptionError(
             f"The {what} has the columns {','.join(head)[:80]}: it needs {','.join(wanted)}."
         )
-    try:
-        numbers = [[float(cell) for cell in row] for row in body]
-    except ValueError as error:
-        raise OptionError(f"The {what} holds something that is not a number: {error}.") from error
+    numbers = [
+        [_number(cell, what, place) for cell in row] for place, row in enumerate(body, start=1)
+    ]
     if any(len(row) != len(wanted) for row in numbers):
         raise OptionError(f"A row of the {what} has not {len(wanted)} numbers: mend that row.")
     values = [list(column) for column in zip(*numbers, strict=True)]
     if not values:
         raise OptionError(f"The {what} has no rows: send one per wavelength.")
     return values[0], values[1:]
+
+
+def _number(cell: str, what: str, row: int) -> float:
+    try:
+        return float(cell)
+    except ValueError as error:
+        raise OptionError(
+            f"The {what} holds {cell[:40]!r} in row {row}, which is not a number: mend that row."
+        ) from error
 
 
 def _csv_rows(text: str, what: str) -> list[list[str]]:
@@ -113,6 +121,13 @@ def _json_rows(text: str, what: str) -> list[list[Any]]:
 
 def _sentence(what: str, error: ValidationError) -> str:
     first = error.errors()[0]
-    where = ".".join(str(part) for part in first["loc"])
-    reason = first["msg"].removeprefix("Value error, ")
-    return f"The {what} cannot be used: {where + ': ' if where else ''}{reason}."
+    if first["type"] == "too_short":
+        return f"The {what} has one row: send two or more, one per wavelength."
+    if first["loc"]:
+        column, row = first["loc"]
+        bound = "finite" if first["type"] == "finite_number" else "0 or more"
+        return (
+            f"The {what} has {first['input']:g} as {column} in row {int(row) + 1}: it must be "
+            f"{bound}."
+        )
+    return f"The {what} cannot be used: {first['msg'].removeprefix('Value error, ')}."
