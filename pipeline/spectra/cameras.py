@@ -63,7 +63,8 @@ def find_camera(request: str | Sensitivities | None, frame: Frame) -> Camera:
     if request is not None:
         camera = _measured(request)
         if camera is None:
-            raise OptionError(unknown("camera", request, [*_PACKAGED, *folder_spectra()]))
+            names = [camera.name for camera in measured_cameras()]  # lights have tables, too
+            raise OptionError(unknown("camera", request, names))
         return camera
     name = f"{frame.make} {frame.model}".strip()
     if frame.encoding != "srgb" and name:

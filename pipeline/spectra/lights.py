@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from functools import cache
 from importlib.resources import files
 from typing import Any
@@ -57,7 +58,7 @@ def find_light(request: str | Spectrum, purpose: str = "flash") -> NDArray[np.fl
     named = _named_daylight(request)
     if named is not None:
         return named
-    names = [_XENON, *_FLASHES, *packaged, *folder_spectra()]
+    names = [_XENON, *_FLASHES, *packaged, *_lights_of_folder()]
     raise OptionError(unknown(f"{purpose} spectrum", request, names))
 
 
@@ -165,6 +166,15 @@ def daylight(kelvin: float) -> NDArray[np.float64]:
         xy = colour.temperature.CCT_to_xy_CIE_D(kelvin * 1.4388 / 1.4380)
         table = colour.sd_CIE_illuminant_D_series(xy)
     return _unit(on_grid(table.wavelengths, table.values, "hold"))
+
+
+def _lights_of_folder() -> list[str]:
+    names = []
+    for name, path in folder_spectra().items():
+        with suppress(OptionError):  # a camera's table, or none
+            read_spectrum(path, parse_spectrum)
+            names.append(name)
+    return names
 
 
 def _normalised(power: NDArray[np.float64], purpose: str) -> NDArray[np.float64]:

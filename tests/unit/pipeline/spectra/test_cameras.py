@@ -119,6 +119,17 @@ def test_near_names_come_from_the_folder_too(frame_of: FrameOf) -> None:
         find_camera("Canon 5D Mark III", frame_of())
 
 
+@pytest.mark.usefixtures("spectra_folder")
+def test_a_light_is_no_near_camera_nor_a_camera_a_near_light(frame_of: FrameOf) -> None:
+    with pytest.raises(OptionError, match=r"^No camera is called 'my torches': send its table"):
+        find_camera("my torches", frame_of())
+    with pytest.raises(OptionError, match=r"near names are my torch\b"):
+        find_light("my torches")
+    with pytest.raises(OptionError) as caught:
+        find_light("Canon 5D Mark III")
+    assert "Mark II" not in str(caught.value).replace("Mark III", "")
+
+
 def test_a_light_is_no_camera(frame_of: FrameOf, spectra_folder: Path) -> None:
     assert (spectra_folder / "my_torch.csv").exists()
     with pytest.raises(OptionError, match="it needs wavelength_nm,r,g,b"):
