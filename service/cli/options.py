@@ -269,13 +269,22 @@ def written_path(text: str) -> Path:
 
 
 def read_table(value: str | None, parse: Callable[[bytes], Table]) -> Table | str | None:
-    """Read a table when a file was named, else the name."""
+    """Read a table when a file was named, else the name.
+
+    Raises pipeline.errors.InputError with the file's name: a command may be given several.
+    """
+    from pipeline.errors import OptionError
+
     if value is None:
         return None
     path = Path(value)
-    if path.suffix.lower() in (".csv", ".json") or path.is_file():
-        return parse(read_file(path, "file"))
-    return value
+    if path.suffix.lower() not in (".csv", ".json") and not path.is_file():
+        return value
+    data = read_file(path, "file")
+    try:
+        return parse(data)
+    except OptionError as error:
+        raise OptionError(f"The file {path} cannot be used. {error}") from error
 
 
 def _area(text: str) -> dict[str, float] | None:
