@@ -259,9 +259,9 @@ def _print_found(kind: str, manifest: Mapping[str, Any], output: Path, as_json: 
         kelvin = "" if found["cct_k"] is None else f", {found['cct_k']} K, Duv {found['duv']:+.3f}"
         print(f"A flash like {found['nearest']}{kelvin}.")
         count = "The card is" if found["patches"] == 1 else "The 24 patches are"
-        print(f"{count} explained to {found['misfit']:.1%}, seen by {found['camera']['name']}.")
+        print(f"{count} explained to {found['misfit']:.1%}, seen by {_seer(found['camera'])}.")
     elif kind == "camera":
-        print(f"A camera like {found['nearest']}, under a flash like {found['flash']}.")
+        print(f"A camera like {found['nearest']}, under {_flash(found['flash'])}.")
         print(f"The 24 patches are explained to {found['misfit']:.1%}.")
     else:
         for number, light in enumerate(found["lights"], 1):
@@ -273,6 +273,14 @@ def _print_found(kind: str, manifest: Mapping[str, Any], output: Path, as_json: 
     for warning in manifest["warnings"]:
         print(f"Warning: {warning['message']}")
     print(output)
+
+
+def _seer(camera: Mapping[str, str]) -> str:
+    return "the camera of --camera" if camera["source"] == "file" else camera["name"]
+
+
+def _flash(name: str) -> str:
+    return "the flash of --flash-spectrum" if name == "table" else f"a flash like {name}"
 
 
 def _place(light: Mapping[str, Any]) -> str:

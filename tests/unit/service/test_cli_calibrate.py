@@ -159,6 +159,32 @@ def test_a_card_and_a_flash_without_a_temperature_are_told(
     assert said.startswith("A flash like LED-B5.\nThe card is explained to 2.1%, seen by")
 
 
+@pytest.mark.parametrize(
+    ("kind", "found", "line"),
+    [
+        ("camera", {"flash": "table"}, "like Nikon D5100, under the flash of --flash-spectrum."),
+        (
+            "flash",
+            {"camera": {"name": "table", "source": "file"}},
+            "explained to 2.1%, seen by the camera of --camera.",
+        ),
+    ],
+)
+@pytest.mark.usefixtures("asked")
+def test_what_a_file_told_is_no_name(
+    kind: str,
+    found: dict[str, Any],
+    line: str,
+    pair: list[str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(FOUND, kind, {**FOUND[kind], **found})
+    run(["calibrate", kind, *pair, "--chart", CHART, "-o", str(tmp_path / "found.json")])
+    assert line in capsys.readouterr().out
+
+
 @pytest.mark.usefixtures("asked")
 def test_a_mirror_tells_no_misfit_and_no_flash_that_it_does_not_show(
     pair: list[str],
