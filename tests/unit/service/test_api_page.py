@@ -7,6 +7,10 @@ import httpx
 import pytest
 
 import service
+from pipeline.calibration.find_marks import MARKS
+from pipeline.calibration.options import FILES
+from pipeline.mix_files import ENCODINGS
+from pipeline.options import OUTPUT_NAMES
 
 FOLDER = Path(service.__path__[0]) / "page"
 MODULES = sorted(path.name for path in FOLDER.glob("*.js"))
@@ -51,3 +55,13 @@ def test_there_is_nothing_else(http: httpx.Client, path: str) -> None:
     answer = http.get(path)
     assert answer.status_code == 404
     assert answer.headers["content-type"] == "application/problem+json"
+
+
+def test_every_file_of_a_result_has_words() -> None:
+    """Those of single lamps have a pattern."""
+    text = (FOLDER / "files.js").read_text(encoding="utf-8")
+    words = dict(re.findall(r'"([\w.]+)": "([^"]+)"', text))
+    mixes = [f"mix.{ending}" for ending, *_ in ENCODINGS.values()]
+    names = {"manifest.json", MARKS, *OUTPUT_NAMES, *FILES.values(), *mixes}
+    assert words.keys() == names - {"lamps.tif", "lamps.jpg", "response_lamps.jpg"}
+    assert words["marks.jpg"] == "Where the calibration was measured"
