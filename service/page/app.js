@@ -1,7 +1,7 @@
 // Which part of the page is shown: #/ adds photographs, #/jobs lists jobs, #/jobs/ID is one of them.
 
 import { showAdd } from "./add.js";
-import { alarm, say } from "./dom.js";
+import { alarm, h, say } from "./dom.js";
 import { showJob } from "./job.js";
 import { showJobs } from "./jobs.js";
 
@@ -18,13 +18,23 @@ async function route() {
   say("");
   mark(part ? "#/jobs" : "#/");
   try {
-    if (part === "jobs" && id) await showJob(main, decodeURIComponent(id), signal);
+    if (part === "jobs" && id) await showJob(main, decoded(id), signal);
     else if (part === "jobs") await showJobs(main, signal);
     else await showAdd(main, signal);
   } catch (error) {
     if (signal.aborted) return;
     console.error(error);
     main.append(alarm(error));
+    if (part) main.append(h("p", { className: "row" }, h("a", { className: "button", href: "#/", textContent: "Add two photographs" })));
+  }
+}
+
+function decoded(id) {
+  try {
+    return decodeURIComponent(id);
+  } catch {
+    const message = `The address ends in ${id.slice(0, 80)}, which names no job: choose it under Jobs, or copy its address anew.`;
+    throw Object.assign(new Error(message), { title: "No such job" });
   }
 }
 

@@ -118,11 +118,23 @@ def test_a_job_that_failed_says_why_and_is_deleted(page: Page, service: Any) -> 
     assert service.http.get(f"/jobs/{job['id']}").status_code == 404
 
 
-def test_of_a_job_that_is_not_there_the_error_alone_is_shown(page: Page) -> None:
-    page.goto("/#/jobs/doesnotexist")
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("doesnotexist", "doesnotexist"),
+        ("%E0%A4%A", "The address ends in %E0%A4%A, which names no job: choose it under Jobs"),
+    ],
+)
+def test_of_a_job_that_is_not_there_the_error_and_a_way_home_are_shown(
+    page: Page, name: str, words: str
+) -> None:
+    page.goto(f"/#/jobs/{name}")
     alert = page.get_by_role("alert")
-    expect(alert).to_contain_text("doesnotexist")
-    expect(page.locator("main > *")).to_have_count(1)
+    expect(alert).to_contain_text("No such job")
+    expect(alert).to_contain_text(words)
+    expect(page.locator("main > *")).to_have_count(2)
+    page.locator("main").get_by_role("link", name="Add two photographs").click()
+    expect(page.get_by_role("button", name="Separate the light")).to_be_visible()
 
 
 def test_many_jobs_come_by_pages_and_go_one_by_one(page: Page, done: dict[str, Any]) -> None:
