@@ -278,25 +278,28 @@ def _kernels(_settings: Settings) -> Iterator[Finding]:
 
 
 def _ports(settings: Settings) -> Iterator[Finding]:
-    yield _port(settings.host, settings.port, "port", _is_ours)
+    yield _port("port", settings.host, settings.port, "PORT", _is_ours)
     if settings.metrics_port is not None:
-        yield _port(settings.metrics_host, settings.metrics_port, "metrics_port", _is_metrics)
+        host, port = settings.metrics_host, settings.metrics_port
+        yield _port("metrics_port", host, port, "METRICS_PORT", _is_metrics)
+        # of the worker that serve starts
+        yield _port("worker's metrics_port", host, port + 1, "METRICS_PORT", _is_metrics)
 
 
-def _port(host: str, port: int, name: str, ours: Callable[[str], bool]) -> Finding:
+def _port(part: str, host: str, port: int, setting: str, ours: Callable[[str], bool]) -> Finding:
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
         socket.create_server((host, port), family=family).close()
-        return Finding("ok", name, f"{port} of {host} is free.")
+        return Finding("ok", part, f"{port} of {host} is free.")
     except OSError as error:
         local = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
         if ours(f"http://{f'[{local}]' if ':' in local else local}:{port}"):
-            return Finding("ok", name, f"lightlayers answers at {port} of {host}.")
-        setting = _PREFIX + name.upper()
+            return Finding("ok", part, f"lightlayers answers at {port} of {host}.")
         return Finding(
             "wrong",
-            name,
-            f"{port} of {host} cannot be listened on ({_reason(error)}): set another {setting}.",
+            part,
+            f"{port} of {host} cannot be listened on ({_reason(error)}): set another "
+            f"{_PREFIX}{setting}.",
         )
 
 

@@ -249,3 +249,16 @@ def test_a_port_of_something_else_is_told(
         ours = {"port": '{"status":"ok"}', "metrics_port": "lightlayers_database_up 1.0"}
         monkeypatch.setattr("service.doctor._asked", lambda _url: ours[name])
         assert look()[name].grade == "ok"
+
+
+def test_a_port_of_something_else_is_told_that_the_worker_of_serve_would_take(
+    look: Look, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("service.doctor._asked", lambda _url: "something else")
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        monkeypatch.setenv("LIGHTLAYERS_METRICS_PORT", str(port - 1))
+        found = look()["worker's metrics_port"]
+    assert found.grade == "wrong"
+    assert found.sentence.startswith(f"{port} of 127.0.0.1 cannot be listened on")
+    assert found.sentence.endswith("set another LIGHTLAYERS_METRICS_PORT.")
