@@ -66,12 +66,13 @@ class Storage:
 
         Raises FileNotFoundError, StorageFullError.
         """
-        with _room():
+        with self._bucket(), _room():
             obstore.copy(self._store, key, other)
 
     def size(self, key: str) -> int:
         """Tell how many bytes an object has. Raises FileNotFoundError."""
-        return int(obstore.head(self._store, key)["size"])
+        with self._bucket():
+            return int(obstore.head(self._store, key)["size"])
 
     def flush(self, keys: Iterable[str]) -> None:
         """Return once these objects would outlast a power cut. Raises GenericError.
@@ -93,7 +94,8 @@ class Storage:
 
     def get(self, key: str) -> bytes:
         """Read an object's bytes. Raises FileNotFoundError."""
-        return bytes(obstore.get(self._store, key).bytes())
+        with self._bucket():
+            return bytes(obstore.get(self._store, key).bytes())
 
     def get_file(self, key: str, path: Path) -> None:
         """Write an object to a file. Raises FileNotFoundError."""
@@ -103,14 +105,16 @@ class Storage:
 
     def chunks(self, key: str) -> Iterator[bytes]:
         """Read an object piece by piece. Raises FileNotFoundError at once."""
-        found = obstore.get(self._store, key)
+        with self._bucket():
+            found = obstore.get(self._store, key)
         return (bytes(chunk) for chunk in found.stream(min_chunk_size=_CHUNK))
 
     def stream(self, key: str, start: int, end: int) -> Iterator[bytes]:
         """Read bytes start…end−1 of an object, in chunks. Raises FileNotFoundError at once."""
         if start == end:
             return iter(())
-        found = obstore.get(self._store, key, options={"range": (start, end)})
+        with self._bucket():
+            found = obstore.get(self._store, key, options={"range": (start, end)})
         return (bytes(chunk) for chunk in found.stream(min_chunk_size=_CHUNK))
 
     def link(self, key: str, seconds: float) -> str | None:
@@ -180,6 +184,16 @@ class Storage:
                 await anext(aiter(found), None)
         except TimeoutError as error:
             raise GenericError(f"no answer within {seconds:g} s") from error
+
+    @contextlib.contextmanager
+    def _bucket(self) -> Iterator[None]:
+        """Tell a bucket that is gone, which is a store that is away, from an object that is."""
+        try:
+            yield
+        except FileNotFoundError:
+            if self._folder is None:
+                self.check()  # without its bucket, this raises GenericError
+            raise
 
 
 @contextlib.contextmanager

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from pathlib import Path
 
 import httpx
@@ -60,6 +61,26 @@ def test_what_is_not_there_is_said(storage: Storage) -> None:
 def test_a_bucket_that_is_gone_is_a_store_that_is_away() -> None:
     with pytest.raises(BaseError, match="no such bucket") as caught:
         Storage("s3://gone").put("jobs/5/inputs/flash", b"light")
+    assert passes(caught.value)
+
+
+@pytest.mark.usefixtures("storage")
+@pytest.mark.parametrize(
+    "work",
+    [
+        lambda gone, _: gone.get("jobs/5/inputs/flash"),
+        lambda gone, path: gone.get_file("jobs/5/inputs/flash", path),
+        lambda gone, _: gone.stream("jobs/5/inputs/flash", 0, 1),
+        lambda gone, _: gone.size("jobs/5/inputs/flash"),
+        lambda gone, _: gone.copy("jobs/5/inputs/flash", "jobs/6/inputs/flash"),
+    ],
+    ids=["get", "get_file", "stream", "size", "copy"],
+)
+def test_of_a_bucket_that_is_gone_no_object_is_missing(
+    work: Callable[[Storage, Path], object], tmp_path: Path
+) -> None:
+    with pytest.raises(BaseError) as caught:
+        work(Storage("s3://gone"), tmp_path / "flash")
     assert passes(caught.value)
 
 
