@@ -13,6 +13,9 @@ from service.errors import StartError
 from service.settings import Settings
 from service.storage import Storage
 
+_NO_CREDENTIALS = ("169.254.169.254", "Missing AccessKeyId", "Missing SecretAccessKey")
+"""What the store's client says without them; the address is that of Amazon's own machines."""
+
 
 def open_database(settings: Settings) -> sa.Engine:
     """Connect to a database whose tables are those of this program. Raises StartError.
@@ -77,6 +80,11 @@ def open_storage(settings: Settings) -> Storage:
         if settings.store_presign:
             _check_signing(storage)
     except (BaseError, OSError, ValueError) as error:
+        if any(sign in cause_of(error) for sign in _NO_CREDENTIALS):
+            raise StartError(
+                "The store of photographs that LIGHTLAYERS_STORE_URL names is given no "
+                "credentials: set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY."
+            ) from error
         raise StartError(
             "The store of photographs cannot be opened: check LIGHTLAYERS_STORE_URL and the "
             f"AWS_ variables ({cause_of(error)})."

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 import sqlalchemy as sa
+from obstore.exceptions import GenericError
 
 from service.cli import run
 from service.errors import StartError
@@ -46,6 +47,32 @@ def test_a_store_that_cannot_be_opened_is_told(url: str, tmp_path: Path) -> None
         open_storage(Settings(data_dir=tmp_path, store_url=url))
     assert "secret" not in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"])
+def test_a_store_with_half_of_its_credentials_names_both(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for other in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
+        monkeypatch.delenv(other, raising=False)
+    monkeypatch.setenv(name, "half")
+    with pytest.raises(StartError) as caught:
+        open_storage(Settings(data_dir=tmp_path, store_url="s3://photographs"))
+    assert str(caught.value) == (
+        "The store of photographs that LIGHTLAYERS_STORE_URL names is given no credentials: set "
+        "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY."
+    )
+
+
+def test_a_store_without_credentials_names_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def check(_storage: object) -> None:
+        raise GenericError("Error performing PUT http://169.254.169.254/latest/api/token in 2 ms")
+
+    monkeypatch.setattr("service.opening.Storage.check", check)
+    with pytest.raises(StartError, match="no credentials: set AWS_ACCESS_KEY_ID and AWS_SECRET_"):
+        open_storage(Settings(data_dir=tmp_path, store_url="s3://photographs"))
 
 
 @pytest.mark.parametrize("command", ["serve", "worker"])
