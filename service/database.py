@@ -101,6 +101,7 @@ jobs = sa.Table(
     sa.Column("stored_bytes", sa.BigInteger, nullable=False, default=0),  # photographs and results
     sa.UniqueConstraint("owner", "idempotency_key", name="jobs_by_idempotency_key"),
     sa.Index("jobs_by_age", "owner", "created", "id"),
+    sa.Index("jobs_by_time", "created", "id"),  # those of all owners
     # Whatever looks at waiting or ended jobs reads as much of an index as it finds, and no more.
     sa.Index("jobs_by_rank", "state", "rank", "created", "id"),
     sa.Index("jobs_by_flow", "state", "owner", "priority", "rank"),

@@ -323,6 +323,23 @@ def test_pages_go_from_new_to_old_and_meet_every_job_once(engine: sa.Engine) -> 
     assert len(first) == 4
 
 
+@pytest.mark.parametrize("owner", [None, "x"])
+def test_pages_of_jobs_are_found_by_an_index(engine: sa.Engine, owner: str | None) -> None:
+    last = _add(engine, "a")
+    plans = []
+
+    @sa.event.listens_for(engine, "before_cursor_execute")
+    def explain(_c: object, cursor: Any, query: str, values: Any, *_more: object) -> None:
+        plans.append(cursor.execute(f"EXPLAIN QUERY PLAN {query}", values).fetchall())
+
+    with engine.connect() as connection:
+        jobs.page(connection, owner, 2, None)
+        jobs.page(connection, owner, 2, last)
+    index = "jobs_by_age" if owner else "jobs_by_time"
+    assert [len(plan) for plan in plans] == [1, 1]  # neither a sort
+    assert all(f"USING INDEX {index}" in str(plan) for plan in plans)
+
+
 def test_places_in_the_queue_count_from_one_and_skip_what_runs(engine: sa.Engine) -> None:
     queue = [_add(engine, job_id) for job_id in "abcd"]
     assert [job.rank for job in queue] == [4, 8, 12, 16]
