@@ -5,11 +5,13 @@ from __future__ import annotations
 import contextlib
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Annotated
+from functools import partial
+from typing import Annotated, Any, TypeVar
 
 import sqlalchemy as sa
+from anyio import CapacityLimiter, to_thread
 from fastapi import Depends, Request
 
 from service import sandbox, scratch
@@ -20,6 +22,10 @@ from service.forkserver import ForkServer
 from service.opening import open_database, open_storage
 from service.settings import Settings
 from service.storage import Storage
+
+_STORING_THREADS = 40
+
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -38,8 +44,14 @@ class Context:
         default_factory=lambda: threading.Semaphore(os.cpu_count() or 1)
     )
     """Held while the headers of an upload are checked, so that many uploads share the cores."""
+    storing: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(_STORING_THREADS))
+    """Of threads that store photographs: while a store hangs, they leave the others to the rest."""
     draining: threading.Event = field(default_factory=threading.Event)
     """Set once the service was told to stop: what has no end of its own ends now."""
+
+    async def store(self, work: Callable[..., Result], *arguments: Any) -> Result:
+        """Do work that stores photographs, in a thread. Raises what it raises."""
+        return await to_thread.run_sync(partial(work, *arguments), limiter=self.storing)
 
 
 @contextlib.contextmanager

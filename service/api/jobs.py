@@ -77,7 +77,7 @@ async def create_job(
     await run_in_threadpool(refuse_when_full, context, caller, idempotency_key)
     async with intake.read(request, context.settings) as wanted:
         make = accept_capture if wanted.capture else accept
-        made = await run_in_threadpool(make, context, caller, wanted, idempotency_key, trace_id)
+        made = await context.store(make, context, caller, wanted, idempotency_key, trace_id)
     return await answer_made(context, caller, made, wait, response)
 
 

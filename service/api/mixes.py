@@ -55,7 +55,7 @@ async def create_mix(
     """Mix the layers of a job into a picture of full size; a job of its own."""
     await run_in_threadpool(refuse_when_full, context, caller, idempotency_key)
     wanted = await intake.read_mix(request, context.settings.upload_bytes, job_id)
-    made = await run_in_threadpool(_accept, context, caller, wanted, idempotency_key, trace_id)
+    made = await context.store(_accept, context, caller, wanted, idempotency_key, trace_id)
     return await answer_made(context, caller, made, wait, response)
 
 

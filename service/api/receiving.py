@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fastapi import Request
-from fastapi.concurrency import contextmanager_in_threadpool, run_in_threadpool
+from fastapi.concurrency import contextmanager_in_threadpool
 from obstore.exceptions import BaseError
 from starlette.requests import ClientDisconnect
 
@@ -57,12 +57,12 @@ async def receive(
         body = _Body(context, upload, directory / "part", checksum)
         try:
             async for chunk in request.stream():
-                await run_in_threadpool(body.write, chunk)
+                await context.store(body.write, chunk)
         except (ClientDisconnect, SlowRequestError):
             if checksum is None:
-                await run_in_threadpool(body.keep)
+                await context.store(body.keep)
             raise
-        await run_in_threadpool(body.end)
+        await context.store(body.end)
         return body.upload
 
 

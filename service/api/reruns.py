@@ -6,7 +6,6 @@ import uuid
 from typing import Any
 
 from fastapi import APIRouter, Request, Response
-from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel, ValidationError
 
 from pipeline.calibration.options import CALIBRATION_OPTIONS
@@ -64,9 +63,7 @@ async def rerun_job(
 ) -> JobAnswer:
     """Do a job again on copies of its photographs, with these options or the same ones."""
     wanted = await intake.read_rerun(request, context.settings.upload_bytes)
-    made = await run_in_threadpool(
-        _accept, context, caller, job_id, wanted, idempotency_key, trace_id
-    )
+    made = await context.store(_accept, context, caller, job_id, wanted, idempotency_key, trace_id)
     return await answer_made(context, caller, made, wait, response)
 
 

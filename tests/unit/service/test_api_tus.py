@@ -5,9 +5,12 @@ from __future__ import annotations
 import base64
 import hashlib
 import socket
+import threading
 import time
 from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from email.utils import parsedate_to_datetime
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -222,6 +225,31 @@ class TestProtocol:
         assert problem_of(patch(http, place, 0, b"abc"))[:2] == (404, "unknown-upload")
         assert problem_of(http.delete(place, headers=TUS))[0] == 404
         assert http.head(place, headers=TUS).status_code == 404
+
+
+def test_uploads_to_a_store_that_hangs_leave_threads_to_others(
+    http: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    taken, go_on = threading.Semaphore(0), threading.Event()
+    put = Storage.put
+
+    def wait(storage: Storage, key: str, data: bytes | Path) -> None:
+        taken.release()
+        go_on.wait(30)
+        put(storage, key, data)
+
+    places = [create(http, 5) for _ in range(45)]
+    monkeypatch.setattr(Storage, "put", wait)
+    with ThreadPoolExecutor(len(places)) as pool:
+        sent = [pool.submit(patch, http, place, 0, b"light") for place in places]
+        try:
+            for _ in range(40):  # as many as are stored at a time
+                assert taken.acquire(timeout=10)
+            assert http.get("/jobs", timeout=5).json()["jobs"] == []
+        finally:
+            go_on.set()
+        assert {each.result().status_code for each in sent} == {204}
+    assert {offset_of(http, place) for place in places} == {5}
 
 
 def _begin_piece(
