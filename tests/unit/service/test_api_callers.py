@@ -5,7 +5,9 @@ from collections.abc import Callable
 from typing import Any
 
 import httpx
+import psycopg
 import pytest
+import sqlalchemy as sa
 
 from service import keys
 from service.api import callers, create_app
@@ -108,6 +110,15 @@ class TestRequired:
         http.get("/jobs", headers=key)
         with context.engine.connect() as connection:
             assert keys.list_keys(connection)[0].used is not None
+
+    def test_a_key_is_good_where_its_use_cannot_be_noted(
+        self, http: httpx.Client, context: Context, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        def note(_connection: object, _key: object) -> None:
+            raise sa.exc.OperationalError("x", None, psycopg.errors.DiskFull())
+
+        monkeypatch.setattr(keys, "note_use", note)
+        assert http.get("/jobs", headers=bearing(context, "read")).status_code == 200
 
 
 def test_the_first_key_ends_streams_without_one(
