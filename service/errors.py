@@ -293,8 +293,8 @@ DATABASE_AWAY = Kind(
 )
 DATABASE_FULL = replace(
     DATABASE_AWAY,
-    detail="The disk of the database of jobs is full, so that nothing can be written, not even "
-    "that a job is deleted; its operator has to make room.",
+    detail="The disk of the database of jobs is full, so that nothing can be written; delete jobs "
+    "that have ended, if their files are on the same disk, or ask its operator to make room.",
 )
 
 KINDS: dict[type[Exception], Kind] = {

@@ -6,6 +6,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
+from sqlalchemy.exc import DBAPIError
 
 import drivers
 from pipeline.options import Options
@@ -20,6 +21,8 @@ from service.api.pair_form import IdempotencyKey, accepted, pair_form
 from service.api.prefer import APPLIED, Wait
 from service.api.problems import responses
 from service.api.watching import answers
+from service.attempt import job_key
+from service.database import is_full
 from service.errors import (
     CameraHeldError,
     EndedError,
@@ -172,15 +175,34 @@ def confirm_job(
 )
 def delete_job(context: Parts, caller: Calling, job_id: str) -> None:
     """Delete a job with its photographs and results; a running one is stopped first."""
+    try:
+        stopped = _condemn(context, caller, job_id)
+    except DBAPIError as error:
+        if not is_full(error):
+            raise
+        _make_room(context, caller, job_id)
+        stopped = _condemn(context, caller, job_id)
+    remove(context.engine, context.storage, job_id)
+    # A running one leaves the queue when its worker finds the row gone.
+    if stopped:
+        context.queue.withdraw(job_id)
+
+
+def _condemn(context: Context, caller: Caller, job_id: str) -> bool:
+    """Stop a job and write that it goes: then a sweep finds it; whether it waited and has ended."""
     with context.engine.begin() as connection:
         waited = not find(connection, caller, job_id).ended
         jobs.request_cancel(connection, job_id)
-        jobs.condemn(connection, job_id)  # whatever comes of the rest, a sweep finds it
+        jobs.condemn(connection, job_id)
+        return waited and find(connection, caller, job_id).ended
+
+
+def _make_room(context: Context, caller: Caller, job_id: str) -> None:
+    """Remove the files of a job that has ended: they may be on the disk of the database."""
+    with context.engine.connect() as connection:
         job = find(connection, caller, job_id)
-    remove(context.engine, context.storage, job_id)
-    # A running one leaves the queue when its worker finds the row gone.
-    if waited and job.ended:
-        context.queue.withdraw(job_id)
+    if job.ended:
+        context.storage.delete_below(job_key(job_id))
 
 
 def answer(context: Context, caller: Caller, job_id: str) -> JobAnswer:

@@ -7,7 +7,9 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import httpx
+import psycopg
 import pytest
+import sqlalchemy as sa
 
 from service import jobs
 from service.api.context import Context
@@ -305,6 +307,36 @@ def test_a_deleted_job_leaves_nothing(http: httpx.Client, png: Png, context: Con
     assert http.get(job["links"]["self"]).status_code == 404
     assert http.get("/jobs").json()["jobs"] == []
     assert context.storage.list("") == []
+
+
+@pytest.mark.parametrize("state", ["canceled", "queued"])
+def test_on_a_full_disk_files_of_a_job_that_has_ended_make_room_for_its_deletion(
+    http: httpx.Client,
+    png: Png,
+    context: Context,
+    monkeypatch: pytest.MonkeyPatch,
+    state: str,
+) -> None:
+    condemn = jobs.condemn
+
+    def write(connection: sa.Connection, job_id: str) -> None:
+        if context.storage.list(""):
+            raise sa.exc.OperationalError("x", None, psycopg.errors.DiskFull())
+        condemn(connection, job_id)
+
+    job = post_pair(http, png(64, 48), png(64, 48, True)).json()
+    if state == "canceled":
+        http.post(job["links"]["cancel"])
+    monkeypatch.setattr(jobs, "condemn", write)
+    answer = http.delete(job["links"]["self"])
+    if state == "canceled":
+        assert answer.status_code == 204
+        assert http.get(job["links"]["self"]).status_code == 404
+    else:  # a worker may have it at any moment
+        status, kind, detail = problem_of(answer)
+        assert (status, kind) == (503, "database-unavailable")
+        assert "delete jobs that have ended" in detail
+        assert len(context.storage.list("")) == 2
 
 
 def test_waiting_ends_with_its_seconds(http: httpx.Client) -> None:
