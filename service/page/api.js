@@ -4,10 +4,11 @@ const KEY = "lightlayers-key";
 
 /** What the service answered instead of what was asked for (RFC 9457), or that it did not answer. */
 export class Problem extends Error {
-  constructor({ title, detail, status }) {
+  constructor({ type, title, detail, status }) {
     super(detail);
     this.title = title;
     this.status = status;
+    this.ofKey = type === "urn:lightlayers:problem:forbidden"; // another key may do it
   }
 }
 
@@ -134,17 +135,25 @@ async function otherKey(refused) {
   if (key() === refused) await askKey();
 }
 
-/** Ask for a key, once for all requests that wait for it. */
-function askKey() {
+/** Have the user give another key than one that is good, but not for this; whether there is another. */
+export async function changeKey() {
+  const before = key();
+  await askKey(false);
+  return key() !== before;
+}
+
+/** Ask for a key, once for all requests that wait for it. refused: whether the one there is none. */
+function askKey(refused = true) {
   asking ??= new Promise((resolve) => {
     const dialog = document.getElementById("key");
     const text = document.getElementById("key-text");
     text.value = "";
-    document.getElementById("key-refused").hidden = !key(); // one that was sent already
+    document.getElementById("key-refused").hidden = !refused || !key(); // one that was sent already
     dialog.addEventListener(
       "close",
       () => {
-        sessionStorage.setItem(KEY, text.value.replace(/[^ -~]/g, "").trim()); // what no header can carry is in no key
+        const given = text.value.replace(/[^ -~]/g, "").trim(); // what no header can carry is in no key
+        if (given) sessionStorage.setItem(KEY, given); // else the dialog was left
         text.value = "";
         asking = null;
         resolve();

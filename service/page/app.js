@@ -24,7 +24,7 @@ async function route() {
   } catch (error) {
     if (signal.aborted) return;
     console.error(error);
-    main.append(alarm(error));
+    main.append(alarm(error, route));
     if (part) main.append(h("p", { className: "row" }, h("a", { className: "button", href: "#/", textContent: "Add two photographs" })));
   }
 }

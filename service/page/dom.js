@@ -1,5 +1,7 @@
 // Elements in one line, and sentences for people.
 
+import { changeKey } from "./api.js";
+
 /** Make an element. Of props, on… are listeners, aria-… and data-… attributes, others properties. */
 export function h(tag, props = {}, ...children) {
   const element = document.createElement(tag);
@@ -62,14 +64,17 @@ export function say(text) {
   document.getElementById("said").textContent = text;
 }
 
-/** A problem as people see it. */
-export function alarm(error) {
-  return h(
+/** A problem as people see it. again(): called with another key, where the one there is not for this. */
+export function alarm(error, again = () => element.remove()) {
+  const change = single(async () => (await changeKey()) && again());
+  const element = h(
     "div",
     { className: "alarm", role: "alert" },
     h("strong", { textContent: error.title ?? "That did not work" }),
     h("p", { textContent: error.message }),
+    error.ofKey ? h("p", {}, h("button", { type: "button", textContent: "Use another key", onclick: change })) : null,
   );
+  return element;
 }
 
 export function bytes(size) {

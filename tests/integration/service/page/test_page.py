@@ -426,6 +426,33 @@ def test_a_key_that_came_meanwhile_is_tried_before_another_is_asked_for(page: Pa
     expect(page.locator("#key")).to_be_hidden()
 
 
+def test_a_key_that_is_not_for_this_is_changed(page: Page) -> None:
+    def guard(route: Any) -> None:
+        headers = route.request.headers
+        key = headers.pop("authorization", None)
+        problem = {"type": "urn:lightlayers:problem:forbidden", "title": "Not for this"}
+        if key == "Bearer open sesame":
+            route.continue_(headers=headers)  # without the key, which the service itself refuses
+        else:
+            route.fulfill(status=403, json={**problem, "detail": "No read.", "status": 403})
+
+    page.route(re.compile(r":\d+/jobs[/?]"), guard)
+    page.add_init_script("sessionStorage.setItem('lightlayers-key', 'other')")
+    page.goto("/#/jobs")
+    change = page.get_by_role("alert").get_by_role("button", name="Use another key")
+    key = page.get_by_role("textbox", name="Key")
+    change.click()
+    expect(page.get_by_text("did not take that key")).to_be_hidden()
+    page.keyboard.press("Escape")  # nothing has changed
+    assert page.evaluate("sessionStorage.getItem('lightlayers-key')") == "other"
+    change.click()
+    key.fill("open sesame")
+    with page.expect_response(lambda answer: "/jobs?" in answer.url and answer.ok):
+        page.keyboard.press("Enter")
+    expect(page.get_by_role("alert")).to_have_count(0)
+    assert page.evaluate("Object.values(sessionStorage)") == ["open sesame"]
+
+
 def test_the_page_and_the_service_compute_the_same(page: Page) -> None:
     """Matrices of 200 mixes, those of lamps of one colour among them."""
     rng = np.random.default_rng(5)
