@@ -5,11 +5,14 @@ A module of its own, since commands start quickly that import this alone.
 
 from __future__ import annotations
 
+import contextlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from pydantic import ValidationError
+
+from pipeline.errors import OptionError
 
 _BRANCH = re.compile(r"(constrained-)?(bool|int|float|str)|[a-z-]*\[.*\]")
 """What pydantic adds to a place where a value may be of several kinds, or is a name itself."""
@@ -21,6 +24,15 @@ _WORDS = (
     (r"^Dictionary\b", "The object"),
 )
 """Python's words, and those of people who write JSON."""
+
+
+@contextlib.contextmanager
+def in_words() -> Iterator[None]:
+    """Raise OptionError, with the sentence, where pydantic refuses what is read in the block."""
+    try:
+        yield
+    except ValidationError as error:
+        raise OptionError(sentence_of(error)) from error
 
 
 def sentence_of(error: ValidationError) -> str:

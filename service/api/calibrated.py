@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from pipeline.calibration.options import FILES, Kind
 from pipeline.errors import OptionError
@@ -16,7 +16,7 @@ from service.api.callers import Caller
 from service.api.context import Context
 from service.api.models import Calibrated
 from service.attempt import results_key
-from service.sentences import sentence_of
+from service.sentences import in_words
 from service.states import State
 
 _Options = TypeVar("_Options", bound=BaseModel)
@@ -58,10 +58,8 @@ def complete(
     if not named:
         return options
     sent = options.model_dump(mode="json", exclude_unset=True) | named
-    try:
+    with in_words():
         return type(options).model_validate(fill_in(context, caller, sent))
-    except ValidationError as error:
-        raise OptionError(sentence_of(error)) from error
 
 
 def fill_in(context: Context, caller: Caller, options: Any) -> Any:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import sqlalchemy as sa
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 import drivers
 from pipeline.errors import OptionError
@@ -28,7 +28,7 @@ from service.api.looking import check_camera
 from service.api.models import CameraCapture, Capture, Handling
 from service.errors import CameraHeldError, EndedError, NotReadyError
 from service.keys import Scope
-from service.sentences import sentence_of
+from service.sentences import in_words
 
 
 @dataclass(frozen=True)
@@ -124,10 +124,8 @@ def _recipe(context: Context, caller: Caller, job_id: str) -> tuple[dict[str, An
     if source.camera_settings is None:
         raise NotReadyError("like: the pair of this job is not taken yet.")
     recipe = {name: source.capture[name] for name in ("flash", "keep") if name in source.capture}
-    try:
+    with in_words():
         return recipe | {"settings": source.camera_settings}, Options.model_validate(source.options)
-    except ValidationError as error:
-        raise OptionError(sentence_of(error)) from error
 
 
 def _commit(

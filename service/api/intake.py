@@ -11,7 +11,6 @@ from typing import Any
 
 from fastapi import Request
 from fastapi.concurrency import contextmanager_in_threadpool, run_in_threadpool
-from pydantic import ValidationError
 from starlette.types import Message
 
 import drivers
@@ -43,7 +42,7 @@ from service.api.models import (
 )
 from service.errors import MalformedRequestError, UnsupportedMediaError, UploadTooLargeError
 from service.frames import FRAMES
-from service.sentences import sentence_of
+from service.sentences import in_words
 from service.settings import Settings
 
 _JSON_BYTES = 1024 * 1024
@@ -110,10 +109,8 @@ async def read_rerun(request: Request, limit: int) -> RerunRequest:
     body = await _limited(request, min(limit, _JSON_BYTES)).body()
     if body and _media_type(request) != "application/json":
         raise UnsupportedMediaError("Send what the rerun is to do as application/json.")
-    try:
+    with in_words():
         return RerunRequest.model_validate_json(body or b"{}")
-    except ValidationError as error:
-        raise OptionError(sentence_of(error)) from error
 
 
 async def read_mix(request: Request, limit: int, job_id: str) -> Intake:
@@ -121,10 +118,8 @@ async def read_mix(request: Request, limit: int, job_id: str) -> Intake:
     if _media_type(request) != "application/json":
         raise UnsupportedMediaError("Send the settings of the lamps as application/json.")
     body = await _limited(request, min(limit, _JSON_BYTES)).body()
-    try:
+    with in_words():
         wanted = MixJob.model_validate_json(body)
-    except ValidationError as error:
-        raise OptionError(sentence_of(error)) from error
     given = wanted.model_dump(exclude_unset=True)
     handling = {name: given.pop(name) for name in Handling.model_fields if name in given}
     options = MixOptions(kind="mix", of=job_id, mix=MixRequest.model_validate(given))
@@ -141,10 +136,8 @@ async def read_captures(request: Request, limit: int) -> tuple[CameraCapture, di
     if body and _media_type(request) != "application/json":
         raise UnsupportedMediaError("Send what the camera is to do as application/json.")
     _, body, named = await run_in_threadpool(_json, body or b"{}")
-    try:
+    with in_words():
         return CameraCapture.model_validate_json(body), named
-    except ValidationError as error:
-        raise OptionError(sentence_of(error)) from error
 
 
 async def read_settings(request: Request, limit: int) -> CaptureSettings:
@@ -152,10 +145,8 @@ async def read_settings(request: Request, limit: int) -> CaptureSettings:
     body = await _limited(request, min(limit, _JSON_BYTES)).body()
     if _media_type(request) != "application/json":
         raise UnsupportedMediaError("Send the settings of the camera as application/json.")
-    try:
+    with in_words():
         return SettingsRequest.model_validate_json(body).root
-    except ValidationError as error:
-        raise OptionError(sentence_of(error)) from error
 
 
 def _media_type(request: Request) -> str:
@@ -209,10 +200,8 @@ def _captured(
     directory: Path,
     named: dict[str, Any],
 ) -> Intake:
-    try:
+    with in_words():
         wanted = model.model_validate_json(body)
-    except ValidationError as error:
-        raise OptionError(sentence_of(error)) from error
     drivers.check_address(wanted.capture.camera)
     handling = handling_of(wanted)
     return Intake(wanted.options, handling, directory, capture=wanted.capture, calibrations=named)
@@ -251,10 +240,8 @@ def _uploaded(
     directory: Path,
     named: dict[str, Any],
 ) -> Intake:
-    try:
+    with in_words():
         wanted = model.model_validate_json(body)
-    except ValidationError as error:
-        raise OptionError(sentence_of(error)) from error
     ids = wanted.uploads.model_dump()
     handling = handling_of(wanted)
     return Intake(wanted.options, handling, directory, uploads=ids, calibrations=named)
@@ -281,12 +268,10 @@ def _sent(
     form: Form, text: str, options_of: Callable[[str], AnyOptions], directory: Path
 ) -> Intake:
     text, named = _taken_out(text)
-    try:
+    with in_words():
         handling = Handling.model_validate_json(form.texts.get("handling", "{}"))
         options = options_of(text)
         return Intake(options, handling, directory, sha256=form.sha256, calibrations=named)
-    except ValidationError as error:
-        raise OptionError(sentence_of(error)) from error
 
 
 def _taken_out(text: str) -> tuple[str, dict[str, Any]]:

@@ -6,7 +6,7 @@ import uuid
 from typing import Any
 
 from fastapi import APIRouter, Request, Response
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from pipeline.calibration.options import CALIBRATION_OPTIONS
 from pipeline.errors import OptionError
@@ -30,7 +30,7 @@ from service.api.pair_form import IdempotencyKey, accepted
 from service.api.prefer import APPLIED, Wait
 from service.errors import GoneError, NotReadyError, UnknownJobError
 from service.repeat import copy_pair
-from service.sentences import sentence_of
+from service.sentences import in_words
 
 router = APIRouter(tags=["jobs"])
 
@@ -104,9 +104,7 @@ def _options(
     context: Context, caller: Caller, source: jobs.Job, wanted: dict[str, Any] | None
 ) -> BaseModel:
     options = source.options if wanted is None else fill_in(context, caller, wanted)
-    try:
+    with in_words():
         if source.task == "calibrate":
             return CALIBRATION_OPTIONS.validate_python(options)
         return Options.model_validate(options)
-    except ValidationError as error:
-        raise OptionError(sentence_of(error)) from error

@@ -171,12 +171,9 @@ class Flags(PairFlags):
 
         Raises pipeline.errors.OptionError.
         """
-        from pydantic import ValidationError
-
-        from pipeline.errors import OptionError
         from pipeline.options import Options
         from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
-        from service.sentences import sentence_of
+        from service.sentences import in_words
 
         pinned, forbidden = self.pin_lamp or (), self.forbid_lamp or ()
         values = {
@@ -201,12 +198,10 @@ class Flags(PairFlags):
             if self.outputs in ("default", "all")
             else [name.strip() for name in self.outputs.split(",")],
         }
-        try:
+        with in_words():
             return Options.model_validate(
                 {name: value for name, value in values.items() if value is not None}
             )
-        except ValidationError as error:
-            raise OptionError(sentence_of(error)) from error
 
 
 def with_flags(command: Callable[..., object]) -> Callable[..., object]:

@@ -6,8 +6,9 @@ import pytest
 from pydantic import Field, StrictBool, StrictInt, TypeAdapter, ValidationError
 
 from pipeline.calibration.options import CALIBRATION_OPTIONS
+from pipeline.errors import OptionError
 from pipeline.options import Options
-from service.sentences import describe_fault, sentence_of
+from service.sentences import describe_fault, in_words, sentence_of
 
 
 @pytest.mark.parametrize(
@@ -79,3 +80,9 @@ def test_a_fault_is_told_with_its_place(
     place: tuple[int | str, ...], message: str, expected: str
 ) -> None:
     assert describe_fault(place, message) == expected
+
+
+def test_what_is_refused_in_a_block_is_an_error_with_the_sentence() -> None:
+    with pytest.raises(OptionError) as caught, in_words():
+        Options.model_validate_json('{"lights": 2, "light": 2}')
+    assert str(caught.value) == "light: this name is not known."
