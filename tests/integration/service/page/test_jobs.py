@@ -173,7 +173,7 @@ def test_older_jobs_that_cannot_be_fetched_are_told_in_words(
     expect(page.get_by_role("button", name="Older jobs")).to_be_visible()
 
 
-def test_of_a_job_that_is_deleted_meanwhile_the_error_alone_is_shown(
+def test_of_a_job_that_is_deleted_meanwhile_the_error_and_a_way_home_are_shown(
     page: Page, done: dict[str, Any]
 ) -> None:
     there = [True]
@@ -191,7 +191,8 @@ def test_of_a_job_that_is_deleted_meanwhile_the_error_alone_is_shown(
     expect(page.get_by_role("button", name="Cancel")).to_be_visible()
     there.clear()
     expect(page.get_by_role("alert")).to_contain_text("No such job")
-    expect(page.locator("main > *")).to_have_count(1)
+    expect(page.locator("main").get_by_role("link", name="Add two photographs")).to_be_visible()
+    expect(page.locator("main > *")).to_have_count(2)
 
 
 def test_taking_the_pair_is_no_attempt_that_failed(page: Page, done: dict[str, Any]) -> None:
