@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.coded import CodedImage
 from pipeline.memory import release_rows
+from pipeline.noise import Noise
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -103,6 +104,7 @@ class Frame:
     auto_white_balance: EXIF WhiteBalance is automatic, None where unknown.
     focal_px: focal length in pixels of this frame, None where unknown.
     xyz_to_camera: (3, 3) matrix from CIE XYZ to camera RGB as LibRaw knows it, None for others.
+    compression: the noise that the file's compression added, None where that is not known.
     """
 
     pixels: Photograph
@@ -117,6 +119,7 @@ class Frame:
     auto_white_balance: bool | None = None
     focal_px: float | None = None
     xyz_to_camera: Matrix | None = None
+    compression: Noise | None = None
 
     @property
     def size(self) -> tuple[int, int]:

@@ -1,41 +1,13 @@
-"""How noisy a photograph is."""
+"""How noisy a photograph is, as a straight line over brightness."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Image, Photograph
-from pipeline.order import quantile
-from pipeline.second_differences import (
-    BLOCK,
-    block_squares,
-    block_variances,
-    relative_squares,
-    squares_within,
-)
-
-_BINS = 24
-_SCALES = (2, 4, 8)  # of the means that tell how far noise hangs together
-_SMALLEST, _SPARSE = 32, 8
-_ENOUGH = 2_000_000  # pixels to tell the noise by
-_TILE = (32, 128)  # rows and columns of the parts of larger photographs
-_FEW = 50  # second differences that still give a quantile
-_QUIET = 0.25  # quantile of the blocks' variances, below most texture
-_QUIET_OF_MEAN = 0.735
-"""That quantile over the mean: χ² of 14.8 degrees of freedom, over 14.8.
-
-So many have the 6 × 8 second differences of a block, n²/Σρ² with ρ = 1, −2/3, 1/6 along each axis.
-"""
-_ROUNDS = 5
-_WITHIN, _WITHIN_OF_ALL = 2.5, 0.911  # standard deviations; variance of what lies within them
-_MOST = 0.45  # share that lies within, or the quieter blocks are not like the others
-_FLAT = 2.1  # times the noise's variance; of blocks without texture 1 in 300 is above
-_WHITE = 2.0  # factor by which the variance of means may miss that of independent pixels
-_UPPER, _UPPER_OF_MEAN = 0.75, 1.32  # quantile of χ² of one degree of freedom over its mean
+_MIDDLE = 0.2  # of white; where the noise of two kinds is compared
 
 
 @dataclass(frozen=True)
@@ -62,147 +34,30 @@ class Noise:
         less = min(1.0, self.grain / block**2)
         return Noise(self.gain * less, self.floor * less, max(self.grain / block**2, 1.0))
 
+    def divided(self, by: float) -> Noise:
+        """The noise of the same photograph, all values divided by a positive number."""
+        return Noise(self.gain / by, self.floor / by**2, self.grain)
 
-def estimate_noise(photograph: Photograph) -> Noise:
-    """Estimate the noise of a photograph from its own flat areas.
+    def plus(self, other: Noise) -> Noise:
+        """Both noises together; they are independent of each other."""
+        own, others = (one.variance(np.full(3, _MIDDLE)).sum() for one in (self, other))
+        grain = float((own * self.grain + others * other.grain) / (own + others))
+        return Noise(self.gain + other.gain, self.floor + other.floor, grain)
 
-    photograph: (H, W, 3) linear. Second differences (Immerkær 1996) give a variance per block; a
-    straight line over brightness is fitted to the quieter blocks, because the busier ones hold
-    texture. Done on the photograph and on means of 2×2 pixels, since denoising and compression
-    leave noise that hides from neighbouring pixels; smaller than 64 pixels, once. Of photographs
-    of more than two million pixels, two are looked at, in tiles all over the picture.
+
+def line_through(
+    brightness: NDArray[np.floating], variances: NDArray[np.floating]
+) -> tuple[float, float]:
+    """Non-negative gain and floor of a line through variances (n,) over brightness (n,).
+
+    Least squares of relative errors.
     """
-    height, width = photograph.shape[:2]
-    large = height * width > _ENOUGH
-    pixels = _tiles(photograph) if large else np.ascontiguousarray(photograph[:])
-    rows = _TILE[0] if large else height
-    scales = [s for s in _SCALES if min(height, width) >= _SMALLEST * s]
-    means = _halved(pixels) if scales else pixels
-    lines = [_line(image) for image in ([pixels, means] if scales else [pixels])]
-    typical = np.median(pixels[::_SPARSE, ::_SPARSE].reshape(-1, 3), axis=0)
-    levels = [float((gain * np.maximum(typical, 0) + floor).sum()) for gain, floor in lines]
-    loudest = int(np.argmax(levels))
-    noise = Noise(*lines[loudest])
-    return Noise(noise.gain, noise.floor, _grain(pixels, means, rows, scales, lines[0], noise))
-
-
-def _tiles(pixels: Photograph) -> Image:
-    """Tiles of a large photograph, evenly spread over it, one below the other."""
-    height, width = _TILE[0], min(_TILE[1], pixels.shape[1])
-    columns = pixels.shape[1] // width
-    count = pixels.shape[0] // height * columns
-    chosen = np.linspace(0, count - 1, min(_ENOUGH // (height * width), count)).astype(int)
-    corners = [(one // columns * height, one % columns * width) for one in chosen]
-    return np.concatenate([pixels[y : y + height, x : x + width] for y, x in corners])
-
-
-def _grain(
-    pixels: Image,
-    means: Image,
-    rows: int,
-    scales: list[int],
-    line: tuple[NDArray[np.float64], NDArray[np.float64]],
-    noise: Noise,
-) -> float:
-    """Area over which the noise hangs together, from means of ever more pixels.
-
-    means: of 2×2 pixels. rows: of pixels that hang together.
-    """
-    grain = 1.0
-    if not scales:
-        return grain
-    flat = _flat_blocks(pixels, line)
-    for scale in scales:
-        means = means if scale == scales[0] else _halved(means)
-        found = scale**2 * _relative_variance(means, flat, rows // scale, scale, noise)
-        if scale == scales[0] and abs(np.log(max(found, 1e-9))) < np.log(_WHITE):
-            break  # bare noise: what larger means hold beyond it is texture
-        grain = max(grain, found)
-    return grain
-
-
-def _halved(pixels: Image) -> Image:
-    size = (pixels.shape[1] // 2, pixels.shape[0] // 2)
-    crop = pixels[: size[1] * 2, : size[0] * 2]
-    return np.asarray(cv2.resize(crop, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
-
-
-def _line(pixels: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Gain and floor of each channel."""
-    means, squares = block_squares(pixels)
-    lines = [_fit_line(means[c], squares[c]) for c in range(3)]
-    gains, floors = np.array(lines).T
-    return gains, floors
-
-
-def _flat_blocks(
-    pixels: Image, line: tuple[NDArray[np.float64], NDArray[np.float64]]
-) -> NDArray[np.bool_]:
-    """Blocks (H // 8, W // 8) that hold no more than noise."""
-    means, variances = block_variances(pixels)
-    return np.asarray((variances < _FLAT * Noise(*line).variance(means)).all(axis=2))
-
-
-def _relative_variance(
-    means: Image, flat: NDArray[np.bool_], rows: int, scale: int, noise: Noise
-) -> float:
-    """Variance of means over scale × scale pixels in flat blocks, relative to the noise's.
-
-    rows: of means that hang together. 0 where there are too few flat places of that size to tell.
-    """
-    covered = cv2.resize(  # blocks are whole means, and what lies beyond them is not flat
-        flat.astype(np.uint8),
-        None,
-        fx=BLOCK // scale,
-        fy=BLOCK // scale,
-        interpolation=cv2.INTER_NEAREST,
-    )
-    whole = np.zeros(means.shape[:2], dtype=np.uint8)
-    height, width = np.minimum(whole.shape, covered.shape)
-    whole[:height, :width] = covered[:height, :width]
-    inside = cv2.erode(
-        whole, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0
-    ).view(np.bool_)
-    inside[::rows] = inside[rows - 1 :: rows] = False
-    if np.count_nonzero(inside) < _FEW:
-        return 0.0
-    ratios = relative_squares(means, inside, noise.gain, noise.floor)
-    return float(np.mean([quantile(of_channel, _UPPER) for of_channel in ratios])) / _UPPER_OF_MEAN
-
-
-def _fit_line(means: NDArray[np.floating], squares: NDArray[np.floating]) -> tuple[float, float]:
-    """Gain and floor of the noise between the edges.
-
-    The quieter blocks give a first line; then all differences within 2.5 standard deviations of
-    it count, so that a block with an edge tells by its other pixels.
-    """
-    bins = [b for b in np.array_split(np.argsort(means), _BINS) if len(b)]
-    brightness = np.array([means[b].mean() for b in bins])
-    variances = squares.mean(axis=1)
-    quiet = np.array([quantile(variances[b], _QUIET) for b in bins]) / _QUIET_OF_MEAN
-    gain, floor = _through(brightness, quiet)
-    for _ in range(_ROUNDS):
-        limit = _WITHIN**2 * (gain * np.maximum(means, 0.0) + floor)
-        counts, totals = squares_within(squares, limit)
-        if counts.sum() / squares.size < _MOST:
-            break
-        gain, floor = _through(
-            brightness,
-            np.array([totals[b].sum() / max(counts[b].sum(), 1) for b in bins]) / _WITHIN_OF_ALL,
-        )
-    return gain, floor
-
-
-def _through(x: NDArray[np.floating], y: NDArray[np.floating]) -> tuple[float, float]:
-    """Non-negative gain and floor of a line through variances y over brightness x."""
-    weight = 1.0 / (y + 1e-3 * y.max() + 1e-14)
-    matrix = np.column_stack([x, np.ones_like(x)]) * weight[:, None]
-    gain, floor = np.linalg.lstsq(matrix, y * weight, rcond=None)[0]
+    weight = 1.0 / (variances + 1e-3 * variances.max() + 1e-14)
+    matrix = np.column_stack([brightness, np.ones_like(brightness)]) * weight[:, None]
+    gain, floor = np.linalg.lstsq(matrix, variances * weight, rcond=None)[0]
     if gain < 0:
-        gain, floor = 0.0, float(np.average(y, weights=weight))
+        gain, floor = 0.0, float(np.average(variances, weights=weight))
     if floor < 0:
-        floor, gain = (
-            0.0,
-            float(np.average(y, weights=weight) / max(np.average(x, weights=weight), 1e-9)),
-        )
+        mean = float(np.average(variances, weights=weight))
+        floor, gain = 0.0, mean / max(float(np.average(brightness, weights=weight)), 1e-9)
     return max(float(gain), 1e-10), max(float(floor), 1e-13)

@@ -13,11 +13,12 @@ from pipeline.area_means import area_means
 from pipeline.belonging import check_belonging, check_colours, check_flash_adds, check_light
 from pipeline.coded import CodedImage
 from pipeline.exposure import ExposureRatio, darkening, settled_ratio, written_ratio
+from pipeline.flat_noise import estimate_noise
 from pipeline.flow import residual_flow, warp_along
 from pipeline.frames import Frame, Image, Mask, Photograph
 from pipeline.memory import empty_image, releasable
 from pipeline.motion import find_moved
-from pipeline.noise import Noise, estimate_noise
+from pipeline.noise import Noise
 from pipeline.options import PairOptions
 from pipeline.progress import Progress
 from pipeline.remarks import Code, Remark
@@ -100,7 +101,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
     progress.report("align", 0.6)
     if ratio.value != 1.0:
         pixels = _divided(pixels, ratio.value, pixels is not flash.pixels)
-    noises = estimate_noise(no_flash.pixels), estimate_noise(pixels)
+    noises = _noise(no_flash.pixels, no_flash), _noise(pixels, flash, ratio.value)
     unusable = no_flash.saturated | saturated
     moved = darkened = 0.0
     if not options.flash_only:
@@ -110,7 +111,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
         warnings += doubts
         if settled.value != ratio.value:
             pixels = _divided(pixels, settled.value / ratio.value, pixels is not flash.pixels)
-            noises = noises[0], estimate_noise(pixels)
+            noises = noises[0], _noise(pixels, flash, settled.value)
             ratios = block_ratios(no_flash.pixels, pixels, unusable, noises)
         ratio = settled
         check_flash_adds(no_flash.pixels, pixels, unusable, noises)
@@ -154,6 +155,12 @@ def _divided(pixels: Photograph, by: float, own: bool) -> Photograph:
     if isinstance(pixels, CodedImage):
         return pixels.divided(by)
     return np.divide(pixels, np.float32(by), out=pixels if own else empty_image(*pixels.shape))
+
+
+def _noise(pixels: Photograph, frame: Frame, ratio: float = 1.0) -> Noise:
+    """The noise of a frame's pixels, laid elsewhere and divided by a ratio as they may be."""
+    noise = estimate_noise(pixels)
+    return noise if frame.compression is None else noise.plus(frame.compression.divided(ratio))
 
 
 def _laid_on(

@@ -20,7 +20,8 @@ _LONGER_SIDE = 512
 _BLOCK_ROWS = 16  # worked on at a time
 _MIN_OPEN = 0.5  # share of a block's pixels that must be usable
 _SIGNIFICANT = 4.0  # standard deviations
-_LITTLE_NOISE = 0.005  # relative; wide averages bend light that changes more than this noise does
+# relative; wide averages bend light that changes more than this, and a rendering bends it, too
+_LITTLE_NOISE, _LITTLE_NOISE_RENDERED = 0.005, 0.0125
 _QUIETER = 3.0  # times, by a round in which all nine pixels join
 _LIKELY_OFFSET = 0.4  # of the registration's deviation: most pixels beside edges lie better
 _MIN_FLASH, _MIN_LIGHT = 0.01, 0.003  # of the 99th percentile; darker pixels are mostly stray light
@@ -59,7 +60,8 @@ def reduce_pair(pair: Pair) -> ReducedPair:
     filled = np.maximum(share, 1.0 / block**2)[..., None]
     no_flash, flash = no_flash / filled, flash / filled
     noises = (pair.no_flash_noise.of_means(block), pair.flash_noise.of_means(block))
-    rounds = _rounds((no_flash, flash), noises, pair.flash_only)
+    little = _LITTLE_NOISE_RENDERED if pair.rendered else _LITTLE_NOISE
+    rounds = _rounds((no_flash, flash), noises, pair.flash_only, little)
     no_flash, flash, averaged = sigma_filter((no_flash, flash), noises, rounds)
     count = np.maximum(share * block**2, 1.0)[..., None] * averaged[..., None]
     no_flash_variance = pair.no_flash_noise.variance(no_flash, count)
@@ -112,8 +114,10 @@ def _means_of_open(
     return share, no_flash, flash
 
 
-def _rounds(images: tuple[Image, Image], noises: tuple[Noise, Noise], flash_only: bool) -> int:
-    """How often to average, by the noise of what the flash and the lamps light."""
+def _rounds(
+    images: tuple[Image, Image], noises: tuple[Noise, Noise], flash_only: bool, little: float
+) -> int:
+    """How often to average until little relative noise is left in what flash and lamps light."""
     light, part = (image.sum(axis=2) for image in images)
     variance, part_variance = (
         noise.variance(image).sum(axis=2) for noise, image in zip(noises, images, strict=True)
@@ -124,7 +128,7 @@ def _rounds(images: tuple[Image, Image], noises: tuple[Noise, Noise], flash_only
     if not lit.any():
         return ROUNDS
     squared = variance[lit] / light[lit] ** 2 + part_variance[lit] / part[lit] ** 2
-    too_much = np.sqrt(np.median(squared)) / _LITTLE_NOISE
+    too_much = np.sqrt(np.median(squared)) / little
     return int(np.clip(np.ceil(np.log(max(too_much, 1.0)) / np.log(_QUIETER)), 0, ROUNDS))
 
 

@@ -11,11 +11,13 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 from pipeline.colour.icc import adobe_rgb_profile
+from pipeline.compression_noise import compression_noise
 from pipeline.decode.exr import exr_size, read_exr
 from pipeline.decode.linear import clipped, to_linear
 from pipeline.decode.metadata import Metadata, read_metadata
 from pipeline.decode.profiles import is_curved
 from pipeline.decode.raw import raw_size, read_raw
+from pipeline.decode.recompressed import recompressed
 from pipeline.decode.rendered import (
     heif_size,
     jpeg_size,
@@ -73,6 +75,7 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
         )
     with _readable(name, _damaged(kind)):
         pixels: Photograph
+        compression = None
         if kind == "RAW":
             encoding = "raw"
             pixels, saturated, metadata, xyz_to_camera = read_raw(data)
@@ -86,6 +89,12 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
                 encoding = "srgb" if rendered else "linear"
             pixels = to_linear(samples, encoding == "srgb", profiled)
             saturated = clipped(samples, curved=curved and kind != "HEIF")
+            if kind == "JPEG":
+                before, after = (
+                    to_linear(replace(samples, values=part), encoding == "srgb", profiled)[:]
+                    for part in recompressed(data, samples.values)
+                )
+                compression = compression_noise(before, after)
         if pixels.ndim != 3 or pixels.shape[2] != 3:
             raise ValueError("a damaged header gave other samples than RGB")
     height, width = pixels.shape[:2]
@@ -102,6 +111,7 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
         auto_white_balance=metadata.auto_white_balance,
         focal_px=metadata.focal_px(width, height),
         xyz_to_camera=xyz_to_camera,
+        compression=compression,
     )
 
 

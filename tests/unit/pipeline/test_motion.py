@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.flat_noise import estimate_noise
 from pipeline.motion import find_moved
-from pipeline.noise import estimate_noise
 
 Array = NDArray[np.float64]
 HEIGHT, WIDTH = 240, 320

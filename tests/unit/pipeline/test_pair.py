@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.errors import Canceled, OptionError
+from pipeline.flat_noise import estimate_noise
 from pipeline.frames import Exposure, Frame
 from pipeline.motion import find_moved
-from pipeline.noise import estimate_noise
 from pipeline.options import Options
 from pipeline.pair import Pair, make_pair
 from pipeline.progress import Progress

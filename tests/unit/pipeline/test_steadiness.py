@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.noise import Noise, estimate_noise
+from pipeline.flat_noise import estimate_noise
+from pipeline.noise import Noise
 from pipeline.steadiness import (
     Ratios,
     bands,

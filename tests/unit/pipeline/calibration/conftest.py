@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.noise import estimate_noise
+from pipeline.flat_noise import estimate_noise
 from pipeline.pair import Pair
 from tests.targets import Shot
 

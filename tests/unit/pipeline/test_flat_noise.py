@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.noise import Noise, estimate_noise
+from pipeline.flat_noise import estimate_noise
+from pipeline.noise import Noise
 
 Image = NDArray[np.float32]
 Array = NDArray[np.float64]

@@ -1,0 +1,47 @@
+"""What compression has changed in a photograph, by what it changes when it is done again.
+
+Source: Nosratinia 2001, who compresses a JPEG again with its blocks elsewhere to take the blocks
+away. What that changes is as much, and lies where, the first compression changed.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from pipeline.frames import Image
+from pipeline.noise import Noise, line_through
+
+_BLOCK = 8
+_BINS = 12
+_SCALES = (2, 4, 8)  # of the means that tell how far changes hang together
+
+
+def compression_noise(before: Image, after: Image) -> Noise | None:
+    """The noise that compression adds, from what doing it again with other blocks changes.
+
+    before, after: (h, w, 3) linear, parts of the photograph and the same compressed again. Edges
+    and texture change more than flat areas do; the noise is that of the mean. None where they are
+    smaller than a block.
+    """
+    height, width = (side // _BLOCK * _BLOCK for side in before.shape[:2])
+    if height == 0 or width == 0:
+        return None
+    light, change = before[:height, :width], (after - before)[:height, :width]
+    squares = np.square(change)
+    levels, variances = (_means(image, _BLOCK).reshape(-1, 3) for image in (light, squares))
+    lines = []
+    for channel in range(3):
+        of_bins = np.array_split(np.argsort(levels[:, channel], kind="stable"), _BINS)
+        bins = [one for one in of_bins if len(one)]
+        x, y = ([of[one, channel].mean() for one in bins] for of in (levels, variances))
+        lines.append(line_through(np.array(x), np.array(y)))
+    gain, floor = np.array(lines).T
+    single = max(float(squares.mean()), 1e-30)
+    means = [scale**2 * float(np.square(_means(change, scale)).mean()) for scale in _SCALES]
+    return Noise(gain, floor, max(1.0, *(one / single for one in means)))
+
+
+def _means(image: Image, scale: int) -> Image:
+    size = (image.shape[1] // scale, image.shape[0] // scale)
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.float32)

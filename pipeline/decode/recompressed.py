@@ -1,0 +1,40 @@
+"""A JPEG compressed once more, to tell what the first time has changed."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import simplejpeg
+from numpy.typing import NDArray
+from PIL import Image as PillowImage
+from PIL import JpegImagePlugin
+
+from pipeline.tiles import tiles
+
+Codes = NDArray[np.uint8]
+
+_ASIDE = 3  # pixels; odd, so that colours that were sampled at every second pixel fall elsewhere
+_ENOUGH = 500_000  # pixels
+_USUAL_SAMPLING = 2  # 4:2:0
+
+
+def recompressed(data: bytes, codes: Codes) -> tuple[Codes, Codes]:
+    """Parts of a JPEG, and the same compressed again as it was, with blocks that lie elsewhere.
+
+    data: the file. codes: (H, W, 3) RGB, its pixels as stored. Returns two (h, w, 3), which are
+    empty for a picture of up to 3 pixels a side. Raises what Pillow raises for a damaged header.
+    """
+    inner = codes[_ASIDE:, _ASIDE:]
+    large = inner.shape[0] * inner.shape[1] > _ENOUGH
+    before = np.ascontiguousarray(tiles(inner, _ENOUGH) if large else inner)
+    if before.size == 0:
+        return before, before
+    with JpegImagePlugin.JpegImageFile(io.BytesIO(data)) as header:
+        tables = header.quantization
+        sampling = JpegImagePlugin.get_sampling(header)
+    file = io.BytesIO()
+    PillowImage.fromarray(before).save(
+        file, "JPEG", qtables=tables, subsampling=sampling if sampling >= 0 else _USUAL_SAMPLING
+    )
+    return before, simplejpeg.decode_jpeg(file.getbuffer(), "RGB")
