@@ -17,16 +17,13 @@ _BINS = 12
 _SCALES = (2, 4, 8)  # of the means that tell how far changes hang together
 
 
-def compression_noise(before: Image, after: Image) -> Noise | None:
+def compression_noise(before: Image, after: Image) -> Noise:
     """The noise that compression adds, from what doing it again with other blocks changes.
 
-    before, after: (h, w, 3) linear, parts of the photograph and the same compressed again. Edges
-    and texture change more than flat areas do; the noise is that of the mean. None where they are
-    smaller than a block.
+    before, after: (h, w, 3) linear, at least 8 pixels a side, parts of the photograph and the same
+    compressed again. Edges and texture change more than flat areas do; the noise is the mean one.
     """
     height, width = (side // _BLOCK * _BLOCK for side in before.shape[:2])
-    if height == 0 or width == 0:
-        return None
     light, change = before[:height, :width], (after - before)[:height, :width]
     squares = np.square(change)
     levels, variances = (_means(image, _BLOCK).reshape(-1, 3) for image in (light, squares))

@@ -89,10 +89,11 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
                 encoding = "srgb" if rendered else "linear"
             pixels = to_linear(samples, encoding == "srgb", profiled)
             saturated = clipped(samples, curved=curved and kind != "HEIF")
-            if kind == "JPEG":
+            parts = recompressed(data, samples.values) if kind == "JPEG" else None
+            if parts is not None:
                 before, after = (
                     to_linear(replace(samples, values=part), encoding == "srgb", profiled)[:]
-                    for part in recompressed(data, samples.values)
+                    for part in parts
                 )
                 compression = compression_noise(before, after)
         if pixels.ndim != 3 or pixels.shape[2] != 3:

@@ -14,22 +14,23 @@ from pipeline.tiles import tiles
 
 Codes = NDArray[np.uint8]
 
+_BLOCK = 8
 _ASIDE = 3  # pixels; odd, so that colours that were sampled at every second pixel fall elsewhere
 _ENOUGH = 500_000  # pixels
 _USUAL_SAMPLING = 2  # 4:2:0
 
 
-def recompressed(data: bytes, codes: Codes) -> tuple[Codes, Codes]:
+def recompressed(data: bytes, codes: Codes) -> tuple[Codes, Codes] | None:
     """Parts of a JPEG, and the same compressed again as it was, with blocks that lie elsewhere.
 
-    data: the file. codes: (H, W, 3) RGB, its pixels as stored. Returns two (h, w, 3), which are
-    empty for a picture of up to 3 pixels a side. Raises what Pillow raises for a damaged header.
+    data: the file. codes: (H, W, 3) RGB, its pixels as stored. Returns two (h, w, 3); None for a
+    picture that is hardly larger than a block. Raises what Pillow raises for a damaged header.
     """
     inner = codes[_ASIDE:, _ASIDE:]
     large = inner.shape[0] * inner.shape[1] > _ENOUGH
     before = np.ascontiguousarray(tiles(inner, _ENOUGH) if large else inner)
-    if before.size == 0:
-        return before, before
+    if min(before.shape[:2]) < _BLOCK:
+        return None
     with JpegImagePlugin.JpegImageFile(io.BytesIO(data)) as header:
         tables = header.quantization
         sampling = JpegImagePlugin.get_sampling(header)

@@ -153,33 +153,3 @@ def test_pictures_without_noise_have_next_to_none(size: tuple[int, int], value: 
 
     assert (found.variance(np.full(3, 0.5)) < 1e-7).all()
     assert (found.variance(np.full(3, 0.5)) > 0).all()
-
-
-def test_variance_is_a_line_over_brightness_and_flat_below_black() -> None:
-    found = NOISE.variance(np.array([[0.0, 0.5, 1.0], [-0.3, -1.0, 2.0]]))
-
-    expected = GAIN * np.array([[0.0, 0.5, 1.0], [0.0, 0.0, 2.0]]) + FLOOR
-    np.testing.assert_allclose(found, expected)
-
-
-@pytest.mark.parametrize(
-    ("grain", "averaged", "factor"), [(1, 1, 1), (1, 16, 1 / 16), (4, 16, 1 / 4), (4, 2, 1)]
-)
-def test_means_of_pixels_have_less_noise_beyond_the_grain(
-    grain: float, averaged: float, factor: float
-) -> None:
-    noise = Noise(np.full(3, GAIN), np.full(3, FLOOR), grain)
-    pixels = np.full(3, 0.4)
-
-    found = noise.variance(pixels, averaged)
-
-    np.testing.assert_allclose(found, factor * noise.variance(pixels))
-
-
-def test_noise_of_means() -> None:
-    white, grainy = Noise(NOISE.gain, NOISE.floor), Noise(NOISE.gain, NOISE.floor, grain=8.0)
-
-    np.testing.assert_allclose(white.of_means(4).floor, NOISE.floor / 16)
-    np.testing.assert_allclose(grainy.of_means(4).gain, NOISE.gain / 2)
-    np.testing.assert_allclose(grainy.of_means(2).gain, NOISE.gain)
-    assert grainy.of_means(2).grain == 2

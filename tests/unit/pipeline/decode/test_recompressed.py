@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+from pipeline.colour.curves import srgb_to_linear
+from pipeline.decode import decode
+from pipeline.decode.recompressed import recompressed
+
+Codes = NDArray[np.uint8]
+
+
+def scene(height: int = 240, width: int = 320) -> Codes:
+    """Coloured patches with slanted edges and fine texture."""
+    rng = np.random.default_rng(3)
+    y, x = np.mgrid[:height, :width]
+    patches = rng.uniform(20, 230, (40, 40, 3))
+    picture = patches[((y + x // 3) // 20) % 40, ((x - y // 4) // 20) % 40]
+    picture = picture * (1 + 0.2 * rng.standard_normal((height, width, 1)))
+    return np.asarray(np.clip(picture, 0, 255), dtype=np.uint8)
+
+
+def jpeg(codes: Codes, quality: int, subsampling: int = 0) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(codes).save(file, "JPEG", quality=quality, subsampling=subsampling)
+    return file.getvalue()
+
+
+def pixels_of(data: bytes) -> Codes:
+    return np.asarray(Image.open(io.BytesIO(data)).convert("RGB"))
+
+
+def rms(one: NDArray[np.generic], other: NDArray[np.generic]) -> float:
+    return float(np.sqrt(np.square(np.subtract(one, other, dtype=np.float64)).mean()))
+
+
+@pytest.mark.parametrize("quality", [60, 80, 92, 98])
+def test_compressing_again_changes_as_much_as_the_first_time(quality: int) -> None:
+    """Within a tenth, whatever the quality."""
+    original = scene()
+    data = jpeg(original, quality)
+    stored = pixels_of(data)
+
+    parts = recompressed(data, stored)
+
+    assert parts is not None
+    before, after = parts
+    np.testing.assert_array_equal(before, stored[3:, 3:])
+    assert rms(after, before) == pytest.approx(rms(stored, original), rel=0.1)
+
+
+def test_colours_at_every_second_pixel_change_again() -> None:
+    """Half of what the first time changed: what sampling has lost, it does not lose twice."""
+    original = scene()
+    data = jpeg(original, 92, subsampling=2)
+    stored = pixels_of(data)
+
+    parts = recompressed(data, stored)
+
+    assert parts is not None
+    before, after = parts
+    assert 0.4 < rms(after, before) / rms(stored, original) < 0.9
+
+
+def test_of_a_large_picture_parts_are_compressed() -> None:
+    data = jpeg(scene(1200, 1000), 90)
+
+    parts = recompressed(data, pixels_of(data))
+
+    assert parts is not None
+    before, after = parts
+    assert before.shape == after.shape
+    assert 400_000 < before.shape[0] * before.shape[1] <= 500_000
+
+
+@pytest.mark.parametrize("size", [(1, 1), (3, 50), (10, 50), (50, 10)])
+def test_a_tiny_picture_tells_nothing(size: tuple[int, int]) -> None:
+    data = jpeg(scene(*size), 90)
+
+    assert recompressed(data, pixels_of(data)) is None
+
+
+def test_a_frame_knows_what_its_compression_changed() -> None:
+    """In linear light, within a fifth; a PNG of the same pixels knows nothing."""
+    original = scene()
+    data = jpeg(original, 85)
+    stored = pixels_of(data)
+    light, true = (srgb_to_linear(codes.astype(np.float32) / 255) for codes in (stored, original))
+    png = io.BytesIO()
+    Image.fromarray(stored).save(png, "PNG")
+
+    found = decode(data).compression
+
+    assert found is not None
+    change = np.square(light - true).reshape(-1, 3).mean(axis=0)
+    ratio = found.variance(light).reshape(-1, 3).mean(axis=0) / change
+    np.testing.assert_allclose(ratio, 1, atol=0.2)
+    assert decode(png.getvalue()).compression is None
+
+
+@pytest.mark.parametrize("size", [(2, 2), (8, 8), (9, 300)])
+def test_small_pictures_are_decoded_all_the_same(size: tuple[int, int]) -> None:
+    frame = decode(jpeg(scene(*size), 90))
+
+    assert frame.size == (size[1], size[0])
+    assert frame.compression is None
