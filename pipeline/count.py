@@ -32,8 +32,8 @@ DOUBTFUL = 0.5
 """Confidence in a number of lamps that do not explain the photograph."""
 
 # Chosen on development scenes, exact and noisy (docs/decisions/0005-fitted-lamps.md)
-_SECOND_LAMP = 300.0
-_HARDLY_LESS = 0.9
+_SECOND_LAMP, _SECOND_LAMP_RENDERED = 300.0, 600.0
+_HARDLY_LESS = 0.62
 _THIRD_LAMP, _THIRD_GAIN, _THIRD_OFF = 1.6, 150.0, 0.125
 _SECOND_STEEPNESS, _THIRD_STEEPNESS = 4.0, 3.0
 _NO_THIRD, _SHOWN = 0.0, 1.2  # below which no other way to find three lamps makes up for it
@@ -70,14 +70,15 @@ def count_lamps(
     several = three = 1.0
     if least < 2:
         gain = max(fit(1).cost - fit(2).cost, 1.0)
-        several = _logistic(_SECOND_STEEPNESS * np.log(gain / _SECOND_LAMP))
-        if gain < _SECOND_LAMP:
+        enough = _SECOND_LAMP_RENDERED if reduced.rendered else _SECOND_LAMP
+        several = _logistic(_SECOND_STEEPNESS * np.log(gain / enough))
+        if gain < enough:
             return Count(1, 1.0 - several, more=False)
         if reduced.rendered and _as_much_left(reduced, fit):
             return Count(1, DOUBTFUL, more=False)
     if least < 3:
         off = 0.0
-        if _edges_tell(reduced, evidence):
+        if evidence.has_edges:
             off = share_off(evidence.differences, fit(2).matrices) / _THIRD_OFF
         third = off + (fit(2).cost - first(3).cost) / _THIRD_GAIN
         if off > _SHOWN or third > _NO_THIRD:
@@ -94,16 +95,11 @@ def signs_of_fourth(
     reduced: ReducedPair, evidence: Evidence, model: Model, matrices: Array
 ) -> bool:
     """Whether three lamps (3, 3, 3) leave more unexplained than three real ones do."""
-    if not _edges_tell(reduced, evidence):
+    if not evidence.has_edges:
         return False
     if unexplained(reduced, evidence, matrices) > _FOURTH_UNEXPLAINED:
         return True
     return gain_of_fourth(evidence, model, matrices) > _FOURTH_GAIN
-
-
-def _edges_tell(reduced: ReducedPair, evidence: Evidence) -> bool:
-    """Whether differences show lamps, and not the curve of a camera's rendering."""
-    return evidence.has_edges and not reduced.rendered
 
 
 def _as_much_left(reduced: ReducedPair, fit: Callable[[int], Fit]) -> bool:

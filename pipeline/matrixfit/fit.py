@@ -33,7 +33,7 @@ _NOTHING = 1e-6  # of the light
 _AGAINST = 0.2  # of the terminators' weight: so much likelier are lamps that they speak for
 _OUTLINE_LEVELS = (*LEVELS, (0.001, 1))
 _OUTLINE_WIDENED = 3**0.5  # with one kind of data instead of two, the prior would weigh too much
-_COST_LEVEL, _RENDERED_COST_LEVEL = 0.004, 0.016  # a camera's rendering bends chromaticities
+_COST_LEVEL, _RENDERED_COST_LEVEL = 0.004, 0.008  # a camera's rendering bends chromaticities
 
 
 @dataclass(frozen=True)
