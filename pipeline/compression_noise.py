@@ -6,9 +6,9 @@ away. What that changes is as much, and lies where, the first compression change
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
+from pipeline.area_means import area_means
 from pipeline.frames import Image
 from pipeline.noise import Noise, line_through
 
@@ -26,7 +26,8 @@ def compression_noise(before: Image, after: Image) -> Noise:
     height, width = (side // _BLOCK * _BLOCK for side in before.shape[:2])
     light, change = before[:height, :width], (after - before)[:height, :width]
     squares = np.square(change)
-    levels, variances = (_means(image, _BLOCK).reshape(-1, 3) for image in (light, squares))
+    blocks = width // _BLOCK, height // _BLOCK
+    levels, variances = (area_means(image, blocks).reshape(-1, 3) for image in (light, squares))
     lines = []
     for channel in range(3):
         of_bins = np.array_split(np.argsort(levels[:, channel], kind="stable"), _BINS)
@@ -35,10 +36,8 @@ def compression_noise(before: Image, after: Image) -> Noise:
         lines.append(line_through(np.array(x), np.array(y)))
     gain, floor = np.array(lines).T
     single = max(float(squares.mean()), 1e-30)
-    means = [scale**2 * float(np.square(_means(change, scale)).mean()) for scale in _SCALES]
-    return Noise(gain, floor, max(1.0, *(one / single for one in means)))
-
-
-def _means(image: Image, scale: int) -> Image:
-    size = (image.shape[1] // scale, image.shape[0] // scale)
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+    grains = []
+    for scale in _SCALES:
+        means = area_means(change, (width // scale, height // scale))
+        grains.append(scale**2 * float(np.square(means).mean()) / single)
+    return Noise(gain, floor, max(1.0, *grains))

@@ -31,9 +31,9 @@ leave up to 0.05."""
 DOUBTFUL = 0.5
 """Confidence in a number of lamps that do not explain the photograph."""
 
-# Chosen on development scenes, exact and noisy (docs/decisions/0005-fitted-lamps.md)
+# Chosen on development scenes, exact, noisy and JPEGs (docs/decisions/0005-fitted-lamps.md)
 _SECOND_LAMP, _SECOND_LAMP_RENDERED = 300.0, 600.0
-_HARDLY_LESS = 0.62
+_STILL_LEFT = 0.62  # by two lamps, of what one leaves
 _THIRD_LAMP, _THIRD_GAIN, _THIRD_OFF = 1.6, 150.0, 0.125
 _SECOND_STEEPNESS, _THIRD_STEEPNESS = 4.0, 3.0
 _NO_THIRD, _SHOWN = 0.0, 1.2  # below which no other way to find three lamps makes up for it
@@ -103,9 +103,9 @@ def signs_of_fourth(
 
 
 def _as_much_left(reduced: ReducedPair, fit: Callable[[int], Fit]) -> bool:
-    """Whether two lamps explain as little as one: a rendering's curve can make them likelier."""
+    """Whether two lamps explain little more than one, and a rendering's curve speaks for them."""
     left = left_over(reduced, fit(2).matrices)
-    return left > max(MUCH_LEFT, _HARDLY_LESS * left_over(reduced, fit(1).matrices))
+    return left > max(MUCH_LEFT, _STILL_LEFT * left_over(reduced, fit(1).matrices))
 
 
 def _logistic(x: float) -> float:

@@ -32,7 +32,8 @@ def recompressed(data: bytes, codes: Codes) -> tuple[Codes, Codes] | None:
     if min(before.shape[:2]) < _BLOCK:
         return None
     with JpegImagePlugin.JpegImageFile(io.BytesIO(data)) as header:
-        tables = header.quantization
+        # by order alone: a file may number its tables as it likes
+        tables = [table for _, table in sorted(header.quantization.items())]
         sampling = JpegImagePlugin.get_sampling(header)
     file = io.BytesIO()
     PillowImage.fromarray(before).save(

@@ -101,6 +101,7 @@ def test_signs_of_a_fourth_lamp_are_those_of_four(
 @pytest.mark.parametrize(
     ("left", "gain", "more"), [(1.4, 44.0, False), (1.5, 44.0, True), (1.4, 46.0, True)]
 )
+@pytest.mark.parametrize("rendered", [False, True])
 def test_either_sign_of_a_fourth_lamp_will_do(
     counted: Counting,
     shadowed: Shadowed,
@@ -110,8 +111,10 @@ def test_either_sign_of_a_fourth_lamp_will_do(
     left: float,
     gain: float,
     more: bool,
+    rendered: bool,
 ) -> None:
-    reduced, evidence = counted.evidence(shadowed(warm_to_cool))
+    pair = replace(shadowed(warm_to_cool), rendered=rendered)
+    reduced, evidence = counted.evidence(pair)
     monkeypatch.setattr(count, "unexplained", lambda *_: left)
     monkeypatch.setattr(count, "gain_of_fourth", lambda *_: gain)
 
@@ -333,6 +336,31 @@ def test_a_second_lamp_of_a_rendered_pair_lessens_what_is_left_over(
 
     assert found.number == number
     assert (found.confidence == 0.5) == (number == 1)
+
+
+@pytest.mark.parametrize(
+    ("rendered", "gain", "number"),
+    [(False, 299.0, 1), (False, 301.0, 2), (True, 599.0, 1), (True, 601.0, 2)],
+)
+def test_a_second_lamp_must_gain_twice_as_much_in_a_rendered_pair(
+    counted: Counting,
+    shadowed: Shadowed,
+    model: Model,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+    rendered: bool,
+    gain: float,
+    number: int,
+) -> None:
+    reduced, evidence = counted.evidence(replace(shadowed(warm_to_cool), rendered=rendered))
+    monkeypatch.setattr(count, "left_over", lambda *_: 0.0)
+    monkeypatch.setattr(count, "share_off", lambda *_: 0.0)
+    matrices = model.lamp_matrix(warm_to_cool)
+
+    def fit(lamps: int) -> Fit:
+        return Fit(matrices[:lamps], gain if lamps == 1 else 0.0)
+
+    assert count.count_lamps(reduced, evidence, model, fit, fit).number == number
 
 
 @pytest.mark.parametrize(("rendered", "numbers"), [(True, {1}), (False, {2, 3})])

@@ -13,6 +13,7 @@ from pipeline.errors import Canceled, OptionError
 from pipeline.flat_noise import estimate_noise
 from pipeline.frames import Exposure, Frame
 from pipeline.motion import find_moved
+from pipeline.noise import Noise
 from pipeline.options import Options
 from pipeline.pair import Pair, make_pair
 from pipeline.progress import Progress
@@ -56,6 +57,24 @@ def test_noise_is_that_of_each_photograph_on_the_common_scale(
     np.testing.assert_allclose(
         pair.flash_noise.variance(level), 16 * as_given[1].variance(level / 4), rtol=1e-3
     )
+
+
+def test_what_compression_changed_is_noise_on_the_common_scale(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    changed = Noise(np.full(3, 1e-3), np.full(3, 1e-5), grain=2.0)
+    before, after = frames(scale=0.25)
+    options = {"exposure_ratio": 0.25, "align": False}
+
+    plain = paired((before, after), **options)
+    pair = paired((replace(before, compression=changed), after), **options)
+    other = paired((before, replace(after, compression=changed)), **options)
+
+    level = np.full(3, 0.2)
+    added = pair.no_flash_noise.variance(level) - plain.no_flash_noise.variance(level)
+    np.testing.assert_allclose(added, changed.variance(level))
+    added = other.flash_noise.variance(level) - plain.flash_noise.variance(level)
+    np.testing.assert_allclose(added, 16 * changed.variance(level / 4))
 
 
 # ratio of the exposures

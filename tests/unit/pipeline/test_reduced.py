@@ -170,6 +170,25 @@ def test_noise_is_averaged_as_often_as_it_takes_to_leave_little(
     np.testing.assert_allclose(found.no_flash_variance[32, 79], floor / 9**rounds, rtol=1e-4)
 
 
+@pytest.mark.parametrize(("noise", "rounds"), [(0.012, 0), (0.013, 1), (0.037, 1), (0.04, 2)])
+def test_more_noise_is_left_in_rendered_photographs(
+    pair_of: Callable[..., Any], noise: float, rounds: int
+) -> None:
+    floor = np.full(3, (0.2 * noise) ** 2)
+    exact = Noise(np.full(3, 1e-12), floor)
+    pair = pair_of(
+        even(64, 104, 0.2),
+        even(64, 104, 0.2),
+        no_flash_noise=exact,
+        flash_noise=exact,
+        rendered=True,
+    )
+
+    found = reduce_pair(pair)
+
+    np.testing.assert_allclose(found.no_flash_variance[32, 52], floor / 9**rounds, rtol=1e-4)
+
+
 def test_light_that_changes_little_is_not_bent_where_there_is_little_noise(
     pair_of: Callable[..., Any],
 ) -> None:

@@ -66,6 +66,25 @@ def test_colours_at_every_second_pixel_change_again() -> None:
     assert 0.4 < rms(after, before) / rms(stored, original) < 0.9
 
 
+def test_a_file_may_number_its_tables_as_it_likes() -> None:
+    """Tables 2 and 3 in place of 0 and 1: the pixels are the same, and so is what changes."""
+    data = jpeg(scene(), 85)
+    numbered = bytearray(data)
+    for table in (0, 1):
+        at = data.index(b"\xff\xdb\x00\x43" + bytes([table]))
+        numbered[at + 4] += 2
+    frame_header = data.index(b"\xff\xc0")
+    for component in range(3):
+        numbered[frame_header + 12 + 3 * component] += 2
+
+    found = recompressed(bytes(numbered), pixels_of(bytes(numbered)))
+    expected = recompressed(data, pixels_of(data))
+
+    assert found is not None
+    assert expected is not None
+    np.testing.assert_array_equal(found[1], expected[1])
+
+
 def test_of_a_large_picture_parts_are_compressed() -> None:
     data = jpeg(scene(1200, 1000), 90)
 
