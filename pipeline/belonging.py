@@ -19,11 +19,16 @@ _MIN_USABLE = 0.02
 _ALIKE = (2.5 / 65535, 2.5 / 255)  # code values of 16 bits linear and of 8 bits rendered
 _DARKER = 0.6  # share of lit pixels that lose light with the flash on: the frames are swapped
 _SMALLEST = 32
+_LONGEST = 100  # times the shorter side, into which blocks must fit; no photograph is longer
 _SAMPLES, _LEAST_STEP = 200_000, 4  # pixels looked at, and the step between them at least
 
 
 def check_sizes(no_flash: tuple[int, int], flash: tuple[int, int]) -> None:
-    """Check two (width, height): PairMismatchError if unequal, UnusablePairError if tiny."""
+    """Check two (width, height) in pixels.
+
+    Raises PairMismatchError if unequal, UnusablePairError below 32 pixels to a side or where the
+    longer side is more than 100 times the shorter one.
+    """
     if no_flash != flash:
         (w1, h1), (w2, h2) = no_flash, flash
         raise PairMismatchError(
@@ -34,6 +39,12 @@ def check_sizes(no_flash: tuple[int, int], flash: tuple[int, int]) -> None:
         width, height = no_flash
         raise UnusablePairError(
             f"The photographs have only {width} × {height} pixels: send them in full size."
+        )
+    if max(no_flash) > _LONGEST * min(no_flash):
+        width, height = no_flash
+        raise UnusablePairError(
+            f"The photographs have {width} × {height} pixels, one side more than {_LONGEST} times "
+            "the other: send them as the camera made them, uncropped."
         )
 
 

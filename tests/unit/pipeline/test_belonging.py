@@ -69,6 +69,15 @@ def test_the_smallest_size_is_32_pixels() -> None:
         check_sizes((32, 31), (32, 31))
 
 
+@pytest.mark.parametrize("turned", [False, True])
+def test_the_longest_shape_is_100_to_1(turned: bool) -> None:
+    longest, longer = ((3200, 32), (3201, 32)) if not turned else ((32, 3200), (32, 3201))
+    check_sizes(longest, longest)
+
+    with pytest.raises(UnusablePairError, match=f"have {longer[0]} × {longer[1]} pixels, one side"):
+        check_sizes(longer, longer)
+
+
 @pytest.mark.parametrize(
     ("encodings", "words"),
     [
