@@ -24,17 +24,20 @@ def recompressed(data: bytes, codes: Codes) -> tuple[Codes, Codes] | None:
     """Parts of a JPEG, and the same compressed again as it was, with blocks that lie elsewhere.
 
     data: the file. codes: (H, W, 3) RGB, its pixels as stored. Returns two (h, w, 3); None for a
-    picture that is hardly larger than a block. Raises what Pillow raises for a damaged header.
+    picture that is hardly larger than a block, and where Pillow cannot read the header.
     """
     inner = codes[_ASIDE:, _ASIDE:]
     large = inner.shape[0] * inner.shape[1] > _ENOUGH
     before = np.ascontiguousarray(tiles(inner, _ENOUGH) if large else inner)
     if min(before.shape[:2]) < _BLOCK:
         return None
-    with JpegImagePlugin.JpegImageFile(io.BytesIO(data)) as header:
-        # by order alone: a file may number its tables as it likes
-        tables = [table for _, table in sorted(header.quantization.items())]
-        sampling = JpegImagePlugin.get_sampling(header)
+    try:
+        with JpegImagePlugin.JpegImageFile(io.BytesIO(data)) as header:
+            # by order alone: a file may number its tables as it likes
+            tables = [table for _, table in sorted(header.quantization.items())]
+            sampling = JpegImagePlugin.get_sampling(header)
+    except Exception:  # the decoder of the pixels judges the file, not Pillow
+        return None
     file = io.BytesIO()
     PillowImage.fromarray(before).save(
         file, "JPEG", qtables=tables, subsampling=sampling if sampling >= 0 else _USUAL_SAMPLING

@@ -103,6 +103,23 @@ def test_a_tiny_picture_tells_nothing(size: tuple[int, int]) -> None:
     assert recompressed(data, pixels_of(data)) is None
 
 
+@pytest.mark.parametrize(
+    "segment",
+    [b"\xff\xe0\x00\x07JFIF\x00", b"\xff\xe2\x00\x0eICC_PROFILE\x00"],
+    ids=["short JFIF", "empty profile"],
+)
+def test_a_header_that_pillow_cannot_read_tells_nothing(segment: bytes) -> None:
+    """The picture is sound all the same."""
+    data = jpeg(scene(), 90)
+    odd = data[:2] + segment + data[2:]
+
+    frame = decode(odd)
+
+    np.testing.assert_array_equal(frame.pixels, decode(data).pixels)
+    assert frame.compression is None
+    assert recompressed(odd, pixels_of(data)) is None
+
+
 def test_a_frame_knows_what_its_compression_changed() -> None:
     """In linear light, within a fifth; a PNG of the same pixels knows nothing."""
     original = scene()
