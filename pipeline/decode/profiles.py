@@ -11,11 +11,13 @@ import cv2
 import imagecodecs
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image as PillowImage
+from PIL.JpegImagePlugin import JpegImageFile
+from PIL.PngImagePlugin import PngImageFile
 
 from pipeline.colour.curves import srgb_to_linear
 from pipeline.colour.icc import matrix_profile
 from pipeline.colour.spaces import SRGB_PRIMARIES
+from pipeline.decode.signatures import kind_of
 from pipeline.frames import Image
 
 _SAME = 0.004
@@ -30,8 +32,10 @@ _UNNAMED_PRIMARIES = (1, 2)
 
 def embedded_profile(data: bytes) -> bytes | None:
     """ICC profile of a JPEG or PNG, None where there is none that can be read."""
+    # not by Pillow's open, which has a limit of pixels of its own, below ours
+    header = PngImageFile if kind_of(data) == "PNG" else JpegImageFile
     try:
-        with PillowImage.open(io.BytesIO(data)) as image:
+        with header(io.BytesIO(data)) as image:
             profile = image.info.get("icc_profile")
     except Exception:  # the decoder of the pixels judges the file, not Pillow
         return None

@@ -22,6 +22,7 @@ from pipeline.colour.spaces import SRGB_PRIMARIES, Primaries
 from pipeline.decode import decode, profiles
 from pipeline.decode.profiles import (
     differs_from_srgb,
+    embedded_profile,
     is_curved,
     profile_to_linear,
     to_linear_srgb,
@@ -52,6 +53,32 @@ def test_display_p3_becomes_linear_srgb(
     tolerance = 0.02 if kind == "JPEG" else 0.001
     np.testing.assert_allclose(frame.pixels, linear(codes) @ P3_TO_SRGB.T, atol=tolerance)
     assert frame.encoding == "srgb"
+
+
+@pytest.mark.parametrize("kind", ["PNG", "JPEG"])
+def test_profiles_of_pictures_too_large_for_pillow_are_read(
+    codes: NDArray[np.uint8],
+    pillow_file: Callable[..., bytes],
+    p3: bytes,
+    kind: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Its limit of 179 million pixels is below ours."""
+    data = pillow_file(codes, kind, icc_profile=p3)
+    monkeypatch.setattr(PillowImage, "MAX_IMAGE_PIXELS", codes.shape[0] * codes.shape[1] // 3)
+
+    assert embedded_profile(data) == p3
+
+
+@pytest.mark.parametrize("kind", ["PNG", "JPEG"])
+def test_a_file_without_a_profile_or_a_header_has_none(
+    codes: NDArray[np.uint8], pillow_file: Callable[..., bytes], kind: str
+) -> None:
+    data = pillow_file(codes, kind)
+
+    assert embedded_profile(data) is None
+    assert embedded_profile(data[:20]) is None
+    assert embedded_profile(b"") is None
 
 
 def test_colours_outside_srgb_keep_their_negative_parts(
