@@ -33,8 +33,8 @@ def recompressed(data: bytes, codes: Codes) -> tuple[Codes, Codes] | None:
         return None
     try:
         with JpegImagePlugin.JpegImageFile(io.BytesIO(data)) as header:
-            # by order alone: a file may number its tables as it likes
-            tables = [table for _, table in sorted(header.quantization.items())]
+            # of each component: a file may number its tables as it likes, and hold others
+            tables = [header.quantization[number] for *_, number in header.layer]
             sampling = JpegImagePlugin.get_sampling(header)
     except Exception:  # the decoder of the pixels judges the file, not Pillow
         return None

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import io
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from pipeline.decode import decode
 from pipeline.decode.recompressed import recompressed
 
 Codes = NDArray[np.uint8]
+UNUSED = b"\xff\xdb\x00\x43\x02" + bytes([99]) * 64
+"""A coarse quantization table of number 2."""
 
 
 def scene(height: int = 240, width: int = 320) -> Codes:
@@ -24,9 +27,9 @@ def scene(height: int = 240, width: int = 320) -> Codes:
     return np.asarray(np.clip(picture, 0, 255), dtype=np.uint8)
 
 
-def jpeg(codes: Codes, quality: int, subsampling: int = 0) -> bytes:
+def jpeg(codes: Codes, quality: int, subsampling: int = 0, **options: Any) -> bytes:
     file = io.BytesIO()
-    Image.fromarray(codes).save(file, "JPEG", quality=quality, subsampling=subsampling)
+    Image.fromarray(codes).save(file, "JPEG", quality=quality, subsampling=subsampling, **options)
     return file.getvalue()
 
 
@@ -66,16 +69,19 @@ def test_colours_at_every_second_pixel_change_again() -> None:
     assert 0.4 < rms(after, before) / rms(stored, original) < 0.9
 
 
-def test_a_file_may_number_its_tables_as_it_likes() -> None:
-    """Tables 2 and 3 in place of 0 and 1: the pixels are the same, and so is what changes."""
+@pytest.mark.parametrize("numbers", [(2, 3), (1, 0), (3, 1)])
+@pytest.mark.parametrize("unused", [b"", UNUSED], ids=["", "unused"])
+def test_a_file_may_number_its_tables_as_it_likes(numbers: tuple[int, int], unused: bytes) -> None:
+    """Of luma and chroma, and hold more: the pixels are the same, and so is what changes."""
     data = jpeg(scene(), 85)
     numbered = bytearray(data)
-    for table in (0, 1):
-        at = data.index(b"\xff\xdb\x00\x43" + bytes([table]))
-        numbered[at + 4] += 2
     frame_header = data.index(b"\xff\xc0")
+    for table, number in enumerate(numbers):
+        numbered[data.index(b"\xff\xdb\x00\x43" + bytes([table])) + 4] = number
     for component in range(3):
-        numbered[frame_header + 12 + 3 * component] += 2
+        numbered[frame_header + 12 + 3 * component] = numbers[min(component, 1)]
+    first = data.index(b"\xff\xdb")
+    numbered[first:first] = unused  # before the others: table 2 is theirs where they have it
 
     found = recompressed(bytes(numbered), pixels_of(bytes(numbered)))
     expected = recompressed(data, pixels_of(data))
@@ -83,6 +89,18 @@ def test_a_file_may_number_its_tables_as_it_likes() -> None:
     assert found is not None
     assert expected is not None
     np.testing.assert_array_equal(found[1], expected[1])
+
+
+def test_every_component_may_have_a_table_of_its_own() -> None:
+    """What tells of blue is stored coarsely, what tells of red finely."""
+    tables = [[4] * 64, [40] * 64, [4] * 64]
+    data = jpeg(scene(), -1, qtables=tables)
+
+    parts = recompressed(data, pixels_of(data))
+
+    assert parts is not None
+    before, after = parts
+    assert rms(after[..., 2], before[..., 2]) > 2 * rms(after[..., 0], before[..., 0])
 
 
 def test_of_a_large_picture_parts_are_compressed() -> None:
