@@ -38,8 +38,13 @@ def recompressed(data: bytes, codes: Codes) -> tuple[Codes, Codes] | None:
             sampling = JpegImagePlugin.get_sampling(header)
     except Exception:  # the decoder of the pixels judges the file, not Pillow
         return None
+    rgb = simplejpeg.decode_jpeg_header(data)[2] == "RGB"
+    if rgb:
+        sampling = 0  # all that Pillow can write, and what others write
+    elif sampling < 0:
+        sampling = _USUAL_SAMPLING
     file = io.BytesIO()
     PillowImage.fromarray(before).save(
-        file, "JPEG", qtables=tables, subsampling=sampling if sampling >= 0 else _USUAL_SAMPLING
+        file, "JPEG", qtables=tables, subsampling=sampling, keep_rgb=rgb
     )
     return before, simplejpeg.decode_jpeg(file.getbuffer(), "RGB")

@@ -103,6 +103,22 @@ def test_every_component_may_have_a_table_of_its_own() -> None:
     assert rms(after[..., 2], before[..., 2]) > 2 * rms(after[..., 0], before[..., 0])
 
 
+@pytest.mark.parametrize("quality", [80, 92])
+def test_red_green_and_blue_are_compressed_again_as_such(quality: int) -> None:
+    """Not as luma and chroma, of which the latter would fall under the table of green."""
+    original = scene()
+    data = jpeg(original, quality, keep_rgb=True)
+    stored = pixels_of(data)
+
+    parts = recompressed(data, stored)
+
+    assert parts is not None
+    before, after = parts
+    for channel in range(3):
+        first = rms(stored[..., channel], original[..., channel])
+        assert rms(after[..., channel], before[..., channel]) == pytest.approx(first, rel=0.1)
+
+
 def test_of_a_large_picture_parts_are_compressed() -> None:
     data = jpeg(scene(1200, 1000), 90)
 
