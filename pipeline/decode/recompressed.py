@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image as PillowImage
 from PIL import JpegImagePlugin
 
+from pipeline.decode.quiet import muted
 from pipeline.tiles import tiles
 
 Codes = NDArray[np.uint8]
@@ -44,7 +45,8 @@ def recompressed(data: bytes, codes: Codes) -> tuple[Codes, Codes] | None:
     elif sampling < 0:
         sampling = _USUAL_SAMPLING
     file = io.BytesIO()
-    PillowImage.fromarray(before).save(
-        file, "JPEG", qtables=tables, subsampling=sampling, keep_rgb=rgb
-    )
+    with muted():  # the encoder warns of tables that not every decoder reads
+        PillowImage.fromarray(before).save(
+            file, "JPEG", qtables=tables, subsampling=sampling, keep_rgb=rgb
+        )
     return before, simplejpeg.decode_jpeg(file.getbuffer(), "RGB")

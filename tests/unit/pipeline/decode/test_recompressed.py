@@ -103,6 +103,20 @@ def test_every_component_may_have_a_table_of_its_own() -> None:
     assert rms(after[..., 2], before[..., 2]) > 2 * rms(after[..., 0], before[..., 0])
 
 
+def test_tables_of_16_bits_are_taken_in_silence(capfd: pytest.CaptureFixture[str]) -> None:
+    original = scene()
+    data = jpeg(original, -1, qtables=[[300] * 64])
+    capfd.readouterr()  # what writing it has told the terminal
+    stored = pixels_of(data)
+
+    parts = recompressed(data, stored)
+
+    assert parts is not None
+    before, after = parts
+    assert rms(after, before) == pytest.approx(rms(stored, original), rel=0.3)
+    assert capfd.readouterr().err == ""
+
+
 @pytest.mark.parametrize("quality", [80, 92])
 def test_red_green_and_blue_are_compressed_again_as_such(quality: int) -> None:
     """Not as luma and chroma, of which the latter would fall under the table of green."""
