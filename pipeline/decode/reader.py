@@ -88,7 +88,8 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
             if encoding == "auto":
                 encoding = "srgb" if rendered else "linear"
             pixels = to_linear(samples, encoding == "srgb", profiled)
-            saturated = clipped(samples, curved=curved and kind != "HEIF")
+            bent = curved or (kind == "HEIF" and encoding == "srgb")
+            saturated = clipped(samples, curved=bent)
             parts = recompressed(data, samples.values) if kind == "JPEG" else None
             if parts is not None:
                 before, after = (

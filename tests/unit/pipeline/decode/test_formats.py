@@ -199,7 +199,36 @@ def test_heif_of_10_bits_is_srgb_and_its_white_is_1() -> None:
     assert frame.encoding == "srgb"
     np.testing.assert_allclose(frame.pixels[:20], 1.0, atol=0.01)
     np.testing.assert_allclose(frame.pixels[-20:], 0.214, atol=0.01)
-    assert frame.saturated[:20].mean() > 0.9
+    assert frame.saturated[:20].all()
+    assert not frame.saturated[-20:].any()
+
+
+@pytest.mark.parametrize("quality", [90, 95])
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+@pytest.mark.parametrize("encoding", ["auto", "srgb"])
+def test_clipped_light_in_heif_is_known_after_its_loss(
+    kind: type[np.unsignedinteger[Any]], quality: int, encoding: str
+) -> None:
+    """The brighter half of a textured picture, of 8 bits and of 10, with halved colours."""
+    rng = np.random.default_rng(3)
+    x = np.linspace(0, 2, 256)[None, :, None] * np.array([1.0, 0.9, 0.8])
+    light = x + 0.1 * np.sin(np.arange(256) / 3)[:, None, None] + rng.normal(0, 0.02, (256, 256, 1))
+    white = np.iinfo(kind).max
+    values = np.rint(np.clip(light, 0, 1) * white).astype(kind)
+
+    frame = decode(heif(values, quality=quality, chroma=420), encoding)
+
+    assert frame.saturated[(light > 1.02).any(axis=2)].mean() > 0.95
+    assert frame.saturated[(light < 0.98).all(axis=2)].mean() < 0.01
+
+
+def test_heif_that_is_said_to_be_linear_is_clipped_at_its_white_alone() -> None:
+    values = np.full((64, 64, 3), 65535, np.uint16)
+    values[32:] = 1020 * 64  # of 1023, bent to white by no curve
+
+    frame = decode(heif(values, quality=-1), "linear")
+
+    assert frame.saturated[:20].all()
     assert not frame.saturated[-20:].any()
 
 
