@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
 from pipeline.encode.exr import ExrFile, write_exr
 from pipeline.encode.files import describe
-from pipeline.encode.jpeg import JpegFile, write_jpeg
+from pipeline.encode.jpeg import JpegFile, check_jpeg_size, write_jpeg
 from pipeline.encode.png import NormalsPng, write_png8
 from pipeline.encode.preview import PreviewFile, thumbnail
 from pipeline.encode.tiff import GrayTiffFile, TiffFile
@@ -45,6 +45,15 @@ _ONLY_ON_REQUEST = frozenset(
         "layers.psd",
     }
 )
+_FULL_SIZE_JPEGS = frozenset(
+    {
+        "lamps.jpg",
+        "white_balanced_1.jpg",
+        "white_balanced_2.jpg",
+        "response.jpg",
+        "response_lamps.jpg",
+    }
+)
 _CAMERA_RGB = "linear camera RGB, 1.0 = white level of the no-flash photograph"
 _SRGB = ("8-bit sRGB curve", "sRGB")
 _REC2020 = ("16-bit linear", "Rec. 2020")
@@ -66,6 +75,15 @@ def wanted_outputs(options: Options) -> frozenset[str]:
             "directions, or calibrate the lamps of this camera and set-up first."
         )
     return wanted
+
+
+def check_outputs(wanted: frozenset[str], size: tuple[int, int]) -> None:
+    """Refuse JPEGs of a picture, (width, height) in pixels, that they cannot hold.
+
+    wanted: names out of OUTPUT_NAMES. Raises OptionError.
+    """
+    if wanted & _FULL_SIZE_JPEGS:
+        check_jpeg_size(size)
 
 
 class _Writer(Protocol):

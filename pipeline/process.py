@@ -23,7 +23,7 @@ from pipeline.mix import mix_basis
 from pipeline.model import Model, build_model
 from pipeline.normals import find_facing
 from pipeline.options import FACING_OUTPUTS, Options
-from pipeline.outputs import Outputs, wanted_outputs
+from pipeline.outputs import Outputs, check_outputs, wanted_outputs
 from pipeline.pair import make_pair
 from pipeline.pictures import overview, render
 from pipeline.progress import STRIP_ROWS, Progress
@@ -75,10 +75,11 @@ def separate_files(
     progress.report("decode", 0.5)
     after = decode(flash, options.encoding, FLASH)
     del flash
-    # first what costs little and may be refused: names of cameras and lights
+    # first what costs little and may be refused: outputs, names of cameras and lights
     warnings = setup_warnings(options, kept, before)
     options, used = with_kept(options, kept, before)
     wanted = wanted_outputs(options)
+    check_outputs(wanted, before.size)
     camera = find_camera(options.camera, before)
     model = _model(camera, before, options)
     progress.report("decode", 1.0)

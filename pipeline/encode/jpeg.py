@@ -12,6 +12,7 @@ from pipeline.colour.curves import linear_to_srgb
 from pipeline.colour.icc import srgb_profile
 from pipeline.colour.spaces import SRGB_PRIMARIES, rgb_to_xyz
 from pipeline.compiling import njit
+from pipeline.errors import OptionError
 from pipeline.frames import Image, Matrix, Numbers, Planes, numbers_of, planes_of
 
 QUALITY = 92
@@ -27,21 +28,30 @@ _ROWS = 4 * _BLOCK
 _FRAME, _SCAN, _END, _RESTART = b"\xff\xc0", b"\xff\xda", b"\xff\xd9", 0xD0
 
 
+def check_jpeg_size(size: tuple[int, int]) -> None:
+    """Raise OptionError for (width, height) of more than 65,500 pixels to a side."""
+    width, height = size
+    if max(size) > _LONGEST:
+        raise OptionError(
+            f"A JPEG cannot hold {width} × {height} pixels, as the format ends at {_LONGEST:,} "
+            "pixels a side: ask for TIFF or OpenEXR instead."
+        )
+
+
 class JpegFile:
     """An 8-bit sRGB JPEG of quality 92 with its ICC profile, no EXIF, written from top to bottom.
 
     size: (width, height). to_srgb: matrix (3, 3) that takes a pixel to linear sRGB. Colour is not
     subsampled (4:4:4): the borders between coloured lights are what these pictures show. Encoders
     take whole pictures: some rows at a time are one, and the file joins them by restart markers
-    (ITU-T T.81, E.1.4). Raises OSError for more than 65500 pixels to a side.
+    (ITU-T T.81, E.1.4). Raises what check_jpeg_size raises.
     """
 
     def __init__(
         self, file: Path | BinaryIO, size: tuple[int, int], to_srgb: Matrix = _IDENTITY
     ) -> None:
         width, height = size
-        if max(size) > _LONGEST:
-            raise OSError(f"a JPEG has at most {_LONGEST} pixels to a side, not {max(size)}")
+        check_jpeg_size(size)
         self._file = file
         self._size = size
         self._to_srgb = to_srgb
@@ -112,7 +122,7 @@ def _segment(marker: int, data: bytes) -> bytes:
 
 
 def write_jpeg(file: Path | BinaryIO, linear: Image, to_srgb: Matrix = _IDENTITY) -> None:
-    """Write a whole picture (H, W, 3), as JpegFile does."""
+    """Write a whole picture (H, W, 3), as JpegFile does. Raises OptionError, OSError."""
     jpeg = JpegFile(file, (linear.shape[1], linear.shape[0]), to_srgb)
     jpeg.write(linear)
     jpeg.close()

@@ -20,7 +20,7 @@ from pipeline.errors import Canceled, OptionError
 from pipeline.model import Model, build_model
 from pipeline.normals import Facing
 from pipeline.options import FACING_OUTPUTS, OUTPUT_NAMES, Options
-from pipeline.outputs import Outputs, wanted_outputs
+from pipeline.outputs import Outputs, check_outputs, wanted_outputs
 from pipeline.pictures import Pictures
 from pipeline.progress import Progress
 from pipeline.reduced import ReducedPair, reduce_pair
@@ -73,6 +73,29 @@ def test_normals_by_name_need_directions(name: str) -> None:
 
     known = Options.model_validate({"outputs": names, "light_directions": two})
     assert wanted_outputs(known) == frozenset(names)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "lamps.jpg",
+        "white_balanced_1.jpg",
+        "white_balanced_2.jpg",
+        "response.jpg",
+        "response_lamps.jpg",
+    ],
+)
+def test_jpegs_of_what_they_cannot_hold_are_refused(name: str) -> None:
+    check_outputs(frozenset({"layers.exr", name}), (65500, 1000))
+
+    with pytest.raises(OptionError, match="A JPEG cannot hold 65501 × 1000 pixels"):
+        check_outputs(frozenset({"layers.exr", name}), (65501, 1000))
+
+
+def test_other_outputs_and_reduced_jpegs_hold_larger_pictures() -> None:
+    others = {name for name in OUTPUT_NAMES if not name.endswith(".jpg")}
+
+    check_outputs(frozenset(others | {"thumbnail.jpg"}), (1000, 65501))
 
 
 SIZE = (40, 64)

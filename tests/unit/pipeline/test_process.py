@@ -289,6 +289,16 @@ def test_nobody_asks_where_surfaces_face_so_nobody_looks(
     assert "focal_length_assumed" not in codes(manifest)
 
 
+def test_what_no_jpeg_holds_is_refused_before_the_work(
+    files: Callable[..., Files], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pipeline.encode.jpeg._LONGEST", 50)
+    monkeypatch.setattr("pipeline.process.make_pair", lambda *_: pytest.fail("worked"))
+
+    with pytest.raises(OptionError, match="A JPEG cannot hold 96 × 64 pixels"):
+        separated(files(), tmp_path, outputs=["lamps.jpg"])
+
+
 def test_what_was_filled_in_is_warned_of(
     exact: Callable[..., tuple[Any, Array]], warm_to_cool: Array, tmp_path: Path
 ) -> None:

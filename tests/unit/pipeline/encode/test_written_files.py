@@ -22,9 +22,10 @@ from pipeline.colour.icc import linear_rec2020_profile
 from pipeline.colour.spaces import SRGB_PRIMARIES, XYZ_TO_REC2020, XYZ_TO_SRGB, rgb_to_xyz
 from pipeline.encode.exr import ExrFile, write_exr
 from pipeline.encode.files import describe
-from pipeline.encode.jpeg import JpegFile, to_srgb8, write_jpeg
+from pipeline.encode.jpeg import JpegFile, check_jpeg_size, to_srgb8, write_jpeg
 from pipeline.encode.png import NormalsPng, write_png8
 from pipeline.encode.tiff import GrayTiffFile, TiffFile
+from pipeline.errors import OptionError
 from tests.strips import size_of, write_by_strips
 
 Picture = NDArray[np.float32]
@@ -237,8 +238,15 @@ def test_jpeg_shows_what_an_encoder_of_whole_pictures_writes(size: tuple[int, in
 
 @pytest.mark.parametrize("size", [(65501, 1), (1, 65501)])
 def test_jpeg_refuses_what_its_readers_do_not_read(tmp_path: Path, size: tuple[int, int]) -> None:
-    with pytest.raises(OSError, match="65500"):
+    words = f"{size[0]} × {size[1]} pixels, as the format ends at 65,500 .* ask for TIFF"
+    with pytest.raises(OptionError, match=words):
         JpegFile(tmp_path / "a.jpg", size)
+
+    assert not list(tmp_path.iterdir())
+
+
+def test_jpeg_takes_what_its_readers_read() -> None:
+    check_jpeg_size((65500, 65500))
 
 
 def test_grey_is_16_bit_linear(tmp_path: Path, picture: Picture) -> None:
