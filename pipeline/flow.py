@@ -22,6 +22,7 @@ from pipeline.refine import log_detail
 Array = NDArray[np.float32]
 
 _WORKING_SIZE = 1000  # longer side
+_LONGEST = 32766  # longer side, above which OpenCV does not resample by a map
 _NARROWEST = 16  # shorter side, below which the search has no patches
 _WINDOW = 5.0  # standard deviation of the window of local correlations, pixels
 _GAIN = 0.15  # by which the correlation must rise to believe a motion
@@ -40,11 +41,12 @@ def residual_flow(no_flash: Photograph, flash: Photograph) -> Array | None:
 
     no_flash, flash: (H, W, 3) linear, aligned but for parallax. Returns (h, w, 2) float32 of
     displacements (x, y) in pixels of the full size, on a grid that may be coarser; None where no
-    notable part of the picture is explained better by any motion, or it is too narrow to tell.
+    notable part of the picture is explained better by any motion, or it is too narrow to tell, or
+    has a side of more than 32,766 pixels, which warp_along cannot follow.
     """
     height, width = no_flash.shape[:2]
     size = size_within((width, height), _WORKING_SIZE)
-    if min(size) < _NARROWEST:
+    if min(size) < _NARROWEST or max(height, width) > _LONGEST:
         return None
     pair = [area_means(image, size) for image in (no_flash, flash)]
     codes = [np.clip(edges(image) * _CODES, 0, 255).astype(np.uint8) for image in pair]
@@ -74,9 +76,9 @@ def warp_along(
 ) -> tuple[Image, Mask]:
     """Resample the flash frame on the no-flash frame's pixels, by homography and flow in one.
 
-    image: (H, W, 3), saturated: (H, W), as they were taken. flow: from residual_flow, of the
-    aligned frame. Returns the image and the mask of pixels that are saturated or have no
-    counterpart.
+    image: (H, W, 3), at most 32,766 pixels a side, saturated: (H, W), as they were taken. flow:
+    from residual_flow, of the aligned frame. Returns the image and the mask of pixels that are
+    saturated or have no counterpart.
     """
     height, width = saturated.shape
     linear = image[:]
