@@ -25,7 +25,8 @@ def recompressed(data: bytes, codes: Codes) -> tuple[Codes, Codes] | None:
     """Parts of a JPEG, and the same compressed again as it was, with blocks that lie elsewhere.
 
     data: the file. codes: (H, W, 3) RGB, its pixels as stored. Returns two (h, w, 3); None for a
-    picture that is hardly larger than a block, and where Pillow cannot read the header.
+    picture that is hardly larger than a block, for a large one that is lower than a tile, and where
+    Pillow cannot read the header.
     """
     inner = codes[_ASIDE:, _ASIDE:]
     large = inner.shape[0] * inner.shape[1] > _ENOUGH

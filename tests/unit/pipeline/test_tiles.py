@@ -19,6 +19,7 @@ def test_all_tiles_where_all_are_asked_for() -> None:
     found = tiles(numbered(70, 300), 10**6)
 
     assert found.shape == (4 * 32, 128, 3)
+    assert found.dtype == np.uint8
     assert [tuple(found[32 * k, 0, :2]) for k in range(4)] == [(0, 0), (0, 1), (1, 0), (1, 1)]
     assert all((found[32 * k : 32 * k + 32] == found[32 * k, 0]).all() for k in range(4))
 
@@ -41,5 +42,11 @@ def test_a_narrow_picture_has_tiles_of_its_width(width: int) -> None:
     assert tiles(numbered(64, width), 10**6).shape == (64, width, 3)
 
 
-def test_a_low_picture_has_none() -> None:
-    assert tiles(numbered(31, 500), 10**6).shape == (0, 128, 3)
+@pytest.mark.parametrize("coded", [False, True])
+def test_a_low_picture_has_none(coded: bool) -> None:
+    picture = numbered(31, 500)
+
+    found = tiles(CodedImage(picture, TABLE) if coded else picture, 10**6)
+
+    assert found.shape == (0, 128, 3)
+    assert found.dtype == (np.float32 if coded else np.uint8)
