@@ -10,11 +10,12 @@ import numpy as np
 
 from pipeline.area_means import area_means
 from pipeline.frames import Image
-from pipeline.noise import Noise, line_through
+from pipeline.noise import GRAIN_SCALES, Noise, line_through
 
-_BLOCK = 8
+BLOCK = 8
+"""Side in pixels of the blocks that JPEG compresses."""
+
 _BINS = 12
-_SCALES = (2, 4, 8)  # of the means that tell how far changes hang together
 
 
 def compression_noise(before: Image, after: Image) -> Noise:
@@ -23,10 +24,10 @@ def compression_noise(before: Image, after: Image) -> Noise:
     before, after: (h, w, 3) linear, at least 8 pixels a side, parts of the photograph and the same
     compressed again. Edges and texture change more than flat areas do; the noise is the mean one.
     """
-    height, width = (side // _BLOCK * _BLOCK for side in before.shape[:2])
+    height, width = (side // BLOCK * BLOCK for side in before.shape[:2])
     light, change = before[:height, :width], (after - before)[:height, :width]
     squares = np.square(change)
-    blocks = width // _BLOCK, height // _BLOCK
+    blocks = width // BLOCK, height // BLOCK
     levels, variances = (area_means(image, blocks).reshape(-1, 3) for image in (light, squares))
     lines = []
     for channel in range(3):
@@ -37,7 +38,7 @@ def compression_noise(before: Image, after: Image) -> Noise:
     gain, floor = np.array(lines).T
     single = max(float(squares.mean()), 1e-30)
     grains = []
-    for scale in _SCALES:
+    for scale in GRAIN_SCALES:
         means = area_means(change, (width // scale, height // scale))
         grains.append(scale**2 * float(np.square(means).mean()) / single)
     return Noise(gain, floor, max(1.0, *grains))

@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.area_means import area_means
 from pipeline.frames import Image, Photograph
-from pipeline.noise import Noise, line_through
+from pipeline.noise import GRAIN_SCALES, Noise, line_through
 from pipeline.order import quantile
 from pipeline.second_differences import (
     BLOCK,
@@ -19,7 +20,6 @@ from pipeline.second_differences import (
 from pipeline.tiles import TILE_ROWS, tiles
 
 _BINS = 24
-_SCALES = (2, 4, 8)  # of the means that tell how far noise hangs together
 _SMALLEST, _SPARSE = 32, 8
 _ENOUGH = 2_000_000  # pixels to tell the noise by
 _FEW = 50  # second differences that still give a quantile
@@ -50,7 +50,7 @@ def estimate_noise(photograph: Photograph) -> Noise:
     large = height * width > _ENOUGH
     pixels = tiles(photograph, _ENOUGH) if large else np.ascontiguousarray(photograph[:])
     rows = TILE_ROWS if large else height
-    scales = [s for s in _SCALES if min(height, width) >= _SMALLEST * s]
+    scales = [s for s in GRAIN_SCALES if min(height, width) >= _SMALLEST * s]
     means = _halved(pixels) if scales else pixels
     lines = [_line(image) for image in ([pixels, means] if scales else [pixels])]
     typical = np.median(pixels[::_SPARSE, ::_SPARSE].reshape(-1, 3), axis=0)
@@ -87,8 +87,7 @@ def _grain(
 
 def _halved(pixels: Image) -> Image:
     size = (pixels.shape[1] // 2, pixels.shape[0] // 2)
-    crop = pixels[: size[1] * 2, : size[0] * 2]
-    return np.asarray(cv2.resize(crop, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+    return area_means(pixels, size, (size[0] * 2, size[1] * 2))
 
 
 def _line(pixels: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+GRAIN_SCALES = (2, 4, 8)
+"""Sides in pixels of the squares whose means tell over what area noise hangs together."""
+
 _MIDDLE = 0.2  # of white; where the noise of two kinds is compared
 
 

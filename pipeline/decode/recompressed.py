@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from PIL import Image as PillowImage
 from PIL import JpegImagePlugin
 
+from pipeline.compression_noise import BLOCK
 from pipeline.decode.quiet import muted
 from pipeline.tiles import tiles
 
 Codes = NDArray[np.uint8]
 
-_BLOCK = 8
 _ASIDE = 3  # pixels; odd, so that colours that were sampled at every second pixel fall elsewhere
 _ENOUGH = 500_000  # pixels
 _USUAL_SAMPLING = 2  # 4:2:0
@@ -31,7 +31,7 @@ def recompressed(data: bytes, codes: Codes) -> tuple[Codes, Codes] | None:
     inner = codes[_ASIDE:, _ASIDE:]
     large = inner.shape[0] * inner.shape[1] > _ENOUGH
     before = np.ascontiguousarray(tiles(inner, _ENOUGH) if large else inner)
-    if min(before.shape[:2]) < _BLOCK:
+    if min(before.shape[:2]) < BLOCK:
         return None
     try:
         with JpegImagePlugin.JpegImageFile(io.BytesIO(data)) as header:
