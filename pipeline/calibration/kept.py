@@ -7,9 +7,10 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from pipeline.calibration.options import Kind
+from pipeline.errors import OptionError
 from pipeline.frames import Frame
 from pipeline.options import NO_SETUP, Options
 from pipeline.remarks import Code, Remark
@@ -26,6 +27,7 @@ DEFAULT_SETUP = "default"
 """The set-up of separations that name none."""
 
 _LEAST_LAMPS = 2
+_LAMPS_OF_PAPER = 3  # its normals need three directions
 
 
 class TakenWith(BaseModel):
@@ -84,7 +86,8 @@ def with_kept(
     """Fill in what options leave out by the newest fitting calibration of each kind.
 
     Gives the options, and for the manifest what was used. Lamps are left out where there is one
-    alone, or another number is asked for.
+    alone, another number is asked for, more are pinned, or the method paper needs three. Raises
+    OptionError for a kept calibration that cannot be read.
     """
     values: dict[str, Any] = {}
     used = []
@@ -97,16 +100,30 @@ def with_kept(
         if not one.taken_with.fits(here):
             continue
         value = one.value()
-        if one.kind == "lamps":
-            other = options.lights not in ("auto", len(value))
-            if len(value) < _LEAST_LAMPS or other:
-                continue
+        if one.kind == "lamps" and not _lamps_fit(len(value), options):
+            continue
         values[option] = value
         used.append({"kind": one.kind, "setup": one.setup, "name": one.name, "made": one.made})
     if not values:
         return options, []
     asked = {name: getattr(options, name) for name in options.model_fields_set}
-    return Options.model_validate({**asked, **values}), used
+    try:
+        return Options.model_validate({**asked, **values}), used
+    except ValidationError as error:
+        names = " and ".join(repr(entry["name"]) for entry in used)
+        reason = error.errors()[0]["msg"].removeprefix("Value error, ")
+        raise OptionError(
+            f"What is kept as {names} for the set-up {options.setup!r} cannot be used: {reason}. "
+            f"Calibrate anew, or separate with the set-up {NO_SETUP}."
+        ) from error
+
+
+def _lamps_fit(count: int, options: Options) -> bool:
+    """Whether so many kept lamps go with what is asked for."""
+    if options.method == "paper" and count != _LAMPS_OF_PAPER:
+        return False
+    asked = options.lights in ("auto", count)
+    return asked and max(_LEAST_LAMPS, len(options.pinned_lamps)) <= count
 
 
 def setup_warnings(options: Options, kept: Sequence[Kept], frame: Frame) -> list[Remark]:

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 from pipeline.calibration.kept import Kept, TakenWith, setup_warnings, with_kept
+from pipeline.errors import OptionError
 from pipeline.frames import Frame
 from pipeline.options import Options, Spectrum
 
 CAMERA = TakenWith(make="NIKON", model="D5100")
 TABLE = "wavelength_nm,power\n400,1\n500,2\n700,1\n"
 TWO = json.dumps({"lights": [{"direction": [1, 0, 1]}, {"direction": [0, 1, 1]}]})
+THREE = json.dumps({"lights": [{"direction": d} for d in ([1, 0, 1], [0, 1, 1], [-1, 0, 1])]})
 ONE = json.dumps({"lights": [{"direction": [1, 0, 1]}]})
 
 
@@ -55,11 +57,40 @@ def test_the_newest_counts() -> None:
         ({}, _kept(taken_with=CAMERA.model_copy(update={"body": "1"})), _frame(serial="77")),
         ({}, _kept("lamps", ONE), _frame()),
         ({"lights": 3}, _kept("lamps", TWO), _frame()),
+        ({"pinned_lamps": ["A", "D65", "FL2"]}, _kept("lamps", TWO), _frame()),
+        ({"method": "paper"}, _kept("lamps", TWO), _frame()),
+        ({"method": "paper", "lights": 2}, _kept("lamps", TWO), _frame()),
     ],
 )
 def test_what_does_not_fit_is_left(options: dict[str, Any], kept: Kept, frame: Frame) -> None:
     given = Options.model_validate(options)
     assert with_kept(given, [kept], frame) == (given, [])
+
+
+@pytest.mark.parametrize(
+    ("options", "content", "count"),
+    [
+        ({"pinned_lamps": ["A", "D65"]}, TWO, 2),
+        ({"pinned_lamps": ["A", "D65", "FL2"]}, THREE, 3),
+        ({"method": "paper"}, THREE, 3),
+    ],
+)
+def test_lamps_are_taken_where_there_are_enough(
+    options: dict[str, Any], content: str, count: int
+) -> None:
+    filled, _ = with_kept(Options.model_validate(options), [_kept("lamps", content)], _frame())
+    assert filled.light_directions is not None
+    assert len(filled.light_directions) == count
+
+
+def test_a_kept_calibration_that_options_refuse_is_named() -> None:
+    nowhere = json.dumps({"lights": [{"direction": [0, 0, 0]}, {"direction": [0, 1, 1]}]})
+    with pytest.raises(OptionError) as refused:
+        with_kept(Options(), [_kept("lamps", nowhere, name="shelf")], _frame())
+    assert str(refused.value) == (
+        "What is kept as 'shelf' for the set-up 'default' cannot be used: must not be zero in all "
+        "three components. Calibrate anew, or separate with the set-up none."
+    )
 
 
 @pytest.mark.parametrize(
