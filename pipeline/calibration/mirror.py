@@ -16,7 +16,7 @@ from pipeline.calibration.chart import disc
 from pipeline.calibration.lamps import SMALLEST_PX, LampsEstimate
 from pipeline.calibration.sphere import view_sphere
 from pipeline.errors import OptionError, UnusablePairError
-from pipeline.frames import Image
+from pipeline.frames import Image, Mask
 from pipeline.options import Circle
 from pipeline.pair import Pair
 from pipeline.vectors import unit
@@ -30,6 +30,9 @@ _SURROUNDED = 4.0  # times what the sphere shows elsewhere
 _OUTLINE = 0.01  # standard deviation of the outline by the radius, assumed
 _MOST = 3
 _CLIPPED = 0.97
+_GLOW_PX = 2  # how far lenses spread a highlight
+
+_Spot = tuple[NDArray[np.int64], NDArray[np.int64]]  # rows and columns (n,) of pixels
 
 
 def mirror_lamps(
@@ -89,24 +92,29 @@ def _apart_deg(one: Array, other: Array) -> float:
     return float(np.degrees(np.arccos(np.clip(one @ other, -1, 1))))
 
 
-def _spots(light: Image, mask: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
-    """Highlights (H, W) within a mask, the brightest first."""
+def _spots(light: Image, mask: Mask) -> list[_Spot]:
+    """Highlights within a mask (H, W), the brightest first."""
     bright = np.where(mask, light.sum(axis=2), 0.0)
     usual = float(np.median(bright[mask]))
     level = max(_BRIGHT * float(bright.max()), _SURROUNDED * usual)
-    count, labels = cv2.connectedComponents((bright > level).astype(np.uint8))
-    spots = [labels == label for label in range(1, count)]
-    spots = [spot for spot in spots if spot.sum() >= 3 and spot.sum() < 0.1 * mask.sum()]
+    _, labels, stats, _ = cv2.connectedComponentsWithStats((bright > level).astype(np.uint8))
+    pixels = stats[:, cv2.CC_STAT_AREA]
+    right_size = (pixels >= 3) & (pixels < 0.1 * mask.sum())
+    right_size[0] = False  # the rest of the picture
+    spots = []
+    for label in np.flatnonzero(right_size):
+        left, top, width, height, _ = stats[label]
+        rows, columns = np.nonzero(labels[top : top + height, left : left + width] == label)
+        spots.append((rows + top, columns + left))
     return sorted(spots, key=lambda spot: -float(bright[spot].sum()))
 
 
 def _lamp(
-    picture: Image, spot: NDArray[np.bool_], sphere: Circle, focal_px: float
+    picture: Image, spot: _Spot, sphere: Circle, focal_px: float
 ) -> tuple[Array, Array, bool]:
     """Direction (3,) of a highlight's lamp, its light (3,), and whether it is clipped."""
-    height, width = spot.shape
-    whole = cv2.dilate(spot.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
-    rows, columns = np.nonzero(whole)
+    height, width = picture.shape[:2]
+    rows, columns = _with_glow(spot, height, width)
     light = picture[rows, columns].astype(np.float64)
     x, y = columns.astype(np.float64) + 0.5, rows.astype(np.float64) + 0.5
 
@@ -120,3 +128,15 @@ def _lamp(
     direction = unit((towards(0, 0) * share.sum(axis=1, keepdims=True)).sum(axis=0))
     # the light falls off the sphere's own reflection evenly: what glows around is small beside it
     return direction, share.sum(axis=0), bool(light.max() > _CLIPPED)
+
+
+def _with_glow(spot: _Spot, height: int, width: int) -> _Spot:
+    """A highlight and the pixels around it, inside a picture of that size."""
+    rows, columns = spot
+    top, left = max(rows.min() - _GLOW_PX, 0), max(columns.min() - _GLOW_PX, 0)
+    bottom, right = min(rows.max() + _GLOW_PX + 1, height), min(columns.max() + _GLOW_PX + 1, width)
+    box = np.zeros((bottom - top, right - left), np.uint8)
+    box[rows - top, columns - left] = 1
+    side = 2 * _GLOW_PX + 1
+    rows, columns = np.nonzero(cv2.dilate(box, np.ones((side, side), np.uint8)))
+    return rows + top, columns + left

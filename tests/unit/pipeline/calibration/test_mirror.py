@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -93,6 +94,35 @@ def test_a_sphere_without_highlights_is_refused(pair_of: Callable[..., Pair]) ->
     assert matt.circle is not None
     with pytest.raises(UnusablePairError, match="0 highlights of lamps"):
         mirror_lamps(pair_of(Shot(matt.frames, (b"", b""))), matt.circle, "auto", FOCAL_PX)
+
+
+def test_thousands_of_hot_pixels_take_no_more_memory_than_a_few(pair: Pair) -> None:
+    noisy = np.full_like(pair.no_flash[:], 0.01)
+    noisy[::4, ::4] = 0.5
+    height, width = noisy.shape[:2]
+    sphere = Circle(x=width / 2, y=height / 2, radius=0.45 * min(height, width))
+    hot = replace(pair, no_flash=noisy, flash=noisy)
+    tracemalloc.start()
+    try:
+        with pytest.raises(UnusablePairError, match="0 highlights of lamps"):
+            mirror_lamps(hot, sphere, "auto", FOCAL_PX)
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < 40 * height * width
+
+
+def test_highlights_at_the_border_of_the_picture_are_seen_whole(pair: Pair) -> None:
+    """Of a sphere that touches it, where a highlight's surroundings are cut off."""
+    white = np.zeros((64, 64, 3), np.float32)
+    white[30:34, 1:3] = white[1:3, 30:34] = 0.5
+    flat = np.zeros((64, 64), bool)
+    small = replace(pair, no_flash=white, flash=white, unusable=flat)
+    found = mirror_lamps(small, Circle(x=32, y=32, radius=32), 2, FOCAL_PX)
+    # both in the same place of the outline but for a quarter of a turn
+    one, other = found.directions
+    assert one[[0, 2]] == pytest.approx([-other[1], other[2]])
+    assert found.colours == pytest.approx(np.full((2, 3), found.colours[0, 0]))
 
 
 def test_more_lamps_than_it_shows_are_refused(room: Room, pair: Pair) -> None:
