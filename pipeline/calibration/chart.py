@@ -74,8 +74,14 @@ def disc(shape: tuple[int, ...], circle: Circle, what: str) -> Mask:
             f"The circle of the {what} is not wholly inside the photograph of {width} × {height} "
             "pixels: check its coordinates."
         )
-    y, x = np.mgrid[:height, :width] + 0.5
-    return np.asarray(np.hypot(x - circle.x, y - circle.y) <= circle.radius)
+    x, y, r = circle.x, circle.y, circle.radius
+    mask = np.zeros((height, width), bool)
+    # of the whole photograph, coordinates would take gigabytes
+    left, top = int(x - r), int(y - r)
+    around = mask[top : int(y + r) + 1, left : int(x + r) + 1]
+    v, u = np.ogrid[: around.shape[0], : around.shape[1]]
+    around[...] = np.hypot(u + left + 0.5 - x, v + top + 0.5 - y) <= r
+    return mask
 
 
 def _check_corners(quad: NDArray[np.float32], width: int, height: int) -> None:
