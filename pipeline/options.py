@@ -19,6 +19,7 @@ from pydantic import (
 )
 
 Vector = tuple[float, float, float]
+_NotNegative = Annotated[float, Field(ge=0)]
 _SETUP_NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,39}$"
 
 
@@ -94,7 +95,7 @@ class Spectrum(Strict):
     """A spectral power distribution."""
 
     wavelength_nm: list[float] = Field(min_length=2, description="Ascending, in nanometres.")
-    power: list[Annotated[float, Field(ge=0)]] = Field(description="Relative power per wavelength.")
+    power: list[_NotNegative] = Field(description="Relative power per wavelength.")
 
     @model_validator(mode="after")
     def _aligned(self) -> Spectrum:
@@ -129,7 +130,7 @@ class DirectedLight(Strict):
         description="Brightness on a white card that faces the lamp, relative to the others; "
         "unknown when missing.",
     )
-    rgb: Vector | None = Field(
+    rgb: tuple[_NotNegative, _NotNegative, _NotNegative] | None = Field(
         default=None,
         description="The lamp's colour on a grey card, camera RGB: says which lamp is meant.",
     )

@@ -67,7 +67,8 @@ def mirror_lamps(
             "for: check that the sphere is a mirror, switch off other lamps, or tell their number."
         )
     directions, powers, clipped = zip(*found[:wanted], strict=True)
-    colours = np.array(powers) / max(float(np.max(powers)), 1e-12)
+    # noise can leave less than nothing of a channel
+    colours = np.maximum(powers, 0.0) / max(float(np.max(powers)), 1e-12)
     if any(clipped):
         colours = np.full_like(colours, np.nan)
     aside = [_lamp(flash, spot, sphere, focal_px)[0] for spot in _spots(flash, mask)[:1]]

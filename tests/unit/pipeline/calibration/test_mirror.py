@@ -96,6 +96,15 @@ def test_a_sphere_without_highlights_is_refused(pair_of: Callable[..., Pair]) ->
         mirror_lamps(pair_of(Shot(matt.frames, (b"", b""))), matt.circle, "auto", FOCAL_PX)
 
 
+def test_a_channel_without_light_is_zero(pair: Pair) -> None:
+    """However far noise takes it below."""
+    red = np.zeros((64, 64, 3), np.float32)
+    red[20:24, 30:34] = 0.5, 0.1, -0.02
+    dim = replace(pair, no_flash=red, flash=red, unusable=np.zeros((64, 64), bool))
+    found = mirror_lamps(dim, Circle(x=32, y=32, radius=30), 1, FOCAL_PX)
+    assert found.colours[0] == pytest.approx([1, 0.2, 0])
+
+
 def test_thousands_of_hot_pixels_take_no_more_memory_than_a_few(pair: Pair) -> None:
     noisy = np.full_like(pair.no_flash[:], 0.01)
     noisy[::4, ::4] = 0.5
