@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 
 _FEWEST = 5  # blocks of the reduced pair that tell a light
 _SAME_DEGREES = 1.0
+_LEAST_SEEN = 1e-3  # of what the camera sees of the flash: less is noise of its measurement
 
 
 def find_known(
@@ -33,8 +34,8 @@ def find_known(
     """Find what areas and spectra say of lamps.
 
     size: (width, height) of the photograph. Raises OptionError for an area outside of it or
-    without usable pixels, an unknown name, pinned lamps that are one, and a pinned lamp that is
-    forbidden.
+    without usable pixels, an unknown name, a spectrum that the camera hardly sees, pinned lamps
+    that are one, and a pinned lamp that is forbidden.
     """
     _check_places(options, size)
     flash = find_light(options.flash_spectrum)
@@ -43,6 +44,7 @@ def find_known(
         if isinstance(lamp, Circle):
             return evidence_of_area(reduced, options.flash_only, _inside(lamp, what, reduced))
         light = find_light(lamp, what)
+        _check_seen(camera, flash, light, what)
         surfaces = reflectance_spectra()
         return evidence_of_surfaces(
             *(surfaces @ (camera.sensitivities * power).T for power in (flash, light))
@@ -59,6 +61,15 @@ def find_known(
     known = Known(pins(options.pinned_lamps, "pinned"), whites, model.flash_white)
     _check_unlike(known)
     return known
+
+
+def _check_seen(camera: Camera, flash: Array, light: Array, what: str) -> None:
+    seen, of_flash = ((camera.sensitivities @ power).sum() for power in (light, flash))
+    if not seen > _LEAST_SEEN * of_flash:
+        raise OptionError(
+            f"The camera {camera.name!r} sees hardly anything of {what}: check the wavelengths of "
+            "both."
+        )
 
 
 def _check_places(options: Options, size: tuple[int, int]) -> None:

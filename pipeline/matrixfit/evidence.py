@@ -92,10 +92,13 @@ def evidence_of_area(reduced: ReducedPair, flash_only: bool, area: Mask) -> Data
 def evidence_of_surfaces(flash: Array, light: Array) -> Data:
     """What surfaces show under one lamp, exactly.
 
-    flash, light: (m, 3) camera RGB of surfaces under the flash and under the lamp.
+    flash, light: (m, 3) camera RGB of surfaces under the flash and under the lamp; those that
+    either leaves dark have no colour, and are left out.
     """
+    lit = (flash.sum(axis=1) > 0) & (light.sum(axis=1) > 0)
+    flash, light = flash[lit], light[lit]
     x, u = (a / a.sum(axis=1, keepdims=True) for a in (flash, light))
-    weight = np.full(len(x), _SURFACE_WEIGHT / len(x))
+    weight = np.full(len(x), _SURFACE_WEIGHT / max(len(x), 1))
     return Data(x, u[:, :2], np.zeros_like(x), weight)
 
 

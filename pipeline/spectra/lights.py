@@ -30,6 +30,7 @@ _DAYLIGHT_RANGE_K = (4000, 25000)
 
 _NO_LAMPS = ("ISO 7589", "E", "B")
 """Not lamps: curves of film sensitometry, the equal-energy spectrum, an obsolete filter."""
+_MOST_POWER = 1e300  # what is more may have no finite sum
 _NARROWEST_NM = 65.0
 _TWIN_COSINE = 0.9995
 
@@ -43,6 +44,11 @@ def find_light(request: str | Spectrum, purpose: str = "flash") -> NDArray[np.fl
     purpose: what messages call it ("flash", "neutral light"). Raises OptionError.
     """
     if isinstance(request, Spectrum):
+        if sum(request.power) > _MOST_POWER:
+            raise OptionError(
+                f"The {purpose} spectrum is too large to be added up: give its power relative to "
+                "its largest."
+            )
         return _normalised(on_grid(request.wavelength_nm, request.power, "hold"), purpose)
     wanted = key_of(request)
     own = {key_of(name): path for name, path in folder_spectra().items()}

@@ -159,6 +159,29 @@ def test_unknown_names_are_refused(find: Find, name: str) -> None:
     assert f"No pinned lamp 1 spectrum is called '{name}'" in refusal(find, [name])
 
 
+@pytest.mark.parametrize("power", [1e-5, 1.0, 1e290])
+@pytest.mark.parametrize("from_nm", [720, 775])
+def test_a_spectrum_that_the_camera_hardly_sees_is_refused(
+    find: Find, from_nm: float, power: float
+) -> None:
+    beyond = Spectrum(wavelength_nm=[380, from_nm, 780], power=[0, 0, power])
+    for known in ([beyond], ()), ((), [beyond]):
+        said = refusal(find, *known)
+        assert "sees hardly anything of" in said
+        assert "lamp 1: check the wavelengths of both" in said
+
+
+def test_a_deep_red_spectrum_is_seen(find: Find) -> None:
+    red = Spectrum(wavelength_nm=[380, 640, 650, 660], power=[0, 0, 1, 0])
+    assert np.isfinite(find([red]).matrices).all()
+
+
+def test_a_spectrum_that_has_no_sum_is_refused(find: Find) -> None:
+    endless = Spectrum(wavelength_nm=[380, 780], power=[1e308, 1e308])
+    assert "The pinned lamp 1 spectrum is too large" in refusal(find, [endless])
+    assert "The forbidden lamp 1 spectrum is too large" in refusal(find, (), [endless])
+
+
 def test_a_near_name_is_given(find: Find) -> None:
     assert "FL12" in refusal(find, (), ["FL12x"])
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.matrixfit.evidence import gather_evidence
+from pipeline.matrixfit.evidence import evidence_of_surfaces, gather_evidence
 from pipeline.reduced import ReducedPair
 from tests.reduced_pairs import HEIGHT, WIDTH, even, left_and_right, reduced_pair
 
@@ -142,3 +142,22 @@ def test_of_a_very_noisy_pair_the_least_noisy_pixels_are_taken() -> None:
 
     assert len(found) == HEIGHT * WIDTH / 2
     np.testing.assert_allclose(found.x, 1 / 3)
+
+
+def test_surfaces_are_chromaticities_that_are_sure() -> None:
+    flash, light = np.array([[2.0, 2, 4], [1, 0, 0]]), np.array([[1.0, 2, 1], [5, 5, 0]])
+    found = evidence_of_surfaces(flash, light)
+    np.testing.assert_allclose(found.x, [[0.25, 0.25, 0.5], [1.0, 0, 0]])
+    np.testing.assert_allclose(found.u, [[0.25, 0.5], [0.5, 0.5]])
+    assert not found.covariance.any()
+    assert found.weight.tolist() == [200, 200]
+
+
+@pytest.mark.parametrize("dark", [0.0, -0.1])
+def test_surfaces_that_either_light_leaves_dark_are_left_out(dark: float) -> None:
+    flash, light = np.ones((4, 3)), np.full((4, 3), 2.0)
+    flash[0], light[2] = dark, dark
+    found = evidence_of_surfaces(flash, light)
+    np.testing.assert_allclose(found.x, np.full((2, 3), 1 / 3))
+    assert found.weight.tolist() == [200, 200]
+    assert len(evidence_of_surfaces(flash[:1], light[:1])) == 0

@@ -93,6 +93,20 @@ def test_a_dark_table_is_refused_with_its_purpose() -> None:
         find_light(dark, "neutral light")
 
 
+@pytest.mark.parametrize("wavelengths", [[380, 780], [380, 381, 382, 780]])
+@pytest.mark.parametrize("power", [6e299, 1e308])
+def test_a_table_without_a_sum_is_refused(wavelengths: list[float], power: float) -> None:
+    endless = Spectrum(wavelength_nm=wavelengths, power=[power] * len(wavelengths))
+    with pytest.raises(OptionError, match="The flash spectrum is too large to be added up"):
+        find_light(endless)
+
+
+@pytest.mark.parametrize("power", [1e-300, 1e299])
+def test_a_table_may_have_any_scale(power: float) -> None:
+    flat = Spectrum(wavelength_nm=[380, 780], power=[power, power])
+    np.testing.assert_allclose(find_light(flat), 1 / 81)
+
+
 @pytest.mark.usefixtures("spectra_folder")
 @pytest.mark.parametrize("name", ["my torch", "MY_TORCH", "mytorch"])
 def test_the_users_folder_has_lights(name: str) -> None:
