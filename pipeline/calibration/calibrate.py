@@ -31,13 +31,14 @@ from pipeline.decode import decode
 from pipeline.errors import OptionError
 from pipeline.focal import focal_length_px
 from pipeline.frames import Frame
+from pipeline.likely_camera import names_no_camera
 from pipeline.manifest import input_entry, versions
 from pipeline.options import Circle, Sensitivities, Spectrum
 from pipeline.pair import Pair, make_pair
 from pipeline.process import FLASH, NO_FLASH, check_pair
 from pipeline.progress import Progress
 from pipeline.remarks import Code, Remark
-from pipeline.spectra.cameras import find_camera, measured_cameras
+from pipeline.spectra.cameras import Camera, find_camera, measured_cameras
 from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light
 from pipeline.spectra.observer import cie_1931
@@ -89,7 +90,7 @@ def calibrate_files(
     pair = make_pair(before, after, options, progress)
     progress.report("calibrate", 0.0)
     if isinstance(options, FlashCalibration):
-        found = _flash(pair, before, options)
+        found = _flash(pair, before, options, warnings)
     elif isinstance(options, CameraCalibration):
         found = _camera(pair, before, options)
     else:
@@ -117,8 +118,9 @@ def calibrate_files(
     return manifest
 
 
-def _flash(pair: Pair, frame: Frame, options: FlashCalibration) -> _Found:
+def _flash(pair: Pair, frame: Frame, options: FlashCalibration, warnings: list[Remark]) -> _Found:
     camera = find_camera(options.camera, frame)
+    warnings.extend(_camera_warnings(frame, camera))
     chart, card = options.chart, options.card
     if chart is None and card is None:
         chart = find_chart(pair)
@@ -141,6 +143,30 @@ def _flash(pair: Pair, frame: Frame, options: FlashCalibration) -> _Found:
         **_marks(chart, card),
     }
     return _Found(write_spectrum(table), said, draw_marks(pair, chart, card))
+
+
+def _camera_warnings(frame: Frame, camera: Camera) -> list[Remark]:
+    """Warn of a camera that is a guess, whose error goes to the flash's spectrum."""
+    if frame.encoding == "srgb":
+        message = (
+            "The photographs are rendered to sRGB, which hides what the sensor saw: the spectrum "
+            "of the flash is approximate. Send RAW or linear files for exact work."
+        )
+        return [Remark(Code.RENDERED_SRGB, message)]
+    if not camera.approximate:
+        return []
+    message = (
+        "The camera's spectral sensitivities are not known and were approximated, and so is the "
+        "spectrum of the flash"
+    )
+    if names_no_camera(camera, frame):
+        message += (
+            ": the files do not tell whose colours they hold, and were taken for linear sRGB. Name "
+            "their camera with --camera."
+        )
+    else:
+        message += ": name a measured camera or send its table for exact work."
+    return [Remark(Code.CAMERA_APPROXIMATE, message)]
 
 
 def _strength(patches: Patches) -> float:

@@ -125,6 +125,45 @@ def test_a_rendered_picture_may_tell_the_flash(chart: Shot, tmp_path: Path) -> N
     card = {"x": 30, "y": 120, "radius": 15}
     manifest = _run(chart, tmp_path, kind="flash", card=card, encoding="srgb")
     assert manifest["found"]["patches"] == 1
+    (warning,) = _of_the_camera(manifest)
+    assert warning["code"] == "rendered_srgb"
+    assert "the spectrum of the flash is approximate" in warning["message"]
+
+
+def test_a_file_that_names_no_camera_may_tell_the_flash(chart: Shot, tmp_path: Path) -> None:
+    manifest = _run(chart, tmp_path, kind="flash", card={"x": 30, "y": 120, "radius": 15})
+    assert manifest["found"]["camera"] == {"name": "sRGB", "source": "stand-in"}
+    (warning,) = _of_the_camera(manifest)
+    assert warning["code"] == "camera_approximate"
+    assert "were taken for linear sRGB. Name their camera with --camera." in warning["message"]
+
+
+def test_a_camera_of_a_matrix_may_tell_the_flash(
+    chart: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "find_camera", lambda *_: Camera("own", S, "approximate"))
+    manifest = _run(chart, tmp_path, kind="flash", card={"x": 30, "y": 120, "radius": 15})
+    (warning,) = _of_the_camera(manifest)
+    assert warning["code"] == "camera_approximate"
+    assert warning["message"].endswith("name a measured camera or send its table for exact work.")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"kind": "flash", "card": {"x": 30, "y": 120, "radius": 15}, "camera": "Nikon D5100"},
+        {"kind": "camera", "chart": CORNERS},
+    ],
+)
+def test_a_camera_that_is_known_or_asked_for_is_not_warned_of(
+    chart: Shot, tmp_path: Path, options: dict[str, Any]
+) -> None:
+    assert _of_the_camera(_run(chart, tmp_path, **options)) == []
+
+
+def _of_the_camera(manifest: dict[str, Any]) -> list[dict[str, Any]]:
+    codes = {"rendered_srgb", "camera_approximate"}
+    return [warning for warning in manifest["warnings"] if warning["code"] in codes]
 
 
 def test_what_is_no_pair_is_refused(chart: Shot, tmp_path: Path) -> None:
