@@ -17,13 +17,14 @@ from pipeline.calibration.chart import disc
 from pipeline.calibration.light import lights_of
 from pipeline.calibration.sphere_fit import SphereFit, SphereLight, fit_lamps
 from pipeline.errors import OptionError, UnusablePairError
+from pipeline.frames import Mask
 from pipeline.options import Circle
 from pipeline.pair import Pair
 
 Array = NDArray[np.float64]
 
 _INNER = 0.9  # of the radius: beyond, the outline that was marked may miss the sphere
-SMALLEST_PX = 12.0
+_SMALLEST_PX = 12.0
 _MOST_UNUSABLE = 0.2
 _BLOCKS = 4_000  # at least, of a large sphere
 _NO_SPHERE = 0.12  # relative error of the flash part as that of a matt sphere
@@ -96,16 +97,23 @@ def estimate_lamps(
     )
 
 
-def _look(pair: Pair, sphere: Circle, focal_px: float) -> SphereLight:
-    """Light of the sphere, means over blocks of pixels where there are many."""
-    if sphere.radius < SMALLEST_PX:
+def inside_sphere(shape: tuple[int, ...], sphere: Circle, share: float) -> Mask:
+    """Pixels (H, W) within a share, 0…1, of the radius of a sphere's outline.
+
+    Raises OptionError for an outline that is too small or not wholly in the picture.
+    """
+    if sphere.radius < _SMALLEST_PX:
         raise OptionError(
             f"The sphere has a radius of only {sphere.radius:.3g} pixels: it must have "
-            f"{SMALLEST_PX:g}, so photograph it from nearer."
+            f"{_SMALLEST_PX:g}, so photograph it from nearer."
         )
-    disc(pair.unusable.shape, sphere, "sphere")
-    inner = Circle(x=sphere.x, y=sphere.y, radius=_INNER * sphere.radius)
-    mask = disc(pair.unusable.shape, inner, "sphere")
+    disc(shape, sphere, "sphere")
+    return disc(shape, Circle(x=sphere.x, y=sphere.y, radius=share * sphere.radius), "sphere")
+
+
+def _look(pair: Pair, sphere: Circle, focal_px: float) -> SphereLight:
+    """Light of the sphere, means over blocks of pixels where there are many."""
+    mask = inside_sphere(pair.unusable.shape, sphere, _INNER)
     if pair.unusable[mask].mean() > _MOST_UNUSABLE:
         raise UnusablePairError(
             "The sphere is clipped, or moved between the photographs: expose shorter, and keep it "

@@ -12,10 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.calibration.chart import disc
-from pipeline.calibration.lamps import SMALLEST_PX, LampsEstimate
+from pipeline.calibration.lamps import LampsEstimate, inside_sphere
 from pipeline.calibration.sphere import view_sphere
-from pipeline.errors import OptionError, UnusablePairError
+from pipeline.errors import UnusablePairError
 from pipeline.frames import Image, Mask
 from pipeline.options import Circle
 from pipeline.pair import Pair
@@ -46,14 +45,7 @@ def mirror_lamps(
     OptionError for a circle too small or outside, UnusablePairError where there are no highlights
     of lamps, or too many.
     """
-    if sphere.radius < SMALLEST_PX:
-        raise OptionError(
-            f"The sphere has a radius of only {sphere.radius:.3g} pixels: it must have "
-            f"{SMALLEST_PX:g}, so photograph it from nearer."
-        )
-    disc(pair.unusable.shape, sphere, "sphere")
-    inner = Circle(x=sphere.x, y=sphere.y, radius=_INNER * sphere.radius)
-    mask = disc(pair.unusable.shape, inner, "sphere")
+    mask = inside_sphere(pair.unusable.shape, sphere, _INNER)
     room, flash = pair.no_flash[:], pair.flash_part()
     found = [_lamp(room, spot, sphere, focal_px) for spot in _spots(room, mask)]
     found.sort(key=lambda lamp: -float(lamp[1].sum()))
