@@ -13,12 +13,11 @@ from pipeline.contradictions import contradictions
 from pipeline.count import DOUBTFUL, MUCH_LEFT, Count, count_lamps, signs_of_fourth
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.frames import Matrix
-from pipeline.hui2018.lights import invariants_of_pair, lights_of_pair
+from pipeline.hui2018.lights import NO_AGREEMENT, invariants_of_pair, lights_of_pair
 from pipeline.hui2018.pruning import prune
 from pipeline.matrixfit.evidence import gather_evidence
 from pipeline.matrixfit.fit import MOST_LAMPS, Fit, first_fit, fit_matrices
 from pipeline.matrixfit.known import FORBIDDEN_DEGREES, Known, nothing_known
-from pipeline.matrixfit.starts import NO_AGREEMENT
 from pipeline.matrixfit.unexplained import left_over, places_alone
 from pipeline.model import Model
 from pipeline.reduced import ReducedPair

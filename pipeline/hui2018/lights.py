@@ -20,6 +20,12 @@ from pipeline.vectors import unit
 
 Array = NDArray[np.float64]
 
+NO_AGREEMENT = (
+    "The light of hardly any pixel agrees with that of another: use a stronger flash and less ISO "
+    "speed, or check camera and encoding."
+)
+"""What is said where invariants show no lights."""
+
 _FEWEST = 3
 
 
@@ -69,10 +75,7 @@ def published_lights(gammas: Array, count: int) -> Array:
         raise ValueError(f"Lights are found for a number of 1, 2 or 3, not {count}.")
     pruned = prune(gammas[np.isfinite(gammas).all(axis=1) & gammas.any(axis=1)])
     if len(pruned) < _FEWEST:
-        raise UnusablePairError(
-            "The light of hardly any pixel agrees with that of another: use a stronger flash and "
-            "less ISO speed, or check camera and encoding."
-        )
+        raise UnusablePairError(NO_AGREEMENT)
     if count == 1:
         return unit(pruned.mean(axis=0))[None]
     return two_lights(pruned) if count == 2 else three_lights(pruned)

@@ -8,17 +8,13 @@ from numpy.typing import NDArray
 
 from pipeline.errors import UnusablePairError
 from pipeline.hui2018.invariant import light_coefficients
+from pipeline.hui2018.lights import NO_AGREEMENT
 from pipeline.hui2018.projection import from_plane, to_plane
 from pipeline.matrixfit.data import Data
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.vectors import unit
 
 Array = NDArray[np.float64]
-
-NO_AGREEMENT = (
-    "The light of hardly any pixel agrees with that of another: use a stronger flash and less ISO "
-    "speed, or check camera and encoding."
-)
 
 _BINS, _BLUR = 96, 1.2
 _PEAKS_OF_DIFFERENCES, _PEAKS_OF_PIXELS = 14, 8
