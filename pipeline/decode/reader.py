@@ -94,9 +94,9 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
             if parts is not None:
                 before, after = (
                     to_linear(replace(samples, values=part), encoding == "srgb", profiled)[:]
-                    for part in parts
+                    for part in (parts.before, parts.after)
                 )
-                compression = compression_noise(before, after)
+                compression = compression_noise(before, after, parts.repeated)
         if pixels.ndim != 3 or pixels.shape[2] != 3:
             raise ValueError("a damaged header gave other samples than RGB")
     height, width = pixels.shape[:2]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from typing import NamedTuple
 
 import numpy as np
 import simplejpeg
@@ -19,14 +20,28 @@ Codes = NDArray[np.uint8]
 _ASIDE = 3  # pixels; odd, so that colours that were sampled at every second pixel fall elsewhere
 _ENOUGH = 500_000  # pixels
 _USUAL_SAMPLING = 2  # 4:2:0
+# of Pillow's 4:4:4, 4:2:2, 4:2:0: what colours lose by sampling is lost once; measured, decision 32
+_REPEATED = ((1.0, 1.0, 1.0), (0.8, 1.0, 0.8), (0.6, 0.8, 0.6))
 
 
-def recompressed(data: bytes, codes: Codes) -> tuple[Codes, Codes] | None:
+class Recompressed(NamedTuple):
     """Parts of a JPEG, and the same compressed again as it was, with blocks that lie elsewhere.
 
-    data: the file. codes: (H, W, 3) RGB, its pixels as stored. Returns two (h, w, 3); None for a
-    picture that is hardly larger than a block, for a large one that is lower than a tile, and where
-    Pillow cannot read the header.
+    before, after: (h, w, 3) RGB code values. repeated: part 0…1 of the variance of what the first
+    compression changed that the second one changes, of each channel in the mean.
+    """
+
+    before: Codes
+    after: Codes
+    repeated: tuple[float, float, float]
+
+
+def recompressed(data: bytes, codes: Codes) -> Recompressed | None:
+    """Compress a JPEG again.
+
+    data: the file. codes: (H, W, 3) RGB, its pixels as stored. Returns None for a picture that is
+    hardly larger than a block, for a large one that is lower than a tile, and where Pillow cannot
+    read the header.
     """
     inner = codes[_ASIDE:, _ASIDE:]
     large = inner.shape[0] * inner.shape[1] > _ENOUGH
@@ -50,4 +65,5 @@ def recompressed(data: bytes, codes: Codes) -> tuple[Codes, Codes] | None:
         PillowImage.fromarray(before).save(
             file, "JPEG", qtables=tables, subsampling=sampling, keep_rgb=rgb
         )
-    return before, simplejpeg.decode_jpeg(file.getbuffer(), "RGB")
+    after = simplejpeg.decode_jpeg(file.getbuffer(), "RGB")
+    return Recompressed(before, after, _REPEATED[sampling])
