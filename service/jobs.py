@@ -236,21 +236,30 @@ def limit_keeping(connection: sa.Connection, keep_seconds: float, limit: int) ->
 
 def expire(connection: sa.Connection, limit: int) -> list[str]:
     """Up to `limit` jobs that are to be removed now, all of them in the state `expired`."""
-    # A webhook is told of an end first, unless the job was deleted before it came to that.
-    told = sa.or_(
-        jobs.c.webhook.is_(None),
-        jobs.c.delivery["state"].as_string() != "pending",
-        jobs.c.expires <= jobs.c.finished,
-    )
-    due = sa.and_(jobs.c.state.in_(before(State.EXPIRED)), jobs.c.expires <= _moment(), told)
     # In the order of an index: PostgreSQL guesses that many are due, and would read the table.
-    first = sa.select(jobs.c.id).where(due).order_by(jobs.c.state, jobs.c.expires).limit(limit)
+    first = sa.select(jobs.c.id).where(_due()).order_by(jobs.c.state, jobs.c.expires).limit(limit)
     found = connection.execute(first).scalars().all()
     if found:
         _move(connection, State.EXPIRED, jobs.c.id.in_(found))
     # Those of a removal that was cut short are among them.
     expired = sa.select(jobs.c.id).where(jobs.c.state == State.EXPIRED).limit(limit)
     return list(connection.execute(expired).scalars())
+
+
+def due(connection: sa.Connection) -> set[str]:
+    """Ids of all jobs that are to be removed now, in the state `expired` or not yet."""
+    found = sa.select(jobs.c.id).where(sa.or_(_due(), jobs.c.state == State.EXPIRED))
+    return set(connection.execute(found).scalars())
+
+
+def _due() -> sa.ColumnElement[bool]:
+    # A webhook is told of an end first, unless the job was deleted before it came to that.
+    told = sa.or_(
+        jobs.c.webhook.is_(None),
+        jobs.c.delivery["state"].as_string() != "pending",
+        jobs.c.expires <= jobs.c.finished,
+    )
+    return sa.and_(jobs.c.state.in_(before(State.EXPIRED)), jobs.c.expires <= _moment(), told)
 
 
 def condemn(connection: sa.Connection, job_id: str) -> None:

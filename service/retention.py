@@ -50,6 +50,22 @@ class Sweep:
                 cameras.forget_unused(connection)
             uploads.remove_expired(self._engine, self._storage)
 
+    def make_room(self) -> None:
+        """Remove files, and no rows, of what is due: for a full disk that takes no row's change.
+
+        The rows go with the next sweep; until then whoever asks for the files is told that they
+        are gone. Removes as many as a heartbeat has time for. Raises what run raises.
+        """
+        if self._storage.free_bytes() is None:  # on no disk that a database could be on
+            return
+        with self._engine.connect() as connection:
+            due = jobs.due(connection)
+        for job_id in sorted(due.intersection(self._storage.folders(JOBS)))[:_BATCH]:
+            self._storage.delete_below(job_key(job_id))
+            log.info("files removed", extra={"job": job_id})
+        self._remove_strays()
+        uploads.remove_expired(self._engine, self._storage)
+
     def _limit_keeping(self) -> None:
         keep_seconds = self._settings.retention_seconds
         while keep_seconds is not None:

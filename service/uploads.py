@@ -1,7 +1,7 @@
 """Uploads that come piece by piece: a row each, and objects in the store that hold the pieces.
 
 Every write of a row names the byte at which it goes on, so that of two pieces for one place, on
-whatever hosts, one counts. A row is made before its first object, and goes before its last.
+whatever hosts, one counts. A row is made before its first object: objects without one are nobody's.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ MAX_PARTS = 10_000
 """Pieces that one upload may come in."""
 
 _PREFIX = "uploads/"
+_LONG_OVER_SECONDS = 3600.0
+"""Longer than any transaction takes, so that none goes on with an upload whose pieces are going."""
 
 
 @dataclass(frozen=True)
@@ -112,14 +114,19 @@ def assemble(storage: Storage, upload: Upload, path: Path) -> str:
 
 
 def remove_expired(engine: sa.Engine, storage: Storage) -> None:
-    """Delete uploads whose time is over, and pieces without an upload. May run at any time."""
+    """Delete uploads whose time is long over, and pieces without an upload. May run at any time.
+
+    Pieces go first, since on a full disk no row can.
+    """
+    over = uploads.c.expires <= now() - _LONG_OVER_SECONDS
     # In this order: what has a piece now, if a half-stored one, had its row before.
     stored = storage.folders(_PREFIX)
-    with engine.begin() as connection:
-        connection.execute(sa.delete(uploads).where(uploads.c.expires <= now()))
-        known = set(connection.execute(sa.select(uploads.c.id)).scalars())
+    with engine.connect() as connection:
+        known = set(connection.execute(sa.select(uploads.c.id).where(~over)).scalars())
     for upload_id in sorted(set(stored) - known):
         delete_parts(storage, upload_id)
+    with engine.begin() as connection:
+        connection.execute(sa.delete(uploads).where(over))
 
 
 def _one(owner: str, upload_id: str) -> sa.ColumnElement[bool]:

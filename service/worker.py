@@ -19,6 +19,7 @@ import sqlalchemy as sa
 
 from service import (
     cameras,
+    database,
     engine,
     heartbeats,
     jobs,
@@ -33,7 +34,7 @@ from service import (
 from service.attempt import Attempt
 from service.engine import Held
 from service.errors import AbandonedError, DeadlineError, StartError, problem_of
-from service.opening import open_database, open_storage
+from service.opening import cause_of, open_database, open_storage
 from service.patience import passes
 from service.processes import die_with_parent
 from service.retention import Sweep
@@ -81,7 +82,7 @@ class Worker:
         self._fork_server.start()
         scratch.clear(self._settings.data_dir)
         presence.enter(self._settings.data_dir, self.id)
-        self._beat()
+        self._enter()
         engine.launch(
             self._engine,
             self.id,
@@ -121,8 +122,20 @@ class Worker:
                 log.warning("put back", extra={"job": one.id, "worker": self.id})
             self._fail_overdue()
             self._queue_news()
-        except Exception:  # the next heartbeat may find the database there again
+        except Exception as error:  # the next heartbeat may find the database there again
             log.exception("the heartbeat was cut short", extra={"worker": self.id})
+            self._make_room(error)
+
+    def _enter(self) -> None:
+        """Say for the first time that this worker lives. Raises StartError."""
+        try:
+            self._beat()
+        except sa.exc.DBAPIError as error:
+            self._make_room(error)  # for the next start
+            raise StartError(
+                "The database of jobs cannot be written: make room on its disk, or check "
+                f"LIGHTLAYERS_DATABASE_URL ({cause_of(error)})."
+            ) from error
 
     def _leave(self) -> None:
         try:
@@ -275,8 +288,18 @@ class Worker:
     def _sweep(self, thorough: bool) -> None:
         try:
             self._sweeping.run(thorough)
-        except Exception:  # the next one does what this one has left
+        except Exception as error:  # the next one does what this one has left
             log.exception("the sweep was cut short", extra={"worker": self.id})
+            self._make_room(error)
+
+    def _make_room(self, error: Exception) -> None:
+        """Where a full disk of the database was in the way: no sweep gets out of its queue then."""
+        if not (isinstance(error, sa.exc.DBAPIError) and database.is_full(error)):
+            return
+        try:
+            self._sweeping.make_room()
+        except Exception:  # the next heartbeat tries again
+            log.exception("making room was cut short", extra={"worker": self.id})
 
     def _beat(self) -> None:
         with self._engine.begin() as connection:

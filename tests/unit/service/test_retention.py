@@ -18,6 +18,7 @@ from service.settings import Settings
 from service.states import State
 from service.storage import Storage
 from tests.unit.service.asking import post_capture, rows_of, stored_job
+from tests.unit.service.full_disk import full_disk
 
 Finish = Callable[[str, dict[str, bytes]], None]
 
@@ -188,6 +189,83 @@ def test_a_delete_that_was_cut_short_is_finished(
     assert context.storage.list("") == []
 
 
+def test_on_a_full_disk_files_that_are_due_make_room_for_what_is_written(
+    sweep: Sweep, finished: Callable[[], str], context: Context, http: httpx.Client
+) -> None:
+    old, new = finished(), finished()
+    waiting = stored_job(context)
+    for job_id, seconds in ((old, -1), (new, 60), (waiting, -1)):
+        _expires(context, job_id, time.time() + seconds)
+    with context.engine.begin() as connection:
+        uploads.add(connection, {"id": "over", "owner": "", "length": 9}, -3601.0)
+    context.storage.put("uploads/over/0", b"light")
+    with full_disk(context.engine):
+        with pytest.raises(sa.exc.OperationalError):
+            sweep.run(thorough=True)
+        assert len(context.storage.list("")) == 3 + 3 + 2 + 1
+        with pytest.raises(sa.exc.OperationalError):  # the upload's row, once its piece is gone
+            sweep.make_room()
+    left = {key.rpartition("/")[0] for key in context.storage.list("")}
+    assert left == {f"jobs/{new}/1", f"jobs/{new}/inputs", f"jobs/{waiting}/inputs"}
+    assert {job.id for job in rows_of(context)} == {old, new, waiting}
+    for path in ("results", "results.zip", "results/manifest.json"):
+        assert http.get(f"/jobs/{old}/{path}").status_code == 410
+    assert http.post(f"/jobs/{old}/rerun").status_code == 410
+    sweep.run(thorough=True)
+    assert {job.id for job in rows_of(context)} == {new, waiting}
+    with context.engine.connect() as connection:
+        assert uploads.find(connection, "", "over") is None
+
+
+def test_room_is_made_of_what_a_removal_that_was_cut_short_has_left(
+    sweep: Sweep, finished: Callable[[], str], context: Context
+) -> None:
+    job_id = finished()
+    _expires(context, job_id, 1.0)
+    with context.engine.begin() as connection:
+        assert jobs.expire(connection, 1) == [job_id]
+    with full_disk(context.engine), pytest.raises(sa.exc.OperationalError):
+        sweep.make_room()
+    assert context.storage.list("") == []
+
+
+@pytest.mark.parametrize("delivery", [None, "pending"])
+def test_a_full_disk_takes_no_files_of_a_job_whose_webhook_is_to_be_told(
+    delivery: str | None, sweep: Sweep, context: Context, finish: Finish
+) -> None:
+    job_id = stored_job(context, webhook={"url": "https://example.org", "secret": "s"})
+    finish(job_id, {"manifest.json": b"{}"})
+    _expires(context, job_id, time.time() - 1)
+    with context.engine.begin() as connection:
+        this = database.jobs.c.id == job_id
+        connection.execute(sa.update(database.jobs).where(this).values(finished=1.0))
+        if delivery:
+            deliveries.write(connection, job_id, {"state": delivery, "attempts": 1})
+    sweep.make_room()
+    assert len(context.storage.list("")) == 3
+
+
+def test_a_heartbeat_makes_room_by_a_batch_of_jobs(
+    sweep: Sweep, finished: Callable[[], str], context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("service.retention._BATCH", 1)
+    for job_id in (finished(), finished()):
+        _expires(context, job_id, 1.0)
+    sweep.make_room()
+    assert len(context.storage.list("")) == 3
+    sweep.make_room()
+    assert context.storage.list("") == []
+
+
+def test_a_store_elsewhere_has_no_room_to_make(
+    sweep: Sweep, finished: Callable[[], str], context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _expires(context, finished(), 1.0)
+    monkeypatch.setattr(Storage, "free_bytes", lambda _storage: None)
+    sweep.make_room()
+    assert len(context.storage.list("")) == 3
+
+
 def test_old_files_without_a_job_go(
     sweep: Sweep, finished: Callable[[], str], context: Context
 ) -> None:
@@ -225,7 +303,7 @@ def test_files_that_are_being_stored_stay(name: str, sweep: Sweep, context: Cont
 
 def test_uploads_whose_time_is_over_go(sweep: Sweep, context: Context) -> None:
     with context.engine.begin() as connection:
-        for upload_id, seconds in (("over", -1.0), ("under-way", 3600.0)):
+        for upload_id, seconds in (("over", -3601.0), ("under-way", 3600.0)):
             uploads.add(connection, {"id": upload_id, "owner": "", "length": 9}, seconds)
     for upload_id in ("over", "under-way", "of-nobody"):
         context.storage.put(f"uploads/{upload_id}/0", b"light")

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import hashlib
+import time
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,7 @@ import sqlalchemy as sa
 
 from service import database, uploads
 from service.storage import Storage
+from tests.unit.service.full_disk import full_disk
 
 
 @pytest.fixture
@@ -99,10 +101,34 @@ def test_what_is_expired_and_what_is_nobodys_goes(engine: sa.Engine, storage: St
         assert uploads.find(connection, "a", "over") is None
 
 
+def test_an_upload_that_is_over_just_now_stays(engine: sa.Engine, storage: Storage) -> None:
+    """Or a piece that was taken in at this moment would be added to one whose pieces are gone."""
+    _add(engine, "1", 6)
+    assert _append(engine, storage, _find(engine, "1"), b"abc")
+    with engine.begin() as connection:
+        connection.execute(sa.update(database.uploads).values(expires=time.time() - 60))
+    uploads.remove_expired(engine, storage)
+    assert _find(engine, "1").expired
+    assert len(storage.list("uploads/1/")) == 1
+
+
+def test_on_a_full_disk_pieces_go_where_rows_cannot(engine: sa.Engine, storage: Storage) -> None:
+    _add(engine, "over", 6, seconds=-3601)
+    for name in ("over", "nobodys"):
+        storage.put(f"uploads/{name}/000-x", b"abc")
+    with full_disk(engine), pytest.raises(sa.exc.OperationalError):
+        uploads.remove_expired(engine, storage)
+    assert storage.list("") == []
+    assert _find(engine, "over").expired
+    uploads.remove_expired(engine, storage)
+    with engine.connect() as connection:
+        assert uploads.find(connection, "a", "over") is None
+
+
 def test_pieces_that_were_half_stored_go_with_their_upload(
     engine: sa.Engine, storage: Storage, tmp_path: Path
 ) -> None:
-    for name, seconds in (("kept", 60), ("over", -1)):
+    for name, seconds in (("kept", 60), ("over", -3601)):
         _add(engine, name, 6, seconds=seconds)
     for name in ("kept", "over", "nobodys"):
         folder = tmp_path / "store" / "uploads" / name

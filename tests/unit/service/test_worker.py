@@ -19,10 +19,13 @@ from service import cameras, database, heartbeats, jobs, presence, worker
 from service.attempt import Attempt, describe_inputs
 from service.database import AWAY
 from service.engine import Held
+from service.errors import StartError
 from service.frames import FRAMES
 from service.settings import Settings
 from service.states import State
+from service.storage import Storage
 from service.worker import Worker
+from tests.unit.service.full_disk import full_disk
 
 CUT_SHORT = {
     "its process died": ChildProcessError("the fork server has died"),
@@ -284,6 +287,53 @@ def test_a_database_that_is_away_does_not_end_a_worker(
     gone = error("", None, sqlite3.OperationalError("away"))
     monkeypatch.setattr(heartbeats, "beat", _at_first(gone, heartbeats.beat))
     one.keep()
+    one.keep()
+    with one._engine.begin() as connection:
+        assert heartbeats.living(connection, 60) == {one.id}
+
+
+@pytest.mark.parametrize("noticed", ["by its heartbeat", "by the sweep", "at its start"])
+def test_on_a_full_disk_of_the_database_a_worker_makes_room(noticed: str, one: Worker) -> None:
+    """No sweep comes out of its queue then."""
+    _add(one, state="succeeded", finished=1.0, expires=2.0)
+    one._storage.put("jobs/a/inputs/flash", b"light")
+    with full_disk(one._engine):
+        if noticed == "by its heartbeat":
+            one.keep()
+        elif noticed == "by the sweep":
+            one.sweep("s", False)
+        else:
+            with pytest.raises(StartError, match="cannot be written: make room on its disk"):
+                one._enter()
+        assert one._storage.list("") == []
+        assert _find(one).state == State.SUCCEEDED
+    one._enter()
+    one.sweep("s", False)
+    with one._engine.connect() as connection:
+        assert jobs.find(connection, "a") is None
+
+
+def test_a_database_that_is_away_makes_no_room(
+    one: Worker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _add(one, state="succeeded", finished=1.0, expires=2.0)
+    one._storage.put("jobs/a/inputs/flash", b"light")
+    gone = sa.exc.OperationalError("", None, sqlite3.OperationalError("away"))
+    monkeypatch.setattr(heartbeats, "beat", _at_first(gone, heartbeats.beat))
+    one.keep()
+    assert len(one._storage.list("")) == 1
+
+
+def test_a_heartbeat_outlives_room_that_cannot_be_made(
+    one: Worker, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail(_storage: Storage) -> int:
+        raise GenericError("the store is away")
+
+    monkeypatch.setattr(Storage, "free_bytes", fail)
+    with full_disk(one._engine):
+        one.keep()
+    assert "making room was cut short" in caplog.text
     one.keep()
     with one._engine.begin() as connection:
         assert heartbeats.living(connection, 60) == {one.id}
