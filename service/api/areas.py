@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated
 
+import numpy as np
 from fastapi import APIRouter, Query
+from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response, StreamingResponse
+from numpy.typing import NDArray
 
 from pipeline.errors import OptionError
 from pipeline.mix_options import LAYERS
@@ -17,6 +20,8 @@ from service.api.problems import responses
 from service.api.results import deleted_meanwhile, find_result, find_succeeded
 from service.attempt import results_key
 from service.errors import GoneError, NotReadyError, UnknownJobError, UnknownResultError
+from service.jobs import Job
+from service.storage import Storage
 
 router = APIRouter(tags=["results"])
 
@@ -45,7 +50,7 @@ MOST_PIXELS = 2**21
         ),
     },
 )
-def get_area(
+async def get_area(
     context: Parts,
     caller: Calling,
     job_id: str,
@@ -55,23 +60,8 @@ def get_area(
     height: Annotated[int, Query(ge=1, description="Pixels; 2,097,152 in all at most.")],
 ) -> Response:
     """Get an area of the layers in full size."""
-    job = find_succeeded(context, caller, job_id)
-    size = find_result(job, LAYERS)["size"]
-    key = results_key(job.id, job.attempt, LAYERS)
-
-    def read(start: int, end: int) -> bytes:
-        return b"".join(context.storage.stream(key, start, min(end, size)))
-
-    with deleted_meanwhile():
-        lines = ScanLines(read)
-    if left + width > lines.width or top + height > lines.height:
-        raise OptionError(f"The picture has {lines.width} x {lines.height} pixels: ask within it.")
-    if width * height > MOST_PIXELS:
-        raise OptionError(f"An area has {MOST_PIXELS} pixels at most: ask for several.")
-    lamps = sum(name.endswith(".R") for name in lines.channels)
-    names = [f"lamp{lamp + 1}.{letter}" for lamp in range(lamps) for letter in "RGB"]
-    with deleted_meanwhile():
-        planes = lines.area(names, left, top, width, height)
+    job = await run_in_threadpool(find_succeeded, context, caller, job_id)
+    planes = await context.fetch(_read, context.storage, job, left, top, width, height)
 
     def chunks() -> Iterator[bytes]:
         for plane in planes:
@@ -83,3 +73,24 @@ def get_area(
         "X-Content-Type-Options": "nosniff",
     }
     return StreamingResponse(chunks(), headers=headers, media_type="application/octet-stream")
+
+
+def _read(
+    storage: Storage, job: Job, left: int, top: int, width: int, height: int
+) -> NDArray[np.float16]:
+    size = find_result(job, LAYERS)["size"]
+    key = results_key(job.id, job.attempt, LAYERS)
+
+    def read(start: int, end: int) -> bytes:
+        return b"".join(storage.stream(key, start, min(end, size)))
+
+    with deleted_meanwhile():
+        lines = ScanLines(read)
+    if left + width > lines.width or top + height > lines.height:
+        raise OptionError(f"The picture has {lines.width} x {lines.height} pixels: ask within it.")
+    if width * height > MOST_PIXELS:
+        raise OptionError(f"An area has {MOST_PIXELS} pixels at most: ask for several.")
+    lamps = sum(name.endswith(".R") for name in lines.channels)
+    names = [f"lamp{lamp + 1}.{letter}" for lamp in range(lamps) for letter in "RGB"]
+    with deleted_meanwhile():
+        return lines.area(names, left, top, width, height)

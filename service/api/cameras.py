@@ -163,7 +163,7 @@ async def capture(
     await run_in_threadpool(refuse_when_full, context, caller, idempotency_key)
     address = await run_in_threadpool(_address, context, camera_id)
     wanted, named = await intake.read_captures(request, context.settings.upload_bytes)
-    made = await run_in_threadpool(
+    made = await context.store(
         accept_captures, context, caller, address, wanted, named, idempotency_key, trace_id
     )
     response.headers.update(made.headers)

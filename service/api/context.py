@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Annotated, Any, TypeVar
@@ -24,6 +24,7 @@ from service.settings import Settings
 from service.storage import Storage
 
 _STORING_THREADS = 40
+_READING_THREADS = 40
 
 Result = TypeVar("Result")
 
@@ -46,12 +47,23 @@ class Context:
     """Held while the headers of an upload are checked, so that many uploads share the cores."""
     storing: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(_STORING_THREADS))
     """Of threads that store photographs: while a store hangs, they leave the others to the rest."""
+    reading: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(_READING_THREADS))
+    """Of threads that read the store, for the same reason."""
     draining: threading.Event = field(default_factory=threading.Event)
     """Set once the service was told to stop: what has no end of its own ends now."""
 
     async def store(self, work: Callable[..., Result], *arguments: Any) -> Result:
-        """Do work that stores photographs, in a thread. Raises what it raises."""
+        """Do work that changes what is stored, in a thread. Raises what it raises."""
         return await to_thread.run_sync(partial(work, *arguments), limiter=self.storing)
+
+    async def fetch(self, work: Callable[..., Result], *arguments: Any) -> Result:
+        """Do work that reads the store, in a thread. Raises what it raises."""
+        return await to_thread.run_sync(partial(work, *arguments), limiter=self.reading)
+
+    async def stream(self, chunks: Iterator[bytes]) -> AsyncIterator[bytes]:
+        """Hand on what is read from the store piece by piece. Raises what reading raises."""
+        while (chunk := await self.fetch(lambda: next(chunks, None))) is not None:
+            yield chunk
 
 
 @contextlib.contextmanager

@@ -173,8 +173,12 @@ def confirm_job(
 @router.delete(
     "/jobs/{job_id}", status_code=204, responses=responses(UnknownJobError, status=(503,))
 )
-def delete_job(context: Parts, caller: Calling, job_id: str) -> None:
+async def delete_job(context: Parts, caller: Calling, job_id: str) -> None:
     """Delete a job with its photographs and results; a running one is stopped first."""
+    await context.store(_delete, context, caller, job_id)
+
+
+def _delete(context: Context, caller: Caller, job_id: str) -> None:
     try:
         stopped = _condemn(context, caller, job_id)
     except DBAPIError as error:

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Request
+from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse, Response, StreamingResponse
 
 from pipeline.mix_options import MANIFEST
@@ -78,12 +79,13 @@ _MANIFEST_SCHEMA = {
         **responses(UnknownJobError, NotReadyError, GoneError, status=(503,)),
     },
 )
-def get_manifest(context: Parts, caller: Calling, job_id: str) -> Response:
+async def get_manifest(context: Parts, caller: Calling, job_id: str) -> Response:
     """Get the manifest: inputs, options, lamps, files, warnings, versions."""
-    job = find_succeeded(context, caller, job_id)
+    job = await run_in_threadpool(find_succeeded, context, caller, job_id)
     find_result(job, MANIFEST)
+    key = results_key(job_id, job.attempt, MANIFEST)
     with deleted_meanwhile():
-        data = context.storage.get(results_key(job_id, job.attempt, MANIFEST))
+        data = await context.fetch(context.storage.get, key)
     return Response(data, media_type="application/json")
 
 
@@ -106,7 +108,7 @@ def get_manifest(context: Parts, caller: Calling, job_id: str) -> Response:
         ),
     },
 )
-def get_result(
+async def get_result(
     request: Request,
     context: Parts,
     caller: Calling,
@@ -117,7 +119,7 @@ def get_result(
     if_none_match: Annotated[str | None, Header()] = None,
 ) -> Response:
     """Get one file of the results, whole or in part."""
-    job = find_succeeded(context, caller, job_id)
+    job = await run_in_threadpool(find_succeeded, context, caller, job_id)
     result = find_result(job, name)
     etag = f'"{result["sha256"]}"'
     headers = {
@@ -134,8 +136,10 @@ def get_result(
         headers["Content-Length"] = str(size)
         return Response(headers=headers, media_type=result["media_type"])
     key = results_key(job_id, job.attempt, name)
-    if context.settings.store_presign and (link := context.storage.link(key, LINK_SECONDS)):
-        return RedirectResponse(link, headers={"Cache-Control": "no-store"})
+    if context.settings.store_presign:
+        link = await context.fetch(context.storage.link, key, LINK_SECONDS)
+        if link:
+            return RedirectResponse(link, headers={"Cache-Control": "no-store"})
     wanted = range if if_range in (None, etag) else None
     part = parse_range(wanted, size)
     start, end = part or (0, size)
@@ -143,9 +147,12 @@ def get_result(
     if part:
         headers["Content-Range"] = f"bytes {start}-{end - 1}/{size}"
     with deleted_meanwhile():
-        chunks = context.storage.stream(key, start, end)
+        chunks = await context.fetch(context.storage.stream, key, start, end)
     return StreamingResponse(
-        chunks, 206 if part else 200, headers=headers, media_type=result["media_type"]
+        context.stream(chunks),
+        206 if part else 200,
+        headers=headers,
+        media_type=result["media_type"],
     )
 
 
@@ -157,15 +164,17 @@ def get_result(
         **responses(UnknownJobError, NotReadyError, GoneError, status=(503,)),
     },
 )
-def get_zip(context: Parts, caller: Calling, job_id: str) -> Response:
+async def get_zip(context: Parts, caller: Calling, job_id: str) -> Response:
     """Get all results in one ZIP file."""
-    job = find_succeeded(context, caller, job_id)
+    job = await run_in_threadpool(find_succeeded, context, caller, job_id)
     members = [_member(context, job, result) for result in job.results or []]
     headers = {"Content-Disposition": f'attachment; filename="{job_id}.zip"'}
     chunks = stored_zip(members)
-    first = next(chunks)
+    first = await context.fetch(next, chunks)
     return StreamingResponse(
-        itertools.chain([first], chunks), headers=headers, media_type="application/zip"
+        context.stream(itertools.chain([first], chunks)),
+        headers=headers,
+        media_type="application/zip",
     )
 
 

@@ -154,7 +154,7 @@ async def create_upload(
             _check_announced(request, upload)
             upload = await receive(request, context, upload, checksum)
         except Exception:  # without an answer that names it, nobody can go on with it
-            await run_in_threadpool(_remove, context, caller, upload.id)
+            await context.store(_remove, context, caller, upload.id)
             raise
     return Response(
         status_code=201, headers={"Location": f"/uploads/{upload.id}", **_state(upload)}
@@ -233,9 +233,9 @@ async def append_to_upload(
     response_class=Response,
     responses=responses(UnknownUploadError, TusVersionError, status=(503,)),
 )
-def delete_upload(context: Parts, caller: Calling, upload_id: str) -> Response:
+async def delete_upload(context: Parts, caller: Calling, upload_id: str) -> Response:
     """Remove an upload."""
-    if not _remove(context, caller, upload_id):
+    if not await context.store(_remove, context, caller, upload_id):
         raise _unknown(upload_id)
     return Response(status_code=204)
 

@@ -2,14 +2,19 @@ from __future__ import annotations
 
 import io
 import json
+import threading
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import NoReturn
 
 import httpx
 import pytest
+from obstore.exceptions import GenericError
 
 from service.api.context import Context
-from tests.unit.service.asking import problem_of
+from service.storage import Storage
+from tests.unit.service.asking import post_capture, problem_of
 
 FILES = {
     "lamp1.jpg": b"0123456789",
@@ -186,6 +191,76 @@ def test_a_zip_is_broken_off_when_its_job_is_deleted(
                 pass
     (told,) = [record for record in caplog.records if record.name == "service.api"]
     assert (told.getMessage(), told.exc_info) == ("answer broken off: gone", None)
+
+
+@pytest.mark.parametrize("what", ["results", "results/lamp1.jpg", "results.zip", "area"])
+def test_downloads_from_a_store_that_hangs_leave_threads_to_others(
+    what: str, http: httpx.Client, job: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    taken, go_on = threading.Semaphore(0), threading.Event()
+
+    def wait(*_arguments: object) -> NoReturn:
+        taken.release()
+        go_on.wait(30)
+        raise GenericError("the store is away")
+
+    for read in ("get", "stream"):
+        monkeypatch.setattr(Storage, read, wait)
+    area = {"left": 0, "top": 0, "width": 1, "height": 1} if what == "area" else None
+    with ThreadPoolExecutor(45) as pool:
+        asked = [pool.submit(http.get, f"{job}/{what}", params=area) for _ in range(45)]
+        try:
+            for _ in range(40):  # as many as are read at a time
+                assert taken.acquire(timeout=10)
+            assert len(http.get("/jobs", timeout=5).json()["jobs"]) == 1
+        finally:
+            go_on.set()
+        assert {each.result().status_code for each in asked} == {503}
+
+
+def test_a_download_that_hangs_in_the_middle_leaves_threads_to_others(
+    http: httpx.Client, job: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    taken, go_on = threading.Semaphore(0), threading.Event()
+
+    def slowly(*_arguments: object) -> Iterator[bytes]:
+        yield b"01234"
+        taken.release()
+        go_on.wait(30)
+        yield b"56789"
+
+    monkeypatch.setattr(Storage, "stream", slowly)
+    with ThreadPoolExecutor(45) as pool:
+        asked = [pool.submit(http.get, f"{job}/results/lamp1.jpg") for _ in range(45)]
+        try:
+            for _ in range(40):
+                assert taken.acquire(timeout=10)
+            assert len(http.get("/jobs", timeout=5).json()["jobs"]) == 1
+        finally:
+            go_on.set()
+        assert {each.result().content for each in asked} == {b"0123456789"}
+
+
+def test_deletes_in_a_store_that_hangs_leave_threads_to_others(
+    http: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    paths = [post_capture(http)["links"]["self"] for _ in range(45)]
+    taken, go_on = threading.Semaphore(0), threading.Event()
+
+    def wait(*_arguments: object) -> None:
+        taken.release()
+        go_on.wait(30)
+
+    monkeypatch.setattr(Storage, "delete_below", wait)
+    with ThreadPoolExecutor(45) as pool:
+        asked = [pool.submit(http.delete, path) for path in paths]
+        try:
+            for _ in range(40):
+                assert taken.acquire(timeout=10)
+            assert http.get(paths[0], timeout=5).status_code == 200
+        finally:
+            go_on.set()
+        assert {each.result().status_code for each in asked} == {204}
 
 
 def test_deleting_a_job_deletes_its_results(http: httpx.Client, job: str) -> None:
