@@ -30,6 +30,7 @@ from service.api import (
 from service.api.calibrated import allow_calibrations
 from service.api.hosts import check_host
 from service.api.limits import Limits
+from service.api.queries import check_query
 from service.errors import (
     ForbiddenError,
     ForeignHostError,
@@ -79,7 +80,11 @@ def create_app(origins: Sequence[str] = ()) -> FastAPI:
     app.include_router(page.router)
     refusals = (UnauthorizedError, ForbiddenError, ForeignHostError, ForeignOriginError)
     for module in (jobs, reruns, events, calibrations, mixes, tus, results, areas, cameras):
-        app.include_router(module.router, responses=problems.responses(*refusals, status=(422,)))
+        app.include_router(
+            module.router,
+            dependencies=[Depends(check_query)],
+            responses=problems.responses(*refusals, status=(422,)),
+        )
     make_document = app.openapi
 
     def openapi() -> dict[str, Any]:
