@@ -11,7 +11,7 @@ const FRAMES = [
 const KINDS = "image/*,.dng,.nef,.cr2,.cr3,.arw,.raf,.orf,.rw2,.pef,.tif,.tiff,.exr,.heic";
 const LEFT_OUT = { title: "Two photographs make a pair", message: "The others were left out." };
 
-export async function showAdd(main, signal) {
+export function showAdd(main, signal) {
   const files = {};
   let once = newOnce(); // the same for what is sent again after its answer got lost
   const problems = h("div");
@@ -82,7 +82,7 @@ export async function showAdd(main, signal) {
     h("p", { className: "lead", textContent: "Two photographs from the same place: one without the flash, one with it." }),
     form,
   );
-  await showCameras(main, signal, attempt, options);
+  showCameras(main, signal, attempt, options);
 }
 
 /** Two files, the one without the flash first as far as their names tell, as those of a capture do. */

@@ -20,7 +20,7 @@ async function route() {
   try {
     if (part === "jobs" && id) await showJob(main, decoded(id), signal);
     else if (part === "jobs") await showJobs(main, signal);
-    else await showAdd(main, signal);
+    else showAdd(main, signal);
   } catch (error) {
     if (signal.aborted) return;
     console.error(error);

@@ -2,22 +2,21 @@
 
 import { get, post } from "./api.js";
 import { settingsOf } from "./camera_settings.js";
-import { bytes, h, pause } from "./dom.js";
+import { bytes, h, otherKey, pause } from "./dom.js";
 import { follow } from "./events.js";
 import { AWAY } from "./watch.js";
 
 const STATES = { idle: "Ready", capturing: "Takes photographs", waiting_for_operator: "Waits for somebody", away: "Not connected" };
 const FLASH = [["", "The camera switches the flash"], ["external", "A relay or trigger switches it"], ["operator", "I switch it myself"]];
 
-/** List the cameras below the form, and keep the list as they are.
+/** List the cameras below the form, and keep the list as they are; or tell why there is none.
  *
  * attempt(work): a listener that goes to the job which work makes. options(): of that job.
  */
-export async function showCameras(main, signal, attempt, options) {
-  const found = await get("/cameras").catch(() => null);
-  if (signal.aborted || !found) return;
+export function showCameras(main, signal, attempt, options) {
   const list = h("ul");
-  const section = h("section", { className: "cameras" }, h("h2", { textContent: "Or let a connected camera take both" }), list);
+  const refused = h("div", { className: "row" });
+  const section = h("section", { className: "cameras", hidden: true }, h("h2", { textContent: "Or let a connected camera take both" }), refused, list);
   const rows = new Map();
   const show = (cameras) => {
     for (const camera of cameras) {
@@ -35,18 +34,35 @@ export async function showCameras(main, signal, attempt, options) {
     }
     section.hidden = !cameras.length;
   };
-  show(found);
+  const begin = async () => {
+    refused.replaceChildren();
+    try {
+      const found = await get("/cameras");
+      if (signal.aborted) return;
+      show(found);
+      if (found.every((camera) => camera.state)) await keepUp(signal, show);
+    } catch (error) {
+      if (signal.aborted) return;
+      show([]);
+      const words = h("p", { className: "how", textContent: `No cameras are shown. ${error.message}` });
+      refused.replaceChildren(words, ...(error.ofKey ? [otherKey(begin)] : []));
+      section.hidden = false;
+    }
+  };
   main.append(section);
-  if (found.every((camera) => camera.state)) keepUp(signal, show);
+  begin(); // for as long as the user stays
 }
 
-/** Show the cameras as they become, by their events, and by asking where those are held back. */
+/** Show the cameras as they become, by their events, and by asking where those are held back.
+ *
+ * Throws the service's Problem where it does not show them any more.
+ */
 async function keepUp(signal, show) {
   while (!signal.aborted) {
     try {
       if (!(await follow("/cameras/events", signal, show)) && !signal.aborted) show(await get("/cameras"));
     } catch (error) {
-      if (!AWAY.includes(error.status)) return;
+      if (!AWAY.includes(error.status)) throw error;
     }
     await pause(5000, signal);
   }

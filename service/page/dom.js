@@ -64,15 +64,20 @@ export function say(text) {
   document.getElementById("said").textContent = text;
 }
 
-/** A problem as people see it. again(): called with another key, where the one there is not for this. */
-export function alarm(error, again = () => element.remove()) {
+/** A button for where the key there is not for this. again(): called with another one. */
+export function otherKey(again) {
   const change = single(async () => (await changeKey()) && again());
+  return h("button", { type: "button", textContent: "Use another key", onclick: change });
+}
+
+/** A problem as people see it. again(): as of otherKey. */
+export function alarm(error, again = () => element.remove()) {
   const element = h(
     "div",
     { className: "alarm", role: "alert" },
     h("strong", { textContent: error.title ?? "That did not work" }),
     h("p", { textContent: error.message }),
-    error.ofKey ? h("p", {}, h("button", { type: "button", textContent: "Use another key", onclick: change })) : null,
+    error.ofKey ? h("p", {}, otherKey(again)) : null,
   );
   return element;
 }

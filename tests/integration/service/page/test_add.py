@@ -36,6 +36,50 @@ def test_a_camera_that_fails_leaves_nothing_to_send(page: Page) -> None:
     expect(page.get_by_role("button", name="Separate the light")).to_be_disabled()
 
 
+def test_a_key_that_is_not_for_cameras_is_told_of_and_changed(
+    page: Page, keyed_service: tuple[Any, str]
+) -> None:
+    service, key = keyed_service
+    reader = service.make_key("reader", "--scopes", "read")
+    page.add_init_script(f"sessionStorage.setItem('lightlayers-key', '{reader}')")
+    page.goto(f"{service.url}/")
+    cameras = page.locator(".cameras")
+    expect(cameras).to_contain_text(
+        "No cameras are shown. This key lacks the scope capture; use one that has it."
+    )
+    expect(page.get_by_role("alert")).to_have_count(0)  # photographs can be added all the same
+    check_access(page, "no_cameras")
+    cameras.get_by_role("button", name="Use another key").click()
+    page.get_by_role("textbox", name="Key").fill(key)
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("button", name="Capture with NIKON D5100")).to_be_visible()
+    expect(cameras).not_to_contain_text("No cameras are shown")
+
+
+def test_cameras_that_a_key_is_no_longer_for_are_told_of(page: Page) -> None:
+    problem = {"type": "urn:lightlayers:problem:forbidden", "title": "x", "status": 403}
+    refused = {**problem, "detail": "This key lacks the scope capture."}
+    held: list[Route] = []
+    page.route("**/cameras/events", lambda route: held.append(route))
+    with page.expect_request("**/cameras/events"):
+        page.goto("/")
+    capture = page.get_by_role("button", name="Capture with NIKON D5100")
+    expect(capture).to_be_visible()
+    with page.expect_response("**/cameras/events"):
+        held[0].fulfill(status=403, json=refused)
+    expect(page.locator(".cameras")).to_contain_text("This key lacks the scope capture.")
+    expect(capture).to_have_count(0)
+
+
+def test_cameras_of_a_service_that_fails_are_told_of(page: Page) -> None:
+    problem = {"type": "x", "title": "Down", "detail": "Try again in a minute.", "status": 503}
+    page.route("**/cameras", lambda route: route.fulfill(status=503, json=problem))
+    page.goto("/")
+    told = page.locator(".cameras")
+    expect(told).to_contain_text("No cameras are shown. Try again in a minute.")
+    expect(told.get_by_role("button")).to_have_count(0)
+
+
 def test_a_double_click_takes_one_pair(page: Page, done: dict[str, Any]) -> None:
     held: list[Route] = []
     page.route("**/captures", lambda route: held.append(route))
