@@ -67,7 +67,8 @@ export function save(path, name, failed) {
 }
 
 function wordsOf(name) {
-  const lamp = name.match(/^(?:response_)?lamp(\d)\.(\w+)$/);
+  const lamp = name.match(/^(response_)?lamp(\d)\.(\w+)$/);
   if (!lamp) return "";
-  return `The light of lamp ${lamp[1]}${lamp[2] === "tif" ? ", 16-bit" : ""}`;
+  const [, response, number, ending] = lamp;
+  return `The light of lamp ${number}${response ? " as another camera sees it" : ""}${ending === "tif" ? ", 16-bit" : ""}`;
 }

@@ -137,6 +137,27 @@ def test_of_a_job_that_is_not_there_the_error_and_a_way_home_are_shown(
     expect(page.get_by_role("button", name="Separate the light")).to_be_visible()
 
 
+def test_layers_as_another_camera_sees_them_are_told_from_those_of_the_lamps(page: Page) -> None:
+    words = {
+        "lamp1.jpg": "The light of lamp 1",
+        "lamp2.tif": "The light of lamp 2, 16-bit",
+        "response_lamp2.jpg": "The light of lamp 2 as another camera sees it",
+        "response_lampx.jpg": "",
+        "gamma.png": "The light of every pixel, and the lamps",
+    }
+    page.goto("/")
+    found = page.evaluate(
+        """async (names) => {
+          const { filesOf } = await import("/page/files.js");
+          const files = names.map((name) => ({ name, size: 1, href: "" }));
+          const shown = filesOf({ id: "a", files, links: { zip: "" } }).querySelectorAll(".what");
+          return [...shown].map((element) => element.textContent);
+        }""",
+        list(words),
+    )
+    assert found == list(words.values())
+
+
 def test_many_jobs_come_by_pages_and_go_one_by_one(page: Page, done: dict[str, Any]) -> None:
     def jobs(route: Route) -> None:
         last = "after=" in route.request.url
