@@ -78,7 +78,7 @@ class Teller:
             try:
                 with self._engine.begin() as connection:
                     return work(connection)
-            except sa.exc.DBAPIError:
+            except (sa.exc.DBAPIError, sa.exc.TimeoutError):  # away, or no connection to it is free
                 log.exception("the database did not answer", extra={"job": job_id})
                 time.sleep(_RETRY_SECONDS)
 

@@ -104,6 +104,34 @@ def test_a_job_canceled_while_it_waits_is_news(engine: sa.Engine, queue: FakeQue
     assert _news(engine, queue) == 1
 
 
+@pytest.mark.parametrize(
+    "error", [sa.exc.OperationalError("", None, Exception("away")), sa.exc.TimeoutError("busy")]
+)
+def test_a_telling_outlasts_a_database_that_is_away_or_busy(
+    error: Exception,
+    engine: sa.Engine,
+    queue: Any,
+    settings: Settings,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Raised to the queue, it would be the last one."""
+    errors, find = [error], jobs.find
+    _ended(engine, "a")
+    _news(engine, queue)
+
+    def at_first(connection: sa.Connection, job_id: str) -> jobs.Job | None:
+        if errors:
+            raise errors.pop()
+        return find(connection, job_id)
+
+    monkeypatch.setattr(jobs, "find", at_first)
+    monkeypatch.setattr(webhooks, "_RETRY_SECONDS", 0.0)
+    monkeypatch.setattr(webhooks, "post", lambda *_arguments: Answer(204, ""))
+    Teller(engine, queue, settings).tell("a", 1)
+    delivery = _find(engine, "a").delivery
+    assert delivery == {"state": "delivered", "attempts": 1, "last_status": 204}
+
+
 def test_an_end_that_was_rolled_back_is_no_news(engine: sa.Engine, queue: FakeQueue) -> None:
     _add(engine, "a")
     with engine.connect() as connection:
