@@ -50,6 +50,7 @@ from dataclasses import dataclass, replace
 from obstore import exceptions as obstore_errors
 from pydantic import BaseModel, Field
 from sqlalchemy.exc import DataError, DBAPIError
+from sqlalchemy.exc import TimeoutError as NoConnectionError
 
 import drivers
 from pipeline import errors as pipeline_errors
@@ -351,6 +352,7 @@ KINDS: dict[type[Exception], Kind] = {
     LayersGoneError: Kind("layers-gone", 410, "The layers are gone"),
     obstore_errors.BaseError: STORE_AWAY,
     DBAPIError: DATABASE_AWAY,
+    NoConnectionError: DATABASE_AWAY,
     DataError: UNSTORABLE,
 }
 """One table from exceptions to problems; a subclass without a row of its own takes its parent's."""

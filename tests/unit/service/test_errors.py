@@ -83,6 +83,7 @@ def test_names_of_kinds_are_the_contract() -> None:
         (errors.CrashError("x"), "crashed"),
         (obstore_errors.NotFoundError("x"), "store-unavailable"),
         (sa.exc.OperationalError("x", None, Exception()), "database-unavailable"),
+        (sa.exc.TimeoutError("no connection is free"), "database-unavailable"),
         (sa.exc.DataError("x", None, Exception()), "invalid-request"),
         (KeyError("x"), "internal"),
         (pipeline_errors.PipelineError("x"), "internal"),
