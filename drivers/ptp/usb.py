@@ -310,12 +310,18 @@ def describe(device: Any) -> CameraInfo:
     make, model, serial = (
         _text(device, name) for name in ("manufacturer", "product", "serial_number")
     )
-    return CameraInfo(f"ptp+usb://{serial}", make, model, serial, None)
+    place = serial if _fits(serial) else ""  # the only one on USB can be used without it
+    return CameraInfo(f"ptp+usb://{place}", make, model, serial, None)
+
+
+def _fits(serial: str) -> bool:
+    """Whether a serial number can stand in an address."""
+    return serial.isprintable() and not set(serial) & set("/?#@ ")
 
 
 def _parse(address: str) -> str:
     serial = address.partition("://")[2].rstrip("/")
-    if not serial.isprintable() or set(serial) & set("/?#@ "):
+    if not _fits(serial):
         raise BadAddressError(
             f"{address!r} is no address of a camera on USB: write ptp+usb:// and its serial number."
         )

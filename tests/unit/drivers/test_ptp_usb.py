@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import errno
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -60,6 +61,16 @@ def test_cameras_are_found_by_their_interface(bus: SimulatedBus) -> None:
     assert driver.describe(device) == CameraInfo(
         "ptp+usb://0000001", "NIKON CORPORATION", "NIKON D5100", "0000001", None
     )
+
+
+@pytest.mark.parametrize("serial", ["", "12 34", "12/34", "a?b", "a#b", "a@b", "12\0", "1\n2"])
+def test_a_serial_number_that_no_address_can_have_is_left_out_of_it(serial: str) -> None:
+    """Or a service with such a camera could list none."""
+    device = SimpleNamespace(manufacturer="Make", product="Model", serial_number=serial)
+    info = driver.describe(device)
+    assert info.address == "ptp+usb://"
+    assert (info.make, info.model) == ("Make", "Model")
+    driver.check_address(info.address)
 
 
 def test_a_pair_comes_over_usb(bus: SimulatedBus, clock: Clock) -> None:
