@@ -56,6 +56,9 @@ class EventKind(StrEnum):
     OTHER = "other"
 
 
+_LARGEST_CARD_BYTES = 2**60  # cameras that do not know tell numbers of 64 bits, all of them set
+
+
 @dataclass(frozen=True)
 class CameraInfo:
     """Who the camera is. Of what follows, None is for what it does not tell.
@@ -71,7 +74,9 @@ class CameraInfo:
     free_bytes: int | None = None
 
     def __post_init__(self) -> None:
-        """Leave out what no terminal should be told by a camera."""
+        """Leave out what no terminal should be told by a camera, and room that no card has."""
+        if self.free_bytes is not None and self.free_bytes > _LARGEST_CARD_BYTES:
+            object.__setattr__(self, "free_bytes", None)
         for name in ("make", "model", "serial"):
             words = "".join(filter(str.isprintable, getattr(self, name)))
             object.__setattr__(self, name, words)

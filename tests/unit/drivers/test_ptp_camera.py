@@ -377,6 +377,10 @@ def test_a_closed_camera_answers_no_more(clock: Clock) -> None:
         ({Operation.GET_STORAGE_IDS: lambda _: uints([0x10001, 0x10001], 4)}, 4 * 10**9),
         ({Operation.GET_STORAGE_IDS: lambda _: uints([0x10000], 4)}, 0),  # a slot without a card
         ({Operation.GET_STORAGE_INFO: lambda _: StorageInfo(0, 2**64 - 1, 0, "").encode()}, None),
+        (
+            {Operation.GET_STORAGE_INFO: lambda _: StorageInfo(0, 2**64 - 1024, 0, "").encode()},
+            None,
+        ),
         ({Operation.GET_DEVICE_INFO: lambda _: BARE.encode()}, None),
     ],
 )
