@@ -21,7 +21,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
-from math import isfinite
 from types import TracebackType
 from typing import Self
 
@@ -96,12 +95,13 @@ class Setting:
     writable: bool
 
 
+_LONGEST_S = 1e9  # no camera offers more; a whole number of any size is compared, not converted
 _ALIKE = 0.01  # cameras round 1/60 s to 0.0166 or 0.0167; their steps are a quarter apart
 
 
 def meant(name: SettingName, value: SettingValue, offered: Iterable[SettingValue]) -> SettingValue:
     """Give the offered exposure time that a value stands for, within 1 %; else the value itself."""
-    if name is not SettingName.SHUTTER_S or isinstance(value, str) or not isfinite(value):
+    if name is not SettingName.SHUTTER_S or isinstance(value, str) or not abs(value) < _LONGEST_S:
         return value
     numbers = [each for each in offered if not isinstance(each, str)]
     nearest = min(numbers, key=lambda each: abs(each - value), default=value)

@@ -448,6 +448,9 @@ def test_a_wanted_setting_that_only_a_dial_changes_may_stand_right_already(clock
         (0.02, (), 0.02),
         (0.02, ("bulb",), 0.02),
         (float("inf"), (30,), float("inf")),
+        (float("-inf"), (30,), float("-inf")),
+        (10**400, (30, 0.02), 10**400),
+        (-(10**400), (30,), -(10**400)),
         (0, (0.0001,), 0),
     ],
 )
