@@ -51,6 +51,7 @@ LARGEST_CHUNK_BYTES = 1 << 24
 _QUICK_S = 0.1  # a chunk that comes so soon is followed by one of twice the size
 
 _CARD = 0xFFFF  # what of a storage id is 0 where a slot has no card
+_MOST_EVENTS = 1000  # taken at once: a camera may tell more, and quicker than they are taken
 _LONGEST_LIST = 1000  # a range with more steps is not spelt out as choices
 
 _KINDS: dict[int, str] = {
@@ -199,11 +200,13 @@ class PtpCamera(Camera):
         """Every event waiting; if there is none, the first that comes within timeout_s seconds."""
         if self._nikon.can_tell:
             return [_event(container) for container in self._nikon.events(timeout_s)]
-        events = []
-        container = self._session.transport.receive_event(timeout_s)
-        while container is not None:
+        events: list[Event] = []
+        while len(events) < _MOST_EVENTS:
+            wait_s = 0 if events else timeout_s
+            container = self._session.transport.receive_event(wait_s)
+            if container is None:
+                break
             events.append(_event(container))
-            container = self._session.transport.receive_event(0)
         return events
 
     def download(

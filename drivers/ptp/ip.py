@@ -158,7 +158,7 @@ class IpTransport(Transport):
             ready = self._ready([self._commands, self._events], deadline - time.monotonic())
             if self._commands in ready:
                 return
-            if not ready:
+            if not ready or time.monotonic() > deadline:  # events alone are no answer
                 self._give_up()
             self._take_event()
 

@@ -362,6 +362,22 @@ def test_unknown_events_are_kept_as_such(clock: Clock, monkeypatch: pytest.Monke
     assert [event.kind for event in camera.events(1)][-1] == "other"
 
 
+def test_events_without_end_are_taken_a_thousand_at_once(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    camera = opened(clock)
+    waited: list[float] = []
+
+    def tell(wait_s: float) -> Container:
+        waited.append(wait_s)
+        return Container(ContainerType.EVENT, EventCode.CAPTURE_COMPLETE, 0)
+
+    monkeypatch.setattr(camera._nikon, "can_tell", False)
+    monkeypatch.setattr(camera._session.transport, "receive_event", tell)
+    assert [event.kind for event in camera.events(2)] == ["capture_complete"] * 1000
+    assert waited == [2] + [0] * 999
+
+
 def test_a_closed_camera_answers_no_more(clock: Clock) -> None:
     with opened(clock) as camera:
         assert camera.objects() == {1}

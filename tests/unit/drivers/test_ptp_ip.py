@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import contextlib
 import socket
 import struct
 import threading
@@ -98,6 +99,26 @@ def test_operations_and_their_data_are_written_as_packets() -> None:
     transport.close()
     peer.close()
     assert told == expected
+
+
+def test_events_without_end_are_no_answer() -> None:
+    transport, peer = meeting(b"")
+    peer.told(1)
+    event = encode_packet(PacketType.EVENT, struct.pack("<HI", 0x4002, 0))
+
+    def tell() -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                peer.connections[1].sendall(100 * event)
+
+    telling = threading.Thread(target=tell)
+    telling.start()
+    transport.send(COMMAND)
+    with pytest.raises(CameraTimeoutError, match="though it is there"):
+        transport.receive()
+    transport.close()
+    telling.join()
+    peer.close()
 
 
 def test_data_in_several_packets_are_put_together() -> None:
