@@ -24,6 +24,7 @@ app = typer.Typer(
 )
 
 _NAME_LETTERS = 100
+_MOST_JOBS, _MOST_BYTES = 2**31 - 1, 2**63 - 1  # that the database can hold
 _DAY_SECONDS = 86400
 
 
@@ -38,13 +39,14 @@ def create(
         ),
     ] = "submit,read",
     waiting_jobs: Annotated[
-        int | None, typer.Option(min=1, help="Jobs that may wait at a time.")
+        int | None, typer.Option(min=1, max=_MOST_JOBS, help="Jobs that may wait at a time.")
     ] = None,
     jobs_per_day: Annotated[
-        int | None, typer.Option(min=1, help="Jobs that it may make a day, UTC.")
+        int | None, typer.Option(min=1, max=_MOST_JOBS, help="Jobs that it may make a day, UTC.")
     ] = None,
     stored_bytes: Annotated[
-        int | None, typer.Option(min=1, help="Bytes of its jobs' photographs and results.")
+        int | None,
+        typer.Option(min=1, max=_MOST_BYTES, help="Bytes of its jobs' photographs and results."),
     ] = None,
     days: Annotated[float | None, typer.Option(help="Expires after so many days.")] = None,
 ) -> None:

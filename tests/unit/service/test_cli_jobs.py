@@ -246,6 +246,14 @@ def test_jobs_are_looked_at_and_stopped_while_the_store_is_away(
     assert "LIGHTLAYERS_STORE_URL" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("limit", ["0", "1000001", "9" * 30, "many"])
+def test_a_number_of_jobs_that_cannot_be_is_told(
+    limit: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["jobs", "list", "--limit", limit]) == 2
+    assert capsys.readouterr().err.startswith("Invalid value for '--limit': ")
+
+
 def test_a_state_that_there_is_not_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["jobs", "list", "--state", "bad"]) == 2
     assert capsys.readouterr().err.startswith("Invalid value for '--state': 'bad' is not one of ")

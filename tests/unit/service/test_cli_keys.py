@@ -60,6 +60,9 @@ def test_keys_are_made_listed_and_revoked(capsys: Captured) -> None:
         (["create", "x", "--days", "-1"], "--days"),
         (["create", "x", "--days", "nan"], "--days"),
         (["create", "x", "--waiting-jobs", "0"], "waiting-jobs"),
+        (["create", "x", "--waiting-jobs", str(2**31)], "waiting-jobs"),
+        (["create", "x", "--jobs-per-day", str(2**31)], "jobs-per-day"),
+        (["create", "x", "--stored-bytes", str(2**63)], "stored-bytes"),
         (["revoke", "nothing"], "no key of this ID"),
     ],
 )
