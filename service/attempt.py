@@ -136,7 +136,7 @@ class Attempt:
             counts = False
         except sandbox.TaskError as error:
             counts = self._fail(error.problem)
-        except (*AWAY, ChildProcessError):
+        except (*AWAY, sa.exc.TimeoutError, ChildProcessError):  # another follows
             raise
         except Exception as error:
             if isinstance(error, FileNotFoundError) and self._is_void():

@@ -385,6 +385,19 @@ def away() -> sa.exc.OperationalError:
     return sa.exc.OperationalError("", None, sqlite3.OperationalError("the database is away"))
 
 
+@pytest.mark.parametrize("error", [away(), sa.exc.TimeoutError("no connection is free")])
+def test_an_attempt_without_a_database_is_cut_short_and_fails_no_job(
+    error: Exception, run: Run, context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("service.kept.for_separation", raising(error))
+    with pytest.raises(type(error)):
+        run()
+    with context.engine.connect() as connection:
+        job = jobs.find(connection, "a")
+    assert job is not None
+    assert (job.state, job.attempt, job.error) == (State.RUNNING, 1, None)
+
+
 @pytest.mark.usefixtures("patient")
 @pytest.mark.parametrize("end", ["succeed", "fail"])
 def test_an_end_whose_answer_is_lost_is_written_once(
