@@ -111,8 +111,15 @@ class ExternalFlash(Flash):
 
     def _run(self, command: list[str]) -> None:
         try:
+            # To no pipe: what the command leaves running would hold it, and be waited for.
+            nowhere = subprocess.DEVNULL
             subprocess.run(
-                command, check=True, timeout=SWITCH_S, stdin=subprocess.DEVNULL, capture_output=True
+                command,
+                check=True,
+                timeout=SWITCH_S,
+                stdin=nowhere,
+                stdout=nowhere,
+                stderr=nowhere,
             )
         except (OSError, ValueError, subprocess.SubprocessError) as error:
             raise FlashError(

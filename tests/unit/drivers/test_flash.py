@@ -120,6 +120,21 @@ def test_a_command_is_told_the_state(clock: Clock, tmp_path: object) -> None:
         assert file.read() == "on;off;"
 
 
+def test_a_command_has_obeyed_that_leaves_something_running(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("drivers.flash.SWITCH_S", 2.0)
+    switched(ExternalFlash("sh -c 'sleep 5 & echo $0' {state}", brightness), clock)
+
+
+def test_a_command_that_does_not_end_is_an_error(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("drivers.flash.SWITCH_S", 0.1)
+    with pytest.raises(FlashError, match="failed \\(TimeoutExpired\\)"):
+        switched(ExternalFlash("sh -c 'exec sleep 5' {state}", brightness), clock)
+
+
 @pytest.mark.parametrize(
     ("order", "complaint"),
     [
