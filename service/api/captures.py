@@ -107,7 +107,8 @@ def _pairs(
         if "options" not in wanted.model_fields_set:
             options = same
         given = like | given | {"settings": like["settings"] | given.get("settings", {})}
-    capture = Capture.model_validate(given | {"camera": camera})
+    with in_words():  # a camera may have said what no request can ask for
+        capture = Capture.model_validate(given | {"camera": camera})
     return Pairs(capture, options, handling_of(wanted), wanted.pairs, wanted.interval_seconds)
 
 

@@ -33,6 +33,8 @@ SettingValue = (
     | Annotated[str, Strict(), StringConstraints(min_length=1, max_length=64)]
 )
 CaptureSettings = dict[SettingName, SettingValue]
+# Of any length: what a camera said is told as it is, also where no request could ask for it.
+SaidValue = int | float | str
 
 _FLASH = (
     "What switches the flash: the camera itself (property), the operator's switch (external), or a "
@@ -286,7 +288,7 @@ class JobAnswer(BaseModel):
     attempt: int = Field(description="How often the job was started.")
     options: dict[str, Any]
     capture: Capture | None
-    camera_settings: dict[str, SettingValue] | None = Field(
+    camera_settings: dict[str, SaidValue] | None = Field(
         description="What the camera was set to for the pair; null until it is taken."
     )
     operator: OperatorRequest | None = Field(
@@ -384,10 +386,8 @@ class CameraAnswer(BaseModel):
 class SettingAnswer(BaseModel):
     """A setting of a camera."""
 
-    value: SettingValue
-    choices: list[SettingValue] = Field(
-        description="What it could be; empty where it does not tell."
-    )
+    value: SaidValue
+    choices: list[SaidValue] = Field(description="What it could be; empty where it does not tell.")
     writable: bool = Field(description="False where only a dial on the camera changes it.")
 
 

@@ -256,6 +256,13 @@ class TestSettings:
         answer = http.patch(f"{PATH}/settings", content=body, headers=headers)
         assert problem_of(answer)[:2] == (status, kind)
 
+    def test_settings_are_told_as_the_camera_says_them(
+        self, http: httpx.Client, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        said = {"f_number": {"value": "", "choices": ["", 70 * "8", 8.0], "writable": False}}
+        monkeypatch.setattr(Looking, "adjust", lambda *_arguments: said)
+        assert http.get(f"{PATH}/settings").raise_for_status().json() == said
+
     def test_a_camera_that_is_away_is_a_problem(self, http: httpx.Client) -> None:
         answer = http.get(f"/cameras/{cameras.id_of(AWAY)}/settings")
         status, kind, told = problem_of(answer)

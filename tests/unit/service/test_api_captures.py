@@ -132,6 +132,19 @@ class TestCaptures:
         assert other["capture"]["settings"]["iso"] == 200
         assert other["capture"]["settings"]["f_number"] == 8.0
 
+    @pytest.mark.parametrize("said", ["", "f/" + 70 * "8"])
+    def test_what_no_request_can_ask_for_is_told_and_refused_in_words(
+        self, http: httpx.Client, capture: Any, context: Context, said: str
+    ) -> None:
+        first = capture().json()["jobs"][0]
+        take(context, first["id"], {"iso": 400, "f_number": said})
+        told = http.get("/jobs").raise_for_status().json()["jobs"][0]
+        assert told["camera_settings"] == {"iso": 400, "f_number": said}
+        status, kind, detail = problem_of(capture(like=first["id"]))
+        assert (status, kind) == (422, "invalid-option")
+        assert detail.startswith("settings.f_number: ")
+        assert capture(like=first["id"], settings={"f_number": 8.0}).status_code == 202
+
     def test_a_job_without_a_pair_is_no_recipe(self, http: httpx.Client, capture: Any) -> None:
         first = capture().json()["jobs"][0]
         assert problem_of(capture(like=first["id"])) == (
