@@ -136,7 +136,7 @@ class Attempt:
             counts = False
         except sandbox.TaskError as error:
             counts = self._fail(error.problem)
-        except (*AWAY, sa.exc.TimeoutError, ChildProcessError):  # another follows
+        except (*AWAY, ChildProcessError):  # another follows
             raise
         except Exception as error:
             if isinstance(error, FileNotFoundError) and self._is_void():

@@ -16,8 +16,14 @@ metadata = sa.MetaData()
 
 _PATIENCE_SECONDS = 30
 
-AWAY = (sa.exc.OperationalError, sa.exc.InterfaceError, sa.exc.InternalError)
-"""What is raised while a database is away or has no room, or has dropped a connection."""
+AWAY = (
+    sa.exc.OperationalError,
+    sa.exc.InterfaceError,
+    sa.exc.InternalError,
+    sa.exc.TimeoutError,
+)
+"""What is raised while a database is away or has no room, has dropped a connection, or all
+connections to it are in use."""
 
 _DISK_FULL = "53100"  # PostgreSQL's code
 

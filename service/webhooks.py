@@ -22,6 +22,7 @@ from standardwebhooks import Webhook
 
 from service import deliveries, jobs
 from service.addresses import parse_networks
+from service.database import AWAY
 from service.engine import Queue
 from service.outgoing import Answer, UnansweredError, post
 from service.settings import Settings
@@ -78,7 +79,7 @@ class Teller:
             try:
                 with self._engine.begin() as connection:
                     return work(connection)
-            except (sa.exc.DBAPIError, sa.exc.TimeoutError):  # away, or no connection to it is free
+            except (sa.exc.DBAPIError, *AWAY):
                 log.exception("the database did not answer", extra={"job": job_id})
                 time.sleep(_RETRY_SECONDS)
 

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import Callable
 from typing import Any
@@ -12,7 +13,7 @@ import sqlalchemy as sa
 from service import keys
 from service.api import callers, create_app
 from service.api import events as api_events
-from service.api.callers import OPEN, Caller, scopes_for
+from service.api.callers import OPEN, Caller, Standing, scopes_for
 from service.api.context import Context
 from service.api.looking import Looking
 from service.settings import Settings
@@ -119,6 +120,17 @@ class TestRequired:
 
         monkeypatch.setattr(keys, "note_use", note)
         assert http.get("/jobs", headers=bearing(context, "read")).status_code == 200
+
+
+def test_a_stream_goes_on_while_all_connections_to_the_database_are_in_use(
+    context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def look(_standing: Standing) -> bool:
+        raise sa.exc.TimeoutError("all connections are in use")
+
+    monkeypatch.setattr(callers, "STANDING_SECONDS", 0.0)
+    monkeypatch.setattr(Standing, "_look", look)
+    assert asyncio.run(Standing(context.engine, Caller("")).holds())
 
 
 def test_the_first_key_ends_streams_without_one(

@@ -385,7 +385,10 @@ def away() -> sa.exc.OperationalError:
     return sa.exc.OperationalError("", None, sqlite3.OperationalError("the database is away"))
 
 
-@pytest.mark.parametrize("error", [away(), sa.exc.TimeoutError("no connection is free")])
+BUSY = sa.exc.TimeoutError("all connections are in use")
+
+
+@pytest.mark.parametrize("error", [away(), BUSY])
 def test_an_attempt_without_a_database_is_cut_short_and_fails_no_job(
     error: Exception, run: Run, context: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -428,10 +431,12 @@ def test_an_end_whose_answer_is_lost_is_written_once(
         assert (job.state, stored) == (State.FAILED, [])
 
 
+@pytest.mark.parametrize("error", [away(), BUSY])
 @pytest.mark.parametrize(("silence", "goes_on"), [(3600.0, True), (0.0, False)])
 def test_work_goes_on_without_a_database_until_others_take_it_over(
     silence: float,
     goes_on: bool,
+    error: Exception,
     run: Run,
     context: Context,
     monkeypatch: pytest.MonkeyPatch,
@@ -440,8 +445,8 @@ def test_work_goes_on_without_a_database_until_others_take_it_over(
         task: sandbox.Task, _seconds: float, report: Any, must_stop: Any, *_rest: object
     ) -> None:
         with monkeypatch.context() as patch:
-            patch.setattr(jobs, "must_stop", raising(away()))
-            patch.setattr(jobs, "report", raising(away()))
+            patch.setattr(jobs, "must_stop", raising(error))
+            patch.setattr(jobs, "report", raising(error))
             report("layers", 0.5)
             assert not must_stop()
         separates(task)
@@ -450,7 +455,7 @@ def test_work_goes_on_without_a_database_until_others_take_it_over(
     monkeypatch.setattr("service.attempt._ASK_SECONDS", -1.0)
     monkeypatch.setattr(sandbox, "run", separate)
     if not goes_on:
-        with pytest.raises(sa.exc.OperationalError):
+        with pytest.raises(type(error)):
             run()
         return
     job = run()

@@ -63,6 +63,7 @@ def test_waiting_may_be_ended() -> None:
         (OSError(errno.ENOSPC, "full"), True),
         (sa.exc.OperationalError("SELECT 1", None, sqlite3.OperationalError("full")), True),
         (sa.exc.InterfaceError("SELECT 1", None, sqlite3.InterfaceError("gone")), True),
+        (sa.exc.TimeoutError("all connections are in use"), True),
         (FileNotFoundError(errno.ENOENT, "no such photograph"), False),
         (ChildProcessError("no fork server"), False),
         (sa.exc.IntegrityError("INSERT", None, sqlite3.IntegrityError("twice")), False),

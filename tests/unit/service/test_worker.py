@@ -29,7 +29,6 @@ from tests.unit.service.full_disk import full_disk
 
 CUT_SHORT = {
     "its process died": ChildProcessError("the fork server has died"),
-    "the pool was empty": sa.exc.TimeoutError("no connection"),
     "something nobody thought of": RuntimeError("what?"),
 }
 
@@ -83,6 +82,7 @@ def _at_first(error: Exception, then: Callable[..., Any]) -> Callable[..., Any]:
     ("error", "lost"),
     [
         (sa.exc.OperationalError("", None, sqlite3.OperationalError("disk is full")), 0),
+        (sa.exc.TimeoutError("all connections to the database are in use"), 0),
         (GenericError("the store is away"), 0),
         (ChildProcessError("the fork server has died"), 1),
         (KeyError("a fault of ours"), 1),
@@ -282,7 +282,7 @@ def test_tellings_and_sweeps_that_take_long_are_not_put_back(
 
 @pytest.mark.parametrize("error", AWAY)
 def test_a_database_that_is_away_does_not_end_a_worker(
-    one: Worker, error: type[sa.exc.DBAPIError], monkeypatch: pytest.MonkeyPatch
+    one: Worker, error: type[sa.exc.SQLAlchemyError], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     gone = error("", None, sqlite3.OperationalError("away"))
     monkeypatch.setattr(heartbeats, "beat", _at_first(gone, heartbeats.beat))
