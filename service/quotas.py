@@ -35,7 +35,7 @@ def charge(connection: sa.Connection, key_id: str) -> None:
 def charge_upload(connection: sa.Connection, key_id: str) -> None:
     """Count an upload that was inserted in this transaction. Raises StoredQuotaError.
 
-    Uploads count whole until a job takes them over, however little of them has come.
+    Uploads count whole until a job takes them over or they expire, however little of them has come.
     """
     # Locked until the end, as by charge().
     query = sa.select(keys).where(keys.c.id == key_id).with_for_update()
@@ -71,7 +71,8 @@ def _check(connection: sa.Connection, key_id: str, coming: int) -> None:
 def _check_stored(connection: sa.Connection, key_id: str, coming: int, limit: int) -> None:
     # A job that comes has at least a byte, and may be made of uploads that are finished.
     begun = uploads.c.received < uploads.c.length if coming else sa.true()
-    query = sa.select(sa.func.sum(uploads.c.length)).where(uploads.c.owner == key_id, begun)
+    theirs = sa.and_(uploads.c.owner == key_id, uploads.c.expires > now())
+    query = sa.select(sa.func.sum(uploads.c.length)).where(theirs, begun)
     stored = _of_jobs(connection, key_id, sa.func.sum(jobs.c.stored_bytes))
     if stored + int(connection.execute(query).scalar_one() or 0) + coming > limit:
         raise StoredQuotaError(

@@ -115,6 +115,16 @@ def test_uploads_that_no_job_has_taken_count(http: httpx.Client, context: Contex
     assert begin(600).status_code == 201
 
 
+def test_uploads_that_have_expired_count_no_more(http: httpx.Client, context: Context) -> None:
+    key = bearing(context, "submit", stored_bytes=100)
+    _upload(http, b"x" * 100, 99, key)
+    headers = key | {"tus-resumable": "1.0.0", "upload-length": "100"}
+    assert problem_of(http.post("/uploads", headers=headers))[:2] == (403, "stored-quota")
+    with context.engine.begin() as connection:
+        connection.execute(sa.update(database.uploads).values(expires=database.now() - 1))
+    assert http.post("/uploads", headers=headers).status_code == 201
+
+
 def _upload(http: httpx.Client, data: bytes, received: int, key: dict[str, str]) -> str:
     """Begin an upload, of which the first bytes come; its id."""
     headers = key | {
