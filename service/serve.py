@@ -16,13 +16,16 @@ from collections.abc import Iterator
 from types import FrameType
 
 import uvicorn
+from obstore.exceptions import BaseError
 
 from service import keys, logs, metrics, processes, tracing, uploads
 from service.api import create_app
 from service.api.callers import keys_required
 from service.api.context import Context, open_context
 from service.connections import PatientProtocol
+from service.database import AWAY
 from service.errors import StartError
+from service.opening import cause_of
 from service.settings import Settings
 
 _RESTART_SECONDS = 1.0
@@ -47,7 +50,7 @@ def serve(settings: Settings, worker: bool) -> None:
         _check_keys(context)
         metrics.serve(settings, context.engine)
         context.fork_server.start()
-        uploads.remove_expired(context.engine, context.storage)
+        _remove_expired(context)
         # uvicorn raises the signal again once it has stopped; the default would end us on the spot.
         signal.signal(signal.SIGTERM, lambda _number, _frame: sys.exit(0))
         if worker:
@@ -114,6 +117,14 @@ def _check_keys(context: Context) -> None:
         "This service needs keys, and there is none that is good: make one with `lightlayers keys "
         "create NAME` and the same LIGHTLAYERS_ settings, or listen on 127.0.0.1 alone."
     )
+
+
+def _remove_expired(context: Context) -> None:
+    try:
+        uploads.remove_expired(context.engine, context.storage)
+    except (*AWAY, BaseError) as error:
+        # The sweep of each hour does it, too; on a full disk it takes this API to delete jobs.
+        log.warning("uploads that have expired stay until the next sweep: %s", cause_of(error))
 
 
 def _listener(settings: Settings) -> socket.socket:

@@ -7,12 +7,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from obstore.exceptions import GenericError
 
 from service import keys
+from service.api.context import Context
 from service.errors import StartError
 from service.opening import open_database
-from service.serve import serve
+from service.serve import _remove_expired, serve
 from service.settings import Settings
+from service.storage import Storage
+from tests.unit.service.full_disk import full_disk
 
 
 def test_a_port_in_use_is_told(tmp_path: Path) -> None:
@@ -48,6 +52,25 @@ def test_a_revoked_key_is_none_to_start_with(tmp_path: Path) -> None:
     engine.dispose()
     with pytest.raises(StartError, match="none that is good"):
         serve(settings, worker=False)
+
+
+def _fails(*_arguments: object) -> None:
+    raise GenericError("the store is away")
+
+
+@pytest.mark.parametrize("hindered", ["the database's disk is full", "the store is away"])
+def test_uploads_that_cannot_be_removed_keep_no_service_from_starting(
+    hindered: str,
+    context: Context,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    if hindered == "the store is away":
+        monkeypatch.setattr(Storage, "folders", _fails)
+    with full_disk(context.engine):
+        _remove_expired(context)
+    (record,) = caplog.records
+    assert record.getMessage().startswith("uploads that have expired stay until the next sweep: ")
 
 
 def test_the_api_loads_nothing_that_decodes() -> None:
