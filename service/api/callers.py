@@ -67,7 +67,7 @@ def scopes_for(method: str, path: str) -> tuple[Scope, ...]:
         return (Scope.CAPTURE,)
     if path.startswith("/uploads"):  # who sends one asks how far it came
         return (Scope.SUBMIT,)
-    if (method, path) == ("POST", "/jobs"):  # which of them, its body says
+    if method == "POST" and path in ("/jobs", "/calibrations"):  # which of them, the body says
         return (Scope.SUBMIT, Scope.CAPTURE)
     return (Scope.READ,) if method in ("GET", "HEAD") else (Scope.SUBMIT,)
 

@@ -21,7 +21,6 @@ from tests.unit.service.asking import (
     bearing,
     owner_of,
     post_capture,
-    post_pair,
     problem_of,
     stored_job,
 )
@@ -183,7 +182,7 @@ def test_its_own_pages_do(http: httpx.Client) -> None:
         ("GET", "/jobs/1/results/x", {"read"}),
         ("GET", "/jobs/1/results.zip", {"read"}),
         ("POST", "/jobs", {"submit", "capture"}),
-        ("POST", "/calibrations", {"submit"}),
+        ("POST", "/calibrations", {"submit", "capture"}),
         ("POST", "/jobs/1/cancel", {"submit"}),
         ("DELETE", "/jobs/1", {"submit"}),
         ("GET", "/cameras", {"capture"}),
@@ -202,16 +201,25 @@ def test_every_route_wants_its_scope(
             assert all(word in detail for word in good)
 
 
+@pytest.mark.parametrize(
+    ("path", "options"),
+    [
+        ("/jobs", {}),
+        ("/calibrations", {"kind": "flash", "card": {"x": 20, "y": 20, "radius": 5}}),
+    ],
+)
 def test_a_pair_wants_submit_and_a_capture_capture(
-    http: httpx.Client, context: Context, png: Png
+    path: str, options: dict[str, Any], http: httpx.Client, context: Context, png: Png
 ) -> None:
     submit, capture = bearing(context, "submit"), bearing(context, "capture")
-    pair = png(64, 48), png(64, 48, True)
-    assert problem_of(http.post("/jobs", json=CAPTURE, headers=submit))[1] == "forbidden"
-    assert problem_of(post_pair(http, *pair, headers=capture))[1] == "forbidden"
+    by_camera = CAPTURE | {"options": options}
+    files = {"no_flash": png(64, 48), "flash": png(64, 48, True)}
+    pair: dict[str, Any] = {"files": files, "data": {"options": json.dumps(options)}}
+    assert problem_of(http.post(path, json=by_camera, headers=submit))[1] == "forbidden"
+    assert problem_of(http.post(path, **pair, headers=capture))[1] == "forbidden"
     assert context.storage.list("") == []
-    assert post_pair(http, *pair, headers=submit).status_code == 202
-    assert http.post("/jobs", json=CAPTURE, headers=capture).status_code == 202
+    assert http.post(path, **pair, headers=submit).status_code == 202
+    assert http.post(path, json=by_camera, headers=capture).status_code == 202
 
 
 def test_a_key_sees_only_its_own_jobs(http: httpx.Client, context: Context, finish: Finish) -> None:
