@@ -12,9 +12,9 @@ import drivers
 from pipeline.calibration.options import CameraCalibration, FlashCalibration, LampsCalibration
 from service import jobs, kept
 from service.api import intake
-from service.api.accept import accept, refuse_when_full
+from service.api.accept import refuse_when_full
 from service.api.callers import Calling
-from service.api.captures import accept_capture
+from service.api.captures import make_job
 from service.api.context import Parts, TraceId
 from service.api.jobs import answer_made
 from service.api.models import (
@@ -75,8 +75,7 @@ async def create_calibration(
     """Calibrate a flash, a camera or lamps, on a pair sent or taken; a job that others may name."""
     await run_in_threadpool(refuse_when_full, context, caller, idempotency_key)
     async with intake.read_calibration(request, context.settings) as wanted:
-        make = accept_capture if wanted.capture else accept
-        made = await context.store(make, context, caller, wanted, idempotency_key, trace_id)
+        made = await make_job(context, caller, wanted, idempotency_key, trace_id)
     return await answer_made(context, caller, made, wait, response)
 
 

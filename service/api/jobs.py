@@ -12,9 +12,9 @@ import drivers
 from pipeline.options import Options
 from service import jobs
 from service.api import intake
-from service.api.accept import Accepted, accept, refuse_when_full
+from service.api.accept import Accepted, refuse_when_full
 from service.api.callers import Caller, Calling, find
-from service.api.captures import accept_capture
+from service.api.captures import make_job
 from service.api.context import Context, Parts, TraceId
 from service.api.models import CaptureRequest, Handling, JobAnswer, JobPage, UploadsRequest
 from service.api.pair_form import IdempotencyKey, accepted, pair_form
@@ -79,8 +79,7 @@ async def create_job(
     """Separate a pair of photographs, or have a camera take one and separate it."""
     await run_in_threadpool(refuse_when_full, context, caller, idempotency_key)
     async with intake.read(request, context.settings) as wanted:
-        make = accept_capture if wanted.capture else accept
-        made = await context.store(make, context, caller, wanted, idempotency_key, trace_id)
+        made = await make_job(context, caller, wanted, idempotency_key, trace_id)
     return await answer_made(context, caller, made, wait, response)
 
 

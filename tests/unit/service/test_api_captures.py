@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NoReturn
 
 import httpx
 import pytest
+from obstore.exceptions import GenericError
 
 from service import cameras
 from service.api.context import Context
 from service.settings import Settings
 from tests.unit.service.asking import bearing, problem_of, rows_of, stored_job
 from tests.unit.service.studio import PATH, SIM, take, with_cameras
+
+CALIBRATION = {"kind": "flash", "card": {"x": 20, "y": 20, "radius": 5}}
 
 pytestmark = pytest.mark.usefixtures("cameras_in_process")
 
@@ -74,6 +77,30 @@ class TestCaptures:
         assert [round(later - deadlines[0]) for later in deadlines] == [0, 60, 120]
         ranks = [rows[job["id"]].rank for job in made]
         assert ranks == sorted(set(ranks))
+
+    @pytest.mark.parametrize(
+        ("path", "body"),
+        [
+            ("/jobs", {"capture": {"camera": SIM}}),
+            ("/calibrations", {"capture": {"camera": SIM}, "options": CALIBRATION}),
+            (f"{PATH}/captures", {}),
+        ],
+    )
+    def test_captures_need_no_store_that_others_wait_for(
+        self,
+        path: str,
+        body: Any,
+        http: httpx.Client,
+        capture: Any,
+        monkeypatch: pytest.MonkeyPatch,
+    ) -> None:
+        async def hang(*_arguments: object) -> NoReturn:
+            raise GenericError("the store is away")
+
+        assert capture is not None
+        for threads in ("store", "fetch"):
+            monkeypatch.setattr(Context, threads, hang)
+        assert http.post(path, json=body).status_code == 202
 
     def test_a_burst_that_is_sent_again_is_the_same(
         self, http: httpx.Client, capture: Any, context: Context
