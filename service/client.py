@@ -5,11 +5,12 @@ from __future__ import annotations
 import contextlib
 import re
 import time
+import uuid
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO, Self
+from typing import Any, BinaryIO, Self, TypeVar
 
 import httpx
 
@@ -18,20 +19,27 @@ from pipeline.options import Options
 
 _POLL_SECONDS = 0.3
 _TIMEOUT_SECONDS = 60.0
+_PATIENCE_SECONDS = 300.0
+_FIRST_PAUSE_SECONDS = 1.0
+_LONGEST_PAUSE_SECONDS = 15.0
 _PIECE_BYTES = 1 << 16
 _TUS = {"Tus-Resumable": "1.0.0"}
 _GONE = (404, 410)
 _ABOUT_WHAT_WAS_SENT = (400, 413, 415, 422)  # not about the key, the address or the moment
 
+_ENDS = ("succeeded", "failed", "canceled", "expired")
 _LOOKED_AT = {"state", "stage", "fraction", "operator", "error", "files"}
 
 Job = dict[str, Any]
+Result = TypeVar("Result")
 
 
 class ServiceAwayError(Exception):
     """The service does not answer, or failed through no fault of the request."""
 
     status: int | None = None
+    passes = False
+    """Whether the same request may do better in a while."""
 
 
 class RefusedError(Exception):
@@ -81,12 +89,17 @@ class Client:
         self._json("GET", "/readyz")
 
     def submit_pair(self, no_flash: bytes, flash: bytes, options: Options) -> Job:
-        """Send two photographs; the job."""
-        return self._job(
-            "POST",
-            "/jobs",
-            files={"no_flash": ("no_flash", no_flash), "flash": ("flash", flash)},
-            data={"options": options.model_dump_json(exclude_defaults=True)},
+        """Send two photographs, for some minutes again while the service is away; the job."""
+        self._json("GET", "/healthz")  # a wrong address is told at once
+        return _patiently(
+            partial(
+                self._job,
+                "POST",
+                "/jobs",
+                files={"no_flash": ("no_flash", no_flash), "flash": ("flash", flash)},
+                data={"options": options.model_dump_json(exclude_defaults=True)},
+                headers={"Idempotency-Key": uuid.uuid4().hex},
+            )
         )
 
     def submit_capture(self, camera: str, options: Options) -> Job:
@@ -159,26 +172,29 @@ class Client:
     ) -> Job:
         """Wait until a job has succeeded, telling how far it is; the job as it is then.
 
+        It outlasts some minutes in which the service is away.
         ask: puts what the job asks of a person, waits for so many seconds, and tells whether it is
         done; called again for as long as the job asks. Without it, somebody else confirms.
         """
-        while job["state"] not in ("succeeded", "failed", "canceled"):
+        while job["state"] not in _ENDS:
             if job["stage"]:
                 report(job["stage"], job["fraction"])
             if ask and job["operator"] and ask(job["operator"]["request"], _POLL_SECONDS):
                 self._confirm(job)
             else:
                 time.sleep(_POLL_SECONDS)
-            job = self._job("GET", job["links"]["self"])
+            job = _patiently(partial(self._job, "GET", job["links"]["self"]))
         if job["state"] == "canceled":
             raise RefusedError("The job was canceled.")
         if job["error"]:
             raise _failure(job["error"])
+        if job["state"] == "expired":
+            raise RefusedError("The job is expired: its results are being removed; send it again.")
         return job
 
     def _confirm(self, job: Job) -> None:
         with contextlib.suppress(RefusedError):  # somebody else has, or it was too late
-            self._json("POST", job["links"]["confirm"])
+            _patiently(partial(self._json, "POST", job["links"]["confirm"]))
 
     def download(self, job: Job, folder: Path) -> None:
         """Write every result of a job into a folder."""
@@ -210,9 +226,24 @@ class Client:
                     raise _failure(_problem(response), response.status_code)
                 yield response
         except httpx.HTTPError as error:
-            raise ServiceAwayError(
+            away = ServiceAwayError(
                 f"The service at {self._url} does not answer: start it, or check its address."
-            ) from error
+            )
+            away.passes = True
+            raise away from error
+
+
+def _patiently(ask: Callable[[], Result]) -> Result:
+    deadline = time.monotonic() + _PATIENCE_SECONDS
+    pause = _FIRST_PAUSE_SECONDS
+    while True:
+        try:
+            return ask()
+        except ServiceAwayError as error:
+            if not error.passes or time.monotonic() + pause > deadline:
+                raise
+        time.sleep(pause)
+        pause = min(2 * pause, _LONGEST_PAUSE_SECONDS)
 
 
 def _object(response: httpx.Response) -> dict[str, Any]:
@@ -233,7 +264,9 @@ def _problem(response: httpx.Response) -> dict[str, Any]:
         problem = {}
     if isinstance(problem.get("status"), int) and "detail" in problem:
         return problem
-    return {"status": 500, "detail": str(_stranger(response))}
+    # A proxy answers for a service that starts anew.
+    passes = response.status_code >= 500
+    return {"status": 500, "detail": str(_stranger(response)), "retryable": passes}
 
 
 def _stranger(response: httpx.Response) -> ServiceAwayError:
@@ -246,6 +279,7 @@ def _failure(problem: dict[str, Any], status: int | None = None) -> Exception:
     if problem["status"] >= 500:
         away = ServiceAwayError(problem["detail"])
         away.status = status
+        away.passes = problem.get("retryable") is True
         return away
     refused = RefusedError(problem["detail"])
     ours = str(problem.get("type")).startswith("urn:lightlayers:problem:")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -179,16 +180,20 @@ def submit(
     from service.cli.display import print_results, stage_bar
     from service.cli.flash import ask_once
     from service.cli.folder import new_results
-    from service.client import Client
+    from service.client import Client, ServiceAwayError
 
     options = flags.options()
     key = keys.key_of_requests(key_file)
     before, after = read_file(no_flash, "photograph"), read_file(flash, "photograph")
     with Client(url, key) as client, new_results(output) as folder:
         job = client.submit_pair(before, after, options)
-        with stage_bar() as report:
-            job = client.wait(job, report, ask_once())
-        client.download(job, folder)
+        try:
+            with stage_bar() as report:
+                job = client.wait(job, report, ask_once())
+            client.download(job, folder)
+        except ServiceAwayError:
+            print(f"The job is {job['id']}.", file=sys.stderr)  # it may end without us
+            raise
         manifest = json.loads((folder / "manifest.json").read_bytes())
     print_results(manifest, output, as_json)
 

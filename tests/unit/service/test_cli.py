@@ -6,11 +6,15 @@ import sys
 from importlib.metadata import version
 from pathlib import Path
 
+import httpx
 import pytest
 
 from pipeline import process
 from pipeline.errors import UnusablePairError
+from service.api.context import Context
 from service.cli import run
+from service.client import Client, ServiceAwayError
+from tests.unit.service.asking import rows_of
 
 
 def _refused(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 2) -> str:
@@ -173,6 +177,24 @@ def test_a_service_that_is_not_there_is_told(
     said = _refused(capsys, "submit", *pair, "-o", str(tmp_path / "out"), *url, code=1)
     assert "http://127.0.0.1:9 does not answer" in said
     assert not (tmp_path / "out").exists()
+
+
+def test_the_job_of_a_service_that_stays_away_is_named(
+    pair: list[str],
+    tmp_path: Path,
+    http: httpx.Client,
+    context: Context,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def wait(*_arguments: object) -> None:
+        raise ServiceAwayError("The service does not answer.")
+
+    monkeypatch.setattr(Client, "wait", wait)
+    out = str(tmp_path / "out")
+    assert run(["submit", *pair, "-o", out, "--url", str(http.base_url)]) == 1
+    (job,) = rows_of(context)
+    assert f"The job is {job.id}.\nThe service does not answer." in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("url", ["photos", "ftp://localhost", "http://", "http://a b/"])

@@ -6,15 +6,18 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
+import sqlalchemy as sa
 
 from pipeline.errors import OptionError
 from pipeline.options import Options
-from service import jobs
+from service import database, jobs
 from service.api.context import Context
 from service.client import Client, RefusedError, ServiceAwayError
+from tests.unit.service.asking import rows_of
 
 Png = Callable[..., bytes]
 Finish = Callable[[str, dict[str, bytes]], None]
@@ -34,6 +37,49 @@ def test_a_pair_is_sent_with_its_options(client: Client, png: Png, context: Cont
     job = client.submit_pair(png(64, 48), png(64, 48, True), Options(lights=2))
     assert (job["state"], job["options"]) == ("queued", {"lights": 2})
     assert context.storage.get(f"jobs/{job['id']}/inputs/no_flash") == png(64, 48)
+
+
+def _lose(client: Client, monkeypatch: pytest.MonkeyPatch, method: str, answers: int) -> None:
+    """Let the first answers to a method break off; it is tried again without a pause."""
+    stream, left = client._http.stream, [None] * answers
+
+    @contextmanager
+    def lossy(verb: str, *arguments: Any, **more: Any) -> Iterator[httpx.Response]:
+        with stream(verb, *arguments, **more) as response:
+            if verb == method and left:
+                left.pop()
+                raise httpx.ReadError("the connection broke")
+            yield response
+
+    monkeypatch.setattr(client._http, "stream", lossy)
+    monkeypatch.setattr("service.client._FIRST_PAUSE_SECONDS", 0.0)
+
+
+def test_a_pair_whose_answer_is_lost_is_sent_again_and_is_one_job(
+    client: Client, png: Png, context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _lose(client, monkeypatch, "POST", 2)
+    job = client.submit_pair(png(64, 48), png(64, 48, True), Options())
+    assert [row.id for row in rows_of(context)] == [job["id"]]
+
+
+def test_a_job_is_waited_for_while_the_service_is_away(
+    client: Client, finish: Finish, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job = client.submit_capture("sim://studio", Options())
+    finish(job["id"], {})
+    _lose(client, monkeypatch, "GET", 3)
+    assert client.wait(job, _ignore)["state"] == "succeeded"
+
+
+def test_a_service_that_stays_away_is_given_up(
+    client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job = client.submit_capture("sim://studio", Options())
+    _lose(client, monkeypatch, "GET", 1)
+    monkeypatch.setattr("service.client._PATIENCE_SECONDS", -1.0)
+    with pytest.raises(ServiceAwayError, match="does not answer"):
+        client.wait(job, _ignore)
 
 
 def test_results_are_fetched_when_the_job_is_done(
@@ -161,6 +207,14 @@ def test_a_canceled_job_is_told(client: Client, http: httpx.Client) -> None:
         client.wait(job, _ignore)
 
 
+def test_a_job_that_has_expired_is_told(client: Client, context: Context) -> None:
+    job = client.submit_capture("sim://studio", Options())
+    with context.engine.begin() as connection:
+        connection.execute(sa.update(database.jobs).values(state="expired"))
+    with pytest.raises(RefusedError, match="expired"):
+        client.wait(job, _ignore)
+
+
 @pytest.mark.parametrize("status", [200, 404, 502])
 @pytest.mark.parametrize(
     "body",
@@ -174,7 +228,10 @@ def test_a_canceled_job_is_told(client: Client, http: httpx.Client) -> None:
         b'{"state": "failed", "stage": 1, "fraction": 1, "operator": 1, "error": 1, "files": 1}',
     ],
 )
-def test_another_server_is_recognised(body: bytes, status: int) -> None:
+def test_another_server_is_recognised(
+    body: bytes, status: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("service.client._PATIENCE_SECONDS", -1.0)
     job = {"state": "queued", "stage": None, "operator": None, "links": {"self": "/jobs/1"}}
     with _server(status, body) as url, Client(url) as client:
         uses: list[Callable[[], object]] = [
