@@ -18,7 +18,7 @@ _TYPES = {
     ".svg": "image/svg+xml",
 }
 _FILES = {path.name: path for path in _FOLDER.iterdir() if path.suffix in _TYPES}
-# blob: pictures that were fetched with a key, which no <img> could send
+# blob: pictures that were fetched with headers, which no <img> could send
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"

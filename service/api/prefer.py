@@ -1,4 +1,4 @@
-"""The Prefer header (RFC 7240), of which `wait` is honoured."""
+"""The Prefer header (RFC 7240), of which `wait` is honoured, and `no-redirect` by results."""
 
 from __future__ import annotations
 

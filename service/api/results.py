@@ -10,12 +10,14 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse, Response, StreamingResponse
+from pydantic import WithJsonSchema
 
 from pipeline.mix_options import MANIFEST
 from pipeline.remarks import Code
 from service import jobs
 from service.api.callers import Caller, Calling, find
 from service.api.context import Context, Parts
+from service.api.prefer import preferences
 from service.api.problems import responses
 from service.api.ranges import parse_range
 from service.api.zips import Member, stored_zip
@@ -117,6 +119,11 @@ async def get_result(
     range: Annotated[str | None, Header()] = None,
     if_range: Annotated[str | None, Header()] = None,
     if_none_match: Annotated[str | None, Header()] = None,
+    prefer: Annotated[
+        list[str] | None,
+        WithJsonSchema({"type": "string"}),
+        Header(description="no-redirect: the file itself, also where the store could give it."),
+    ] = None,
 ) -> Response:
     """Get one file of the results, whole or in part."""
     job = await run_in_threadpool(find_succeeded, context, caller, job_id)
@@ -136,7 +143,7 @@ async def get_result(
         headers["Content-Length"] = str(size)
         return Response(headers=headers, media_type=result["media_type"])
     key = results_key(job_id, job.attempt, name)
-    if context.settings.store_presign:
+    if context.settings.store_presign and "no-redirect" not in preferences(prefer or []):
         link = await context.fetch(context.storage.link, key, LINK_SECONDS)
         if link:
             return RedirectResponse(link, headers={"Cache-Control": "no-store"})

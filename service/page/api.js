@@ -47,21 +47,25 @@ export function fetchFrom(path, signal) {
   return request(path, { signal });
 }
 
-/** Bytes of a result. */
-export async function fetchBytes(path) {
-  return (await request(path)).arrayBuffer();
+/** A result from the service itself: the page may load nothing from a store that it redirects to. */
+function fetchResult(path) {
+  return request(path, { headers: { Prefer: "no-redirect" } });
 }
 
-/** Something that src takes: where there is a key, no <img> could send it. */
+/** Bytes of a result. */
+export async function fetchBytes(path) {
+  return (await fetchResult(path)).arrayBuffer();
+}
+
+/** A URL of a result for src, which could send neither a key nor a wish; to be revoked. */
 export async function source(path) {
-  if (!key()) return path;
-  return URL.createObjectURL(await (await request(path)).blob());
+  return URL.createObjectURL(await (await fetchResult(path)).blob());
 }
 
 /** Save a result as a file. */
 export async function download(path, name) {
   const link = document.createElement("a");
-  link.href = await source(path);
+  link.href = key() ? await source(path) : path;
   link.download = name;
   link.click();
   if (link.href.startsWith("blob:")) setTimeout(() => URL.revokeObjectURL(link.href), 60000);

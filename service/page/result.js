@@ -184,8 +184,7 @@ class Views {
     const path = this._path(name);
     this.add(name, text, image, async () => {
       image.src = await source(path);
-      await image.decode().catch(async () => {
-        await fetchBytes(path); // which says why it did not come
+      await image.decode().catch(() => {
         throw new Error("This browser cannot show the picture; it is among the files.");
       });
     });

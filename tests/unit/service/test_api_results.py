@@ -50,6 +50,18 @@ def test_a_succeeded_job_links_its_results(http: httpx.Client, job: str) -> None
     assert answer["created"] <= answer["started"] <= answer["finished"]
 
 
+def test_a_store_gives_results_but_to_those_who_prefer_no_redirect(
+    http: httpx.Client, context: Context, job: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(context.settings.__dict__, "store_presign", True)
+    monkeypatch.setattr(Storage, "link", lambda *_arguments: "http://store/lamp1.jpg")
+    path = f"{job}/results/lamp1.jpg"
+    answer = http.get(path, follow_redirects=False)
+    assert (answer.status_code, answer.headers["location"]) == (307, "http://store/lamp1.jpg")
+    answer = http.get(path, headers={"prefer": "no-redirect"}, follow_redirects=False)
+    assert (answer.status_code, answer.content) == (200, FILES["lamp1.jpg"])
+
+
 def test_the_manifest_is_json(http: httpx.Client, job: str) -> None:
     answer = http.get(f"{job}/results")
     assert answer.headers["content-type"] == "application/json"

@@ -1,0 +1,27 @@
+"""How pictures come to the page, in a real browser on a real service."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from playwright.sync_api import Page, Route, expect
+
+from tests.integration.service.page.looking import open_mixer
+
+
+def test_pictures_come_from_the_service_itself_where_a_store_gives_results(
+    page: Page, done: dict[str, Any]
+) -> None:
+    def results(route: Route) -> None:
+        if route.request.headers.get("prefer") == "no-redirect":
+            route.continue_()
+        else:
+            route.fulfill(status=307, headers={"location": "http://store.invalid/a"})
+
+    page.route("**/results/*", results)
+    page.goto("/#/jobs")
+    expect(page.locator(".thumb img").first).to_be_visible()
+    open_mixer(page, done)
+    page.get_by_role("radio", name="Unexplained").check(force=True)
+    expect(page.locator(".picture img")).not_to_have_js_property("naturalWidth", 0)
+    expect(page.get_by_role("alert")).to_have_count(0)
