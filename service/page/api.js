@@ -57,8 +57,15 @@ export async function fetchBytes(path) {
   return (await fetchResult(path)).arrayBuffer();
 }
 
-/** A URL of a result for src, which could send neither a key nor a wish; to be revoked. */
-export async function source(path) {
+/** Show a result in an <img>, which could send neither a key nor a wish. */
+export async function showIn(image, path) {
+  const src = await source(path);
+  const free = () => URL.revokeObjectURL(src); // else the picture stays in memory while the page is open
+  for (const end of ["load", "error"]) image.addEventListener(end, free, { once: true });
+  image.src = src;
+}
+
+async function source(path) {
   return URL.createObjectURL(await (await fetchResult(path)).blob());
 }
 

@@ -1,6 +1,6 @@
 // The list of jobs.
 
-import { get, source } from "./api.js";
+import { get, showIn } from "./api.js";
 import { deleteJob } from "./actions.js";
 import { alarm, h, single } from "./dom.js";
 
@@ -86,9 +86,9 @@ async function addThumbnail(place, job) {
   const of = job.options.kind === "mix" ? job.options.of : job.id;
   const has = job.files.some((file) => file.name === "thumbnail.jpg") || of !== job.id;
   if (!has) return;
-  const image = h("img", { alt: "", loading: "lazy", onerror: () => image.remove() });
+  const image = h("img", { alt: "", onerror: () => image.remove() });
   try {
-    image.src = await source(`/jobs/${of}/results/thumbnail.jpg`);
+    await showIn(image, `/jobs/${of}/results/thumbnail.jpg`);
     place.append(image);
   } catch {
     // the photograph may have been deleted: the card does without

@@ -1,7 +1,7 @@
 // The results of a separation: the picture, a strip for each lamp, warnings, files.
 
 import { actionsOf } from "./actions.js";
-import { fetchBytes, get, source } from "./api.js";
+import { fetchBytes, get, showIn } from "./api.js";
 import { fullSize } from "./area.js";
 import { normalsForm } from "./directions.js";
 import { alarm, choice, h, say } from "./dom.js";
@@ -160,7 +160,9 @@ function pictures(manifest) {
 }
 
 async function thumbnail(job) {
-  return h("img", { alt: "", className: "early", src: await source(`/jobs/${job.id}/results/thumbnail.jpg`) });
+  const image = h("img", { alt: "", className: "early" });
+  await showIn(image, `/jobs/${job.id}/results/thumbnail.jpg`);
+  return image;
 }
 
 /** The pictures that can be looked at, one at a time. */
@@ -183,7 +185,7 @@ class Views {
     const image = h("img", { className: "plain", alt: text });
     const path = this._path(name);
     this.add(name, text, image, async () => {
-      image.src = await source(path);
+      await showIn(image, path);
       await image.decode().catch(() => {
         throw new Error("This browser cannot show the picture; it is among the files.");
       });

@@ -8,6 +8,25 @@ from playwright.sync_api import Page, Route, expect
 
 from tests.integration.service.page.looking import open_mixer
 
+COUNT = """
+  const kept = new Set();
+  const make = URL.createObjectURL.bind(URL);
+  const free = URL.revokeObjectURL.bind(URL);
+  const tell = () => (document.documentElement.dataset.kept = kept.size);
+  URL.createObjectURL = (what) => {
+    const url = make(what);
+    kept.add(url);
+    tell();
+    return url;
+  };
+  URL.revokeObjectURL = (url) => {
+    kept.delete(url);
+    tell();
+    free(url);
+  };
+"""
+"""Tells how many pictures and files the page keeps in memory by their URLs."""
+
 
 def test_pictures_come_from_the_service_itself_where_a_store_gives_results(
     page: Page, done: dict[str, Any]
@@ -25,3 +44,14 @@ def test_pictures_come_from_the_service_itself_where_a_store_gives_results(
     page.get_by_role("radio", name="Unexplained").check(force=True)
     expect(page.locator(".picture img")).not_to_have_js_property("naturalWidth", 0)
     expect(page.get_by_role("alert")).to_have_count(0)
+
+
+def test_pictures_that_were_shown_are_not_kept_in_memory(page: Page, done: dict[str, Any]) -> None:
+    page.add_init_script(COUNT)
+    page.goto("/#/jobs")
+    expect(page.locator(".thumb img").first).to_be_visible()
+    expect(page.locator("html")).to_have_attribute("data-kept", "0")
+    open_mixer(page, done)
+    page.get_by_role("radio", name="Unexplained").check(force=True)
+    expect(page.locator(".picture img")).not_to_have_js_property("naturalWidth", 0)
+    expect(page.locator("html")).to_have_attribute("data-kept", "0")
