@@ -6,20 +6,11 @@ from collections.abc import Callable
 
 from drivers.camera import Camera
 from drivers.clock import Clock, SystemClock
-from drivers.errors import (
-    CameraBusyError,
-    CameraDisconnectedError,
-    CameraNotFoundError,
-    CameraTimeoutError,
-    DriverError,
-)
+from drivers.errors import BadAddressError, CameraNotFoundError, DriverError
 from drivers.registry import check_address, open_camera
 
 LOOK_S = 0.5
 """How often a camera that is away is looked for, in seconds."""
-
-AWAY = (CameraNotFoundError, CameraDisconnectedError, CameraTimeoutError, CameraBusyError)
-"""What a camera's absence looks like."""
 
 
 class ReturningCamera:
@@ -42,7 +33,8 @@ class ReturningCamera:
     def connected(self, wait_s: float = 0.0) -> Camera:
         """Give the camera, which has answered just now.
 
-        wait_s: how long it may be away, in seconds. Raises what open_camera raises.
+        wait_s: how long it may be away or answer strangely, in seconds. Raises what open_camera
+        and Camera.info raise.
         """
         if self._camera and not self._answers(self._camera):
             self.close()
@@ -68,7 +60,9 @@ class ReturningCamera:
         while True:
             try:
                 camera = self._open()
-            except AWAY as error:
+            except BadAddressError:
+                raise
+            except DriverError as error:  # a strange answer may pass as an absence does
                 if self._clock.monotonic() >= deadline:
                     raise
                 if str(error) != told:

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from drivers import returning
-from drivers.camera import Camera
+from drivers.camera import Camera, CameraInfo
 from drivers.capture import capture_pair
 from drivers.clock import Clock
 from drivers.errors import (
@@ -14,6 +14,10 @@ from drivers.errors import (
     CameraBusyError,
     CameraDisconnectedError,
     CameraNotFoundError,
+    DriverError,
+    ProtocolError,
+    SettingError,
+    StoreFullError,
 )
 from drivers.ptp import usb as driver
 from drivers.ptp.camera import PtpCamera
@@ -115,6 +119,32 @@ def test_why_it_is_not_there_is_told_anew_when_it_changes(
     monkeypatch.setattr(returning, "open_camera", open_camera)
     camera.connected(wait_s=60)
     assert told == ["In use. It is waited for.", "Away. It is waited for.", "The camera is there."]
+
+
+@pytest.mark.parametrize(
+    "error", [ProtocolError("Strange"), SettingError("Refused."), StoreFullError("No card.")]
+)
+def test_a_strange_answer_is_waited_out_and_told_once(
+    camera: ReturningCamera,
+    told: list[str],
+    error: DriverError,
+    monkeypatch: pytest.MonkeyPatch,
+    clock: Clock,
+) -> None:
+    info, errors = PtpCamera.info, [error] * 3
+
+    def strange(own: PtpCamera) -> CameraInfo:
+        if errors:
+            raise errors.pop()
+        return info(own)
+
+    monkeypatch.setattr(PtpCamera, "info", strange)
+    with pytest.raises(type(error)):
+        camera.connected()
+    assert told == []
+    assert camera.connected(wait_s=60).info().serial == "0000001"
+    assert told == [f"{error} It is waited for.", "The camera is there."]
+    assert clock.monotonic() == 2 * returning.LOOK_S
 
 
 def test_another_camera_at_its_address_is_not_taken_for_it(
