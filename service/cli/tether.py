@@ -111,8 +111,9 @@ def tether(
                 sender.notice()
             opened.close()
             sender.finish()
-        except KeyboardInterrupt:
-            told("ended", f"Pairs in the spool, which the next start sends: {pool.count()}.")
+        except BaseException:
+            with contextlib.suppress(OSError):  # a spool that cannot be read hides no other error
+                told("ended", f"Pairs in the spool, which the next start sends: {pool.count()}.")
             raise
     return _FAILED if taking.failed or sender.aside else 0
 

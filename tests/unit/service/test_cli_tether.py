@@ -10,7 +10,9 @@ from typing import Any
 import httpx
 import pytest
 
+import drivers
 from drivers.ptp import usb as driver
+from drivers.ptp.camera import PtpCamera
 from service import keys, sender
 from service.api.context import Context
 from service.cli import run
@@ -155,6 +157,58 @@ def test_at_intervals_it_goes_on_once_the_camera_is_back(
     bus.body.fault = "unplug"
     assert tether("--interval", "0", "--pairs", "3") == 1  # one of them has failed
     assert len(jobs_of(http)) == 2
+
+
+def test_a_strange_answer_of_the_camera_is_waited_out(
+    tether: Callable[..., int],
+    http: httpx.Client,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    info, errors = PtpCamera.info, [drivers.ProtocolError("Strange")] * 2
+
+    def strange(camera: PtpCamera) -> drivers.CameraInfo:
+        if errors:
+            raise errors.pop()
+        return info(camera)
+
+    monkeypatch.setattr(PtpCamera, "info", strange)
+    assert tether("--interval", "0", "--pairs", "1", "--json") == 0
+    assert [event["detail"] for event in told(capsys) if event["event"] == "camera"] == [
+        f"{drivers.ProtocolError('Strange')} It is waited for.",
+        "The camera is there.",
+    ]
+    assert len(jobs_of(http)) == 1
+
+
+@pytest.mark.parametrize(
+    ("broken", "ended"),
+    [([], ["Pairs in the spool, which the next start sends: 1."]), ([OSError(5, "broken")], [])],
+)
+def test_whatever_ends_it_what_waits_in_the_spool_is_told(
+    tether: Callable[..., int],
+    broken: list[OSError],
+    ended: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    count = Spool.count
+
+    def counted(spool: Spool) -> int:
+        if broken:
+            raise broken[0]
+        return count(spool)
+
+    def fails(_sender: object) -> None:
+        monkeypatch.setattr(Spool, "count", counted)
+        raise RuntimeError("the cause")
+
+    monkeypatch.setattr(sender.Sender, "finish", fails)
+    assert tether("--pairs", "1", "--interval", "0", "--json", server=AWAY) == 1
+    said = capsys.readouterr()
+    events = [json.loads(line) for line in said.out.splitlines()]
+    assert [event["detail"] for event in events if event["event"] == "ended"] == ended
+    assert "RuntimeError" in said.err and "the cause" in said.err
 
 
 def test_a_disk_without_room_is_told_and_the_card_has_the_pair(
