@@ -173,6 +173,7 @@ class _Taking:
     def take(self) -> None:
         """Take a pair; where that fails, say so, and the next press takes another."""
         import drivers
+        from pipeline.errors import InputError
 
         try:
             pair = drivers.capture_pair(
@@ -182,7 +183,7 @@ class _Taking:
             frames = {"no_flash": pair.no_flash, "flash": pair.flash}
             photographs = {frame: _best(one) for frame, one in frames.items()}
             spooled = self._spool.add(shot, photographs, self._options)
-        except drivers.DriverError as error:
+        except (drivers.DriverError, InputError) as error:  # whose brightness cannot be told, too
             self._camera.close()
             self._fail(str(error))
         except OSError as error:

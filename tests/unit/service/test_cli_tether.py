@@ -5,15 +5,18 @@ import json
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
 
 import drivers
 from drivers.ptp import usb as driver
 from drivers.ptp.camera import PtpCamera
-from service import keys, sender
+from pipeline.errors import UnreadableImageError
+from service import camera_tasks, keys, sender
 from service.api.context import Context
 from service.cli import run
 from service.spool import Spool
@@ -209,6 +212,30 @@ def test_whatever_ends_it_what_waits_in_the_spool_is_told(
     events = [json.loads(line) for line in said.out.splitlines()]
     assert [event["detail"] for event in events if event["event"] == "ended"] == ended
     assert "RuntimeError" in said.err and "the cause" in said.err
+
+
+def test_a_photograph_that_cannot_be_decoded_fails_its_pair_alone(
+    tether: Callable[..., int],
+    http: httpx.Client,
+    bus: Bus,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    refused, brightness = [UnreadableImageError("Not a kind that is read.")], [1.0, 2.0]
+
+    def decode(_photograph: bytes) -> SimpleNamespace:
+        if refused:
+            raise refused.pop()
+        return SimpleNamespace(pixels=np.array([brightness.pop()]))
+
+    monkeypatch.setattr(camera_tasks, "decode", decode)
+    bus.body.flash = "external"
+    assert tether("--flash", "true {state}", "--settle", "0", "--json", lines="\n\n") == 1
+    events = told(capsys)
+    assert [event["detail"] for event in events if event["event"] == "failed"] == [
+        "Not a kind that is read."
+    ]
+    assert [event["event"] for event in events].count("spooled") == len(jobs_of(http)) == 1
 
 
 def test_a_disk_without_room_is_told_and_the_card_has_the_pair(
