@@ -180,6 +180,8 @@ class IpTransport(Transport):
             if not self._ready([self._events], max(0.0, deadline - time.monotonic())):
                 return None
             self._take_event()
+            if not self._waiting and time.monotonic() > deadline:  # probes alone are no event
+                return None
         return self._waiting.popleft()
 
     def _take_event(self) -> None:

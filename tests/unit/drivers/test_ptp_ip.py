@@ -4,6 +4,7 @@ import contextlib
 import socket
 import struct
 import threading
+from collections.abc import Iterator
 
 import pytest
 
@@ -101,24 +102,37 @@ def test_operations_and_their_data_are_written_as_packets() -> None:
     assert told == expected
 
 
-def test_events_without_end_are_no_answer() -> None:
-    transport, peer = meeting(b"")
+@contextlib.contextmanager
+def telling_without_end(peer: Peer, packet: bytes) -> Iterator[None]:
+    """Have a camera tell one thing on and on; ends once the transport is closed."""
     peer.told(1)
-    event = encode_packet(PacketType.EVENT, struct.pack("<HI", 0x4002, 0))
 
     def tell() -> None:
         with contextlib.suppress(OSError):
             while True:
-                peer.connections[1].sendall(100 * event)
+                peer.connections[1].sendall(100 * packet)
 
     telling = threading.Thread(target=tell)
     telling.start()
-    transport.send(COMMAND)
-    with pytest.raises(CameraTimeoutError, match="though it is there"):
-        transport.receive()
-    transport.close()
+    yield
     telling.join()
     peer.close()
+
+
+def test_events_without_end_are_no_answer() -> None:
+    transport, peer = meeting(b"")
+    event = encode_packet(PacketType.EVENT, struct.pack("<HI", 0x4002, 0))
+    with telling_without_end(peer, event), contextlib.closing(transport):
+        transport.send(COMMAND)
+        with pytest.raises(CameraTimeoutError, match="though it is there"):
+            transport.receive()
+
+
+@pytest.mark.parametrize("kind", [PacketType.PROBE_RESPONSE, PacketType.CANCEL])
+def test_what_is_no_event_is_not_taken_in_without_end(kind: PacketType) -> None:
+    transport, peer = meeting(b"")
+    with telling_without_end(peer, encode_packet(kind)), contextlib.closing(transport):
+        assert transport.receive_event(0.1) is None
 
 
 def test_data_in_several_packets_are_put_together() -> None:
