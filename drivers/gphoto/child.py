@@ -36,6 +36,7 @@ from drivers.gphoto import names
 _LENGTH = struct.Struct("<I")
 _CHUNK_BYTES = 1 << 20
 _ROOT = "/"
+_MOST_EVENTS = 1000  # taken at once: a camera may tell more, and quicker than they are taken
 _EVENTS = {
     gp.GP_EVENT_FILE_ADDED: EventKind.OBJECT_ADDED,
     gp.GP_EVENT_CAPTURE_COMPLETE: EventKind.CAPTURE_COMPLETE,
@@ -162,11 +163,12 @@ class Calls:
 
     def events(self, timeout_s: float) -> list[Event]:
         """Everything told; libgphoto2 gives one event at a time."""
-        told = []
-        kind, _ = self._camera.wait_for_event(round(1000 * timeout_s))
-        while kind != gp.GP_EVENT_TIMEOUT:
+        told: list[Event] = []
+        while len(told) < _MOST_EVENTS:
+            kind, _ = self._camera.wait_for_event(0 if told else round(1000 * timeout_s))
+            if kind == gp.GP_EVENT_TIMEOUT:
+                break
             told.append(Event(_EVENTS.get(kind, EventKind.OTHER)))
-            kind, _ = self._camera.wait_for_event(0)
         return told
 
     def chunk(self, handle: int, offset: int) -> bytes:

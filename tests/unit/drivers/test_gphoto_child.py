@@ -1,0 +1,68 @@
+"""The process of libgphoto2, without it: its import changes the plug-ins of every later test."""
+
+from __future__ import annotations
+
+import importlib
+import itertools
+import sys
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from drivers.camera import EventKind
+
+TIMEOUT, FILE_ADDED, CAPTURE_COMPLETE, UNKNOWN = range(4)
+
+
+class Device:
+    """What libgphoto2 has for a camera: gives these events, one at a time. waits: in ms."""
+
+    def __init__(self) -> None:
+        self.events: Iterator[int] = iter(())
+        self.waits: list[int] = []
+
+    def wait_for_event(self, wait_ms: int) -> tuple[int, None]:
+        self.waits.append(wait_ms)
+        return next(self.events, TIMEOUT), None
+
+
+@pytest.fixture
+def device() -> Device:
+    return Device()
+
+
+@pytest.fixture
+def calls(device: Device, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    library = SimpleNamespace(
+        Camera=lambda: device,
+        GP_EVENT_TIMEOUT=TIMEOUT,
+        GP_EVENT_FILE_ADDED=FILE_ADDED,
+        GP_EVENT_CAPTURE_COMPLETE=CAPTURE_COMPLETE,
+    )
+    monkeypatch.setitem(sys.modules, "gphoto2", library)
+    yield importlib.import_module("drivers.gphoto.child").Calls()
+    del sys.modules["drivers.gphoto.child"]
+
+
+def test_the_first_event_is_waited_for_and_those_behind_it_are_taken(
+    calls: Any, device: Device
+) -> None:
+    device.events = iter((FILE_ADDED, UNKNOWN, CAPTURE_COMPLETE))
+    assert [event.kind for event in calls.events(1.5)] == [
+        EventKind.OBJECT_ADDED,
+        EventKind.OTHER,
+        EventKind.CAPTURE_COMPLETE,
+    ]
+    assert device.waits == [1500, 0, 0, 0]
+
+
+def test_where_nothing_is_told_there_is_none(calls: Any, device: Device) -> None:
+    assert calls.events(0.2) == []
+    assert device.waits == [200]
+
+
+def test_events_without_end_are_taken_in_parts(calls: Any, device: Device) -> None:
+    device.events = itertools.repeat(UNKNOWN, 1500)
+    assert [len(calls.events(1.0)) for _ in range(3)] == [1000, 500, 0]
