@@ -205,10 +205,11 @@ def _holder(device: Any) -> str:
     """Name the programs that hold a device open, as far as this user may see them."""
     node = f"/dev/bus/usb/{device.bus:03}/{device.address:03}"
     found = set()
-    for link in Path("/proc").glob("[0-9]*/fd/*"):
-        with contextlib.suppress(OSError):
-            if str(link.readlink()) == node:
-                found.add((link.parents[1] / "comm").read_text(encoding="utf-8").strip())
+    with contextlib.suppress(OSError):  # of the walk: a program may end in the middle of it
+        for link in Path("/proc").glob("[0-9]*/fd/*"):
+            with contextlib.suppress(OSError):
+                if str(link.readlink()) == node:
+                    found.add((link.parents[1] / "comm").read_text(encoding="utf-8").strip())
     return " and ".join(sorted(found)) or "another program"
 
 

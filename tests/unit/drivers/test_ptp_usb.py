@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import errno
+from collections.abc import Iterator
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -93,6 +95,29 @@ def test_a_camera_that_is_not_there_is_not_found(bus: SimulatedBus, clock: Clock
 def test_an_interface_held_by_another_program_is_said(bus: SimulatedBus, clock: Clock) -> None:
     bus.held = True
     with pytest.raises(CameraBusyError, match="in use by another program: close"):
+        driver.connect("", bus, clock)
+
+
+class Programs:
+    """/proc, with one program that holds the camera, and one that ends while they are listed."""
+
+    def __init__(self, folder: Path, name: bytes) -> None:
+        self.link = folder / "7" / "fd" / "3"
+        self.link.parent.mkdir(parents=True)
+        self.link.symlink_to("/dev/bus/usb/001/001")
+        (folder / "7" / "comm").write_bytes(name)
+
+    def glob(self, _pattern: str) -> Iterator[Path]:
+        yield self.link
+        raise ProcessLookupError(errno.ESRCH, "No such process")
+
+
+def test_the_program_that_holds_the_interface_is_named(
+    bus: SimulatedBus, clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(driver, "Path", lambda _: Programs(tmp_path, b"gvfsd\n"))
+    bus.held = True
+    with pytest.raises(CameraBusyError, match="in use by gvfsd: close"):
         driver.connect("", bus, clock)
 
 
