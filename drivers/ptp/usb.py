@@ -36,6 +36,7 @@ from drivers.ptp.codes import ContainerType
 from drivers.ptp.containers import Container
 from drivers.ptp.transport import ANSWER_S, DATASET_BYTES, SLOWEST_BYTES_PER_S, Transport, put
 
+_ANY = "ptp+usb://"  # the address of the only camera on USB
 _CLASS = (6, 1, 1)  # still image, capture, PTP
 _CANCEL, _RESET = 0x64, 0x66
 _TO_INTERFACE = 0x21  # class request from host to interface
@@ -274,8 +275,10 @@ def connect(serial: str, backend: Any, clock: Clock) -> UsbTransport:
             "it on, plug it in and try again."
         )
     if len(wanted) > 1:
-        known = ", ".join(f"ptp+usb://{_text(each, 'serial_number')}" for each in wanted)
-        raise CameraBusyError(f"More than one camera is on USB: name one of {known}.")
+        addresses = [describe(each).address for each in wanted]
+        one_each = [each for each in addresses if each != _ANY and addresses.count(each) == 1]
+        what = f"name one of {', '.join(one_each)}" if one_each else "unplug the others"
+        raise CameraBusyError(f"More than one camera is on USB: {what}.")
     return UsbTransport(wanted[0], clock)
 
 
@@ -312,7 +315,7 @@ def describe(device: Any) -> CameraInfo:
         _text(device, name) for name in ("manufacturer", "product", "serial_number")
     )
     place = serial if _fits(serial) else ""  # the only one on USB can be used without it
-    return CameraInfo(f"ptp+usb://{place}", make, model, serial, None)
+    return CameraInfo(f"{_ANY}{place}", make, model, serial, None)
 
 
 def _fits(serial: str) -> bool:

@@ -92,6 +92,28 @@ def test_a_camera_that_is_not_there_is_not_found(bus: SimulatedBus, clock: Clock
         driver.connect("", bus, clock)
 
 
+@pytest.mark.parametrize(
+    ("serials", "what"),
+    [
+        (["12", "34"], "name one of ptp+usb://12, ptp+usb://34."),
+        (["12", "\x1b[2J", ""], "name one of ptp+usb://12."),
+        (["3 4", "3/4"], "unplug the others."),
+        (["12", "12"], "unplug the others."),
+    ],
+)
+def test_of_more_than_one_camera_those_are_named_that_an_address_leads_to(
+    serials: list[str], what: str, clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = [
+        SimpleNamespace(manufacturer="Make", product="Model", serial_number=serial)
+        for serial in serials
+    ]
+    monkeypatch.setattr(driver, "find_cameras", lambda _backend: found)
+    with pytest.raises(CameraBusyError) as raised:
+        driver.connect("", None, clock)
+    assert str(raised.value) == f"More than one camera is on USB: {what}"
+
+
 def test_an_interface_held_by_another_program_is_said(bus: SimulatedBus, clock: Clock) -> None:
     bus.held = True
     with pytest.raises(CameraBusyError, match="in use by another program: close"):
