@@ -210,7 +210,8 @@ def _holder(device: Any) -> str:
         for link in Path("/proc").glob("[0-9]*/fd/*"):
             with contextlib.suppress(OSError):
                 if str(link.readlink()) == node:
-                    found.add((link.parents[1] / "comm").read_text(encoding="utf-8").strip())
+                    comm = (link.parents[1] / "comm").read_bytes()  # cut at 15 bytes, of anything
+                    found.add("".join(filter(str.isprintable, comm.decode(errors="replace"))))
     return " and ".join(sorted(found)) or "another program"
 
 

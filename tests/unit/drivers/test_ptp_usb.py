@@ -134,12 +134,25 @@ class Programs:
         raise ProcessLookupError(errno.ESRCH, "No such process")
 
 
+@pytest.mark.parametrize(
+    ("comm", "name"),
+    [
+        (b"gvfsd\n", "gvfsd"),
+        ("Dunkelkammer-fü\n".encode()[:15] + b"\n", "Dunkelkammer-f\ufffd"),
+        (b"\x1b[2Jgvfsd\n", r"\[2Jgvfsd"),
+    ],
+)
 def test_the_program_that_holds_the_interface_is_named(
-    bus: SimulatedBus, clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    bus: SimulatedBus,
+    clock: Clock,
+    comm: bytes,
+    name: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(driver, "Path", lambda _: Programs(tmp_path, b"gvfsd\n"))
+    monkeypatch.setattr(driver, "Path", lambda _: Programs(tmp_path, comm))
     bus.held = True
-    with pytest.raises(CameraBusyError, match="in use by gvfsd: close"):
+    with pytest.raises(CameraBusyError, match=f"in use by {name}: close"):
         driver.connect("", bus, clock)
 
 
