@@ -222,7 +222,10 @@ def _still_image(device: Any) -> Any:
     except usb.core.USBError:
         device.set_configuration()
         configuration = device.get_active_configuration()
-    return next(interface for interface in configuration if _is_still_image(interface))
+    found = next(filter(_is_still_image, configuration), None)
+    if found is None:  # its other configuration has it
+        raise ProtocolError("The camera's USB configuration has no interface for photographs")
+    return found
 
 
 def _is_still_image(interface: Any) -> bool:
@@ -268,7 +271,10 @@ def _text(device: Any, name: str) -> str:
 
 def connect(serial: str, backend: Any, clock: Clock) -> UsbTransport:
     """Connect to the camera with that serial number, or to the only one if that is empty."""
-    devices = find_cameras(backend)
+    try:
+        devices = find_cameras(backend)
+    except usb.core.USBError as error:
+        raise CameraDisconnectedError(_GONE) from error
     wanted = [each for each in devices if not serial or _text(each, "serial_number") == serial]
     if not wanted:
         raise CameraNotFoundError(

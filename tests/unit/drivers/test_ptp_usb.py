@@ -249,6 +249,27 @@ def test_errors_of_usb_become_those_of_cameras(
         driver.connect("", bus, clock)
 
 
+def test_a_bus_that_cannot_be_listed_is_told_as_a_broken_connection(
+    bus: SimulatedBus, clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def enumerate_devices() -> Any:
+        raise usb.core.USBError("Other error", errno=errno.EIO)
+
+    monkeypatch.setattr(bus, "enumerate_devices", enumerate_devices)
+    with pytest.raises(CameraDisconnectedError, match="plug it in again"):
+        driver.connect("", bus, clock)
+
+
+def test_a_camera_set_to_a_configuration_without_photographs_is_refused(
+    bus: SimulatedBus, clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    devices = driver.find_cameras(bus)
+    monkeypatch.setattr(driver, "find_cameras", lambda _backend: devices)
+    monkeypatch.setattr(driver, "_is_still_image", lambda _interface: False)
+    with pytest.raises(ProtocolError, match="no interface for photographs"):
+        driver.connect("", bus, clock)
+
+
 def test_nothing_is_asked_of_a_closed_camera(bus: SimulatedBus, clock: Clock) -> None:
     transport = driver.connect("", bus, clock)
     transport.close()
