@@ -70,7 +70,7 @@ def take_shot(camera: Camera, clock: Clock, progress: Callable[[float], None]) -
     before = _release(camera, clock)
     deadline = clock.monotonic() + patience_s
     photographs = _new_photographs(camera, clock, before, promised, deadline)
-    total = sum(item.size for item in photographs)
+    total = max(1, sum(item.size for item in photographs))  # a camera may say 0 bytes
     files: dict[str, bytes] = {}
 
     def received(count: int) -> None:

@@ -359,6 +359,7 @@ def test_a_transfer_that_stalls_in_a_row_is_given_up(
     [
         (len(NO_FLASH) + 1, f"sent {len(NO_FLASH)} of {len(NO_FLASH) + 1} bytes"),
         (len(NO_FLASH) - 1, "take the pair again"),
+        (0, f"sent {len(NO_FLASH)} of 0 bytes"),
         (LARGEST_BYTES + 1, "more than one can have"),
         (0xFFFFFFFF, "4294967295 bytes"),
     ],
