@@ -91,10 +91,11 @@ class PtpCamera(Camera):
         """Make, model, serial number, battery and room on the cards."""
         battery = None
         if Property.BATTERY_LEVEL in self._device.properties:
-            value, _ = self._session.request(
-                Operation.GET_DEVICE_PROP_VALUE, Property.BATTERY_LEVEL
-            )
-            battery = Reader(value).uint(1)
+            with contextlib.suppress(SettingError):  # it may keep it to itself
+                value, _ = self._session.request(
+                    Operation.GET_DEVICE_PROP_VALUE, Property.BATTERY_LEVEL
+                )
+                battery = Reader(value).uint(1)
         device = self._device
         return CameraInfo(
             self._address,

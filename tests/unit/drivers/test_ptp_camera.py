@@ -15,14 +15,15 @@ from drivers.errors import (
     TransferError,
 )
 from drivers.ptp.camera import PtpCamera
-from drivers.ptp.codes import ContainerType, EventCode, Operation, Property
+from drivers.ptp.codes import ContainerType, EventCode, Operation, Property, Response
 from drivers.ptp.containers import Container
 from drivers.ptp.datasets import DeviceInfo, Form, PropertyDescription, StorageInfo
 from drivers.ptp.transport import DATASET_BYTES
 from drivers.ptp.wire import uint, uints
 from drivers.sim.address import SimulatedCamera
 from drivers.sim.backend import InProcessTransport
-from drivers.sim.body import Body
+from drivers.sim.body import Body, Refusal
+from drivers.sim.responder import Responder
 
 Tamper = Callable[[bytes], bytes]
 OPTIONS = SimulatedCamera(width=64, height=64, noise="off", format="both")
@@ -84,6 +85,18 @@ def test_a_camera_without_a_battery_gauge_tells_no_charge(clock: Clock) -> None:
         ).encode()
 
     assert opened(clock, {Operation.GET_DEVICE_INFO: without}).info().battery_percent is None
+
+
+@pytest.mark.parametrize("refusal", [Response.ACCESS_DENIED, Response.DEVICE_PROP_NOT_SUPPORTED])
+def test_a_camera_that_keeps_its_charge_to_itself_tells_the_rest(
+    clock: Clock, refusal: Response, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object) -> None:
+        raise Refusal(refusal)
+
+    monkeypatch.setattr(Responder, "_get_device_prop_value", refused)
+    info = opened(clock).info()
+    assert (info.model, info.battery_percent) == ("NIKON D5100", None)
 
 
 def test_settings_are_listed_in_units_for_people(clock: Clock) -> None:
