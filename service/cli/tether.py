@@ -192,8 +192,9 @@ class _Taking:
                 f"The spool cannot be written: {reason}. The pair is on the camera's card alone."
             )
         else:
-            waiting = self._spool.count()
-            facts = {"shot": shot, "sha256": spooled.sha256, "waiting": waiting}
+            facts: dict[str, Any] = {"shot": shot, "sha256": spooled.sha256}
+            with contextlib.suppress(OSError):  # the pair is on the disk, whoever can count it
+                facts["waiting"] = self._spool.count()
             self._told("spooled", f"{shot}: in the spool", **facts)
 
     def _fail(self, sentence: str) -> None:

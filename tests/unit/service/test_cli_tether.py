@@ -254,6 +254,26 @@ def test_a_disk_without_room_is_told_and_the_card_has_the_pair(
     assert len(bus.body.objects) == 3  # with the folder
 
 
+def test_a_pair_in_a_spool_that_cannot_be_read_just_then_is_still_sent(
+    tether: Callable[..., int],
+    http: httpx.Client,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    count = Spool.count
+
+    def counted(spool: Spool) -> int:
+        if threading.current_thread() is threading.main_thread():
+            raise OSError(5, "Input/output error")
+        return count(spool)
+
+    monkeypatch.setattr(Spool, "count", counted)
+    assert tether("--pairs", "1", "--interval", "0", "--json") == 0
+    (spooled,) = (event for event in told(capsys) if event["event"] == "spooled")
+    assert spooled.keys() == {"event", "detail", "shot", "sha256"}
+    assert len(jobs_of(http)) == 1
+
+
 def test_a_pair_that_the_service_refuses_for_good_ends_as_a_failure(
     tether: Callable[..., int],
     http: httpx.Client,
