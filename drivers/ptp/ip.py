@@ -37,6 +37,7 @@ ANNOUNCED: dict[str, CameraInfo] = {}
 """Cameras on the network by what they call themselves; drivers.ptp.mdns fills it, once asked to."""
 
 _CONNECT_S = 5.0
+_MOST_WAITING = 1000  # events; of more that come while an answer is waited for, the oldest go
 _LEAVING_PAUSES_S = (0.1, 0.3, 0.6)
 _NO_DATA, _DATA_OUT = 1, 2  # data phases of an operation request
 
@@ -58,7 +59,7 @@ class IpTransport(Transport):
     def __init__(self, host: str, port: int = PORT, answer_s: float = ANSWER_S) -> None:
         self._place = f"{host}:{port}"
         self._answer_s = answer_s
-        self._waiting: deque[Container] = deque()
+        self._waiting: deque[Container] = deque(maxlen=_MOST_WAITING)
         self._operation = self._transaction = 0
         self._streams: list[PacketStream] = []
         try:

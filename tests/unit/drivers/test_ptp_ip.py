@@ -128,6 +128,21 @@ def test_events_without_end_are_no_answer() -> None:
             transport.receive()
 
 
+def test_of_too_many_events_the_latest_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("drivers.ptp.ip._MOST_WAITING", 3)
+    events = (encode_packet(PacketType.EVENT, struct.pack("<HII", 0x4002, 0, n)) for n in range(5))
+    transport, peer = meeting(b"", b"".join(events))
+    transport.send(COMMAND)
+    with pytest.raises(CameraTimeoutError):
+        transport.receive()
+    told = []
+    while event := transport.receive_event(0):
+        told.append(event.parameters[0])
+    transport.close()
+    peer.close()
+    assert told == [2, 3, 4]
+
+
 @pytest.mark.parametrize("kind", [PacketType.PROBE_RESPONSE, PacketType.CANCEL])
 def test_what_is_no_event_is_not_taken_in_without_end(kind: PacketType) -> None:
     transport, peer = meeting(b"")
