@@ -247,7 +247,8 @@ def parse(address: str) -> tuple[str, int]:
         host, port = parts.hostname, parts.port
     except ValueError:
         host, port, parts = None, None, urlsplit("")
-    if not host or port == 0 or parts.path.strip("/") or parts.query or "@" in parts.netloc:
+    more = parts.path.strip("/") or parts.query or "@" in parts.netloc
+    if not host or not host.isprintable() or port == 0 or more:
         raise BadAddressError(
             f"{address!r} is no address of a camera on the network: write ptp+ip://host or "
             f"ptp+ip://host:port, where port is {PORT} if it is left out."

@@ -251,6 +251,7 @@ def test_addresses_are_read(address: str, place: tuple[str, int]) -> None:
         "ptp+ip://host?query",
         "ptp+ip://user@host",
         "ptp+ip://[host",
+        "ptp+ip://ho\x1bst",
     ],
 )
 def test_addresses_that_are_none_are_refused(address: str) -> None:
