@@ -120,7 +120,7 @@ class Calls:
             )
         texts = [text for text in widget.get_choices() if names.decode(name, text) == value]
         if not texts:
-            offered = ", ".join(widget.get_choices())
+            offered = ", ".join(str(names.decode(name, text)) for text in widget.get_choices())
             raise SettingError(f"The camera offers no {name} of {value}; it offers {offered}.")
         widget.set_value(texts[0])
         self._camera.set_single_config(widget.get_name(), widget)

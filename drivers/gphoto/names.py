@@ -73,7 +73,8 @@ _NUMBERS = (SettingName.SHUTTER_S, SettingName.F_NUMBER, SettingName.ISO)
 
 
 def decode(name: SettingName, text: str) -> SettingValue:
-    """Turn a text of libgphoto2 into a value; one that is not known stays as it is."""
+    """Turn a text of libgphoto2 into a value; one that is not known stays as it can be printed."""
+    text = "".join(filter(str.isprintable, text))  # it may be the camera's own
     plain = text.strip().lower()
     if name not in _NUMBERS:
         return _WORDS[name].get(plain, text)

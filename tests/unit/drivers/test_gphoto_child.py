@@ -11,17 +11,22 @@ from typing import Any
 
 import pytest
 
-from drivers.camera import EventKind
+from drivers.camera import EventKind, SettingName
+from drivers.errors import SettingError
 
 TIMEOUT, FILE_ADDED, CAPTURE_COMPLETE, UNKNOWN = range(4)
 
 
 class Device:
-    """What libgphoto2 has for a camera: gives these events, one at a time. waits: in ms."""
+    """What libgphoto2 has for a camera: one setting, and these events. waits: in ms."""
 
     def __init__(self) -> None:
         self.events: Iterator[int] = iter(())
         self.waits: list[int] = []
+
+    def get_single_config(self, _name: str) -> SimpleNamespace:
+        choices = ["1/50", "0.1s", "Bu\x1blb"]
+        return SimpleNamespace(get_readonly=lambda: False, get_choices=lambda: choices)
 
     def wait_for_event(self, wait_ms: int) -> tuple[int, None]:
         self.waits.append(wait_ms)
@@ -66,3 +71,11 @@ def test_where_nothing_is_told_there_is_none(calls: Any, device: Device) -> None
 def test_events_without_end_are_taken_in_parts(calls: Any, device: Device) -> None:
     device.events = itertools.repeat(UNKNOWN, 1500)
     assert [len(calls.events(1.0)) for _ in range(3)] == [1000, 500, 0]
+
+
+def test_a_value_that_the_camera_lacks_is_refused_with_those_that_can_be_written(
+    calls: Any,
+) -> None:
+    with pytest.raises(SettingError) as raised:
+        calls.write(SettingName.SHUTTER_S, 3)
+    assert str(raised.value) == ("The camera offers no shutter_s of 3; it offers 0.02, 0.1, Bulb.")

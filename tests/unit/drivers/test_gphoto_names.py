@@ -41,6 +41,7 @@ from drivers.gphoto.names import WIDGETS, decode
         (SettingName.FORMAT, "RAW + JPEG", "raw+jpeg"),
         (SettingName.FORMAT, "RAW + Large Fine JPEG", "raw+jpeg_fine"),
         (SettingName.FORMAT, "cRAW", "cRAW"),
+        (SettingName.FORMAT, "\x1b]0;mine\x07cRAW", "]0;minecRAW"),
     ],
 )
 def test_texts_of_libgphoto2_become_values(
