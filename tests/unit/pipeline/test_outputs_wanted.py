@@ -1,0 +1,58 @@
+from __future__ import annotations
+
+import pytest
+
+from pipeline.errors import OptionError
+from pipeline.options import FACING_OUTPUTS, OUTPUT_NAMES, Options
+from pipeline.outputs import check_outputs, wanted_outputs
+
+
+def test_default_leaves_out_what_is_made_on_request() -> None:
+    assert wanted_outputs(Options()) == frozenset(OUTPUT_NAMES) - {
+        "white_balanced_1.tif",
+        "white_balanced_2.tif",
+        "white_balanced.exr",
+        "response.exr",
+        "layers.psd",
+    }
+
+
+@pytest.mark.parametrize("names", [[], ["gamma.png"], ["layers.exr", "white_balanced.exr"]])
+def test_names_are_taken_as_they_are_and_all_is_all(names: list[str]) -> None:
+    assert wanted_outputs(Options(outputs=names)) == frozenset(names)
+    assert wanted_outputs(Options(outputs="all")) == frozenset(OUTPUT_NAMES)
+
+
+@pytest.mark.parametrize("name", sorted(FACING_OUTPUTS))
+def test_normals_by_name_need_directions(name: str) -> None:
+    names = ["gamma.png", name]
+    two = [{"direction": (1, 0, 1)}, {"direction": (0, 1, 1)}]
+
+    with pytest.raises(OptionError, match=f"The output {name} needs the lamps' directions"):
+        wanted_outputs(Options(outputs=names))
+
+    known = Options.model_validate({"outputs": names, "light_directions": two})
+    assert wanted_outputs(known) == frozenset(names)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "lamps.jpg",
+        "white_balanced_1.jpg",
+        "white_balanced_2.jpg",
+        "response.jpg",
+        "response_lamps.jpg",
+    ],
+)
+def test_jpegs_of_what_they_cannot_hold_are_refused(name: str) -> None:
+    check_outputs(frozenset({"layers.exr", name}), (65500, 1000))
+
+    with pytest.raises(OptionError, match="A JPEG cannot hold 65501 × 1000 pixels"):
+        check_outputs(frozenset({"layers.exr", name}), (65501, 1000))
+
+
+def test_other_outputs_and_reduced_jpegs_hold_larger_pictures() -> None:
+    others = {name for name in OUTPUT_NAMES if not name.endswith(".jpg")}
+
+    check_outputs(frozenset(others | {"thumbnail.jpg"}), (1000, 65501))
