@@ -19,9 +19,7 @@ _BINS = 12
 _UNEVEN = 1.5  # edges and texture, which lamps are read off, change more than the mean
 
 
-def compression_noise(
-    before: Image, after: Image, repeated: tuple[float, float, float] = (1.0, 1.0, 1.0)
-) -> Noise:
+def compression_noise(before: Image, after: Image, repeated: tuple[float, float, float]) -> Noise:
     """The noise that compression adds, from what doing it again with other blocks changes.
 
     before, after: (h, w, 3) linear, at least 8 pixels a side, parts of the photograph and the same

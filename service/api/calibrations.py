@@ -14,8 +14,8 @@ from service import jobs, kept
 from service.api import intake
 from service.api.accept import refuse_when_full
 from service.api.callers import Calling
-from service.api.captures import make_job
 from service.api.context import Parts, TraceId
+from service.api.dispatch import make_job
 from service.api.jobs import answer_made
 from service.api.models import (
     Calibrated,

@@ -19,8 +19,9 @@ from service import bursts, cameras, jobs
 from service.api import intake
 from service.api.accept import refuse_when_full
 from service.api.callers import Caller, Calling, Standing
-from service.api.captures import accept_captures, apart, told_of
+from service.api.captures import accept_captures, told_of
 from service.api.context import Context, Parts, TraceId
+from service.api.dispatch import queue_captures
 from service.api.looking import check_camera
 from service.api.models import (
     CameraAnswer,
@@ -164,7 +165,7 @@ async def capture(
     address = await run_in_threadpool(_address, context, camera_id)
     wanted, named = await intake.read_captures(request, context.settings.upload_bytes)
     arguments = (context, caller, address, wanted, named, idempotency_key, trace_id)
-    made = await apart(context, named, accept_captures, *arguments)
+    made = await queue_captures(context, named, accept_captures, *arguments)
     response.headers.update(made.headers)
     return await run_in_threadpool(_jobs, context, made.job_id)
 

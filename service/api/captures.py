@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import sqlalchemy as sa
-from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel
 
 import drivers
@@ -16,7 +14,6 @@ from pipeline.options import Options
 from service import bursts, cameras, jobs
 from service.api.accept import (
     Accepted,
-    accept,
     check_webhook,
     digest,
     make_row,
@@ -43,35 +40,6 @@ class Pairs:
     handling: Handling
     count: int = 1
     interval_seconds: float = 0.0
-
-
-async def make_job(
-    context: Context,
-    caller: Caller,
-    wanted: Intake,
-    idempotency_key: str | None,
-    trace_id: str,
-) -> Accepted:
-    """Make a job of what was read of a request, in a thread of those for what it needs.
-
-    Raises what accept and accept_capture raise.
-    """
-    arguments = (context, caller, wanted, idempotency_key, trace_id)
-    if wanted.capture is None:
-        return await context.store(accept, *arguments)
-    return await apart(context, wanted.calibrations, accept_capture, *arguments)
-
-
-async def apart(
-    context: Context, named: dict[str, Any], work: Callable[..., Accepted], *arguments: Any
-) -> Accepted:
-    """Accept captures in a thread that no store holds up, but where calibrations are read of it.
-
-    named: calibrations, as an Intake has them. Raises what the work raises.
-    """
-    if named:
-        return await context.fetch(work, *arguments)
-    return await run_in_threadpool(work, *arguments)
 
 
 def accept_capture(

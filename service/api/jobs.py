@@ -14,8 +14,8 @@ from service import jobs
 from service.api import intake
 from service.api.accept import Accepted, refuse_when_full
 from service.api.callers import Caller, Calling, find
-from service.api.captures import make_job
 from service.api.context import Context, Parts, TraceId
+from service.api.dispatch import make_job
 from service.api.models import CaptureRequest, Handling, JobAnswer, JobPage, UploadsRequest
 from service.api.pair_form import IdempotencyKey, accepted, pair_form
 from service.api.prefer import APPLIED, Wait

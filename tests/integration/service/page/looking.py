@@ -23,6 +23,25 @@ TWO_FRAMES = """() => new Promise((done) => {
 })"""
 """What was drawn before the first of them is on the screen with the second."""
 
+COUNT_KEPT = """
+  const kept = new Set();
+  const make = URL.createObjectURL.bind(URL);
+  const free = URL.revokeObjectURL.bind(URL);
+  const tell = () => (document.documentElement.dataset.kept = kept.size);
+  URL.createObjectURL = (what) => {
+    const url = make(what);
+    kept.add(url);
+    tell();
+    return url;
+  };
+  URL.revokeObjectURL = (url) => {
+    kept.delete(url);
+    tell();
+    free(url);
+  };
+"""
+"""Tells in data-kept how many pictures and files the page keeps in memory by their URLs."""
+
 
 def open_mixer(page: Page, job: dict[str, Any]) -> Locator:
     page.goto(f"/#/jobs/{job['id']}")

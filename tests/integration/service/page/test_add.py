@@ -11,6 +11,7 @@ from PIL import Image
 from playwright.sync_api import FilePayload, Page, Route, expect
 
 from tests.integration.service.page.looking import (
+    COUNT_KEPT,
     TWO_FRAMES,
     check_access,
 )
@@ -203,22 +204,7 @@ def test_a_file_dropped_beside_its_place_does_not_replace_the_page(page: Page) -
 
 
 def test_photographs_that_were_shown_are_not_held_on_to(page: Page) -> None:
-    page.add_init_script(
-        """const held = new Set();
-        const tell = () => (document.documentElement.dataset.held = held.size);
-        const { createObjectURL, revokeObjectURL } = URL;
-        URL.createObjectURL = (file) => {
-          const url = createObjectURL(file);
-          held.add(url);
-          tell();
-          return url;
-        };
-        URL.revokeObjectURL = (url) => {
-          revokeObjectURL(url);
-          held.delete(url);
-          tell();
-        };"""
-    )
+    page.add_init_script(COUNT_KEPT)
     page.goto("/")
     picture = io.BytesIO()
     Image.new("RGB", (3, 2)).save(picture, "PNG")
@@ -226,7 +212,7 @@ def test_photographs_that_were_shown_are_not_held_on_to(page: Page) -> None:
     for label, buffer in contents.items():
         file: FilePayload = {"name": "a.png", "mimeType": "image/png", "buffer": buffer}
         page.get_by_label(f"Choose a file: {label}").set_input_files(file)
-    expect(page.locator("html")).to_have_attribute("data-held", "0")
+    expect(page.locator("html")).to_have_attribute("data-kept", "0")
     expect(page.locator(".chosen img")).to_have_count(1)
     expect(page.locator(".chosen img")).to_have_js_property("naturalWidth", 3)
 

@@ -6,26 +6,7 @@ from typing import Any
 
 from playwright.sync_api import Page, Route, expect
 
-from tests.integration.service.page.looking import open_mixer
-
-COUNT = """
-  const kept = new Set();
-  const make = URL.createObjectURL.bind(URL);
-  const free = URL.revokeObjectURL.bind(URL);
-  const tell = () => (document.documentElement.dataset.kept = kept.size);
-  URL.createObjectURL = (what) => {
-    const url = make(what);
-    kept.add(url);
-    tell();
-    return url;
-  };
-  URL.revokeObjectURL = (url) => {
-    kept.delete(url);
-    tell();
-    free(url);
-  };
-"""
-"""Tells how many pictures and files the page keeps in memory by their URLs."""
+from tests.integration.service.page.looking import COUNT_KEPT, open_mixer
 
 
 def test_pictures_come_from_the_service_itself_where_a_store_gives_results(
@@ -47,7 +28,7 @@ def test_pictures_come_from_the_service_itself_where_a_store_gives_results(
 
 
 def test_pictures_that_were_shown_are_not_kept_in_memory(page: Page, done: dict[str, Any]) -> None:
-    page.add_init_script(COUNT)
+    page.add_init_script(COUNT_KEPT)
     page.goto("/#/jobs")
     expect(page.locator(".thumb img").first).to_be_visible()
     expect(page.locator("html")).to_have_attribute("data-kept", "0")
