@@ -266,6 +266,16 @@ def test_a_store_elsewhere_has_no_room_to_make(
     assert len(context.storage.list("")) == 3
 
 
+def test_room_is_made_of_old_files_without_a_job(sweep: Sweep, context: Context) -> None:
+    for name in ("old", "young"):
+        context.storage.put(f"jobs/{name}/inputs/flash", b"light")
+    folder = context.settings.data_dir / "store" / "jobs" / "old"
+    for path in (folder, *folder.rglob("*")):
+        os.utime(path, (time.time() - 90_000,) * 2)
+    sweep.make_room()
+    assert context.storage.list("") == ["jobs/young/inputs/flash"]
+
+
 def test_old_files_without_a_job_go(
     sweep: Sweep, finished: Callable[[], str], context: Context
 ) -> None:
