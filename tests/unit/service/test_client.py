@@ -207,6 +207,25 @@ def test_a_canceled_job_is_told(client: Client, http: httpx.Client) -> None:
         client.wait(job, _ignore)
 
 
+def test_a_server_of_something_else_is_not_asked_again(
+    client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job = client.submit_capture("sim://studio", Options())
+    asked = []
+
+    def strange(request: httpx.Request) -> httpx.Response:
+        asked.append(request.url.path)
+        return httpx.Response(200, text="a page")
+
+    other = httpx.Client(base_url="http://other", transport=httpx.MockTransport(strange))
+    monkeypatch.setattr("service.client._FIRST_PAUSE_SECONDS", 0.0)
+    monkeypatch.setattr("service.client._PATIENCE_SECONDS", 0.2)
+    with other, monkeypatch.context() as patch, pytest.raises(ServiceAwayError):
+        patch.setattr(client, "_http", other)
+        client.wait(job, _ignore)
+    assert asked == [job["links"]["self"]]
+
+
 def test_a_job_that_has_expired_is_told(client: Client, context: Context) -> None:
     job = client.submit_capture("sim://studio", Options())
     with context.engine.begin() as connection:
