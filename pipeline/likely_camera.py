@@ -1,8 +1,9 @@
-"""Whose colours linear files hold that name no camera."""
+"""Whose colours files hold: of a camera that nobody names, or really of the one that is named."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -11,18 +12,22 @@ from numpy.typing import NDArray
 from pipeline.errors import UnusablePairError
 from pipeline.frames import Frame
 from pipeline.lamps import MIN_PIXELS
-from pipeline.matrixfit.evidence import gather_evidence
+from pipeline.matrixfit.evidence import Evidence, gather_evidence
 from pipeline.matrixfit.fit import MOST_LAMPS, first_fit
 from pipeline.matrixfit.known import nothing_known
 from pipeline.model import Model
 from pipeline.reduced import ReducedPair
-from pipeline.spectra.cameras import Camera, balanced_sensor, srgb_stand_in, typical_sensor
+from pipeline.remarks import Code, Remark
+from pipeline.spectra.cameras import Camera, balanced, find_camera, srgb_stand_in, typical_sensor
 from pipeline.spectra.lights import reflectance_spectra
 
 Array = NDArray[np.float64]
 
 _TELLING_LAMPS = 2  # one lamp leaves the outline to chance, and any camera explains it
 _PRIOR_WEIGHT = 0.2  # the prior is narrower than measured, for other reasons
+# Chosen on development rooms (docs/decisions/0031-whose-colours.md)
+_MANY_DIFFERENCES = 600
+_MUCH_LIKELIER = 60.0
 
 
 def names_no_camera(camera: Camera, frame: Frame) -> bool:
@@ -35,43 +40,112 @@ def likely_camera(
     flash: Array,
     requested: Literal["auto", 1, 2, 3],
     flash_only: bool,
+    sensor: Camera | None,
     build: Callable[[Camera], Model],
 ) -> Camera:
-    """Choose what explains a pair best: linear sRGB, or the values of a sensor.
+    """Choose what explains linear files best: linear sRGB, or the values of a sensor.
 
     Converters write either, and hardly ever say which. Lamps are fitted with both, as many as are
     asked for but two at least, or two and three, and the likelier fit tells
     (docs/decisions/0031-whose-colours.md). Of a sensor's values, those as they are and those
     balanced for daylight, the ones are taken that look under the flash as the pair does.
 
-    flash: (W,) its spectrum. build: the model of a camera.
+    flash: (W,) its spectrum. sensor: of the camera that EXIF names, None where it names none that
+    was measured. It speaks for the sensor's values, so that sRGB must be much likelier, and
+    the scene have edges of shadows. build: the model of a camera.
     """
-    evidence = gather_evidence(reduced, flash_only)
+    if requested == "auto":
+        numbers = [_TELLING_LAMPS, MOST_LAMPS]
+    else:
+        numbers = [max(requested, _TELLING_LAMPS)]
+    fits = _Fits(reduced, gather_evidence(reduced, flash_only), numbers, build)
     lit = reduced.flash[reduced.usable].astype(np.float64)
     lit = lit[(lit > 0).all(axis=1)]
-    if len(evidence.pixels) < MIN_PIXELS or not len(lit):
-        return srgb_stand_in()
-    numbers = (
-        [_TELLING_LAMPS, MOST_LAMPS] if requested == "auto" else [max(requested, _TELLING_LAMPS)]
+    if len(fits.evidence.pixels) < MIN_PIXELS or not len(lit):
+        return sensor or srgb_stand_in()
+    seen = _log_ratios(lit)
+    given = sensor or typical_sensor()
+    values = min(
+        (given, balanced(given)),
+        key=lambda one: np.linalg.norm(_log_ratios(_under(flash, one)) - seen),
     )
+    if sensor is None:
+        return min((srgb_stand_in(), values), key=fits.cost)
+    return fits.much_likelier(values, [srgb_stand_in()]) or values
 
-    def cost(camera: Camera) -> float:
-        model = build(camera)
+
+def camera_doubts(
+    reduced: ReducedPair,
+    lamps: int,
+    flash_only: bool,
+    camera: Camera,
+    frame: Frame,
+    build: Callable[[Camera], Model],
+) -> list[Remark]:
+    """Warn of a named camera that explains a pair much worse than a typical sensor, or than sRGB.
+
+    lamps: how many were found. frame: one of the files, of which RAW ones may say that the camera
+    is theirs, and linear ones may hold sRGB. build: the model of a camera. Nothing can be told of
+    renderings, under one lamp, and where shadows have no edges.
+    """
+    confirmed = frame.encoding == "raw" and find_camera(None, frame).name == camera.name
+    if frame.encoding == "srgb" or confirmed or lamps < _TELLING_LAMPS:
+        return []
+    others = [typical_sensor(), *([srgb_stand_in()] if frame.encoding == "linear" else [])]
+    fits = _Fits(reduced, gather_evidence(reduced, flash_only), [lamps], build)
+    better = fits.much_likelier(camera, others)
+    if better is None:
+        return []
+    if better is srgb_stand_in():
+        message = (
+            "The photographs do not look like sensor values of the camera named, but like linear "
+            "sRGB: a converter may have written them. Send RAW files, or leave the camera out."
+        )
+    else:
+        message = (
+            f"A {better.name} explains the photographs much better than the camera named, so the "
+            "layers may be wrong: check its name or table, and whether the files hold its own "
+            "colours. If you do not know the camera, leave it out."
+        )
+    return [Remark(Code.CAMERA_DOUBTFUL, message)]
+
+
+@dataclass(frozen=True)
+class _Fits:
+    """How well cameras explain a pair, with the likeliest of some numbers of lamps."""
+
+    reduced: ReducedPair
+    evidence: Evidence
+    numbers: list[int]
+    build: Callable[[Camera], Model]
+
+    def cost(self, camera: Camera) -> float:
+        model = self.build(camera)
         unknown = nothing_known(model.flash_white)
         try:
-            fits = [first_fit(reduced, evidence, model, number, unknown) for number in numbers]
+            fits = [
+                first_fit(self.reduced, self.evidence, model, number, unknown)
+                for number in self.numbers
+            ]
         except UnusablePairError:  # the camera is so wrong that it makes no sense of any pixel
             return np.inf
         likeliest = min(fits, key=lambda fit: fit.cost)
         theta = model.prior.coordinates(likeliest.matrices)
         return likeliest.cost + _PRIOR_WEIGHT * model.prior.penalty(theta)[0]
 
-    seen = _log_ratios(lit)
-    sensor = min(
-        (typical_sensor(), balanced_sensor()),
-        key=lambda one: np.linalg.norm(_log_ratios(_under(flash, one)) - seen),
-    )
-    return min((srgb_stand_in(), sensor), key=cost)
+    def much_likelier(self, camera: Camera, others: Iterable[Camera]) -> Camera | None:
+        """Return which of the others is likeliest, None unless much likelier than the camera."""
+        if len(self.evidence.differences) < _MANY_DIFFERENCES:
+            return None
+        mine = camera.sensitivities
+        costs = {
+            self.cost(other): other
+            for other in others
+            if not np.array_equal(other.sensitivities, mine)
+        }
+        if not costs or min(costs) > self.cost(camera) - _MUCH_LIKELIER:
+            return None
+        return costs[min(costs)]
 
 
 def _under(flash: Array, camera: Camera) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from pipeline.focal import focal_length_px
 from pipeline.frames import Frame, release_photograph
 from pipeline.known_lamps import find_known
 from pipeline.lamps import estimate_lamps
-from pipeline.likely_camera import likely_camera, names_no_camera
+from pipeline.likely_camera import camera_doubts, likely_camera
 from pipeline.manifest import lamp_entries, make_manifest
 from pipeline.memory import release_rows, trim_memory
 from pipeline.mix import mix_basis
@@ -30,7 +31,7 @@ from pipeline.progress import STRIP_ROWS, Progress
 from pipeline.reduced import reduce_pair
 from pipeline.remarks import Code, Remark
 from pipeline.response import camera_changes
-from pipeline.spectra.cameras import Camera, find_camera
+from pipeline.spectra.cameras import Camera, find_camera, srgb_stand_in
 from pipeline.spectra.lights import find_light
 from pipeline.tally import Tally
 
@@ -76,6 +77,7 @@ def separate_files(
     after = decode(flash, options.encoding, FLASH)
     del flash
     # first what costs little and may be refused: outputs, names of cameras and lights
+    named = options.camera is not None  # calibrated ones were checked by their targets
     warnings = setup_warnings(options, kept, before)
     options, used = with_kept(options, kept, before)
     wanted = wanted_outputs(options)
@@ -88,20 +90,24 @@ def separate_files(
     before, after = before.facts(), after.facts()
     progress.report("lamps", 0.0)
     reduced = reduce_pair(pair)
-    if names_no_camera(camera, before):
+    if before.encoding == "linear" and options.camera is None:
         camera = likely_camera(
             reduced,
             find_light(options.flash_spectrum),
             options.number_of_lamps,
             options.flash_only,
-            lambda one: _model(one, before, options),
+            None if camera is srgb_stand_in() else camera,
+            partial(_model, frame=before, options=options),
         )
         model = _model(camera, before, options)
     known = find_known(options, before.size, reduced, camera, model)
     lamps = estimate_lamps(
         reduced, model, options.number_of_lamps, options.method, options.flash_only, known
     )
-    warnings += [*pair.warnings, *_model_warnings(before, camera)]
+    warnings += [*pair.warnings, *_model_warnings(before, camera, named)]
+    if named:
+        build = partial(_model, frame=before, options=options)
+        warnings += camera_doubts(reduced, len(lamps), options.flash_only, camera, before, build)
     warnings += doubts(pair, reduced, lamps, options.method)
     facing = None
     if options.light_directions is not None and wanted & FACING_OUTPUTS:
@@ -170,23 +176,33 @@ def _model(camera: Camera, frame: Frame, options: Options) -> Model:
     )
 
 
-def _model_warnings(frame: Frame, camera: Camera) -> list[Remark]:
-    warnings = []
+def _model_warnings(frame: Frame, camera: Camera, named: bool) -> list[Remark]:
+    """Warn of a camera that is a guess, and of one that was named for what no sensor gives."""
     if frame.encoding == "srgb":
         message = (
             "The photographs are rendered to sRGB, which bends colours and brightness: the "
             "separation is approximate. Send RAW or linear files for exact work."
         )
-        warnings.append(Remark(Code.RENDERED_SRGB, message))
-    elif camera.approximate:
-        message = (
-            "The camera's spectral sensitivities are not known and were approximated: name a "
-            "measured camera or send its table for exact work."
-        )
-        if frame.encoding == "linear":
+        if named:
             message += (
-                f" The files do not say whose colours they hold: {camera.name} explains the pair "
-                "best and was taken."
+                " The camera named describes the values of its sensor, which these are not: leave "
+                "it out."
             )
-        warnings.append(Remark(Code.CAMERA_APPROXIMATE, message))
-    return warnings
+        return [Remark(Code.RENDERED_SRGB, message)]
+    if not camera.approximate:
+        return []
+    taken = f"{camera.name} explains the pair best and was taken"
+    by_exif = find_camera(None, frame)
+    if frame.encoding == "linear" and not by_exif.approximate:
+        message = (
+            f"The photographs do not hold what the sensor of the {by_exif.name} gives, which they "
+            f"name: {taken}. Send RAW files for exact work, or name the camera if they do."
+        )
+        return [Remark(Code.CAMERA_APPROXIMATE, message)]
+    message = (
+        "The camera's spectral sensitivities are not known and were approximated: name a "
+        "measured camera or send its table for exact work."
+    )
+    if frame.encoding == "linear":
+        message += f" The files do not say whose colours they hold: {taken}."
+    return [Remark(Code.CAMERA_APPROXIMATE, message)]

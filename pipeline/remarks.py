@@ -30,6 +30,7 @@ class Code(StrEnum):
     NOTHING_KEPT = "nothing_kept"
     # the lamps
     CAMERA_APPROXIMATE = "camera_approximate"
+    CAMERA_DOUBTFUL = "camera_doubtful"
     FOUR_OR_MORE = "four_or_more"
     UNEXPLAINED = "unexplained"
     NUMBER_UNCERTAIN = "number_uncertain"

@@ -119,12 +119,11 @@ def typical_sensor() -> Camera:
     return Camera("typical sensor", _measured_by_colour("Nikon D5100").sensitivities, "stand-in")
 
 
-@cache
-def balanced_sensor() -> Camera:
-    """The same where the channels were multiplied until a white card in daylight is white."""
-    sensor = typical_sensor().sensitivities
-    balanced = _scaled(sensor / (sensor @ find_light("D65"))[:, None])
-    return Camera("typical sensor, balanced for daylight", balanced, "stand-in")
+def balanced(camera: Camera) -> Camera:
+    """Return a camera with its channels multiplied until a white card in daylight is white."""
+    sensor = camera.sensitivities
+    sensitivities = _scaled(sensor / (sensor @ find_light("D65"))[:, None])
+    return Camera(f"{camera.name}, balanced for daylight", sensitivities, "stand-in")
 
 
 @cache

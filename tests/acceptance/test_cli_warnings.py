@@ -8,11 +8,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tifffile
 from numpy.typing import NDArray
 
+from pipeline.colour.spaces import XYZ_TO_SRGB
+from pipeline.spectra.cameras import typical_sensor
+from pipeline.spectra.colorimetry import camera_to_xyz
+from pipeline.spectra.lights import find_light, reflectance_spectra
 from tests.acceptance.conftest import float_tiff
 
 FLAGS = ("--camera", "Nikon D5100", "--lights", 2, "--exposure-ratio", 1)
+OTHER = "Sigma SD1 Merrill"
 GAIN, READ = 1 / 20_000, 5 / 20_000
 
 Photograph = Callable[..., tuple[Path, Path]]
@@ -68,3 +74,49 @@ def test_objects_before_black_lack_no_flash(
     assert run.code == 0, run.stderr
     assert run.results.manifest["filled"] > 0.5
     assert not {"flash_too_weak", "clipped"} & set(run.results.warnings())
+
+
+@pytest.mark.parametrize(("files", "lights"), [("dng", 2), ("exact", 3)])
+def test_another_camera_than_the_one_that_took_the_pair_is_told(
+    scene: Callable[..., Any], command: Callable[..., Any], files: str, lights: int
+) -> None:
+    pair = getattr(scene(lights), files)
+    flags = ("--lights", lights, "--exposure-ratio", 1, "--outputs", "gamma.png")
+
+    right, wrong = (command(pair, *flags, "--camera", camera) for camera in ("Nikon D5100", OTHER))
+
+    assert "camera_doubtful" not in right.results.warnings()
+    assert "camera_doubtful" in wrong.results.warnings()
+    assert "A typical sensor explains the photographs much better" in wrong.stdout
+
+
+@pytest.mark.parametrize("by", ["option", "EXIF"])
+def test_a_converter_that_made_linear_srgb_is_told(
+    scene: Callable[..., Any], command: Callable[..., Any], tmp_path: Path, by: str
+) -> None:
+    """A camera that EXIF names is not taken for the sensor's values; one that is named is."""
+    truth = scene(3).truth
+    sensor = typical_sensor().sensitivities
+    to_xyz = camera_to_xyz(sensor, find_light("D65"), reflectance_spectra())
+    matrix = XYZ_TO_SRGB @ to_xyz
+    light = truth.layers.sum(0) @ matrix.T
+    both = light + truth.flash @ matrix.T
+    paths = tmp_path / "a.tif", tmp_path / "b.tif"
+    tags = [(271, 2, 0, "NIKON", True), (272, 2, 0, "Nikon D5100", True)] if by == "EXIF" else []
+    for path, values in zip(paths, (light, both), strict=True):
+        data = (0.9 * values / both.max()).astype(np.float32)
+        tifffile.imwrite(path, data, photometric="rgb", metadata=None, extratags=tags)
+    flags: list[object] = ["--lights", 3, "--exposure-ratio", 1, "--outputs", "gamma.png"]
+    if by == "option":
+        flags += ["--camera", "Nikon D5100"]
+
+    run = command(paths, *flags)
+
+    if by == "option":
+        assert run.results.manifest["camera"]["name"] == "Nikon D5100"
+        assert "like linear sRGB" in warning(run.results.manifest, "camera_doubtful")["message"]
+    else:
+        assert run.results.manifest["camera"]["name"] == "sRGB"
+        said = warning(run.results.manifest, "camera_approximate")["message"]
+        assert "do not hold what the sensor of the Nikon D5100 gives" in said
+        assert "camera_doubtful" not in run.results.warnings()

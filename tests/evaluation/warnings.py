@@ -89,7 +89,7 @@ CASES = (
     Case("three lamps, never alone", "panels-three", _AUTO, Code.NO_PURE_LIGHT),
     Case("a flash of 1/32 of the lamps, sensor noise", "two", _WEAK, Code.FLASH_TOO_WEAK),
     Case("one lamp asked for of two", "two", _MISSED, Code.UNEXPLAINED, _plain),
-    Case("another camera named", "two", _WRONG_CAMERA, Code.LAMPS_AMBIGUOUS),
+    Case("another camera named", "two", _WRONG_CAMERA, Code.CAMERA_DOUBTFUL),
     Case("a wrong exposure ratio", "two", _WRONG_RATIO, Code.EXPOSURE_MISMATCH),
     Case("JPEG", "two", _JPEG, Code.RENDERED_SRGB),
 )

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.errors import UnusablePairError
 from pipeline.frames import Frame
-from pipeline.likely_camera import likely_camera, names_no_camera
+from pipeline.likely_camera import camera_doubts, likely_camera, names_no_camera
 from pipeline.matrixfit.fit import first_fit
 from pipeline.model import Model, build_model
 from pipeline.pair import Pair
 from pipeline.reduced import reduce_pair
-from pipeline.spectra.cameras import Camera, find_camera, srgb_stand_in
+from pipeline.remarks import Code
+from pipeline.spectra.cameras import Camera, find_camera, srgb_stand_in, typical_sensor
 from pipeline.spectra.colorimetry import camera_to_xyz
 from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light, reflectance_spectra
@@ -71,13 +72,21 @@ def photographed(s: Array, to: str, lamps: tuple[str, ...], pair_of: Callable[..
     return pair_of(scale * no_flash, scale * flash)
 
 
-def chosen_for(pair: Any, requested: Literal["auto", 1, 2, 3]) -> Camera:
-    flash = find_light("xenon")
+def build(camera: Camera) -> Model:
+    return build_model(camera, find_light("xenon"), find_light("D65"), "wpca")
 
-    def build(camera: Camera) -> Model:
-        return build_model(camera, flash, find_light("D65"), "wpca")
 
-    return likely_camera(pair, flash, requested, False, build)
+def chosen_for(
+    pair: Any, requested: Literal["auto", 1, 2, 3], sensor: Camera | None = None
+) -> Camera:
+    return likely_camera(pair, find_light("xenon"), requested, False, sensor, build)
+
+
+def doubts_of(pair: Any, lamps: int, camera: Camera, frame: Frame) -> list[str]:
+    """Messages of the warnings."""
+    remarks = camera_doubts(reduce_pair(pair), lamps, False, camera, frame, build)
+    assert {remark.code for remark in remarks} <= {Code.CAMERA_DOUBTFUL}
+    return [remark.message for remark in remarks]
 
 
 @pytest.mark.parametrize("to", ["sensor", "balanced", "sRGB"])
@@ -151,6 +160,121 @@ def test_a_camera_that_makes_no_sense_of_any_pixel_is_not_taken(
     pair = photographed(other_sensor, "sRGB", LAMPS[:2], pair_of)
 
     assert chosen_for(reduce_pair(pair), 2).name == BALANCED
+
+
+# a camera that EXIF names
+
+
+@pytest.mark.parametrize("requested", ["auto", 2])
+@pytest.mark.parametrize(("to", "added"), [("sensor", ""), ("balanced", ", balanced for daylight")])
+def test_values_of_the_sensor_that_is_named_are_taken_as_such(
+    other_sensor: Array,
+    pair_of: Callable[..., Pair],
+    requested: Literal["auto", 2],
+    to: str,
+    added: str,
+) -> None:
+    other = Camera("Other", other_sensor, "measured")
+    pair = photographed(other_sensor, to, LAMPS[:2], pair_of)
+
+    assert chosen_for(reduce_pair(pair), requested, other).name == f"Other{added}"
+
+
+def test_srgb_is_told_from_what_the_named_sensor_gives(
+    other_sensor: Array, pair_of: Callable[..., Pair]
+) -> None:
+    other = Camera("Other", other_sensor, "measured")
+    pair = photographed(other_sensor, "sRGB", LAMPS, pair_of)
+
+    assert chosen_for(reduce_pair(pair), 3, other) is srgb_stand_in()
+
+
+def test_where_few_shadows_have_edges_the_name_is_believed(
+    other_sensor: Array, pair_of: Callable[..., Pair], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pipeline.likely_camera.first_fit", lambda *_: pytest.fail("fitted"))
+    other = Camera("Other", other_sensor, "measured")
+    pair = photographed(other_sensor, "sRGB", LAMPS[:2], pair_of)
+
+    assert chosen_for(reduce_pair(pair), 2, other).name == "Other, balanced for daylight"
+
+
+def test_of_a_pair_that_tells_nothing_the_name_is_believed(camera: Camera) -> None:
+    dark = reduced_pair(even(0.0, 0.0, 0.0), even(0.0, 0.0, 0.0))
+
+    assert chosen_for(dark, "auto", camera) is camera
+
+
+# a camera that somebody names
+
+
+@pytest.fixture(scope="module")
+def linear(frame: Callable[..., Frame]) -> Frame:
+    return frame(np.zeros((2, 2, 3)), encoding="linear")
+
+
+def test_the_camera_that_took_the_pair_is_not_doubted(
+    other_sensor: Array, pair_of: Callable[..., Pair], linear: Frame
+) -> None:
+    pair = photographed(other_sensor, "sensor", LAMPS, pair_of)
+
+    assert not doubts_of(pair, 3, Camera("Other", other_sensor, "file"), linear)
+
+
+@pytest.mark.parametrize("encoding", ["linear", "raw"])
+def test_another_camera_is_doubted(
+    other_sensor: Array, pair_of: Callable[..., Pair], frame: Callable[..., Frame], encoding: str
+) -> None:
+    pair = photographed(other_sensor, "sensor", LAMPS, pair_of)
+    photograph = frame(np.zeros((2, 2, 3)), encoding=encoding, make="Nikon D5100")
+    named = find_camera("Sigma SD1 Merrill", photograph)
+
+    (message,) = doubts_of(pair, 3, named, photograph)
+
+    assert "A typical sensor explains the photographs much better" in message
+
+
+def test_a_sensor_that_is_named_for_srgb_is_doubted(
+    other_sensor: Array, pair_of: Callable[..., Pair], linear: Frame
+) -> None:
+    pair = photographed(other_sensor, "sRGB", LAMPS, pair_of)
+
+    (message,) = doubts_of(pair, 3, Camera("Other", other_sensor, "file"), linear)
+
+    assert "like linear sRGB" in message
+
+
+def test_the_typical_sensor_itself_is_not_compared_with_itself(
+    other_sensor: Array,
+    pair_of: Callable[..., Pair],
+    frame: Callable[..., Frame],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pair = photographed(other_sensor, "sensor", LAMPS, pair_of)
+    raw = frame(np.zeros((2, 2, 3)), encoding="raw")
+    monkeypatch.setattr("pipeline.likely_camera.first_fit", lambda *_: pytest.fail("fitted"))
+
+    assert not doubts_of(pair, 3, typical_sensor(), raw)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "make", "lamps"),
+    [("srgb", "", 2), ("raw", "Nikon D5100", 2), ("linear", "", 1)],
+    ids=["rendered", "RAW of that camera", "one lamp"],
+)
+def test_what_tells_nothing_or_is_confirmed_is_not_looked_at(
+    frame: Callable[..., Frame],
+    monkeypatch: pytest.MonkeyPatch,
+    encoding: str,
+    make: str,
+    lamps: int,
+) -> None:
+    monkeypatch.setattr("pipeline.likely_camera.first_fit", lambda *_: pytest.fail("fitted"))
+    photograph = frame(np.zeros((2, 2, 3)), encoding=encoding, make=make)
+    camera = find_camera("Nikon D5100", photograph)
+    dark = reduced_pair(even(0.0, 0.0, 0.0), even(0.0, 0.0, 0.0))
+
+    assert camera_doubts(dark, lamps, False, camera, photograph, build) == []
 
 
 @pytest.mark.parametrize(

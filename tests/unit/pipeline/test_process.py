@@ -4,6 +4,7 @@ import hashlib
 import io
 import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,8 @@ from pipeline.errors import (
 from pipeline.options import OUTPUT_NAMES, DirectedLight, Options
 from pipeline.process import check_pair, separate_files
 from pipeline.progress import STAGES, Progress
-from pipeline.spectra.cameras import Camera
+from pipeline.remarks import Code, Remark
+from pipeline.spectra.cameras import Camera, srgb_stand_in
 from tests.ball import make_ball
 
 Array = NDArray[np.float64]
@@ -35,10 +37,12 @@ CAMERA: dict[str, Any] = {"camera": "Nikon D5100", "exposure_ratio": 1.0, "align
 DIRECTIONS = [DirectedLight(direction=d) for d in ((0.6, 0.2, 1), (-0.5, 0.5, 1), (0.1, -0.7, 1))]
 
 
-def tiff(values: NDArray[np.floating]) -> bytes:
-    """A float TIFF, read as linear."""
+def tiff(values: NDArray[np.floating], camera: tuple[str, str] | None = None) -> bytes:
+    """A float TIFF, read as linear. camera: the make and model that it names."""
     file = io.BytesIO()
-    tifffile.imwrite(file, values.astype(np.float32), photometric="rgb", metadata=None)
+    tags = [(271 + i, 2, 0, name, True) for i, name in enumerate(camera or ())]
+    data = values.astype(np.float32)
+    tifffile.imwrite(file, data, photometric="rgb", metadata=None, extratags=tags)
     return file.getvalue()
 
 
@@ -261,6 +265,65 @@ def test_an_unknown_sensor_is_told_by_the_pair_and_warned_of(
     assert manifest["camera"] == {"name": "typical sensor", "source": "stand-in"}
     (warning,) = (w for w in manifest["warnings"] if w["code"] == "camera_approximate")
     assert "typical sensor explains the pair best and was taken" in warning["message"]
+
+
+def test_who_names_a_camera_for_renderings_hears_that_it_says_nothing_of_them(
+    files: Callable[..., Files], tmp_path: Path
+) -> None:
+    named = separated(files(write=png), tmp_path / "named", outputs=[])
+    silent = separated(files(write=png), tmp_path / "silent", camera=None, outputs=[])
+
+    messages = [
+        warning["message"]
+        for manifest in (named, silent)
+        for warning in manifest["warnings"]
+        if warning["code"] == "rendered_srgb"
+    ]
+    assert ["leave it out" in message for message in messages] == [True, False]
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_a_camera_that_is_named_may_be_doubted(
+    files: Callable[..., Files], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, named: bool
+) -> None:
+    given: list[tuple[Any, ...]] = []
+
+    def doubt(*those: Any) -> list[Remark]:
+        given.append(those)
+        return [Remark(Code.CAMERA_DOUBTFUL, "Check the camera.")]
+
+    monkeypatch.setattr("pipeline.process.camera_doubts", doubt)
+    camera = "Sigma SD1 Merrill" if named else None
+
+    manifest = separated(files(), tmp_path, lights=2, camera=camera, outputs=[])
+
+    assert codes(manifest).count("camera_doubtful") == named
+    assert [(lamps, camera.name) for _, lamps, _, camera, _, _ in given] == (
+        [(2, "Sigma SD1 Merrill")] if named else []
+    )
+
+
+@pytest.mark.parametrize("taken", [False, True])
+def test_of_linear_files_of_a_known_camera_the_pair_tells_whether_they_hold_its_values(
+    files: Callable[..., Files], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, taken: bool
+) -> None:
+    sensors: list[Camera] = []
+
+    def likely(*given: Any) -> Camera:
+        sensors.append(given[4])
+        return given[4] if taken else srgb_stand_in()
+
+    monkeypatch.setattr("pipeline.process.likely_camera", likely)
+    both = files(write=partial(tiff, camera=("NIKON CORPORATION", "NIKON D5100")))
+
+    manifest = separated(both, tmp_path, camera=None, outputs=[])
+
+    assert [sensor.name for sensor in sensors] == ["Nikon D5100"]
+    messages = [w["message"] for w in manifest["warnings"] if w["code"] == "camera_approximate"]
+    assert manifest["camera"]["name"] == ("Nikon D5100" if taken else "sRGB")
+    assert ["not hold what the sensor of the Nikon D5100" in text for text in messages] == (
+        [] if taken else [True]
+    )
 
 
 @pytest.mark.parametrize("told", [False, True])
