@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -27,7 +27,7 @@ _TELLING_LAMPS = 2  # one lamp leaves the outline to chance, and any camera expl
 _PRIOR_WEIGHT = 0.2  # the prior is narrower than measured, for other reasons
 # Chosen on development rooms (docs/decisions/0031-whose-colours.md)
 _MANY_DIFFERENCES = 600
-_MUCH_LIKELIER = 60.0
+_SENSOR_LIKELIER, _SRGB_LIKELIER = 60.0, 90.0
 
 
 def names_no_camera(camera: Camera, frame: Frame) -> bool:
@@ -71,7 +71,7 @@ def likely_camera(
     )
     if sensor is None:
         return min((srgb_stand_in(), values), key=fits.cost)
-    return fits.much_likelier(values, [srgb_stand_in()]) or values
+    return fits.much_likelier(values, {_SRGB_LIKELIER: srgb_stand_in()}) or values
 
 
 def camera_doubts(
@@ -91,7 +91,9 @@ def camera_doubts(
     confirmed = frame.encoding == "raw" and find_camera(None, frame).name == camera.name
     if frame.encoding == "srgb" or confirmed or lamps < _TELLING_LAMPS:
         return []
-    others = [typical_sensor(), *([srgb_stand_in()] if frame.encoding == "linear" else [])]
+    others = {_SENSOR_LIKELIER: typical_sensor()}
+    if frame.encoding == "linear":
+        others[_SRGB_LIKELIER] = srgb_stand_in()
     fits = _Fits(reduced, gather_evidence(reduced, flash_only), [lamps], build)
     better = fits.much_likelier(camera, others)
     if better is None:
@@ -133,19 +135,19 @@ class _Fits:
         theta = model.prior.coordinates(likeliest.matrices)
         return likeliest.cost + _PRIOR_WEIGHT * model.prior.penalty(theta)[0]
 
-    def much_likelier(self, camera: Camera, others: Iterable[Camera]) -> Camera | None:
-        """Return which of the others is likeliest, None unless much likelier than the camera."""
+    def much_likelier(self, camera: Camera, others: Mapping[float, Camera]) -> Camera | None:
+        """Return which of the others is likeliest, if any is much likelier than the camera.
+
+        others: by how much each must be likelier.
+        """
         if len(self.evidence.differences) < _MANY_DIFFERENCES:
             return None
-        mine = camera.sensitivities
         costs = {
-            self.cost(other): other
-            for other in others
-            if not np.array_equal(other.sensitivities, mine)
+            self.cost(other) + least: other
+            for least, other in others.items()
+            if not np.array_equal(other.sensitivities, camera.sensitivities)
         }
-        if not costs or min(costs) > self.cost(camera) - _MUCH_LIKELIER:
-            return None
-        return costs[min(costs)]
+        return costs[min(costs)] if costs and min(costs) < self.cost(camera) else None
 
 
 def _under(flash: Array, camera: Camera) -> Array:
