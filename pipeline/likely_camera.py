@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -71,7 +71,7 @@ def likely_camera(
     )
     if sensor is None:
         return min((srgb_stand_in(), values), key=fits.cost)
-    return fits.much_likelier(values, {_SRGB_LIKELIER: srgb_stand_in()}) or values
+    return fits.much_likelier(values, [(srgb_stand_in(), _SRGB_LIKELIER)]) or values
 
 
 def camera_doubts(
@@ -91,9 +91,9 @@ def camera_doubts(
     confirmed = frame.encoding == "raw" and find_camera(None, frame).name == camera.name
     if frame.encoding == "srgb" or confirmed or lamps < _TELLING_LAMPS:
         return []
-    others = {_SENSOR_LIKELIER: typical_sensor()}
+    others = [(typical_sensor(), _SENSOR_LIKELIER)]
     if frame.encoding == "linear":
-        others[_SRGB_LIKELIER] = srgb_stand_in()
+        others.append((srgb_stand_in(), _SRGB_LIKELIER))
     fits = _Fits(reduced, gather_evidence(reduced, flash_only), [lamps], build)
     better = fits.much_likelier(camera, others)
     if better is None:
@@ -135,16 +135,18 @@ class _Fits:
         theta = model.prior.coordinates(likeliest.matrices)
         return likeliest.cost + _PRIOR_WEIGHT * model.prior.penalty(theta)[0]
 
-    def much_likelier(self, camera: Camera, others: Mapping[float, Camera]) -> Camera | None:
+    def much_likelier(
+        self, camera: Camera, others: Sequence[tuple[Camera, float]]
+    ) -> Camera | None:
         """Return which of the others is likeliest, if any is much likelier than the camera.
 
-        others: by how much each must be likelier.
+        others: with the cost by which each must be likelier.
         """
         if len(self.evidence.differences) < _MANY_DIFFERENCES:
             return None
         costs = {
             self.cost(other) + least: other
-            for least, other in others.items()
+            for other, least in others
             if not np.array_equal(other.sensitivities, camera.sensitivities)
         }
         return costs[min(costs)] if costs and min(costs) < self.cost(camera) else None

@@ -257,24 +257,87 @@ def test_the_typical_sensor_itself_is_not_compared_with_itself(
     assert not doubts_of(pair, 3, typical_sensor(), raw)
 
 
+@pytest.fixture
+def costs(monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
+    """What each camera's fit is to cost, by its name; others cost nothing."""
+    table: dict[str, float] = {}
+    monkeypatch.setattr(
+        "pipeline.likely_camera._Fits.cost", lambda _, camera: table.get(camera.name, 0.0)
+    )
+    return table
+
+
+@pytest.fixture(scope="module")
+def edged(other_sensor: Array, pair_of: Callable[..., Pair]) -> Pair:
+    """A pair whose shadows have many edges."""
+    return photographed(other_sensor, "sensor", LAMPS, pair_of)
+
+
 @pytest.mark.parametrize(
-    ("encoding", "make", "lamps"),
-    [("srgb", "", 2), ("raw", "Nikon D5100", 2), ("linear", "", 1)],
-    ids=["rendered", "RAW of that camera", "one lamp"],
+    ("cost", "sensor", "srgb", "doubted"),
+    [
+        (59.0, 0.0, 500.0, None),
+        (61.0, 0.0, 500.0, "typical sensor"),
+        (89.0, 500.0, 0.0, None),
+        (91.0, 500.0, 0.0, "linear sRGB"),
+        (200.0, 0.0, 20.0, "typical sensor"),
+        (200.0, 60.0, 0.0, "linear sRGB"),
+    ],
+)
+def test_a_camera_is_doubted_where_another_is_much_likelier(
+    edged: Pair,
+    linear: Frame,
+    costs: dict[str, float],
+    other_sensor: Array,
+    cost: float,
+    sensor: float,
+    srgb: float,
+    doubted: str | None,
+) -> None:
+    costs.update({"Other": cost, "typical sensor": sensor, "sRGB": srgb})
+
+    messages = doubts_of(edged, 2, Camera("Other", other_sensor, "file"), linear)
+
+    assert [doubted in text for text in messages if doubted] == ([True] if doubted else [])
+    assert len(messages) == (doubted is not None)
+
+
+@pytest.mark.parametrize(("cost", "chosen"), [(89.0, "Other"), (91.0, "sRGB")])
+def test_a_camera_that_exif_names_gives_way_where_srgb_is_much_likelier(
+    edged: Pair, costs: dict[str, float], other_sensor: Array, cost: float, chosen: str
+) -> None:
+    costs["Other"] = cost
+
+    assert chosen_for(reduce_pair(edged), 2, Camera("Other", other_sensor, "measured")).name == (
+        chosen
+    )
+
+
+@pytest.mark.parametrize(
+    ("encoding", "make", "lamps", "doubted"),
+    [
+        ("srgb", "", 2, False),
+        ("raw", "Sigma SD1 Merrill", 2, False),
+        ("raw", "", 2, True),
+        ("linear", "Sigma SD1 Merrill", 2, True),
+        ("linear", "", 1, False),
+    ],
+    ids=["rendered", "RAW of that camera", "RAW", "linear of that camera", "one lamp"],
 )
 def test_what_tells_nothing_or_is_confirmed_is_not_looked_at(
+    edged: Pair,
     frame: Callable[..., Frame],
-    monkeypatch: pytest.MonkeyPatch,
+    costs: dict[str, float],
     encoding: str,
     make: str,
     lamps: int,
+    doubted: bool,
 ) -> None:
-    monkeypatch.setattr("pipeline.likely_camera.first_fit", lambda *_: pytest.fail("fitted"))
     photograph = frame(np.zeros((2, 2, 3)), encoding=encoding, make=make)
-    camera = find_camera("Nikon D5100", photograph)
-    dark = reduced_pair(even(0.0, 0.0, 0.0), even(0.0, 0.0, 0.0))
+    camera = find_camera("Sigma SD1 Merrill", photograph)
+    costs[camera.name] = 1000.0
 
-    assert camera_doubts(dark, lamps, False, camera, photograph, build) == []
+    assert bool(doubts_of(edged, lamps, camera, photograph)) is doubted
 
 
 @pytest.mark.parametrize(
