@@ -14,6 +14,7 @@ import numpy as np
 
 import pipeline
 from pipeline.errors import InputError
+from tests.definitions import pixels
 from tests.evaluation.cache import folder
 from tests.evaluation.conditions import Condition, make_shot
 from tests.evaluation.methods import METHODS, Answer
@@ -44,14 +45,22 @@ _ESTIMATOR = (
 )
 """What of the pipeline the methods that are not the product do not use."""
 _OWN = (
+    "cache",
+    "capture",
     "ceilings",
     "conditions",
+    "layouts",
     "methods",
     "product",
+    "results",
+    "scenes",
     "scoring",
     "shots",
+    "spectra",
+    "transport",
     "white_balance",
 )
+"""What of the evaluation decides a figure, besides render, which VERSION stands for."""
 _WITHOUT_PRODUCT = (
     "equal",
     "nnmf",
@@ -178,13 +187,17 @@ def _key(scene: Scene, condition: Condition, method: str) -> str:
 @cache
 def _sources(unused: tuple[str, ...]) -> str:
     """Digest of the pipeline without the named parts, and of what measures it."""
-    assert pipeline.__file__
-    root = Path(pipeline.__file__).parent
-    files = sorted([*root.rglob("*.py"), *root.rglob("*.csv")])
-    files += [Path(__file__).with_name(f"{name}.py") for name in _OWN]
-    files += sorted(Path(__file__).with_name("baselines").glob("[!t]*.py"))  # and not their tests
     digest = hashlib.sha256()
-    for file in files:
-        if not file.is_relative_to(root) or file.relative_to(root).parts[0] not in unused:
-            digest.update(file.name.encode() + file.read_bytes())
+    for file in _files(unused):
+        digest.update(file.name.encode() + file.read_bytes())
     return digest.hexdigest()
+
+
+def _files(unused: tuple[str, ...]) -> list[Path]:
+    assert pipeline.__file__
+    root, own = Path(pipeline.__file__).parent, Path(__file__)
+    files = sorted([*root.rglob("*.py"), *root.rglob("*.csv")])
+    files = [file for file in files if file.relative_to(root).parts[0] not in unused]
+    files += [own.with_name(f"{name}.py") for name in _OWN]
+    files += sorted(own.with_name("baselines").glob("[!t]*.py"))  # and not their tests
+    return [*files, Path(pixels.__file__)]

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import ast
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -85,6 +86,31 @@ def test_sources_are_those_of_the_files(monkeypatch: pytest.MonkeyPatch, tmp_pat
     (tmp_path / "decode" / "table.csv").write_text("2")
     assert digest("count.py") != first
     results._sources.cache_clear()
+
+
+def test_sources_are_all_that_decides_a_result() -> None:
+    stands_for = {"geometry", "grain", "meshes", "patterns", "render"}  # render.VERSION
+    wanted, open_ones = set[Path](), [Path(results.__file__)]
+    while open_ones:
+        file = open_ones.pop()
+        wanted.add(file)
+        if file.parent.name != "definitions":  # which asks the pipeline for the rest
+            found = {found for found in imported(file) if found.stem not in stands_for}
+            open_ones += found - wanted
+
+    assert {"capture", "scenes", "spectra", "pixels", "nnmf"} < {file.stem for file in wanted}
+    assert wanted <= set(results._files(results._ESTIMATOR))
+
+
+def imported(file: Path) -> set[Path]:
+    """The modules of tests that a module names."""
+    names = set[str]()
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("tests"):
+            names |= {f"{node.module}", *(f"{node.module}.{one.name}" for one in node.names)}
+    tests = Path(__file__).parents[2]
+    paths = {tests / f"{name.replace('.', '/')}.py" for name in names}
+    return {path for path in paths if path.is_file()}
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"scene": "x"}'])
