@@ -33,11 +33,17 @@ def test_what_passes_is_waited_for_ever_longer() -> None:
     assert waited == [0.5, 1, 2, 4, 8, 15, 15]
 
 
-def test_it_is_waited_for_no_longer_than_that() -> None:
+@pytest.mark.parametrize(
+    ("seconds", "waits"), [(0, []), (7.4, [0.5, 1, 2]), (7.5, [0.5, 1, 2, 4]), (10, [0.5, 1, 2, 4])]
+)
+def test_it_is_waited_for_no_longer_than_that(
+    seconds: float, waits: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
     waited: list[float] = []
+    monkeypatch.setattr("service.patience.time.monotonic", lambda: 1000.0 + sum(waited))
     with pytest.raises(GenericError, match="away"):
-        patiently(_failing(7, GenericError("away")), 0, waited.append, log)
-    assert waited == []
+        patiently(_failing(7, GenericError("away")), seconds, waited.append, log)
+    assert waited == waits
 
 
 def test_what_does_not_pass_is_raised_at_once() -> None:
