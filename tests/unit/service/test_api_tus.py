@@ -17,7 +17,7 @@ import httpx
 import pytest
 import sqlalchemy as sa
 
-from service import database
+from service import database, uploads
 from service.api.context import Context
 from service.settings import Settings
 from service.storage import Storage
@@ -112,6 +112,16 @@ class TestProtocol:
         assert problem_of(http.post("/uploads", headers=headers, content=data))[0] == status
         with context.engine.connect() as connection:
             assert connection.execute(sa.select(database.uploads)).all() == []
+
+    def test_an_upload_may_come_in_so_many_pieces(
+        self, http: httpx.Client, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(uploads, "MAX_PARTS", 2)
+        place = create(http, 3)
+        assert [patch(http, place, at, b"a").status_code for at in (0, 1)] == [204, 204]
+        detail = "The upload came in 2 pieces; send another in larger ones."
+        assert problem_of(patch(http, place, 2, b"a")) == (400, "malformed-request", detail)
+        assert offset_of(http, place) == 2
 
     def test_a_method_may_be_overridden(self, http: httpx.Client) -> None:
         place = create(http, 3)
