@@ -39,6 +39,7 @@ evaluate: setup  ## Measure on rendered scenes what is promised; SET=development
 	$(BIN)/python -m tests.evaluation.known_lamps --set $(SET)
 	$(BIN)/python -m tests.evaluation.calibration $(if $(filter development,$(SET)),--set $(SET))
 	$(BIN)/python -m tests.evaluation.warnings
+	$(BIN)/python -m tests.evaluation.found_marks
 
 bench: setup  ## Measure what jobs cost, into docs/; QUICK=1 prints the kernel, one job and a start
 	$(BIN)/python -m tests.bench $(if $(QUICK),--quick)
