@@ -152,11 +152,15 @@ def test_layers_of_another_number_have_no_score(monkeypatch: pytest.MonkeyPatch)
     assert (one.found, one.lamps, one.confidence) == (1, 2, 0.7)
 
 
-def test_the_right_coefficients_have_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("of_white", [False, True])
+def test_the_right_coefficients_have_no_error(
+    of_white: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def right(shot: Shot) -> Answer:
         assert shot.coefficients is not None
-        white_cards = shot.coefficients @ np.linalg.inv(shot.axes).T
-        return Answer(shot.truth[::-1] * 0.9, 3 * white_cards[::-1])
+        by_basis = shot.coefficients @ np.linalg.inv(shot.axes).T
+        cards = shot.lamp_spectra @ shot.sensitivities.T if of_white else by_basis
+        return Answer(shot.truth[::-1] * 0.9, 3 * cards[::-1], of_white=of_white)
 
     monkeypatch.setitem(METHODS, "equal", right)
 
