@@ -23,8 +23,6 @@ assert table.values.shape[1] == 3
 )
 def test_matplotlib(then: str) -> None:
     """In a process of its own: here something else may have imported it."""
-    pytest.importorskip("matplotlib")
-
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", _IMPORT + then],
         capture_output=True,
