@@ -3,8 +3,8 @@ from __future__ import annotations
 import pytest
 
 from drivers.camera import SettingName, SettingValue
-from drivers.errors import BadAddressError
-from drivers.gphoto.backend import check_address
+from drivers.errors import BadAddressError, CameraNotFoundError
+from drivers.gphoto.backend import check_address, open_camera
 from drivers.gphoto.names import WIDGETS, decode
 
 
@@ -63,3 +63,13 @@ def test_ports_of_cameras_are_taken(address: str) -> None:
 def test_ports_that_are_files_of_this_computer_are_refused(address: str) -> None:
     with pytest.raises(BadAddressError, match="no camera that libgphoto2 may open"):
         check_address(address)
+
+
+def test_what_a_missing_package_is_installed_by_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda _name: None)
+    with pytest.raises(CameraNotFoundError) as refusal:
+        open_camera("gphoto2://")
+    assert str(refusal.value) == (
+        "The Python package gphoto2 is missing here: install it by pip install "
+        "'lightlayers[gphoto2]'."
+    )

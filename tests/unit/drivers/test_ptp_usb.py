@@ -282,3 +282,11 @@ def test_nothing_is_asked_of_a_closed_camera(bus: SimulatedBus, clock: Clock) ->
 def test_addresses_that_are_no_serial_number_are_refused(address: str) -> None:
     with pytest.raises(BadAddressError, match="its serial number"):
         driver.check_address(address)
+
+
+def test_without_usb_there_is_no_camera_and_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("libusb_package.get_libusb1_backend", lambda: None)
+    with pytest.raises(CameraNotFoundError) as refusal:
+        driver.open_camera("ptp+usb://")
+    assert str(refusal.value) == "This computer has no USB that lightlayers could use."
+    assert driver.list_cameras() == []
