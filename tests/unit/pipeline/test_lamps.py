@@ -18,16 +18,11 @@ from pipeline.matrixfit.known import Known, nothing_known
 from pipeline.model import Model
 from pipeline.reduced import reduce_pair
 from pipeline.remarks import Code
+from tests.angles import angles
 
 Array = NDArray[np.float64]
 Exact = Callable[..., tuple[Any, Array]]
 Shadowed = Callable[[Array], Any]
-
-
-def angles(a: Array, b: Array) -> Array:
-    """Angles in degrees between vectors of the same number."""
-    cosine = (a * b).sum(-1) / np.linalg.norm(a, axis=-1) / np.linalg.norm(b, axis=-1)
-    return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
 def whites(model: Model, coefficients: Array) -> Array:

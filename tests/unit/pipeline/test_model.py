@@ -12,14 +12,9 @@ from pipeline.spectra.cameras import Camera, srgb_stand_in
 from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from pipeline.spectra.observer import cie_1931
+from tests.angles import angles
 
 Array = NDArray[np.float64]
-
-
-def angle(a: Array, b: Array) -> Array:
-    """Angles in degrees along the last axis."""
-    cosine = (a * b).sum(-1) / np.linalg.norm(a, axis=-1) / np.linalg.norm(b, axis=-1)
-    return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
 def seen(camera: Camera, light: Array) -> Array:
@@ -71,7 +66,7 @@ def test_neutral_coefficients_are_the_camera_colour_of_a_white_card(
 ) -> None:
     white = camera.sensitivities @ find_light("D65")
 
-    assert angle(model.neutral, white) < 2
+    assert angles(model.neutral, white) < 2
 
 
 def test_neutral_matrix_turns_a_white_card_under_flash_into_one_under_neutral(
@@ -89,8 +84,8 @@ def test_neutral_matrix_turns_measured_surfaces_into_those_under_neutral(
 ) -> None:
     true = seen(camera, find_light("D65"))
 
-    best = angle(surfaces @ model.flash_to_neutral.T, true)
-    basis = angle(surfaces @ model.lamp_matrix(model.neutral).T, true)
+    best = angles(surfaces @ model.flash_to_neutral.T, true)
+    basis = angles(surfaces @ model.lamp_matrix(model.neutral).T, true)
 
     assert np.median(best) < 0.3
     assert np.median(best) < np.median(basis)
@@ -118,7 +113,7 @@ def test_the_invariant_hardly_depends_on_the_surface(
 
         found = light_coefficients(seen(camera, light), surfaces, model.tensor)
 
-        assert np.median(angle(found, np.median(found, axis=0))) < 2.5
+        assert np.median(angles(found, np.median(found, axis=0))) < 2.5
 
 
 def test_photographs_are_shown_with_white_of_the_display(model: Model, camera: Camera) -> None:

@@ -13,6 +13,7 @@ from pipeline.spectra.cameras import Camera, measured_cameras
 from pipeline.spectra.colorchecker import colorchecker_spectra
 from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light
+from tests.angles import angles
 from tests.evaluation.spectra import sensitivities
 from tests.targets import other_colorchecker
 
@@ -38,11 +39,6 @@ def _chart(s: Array, flash: Array, reflectances: Array) -> Patches:
     return Patches(lit, np.full(lit.shape, 1e-12), colorchecker_spectra(), PLACES)
 
 
-def _angles(a: Array, b: Array) -> Array:
-    unit_a, unit_b = (x / np.linalg.norm(x, axis=1, keepdims=True) for x in (a, b))
-    return np.asarray(np.degrees(np.arccos((unit_a * unit_b).sum(axis=1))))
-
-
 @pytest.mark.parametrize("name", ["Nikon D5100", "Sigma SD1 Merrill"])
 @pytest.mark.parametrize("brightness", [1.0, 0.01])
 def test_a_known_camera_is_found(name: str, brightness: float) -> None:
@@ -50,7 +46,7 @@ def test_a_known_camera_is_found(name: str, brightness: float) -> None:
     patches = _chart(truth, brightness * XENON, colorchecker_spectra())
     found = estimate_camera(patches, {"xenon": XENON}, measured_cameras())
     assert (found.nearest, found.flash) == (name, "xenon")
-    assert _angles(found.sensitivities, truth) == pytest.approx(0.0, abs=1.5)
+    assert angles(found.sensitivities, truth) == pytest.approx(0.0, abs=1.5)
     assert found.sensitivities.max() == 1.0
     assert found.misfit < 0.001
 
@@ -59,8 +55,8 @@ def test_an_unknown_camera_is_found_nearer_than_any_known() -> None:
     truth = _unlike()
     patches = _chart(truth, XENON, other_colorchecker())
     found = estimate_camera(patches, {"xenon": XENON}, measured_cameras())
-    before = _angles(sensitivities("Nikon D5100"), truth)
-    after = _angles(found.sensitivities, truth)
+    before = angles(sensitivities("Nikon D5100"), truth)
+    after = angles(found.sensitivities, truth)
     assert before.mean() > 6.0
     assert after.mean() < 0.7 * before.mean()
     white, seen = truth @ XENON, found.sensitivities @ XENON
@@ -89,7 +85,7 @@ def test_each_way_in_which_cameras_differ_is_allowed_for(unlike: str, share: flo
     patches = _chart(truth / truth.max(), XENON, colorchecker_spectra())
     found = estimate_camera(patches, {"xenon": XENON}, measured_cameras())
     assert found.nearest == "Nikon D5100"
-    left = _angles(found.sensitivities, truth).mean() / _angles(base, truth).mean()
+    left = angles(found.sensitivities, truth).mean() / angles(base, truth).mean()
     assert left == pytest.approx(share, abs=0.003)
 
 
@@ -109,8 +105,8 @@ def test_cameras_that_noise_does_not_tell_apart_are_averaged() -> None:
     patches = _chart(known[0].sensitivities, XENON, colorchecker_spectra())
     noisy = replace(patches, variance=patches.variance + 1e8)
     found = estimate_camera(noisy, {"xenon": XENON}, known)
-    ways = [_angles(found.sensitivities, camera.sensitivities).mean() for camera in known]
-    apart = _angles(known[0].sensitivities, known[1].sensitivities).mean()
+    ways = [angles(found.sensitivities, camera.sensitivities).mean() for camera in known]
+    apart = angles(known[0].sensitivities, known[1].sensitivities).mean()
     assert ways == pytest.approx([apart / 2, apart / 2], rel=0.2)
     assert found.sensitivities.max() == 1.0
 

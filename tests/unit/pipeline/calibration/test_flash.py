@@ -10,6 +10,7 @@ from pipeline.errors import UnusablePairError
 from pipeline.spectra.colorchecker import colorchecker_spectra
 from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light
+from tests.angles import angles
 from tests.evaluation.spectra import sensitivities
 from tests.targets import other_colorchecker
 
@@ -35,15 +36,11 @@ def _card(flash: Array) -> Patches:
     return Patches(lit, np.full(lit.shape, 1e-12), np.ones((1, 81)), np.zeros((1, 2)))
 
 
-def _angle(a: Array, b: Array) -> float:
-    return float(np.degrees(np.arccos(a @ b / np.linalg.norm(a) / np.linalg.norm(b))))
-
-
 @pytest.mark.parametrize("name", ["xenon", "LED-B4", "LED-V1"])
 def test_a_light_of_the_family_is_found_by_a_chart(name: str) -> None:
     found = estimate_flash(_chart(find_light(name), colorchecker_spectra()), S)
     assert found.nearest == name
-    assert _angle(found.spectrum, find_light(name)) < 4.0
+    assert angles(found.spectrum, find_light(name)) < 4.0
     assert found.spectrum.sum() == pytest.approx(1.0)
     assert found.misfit < 0.002
 
@@ -51,11 +48,11 @@ def test_a_light_of_the_family_is_found_by_a_chart(name: str) -> None:
 @pytest.mark.parametrize("name", ["xenon", "D50"])
 def test_a_tinted_light_is_found_nearer_than_the_family_has_one(name: str) -> None:
     truth = _tinted(name)
-    nearest = min(_angle(find_light(one), truth) for one in FAMILY)
+    nearest = min(angles(find_light(one), truth) for one in FAMILY)
     chart = estimate_flash(_chart(truth, other_colorchecker()), S)
     card = estimate_flash(_card(truth), S)
     assert nearest > 8.0
-    assert _angle(chart.spectrum, truth) < 0.75 * nearest
+    assert angles(chart.spectrum, truth) < 0.75 * nearest
     # what the camera sees of a white card
     seen, true = S @ np.array([chart.spectrum, card.spectrum]).T, S @ truth
     assert seen / seen[1] == pytest.approx(np.stack([true, true], axis=1) / true[1], rel=0.025)

@@ -8,6 +8,7 @@ from pipeline.hui2018.invariant import flash_tensor
 from pipeline.spectra.bases import SpectralBasis, learn_basis
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light, lamp_spectra, reflectance_spectra
+from tests.angles import angles
 
 Array = NDArray[np.float64]
 KINDS = ("wpca", "pca", "joint")
@@ -18,18 +19,12 @@ def basis(request: pytest.FixtureRequest, camera: Camera) -> SpectralBasis:
     return learn_basis(request.param, camera.sensitivities, reflectance_spectra(), lamp_spectra())
 
 
-def angle(a: Array, b: Array) -> float:
-    """Angle in degrees."""
-    cosine = float(a @ b / np.linalg.norm(a) / np.linalg.norm(b))
-    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
-
-
 def test_coefficients_of_a_light_are_the_camera_colour_of_white(
     basis: SpectralBasis, camera: Camera
 ) -> None:
     """Nearly so for every lamp learnt from, so that coefficients can be read as colours."""
     errors = [
-        angle(basis.to_coefficients @ light, camera.sensitivities @ light)
+        angles(basis.to_coefficients @ light, camera.sensitivities @ light)
         for light in lamp_spectra()
     ]
 

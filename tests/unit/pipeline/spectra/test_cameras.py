@@ -19,18 +19,13 @@ from pipeline.spectra.library import colour_science
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from pipeline.spectra.observer import cie_1931
 from pipeline.spectra.tables import write_sensitivities, write_spectrum
+from tests.angles import angles
 
 FrameOf = Callable[..., Frame]
 XYZ_TO_D700 = np.array(
     [[0.8139, -0.2171, -0.0663], [-0.8747, 1.6541, 0.2295], [-0.1925, 0.2008, 0.8093]]
 )
 """A published daylight matrix of a real camera."""
-
-
-def angle(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Angle in degrees between the vectors in the rows."""
-    cosine = (a * b).sum(-1) / np.linalg.norm(a, axis=-1) / np.linalg.norm(b, axis=-1)
-    return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
 @pytest.mark.parametrize(
@@ -186,7 +181,7 @@ def test_an_unmeasured_sensor_is_approximated_from_its_matrix(frame_of: FrameOf)
     assert (camera.name, camera.source) == ("NIKON CORPORATION NIKON D700", "approximate")
     assert camera.sensitivities.min() >= 0
     seen, said = lit @ camera.sensitivities.T, lit @ (XYZ_TO_D700 @ cie_1931()).T
-    assert angle(seen, said).mean() < 2
+    assert angles(seen, said).mean() < 2
 
 
 @pytest.mark.parametrize("matrix", [None, XYZ_TO_D700])
@@ -220,7 +215,7 @@ def test_the_stand_in_sees_daylight_colours_as_srgb_shows_them() -> None:
     seen = lit @ srgb_stand_in().sensitivities.T
     shown = lit @ (XYZ_TO_SRGB @ cie_1931()).T
 
-    assert np.median(angle(seen, shown)) < 1.5
+    assert np.median(angles(seen, shown)) < 1.5
     white = srgb_stand_in().sensitivities @ find_light("D65")
     np.testing.assert_allclose(white / white[1], 1.0, atol=0.01)
 
