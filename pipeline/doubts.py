@@ -9,7 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from pipeline.flash_reach import MOST_STOPS, flash_reach
-from pipeline.lamps import Lamps
+from pipeline.lamps import LEAST_CONTRAST, Lamps
 from pipeline.pair import Pair
 from pipeline.pure_light import without_pure_light
 from pipeline.reduced import ReducedPair
@@ -20,7 +20,6 @@ from pipeline.residual_map import MARKED, relative_residual
 _UNSURE = 0.6
 _SIMILAR_DEGREES = 6.0
 _RIVAL_DEGREES = 5.0
-_LEAST_CONTRAST = 1e-3
 _MUCH_WEAK = 0.1
 _MUCH_CLIPPED = 0.05
 _MUCH_MARKED = 0.015
@@ -45,7 +44,7 @@ def expected_snr_db(angle_deg: float, noise: float) -> float:
     angle; what the model misses does not. Lamps that cannot be told apart at all still share out
     the photograph. Fitted on development scenes.
     """
-    contrast = max(float(np.sin(np.radians(angle_deg))), _LEAST_CONTRAST)
+    contrast = max(float(np.sin(np.radians(angle_deg))), LEAST_CONTRAST)
     mixed_up = (_ERROR_OF_LAMPS**2 + (_NOISE_COUNTS * noise) ** 2) / contrast**2
     return max(float(-10.0 * np.log10(mixed_up + _LEAST_ERROR**2)), _WORST_DB)
 

@@ -29,8 +29,10 @@ Array = NDArray[np.float64]
 MIN_PIXELS = 200
 """As few as tell anything of lamps."""
 
+LEAST_CONTRAST = 1e-3
+"""Sine of the least angle that is told from none."""
+
 _ALONE_DEGREES = 10.0
-_LEAST_CONTRAST = 1e-3
 _TYPICAL_SCATTER_DEGREES = 1.7  # median over lamps and reflectances, weighted PCA
 
 
@@ -77,7 +79,7 @@ class Lamps:
     @property
     def contrast(self) -> float:
         """Sine of the least angle between two lamps: how little noise it takes to mix them up."""
-        return max(float(np.sin(np.radians(self.least_angle_deg))), _LEAST_CONTRAST)
+        return max(float(np.sin(np.radians(self.least_angle_deg))), LEAST_CONTRAST)
 
     @property
     def unexplained(self) -> bool:
