@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import httpx
+import sqlalchemy as sa
 
 from service import jobs, keys
 from service.api.context import Context
@@ -40,6 +41,14 @@ def stored_job(context: Context, **values: Any) -> str:
     with context.engine.begin() as connection:
         context.queue.submit(connection, job_id, jobs.add(connection, row | values))
     return job_id
+
+
+def stored(engine: sa.Engine, job_id: str) -> jobs.Job:
+    """A job as the database has it."""
+    with engine.connect() as connection:
+        job = jobs.find(connection, job_id)
+    assert job is not None
+    return job
 
 
 def rows_of(context: Context) -> list[jobs.Job]:

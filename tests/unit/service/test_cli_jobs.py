@@ -14,7 +14,7 @@ from service.cli import run
 from service.frames import FRAMES
 from service.settings import Settings
 from service.states import State
-from tests.unit.service.asking import bearing, owner_of
+from tests.unit.service.asking import bearing, owner_of, stored
 
 
 @pytest.fixture
@@ -51,13 +51,6 @@ def _fail(context: Context) -> None:
         assert jobs.fail(connection, held, {"type": "urn:lightlayers:problem:crashed"})
 
 
-def _find(context: Context, job_id: str) -> jobs.Job:
-    with context.engine.connect() as connection:
-        job = jobs.find(connection, job_id)
-    assert job is not None
-    return job
-
-
 def test_jobs_of_all_owners_are_listed(
     context: Context, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -92,7 +85,7 @@ def test_a_failed_job_is_made_anew(context: Context, capsys: pytest.CaptureFixtu
     _fail(context)
     assert run(["jobs", "retry", "a"]) == 0
     new_id = capsys.readouterr().out.strip()
-    new, old = _find(context, new_id), _find(context, "a")
+    new, old = stored(context.engine, new_id), stored(context.engine, "a")
     assert (old.state, new.state) == (State.FAILED, State.QUEUED)
     assert (new.owner, new.priority, new.options) == ("key1", "high", {"lights": 2})
     assert new.webhook == old.webhook
@@ -114,7 +107,7 @@ def test_a_captured_job_is_made_anew_with_its_pair(
     _fail(context)
     assert run(["jobs", "retry", "a"]) == 0
     new_id = capsys.readouterr().out.strip()
-    new = _find(context, new_id)
+    new = stored(context.engine, new_id)
     assert (new.capture, new.camera_settings) == ({"camera": "sim://studio"}, settings)
     assert (new.stored_bytes, new.inputs) == (
         len("no_flash") + len("flash"),
@@ -168,7 +161,7 @@ def test_without_its_photographs_a_job_is_not_made_anew(
 def test_a_waiting_job_is_canceled(context: Context, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["jobs", "cancel", "a"]) == 0
     assert capsys.readouterr().out == "canceled\n"
-    assert _find(context, "a").state == State.CANCELED
+    assert stored(context.engine, "a").state == State.CANCELED
     assert _queued(context) == []
 
 
@@ -212,7 +205,7 @@ def test_what_a_job_asks_for_is_shown_and_confirmed(
     assert shown["request"] == "Switch the flash off, then confirm."
     assert shown["request_until"].endswith("+00:00")
     assert run(["jobs", "confirm", "a"]) == 0
-    assert _find(context, "a").state == State.RUNNING
+    assert stored(context.engine, "a").state == State.RUNNING
     assert run(["jobs", "confirm", "a"]) == 2
     assert "it asks for nothing" in capsys.readouterr().err
 

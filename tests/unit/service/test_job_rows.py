@@ -8,20 +8,14 @@ import sqlalchemy as sa
 
 from service import database, heartbeats, jobs
 from service.states import NEXT, State
+from tests.unit.service.asking import stored
 
 
 def _add(engine: sa.Engine, job_id: str, **values: Any) -> jobs.Job:
     row = {"options": {}, "trace_id": "t", "request_hash": "h", **values}
     with engine.begin() as connection:
         jobs.add(connection, {"id": job_id, **row})
-    return _find(engine, job_id)
-
-
-def _find(engine: sa.Engine, job_id: str) -> jobs.Job:
-    with engine.connect() as connection:
-        job = jobs.find(connection, job_id)
-    assert job is not None
-    return job
+    return stored(engine, job_id)
 
 
 def _claim(engine: sa.Engine, job_id: str, worker: str) -> jobs.Job | None:
@@ -66,7 +60,7 @@ def test_results_make_a_job_succeed(engine: sa.Engine) -> None:
     held = _claimed(engine, "a", "w1")
     with engine.begin() as connection:
         assert jobs.succeed(connection, held, [{"name": "lamp1.jpg", "size": 5}])
-    job = _find(engine, "a")
+    job = stored(engine, "a")
     assert (job.state, job.worker, job.ended) == (State.SUCCEEDED, None, True)
     assert job.results == [{"name": "lamp1.jpg", "size": 5}]
     assert job.finished is not None and job.started is not None and job.finished >= job.started
@@ -78,7 +72,7 @@ def test_an_error_makes_a_job_fail(engine: sa.Engine) -> None:
     held = _claimed(engine, "a", "w1")
     with engine.begin() as connection:
         assert jobs.fail(connection, held, {"detail": "too dark"})
-    job = _find(engine, "a")
+    job = stored(engine, "a")
     assert (job.state, job.error) == (State.FAILED, {"detail": "too dark"})
 
 
@@ -112,7 +106,7 @@ def test_an_attempt_that_was_taken_over_writes_nothing(engine: sa.Engine) -> Non
         assert not jobs.fail(connection, frozen, {"detail": "old"})
         jobs.release(connection, frozen)
         assert not jobs.must_stop(connection, current)
-    assert _find(engine, "a") == current
+    assert stored(engine, "a") == current
 
 
 def test_progress_is_written(engine: sa.Engine) -> None:
@@ -120,7 +114,7 @@ def test_progress_is_written(engine: sa.Engine) -> None:
     held = _claimed(engine, "a", "w1")
     with engine.begin() as connection:
         jobs.report(connection, held, "layers", 0.25)
-    job = _find(engine, "a")
+    job = stored(engine, "a")
     assert (job.stage, job.fraction) == ("layers", 0.25)
 
 
@@ -130,7 +124,7 @@ def test_a_released_job_waits_again_and_has_lost_nothing(engine: sa.Engine) -> N
     with engine.begin() as connection:
         jobs.report(connection, held, "layers", 0.25)
         jobs.release(connection, held)
-    job = _find(engine, "a")
+    job = stored(engine, "a")
     assert (job.state, job.worker, job.stage, job.fraction) == (State.QUEUED, None, None, 0.0)
     again = _claimed(engine, "a", "w2")
     assert (again.attempt, again.lost) == (2, 0)
@@ -140,7 +134,7 @@ def test_a_queued_job_is_canceled_at_once(engine: sa.Engine) -> None:
     _add(engine, "a")
     with engine.begin() as connection:
         jobs.request_cancel(connection, "a")
-    job = _find(engine, "a")
+    job = stored(engine, "a")
     assert job.state == State.CANCELED
     assert job.finished is not None
     assert _claim(engine, "a", "w1") is None
@@ -153,10 +147,10 @@ def test_a_running_job_is_canceled_by_its_worker(engine: sa.Engine) -> None:
         jobs.request_cancel(connection, "a")
         assert jobs.must_stop(connection, held)
         assert not jobs.succeed(connection, held, [])
-    assert _find(engine, "a").state == State.CANCELING
+    assert stored(engine, "a").state == State.CANCELING
     with engine.begin() as connection:
         assert jobs.acknowledge_cancel(connection, held)
-    assert _find(engine, "a").state == State.CANCELED
+    assert stored(engine, "a").state == State.CANCELED
 
 
 def test_a_canceled_job_is_not_put_back(engine: sa.Engine) -> None:
@@ -165,7 +159,7 @@ def test_a_canceled_job_is_not_put_back(engine: sa.Engine) -> None:
     with engine.begin() as connection:
         jobs.request_cancel(connection, "a")
         jobs.release(connection, held)
-    assert _find(engine, "a").state == State.CANCELING
+    assert stored(engine, "a").state == State.CANCELING
 
 
 def test_a_dead_workers_canceled_job_stays_so(engine: sa.Engine) -> None:
@@ -186,7 +180,7 @@ def test_an_ended_job_cannot_be_canceled(engine: sa.Engine) -> None:
     with engine.begin() as connection:
         jobs.succeed(connection, held, [])
         jobs.request_cancel(connection, "a")
-    assert _find(engine, "a").state == State.SUCCEEDED
+    assert stored(engine, "a").state == State.SUCCEEDED
 
 
 def _in_state(engine: sa.Engine, state: State) -> jobs.Job:
@@ -209,7 +203,7 @@ def _in_state(engine: sa.Engine, state: State) -> jobs.Job:
         if state == State.EXPIRED:
             jobs.succeed(connection, held, [])
             jobs.condemn(connection, "a")
-    assert _find(engine, "a").state == state
+    assert stored(engine, "a").state == state
     return held
 
 
@@ -261,11 +255,11 @@ def test_a_write_moves_a_job_only_from_where_it_may(
     write: str, state: State, engine: sa.Engine
 ) -> None:
     held = _in_state(engine, state)
-    before = _find(engine, "a")
+    before = stored(engine, "a")
     do, moves = WRITES[write]
     with engine.begin() as connection:
         do(connection, held)
-    after = _find(engine, "a")
+    after = stored(engine, "a")
     assert after.state == moves.get(state, state)
     if before.ended and state not in moves and write != "condemn":
         assert after == before
@@ -314,7 +308,7 @@ def test_pages_go_from_new_to_old_and_meet_every_job_once(engine: sa.Engine) -> 
     with engine.begin() as connection:  # some of one moment
         rounded = sa.func.round(database.jobs.c.created)
         connection.execute(sa.update(database.jobs).values(created=rounded))
-    created = [_find(engine, job_id) for job_id in "cafebd"]
+    created = [stored(engine, job_id) for job_id in "cafebd"]
     expected = sorted(created, key=lambda job: (job.created, job.id), reverse=True)
     with engine.connect() as connection:
         first = jobs.page(connection, "", 4, None)
@@ -345,7 +339,7 @@ def test_places_in_the_queue_count_from_one_and_skip_what_runs(engine: sa.Engine
     assert [job.rank for job in queue] == [4, 8, 12, 16]
     _claimed(engine, queue[0].id, "w1")
     with engine.connect() as connection:
-        places = jobs.positions(connection, [_find(engine, job.id) for job in queue])
+        places = jobs.positions(connection, [stored(engine, job.id) for job in queue])
         assert jobs.count_queued(connection) == jobs.count_queued(connection, "") == 3
         assert jobs.count_queued(connection, "another") == 0
     assert places == {queue[1].id: 1, queue[2].id: 2, queue[3].id: 3}
@@ -365,7 +359,7 @@ def test_a_lost_attempt_is_counted_and_the_job_keeps_its_rank(engine: sa.Engine)
     with engine.begin() as connection:
         jobs.report(connection, held, "layers", 0.25)
         jobs.lose(connection, held)
-    job = _find(engine, "a")
+    job = stored(engine, "a")
     assert (job.state, job.worker, job.stage, job.fraction) == (State.QUEUED, None, None, 0.0)
     assert (job.lost, job.attempt, job.rank) == (1, 1, first.rank)
 
@@ -374,7 +368,7 @@ def test_a_job_has_a_deadline_from_now(engine: sa.Engine) -> None:
     row = {"id": "a", "options": {}, "trace_id": "t", "request_hash": "h"}
     with engine.begin() as connection:
         jobs.add(connection, row, deadline_seconds=50)
-    job = _find(engine, "a")
+    job = stored(engine, "a")
     assert job.deadline == pytest.approx(job.created + 50, abs=0.1)
 
 
@@ -387,12 +381,12 @@ def test_late_is_what_waits_past_its_deadline(engine: sa.Engine) -> None:
     with engine.begin() as connection:
         assert [job.id for job in jobs.overdue(connection)] == ["late"]
         assert jobs.is_late(connection, held)
-        assert not jobs.is_late(connection, _find(engine, "early"))
-        assert not jobs.is_late(connection, _find(engine, "endless"))
+        assert not jobs.is_late(connection, stored(engine, "early"))
+        assert not jobs.is_late(connection, stored(engine, "endless"))
         assert jobs.fail_waiting(connection, "late", {"detail": "too late"}, 10)
         assert jobs.overdue(connection) == []
         assert not jobs.fail_waiting(connection, "running", {})
-    job = _find(engine, "late")
+    job = stored(engine, "late")
     assert (job.state, job.error) == (State.FAILED, {"detail": "too late"})
     assert job.finished is not None and job.expires == pytest.approx(job.finished + 10, abs=0.1)
 
@@ -424,7 +418,7 @@ def test_a_job_that_ends_knows_how_long_it_is_kept(end: str, engine: sa.Engine) 
         held = _claimed(engine, job_id, "w1")
         with engine.begin() as connection:
             ENDS[end](connection, held, keep)
-    dated, endless = _find(engine, "a"), _find(engine, "b")
+    dated, endless = stored(engine, "a"), stored(engine, "b")
     assert dated.ended and endless.ended
     assert dated.finished is not None
     assert dated.expires == pytest.approx(dated.finished + 60, abs=0.1)
@@ -443,7 +437,7 @@ def test_only_ended_jobs_past_their_time_expire(engine: sa.Engine) -> None:
             jobs.succeed(connection, held, [])
     with engine.begin() as connection:
         assert jobs.expire(connection, 10) == ["a"]
-    assert [_find(engine, job_id).state for job_id in "abcde"] == [
+    assert [stored(engine, job_id).state for job_id in "abcde"] == [
         State.EXPIRED,
         State.SUCCEEDED,
         State.SUCCEEDED,
@@ -477,9 +471,9 @@ def test_what_was_to_be_kept_for_ever_is_dated_from_its_end(engine: sa.Engine) -
     with engine.begin() as connection:
         assert [jobs.limit_keeping(connection, 60, 1) for _ in range(3)] == [1, 1, 0]
     for job_id in "ab":
-        job = _find(engine, job_id)
+        job = stored(engine, job_id)
         assert job.finished is not None and job.expires == pytest.approx(job.finished + 60)
-    assert _find(engine, "c").expires is None
+    assert stored(engine, "c").expires is None
 
 
 def test_ids_of_jobs_are_told_from_others(engine: sa.Engine) -> None:

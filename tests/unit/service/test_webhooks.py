@@ -18,6 +18,7 @@ from service.outgoing import Answer, UnansweredError
 from service.settings import Settings
 from service.states import State
 from service.webhooks import Teller, queue_news, retry_after
+from tests.unit.service.asking import stored
 from tests.unit.service.receiver import SECRET, receiving
 
 URL = "https://hook.example/?token=hidden"
@@ -61,13 +62,6 @@ def _ended(engine: sa.Engine, job_id: str, url: str | None = URL) -> None:
         assert jobs.succeed(connection, held, [])
 
 
-def _find(engine: sa.Engine, job_id: str) -> jobs.Job:
-    with engine.connect() as connection:
-        job = jobs.find(connection, job_id)
-    assert job is not None
-    return job
-
-
 def _news(engine: sa.Engine, queue: Any) -> int:
     with engine.begin() as connection:
         return queue_news(connection, queue)
@@ -94,7 +88,7 @@ def test_every_end_is_news_once(end: State, engine: sa.Engine, queue: FakeQueue)
     assert _news(engine, queue) == 1
     assert _news(engine, queue) == 0
     assert queue.queued == [("a", 1, 0.0)]
-    assert _find(engine, "a").delivery == {"state": "pending", "attempts": 0, "last_status": None}
+    assert stored(engine, "a").delivery == {"state": "pending", "attempts": 0, "last_status": None}
 
 
 def test_a_job_canceled_while_it_waits_is_news(engine: sa.Engine, queue: FakeQueue) -> None:
@@ -128,7 +122,7 @@ def test_a_telling_outlasts_a_database_that_is_away_or_busy(
     monkeypatch.setattr(webhooks, "_RETRY_SECONDS", 0.0)
     monkeypatch.setattr(webhooks, "post", lambda *_arguments: Answer(204, ""))
     Teller(engine, queue, settings).tell("a", 1)
-    delivery = _find(engine, "a").delivery
+    delivery = stored(engine, "a").delivery
     assert delivery == {"state": "delivered", "attempts": 1, "last_status": 204}
 
 
@@ -140,7 +134,7 @@ def test_an_end_that_was_rolled_back_is_no_news(engine: sa.Engine, queue: FakeQu
         assert jobs.succeed(connection, held, [])
         connection.rollback()
     assert _news(engine, queue) == 0
-    assert _find(engine, "a").state == State.QUEUED
+    assert stored(engine, "a").state == State.QUEUED
 
 
 def test_news_that_another_worker_has_told_meanwhile_stay_told(
@@ -160,13 +154,13 @@ def test_news_that_another_worker_has_told_meanwhile_stay_told(
     monkeypatch.setattr(deliveries, "news", stall)
     assert _news(engine, queue) == 0
     assert queue.queued == []
-    assert _find(engine, "a").delivery == told
+    assert stored(engine, "a").delivery == told
 
 
 def test_without_a_webhook_nothing_is_queued(engine: sa.Engine, queue: FakeQueue) -> None:
     _ended(engine, "a", None)
     assert _news(engine, queue) == 0
-    assert _find(engine, "a").delivery is None
+    assert stored(engine, "a").delivery is None
 
 
 def test_news_are_found_by_their_index(engine: sa.Engine) -> None:
@@ -182,7 +176,7 @@ def test_news_are_found_by_their_index(engine: sa.Engine) -> None:
 def _tell(engine: sa.Engine, queue: Any, number: int = 1, **settings: Any) -> dict[str, Any]:
     usual = {"webhook_private": "127.0.0.0/8", "webhook_seconds": 60}
     Teller(engine, queue, Settings(**{**usual, **settings})).tell("a", number)
-    delivery = _find(engine, "a").delivery
+    delivery = stored(engine, "a").delivery
     assert delivery is not None
     return delivery
 
