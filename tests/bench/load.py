@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
-import socket
 import subprocess
 import sys
 import tempfile
@@ -27,7 +26,7 @@ import numpy as np
 
 import drivers
 from tests.bench.pairs import pair_files
-from tests.chaos.service import SETUPS, Host, grown_up
+from tests.chaos.service import SETUPS, Host, free_port, grown_up
 
 _CLIENTS = (1, 8, 64)
 _EACH = 3
@@ -89,7 +88,7 @@ def _running(setup: str) -> Iterator[tuple[list[Host], str]]:
         folder = Path(name)
         if setup == "sqlite":
             # Not that of chaos, whose disk is small.
-            port = _free_port()
+            port = free_port()
             host = Host(folder / "host", ["serve", "--no-worker"], port=port)
             try:
                 yield from _answering([host], f"http://127.0.0.1:{port}")
@@ -234,12 +233,6 @@ def _await(happened: Callable[[], bool]) -> None:
         if time.monotonic() > deadline:
             sys.exit("load: waited in vain")
         time.sleep(0.1)
-
-
-def _free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port: int = server.getsockname()[1]
-    return port
 
 
 def _say(line: str) -> None:

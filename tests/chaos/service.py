@@ -110,7 +110,7 @@ class Service:
 def embedded(folder: Path) -> Iterator[Service]:
     """One `lightlayers serve` on SQLite and a folder, on a small disk where that can be made."""
     with _disk(folder / "host") as disk:
-        port = _free_port()
+        port = free_port()
         host = Host(folder / "host", ["serve"], port=port)
         host.disk = disk
         settings = Settings(data_dir=host.data)
@@ -137,7 +137,7 @@ def grown_up(folder: Path, relayed: bool = True) -> Iterator[Service]:
         bucket = f"{os.environ['AWS_ENDPOINT_URL']}/photographs"
         httpx.put(bucket).raise_for_status()
         store_url = "s3://photographs/chaos"
-        ports = [_free_port(), _free_port()]
+        ports = [free_port(), free_port()]
         hosts = [
             Host(
                 folder / f"api{number}",
@@ -199,7 +199,7 @@ def _disk(folder: Path) -> Iterator[Path | None]:
 def _s3(folder: Path) -> Iterator[int]:
     """An S3 server in a process of its own: its port."""
     folder.mkdir()
-    port = _free_port()
+    port = free_port()
     with (folder / "log").open("wb") as log:
         command = [sys.executable, "-m", "moto.server", "-p", str(port)]
         server = subprocess.Popen(command, stdout=log, stderr=log, cwd=folder)
@@ -222,7 +222,8 @@ def _s3_variables(port: int) -> dict[str, str]:
     }
 
 
-def _free_port() -> int:
+def free_port() -> int:
+    """A port of this computer that nothing listens to."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         port: int = server.getsockname()[1]
     return port
