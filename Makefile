@@ -10,6 +10,7 @@ SEED = 1
 WORKERS = $(shell n=$$(nproc); echo $$((n < 4 ? n + 1 : 4)))
 BIN := .venv/bin
 INSTALLED := .venv/installed
+COMPILED := .venv/compiled
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test lint evaluate bench chaos serve image openapi docs clean
@@ -17,16 +18,16 @@ INSTALLED := .venv/installed
 help:  ## Show this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/\1\t\2/p' Makefile | expand -t 12
 
-setup: $(INSTALLED)  ## Put everything into .venv; the command is .venv/bin/lightlayers then
+setup: $(COMPILED)  ## Put everything into .venv; the command is .venv/bin/lightlayers then
 
 demo: setup  ## Have the simulated camera take a pair, separate it, put the results into demo/
 	$(BIN)/python -m service.demo
 
-test: lint  ## Run every check and every test
+test: lint $(COMPILED)  ## Run every check and every test
 	@.ci/test-programs
 	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest --numprocesses $(WORKERS) --dist loadfile --no-loadscope-reorder
 
-lint: setup  ## Check style, types and the import rules
+lint: $(INSTALLED)  ## Check style, types and the import rules
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
@@ -75,5 +76,9 @@ $(INSTALLED): requirements-dev.lock pyproject.toml
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --disable-pip-version-check --require-hashes -r requirements-dev.lock
 	$(BIN)/python -m pip install --disable-pip-version-check --no-deps -e .
+	@touch $@
+
+# code belongs to one version of pipeline/, and is compiled anew when a file of it changes
+$(COMPILED): $(INSTALLED) $(shell find pipeline -name '*.py')
 	$(BIN)/python -m service.compile
 	@touch $@

@@ -3,14 +3,19 @@
 Numba keeps code, and reads what is kept, only where it may write; where that is nowhere, modules
 with loops cannot even be imported. A process that may only read what was compiled, like one in an
 image with another user, gets a folder of its own with links to it.
+
+Numba sees a change of the file that a function is in, and none of the files whose functions and
+constants are compiled into it. So each version of this package has a folder that is named for it.
 """
 
 from __future__ import annotations
 
 import atexit
+import hashlib
 import os
 import shutil
 import tempfile
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +27,10 @@ from numba.core.registry import cpu_target
 __all__ = ["CACHE", "Cache", "njit", "settle"]
 
 _config: Any = numba.config  # which has what the variables NUMBA_… said
+
+_PREFIX = "code-"
+_OTHERS = 2
+"""Versions whose code is left when a new one comes: their processes may go on for a while."""
 
 
 @dataclass(frozen=True)
@@ -41,22 +50,53 @@ class Cache:
 
 def settle() -> Cache:
     """Find the folder that code is kept in, or make one for the life of this process."""
-    given = _config.CACHE_DIR
-    wanted = Path(given or Path(__file__).with_name("__pycache__"))
+    home = _home()
+    wanted = home / f"{_PREFIX}{_digest(Path(__file__).parent)}"
+    is_new = not os.access(wanted, os.F_OK)
+    _config.CACHE_DIR = str(wanted)
     try:
         found = _folder()
         # A user's own folder, which Numba takes next, would have nothing of what is compiled.
-        if not given or found.is_relative_to(wanted):
+        if found.is_relative_to(wanted):
+            if is_new:
+                _forget_older(wanted)
             return Cache(found)
     except RuntimeError:
         pass
     own = Path(tempfile.mkdtemp(prefix="lightlayers-compiled-"))
     atexit.register(_remove, own, os.getpid())
-    for path in wanted.absolute().glob("*/*.nb[ic]"):
+    for path in wanted.glob("*/*.nb[ic]"):
         (own / path.parent.name).mkdir(exist_ok=True)
         (own / path.parent.name / path.name).symlink_to(path)  # Numba replaces files, links too
     _config.CACHE_DIR = str(own)
-    return Cache(_folder(), wanted)
+    return Cache(_folder(), home)
+
+
+def _home() -> Path:
+    """Where the folders of versions are: as NUMBA_CACHE_DIR says, or where Numba would keep it."""
+    if _config.CACHE_DIR:
+        return Path(_config.CACHE_DIR).absolute()
+    try:
+        return _folder()
+    except RuntimeError:
+        return Path(__file__).with_name("__pycache__")
+
+
+def _digest(package: Path) -> str:
+    """Digest of all modules of a package."""
+    digest = hashlib.sha256()
+    for path in sorted(package.rglob("*.py")):
+        digest.update(path.relative_to(package).as_posix().encode() + b"\0")
+        digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()[:16]
+
+
+def _forget_older(wanted: Path) -> None:
+    """Remove what other versions compiled, but for the newest. One that runs compiles anew."""
+    with suppress(OSError):  # another process removes them, too
+        others = [path for path in wanted.parent.glob(f"{_PREFIX}*") if path != wanted]
+        for path in sorted(others, key=lambda path: path.stat().st_mtime)[:-_OTHERS]:
+            shutil.rmtree(path, ignore_errors=True)
 
 
 def _folder() -> Path:

@@ -1,7 +1,6 @@
 """Exponential, logarithm and normal tail that compile to vector code where libm's do not.
 
-They are inlined into loops over arrays, and right to some parts in 10¹⁵. Compiled functions that
-use them are cached, and do not notice when this file changes.
+They are inlined into loops over arrays, and right to some parts in 10¹⁵.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Tables that take a library long to make, kept in files.
 
 colour-science takes half a second to import, and its tables another tenth: more than most jobs
-spend on finding lamps. They lie where Numba keeps what it compiles.
+spend on finding lamps. They lie in NUMBA_CACHE_DIR or beside this module, where versions of
+this package share them: each file has a stamp.
 """
 
 from __future__ import annotations

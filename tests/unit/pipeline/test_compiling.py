@@ -27,7 +27,9 @@ def _folder_of(kernel: Any) -> Path:
 def given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """What NUMBA_CACHE_DIR names, with a compiled function."""
     monkeypatch.setattr(compiling._config, "CACHE_DIR", str(tmp_path / "given"))
+    settle()
     assert njit(cache=True)(_double)(2) == 4
+    monkeypatch.setattr(compiling._config, "CACHE_DIR", str(tmp_path / "given"))
     return tmp_path / "given"
 
 
@@ -62,8 +64,74 @@ def lock(
 
 def test_code_is_kept_in_the_folder_that_is_given(given: Path) -> None:
     cache = settle()
-    assert cache.folder.parent == given
+    assert cache.folder.parent.parent == given
     assert cache.unwritable is None
+    kernel: Any = njit(cache=True)(_double)
+    assert kernel(3) == 6
+    assert kernel.stats.cache_hits.total() == 1
+
+
+def _asked(package: Path, **variables: str) -> tuple[int, Path]:
+    """What the compiled function of a small package says, and the folder of its code."""
+    code = "import pipeline.caller as called; print(called.answer(), called.CACHE.folder)"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "PYTHONPATH": str(package.parent), **variables},
+        cwd=package.parent,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    number, folder = done.stdout.split()
+    return int(number), Path(folder)
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A package whose one compiled function has a number of another module compiled in."""
+    package = tmp_path / "pipeline"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "compiling.py").write_bytes(Path(compiling.__file__).read_bytes())
+    (package / "callee.py").write_text("NUMBER = 42\n")
+    (package / "caller.py").write_text(
+        "from pipeline.callee import NUMBER\n"
+        "from pipeline.compiling import CACHE, njit\n"
+        "@njit(cache=True)\n"
+        "def answer():\n"
+        "    return NUMBER\n"
+    )
+    return package
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_code_that_another_module_is_compiled_into_notices_its_change(
+    given: bool, package: Path
+) -> None:
+    home = package.parent / "given" if given else package / "__pycache__"
+    variables = {"NUMBA_CACHE_DIR": str(home) if given else ""}
+    number, folder = _asked(package, **variables)
+    assert (number, folder.parent.parent) == (42, home)
+    assert _asked(package, **variables) == (42, folder)
+    (package / "callee.py").write_text("NUMBER = 43\n")
+    assert _asked(package, **variables)[0] == 43
+
+
+def test_code_of_the_last_versions_is_kept_and_of_older_ones_removed(
+    tmp_path: Path, given: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (own,) = given.iterdir()
+    older = [given / f"code-{number}" for number in range(4)]
+    for age, folder in enumerate(older):
+        (folder / "pipeline").mkdir(parents=True)
+        os.utime(folder, (1000 - age, 1000 - age))
+    (given / "spectra.npz").touch()
+    settle()
+    assert set(given.iterdir()) == {own, *older, given / "spectra.npz"}
+    own.rename(tmp_path / "gone")  # as if this version came now
+    monkeypatch.setattr(compiling._config, "CACHE_DIR", str(given))
+    settle()
+    assert set(given.iterdir()) == {own, *older[:2], given / "spectra.npz"}
 
 
 def test_what_may_only_be_read_is_read(
@@ -97,7 +165,10 @@ def test_where_nothing_can_be_kept_code_is_compiled_all_the_same(
     monkeypatch.setattr(compiling._config, "CACHE_DIR", "")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "user"))
     lock(Path(compiling.__file__).parent)
-    assert settle() == Cache(next((tmp_path / "user" / "numba").iterdir()))
+    user = tmp_path / "user" / "numba"
+    cache = settle()
+    assert (cache.folder.is_relative_to(user), cache.unwritable) == (True, None)
+    monkeypatch.setattr(compiling._config, "CACHE_DIR", "")
     (tmp_path / "user").rename(tmp_path / "gone")
     (tmp_path / "user").touch()  # no folder
     cache = settle()
@@ -106,8 +177,8 @@ def test_where_nothing_can_be_kept_code_is_compiled_all_the_same(
 
 
 def test_code_of_another_processor_is_none(given: Path) -> None:
+    settle()
     cache = Cache(_folder_of(njit(cache=True)(_double)))
-    assert cache.folder.parent == given
     assert cache.is_filled()
     (index,) = cache.folder.glob("*.nbi")
     processor = cpu_target.target_context.codegen().magic_tuple()[1].encode()
