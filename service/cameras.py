@@ -15,10 +15,10 @@ import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
 
 import drivers
-from service import jobs
+from service import jobs, queues
 from service.database import cameras, now
 from service.database import jobs as rows
-from service.states import ENDED, HELD
+from service.states import ENDED
 
 _UNUSED_SECONDS = 86400.0
 
@@ -96,15 +96,14 @@ def _unfinished() -> sa.ColumnElement[bool]:
 
 def holder(connection: sa.Connection, camera: str) -> jobs.Job | None:
     """Find the job that has the camera take its pair now."""
-    captures = sa.and_(rows.c.state.in_(HELD), rows.c.stage == jobs.CAPTURE)
-    found = connection.execute(sa.select(rows.c.id).where(rows.c.camera == camera, captures))
+    found = connection.execute(sa.select(rows.c.id).where(queues.has_camera(camera)))
     job_id = found.scalar()
     return jobs.find(connection, job_id) if job_id else None
 
 
 def count_waiting(connection: sa.Connection, camera: str) -> int:
     """How many jobs wait for the camera."""
-    count = sa.select(sa.func.count()).select_from(rows).where(jobs.waits_for_camera(camera))
+    count = sa.select(sa.func.count()).select_from(rows).where(queues.waits_for_camera(camera))
     return connection.execute(count).scalar_one()
 
 
@@ -123,7 +122,7 @@ def claim(connection: sa.Connection, job_id: str, worker: str) -> jobs.Job | Non
     job = jobs.find(connection, job_id)  # as it is now that others wait
     if job is None or is_past_capture(job):
         return None
-    return jobs.claim(connection, job_id, worker, jobs.CAPTURE)
+    return jobs.claim(connection, job_id, worker, queues.CAPTURE)
 
 
 def is_past_capture(job: jobs.Job) -> bool:

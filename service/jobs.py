@@ -12,14 +12,11 @@ from typing import Any, Literal
 
 import sqlalchemy as sa
 
-from service import bursts, fairness, metrics, quotas
+from service import bursts, fairness, metrics, queues, quotas
 from service.database import jobs, now, workers
 from service.states import ENDED, HELD, State, before
 
 Priority = Literal["high", "normal", "low"]
-
-CAPTURE = "capture"
-"""The stage of attempts that take a pair; no other attempt of a job in a camera's queue has it."""
 
 LOST_ATTEMPTS = 3
 """Attempts at a job that may be cut short before it is given up."""
@@ -83,7 +80,7 @@ class Job:
     @property
     def captures(self) -> bool:
         """Whether a worker has the job's camera take the pair, or is about to pass it on."""
-        return self.state in HELD and self.stage == CAPTURE
+        return self.state in HELD and self.stage == queues.CAPTURE
 
 
 _KEPT = sa.and_(
@@ -103,7 +100,8 @@ def add(
     Raises sqlalchemy.exc.IntegrityError on a used idempotency key, and what quotas.charge raises.
     """
     owner, priority = values.get("owner", ""), values.get("priority", "normal")
-    rank = fairness.next_rank(connection, owner, priority)
+    camera = None if values.get("inputs") else values.get("camera")
+    rank = fairness.next_rank(connection, owner, priority, camera)
     deadline = None if deadline_seconds is None else now() + deadline_seconds
     row = sa.insert(jobs).values(state=State.QUEUED, rank=rank, created=now(), deadline=deadline)
     connection.execute(row.values(**values))
@@ -166,14 +164,6 @@ def count_queued(connection: sa.Connection, owner: str | None = None) -> int:
     return connection.execute(query).scalar_one()
 
 
-def waits_for_camera(camera: str | None) -> sa.ColumnElement[bool]:
-    """Whether a job waits in the queue of a camera; None: in that of the workers."""
-    this = jobs.c.camera == camera
-    elsewhere = sa.or_(jobs.c.camera.is_(None), jobs.c.inputs.is_not(None))
-    queue = elsewhere if camera is None else sa.and_(this, jobs.c.inputs.is_(None))
-    return sa.and_(jobs.c.state == State.QUEUED, queue)
-
-
 def positions(connection: sa.Connection, waiting: list[Job]) -> dict[str, int]:
     """Place in its queue, from 1, of every job of `waiting` that is queued."""
     queued = [job for job in waiting if job.state == State.QUEUED]
@@ -182,7 +172,7 @@ def positions(connection: sa.Connection, waiting: list[Job]) -> dict[str, int]:
             sa.select(sa.func.count())
             .select_from(jobs)
             .where(
-                waits_for_camera(None if job.inputs else job.camera),
+                queues.waits_for_camera(None if job.inputs else job.camera),
                 sa.tuple_(jobs.c.rank, jobs.c.created, jobs.c.id)
                 <= (job.rank, job.created, job.id),
             )

@@ -8,7 +8,7 @@ import pytest
 import sqlalchemy as sa
 
 import drivers
-from service import cameras, database, heartbeats, jobs
+from service import cameras, database, heartbeats, jobs, queues
 from service.states import State
 
 ADDRESS = "ptp+ip://192.168.1.20"
@@ -106,7 +106,7 @@ def test_one_job_at_a_time_has_a_camera(engine: sa.Engine, camera: str) -> None:
     _add(engine, "b")
     assert _look(engine, camera).waiting == 2
     held = _claim(engine, "a")
-    assert held and (held.state, held.stage, held.attempt) == (State.RUNNING, jobs.CAPTURE, 1)
+    assert held and (held.state, held.stage, held.attempt) == (State.RUNNING, queues.CAPTURE, 1)
     assert _claim(engine, "b", "w2") is None
     found = _look(engine, camera)
     assert found.holder == held and found.waiting == 1

@@ -5,32 +5,39 @@ import itertools
 import pytest
 import sqlalchemy as sa
 
-from service import database, jobs
+from service import database, jobs, queues
 from service.fairness import MAX_RANK
 
 _numbers = itertools.count()
 
 
-def _add(engine: sa.Engine, owner: str, priority: str = "normal") -> str:
+def _add(engine: sa.Engine, owner: str, priority: str = "normal", camera: str | None = None) -> str:
     """Put a job into the queue; its id, which begins with its owner."""
     job_id = f"{owner} {next(_numbers)}"
-    row = {"options": {}, "trace_id": "t", "request_hash": "h"}
+    row: dict[str, object] = {"options": {}, "trace_id": "t", "request_hash": "h", "camera": camera}
     with engine.begin() as connection:
         jobs.add(connection, {"id": job_id, "owner": owner, "priority": priority, **row})
     return job_id
 
 
-def _go(engine: sa.Engine, end: bool = True) -> str:
-    """Have a worker take the job that is first; its id."""
+def _go(engine: sa.Engine, end: bool = True, camera: str | None = None) -> str:
+    """Have a worker take the job that is first; its id. camera: in the camera's queue."""
     order = (database.jobs.c.rank, database.jobs.c.created, database.jobs.c.id)
     with engine.begin() as connection:
-        waiting = sa.select(database.jobs.c.id).where(database.jobs.c.state == "queued")
+        waiting = sa.select(database.jobs.c.id).where(queues.waits_for_camera(camera))
         job_id: str = connection.execute(waiting.order_by(*order).limit(1)).scalar_one()
-        held = jobs.claim(connection, job_id, "w")
+        held = jobs.claim(connection, job_id, "w", queues.CAPTURE if camera else None)
         assert held is not None
         if end:
             jobs.succeed(connection, held, [])
     return job_id
+
+
+def _rank(engine: sa.Engine, job_id: str) -> int:
+    with engine.connect() as connection:
+        job = jobs.find(connection, job_id)
+    assert job is not None
+    return job.rank
 
 
 def _owners(engine: sa.Engine, count: int) -> str:
@@ -100,14 +107,44 @@ def test_a_queue_without_a_worker_is_shared_as_well(engine: sa.Engine) -> None:
     assert _owners(engine, 4) == "abab"
 
 
+def test_who_needs_no_camera_does_not_wait_for_what_a_camera_does(engine: sa.Engine) -> None:
+    for _ in range(20):
+        _add(engine, "a", camera="studio")
+    for _ in range(10):
+        _go(engine, camera="studio")
+    held = _go(engine, end=False, camera="studio")
+    waiting = [_add(engine, "b"), _add(engine, "b")]
+    _go(engine, end=False)
+    one = _add(engine, "c", "high")
+    assert [_rank(engine, job_id) for job_id in (held, *waiting, one)] == [44, 4, 8, 5]
+    assert _rank(engine, _add(engine, "c", camera="another")) == 8
+
+
+def test_a_capture_that_waits_does_not_send_others_before_what_waits(engine: sa.Engine) -> None:
+    _add(engine, "a", camera="studio")  # for hours, as one that is delayed
+    jobs_of_b = [_add(engine, "b") for _ in range(4)]
+    for _ in range(2):
+        _go(engine)
+    assert _rank(engine, _add(engine, "c")) == 12 == _rank(engine, jobs_of_b[2])
+
+
+def test_owners_go_by_turns_at_a_camera_whose_pairs_no_worker_has(engine: sa.Engine) -> None:
+    for _ in range(10):
+        _add(engine, "a", camera="studio")
+    _add(engine, "b", camera="studio")
+    gone = ""
+    for _ in range(6):
+        gone += _go(engine, end=False, camera="studio")[0]
+        if gone[-1] == "b":
+            _add(engine, "b", camera="studio")
+    assert gone == "ababab"
+
+
 def test_ranks_start_again_when_the_queue_is_empty(engine: sa.Engine) -> None:
     for _ in range(5):
         _add(engine, "a")
     _owners(engine, 5)
-    job_id = _add(engine, "a")
-    with engine.connect() as connection:
-        job = jobs.find(connection, job_id)
-    assert job is not None and job.rank == 4
+    assert _rank(engine, _add(engine, "a")) == 4
 
 
 @pytest.mark.parametrize("priority", ["high", "low"])
@@ -116,7 +153,5 @@ def test_ranks_end_where_the_queue_can_count_no_further(priority: str, engine: s
     with engine.begin() as connection:
         connection.execute(sa.update(database.jobs).values(rank=MAX_RANK))
     second = _add(engine, "a", priority)
-    with engine.connect() as connection:
-        job = jobs.find(connection, second)
-    assert job is not None and job.rank <= MAX_RANK
+    assert _rank(engine, second) <= MAX_RANK
     assert {_go(engine), _go(engine)} == {first, second}
