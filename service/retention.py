@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 import time
-from collections.abc import Iterator
 
 import sqlalchemy as sa
 
@@ -37,13 +37,12 @@ class Sweep:
         """Remove what is due.
 
         thorough: also remove expired uploads, and look through the store for files without a job.
+        A job whose files cannot be deleted stays, and keeps no other from going.
         Raises sqlalchemy.exc.DBAPIError or obstore.exceptions.BaseError when one is away.
         """
         self._queue.forget_done(_QUEUE_SECONDS)
         self._limit_keeping()
-        for job_id in self._expired():
-            remove(self._engine, self._storage, job_id)
-            log.info("removed", extra={"job": job_id})
+        self._remove_due()
         if thorough:
             self._remove_strays()
             with self._engine.begin() as connection:
@@ -60,8 +59,9 @@ class Sweep:
             return
         with self._engine.connect() as connection:
             due = jobs.due(connection)
-        for job_id in sorted(due.intersection(self._storage.folders(JOBS)))[:_BATCH]:
-            self._storage.delete_below(job_key(job_id))
+        stored = sorted(due.intersection(self._storage.folders(JOBS)))
+        gone = (job_id for job_id in stored if self._delete_files(job_id))
+        for job_id in itertools.islice(gone, _BATCH):
             log.info("files removed", extra={"job": job_id})
         self._remove_strays()
         uploads.remove_expired(self._engine, self._storage)
@@ -73,13 +73,26 @@ class Sweep:
                 if not jobs.limit_keeping(connection, keep_seconds, _BATCH):
                     return
 
-    def _expired(self) -> Iterator[str]:
+    def _remove_due(self) -> None:
+        stuck: set[str] = set()
         while True:
             with self._engine.begin() as connection:
-                found = jobs.expire(connection, _BATCH)
+                found = set(jobs.expire(connection, _BATCH + len(stuck))) - stuck
             if not found:
                 return
-            yield from found
+            for job_id in found:
+                if not self._delete_files(job_id):
+                    stuck.add(job_id)
+                    continue
+                with self._engine.begin() as connection:
+                    jobs.remove(connection, job_id)
+                log.info("removed", extra={"job": job_id})
+
+    def _delete_files(self, job_id: str) -> bool:
+        deleted = self._storage.try_delete_below(job_key(job_id))
+        if not deleted:
+            log.warning("the files cannot be deleted: %s", uploads.ADVICE, extra={"job": job_id})
+        return deleted
 
     def _remove_strays(self) -> None:
         stored = self._storage.folders(JOBS)
@@ -88,9 +101,8 @@ class Sweep:
             with self._engine.connect() as connection:
                 strays = set(some) - jobs.known(connection, some)
             for job_id in strays:
-                below = job_key(job_id)
-                if self._storage.changed(below) < time.time() - _STRAY_SECONDS:
-                    self._storage.delete_below(below)
+                changed = self._storage.changed(job_key(job_id))
+                if changed < time.time() - _STRAY_SECONDS and self._delete_files(job_id):
                     log.info("files without a job removed", extra={"job": job_id})
 
 

@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
 import obstore
-from obstore.exceptions import GenericError
+from obstore.exceptions import BaseError, GenericError
 from obstore.store import LocalStore, ObjectStore, S3Store, from_url
 
 from service import durable
@@ -162,6 +162,18 @@ class Storage:
                 self.delete(key)
             # A process that was killed while it stored something has left a file that is no object.
             shutil.rmtree(self._folder / prefix, ignore_errors=True)
+
+    def try_delete_below(self, prefix: str) -> bool:
+        """Do what delete_below does; false when something there is not ours to delete.
+
+        Raises what check raises when the store as a whole is away.
+        """
+        try:
+            self.delete_below(prefix)
+        except (BaseError, OSError):
+            self.check()
+            return False
+        return True
 
     def free_bytes(self) -> int | None:
         """Tell how much more fits on the disk, None for S3. Raises GenericError."""

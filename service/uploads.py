@@ -7,6 +7,7 @@ whatever hosts, one counts. A row is made before its first object: objects witho
 from __future__ import annotations
 
 import hashlib
+import logging
 import uuid
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -24,6 +25,10 @@ MAX_PARTS = 10_000
 _PREFIX = "uploads/"
 _LONG_OVER_SECONDS = 3600.0
 """Longer than any transaction takes, so that none goes on with an upload whose pieces are going."""
+
+ADVICE = "let the service delete what is in its store; the next sweep tries again"
+
+log = logging.getLogger("service.uploads")
 
 
 @dataclass(frozen=True)
@@ -116,7 +121,7 @@ def assemble(storage: Storage, upload: Upload, path: Path) -> str:
 def remove_expired(engine: sa.Engine, storage: Storage) -> None:
     """Delete uploads whose time is long over, and pieces without an upload. May run at any time.
 
-    Pieces go first, since on a full disk no row can.
+    Pieces go first, since on a full disk no row can. Those that cannot be deleted stay.
     """
     over = uploads.c.expires <= now() - _LONG_OVER_SECONDS
     # In this order: what has a piece now, if a half-stored one, had its row before.
@@ -124,7 +129,8 @@ def remove_expired(engine: sa.Engine, storage: Storage) -> None:
     with engine.connect() as connection:
         known = set(connection.execute(sa.select(uploads.c.id).where(~over)).scalars())
     for upload_id in sorted(set(stored) - known):
-        delete_parts(storage, upload_id)
+        if not storage.try_delete_below(f"{_PREFIX}{upload_id}/"):
+            log.warning("the pieces of upload %s cannot be deleted: %s", upload_id, ADVICE)
     with engine.begin() as connection:
         connection.execute(sa.delete(uploads).where(over))
 

@@ -138,14 +138,14 @@ def test_a_removal_that_was_cut_short_is_finished(
     _expires(context, job_id, 1.0)
 
     def die(*_arguments: object) -> None:
-        raise GenericError("killed")
+        raise SystemExit
 
     with monkeypatch.context() as dying:
         if killed == "before its files are gone":
             dying.setattr(Storage, "delete_below", die)
         else:
             dying.setattr(jobs, "remove", die)
-        with pytest.raises(GenericError):
+        with pytest.raises(SystemExit):
             sweep.run(thorough=False)
     assert [job.state for job in rows_of(context)] == [State.EXPIRED]
     for path in ("results", "results.zip", "results/manifest.json"):
@@ -153,6 +153,94 @@ def test_a_removal_that_was_cut_short_is_finished(
     sweep.run(thorough=False)
     assert rows_of(context) == []
     assert context.storage.list("") == []
+
+
+@pytest.fixture
+def locked(monkeypatch: pytest.MonkeyPatch) -> set[str]:
+    """Keys, or what they begin with, that the store does not delete."""
+    keys: set[str] = set()
+    delete = Storage.delete
+
+    def refuse(storage: Storage, key: str) -> None:
+        if key.startswith(tuple(keys)):
+            raise GenericError("Permission denied (os error 13)")
+        delete(storage, key)
+
+    monkeypatch.setattr(Storage, "delete", refuse)
+    return keys
+
+
+@pytest.mark.parametrize("batch", [1, 500])
+def test_a_job_whose_files_cannot_be_deleted_keeps_nothing_else(
+    batch: int,
+    sweep: Sweep,
+    finished: Callable[[], str],
+    context: Context,
+    locked: set[str],
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setattr("service.retention._BATCH", batch)
+    due = [finished() for _ in range(4)]
+    for number, job_id in enumerate(due):
+        _expires(context, job_id, 1.0 + number)
+    with context.engine.begin() as connection:
+        uploads.add(connection, {"id": "over", "owner": "", "length": 9}, -3601.0)
+    for key in ("jobs/stray/inputs/flash", "jobs/z/inputs/flash", "uploads/a/0", "uploads/over/0"):
+        context.storage.put(key, b"light")
+    jobs_folder = context.settings.data_dir / "store" / "jobs"
+    for name in ("stray", "z"):
+        for path in (jobs_folder / name, *(jobs_folder / name).rglob("*")):
+            os.utime(path, (time.time() - 90_000,) * 2)
+    locked.update({f"jobs/{due[0]}/", f"jobs/{due[1]}/", "jobs/stray/", "uploads/a/"})
+    sweep.run(thorough=True)
+    assert {job.id: job.state for job in rows_of(context)} == dict.fromkeys(due[:2], State.EXPIRED)
+    assert set(context.storage.folders("jobs/")) == {*due[:2], "stray"}
+    assert context.storage.list("uploads/") == ["uploads/a/0"]
+    with context.engine.connect() as connection:
+        assert uploads.find(connection, "", "over") is None
+    told = [record for record in caplog.records if record.levelname == "WARNING"]
+    assert [getattr(record, "job", None) for record in told].count(due[0]) == 1
+    assert not any("manifest" in record.getMessage() for record in told)
+    locked.clear()
+    sweep.run(thorough=False)
+    assert rows_of(context) == []
+
+
+def test_room_is_made_by_what_comes_after_files_that_cannot_be_deleted(
+    sweep: Sweep,
+    finished: Callable[[], str],
+    context: Context,
+    locked: set[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("service.retention._BATCH", 1)
+    stuck, other = sorted((finished(), finished()))
+    for job_id in (stuck, other):
+        _expires(context, job_id, 1.0)
+    locked.add(f"jobs/{stuck}/")
+    sweep.make_room()
+    assert context.storage.folders("jobs/") == [stuck]
+
+
+def test_a_sweep_ends_where_the_store_is_away(
+    sweep: Sweep,
+    finished: Callable[[], str],
+    context: Context,
+    locked: set[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for _ in range(2):
+        _expires(context, finished(), 1.0)
+    locked.add("jobs/")
+
+    def away(_storage: Storage) -> None:
+        raise GenericError("away")
+
+    monkeypatch.setattr(Storage, "check", away)
+    with pytest.raises(GenericError, match="away"):
+        sweep.run(thorough=False)
+    assert len(rows_of(context)) == 2
 
 
 @pytest.mark.parametrize("state", ["queued", "running", "succeeded"])
