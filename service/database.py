@@ -125,6 +125,20 @@ sa.Index(
     postgresql_where=jobs.c.webhook.is_not(None) & jobs.c.delivery.is_(None),
 )
 
+CALIBRATES = jobs.c.likeness.like(sa.literal_column("'calibrate-%'"))
+"""Whether a job is a calibration. Spelt out, with no parameter, it is found by its index."""
+
+# Few rows beside an owner's separations, each of which may look for calibrations.
+# By the state, too: SQLite, which counts nothing, would take jobs_by_age for as good.
+sa.Index(
+    "jobs_that_calibrate",
+    jobs.c.owner,
+    jobs.c.state,
+    jobs.c.created,
+    sqlite_where=CALIBRATES,
+    postgresql_where=CALIBRATES,
+)
+
 # Cameras that somebody has asked for, as they were when they last answered.
 cameras = sa.Table(
     "cameras",

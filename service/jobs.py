@@ -13,7 +13,7 @@ from typing import Any, Literal
 import sqlalchemy as sa
 
 from service import bursts, fairness, metrics, queues, quotas
-from service.database import jobs, now, workers
+from service.database import CALIBRATES, jobs, now, workers
 from service.states import ENDED, HELD, State, before
 
 Priority = Literal["high", "normal", "low"]
@@ -83,9 +83,7 @@ class Job:
         return self.state in HELD and self.stage == queues.CAPTURE
 
 
-_KEPT = sa.and_(
-    jobs.c.likeness.like("calibrate-%"), jobs.c.options["setup"].as_string().is_not(None)
-)
+_KEPT = sa.and_(CALIBRATES, jobs.c.options["setup"].as_string().is_not(None))
 
 
 def _job(row: sa.Row[Any]) -> Job:

@@ -139,6 +139,11 @@ class Rows:
         with self.engine.connect() as connection:
             jobs.positions(connection, jobs.page(connection, "owner1", 51, self._middle))
 
+    def calibrations(self) -> None:
+        """Look for an owner's calibrations, as a separation does."""
+        with self.engine.connect() as connection:
+            assert jobs.kept_calibrations(connection, "owner1", None) == []
+
     def upkeep(self) -> None:
         """Look for what is late, is to be dated, or is kept no longer."""
         with self.engine.begin() as connection:
@@ -161,6 +166,7 @@ OPERATIONS: dict[str, Callable[[Rows], None]] = {
     "position": Rows.position,
     "list, first page": Rows.first_page,
     "list, a page in the middle": Rows.later_page,
+    "calibrations": Rows.calibrations,
     "upkeep": Rows.upkeep,
 }
 

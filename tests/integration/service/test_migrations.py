@@ -81,6 +81,26 @@ def test_the_steps_lead_to_the_tables_of_this_program(empty: sa.Engine) -> None:
         assert compare_metadata(context, database.metadata) == []
 
 
+def test_calibrations_are_found_by_their_index(empty: sa.Engine) -> None:
+    migrations.upgrade(empty)
+    row = {"options": {}, "state": "succeeded", "trace_id": "1", "request_hash": "", "created": 1.0}
+    with empty.begin() as connection:
+        many = [{"id": str(number), "likeness": "best-best", **row} for number in range(1000)]
+        kept = {"id": "kept", "likeness": "calibrate-flash", **row, "options": {"setup": "default"}}
+        connection.execute(sa.insert(database.jobs), [*many, kept])
+        connection.exec_driver_sql("ANALYZE")
+    word = "EXPLAIN QUERY PLAN" if empty.dialect.name == "sqlite" else "EXPLAIN"
+    plans = []
+
+    @sa.event.listens_for(empty, "before_cursor_execute")
+    def explain(_c: object, cursor: Any, query: str, values: Any, *_more: object) -> None:
+        plans.append(str(cursor.execute(f"{word} {query}", values).fetchall()))
+
+    with empty.connect() as connection:
+        assert [job.id for job in jobs.kept_calibrations(connection, "", "default")] == ["kept"]
+    assert ["jobs_that_calibrate" in plan for plan in plans] == [True]
+
+
 def test_what_the_older_program_writes_meanwhile_is_complete(empty: sa.Engine) -> None:
     migrations.upgrade(empty)
     with empty.begin() as connection:

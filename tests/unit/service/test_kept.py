@@ -118,3 +118,17 @@ def test_without_any_there_is_no_file(tmp_path: Path) -> None:
     kept.write(tmp_path, [])
     assert list(tmp_path.iterdir()) == []
     assert kept.read(tmp_path) == []
+
+
+@pytest.mark.parametrize("setup", [None, "default"])
+def test_calibrations_are_found_by_their_index(engine: sa.Engine, setup: str | None) -> None:
+    plans = []
+
+    @sa.event.listens_for(engine, "before_cursor_execute")
+    def explain(_c: object, cursor: Any, query: str, values: Any, *_more: object) -> None:
+        plans.append(cursor.execute(f"EXPLAIN QUERY PLAN {query}", values).fetchall())
+
+    with engine.connect() as connection:
+        assert jobs.kept_calibrations(connection, "a", setup) == []
+    ((plan,),) = plans  # and no sort
+    assert "USING INDEX jobs_that_calibrate" in str(plan)
