@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sqlalchemy as sa
 
+from service import queues
 from service.database import jobs, now, workers
 from service.states import State
 
@@ -22,6 +23,12 @@ def jobs_by_state(connection: sa.Connection) -> dict[State, int]:
 
 
 def longest_wait(connection: sa.Connection) -> float:
-    """Seconds that the oldest queued job has waited; 0 when none waits."""
-    oldest = sa.select(now() - sa.func.min(jobs.c.created)).where(jobs.c.state == State.QUEUED)
+    """Seconds that the oldest job has waited for a worker; 0 when none waits.
+
+    What waits for a camera, or for its hour, is not among them. A pair that a camera took counts
+    from the beginning of that.
+    """
+    taken = sa.func.coalesce(jobs.c.started, jobs.c.created)
+    since = sa.case((jobs.c.camera.is_(None), jobs.c.created), else_=taken)
+    oldest = sa.select(now() - sa.func.min(since)).where(queues.waits_for_camera(None))
     return max(connection.execute(oldest).scalar_one() or 0.0, 0.0)

@@ -168,7 +168,8 @@ def _workers(engine: sa.Engine, settings: Settings) -> Finding:
         waiting = census.longest_wait(connection)
     if not living:
         return Finding("wrong", "workers", "none lives: start one with `lightlayers worker`.")
-    return Finding("ok", "workers", f"{living} live; the oldest job has waited {waiting:.0f} s.")
+    said = f"{living} live; the oldest job has waited {waiting:.0f} s for one."
+    return Finding("ok", "workers", said)
 
 
 def _keys(settings: Settings, usable: bool) -> Finding:

@@ -70,7 +70,7 @@ class Database(Collector):
         for state, count in states.items():
             jobs.add_metric([state.value], count)
         yield jobs
-        oldest = "Time that the oldest queued job has waited."
+        oldest = "Time that the oldest job has waited for a worker."
         yield GaugeMetricFamily("lightlayers_queue_oldest_seconds", oldest, value=wait)
         yield GaugeMetricFamily("lightlayers_workers", "Workers that live.", value=workers)
 
