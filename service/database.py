@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,8 @@ AWAY = (
 )
 """What is raised while a database is away or has no room, has dropped a connection, or all
 connections to it are in use."""
+
+_CALLS = "once committed"
 
 _DISK_FULL = "53100"  # PostgreSQL's code
 
@@ -199,7 +202,7 @@ uploads = sa.Table(
 
 
 def connect(url: str) -> sa.Engine:
-    """Open an engine for our tables and the queue's.
+    """Open an engine for our tables and the queue's, whose connections know once_committed.
 
     What a statement was sent with, secrets of webhooks among it, is in no error's text. On SQLite
     every writing transaction takes the lock when it begins to write, and waits for it.
@@ -208,13 +211,16 @@ def connect(url: str) -> sa.Engine:
     if parsed.get_backend_name() == "postgresql":
         here = parsed.set(drivername="postgresql+psycopg")
         arguments = {name: _POSTGRESQL[name] for name in _POSTGRESQL if name not in parsed.query}
-        return sa.create_engine(
+        engine = sa.create_engine(
             here, pool_pre_ping=True, hide_parameters=True, connect_args=arguments
         )
+        _watch_ends(engine)
+        return engine
     if parsed.database:
         # Secrets of webhooks are in it; what is there already is its owner's to close.
         Path(parsed.database).parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     engine = sa.create_engine(parsed, hide_parameters=True)
+    _watch_ends(engine)
 
     @sa.event.listens_for(engine, "connect")
     def _configure(connection: Any, _record: object) -> None:
@@ -226,6 +232,32 @@ def connect(url: str) -> sa.Engine:
         connection.execute("PRAGMA foreign_keys=ON")
 
     return engine
+
+
+def once_committed(connection: sa.Connection, call: Callable[[], None]) -> None:
+    """Call something once this transaction is committed and its connection free, or never."""
+    connection.info.setdefault(_CALLS, []).append(call)
+
+
+def _watch_ends(engine: sa.Engine) -> None:
+    """Make the calls of transactions that are committed, and forget those of others."""
+
+    @sa.event.listens_for(engine, "rollback")
+    def _forget(connection: sa.Connection) -> None:
+        if not connection.invalidated:  # its calls went with what was connected
+            connection.info.pop(_CALLS, None)
+
+    @sa.event.listens_for(engine, "handle_error")
+    def _forget_too(context: sa.engine.ExceptionContext) -> None:
+        if context.connection is not None and context.statement is None:  # the commit failed
+            _forget(context.connection)
+
+    @sa.event.listens_for(engine, "checkin")
+    def _make(_connection: object, record: sa.pool.ConnectionPoolEntry) -> None:
+        calls = record.info.pop(_CALLS, ())
+        if record.dbapi_connection is not None:
+            for call in calls:
+                call()
 
 
 def is_full(error: sa.exc.DBAPIError) -> bool:

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 import sqlalchemy as sa
 
 from service import bursts, fairness, metrics, queues, quotas
-from service.database import CALIBRATES, jobs, now, workers
+from service.database import CALIBRATES, jobs, now, once_committed, workers
 from service.states import ENDED, HELD, State, before
 
 Priority = Literal["high", "normal", "low"]
@@ -104,7 +105,7 @@ def add(
     row = sa.insert(jobs).values(state=State.QUEUED, rank=rank, created=now(), deadline=deadline)
     connection.execute(row.values(**values))
     quotas.charge(connection, owner)
-    metrics.ACCEPTED.inc()
+    once_committed(connection, metrics.ACCEPTED.inc)
     return rank
 
 
@@ -471,7 +472,8 @@ def _move(
         _update(sa.and_(which, jobs.c.state.in_(before(state)))).values(values)
     )
     if state in ENDED and state != State.EXPIRED:
-        metrics.FINISHED.labels(state.value).inc(moved.rowcount)
+        count = partial(metrics.FINISHED.labels(state.value).inc, moved.rowcount)
+        once_committed(connection, count)
     return moved.rowcount == 1
 
 

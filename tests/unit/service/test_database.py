@@ -7,6 +7,7 @@ import pytest
 import sqlalchemy as sa
 
 from service import database
+from service.database import once_committed
 
 
 def test_what_is_committed_to_sqlite_outlasts_a_power_cut(engine: sa.Engine) -> None:
@@ -41,3 +42,24 @@ def test_a_full_disk_is_told_from_a_database_that_is_away(tmp_path: Path) -> Non
     assert database.is_full(caught.value)
     assert database.is_full(sa.exc.OperationalError("x", None, psycopg.errors.DiskFull()))
     assert not database.is_full(sa.exc.OperationalError("x", None, psycopg.OperationalError()))
+
+
+@pytest.mark.parametrize("fault", ["a commit that fails", "a connection that is lost"])
+def test_nothing_is_called_for_what_is_not_kept(engine: sa.Engine, fault: str) -> None:
+    called: list[str] = []
+    with engine.begin() as connection:
+        connection.exec_driver_sql(
+            "CREATE TABLE known (id TEXT REFERENCES workers (id) DEFERRABLE INITIALLY DEFERRED)"
+        )
+        once_committed(connection, lambda: called.append("before"))
+    with pytest.raises((sa.exc.IntegrityError, TimeoutError)), engine.begin() as connection:
+        connection.exec_driver_sql("INSERT INTO known VALUES ('nobody')")
+        once_committed(connection, lambda: called.append("meanwhile"))
+        if fault == "a connection that is lost":
+            connection.invalidate()
+            raise TimeoutError
+    with engine.begin() as connection:
+        assert connection.exec_driver_sql("SELECT * FROM known").all() == []
+        once_committed(connection, lambda: called.append("after"))
+        assert called == ["before"]
+    assert called == ["before", "after"]

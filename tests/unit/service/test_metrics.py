@@ -78,6 +78,24 @@ def test_jobs_count_when_they_come_and_when_they_end(engine: sa.Engine) -> None:
     assert _count("lightlayers_jobs_finished_total", outcome="failed") == failed + 1
 
 
+def test_what_is_rolled_back_does_not_count(engine: sa.Engine) -> None:
+    _add(engine, "a")
+    names = "lightlayers_jobs_accepted_total", "lightlayers_jobs_finished_total"
+    before = _count(names[0]), _count(names[1], outcome="canceled")
+    with pytest.raises(sa.exc.IntegrityError), engine.begin() as connection:
+        jobs.request_cancel(connection, "a")
+        row = {"options": {}, "trace_id": "1" * 32, "request_hash": ""}
+        jobs.add(connection, {"id": "b", **row})
+        jobs.add(connection, {"id": "a", **row})
+    with engine.connect() as connection:  # ended without a commit
+        jobs.add(connection, {"id": "b", **row})
+    assert (_count(names[0]), _count(names[1], outcome="canceled")) == before
+    with engine.begin() as connection:  # the same connection of the pool
+        jobs.request_cancel(connection, "a")
+        assert _count(names[1], outcome="canceled") == before[1]
+    assert (_count(names[0]), _count(names[1], outcome="canceled")) == (before[0], before[1] + 1)
+
+
 def test_only_faults_of_the_store_are_the_stores() -> None:
     before = _count("lightlayers_store_errors_total")
     metrics.count_fault(MalformedRequestError("no"))
