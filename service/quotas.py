@@ -12,13 +12,13 @@ _DAY_SECONDS = 86400
 _WAITING_RETRY_SECONDS = 10
 
 
-def check(connection: sa.Connection, key_id: str) -> None:
-    """Refuse another job of a key that has used up a quota.
+def check(connection: sa.Connection, key_id: str, coming: int = 1) -> None:
+    """Refuse another job of a key that has used up a quota, or several where they do not all fit.
 
     Raises QuotaError for jobs, StoredQuotaError for bytes. Of requests that come at once more may
     pass than there is room for: charge() refuses those.
     """
-    _check(connection, key_id, coming=1)
+    _check(connection, key_id, coming)
 
 
 def charge(connection: sa.Connection, key_id: str) -> None:
@@ -51,17 +51,21 @@ def _check(connection: sa.Connection, key_id: str, coming: int) -> None:
     if key.waiting_jobs is not None:
         waiting = _of_jobs(connection, key_id, sa.func.count(), jobs.c.state == State.QUEUED)
         if waiting + coming > key.waiting_jobs:
+            has = "; send this one again when one has started"
+            if coming > 1:
+                has = f" {waiting}; ask for fewer than these {coming}, or wait till some have begun"
             raise QuotaError(
-                f"This key may have {key.waiting_jobs} jobs wait at a time, and has; send this one "
-                "again when one has started.",
+                f"This key may have {key.waiting_jobs} jobs wait at a time, and has{has}.",
                 _WAITING_RETRY_SECONDS,
             )
     if key.jobs_per_day is not None:
         day, second = divmod(_now(connection), _DAY_SECONDS)
-        if (key.jobs_of_day if key.day == day else 0) + coming > key.jobs_per_day:
+        made = key.jobs_of_day if key.day == day else 0
+        if made + coming > key.jobs_per_day:
+            has = f" made {made}; ask for fewer than these {coming}" if coming > 1 else ""
             raise QuotaError(
-                f"This key may make {key.jobs_per_day} jobs a day, and has; the next day begins at "
-                "midnight UTC.",
+                f"This key may make {key.jobs_per_day} jobs a day, and has{has}; the next day "
+                "begins at midnight UTC.",
                 int(_DAY_SECONDS - second) + 1,
             )
     if key.stored_bytes is not None:

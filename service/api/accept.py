@@ -78,14 +78,21 @@ def refuse_when_full(
     if _job_of(context, caller, idempotency_key):
         return
     with context.engine.connect() as connection:
-        quotas.check(connection, caller.owner)
+        quotas.check(connection, caller.owner, coming)
         own = jobs.count_queued(connection, caller.owner)
         waiting = jobs.count_queued(connection)
-    if own + coming > context.settings.queued_jobs_per_key:
-        raise QueueFullError(f"{own} jobs of yours wait already; send this one again later.")
-    if waiting + coming > context.settings.queued_jobs:
-        raise QueueFullError(f"{waiting} jobs wait already; send this one again later.")
+    of_key, in_all = context.settings.queued_jobs_per_key, context.settings.queued_jobs
+    if own + coming > of_key:
+        raise QueueFullError(_full(f"{own} jobs of yours wait already", coming, of_key))
+    if waiting + coming > in_all:
+        raise QueueFullError(_full(f"{waiting} jobs wait already", coming, in_all))
     refuse_when_disk_full(context)
+
+
+def _full(said: str, coming: int, limit: int) -> str:
+    if coming == 1:
+        return f"{said}; send this one again later."
+    return f"{said}, and {limit} may; ask for fewer than these {coming}, or later."
 
 
 def refuse_when_disk_full(context: Context) -> None:

@@ -140,7 +140,11 @@ class TestCaptures:
     def test_a_burst_for_which_there_is_no_room_is_refused_whole(
         self, capture: Any, context: Context
     ) -> None:
-        assert problem_of(capture(pairs=11))[:2] == (429, "queue-full")
+        assert problem_of(capture(pairs=11)) == (
+            429,
+            "queue-full",
+            "0 jobs of yours wait already, and 10 may; ask for fewer than these 11, or later.",
+        )
         assert rows_of(context) == []
         assert capture(pairs=10).status_code == 202
 

@@ -7,7 +7,7 @@ import httpx
 import pytest
 import sqlalchemy as sa
 
-from service import database, quotas
+from service import cameras, database, jobs, quotas
 from service.api.context import Context
 from service.errors import QuotaError
 from tests.unit.service.asking import bearing, owner_of, post_capture, post_pair, problem_of
@@ -30,6 +30,38 @@ def test_jobs_that_wait_are_counted_per_key(http: httpx.Client, context: Context
     assert int(refused.headers["retry-after"]) > 0
     http.post(first["links"]["cancel"], headers=few)
     post_capture(http, **few)
+
+
+@pytest.mark.parametrize(
+    ("quota", "expected"),
+    [
+        (
+            "waiting_jobs",
+            "This key may have 3 jobs wait at a time, and has 1; ask for fewer than these 3, or "
+            "wait till some have begun.",
+        ),
+        (
+            "jobs_per_day",
+            "This key may make 3 jobs a day, and has made 1; ask for fewer than these 3; the next "
+            "day begins at midnight UTC.",
+        ),
+    ],
+)
+def test_a_burst_that_a_quota_has_no_room_for_is_refused_at_once(
+    quota: str,
+    expected: str,
+    http: httpx.Client,
+    context: Context,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    key = bearing(context, "capture", **{quota: 3})
+    burst = f"/cameras/{cameras.id_of('sim://studio')}/captures"
+    post_capture(http, **key)
+    with monkeypatch.context() as begun:
+        begun.setattr(jobs, "add", pytest.fail)
+        refused = http.post(burst, json={"pairs": 3}, headers=key)
+    assert problem_of(refused) == (429, "quota-exceeded", expected)
+    assert http.post(burst, json={"pairs": 2}, headers=key).status_code == 202
 
 
 def test_jobs_of_a_day_count_even_if_they_are_deleted(http: httpx.Client, context: Context) -> None:
