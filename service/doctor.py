@@ -30,6 +30,7 @@ from service.errors import StartError
 from service.opening import cause_of, open_storage
 from service.sentences import sentence_of
 from service.settings import Settings
+from service.storage import Storage
 
 _PREFIX = "LIGHTLAYERS_"
 _NOT_SETTINGS = ("LIGHTLAYERS_SPECTRA", "LIGHTLAYERS_MAX_PIXELS", "LIGHTLAYERS_KEY")
@@ -203,6 +204,23 @@ def _store(settings: Settings) -> Iterator[Finding]:
         return
     grade: Literal["ok", "wrong"] = "ok" if read == b"light" else "wrong"
     yield Finding(grade, "store", "what is written can be read, listed and deleted.")
+    yield from _room(storage, settings)
+
+
+def _room(storage: Storage, settings: Settings) -> Iterator[Finding]:
+    try:
+        free = storage.free_bytes()
+    except BaseError as error:
+        yield Finding("wrong", "store's disk", f"{cause_of(error)}: see what lies at its place.")
+        return
+    if free is None:  # on no disk of ours
+        return
+    said = f"{free / 2**30:.1f} GiB are free for photographs and results"
+    if free < settings.free_bytes:
+        less = "less than LIGHTLAYERS_FREE_BYTES: new jobs are refused; make room."
+        yield Finding("wrong", "store's disk", f"{said}, {less}")
+    else:
+        yield Finding("ok", "store's disk", f"{said}.")
 
 
 def _disk(settings: Settings) -> Iterator[Finding]:
@@ -210,8 +228,9 @@ def _disk(settings: Settings) -> Iterator[Finding]:
     folder = next(path for path in folders if os.access(path, os.F_OK))
     free = shutil.disk_usage(folder).free
     said = f"{free / 2**30:.1f} GiB are free at {folder}"
-    if free < max(settings.free_bytes, settings.upload_bytes):
-        yield Finding("wrong", "disk", f"{said}: new jobs are refused; make room.")
+    if free < settings.upload_bytes:
+        less = "less than LIGHTLAYERS_UPLOAD_BYTES: large requests and their jobs fail; make room."
+        yield Finding("note", "disk", f"{said}, {less}")
     else:
         yield Finding("ok", "disk", f"{said}.")
 

@@ -1,12 +1,14 @@
 from __future__ import annotations
 
 import resource
+import shutil
 import socket
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import sqlalchemy as sa
+from obstore.exceptions import GenericError
 
 from pipeline import compiling
 from service import database, heartbeats, keys, migrations
@@ -15,6 +17,7 @@ from service.cli import run
 from service.doctor import Finding, examine
 from service.opening import open_database
 from service.settings import Settings
+from service.storage import Storage
 
 Look = Callable[[], dict[str, Finding]]
 
@@ -52,7 +55,8 @@ def test_a_service_that_works_has_nothing_wrong(
     assert [part for part, finding in found.items() if finding.grade == "wrong"] == []
     assert found["database"].sentence == f"it answers, at schema {migrations.newest()}."
     assert found["workers"].sentence.startswith("1 live")
-    assert {"clock", "store", "disk", "memory", "ulimits", "kernels", "port"} <= set(found)
+    parts = {"clock", "store", "store's disk", "disk", "memory", "ulimits", "kernels", "port"}
+    assert parts <= set(found)
     assert run(["doctor"]) == 0
     assert "\nok     clock: it agrees" in capsys.readouterr().out
 
@@ -194,9 +198,46 @@ def test_a_folder_that_others_may_read_is_told(look: Look, settings: Settings) -
     assert look()["data_dir"].grade == "ok"
 
 
-def test_a_full_disk_is_told(look: Look, monkeypatch: pytest.MonkeyPatch) -> None:
+def _disks(look: Look) -> dict[str, str | None]:
+    found = look()
+    return {part: found[part].grade if part in found else None for part in ("disk", "store's disk")}
+
+
+def test_a_full_disk_is_told_of_the_store_as_of_where_requests_are_received(
+    look: Look, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free = {tmp_path / "data": 5000, tmp_path / "elsewhere": 500}
+    monkeypatch.setenv("LIGHTLAYERS_STORE_URL", (tmp_path / "elsewhere").as_uri())
+    monkeypatch.setenv("LIGHTLAYERS_FREE_BYTES", "400")
+    usage = shutil.disk_usage("/")
+    monkeypatch.setattr("shutil.disk_usage", lambda path: usage._replace(free=free[path]))
+    assert _disks(look) == {"disk": "ok", "store's disk": "ok"}
+    monkeypatch.setenv("LIGHTLAYERS_FREE_BYTES", "600")
+    assert _disks(look) == {"disk": "ok", "store's disk": "wrong"}
+    assert "new jobs are refused" in look()["store's disk"].sentence
+    monkeypatch.setenv("LIGHTLAYERS_UPLOAD_BYTES", "6000")
+    monkeypatch.setenv("LIGHTLAYERS_FREE_BYTES", "400")
+    assert _disks(look) == {"disk": "note", "store's disk": "ok"}
+    assert "large requests" in look()["disk"].sentence
+
+
+def test_a_store_on_no_disk_of_this_machine_has_no_room_to_tell(
+    look: Look, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("LIGHTLAYERS_FREE_BYTES", str(2**60))
-    assert look()["disk"].grade == "wrong"
+    monkeypatch.setattr(Storage, "free_bytes", lambda _storage: None)
+    assert _disks(look) == {"disk": "ok", "store's disk": None}
+
+
+def test_a_disk_that_does_not_tell_its_free_space_is_told(
+    look: Look, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(_storage: Storage) -> int:
+        raise GenericError("the disk does not tell its free space")
+
+    monkeypatch.setattr(Storage, "free_bytes", fail)
+    found = look()["store's disk"]
+    assert (found.grade, "free space" in found.sentence) == ("wrong", True)
 
 
 def test_memory_that_a_job_may_not_have_is_told(
