@@ -76,7 +76,6 @@ def _limit(memory_bytes: int, cpu_seconds: int, open_files: int, output_bytes: i
 
 
 def _explain(error: Exception, task: dict[str, Any]) -> dict[str, Any]:
-    logs.configure()
     if errors.kind_of(error) is errors.INTERNAL:
         log.error(
             "task failed",
@@ -148,6 +147,7 @@ _WORK: dict[str, Callable[[dict[str, Any], Tell], None]] = {
 }
 
 if __name__ == "__main__":
+    logs.configure()  # of the server and of its children
     forkserver.serve()
     code = main()
     sys.stdout.flush()

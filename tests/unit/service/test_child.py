@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import pytest
 
+import drivers
 from service import sandbox
 from service.errors import FileLimitError, MemoryLimitError, OutputLimitError, TimeLimitError
 from service.forkserver import ForkServer
@@ -121,6 +122,28 @@ def test_a_camera_that_fails_is_a_problem(
         _run(server, "capture", tmp_path, capture={"camera": address})
     assert caught.value.problem["type"] == f"urn:lightlayers:problem:{kind}"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_child_logs_is_json_with_its_job(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    camera = drivers.serve_simulated("sim://studio?width=64&height=64&noise=off", "127.0.0.1", 0)
+    capture = {"camera": f"ptp+ip://{camera.address}", "keep": False}
+    limits = sandbox.Limits(8 * GIB, 60, 256, 4 * GIB)
+    task = sandbox.Task("capture", "7", "f" * 32, str(tmp_path), limits, {}, capture)
+
+    def unplug(_question: dict[str, Any], _has_ended: Callable[[], bool]) -> bool:
+        camera.close()
+        return True
+
+    with (
+        contextlib.closing(camera),
+        contextlib.closing(sandbox.fork_server(1)) as own,  # its stderr is read here
+    ):
+        sandbox.run(task, 100, lambda *_report: None, lambda: False, own, unplug)
+    lines = [json.loads(line) for line in capfd.readouterr().err.splitlines()]
+    told = {(line["level"], line["logger"], line["job"]) for line in lines}
+    assert told == {("warning", "service.camera_tasks", "7")}
 
 
 def _in_a_child(work: str) -> subprocess.CompletedProcess[bytes]:
