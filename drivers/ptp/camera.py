@@ -22,6 +22,7 @@ from drivers.clock import Clock
 from drivers.errors import (
     CameraDisconnectedError,
     CameraTimeoutError,
+    ProtocolError,
     SettingError,
     StoreFullError,
     TransferError,
@@ -267,10 +268,13 @@ class PtpCamera(Camera):
 
 
 def open_awake(address: str, connect: Callable[[], Transport], clock: Clock) -> PtpCamera:
-    """Open a camera by a fresh connection, and by a second one if the first only woke it."""
+    """Open a camera by a fresh connection, and by a second one if the first only woke it.
+
+    Or if the first found the answer of a caller that was cut off: closing it has cleared that away.
+    """
     try:
         return PtpCamera(address, connect(), clock)
-    except (CameraTimeoutError, CameraDisconnectedError):
+    except (CameraTimeoutError, CameraDisconnectedError, ProtocolError):
         return PtpCamera(address, connect(), clock)
 
 

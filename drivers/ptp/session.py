@@ -67,6 +67,7 @@ class Session:
         self.clock = clock
         self._transaction = 0
         self._open = False
+        self._cut = False  # a transaction was begun, and not all of its answer was taken
 
     def open(self) -> None:
         """Open the session; one that an earlier caller left open is closed first."""
@@ -118,6 +119,8 @@ class Session:
     def close(self) -> None:
         """Close the session and the transport, also where the camera is gone."""
         try:
+            if self._cut:  # the next caller would take the rest of its answer for his own
+                self.transport.start_afresh()
             if self._open:
                 self._open = False
                 self._once(Operation.CLOSE_SESSION, ())
@@ -136,6 +139,7 @@ class Session:
     ) -> tuple[int, Bytes, tuple[int, ...]]:
         transaction = self._transaction
         self._transaction = 1 if transaction == _LAST_TRANSACTION else transaction + 1
+        self._cut = True
         self.transport.send(
             Container.with_parameters(ContainerType.COMMAND, operation, transaction, parameters)
         )
@@ -148,6 +152,7 @@ class Session:
             _check(answer, operation, transaction, ContainerType.DATA)
             answer = self.transport.receive()
         _check(answer, answer.code, transaction, ContainerType.RESPONSE)
+        self._cut = False
         return answer.code, received, answer.parameters
 
 

@@ -39,6 +39,9 @@ class Transport(ABC):
     def receive_event(self, timeout_s: float) -> Container | None:
         """Take the next event, waiting at most timeout_s seconds; None if there is none."""
 
+    def start_afresh(self) -> None:  # noqa: B027  a connection that ends with its caller is fresh
+        """Throw away what is still on the way of a transaction that was cut off."""
+
     @abstractmethod
     def close(self) -> None:
         """Let go of the connection. Closing twice is fine."""

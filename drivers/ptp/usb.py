@@ -45,6 +45,8 @@ _BLOCK_BYTES = (1 << 20) + 4096  # read at once; a multiple of every packet size
 _ENDLESS = 0xFFFFFFFF
 _POLL_MS = 10  # the shortest look for an event; 0 would mean for ever
 _HEADER_BYTES = 12
+_AT_REST_S = 0.1  # a camera that was brought to rest and is silent for so long sends no more
+_MOST_READS = 600  # enough for the largest photograph
 
 _GONE = "The connection to the camera broke: plug it in again and take the pair anew."
 
@@ -153,6 +155,15 @@ class UsbTransport(Transport):
         if event.type is not ContainerType.EVENT:
             raise ProtocolError(f"The camera tells of a {event.type.name.lower()} for an event")
         return event
+
+    def start_afresh(self) -> None:
+        """Bring the camera to rest and read its pipe empty."""
+        with self._translated(), contextlib.suppress(usb.core.USBTimeoutError):
+            with contextlib.suppress(usb.core.USBError):  # some cameras do not know it
+                self._reset()
+            for _ in range(_MOST_READS):
+                self._received.clear()
+                self._read(self._clock.monotonic() + _AT_REST_S)
 
     def close(self) -> None:
         """Let go of the interface."""

@@ -152,8 +152,7 @@ class SimulatedBus(usb.backend.IBackend):  # type: ignore[misc]
         return device
 
     def close_device(self, _handle: Any) -> None:
-        """Forget what was under way."""
-        self._answers.clear()
+        """Keep what is in the pipe: a camera does not notice that a program ends."""
 
     def set_configuration(self, _handle: Any, _value: int) -> None:
         """Take the only configuration."""

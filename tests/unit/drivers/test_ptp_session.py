@@ -30,6 +30,7 @@ class Script(Transport):
         self.answers = deque(answers)
         self.sent: list[Container] = []
         self.closed = 0
+        self.afresh: list[int] = []
 
     def send(self, container: Container) -> None:
         self.sent.append(container)
@@ -41,6 +42,9 @@ class Script(Transport):
 
     def receive_event(self, timeout_s: float) -> Container | None:
         raise AssertionError(timeout_s)
+
+    def start_afresh(self) -> None:
+        self.afresh.append(len(self.sent))
 
     def close(self) -> None:
         self.closed += 1
@@ -175,9 +179,22 @@ def test_closing_lets_go_once_of_the_session_and_always_of_the_transport(clock: 
     session.close()
     assert [container.code for container in script.sent] == [0x1002, 0x1003]
     assert script.closed == 2
+    assert script.afresh == []
 
 
 def test_closing_a_camera_that_is_gone_is_fine(clock: Clock) -> None:
     session, script = opened(clock)
     session.close()
     assert script.closed == 1
+
+
+@pytest.mark.parametrize("answers", [(), (response(2),), (Container(DATA, 0x1004, 1),)])
+def test_what_a_cut_transaction_left_is_thrown_away_before_the_session_is_closed(
+    clock: Clock, answers: tuple[Container, ...]
+) -> None:
+    session, script = opened(clock, *answers)
+    with pytest.raises(DriverError):
+        session.request(Operation.GET_STORAGE_IDS)
+    session.close()
+    assert [container.code for container in script.sent] == [0x1002, 0x1004, 0x1003]
+    assert script.afresh == [2]
