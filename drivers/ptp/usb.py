@@ -45,6 +45,8 @@ _BLOCK_BYTES = (1 << 20) + 4096  # read at once; a multiple of every packet size
 _ENDLESS = 0xFFFFFFFF
 _POLL_MS = 10  # the shortest look for an event; 0 would mean for ever
 _HEADER_BYTES = 12
+_LONGEST_EVENT = _HEADER_BYTES + 5 * 4
+_EVENT_REST_MS = 100  # for each further packet of an event that has begun
 _AT_REST_S = 0.1  # a camera that was brought to rest and is silent for so long sends no more
 _MOST_READS = 600  # enough for the largest photograph
 
@@ -57,6 +59,7 @@ class UsbTransport(Transport):
     def __init__(self, device: Any, clock: Clock, answer_s: float = ANSWER_S) -> None:
         self._device, self._clock, self._answer_s = device, clock, answer_s
         self._received = bytearray()
+        self._event = bytearray()
         self._block = array("B", bytes(_BLOCK_BYTES))
         self._open = True
         self._transaction = 0
@@ -141,20 +144,36 @@ class UsbTransport(Transport):
 
     def receive_event(self, timeout_s: float) -> Container | None:
         """Take the next event, waiting at most timeout_s seconds; None if there is none."""
-        wait = max(_POLL_MS, round(1000 * timeout_s))
         with self._translated():
-            try:
-                raw = self._device.read(
-                    self._events.bEndpointAddress, self._events.wMaxPacketSize, wait
-                )
-            except usb.core.USBTimeoutError:
+            if not self._read_event(max(_POLL_MS, round(1000 * timeout_s))):
                 return None
-        if not raw:
-            return None
-        event = containers.decode(raw.tobytes())
+        raw = bytes(self._event)
+        self._event.clear()
+        event = containers.decode(raw)
         if event.type is not ContainerType.EVENT:
             raise ProtocolError(f"The camera tells of a {event.type.name.lower()} for an event")
         return event
+
+    def _read_event(self, wait_ms: int) -> bool:
+        """Read packets until an event is whole; what has come of it stays for the next call."""
+        address, most = self._events.bEndpointAddress, self._events.wMaxPacketSize
+        try:
+            while len(self._event) < self._event_length():
+                packet = self._device.read(address, most, wait_ms)
+                if not packet:
+                    return False
+                self._event += packet.tobytes()
+                wait_ms = _EVENT_REST_MS
+        except usb.core.USBTimeoutError:
+            return False
+        return True
+
+    def _event_length(self) -> int:
+        """What the event under way says of itself; nothing is waited for where that cannot be."""
+        if len(self._event) < 4:
+            return _HEADER_BYTES
+        length: int = struct.unpack_from("<I", self._event)[0]
+        return length if length <= _LONGEST_EVENT else 0
 
     def start_afresh(self) -> None:
         """Bring the camera to rest and read its pipe empty."""

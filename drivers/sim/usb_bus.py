@@ -22,7 +22,6 @@ from drivers.sim.body import Body
 from drivers.sim.responder import RELEASES, Responder
 
 _PACKET_BYTES = 512
-_EVENT_BYTES = 64
 _OUT, _IN, _EVENTS = 0x02, 0x81, 0x83
 _STRING, _GET_DESCRIPTOR = 3, 6
 _CANCEL, _RESET = 0x64, 0x66
@@ -38,7 +37,13 @@ class _Plug:
 
 
 class SimulatedBus(usb.backend.IBackend):  # type: ignore[misc]
-    """A bus with one camera on it. held: another program has claimed its interface."""
+    """A bus with one camera on it.
+
+    held: another program has claimed its interface. event_bytes: most in a packet of events, to be
+    set before the camera is found.
+    """
+
+    event_bytes = 64
 
     def __init__(self, body: Body, clock: Clock) -> None:
         super().__init__()
@@ -46,6 +51,7 @@ class SimulatedBus(usb.backend.IBackend):  # type: ignore[misc]
         self._clock = clock
         self._responder = Responder(body)
         self._answers: deque[bytes] = deque()  # one per transfer
+        self._event = b""  # what the host has not read of one
         self._halted = False
         self._plug = _Plug(1)
 
@@ -53,6 +59,7 @@ class SimulatedBus(usb.backend.IBackend):  # type: ignore[misc]
         """Plug the cable in again: the camera begins anew, at the bus's next address."""
         self._responder = Responder(self.body)
         self._answers.clear()
+        self._event = b""
         self._halted = False
         self._plug = _Plug(self._plug.address + 1)
 
@@ -132,7 +139,7 @@ class SimulatedBus(usb.backend.IBackend):  # type: ignore[misc]
         address, kind, size = (
             (_OUT, 2, _PACKET_BYTES),
             (_IN, 2, _PACKET_BYTES),
-            (_EVENTS, 3, _EVENT_BYTES),
+            (_EVENTS, 3, self.event_bytes),
         )[ep]
         return SimpleNamespace(
             bLength=7,
@@ -219,8 +226,14 @@ class SimulatedBus(usb.backend.IBackend):  # type: ignore[misc]
         return count
 
     def intr_read(self, handle: Any, _ep: int, _intf: int, buffer: Any, timeout: int) -> int:
-        """Hand the host the next event."""
+        """Hand the host the next packet of an event."""
         self._check_plugged(handle)
+        self._event = self._event or self._next_event(timeout)
+        raw, self._event = self._event[: self.event_bytes], self._event[self.event_bytes :]
+        memoryview(buffer)[: len(raw)] = raw
+        return len(raw)
+
+    def _next_event(self, timeout: int) -> bytes:
         raw = self._responder.next_event()
         if raw is None:
             wait = self.body.seconds_to_wait()
@@ -230,8 +243,7 @@ class SimulatedBus(usb.backend.IBackend):  # type: ignore[misc]
             raw = self._responder.next_event()
         if raw is None:
             self._wait(timeout)
-        memoryview(buffer)[: len(raw or b"")] = raw or b""
-        return len(raw or b"")
+        return raw or b""
 
     def _wait(self, timeout_ms: int) -> None:
         self._clock.sleep(timeout_ms / 1000)
