@@ -42,14 +42,20 @@ def codec(device: DeviceInfo, description: PropertyDescription) -> Codec | None:
         return None
     listed = description.form is Form.ENUMERATION and bool(description.values)
     known = listed and set(description.values) <= _FORMATS.names.keys()
-    return _FORMATS if known and device.manufacturer.lower().startswith("nikon") else None
+    return _FORMATS if known and _is_made_by_nikon(device) else None
+
+
+def _is_made_by_nikon(device: DeviceInfo) -> bool:
+    return device.manufacturer.lower().startswith("nikon")
 
 
 class Calls:
     """What a camera offers of these calls, and how they are made."""
 
     def __init__(self, session: Session, device: DeviceInfo) -> None:
-        offered = device.operations if device.vendor == NIKON else ()
+        # many of Nikon's bodies name another extension: that of MTP, or none there is
+        ours = device.vendor == NIKON or _is_made_by_nikon(device)
+        offered = device.operations if ours else ()
         self.can_capture = Operation.NIKON_CAPTURE_TO_CARD in offered
         self.can_tell = Operation.NIKON_GET_EVENTS in offered
         self._can_ready = Operation.NIKON_DEVICE_READY in offered

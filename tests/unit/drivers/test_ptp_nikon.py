@@ -1,0 +1,53 @@
+from __future__ import annotations
+
+import pytest
+
+from drivers.camera import EventKind
+from drivers.clock import Clock
+from drivers.ptp.camera import PtpCamera
+from drivers.ptp.codes import NIKON, Operation
+from drivers.ptp.datasets import DeviceInfo
+from drivers.ptp.nikon import Calls
+from drivers.ptp.session import Session
+from drivers.sim.address import SimulatedCamera
+from drivers.sim.backend import InProcessTransport
+from drivers.sim.body import Body
+
+CALLS = (
+    Operation.NIKON_CAPTURE_TO_CARD,
+    Operation.NIKON_GET_EVENTS,
+    Operation.NIKON_DEVICE_READY,
+)
+
+
+def a_body(clock: Clock, camera: str) -> Body:
+    options = {"camera": camera, "width": 64, "height": 64, "format": "jpeg"}
+    return Body(SimulatedCamera.model_validate(options), clock)
+
+
+@pytest.mark.parametrize(
+    ("maker", "vendor", "ours"),
+    [
+        ("Nikon Corporation", NIKON, True),
+        ("NIKON CORPORATION", 6, True),  # MTP's
+        ("Nikon", 0xFFFFFFFF, True),
+        ("Make", NIKON, True),
+        ("Make", 6, False),
+        ("", 0, False),
+    ],
+)
+def test_calls_are_made_of_cameras_of_nikon_alone(
+    clock: Clock, maker: str, vendor: int, ours: bool
+) -> None:
+    device = DeviceInfo(CALLS, (), (), (), maker, "Model", "1", "", vendor)
+    calls = Calls(Session(InProcessTransport(a_body(clock, "native"), clock), clock), device)
+    assert (calls.can_capture, calls.can_tell) == (ours, ours)
+
+
+def test_a_camera_that_names_another_extension_is_asked_for_its_events(clock: Clock) -> None:
+    body = a_body(clock, "native")
+    assert body.model.vendor != NIKON
+    with PtpCamera("sim://studio", InProcessTransport(body, clock), clock) as camera:
+        camera.trigger()
+        told = camera.events(timeout_s=5)
+    assert [event.kind for event in told] == [EventKind.OBJECT_ADDED, EventKind.CAPTURE_COMPLETE]
