@@ -101,7 +101,8 @@ _ALIKE = 0.01  # cameras round 1/60 s to 0.0166 or 0.0167; their steps are a qua
 
 def meant(name: SettingName, value: SettingValue, offered: Iterable[SettingValue]) -> SettingValue:
     """Give the offered exposure time that a value stands for, within 1 %; else the value itself."""
-    if name is not SettingName.SHUTTER_S or isinstance(value, str) or not abs(value) < _LONGEST_S:
+    # by value: the names of settings out of JSON are plain text
+    if name != SettingName.SHUTTER_S or isinstance(value, str) or not abs(value) < _LONGEST_S:
         return value
     numbers = [each for each in offered if not isinstance(each, str)]
     nearest = min(numbers, key=lambda each: abs(each - value), default=value)

@@ -78,6 +78,13 @@ def test_a_pair_is_taken_with_the_settings_asked_for(
     assert json.loads(json.dumps(told)) == told  # as it goes through a pipe
 
 
+def test_a_time_is_taken_as_the_camera_rounds_it(capture: Callable[..., _Process]) -> None:
+    """The names of settings are plain text here, as JSON has them."""
+    settings = json.loads('{"shutter_s": 0.0401}')
+    answer = capture(settings=settings).told[-1]["answer"]
+    assert answer["settings"]["shutter_s"] == 0.04
+
+
 def test_a_wrong_setting_is_told_before_the_first_photograph(
     capture: Callable[..., _Process], camera: Any
 ) -> None:
