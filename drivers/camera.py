@@ -122,13 +122,23 @@ class CameraObject:
     """A file on the camera's card.
 
     kind: "jpeg", "folder", "other", or the kind of RAW file: one of RAW_KINDS. size: bytes.
-    name: the camera's name for it.
+    name: the camera's name for it. storage: the camera's word for the card; empty: it has none.
     """
 
     handle: int
     kind: str
     size: int
     name: str
+    storage: str = ""
+
+    def is_copy_of(self, others: Iterable[CameraObject]) -> bool:
+        """Whether one of the others is alike in all but its place, and that on another card."""
+        alike = [
+            other.storage
+            for other in others
+            if (other.name, other.kind, other.size) == (self.name, self.kind, self.size)
+        ]
+        return bool(alike) and self.storage not in alike
 
 
 def kind_of_name(name: str) -> str:

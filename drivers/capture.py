@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import partial
 
-from drivers.camera import Camera, SettingName, SettingValue, meant
+from drivers.camera import Camera, CameraObject, SettingName, SettingValue, meant
 from drivers.clock import Clock, SystemClock
 from drivers.errors import (
     CameraBusyError,
@@ -74,7 +74,7 @@ def capture_pair(
         try:
             pair = CapturedPair(no_flash, taking.shoot("flash", "on"), frozen)
             progress("verify", 0.0)
-            _check_nothing_came_late(camera, before, pair)
+            pair = _with_late_copies(camera, before, pair)
             verify(pair, flash.brightness)
             break
         except DriverError as error:
@@ -85,14 +85,20 @@ def capture_pair(
     return pair
 
 
-def _check_nothing_came_late(camera: Camera, before: set[int], pair: CapturedPair) -> None:
-    """Raise CaptureError where the card holds more of the pair than was fetched."""
-    fetched = {*pair.no_flash.handles, *pair.flash.handles}
-    if photographs_since(camera, before | fetched):
+def _with_late_copies(camera: Camera, before: set[int], pair: CapturedPair) -> CapturedPair:
+    """Add copies that a second card got late.
+
+    Raises CaptureError where the card holds more of the pair than was fetched.
+    """
+    stored = (*pair.no_flash.stored, *pair.flash.stored)
+    known = {item.handle for item in stored}
+    late, copies = photographs_since(camera, before | known, stored)
+    if late:
         raise CaptureError(
             "A file reached the card long after its photograph was called complete: wait until the "
             "camera is idle and take the pair again."
         )
+    return replace(pair, flash=replace(pair.flash, stored=(*pair.flash.stored, *copies)))
 
 
 def check_settings(settings: Mapping[SettingName, SettingValue]) -> None:
@@ -152,6 +158,7 @@ class _Taking:
     clock: Clock
     progress: CaptureProgress
     frozen: dict[SettingName, SettingValue]
+    stored: list[CameraObject] = field(default_factory=list)  # of all photographs so far
 
     def shoot(self, stage: str, state: State) -> Shot:
         """Switch the flash and take one photograph."""
@@ -163,4 +170,7 @@ class _Taking:
                     f"The camera's {name} went from {value} to {found} in the middle of the pair: "
                     "leave its dials alone and take the pair again."
                 )
-        return take_shot(self.camera, self.clock, partial(self.progress, stage))
+        progress = partial(self.progress, stage)
+        shot = take_shot(self.camera, self.clock, progress, self.stored)
+        self.stored.extend(shot.stored)
+        return shot

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 from drivers.camera import RAW_KINDS, Camera, CameraObject, EventKind, SettingName
 from drivers.clock import Clock
@@ -43,13 +44,18 @@ CaptureProgress = Callable[[str, float], None]
 class Shot:
     """One release of the shutter.
 
-    files: bytes by kind, a RAW kind or "jpeg" or both. exposure: as its EXIF says. handles: of the
-    files on the camera's card, in the order of files.
+    files: bytes by kind, a RAW kind or "jpeg" or both. exposure: as its EXIF says. stored: the
+    files on the camera's card, in the order of files, then copies of them on a second one.
     """
 
     files: dict[str, bytes]
     exposure: ExposureFacts
-    handles: tuple[int, ...] = field(default=(), compare=False)
+    stored: tuple[CameraObject, ...] = field(default=(), compare=False)
+
+    @property
+    def handles(self) -> tuple[int, ...]:
+        """Of what is stored."""
+        return tuple(item.handle for item in self.stored)
 
     @property
     def best(self) -> bytes:
@@ -57,19 +63,25 @@ class Shot:
         return next(self.files[kind] for kind in _PREFERRED if kind in self.files)
 
 
-def take_shot(camera: Camera, clock: Clock, progress: Callable[[float], None]) -> Shot:
+def take_shot(
+    camera: Camera,
+    clock: Clock,
+    progress: Callable[[float], None],
+    earlier: Sequence[CameraObject] = (),
+) -> Shot:
     """Take one photograph with the settings as they are and fetch it.
 
-    progress: told the share of its bytes that came. Raises FocusError, StoreFullError,
+    progress: told the share of its bytes that came. earlier: photographs of which copies may still
+    reach a second card; such a copy is counted to this one. Raises FocusError, StoreFullError,
     CaptureError, TransferError, PairVerificationError where its EXIF is missing.
     """
     progress(0.0)
     patience_s = _exposure_s(camera) + PATIENCE_S
     camera.events(timeout_s=0)  # what is still waiting belongs to earlier shots
     promised = _promised(camera)
-    before = _release(camera, clock)
+    look = partial(photographs_since, camera, _release(camera, clock), earlier)
     deadline = clock.monotonic() + patience_s
-    photographs = _new_photographs(camera, clock, before, promised, deadline)
+    photographs, copies = _new_photographs(camera, clock, look, promised, deadline)
     total = max(1, sum(item.size for item in photographs))  # a camera may say 0 bytes
     files: dict[str, bytes] = {}
 
@@ -78,7 +90,7 @@ def take_shot(camera: Camera, clock: Clock, progress: Callable[[float], None]) -
 
     for item in photographs:
         files[item.kind] = fetch(camera, item, received)
-    return Shot(files, _exposure_of(files), tuple(item.handle for item in photographs))
+    return Shot(files, _exposure_of(files), (*photographs, *copies))
 
 
 def _exposure_of(files: dict[str, bytes]) -> ExposureFacts:
@@ -128,20 +140,34 @@ def _promised(camera: Camera) -> set[str]:
     return families if families <= {"raw", "jpeg"} else set()
 
 
-def photographs_since(camera: Camera, before: set[int]) -> list[CameraObject]:
-    """Describe the photographs on the card but those that it held before."""
-    new = [camera.describe(handle) for handle in sorted(camera.objects() - before)]
-    return [item for item in new if item.kind in _PREFERRED]
+Found = tuple[list[CameraObject], list[CameraObject]]
+"""Photographs, and copies of photographs on another card."""
+
+
+def photographs_since(
+    camera: Camera, before: set[int], earlier: Sequence[CameraObject] = ()
+) -> Found:
+    """Describe the photographs on the cards but those that they held before.
+
+    A camera with two cards may write each photograph to both. earlier: photographs whose copies
+    are told from new ones.
+    """
+    photographs, copies = list[CameraObject](), list[CameraObject]()
+    for item in [camera.describe(handle) for handle in sorted(camera.objects() - before)]:
+        if item.kind in _PREFERRED:
+            is_copy = item.is_copy_of((*earlier, *photographs, *copies))
+            (copies if is_copy else photographs).append(item)
+    return photographs, copies
 
 
 def _new_photographs(
-    camera: Camera, clock: Clock, before: set[int], promised: set[str], deadline: float
-) -> list[CameraObject]:
+    camera: Camera, clock: Clock, look: Callable[[], Found], promised: set[str], deadline: float
+) -> Found:
     """Find the photographs that the card did not hold before; events only say when to look."""
-    complete, photographs = True, list[CameraObject]()
+    complete, photographs, copies = True, list[CameraObject](), list[CameraObject]()
     while complete and not photographs:  # a late event of an earlier shot must not end the wait
         complete = _await_completion(camera, clock, deadline)
-        photographs = _settled(camera, clock, before, promised, deadline)
+        photographs, copies = _settled(clock, look, promised, deadline)
     if not photographs:
         raise CaptureError(
             "The camera released, but no photograph reached its card: check the card and try again."
@@ -151,21 +177,19 @@ def _new_photographs(
             "More than one photograph reached the card: set the camera to single frames and try "
             "again."
         )
-    return photographs
+    return photographs, copies
 
 
-def _settled(
-    camera: Camera, clock: Clock, before: set[int], promised: set[str], deadline: float
-) -> list[CameraObject]:
+def _settled(clock: Clock, look: Callable[[], Found], promised: set[str], deadline: float) -> Found:
     """List the new photographs once all that were promised are there, or nothing more comes."""
-    photographs = photographs_since(camera, before)
+    photographs, copies = look()
     settling = clock.monotonic() + SETTLE_S
     while not promised or {_family(item.kind) for item in photographs} != promised:
         if clock.monotonic() >= (max(deadline, settling) if promised and photographs else settling):
             break
         clock.sleep(SETTLE_S)
-        photographs = photographs_since(camera, before)
-    return photographs
+        photographs, copies = look()
+    return photographs, copies
 
 
 def _family(kind: str) -> str:

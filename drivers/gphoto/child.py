@@ -148,10 +148,11 @@ class Calls:
         return files
 
     def describe(self, handle: int) -> CameraObject:
-        """Kind, size and name."""
+        """Kind, size, name and card."""
         folder, name = self._place(handle)
         size = self._camera.file_get_info(folder, name).file.size
-        return CameraObject(handle, kind_of_name(name), size, name)
+        card = folder.split("/")[1]  # as in /store_00010001/DCIM/100CANON
+        return CameraObject(handle, kind_of_name(name), size, name, card)
 
     def delete(self, handle: int) -> None:
         """Delete a file."""

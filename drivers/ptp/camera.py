@@ -185,7 +185,7 @@ class PtpCamera(Camera):
         data, _ = self._session.request(Operation.GET_OBJECT_INFO, handle)
         info = ObjectInfo.decode(data)
         kind = _KINDS.get(info.format) or kind_of_name(info.name)
-        return CameraObject(handle, kind, info.size, info.name)
+        return CameraObject(handle, kind, info.size, info.name, f"{info.storage:#010x}")
 
     def delete(self, handle: int) -> None:
         """Delete an object from the card."""

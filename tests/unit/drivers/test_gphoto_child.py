@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from drivers.camera import EventKind, SettingName
+from drivers.camera import CameraObject, EventKind, SettingName
 from drivers.errors import SettingError
 
 TIMEOUT, FILE_ADDED, CAPTURE_COMPLETE, UNKNOWN = range(4)
@@ -31,6 +31,16 @@ class Device:
     def wait_for_event(self, wait_ms: int) -> tuple[int, None]:
         self.waits.append(wait_ms)
         return next(self.events, TIMEOUT), None
+
+    def folder_list_folders(self, folder: str) -> list[tuple[str, None]]:
+        """Two cards, with nothing but files on them."""
+        return [("store_00010001", None), ("store_00020001", None)] if folder == "/" else []
+
+    def folder_list_files(self, folder: str) -> list[tuple[str, None]]:
+        return [] if folder == "/" else [("DSC_1.JPG", None)]
+
+    def file_get_info(self, _folder: str, _name: str) -> SimpleNamespace:
+        return SimpleNamespace(file=SimpleNamespace(size=7))
 
 
 @pytest.fixture
@@ -79,3 +89,10 @@ def test_a_value_that_the_camera_lacks_is_refused_with_those_that_can_be_written
     with pytest.raises(SettingError) as raised:
         calls.write(SettingName.SHUTTER_S, 3)
     assert str(raised.value) == ("The camera offers no shutter_s of 3; it offers 0.02, 0.1, Bulb.")
+
+
+def test_a_file_is_described_with_the_card_that_it_is_on(calls: Any) -> None:
+    assert [calls.describe(handle) for handle in sorted(calls.objects())] == [
+        CameraObject(1, "jpeg", 7, "DSC_1.JPG", "store_00010001"),
+        CameraObject(2, "jpeg", 7, "DSC_1.JPG", "store_00020001"),
+    ]

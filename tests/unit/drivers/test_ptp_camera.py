@@ -296,6 +296,7 @@ def test_photographs_are_described_and_downloaded(clock: Clock) -> None:
     dng = described["dng"]
     whole = b"".join(camera.download(dng.handle))
     assert len(whole) == dng.size
+    assert (dng.name, dng.storage) == ("DSC_0001.DNG", "0x00010001")
     assert whole[:4] == b"II*\0"
     assert b"".join(camera.download(dng.handle, 1000)) == whole[1000:]
     assert b"".join(camera.download(dng.handle, dng.size)) == b""
