@@ -164,10 +164,17 @@ def _new_photographs(
     camera: Camera, clock: Clock, look: Callable[[], Found], promised: set[str], deadline: float
 ) -> Found:
     """Find the photographs that the card did not hold before; events only say when to look."""
-    complete, photographs, copies = True, list[CameraObject](), list[CameraObject]()
-    while complete and not photographs:  # a late event of an earlier shot must not end the wait
-        complete = _await_completion(camera, clock, deadline)
+    photographs, copies = list[CameraObject](), list[CameraObject]()
+    told: EventKind | None = EventKind.CAPTURE_COMPLETE
+    # a late event of an earlier shot must not end the wait
+    while told is EventKind.CAPTURE_COMPLETE and not photographs:
+        told = _await_end(camera, clock, deadline)
+        if told is EventKind.STORE_FULL:
+            deadline = clock.monotonic()  # what is not there now does not fit
         photographs, copies = _settled(clock, look, promised, deadline)
+    # the last photograph that fits may fill the card
+    if told is EventKind.STORE_FULL and (not photographs or promised - _families(photographs)):
+        raise StoreFullError("The camera's memory card is full: make room on it and try again.")
     if not photographs:
         raise CaptureError(
             "The camera released, but no photograph reached its card: check the card and try again."
@@ -184,7 +191,7 @@ def _settled(clock: Clock, look: Callable[[], Found], promised: set[str], deadli
     """List the new photographs once all that were promised are there, or nothing more comes."""
     photographs, copies = look()
     settling = clock.monotonic() + SETTLE_S
-    while not promised or {_family(item.kind) for item in photographs} != promised:
+    while not promised or _families(photographs) != promised:
         if clock.monotonic() >= (max(deadline, settling) if promised and photographs else settling):
             break
         clock.sleep(SETTLE_S)
@@ -192,21 +199,21 @@ def _settled(clock: Clock, look: Callable[[], Found], promised: set[str], deadli
     return photographs, copies
 
 
-def _family(kind: str) -> str:
-    return "raw" if kind in RAW_KINDS else kind
+def _families(photographs: list[CameraObject]) -> set[str]:
+    return {"raw" if item.kind in RAW_KINDS else item.kind for item in photographs}
 
 
-def _await_completion(camera: Camera, clock: Clock, deadline: float) -> bool:
-    """Wait; true once the camera says that the capture is complete, false at the deadline."""
+def _await_end(camera: Camera, clock: Clock, deadline: float) -> EventKind | None:
+    """Wait until the camera says that its card is full, or the capture complete; gives which.
+
+    None where it says neither by the deadline.
+    """
     while (left := deadline - clock.monotonic()) > 0:
-        for event in camera.events(timeout_s=left):
-            if event.kind is EventKind.STORE_FULL:
-                raise StoreFullError(
-                    "The camera's memory card is full: make room on it and try again."
-                )
-            if event.kind is EventKind.CAPTURE_COMPLETE:
-                return True
-    return False
+        told = {event.kind for event in camera.events(timeout_s=left)}
+        for kind in (EventKind.STORE_FULL, EventKind.CAPTURE_COMPLETE):
+            if kind in told:
+                return kind
+    return None
 
 
 def fetch(
