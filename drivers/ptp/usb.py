@@ -50,6 +50,10 @@ _EVENT_REST_MS = 100  # for each further packet of an event that has begun
 _AT_REST_S = 0.1  # a camera that was brought to rest and is silent for so long sends no more
 _MOST_READS = 600  # enough for the largest photograph
 
+_FORBIDDEN = (
+    "This user may not use the camera: let it, by a udev rule for USB cameras (Debian's package "
+    "libgphoto2-6 brings one), plug it in again and try again."
+)
 _GONE = "The connection to the camera broke: plug it in again and take the pair anew."
 
 
@@ -225,10 +229,7 @@ def _error_of(error: usb.core.USBError, device: Any) -> DriverError:
             f"The camera is in use by {_holder(device)}: close that program and try again."
         )
     if error.errno == errno.EACCES:
-        return CameraNotFoundError(
-            "This user may not use the camera: let it, by a udev rule for USB cameras (Debian's "
-            "package libgphoto2-6 brings one), plug it in again and try again."
-        )
+        return CameraNotFoundError(_FORBIDDEN)
     return CameraDisconnectedError(_GONE)
 
 
@@ -299,6 +300,17 @@ def _text(device: Any, name: str) -> str:
         return ""
 
 
+def _is_forbidden(device: Any) -> bool:
+    """Whether this user may not ask a device for its serial number."""
+    if _text(device, "serial_number"):
+        return False
+    try:  # pyusb does not say why a device gave no text
+        device.get_active_configuration()
+    except usb.core.USBError as error:
+        return bool(error.errno == errno.EACCES)
+    return False
+
+
 def connect(serial: str, backend: Any, clock: Clock) -> UsbTransport:
     """Connect to the camera with that serial number, or to the only one if that is empty."""
     try:
@@ -307,6 +319,8 @@ def connect(serial: str, backend: Any, clock: Clock) -> UsbTransport:
         raise CameraDisconnectedError(_GONE) from error
     wanted = [each for each in devices if not serial or _text(each, "serial_number") == serial]
     if not wanted:
+        if any(map(_is_forbidden, devices)):  # it may be the one
+            raise CameraNotFoundError(_FORBIDDEN)
         raise CameraNotFoundError(
             f"No camera {f'with the serial number {serial} ' if serial else ''}is on USB: switch "
             "it on, plug it in and try again."

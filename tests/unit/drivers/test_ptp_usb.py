@@ -87,6 +87,20 @@ def test_a_camera_is_known_by_its_serial_number(bus: SimulatedBus, clock: Clock)
         driver.connect("77", bus, clock)
 
 
+@pytest.mark.parametrize(
+    ("number", "what"), [(errno.EACCES, "may not use .* udev rule"), (errno.EIO, "is on USB")]
+)
+def test_a_camera_named_by_a_number_that_this_user_may_not_ask_for_may_be_there(
+    bus: SimulatedBus, clock: Clock, number: int, what: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def open_device(_device: Any) -> Any:
+        raise usb.core.USBError("Access denied", errno=number)
+
+    monkeypatch.setattr(bus, "open_device", open_device)
+    with pytest.raises(CameraNotFoundError, match=what):
+        driver.connect("0000001", bus, clock)
+
+
 def test_a_camera_that_is_not_there_is_not_found(bus: SimulatedBus, clock: Clock) -> None:
     bus._responder.unplugged = True
     with pytest.raises(CameraNotFoundError, match="No camera is on USB"):
