@@ -17,7 +17,7 @@ import shutil
 import tempfile
 import uuid
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -53,10 +53,14 @@ class DamagedPairError(Exception):
 
 @dataclass(frozen=True)
 class SpooledPair:
-    """A pair in its folder."""
+    """A pair in its folder.
+
+    doubt: why a power cut may take it, in a few words; None where it would outlast one.
+    """
 
     folder: Path
     about: About
+    doubt: str | None = field(default=None, compare=False)
 
     @property
     def shot(self) -> str:
@@ -81,6 +85,11 @@ class SpooledPair:
         return {frame: self.about.photographs[frame].sha256 for frame in FRAMES}
 
 
+def reason_of(error: OSError) -> str:
+    """Say in a few words why the disk failed."""
+    return (error.strerror or "it fails").lower()
+
+
 class Spool:
     """The folder. One agent at a time uses it; its methods raise OSError where the disk fails."""
 
@@ -102,8 +111,7 @@ class Spool:
                 "--spool."
             ) from error
         except OSError as error:
-            reason = (error.strerror or "it cannot be written").lower()
-            raise InputError(f"The spool {folder} cannot be used: {reason}.") from error
+            raise InputError(f"The spool {folder} cannot be used: {reason_of(error)}.") from error
 
     def close(self) -> None:
         """Let others use the folder."""
@@ -112,9 +120,10 @@ class Spool:
     def add(
         self, shot: str, photographs: Mapping[str, tuple[str, bytes]], options: dict[str, Any]
     ) -> SpooledPair:
-        """Put a pair in; it is on the disk when this is done.
+        """Put a pair in; it is on the disk when this is done, unless its `doubt` says otherwise.
 
-        photographs: by frame, the ending of its name and its bytes.
+        photographs: by frame, the ending of its name and its bytes. Raises OSError where the pair
+        is not in the spool.
         """
         partial = Path(tempfile.mkdtemp(prefix=_PARTIAL, dir=self._waiting))
         try:
@@ -132,7 +141,10 @@ class Spool:
         except BaseException:
             shutil.rmtree(partial, ignore_errors=True)
             raise
-        durable.flush(self._waiting)
+        try:
+            durable.flush(self._waiting)
+        except OSError as error:  # it waits all the same, and may be on its way already
+            return SpooledPair(folder, about, reason_of(error))
         return SpooledPair(folder, about)
 
     def first(self) -> SpooledPair | None:

@@ -174,6 +174,7 @@ class _Taking:
         """Take a pair; where that fails, say so, and the next press takes another."""
         import drivers
         from pipeline.errors import InputError
+        from service.spool import reason_of
 
         try:
             pair = drivers.capture_pair(
@@ -187,19 +188,28 @@ class _Taking:
             self._camera.close()
             self._fail(str(error))
         except OSError as error:
-            reason = (error.strerror or "it fails").lower()
             self._fail(
-                f"The spool cannot be written: {reason}. The pair is on the camera's card alone."
+                f"The spool cannot be written: {reason_of(error)}. The pair is on the camera's "
+                "card alone."
             )
         else:
             facts: dict[str, Any] = {"shot": shot, "sha256": spooled.sha256}
             with contextlib.suppress(OSError):  # the pair is on the disk, whoever can count it
                 facts["waiting"] = self._spool.count()
-            self._told("spooled", f"{shot}: in the spool", **facts)
+            self._told("spooled", f"{shot}: in the spool{_but(spooled.doubt)}", **facts)
 
     def _fail(self, sentence: str) -> None:
         self.failed += 1
         self._told("failed", sentence)
+
+
+def _but(doubt: str | None) -> str:
+    if doubt is None:
+        return ""
+    return (
+        f", but its disk fails: {doubt}. Keep the camera's card until the pair is sent, and check "
+        "the disk."
+    )
 
 
 def _best(shot: drivers.Shot) -> tuple[str, bytes]:

@@ -4,6 +4,7 @@ import io
 import json
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,7 +20,7 @@ from pipeline.errors import UnreadableImageError
 from service import camera_tasks, keys, sender
 from service.api.context import Context
 from service.cli import run
-from service.spool import Spool
+from service.spool import Spool, SpooledPair
 from tests.unit.service.usb_bus import ADDRESS, Bus
 
 AWAY = "http://127.0.0.1:9"
@@ -252,6 +253,27 @@ def test_a_disk_without_room_is_told_and_the_card_has_the_pair(
     said = capsys.readouterr().err
     assert "cannot be written: no space left on device. The pair is on the camera's card" in said
     assert len(bus.body.objects) == 3  # with the folder
+
+
+def test_a_pair_that_a_failing_disk_may_lose_is_told_to_wait_and_is_sent(
+    tether: Callable[..., int],
+    http: httpx.Client,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    add = Spool.add
+
+    def doubted(spool: Spool, *pair: Any) -> SpooledPair:
+        return replace(add(spool, *pair), doubt="input/output error")
+
+    monkeypatch.setattr(Spool, "add", doubted)
+    assert tether("--pairs", "1", "--interval", "0", "--json") == 0
+    (spooled,) = (event for event in told(capsys) if event["event"] == "spooled")
+    assert spooled["detail"] == (
+        f"{spooled['shot']}: in the spool, but its disk fails: input/output error. Keep the "
+        "camera's card until the pair is sent, and check the disk."
+    )
+    assert len(jobs_of(http)) == 1
 
 
 def test_a_pair_in_a_spool_that_cannot_be_read_just_then_is_still_sent(

@@ -141,6 +141,25 @@ def test_everything_is_on_the_disk_before_a_pair_waits(
     assert done == ["flush partial", "rename", "flush waiting"]
 
 
+def test_a_pair_whose_name_may_not_be_on_the_disk_waits_all_the_same(
+    spool: Spool, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flush = durable.flush
+
+    def failing_flush(path: Path) -> None:
+        if path == folder / "waiting":
+            raise OSError(5, "Input/output error")
+        flush(path)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(durable, "flush", failing_flush)
+        added = spool.add("shot", PAIR, {})
+    assert added.doubt == "input/output error"
+    assert spool.first() == added
+    assert spool.add("next", PAIR, {}).doubt is None
+    assert shots(spool) == ["shot", "next"]
+
+
 def test_uploads_are_remembered(spool: Spool, folder: Path) -> None:
     pair = spool.add("shot", PAIR, {})
     assert spool.uploads(pair) == {}
