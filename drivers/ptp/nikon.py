@@ -19,17 +19,19 @@ _TO_CARD = 0
 _POLL_S = 0.1
 _MOST_EVENTS = 1000
 
+_JPEGS = {0: "jpeg_basic", 1: "jpeg_normal", 2: "jpeg_fine"}
 _FORMATS = Codec(
     Property.COMPRESSION_SETTING,
     names={
-        0: "jpeg_basic",
-        1: "jpeg_normal",
-        2: "jpeg_fine",
+        **_JPEGS,
         3: "raw",
         4: "raw+jpeg_basic",
         5: "raw+jpeg_normal",
         6: "raw+jpeg_fine",
     },
+)
+_OLDER_FORMATS = Codec(
+    Property.COMPRESSION_SETTING, names={**_JPEGS, 4: "raw", 5: "raw+jpeg_basic"}
 )
 
 
@@ -38,11 +40,14 @@ def codec(device: DeviceInfo, description: PropertyDescription) -> Codec | None:
 
     Newer bodies offer more formats and number them otherwise, so that theirs have no names.
     """
-    if description.code != Property.COMPRESSION_SETTING:
+    if description.code != Property.COMPRESSION_SETTING or not _is_made_by_nikon(device):
         return None
-    listed = description.form is Form.ENUMERATION and bool(description.values)
-    known = listed and set(description.values) <= _FORMATS.names.keys()
-    return _FORMATS if known and _is_made_by_nikon(device) else None
+    offered = set(description.values) if description.form is Form.ENUMERATION else set()
+    if not offered:
+        return None
+    if max(offered) > 3 and 3 not in offered:  # the older ones have no 3
+        return _OLDER_FORMATS if offered <= _OLDER_FORMATS.names.keys() else None
+    return _FORMATS if offered <= _FORMATS.names.keys() else None
 
 
 def _is_made_by_nikon(device: DeviceInfo) -> bool:

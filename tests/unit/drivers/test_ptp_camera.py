@@ -142,6 +142,23 @@ def test_formats_of_nikon_have_names(clock: Clock, number: int, name: str) -> No
 
 
 @pytest.mark.parametrize(
+    ("values", "names"),
+    [
+        ((0, 1, 2, 4, 5), ("jpeg_basic", "jpeg_normal", "jpeg_fine", "raw", "raw+jpeg_basic")),
+        ((2, 4), ("jpeg_fine", "raw")),
+        ((0, 1, 2), ("jpeg_basic", "jpeg_normal", "jpeg_fine")),
+        ((3, 4, 5), ("raw", "raw+jpeg_basic", "raw+jpeg_normal")),
+        ((2, 4, 6), ("0x0002", "0x0004", "0x0006")),  # neither numbering
+    ],
+)
+def test_formats_of_older_nikons_are_told_by_their_lack_of_a_3(
+    clock: Clock, values: tuple[int, ...], names: tuple[str, ...]
+) -> None:
+    tampers = _described("NIKON CORPORATION", Form.ENUMERATION, values, values[0])
+    assert opened(clock, tampers).read(SettingName.FORMAT).choices == names
+
+
+@pytest.mark.parametrize(
     ("maker", "form", "values"),
     [
         ("Make", Form.ENUMERATION, (2, 3, 6)),
