@@ -129,6 +129,7 @@ def run(
     StorageFullError.
     """
     deadline = time.monotonic() + seconds
+    too_long = _CAPTURE_TOO_LONG if task.kind == "capture" else _TOO_LONG
 
     def is_over() -> bool:
         _check_output(task)
@@ -143,7 +144,7 @@ def run(
         _write(process.stdin, asdict(task))
         if ask is None:
             _close(process.stdin)
-        for message in _messages(process.stdout, seconds_left, is_over):
+        for message in _messages(process.stdout, seconds_left, is_over, too_long):
             if "problem" in message:
                 problem = message["problem"]
             elif "answer" in message:
@@ -157,10 +158,10 @@ def run(
         try:
             code = process.wait(max(seconds_left(), _END_SECONDS))
         except TimeoutError as error:
-            raise TimeLimitError(_TOO_LONG) from error
+            raise TimeLimitError(too_long) from error
     if problem is not None:
         raise TaskError(problem)
-    _raise_for_exit(code)
+    _raise_for_exit(code, too_long)
     _check_output(task)
     return answer
 
@@ -188,7 +189,10 @@ def _check_output(task: Task) -> None:
 
 
 def _messages(
-    stdout: IO[bytes], seconds_left: Callable[[], float], must_stop: Callable[[], bool]
+    stdout: IO[bytes],
+    seconds_left: Callable[[], float],
+    must_stop: Callable[[], bool],
+    too_long: str,
 ) -> Iterator[dict[str, Any]]:
     rest = b""
     with selectors.DefaultSelector() as selector:
@@ -198,7 +202,7 @@ def _messages(
             if must_stop():
                 raise StoppedError
             if seconds_left() < 0:
-                raise TimeLimitError(_TOO_LONG)
+                raise TimeLimitError(too_long)
             if not ready:
                 continue
             chunk = os.read(stdout.fileno(), 65536)
@@ -213,13 +217,17 @@ _TOO_MUCH = (
 )
 DISK_IS_FULL = "The disk on which jobs run is full; send this one again later."
 _TOO_LONG = "The separation took longer than a job may take; send smaller photographs."
+_CAPTURE_TOO_LONG = (
+    "The capture took longer than a job may take; check the camera's connection and take the pair "
+    "again."
+)
 
 
-def _raise_for_exit(code: int) -> None:
+def _raise_for_exit(code: int, too_long: str) -> None:
     if code == 0:
         return
     if code == -signal.SIGXCPU:
-        raise TimeLimitError(_TOO_LONG)
+        raise TimeLimitError(too_long)
     if code == OUT_OF_MEMORY:
         raise MemoryLimitError(
             "The photographs need more memory than a job may have; send smaller ones."

@@ -90,6 +90,33 @@ def test_too_much_processor_time_is_too_long() -> None:
         _run("os.kill(os.getpid(), signal.SIGXCPU)")
 
 
+@pytest.mark.parametrize(
+    ("kind", "sentence"),
+    [
+        ("capture", "The capture took longer .* check the camera's connection and take the pair"),
+        ("separate", "The separation took longer .* send smaller photographs"),
+    ],
+)
+@pytest.mark.parametrize(
+    ("code", "seconds"),
+    [
+        ("os.kill(os.getpid(), signal.SIGXCPU)", 60.0),
+        ("import time; time.sleep(600)", 0.1),
+        ("import time; os.close(1); time.sleep(600)", 0.1),
+    ],
+)
+def test_what_takes_too_long_is_named(
+    kind: sandbox.Kind, sentence: str, code: str, seconds: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sandbox, "_END_SECONDS", 0.1)
+    task = sandbox.Task(kind, "7", "trace", "folder", LIMITS, {}, None)
+    with (
+        contextlib.closing(fork_server(code)) as server,
+        pytest.raises(TimeLimitError, match=sentence),
+    ):
+        sandbox.run(task, seconds, lambda _stage, _fraction: None, lambda: False, server)
+
+
 def test_a_process_that_does_not_end_is_ended() -> None:
     with pytest.raises(TimeLimitError):
         _run("import time; time.sleep(600)", seconds=0.1)
