@@ -17,7 +17,7 @@ from pipeline.decode.linear import clipped, to_linear
 from pipeline.decode.metadata import Metadata, read_metadata
 from pipeline.decode.profiles import is_curved
 from pipeline.decode.raw import raw_size, read_raw
-from pipeline.decode.recompressed import recompressed
+from pipeline.decode.recompressed import compressed_as_jpeg, recompressed
 from pipeline.decode.rendered import (
     heif_size,
     jpeg_size,
@@ -90,10 +90,15 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
             pixels = to_linear(samples, encoding == "srgb", profiled)
             bent = curved or (kind == "HEIF" and encoding == "srgb")
             saturated = clipped(samples, curved=bent)
-            parts = recompressed(data, samples.values) if kind == "JPEG" else None
+            parts = None
+            if kind == "JPEG":
+                parts = recompressed(data, samples.values)
+            elif kind == "HEIF":
+                parts = compressed_as_jpeg(samples.values)
             if parts is not None:
+                codes = replace(samples, white=255.0)
                 before, after = (
-                    to_linear(replace(samples, values=part), encoding == "srgb", profiled)[:]
+                    to_linear(replace(codes, values=part), encoding == "srgb", profiled)[:]
                     for part in (parts.before, parts.after)
                 )
                 compression = compression_noise(before, after, parts.repeated)

@@ -1,9 +1,9 @@
-"""A JPEG compressed once more, to tell what the first time has changed."""
+"""A picture compressed once more, to tell what the first time has changed."""
 
 from __future__ import annotations
 
 import io
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import simplejpeg
@@ -19,13 +19,13 @@ Codes = NDArray[np.uint8]
 
 _ASIDE = 3  # pixels; odd, so that colours that were sampled at every second pixel fall elsewhere
 _ENOUGH = 500_000  # pixels
-_USUAL_SAMPLING = 2  # 4:2:0
+_USUAL_SAMPLING, _USUAL_QUALITY = 2, 95  # 4:2:0
 # of Pillow's 4:4:4, 4:2:2, 4:2:0: what colours lose by sampling is lost once; measured, decision 32
 _REPEATED = ((1.0, 1.0, 1.0), (0.8, 1.0, 0.8), (0.6, 0.8, 0.6))
 
 
 class Recompressed(NamedTuple):
-    """Parts of a JPEG, and the same compressed again as it was, with blocks that lie elsewhere.
+    """Parts of a picture, and the same compressed again, with blocks that lie elsewhere.
 
     before, after: (h, w, 3) RGB code values. repeated: part 0…1 of the variance of what the first
     compression changed that the second one changes, of each channel in the mean.
@@ -43,10 +43,8 @@ def recompressed(data: bytes, codes: Codes) -> Recompressed | None:
     hardly larger than a block, for a large one that is lower than a tile, and where Pillow cannot
     read the header.
     """
-    inner = codes[_ASIDE:, _ASIDE:]
-    large = inner.shape[0] * inner.shape[1] > _ENOUGH
-    before = np.ascontiguousarray(tiles(inner, _ENOUGH) if large else inner)
-    if min(before.shape[:2]) < BLOCK:
+    before = _parts(codes)
+    if before is None:
         return None
     try:
         with JpegImagePlugin.JpegImageFile(io.BytesIO(data)) as header:
@@ -60,10 +58,35 @@ def recompressed(data: bytes, codes: Codes) -> Recompressed | None:
         sampling = 0  # all that Pillow can write, and what others write
     elif sampling < 0:
         sampling = _USUAL_SAMPLING
+    return _again(before, sampling, qtables=tables, keep_rgb=rgb)
+
+
+def compressed_as_jpeg(codes: NDArray[np.uint8] | NDArray[np.uint16]) -> Recompressed | None:
+    """Compress a picture of HEIF as a JPEG of usual quality.
+
+    Cameras sample the colours of both at every second pixel, which changes them most, and how
+    finely HEVC coded the rest does not show in the pixels (docs/decisions/0032-compression-noise).
+
+    codes: (H, W, 3) RGB. Returns None as recompressed does.
+    """
+    before = _parts(codes)
+    if before is None:
+        return None
+    if before.dtype != np.uint8:
+        before = (before >> 8).astype(np.uint8)
+    return _again(before, _USUAL_SAMPLING, quality=_USUAL_QUALITY)
+
+
+def _parts(codes: NDArray[Any]) -> NDArray[Any] | None:
+    inner = codes[_ASIDE:, _ASIDE:]
+    large = inner.shape[0] * inner.shape[1] > _ENOUGH
+    before = np.ascontiguousarray(tiles(inner, _ENOUGH) if large else inner)
+    return None if min(before.shape[:2]) < BLOCK else before
+
+
+def _again(before: Codes, sampling: int, **settings: Any) -> Recompressed:
     file = io.BytesIO()
     with muted():  # the encoder warns of tables that not every decoder reads
-        PillowImage.fromarray(before).save(
-            file, "JPEG", qtables=tables, subsampling=sampling, keep_rgb=rgb
-        )
+        PillowImage.fromarray(before).save(file, "JPEG", subsampling=sampling, **settings)
     after = simplejpeg.decode_jpeg(file.getbuffer(), "RGB")
     return Recompressed(before, after, _REPEATED[sampling])

@@ -5,13 +5,14 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pillow_heif
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
 from pipeline.colour.curves import srgb_to_linear
 from pipeline.decode import decode
-from pipeline.decode.recompressed import recompressed
+from pipeline.decode.recompressed import compressed_as_jpeg, recompressed
 
 Codes = NDArray[np.uint8]
 UNUSED = b"\xff\xdb\x00\x43\x02" + bytes([99]) * 64
@@ -207,3 +208,60 @@ def test_small_pictures_are_decoded_all_the_same(size: tuple[int, int]) -> None:
 
     assert frame.size == (size[1], size[0])
     assert frame.compression is None
+
+
+# HEIF
+
+
+def heif(codes: NDArray[Any], quality: int) -> bytes:
+    """As phones write them: colours sampled at every second pixel."""
+    mode = "RGB" if codes.dtype == np.uint8 else "RGB;16"
+    file = io.BytesIO()
+    image = pillow_heif.from_bytes(mode, codes.shape[1::-1], codes.tobytes())
+    image.save(file, quality=quality, chroma=420)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("quality", [60, 80])
+def test_a_frame_knows_nearly_what_hevc_changed(quality: int) -> None:
+    """Of a picture as soft as a lens draws, in linear light: as much up to four times as much."""
+    original = np.asarray(cv2.GaussianBlur(scene(), (0, 0), 0.8), dtype=np.uint8)
+    data = heif(original, quality)
+    stored = np.asarray(pillow_heif.open_heif(data))
+    light, true = (srgb_to_linear(codes.astype(np.float32) / 255) for codes in (stored, original))
+
+    found = decode(data).compression
+
+    assert found is not None
+    change = np.square(light - true).reshape(-1, 3).mean(axis=0)
+    ratio = found.variance(light).reshape(-1, 3).mean(axis=0) / change
+    assert (ratio > 1.0).all(), ratio
+    assert (ratio < 4.0).all(), ratio
+
+
+def test_heif_of_10_bits_is_told_as_of_8() -> None:
+    codes = scene()
+
+    fine, coarse = compressed_as_jpeg(codes.astype(np.uint16) * 257), compressed_as_jpeg(codes)
+
+    assert fine is not None
+    assert coarse is not None
+    np.testing.assert_array_equal(fine.before, coarse.before)
+    np.testing.assert_array_equal(fine.after, coarse.after)
+    assert coarse.repeated == (0.6, 0.8, 0.6)
+
+
+def test_of_10_bits_a_frame_knows_as_much_as_of_8() -> None:
+    codes = scene()
+
+    fine = decode(heif(codes.astype(np.uint16) * 257, 80)).compression
+    coarse = decode(heif(codes, 80)).compression
+
+    assert fine is not None
+    assert coarse is not None
+    np.testing.assert_allclose(fine.gain, coarse.gain, rtol=0.1)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (10, 50)])
+def test_a_tiny_picture_of_heif_tells_nothing(size: tuple[int, int]) -> None:
+    assert compressed_as_jpeg(scene(*size)) is None
