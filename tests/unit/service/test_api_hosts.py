@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import socket
+
 import httpx
 import pytest
 
@@ -37,6 +39,36 @@ def test_a_service_on_loopback_answers_to_no_other_name(
     answer = http.request(method, path, headers={"host": host})
     assert answer.status_code == 421
     assert answer.json()["type"] == "urn:lightlayers:problem:foreign-host"
+
+
+@pytest.mark.parametrize(
+    "host",
+    [
+        "a`b.evil.example:8000",
+        'a"b.evil.example',
+        "a{b}.evil.example",
+        "a b",
+        "[",
+        "[::1",
+        "localhost:abc",
+        "127.0.0.1:99999999",
+        "127.0.0.1:65536",
+        "evil.example@localhost",
+        "",
+    ],
+)
+def test_a_host_that_cannot_be_read_is_not_taken_for_the_service(
+    host: str, http: httpx.Client
+) -> None:
+    answer = http.get("/jobs", headers={"host": host})
+    assert answer.status_code == 421
+    assert answer.json()["type"] == "urn:lightlayers:problem:foreign-host"
+
+
+def test_a_request_without_a_host_is_refused(http: httpx.Client) -> None:
+    with socket.create_connection((http.base_url.host, http.base_url.port or 80), 60) as client:
+        client.sendall(b"GET /jobs HTTP/1.0\r\n\r\n")
+        assert client.recv(12) == b"HTTP/1.1 421"
 
 
 @pytest.mark.parametrize("host", ["localhost", "LOCALHOST:8000", "127.0.0.1:9", "[::1]:8000"])
