@@ -128,14 +128,19 @@ def find_by_key(connection: sa.Connection, owner: str, idempotency_key: str) -> 
     return _job(row) if row else None
 
 
-def page(connection: sa.Connection, owner: str | None, limit: int, after: Job | None) -> list[Job]:
-    """Up to `limit` jobs of an owner, or of all for None, newest first, older than `after`."""
+def page(
+    connection: sa.Connection, owner: str | None, limit: int, after: tuple[float, str] | None
+) -> list[Job]:
+    """Up to `limit` jobs of an owner, or of all for None, newest first.
+
+    after: `created` and id of a job that may be gone; those that are older.
+    """
     query = sa.select(jobs)
     if owner is not None:
         query = query.where(jobs.c.owner == owner)
     query = query.order_by(jobs.c.created.desc(), jobs.c.id.desc()).limit(limit)
     if after:
-        query = query.where(sa.tuple_(jobs.c.created, jobs.c.id) < (after.created, after.id))
+        query = query.where(sa.tuple_(jobs.c.created, jobs.c.id) < after)
     return [_job(row) for row in connection.execute(query)]
 
 

@@ -12,6 +12,7 @@ _WEBHOOK = {
     "url": "https://example.org/hook",
     "secret": "whsec_bGF0ZXIgdGhpcyBrZXkgc2lnbnMgd2hhdCBjb21lcw==",
 }
+_PLACE = f"1764085200.5-{_ID}"
 _UPLOADS = {"no_flash": _ID, "flash": _OTHER_ID}
 _JOB: dict[str, Any] = {
     "id": _ID,
@@ -115,7 +116,7 @@ SCHEMAS: dict[str, list[Any]] = {
     "Health": [{"status": "ok"}],
     "JobAnswer": [_JOB, _DONE],
     "JobList": [{"jobs": [_JOB]}],
-    "JobPage": [{"jobs": [_DONE], "next": f"/jobs?limit=1&after={_ID}"}],
+    "JobPage": [{"jobs": [_DONE], "next": f"/jobs?limit=1&after={_PLACE}"}],
     "KeptCalibrations": [{"calibrations": [_KEPT]}],
     "MixJob": [{"lamps": [{"ev": -2, "neutral": True}, {"temperature_k": 2700}], "format": "tiff"}],
     "RerunRequest": [{"options": {"lights": 3}, "priority": "low"}],
@@ -125,7 +126,7 @@ SCHEMAS: dict[str, list[Any]] = {
 """Of the bodies of requests and answers, by the names of their schemas."""
 
 _PARAMETERS: dict[str, Any] = {
-    "after": _ID,
+    "after": _PLACE,
     "camera": "d5100",
     "camera_id": _CAMERA["id"],
     "idempotency-key": "6f2c1a4e-9d0b-4c53-8f3e-2a7d5b1c0e94",

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
+from pydantic import AfterValidator, Field
 from sqlalchemy.exc import DBAPIError
 
 import drivers
@@ -52,6 +54,20 @@ _BODY = {
 SCHEMAS = (Options, CaptureRequest, UploadsRequest, Handling)
 """Models that the OpenAPI document names only in the body above."""
 
+_PLACE = r"[0-9]{1,12}\.[0-9]{1,12}-[0-9a-f]{32}"
+"""Of a job in the list: when it was made, and its id. It holds when the job is deleted."""
+
+
+def _check_place(place: str) -> str:
+    if not re.fullmatch(_PLACE, place):
+        raise ValueError("use the whole address that `next` of the page before gives")
+    return place
+
+
+_Place = Annotated[
+    str, AfterValidator(_check_place), Field(json_schema_extra={"pattern": f"^{_PLACE}$"})
+]
+
 
 @router.post(
     "/jobs",
@@ -83,28 +99,36 @@ async def create_job(
     return await answer_made(context, caller, made, wait, response)
 
 
-@router.get(
-    "/jobs", response_model=JobPage, responses=responses(UnknownJobError, status=(422, 503))
-)
+@router.get("/jobs", response_model=JobPage, responses=responses(status=(422, 503)))
 def list_jobs(
     context: Parts,
     caller: Calling,
     limit: Annotated[int, Query(ge=1, le=200)] = 50,
     after: Annotated[
-        str | None, Query(description="Id of the last job of the page before.")
+        _Place | None, Query(description="Where the page before ended, as its `next` says it.")
     ] = None,
 ) -> JobPage:
     """List jobs, newest first."""
     with context.engine.connect() as connection:
-        last = find(connection, caller, after) if after else None
-        found = jobs.page(connection, caller.lists, limit + 1, last)
+        found = jobs.page(connection, caller.lists, limit + 1, _read_place(after))
         shown = found[:limit]
         listed = [one for _, one in answers(connection, context.settings, shown)]
     more = len(found) > limit
     return JobPage(
         jobs=listed,
-        next=f"/jobs?limit={limit}&after={shown[-1].id}" if more else None,
+        next=f"/jobs?limit={limit}&after={_place_of(shown[-1])}" if more else None,
     )
+
+
+def _place_of(job: jobs.Job) -> str:
+    return f"{job.created!r}-{job.id}"  # repr, as it gives back the very number
+
+
+def _read_place(place: str | None) -> tuple[float, str] | None:
+    if place is None:
+        return None
+    created, _, job_id = place.partition("-")
+    return float(created), job_id
 
 
 @router.get(

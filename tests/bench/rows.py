@@ -50,7 +50,7 @@ class Rows:
             query = sa.select(database.jobs).where(database.jobs.c.owner == "owner1")
             query = query.order_by(database.jobs.c.created)
             middle = connection.execute(query.offset(count // _OWNERS // 2).limit(1)).one()
-            self._middle = jobs.find(connection, middle.id)
+            self._middle = middle.created, middle.id
             self._last = jobs.page(connection, "owner1", 1, None)[0]
 
     def _fill(self, count: int) -> None:

@@ -63,7 +63,7 @@ def test_ids_and_names_are_only_looked_up(
             f"/jobs?after={text}",
         ):
             answer = http.get(path)
-            assert answer.status_code == 404
+            assert answer.status_code == (422 if "after=" in path else 404)
             assert _is_harmless(answer, context)
         assert http.delete(f"/jobs/{text}").status_code in (404, 405)
 

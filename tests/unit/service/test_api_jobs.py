@@ -268,6 +268,40 @@ def test_jobs_are_listed_page_by_page(http: httpx.Client) -> None:
     assert sorted(places.values()) == [1, 2, 3, 4, 5]
 
 
+def test_a_page_begins_where_the_one_before_ended_though_that_job_is_deleted(
+    http: httpx.Client,
+) -> None:
+    for _ in range(4):
+        post_capture(http)
+    everyone = [job["id"] for job in http.get("/jobs").json()["jobs"]]
+    page = http.get("/jobs", params={"limit": 2}).json()
+    assert [job["id"] for job in page["jobs"]] == everyone[:2]
+    assert http.delete(f"/jobs/{everyone[1]}").status_code == 204
+    older = http.get(page["next"]).json()
+    assert ([job["id"] for job in older["jobs"]], older["next"]) == (everyone[2:], None)
+
+
+@pytest.mark.parametrize(
+    "place",
+    [
+        "",
+        "nothing",
+        "0" * 32,
+        "1764085200.5",
+        f"1764085200-{'0' * 32}",
+        f"nan-{'0' * 32}",
+        f"-1.5-{'0' * 32}",
+        f"1764085200.5-{'0' * 32}x",
+    ],
+)
+def test_a_place_in_the_list_that_no_page_gave_is_refused(place: str, http: httpx.Client) -> None:
+    assert problem_of(http.get("/jobs", params={"after": place})) == (
+        422,
+        "invalid-request",
+        "query.after: use the whole address that `next` of the page before gives.",
+    )
+
+
 @pytest.mark.parametrize("query", ["limit=0", "limit=201", "limit=many"])
 def test_a_page_of_no_sensible_length_is_refused(query: str, http: httpx.Client) -> None:
     assert problem_of(http.get(f"/jobs?{query}"))[:2] == (422, "invalid-request")
@@ -282,7 +316,6 @@ def test_a_page_of_no_sensible_length_is_refused(query: str, http: httpx.Client)
         ("GET", "/jobs/nothing/results"),
         ("GET", "/jobs/nothing/results/lamp1.jpg"),
         ("GET", "/jobs/nothing/results.zip"),
-        ("GET", "/jobs?after=nothing"),
     ],
 )
 def test_a_job_that_is_not_there_is_a_problem(method: str, path: str, http: httpx.Client) -> None:

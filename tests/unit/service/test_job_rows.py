@@ -312,7 +312,7 @@ def test_pages_go_from_new_to_old_and_meet_every_job_once(engine: sa.Engine) -> 
     expected = sorted(created, key=lambda job: (job.created, job.id), reverse=True)
     with engine.connect() as connection:
         first = jobs.page(connection, "", 4, None)
-        second = jobs.page(connection, "", 4, first[-1])
+        second = jobs.page(connection, "", 4, (first[-1].created, first[-1].id))
     assert [job.id for job in first + second] == [job.id for job in expected]
     assert len(first) == 4
 
@@ -328,7 +328,7 @@ def test_pages_of_jobs_are_found_by_an_index(engine: sa.Engine, owner: str | Non
 
     with engine.connect() as connection:
         jobs.page(connection, owner, 2, None)
-        jobs.page(connection, owner, 2, last)
+        jobs.page(connection, owner, 2, (last.created, last.id))
     index = "jobs_by_age" if owner else "jobs_by_time"
     assert [len(plan) for plan in plans] == [1, 1]  # neither a sort
     assert all(f"USING INDEX {index}" in str(plan) for plan in plans)

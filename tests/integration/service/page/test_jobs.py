@@ -162,7 +162,7 @@ def test_many_jobs_come_by_pages_and_go_one_by_one(page: Page, done: dict[str, A
     def jobs(route: Route) -> None:
         last = "after=" in route.request.url
         made = [{**done, "id": f"{number:032x}"} for number in range(2 if last else 48)]
-        more = None if last else f"/jobs?limit=48&after={made[-1]['id']}"
+        more = None if last else f"/jobs?limit=48&after=1764085200.5-{made[-1]['id']}"
         route.fulfill(json={"jobs": made, "next": more})
 
     page.route(re.compile(r"/jobs\?"), jobs)
@@ -185,7 +185,8 @@ def test_older_jobs_that_cannot_be_fetched_are_told_in_words(
         if "after=" in route.request.url:
             route.abort()
         else:
-            route.fulfill(json={"jobs": [done], "next": "/jobs?limit=48&after=x"})
+            more = f"/jobs?limit=48&after=1764085200.5-{done['id']}"
+            route.fulfill(json={"jobs": [done], "next": more})
 
     page.route(re.compile(r"/jobs\?"), jobs)
     page.goto("/#/jobs")
