@@ -1,6 +1,6 @@
 // What the preview lacks: the area that is on the screen in the photograph's own pixels.
 
-const MOST_PIXELS = 2 ** 21; // of an area that is asked for, as of a preview
+const MOST_PIXELS = 2 ** 21; // of an area that is asked for at once, as of a preview
 
 /** The one area in full size that a Light shows. */
 export class Detail {
@@ -23,7 +23,8 @@ export class Detail {
     const area = [0, 1].map((axis) => Math.max(0, Math.floor(-corner[axis] / full)));
     const ends = [0, 1].map((axis) => Math.min(step * size[axis], Math.ceil((room[axis] - corner[axis]) / full)));
     const wanted = [...area, ...ends];
-    if ((ends[0] - area[0]) * (ends[1] - area[1]) > MOST_PIXELS) return null;
+    const most = Math.max(MOST_PIXELS, (room[0] + 2) * (room[1] + 2)); // the canvas, wherever a pixel begins
+    if ((ends[0] - area[0]) * (ends[1] - area[1]) > most) return null;
     if (this._shown && contains(this._shown, wanted)) return null;
     if (this._asked && contains(this._asked.area, wanted)) return this._asked.shown;
     const asked = { area: wanted };
@@ -33,11 +34,11 @@ export class Detail {
   }
 
   async _show(asked) {
-    const [left, top, right, bottom] = asked.area;
+    const [left, top] = asked.area;
     const { step } = this._light;
     try {
-      const picture = await this._fetch(left, top, right - left, bottom - top);
-      if (this._asked !== asked) return false;
+      const picture = await this._gather(asked);
+      if (this._asked !== asked) return this._asked?.shown ?? false; // another area is wanted by now
       this._asked = null;
       this._shown = asked.area;
       this._light.showDetail({ picture, step: 1 / step, corner: [left / step, top / step] });
@@ -48,6 +49,34 @@ export class Detail {
       return false;
     }
   }
+
+  /** Fetch an area by strips, each of no more pixels than may be asked for; less where it is wanted no longer. */
+  async _gather(asked) {
+    const [left, top, right, bottom] = asked.area;
+    const width = right - left;
+    const most = Math.max(1, Math.floor(MOST_PIXELS / width));
+    const strips = [];
+    for (let row = top; row < bottom && this._asked === asked; row += most) {
+      strips.push(await this._fetch(left, row, width, Math.min(most, bottom - row)));
+    }
+    return strips.length === 1 ? strips[0] : stacked(strips);
+  }
+}
+
+/** One picture of strips that lie below each other. */
+function stacked(strips) {
+  const [{ width, channels }] = strips;
+  const height = strips.reduce((sum, one) => sum + one.height, 0);
+  const whole = [...channels.keys()].map((name) => {
+    const plane = new Uint16Array(width * height);
+    let start = 0;
+    for (const strip of strips) {
+      plane.set(strip.channels.get(name), start);
+      start += width * strip.height;
+    }
+    return [name, plane];
+  });
+  return { width, height, channels: new Map(whole) };
 }
 
 function contains([left, top, right, bottom], inner) {
