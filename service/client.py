@@ -258,6 +258,8 @@ def _object(response: httpx.Response) -> dict[str, Any]:
 
 
 def _problem(response: httpx.Response) -> dict[str, Any]:
+    if response.request.method == "HEAD" and "trace-id" in response.headers:
+        return _told_by_status(response.status_code)
     try:
         problem = _object(response)
     except ServiceAwayError:
@@ -267,6 +269,19 @@ def _problem(response: httpx.Response) -> dict[str, Any]:
     # A proxy answers for a service that starts anew.
     passes = response.status_code >= 500
     return {"status": 500, "detail": str(_stranger(response)), "retryable": passes}
+
+
+def _told_by_status(status: int) -> dict[str, Any]:
+    """The problem of an answer to HEAD of a lightlayers service: such answers have no body."""
+    if status == 401:
+        detail = "The service needs a key that is good: this one is missing, mistyped or revoked."
+    elif status == 403:
+        detail = "This key may not send photographs; use one that has the scope submit."
+    elif status >= 500:
+        detail = f"The service cannot answer now (status {status}); try again later."
+    else:
+        detail = f"The service does not tell how far the upload is (status {status})."
+    return {"status": status, "detail": detail, "retryable": status == 503}
 
 
 def _stranger(response: httpx.Response) -> ServiceAwayError:

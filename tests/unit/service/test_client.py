@@ -17,7 +17,7 @@ from pipeline.options import Options
 from service import database, jobs
 from service.api.context import Context
 from service.client import Client, RefusedError, ServiceAwayError
-from tests.unit.service.asking import rows_of
+from tests.unit.service.asking import bearing, rows_of
 
 Png = Callable[..., bytes]
 Finish = Callable[[str, dict[str, bytes]], None]
@@ -286,6 +286,38 @@ def test_a_file_goes_up_in_pieces_and_becomes_a_job(
     assert context.storage.get(f"jobs/{job['id']}/inputs/flash") == photographs["flash"]
     assert client.upload_offset(uploads["flash"]) is None
     assert client.submit_uploads(uploads, {"lights": 2}, "once")["id"] == job["id"]
+
+
+@pytest.mark.parametrize(
+    ("scope", "status", "words"),
+    [(None, 401, "needs a key that is good"), ("read", 403, "the scope submit")],
+)
+def test_a_key_that_may_not_ask_for_an_upload_is_told(
+    http: httpx.Client, context: Context, scope: str | None, status: int, words: str
+) -> None:
+    made = bearing(context, scope or "submit")["authorization"].removeprefix("Bearer ")
+    asked = pytest.raises(RefusedError, match=words)
+    with Client(str(http.base_url), made if scope else None) as client, asked as refused:
+        client.upload_offset("1")
+    assert (refused.value.status, refused.value.final) == (status, False)
+
+
+def test_a_service_that_cannot_tell_of_an_upload_is_away_for_now(
+    client: Client, context: Context
+) -> None:
+    upload = client.create_upload(5)
+    with context.engine.begin() as connection:
+        connection.exec_driver_sql("ALTER TABLE uploads RENAME TO gone")
+    with pytest.raises(ServiceAwayError, match="try again later") as away:
+        client.upload_offset(upload)
+    assert (away.value.status, away.value.passes) == (503, True)
+
+
+@pytest.mark.parametrize("status", [401, 403, 500, 503])
+def test_another_server_that_knows_no_uploads_is_told(status: int) -> None:
+    away = pytest.raises(ServiceAwayError, match=rf"no lightlayers .*\(status {status}\)")
+    with _server(status, b"") as url, Client(url) as client, away:
+        client.upload_offset("1")
 
 
 def test_a_refusal_says_whether_it_is_for_good(client: Client) -> None:
