@@ -20,9 +20,9 @@ const LEAST_PIXELS = 200000;
  */
 export class Light {
   /** canvas: where. preview: of readExr. step: pixels of the photograph along the side of one of it.
-   * fetchArea(left, top, width, height): layers of an area of the photograph.
+   * fetchArea(left, top, width, height): layers of an area of the photograph. signal: ends with the view.
    */
-  constructor(canvas, preview, step, fetchArea) {
+  constructor(canvas, preview, step, fetchArea, signal) {
     this.canvas = canvas;
     this.step = step;
     this.size = [preview.width, preview.height];
@@ -45,7 +45,7 @@ export class Light {
     this._drew = false; // whether the last frame drew a picture
     this._resized = false; // and did so on a canvas of another size
     new ResizeObserver(() => this.draw()).observe(canvas);
-    matchMedia("(prefers-color-scheme: light)").addEventListener("change", () => this.draw());
+    matchMedia("(prefers-color-scheme: light)").addEventListener("change", () => this.draw(), { signal }); // else it were kept in memory
   }
 
   /** Show the layers through these matrices; before: those left of the split. */

@@ -27,8 +27,8 @@ void main() {
 
 const LONGEST = 2048; // pixels of the normals that are shown
 
-/** Show normals, a picture, on a canvas, lit from where the pointer or the arrow keys say. */
-export async function relight(canvas, blob) {
+/** Show normals, a picture, on a canvas, lit from where the pointer or the arrow keys say; signal: ends with the view. */
+export async function relight(canvas, blob, signal) {
   const gl = open(canvas);
   if (!gl) throw new Error("This browser cannot show normals: it has no WebGL 2.");
   const whole = await createImageBitmap(blob, {
@@ -69,5 +69,5 @@ export async function relight(canvas, blob) {
     requestAnimationFrame(draw);
   });
   new ResizeObserver(draw).observe(canvas);
-  matchMedia("(prefers-color-scheme: light)").addEventListener("change", draw);
+  matchMedia("(prefers-color-scheme: light)").addEventListener("change", draw, { signal }); // else it were kept in memory
 }

@@ -47,7 +47,7 @@ export async function showResult(main, job, signal) {
     desk.append(alarm({ title: "No mixer", message }));
   }
   for (const [name, text] of pictures(manifest)) if (has(name)) views.addImage(name, text);
-  if (has("normals.png")) views.addNormals();
+  if (has("normals.png")) views.addNormals(signal);
   views.start();
   const show = {
     filled: marks && ((on) => (views.choose("mix"), marks(on))),
@@ -72,7 +72,7 @@ function mixer(views, desk, preview, job, manifest, signal) {
   });
   views.add("mix", "Mix", canvas);
   const { step, fetchArea } = fullSize(job, manifest, preview);
-  const light = new Light(canvas, preview, step, fetchArea);
+  const light = new Light(canvas, preview, step, fetchArea, signal);
   const basis = manifest.mix;
   const neutral = manifest.lamps.map(() => untouched());
   const matrices = (settings) => settings.map((one, lamp) => lampMatrix(basis, lamp, one));
@@ -192,14 +192,14 @@ class Views {
     });
   }
 
-  addNormals() {
+  addNormals(signal) {
     const canvas = h("canvas", {
       id: "normals",
       tabIndex: 0,
       role: "img",
       "aria-label": "The normals under a light that follows the pointer or the arrow keys.",
     });
-    this.add("normals.png", "Normals", canvas, async () => relight(canvas, new Blob([await fetchBytes(this._path("normals.png"))])));
+    this.add("normals.png", "Normals", canvas, async () => relight(canvas, new Blob([await fetchBytes(this._path("normals.png"))]), signal));
   }
 
   /** Let a picture be enlarged and moved by pointer and keys. */

@@ -1,0 +1,72 @@
+"""What the mixer takes for its own and what it leaves, in a real browser on a real service."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from playwright.sync_api import Page, expect
+
+from pipeline.encode.png import NormalsPng
+from tests.integration.service.page.looking import TWO_FRAMES, open_mixer
+
+COUNT_DRAWN = """(canvas) => {
+  window.drawn = 0;
+  Object.defineProperty(canvas, "isConnected", { get: () => (window.drawn++, false) });
+}"""
+"""Counts in window.drawn how often it was meant to draw on a canvas."""
+
+
+@pytest.fixture
+def with_normals(page: Page, done: dict[str, Any], tmp_path: Path) -> dict[str, Any]:
+    """The job as if it had found normals, all of which look at the camera."""
+    normals = np.broadcast_to(np.array([0, 0, 1], np.float32), (60, 90, 3))
+    png = NormalsPng(tmp_path / "normals.png", (90, 60))
+    png.write(np.ascontiguousarray(normals))
+    png.close()
+    file = {"name": "normals.png", "size": 1, "sha256": "", "media_type": "image/png", "href": ""}
+    more = {**done, "files": [*done["files"], file]}
+    page.route(f"**/jobs/{done['id']}", lambda route: route.fulfill(json=more))
+    page.route("**/normals.png", lambda route: route.fulfill(path=tmp_path / "normals.png"))
+    return more
+
+
+def open_normals(page: Page, job: dict[str, Any]) -> None:
+    open_mixer(page, job)
+    page.get_by_role("radio", name="Normals").check(force=True)
+    page.wait_for_load_state("networkidle")
+    page.evaluate(TWO_FRAMES)
+
+
+def leave_and_change_colours(page: Page) -> int:
+    """How often it was drawn on the canvas of COUNT_DRAWN after the result was left."""
+    page.evaluate("location.hash = '#/jobs'")
+    expect(page.get_by_role("heading", name="Jobs")).to_be_visible()
+    page.evaluate("window.drawn = 0")
+    page.emulate_media(color_scheme="light")
+    page.evaluate(TWO_FRAMES)
+    return int(page.evaluate("window.drawn"))
+
+
+def test_a_mixer_that_is_left_follows_the_colours_no_longer(
+    page: Page, done: dict[str, Any]
+) -> None:
+    open_mixer(page, done).evaluate(COUNT_DRAWN)
+    assert leave_and_change_colours(page) == 0
+
+
+def test_normals_that_are_left_follow_the_colours_no_longer(
+    page: Page, with_normals: dict[str, Any]
+) -> None:
+    open_normals(page, with_normals)
+    page.locator("#normals").evaluate(COUNT_DRAWN)
+    assert leave_and_change_colours(page) == 0
+
+
+def test_what_is_shown_follows_the_colours(page: Page, done: dict[str, Any]) -> None:
+    open_mixer(page, done).evaluate(COUNT_DRAWN)
+    page.emulate_media(color_scheme="light")
+    page.evaluate(TWO_FRAMES)
+    assert page.evaluate("window.drawn") > 0
