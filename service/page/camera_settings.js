@@ -8,7 +8,11 @@ export function settingsOf(camera, name) {
   const path = `/cameras/${encodeURIComponent(camera.id)}/settings`;
   const body = h("div", { className: "row" });
   const element = h("details", {}, h("summary", { textContent: "Settings", "aria-label": `Settings of ${name}` }), body);
-  const show = (found) => body.replaceChildren(...Object.entries(found).map(([key, one]) => controlOf(key, one, change)));
+  const show = (found) => {
+    const held = body.contains(document.activeElement) && document.activeElement.name; // else its keyboard were lost
+    body.replaceChildren(...Object.entries(found).map(([key, one]) => controlOf(key, one, change)));
+    if (held) ([...body.querySelectorAll("select")].find((one) => one.name === held) ?? element.querySelector("summary")).focus();
+  };
   const change = async (key, value) => {
     try {
       show(await patch(path, { [key]: value }));
@@ -32,8 +36,11 @@ export function settingsOf(camera, name) {
 
 function controlOf(key, { value, choices, writable }, change) {
   if (!writable || !choices?.length) return h("span", { className: "setting" }, `${wordOf(key)}: ${value}`);
-  const select = h("select", {}, ...choices.map((one) => h("option", { value: String(one), textContent: String(one), selected: one === value })));
-  select.addEventListener("change", () => change(key, choices[select.selectedIndex]));
+  const options = choices.map((one) => h("option", { value: String(one), textContent: String(one), selected: one === value }));
+  // what it is, but cannot be chosen
+  const other = choices.includes(value) ? [] : [h("option", { textContent: String(value), selected: true, disabled: true })];
+  const select = h("select", { name: key }, ...other, ...options);
+  select.addEventListener("change", () => change(key, choices[select.selectedIndex - other.length]));
   return h("label", { className: "setting" }, `${wordOf(key)} `, select);
 }
 
