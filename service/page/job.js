@@ -22,5 +22,6 @@ export async function showJob(main, id, signal) {
 function reasonOf(job) {
   const title = job.error?.title ?? stateOf(job);
   const advice = job.error?.retryable ? " The same again may well work." : "";
-  return alarm({ title, message: (job.error?.detail ?? "The job was stopped before its end.") + advice });
+  const ended = job.state === "expired" ? "The job's time is over; its files are being removed." : "The job was stopped before its end.";
+  return alarm({ title, message: (job.error?.detail ?? ended) + advice });
 }

@@ -118,6 +118,15 @@ def test_a_job_that_failed_says_why_and_is_deleted(page: Page, service: Any) -> 
     assert service.http.get(f"/jobs/{job['id']}").status_code == 404
 
 
+def test_a_job_whose_time_is_over_was_not_stopped(page: Page, done: dict[str, Any]) -> None:
+    expired = {**done, "state": "expired", "files": []}
+    page.route(f"**/jobs/{done['id']}", lambda route: route.fulfill(json=expired))
+    page.goto(f"/#/jobs/{done['id']}")
+    alert = page.get_by_role("alert")
+    expect(alert).to_contain_text("Expired")
+    expect(alert).to_contain_text("The job's time is over; its files are being removed.")
+
+
 @pytest.mark.parametrize(
     ("name", "words"),
     [
