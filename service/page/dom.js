@@ -59,6 +59,11 @@ export function single(work) {
   };
 }
 
+/** Whether a key is meant for the browser or the system, like those that enlarge the page. */
+export function isShortcut(event) {
+  return event.ctrlKey || event.metaKey || event.altKey;
+}
+
 /** Tell it to screen readers. */
 export function say(text) {
   document.getElementById("said").textContent = text;

@@ -1,5 +1,6 @@
 // The normals under a light that follows the pointer.
 
+import { isShortcut } from "./dom.js";
 import { SRGB, build, fit, open, surroundings, texture } from "./gl.js";
 
 const SHADER = `#version 300 es
@@ -63,7 +64,7 @@ export async function relight(canvas, blob, signal) {
   const steps = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1] };
   canvas.addEventListener("keydown", (event) => {
     const step = steps[event.key];
-    if (!step) return;
+    if (!step || isShortcut(event)) return;
     event.preventDefault();
     lamp = lamp.map((value, axis) => Math.min(1, Math.max(-1, value + step[axis])));
     requestAnimationFrame(draw);

@@ -4,7 +4,7 @@ import { actionsOf } from "./actions.js";
 import { fetchBytes, get, showIn } from "./api.js";
 import { fullSize } from "./area.js";
 import { normalsForm } from "./directions.js";
-import { alarm, choice, h, say } from "./dom.js";
+import { alarm, choice, h, isShortcut, say } from "./dom.js";
 import { readExr } from "./exr.js";
 import { filesOf } from "./files.js";
 import { Light } from "./light.js";
@@ -289,7 +289,7 @@ function moveBy(light) {
     ArrowDown: () => light.move(0, -40),
   };
   canvas.addEventListener("keydown", (event) => {
-    if (!keys[event.key]) return;
+    if (!keys[event.key] || isShortcut(event)) return;
     event.preventDefault();
     keys[event.key]();
   });

@@ -70,3 +70,31 @@ def test_what_is_shown_follows_the_colours(page: Page, done: dict[str, Any]) -> 
     page.emulate_media(color_scheme="light")
     page.evaluate(TWO_FRAMES)
     assert page.evaluate("window.drawn") > 0
+
+
+TAKEN = """(canvas) => {
+  window.taken = [];
+  addEventListener("keydown", (event) => window.taken.push(event.defaultPrevented));
+  canvas.focus();
+}"""
+"""Notes in window.taken of each key whether the canvas took it from the browser."""
+
+
+@pytest.mark.parametrize(
+    ("view", "keys"),
+    [("#mix", ["+", "0", "1", "ArrowLeft"]), ("#normals", ["ArrowLeft", "ArrowUp"])],
+)
+def test_keys_with_another_are_left_to_the_browser(
+    page: Page, with_normals: dict[str, Any], view: str, keys: list[str]
+) -> None:
+    open_normals(page, with_normals)
+    if view == "#mix":
+        page.get_by_role("radio", name="Mix", exact=True).check(force=True)
+    page.locator(view).evaluate(TAKEN)
+    send = """([view, key, held]) => document.querySelector(view).dispatchEvent(
+      new KeyboardEvent("keydown", { key, [held]: true, bubbles: true, cancelable: true }),
+    )"""
+    for key in keys:
+        for held in ("ctrlKey", "metaKey", "altKey", "shiftKey"):
+            page.evaluate(send, [view, key, held])
+    assert page.evaluate("window.taken") == [False, False, False, True] * len(keys)
