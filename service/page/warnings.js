@@ -11,14 +11,16 @@ const LAMPS = ["lamps_alike", "lamps_ambiguous", "no_pure_light", "number_uncert
  */
 export function warningsOf(warnings, show) {
   if (!warnings.length) return [];
+  const marks = []; // of the same places: they go on and off together
   const items = warnings.map(({ code, message, figures }) => {
     const item = h("li", {}, h("p", { textContent: message }));
     const row = h("p", { className: "row" });
     if (FILLED.includes(code) && show.filled) {
       const mark = toggle("Show where", `Show where: ${message}`, false, (on) => {
-        mark.setAttribute("aria-pressed", String(on));
+        for (const one of marks) one.setAttribute("aria-pressed", String(on));
         show.filled(on);
       });
+      marks.push(mark);
       row.append(mark);
     }
     const look = (text, onclick) => h("button", { type: "button", className: "toggle", textContent: text, "aria-label": `${text}: ${message}`, onclick });

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from pipeline.encode.png import NormalsPng
-from tests.integration.service.page.looking import TWO_FRAMES, open_mixer
+from tests.integration.service.page.looking import TWO_FRAMES, drawn, open_mixer, result
 
 COUNT_DRAWN = """(canvas) => {
   window.drawn = 0;
@@ -98,3 +99,21 @@ def test_keys_with_another_are_left_to_the_browser(
         for held in ("ctrlKey", "metaKey", "altKey", "shiftKey"):
             page.evaluate(send, [view, key, held])
     assert page.evaluate("window.taken") == [False, False, False, True] * len(keys)
+
+
+def test_two_warnings_of_the_same_places_are_shown_and_hidden_together(
+    page: Page, done: dict[str, Any], service: Any
+) -> None:
+    manifest = json.loads(result(service, done, "manifest.json"))
+    told = [("flash_too_weak", "The flash is weak."), ("clipped", "The picture is clipped.")]
+    manifest["warnings"] = [{"code": code, "message": words, "figures": {}} for code, words in told]
+    page.route("**/results", lambda route: route.fulfill(json=manifest))
+    canvas = open_mixer(page, done)
+    plain = canvas.screenshot()
+    weak, clipped = (page.get_by_role("button", name=f"Show where: {words}") for _, words in told)
+    for button, pressed in ((weak, "true"), (clipped, "false"), (clipped, "true"), (weak, "false")):
+        button.click()
+        expect(weak).to_have_attribute("aria-pressed", pressed)
+        expect(clipped).to_have_attribute("aria-pressed", pressed)
+        drawn(page)
+        assert (canvas.screenshot() == plain) is (pressed == "false")
