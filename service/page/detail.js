@@ -1,6 +1,7 @@
 // What the preview lacks: the area that is on the screen in the photograph's own pixels.
 
 const MOST_PIXELS = 2 ** 21; // of an area that is asked for at once, as of a preview
+const AGAIN_MS = 5000; // until what failed for now is asked for again
 
 /** The one area in full size that a Light shows. */
 export class Detail {
@@ -9,7 +10,8 @@ export class Detail {
     this._fetch = fetchArea;
     this._shown = null; // left, top, right, bottom in pixels of the photograph
     this._asked = null; // the same, of what is on its way, with the promise of it
-    this._failed = false;
+    this._refused = false;
+    this._pauses = false; // after what failed for now
   }
 
   /** Look whether an area is worth fetching; if so a promise, of whether it is shown now.
@@ -18,7 +20,7 @@ export class Detail {
    */
   look(room, corner, scale) {
     const { step, size } = this._light;
-    if (step === 1 || scale <= 1 || this._failed) return null;
+    if (step === 1 || scale <= 1 || this._refused) return null;
     const full = scale / step;
     const area = [0, 1].map((axis) => Math.max(0, Math.floor(-corner[axis] / full)));
     const ends = [0, 1].map((axis) => Math.min(step * size[axis], Math.ceil((room[axis] - corner[axis]) / full)));
@@ -27,6 +29,7 @@ export class Detail {
     if ((ends[0] - area[0]) * (ends[1] - area[1]) > most) return null;
     if (this._shown && contains(this._shown, wanted)) return null;
     if (this._asked && contains(this._asked.area, wanted)) return this._asked.shown;
+    if (this._pauses) return null;
     const asked = { area: wanted };
     this._asked = asked;
     asked.shown = this._show(asked);
@@ -38,16 +41,34 @@ export class Detail {
     const { step } = this._light;
     try {
       const picture = await this._gather(asked);
-      if (this._asked !== asked) return this._asked?.shown ?? false; // another area is wanted by now
+      if (this._asked !== asked) return this._newer();
+      this._light.showDetail({ picture, step: 1 / step, corner: [left / step, top / step] });
       this._asked = null;
       this._shown = asked.area;
-      this._light.showDetail({ picture, step: 1 / step, corner: [left / step, top / step] });
       return true;
     } catch (error) {
+      if (this._asked !== asked) return this._newer();
+      this._asked = null;
       console.error(error);
-      this._failed = true; // the preview does without
+      this._fail(error); // the preview does without
       return false;
     }
+  }
+
+  /** Of an area that nobody wants any more: whether the one that is wanted instead is shown. */
+  _newer() {
+    return this._asked?.shown ?? false;
+  }
+
+  /** Ask no more where the service refuses; else again in a while. */
+  _fail({ status }) {
+    this._refused = status >= 400 && status < 500;
+    if (this._refused) return;
+    this._pauses = true;
+    setTimeout(() => {
+      this._pauses = false;
+      this._light.draw();
+    }, AGAIN_MS);
   }
 
   /** Fetch an area by strips, each of no more pixels than may be asked for; less where it is wanted no longer. */

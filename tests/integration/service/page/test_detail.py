@@ -59,3 +59,73 @@ def test_what_is_smaller_than_the_photograph_is_not_fetched_beyond_the_canvas(pa
     page.goto("/")
     look: dict[str, Any] = {"size": [3000, 2000], "room": [3840, 2160], "corner": [0, 0]}
     assert page.evaluate(LOOK, {**look, "scale": 1.5}) == {"done": None, "asked": []}
+
+
+TRY = """async (statuses) => {
+  const { Detail } = await import("/page/detail.js");
+  const { Problem } = await import("/page/api.js");
+  const told = [];
+  const later = [];
+  window.setTimeout = (work) => later.push(work);
+  const light = { step: 2, size: [300, 200], showDetail: () => told.push("shown") };
+  light.draw = () => told.push("drawn");
+  const detail = new Detail(light, async (left, top, width, height) => {
+    told.push("asked");
+    const status = statuses.shift();
+    if (status !== 200) throw new Problem({ title: "x", detail: "x", status });
+    return { width, height, channels: new Map() };
+  });
+  const look = () => detail.look([200, 200], [0, 0], 2);
+  while (statuses.length) {
+    await look();
+    if (look()) told.push("asked at once");
+    if (!later.length) break;
+    later.shift()();
+  }
+  if (look()) told.push("asked still");
+  return told;
+}"""
+"""A Detail looks again and again while the service answers with these statuses."""
+
+
+@pytest.mark.parametrize(
+    ("statuses", "told"),
+    [
+        ([200], ["asked", "shown"]),
+        ([0, 503, 200], ["asked", "drawn", "asked", "drawn", "asked", "shown"]),
+        ([500, 200], ["asked", "drawn", "asked", "shown"]),
+        ([404, 200], ["asked"]),
+        ([422, 200], ["asked"]),
+        ([0, 410, 200], ["asked", "drawn", "asked"]),
+    ],
+)
+def test_what_fails_for_now_is_fetched_later_and_what_is_refused_is_not(
+    page: Page, statuses: list[int], told: list[str]
+) -> None:
+    page.goto("/")
+    assert page.evaluate(TRY, statuses) == told
+
+
+SUPERSEDE = """async () => {
+  const { Detail } = await import("/page/detail.js");
+  const shown = [];
+  const held = [];
+  const light = { step: 2, size: [3000, 2000], showDetail: (part) => shown.push(part.corner) };
+  const detail = new Detail(light, (left, top, width, height) => new Promise((done, fail) => {
+    held.push({ fail, done: () => done({ width, height, channels: new Map() }) });
+  }));
+  const looks = [0, -1000].map((corner) => detail.look([100, 100], [corner, 0], 2));
+  held[0].fail(new TypeError("it broke off"));
+  held[1].done();
+  const first = await Promise.all(looks);
+  const third = detail.look([100, 100], [-2000, 0], 2);
+  held[2].done();
+  return { first, third: await third, shown };
+}"""
+"""A Detail looks elsewhere before the first area has come, which then fails."""
+
+
+def test_an_area_that_is_wanted_no_longer_may_fail(page: Page) -> None:
+    page.goto("/")
+    found = page.evaluate(SUPERSEDE)
+    assert found == {"first": [True, True], "third": True, "shown": [[500, 0], [1000, 0]]}
