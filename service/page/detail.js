@@ -36,6 +36,11 @@ export class Detail {
     return asked.shown;
   }
 
+  /** What was shown is gone: fetch it again when it is looked at. */
+  forget() {
+    this._shown = null;
+  }
+
   async _show(asked) {
     const [left, top] = asked.area;
     const { step } = this._light;

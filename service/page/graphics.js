@@ -65,10 +65,18 @@ export class Graphics {
   constructor(gl, preview, lamps) {
     this._gl = gl;
     this._lamps = lamps;
-    this._place = build(gl, shader(lamps));
+    this._source = preview;
+    this.restore();
+  }
+
+  /** Load all but the part in full size; a context that was lost comes back empty. */
+  restore() {
+    const gl = this._gl;
+    const { width, height } = this._source;
+    this._place = build(gl, shader(this._lamps));
     const renders = gl.getExtension("EXT_color_buffer_float") ?? gl.getExtension("EXT_color_buffer_half_float");
-    this._levels = renders ? Math.floor(Math.log2(Math.max(preview.width, preview.height))) : 0;
-    this._preview = this._load(preview, renders);
+    this._levels = renders ? Math.floor(Math.log2(Math.max(width, height))) : 0;
+    this._preview = this._load(this._source, renders);
     this._detail = null;
   }
 

@@ -45,6 +45,8 @@ export class Light {
     this._drew = false; // whether the last frame drew a picture
     this._resized = false; // and did so on a canvas of another size
     new ResizeObserver(() => this.draw()).observe(canvas);
+    canvas.addEventListener("webglcontextlost", (event) => event.preventDefault()); // else it never came back
+    canvas.addEventListener("webglcontextrestored", () => this._restore());
     matchMedia("(prefers-color-scheme: light)").addEventListener("change", () => this.draw(), { signal }); // else it were kept in memory
   }
 
@@ -88,6 +90,12 @@ export class Light {
   move(x, y) {
     const step = devicePixelRatio / this._scale(this._room());
     this._middle = [this._middle[0] - x * step, this._middle[1] - y * step];
+    this.draw();
+  }
+
+  _restore() {
+    this._painter.restore();
+    this._detail.forget();
     this.draw();
   }
 

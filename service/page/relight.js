@@ -39,10 +39,14 @@ export async function relight(canvas, blob, signal) {
   const scale = Math.min(1, LONGEST / Math.max(whole.width, whole.height));
   const size = [Math.round(whole.width * scale), Math.round(whole.height * scale)];
   const picture = await createImageBitmap(whole, { resizeWidth: size[0], resizeHeight: size[1] });
-  const place = build(gl, SHADER);
-  texture(gl, 0, gl.LINEAR, gl.LINEAR);
-  gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB8, gl.RGB, gl.UNSIGNED_BYTE, picture);
-  gl.uniform2fv(place("size"), size);
+  let place;
+  const load = () => {
+    place = build(gl, SHADER);
+    texture(gl, 0, gl.LINEAR, gl.LINEAR);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB8, gl.RGB, gl.UNSIGNED_BYTE, picture);
+    gl.uniform2fv(place("size"), size);
+  };
+  load();
   let lamp = [-0.5, 0.5];
   const draw = () => {
     if (!canvas.isConnected) return;
@@ -68,6 +72,11 @@ export async function relight(canvas, blob, signal) {
     event.preventDefault();
     lamp = lamp.map((value, axis) => Math.min(1, Math.max(-1, value + step[axis])));
     requestAnimationFrame(draw);
+  });
+  canvas.addEventListener("webglcontextlost", (event) => event.preventDefault()); // else it never came back
+  canvas.addEventListener("webglcontextrestored", () => {
+    load();
+    draw();
   });
   new ResizeObserver(draw).observe(canvas);
   matchMedia("(prefers-color-scheme: light)").addEventListener("change", draw, { signal }); // else it were kept in memory

@@ -1,0 +1,74 @@
+"""A graphics card that is taken from the page and given back, in a real browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from playwright.sync_api import Locator, Page
+
+from pipeline.encode.exr import ExrFile
+from pipeline.encode.png import NormalsPng
+from tests.integration.service.page.looking import TWO_FRAMES, drawn, open_mixer, shown
+from tests.integration.service.page.test_drawing import UNTOLD, layers_of
+
+LOSE = """(canvas) => new Promise((done) => {
+  const lose = canvas.getContext("webgl2").getExtension("WEBGL_lose_context");
+  canvas.addEventListener("webglcontextrestored", () => done(true));
+  canvas.addEventListener("webglcontextlost", (event) => {
+    if (!event.defaultPrevented) done(false);
+    else setTimeout(() => lose.restoreContext());
+  });
+  lose.loseContext();
+})"""
+"""Whether a canvas that loses its context would have it back, and has it."""
+
+
+@pytest.fixture
+def card(page: Page) -> Page:
+    """A page that draws by WebGL."""
+    page.add_init_script(f"({UNTOLD})()")
+    return page
+
+
+def test_the_mixer_comes_back(
+    card: Page, done: dict[str, Any], service: Any, tmp_path: Path
+) -> None:
+    """With its detail: the preview is given half as large as the photograph."""
+    layers = layers_of(service, done)
+    size = layers.shape[2], layers.shape[1]
+    halved = layers.reshape(2, size[1] // 2, 2, size[0] // 2, 2, 3).mean((2, 4))
+    file = ExrFile(tmp_path / "preview.exr", (size[0] // 2, size[1] // 2), half=True)
+    sure = np.ones(halved.shape[1:3], np.float32)
+    file.write({"lamp1": halved[0], "lamp2": halved[1], "Y": sure})
+    file.close()
+    card.route("**/preview.exr", lambda route: route.fulfill(path=tmp_path / "preview.exr"))
+    canvas = open_mixer(card, done)
+    before = shown(card, size)
+    assert before.std() > 1
+    assert canvas.evaluate(LOSE)
+    drawn(card)
+    assert np.array_equal(shown(card, size), before)
+
+
+def test_normals_come_back(page: Page, done: dict[str, Any], tmp_path: Path) -> None:
+    slopes = np.linspace(-0.7, 0.7, 90, dtype=np.float32)
+    normals = np.stack([slopes, 0 * slopes, np.sqrt(1 - slopes**2)], -1)
+    png = NormalsPng(tmp_path / "normals.png", (90, 60))
+    png.write(np.ascontiguousarray(np.broadcast_to(normals, (60, 90, 3))))
+    png.close()
+    file = {"name": "normals.png", "size": 1, "sha256": "", "media_type": "image/png", "href": ""}
+    more = {**done, "files": [*done["files"], file]}
+    page.route(f"**/jobs/{done['id']}", lambda route: route.fulfill(json=more))
+    page.route("**/normals.png", lambda route: route.fulfill(path=tmp_path / "normals.png"))
+    open_mixer(page, done)
+    page.get_by_role("radio", name="Normals").check(force=True)
+    page.wait_for_load_state("networkidle")
+    canvas: Locator = page.locator("#normals")
+    page.evaluate(TWO_FRAMES)
+    before = canvas.screenshot()
+    assert canvas.evaluate(LOSE)
+    page.evaluate(TWO_FRAMES)
+    assert canvas.screenshot() == before
