@@ -146,13 +146,13 @@ def accept(
 
 
 def hash_of(wanted: Intake) -> str:
-    """Digest a request for a job whose pair is sent, or that needs none."""
+    """Digest a request for one job."""
     return digest(
         {
             # As they were sent: calibrations that they name may have been deleted since.
-            "options": wanted.options.model_dump(mode="json") | wanted.calibrations,
-            "handling": wanted.handling.model_dump(mode="json"),
-            "capture": None,
+            "options": as_asked(wanted.options) | wanted.calibrations,
+            "handling": as_asked(wanted.handling),
+            "capture": wanted.capture and as_asked(wanted.capture),
             "sha256": wanted.sha256,
             # Their bytes never change, and they go when a job is made of them.
             "uploads": wanted.uploads,
@@ -223,6 +223,12 @@ def replay(
             "use a new key."
         )
     return Accepted(earlier.id, replayed=True)
+
+
+def as_asked(wanted: BaseModel) -> dict[str, Any]:
+    """What a request asks for, to be digested."""
+    # Without defaults, else a release that adds an option took no request for an earlier one.
+    return wanted.model_dump(mode="json", exclude_defaults=True)
 
 
 def digest(same: dict[str, Any]) -> str:

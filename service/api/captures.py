@@ -14,8 +14,10 @@ from pipeline.options import Options
 from service import bursts, cameras, jobs
 from service.api.accept import (
     Accepted,
+    as_asked,
     check_webhook,
     digest,
+    hash_of,
     make_row,
     refuse_when_full,
     replay,
@@ -56,15 +58,7 @@ def accept_capture(
     """
     caller.need(Scope.CAPTURE)
     assert wanted.capture is not None
-    request_hash = digest(
-        {
-            "options": wanted.options.model_dump(mode="json") | wanted.calibrations,
-            "handling": wanted.handling.model_dump(mode="json"),
-            "capture": _row_of(wanted.capture),
-            "sha256": {},
-            "uploads": {},
-        }
-    )
+    request_hash = hash_of(wanted)
     refuse_when_full(context, caller, idempotency_key)
     if earlier := replay(context, caller, idempotency_key, request_hash):
         return earlier
@@ -87,9 +81,9 @@ def accept_captures(
     named: calibrations, as an Intake has them. Raises UnknownJobError, OptionError, NotReadyError
     and EndedError for a job that none can be like, and what accept_capture raises.
     """
-    asked = wanted.model_dump(mode="json")
-    asked["options"] |= named
-    request_hash = digest({"camera": camera, "wanted": asked})
+    asked = as_asked(wanted)
+    options = asked.pop("options", {}) | named
+    request_hash = digest({"camera": camera, "wanted": asked | {"options": options}})
     refuse_when_full(context, caller, idempotency_key, wanted.pairs)
     if earlier := replay(context, caller, idempotency_key, request_hash):
         return earlier

@@ -15,6 +15,7 @@ from service import jobs
 from service.api import intake
 from service.api.accept import (
     Accepted,
+    as_asked,
     check_webhook,
     commit,
     digest,
@@ -78,7 +79,7 @@ def _accept(
     """Copy the pair for good, then commit row and queue entry together."""
     refuse_when_full(context, caller, idempotency_key)
     check_webhook(context, wanted)
-    request_hash = digest({"rerun": job_id, "wanted": wanted.model_dump(mode="json")})
+    request_hash = digest({"rerun": job_id, "wanted": as_asked(wanted)})
     # Before the job is looked at, which may have been deleted since the first answer got lost.
     if earlier := replay(context, caller, idempotency_key, request_hash):
         return earlier

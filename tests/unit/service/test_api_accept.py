@@ -6,14 +6,19 @@ import socket
 import tempfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
 
+from pipeline.options import Options
 from service import jobs, sandbox
+from service.api.accept import hash_of
 from service.api.context import Context
+from service.api.intake import Intake
+from service.api.models import Capture, Handling
 from service.errors import (
     AttemptError,
     CrashError,
@@ -261,6 +266,33 @@ def test_a_job_that_is_deleted_while_its_key_is_sent_again_asks_for_another_try(
     wanted = {"capture": {"camera": "sim://studio"}}
     answer = http.post("/jobs", json=wanted, headers={"idempotency-key": "once"})
     assert (answer.status_code, answer.json()["retryable"]) == (503, True)
+
+
+class _LaterOptions(Options):
+    tuned: bool = False
+
+
+class _LaterHandling(Handling):
+    tuned: bool = False
+
+
+class _LaterCapture(Capture):
+    tuned: bool = False
+
+
+def test_what_a_later_release_adds_leaves_an_earlier_request_the_same() -> None:
+    camera = "sim://studio"
+    wanted = Intake(Options(lights=2), Handling(), Path(), capture=Capture(camera=camera))
+    later = Intake(
+        _LaterOptions(lights=2), _LaterHandling(), Path(), capture=_LaterCapture(camera=camera)
+    )
+    assert hash_of(later) == hash_of(wanted)
+    for change in (
+        {"options": _LaterOptions(lights=2, tuned=True)},
+        {"handling": _LaterHandling(tuned=True)},
+        {"capture": _LaterCapture(camera=camera, tuned=True)},
+    ):
+        assert hash_of(replace(later, **change)) != hash_of(wanted)
 
 
 def _other_request(change: str, png: Png) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import pytest
 from obstore.exceptions import GenericError
 
 from service import cameras
+from service.api.accept import digest
 from service.api.context import Context
 from service.settings import Settings
 from tests.unit.service.asking import bearing, problem_of, rows_of, stored_job
@@ -114,6 +115,15 @@ class TestCaptures:
         assert len(rows_of(context)) == 3
         other = http.post(f"{PATH}/captures", json={"pairs": 2}, headers=key)
         assert problem_of(other)[:2] == (422, "idempotency-key-reused")
+
+    def test_a_burst_is_known_by_what_was_asked_of_it_alone(
+        self, http: httpx.Client, capture: Any, context: Context
+    ) -> None:
+        assert capture is not None
+        body = {"pairs": 2, "flash": "property", "options": {"lights": 2, "exposure_ratio": None}}
+        assert http.post(f"{PATH}/captures", json=body).status_code == 202
+        asked = {"camera": SIM, "wanted": {"pairs": 2, "options": {"lights": 2}}}
+        assert {row.request_hash for row in rows_of(context)} == {digest(asked)}
 
     def test_a_burst_is_not_taken_anew_while_a_job_of_it_is_kept(
         self, http: httpx.Client, capture: Any, context: Context

@@ -10,6 +10,7 @@ import pytest
 from obstore.exceptions import GenericError
 
 from service import jobs
+from service.api.accept import digest
 from service.api.context import Context
 from service.settings import Settings
 from service.storage import Storage
@@ -155,6 +156,14 @@ class TestIdempotencyKey:
         assert again.headers["idempotency-replayed"] == "true"
         assert len(rows_of(context)) == 2
         assert len(context.storage.list("")) == 4
+
+    def test_is_of_what_was_asked_for_alone(
+        self, http: httpx.Client, job: Job, context: Context
+    ) -> None:
+        made = _rerun(http, job, {"options": {"lights": 2}, "priority": "normal"}).json()
+        (row,) = (row for row in rows_of(context) if row.id == made["id"])
+        asked = {"rerun": job["id"], "wanted": {"options": {"lights": 2}}}
+        assert row.request_hash == digest(asked)
 
     def test_does_so_when_the_first_run_is_deleted(self, http: httpx.Client, job: Job) -> None:
         first = _rerun(http, job, **{"idempotency-key": "once"}).json()
