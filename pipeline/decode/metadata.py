@@ -12,6 +12,8 @@ from typing import Any
 
 import exifread
 
+from pipeline.decode.rendered import heif_exif
+from pipeline.decode.signatures import kind_of
 from pipeline.frames import Exposure
 
 logging.getLogger("exifread").setLevel(logging.CRITICAL)  # it tells the terminal of odd tags
@@ -64,9 +66,9 @@ class Metadata:
 def read_metadata(data: bytes) -> Metadata:
     """Facts from the EXIF block of a JPEG, TIFF, PNG, HEIF or TIFF-like RAW file; never raises."""
     try:
-        with warnings.catch_warnings(), io.BytesIO(data) as file:
+        with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            tags = exifread.process_file(file, details=False, extract_thumbnail=False)
+            tags = _tags(data)
     except Exception:  # a broken EXIF block makes exifread raise whatever it ran into
         return Metadata()
     flash = _number(tags, "EXIF Flash")
@@ -96,6 +98,14 @@ def read_metadata(data: bytes) -> Metadata:
         adobe_rgb=_number(tags, "EXIF ColorSpace") == _UNCALIBRATED
         and _text(tags, "Interoperability InteroperabilityIndex") == _ADOBE_RGB,
     )
+
+
+def _tags(data: bytes) -> dict[str, Any]:
+    # exifread itself finds the block of hardly any HEIF but that of phones
+    block = heif_exif(data) if kind_of(data) == "HEIF" else data
+    with io.BytesIO(block) as file:
+        tags: dict[str, Any] = exifread.process_file(file, details=False, extract_thumbnail=False)
+    return tags
 
 
 def _taken(tags: dict[str, Any]) -> float | None:

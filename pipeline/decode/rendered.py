@@ -15,6 +15,7 @@ from pipeline.decode.profiles import embedded_profile, nclx_profile
 from pipeline.decode.samples import Samples, UnsuitableError, to_rgb
 
 _PNG_END = b"IEND\xaeB`\x82"
+_EXIF_MARK = b"Exif\0\0"
 _PQ, _HLG = 16, 18
 """Transfer characteristics of Rec. ITU-T H.273."""
 _STRAY_BYTES = re.compile(r"(\d+) extraneous bytes")
@@ -72,6 +73,15 @@ def heif_size(data: bytes) -> tuple[int, int]:
     """
     width, height = _open_heif(data).size
     return width, height
+
+
+def heif_exif(data: bytes) -> bytes:
+    """EXIF block of a HEIF file, which starts with a TIFF header; empty where there is none.
+
+    Its orientation is that of the sensor, see read_heif. Raises as heif_size does.
+    """
+    block = _open_heif(data).info.get("exif") or b""
+    return bytes(block).removeprefix(_EXIF_MARK)
 
 
 def read_heif(data: bytes) -> Samples:

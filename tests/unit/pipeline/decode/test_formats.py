@@ -21,6 +21,7 @@ from PIL import Image as PillowImage
 from PIL import ImageOps
 
 from pipeline.decode import check_header, decode
+from pipeline.decode.samples import upright
 
 Codes = NDArray[np.uint8]
 Write = Callable[..., bytes]
@@ -201,6 +202,20 @@ def test_heif_of_10_bits_is_srgb_and_its_white_is_1() -> None:
     np.testing.assert_allclose(frame.pixels[-20:], 0.214, atol=0.01)
     assert frame.saturated[:20].all()
     assert not frame.saturated[-20:].any()
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_heif_is_turned_once(
+    codes: Codes, exif_of: Callable[..., PillowImage.Exif], orientation: int
+) -> None:
+    """libheif writes both, EXIF's orientation and the boxes that turn the picture."""
+    data = heif(codes, exif=exif_of({274: orientation}, {}).tobytes())
+    turned = linear(upright(codes, orientation))
+
+    frame = decode(data)
+
+    assert frame.size == (turned.shape[1], turned.shape[0]) == check_header(data)
+    assert np.abs(frame.pixels - turned).max() < 0.03
 
 
 @pytest.mark.parametrize("quality", [90, 95])

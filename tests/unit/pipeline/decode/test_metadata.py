@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import pillow_heif
 import pytest
 from numpy.typing import NDArray
 from PIL import Image as PillowImage
@@ -52,6 +54,32 @@ def test_frames_know_camera_exposure_and_flash(
     assert frame.flash_fired is True
     # the diagonal of 36 × 24 mm is 43.27 mm, that of 64 × 48 pixels 80 pixels
     assert frame.focal_px == pytest.approx(80 * 36 / 43.2666, rel=1e-4)
+
+
+@pytest.mark.parametrize("mark", [b"", b"Exif\0\0"])
+@pytest.mark.parametrize(("mode", "brand"), [("RGB", b"heic"), ("RGB;16", b"heix")])
+def test_heif_of_any_depth_and_writer_tells_the_facts(
+    codes: NDArray[np.uint8], exif_of: Exif, mode: str, brand: bytes, mark: bytes
+) -> None:
+    block = exif_of(MAIN, PHOTO).tobytes().removeprefix(b"Exif\0\0")
+    values = codes if mode == "RGB" else codes.astype(np.uint16) * 257
+    file = io.BytesIO()
+    pillow_heif.from_bytes(mode, (64, 48), values.tobytes()).save(file, exif=mark + block)
+
+    frame = decode(file.getvalue())
+
+    assert file.getvalue()[8:12] == brand
+    assert (frame.make, frame.model) == ("NIKON CORPORATION", "NIKON D5100")
+    assert frame.exposure == Exposure(time_s=0.008, iso=400, f_number=5.6)
+    assert frame.flash_fired is True
+    assert frame.focal_px == pytest.approx(80 * 36 / 43.2666, rel=1e-4)
+
+
+def test_heif_without_a_block_tells_nothing(codes: NDArray[np.uint8]) -> None:
+    file = io.BytesIO()
+    pillow_heif.from_bytes("RGB", (64, 48), codes.tobytes()).save(file)
+
+    assert read_metadata(file.getvalue()) == Metadata()
 
 
 def test_tiff_may_hold_the_facts_in_its_main_directory(
@@ -186,7 +214,10 @@ def test_a_broken_block_is_no_reason_to_refuse(
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("data", [b"", b"\xff\xd8\xff", b"II*\x00\xff\xff\xff\xff", bytes(100)])
+@pytest.mark.parametrize(
+    "data",
+    [b"", b"\xff\xd8\xff", b"II*\0\xff\xff\xff\xff", b"\0\0\0\x14ftypheix", bytes(100)],
+)
 def test_bytes_without_facts_give_none(data: bytes) -> None:
     assert read_metadata(data) == Metadata()
 
