@@ -14,6 +14,7 @@ import exifread
 
 from pipeline.decode.rendered import heif_exif
 from pipeline.decode.signatures import kind_of
+from pipeline.decode.tiff import holds_raw, tiff_tags
 from pipeline.frames import Exposure
 
 logging.getLogger("exifread").setLevel(logging.CRITICAL)  # it tells the terminal of odd tags
@@ -101,8 +102,11 @@ def read_metadata(data: bytes) -> Metadata:
 
 
 def _tags(data: bytes) -> dict[str, Any]:
+    kind = kind_of(data)
+    if kind == "TIFF" and not holds_raw(data):
+        return dict(tiff_tags(data))
     # exifread itself finds the block of hardly any HEIF but that of phones
-    block = heif_exif(data) if kind_of(data) == "HEIF" else data
+    block = heif_exif(data) if kind == "HEIF" else data
     with io.BytesIO(block) as file:
         tags: dict[str, Any] = exifread.process_file(file, details=False, extract_thumbnail=False)
     return tags

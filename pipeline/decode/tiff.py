@@ -6,7 +6,9 @@ import io
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from itertools import islice
+from typing import Any
 
 import numpy as np
 from tifffile import TiffFile, TiffPage
@@ -25,6 +27,14 @@ _D65 = 21
 _BLACK_REPEATS = 50713
 _REDUCED = 1
 _JPEG_IN_TIFF = (6, 7)
+_EXIF = 34665
+_RATIONALS = ("ExposureTime", "FNumber", "FocalLength", "FocalPlaneXResolution")
+_NAMES = {
+    "PixelXDimension": "ExifImageWidth",
+    "PixelYDimension": "ExifImageLength",
+    "SubsecTimeOriginal": "SubSecTimeOriginal",
+}
+"""Tags that exifread calls otherwise than tifffile does."""
 _MAX_DIRECTORIES = 64
 """Photographs have a handful; a file of thousands is not worth the time."""
 
@@ -69,6 +79,29 @@ def read_tiff(data: bytes, orientation: int) -> Samples:
     return Samples(values, float(2**bits - 1), orientation, profile)
 
 
+@dataclass(frozen=True)
+class Tag:
+    """What a tag holds, as exifread gives it: text, or numbers."""
+
+    values: str | tuple[Any, ...]
+
+
+def tiff_tags(data: bytes) -> dict[str, Tag]:
+    """Tags of the first full picture by exifread's names; what it lacks, of the first directory.
+
+    exifread itself knows the first directory alone, and none of BigTIFF. Raises ValueError and
+    what tifffile raises.
+    """
+    found: dict[str, Tag] = {}
+    with _opened(data) as file:
+        for page in (file.pages.first, _full(file)):
+            found |= {f"Image {tag.name}": _tag(tag.name, tag.value) for tag in page.tags}
+            exif = page.tags.valueof(_EXIF)
+            for name, value in exif.items() if isinstance(exif, dict) else ():
+                found[f"EXIF {_NAMES.get(name, name)}"] = _tag(name, value)
+    return found
+
+
 def dng_matrix(data: bytes) -> Matrix | None:
     """Matrix (3, 3) from CIE XYZ to camera RGB that a DNG gives for daylight, else what it gives.
 
@@ -105,6 +138,16 @@ def black_repeats(data: bytes) -> int:
             )
     except Exception:  # not a TIFF, or one that only LibRaw understands
         return 1
+
+
+def _tag(name: str, value: Any) -> Tag:
+    """Make a tag of what tifffile gives: a number alone or several, of rationals both parts."""
+    if isinstance(value, str):
+        return Tag(value)
+    values = value if isinstance(value, tuple) else (value,)
+    if name in _RATIONALS and len(values) == 2:
+        return Tag((values[0] / values[1] if values[1] else None,))
+    return Tag(values)
 
 
 @contextmanager

@@ -281,6 +281,22 @@ def test_pictures_are_turned_upright(
     assert np.abs(frame.pixels - linear(upright)).max() < (0.02 if kind == "JPEG" else 1e-6)
 
 
+@pytest.mark.parametrize("byteorder", ["<", ">"])
+@pytest.mark.parametrize("big", [False, True])
+@pytest.mark.parametrize("orientation", [1, 3, 6])
+def test_tiff_of_any_size_of_offsets_is_turned_upright(
+    codes: Codes, tiff_file: Write, orientation: int, big: bool, byteorder: str
+) -> None:
+    tags = [(274, "H", 1, orientation, True)]
+    data = tiff_file(codes, bigtiff=big, byteorder=byteorder, extratags=tags)
+    turned = linear(upright(codes, orientation))
+
+    frame = decode(data)
+
+    assert frame.size == (turned.shape[1], turned.shape[0]) == check_header(data)
+    assert np.abs(frame.pixels - turned).max() < 1e-6
+
+
 @pytest.mark.parametrize("kind", ["TIFF", "DNG", "JPEG"])
 def test_nothing_holds_a_file_that_has_been_read(
     codes: Codes, pillow_file: Write, tiff_file: Write, dng_file: Write, kind: str

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import io
+import struct
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pillow_heif
 import pytest
+import tifffile
 from numpy.typing import NDArray
 from PIL import Image as PillowImage
 from PIL.TiffImagePlugin import IFDRational
@@ -28,6 +30,9 @@ PHOTO = {
     0x9209: 0x1F,
     0xA405: 36,
 }
+
+EXIF_PLACE = (65000, "I", 1, 0x7EDCBA98, True)
+"""Stands for the tag of an EXIF directory, which tifffile does not write."""
 
 
 @pytest.fixture
@@ -96,6 +101,92 @@ def test_tiff_may_hold_the_facts_in_its_main_directory(
 
     assert frame.make == "Canon"
     assert frame.exposure == Exposure(0.008, 100, 2.8)
+
+
+def with_directory(data: bytes, entries: list[tuple[int, int, int, bytes]], big: bool) -> bytes:
+    """Append an EXIF directory to a little-endian TIFF that has a place for its offset."""
+    count, entry, inline = ("<Q", "<HHQ", 8) if big else ("<H", "<HHI", 4)
+    table, far = struct.pack(count, len(entries)), b""
+    size = len(table) + len(entries) * (4 + 2 * inline) + inline
+    for code, kind, number, value in entries:
+        place = value.ljust(inline, b"\0")
+        if len(value) > inline:
+            place = (len(data) + size + len(far)).to_bytes(inline, "little")
+            far += value
+        table += struct.pack(entry, code, kind, number) + place
+    return pointing(data, len(data), big) + table + bytes(inline) + far
+
+
+def pointing(data: bytes, offset: int, big: bool) -> bytes:
+    """Make the place for the EXIF directory its tag."""
+    number = "<HHQI" if big else "<HHII"
+    place = struct.pack(number, EXIF_PLACE[0], 4, 1, EXIF_PLACE[3])
+    assert data.count(place) == 1
+    return data.replace(place, struct.pack(number, 34665, 4, 1, offset))
+
+
+@pytest.mark.parametrize("big", [False, True])
+def test_tiff_tells_the_facts_of_its_exif_directory(
+    codes: NDArray[np.uint8], tiff_file: Write, big: bool
+) -> None:
+    tags = [(271, "s", 0, "Canon", True), EXIF_PLACE]
+    directory = [
+        (0x829A, 5, 1, struct.pack("<II", 1, 125)),
+        (0x829D, 5, 1, struct.pack("<II", 28, 10)),
+        (0x8827, 3, 2, struct.pack("<HH", 400, 400)),
+        (0x9003, 2, 20, b"1970:01:02 00:00:01\0"),
+        (0x9209, 3, 1, struct.pack("<H", 1)),
+        (0x920A, 5, 1, struct.pack("<II", 50, 1)),
+        (0x9291, 2, 3, b"25\0"),
+        (0xA002, 4, 1, struct.pack("<I", 6000)),
+        (0xA20E, 5, 1, struct.pack("<II", 2500, 1)),
+        (0xA210, 3, 1, struct.pack("<H", 3)),
+        (0xA403, 3, 1, struct.pack("<H", 0)),
+        (0xA431, 2, 8, b"1234567\0"),
+    ]
+    data = tiff_file(codes, bigtiff=big, byteorder="<", extratags=tags)
+
+    facts = read_metadata(with_directory(data, directory, big))
+
+    assert facts == Metadata(
+        exposure=Exposure(0.008, 400, 2.8),
+        make="Canon",
+        serial="1234567",
+        flash_fired=True,
+        auto_white_balance=True,
+        focal_plane=50 * 250 / 6000,
+        taken_s=86401.25,
+    )
+
+
+def test_an_exif_directory_of_tiff_with_a_rational_of_nothing(
+    codes: NDArray[np.uint8], tiff_file: Write
+) -> None:
+    data = tiff_file(codes, byteorder="<", extratags=[EXIF_PLACE])
+    directory = [(0x829A, 5, 1, bytes(8)), (0x8827, 3, 1, struct.pack("<H", 400))]
+
+    assert read_metadata(with_directory(data, directory, False)).exposure == Exposure(iso=400)
+
+
+def test_a_tiff_whose_exif_directory_is_nowhere_tells_the_rest(
+    codes: NDArray[np.uint8], tiff_file: Write
+) -> None:
+    tags = [(271, "s", 0, "Canon", True), EXIF_PLACE]
+    data = tiff_file(codes, byteorder="<", extratags=tags)
+
+    assert read_metadata(pointing(data, 2**31, False)) == Metadata(make="Canon")
+
+
+def test_facts_are_those_of_the_picture_that_is_read(codes: NDArray[np.uint8]) -> None:
+    """A preview comes first; what the full picture does not say itself, that says for it."""
+    file = io.BytesIO()
+    with tifffile.TiffWriter(file) as tiff:
+        first = [(271, "s", 0, "Canon", True), (274, "H", 1, 3, True)]
+        tiff.write(codes[::4, ::4], photometric="rgb", subfiletype=1, extratags=first)
+        own = [(272, "s", 0, "EOS R5", True), (274, "H", 1, 6, True)]
+        tiff.write(codes, photometric="rgb", extratags=own)
+
+    assert read_metadata(file.getvalue()) == Metadata(make="Canon", model="EOS R5", orientation=6)
 
 
 @pytest.mark.parametrize("kind", ["JPEG", "PNG", "TIFF"])
