@@ -63,7 +63,8 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
     profile says, else as sRGB, 16-bit integer TIFF and PNG as their ICC profile says where that is
     not linear, else as linear, and every float file as linear; "linear" and "srgb" say how the
     values of a file that is not RAW are encoded. Pictures whose profile is followed become linear
-    sRGB, as do JPEG files that are Adobe RGB by their EXIF. name: what messages call the picture.
+    sRGB, as do JPEG files that are Adobe RGB by their EXIF. What a PNG says by its cICP, sRGB or
+    gAMA chunk counts as its profile. name: what messages call the picture.
     Raises UnreadableImageError, ImageTooLargeError, and OptionError for a RAW file said to be
     sRGB.
     """

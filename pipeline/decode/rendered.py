@@ -11,13 +11,12 @@ import numpy as np
 import pillow_heif
 import simplejpeg
 
+from pipeline.decode.png_colours import png_profile, png_transfer
 from pipeline.decode.profiles import embedded_profile, nclx_profile
-from pipeline.decode.samples import Samples, UnsuitableError, to_rgb
+from pipeline.decode.samples import Samples, UnsuitableError, refuse_hdr, to_rgb
 
 _PNG_END = b"IEND\xaeB`\x82"
 _EXIF_MARK = b"Exif\0\0"
-_PQ, _HLG = 16, 18
-"""Transfer characteristics of Rec. ITU-T H.273."""
 _STRAY_BYTES = re.compile(r"(\d+) extraneous bytes")
 _HARMLESS_BYTES = 64
 _KNOWN_BOXES = (b"ftyp", b"meta", b"mdat", b"free")
@@ -50,9 +49,13 @@ def read_jpeg(data: bytes, orientation: int) -> Samples:
 
 
 def png_size(data: bytes) -> tuple[int, int]:
-    """(width, height) from the header, before orientation. Raises ValueError or struct.error."""
+    """(width, height) from the header, before orientation.
+
+    Raises UnsuitableError for HDR, ValueError or struct.error.
+    """
     if data[12:16] != b"IHDR":
         raise ValueError("no IHDR chunk")
+    refuse_hdr(png_transfer(data))
     width, height = struct.unpack(">II", data[16:24])
     return width, height
 
@@ -63,7 +66,7 @@ def read_png(data: bytes, orientation: int) -> Samples:
         raise ValueError("no end chunk")
     values = to_rgb(imagecodecs.png_decode(data))
     white = float(np.iinfo(values.dtype).max)
-    return Samples(values, white, orientation, embedded_profile(data))
+    return Samples(values, white, orientation, png_profile(data))
 
 
 def heif_size(data: bytes) -> tuple[int, int]:
@@ -104,11 +107,7 @@ def _open_heif(data: bytes) -> Any:
         raise ValueError("a box goes on beyond the end")
     image = pillow_heif.open_heif(data, convert_hdr_to_8bit=False)
     nclx = image.info.get("nclx_profile") or {}
-    if nclx.get("transfer_characteristics") in (_PQ, _HLG):
-        raise UnsuitableError(
-            "is an HDR picture (PQ or HLG), whose values follow no camera's curve: send the RAW "
-            "file, or switch HDR off in the camera."
-        )
+    refuse_hdr(nclx.get("transfer_characteristics"))
     return image
 
 

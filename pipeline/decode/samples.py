@@ -7,6 +7,9 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+_PQ, _HLG = 16, 18
+"""Transfer characteristics of Rec. ITU-T H.273."""
+
 
 class UnsuitableError(ValueError):
     """A sound file of no use here; the message goes on from "The photograph …" to what to do."""
@@ -26,6 +29,15 @@ class Samples:
     white: float
     orientation: int = 1
     profile: bytes | None = None
+
+
+def refuse_hdr(transfer: int | None) -> None:
+    """Raise UnsuitableError for PQ and HLG, by their transfer characteristics in H.273."""
+    if transfer in (_PQ, _HLG):
+        raise UnsuitableError(
+            "is an HDR picture (PQ or HLG), whose values follow no camera's curve: send the RAW "
+            "file, or switch HDR off in the camera."
+        )
 
 
 def to_rgb(values: NDArray[Any]) -> NDArray[Any]:
