@@ -52,12 +52,14 @@ def check_belonging(no_flash: Frame, flash: Frame, flash_only: bool) -> None:
     """Check sizes, encodings and cameras, and that the flash fired in the right photograph.
 
     flash_only: the second is the flash part alone, which may have been computed from RAW files and
-    written as linear values.
+    written as linear values without a profile.
     Raises PairMismatchError, UnusablePairError.
     """
     check_sizes(no_flash.size, flash.size)
     encodings = {no_flash.encoding, flash.encoding}
-    if len(encodings) > 1 and not (flash_only and encodings == {"raw", "linear"}):
+    profiled = no_flash.profiled or flash.profiled
+    mixed = len(encodings) > 1 or no_flash.profiled != flash.profiled
+    if mixed and not (flash_only and encodings == {"raw", "linear"} and not profiled):
         raise PairMismatchError(
             f"The photograph without the flash holds {_words(no_flash)}, the one with it "
             f"{_words(flash)}: send two files of one kind."
@@ -93,6 +95,8 @@ def _camera(frame: Frame) -> tuple[str, str] | None:
 
 
 def _words(frame: Frame) -> str:
+    if frame.profiled:
+        return "linear values of a colour profile"
     return {"raw": "sensor values", "linear": "linear values", "srgb": "sRGB values"}[
         frame.encoding
     ]

@@ -105,6 +105,7 @@ class Frame:
     focal_px: focal length in pixels of this frame, None where unknown.
     xyz_to_camera: (3, 3) matrix from CIE XYZ to camera RGB as LibRaw knows it, None for others.
     compression: the noise that the file's compression added, None where that is not known.
+    profiled: the file says by a linear profile what colours it holds; they became linear sRGB.
     """
 
     pixels: Photograph
@@ -120,11 +121,17 @@ class Frame:
     focal_px: float | None = None
     xyz_to_camera: Matrix | None = None
     compression: Noise | None = None
+    profiled: bool = False
 
     @property
     def size(self) -> tuple[int, int]:
         """(width, height) in pixels."""
         return self.pixels.shape[1], self.pixels.shape[0]
+
+    @property
+    def in_srgb(self) -> bool:
+        """Whether the file says that its colours are those of a space, not of a sensor."""
+        return self.encoding == "srgb" or self.profiled
 
     def facts(self) -> Frame:
         """The frame with black pixels that take no memory, for what is known about it."""

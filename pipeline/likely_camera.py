@@ -32,7 +32,7 @@ _SENSOR_LIKELIER, _SRGB_LIKELIER = 60.0, 90.0
 
 def names_no_camera(camera: Camera, frame: Frame) -> bool:
     """Whether nothing but the pixels tells whose colours a frame holds."""
-    return frame.encoding == "linear" and camera is srgb_stand_in()
+    return frame.encoding == "linear" and not frame.profiled and camera is srgb_stand_in()
 
 
 def likely_camera(
@@ -86,10 +86,10 @@ def camera_doubts(
 
     lamps: how many were found. frame: one of the files, of which RAW ones may say that the camera
     is theirs, and linear ones may hold sRGB. build: the model of a camera. Nothing can be told of
-    renderings, under one lamp, and where shadows have no edges.
+    renderings and profiled files, under one lamp, and where shadows have no edges.
     """
     confirmed = frame.encoding == "raw" and find_camera(None, frame).name == camera.name
-    if frame.encoding == "srgb" or confirmed or lamps < _TELLING_LAMPS:
+    if frame.in_srgb or confirmed or lamps < _TELLING_LAMPS:
         return []
     others = [(typical_sensor(), _SENSOR_LIKELIER)]
     if frame.encoding == "linear":

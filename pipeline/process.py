@@ -38,6 +38,9 @@ from pipeline.tally import Tally
 NO_FLASH, FLASH = "photograph without the flash", "photograph with the flash"
 """What messages call the two files."""
 
+_NOT_ITS_VALUES = (
+    " The camera named describes the values of its sensor, which these are not: leave it out."
+)
 _LOOKED_BACK = 64
 """Rows above a strip that work on the next one may read, and more."""
 
@@ -90,7 +93,7 @@ def separate_files(
     before, after = before.facts(), after.facts()
     progress.report("lamps", 0.0)
     reduced = reduce_pair(pair)
-    if before.encoding == "linear" and options.camera is None:
+    if before.encoding == "linear" and not before.profiled and options.camera is None:
         camera = likely_camera(
             reduced,
             find_light(options.flash_spectrum),
@@ -183,12 +186,14 @@ def _model_warnings(frame: Frame, camera: Camera, named: bool) -> list[Remark]:
             "The photographs are rendered to sRGB, which bends colours and brightness: the "
             "separation is approximate. Send RAW or linear files for exact work."
         )
-        if named:
-            message += (
-                " The camera named describes the values of its sensor, which these are not: leave "
-                "it out."
-            )
-        return [Remark(Code.RENDERED_SRGB, message)]
+        return [Remark(Code.RENDERED_SRGB, message + (_NOT_ITS_VALUES if named else ""))]
+    if frame.profiled:
+        message = (
+            "The photographs hold linear values in the colours that their profile says, not those "
+            "of a sensor: the camera's spectral sensitivities were approximated. Send RAW files "
+            "for exact work."
+        )
+        return [Remark(Code.CAMERA_APPROXIMATE, message + (_NOT_ITS_VALUES if named else ""))]
     if not camera.approximate:
         return []
     taken = f"{camera.name} explains the pair best and was taken"

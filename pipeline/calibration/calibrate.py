@@ -87,6 +87,12 @@ def calibrate_files(
             "The photographs are rendered to sRGB, which hides what the sensor saw: calibrate a "
             "camera with RAW or linear files."
         )
+    if isinstance(options, CameraCalibration) and before.profiled:
+        raise OptionError(
+            "The photographs hold the colours that their profile says, not what the sensor saw: "
+            "calibrate a camera with RAW files, or set the encoding to linear if the profile is "
+            "wrong."
+        )
     pair = make_pair(before, after, options, progress)
     progress.report("calibrate", 0.0)
     if isinstance(options, FlashCalibration):
@@ -153,6 +159,12 @@ def _camera_warnings(frame: Frame, camera: Camera) -> list[Remark]:
             "of the flash is approximate. Send RAW or linear files for exact work."
         )
         return [Remark(Code.RENDERED_SRGB, message)]
+    if frame.profiled:
+        message = (
+            "The photographs hold the colours that their profile says, not what the sensor saw: "
+            "the spectrum of the flash is approximate. Send RAW files for exact work."
+        )
+        return [Remark(Code.CAMERA_APPROXIMATE, message)]
     if not camera.approximate:
         return []
     message = (

@@ -33,7 +33,8 @@ _LAMPS_OF_PAPER = 3  # its normals need three directions
 class TakenWith(BaseModel):
     """The camera of a photograph, "" where unknown.
 
-    body: a digest of its serial number. rendered: whether its values are bent by a rendering.
+    body: a digest of its serial number. rendered: whether its values are bent by a rendering,
+    or brought to the colours of a profile.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -47,8 +48,7 @@ class TakenWith(BaseModel):
     def of(cls, frame: Frame) -> TakenWith:
         """Say what camera a frame is of."""
         digest = hashlib.sha256(frame.serial.encode()).hexdigest()[:12] if frame.serial else ""
-        rendered = frame.encoding == "srgb"
-        return cls(make=frame.make, model=frame.model, body=digest, rendered=rendered)
+        return cls(make=frame.make, model=frame.model, body=digest, rendered=frame.in_srgb)
 
     def fits(self, other: TakenWith) -> bool:
         """Whether both are of one camera: of the same body where both tell it."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any
@@ -66,12 +67,24 @@ def differs_from_srgb(profile: bytes) -> bool:
 
 def is_curved(profile: bytes) -> bool:
     """Whether code values of an RGB profile are not linear; False for one of no use."""
+    return _bend(profile) > _STRAIGHT
+
+
+def is_straight(profile: bytes) -> bool:
+    """Whether code values of an RGB profile are linear; False for one of no use."""
+    return _bend(profile) <= _STRAIGHT
+
+
+def _bend(profile: bytes) -> float:
+    """Of white, by which the light of greys differs from a line; NaN for a profile of no use."""
     grey = np.linspace(0, 65535, 256).astype(np.uint16)
     try:
         light = profile_to_linear(np.repeat(grey[None, :, None], 3, axis=2), profile)[0, :, 1]
     except imagecodecs.CmsError:
-        return False
-    return bool(np.abs(light - light[-1] * (grey / 65535)).max() > _STRAIGHT * light[-1])
+        return math.nan
+    if not light[-1] > 0:
+        return math.nan
+    return float(np.abs(light / light[-1] - grey / 65535).max())
 
 
 def to_linear_srgb(profile: bytes, kind: np.dtype[Any]) -> Callable[[NDArray[Any]], Image]:

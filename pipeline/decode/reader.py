@@ -15,7 +15,7 @@ from pipeline.compression_noise import compression_noise
 from pipeline.decode.exr import exr_size, read_exr
 from pipeline.decode.linear import clipped, to_linear
 from pipeline.decode.metadata import Metadata, read_metadata
-from pipeline.decode.profiles import is_curved
+from pipeline.decode.profiles import is_curved, is_straight
 from pipeline.decode.raw import raw_size, read_raw
 from pipeline.decode.recompressed import compressed_as_jpeg, recompressed
 from pipeline.decode.rendered import (
@@ -60,11 +60,11 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
     """Decode a photograph to linear light.
 
     encoding: "auto" takes RAW and DNG as sensor values, 8-bit pictures and HEIF as their ICC
-    profile says, else as sRGB, 16-bit integer TIFF and PNG as their ICC profile says where that is
-    not linear, else as linear, and every float file as linear; "linear" and "srgb" say how the
-    values of a file that is not RAW are encoded. Pictures whose profile is followed become linear
-    sRGB, as do JPEG files that are Adobe RGB by their EXIF. What a PNG says by its cICP, sRGB or
-    gAMA chunk counts as its profile. name: what messages call the picture.
+    profile says, else as sRGB, 16-bit integer TIFF and PNG as their ICC profile says, else as
+    linear, and every float file as linear; "linear" and "srgb" say how the values of a file that
+    is not RAW are encoded. Pictures whose profile is followed become linear sRGB, as do JPEG files
+    that are Adobe RGB by their EXIF. What a PNG says by its cICP, sRGB or gAMA chunk counts as its
+    profile. name: what messages call the picture.
     Raises UnreadableImageError, ImageTooLargeError, and OptionError for a RAW file said to be
     sRGB.
     """
@@ -76,7 +76,7 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
         )
     with _readable(name, _damaged(kind)):
         pixels: Photograph
-        compression = None
+        compression, straight = None, False
         if kind == "RAW":
             encoding = "raw"
             pixels, saturated, metadata, xyz_to_camera = read_raw(data)
@@ -84,8 +84,10 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
             metadata, xyz_to_camera = read_metadata(data), None
             samples = _samples(data, kind, metadata)
             curved = encoding == "auto" and _curved(samples)
-            rendered = kind == "HEIF" or samples.values.dtype == "uint8" or curved
-            profiled = encoding == "auto" and rendered
+            straight = encoding == "auto" and _straight(samples)
+            coded = kind == "HEIF" or samples.values.dtype == "uint8" or curved
+            rendered = coded and not straight
+            profiled = encoding == "auto" and (rendered or straight)
             if encoding == "auto":
                 encoding = "srgb" if rendered else "linear"
             pixels = to_linear(samples, encoding == "srgb", profiled)
@@ -120,6 +122,7 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
         focal_px=metadata.focal_px(width, height),
         xyz_to_camera=xyz_to_camera,
         compression=compression,
+        profiled=straight,
     )
 
 
@@ -172,6 +175,11 @@ def _curved(samples: Samples) -> bool:
     """Whether a file says by its profile that its 16-bit integers are not linear."""
     profile = samples.profile
     return samples.values.dtype == "uint16" and profile is not None and is_curved(profile)
+
+
+def _straight(samples: Samples) -> bool:
+    """Whether a file says by its profile that its values are linear, and in which colours."""
+    return samples.profile is not None and is_straight(samples.profile)
 
 
 def _damaged(kind: Kind) -> str:

@@ -53,9 +53,10 @@ def find_camera(request: str | Sensitivities | None, frame: Frame) -> Camera:
 
     A table or a name settles it. Else a frame of sensor or linear values gets its measured camera
     by EXIF make and model, or its colour matrix × the XYZ functions of a sensor, or, of a sensor
-    without a matrix, a typical sensor. Everything else is taken as rendered to sRGB, where white
-    balance and matrix have been applied already and the sensor's own sensitivities do not
-    describe the values any more.
+    without a matrix, a typical sensor. Everything else, and linear values whose file says by its
+    profile what colours they are, is taken as rendered to sRGB, where white balance and matrix
+    have been applied already and the sensor's own sensitivities do not describe the values any
+    more.
     Raises OptionError for an unknown name.
     """
     if isinstance(request, Sensitivities):
@@ -67,7 +68,7 @@ def find_camera(request: str | Sensitivities | None, frame: Frame) -> Camera:
             raise OptionError(unknown("camera", request, names))
         return camera
     name = f"{frame.make} {frame.model}".strip()
-    if frame.encoding != "srgb" and name:
+    if not frame.in_srgb and name:
         camera = _measured(name)
         if camera is not None:
             return camera

@@ -31,13 +31,16 @@ def test_layers_exr_is_read_as_its_sum(tmp_path: Path, picture: NDArray[np.float
     np.testing.assert_array_equal(decode((tmp_path / "layers.exr").read_bytes()).pixels, picture)
 
 
-def test_a_written_tiff_is_linear(tmp_path: Path, picture: NDArray[np.float32]) -> None:
-    write_by_strips(TiffFile(tmp_path / "lamp1.tif", size_of(picture)), picture)
+def test_a_written_tiff_is_linear_and_leads_back_to_the_colours_of_srgb(
+    tmp_path: Path, picture: NDArray[np.float32]
+) -> None:
+    to_rec2020 = XYZ_TO_REC2020 @ np.linalg.inv(XYZ_TO_SRGB)
+    write_by_strips(TiffFile(tmp_path / "lamp1.tif", size_of(picture), to_rec2020), picture)
 
     frame = decode((tmp_path / "lamp1.tif").read_bytes())
 
-    assert frame.encoding == "linear"
-    np.testing.assert_allclose(frame.pixels, picture, atol=1e-5)
+    assert (frame.encoding, frame.profiled) == ("linear", True)
+    np.testing.assert_allclose(frame.pixels, picture, atol=1e-4)
 
 
 def test_an_8_bit_picture_in_rec2020_is_read_by_its_profile(

@@ -100,6 +100,22 @@ def test_encodings_are_not_mixed(
     assert f"without the flash holds {words[0]}, the one with it {words[1]}" in str(refused.value)
 
 
+@pytest.mark.parametrize(("encoding", "words"), [("linear", "linear"), ("raw", "sensor")])
+@pytest.mark.parametrize("flash_only", [False, True])
+def test_the_colours_of_a_profile_are_not_mixed_with_others(
+    frames: Callable[..., tuple[Frame, Frame]], encoding: str, words: str, flash_only: bool
+) -> None:
+    before, after = frames()
+    both = replace(before, encoding=encoding), replace(after, profiled=True)
+
+    with pytest.raises(PairMismatchError) as refused:
+        paired(both, flash_only=flash_only)
+
+    assert (
+        f"without the flash holds {words} values, the one with it linear values of a colour profile"
+    ) in str(refused.value)
+
+
 @pytest.mark.parametrize("encodings", [("raw", "linear"), ("linear", "raw")])
 def test_the_flash_part_alone_may_be_computed_from_sensor_values(
     frames: Callable[..., tuple[Frame, Frame]], encodings: tuple[str, str]

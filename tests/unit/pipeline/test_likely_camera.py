@@ -356,3 +356,15 @@ def test_only_linear_files_that_name_no_camera_are_asked(
     photograph = frame(np.zeros((2, 2, 3)), encoding=encoding, make=make)
 
     assert names_no_camera(find_camera(asked, photograph), photograph) is unknown
+
+
+def test_linear_files_that_say_their_colours_are_not_asked(
+    frame: Callable[..., Frame], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pipeline.likely_camera.gather_evidence", lambda *_: pytest.fail("asked"))
+    photograph = frame(np.zeros((2, 2, 3)), profiled=True)
+    named = find_camera("Nikon D5100", photograph)
+    dark = reduced_pair(even(0.0, 0.0, 0.0), even(0.0, 0.0, 0.0))
+
+    assert names_no_camera(find_camera(None, photograph), photograph) is False
+    assert camera_doubts(dark, 2, False, named, photograph, build) == []

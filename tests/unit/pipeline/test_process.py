@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
 from pipeline.colour.curves import linear_to_srgb
+from pipeline.colour.icc import linear_rec2020_profile
 from pipeline.errors import (
     Canceled,
     InputError,
@@ -280,6 +281,41 @@ def test_who_names_a_camera_for_renderings_hears_that_it_says_nothing_of_them(
         if warning["code"] == "rendered_srgb"
     ]
     assert ["leave it out" in message for message in messages] == [True, False]
+
+
+def rec2020(values: NDArray[np.floating]) -> bytes:
+    """A 16-bit TIFF of a camera that is measured, with a linear profile."""
+    file = io.BytesIO()
+    tifffile.imwrite(
+        file,
+        np.round(65535 * np.clip(values, 0, 1)).astype(np.uint16),
+        photometric="rgb",
+        metadata=None,
+        iccprofile=linear_rec2020_profile(),
+        extratags=[(271, 2, 0, "NIKON CORPORATION", True), (272, 2, 0, "NIKON D5100", True)],
+    )
+    return file.getvalue()
+
+
+def test_linear_files_that_say_their_colours_are_srgb_and_nothing_is_guessed(
+    files: Callable[..., Files], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pipeline.process.likely_camera", lambda *_: pytest.fail("guessed"))
+    both = files(write=rec2020)
+
+    silent = separated(both, tmp_path / "silent", camera=None, outputs=[])
+    named = separated(both, tmp_path / "named", outputs=[])
+
+    assert silent["camera"] == {"name": "sRGB", "source": "stand-in"}
+    assert named["camera"] == {"name": "Nikon D5100", "source": "measured"}
+    messages = [
+        warning["message"]
+        for manifest in (named, silent)
+        for warning in manifest["warnings"]
+        if warning["code"] == "camera_approximate"
+    ]
+    assert ["in the colours that their profile says" in text for text in messages] == [True, True]
+    assert ["leave it out" in text for text in messages] == [True, False]
 
 
 @pytest.mark.parametrize("named", [True, False])

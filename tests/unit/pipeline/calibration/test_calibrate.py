@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from pipeline.calibration.calibrate import calibrate_files
 from pipeline.calibration.lamps import LampsEstimate
 from pipeline.calibration.options import CALIBRATION_OPTIONS, FILES
 from pipeline.colour.temperature import cct_duv
+from pipeline.decode import decode
 from pipeline.errors import Canceled, InputError, OptionError, UnusablePairError
 from pipeline.options import Circle, DirectedLight
 from pipeline.progress import Progress
@@ -286,6 +288,32 @@ def test_a_rendered_picture_tells_no_sensitivities(chart: Shot, tmp_path: Path) 
     with pytest.raises(OptionError, match="rendered to sRGB"):
         _run(chart, tmp_path, kind="camera", chart=CORNERS, encoding="srgb")
     assert list(tmp_path.iterdir()) == []
+
+
+def _profiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let files say by a linear profile what colours they hold."""
+    monkeypatch.setattr(module, "decode", lambda *those: replace(decode(*those), profiled=True))
+
+
+def test_the_colours_of_a_profile_tell_no_sensitivities(
+    chart: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _profiled(monkeypatch)
+    with pytest.raises(OptionError, match="the colours that their profile says"):
+        _run(chart, tmp_path, kind="camera", chart=CORNERS)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("camera", [None, "Nikon D5100"])
+def test_the_colours_of_a_profile_may_tell_the_flash(
+    chart: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, camera: str | None
+) -> None:
+    _profiled(monkeypatch)
+    card = {"x": 30, "y": 120, "radius": 15}
+    manifest = _run(chart, tmp_path, kind="flash", card=card, camera=camera)
+    (warning,) = _of_the_camera(manifest)
+    assert warning["code"] == "camera_approximate"
+    assert "the colours that their profile says" in warning["message"]
 
 
 def test_a_wrong_camera_is_noticed(chart: Shot, tmp_path: Path) -> None:

@@ -53,6 +53,7 @@ def test_the_newest_counts() -> None:
         ({"setup": "studio"}, _kept(), _frame()),
         ({}, _kept(), _frame(model="D850")),
         ({}, _kept(), _frame(encoding="srgb")),
+        ({}, _kept(), _frame(encoding="linear", profiled=True)),
         ({}, _kept(taken_with=TakenWith()), _frame(make="", model="")),
         ({}, _kept(taken_with=CAMERA.model_copy(update={"body": "1"})), _frame(serial="77")),
         ({}, _kept("lamps", ONE), _frame()),

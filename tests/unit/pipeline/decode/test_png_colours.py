@@ -74,7 +74,10 @@ def test_srgb_is_taken_as_such_in_any_depth(
 def test_linear_values_stay_in_any_depth(
     codes: NDArray[np.uint8], values: Codes, chunk: tuple[bytes, bytes]
 ) -> None:
-    np.testing.assert_allclose(decode(png(values, chunk)).pixels[:], codes / 255, atol=1e-4)
+    frame = decode(png(values, chunk))
+
+    assert (frame.encoding, frame.profiled) == ("linear", True)
+    np.testing.assert_allclose(frame.pixels[:], codes / 255, atol=1e-4)
 
 
 def test_the_primaries_of_code_points_become_those_of_srgb(

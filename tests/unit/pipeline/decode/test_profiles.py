@@ -24,6 +24,7 @@ from pipeline.decode.profiles import (
     differs_from_srgb,
     embedded_profile,
     is_curved,
+    is_straight,
     profile_to_linear,
     to_linear_srgb,
 )
@@ -240,20 +241,48 @@ def test_16_bits_follow_a_profile_that_is_not_linear(
 @pytest.mark.parametrize(
     ("profile", "encoding"),
     [
-        (linear_rec2020_profile(), "auto"),
+        (linear_rec2020_profile(), "linear"),
         (b"no profile at all" * 10, "auto"),
         (srgb_profile(), "linear"),
         (matrix_profile("P3", P3, "srgb"), "linear"),
     ],
-    ids=["linear profile", "no profile", "told, sRGB", "told, P3"],
+    ids=["told, Rec. 2020", "no profile", "told, sRGB", "told, P3"],
 )
-def test_16_bits_stay_linear_without_a_curve_or_where_told(
+def test_16_bits_stay_as_they_are_without_a_profile_or_where_told(
     codes: NDArray[np.uint8], kind: str, profile: bytes, encoding: str
 ) -> None:
     frame = decode(sixteen_bits(codes.astype(np.uint16) * 257, kind, profile), encoding)
 
     np.testing.assert_allclose(frame.pixels, codes / 255, atol=1e-6)
-    assert frame.encoding == "linear"
+    assert (frame.encoding, frame.profiled) == ("linear", False)
+
+
+@pytest.mark.parametrize("kind", ["TIFF", "big-endian TIFF", "PNG"])
+@pytest.mark.parametrize(
+    ("primaries", "to_srgb"), [(SRGB_PRIMARIES, np.eye(3)), (P3, P3_TO_SRGB)], ids=["sRGB", "P3"]
+)
+def test_16_bits_of_a_linear_profile_become_linear_srgb(
+    codes: NDArray[np.uint8], kind: str, primaries: Primaries, to_srgb: NDArray[np.float64]
+) -> None:
+    """As programs that develop RAW files write them for further work."""
+    profile = matrix_profile("linear", primaries, "linear")
+
+    frame = decode(sixteen_bits(codes.astype(np.uint16) * 257, kind, profile))
+
+    np.testing.assert_allclose(frame.pixels, codes / 255 @ to_srgb.T, atol=0.001)
+    assert (frame.encoding, frame.profiled) == ("linear", True)
+
+
+@pytest.mark.parametrize("kind", ["PNG", "TIFF"])
+def test_8_bits_of_a_linear_profile_are_no_rendering(
+    codes: NDArray[np.uint8], pillow_file: Callable[..., bytes], kind: str
+) -> None:
+    profile = matrix_profile("linear", P3, "linear")
+
+    frame = decode(pillow_file(codes, kind, icc_profile=profile))
+
+    np.testing.assert_allclose(frame.pixels, codes / 255 @ P3_TO_SRGB.T, atol=0.001)
+    assert (frame.encoding, frame.profiled) == ("linear", True)
 
 
 @pytest.mark.parametrize(
@@ -293,19 +322,29 @@ def test_the_white_of_12_bits_is_that_of_their_profile() -> None:
 
 
 @pytest.mark.parametrize(
-    ("profile", "curved"),
+    ("profile", "curved", "straight"),
     [
-        (srgb_profile(), True),
-        (matrix_profile("A", ADOBE, "srgb"), True),
-        (matrix_profile("A", ADOBE, "linear"), False),
-        (linear_rec2020_profile(), False),
-        (b"no profile at all", False),
-        (ImageCms.ImageCmsProfile(ImageCms.createProfile("LAB")).tobytes(), False),
+        (srgb_profile(), True, False),
+        (matrix_profile("A", ADOBE, "srgb"), True, False),
+        (matrix_profile("A", ADOBE, "linear"), False, True),
+        (linear_rec2020_profile(), False, True),
+        (b"no profile at all", False, False),
+        (ImageCms.ImageCmsProfile(ImageCms.createProfile("LAB")).tobytes(), False, False),
     ],
     ids=["sRGB", "Adobe", "linear Adobe", "Rec. 2020", "text", "Lab"],
 )
-def test_profiles_are_curved_or_linear(profile: bytes, curved: bool) -> None:
-    assert is_curved(profile) is curved
+def test_profiles_are_curved_or_linear_or_of_no_use(
+    profile: bytes, curved: bool, straight: bool
+) -> None:
+    assert (is_curved(profile), is_straight(profile)) == (curved, straight)
+
+
+def test_a_profile_by_which_everything_is_black_is_of_no_use(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(profiles, "profile_to_linear", lambda codes, _: 0 * codes.astype("f4"))
+
+    assert (is_curved(b""), is_straight(b"")) == (False, False)
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -194,6 +195,15 @@ def test_rendered_pictures_get_the_stand_in_whatever_took_them(
 
     assert camera is srgb_stand_in()
     assert (camera.name, camera.source) == ("sRGB", "stand-in")
+
+
+def test_linear_files_that_say_their_colours_get_the_stand_in_whatever_took_them(
+    frame_of: FrameOf,
+) -> None:
+    frame = replace(frame_of("NIKON CORPORATION", "NIKON D5100", "linear"), profiled=True)
+
+    assert find_camera(None, frame) is srgb_stand_in()
+    assert find_camera("Nikon D5100", frame).source == "measured"
 
 
 def test_linear_files_of_an_unknown_camera_get_the_stand_in(frame_of: FrameOf) -> None:
