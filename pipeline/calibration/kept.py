@@ -26,6 +26,7 @@ OPTION_OF: dict[Kind, str] = {
 DEFAULT_SETUP = "default"
 """The set-up of separations that name none."""
 
+_OF_COLOURS: tuple[Kind, ...] = ("camera", "lamps")
 _LEAST_LAMPS = 2
 _LAMPS_OF_PAPER = 3  # its normals need three directions
 
@@ -34,7 +35,8 @@ class TakenWith(BaseModel):
     """The camera of a photograph, "" where unknown.
 
     body: a digest of its serial number. rendered: whether its values are bent by a rendering,
-    or brought to the colours of a profile.
+    or brought to the colours of a profile. encoding: of its frame, "" in what was kept before that
+    was noted.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -43,18 +45,31 @@ class TakenWith(BaseModel):
     model: str = ""
     body: str = ""
     rendered: bool = False
+    encoding: str = ""
 
     @classmethod
     def of(cls, frame: Frame) -> TakenWith:
         """Say what camera a frame is of."""
         digest = hashlib.sha256(frame.serial.encode()).hexdigest()[:12] if frame.serial else ""
-        return cls(make=frame.make, model=frame.model, body=digest, rendered=frame.in_srgb)
+        return cls(
+            make=frame.make,
+            model=frame.model,
+            body=digest,
+            rendered=frame.in_srgb,
+            encoding=frame.encoding,
+        )
 
-    def fits(self, other: TakenWith) -> bool:
-        """Whether both are of one camera: of the same body where both tell it."""
+    def fits(self, other: TakenWith, kind: Kind) -> bool:
+        """Whether what was found with one camera holds for the other: of the same body if told.
+
+        Sensitivities and the lamps' rgb are of the colours of one kind of files: converters make
+        linear sRGB of RAW files, and leave the camera's name. A flash's spectrum is its own.
+        """
         bodies = {self.body, other.body} - {""}
+        encodings = {self.encoding, other.encoding} - {""} if kind in _OF_COLOURS else set()
         mine, others = ((c.make, c.model, c.rendered) for c in (self, other))
-        return mine == others and bool(self.model) and len(bodies) < 2
+        alike = mine == others and bool(self.model)
+        return alike and len(bodies) < 2 and len(encodings) < 2
 
 
 class Kept(BaseModel):
@@ -97,7 +112,7 @@ def with_kept(
         given = option in options.model_fields_set and getattr(options, option) is not None
         if given or option in values or one.setup != options.setup or options.setup == NO_SETUP:
             continue
-        if not one.taken_with.fits(here):
+        if not one.taken_with.fits(here, one.kind):
             continue
         value = one.value()
         if one.kind == "lamps" and not _lamps_fit(len(value), options):
@@ -129,11 +144,14 @@ def _lamps_fit(count: int, options: Options) -> bool:
 def setup_warnings(options: Options, kept: Sequence[Kept], frame: Frame) -> list[Remark]:
     """Warn of a set-up that is named, and for which nothing of the frame's camera is kept."""
     here = TakenWith.of(frame)
-    fitting = any(one.setup == options.setup and one.taken_with.fits(here) for one in kept)
+    fitting = any(
+        one.setup == options.setup and one.taken_with.fits(here, one.kind) for one in kept
+    )
     if fitting or options.setup in (DEFAULT_SETUP, NO_SETUP):
         return []
     message = (
-        f"Nothing is kept of this camera for the set-up {options.setup!r}, so that the pair was "
-        "separated without its calibrations: check the name, or calibrate for it."
+        f"Nothing is kept of this camera and this kind of files for the set-up {options.setup!r}, "
+        "so that the pair was separated without its calibrations: check the name, or calibrate for "
+        "it with such files."
     )
     return [Remark(Code.NOTHING_KEPT, message)]

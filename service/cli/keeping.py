@@ -39,6 +39,8 @@ def keep(kind: Kind, setup: str, manifest: dict[str, Any], content: bytes, marks
         )
     parts = [taken_with.make, taken_with.model, taken_with.body]
     parts += ["rendered"] if taken_with.rendered else []
+    if kind != "flash":  # whose spectrum is the same whatever the files hold
+        parts += ["linear"] if taken_with.encoding == "linear" else []
     camera = "_".join("".join(c if c.isalnum() else "-" for c in part) for part in parts if part)
     path = folder() / setup / f"{kind}_{camera}.json"
     kept = Kept(

@@ -12,7 +12,13 @@ from service.cli.keeping import folder, keep, kept_for
 
 CONTENT = b'{"lights": [{"direction": [0, 0, 1]}]}'
 MARKS = b"a picture"
-TAKEN = {"make": "NIKON", "model": "D5100 / b", "body": "", "rendered": False}
+TAKEN = {
+    "make": "NIKON",
+    "model": "D5100 / b",
+    "body": "",
+    "rendered": False,
+    "encoding": "raw",
+}
 
 
 @pytest.fixture(autouse=True)
@@ -60,11 +66,33 @@ def test_one_of_the_same_camera_is_replaced() -> None:
     assert [one.content for one in kept_for("table")] == [CONTENT.decode()]
 
 
-@pytest.mark.parametrize("other", [{"model": "D850"}, {"body": "0123456789ab"}, {"rendered": True}])
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"model": "D850"},
+        {"body": "0123456789ab"},
+        {"rendered": True, "encoding": "srgb"},
+        {"encoding": "linear"},
+    ],
+)
 def test_other_cameras_and_renderings_are_kept_beside_it(other: dict[str, Any]) -> None:
     keep("lamps", "table", _manifest(), CONTENT, MARKS)
     keep("lamps", "table", _manifest(**other), CONTENT, MARKS)
     assert len(kept_for("table")) == 2
+
+
+def test_a_flash_is_the_same_whatever_the_files_hold() -> None:
+    for encoding in ("raw", "linear"):
+        keep("flash", "table", _manifest(encoding=encoding), CONTENT, MARKS)
+    assert [one.taken_with.encoding for one in kept_for("table")] == ["linear"]
+
+
+def test_what_was_kept_before_files_were_noted_is_read() -> None:
+    path = keep("lamps", "table", _manifest(), CONTENT, MARKS)
+    said = json.loads(path.read_bytes())
+    del said["taken_with"]["encoding"]
+    path.write_text(json.dumps(said))
+    assert [one.taken_with.encoding for one in kept_for("table")] == [""]
 
 
 def test_without_a_setting_it_is_the_users_own_folder(

@@ -98,7 +98,7 @@ def test_a_calibration_tells_its_camera_and_when_it_was_made(make: Make) -> None
 def test_a_camera_that_was_not_noted_fits_nothing(make: Make) -> None:
     unknown = kept.taken_with(make("a", 1, inputs={}))
     assert unknown == TakenWith()
-    assert not unknown.fits(TakenWith.model_validate(TAKEN))
+    assert not unknown.fits(TakenWith.model_validate(TAKEN), "flash")
 
 
 def test_what_is_written_is_read(tmp_path: Path) -> None:

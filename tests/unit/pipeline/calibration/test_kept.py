@@ -128,5 +128,37 @@ def test_a_body_is_told_by_a_digest_of_its_serial() -> None:
     taken = TakenWith.of(_frame(serial="6001234"))
     assert len(taken.body) == 12
     assert "6001234" not in taken.model_dump_json()
-    assert taken.fits(CAMERA)
-    assert not taken.fits(TakenWith.of(_frame(serial="6001235")))
+    assert taken.fits(CAMERA, "flash")
+    assert not taken.fits(TakenWith.of(_frame(serial="6001235")), "flash")
+
+
+@pytest.mark.parametrize(
+    ("kind", "made_with", "frame", "expected"),
+    [
+        ("camera", "raw", "linear", False),
+        ("camera", "linear", "raw", False),
+        ("lamps", "raw", "linear", False),
+        ("lamps", "linear", "linear", True),
+        ("flash", "raw", "linear", True),
+        ("camera", "raw", "srgb", False),
+        ("flash", "raw", "srgb", False),
+    ],
+)
+def test_colours_are_of_one_kind_of_files(
+    kind: Any, made_with: str, frame: str, expected: bool
+) -> None:
+    """Linear files of a camera may hold what a converter has made of its sensor's values."""
+    taken = TakenWith.of(_frame(encoding=made_with))
+    assert taken.fits(TakenWith.of(_frame(encoding=frame)), kind) is expected
+
+
+@pytest.mark.parametrize(
+    ("encoding", "expected"), [("raw", True), ("linear", True), ("srgb", False)]
+)
+def test_what_was_kept_before_files_were_noted_fits_as_before(
+    encoding: str, expected: bool
+) -> None:
+    older = TakenWith.model_validate(
+        {"make": "NIKON", "model": "D5100", "body": "", "rendered": False}
+    )
+    assert older.fits(TakenWith.of(_frame(encoding=encoding)), "camera") is expected
