@@ -82,7 +82,8 @@ def separate_files(
     # first what costs little and may be refused: outputs, names of cameras and lights
     named = options.camera is not None  # calibrated ones were checked by their targets
     warnings = setup_warnings(options, kept, before)
-    options, used = with_kept(options, kept, before)
+    options, used, left_out = with_kept(options, kept, before)
+    warnings += left_out
     wanted = wanted_outputs(options)
     check_outputs(wanted, before.size)
     camera = find_camera(options.camera, before)

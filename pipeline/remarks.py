@@ -28,6 +28,7 @@ class Code(StrEnum):
     FLASH_TOO_WEAK = "flash_too_weak"
     CLIPPED = "clipped"
     NOTHING_KEPT = "nothing_kept"
+    KEPT_UNUSABLE = "kept_unusable"
     # the lamps
     CAMERA_APPROXIMATE = "camera_approximate"
     CAMERA_DOUBTFUL = "camera_doubtful"

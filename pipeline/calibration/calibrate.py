@@ -28,12 +28,13 @@ from pipeline.calibration.options import (
 from pipeline.calibration.patches import Patches
 from pipeline.colour.temperature import cct_duv
 from pipeline.decode import decode
-from pipeline.errors import OptionError
+from pipeline.directions import unit_directions
+from pipeline.errors import OptionError, UnusablePairError
 from pipeline.focal import focal_length_px
 from pipeline.frames import Frame
 from pipeline.likely_camera import names_no_camera
 from pipeline.manifest import input_entry, versions
-from pipeline.options import Circle, Sensitivities, Spectrum
+from pipeline.options import Circle, DirectedLight, Sensitivities, Spectrum
 from pipeline.pair import Pair, make_pair
 from pipeline.process import FLASH, NO_FLASH, check_pair
 from pipeline.progress import Progress
@@ -241,6 +242,7 @@ def _lamps(pair: Pair, frame: Frame, options: LampsCalibration, warnings: list[R
     lights: list[dict[str, Any]] = [
         {"direction": [round(float(c), 5) for c in direction]} for direction in lamps.directions
     ]
+    _check_directions(lights)
     if np.isnan(lamps.colours).any():
         message = (
             "A highlight of a lamp is clipped, so that only the lamps' directions are known: "
@@ -265,3 +267,20 @@ def _lamps(pair: Pair, frame: Frame, options: LampsCalibration, warnings: list[R
         said["misfit"] = round(lamps.misfit, 4)
     file = (json.dumps({"lights": lights}, indent=1) + "\n").encode()
     return _Found(file, said, draw_marks(pair, None, lamps.circle))
+
+
+def _check_directions(lights: list[dict[str, Any]]) -> None:
+    """Refuse lamps that no separation could use; of one lamp alone others may come from elsewhere.
+
+    Raises UnusablePairError.
+    """
+    if len(lights) < 2:
+        return
+    try:
+        unit_directions([DirectedLight.model_validate(light) for light in lights])
+    except OptionError as error:
+        raise UnusablePairError(
+            f"The {len(lights)} lamps found on the sphere are nearly alike, lie nearly in one "
+            "plane, or all behind the sphere, which fixes no normals: place them more widely "
+            "around the camera."
+        ) from error

@@ -10,9 +10,10 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from pipeline.calibration.options import Kind
+from pipeline.directions import unit_directions
 from pipeline.errors import OptionError
 from pipeline.frames import Frame
-from pipeline.options import NO_SETUP, Options
+from pipeline.options import NO_SETUP, DirectedLight, Options
 from pipeline.remarks import Code, Remark
 from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
 
@@ -97,15 +98,16 @@ class Kept(BaseModel):
 
 def with_kept(
     options: Options, kept: Sequence[Kept], frame: Frame
-) -> tuple[Options, list[dict[str, str]]]:
+) -> tuple[Options, list[dict[str, str]], list[Remark]]:
     """Fill in what options leave out by the newest fitting calibration of each kind.
 
-    Gives the options, and for the manifest what was used. Lamps are left out where there is one
-    alone, another number is asked for, more are pinned, or the method paper needs three. Raises
-    OptionError for a kept calibration that cannot be read.
+    Gives the options, for the manifest what was used, and warnings. Lamps are left out where there
+    is one alone, another number is asked for, more are pinned, or the method paper needs three, and
+    with a warning where they fix no normals. Raises OptionError for a kept calibration that cannot
+    be read.
     """
     values: dict[str, Any] = {}
-    used = []
+    used, warnings = [], []
     here = TakenWith.of(frame)
     for one in sorted(kept, key=lambda one: one.made, reverse=True):
         option = OPTION_OF[one.kind]
@@ -117,13 +119,16 @@ def with_kept(
         value = one.value()
         if one.kind == "lamps" and not _lamps_fit(len(value), options):
             continue
+        if one.kind == "lamps" and not _fix_normals(value):
+            warnings.append(_unusable(one))
+            continue
         values[option] = value
         used.append({"kind": one.kind, "setup": one.setup, "name": one.name, "made": one.made})
     if not values:
-        return options, []
+        return options, [], warnings
     asked = {name: getattr(options, name) for name in options.model_fields_set}
     try:
-        return Options.model_validate({**asked, **values}), used
+        return Options.model_validate({**asked, **values}), used, warnings
     except ValidationError as error:
         names = " and ".join(repr(entry["name"]) for entry in used)
         reason = error.errors()[0]["msg"].removeprefix("Value error, ")
@@ -139,6 +144,26 @@ def _lamps_fit(count: int, options: Options) -> bool:
         return False
     asked = options.lights in ("auto", count)
     return asked and max(_LEAST_LAMPS, len(options.pinned_lamps)) <= count
+
+
+def _fix_normals(lights: list[dict[str, Any]]) -> bool:
+    """Whether kept lamps lie so that normals follow; what cannot be read is told elsewhere."""
+    try:
+        unit_directions([DirectedLight.model_validate(light) for light in lights])
+    except OptionError:
+        return False
+    except ValidationError:
+        return True
+    return True
+
+
+def _unusable(kept: Kept) -> Remark:
+    message = (
+        f"The lamps kept as {kept.name!r} for the set-up {kept.setup!r} are nearly alike, lie "
+        "nearly in one plane, or all behind the surface, which fixes no normals, so that they were "
+        f"left out: calibrate them anew, or separate with --setup {NO_SETUP}."
+    )
+    return Remark(Code.KEPT_UNUSABLE, message)
 
 
 def setup_warnings(options: Options, kept: Sequence[Kept], frame: Frame) -> list[Remark]:

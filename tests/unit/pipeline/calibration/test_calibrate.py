@@ -259,6 +259,23 @@ def test_lamps_are_told_by_the_strongest_of_them_and_of_their_channels(
     assert (found["flash_aside_deg"], found["misfit"]) == (1.23, 0.0123)
 
 
+@pytest.mark.parametrize("mirror", [False, True])
+def test_lamps_that_fix_no_normals_are_refused(
+    ball: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mirror: bool
+) -> None:
+    """Kept, they would make all later separations fail."""
+    flat = unit(np.array([(-0.7, 0, 0.7), (0, 0, 1.0), (0.7, 0, 0.7)]))
+    found = _lamps(directions=flat, colours=np.ones((3, 3)), deviations_deg=np.ones(3))
+    for name in ("estimate_lamps", "mirror_lamps"):
+        monkeypatch.setattr(module, name, lambda *_: found)
+
+    marked = {"kind": "lamps", "mirror": mirror, "sphere": CIRCLE, "focal_px": FOCAL_PX}
+    with pytest.raises(UnusablePairError, match=r"The 3 lamps found .* fixes no normals"):
+        _run(ball, tmp_path / "out", **marked)
+
+    assert not (tmp_path / "out").exists()
+
+
 def test_what_a_mirror_does_not_tell_is_left_out(
     ball: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -29,18 +29,19 @@ def _kept(kind: Any = "flash", content: str = TABLE, **more: Any) -> Kept:
 
 
 def test_what_options_leave_out_is_filled_in_and_named() -> None:
-    options, used = with_kept(Options(lights=2), [_kept(), _kept("lamps", TWO)], _frame())
+    options, used, warnings = with_kept(Options(lights=2), [_kept(), _kept("lamps", TWO)], _frame())
     assert isinstance(options.flash_spectrum, Spectrum)
     assert options.flash_spectrum.power == [1, 2, 1]
     assert options.light_directions is not None
     assert options.lights == 2
     assert [entry["kind"] for entry in used] == ["flash", "lamps"]
+    assert warnings == []
     assert used[0] == {"kind": "flash", "setup": "default", "name": "a", "made": "2026-01-01"}
 
 
 def test_the_newest_counts() -> None:
     old = _kept(name="old", made="2025-01-01")
-    _, used = with_kept(Options(), [old, _kept(name="new", made="2026-05-05")], _frame())
+    _, used, _ = with_kept(Options(), [old, _kept(name="new", made="2026-05-05")], _frame())
     assert [entry["name"] for entry in used] == ["new"]
 
 
@@ -65,7 +66,7 @@ def test_the_newest_counts() -> None:
 )
 def test_what_does_not_fit_is_left(options: dict[str, Any], kept: Kept, frame: Frame) -> None:
     given = Options.model_validate(options)
-    assert with_kept(given, [kept], frame) == (given, [])
+    assert with_kept(given, [kept], frame) == (given, [], [])
 
 
 @pytest.mark.parametrize(
@@ -79,7 +80,7 @@ def test_what_does_not_fit_is_left(options: dict[str, Any], kept: Kept, frame: F
 def test_lamps_are_taken_where_there_are_enough(
     options: dict[str, Any], content: str, count: int
 ) -> None:
-    filled, _ = with_kept(Options.model_validate(options), [_kept("lamps", content)], _frame())
+    filled, *_ = with_kept(Options.model_validate(options), [_kept("lamps", content)], _frame())
     assert filled.light_directions is not None
     assert len(filled.light_directions) == count
 
@@ -92,6 +93,36 @@ def test_a_kept_calibration_that_options_refuse_is_named() -> None:
         "What is kept as 'shelf' for the set-up 'default' cannot be used: must not be zero in all "
         "three components. Calibrate anew, or separate with the set-up none."
     )
+
+
+@pytest.mark.parametrize(
+    "directions",
+    [[(-1, 0, 1), (0, 0, 1), (1, 0, 1)], [(0, 0, 1), (0, 0, 2)], [(1, 0, -1), (0, 1, 0)]],
+)
+def test_lamps_that_fix_no_normals_are_left_out_and_named(directions: Any) -> None:
+    flat = json.dumps({"lights": [{"direction": one} for one in directions]})
+    kept = [_kept("lamps", flat, name="shelf", setup="table"), _kept(setup="table")]
+
+    options, used, warnings = with_kept(Options(setup="table"), kept, _frame())
+
+    assert options.light_directions is None
+    assert [entry["kind"] for entry in used] == ["flash"]
+    assert [warning.code for warning in warnings] == ["kept_unusable"]
+    assert warnings[0].message == (
+        "The lamps kept as 'shelf' for the set-up 'table' are nearly alike, lie nearly in one "
+        "plane, or all behind the surface, which fixes no normals, so that they were left out: "
+        "calibrate them anew, or separate with --setup none."
+    )
+
+
+def test_older_lamps_stand_in_for_those_that_fix_no_normals() -> None:
+    flat = json.dumps({"lights": [{"direction": (0, 0, 1)}] * 2})
+    kept = [_kept("lamps", flat, made="2027-01-01"), _kept("lamps", TWO, name="older")]
+
+    _, used, warnings = with_kept(Options(), kept, _frame())
+
+    assert [entry["name"] for entry in used] == ["older"]
+    assert len(warnings) == 1
 
 
 @pytest.mark.parametrize(
