@@ -18,6 +18,7 @@ from pipeline.options import DirectedLight
 from pipeline.photometric_stereo.detail import surface_normals
 from pipeline.photometric_stereo.responses import LampBank
 from pipeline.photometric_stereo.solve import Surface, solve_surface
+from pipeline.progress import Progress
 from pipeline.reduced import ReducedPair
 from pipeline.remarks import Code, Remark
 from pipeline.separation import Strip
@@ -54,19 +55,20 @@ def find_facing(
     flash: NDArray[np.float64],
     focal_px: float,
     method: Literal["best", "paper"],
+    progress: Progress,
 ) -> Facing:
     """Solve for what normals need; see solve_surface ("best") and solve_photometry ("paper").
 
     flash: (W,) spectrum.
     Raises OptionError for directions nearly in a plane, and where there are not three lamps;
-    UnusablePairError where hardly anything is lit.
+    UnusablePairError where hardly anything is lit; Canceled.
     """
     if method == "paper":
         photometry = solve_photometry(lights, reduced, lamps, model, focal_px)
         of = partial(normals, lamps=lamps, photometry=photometry)
         return Facing(of, photometry.strengths, None)
     bank = LampBank(model.sensitivities, flash)
-    surface = solve_surface(lights, reduced, lamps, model, bank, focal_px)
+    surface = solve_surface(lights, reduced, lamps, model, bank, focal_px, progress)
     of = partial(surface_normals, surface=surface)
     return Facing(of, surface.strengths, surface, _warnings(surface))
 

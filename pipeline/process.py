@@ -124,6 +124,7 @@ def separate_files(
             find_light(options.flash_spectrum),
             focal_px,
             options.method,
+            progress,
         )
         warnings.extend(facing.warnings)
     trim_memory()  # what the estimation took would add to what strips take

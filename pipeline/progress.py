@@ -9,6 +9,9 @@ from pipeline.errors import Canceled
 STAGES = ("decode", "align", "lamps", "layers", "encode")
 """The stages of a separation, in order. A calibration has decode, align and calibrate."""
 
+Tick = Callable[[], None]
+"""Tells that a part of some work begins. Raises Canceled."""
+
 STRIP_ROWS = 32
 """Rows worked on at a time, so that peak memory is the images and one strip."""
 
@@ -33,6 +36,17 @@ class Progress:
         if self._canceled():
             raise Canceled("The job was canceled.")
         self._callback(stage, min(max(fraction, 0.0), 1.0))
+
+    def ticks(self, stage: str, start: float, end: float, most: int) -> Tick:
+        """Make a function that reports from start towards end, which it reaches after so many."""
+        done = 0
+
+        def tick() -> None:
+            nonlocal done
+            self.report(stage, start + (end - start) * min(done / most, 1.0))
+            done += 1
+
+        return tick
 
     def strips(
         self, stage: str, height: int, rows: int, start: float = 0.0, end: float = 1.0

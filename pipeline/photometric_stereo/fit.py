@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pipeline.frames import Mask
 from pipeline.photometric_stereo.objective import Objective, make_objective, with_even_albedo
 from pipeline.photometric_stereo.scene import Scene, State, lamp_light, predicted
+from pipeline.progress import Tick
 
 Array = NDArray[np.float64]
 
@@ -24,20 +25,26 @@ _DARK = 0.06  # l·w of a lamp that does not shine, of the median squared depth
 _LEAST_DEPTH = 1e-3  # squared, of the median
 
 
-def fit(scene: Scene, rounds: int = _ROUNDS) -> tuple[State, float]:
+MOST_TRIAL_TICKS = 2 * len(_SCALES)
+MOST_TICKS = MOST_TRIAL_TICKS + _ROUNDS * 3 * len(_SCALES_AGAIN)
+"""Times that fit tells of going on, at most: without rounds, and with them."""
+
+
+def fit(scene: Scene, tick: Tick = lambda: None, rounds: int = _ROUNDS) -> tuple[State, float]:
     """The likeliest surface, lamps and materials, and −2 log posterior.
 
     From a flat and from an inflated start, as one of them may lead astray: the likelier is taken.
     Where it leaves light unexplained, a shadow has bent the surface: with lamps and materials as
     found, the light itself tells which lamps shine where, and the surface starts anew, at most so
-    many rounds. What leaves most of the light unexplained is no matter of shadows.
+    many rounds. What leaves most of the light unexplained is no matter of shadows. tick: called
+    before every scale.
     """
     starts = scene.grid.flat(), scene.grid.inflated()
-    found = min((_follow(scene, _start(scene, h)) for h in starts), key=_cost)
+    found = min((_follow(scene, _start(scene, h), tick) for h in starts), key=_cost)
     for _ in range(rounds):
         if not _UNEXPLAINED[0] < unexplained(scene, found[0]).mean() < _UNEXPLAINED[1]:
             break
-        again = [_follow_again(scene, found[0], h) for h in (*starts, found[0].h)]
+        again = [_follow_again(scene, found[0], h, tick) for h in (*starts, found[0].h)]
         found = min([found, *again], key=_cost)
     return found
 
@@ -61,20 +68,22 @@ def _cost(found: tuple[State, float]) -> float:
     return found[1]
 
 
-def _follow(scene: Scene, state: State) -> tuple[State, float]:
+def _follow(scene: Scene, state: State, tick: Tick) -> tuple[State, float]:
     """Follow a start while what counts as an outlier becomes less and less."""
     for scale in _SCALES:
+        tick()
         for _ in range(_STEPS):
             objective = make_objective(scene, state, scale)
             state = _relit(_moved(objective, state), objective)
     return state, make_objective(scene, state, _SCALES[-1]).cost(state)
 
 
-def _follow_again(scene: Scene, found: State, h: Array) -> tuple[State, float]:
+def _follow_again(scene: Scene, found: State, h: Array, tick: Tick) -> tuple[State, float]:
     """Follow a start h (c,) with lamps and materials found; lamps shine where the light says so."""
     state = replace(found, h=h * np.median(found.h) / np.median(h))
     state = _shone_on(with_even_albedo(scene, state), make_objective(scene, state, _SCALES[-1]))
     for scale in _SCALES_AGAIN:
+        tick()
         for _ in range(_STEPS):
             objective = make_objective(scene, state, scale)
             state = _shone_on(_moved(objective, state), objective)

@@ -16,11 +16,12 @@ from pipeline.frames import Mask
 from pipeline.lamps import Lamps
 from pipeline.model import Model
 from pipeline.options import DirectedLight
-from pipeline.photometric_stereo.fit import fit, refine
-from pipeline.photometric_stereo.parts import fit_in_parts, parts_of
+from pipeline.photometric_stereo.fit import MOST_TRIAL_TICKS, fit, refine
+from pipeline.photometric_stereo.parts import MOST_TICKS, fit_in_parts, parts_of
 from pipeline.photometric_stereo.responses import LampBank, ResponsePrior
 from pipeline.photometric_stereo.scene import Scene, State, predicted, response_matrices
 from pipeline.photometric_stereo.view import make_view
+from pipeline.progress import Progress
 from pipeline.reduced import ReducedPair
 
 Array = NDArray[np.float64]
@@ -69,15 +70,16 @@ def solve_surface(
     model: Model,
     bank: LampBank,
     focal_px: float,
+    progress: Progress,
 ) -> Surface:
     """Fit surface, materials and lamps to the pair, whose flash sits at the camera.
 
     lights: two or three distant lamps. With `rgb` for all of them their colours are known, and
     which is which; else they are those of the lamps found, in the order that explains the pair
     best. bank: of the camera and the flash. focal_px: of the full-size picture, through whose
-    middle the camera's axis goes.
+    middle the camera's axis goes. progress: told of the second half of the stage "lamps".
     Raises OptionError for directions nearly alike or in a plane, and where the lamps found are not
-    as many; UnusablePairError where hardly anything is lit.
+    as many; UnusablePairError where hardly anything is lit; Canceled.
     """
     directions = unit_directions(lights)
     if reduced.usable.sum() < _MIN_PIXELS:
@@ -92,10 +94,12 @@ def solve_surface(
         return views[most].scene(directions, priors, materials)
 
     priors = [tuple(bank.prior(*one) for one in few) for few in _colours(lights, lamps, model)]
+    orders = 0 if len(priors) == 1 else len(priors)
+    tick = progress.ticks("lamps", 0.5, 1.0, MOST_TICKS + orders * MOST_TRIAL_TICKS)
     likeliest = priors[0]
     if len(priors) > 1:
-        likeliest = min(priors, key=lambda some: fit(scene(_TRIAL, some), rounds=0)[1])
-    coarse, state = fit_in_parts(scene(_COARSE, likeliest))
+        likeliest = min(priors, key=lambda some: fit(scene(_TRIAL, some), tick, rounds=0)[1])
+    coarse, state = fit_in_parts(scene(_COARSE, likeliest), tick)
     steps = views[_COARSE].step, views[_FINE].step
     cut = views[_COARSE].mask & ~coarse.grid.mask
     fine = scene(_FINE, likeliest)

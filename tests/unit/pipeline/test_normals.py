@@ -15,6 +15,7 @@ from pipeline.lamps import Lamps
 from pipeline.model import Model
 from pipeline.normals import find_facing
 from pipeline.options import DirectedLight
+from pipeline.progress import Progress
 from pipeline.reduced import reduce_pair
 from pipeline.separation import Strip
 from pipeline.spectra.lights import find_light
@@ -41,7 +42,8 @@ def found(
             for direction, colour in zip(DIRECTIONS, warm_to_cool[:count], strict=False)
         ]
         reduced, lamps = reduce_pair(pair), lamps_of(warm_to_cool[:count])
-        facing = find_facing(lights, reduced, lamps, model, find_light("xenon"), 150.0, method)
+        flash = find_light("xenon")
+        facing = find_facing(lights, reduced, lamps, model, flash, 150.0, method, Progress())
         height, width = pair.unusable.shape
         strip = Strip(
             slice(0, height),

@@ -26,6 +26,18 @@ def test_a_canceled_run_stops_before_it_reports() -> None:
     assert seen == []
 
 
+def test_ticks_go_from_start_to_end_and_no_farther() -> None:
+    seen: list[tuple[str, float]] = []
+    tick = Progress(lambda stage, fraction: seen.append((stage, fraction))).ticks(
+        "lamps", 0.5, 1.0, 2
+    )
+
+    for _ in range(4):
+        tick()
+
+    assert seen == [("lamps", value) for value in (0.5, 0.75, 1.0, 1.0)]
+
+
 def test_nobody_need_listen() -> None:
     assert [rows.stop for rows in Progress().strips("layers", 5, 2)] == [2, 4, 5]
 

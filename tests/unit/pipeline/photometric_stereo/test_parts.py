@@ -60,7 +60,7 @@ def cut(
             pixels: Mask = (left.pop(0) if len(left) > 1 else left[0])[scene.grid.mask]
             return pixels
 
-        monkeypatch.setattr(parts_module, "fit", lambda scene: (scene, 0.0))
+        monkeypatch.setattr(parts_module, "fit", lambda scene, _: (scene, 0.0))
         monkeypatch.setattr(parts_module, "unexplained", off)
         scene = scene_of(ball(32))
         found: Any = fit_in_parts(scene)

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError, OptionError, UnusablePairError
+from pipeline.errors import Canceled, InputError, OptionError, UnusablePairError
 from pipeline.lamps import Lamps
 from pipeline.model import Model
 from pipeline.options import DirectedLight
 from pipeline.photometric_stereo.responses import LampBank
 from pipeline.photometric_stereo.solve import Surface, solve_surface
+from pipeline.progress import Progress
 from pipeline.reduced import reduce_pair
 
 Array = NDArray[np.float64]
@@ -32,12 +33,21 @@ def solved(
         lights: list[DirectedLight],
         whites: Array | None = None,
         fill: int = 1,
+        progress: Progress | None = None,
     ) -> Surface:
         """fill: how often every pixel is repeated, in both directions."""
         light, flash = (one.repeat(fill, 0).repeat(fill, 1) for one in (ball.light, ball.flash))
         pair = pair_of(0.3 * light, 0.3 * flash)
         found = lamps_of(ball.colours if whites is None else whites)
-        return solve_surface(lights, reduce_pair(pair), found, model, bank, fill * ball.focal_px)
+        return solve_surface(
+            lights,
+            reduce_pair(pair),
+            found,
+            model,
+            bank,
+            fill * ball.focal_px,
+            progress or Progress(),
+        )
 
     return build
 
@@ -87,6 +97,36 @@ def test_two_lamps_and_the_flash_will_do(
 
     assert error(one, surface) < 1.0
     assert surface.lit.shape[2] == 2
+
+
+@pytest.mark.parametrize(("said", "least"), [(("strength", "rgb"), 20), (("strength",), 6 * 20)])
+def test_it_tells_how_far_it_is_at_every_scale(
+    ball: Callable[..., Any], solved: Callable[..., Surface], said: tuple[str, ...], least: int
+) -> None:
+    """Two starts of ten scales each, of every order of lamps whose colours are not known."""
+    one, heard = ball(24), []
+
+    solved(one, one.lights(*said), progress=Progress(lambda *report: heard.append(report)))
+
+    assert {stage for stage, _ in heard} == {"lamps"}
+    fractions = [fraction for _, fraction in heard]
+    assert len(fractions) >= least
+    assert fractions == sorted(fractions)
+    assert fractions[0] == 0.5
+    assert fractions[-1] < 1
+    assert len(set(fractions)) == len(fractions)
+
+
+def test_it_can_be_canceled_at_every_scale(
+    ball: Callable[..., Any], solved: Callable[..., Surface]
+) -> None:
+    one, heard = ball(24), []
+    progress = Progress(lambda *report: heard.append(report), lambda: len(heard) == 7)
+
+    with pytest.raises(Canceled):
+        solved(one, one.lights("strength", "rgb"), progress=progress)
+
+    assert len(heard) == 7
 
 
 def test_lengths_of_directions_mean_nothing(
@@ -158,10 +198,10 @@ def test_light_without_sense_is_solved_or_refused(
     random = np.random.default_rng(seed)
     one = ball(32)
     pair = pair_of(random.uniform(0.01, 0.4, (24, 24, 3)), random.uniform(0.01, 0.4, (24, 24, 3)))
-    given = (one.lights("rgb"), reduce_pair(pair), lamps_of(one.colours), model, bank, 80.0)
+    reduced, lamps = reduce_pair(pair), lamps_of(one.colours)
 
     try:
-        surface = solve_surface(*given)
+        surface = solve_surface(one.lights("rgb"), reduced, lamps, model, bank, 80.0, Progress())
     except InputError:
         return
 
