@@ -37,7 +37,7 @@ class TakenWith(BaseModel):
 
     body: a digest of its serial number. rendered: whether its values are bent by a rendering,
     or brought to the colours of a profile. encoding: of its frame, "" in what was kept before that
-    was noted.
+    was noted. upright: whether the picture is higher than wide, None in what was kept before.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -47,6 +47,7 @@ class TakenWith(BaseModel):
     body: str = ""
     rendered: bool = False
     encoding: str = ""
+    upright: bool | None = None
 
     @classmethod
     def of(cls, frame: Frame) -> TakenWith:
@@ -58,19 +59,22 @@ class TakenWith(BaseModel):
             body=digest,
             rendered=frame.in_srgb,
             encoding=frame.encoding,
+            upright=frame.size[1] > frame.size[0],
         )
 
     def fits(self, other: TakenWith, kind: Kind) -> bool:
         """Whether what was found with one camera holds for the other: of the same body if told.
 
         Sensitivities and the lamps' rgb are of the colours of one kind of files: converters make
-        linear sRGB of RAW files, and leave the camera's name. A flash's spectrum is its own.
+        linear sRGB of RAW files, and leave the camera's name. A flash's spectrum is its own. Lamps'
+        directions are of the picture as it is shown, which a camera that looks down may turn.
         """
         bodies = {self.body, other.body} - {""}
         encodings = {self.encoding, other.encoding} - {""} if kind in _OF_COLOURS else set()
         mine, others = ((c.make, c.model, c.rendered) for c in (self, other))
+        ways = {self.upright, other.upright} - {None} if kind == "lamps" else set()
         alike = mine == others and bool(self.model)
-        return alike and len(bodies) < 2 and len(encodings) < 2
+        return alike and max(len(bodies), len(encodings), len(ways)) < 2
 
 
 class Kept(BaseModel):
@@ -175,8 +179,8 @@ def setup_warnings(options: Options, kept: Sequence[Kept], frame: Frame) -> list
     if fitting or options.setup in (DEFAULT_SETUP, NO_SETUP):
         return []
     message = (
-        f"Nothing is kept of this camera and this kind of files for the set-up {options.setup!r}, "
-        "so that the pair was separated without its calibrations: check the name, or calibrate for "
-        "it with such files."
+        f"Nothing that is kept for the set-up {options.setup!r} fits this camera, the kind of its "
+        "files and, of lamps, whether pictures are upright, so that the pair was separated without "
+        "calibrations: check the name, or calibrate for it with such photographs."
     )
     return [Remark(Code.NOTHING_KEPT, message)]

@@ -41,6 +41,7 @@ def keep(kind: Kind, setup: str, manifest: dict[str, Any], content: bytes, marks
     parts += ["rendered"] if taken_with.rendered else []
     if kind != "flash":  # whose spectrum is the same whatever the files hold
         parts += ["linear"] if taken_with.encoding == "linear" else []
+    parts += ["upright"] if kind == "lamps" and taken_with.upright else []
     camera = "_".join("".join(c if c.isalnum() else "-" for c in part) for part in parts if part)
     path = folder() / setup / f"{kind}_{camera}.json"
     kept = Kept(

@@ -18,6 +18,7 @@ TAKEN = {
     "body": "",
     "rendered": False,
     "encoding": "raw",
+    "upright": False,
 }
 
 
@@ -73,6 +74,7 @@ def test_one_of_the_same_camera_is_replaced() -> None:
         {"body": "0123456789ab"},
         {"rendered": True, "encoding": "srgb"},
         {"encoding": "linear"},
+        {"upright": True},
     ],
 )
 def test_other_cameras_and_renderings_are_kept_beside_it(other: dict[str, Any]) -> None:
@@ -81,18 +83,20 @@ def test_other_cameras_and_renderings_are_kept_beside_it(other: dict[str, Any]) 
     assert len(kept_for("table")) == 2
 
 
-def test_a_flash_is_the_same_whatever_the_files_hold() -> None:
+def test_a_flash_is_the_same_whatever_the_files_hold_and_however_they_lie() -> None:
     for encoding in ("raw", "linear"):
-        keep("flash", "table", _manifest(encoding=encoding), CONTENT, MARKS)
+        manifest = _manifest(encoding=encoding, upright=encoding == "linear")
+        keep("flash", "table", manifest, CONTENT, MARKS)
     assert [one.taken_with.encoding for one in kept_for("table")] == ["linear"]
 
 
 def test_what_was_kept_before_files_were_noted_is_read() -> None:
     path = keep("lamps", "table", _manifest(), CONTENT, MARKS)
     said = json.loads(path.read_bytes())
-    del said["taken_with"]["encoding"]
+    del said["taken_with"]["encoding"], said["taken_with"]["upright"]
     path.write_text(json.dumps(said))
-    assert [one.taken_with.encoding for one in kept_for("table")] == [""]
+    (one,) = kept_for("table")
+    assert (one.taken_with.encoding, one.taken_with.upright) == ("", None)
 
 
 def test_without_a_setting_it_is_the_users_own_folder(

@@ -18,9 +18,12 @@ THREE = json.dumps({"lights": [{"direction": d} for d in ([1, 0, 1], [0, 1, 1], 
 ONE = json.dumps({"lights": [{"direction": [1, 0, 1]}]})
 
 
-def _frame(**more: Any) -> Frame:
+def _frame(size: tuple[int, int] = (3, 2), **more: Any) -> Frame:
+    """size: width and height."""
     said = {"make": "NIKON", "model": "D5100", "encoding": "raw", **more}
-    return Frame(np.zeros((2, 2, 3), np.float32), np.zeros((2, 2), bool), sha256="", **said)
+    width, height = size
+    black, mask = np.zeros((height, width, 3), np.float32), np.zeros((height, width), bool)
+    return Frame(black, mask, sha256="", **said)
 
 
 def _kept(kind: Any = "flash", content: str = TABLE, **more: Any) -> Kept:
@@ -193,3 +196,35 @@ def test_what_was_kept_before_files_were_noted_fits_as_before(
         {"make": "NIKON", "model": "D5100", "body": "", "rendered": False}
     )
     assert older.fits(TakenWith.of(_frame(encoding=encoding)), "camera") is expected
+
+
+@pytest.mark.parametrize(
+    ("kind", "made_with", "size", "expected"),
+    [
+        ("lamps", (3, 2), (2, 3), False),
+        ("lamps", (2, 3), (3, 2), False),
+        ("lamps", (2, 3), (4, 6), True),
+        ("lamps", (3, 2), (3, 3), True),
+        ("flash", (3, 2), (2, 3), True),
+        ("camera", (2, 3), (3, 2), True),
+    ],
+)
+def test_directions_of_lamps_are_of_pictures_that_lie_alike(
+    kind: Any, made_with: tuple[int, int], size: tuple[int, int], expected: bool
+) -> None:
+    """A camera that looks down may write another orientation the next time."""
+    taken = TakenWith.of(_frame(made_with))
+    assert taken.fits(TakenWith.of(_frame(size)), kind) is expected
+
+
+@pytest.mark.parametrize("size", [(3, 2), (2, 3)])
+def test_lamps_kept_before_that_was_noted_fit_as_before(size: tuple[int, int]) -> None:
+    assert CAMERA.fits(TakenWith.of(_frame(size)), "lamps")
+
+
+def test_a_set_up_with_lamps_of_pictures_that_lie_otherwise_is_warned_of() -> None:
+    kept = [_kept("lamps", TWO, setup="table", taken_with=TakenWith.of(_frame((2, 3))))]
+
+    warnings = setup_warnings(Options(setup="table"), kept, _frame((3, 2)))
+
+    assert [warning.code for warning in warnings] == ["nothing_kept"]
