@@ -181,7 +181,8 @@ class PairOptions(Strict):
     exposure_ratio: float | None = Field(
         default=None,
         gt=0,
-        description="Flash frame's exposure ÷ no-flash frame's; default from EXIF, else 1.",
+        description="Flash frame's exposure ÷ no-flash frame's; default from EXIF, else from what "
+        "the flash does not reach, else 1.",
     )
     align: bool = Field(default=True, description="Warp the flash frame onto the other.")
 
