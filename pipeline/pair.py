@@ -52,6 +52,7 @@ class Pair:
     parallax: share of the picture that lies elsewhere than the homography says, 0…1.
     moved: share of the picture in which something moved, 0…1.
     clipped: share of the picture that is clipped in one of the photographs, 0…1.
+    white: the value at which a highlight is clipped: 1, or infinite for float files that go on.
     """
 
     no_flash: Photograph
@@ -68,6 +69,7 @@ class Pair:
     parallax: float
     moved: float
     clipped: float
+    white: float
     warnings: tuple[Remark, ...]
 
     def flash_part(self) -> Image:
@@ -87,6 +89,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
     check_light(no_flash, flash)
     check_colours(no_flash, flash)
     warnings = _rendering_warnings(no_flash, flash, ratio.value) if rendered else []
+    white = np.inf if _goes_on(no_flash) or _goes_on(flash) else 1.0
 
     progress.report("align", 0.0)
     alignment = NOT_ATTEMPTED
@@ -144,10 +147,18 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
         parallax=parallax,
         moved=moved,
         clipped=float(np.mean(no_flash.saturated | flash.saturated)),
+        white=white,
         warnings=(*warnings, *_copy_warnings(no_flash.pixels, pixels, options.flash_only)),
     )
     progress.report("align", 1.0)
     return pair
+
+
+def _goes_on(frame: Frame) -> bool:
+    """Whether values above 1 say that nothing was cut off there, as floats of linear light may."""
+    if frame.encoding != "linear" or isinstance(frame.pixels, CodedImage):
+        return False
+    return float(frame.pixels.max()) > 1 and not frame.saturated.any()
 
 
 def _divided(pixels: Photograph, by: float, own: bool) -> Photograph:

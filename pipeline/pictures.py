@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +27,6 @@ _FIRST = frozenset({"white_balanced_1.jpg", "white_balanced_1.tif", "white_balan
 _SECOND = frozenset({"white_balanced_2.jpg", "white_balanced_2.tif", "white_balanced.exr"})
 _NORMALS = FACING_OUTPUTS - {"depth.exr"}
 _RESPONSES = frozenset({"response.jpg", "response_lamps.jpg", "response.exr"})
-_BALANCES: dict[str, type[WhiteBalance | PublishedWhiteBalance]] = {
-    "best": WhiteBalance,
-    "paper": PublishedWhiteBalance,
-}
 
 
 @dataclass(frozen=True)
@@ -72,7 +69,7 @@ def render(
     """
     surface = None if facing is None else facing.surface
     first = _FIRST if surface is None else _FIRST | {"surface.glb"}
-    balance = _BALANCES[options.method](lamps, model)
+    balance = _balance(options.method, lamps, model, pair)
     for strip in separate(pair, reduced, lamps, model, options, progress, strip_rows):
         normals = facing.of(strip) if facing is not None and wanted & _NORMALS else None
         trust = None
@@ -97,7 +94,7 @@ def overview(
     lamps: Lamps,
     model: Model,
     changes: NDArray[np.float64] | None,
-    method: str,
+    method: Literal["best", "paper"],
     wanted: frozenset[str],
 ) -> Pictures:
     """Make the pictures that are shown as small as the reduced pair, to tell how bright they are.
@@ -106,7 +103,7 @@ def overview(
     """
     strip = separate_reduced(pair, reduced, lamps)
     shown = _FIRST | {"surface.glb"}
-    balance = _BALANCES[method](lamps, model)
+    balance = _balance(method, lamps, model, pair)
     balanced_1, balanced_2 = balance.of(strip, bool(wanted & shown), bool(wanted & _SECOND))
     return Pictures(
         rows=strip.rows,
@@ -118,6 +115,14 @@ def overview(
         response=_response(strip, changes, wanted),
         confidence=strip.confidence,
     )
+
+
+def _balance(
+    method: Literal["best", "paper"], lamps: Lamps, model: Model, pair: Pair
+) -> WhiteBalance | PublishedWhiteBalance:
+    if method == "paper":
+        return PublishedWhiteBalance(lamps, model)
+    return WhiteBalance(lamps, model, pair.white)
 
 
 def _response(

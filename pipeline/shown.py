@@ -7,7 +7,7 @@ import numpy as np
 from pipeline.frames import Matrix, Photograph
 from pipeline.order import quantile
 
-_GAIN = (0.25, 8.0)
+_MOST = 8.0
 _WHITE = 0.995  # quantile of a picture's brightest channel that becomes white
 _SAMPLES = 1000  # pixels looked at along the longer side, or twice as many
 
@@ -22,4 +22,4 @@ def shown_gain(picture: Photograph, matrix: Matrix) -> float:
     # not .max(axis=2), which takes ten times as long for three channels
     brightest = np.maximum(np.maximum(shown[..., 0], shown[..., 1]), shown[..., 2])
     white = quantile(brightest, _WHITE)
-    return float(np.clip(1.0 / max(white, 1e-6), *_GAIN))
+    return min(1.0 / max(white, 1e-6), _MOST)

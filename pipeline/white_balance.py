@@ -45,9 +45,12 @@ class WhiteBalance:
     T_n is the matrix that takes measured reflectances best from the flash to the neutral light.
     Where the flash part is of no use colours come from each lamp's layer; what is clipped in two
     channels or three has no colour to keep, and becomes white.
+
+    clipping: the value at which highlights are clipped, infinite where none is (Pair.white).
     """
 
-    def __init__(self, lamps: Lamps, model: Model) -> None:
+    def __init__(self, lamps: Lamps, model: Model, clipping: float) -> None:
+        self._clipping = clipping
         self._matrices = tuple(numbers_of(matrix) for matrix in lamps.matrices)
         self._to_neutral = numbers_of(model.flash_to_neutral)
         greens = whites_of(lamps, model)[:, 1]
@@ -83,6 +86,7 @@ class WhiteBalance:
             self._to_neutral,
             self._from_layers,
             self._white,
+            self._clipping,
             planes_of(balanced_1),
             planes_of(balanced_2),
         )
@@ -136,6 +140,7 @@ def _balance(
     to_neutral: Numbers,
     layers_to_neutral: tuple[Numbers, ...],
     white: Numbers,
+    clipping: float,
     first: Planes,
     second: Planes,
 ) -> None:
@@ -151,7 +156,7 @@ def _balance(
     for y in range(rows):
         part, trust = (flash[0][y], flash[1][y], flash[2][y]), confidence[y]
         _light(part, to_neutral, lit)
-        _fill(layers, y, trust, layers_to_neutral, filled, clipped)
+        _fill(layers, y, trust, layers_to_neutral, clipping, filled, clipped)
         if len(first[0]) > 0:
             _by_lamps(part, layers, y, matrices, brightness, strength)
             out = first[0][y], first[1][y], first[2][y]
@@ -178,6 +183,7 @@ def _fill(
     y: int,
     confidence: Plane,
     matrices: tuple[Numbers, ...],
+    clipping: float,
     filled: Planes,
     clipped: Plane,
 ) -> None:
@@ -185,7 +191,7 @@ def _fill(
 
     filled: as far as the flash part is not trusted. clipped: 0…1, how far a pixel is to be white.
     """
-    zero, one = np.float32(0.0), np.float32(1.0)
+    zero, one, of_white = np.float32(0.0), np.float32(1.0), np.float32(1.0 / clipping)
     filled_0, filled_1, filled_2 = filled
     for x in range(len(confidence)):
         r = g = b = p0 = p1 = p2 = zero
@@ -197,7 +203,7 @@ def _fill(
         rest = one - confidence[x]
         filled_0[x], filled_1[x] = rest * max(p0, zero), rest * max(p1, zero)
         filled_2[x] = rest * max(p2, zero)
-        clipped[x] = _clipped(max(min(r, g), min(max(r, g), b)))  # of the second of three
+        clipped[x] = _clipped(max(min(r, g), min(max(r, g), b)) * of_white)  # the second of three
 
 
 @_compiled

@@ -58,10 +58,10 @@ def mirror_lamps(
             f"The sphere shows {len(found)} highlights of lamps, where one to three were looked "
             "for: check that the sphere is a mirror, switch off other lamps, or tell their number."
         )
-    directions, powers, clipped = zip(*found[:wanted], strict=True)
+    directions, powers, brightest = zip(*found[:wanted], strict=True)
     # noise can leave less than nothing of a channel
     colours = np.maximum(powers, 0.0) / max(float(np.max(powers)), 1e-12)
-    if any(clipped):
+    if max(brightest) > _CLIPPED * pair.white:
         colours = np.full_like(colours, np.nan)
     aside = [_lamp(flash, spot, sphere, focal_px)[0] for spot in _spots(flash, mask)[:1]]
     middle = view_sphere(
@@ -104,8 +104,8 @@ def _spots(light: Image, mask: Mask) -> list[_Spot]:
 
 def _lamp(
     picture: Image, spot: _Spot, sphere: Circle, focal_px: float
-) -> tuple[Array, Array, bool]:
-    """Direction (3,) of a highlight's lamp, its light (3,), and whether it is clipped."""
+) -> tuple[Array, Array, float]:
+    """Direction (3,) of a highlight's lamp, its light (3,), and its largest value."""
     height, width = picture.shape[:2]
     rows, columns = _with_glow(spot, height, width)
     light = picture[rows, columns].astype(np.float64)
@@ -120,7 +120,7 @@ def _lamp(
     share = light * np.linalg.norm(angle, axis=1, keepdims=True)
     direction = unit((towards(0, 0) * share.sum(axis=1, keepdims=True)).sum(axis=0))
     # the light falls off the sphere's own reflection evenly: what glows around is small beside it
-    return direction, share.sum(axis=0), bool(light.max() > _CLIPPED)
+    return direction, share.sum(axis=0), float(light.max())
 
 
 def _with_glow(spot: _Spot, height: int, width: int) -> _Spot:

@@ -34,7 +34,7 @@ def measure() -> dict[str, float]:
     """Ratios of CPU time on two megapixels, two lamps: `memcpy_ratio` and so on."""
     model = _model()
     lamps = _lamps(model)
-    balance = WhiteBalance(lamps, model)
+    balance = WhiteBalance(lamps, model, 1.0)
     rng = np.random.default_rng(1)
     flash = rng.uniform(0.01, 1, (_STRIPS, STRIP_ROWS, _WIDTH, 3)).astype(np.float32)
     shares = rng.uniform(0.05, 0.5, (2, _STRIPS, STRIP_ROWS, _WIDTH, 1)).astype(np.float32)

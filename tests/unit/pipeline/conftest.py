@@ -18,6 +18,8 @@ from pipeline.noise import Noise
 from pipeline.pair import Pair
 from pipeline.spectra.cameras import Camera, find_camera
 from pipeline.spectra.lights import find_light, reflectance_spectra
+from tests.ball import make_ball
+from tests.unit.pipeline.separating import Files, tiff
 
 Array = NDArray[np.float64]
 
@@ -112,6 +114,7 @@ def pair_of() -> Callable[..., Pair]:
             "parallax": 0.0,
             "moved": 0.0,
             "clipped": 0.0,
+            "white": 1.0,
             "warnings": (),
         }
         given.update(more)
@@ -219,3 +222,26 @@ def frames(
         return frame(lamps + grain[0], **given), frame(with_flash, **given)
 
     return build
+
+
+@pytest.fixture
+def files(exact: Callable[..., tuple[Any, Array]], warm_to_cool: Array) -> Callable[..., Files]:
+    """The files of a pair with one to three lamps that the model describes exactly."""
+
+    def build(count: int = 2, write: Callable[..., bytes] = tiff) -> Files:
+        pair, _ = exact(warm_to_cool if count == 3 else warm_to_cool[[0, 2]][:count])
+        return write(pair.no_flash), write(pair.flash)
+
+    return build
+
+
+@pytest.fixture
+def shaped(camera: Camera) -> tuple[Files, dict[str, Any]]:
+    """The files of a ball in three colours under three lamps, and options that name the lamps."""
+    ball = make_ball(camera.sensitivities, size=40, materials=3)
+    given = {
+        "lights": 3,
+        "light_directions": ball.lights("strength", "rgb"),
+        "focal_px": ball.focal_px,
+    }
+    return (tiff(0.3 * ball.light), tiff(0.3 * (ball.light + ball.flash))), given

@@ -407,3 +407,32 @@ def test_a_rendered_pair_is_known_as_one(
     before, after = (replace(one, encoding=encoding) for one in frames())
 
     assert paired((before, after), flash_only=flash_only).rendered is rendered
+
+
+@pytest.mark.parametrize(
+    ("times", "cut", "encoding", "white"),
+    [
+        (8.0, False, "linear", np.inf),
+        (8.0, True, "linear", 1.0),
+        (8.0, False, "raw", 1.0),
+        (1.0, False, "linear", 1.0),
+    ],
+)
+def test_floats_that_go_on_above_1_were_not_cut_off_there(
+    frames: Callable[..., tuple[Frame, Frame]],
+    times: float,
+    cut: bool,
+    encoding: str,
+    white: float,
+) -> None:
+    before, after = (
+        replace(one, pixels=one.pixels[:] * np.float32(times), encoding=encoding)
+        for one in frames()
+    )
+    for one in (before, after):
+        one.saturated[:2, :2] = cut
+
+    pair = paired((before, after), align=False)
+
+    assert pair.white == white
+    np.testing.assert_array_equal(pair.no_flash, before.pixels)

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def seen_whole(
 ) -> Callable[..., Pictures]:
     """Make the overview of the pair that `rendered` renders."""
 
-    def run(*wanted: str, method: str = "best") -> Pictures:
+    def run(*wanted: str, method: Literal["best", "paper"] = "best") -> Pictures:
         pair, _ = exact(warm_to_cool)
         lamps, changes = lamps_of(warm_to_cool), np.stack([np.eye(3)] * 3)
         reduced = reduce_pair(pair)

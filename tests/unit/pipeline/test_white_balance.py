@@ -23,21 +23,23 @@ Lit = Callable[[Array], tuple[Strip, Any]]
 
 
 def approach_1(strip: Strip, lamps: Any, model: Model, method: str) -> Image:
-    found, other = balance_of(method)(lamps, model).of(strip, True, False)
+    found, other = balance_of(method, lamps, model).of(strip, True, False)
     assert found is not None
     assert other is None
     return found
 
 
 def approach_2(strip: Strip, lamps: Any, model: Model, method: str) -> Image:
-    other, found = balance_of(method)(lamps, model).of(strip, False, True)
+    other, found = balance_of(method, lamps, model).of(strip, False, True)
     assert found is not None
     assert other is None
     return found
 
 
-def balance_of(method: str) -> type[WhiteBalance | PublishedWhiteBalance]:
-    return WhiteBalance if method == "best" else PublishedWhiteBalance
+def balance_of(method: str, lamps: Any, model: Model) -> WhiteBalance | PublishedWhiteBalance:
+    if method == "best":
+        return WhiteBalance(lamps, model, clipping=1.0)
+    return PublishedWhiteBalance(lamps, model)
 
 
 def strip_of(pair: Any, layers: Array, confidence: float = 1.0) -> Strip:
@@ -215,6 +217,25 @@ def test_clipped_highlights_become_white(
     np.testing.assert_allclose(found, expected, rtol=1e-4)
 
 
+def test_where_nothing_is_clipped_highlights_keep_their_colour(
+    model: Model,
+    pair_of: Callable[..., Any],
+    lamps_of: Callable[..., Any],
+    warm_to_cool: Array,
+) -> None:
+    """As in float files that go on above 1: brighter by ten, it is ten times the same."""
+    lamps = lamps_of(warm_to_cool[0])
+    balance = WhiteBalance(lamps, model, clipping=np.inf)
+
+    def balanced(light: float) -> Any:
+        photograph = light * np.tile((1.0, 0.9, 0.4), (6, 7, 1))
+        pair = pair_of(photograph, np.zeros((6, 7, 3)))
+        return balance.of(strip_of(pair, photograph[None], 0.0), True, True)
+
+    for bright, dark in zip(balanced(5.0), balanced(0.5), strict=True):
+        np.testing.assert_allclose(bright, 10 * dark, rtol=1e-5)
+
+
 @pytest.mark.parametrize("approach", [approach_1, approach_2])
 def test_paper_leaves_highlights_as_they_are(
     lit: Lit, model: Model, warm_to_cool: Array, approach: Callable[..., Image]
@@ -332,7 +353,7 @@ def test_both_approaches_at_once_are_what_they_are_alone(
 ) -> None:
     strip, lamps = lit(warm_to_cool)
     strip.confidence[10:20] = 0.3
-    balance = balance_of(method)(lamps, model)
+    balance = balance_of(method, lamps, model)
 
     found = balance.of(strip, True, True)
 

@@ -89,6 +89,17 @@ def test_clipped_highlights_tell_no_colours(pair_of: Callable[..., Pair]) -> Non
     assert _degrees(bright, found.directions).max() < 1.0
 
 
+def test_floats_that_go_on_above_1_have_no_clipped_highlights(pair_of: Callable[..., Pair]) -> None:
+    dark = photograph_room("mirror", 5, Plan(share=(0.5, 0.6), blur_px=0.0, exposure=0.05))
+    assert dark.circle is not None
+    pair = pair_of(Shot(dark.frames, (b"", b"")))
+    bright = replace(pair, no_flash=pair.no_flash[:] * 20, flash=pair.flash[:] * 20, white=np.inf)
+
+    found, expected = (mirror_lamps(one, dark.circle, 2, FOCAL_PX) for one in (bright, pair))
+
+    np.testing.assert_allclose(found.colours, expected.colours, rtol=1e-4)
+
+
 def test_a_sphere_without_highlights_is_refused(pair_of: Callable[..., Pair]) -> None:
     matt = photograph_room("matt", 5, LARGE)
     assert matt.circle is not None

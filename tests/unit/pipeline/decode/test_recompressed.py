@@ -224,7 +224,7 @@ def heif(codes: NDArray[Any], quality: int) -> bytes:
 
 @pytest.mark.parametrize("quality", [60, 80])
 def test_a_frame_knows_nearly_what_hevc_changed(quality: int) -> None:
-    """Of a picture as soft as a lens draws, in linear light: as much up to four times as much."""
+    """Of a picture as soft as a lens draws, in linear light: as much up to five times as much."""
     original = np.asarray(cv2.GaussianBlur(scene(), (0, 0), 0.8), dtype=np.uint8)
     data = heif(original, quality)
     stored = np.asarray(pillow_heif.open_heif(data))
@@ -236,7 +236,7 @@ def test_a_frame_knows_nearly_what_hevc_changed(quality: int) -> None:
     change = np.square(light - true).reshape(-1, 3).mean(axis=0)
     ratio = found.variance(light).reshape(-1, 3).mean(axis=0) / change
     assert (ratio > 1.0).all(), ratio
-    assert (ratio < 4.0).all(), ratio
+    assert (ratio < 5.0).all(), ratio
 
 
 def test_heif_of_10_bits_is_told_as_of_8() -> None:

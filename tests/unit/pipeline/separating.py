@@ -1,0 +1,62 @@
+"""Small pairs as files, separated by separate_files."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import tifffile
+from numpy.typing import NDArray
+from PIL import Image as PillowImage
+
+from pipeline.colour.curves import linear_to_srgb
+from pipeline.options import DirectedLight, Options
+from pipeline.process import separate_files
+from pipeline.progress import Progress
+
+Array = NDArray[np.float64]
+Files = tuple[bytes, bytes]
+CAMERA: dict[str, Any] = {"camera": "Nikon D5100", "exposure_ratio": 1.0, "align": False}
+DIRECTIONS = [DirectedLight(direction=d) for d in ((0.6, 0.2, 1), (-0.5, 0.5, 1), (0.1, -0.7, 1))]
+
+
+def tiff(values: NDArray[np.floating], camera: tuple[str, str] | None = None) -> bytes:
+    """A float TIFF, read as linear. camera: the make and model that it names."""
+    file = io.BytesIO()
+    tags = [(271 + i, 2, 0, name, True) for i, name in enumerate(camera or ())]
+    data = values.astype(np.float32)
+    tifffile.imwrite(file, data, photometric="rgb", metadata=None, extratags=tags)
+    return file.getvalue()
+
+
+def png(values: NDArray[np.floating]) -> bytes:
+    """An 8-bit PNG, read as sRGB."""
+    file = io.BytesIO()
+    codes = np.round(255 * linear_to_srgb(np.clip(values.astype(np.float64), 0, 1)))
+    PillowImage.fromarray(codes.astype(np.uint8)).save(file, "PNG")
+    return file.getvalue()
+
+
+def separated(
+    files: Files, folder: Path, progress: Progress | None = None, rows: int = 256, **options: Any
+) -> dict[str, Any]:
+    given = Options(**{**CAMERA, **options})
+    return separate_files(*files, given, folder, progress or Progress(), rows)
+
+
+def layers_of(folder: Path, count: int) -> NDArray[np.float32]:
+    """(N, H, W, 3) of layers.exr."""
+    channels = OpenEXR.File(str(folder / "layers.exr"), separate_channels=True).channels()
+    return np.stack(
+        [
+            np.stack([channels[f"lamp{j + 1}.{letter}"].pixels for letter in "RGB"], axis=-1)
+            for j in range(count)
+        ]
+    )
+
+
+def codes(manifest: dict[str, Any]) -> list[str]:
+    return [warning["code"] for warning in manifest["warnings"]]

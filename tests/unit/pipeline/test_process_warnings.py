@@ -1,0 +1,183 @@
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from numpy.typing import NDArray
+
+from pipeline.colour.icc import linear_rec2020_profile
+from pipeline.errors import (
+    OptionError,
+)
+from pipeline.remarks import Code, Remark
+from pipeline.spectra.cameras import Camera, srgb_stand_in
+from tests.unit.pipeline.separating import Files, codes, png, separated, tiff
+
+Array = NDArray[np.float64]
+
+
+def test_rendered_files_are_warned_of(files: Callable[..., Files], tmp_path: Path) -> None:
+    manifest = separated(files(write=png), tmp_path, camera=None, outputs=[])
+
+    assert "rendered_srgb" in codes(manifest)
+    assert manifest["camera"] == {"name": "sRGB", "source": "stand-in"}
+
+
+def test_an_unknown_sensor_is_told_by_the_pair_and_warned_of(
+    files: Callable[..., Files], tmp_path: Path
+) -> None:
+    manifest = separated(files(), tmp_path, camera=None, outputs=[])
+
+    assert manifest["camera"] == {"name": "typical sensor", "source": "stand-in"}
+    (warning,) = (w for w in manifest["warnings"] if w["code"] == "camera_approximate")
+    assert "typical sensor explains the pair best and was taken" in warning["message"]
+
+
+def test_who_names_a_camera_for_renderings_hears_that_it_says_nothing_of_them(
+    files: Callable[..., Files], tmp_path: Path
+) -> None:
+    named = separated(files(write=png), tmp_path / "named", outputs=[])
+    silent = separated(files(write=png), tmp_path / "silent", camera=None, outputs=[])
+
+    messages = [
+        warning["message"]
+        for manifest in (named, silent)
+        for warning in manifest["warnings"]
+        if warning["code"] == "rendered_srgb"
+    ]
+    assert ["leave it out" in message for message in messages] == [True, False]
+
+
+def rec2020(values: NDArray[np.floating]) -> bytes:
+    """A 16-bit TIFF of a camera that is measured, with a linear profile."""
+    file = io.BytesIO()
+    tifffile.imwrite(
+        file,
+        np.round(65535 * np.clip(values, 0, 1)).astype(np.uint16),
+        photometric="rgb",
+        metadata=None,
+        iccprofile=linear_rec2020_profile(),
+        extratags=[(271, 2, 0, "NIKON CORPORATION", True), (272, 2, 0, "NIKON D5100", True)],
+    )
+    return file.getvalue()
+
+
+def test_linear_files_that_say_their_colours_are_srgb_and_nothing_is_guessed(
+    files: Callable[..., Files], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pipeline.process.likely_camera", lambda *_: pytest.fail("guessed"))
+    both = files(write=rec2020)
+
+    silent = separated(both, tmp_path / "silent", camera=None, outputs=[])
+    named = separated(both, tmp_path / "named", outputs=[])
+
+    assert silent["camera"] == {"name": "sRGB", "source": "stand-in"}
+    assert named["camera"] == {"name": "Nikon D5100", "source": "measured"}
+    messages = [
+        warning["message"]
+        for manifest in (named, silent)
+        for warning in manifest["warnings"]
+        if warning["code"] == "camera_approximate"
+    ]
+    assert ["in the colours that their profile says" in text for text in messages] == [True, True]
+    assert ["leave it out" in text for text in messages] == [True, False]
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_a_camera_that_is_named_may_be_doubted(
+    files: Callable[..., Files], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, named: bool
+) -> None:
+    given: list[tuple[Any, ...]] = []
+
+    def doubt(*those: Any) -> list[Remark]:
+        given.append(those)
+        return [Remark(Code.CAMERA_DOUBTFUL, "Check the camera.")]
+
+    monkeypatch.setattr("pipeline.process.camera_doubts", doubt)
+    camera = "Sigma SD1 Merrill" if named else None
+
+    manifest = separated(files(), tmp_path, lights=2, camera=camera, outputs=[])
+
+    assert codes(manifest).count("camera_doubtful") == named
+    assert [(lamps, camera.name) for _, lamps, _, camera, _, _ in given] == (
+        [(2, "Sigma SD1 Merrill")] if named else []
+    )
+
+
+@pytest.mark.parametrize("taken", [False, True])
+def test_of_linear_files_of_a_known_camera_the_pair_tells_whether_they_hold_its_values(
+    files: Callable[..., Files], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, taken: bool
+) -> None:
+    sensors: list[Camera] = []
+
+    def likely(*given: Any) -> Camera:
+        sensors.append(given[4])
+        return given[4] if taken else srgb_stand_in()
+
+    monkeypatch.setattr("pipeline.process.likely_camera", likely)
+    both = files(write=partial(tiff, camera=("NIKON CORPORATION", "NIKON D5100")))
+
+    manifest = separated(both, tmp_path, camera=None, outputs=[])
+
+    assert [sensor.name for sensor in sensors] == ["Nikon D5100"]
+    messages = [w["message"] for w in manifest["warnings"] if w["code"] == "camera_approximate"]
+    assert manifest["camera"]["name"] == ("Nikon D5100" if taken else "sRGB")
+    assert ["not hold what the sensor of the Nikon D5100" in text for text in messages] == (
+        [] if taken else [True]
+    )
+
+
+@pytest.mark.parametrize("told", [False, True])
+def test_an_unknown_focal_length_is_warned_of(
+    shaped: tuple[Files, dict[str, Any]], tmp_path: Path, told: bool
+) -> None:
+    both, lit = shaped
+    given = lit if told else {**lit, "focal_px": None}
+
+    manifest = separated(both, tmp_path, **given, method="paper", outputs=["normals.png"])
+
+    assert ("focal_length_assumed" in codes(manifest)) is not told
+    assert manifest["normals"] is not None
+
+
+def test_nobody_asks_where_surfaces_face_so_nobody_looks(
+    shaped: tuple[Files, dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Calibrated directions come with every later job, also with those that want pictures alone."""
+    both, lit = shaped
+    monkeypatch.setattr("pipeline.process.find_facing", lambda *_: pytest.fail("looked"))
+
+    manifest = separated(both, tmp_path, **{**lit, "focal_px": None}, outputs=["lamps.jpg"])
+
+    assert manifest["normals"] is None
+    assert "focal_length_assumed" not in codes(manifest)
+
+
+def test_what_no_jpeg_holds_is_refused_before_the_work(
+    files: Callable[..., Files], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pipeline.encode.jpeg._LONGEST", 50)
+    monkeypatch.setattr("pipeline.process.make_pair", lambda *_: pytest.fail("worked"))
+
+    with pytest.raises(OptionError, match="A JPEG cannot hold 96 × 64 pixels"):
+        separated(files(), tmp_path, outputs=["lamps.jpg"])
+
+
+def test_what_was_filled_in_is_warned_of(
+    exact: Callable[..., tuple[Any, Array]], warm_to_cool: Array, tmp_path: Path
+) -> None:
+    """The flash does not reach the lower half."""
+    pair, _ = exact(warm_to_cool[[0, 2]])
+    part = pair.flash - pair.no_flash
+    part[32:] = 0
+
+    manifest = separated((tiff(pair.no_flash), tiff(pair.no_flash + part)), tmp_path, outputs=[])
+
+    assert manifest["filled"] == pytest.approx(0.5, abs=0.05)
+    assert "flash_too_weak" in codes(manifest)
