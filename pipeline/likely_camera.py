@@ -28,6 +28,7 @@ _PRIOR_WEIGHT = 0.2  # the prior is narrower than measured, for other reasons
 # Chosen on development rooms (docs/decisions/0031-whose-colours.md)
 _MANY_DIFFERENCES = 600
 _SENSOR_LIKELIER, _SRGB_LIKELIER = 60.0, 90.0
+_LIKELIER_UNDER_ONE = 200.0
 
 
 def names_no_camera(camera: Camera, frame: Frame) -> bool:
@@ -85,16 +86,19 @@ def camera_doubts(
     """Warn of a named camera that explains a pair much worse than a typical sensor, or than sRGB.
 
     lamps: how many were found. frame: one of the files, of which RAW ones may say that the camera
-    is theirs, and linear ones may hold sRGB. build: the model of a camera. Nothing can be told of
-    renderings and profiled files, under one lamp, and where shadows have no edges.
+    is theirs, and linear ones may hold sRGB. build: the model of a camera. Where one
+    lamp was found, two are fitted, since a wrong camera may hide one. Nothing can be told of
+    renderings and profiled files, and where shadows have no edges.
     """
     confirmed = frame.encoding == "raw" and find_camera(None, frame).name == camera.name
-    if frame.in_srgb or confirmed or lamps < _TELLING_LAMPS:
+    if frame.in_srgb or confirmed:
         return []
-    others = [(typical_sensor(), _SENSOR_LIKELIER)]
+    alone = lamps < _TELLING_LAMPS
+    others = [(typical_sensor(), _LIKELIER_UNDER_ONE if alone else _SENSOR_LIKELIER)]
     if frame.encoding == "linear":
-        others.append((srgb_stand_in(), _SRGB_LIKELIER))
-    fits = _Fits(reduced, gather_evidence(reduced, flash_only), [lamps], build)
+        others.append((srgb_stand_in(), _LIKELIER_UNDER_ONE if alone else _SRGB_LIKELIER))
+    numbers = [max(lamps, _TELLING_LAMPS)]
+    fits = _Fits(reduced, gather_evidence(reduced, flash_only), numbers, build)
     better = fits.much_likelier(camera, others)
     if better is None:
         return []
