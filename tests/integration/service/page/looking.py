@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Locator, Page, expect
 
+from pipeline.encode.png import NormalsPng
+
 SHOTS = Path(__file__).parents[4] / "build" / "page"
 """Where the tests leave what they have seen."""
 
@@ -46,6 +48,26 @@ COUNT_KEPT = """
 def open_mixer(page: Page, job: dict[str, Any]) -> Locator:
     page.goto(f"/#/jobs/{job['id']}")
     return drawn(page)
+
+
+def open_normals(
+    page: Page, job: dict[str, Any], normals: NDArray[np.float32], folder: Path
+) -> Locator:
+    """The canvas of a job's surface normals (h, W, 3), which it had none of; folder: for its file.
+
+    Unit vectors, NaN where unknown.
+    """
+    height, width = normals.shape[:2]
+    png = NormalsPng(folder / "normals.png", (width, height))
+    png.write(normals)
+    png.close()
+    file = {"name": "normals.png", "size": 1, "sha256": "", "media_type": "image/png", "href": ""}
+    more = {**job, "files": [*job["files"], file]}
+    page.route(f"**/jobs/{job['id']}", lambda route: route.fulfill(json=more))
+    page.route("**/normals.png", lambda route: route.fulfill(path=folder / "normals.png"))
+    open_mixer(page, job)
+    page.get_by_role("radio", name="Normals").check(force=True)
+    return page.locator("#normals")
 
 
 def drawn(page: Page) -> Locator:

@@ -7,11 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from playwright.sync_api import Locator, Page
+from playwright.sync_api import Page
 
 from pipeline.encode.exr import ExrFile
-from pipeline.encode.png import NormalsPng
-from tests.integration.service.page.looking import TWO_FRAMES, drawn, open_mixer, shown
+from tests.integration.service.page.looking import (
+    TWO_FRAMES,
+    drawn,
+    open_mixer,
+    open_normals,
+    shown,
+)
 from tests.integration.service.page.test_drawing import UNTOLD, layers_of
 
 LOSE = """(canvas) => new Promise((done) => {
@@ -56,17 +61,9 @@ def test_the_mixer_comes_back(
 def test_normals_come_back(page: Page, done: dict[str, Any], tmp_path: Path) -> None:
     slopes = np.linspace(-0.7, 0.7, 90, dtype=np.float32)
     normals = np.stack([slopes, 0 * slopes, np.sqrt(1 - slopes**2)], -1)
-    png = NormalsPng(tmp_path / "normals.png", (90, 60))
-    png.write(np.ascontiguousarray(np.broadcast_to(normals, (60, 90, 3))))
-    png.close()
-    file = {"name": "normals.png", "size": 1, "sha256": "", "media_type": "image/png", "href": ""}
-    more = {**done, "files": [*done["files"], file]}
-    page.route(f"**/jobs/{done['id']}", lambda route: route.fulfill(json=more))
-    page.route("**/normals.png", lambda route: route.fulfill(path=tmp_path / "normals.png"))
-    open_mixer(page, done)
-    page.get_by_role("radio", name="Normals").check(force=True)
+    whole = np.ascontiguousarray(np.broadcast_to(normals, (60, 90, 3)))
+    canvas = open_normals(page, done, whole, tmp_path)
     page.wait_for_load_state("networkidle")
-    canvas: Locator = page.locator("#normals")
     page.evaluate(TWO_FRAMES)
     before = canvas.screenshot()
     assert canvas.evaluate(LOSE)

@@ -16,7 +16,6 @@ from playwright.sync_api import FilePayload, Page, expect
 import drivers
 from pipeline.decode.exr import read_exr
 from pipeline.encode.jpeg import to_srgb8
-from pipeline.encode.png import NormalsPng
 from pipeline.mix import mix_matrices
 from pipeline.mix_options import LampMix, Mix, MixBasis
 from tests.integration.service.page.looking import (
@@ -24,6 +23,7 @@ from tests.integration.service.page.looking import (
     check_access,
     drawn,
     open_mixer,
+    open_normals,
     result,
     shown,
     strip,
@@ -140,16 +140,7 @@ def test_normals_are_lit_from_where_the_pointer_is(
     x, y = np.meshgrid(np.linspace(-1.2, 1.2, 240), np.linspace(0.8, -0.8, 160))
     z = np.sqrt(np.maximum(1 - x * x - y * y, 0))
     ball = np.where((z > 0)[..., None], np.stack([x, y, z], -1), np.nan).astype(np.float32)
-    png = NormalsPng(tmp_path / "normals.png", (240, 160))
-    png.write(ball)
-    png.close()
-    file = {"name": "normals.png", "size": 1, "sha256": "", "media_type": "image/png", "href": ""}
-    more = {**done, "files": [*done["files"], file]}
-    page.route(f"**/jobs/{done['id']}", lambda route: route.fulfill(json=more))
-    page.route("**/normals.png", lambda route: route.fulfill(path=tmp_path / "normals.png"))
-    open_mixer(page, done)
-    page.get_by_role("radio", name="Normals").check(force=True)
-    canvas = page.locator("#normals")
+    canvas = open_normals(page, done, ball, tmp_path)
     box = canvas.bounding_box()
     assert box is not None
 
