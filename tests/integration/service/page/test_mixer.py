@@ -8,10 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Locator, Page, expect
 
-from pipeline.encode.png import NormalsPng
-from tests.integration.service.page.looking import TWO_FRAMES, drawn, open_mixer, result
+from tests.integration.service.page.looking import (
+    TWO_FRAMES,
+    drawn,
+    open_mixer,
+    open_normals,
+    result,
+)
 
 COUNT_DRAWN = """(canvas) => {
   window.drawn = 0;
@@ -21,30 +26,20 @@ COUNT_DRAWN = """(canvas) => {
 
 
 @pytest.fixture
-def with_normals(page: Page, done: dict[str, Any], tmp_path: Path) -> dict[str, Any]:
-    """The job as if it had found normals, all of which look at the camera."""
-    normals = np.broadcast_to(np.array([0, 0, 1], np.float32), (60, 90, 3))
-    png = NormalsPng(tmp_path / "normals.png", (90, 60))
-    png.write(np.ascontiguousarray(normals))
-    png.close()
-    file = {"name": "normals.png", "size": 1, "sha256": "", "media_type": "image/png", "href": ""}
-    more = {**done, "files": [*done["files"], file]}
-    page.route(f"**/jobs/{done['id']}", lambda route: route.fulfill(json=more))
-    page.route("**/normals.png", lambda route: route.fulfill(path=tmp_path / "normals.png"))
-    return more
-
-
-def open_normals(page: Page, job: dict[str, Any]) -> None:
-    open_mixer(page, job)
-    page.get_by_role("radio", name="Normals").check(force=True)
+def normals(page: Page, done: dict[str, Any], tmp_path: Path) -> Locator:
+    """The canvas, drawn, of a job as if it had found normals, all of which look at the camera."""
+    facing = np.broadcast_to(np.array([0, 0, 1], np.float32), (60, 90, 3))
+    canvas = open_normals(page, done, np.ascontiguousarray(facing), tmp_path)
     page.wait_for_load_state("networkidle")
     page.evaluate(TWO_FRAMES)
+    return canvas
 
 
 def leave_and_change_colours(page: Page) -> int:
     """How often it was drawn on the canvas of COUNT_DRAWN after the result was left."""
     page.evaluate("location.hash = '#/jobs'")
     expect(page.get_by_role("heading", name="Jobs")).to_be_visible()
+    page.evaluate(TWO_FRAMES)  # the observer of its size is told that it went
     page.evaluate("window.drawn = 0")
     page.emulate_media(color_scheme="light")
     page.evaluate(TWO_FRAMES)
@@ -58,11 +53,8 @@ def test_a_mixer_that_is_left_follows_the_colours_no_longer(
     assert leave_and_change_colours(page) == 0
 
 
-def test_normals_that_are_left_follow_the_colours_no_longer(
-    page: Page, with_normals: dict[str, Any]
-) -> None:
-    open_normals(page, with_normals)
-    page.locator("#normals").evaluate(COUNT_DRAWN)
+def test_normals_that_are_left_follow_the_colours_no_longer(page: Page, normals: Locator) -> None:
+    normals.evaluate(COUNT_DRAWN)
     assert leave_and_change_colours(page) == 0
 
 
@@ -86,9 +78,9 @@ TAKEN = """(canvas) => {
     [("#mix", ["+", "0", "1", "ArrowLeft"]), ("#normals", ["ArrowLeft", "ArrowUp"])],
 )
 def test_keys_with_another_are_left_to_the_browser(
-    page: Page, with_normals: dict[str, Any], view: str, keys: list[str]
+    page: Page, normals: Locator, view: str, keys: list[str]
 ) -> None:
-    open_normals(page, with_normals)
+    expect(normals).to_be_visible()
     if view == "#mix":
         page.get_by_role("radio", name="Mix", exact=True).check(force=True)
     page.locator(view).evaluate(TAKEN)
