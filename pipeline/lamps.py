@@ -15,6 +15,7 @@ from pipeline.errors import OptionError, UnusablePairError
 from pipeline.frames import Matrix
 from pipeline.hui2018.lights import NO_AGREEMENT, invariants_of_pair, lights_of_pair
 from pipeline.hui2018.pruning import prune
+from pipeline.matrixfit.deviations import Deviations, find_deviations, no_deviations
 from pipeline.matrixfit.evidence import gather_evidence
 from pipeline.matrixfit.fit import MOST_LAMPS, Fit, first_fit, fit_matrices
 from pipeline.matrixfit.known import FORBIDDEN_DEGREES, Known, nothing_known
@@ -41,7 +42,8 @@ class Lamps:
     """The lamps found.
 
     coefficients: (N, 3) unit vectors b_j, camera RGB of a white card under the lamp (Model).
-    matrices: (N, 3, 3) T_j, flash part → lamp, from the coefficients.
+    matrices: (N, 3, 3) T_j, flash part → lamp, from the coefficients. deviations: from them, by the
+    colour of the surface.
     channel_weights: (3,) 1 ÷ mean of the usable light of each channel, so that all count alike.
     requested: what was asked for; confidence: 0…1 that N is right (1 when it was given).
     lamp_confidence: (N,) 0…1, how far each lamp's colour stands out from the scatter.
@@ -56,6 +58,7 @@ class Lamps:
 
     coefficients: Array
     matrices: Matrix
+    deviations: Deviations
     channel_weights: Array
     requested: Literal["auto", 1, 2, 3]
     confidence: float
@@ -148,10 +151,15 @@ def estimate_lamps(
     if requested == "auto" and left > MUCH_LEFT:
         count = replace(count, confidence=min(count.confidence, DOUBTFUL))
     order = _warm_first(coefficients)
+    weights = 1.0 / reduced.no_flash[reduced.usable].mean(axis=0, dtype=np.float64)
+    deviations = no_deviations(len(matrices))
+    if method == "best":
+        deviations = find_deviations(reduced, evidence, matrices[order], weights)
     return Lamps(
         coefficients=coefficients[order],
         matrices=matrices[order],
-        channel_weights=1.0 / reduced.no_flash[reduced.usable].mean(axis=0, dtype=np.float64),
+        deviations=deviations,
+        channel_weights=weights,
         requested=requested,
         confidence=count.confidence,
         lamp_confidence=_stand_out(coefficients[order], gammas),

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pipeline.compiling import njit
 from pipeline.frames import Image, Numbers, Plane, Planes, by_planes, numbers_of, planes_of
 from pipeline.lamps import Lamps
+from pipeline.matrixfit.deviations import FARTHEST, TERMS
 from pipeline.shares import Colour, shares_of_three, shares_of_two
 
 Array = NDArray[np.float32]
@@ -27,10 +28,11 @@ def predictions(flash: Image, lamps: Lamps) -> Array:
 def model_proportions(no_flash: Image, flash: Image, lamps: Lamps) -> Array:
     """Parts of the lamps, (N, h, W, 3), 0…1, summing to 1 in each channel.
 
-    no_flash, flash: (h, W, 3) linear camera RGB, flash the flash part alone. Shares are found by
-    non-negative least squares in the image, each channel weighed by lamps.channel_weights. Where
-    the model gives a channel no light, the parts of the pixel's whole light are taken, and equal
-    ones where there is no light at all.
+    no_flash, flash: (h, W, 3) linear camera RGB, flash the flash part alone. A lamp gives T_j
+    I_flash and what lamps.deviations add, ≥ 0. Shares are found by non-negative least squares in
+    the image, each channel weighed by lamps.channel_weights. Where the model gives a channel no
+    light, the parts of the pixel's whole light are taken, and equal ones where there is no light
+    at all.
     """
     parts = by_planes(len(lamps), *no_flash.shape)
     if len(lamps) == 1:
@@ -38,10 +40,13 @@ def model_proportions(no_flash: Image, flash: Image, lamps: Lamps) -> Array:
         return parts
     matrices, weights = lamps.matrices.astype(np.float32), lamps.channel_weights
     loop = _two if len(lamps) == 2 else _three
+    where, terms = lamps.deviations.numbers()
     loop(
         planes_of(no_flash),
         planes_of(flash),
         tuple(numbers_of(matrix) for matrix in matrices),
+        where,
+        terms,
         numbers_of(weights),
         tuple(planes_of(one) for one in parts),
     )
@@ -53,6 +58,8 @@ def _two(
     no_flash: Planes,
     flash: Planes,
     matrices: tuple[Numbers, ...],
+    where: Numbers,
+    terms: tuple[Numbers, ...],
     weights: Numbers,
     parts: tuple[Planes, ...],
 ) -> None:
@@ -65,19 +72,20 @@ def _two(
     for y in range(rows):
         seen = no_flash[0][y], no_flash[1][y], no_flash[2][y]
         added = flash[0][y], flash[1][y], flash[2][y]
-        _light_row(matrices[0], added, first)
-        _light_row(matrices[1], added, second)
+        _light_row(matrices[0], where, terms[0], added, first)
+        _light_row(matrices[1], where, terms[1], added, second)
         _share_row(seen, first, second, weights, z0, z1)
         own_row, rest_row = (own[0][y], own[1][y], own[2][y]), (rest[0][y], rest[1][y], rest[2][y])
         _part_row(first, second, z0, z1, own_row, rest_row)
 
 
 @_compiled
-def _light_row(m: Numbers, flash: Planes, lit: Planes) -> None:
-    """Write what a lamp of matrix m gives."""
+def _light_row(m: Numbers, where: Numbers, terms: Numbers, flash: Planes, lit: Planes) -> None:
+    """Write what a lamp of matrix m gives with its deviations."""
     red, green, blue = lit
     for x in range(len(red)):
-        red[x], green[x], blue[x] = _lit(m, (flash[0][x], flash[1][x], flash[2][x]))
+        f = flash[0][x], flash[1][x], flash[2][x]
+        red[x], green[x], blue[x] = _lit(m, terms, f, _colour(where, f))
 
 
 @_compiled
@@ -115,6 +123,8 @@ def _three(
     no_flash: Planes,
     flash: Planes,
     matrices: tuple[Numbers, ...],
+    where: Numbers,
+    terms: tuple[Numbers, ...],
     weights: Numbers,
     parts: tuple[Planes, ...],
 ) -> None:
@@ -122,7 +132,9 @@ def _three(
     for y in range(flash[0].shape[0]):
         for x in range(flash[0].shape[1]):
             seen, f = _pixel(no_flash, y, x), _pixel(flash, y, x)
-            a, b, c = _lit(matrices[0], f), _lit(matrices[1], f), _lit(matrices[2], f)
+            q = _colour(where, f)
+            a, b = _lit(matrices[0], terms[0], f, q), _lit(matrices[1], terms[1], f, q)
+            c = _lit(matrices[2], terms[2], f, q)
             z0, z1, z2 = shares_of_three(
                 _times(seen, weights), _times(a, weights), _times(b, weights), _times(c, weights)
             )
@@ -159,14 +171,53 @@ def _write(planes: Planes, y: int, x: int, light: Colour, total: Colour, otherwi
 
 
 @_inlined
-def _lit(m: Numbers, f: Colour) -> Colour:
-    """What a lamp of matrix m, row by row, gives where the flash gives f."""
-    zero = np.float32(0.0)
+def _colour(where: Numbers, f: Colour) -> Colour:
+    """Sum of the flash's channels, 0 without light, and its chromaticity as polynomials take it."""
+    total = max(_sum(f), np.float32(0.0))
+    inverse = np.float32(1.0) / max(total, np.float32(1e-30))
     return (
-        max(np.float32(m[0]) * f[0] + np.float32(m[1]) * f[1] + np.float32(m[2]) * f[2], zero),
-        max(np.float32(m[3]) * f[0] + np.float32(m[4]) * f[1] + np.float32(m[5]) * f[2], zero),
-        max(np.float32(m[6]) * f[0] + np.float32(m[7]) * f[1] + np.float32(m[8]) * f[2], zero),
+        total,
+        _within((f[0] * inverse - np.float32(where[0])) * np.float32(where[2])),
+        _within((f[1] * inverse - np.float32(where[1])) * np.float32(where[3])),
     )
+
+
+@_inlined
+def _within(q: Any) -> Any:
+    farthest = np.float32(FARTHEST)
+    return min(max(q, -farthest), farthest)
+
+
+@_inlined
+def _polynomial(terms: Numbers, k: int, q: Colour) -> Any:
+    """p(q) of channel k; see Deviations."""
+    a, b, i = q[1], q[2], TERMS * k
+    even = _cubic(terms, i, a)
+    linear = np.float32(terms[i + 4]) + a * (
+        np.float32(terms[i + 5]) + a * np.float32(terms[i + 6])
+    )
+    square = np.float32(terms[i + 7]) + a * np.float32(terms[i + 8])
+    return even + b * (linear + b * (square + b * np.float32(terms[i + 9])))
+
+
+@_inlined
+def _cubic(terms: Numbers, i: int, a: Any) -> Any:
+    return np.float32(terms[i]) + a * (
+        np.float32(terms[i + 1]) + a * (np.float32(terms[i + 2]) + a * np.float32(terms[i + 3]))
+    )
+
+
+@_inlined
+def _lit(m: Numbers, terms: Numbers, f: Colour, q: Colour) -> Colour:
+    """What a lamp of matrix m, row by row, gives where the flash gives f; q: its _colour."""
+    return _channel(m, terms, 0, f, q), _channel(m, terms, 1, f, q), _channel(m, terms, 2, f, q)
+
+
+@_inlined
+def _channel(m: Numbers, terms: Numbers, k: int, f: Colour, q: Colour) -> Any:
+    i = 3 * k
+    light = np.float32(m[i]) * f[0] + np.float32(m[i + 1]) * f[1] + np.float32(m[i + 2]) * f[2]
+    return max(light + q[0] * _polynomial(terms, k, q), np.float32(0.0))
 
 
 @_inlined

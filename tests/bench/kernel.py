@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pipeline import separation
 from pipeline.frames import by_planes, channels_first, planes_of, rows_by_planes
 from pipeline.lamps import Lamps
+from pipeline.matrixfit.deviations import no_deviations
 from pipeline.model import Model, build_model
 from pipeline.progress import STRIP_ROWS
 from pipeline.proportions import model_proportions, predictions
@@ -105,6 +106,7 @@ def _lamps(model: Model) -> Lamps:
     return Lamps(
         coefficients=coefficients,
         matrices=model.lamp_matrix(coefficients),
+        deviations=no_deviations(count),
         channel_weights=np.ones(3),
         requested=2,
         confidence=1.0,

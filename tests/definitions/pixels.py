@@ -104,7 +104,8 @@ def _divide(numerator: Doubles, denominator: Doubles, regular: NDArray[np.bool_]
 
 def model_proportions(no_flash: Image, flash: Image, lamps: Lamps) -> Array:
     """pipeline.proportions.model_proportions, (N, h, W, 3)."""
-    predicted = predictions(flash, lamps)
+    by_matrix = np.einsum("nkl,hwl->nhwk", lamps.matrices.astype(np.float32), flash)
+    predicted = np.maximum(by_matrix + lamps.deviations.light(flash), np.float32(0.0))
     weights = lamps.channel_weights.astype(np.float32)
     z = shares(no_flash * weights, predicted * weights)
     parts = predicted * z[..., None]

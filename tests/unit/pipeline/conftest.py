@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pipeline.align import NOT_ATTEMPTED
 from pipeline.frames import Exposure, Frame, Image
 from pipeline.lamps import Lamps
+from pipeline.matrixfit.deviations import no_deviations
 from pipeline.model import Model, build_model
 from pipeline.noise import Noise
 from pipeline.pair import Pair
@@ -79,6 +80,7 @@ def lamps_of(model: Model) -> Callable[..., Lamps]:
         given: dict[str, Any] = {
             "coefficients": vectors,
             "matrices": model.lamp_matrix(vectors),
+            "deviations": no_deviations(len(vectors)),
             "channel_weights": np.ones(3),
             "requested": len(vectors),
             "confidence": 1.0,

@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.frames import Image
+from pipeline.matrixfit.deviations import TERMS, Deviations
 from pipeline.model import Model
 from pipeline.proportions import model_proportions, predictions
 from tests.definitions import pixels
@@ -133,14 +134,20 @@ def test_channel_weights_settle_what_counts_where_the_model_does_not_fit(
     assert warm_part((0.01, 1, 1)) < 0.1
 
 
+@pytest.mark.parametrize("bent", [0.0, 0.003], ids=["matrices", "deviations"])
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_proportions_are_what_they_are_defined_to_be(
-    lamps_of: Callable[..., Any], warm_to_cool: Array, count: int
+    lamps_of: Callable[..., Any], warm_to_cool: Array, count: int, bent: float
 ) -> None:
     rng = np.random.default_rng(9)
     no_flash, flash = rng.uniform(0, 1, (2, 50, 60, 3)).astype(np.float32)
     no_flash[:4, :9], flash[2:6, 5:] = 0, 0
-    lamps = lamps_of(warm_to_cool[:count], channel_weights=np.array([2.0, 1.0, 3.0]))
+    terms = bent * rng.normal(0, 1, (count, 3, TERMS))
+    lamps = lamps_of(
+        warm_to_cool[:count],
+        channel_weights=np.array([2.0, 1.0, 3.0]),
+        deviations=Deviations(np.array([0.3, 0.4]), np.array([0.12, 0.1]), terms),
+    )
 
     found = model_proportions(no_flash, flash, lamps)
 

@@ -1,0 +1,184 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.matrixfit.data import Data, nothing
+from pipeline.matrixfit.deviations import (
+    Deviations,
+    find_deviations,
+    monomials,
+    no_deviations,
+)
+from pipeline.matrixfit.evidence import Evidence
+from pipeline.reduced import ReducedPair
+
+Array = NDArray[np.float64]
+
+LAMPS = np.array([np.diag([0.9, 0.5, 0.2]), np.diag([0.3, 0.5, 0.9]), np.diag([0.3, 0.9, 0.3])])
+SIZE = (60, 90)
+EVEN = np.ones(3)
+
+
+def surfaces(seed: int = 5) -> Array:
+    """Flash colours (60, 90, 3) of squares of 3 × 3 pixels, all of them unlike."""
+    colours = np.random.default_rng(seed).dirichlet((6, 6, 6), (20, 30))
+    return np.asarray(np.kron(colours, np.ones((3, 3, 1))))
+
+
+def shades(lamps: int) -> Array:
+    """Shares (N, 60, 90) that change evenly, of each lamp in another direction."""
+    y, x = np.mgrid[0:1:60j, 0:1:90j]
+    return np.stack([0.2 + x, 1.2 - x, 0.2 + y])[:lamps]
+
+
+def true_deviations(flash: Array, lamps: int) -> Array:
+    """(N, 60, 90, 3), of surfaces that reflect up to a few percent more or less of each lamp."""
+    red, green = flash[..., 0] - 1 / 3, flash[..., 1] - 1 / 3
+    bent = np.stack([red * green, green**2 - red**2, red**2 - 0.5 * green], axis=-1) / 5
+    return np.stack([bent, -bent[..., ::-1], 0.7 * bent[..., [1, 2, 0]]])[:lamps]
+
+
+def pair_of(flash: Array, light: Array) -> ReducedPair:
+    quiet = np.full((*SIZE, 3), 1e-9, np.float32)
+    usable = np.ones(SIZE, bool)
+    return ReducedPair(
+        light.astype(np.float32), flash.astype(np.float32), quiet, quiet, usable, 1, False
+    )
+
+
+def evidence_of(differences: Data) -> Evidence:
+    return Evidence(nothing(), differences, nothing(), 0.1 if len(differences) else 0.0, 0.0)
+
+
+def shown_alone(responses: Array, flash: Array) -> Data:
+    """Differences across edges of shadows that show each lamp alone, on each third square."""
+    x = flash[1::9, 1::9].reshape(-1, 3)
+    light = responses[:, 1::9, 1::9].reshape(len(responses), -1, 3)
+    u = light[..., :2] / light.sum(axis=2, keepdims=True)
+    n = len(responses) * len(x)
+    return Data(
+        np.tile(x, (len(responses), 1)), u.reshape(-1, 2), np.full((n, 3), 1e-8), np.ones(n)
+    )
+
+
+def error(found: Array, wanted: Array) -> float:
+    """Root mean square of responses (N, …, 3), each lamp's scaled as it may be, relative."""
+    scale = (found * wanted).sum(axis=(1, 2, 3)) / np.square(found).sum(axis=(1, 2, 3))
+    off = scale[:, None, None, None] * found - wanted
+    return float(np.sqrt(np.square(off).mean() / np.square(wanted).mean()))
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_neighbours_and_edges_tell_what_matrices_lack(count: int) -> None:
+    flash, lamps = surfaces(), LAMPS[:count]
+    straight = np.einsum("jkl,hwl->jhwk", lamps, flash)
+    wanted = straight + true_deviations(flash, count)
+    light = (shades(count)[..., None] * wanted).sum(axis=0)
+    evidence = evidence_of(shown_alone(wanted, flash))
+
+    found = find_deviations(pair_of(flash, light), evidence, lamps, EVEN)
+
+    assert error(straight, wanted) > 0.03
+    assert error(straight + found.light(flash), wanted) < 0.6 * error(straight, wanted)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_neighbours_tell_without_edges_of_shadows(count: int) -> None:
+    """What is common to all surfaces cannot be told from other lamps; the rest can."""
+    flash, lamps = surfaces(), LAMPS[:count]
+    straight = np.einsum("jkl,hwl->jhwk", lamps, flash)
+    wanted = straight + true_deviations(flash, count)
+    light = (shades(count)[..., None] * wanted).sum(axis=0)
+
+    found = find_deviations(pair_of(flash, light), evidence_of(nothing()), lamps, EVEN)
+
+    assert error(straight + found.light(flash), wanted) < 0.7 * error(straight, wanted)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_right_matrices_are_left_as_they_are(count: int) -> None:
+    flash, lamps = surfaces(), LAMPS[:count]
+    straight = np.einsum("jkl,hwl->jhwk", lamps, flash)
+    light = (shades(count)[..., None] * straight).sum(axis=0)
+    evidence = evidence_of(shown_alone(straight, flash))
+
+    found = find_deviations(pair_of(flash, light), evidence, lamps, EVEN)
+
+    assert error(straight + found.light(flash), straight) < 0.003
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_shadows_and_things_that_end_where_colours_do_count_for_little(count: int) -> None:
+    """In every fourth row of squares a lamp is six times weaker than beside it."""
+    flash, lamps = surfaces(), LAMPS[:count]
+    straight = np.einsum("jkl,hwl->jhwk", lamps, flash)
+    shares = shades(count).copy()
+    for top in range(0, 60, 12):
+        shares[0, top : top + 3] /= 6
+    light = (shares[..., None] * straight).sum(axis=0)
+
+    found = find_deviations(pair_of(flash, light), evidence_of(nothing()), lamps, EVEN)
+
+    assert error(straight + found.light(flash), straight) < 0.005  # 0.15 if all counted alike
+
+
+def test_channel_weights_settle_what_light_counts() -> None:
+    """Blue that no lamp gives changes deviations the less, the less blue counts."""
+    flash, lamps = surfaces(), LAMPS[:2]
+    straight = np.einsum("jkl,hwl->jhwk", lamps, flash)
+    light = (shades(2)[..., None] * straight).sum(axis=0)
+    light[..., 2] += 0.02
+
+    def blue(weight: float) -> float:
+        weights = np.array([1.0, 1.0, weight])
+        found = find_deviations(pair_of(flash, light), evidence_of(nothing()), lamps, weights)
+        return float(np.abs(found.light(flash)[..., :2]).max())
+
+    assert blue(0.01) < 0.4 * blue(1.0)
+
+
+@pytest.mark.parametrize("what", ["one lamp", "one colour", "nothing usable"])
+def test_where_nothing_tells_there_are_no_deviations(what: str) -> None:
+    flash = surfaces()
+    count = 1 if what == "one lamp" else 2
+    if what == "one colour":
+        flash = np.full_like(flash, 1 / 3)
+    light = np.einsum("jkl,hwl->hwk", LAMPS[:count], flash)
+    pair = pair_of(flash, light)
+    if what == "nothing usable":
+        pair.usable[:] = False
+
+    found = find_deviations(pair, evidence_of(nothing()), LAMPS[:count], EVEN)
+
+    np.testing.assert_array_equal(found.terms, np.zeros((count, 3, 10)))
+
+
+def test_light_is_the_polynomial_times_the_flash() -> None:
+    terms = np.arange(60).reshape(2, 3, 10) / 100
+    deviations = Deviations(np.array([0.3, 0.4]), np.array([0.1, 0.05]), terms)
+    flash = np.array([[0.8, 0.7, 0.5]])  # chromaticity .4, .35: q = 1, −1
+
+    expected = terms @ np.array([1, 1, 1, 1, -1, -1, -1, 1, 1, -1]) * 2.0
+
+    np.testing.assert_allclose(deviations.light(flash)[:, 0], expected, rtol=1e-6)
+
+
+def test_polynomials_go_on_no_further_than_three_deviations() -> None:
+    far, farther = monomials(np.array([[3.0, -3.0], [7.0, -5.0]]))
+
+    np.testing.assert_array_equal(far, [1, 3, 9, 27, -3, -9, -27, 9, 27, -27])
+    np.testing.assert_array_equal(far, farther)
+
+
+@pytest.mark.parametrize("flash", [(0.0, 0.0, 0.0), (-0.2, 0.05, 0.05)])
+def test_without_light_of_the_flash_nothing_is_added(flash: tuple[float, float, float]) -> None:
+    terms = np.ones((2, 3, 10))
+    deviations = Deviations(np.zeros(2), np.ones(2), terms)
+
+    np.testing.assert_array_equal(deviations.light(np.array([flash])), np.zeros((2, 1, 3)))
+
+
+def test_no_deviations_add_nothing() -> None:
+    np.testing.assert_array_equal(no_deviations(3).light(surfaces()), np.zeros((3, *SIZE, 3)))
