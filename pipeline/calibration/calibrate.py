@@ -36,6 +36,7 @@ from pipeline.likely_camera import names_no_camera
 from pipeline.manifest import input_entry, versions
 from pipeline.options import Circle, DirectedLight, Sensitivities, Spectrum
 from pipeline.pair import Pair, make_pair
+from pipeline.photometric_stereo.responses import floored
 from pipeline.process import FLASH, NO_FLASH, check_pair
 from pipeline.progress import Progress
 from pipeline.remarks import Code, Remark
@@ -250,9 +251,11 @@ def _lamps(pair: Pair, frame: Frame, options: LampsCalibration, warnings: list[R
         )
         warnings.append(Remark(Code.HIGHLIGHT_CLIPPED, message))
     else:
-        strongest = float(lamps.colours[:, 1].max())
-        for light, colour in zip(lights, lamps.colours, strict=True):
-            light["strength"] = max(round(float(colour[1]) / strongest, 5), 1e-5)
+        # a strength is of green, which normals take as no less of a lamp that has none
+        colours = floored(lamps.colours)
+        strongest = float(colours[:, 1].max())
+        for light, colour in zip(lights, colours, strict=True):
+            light["strength"] = float(f"{colour[1] / strongest:.5g}")
             light["rgb"] = [round(float(c), 5) for c in colour / colour.max()]
     said: dict[str, Any] = {
         "lights": [

@@ -40,6 +40,11 @@ class ResponsePrior:
     material: Array
 
 
+def floored(colours: Array) -> Array:
+    """Colours (..., 3), each channel at least a thousandth of the colour's largest."""
+    return np.asarray(np.maximum(colours, _LEAST * colours.max(axis=-1, keepdims=True)))
+
+
 class LampBank:
     """Lamps and what reflectances look like under them, seen by one camera."""
 
@@ -77,7 +82,7 @@ class LampBank:
 
         measured: whether the colour was; else it may be off, too.
         """
-        colour = np.maximum(colour, _LEAST * colour.max())
+        colour = floored(colour)
         like, weights = self._alike(colour)
         gains = colour / self._whites[like]
         light = self._seen[like] * gains[:, None, :] * self._scale[None, :, None]

@@ -18,7 +18,7 @@ from pipeline.model import Model
 from pipeline.options import DirectedLight
 from pipeline.photometric_stereo.fit import MOST_TRIAL_TICKS, fit, refine
 from pipeline.photometric_stereo.parts import MOST_TICKS, fit_in_parts, parts_of
-from pipeline.photometric_stereo.responses import LampBank, ResponsePrior
+from pipeline.photometric_stereo.responses import LampBank, ResponsePrior, floored
 from pipeline.photometric_stereo.scene import Scene, State, predicted, response_matrices
 from pipeline.photometric_stereo.view import make_view
 from pipeline.progress import Progress
@@ -134,7 +134,7 @@ def _colours(
 
 def _of_strength(rgb: Array, strengths: Array) -> Array:
     """Colours (n, 3) whose green is the lamp's strength."""
-    positive = np.maximum(rgb, 1e-3 * rgb.max(axis=1, keepdims=True))
+    positive = floored(rgb)
     return np.asarray(positive * (strengths / positive[:, 1])[:, None])
 
 

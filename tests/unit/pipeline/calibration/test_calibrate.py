@@ -212,6 +212,28 @@ def test_lamps_are_saved_as_separations_read_them(tmp_path: Path) -> None:
     assert "flash_aside" not in [warning["code"] for warning in manifest["warnings"]]
 
 
+@pytest.mark.parametrize(
+    ("colours", "strengths", "rgb"),
+    [
+        ([(0.3, 0, 0)], [1], [(1, 0.001, 0.001)]),
+        ([(0.3, 0, 0), (0.6, 0, 0)], [1, 0.5], [(1, 0.001, 0.001)] * 2),
+        ([(0.3, 0, 0), (0.3, 0.3, 0.3)], [1, 0.001], [(1, 1, 1), (1, 0.001, 0.001)]),
+    ],
+)
+def test_lamps_without_green_are_calibrated(
+    colours: list[tuple[float, ...]],
+    strengths: list[float],
+    rgb: list[tuple[float, ...]],
+    tmp_path: Path,
+) -> None:
+    shot = photograph_sphere(DIRECTIONS[: len(colours)], np.array(colours))
+    _run(shot, tmp_path, kind="lamps", sphere=CIRCLE, focal_px=FOCAL_PX, lights=len(colours))
+    lights = json.loads((tmp_path / "lights.json").read_bytes())["lights"]
+    read = [DirectedLight.model_validate(light) for light in lights]
+    assert [light.strength for light in read] == pytest.approx(strengths, rel=0.02)
+    assert [light.rgb for light in read] == [pytest.approx(one, rel=0.02) for one in rgb]
+
+
 def test_a_flash_far_beside_and_an_unknown_lens_are_warned_of(tmp_path: Path) -> None:
     shot = photograph_sphere(DIRECTIONS[:1], np.array([(0.3, 0.2, 0.1)]), flash_at=(0.12, 0.0))
     warnings = _run(shot, tmp_path, kind="lamps", sphere=CIRCLE, lights=1)["warnings"]
@@ -223,7 +245,7 @@ def test_a_flash_far_beside_and_an_unknown_lens_are_warned_of(tmp_path: Path) ->
 def _lamps(**more: Any) -> LampsEstimate:
     given: dict[str, Any] = {
         "directions": DIRECTIONS,
-        "colours": np.array([[0.2, 0.8, 0.4], [1.0, 0.0, 0.1]]),
+        "colours": np.array([[0.2, 0.8, 0.4], [0.8, 0.0, 0.08]]),
         "deviations_deg": np.array([0.12345, 0.5]),
         "misfit": 0.01234,
         "circle": Circle(x=196.123, y=112.456, radius=62.789),
@@ -240,7 +262,7 @@ def ball() -> Shot:
 def test_lamps_are_told_by_the_strongest_of_them_and_of_their_channels(
     ball: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One without green still shines."""
+    """One without green still shines: as much of it is told as normals then take."""
     asked: list[Any] = []
 
     def estimate(*given: Any) -> LampsEstimate:
@@ -252,8 +274,8 @@ def test_lamps_are_told_by_the_strongest_of_them_and_of_their_channels(
     found = _run(ball, tmp_path / "new" / "folder", **marked)["found"]
 
     assert asked == [Circle(**CIRCLE), 2, FOCAL_PX]
-    assert [light["strength"] for light in found["lights"]] == [1.0, 1e-5]
-    assert [light["rgb"] for light in found["lights"]] == [[0.25, 1.0, 0.5], [1.0, 0.0, 0.1]]
+    assert [light["strength"] for light in found["lights"]] == [1.0, 0.001]
+    assert [light["rgb"] for light in found["lights"]] == [[0.25, 1.0, 0.5], [1.0, 0.001, 0.1]]
     assert [light["deviation_deg"] for light in found["lights"]] == [0.123, 0.5]
     assert found["sphere"] == {"x": 196.12, "y": 112.46, "radius": 62.79}
     assert (found["flash_aside_deg"], found["misfit"]) == (1.23, 0.0123)
