@@ -17,7 +17,7 @@ from pipeline.spectra.bases import SpectralBasis, learn_basis
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.colorimetry import camera_to_xyz
 from pipeline.spectra.families import family_spectra
-from pipeline.spectra.lights import find_light, lamp_spectra, reflectance_spectra
+from pipeline.spectra.lights import lamp_spectra, packaged_light, reflectance_spectra
 from pipeline.spectra.matrices import best_matrix
 
 Array = NDArray[np.float64]
@@ -114,7 +114,7 @@ def build_model(
         neutral=b_neutral / b_neutral[1],
         neutral_light=neutral / neutral_white[1],
         flash_to_neutral=best_matrix(s * flash, s * neutral / neutral_white[1]),
-        camera_to_xyz=_shown(s, find_light(_DISPLAY_LIGHT)),
+        camera_to_xyz=_shown(s, packaged_light(_DISPLAY_LIGHT)),
         neutral_to_xyz=_shown(s, neutral),
         response=None if response is None else _response(learnt, s, flash, response),
     )
@@ -137,7 +137,7 @@ def _check_camera(camera: Camera, flash: Array, neutral: Array) -> None:
 
 def _response(basis: SpectralBasis, s: Array, flash: Array, response: Camera) -> Response:
     other = response.sensitivities
-    daylight = find_light(_DISPLAY_LIGHT)
+    daylight = packaged_light(_DISPLAY_LIGHT)
     other = other * ((s @ daylight)[1] / (other @ daylight)[1])
     coefficients = basis.to_coefficients @ flash
     return Response(

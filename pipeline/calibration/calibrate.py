@@ -42,7 +42,7 @@ from pipeline.progress import Progress
 from pipeline.remarks import Code, Remark
 from pipeline.spectra.cameras import Camera, find_camera, measured_cameras
 from pipeline.spectra.grid import WAVELENGTHS_NM
-from pipeline.spectra.lights import find_light
+from pipeline.spectra.lights import find_light, packaged_light
 from pipeline.spectra.observer import cie_1931
 from pipeline.spectra.tables import write_sensitivities, write_spectrum
 
@@ -202,7 +202,7 @@ def _marks(chart: Corners | None, circle: Circle | None) -> dict[str, Any]:
 def _camera(pair: Pair, frame: Frame, options: CameraCalibration) -> _Found:
     given = options.flash_spectrum
     if given is None:
-        flashes = {name: find_light(name) for name in FAMILY}
+        flashes = {name: packaged_light(name) for name in FAMILY}
     else:
         flashes = {given if isinstance(given, str) else "table": find_light(given)}
     known = measured_cameras()

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pipeline.calibration.patches import Patches
 from pipeline.calibration.posterior import best_scale, posterior, smooth, weights
 from pipeline.errors import UnusablePairError
-from pipeline.spectra.lights import find_light
+from pipeline.spectra.lights import packaged_light
 
 Array = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ def estimate_flash(patches: Patches, sensitivities: Array) -> FlashEstimate:
     """
     found, evidence = [], []
     for name in FAMILY:
-        spectrum, likely = _of_member(patches, sensitivities, find_light(name))
+        spectrum, likely = _of_member(patches, sensitivities, packaged_light(name))
         found.append(spectrum / spectrum.sum())
         evidence.append(likely)
     spectrum = weights(evidence) @ np.array(found)

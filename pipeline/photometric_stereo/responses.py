@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.spectra.lights import find_light, lamp_spectra, reflectance_spectra
+from pipeline.spectra.lights import lamp_spectra, packaged_light, reflectance_spectra
 
 Array = NDArray[np.float64]
 
@@ -63,7 +63,7 @@ class LampBank:
         self._rows = rows
         self._solve = np.linalg.pinv(rows)
         measured = lamp_spectra()
-        broad = np.array([find_light(name) for name in _BROAD])
+        broad = np.array([packaged_light(name) for name in _BROAD])
         spectra, weights = [measured], [np.ones(len(measured))]
         for power, weight in _FILTERED:
             passed = (broad[:, None] * rho[None] ** power).reshape(-1, rho.shape[1])

@@ -19,7 +19,7 @@ from pipeline.spectra.folder import folder_spectra, read_spectrum
 from pipeline.spectra.grid import on_grid
 from pipeline.spectra.kept import kept
 from pipeline.spectra.library import colour_science, without_warnings
-from pipeline.spectra.lights import find_light, reflectance_spectra
+from pipeline.spectra.lights import packaged_light, reflectance_spectra
 from pipeline.spectra.names import key_of, unknown
 from pipeline.spectra.tables import parse_sensitivities
 
@@ -83,9 +83,9 @@ def find_camera(request: str | Sensitivities | None, frame: Frame) -> Camera:
 def measured_cameras() -> list[Camera]:
     """All cameras of which sensitivities were measured: the packaged and those of the folder."""
     cameras = [_measured_by_colour(name) for name in _PACKAGED]
-    for name, path in folder_spectra().items():
+    for name, paths in folder_spectra().items():
         with suppress(OptionError):  # a light's table, or none
-            cameras.append(read_spectrum(path, partial(_camera_of_folder, name)))
+            cameras.append(read_spectrum(paths, partial(_camera_of_folder, name)))
     return cameras
 
 
@@ -123,7 +123,7 @@ def typical_sensor() -> Camera:
 def balanced(camera: Camera) -> Camera:
     """Return a camera with its channels multiplied until a white card in daylight is white."""
     sensor = camera.sensitivities
-    sensitivities = _scaled(sensor / (sensor @ find_light("D65"))[:, None])
+    sensitivities = _scaled(sensor / (sensor @ packaged_light("D65"))[:, None])
     return Camera(f"{camera.name}, balanced for daylight", sensitivities, "stand-in")
 
 
@@ -136,15 +136,15 @@ def _sensor_xyz() -> NDArray[np.float64]:
     functions and by 2.1° with the observer's own (medians; known sensitivities: 0.3°).
     """
     camera = typical_sensor().sensitivities
-    return camera_to_xyz(camera, find_light("D65"), reflectance_spectra()) @ camera
+    return camera_to_xyz(camera, packaged_light("D65"), reflectance_spectra()) @ camera
 
 
 def _measured(name: str) -> Camera | None:
     """Camera of that name, with or without its make, from the user's folder or the packaged."""
     wanted = key_of(name)
-    for known, path in folder_spectra().items():
+    for known, paths in folder_spectra().items():
         if wanted in _keys(known):
-            return read_spectrum(path, partial(_camera_of_folder, known))
+            return read_spectrum(paths, partial(_camera_of_folder, known))
     for known, entry in _PACKAGED.items():
         if wanted in _keys(known) or wanted == key_of(entry):
             return _measured_by_colour(known)

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.spectra.lights import black_body, daylight, find_light, packaged_lights
+from pipeline.spectra.lights import black_body, daylight, packaged_light, packaged_lights
 
 FAMILIES = {
     "incandescent": 0.20,
@@ -51,7 +51,7 @@ def family_spectra() -> dict[str, NDArray[np.float64]]:
             found[family].append(spectrum)
     found["incandescent"] += [black_body(kelvin) for kelvin in _BLACK_BODY_K]
     found["daylight"] += [daylight(kelvin) for kelvin in _DAYLIGHT_K]
-    found["xenon"].append(find_light("xenon"))
+    found["xenon"].append(packaged_light("xenon"))
     return {family: np.array(spectra) for family, spectra in found.items()}
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from pipeline.errors import OptionError
+from pipeline.spectra.names import key_of
 
 _AMPAS_RANGE = re.compile(r"_\d+_\d+_\d+$")
 """The wavelength range at the end of a file's name in rawtoaces-data."""
@@ -17,28 +18,37 @@ _AMPAS_RANGE = re.compile(r"_\d+_\d+_\d+$")
 _Read = TypeVar("_Read")
 
 
-def folder_spectra() -> dict[str, Path]:
+def folder_spectra() -> dict[str, list[Path]]:
     """Names and files of every CSV and JSON below the folder; empty when none is set.
 
-    A name is the file's without its ending and range, underscores as spaces. Spectra are only
-    ever looked up among these names, so a name cannot lead out of the folder.
+    A name is the file's without its ending and range, underscores as spaces. One without letters
+    and digits is left out, and files whose names have the same key (key_of) are listed together.
+    Spectra are only ever looked up among these names, so a name cannot lead out of the folder.
     Raises OptionError where the setting names no folder.
     """
-    setting = os.environ.get("LIGHTLAYERS_SPECTRA")
-    if not setting:
-        return {}
-    root = Path(setting)
-    if not root.is_dir():
-        raise OptionError("LIGHTLAYERS_SPECTRA names no folder: set it to one with spectra.")
-    return {
-        _AMPAS_RANGE.sub("", path.stem).replace("_", " "): path
-        for path in sorted(root.rglob("*"))
-        if path.suffix.lower() in (".csv", ".json") and path.is_file()
-    }
+    root = _root()
+    found: dict[str, tuple[str, list[Path]]] = {}
+    for path in sorted(root.rglob("*")) if root else ():
+        name = _AMPAS_RANGE.sub("", path.stem).replace("_", " ")
+        if path.suffix.lower() in (".csv", ".json") and path.is_file() and key_of(name):
+            found.setdefault(key_of(name), (name, []))[1].append(path)
+    return dict(found.values())
 
 
-def read_spectrum(path: Path, read: Callable[[bytes], _Read]) -> _Read:
-    """Read a file of the folder: it may be used unasked, so that an OptionError names it."""
+def read_spectrum(paths: list[Path], read: Callable[[bytes], _Read]) -> _Read:
+    """Read the file of the folder that has a name, of those that folder_spectra lists for it.
+
+    It may be used unasked, so that an OptionError names it. Raises OptionError where it cannot be
+    read, and where two files have that name.
+    """
+    path = paths[0]
+    if len(paths) > 1:
+        root = _root() or Path()
+        one, other = (each.relative_to(root) for each in paths[:2])
+        raise OptionError(
+            f"The files {one} and {other} in the folder of LIGHTLAYERS_SPECTRA have the same name: "
+            "rename one of them."
+        )
     try:
         return read(path.read_bytes())
     except OSError as error:
@@ -50,3 +60,13 @@ def read_spectrum(path: Path, read: Callable[[bytes], _Read]) -> _Read:
         raise OptionError(
             f"The file {path.name} in the folder of LIGHTLAYERS_SPECTRA cannot be used. {error}"
         ) from error
+
+
+def _root() -> Path | None:
+    setting = os.environ.get("LIGHTLAYERS_SPECTRA")
+    if not setting:
+        return None
+    root = Path(setting)
+    if not root.is_dir():
+        raise OptionError("LIGHTLAYERS_SPECTRA names no folder: set it to one with spectra.")
+    return root

@@ -51,21 +51,36 @@ def find_light(request: str | Spectrum, purpose: str = "flash") -> NDArray[np.fl
             )
         return _normalised(on_grid(request.wavelength_nm, request.power, "hold"), purpose)
     wanted = key_of(request)
-    own = {key_of(name): path for name, path in folder_spectra().items()}
+    own = {key_of(name): paths for name, paths in folder_spectra().items()}
     if wanted in own:
         return find_light(read_spectrum(own[wanted], parse_spectrum), purpose)
+    found = _packaged_light(request)
+    if found is not None:
+        return found
+    names = [_XENON, *_FLASHES, *packaged_lights(), *_lights_of_folder()]
+    raise OptionError(unknown(f"{purpose} spectrum", request, names))
+
+
+def packaged_light(name: str) -> NDArray[np.float64]:
+    """Spectrum (W,) that find_light has for a name without the user's folder, summing to 1.
+
+    For what the program itself needs: no file of that name may change it. Raises KeyError.
+    """
+    found = _packaged_light(name)
+    if found is None:
+        raise KeyError(name)
+    return found
+
+
+def _packaged_light(name: str) -> NDArray[np.float64] | None:
+    wanted = key_of(name)
     if wanted == _XENON:
         return _xenon()
-    packaged = packaged_lights()
-    entry = key_of(_FLASHES.get(wanted, request))
-    for name, spectrum in packaged.items():
-        if key_of(name) == entry:
+    entry = key_of(_FLASHES.get(wanted, name))
+    for known, spectrum in packaged_lights().items():
+        if key_of(known) == entry:
             return spectrum
-    named = _named_daylight(request)
-    if named is not None:
-        return named
-    names = [_XENON, *_FLASHES, *packaged, *_lights_of_folder()]
-    raise OptionError(unknown(f"{purpose} spectrum", request, names))
+    return _named_daylight(name)
 
 
 @cache
@@ -176,9 +191,9 @@ def daylight(kelvin: float) -> NDArray[np.float64]:
 
 def _lights_of_folder() -> list[str]:
     names = []
-    for name, path in folder_spectra().items():
+    for name, paths in folder_spectra().items():
         with suppress(OptionError):  # a camera's table, or none
-            read_spectrum(path, parse_spectrum)
+            read_spectrum(paths, parse_spectrum)
             names.append(name)
     return names
 

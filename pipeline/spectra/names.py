@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
+import unicodedata
 from collections.abc import Iterable
 
 _NEAR = 4  # names that are listed at most
@@ -13,9 +14,10 @@ _NOISE = {"corporation", "corp", "co", "ltd", "inc", "company", "imaging", "eos"
 def key_of(name: str) -> str:
     """Letters and digits of a name, without case, firm's suffixes and repeated words.
 
-    "NIKON CORPORATION NIKON D5100" and "Nikon D5100" have the same key.
+    Those of any script, in the form NFKC of Unicode. "NIKON CORPORATION NIKON D5100" and "Nikon
+    D5100" have the same key. A name without any has the key "", which finds nothing.
     """
-    words = re.findall(r"[a-z0-9]+", name.lower())
+    words = re.findall(r"[^\W_]+", unicodedata.normalize("NFKC", name).casefold())
     return "".join(dict.fromkeys(word for word in words if word not in _NOISE))
 
 

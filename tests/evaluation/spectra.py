@@ -84,7 +84,7 @@ def sensitivities(camera: str) -> Array:
     anew, so that a slip in the pipeline's own reading shows.
     """
     if camera not in CAMERAS:
-        return _ampas(folder_spectra()[camera])
+        return _ampas(folder_spectra()[camera][0])
     with without_warnings():
         table = colour_science().MSDS_CAMERA_SENSITIVITIES[CAMERAS[camera]]
     values = on_grid(table.wavelengths, table.values, "zero").T

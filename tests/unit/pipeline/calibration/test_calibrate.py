@@ -181,6 +181,15 @@ def test_what_is_no_pair_is_refused(chart: Shot, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+def test_no_file_of_the_folder_changes_the_flashes_that_a_camera_is_tried_with(
+    chart: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "LED-B5.csv").write_text("wavelength_nm,power\n400,1\n700,9\n")
+    monkeypatch.setenv("LIGHTLAYERS_SPECTRA", str(tmp_path))
+    found = _run(chart, tmp_path / "out", kind="camera", chart=CORNERS)["found"]
+    assert (found["nearest"], found["flash"]) == ("Nikon D5100", "LED-B5")
+
+
 @pytest.mark.parametrize("told", ["led", None])
 def test_a_camera_is_saved_as_separations_read_it(
     chart: Shot, tmp_path: Path, told: str | None

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -43,6 +45,17 @@ def test_a_light_of_the_family_is_found_by_a_chart(name: str) -> None:
     assert angles(found.spectrum, find_light(name)) < 4.0
     assert found.spectrum.sum() == pytest.approx(1.0)
     assert found.misfit < 0.002
+
+
+def test_no_file_of_the_folder_changes_the_family(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    led = find_light("LED-B4")
+    (tmp_path / "LED-B4.csv").write_text("wavelength_nm,power\n400,1\n700,9\n")
+    monkeypatch.setenv("LIGHTLAYERS_SPECTRA", str(tmp_path))
+    found = estimate_flash(_chart(led, colorchecker_spectra()), S)
+    assert found.nearest == "LED-B4"
+    assert angles(found.spectrum, led) < 4.0
 
 
 @pytest.mark.parametrize("name", ["xenon", "D50"])

@@ -126,6 +126,26 @@ def test_a_light_is_no_near_camera_nor_a_camera_a_near_light(frame_of: FrameOf) 
     assert "Mark II" not in str(caught.value).replace("Mark III", "")
 
 
+def test_two_cameras_of_one_name_are_refused(frame_of: FrameOf, spectra_folder: Path) -> None:
+    """By EXIF, too; other cameras are found as before."""
+    table = (spectra_folder / "more" / "Canon_EOS_5D_Mark_II.csv").read_bytes()
+    (spectra_folder / "acme_one.csv").write_bytes(table)
+    said = r"The files Acme_One_380_780_5\.json and acme_one\.csv .* have the same name"
+    with pytest.raises(OptionError, match=said):
+        find_camera("Acme One", frame_of())
+    with pytest.raises(OptionError, match=said):
+        find_camera(None, frame_of("ACME", "One"))
+    assert find_camera("Canon 5D Mark II", frame_of()).name == "Canon EOS 5D Mark II"
+
+
+def test_names_of_any_script_name_cameras(frame_of: FrameOf, spectra_folder: Path) -> None:
+    table = (spectra_folder / "more" / "Canon_EOS_5D_Mark_II.csv").read_bytes()
+    (spectra_folder / "ФЭД_5.csv").write_bytes(table)
+    assert find_camera("фэд 5", frame_of()).name == "ФЭД 5"
+    with pytest.raises(OptionError, match="No camera is called"):
+        find_camera("ЛОМО 5", frame_of())
+
+
 def test_a_light_is_no_camera(frame_of: FrameOf, spectra_folder: Path) -> None:
     assert (spectra_folder / "my_torch.csv").exists()
     with pytest.raises(OptionError, match="it needs wavelength_nm,r,g,b"):

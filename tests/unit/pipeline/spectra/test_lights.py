@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from pipeline.colour.temperature import cct_duv
 from pipeline.errors import OptionError
+from pipeline.frames import Frame
+from pipeline.model import build_model
 from pipeline.options import Spectrum
+from pipeline.photometric_stereo.responses import LampBank
+from pipeline.spectra import cameras
+from pipeline.spectra.cameras import find_camera
+from pipeline.spectra.families import family_spectra
 from pipeline.spectra.grid import WAVELENGTHS_NM
-from pipeline.spectra.lights import find_light, lamp_spectra, reflectance_spectra
+from pipeline.spectra.lights import find_light, lamp_spectra, packaged_light, reflectance_spectra
 from pipeline.spectra.observer import cie_1931
 
 
@@ -141,3 +150,76 @@ def test_reflectances_to_learn_from_begin_with_the_color_checker() -> None:
     assert surfaces.max() <= 1
     green = surfaces @ (cie_1931()[1] * find_light("D65")) / (cie_1931()[1] @ find_light("D65"))
     np.testing.assert_allclose(green[18:24], [0.90, 0.59, 0.36, 0.19, 0.09, 0.03], atol=0.02)
+
+
+@pytest.mark.usefixtures("spectra_folder")
+def test_names_of_any_script_are_told_apart(spectra_folder: Path) -> None:
+    (spectra_folder / "лампа_1.csv").write_text("wavelength_nm,power\n400,1\n700,2\n")
+    (spectra_folder / "!.csv").write_text("wavelength_nm,power\n400,1\n700,5\n")
+
+    light = find_light("Лампа 1")
+
+    assert light[-1] / light[0] == pytest.approx(2)
+    for name in ("свет 1", "свет", "!", "?"):
+        with pytest.raises(OptionError, match="No flash spectrum is called"):
+            find_light(name)
+
+
+@pytest.mark.parametrize(
+    ("other", "said"),
+    [
+        ("my_torch.json", r"my_torch\.csv and my_torch\.json"),
+        ("more/my_torch.csv", r"more/my_torch\.csv and my_torch\.csv"),
+        ("My Torch.csv", r"My Torch\.csv and my_torch\.csv"),
+    ],
+)
+def test_two_files_of_one_name_are_refused_where_it_is_asked_for(
+    spectra_folder: Path, other: str, said: str
+) -> None:
+    (spectra_folder / other).write_text("wavelength_nm,power\n400,1\n700,2\n")
+
+    with pytest.raises(OptionError, match=f"The files {said} .* have the same name: rename one"):
+        find_light("my torch")
+    assert find_light("D65") is packaged_light("D65")
+
+
+@pytest.mark.parametrize("name", ["xenon", "led", "LED-B5", "A", "D65", "D58"])
+def test_a_packaged_light_is_none_of_the_folder(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("LIGHTLAYERS_SPECTRA", raising=False)
+    own = find_light(name)
+    (tmp_path / f"{name}.csv").write_text("wavelength_nm,power\n400,1\n700,2\n")
+    monkeypatch.setenv("LIGHTLAYERS_SPECTRA", str(tmp_path))
+
+    assert find_light(name)[-1] / find_light(name)[0] == pytest.approx(2)
+    np.testing.assert_array_equal(packaged_light(name), own)
+
+
+def test_a_packaged_light_that_is_not_there_is_told() -> None:
+    with pytest.raises(KeyError, match="torch"):
+        packaged_light("torch")
+
+
+def test_no_file_changes_what_the_program_itself_needs(
+    frame_of: Callable[..., Frame], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each would fail over a camera's table in place of the light."""
+    monkeypatch.delenv("LIGHTLAYERS_SPECTRA", raising=False)
+    camera = find_camera("Nikon D5100", frame_of())
+    flash, neutral = find_light("xenon"), find_light("D50")
+    sensor_xyz, xenon = cameras._sensor_xyz(), family_spectra()["xenon"]
+    model = build_model(camera, flash, neutral, "wpca", response=camera)
+    for name in ("D65", "A", "E", "xenon", "D50", "LED-B5", "FL7"):
+        (tmp_path / f"{name}.csv").write_text("wavelength_nm,R,G,B\n400,0,0,1\n700,1,1,0\n")
+    monkeypatch.setenv("LIGHTLAYERS_SPECTRA", str(tmp_path))
+
+    again = build_model(camera, flash, neutral, "wpca", response=camera)
+
+    np.testing.assert_array_equal(again.camera_to_xyz, model.camera_to_xyz)
+    assert again.response is not None
+    np.testing.assert_array_equal(again.response.camera_to_xyz, model.camera_to_xyz)
+    assert cameras.balanced(camera).sensitivities.max() == 1
+    np.testing.assert_array_equal(cameras._sensor_xyz.__wrapped__(), sensor_xyz)
+    np.testing.assert_array_equal(family_spectra.__wrapped__()["xenon"], xenon)
+    assert LampBank(camera.sensitivities, flash).flash_white[1] == pytest.approx(1)

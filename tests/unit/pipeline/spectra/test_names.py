@@ -12,6 +12,9 @@ from pipeline.spectra.names import key_of, near_names, unknown
         ("Canon Canon EOS 5D Mark II", "Canon 5D Mark II"),
         ("SONY ILCE-7M3", "Sony ILCE 7M3"),
         ("Canon_EOS-1Ds_Mark_III", "canon eos 1ds mark iii"),
+        ("ЛАМПА_1", "лампа 1"),
+        ("Caf\u00e9", "CAFE\u0301"),  # as macOS writes names of files
+        ("\uff2e\uff29\uff2b\uff2f\uff2e", "Nikon"),  # of full width
     ],
 )
 def test_one_camera_has_one_key(written: str, meant: str) -> None:
@@ -20,10 +23,21 @@ def test_one_camera_has_one_key(written: str, meant: str) -> None:
 
 @pytest.mark.parametrize(
     ("one", "other"),
-    [("Nikon D5100", "Nikon D510"), ("Canon 5D Mark II", "Canon 5D Mark III"), ("FL2", "FL12")],
+    [
+        ("Nikon D5100", "Nikon D510"),
+        ("Canon 5D Mark II", "Canon 5D Mark III"),
+        ("FL2", "FL12"),
+        ("лампа 1", "свет 1"),
+        ("лампа", "свет"),
+        ("灯", "室灯"),
+    ],
 )
 def test_two_cameras_have_two_keys(one: str, other: str) -> None:
     assert key_of(one) != key_of(other)
+
+
+def test_a_name_without_letters_and_digits_has_no_key() -> None:
+    assert key_of("_ -!") == ""
 
 
 def test_near_names_come_best_first_and_few() -> None:
