@@ -23,7 +23,7 @@ from pipeline.white_balance import from_layers, neutral_white, whites_of
 TINT_PER_DUV = -3000.0
 """Steps of tint for a Duv of 1, as raw developers count them: positive is pink, negative green."""
 
-_DIGITS = 7
+_DIGITS = 7  # that count: files of float values may go to any height
 
 
 def mix_basis(photograph: Photograph, lamps: Lamps, model: Model) -> MixBasis:
@@ -77,5 +77,6 @@ def _matrix(basis: MixBasis, lamp: LampBasis, settings: LampMix) -> Matrix:
 
 
 def _rounded(values: NDArray[np.float64]) -> list[float]:
-    rounded: list[float] = np.round(values, _DIGITS).tolist()
-    return rounded
+    rounded = [float(f"{value:.{_DIGITS}g}") for value in values.flat]
+    kept: list[float] = np.reshape(rounded, values.shape).tolist()
+    return kept

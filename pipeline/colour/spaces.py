@@ -39,9 +39,12 @@ _LEAST_CONE = 0.02  # of the largest, so that the whitest of a coloured lamp has
 
 
 def adaptation(white: NDArray[np.float64], other: NDArray[np.float64]) -> Matrix:
-    """Bradford adaptation (3, 3) of CIE XYZ from one white to another, XYZ (3,) both."""
+    """Bradford adaptation (3, 3) of CIE XYZ from one white to another, XYZ (3,) both.
+
+    Whites no eye can see, which have cones below 0, are taken for the nearest that have none.
+    """
     cones, wanted = (_BRADFORD @ one for one in (white, other))
-    gain = wanted / np.maximum(cones, _LEAST_CONE * cones.max())
+    gain = np.maximum(wanted, 0.0) / np.maximum(cones, _LEAST_CONE * cones.max())
     return np.asarray(np.linalg.solve(_BRADFORD, gain[:, None] * _BRADFORD))
 
 

@@ -41,7 +41,8 @@ def cct_duv(rgb: ArrayLike, matrix: Matrix) -> tuple[float, float] | None:
 def white_of(kelvin: float, duv: float) -> NDArray[np.float64]:
     """CIE XYZ (3,), Y = 1, of the light of a temperature and Duv: what cct_duv undoes.
 
-    kelvin: within CCT_RANGE_K. duv: from −0.05 to 0.05.
+    kelvin: within CCT_RANGE_K. duv: from −0.05 to 0.05. Far above the locus of warm lights no light
+    is, and Z is negative.
     """
     before, point, after = _planckian_uv(np.array([0.999, 1.0, 1.001]) * kelvin).T
     u, v = after - before

@@ -109,7 +109,7 @@ function adaptation(white, other) {
   const cones = apply(BRADFORD, white);
   const wanted = apply(BRADFORD, other);
   const least = LEAST_CONE * Math.max(...cones);
-  const gains = wanted.map((value, index) => value / Math.max(cones[index], least));
+  const gains = wanted.map((value, index) => Math.max(value, 0) / Math.max(cones[index], least));
   const scaled = BRADFORD.map((value, place) => gains[Math.floor(place / 3)] * value);
   return times(inverse(BRADFORD), scaled);
 }

@@ -58,6 +58,20 @@ def test_neutral_settings_give_the_photograph_as_it_is_shown(
     np.testing.assert_allclose(found, shown, atol=1e-6)
 
 
+@pytest.mark.parametrize("scale", [1e-4, 6e4])
+def test_layers_of_any_scale_are_mixed_as_exactly(
+    layers: NDArray[np.float32], lamps: Lamps, model: Model, scale: float
+) -> None:
+    photograph = np.float32(scale) * layers.sum(axis=0)
+    to_srgb = XYZ_TO_SRGB @ model.camera_to_xyz
+    exact = shown_gain(photograph, to_srgb) * to_srgb
+    basis = mix_basis(photograph, lamps, model)
+
+    found = mix_matrices(basis, Mix(lamps=[LampMix(), LampMix()]))
+
+    np.testing.assert_allclose(found[0], exact, rtol=0, atol=1e-6 * np.abs(exact).max())
+
+
 def test_stops_gels_and_switches_are_factors(basis: MixBasis, layers: NDArray[np.float32]) -> None:
     plain, brighter = one(basis, layers), one(basis, layers, ev=1.5)
     np.testing.assert_allclose(brighter, 2**1.5 * plain, rtol=1e-5)
@@ -90,6 +104,20 @@ def test_a_temperature_is_that_of_the_light_and_keeps_its_brightness(
     assert light is not None
     assert light[0] == pytest.approx(kelvin, rel=0.01)
     assert light[1] == pytest.approx(-tint / 3000, abs=5e-4)
+
+
+@pytest.mark.parametrize("neutral", [False, True])
+@pytest.mark.parametrize("kelvin", [1000.0, 2500.0, 3500.0])
+def test_a_tint_that_no_light_has_takes_no_light_away(
+    basis: MixBasis, layers: NDArray[np.float32], neutral: bool, kelvin: float
+) -> None:
+    before = one(basis, layers, neutral=neutral)
+
+    found = one(basis, layers, neutral=neutral, temperature_k=kelvin, tint=-150)
+
+    assert white_of(kelvin, 0.05)[2] < 0
+    assert found.min() >= 0
+    assert found[1] == pytest.approx(before[1], rel=0.04)
 
 
 def test_a_lamps_own_temperature_changes_nothing(

@@ -445,7 +445,7 @@ def test_a_key_that_is_not_for_this_is_changed(page: Page) -> None:
 
 
 def test_the_page_and_the_service_compute_the_same(page: Page) -> None:
-    """Matrices of 200 mixes, those of lamps of one colour among them."""
+    """Matrices of 202 mixes, those of lamps of one colour and of whites that no light has, too."""
     rng = np.random.default_rng(5)
     basis = {
         "to_xyz": rng.normal(0, 1, (3, 3)).tolist(),
@@ -456,6 +456,7 @@ def test_the_page_and_the_service_compute_the_same(page: Page) -> None:
         ],
     }
     mixes = [[_settings(rng), _settings(rng)] for _ in range(100)]
+    mixes.append([_settings(rng) | {"on": True, "temperature_k": 2500, "tint": -150}] * 2)
     page.goto("/")
     found = page.evaluate(
         """async ([basis, mixes]) => {
