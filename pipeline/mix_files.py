@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import closing
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -45,23 +46,24 @@ def mix_files(folder: Path, mix: Mix, target: Path, progress: Progress) -> None:
     """Mix the layers of a folder of results into one picture of full size.
 
     folder: with layers.exr and manifest.json. target: a file whose name ends in jpg, jpeg, tif,
-    tiff or exr. Raises InputError for what the user can mend, Canceled, OSError; a file that is
-    not whole is not left behind.
+    tiff or exr, none of the results. Raises InputError for what the user can mend, before anything
+    that is there is written over; Canceled, OSError; a file that is not whole is not left behind.
     """
-    matrices = mix_matrices(read_basis(read_manifest(folder)), mix)
-    format_of(target)  # before anything that is there is written over
-    source = _open(folder, len(matrices))
-    size = _size(source)
-    try:
+    manifest = read_manifest(folder)
+    matrices = mix_matrices(read_basis(manifest), mix)
+    format_of(target)
+    check_target(folder, manifest, target)
+    with closing(_open(folder, len(matrices))) as source:
+        size = _size(source)
+        _check_layers(manifest, size)
         file = _target(target, size)
-        for rows in progress.strips("mix", size[1], STRIP_ROWS, 0.0, 0.9):
-            file.write(_as_rows(file, mixed(_layers(source, len(matrices), rows), matrices)))
-        file.close()
-    except BaseException:
-        target.unlink(missing_ok=True)
-        raise
-    finally:
-        source.close()
+        try:
+            for rows in progress.strips("mix", size[1], STRIP_ROWS, 0.0, 0.9):
+                file.write(_as_rows(file, mixed(_layers(source, len(matrices), rows), matrices)))
+            file.close()
+        except BaseException:
+            target.unlink(missing_ok=True)
+            raise
     progress.report("mix", 1.0)
 
 
@@ -95,6 +97,16 @@ def format_of(target: Path) -> str:
     return found
 
 
+def check_target(folder: Path, manifest: dict[str, Any], target: Path) -> None:
+    """Refuse to write over the layers, or over what the manifest of their folder names.
+
+    Raises InputError.
+    """
+    names = {LAYERS, *(str(entry["name"]) for entry in _files(manifest) or [])}
+    if target.resolve() in {(folder / name).resolve() for name in names}:
+        raise InputError(f"The result {target} would be lost: give the mix another name.")
+
+
 def read_manifest(folder: Path) -> dict[str, Any]:
     """Read the manifest of a folder of results. Raises InputError."""
     try:
@@ -104,6 +116,27 @@ def read_manifest(folder: Path) -> dict[str, Any]:
             f"{folder} is no folder of results: there is no {MANIFEST} that can be read."
         ) from error
     return found if isinstance(found, dict) else {}
+
+
+def _files(manifest: dict[str, Any]) -> list[dict[str, Any]] | None:
+    """What a manifest says of its files; None where it does not."""
+    found = manifest.get("files")
+    if not isinstance(found, list):
+        return None
+    return [entry for entry in found if isinstance(entry, dict) and "name" in entry]
+
+
+def _check_layers(manifest: dict[str, Any], size: tuple[int, int]) -> None:
+    """Refuse layers of another run, which may have stayed in the folder. size: (width, height)."""
+    files = _files(manifest)
+    if files is None:
+        return
+    said = [(one.get("width"), one.get("height")) for one in files if one["name"] == LAYERS]
+    if size not in said:
+        raise InputError(
+            f"The {LAYERS} is not that of the {MANIFEST} beside it, which another run wrote: "
+            "separate the pair anew with that output."
+        )
 
 
 def _open(folder: Path, lamps: int) -> Any:

@@ -49,15 +49,15 @@ def mix(
     And of any colour. A lamp that is not named stays as it is; all together are the photograph.
     """
     from pipeline.errors import InputError
-    from pipeline.mix_files import format_of, mix_files, read_manifest
-    from pipeline.mix_options import LAYERS, read_basis
+    from pipeline.mix_files import check_target, format_of, mix_files, read_manifest
+    from pipeline.mix_options import read_basis
     from pipeline.progress import Progress
     from service.cli.display import stage_bar
 
     format_of(output)
-    if output.resolve() == (results / LAYERS).resolve():
-        raise InputError(f"The layers would be lost: write the mix elsewhere than {output}.")
-    count = len(read_basis(read_manifest(results)).lamps)
+    manifest = read_manifest(results)
+    check_target(results, manifest, output)
+    count = len(read_basis(manifest).lamps)
     settings = _settings(preset, lamp or [], count)
     partial = output.with_name(f".partial-{output.name}")
     try:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
 from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
+from pipeline.encode import jpeg
 from pipeline.encode.exr import write_exr
 from pipeline.encode.jpeg import to_srgb8
 from pipeline.errors import Canceled, InputError
@@ -118,6 +119,46 @@ def test_a_refused_name_leaves_the_file_that_has_it(folder: Path) -> None:
     with pytest.raises(InputError, match="has to end in"):
         mix_files(folder, TWO, mine, Progress())
     assert mine.read_bytes() == b"mine"
+
+
+def test_what_cannot_be_opened_leaves_the_file_that_has_its_name(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mine = folder / "mine.jpg"
+    mine.write_bytes(b"mine")
+    monkeypatch.setattr(jpeg, "_LONGEST", 100)
+    with pytest.raises(InputError, match="A JPEG cannot hold 40 × 150 pixels"):
+        mix_files(folder, TWO, mine, Progress())
+    assert mine.read_bytes() == b"mine"
+
+
+@pytest.mark.parametrize("name", ["layers.exr", "lamp1.jpg"])
+def test_results_are_not_mixed_over(folder: Path, name: str) -> None:
+    (folder / "lamp1.jpg").write_bytes(b"a layer")
+    files = [{"name": "layers.exr", "width": 40, "height": 150}, {"name": "lamp1.jpg"}]
+    (folder / "manifest.json").write_text(json.dumps({"mix": BASIS, "files": files}))
+    before = (folder / name).read_bytes()
+    with pytest.raises(InputError, match=f"The result .*{name} would be lost"):
+        mix_files(folder, TWO, folder / ".." / folder.name / name, Progress())
+    assert (folder / name).read_bytes() == before
+    mix_files(folder, TWO, folder / "mix.jpg", Progress())
+
+
+@pytest.mark.parametrize(
+    "files",
+    [
+        [],
+        [{"name": "lamp1.jpg", "width": 40, "height": 150}],
+        [{"name": "layers.exr", "width": 150, "height": 40}],
+        [{"name": "layers.exr"}],
+        ["layers.exr", None, {"width": 40, "height": 150}],
+    ],
+)
+def test_layers_of_another_run_are_refused(folder: Path, files: list[Any]) -> None:
+    (folder / "manifest.json").write_text(json.dumps({"mix": BASIS, "files": files}))
+    with pytest.raises(InputError, match=r"layers.exr is not that of the manifest.json beside it"):
+        mix_files(folder, TWO, folder / "mix.jpg", Progress())
+    assert not (folder / "mix.jpg").exists()
 
 
 def test_layers_that_break_off_leave_no_picture(

@@ -141,13 +141,23 @@ def test_a_folder_is_no_picture_and_nothing_is_left_beside_it(
     assert sorted(path.name for path in results.parent.iterdir()) == ["mix.jpg", "results"]
 
 
-def test_layers_are_not_mixed_over_themselves(
-    results: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("name", ["layers.exr", "lamp1.jpg", "lamp2.tif"])
+def test_results_are_not_mixed_over(
+    results: Path, name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    layers = (results / "layers.exr").read_bytes()
-    assert run(["mix", str(results), "-o", str(results / ".." / "results" / "layers.exr")]) == 2
-    assert "The layers would be lost" in capsys.readouterr().err
-    assert (results / "layers.exr").read_bytes() == layers
+    """Written by this program, they begin as a mix does; mixes of before are none of them."""
+    assert run(["mix", str(results), "-o", str(results / "mix.jpg")]) == 0
+    for other in ("lamp1.jpg", "lamp2.tif"):
+        assert run(["mix", str(results), "-o", str(results / other)]) == 0
+    names = ("layers.exr", "lamp1.jpg", "lamp2.tif")
+    files = [{"name": one, "width": 6, "height": 4} for one in names]
+    (results / "manifest.json").write_text(json.dumps({"mix": BASIS, "files": files}))
+    before = (results / name).read_bytes()
+    target = results / ".." / "results" / name
+    assert run(["mix", str(results), "-o", str(target), "--lamp", "1:off"]) == 2
+    assert f"The result {target} would be lost: give" in capsys.readouterr().err
+    assert (results / name).read_bytes() == before
+    assert run(["mix", str(results), "-o", str(results / "mix.jpg")]) == 0
 
 
 @pytest.mark.parametrize("name", ["mix.jpg", "mix.tif", "mix.exr"])
