@@ -207,9 +207,9 @@ class Outputs:
         rows: Callable[[Pictures], Any],
     ) -> None:
         """Write a file from what `rows` picks out of every strip."""
+        self._at_last(name, kind, lambda _: opened.close())  # first: opening may fail half way
         opened = writer(self._directory / name)
         self._takers.append(lambda pictures: opened.write(rows(pictures)))
-        self._at_last(name, kind, lambda _: opened.close())
 
     def _show(self, name: str, to_srgb: Matrix, rows: Callable[[Pictures], Any]) -> None:
         """Write a JPEG from what `rows` picks out of every strip."""

@@ -15,6 +15,7 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
+from pipeline import outputs
 from pipeline.colour.spaces import XYZ_TO_REC2020
 from pipeline.errors import Canceled
 from pipeline.model import Model, build_model
@@ -107,10 +108,10 @@ def written(
             frozenset(wanted),
             tmp_path,
             more.get("convention", "gl"),
-        ) as outputs:
+        ) as opened:
             for top in range(0, SIZE[0], 16):
-                outputs.add(some_rows(given, slice(top, min(top + 16, SIZE[0]))))
-            return outputs.finish(reduced, ENTRIES, more.get("progress", Progress()))
+                opened.add(some_rows(given, slice(top, min(top + 16, SIZE[0]))))
+            return opened.finish(reduced, ENTRIES, more.get("progress", Progress()))
 
     return run
 
@@ -443,6 +444,21 @@ def test_a_run_that_breaks_off_leaves_no_files(
         written("layers.exr", "lamps.tif", "white_balanced_1.tif", given=torn)
 
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_a_file_whose_opening_breaks_off_is_not_left(
+    written: Callable[..., list[dict[str, Any]]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, **_: Any) -> None:
+        path.write_bytes(b"begun")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(outputs, "TiffFile", full)
+
+    with pytest.raises(OSError, match="No space left"):
+        written("layers.exr", "lamps.tif")
+
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_folder_that_is_missing_is_an_error_of_the_system(
