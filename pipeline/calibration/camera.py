@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.calibration.patches import Patches
 from pipeline.calibration.posterior import best_scale, posterior, smooth, weights
-from pipeline.errors import UnusablePairError
+from pipeline.errors import OptionError, UnusablePairError
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.grid import STEP_NM
 
@@ -46,21 +46,28 @@ def estimate_camera(
     flashes: (W,) spectra of what the flash may be, by name; one where it is known. known: cameras
     that it may resemble. A camera is a known one whose curves are scaled, tinted and shifted a
     little, with tails of their own. Which one, and which flash, is a matter of evidence, by which
-    the estimates are averaged. Raises UnusablePairError where no camera explains the patches.
+    the estimates are averaged. Raises OptionError for flashes that no known camera sees in all its
+    channels, UnusablePairError where no camera explains the patches.
     """
     found, evidence, names = [], [], []
     for flash, spectrum in flashes.items():
         for camera in known:
+            if not (camera.sensitivities @ spectrum > 0).all():
+                continue
             curves, likely = _of_member(patches, spectrum, camera.sensitivities)
             found.append(curves / curves.max())
             evidence.append(likely)
             names.append((flash, camera.name))
+    if not found:
+        raise OptionError(
+            "No known camera sees red, green and blue in the flash spectrum: check its wavelengths."
+        )
     share = weights(evidence)
     sensitivities = np.tensordot(share, np.array(found), axes=1)
     best = int(np.argmax(evidence))
     flash, nearest = names[best]
     misfit = patches.misfit(_predicted(patches, flashes[flash], found[best]))
-    if misfit > _NO_CHART:
+    if not misfit <= _NO_CHART:  # NaN neither
         raise UnusablePairError(
             f"No camera explains the patches' colours, which stay off by {misfit:.0%}: check the "
             "corners and the flash."

@@ -59,7 +59,7 @@ def estimate_flash(patches: Patches, sensitivities: Array) -> FlashEstimate:
         evidence.append(likely)
     spectrum = weights(evidence) @ np.array(found)
     misfit = patches.misfit(_predicted(patches, sensitivities, spectrum))
-    if misfit > _NO_CHART:
+    if not misfit <= _NO_CHART:  # NaN neither
         raise UnusablePairError(
             f"No flash explains the patches' colours, which stay off by {misfit:.0%}: check the "
             "marks and the camera."

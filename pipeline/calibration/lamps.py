@@ -71,16 +71,17 @@ def estimate_lamps(
     best = fit_lamps(seen, 1 if count == "auto" else count)
     for more in (2, 3) if count == "auto" else ():
         fit = fit_lamps(seen, more)
-        if best.cost - fit.cost < _ONE_MORE:
+        if not best.cost - fit.cost >= _ONE_MORE:  # nor NaN, here and below
             break
         best = fit
     _check_sphere(best)
-    if best.misfit > _NO_LAMPS:
+    if not best.misfit <= _NO_LAMPS:
         raise UnusablePairError(
             f"Distant lamps do not explain {best.misfit:.0%} of the light on the sphere: check "
             "the circle, the number of lamps, and that nothing near throws light or shadow on it."
         )
-    if (best.deviations_deg > _UNSURE_DEG).any() or not (best.colours.max(axis=1) > 0).all():
+    sure = best.deviations_deg <= _UNSURE_DEG
+    if not sure.all() or not (best.colours.max(axis=1) > 0).all():
         raise UnusablePairError(
             "The lamps cannot be told apart on this sphere: move them farther from each other, or "
             "photograph it under each of them alone."
@@ -136,7 +137,7 @@ def _look(pair: Pair, sphere: Circle, focal_px: float) -> SphereLight:
 
 
 def _check_sphere(fit: SphereFit) -> None:
-    if fit.flash_misfit > _NO_SPHERE or np.abs(fit.moved).max() > _ELSEWHERE:
+    if not (fit.flash_misfit <= _NO_SPHERE and np.abs(fit.moved).max() <= _ELSEWHERE):
         raise UnusablePairError(
             "The circle is not the outline of a matt sphere of one grey in the light of the flash: "
             "check the circle, and that the flash reaches the sphere."

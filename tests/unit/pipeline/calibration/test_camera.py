@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pipeline.calibration.camera import estimate_camera
 from pipeline.calibration.patches import Patches
-from pipeline.errors import UnusablePairError
+from pipeline.errors import OptionError, UnusablePairError
 from pipeline.spectra.cameras import Camera, measured_cameras
 from pipeline.spectra.colorchecker import colorchecker_spectra
 from pipeline.spectra.grid import WAVELENGTHS_NM
@@ -144,3 +144,31 @@ def test_a_chart_that_no_camera_explains_is_refused() -> None:
     patches = _chart(sensitivities("Nikon D5100"), XENON, shuffled)
     with pytest.raises(UnusablePairError, match="No camera explains the patches' colours"):
         estimate_camera(patches, {"xenon": XENON}, [blind])
+
+
+def test_a_flash_that_no_camera_sees_is_refused() -> None:
+    """One sees a little noise of it, of which nothing can be made."""
+    infrared = np.where(WAVELENGTHS_NM >= 700, 1 / 17, 0.0)
+    patches = _chart(sensitivities("Nikon D5100"), XENON, colorchecker_spectra())
+    nikon, sigma = measured_cameras()
+    with pytest.raises(OptionError, match="No known camera sees red, green and blue in the flash"):
+        estimate_camera(patches, {"infrared": infrared}, [sigma])
+    with pytest.raises(
+        UnusablePairError, match=r"stay off by \d+%: check the corners and the flash"
+    ):
+        estimate_camera(patches, {"infrared": infrared}, [nikon, sigma])
+    assert (
+        estimate_camera(patches, {"infrared": infrared, "xenon": XENON}, [nikon, sigma]).flash
+        == "xenon"
+    )
+
+
+@pytest.mark.filterwarnings("ignore:invalid value")
+def test_light_that_is_no_number_is_refused() -> None:
+    patches = _chart(sensitivities("Nikon D5100"), XENON, colorchecker_spectra())
+    few = Patches(
+        np.full((1, 3), np.nan),
+        *(part[:1] for part in (patches.variance, patches.reflectances, patches.places)),
+    )
+    with pytest.raises(UnusablePairError, match=r"No camera explains .* check"):
+        estimate_camera(few, {"xenon": XENON}, measured_cameras())

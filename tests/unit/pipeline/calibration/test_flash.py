@@ -89,6 +89,12 @@ def test_noise_is_believed_less() -> None:
     assert loudly > 1.5 * quiet
 
 
+@pytest.mark.filterwarnings("ignore:invalid value")
+def test_light_that_is_no_number_is_refused() -> None:
+    with pytest.raises(UnusablePairError, match="No flash explains"):
+        estimate_flash(_card(np.full(81, np.nan)), S)
+
+
 def test_a_chart_that_no_flash_explains_is_refused() -> None:
     wrong = S[[2, 0, 1]]
     with pytest.raises(UnusablePairError, match="No flash explains the patches' colours"):

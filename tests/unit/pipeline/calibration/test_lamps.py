@@ -171,7 +171,12 @@ def dim(pair_of: Callable[..., Pair]) -> Callable[..., Pair]:
 
 @pytest.mark.parametrize(
     ("costs", "count"),
-    [((1.0, 0.98, 0.5), 1), ((1.0, 0.96, 0.94), 2), ((1.0, 0.96, 0.92), 3)],
+    [
+        ((1.0, np.nan, 0.5), 1),
+        ((1.0, 0.98, 0.5), 1),
+        ((1.0, 0.96, 0.94), 2),
+        ((1.0, 0.96, 0.92), 3),
+    ],
 )
 def test_lamps_are_counted_while_each_explains_more(
     dim: Callable[..., Pair],
@@ -202,6 +207,18 @@ def test_the_strongest_lamp_comes_first_with_all_that_is_its_own(
     ("fine", "too_much", "words"),
     [
         ({"misfit": 0.079}, {"misfit": 0.081}, "do not explain 8% of the light"),
+        ({"misfit": 0.079}, {"misfit": np.nan}, "do not explain nan% of the light"),
+        ({"flash_misfit": 0.119}, {"flash_misfit": np.nan}, "not the outline of a matt sphere"),
+        (
+            {"moved": np.array([0.0, -0.099, 0.0])},
+            {"moved": np.array([0.0, np.nan, 0.0])},
+            "not the outline of a matt sphere",
+        ),
+        (
+            {"deviations_deg": np.array([0.1, 2.9])},
+            {"deviations_deg": np.array([0.1, np.nan])},
+            "cannot be told apart",
+        ),
         ({"flash_misfit": 0.119}, {"flash_misfit": 0.121}, "not the outline of a matt sphere"),
         (
             {"moved": np.array([0.0, -0.099, 0.0])},
