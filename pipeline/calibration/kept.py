@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,7 +12,7 @@ from pipeline.calibration.options import Kind
 from pipeline.directions import unit_directions
 from pipeline.errors import OptionError
 from pipeline.frames import Frame
-from pipeline.options import NO_SETUP, DirectedLight, Options
+from pipeline.options import NO_SETUP, DirectedLight, Options, Sensitivities, Spectrum
 from pipeline.remarks import Code, Remark
 from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
 
@@ -92,12 +91,37 @@ class Kept(BaseModel):
     taken_with: TakenWith
     content: str
 
-    def value(self) -> Any:
-        """What stands in for the option."""
+    def value(self) -> Sensitivities | Spectrum | list[DirectedLight]:
+        """What stands in for the option. Raises OptionError, which names what is damaged."""
         data = self.content.encode()
-        if self.kind == "camera":
-            return parse_sensitivities(data)
-        return parse_spectrum(data) if self.kind == "flash" else json.loads(data)["lights"]
+        try:
+            if self.kind == "camera":
+                return parse_sensitivities(data)
+            if self.kind == "flash":
+                return parse_spectrum(data)
+            return _Lights.model_validate_json(data).lights
+        except OptionError as error:
+            raise OptionError(_refused(repr(self.name), self.setup, f". {error}")) from error
+        except ValidationError as error:
+            reason = _reason(error)
+            raise OptionError(_refused(repr(self.name), self.setup, f": {reason}.")) from error
+
+
+class _Lights(BaseModel):
+    """The file of lamps' directions."""
+
+    lights: list[DirectedLight]
+
+
+def _refused(names: str, setup: str, why: str) -> str:
+    return (
+        f"What is kept as {names} for the set-up {setup!r} cannot be used{why} Calibrate anew, or "
+        f"separate with the set-up {NO_SETUP}."
+    )
+
+
+def _reason(error: ValidationError) -> str:
+    return error.errors()[0]["msg"].removeprefix("Value error, ")
 
 
 def with_kept(
@@ -121,11 +145,12 @@ def with_kept(
         if not one.taken_with.fits(here, one.kind):
             continue
         value = one.value()
-        if one.kind == "lamps" and not _lamps_fit(len(value), options):
-            continue
-        if one.kind == "lamps" and not _fix_normals(value):
-            warnings.append(_unusable(one))
-            continue
+        if isinstance(value, list):
+            if not _lamps_fit(len(value), options):
+                continue
+            if not _fix_normals(value):
+                warnings.append(_unusable(one))
+                continue
         values[option] = value
         used.append({"kind": one.kind, "setup": one.setup, "name": one.name, "made": one.made})
     if not values:
@@ -135,11 +160,7 @@ def with_kept(
         return Options.model_validate({**asked, **values}), used, warnings
     except ValidationError as error:
         names = " and ".join(repr(entry["name"]) for entry in used)
-        reason = error.errors()[0]["msg"].removeprefix("Value error, ")
-        raise OptionError(
-            f"What is kept as {names} for the set-up {options.setup!r} cannot be used: {reason}. "
-            f"Calibrate anew, or separate with the set-up {NO_SETUP}."
-        ) from error
+        raise OptionError(_refused(names, options.setup, f": {_reason(error)}.")) from error
 
 
 def _lamps_fit(count: int, options: Options) -> bool:
@@ -150,14 +171,12 @@ def _lamps_fit(count: int, options: Options) -> bool:
     return asked and max(_LEAST_LAMPS, len(options.pinned_lamps)) <= count
 
 
-def _fix_normals(lights: list[dict[str, Any]]) -> bool:
-    """Whether kept lamps lie so that normals follow; what cannot be read is told elsewhere."""
+def _fix_normals(lights: list[DirectedLight]) -> bool:
+    """Whether kept lamps lie so that normals follow."""
     try:
-        unit_directions([DirectedLight.model_validate(light) for light in lights])
+        unit_directions(lights)
     except OptionError:
         return False
-    except ValidationError:
-        return True
     return True
 
 

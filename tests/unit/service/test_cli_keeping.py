@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from pipeline.errors import InputError
+from pipeline.options import DirectedLight
 from service import durable
 from service.cli.keeping import folder, keep, kept_for
 
@@ -37,7 +38,7 @@ def test_what_is_kept_is_given_back(tmp_path: Path) -> None:
     (one,) = kept_for("table")
     assert (one.kind, one.setup, one.name) == ("lamps", "table", path.name)
     assert one.taken_with.model_dump() == TAKEN
-    assert one.value() == [{"direction": [0, 0, 1]}]
+    assert one.value() == [DirectedLight(direction=(0, 0, 1))]
     assert one.made.endswith("+00:00")
     assert kept_for("default") == []
 

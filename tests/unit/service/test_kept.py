@@ -8,6 +8,7 @@ import pytest
 import sqlalchemy as sa
 
 from pipeline.calibration.kept import Kept, TakenWith
+from pipeline.options import Spectrum
 from service import database, jobs, kept
 from service.jobs import Job
 
@@ -92,7 +93,9 @@ def test_a_calibration_tells_its_camera_and_when_it_was_made(make: Make) -> None
     assert (one.kind, one.setup, one.name) == ("flash", "default", "a")
     assert one.made == "2001-09-09T01:46:45+00:00"  # when it ended
     assert one.taken_with == TakenWith(make="NIKON", model="D5100")
-    assert one.value().power == [1.0, 2.0]
+    value = one.value()
+    assert isinstance(value, Spectrum)
+    assert value.power == [1.0, 2.0]
 
 
 def test_a_camera_that_was_not_noted_fits_nothing(make: Make) -> None:

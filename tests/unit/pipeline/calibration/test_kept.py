@@ -99,6 +99,19 @@ def test_a_kept_calibration_that_options_refuse_is_named() -> None:
 
 
 @pytest.mark.parametrize(
+    "content", ["", "x", "{}", "[]", "null", '{"lights": 5}', '{"lights": [5]}']
+)
+@pytest.mark.parametrize("kind", ["camera", "flash", "lamps"])
+def test_a_damaged_calibration_is_named(kind: Any, content: str) -> None:
+    kept = _kept(kind, content, name="shelf", setup="table")
+    with pytest.raises(OptionError) as refused:
+        with_kept(Options(setup="table"), [kept], _frame())
+    said = str(refused.value)
+    assert said.startswith("What is kept as 'shelf' for the set-up 'table' cannot be used")
+    assert said.endswith(". Calibrate anew, or separate with the set-up none.")
+
+
+@pytest.mark.parametrize(
     "directions",
     [[(-1, 0, 1), (0, 0, 1), (1, 0, 1)], [(0, 0, 1), (0, 0, 2)], [(1, 0, -1), (0, 1, 0)]],
 )
