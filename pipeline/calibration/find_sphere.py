@@ -143,8 +143,9 @@ def _refined(light: NDArray[np.float32], circle: Circle) -> Circle:
     steps = np.linspace(*_EDGE, _STEPS) * circle.radius
     for _ in range(2):
         at = (circle.x, circle.y) + across[:, None] * steps[:, None] - 0.5
-        x, y = (np.ascontiguousarray(at[..., axis], np.float32) for axis in (0, 1))
-        profile = cv2.remap(light, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        part, left, top = _around(light, circle, float(steps[-1]))
+        x, y = (np.ascontiguousarray(at[..., i] - (left, top)[i], np.float32) for i in (0, 1))
+        profile = cv2.remap(part, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         profile = cv2.GaussianBlur(profile, (_BLUR, 1), 0)
         slope = np.abs(np.gradient(profile, axis=1)).sum(axis=2)
         edges = (circle.x, circle.y) + across * steps[slope.argmax(axis=1)][:, None]
@@ -157,3 +158,22 @@ def _refined(light: NDArray[np.float32], circle: Circle) -> Circle:
         )
         circle = Circle(x=fit.x[0], y=fit.x[1], radius=max(float(fit.x[2]), 1.0))
     return circle
+
+
+def _around(
+    light: NDArray[np.float32], circle: Circle, reach: float
+) -> tuple[NDArray[np.float32], int, int]:
+    """Part of a picture so far around a circle's middle, and its left and upper edge.
+
+    cv2.remap takes pictures of less than 32,767 pixels a side.
+    """
+    height, width = light.shape[:2]
+    left, right = _span(circle.x, reach, width)
+    top, bottom = _span(circle.y, reach, height)
+    return light[top:bottom, left:right], left, top
+
+
+def _span(middle: float, reach: float, size: int) -> tuple[int, int]:
+    """First and last but one of the pixels of a side that an interpolation looks at."""
+    first = min(max(int(middle - reach) - 2, 0), size - 1)
+    return first, min(max(int(middle + reach) + 2, first + 1), size)
