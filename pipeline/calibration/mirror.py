@@ -54,10 +54,7 @@ def mirror_lamps(
         found = [lamp for lamp in found if lamp[1].sum() > least]
     wanted = len(found) if count == "auto" else count
     if len(found) < max(wanted, 1) or wanted > _MOST:
-        raise UnusablePairError(
-            f"The sphere shows {len(found)} highlights of lamps, where one to three were looked "
-            "for: check that the sphere is a mirror, switch off other lamps, or tell their number."
-        )
+        raise UnusablePairError(_unlike(len(found), count))
     directions, powers, brightest = zip(*found[:wanted], strict=True)
     # noise can leave less than nothing of a channel
     colours = np.maximum(powers, 0.0) / max(float(np.max(powers)), 1e-12)
@@ -78,6 +75,21 @@ def mirror_lamps(
         misfit=None,
         circle=sphere,
         flash_aside_deg=_apart_deg(aside[0], middle.towards[0]) if aside else None,
+    )
+
+
+def _unlike(shown: int, count: Literal["auto", 1, 2, 3]) -> str:
+    """Sentence on a number of highlights other than what was asked for."""
+    highlights = "1 highlight of a lamp" if shown == 1 else f"{shown} highlights of lamps"
+    if count == "auto":
+        return (
+            f"The sphere shows {highlights}, where one to three were looked for: check that the "
+            "sphere is a mirror, switch off other lamps, or tell their number."
+        )
+    wanted = "1 was" if count == 1 else f"{count} were"
+    return (
+        f"The sphere shows {highlights}, where {wanted} looked for: check that the sphere is a "
+        "mirror and reflects every lamp, or tell another number."
     )
 
 

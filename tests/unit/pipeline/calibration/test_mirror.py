@@ -3,6 +3,7 @@ from __future__ import annotations
 import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -147,8 +148,28 @@ def test_highlights_at_the_border_of_the_picture_are_seen_whole(pair: Pair) -> N
 
 def test_more_lamps_than_it_shows_are_refused(room: Room, pair: Pair) -> None:
     assert room.circle is not None
-    with pytest.raises(UnusablePairError, match="2 highlights of lamps"):
+    with pytest.raises(
+        UnusablePairError, match=r"2 highlights of lamps, where 3 were looked for: .* every lamp"
+    ):
         mirror_lamps(pair, room.circle, 3, FOCAL_PX)
+
+
+@pytest.mark.parametrize(
+    ("spots", "count", "said"),
+    [
+        (0, "auto", "0 highlights of lamps, where one to three were looked for: "),
+        (0, 1, "0 highlights of lamps, where 1 was looked for: "),
+        (1, 2, "1 highlight of a lamp, where 2 were looked for: "),
+        (4, "auto", "4 highlights of lamps, where one to three were looked for: "),
+    ],
+)
+def test_the_number_asked_for_is_told(pair: Pair, spots: int, count: Any, said: str) -> None:
+    light = np.zeros((64, 64, 3), np.float32)
+    for left in range(16, 16 + 8 * spots, 8):
+        light[30:34, left : left + 4] = 0.5
+    shown = replace(pair, no_flash=light, flash=light, unusable=np.zeros((64, 64), bool))
+    with pytest.raises(UnusablePairError, match=f"The sphere shows {said}"):
+        mirror_lamps(shown, Circle(x=32, y=32, radius=30), count, FOCAL_PX)
 
 
 def test_a_tiny_sphere_is_refused(pair: Pair) -> None:
