@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-from typing import Any
 
 from pydantic import ValidationError
 
@@ -104,14 +103,14 @@ def _csv_rows(text: str, what: str) -> list[list[str]]:
     return [[cell.lower() for cell in rows[0]], *rows[1:]]
 
 
-def _json_rows(text: str, what: str) -> list[list[Any]]:
+def _json_rows(text: str, what: str) -> list[list[str]]:
     try:
         spectral = json.loads(text)["spectral_data"]
         head = [str(column).lower() for column in spectral["index"]["main"]]
         main = dict(spectral["data"]["main"])
         return [
             [_CSV_HEAD, *head],
-            *([wavelength, *map(str, row)] for wavelength, row in main.items()),
+            *([*map(str, (wavelength, *row))] for wavelength, row in main.items()),
         ]
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise OptionError(

@@ -98,6 +98,11 @@ def test_ampas_json_of_a_light() -> None:
         (b"{}", "is no AMPAS JSON"),
         (b'{"spectral_data": []}', "is no AMPAS JSON"),
         (b'{"spectral_data": {"index": {"main": ["power"]}, "data": {"main": 5}}}', "AMPAS JSON"),
+        (
+            b'{"spectral_data": {"index": {"main": ["power"]},'
+            b' "data": {"main": [[400, [1]], [null, [1]], [700, [1]]]}}}',
+            "holds 'None' in row 2, which is not a number: mend",
+        ),
         (b'{"a":' * 100_000, "is no AMPAS JSON"),
     ],
 )
