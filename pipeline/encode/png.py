@@ -21,8 +21,8 @@ def write_png8(path: Path, codes: NDArray[np.uint8]) -> None:
 class NormalsPng:
     """A normal map of 16 bits, given from top to bottom. size: (width, height).
 
-    OpenGL convention: x right, y up, z to the viewer; code = (n + 1)/2 · 65535. Pixels without a
-    normal (not finite, or of no length) are 0, 0, 0, which no unit normal gives.
+    Normals are written as they are given, in OpenGL's convention or DirectX's: code = (n + 1)/2 ·
+    65535. Pixels without one (not finite, or of no length) are 0, 0, 0, which no unit normal gives.
     """
 
     def __init__(self, path: Path, size: tuple[int, int]) -> None:
