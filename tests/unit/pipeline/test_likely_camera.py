@@ -321,6 +321,28 @@ def test_where_one_lamp_was_found_it_takes_more_to_doubt_a_camera(
     assert bool(messages) is doubted
 
 
+@pytest.mark.parametrize(("lamps", "fitted"), [(1, 2), (2, 2), (3, 3)])
+def test_a_camera_is_doubted_by_as_many_lamps_as_were_found_but_two_at_least(
+    edged: Pair,
+    linear: Frame,
+    other_sensor: Array,
+    monkeypatch: pytest.MonkeyPatch,
+    lamps: int,
+    fitted: int,
+) -> None:
+    numbers: list[int] = []
+
+    def noting(_reduced: Any, _evidence: Any, _model: Model, number: int, _known: Any) -> Any:
+        numbers.append(number)
+        raise UnusablePairError("no sense in any pixel")
+
+    monkeypatch.setattr("pipeline.likely_camera.first_fit", noting)
+
+    doubts_of(edged, lamps, Camera("Other", other_sensor, "file"), linear)
+
+    assert numbers == [fitted] * 3  # the camera, a typical sensor and sRGB
+
+
 @pytest.mark.parametrize(("cost", "chosen"), [(89.0, "Other"), (91.0, "sRGB")])
 def test_a_camera_that_exif_names_gives_way_where_srgb_is_much_likelier(
     edged: Pair, costs: dict[str, float], other_sensor: Array, cost: float, chosen: str

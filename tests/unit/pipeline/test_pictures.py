@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -11,6 +12,7 @@ from pipeline.errors import Canceled
 from pipeline.model import Model, build_model
 from pipeline.normals import Facing
 from pipeline.options import OUTPUT_NAMES, Options
+from pipeline.pair import Pair
 from pipeline.pictures import Pictures, overview, render
 from pipeline.progress import Progress
 from pipeline.reduced import reduce_pair
@@ -37,8 +39,10 @@ def seen_whole(
 ) -> Callable[..., Pictures]:
     """Make the overview of the pair that `rendered` renders."""
 
-    def run(*wanted: str, method: Literal["best", "paper"] = "best") -> Pictures:
-        pair, _ = exact(warm_to_cool)
+    def run(
+        *wanted: str, method: Literal["best", "paper"] = "best", pair: Pair | None = None
+    ) -> Pictures:
+        pair = pair or exact(warm_to_cool)[0]
         lamps, changes = lamps_of(warm_to_cool), np.stack([np.eye(3)] * 3)
         reduced = reduce_pair(pair)
         names = frozenset(wanted)
@@ -64,7 +68,7 @@ def rendered(
     """Render the pictures that a set of outputs needs, put together from strips of so many rows."""
 
     def run(*wanted: str, **more: Any) -> Pictures:
-        pair, _ = exact(warm_to_cool)
+        pair = more.get("pair") or exact(warm_to_cool)[0]
         rows = more.get("strip_rows", 256)
         strips = list(
             render(
@@ -161,6 +165,27 @@ def test_the_overview_is_as_bright_as_the_pictures(
     for name in ("white_balanced_1", "white_balanced_2", "response"):
         gains = [shown_gain(getattr(one, name), np.eye(3)) for one in (small, whole)]
         assert gains[0] == pytest.approx(gains[1], rel=0.03)
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_floats_that_go_on_above_1_keep_the_colours_of_their_highlights(
+    rendered: Callable[..., Pictures],
+    seen_whole: Callable[..., Pictures],
+    exact: Callable[..., tuple[Pair, Array]],
+    warm_to_cool: Array,
+    whole: bool,
+) -> None:
+    """Under the neutral light, where clipped ones become white."""
+    make = rendered if whole else seen_whole
+    pair, _ = exact(warm_to_cool, white=np.inf)
+    bright = replace(pair, no_flash=20 * pair.no_flash[:], flash=20 * pair.flash[:])
+
+    found, plain = (make("white_balanced.exr", pair=one) for one in (bright, pair))
+
+    for name in ("white_balanced_1", "white_balanced_2"):
+        expected = 20 * getattr(plain, name)
+        assert np.quantile(expected.max(axis=2), 0.5) > 1
+        np.testing.assert_allclose(getattr(found, name), expected, atol=2e-3 * expected.max())
 
 
 @pytest.mark.parametrize(
