@@ -102,8 +102,8 @@ def check_target(folder: Path, manifest: dict[str, Any], target: Path) -> None:
 
     Raises InputError.
     """
-    names = {LAYERS, *(str(entry["name"]) for entry in _files(manifest) or [])}
-    if target.resolve() in {(folder / name).resolve() for name in names}:
+    named = {folder.resolve() / str(entry["name"]) for entry in _files(manifest) or []}
+    if target.resolve() in named | {(folder / LAYERS).resolve()}:
         raise InputError(f"The result {target} would be lost: give the mix another name.")
 
 

@@ -174,6 +174,6 @@ def _around(
 
 
 def _span(middle: float, reach: float, size: int) -> tuple[int, int]:
-    """First and last but one of the pixels of a side that an interpolation looks at."""
+    """First of the pixels of a side that an interpolation looks at, and the one after the last."""
     first = min(max(int(middle - reach) - 2, 0), size - 1)
     return first, min(max(int(middle + reach) + 2, first + 1), size)

@@ -136,6 +136,7 @@ def test_what_cannot_be_opened_leaves_the_file_that_has_its_name(
 def test_results_are_not_mixed_over(folder: Path, name: str) -> None:
     (folder / "lamp1.jpg").write_bytes(b"a layer")
     files = [{"name": "layers.exr", "width": 40, "height": 150}, {"name": "lamp1.jpg"}]
+    files.append({"name": "\0"})  # no name of any file
     (folder / "manifest.json").write_text(json.dumps({"mix": BASIS, "files": files}))
     before = (folder / name).read_bytes()
     with pytest.raises(InputError, match=f"The result .*{name} would be lost"):
