@@ -28,12 +28,12 @@ FARTHEST = 3.0
 
 _MIN_SPREAD = 1e-6
 _NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
-_UNLIKE, _SURELY = 0.015, 3.0  # chromaticity and deviations; neighbours of one colour tell nothing
+_UNLIKE, _SURELY = 0.015, 10.0  # chromaticity and deviations; neighbours of one colour tell nothing
 _PAIRS, _SINGLES, _ALONE = 8000, 6000, 300.0
 _FEWEST_PAIRS = 500
 _WEIGHT = 0.05  # of one datum: neighbours repeat each other
 _UNEVEN, _OFF = 0.1, 0.033  # relative shares and chromaticities; what is further apart has a reason
-_DEVIATION, _OF_MATRIX = 0.03, 0.003  # relative, of higher terms and of those that a matrix has
+_DEVIATION, _OF_MATRIX = 0.01, 0.001  # relative, of higher terms and of those that a matrix has
 _NEGATIVE = 0.02  # of all shares
 _ALIKE = 0.02  # relative singular value below which shares are not told apart
 _CHUNK = 2000
