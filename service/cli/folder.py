@@ -4,21 +4,27 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 from pipeline.errors import InputError
+from pipeline.options import OUTPUT_NAMES
 
 _LAST = "manifest.json"
+_REPORT = "report.html"
+_NUMBER = re.compile(r"(?<=lamp)[1-9](?=\.)")
+"""Of a lamp, in place of the s that the name of the output has."""
 
 
 @contextlib.contextmanager
 def new_results(target: Path) -> Iterator[Path]:
     """Make a folder whose files move to `target` once the block ends without an error.
 
-    What an earlier manifest in `target` lists is replaced, anything else there is left alone; the
-    manifest moves last. Raises InputError where `target` cannot be written.
+    With a manifest, which moves last, they replace an earlier run's outputs and report; anything
+    else in `target` is left alone. Raises InputError where `target` cannot be written, and where
+    a file that is no result of an earlier run would be lost.
     """
     is_new = not target.exists()
     try:
@@ -27,7 +33,9 @@ def new_results(target: Path) -> Iterator[Path]:
             folder = Path(name)
             yield folder
             files = sorted(folder.iterdir(), key=lambda path: (path.name == _LAST, path.name))
-            for old in _earlier_files(target):
+            earlier = _earlier_files(target) if (folder / _LAST).exists() else []
+            _check_lost(target, {path.name for path in files} - set(earlier))
+            for old in earlier:
                 (target / old).unlink(missing_ok=True)
             for path in files:
                 path.replace(target / path.name)
@@ -41,10 +49,33 @@ def new_results(target: Path) -> Iterator[Path]:
         raise
 
 
+def _check_lost(target: Path, new: set[str]) -> None:
+    """Refuse to move files of these names over others. Raises InputError."""
+    lost = sorted(name for name in new if (target / name).exists())
+    if lost:
+        raise InputError(
+            f"The file {target / lost[0]} would be lost, which is no result of an earlier run: "
+            "give another folder, or move it first."
+        )
+
+
 def _earlier_files(target: Path) -> list[str]:
-    """Names of the files of an earlier run, from its manifest."""
+    """Names of the files of an earlier run: the outputs of its manifest, and its report."""
     try:
-        listed = [file["name"] for file in json.loads((target / _LAST).read_bytes())["files"]]
+        manifest = json.loads((target / _LAST).read_bytes())
+        listed = [str(file["name"]) for file in manifest["files"]]
+        ours = "lightlayers" in manifest["versions"]
     except (OSError, ValueError, KeyError, TypeError):
         return []
-    return [_LAST, *(name for name in listed if Path(name).name == name)]
+    if not ours:
+        return []
+    names = [_LAST, *(name for name in listed if _NUMBER.sub("s", name) in OUTPUT_NAMES)]
+    return [*names, _REPORT] if _is_report(target / _REPORT) else names
+
+
+def _is_report(path: Path) -> bool:
+    if not path.is_file():
+        return False
+    from service.cli.report import is_report  # only here: it takes time to import
+
+    return is_report(path)

@@ -44,7 +44,7 @@ def write_report(folder: Path, target: Path) -> Path:
             f"A page cannot be written as {target.name}: its name has to end in .html."
         )
     manifest = _manifest(folder)
-    page = Template((files("service.cli") / "report.html").read_text(encoding="utf-8"))
+    page = Template(_template())
     try:
         values = {
             "title": escape(f"Light of {_count(len(manifest['lamps']), 'lamp')}"),
@@ -65,6 +65,17 @@ def write_report(folder: Path, target: Path) -> Path:
         reason = (error.strerror or "it cannot be written").lower()
         raise InputError(f"The page {target} cannot be written: {reason}.") from error
     return target
+
+
+def is_report(path: Path) -> bool:
+    """Tell whether a file begins as the pages that write_report makes. Raises OSError."""
+    head = _template().partition("$")[0].encode()
+    with path.open("rb") as file:
+        return file.read(len(head)) == head
+
+
+def _template() -> str:
+    return (files("service.cli") / "report.html").read_text(encoding="utf-8")
 
 
 def _manifest(folder: Path) -> dict[str, Any]:

@@ -299,6 +299,17 @@ def test_a_summary_is_printed(
 
 
 @pytest.mark.usefixtures("separated")
+def test_a_photograph_is_not_lost_to_a_result(
+    pair: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    photograph = Path(pair[0]).rename(tmp_path / "lamp1.jpg")
+    data = photograph.read_bytes()
+    said = _refused(capsys, "separate", str(photograph), pair[1], "-o", str(tmp_path))
+    assert f"The file {photograph} would be lost" in said
+    assert photograph.read_bytes() == data
+
+
+@pytest.mark.usefixtures("separated")
 def test_json_is_the_manifest_and_nothing_else(
     pair: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -2,19 +2,38 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from pipeline.errors import InputError
 from service.cli.folder import new_results
+from service.cli.report import write_report
+
+MANIFEST: dict[str, Any] = {
+    "inputs": {"no_flash": {}, "flash": {}},
+    "options": {},
+    "camera": {"name": "one", "source": "measured"},
+    "flash": {"name": "xenon", "source": "named"},
+    "lights": {"requested": "auto", "found": 0, "confidence": 1.0},
+    "lamps": [],
+    "filled": 0.0,
+    "files": [],
+    "warnings": [],
+    "versions": {"lightlayers": "0.1.0"},
+}
 
 
 def _write(target: Path, *names: str) -> None:
     with new_results(target) as folder:
         for name in names:
             (folder / name).write_text(f"new {name}")
-        files = [{"name": name} for name in names]
-        (folder / "manifest.json").write_text(json.dumps({"files": files}))
+        (folder / "manifest.json").write_text(_manifest(*names))
+
+
+def _manifest(*names: str) -> str:
+    files = [{"name": name} for name in names]
+    return json.dumps({"files": files, "versions": {"lightlayers": "0.1.0"}})
 
 
 def _names(folder: Path) -> list[str]:
@@ -51,16 +70,67 @@ def test_an_earlier_runs_results_are_replaced_and_nothing_else(tmp_path: Path) -
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
+def test_what_is_listed_and_is_no_output_stays(tmp_path: Path) -> None:
+    outputs = ("lamp3.tif", "response_lamp2.jpg", "layers.exr")
+    others = ("my.txt", "lamp.jpg", "lamp1.jpg.txt", "../precious")
+    for name in outputs + others[:-1]:
+        (tmp_path / name).write_text("mine")
+    (tmp_path / "manifest.json").write_text(_manifest(*outputs, *others))
+    _write(tmp_path, "lamp1.jpg")
+    assert _names(tmp_path) == sorted(["lamp1.jpg", "manifest.json", *others[:-1]])
+
+
+@pytest.mark.parametrize("earlier", [(), ("layers.exr",)])
+def test_no_other_file_is_lost(earlier: tuple[str, ...], tmp_path: Path) -> None:
+    if earlier:
+        _write(tmp_path, *earlier)
+    (tmp_path / "lamp1.jpg").write_text("mine")
+    before = _names(tmp_path)
+    with pytest.raises(
+        InputError,
+        match=r"^The file .*lamp1.jpg would be lost, which is no result of an earlier run: give "
+        r"another folder, or move it first\.$",
+    ):
+        _write(tmp_path, "gamma.png", "lamp1.jpg")
+    assert _names(tmp_path) == before
+    assert (tmp_path / "lamp1.jpg").read_text() == "mine"
+
+
 @pytest.mark.parametrize(
-    "manifest", ["no JSON", "[]", '{"files": 3}', '{"files": [{"name": "../precious"}]}']
+    "manifest",
+    [
+        "no JSON",
+        "[]",
+        '{"files": 3}',
+        '{"files": [{"name": "lamp1.jpg"}]}',
+        '{"files": [{"name": "lamp1.jpg"}], "versions": {"another": "1"}}',
+    ],
 )
-def test_a_strange_manifest_deletes_nothing(manifest: str, tmp_path: Path) -> None:
-    (tmp_path / "precious").write_text("mine")
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "manifest.json").write_text(manifest)
-    _write(tmp_path / "out", "lamp1.jpg")
-    assert (tmp_path / "precious").read_text() == "mine"
-    assert _names(tmp_path / "out") == ["lamp1.jpg", "manifest.json"]
+def test_the_manifest_of_another_program_is_not_lost(manifest: str, tmp_path: Path) -> None:
+    (tmp_path / "lamp1.jpg").write_text("mine")
+    (tmp_path / "manifest.json").write_text(manifest)
+    with pytest.raises(InputError, match=r"manifest\.json would be lost"):
+        _write(tmp_path, "lamp2.jpg")
+    assert _names(tmp_path) == ["lamp1.jpg", "manifest.json"]
+    assert (tmp_path / "manifest.json").read_text() == manifest
+
+
+def test_photographs_that_come_without_a_manifest_replace_no_results(tmp_path: Path) -> None:
+    _write(tmp_path, "lamp1.jpg")
+    with new_results(tmp_path) as folder:
+        (folder / "1_flash.jpg").write_text("light")
+    assert _names(tmp_path) == ["1_flash.jpg", "lamp1.jpg", "manifest.json"]
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_the_page_of_earlier_results_goes_with_them(own: bool, tmp_path: Path) -> None:
+    page = tmp_path / "report.html"
+    page.write_text("<!doctype html>\nmine")
+    (tmp_path / "manifest.json").write_text(json.dumps(MANIFEST))
+    if own:
+        write_report(tmp_path, page)
+    _write(tmp_path, "lamp1.jpg")
+    assert page.exists() is not own
 
 
 def test_a_failure_leaves_earlier_results_alone(tmp_path: Path) -> None:
@@ -88,6 +158,8 @@ def test_a_file_is_no_folder(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_replaced_is_told(tmp_path: Path) -> None:
+    _write(tmp_path, "lamp1.jpg")
+    (tmp_path / "lamp1.jpg").unlink()
     (tmp_path / "lamp1.jpg").mkdir()
     with pytest.raises(InputError, match="cannot be written: is a directory"):
         _write(tmp_path, "lamp1.jpg")
