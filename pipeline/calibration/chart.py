@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.calibration.chart_layout import CORNER_NAMES, CORNERS, colour_misfit
+from pipeline.calibration.evenness import check_even
 from pipeline.calibration.light import mean_light
 from pipeline.calibration.options import Point
 from pipeline.calibration.patches import Patches
@@ -57,10 +58,12 @@ def read_chart(pair: Pair, corners: Sequence[Point]) -> Patches:
 def read_card(pair: Pair, circle: Circle) -> Patches:
     """Read the flash's light on a grey card, as a single patch.
 
-    Raises OptionError for a circle outside, UnusablePairError where it is clipped or unlit.
+    Raises OptionError for a circle outside, or around more than one even surface,
+    UnusablePairError where it is clipped or unlit.
     """
     mask = disc(pair.unusable.shape, circle, "grey card")
     light = mean_light(pair, mask, "the grey card")
+    check_even(pair, mask, "the grey card")
     flat = np.ones((1, colorchecker_spectra().shape[1]))
     return Patches(light.flash[None], light.flash_variance[None], flat, np.zeros((1, 2)))
 

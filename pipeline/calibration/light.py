@@ -32,7 +32,10 @@ class Lights:
 
 
 def lights_of(
-    pair: Pair, no_flash: NDArray[np.floating], flash: NDArray[np.floating], averaged: float
+    pair: Pair,
+    no_flash: NDArray[np.floating],
+    flash: NDArray[np.floating],
+    averaged: float | NDArray[np.floating],
 ) -> Lights:
     """Light of values (…, 3) of the pair's photographs, means of so many neighbouring pixels."""
     lamps, both = np.asarray(no_flash, np.float64), np.asarray(flash, np.float64)

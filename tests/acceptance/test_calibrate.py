@@ -140,7 +140,7 @@ def test_the_lamps_calibrated_are_those_that_separate_takes(
         (("camera", "--chart", "1,2,3"), "--chart takes 8 numbers with commas between them."),
         (("lamps", "--sphere", "100,100,40"), "is not the outline of a matt sphere"),
         (("lamps", "--sphere", "100,100,40", "--lights", "4"), "lights: "),
-        (("flash", "--card", "30,120,9", "--camera", "Nikon D5101"), "near names are Nikon D5100"),
+        (("flash", "--card", "14,120,9", "--camera", "Nikon D5101"), "near names are Nikon D5100"),
     ],
 )
 def test_bad_marks_are_one_sentence(
@@ -162,7 +162,7 @@ def test_bad_marks_are_one_sentence(
 def test_a_file_that_cannot_be_written_is_said(
     calibrate: Callable[..., Any], chart: tuple[Path, Path], tmp_path: Path
 ) -> None:
-    card = ("--card", "30,120,9", "--camera", CAMERA)
+    card = ("--card", "14,120,9", "--camera", CAMERA)
     done = calibrate("flash", *chart, *LINEAR, *card, "-o", tmp_path / "no" / "folder.json")
     assert (done.returncode, done.stdout) == (2, "")
     assert "cannot be written: no such file or directory." in done.stderr

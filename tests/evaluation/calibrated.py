@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 CAMERA = "Nikon D5100"
 """The one that is assumed."""
 
-_CARD = {"x": 30.0, "y": 120.0, "radius": 15.0}  # grey wall beside the chart
+_CARD = {"x": 14.0, "y": 120.0, "radius": 12.0}  # grey wall beside the chart
 
 Assumed = Mapping[str, Any]
 """Values of Options for camera and flash."""

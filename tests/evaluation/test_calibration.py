@@ -65,7 +65,7 @@ def test_the_ways_tell_what_is_known_and_calibrate_the_rest(
 
     monkeypatch.setattr(calibrated, "calibrate", calibrate)
     true, corners = {"camera": "true", "flash_spectrum": "true"}, {"chart": CORNERS}
-    card = {"x": 30.0, "y": 120.0, "radius": 15.0}
+    card = {"x": 14.0, "y": 120.0, "radius": 12.0}
 
     assert told("flash") == {
         "assumed": {**true, "flash_spectrum": "xenon"},

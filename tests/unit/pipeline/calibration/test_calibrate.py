@@ -74,7 +74,7 @@ def test_a_flash_is_saved_as_separations_read_it(chart: Shot, tmp_path: Path) ->
 
 
 def test_a_card_tells_the_flashs_colour(chart: Shot, tmp_path: Path) -> None:
-    card = {"x": 30, "y": 120, "radius": 15}
+    card = {"x": 14, "y": 120, "radius": 12}
     found = _run(chart, tmp_path, kind="flash", card=card, camera="Nikon D5100")["found"]
     spectrum = find_light(parse_spectrum((tmp_path / "flash.json").read_bytes()))
     seen, true = S @ spectrum, S @ LED
@@ -85,7 +85,7 @@ def test_a_card_tells_the_flashs_colour(chart: Shot, tmp_path: Path) -> None:
 def test_the_manifest_tells_the_photographs_and_what_was_assumed(
     chart: Shot, tmp_path: Path
 ) -> None:
-    card = {"x": 30, "y": 120, "radius": 15}
+    card = {"x": 14, "y": 120, "radius": 12}
     manifest = _run(chart, tmp_path, kind="flash", card=card, exposure_ratio=None)
     for name, data in zip(("no_flash", "flash"), chart.files, strict=True):
         assert manifest["inputs"][name]["sha256"] == hashlib.sha256(data).hexdigest()
@@ -100,7 +100,7 @@ def test_a_flash_like_no_light_has_no_temperature(chart: Shot, tmp_path: Path) -
     green = np.array([S[1] * gain for gain in (0.2, 1.0, 0.2)]) + 0.3 * S
     nm = [380.0 + 5 * i for i in range(81)]
     table = {"wavelength_nm": nm, **dict(zip("rgb", green.tolist(), strict=True))}
-    card = {"x": 30, "y": 120, "radius": 15}
+    card = {"x": 14, "y": 120, "radius": 12}
     found = _run(chart, tmp_path, kind="flash", card=card, camera=table)["found"]
     assert (found["cct_k"], found["duv"]) == (None, None)
 
@@ -124,7 +124,7 @@ def test_a_camera_of_a_known_matrix_may_be_like_itself(
 
 
 def test_a_rendered_picture_may_tell_the_flash(chart: Shot, tmp_path: Path) -> None:
-    card = {"x": 30, "y": 120, "radius": 15}
+    card = {"x": 14, "y": 120, "radius": 12}
     manifest = _run(chart, tmp_path, kind="flash", card=card, encoding="srgb")
     assert manifest["found"]["patches"] == 1
     (warning,) = _of_the_camera(manifest)
@@ -133,7 +133,7 @@ def test_a_rendered_picture_may_tell_the_flash(chart: Shot, tmp_path: Path) -> N
 
 
 def test_a_file_that_names_no_camera_may_tell_the_flash(chart: Shot, tmp_path: Path) -> None:
-    manifest = _run(chart, tmp_path, kind="flash", card={"x": 30, "y": 120, "radius": 15})
+    manifest = _run(chart, tmp_path, kind="flash", card={"x": 14, "y": 120, "radius": 12})
     assert manifest["found"]["camera"] == {"name": "sRGB", "source": "stand-in"}
     (warning,) = _of_the_camera(manifest)
     assert warning["code"] == "camera_approximate"
@@ -144,7 +144,7 @@ def test_a_camera_of_a_matrix_may_tell_the_flash(
     chart: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "find_camera", lambda *_: Camera("own", S, "approximate"))
-    manifest = _run(chart, tmp_path, kind="flash", card={"x": 30, "y": 120, "radius": 15})
+    manifest = _run(chart, tmp_path, kind="flash", card={"x": 14, "y": 120, "radius": 12})
     (warning,) = _of_the_camera(manifest)
     assert warning["code"] == "camera_approximate"
     assert warning["message"].endswith("name a measured camera or send its table for exact work.")
@@ -153,7 +153,7 @@ def test_a_camera_of_a_matrix_may_tell_the_flash(
 @pytest.mark.parametrize(
     "options",
     [
-        {"kind": "flash", "card": {"x": 30, "y": 120, "radius": 15}, "camera": "Nikon D5100"},
+        {"kind": "flash", "card": {"x": 14, "y": 120, "radius": 12}, "camera": "Nikon D5100"},
         {"kind": "camera", "chart": CORNERS},
     ],
 )
@@ -357,7 +357,7 @@ def test_the_colours_of_a_profile_may_tell_the_flash(
     chart: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, camera: str | None
 ) -> None:
     _profiled(monkeypatch)
-    card = {"x": 30, "y": 120, "radius": 15}
+    card = {"x": 14, "y": 120, "radius": 12}
     manifest = _run(chart, tmp_path, kind="flash", card=card, camera=camera)
     (warning,) = _of_the_camera(manifest)
     assert warning["code"] == "camera_approximate"
@@ -374,7 +374,7 @@ def test_a_wrong_camera_is_noticed(chart: Shot, tmp_path: Path) -> None:
 def test_progress_tells_its_stages_and_may_stop(chart: Shot, tmp_path: Path) -> None:
     told: list[tuple[str, float]] = []
     options = CALIBRATION_OPTIONS.validate_python(
-        {"kind": "flash", "card": {"x": 30, "y": 120, "radius": 15}, "encoding": "linear"}
+        {"kind": "flash", "card": {"x": 14, "y": 120, "radius": 12}, "encoding": "linear"}
     )
     progress = Progress(lambda stage, fraction: told.append((stage, fraction)))
     calibrate_files(*chart.files, options, tmp_path, progress)

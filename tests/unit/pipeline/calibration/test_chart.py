@@ -111,7 +111,7 @@ def test_clipped_and_unlit_patches_are_named(pair_of: Callable[..., Pair]) -> No
 
 
 def test_a_card_is_one_patch_of_flat_reflectance(chart: Pair) -> None:
-    card = read_card(chart, Circle(x=30, y=120, radius=12))
+    card = read_card(chart, Circle(x=14, y=120, radius=12))
     assert (card.flash.shape, card.reflectances.shape) == ((1, 3), (1, 81))
     white = S @ XENON
     assert card.flash[0] / card.flash[0].sum() == pytest.approx(white / white.sum(), abs=1e-5)
@@ -122,9 +122,14 @@ def test_a_card_has_the_noise_of_its_pixels(pair_of: Callable[..., Pair]) -> Non
     shot = photograph_chart(S, XENON, LAMP, colorchecker_spectra())
     one, other = Noise(np.zeros(3), np.full(3, 1e-6)), Noise(np.zeros(3), np.full(3, 2e-6))
     card = read_card(
-        pair_of(shot, no_flash_noise=one, flash_noise=other), Circle(x=30, y=120, radius=12)
+        pair_of(shot, no_flash_noise=one, flash_noise=other), Circle(x=14, y=120, radius=12)
     )
     assert card.variance[0] == pytest.approx(3e-6 / (np.pi * 144), rel=0.02)
+
+
+def test_a_card_is_one_even_surface(chart: Pair) -> None:
+    with pytest.raises(OptionError, match="mark of the grey card shows more than one even surface"):
+        read_card(chart, Circle(x=75, y=120, radius=40))
 
 
 def test_a_disc_holds_the_pixels_whose_middles_are_within() -> None:

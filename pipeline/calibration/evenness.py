@@ -1,0 +1,65 @@
+"""Whether an area of a pair shows one even surface."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.calibration.light import lights_of
+from pipeline.errors import OptionError
+from pipeline.frames import Mask
+from pipeline.pair import Pair
+
+Array = NDArray[np.float64]
+
+_CELLS = 8  # along a side of the area
+_ENOUGH = 2**18  # pixels
+_UNEVEN_COLOUR, _UNEVEN_LIGHT = 0.03, 0.05
+"""Root mean squares, relative to the mean light; a card that shades off stays far below."""
+_NOISE = 3.0  # standard deviations: how noise hangs together is known roughly
+
+
+def check_even(pair: Pair, mask: Mask, what: str) -> None:
+    """Raise OptionError where the flash does not show one even surface in an area.
+
+    mask: bool (H, W), with usable pixels lit by the flash. what: the area as messages call it.
+    Brightness may shade off, as a square polynomial of the place.
+    """
+    flash, variance, places = _cells(pair, mask & ~pair.unusable)
+    mean = flash.mean(axis=0)
+    brightness = flash.sum(axis=1, keepdims=True) / mean.sum()
+    noise = _NOISE**2 * float((variance / mean**2).mean())
+    x, y = places.T
+    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    shading = terms @ np.linalg.lstsq(terms, brightness, rcond=None)[0]
+    for uneven, limit in (
+        (flash / mean - brightness, _UNEVEN_COLOUR),
+        (brightness - shading, _UNEVEN_LIGHT),
+    ):
+        if np.square(uneven).mean() > limit**2 + noise:
+            raise OptionError(
+                f"The mark of {what} shows more than one even surface in the light of the flash: "
+                "check its coordinates, which are pixels of the photograph without the flash, and "
+                "keep it within the edges, without gloss or shadows."
+            )
+
+
+def _cells(pair: Pair, open_: Mask) -> tuple[Array, Array, Array]:
+    """Mean light of the flash (n, 3) in cells of an area, its variance, and places (n, 2) in −1…1.
+
+    open_: bool (H, W), not empty.
+    """
+    inside = np.flatnonzero(open_)
+    at = np.stack(np.unravel_index(inside[:: -(-len(inside) // _ENOUGH)], open_.shape), axis=1)
+    low, high = at.min(axis=0), at.max(axis=0) + 1
+    scaled = (at + 0.5 - low) / (high - low)
+    numbers = (scaled * _CELLS).astype(np.intp) @ (_CELLS, 1)
+    _, cells, counts = np.unique(numbers, return_inverse=True, return_counts=True)
+
+    def means(values: NDArray[np.floating]) -> Array:
+        sums = [np.bincount(cells, column, len(counts)) for column in values.T]
+        return np.stack(sums, axis=1) / counts[:, None]
+
+    no_flash, flash = (means(frame[at[:, 0], at[:, 1]]) for frame in (pair.no_flash, pair.flash))
+    lights = lights_of(pair, no_flash, flash, counts[:, None].astype(float))
+    return lights.flash, lights.flash_variance, 2 * means(scaled) - 1
