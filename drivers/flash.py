@@ -25,7 +25,8 @@ SWITCH_S = 10.0
 """How long a switch outside the camera may take to obey."""
 
 OTHERWISE = (
-    "have a switch of its own told (external), or somebody asked between the photographs (operator)"
+    "have a switch of its own told (external over HTTP, its command or URL on the command line), "
+    "or somebody asked between the photographs (operator)"
 )
 
 
@@ -103,9 +104,14 @@ class ExternalFlash(Flash):
     def _fetch(self, url: str) -> None:
         try:
             httpx.get(url, timeout=SWITCH_S, follow_redirects=False).raise_for_status()
+        except httpx.HTTPStatusError as error:
+            raise FlashError(
+                f"The switch of the flash answers {error.response.status_code}: check its URL and "
+                "try again."
+            ) from error
         except (httpx.HTTPError, httpx.InvalidURL) as error:
             raise FlashError(
-                f"The switch of the flash did not obey ({type(error).__name__}): check its URL and "
+                "The switch of the flash does not answer: check that it is on, and its URL, and "
                 "try again."
             ) from error
 
@@ -123,9 +129,23 @@ class ExternalFlash(Flash):
             )
         except (OSError, ValueError, subprocess.SubprocessError) as error:
             raise FlashError(
-                f"The command that switches the flash failed ({type(error).__name__}): run it by "
-                "hand, mend it and try again."
+                f"The command that switches the flash failed, {_reason(error)}: run it by hand, "
+                "mend it and try again."
             ) from error
+
+
+def _reason(error: Exception) -> str:
+    """What became of a command, as people say it."""
+    match error:
+        case subprocess.CalledProcessError(returncode=code) if code < 0:
+            return f"as signal {-code} ended it"
+        case subprocess.CalledProcessError(returncode=code):
+            return f"with exit status {code}"
+        case subprocess.TimeoutExpired():
+            return f"as it did not end within {SWITCH_S:g} seconds"
+        case OSError(strerror=str(words)):
+            return f"as it cannot be run ({words.lower()})"
+    return "as it cannot be run"
 
 
 @dataclass(frozen=True)
