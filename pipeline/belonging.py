@@ -141,11 +141,16 @@ def _colourless(frame: Frame) -> bool:
 
 
 def check_flash_adds(
-    no_flash: Photograph, flash: Photograph, unusable: Mask, noises: tuple[Noise, Noise]
+    no_flash: Photograph,
+    flash: Photograph,
+    unusable: Mask,
+    noises: tuple[Noise, Noise],
+    given_ratio: float | None = None,
 ) -> None:
     """Raise UnusablePairError where the flash part is missing or negative, or all is clipped.
 
-    no_flash, flash: (H, W, 3) on one scale. What is left to use is told later.
+    no_flash, flash: (H, W, 3) on one scale. given_ratio: of the exposures that made it so, None
+    where nobody gave one. What is left to use is told later.
     """
     before, after = _sampled(no_flash), _sampled(flash)
     part = after.sum(axis=2) - before.sum(axis=2)
@@ -156,6 +161,12 @@ def check_flash_adds(
             "Every pixel is clipped in one of the photographs: expose both shorter."
         )
     if np.mean(part[open_] < -2 * noise[open_]) > _DARKER:
+        if given_ratio is not None:
+            raise UnusablePairError(
+                f"With the exposure ratio given, {given_ratio:.3g}, the photograph with the flash "
+                "is darker than the one without it: pass the flash frame's exposure divided by the "
+                "other's, or swap the two if they are the wrong way round."
+            )
         raise UnusablePairError(
             "The photograph with the flash is darker than the one without it: swap the two, or "
             "pass the exposure ratio if the camera did not write it."

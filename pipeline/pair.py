@@ -117,7 +117,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
             noises = noises[0], _noise(pixels, flash, settled.value)
             ratios = block_ratios(no_flash.pixels, pixels, unusable, noises)
         ratio = settled
-        check_flash_adds(no_flash.pixels, pixels, unusable, noises)
+        check_flash_adds(no_flash.pixels, pixels, unusable, noises, options.exposure_ratio)
         progress.report("align", 0.8)
         if alignment.problem is None:
             photographs = no_flash.pixels, pixels

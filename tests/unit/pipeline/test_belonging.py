@@ -199,6 +199,17 @@ def test_a_swapped_pair_is_told_by_its_light(
         paired((after, before))
 
 
+def test_an_exposure_ratio_that_was_given_is_named_where_the_light_is_missing(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    with pytest.raises(
+        UnusablePairError,
+        match=r"^With the exposure ratio given, 100, the photograph with the flash is darker than "
+        r"the one without it: pass the flash frame's exposure divided by the other's, or swap ",
+    ):
+        paired(frames(), exposure_ratio=100)
+
+
 def test_a_flash_that_exif_does_not_know_of_is_no_reason_to_refuse(
     frames: Callable[..., tuple[Frame, Frame]],
 ) -> None:
