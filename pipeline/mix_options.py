@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, model_validator
 
 from pipeline.colour.temperature import CCT_RANGE_K
 from pipeline.errors import InputError, OptionError
@@ -37,7 +37,7 @@ class LampMix(Strict):
         default=0.0,
         ge=-150.0,
         le=150.0,
-        description="With a temperature: pink (positive) or green (negative), 3000 times Duv.",
+        description="With a temperature: pink (positive) or green (negative), -3000 times Duv.",
     )
     rgb: tuple[
         Annotated[float, Field(ge=0.0, le=100.0)],
@@ -47,6 +47,12 @@ class LampMix(Strict):
         default=(1.0, 1.0, 1.0),
         description="Factors of linear red, green and blue (sRGB), like a gel before the lamp.",
     )
+
+    @model_validator(mode="after")
+    def _tint_of_a_temperature(self) -> LampMix:
+        if self.tint and self.temperature_k is None:
+            raise ValueError("a tint needs a temperature beside it, like 5000 K with a tint of 10")
+        return self
 
 
 class Mix(Strict):

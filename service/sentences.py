@@ -17,6 +17,13 @@ from pipeline.errors import OptionError
 _BRANCH = re.compile(r"(constrained-)?(bool|int|float|str)|[a-z-]*\[.*\]")
 """What pydantic adds to a place where a value may be of several kinds, or is a name itself."""
 
+_KIND_OF_LAMP = re.compile(r"(?<=_lamps\.)(\d+)\.(area|table|name)\b")
+"""What pydantic adds to a known lamp, which may be of several kinds."""
+
+_MEMBER = re.compile(r"\b(lamp|pinned_lamp|forbidden_lamp|light_direction)s\.(\d+)(\.|$)")
+_NUMBER = re.compile(r"\b(direction|rgb)\.(\d+)$")
+"""Places in lists that people count, from 1 on."""
+
 _WORDS = (
     (r" or instance of \w+$| after validation| or object to extract fields from$", ""),
     (r"\bvalid dictionary\b", "valid object"),
@@ -84,5 +91,14 @@ def _message(fault: Mapping[str, Any]) -> str:
 def describe_fault(location: tuple[int | str, ...], message: str) -> str:
     """One sentence for a place in the request and what is wrong there."""
     message = message.removeprefix("Value error, ").rstrip(".")
-    place = ".".join(str(part) for part in location)
+    place = _in_words(location)
     return f"{place}: {message}." if place else f"{message[:1].upper()}{message[1:]}."
+
+
+def _in_words(location: tuple[int | str, ...]) -> str:
+    place = _KIND_OF_LAMP.sub(r"\1", ".".join(str(part) for part in location))
+    place = _NUMBER.sub(lambda found: f"{found[1]}, number {int(found[2]) + 1}", place)
+    return _MEMBER.sub(
+        lambda found: f"{found[1].replace('_', ' ')} {int(found[2]) + 1}{', ' if found[3] else ''}",
+        place,
+    )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import codecs
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -97,14 +96,9 @@ def _settings(preset: Path | None, typed: list[str], count: int) -> Mix:
         for text in typed:
             lamp, settings = _lamp(text, len(values["lamps"]))
             values["lamps"][lamp] |= settings
-            if "tint" in settings and values["lamps"][lamp].get("temperature_k") is None:
-                raise OptionError(
-                    f"--lamp {text[:80]}: a tint needs a temperature beside it, like "
-                    "temperature=5000,tint=10."
-                )
         return Mix.model_validate(values)
     except ValidationError as error:
-        raise OptionError(_by_lamp(sentence_of(error))) from error
+        raise OptionError(sentence_of(error)) from error
 
 
 def _read_preset(path: Path) -> Any:
@@ -118,14 +112,7 @@ def _read_preset(path: Path) -> Any:
         text = read_file(path, "preset").removeprefix(codecs.BOM_UTF8)  # as editors may add it
         return Mix.model_validate_json(text).model_dump()
     except ValidationError as error:
-        raise OptionError(
-            f"{path} is no preset of the page: {_by_lamp(sentence_of(error))}"
-        ) from error
-
-
-def _by_lamp(sentence: str) -> str:
-    """Name lamps as people do, from 1 on."""
-    return re.sub(r"^lamps\.(\d+)\.", lambda found: f"lamp {int(found[1]) + 1}, ", sentence)
+        raise OptionError(f"{path} is no preset of the page: {sentence_of(error)}") from error
 
 
 def _lamp(text: str, count: int) -> tuple[int, dict[str, Any]]:

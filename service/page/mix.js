@@ -89,6 +89,7 @@ export function readPreset(text, count) {
       read.rgb.length === 3 &&
       read.rgb.every((value) => within(value, 0, 100));
     if (!right) throw new Error("The preset has a setting that is unknown or out of its range.");
+    if (read.tint !== 0 && read.temperature_k === null) throw new Error("The preset has a tint without a temperature.");
     return read;
   });
 }

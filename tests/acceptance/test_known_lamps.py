@@ -146,7 +146,7 @@ def test_a_lamp_that_is_not_there_is_doubted(room: Room, separated: Callable[...
     ("flags", "words"),
     [
         (("--pin-lamp", FAR_AWAY), "outside of the photograph's 180 × 120 pixels"),
-        (("--forbid-lamp", "20,20,0"), "forbidden_lamps.0.area.radius"),
+        (("--forbid-lamp", "20,20,0"), "forbidden lamp 1, radius: "),
         (("--pin-lamp", "20,20,1"), "too small to tell a light"),
         (("--pin-lamp", "FL77"), "near names are FL7"),
         (("--pin-lamp", "A", "--pin-lamp", "A"), "the same lamp is pinned twice"),

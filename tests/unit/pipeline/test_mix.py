@@ -152,6 +152,7 @@ def test_another_number_of_lamps_is_refused(basis: MixBasis) -> None:
         {"ev": float("nan")},
         {"temperature_k": 999},
         {"tint": 151},
+        {"tint": 5},
         {"rgb": (1, 1)},
         {"rgb": (1, 1, -0.1)},
         {"gain": 2},

@@ -95,8 +95,12 @@ def test_a_key_gives_the_mix_after_its_job_is_gone(
     [
         ({"lamps": [{}]}, "settings for 1 lamps, and the photograph has 2"),
         ({"lamps": []}, "lamps"),
-        ({"lamps": [{}, {"ev": 11}]}, "lamps.1.ev: Input should be less than or equal to 10."),
-        ({"lamps": [{}, {"gain": 1}]}, "lamps.1.gain: this name is not known."),
+        ({"lamps": [{}, {"ev": 11}]}, "lamp 2, ev: Input should be less than or equal to 10."),
+        ({"lamps": [{}, {"gain": 1}]}, "lamp 2, gain: this name is not known."),
+        (
+            {"lamps": [{}, {"tint": 100}]},
+            "lamp 2: a tint needs a temperature beside it, like 5000 K with a tint of 10.",
+        ),
         ({"lamps": [{}, {}], "format": "gif"}, "format"),
         ([], "object"),
     ],

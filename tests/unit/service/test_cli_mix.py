@@ -79,7 +79,7 @@ def test_a_temperature_warms(results: Path) -> None:
         (["--lamp", "1:loud"], "'loud' is none of off, neutral, ev=STOPS"),
         (["--lamp", "1:ev=x"], "lamp 1, ev: "),
         (["--lamp", "1:ev=99"], "lamp 1, ev: "),
-        (["--lamp", "1:tint=10"], "a tint needs a temperature beside it"),
+        (["--lamp", "1:tint=10"], "lamp 1: a tint needs a temperature beside it"),
         (["--lamp", "1:rgb=red"], "no colour of the form #rrggbb"),
         (["--preset", "nothing.json"], "preset nothing.json cannot be read"),
     ],
@@ -100,6 +100,7 @@ def test_bad_settings_are_one_sentence(
         (b"{", "is no preset of the page: Invalid JSON"),
         (b"[]", "is no preset of the page: "),
         (b'{"lamps": [{"ev": "high"}, {}]}', "is no preset of the page: lamp 1, ev: "),
+        (b'{"lamps": [{}, {"tint": 100}]}', "page: lamp 2: a tint needs a temperature beside it"),
         (b'{"lamps": [{}]}', "settings for 1 lamps, and the photograph has 2"),
     ],
 )

@@ -22,7 +22,7 @@ from service.sentences import describe_fault, in_words, sentence_of
         ({"outputs": "a.gif"}, "outputs: Input should be 'default' or 'all' or a valid list."),
         ({"outputs": [1, 2]}, "outputs.0: Input should be a valid string."),
         ({"response": 1}, "response: Input should be a valid string or a valid object."),
-        ({"light_directions": [1]}, "light_directions.0: Input should be a valid object."),
+        ({"light_directions": [1]}, "light direction 1: Input should be a valid object."),
         ({"setup": "my table"}, "setup: such a name has 1 to 40 of the letters"),
         ({"int": 1}, "int: this name is not known."),
         ({"lights": 0, "focal_px": -1}, "lights: Input should be 'auto', 1, 2 or 3."),
@@ -71,7 +71,17 @@ def test_a_fault_of_an_object_is_one_sentence(value: str, expected: str) -> None
 @pytest.mark.parametrize(
     ("place", "message", "expected"),
     [
-        (("light_directions", 0, "rgb"), "too short.", "light_directions.0.rgb: too short."),
+        (("light_directions", 0, "rgb"), "too short.", "light direction 1, rgb: too short."),
+        (
+            ("light_directions", 1, "direction", 2),
+            "no",
+            "light direction 2, direction, number 3: no.",
+        ),
+        (("pinned_lamps", 9, "area", "radius"), "no", "pinned lamp 10, radius: no."),
+        (("forbidden_lamps", 0, "table"), "no", "forbidden lamp 1: no."),
+        (("forbidden_lamps", 0, "name"), "no", "forbidden lamp 1: no."),
+        (("mix", "lamps", 1, "name"), "no", "mix.lamp 2, name: no."),
+        (("lamps",), "no", "lamps: no."),
         ((), "value error, too short", "Value error, too short."),
         (("mix",), "Value error, nothing is lit", "mix: nothing is lit."),
     ],

@@ -240,6 +240,7 @@ def test_a_bad_preset_is_told_in_words(page: Page, done: dict[str, Any]) -> None
         ('{"lamps": [{}]}', "one for 1 lamps"),
         ('{"lamps": [{"ev": 99}, {}]}', "out of its range"),
         ('{"lamps": [null, {}]}', "out of its range"),
+        ('{"lamps": [{}, {"tint": 5}]}', "a tint without a temperature"),
         ('{"lamps": [{}, {}], "gamma": 2}', 'has "gamma" beside its lamps, which is not known'),
     ):
         file: FilePayload = {
