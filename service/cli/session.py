@@ -26,7 +26,9 @@ from service.cli.shooting import RECIPE
 
 _LARGEST = 2**30  # bytes; the largest cameras write a third of that
 REFUSED = 2
-"""Exit code when a pair could not be separated."""
+"""Exit code when a pair could not be separated, or a photograph is not in one as it is damaged."""
+
+_DAMAGED = "it is a photograph that cannot be read, damaged or too large"
 
 
 def separate_folder(folder: Path, output: Path, options: Options, as_json: bool) -> int:
@@ -53,7 +55,8 @@ def separate_folder(folder: Path, output: Path, options: Options, as_json: bool)
         print()
     else:
         _print(results, pairs.left)
-    return REFUSED if any("error" in result for result in results) else 0
+    failed = any("error" in result for result in results) or _DAMAGED in pairs.left.values()
+    return REFUSED if failed else 0
 
 
 def _pairs_of(folder: Path, output: Path) -> Pairs:
@@ -88,9 +91,14 @@ def _pairs_of(folder: Path, output: Path) -> Pairs:
                 unreadable[path.name] = "it is no photograph"
                 continue
             data = read_file(path, "photograph")
-            shots[path.name] = read_shot(data)
         except (InputError, OSError):
             unreadable[path.name] = "it is no photograph that can be read"
+            continue
+        try:
+            shots[path.name] = read_shot(data)
+        except InputError:
+            known = kind_of(data) is not None
+            unreadable[path.name] = _DAMAGED if known else "it is no photograph"
             continue
         if kind_of(data) == "JPEG":
             jpegs.add(path.name)

@@ -107,8 +107,33 @@ def test_a_pair_that_fails_does_not_keep_others_back(
     assert sorted(path.name for path in out.iterdir()) == ["0n", "2n"]
     assert told["left"] == {
         "alone.jpg": "no photograph with the other state of the flash belongs to it",
-        "notes.txt": "it is no photograph that can be read",
+        "notes.txt": "it is no photograph",
     }
+
+
+@pytest.mark.parametrize(
+    ("kept", "code", "reason"),
+    [
+        (20, 2, "it is a photograph that cannot be read, damaged or too large"),
+        (2, 0, "it is no photograph"),
+    ],
+)
+def test_a_damaged_photograph_is_a_failure_and_another_file_is_not(
+    kept: int,
+    code: int,
+    reason: str,
+    photograph: Photograph,
+    separated: list[tuple[bool, bool]],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for second, name in enumerate(("n.jpg", "f.jpg", "g.jpg")):
+        photograph(name, second, name == "f.jpg")
+    damaged = tmp_path / "session" / "g.jpg"
+    damaged.write_bytes(damaged.read_bytes()[:kept])
+    assert _separate(tmp_path) == code
+    assert separated == [(True, True)]
+    assert f"Left out: g.jpg: {reason}." in capsys.readouterr().out
 
 
 def test_of_two_files_of_one_name_the_jpeg_is_left(
