@@ -205,7 +205,8 @@ def connect(url: str) -> sa.Engine:
     """Open an engine for our tables and the queue's, whose connections know once_committed.
 
     What a statement was sent with, secrets of webhooks among it, is in no error's text. On SQLite
-    every writing transaction takes the lock when it begins to write, and waits for it.
+    every writing transaction takes the lock when it begins to write, and waits for it. Raises
+    ValueError or sqlalchemy's ArgumentError for an address that is none of either database.
     """
     parsed = sa.make_url(url)
     if parsed.get_backend_name() == "postgresql":
@@ -216,6 +217,8 @@ def connect(url: str) -> sa.Engine:
         )
         _watch_ends(engine)
         return engine
+    if parsed.get_backend_name() != "sqlite":
+        raise ValueError("The address is neither of SQLite nor of PostgreSQL.")
     if parsed.database:
         # Secrets of webhooks are in it; what is there already is its owner's to close.
         Path(parsed.database).parent.mkdir(mode=0o700, parents=True, exist_ok=True)

@@ -27,7 +27,7 @@ from pipeline import compiling
 from service import census, database, keys, migrations
 from service.api.callers import keys_required
 from service.errors import StartError
-from service.opening import cause_of, open_storage
+from service.opening import WRONG_ADDRESS, cause_of, open_storage
 from service.sentences import sentence_of
 from service.settings import Settings
 from service.storage import Storage
@@ -112,6 +112,9 @@ def _database(settings: Settings) -> Iterator[Finding]:
         return
     try:
         engine = database.connect(settings.database_url)
+    except (sa.exc.ArgumentError, ValueError):
+        yield Finding("wrong", "database", WRONG_ADDRESS)
+        return
     except (sa.exc.SQLAlchemyError, OSError, ImportError) as error:
         yield _no_database(error)
         return
@@ -132,7 +135,7 @@ def _database(settings: Settings) -> Iterator[Finding]:
 def _is_missing_file(url: str) -> bool:
     try:
         parsed = sa.make_url(url)
-    except sa.exc.ArgumentError:
+    except (sa.exc.ArgumentError, ValueError):
         return False
     if parsed.get_backend_name() != "sqlite":
         return False

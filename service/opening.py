@@ -13,6 +13,11 @@ from service.errors import StartError
 from service.settings import Settings
 from service.storage import Storage
 
+WRONG_ADDRESS = (
+    "The address in LIGHTLAYERS_DATABASE_URL cannot be used: write one like sqlite:///file or "
+    "postgresql://user:password@host/name, with @ : / of the password as %40 %3A %2F."
+)
+
 _NO_CREDENTIALS = ("169.254.169.254", "Missing AccessKeyId", "Missing SecretAccessKey")
 """What the store's client says without them; the address is that of Amazon's own machines."""
 
@@ -59,10 +64,7 @@ def _told() -> Iterator[None]:
     try:
         yield
     except (sa.exc.ArgumentError, ValueError):  # whose text may have a part of the password
-        raise StartError(
-            "The address in LIGHTLAYERS_DATABASE_URL cannot be read: write one like sqlite:///file "
-            "or postgresql://user:password@host/name, with @ : / of the password as %40 %3A %2F."
-        ) from None
+        raise StartError(WRONG_ADDRESS) from None
     except migrations.SchemaError as error:
         raise StartError(str(error)) from error
     except (sa.exc.SQLAlchemyError, OSError, ImportError) as error:

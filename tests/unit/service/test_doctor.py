@@ -15,7 +15,7 @@ from service import database, heartbeats, keys, migrations
 from service.api.context import Context
 from service.cli import run
 from service.doctor import Finding, examine
-from service.opening import open_database
+from service.opening import WRONG_ADDRESS, open_database
 from service.settings import Settings
 from service.storage import Storage
 
@@ -108,15 +108,21 @@ def test_a_value_out_of_range_ends_the_examination(
 
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning")  # what a failed connection leaves behind
-@pytest.mark.parametrize("url", ["nonsense", "postgresql://u:secret@127.0.0.1:1/x"])
-def test_a_database_that_is_away_is_told(
+def test_a_database_that_is_away_is_told(look: Look, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LIGHTLAYERS_DATABASE_URL", "postgresql://u:secret@127.0.0.1:1/x")
+    found = look()["database"]
+    assert found.grade == "wrong"
+    assert "start it, or correct LIGHTLAYERS_DATABASE_URL" in found.sentence
+    assert "secret" not in found.sentence
+
+
+@pytest.mark.parametrize("url", ["nonsense", "mysql://x", "postgresql://u:secret@h:port/x"])
+def test_an_address_of_no_database_that_is_known_is_told(
     url: str, look: Look, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("LIGHTLAYERS_DATABASE_URL", url)
     found = look()["database"]
-    assert found.grade == "wrong"
-    assert "LIGHTLAYERS_DATABASE_URL" in found.sentence
-    assert "secret" not in found.sentence
+    assert (found.grade, found.sentence) == ("wrong", WRONG_ADDRESS)
 
 
 def test_an_older_schema_is_told_and_left_alone(look: Look, settings: Settings) -> None:

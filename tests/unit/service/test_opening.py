@@ -40,6 +40,21 @@ def test_a_database_that_cannot_be_opened_is_told(url: str, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
+    "url",
+    ["nonsense", "mysql://x", "sqlite+nothing:///x", "postgresql://user:secret@127.0.0.1:port/x"],
+)
+def test_an_address_of_no_database_that_is_known_says_what_one_is_like(
+    url: str, tmp_path: Path
+) -> None:
+    with pytest.raises(StartError) as caught:
+        open_database(Settings(data_dir=tmp_path, database_url=url))
+    assert str(caught.value) == (
+        "The address in LIGHTLAYERS_DATABASE_URL cannot be used: write one like sqlite:///file or "
+        "postgresql://user:password@host/name, with @ : / of the password as %40 %3A %2F."
+    )
+
+
+@pytest.mark.parametrize(
     "url", ["nonsense", "ftp://nowhere/x", "file:///dev/null/x", "s3://id:secret@b/\\"]
 )
 def test_a_store_that_cannot_be_opened_is_told(url: str, tmp_path: Path) -> None:
