@@ -473,11 +473,12 @@ def test_the_page_and_the_service_compute_the_same(page: Page) -> None:
 
 
 def _settings(rng: np.random.Generator) -> dict[str, Any]:
+    temperature_k = rng.uniform(1000, 15000) if rng.random() < 0.7 else None
     return {
         "on": bool(rng.random() < 0.9),
         "ev": rng.uniform(-5, 5),
         "neutral": bool(rng.random() < 0.5),
-        "temperature_k": rng.uniform(1000, 15000) if rng.random() < 0.7 else None,
-        "tint": rng.uniform(-150, 150),
+        "temperature_k": temperature_k,
+        "tint": 0.0 if temperature_k is None else rng.uniform(-150, 150),
         "rgb": rng.uniform(0, 1, 3).tolist(),
     }
