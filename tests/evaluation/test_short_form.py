@@ -6,9 +6,13 @@ from functools import cache
 
 import pytest
 
-from tests.evaluation.conditions import Condition
+from pipeline import lamps
+from pipeline.matrixfit.deviations import no_deviations
+from tests.evaluation.conditions import Condition, make_shot
+from tests.evaluation.methods import METHODS as METHODS_BY_NAME
 from tests.evaluation.results import Result, run_scene
 from tests.evaluation.scenes import scenes
+from tests.evaluation.scoring import joint_snr
 
 SMALL = (128, 96)
 METHODS = ("equal", "paper", "best", "best_3x3", "tuned_3x3")
@@ -37,6 +41,20 @@ def test_lamps_are_separated(group: str, number: int, least: float) -> None:
 def test_the_ceilings_are_above_the_published_method(group: str, number: int) -> None:
     assert snr(group, number, "best_3x3") > snr(group, number, "paper") + 3
     assert snr(group, number, "tuned_3x3") > snr(group, number, "best_3x3") - 0.2
+
+
+@pytest.mark.parametrize(("group", "number"), [("two", 4), ("three", 20)])
+def test_what_surfaces_of_unlike_colours_tell_is_gained(
+    group: str, number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shot = make_shot(scenes(group, "development")[number], Condition(size=SMALL))
+
+    def found() -> float:
+        return joint_snr(shot.truth, METHODS_BY_NAME["best"](shot).layers, shot.valid)[0]
+
+    with_them = found()
+    monkeypatch.setattr(lamps, "find_deviations", lambda *_: no_deviations(shot.count))
+    assert with_them > found() + 0.4  # .9 and .8 dB; lamps mixed up lose
 
 
 def test_coefficients_of_the_lamps_are_found() -> None:

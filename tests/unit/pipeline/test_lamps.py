@@ -73,6 +73,7 @@ def test_the_published_method_is_that_of_the_paper(
     redness = published[:, 0] / published.sum(axis=1)
     np.testing.assert_allclose(found.coefficients, published[np.argsort(-redness)])
     np.testing.assert_allclose(found.matrices, model.lamp_matrix(found.coefficients))
+    assert not found.deviations.terms.any()  # of which the paper knows nothing
 
 
 def test_methods_count_alike(exact: Exact, model: Model, warm_to_cool: Array) -> None:
