@@ -52,14 +52,6 @@ class Deviations:
     spread: Array
     terms: Array
 
-    def light(self, flash: NDArray[np.floating]) -> NDArray[np.float32]:
-        """s · p(q) of flash colours (..., 3), to be added to T I_flash: (N, ..., 3), any sign."""
-        total = flash.sum(axis=-1, dtype=np.float64)
-        chromaticity = flash[..., :2] / np.where(total > 0, total, 1.0)[..., None]
-        powers = monomials((chromaticity - self.centre) / self.spread)
-        own = np.einsum("jkm,...m->j...k", self.terms, powers)
-        return np.asarray(own * np.maximum(total, 0.0)[..., None], dtype=np.float32)
-
     def numbers(self) -> tuple[Numbers, tuple[Numbers, ...]]:
         """Centre and 1 ÷ spread, and each lamp's 30 terms, as compiled loops take them."""
         where = (*self.centre.tolist(), *(1.0 / self.spread).tolist())

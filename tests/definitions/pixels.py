@@ -15,6 +15,7 @@ from pipeline.fill import Surroundings
 from pipeline.frames import Image
 from pipeline.hui2018.invariant import light_coefficients
 from pipeline.lamps import Lamps
+from pipeline.matrixfit.deviations import Deviations, monomials
 from pipeline.model import Model
 from pipeline.pair import Pair
 from pipeline.proportions import predictions
@@ -105,11 +106,20 @@ def _divide(numerator: Doubles, denominator: Doubles, regular: NDArray[np.bool_]
 def model_proportions(no_flash: Image, flash: Image, lamps: Lamps) -> Array:
     """pipeline.proportions.model_proportions, (N, h, W, 3)."""
     by_matrix = np.einsum("nkl,hwl->nhwk", lamps.matrices.astype(np.float32), flash)
-    predicted = np.maximum(by_matrix + lamps.deviations.light(flash), np.float32(0.0))
+    predicted = np.maximum(by_matrix + deviating_light(flash, lamps.deviations), np.float32(0.0))
     weights = lamps.channel_weights.astype(np.float32)
     z = shares(no_flash * weights, predicted * weights)
     parts = predicted * z[..., None]
     return normalised(parts)
+
+
+def deviating_light(flash: Floats, deviations: Deviations) -> Array:
+    """s · p(q) of flash colours (..., 3), to be added to T I_flash: (N, ..., 3), any sign."""
+    total = flash.sum(axis=-1, dtype=np.float64)
+    chromaticity = flash[..., :2] / np.where(total > 0, total, 1.0)[..., None]
+    powers = monomials((chromaticity - deviations.centre) / deviations.spread)
+    own = np.einsum("jkm,...m->j...k", deviations.terms, powers)
+    return np.asarray(own * np.maximum(total, 0.0)[..., None], dtype=np.float32)
 
 
 def normalised(parts: Array) -> Array:
