@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -99,17 +101,84 @@ def test_right_matrices_are_left_as_they_are(count: int) -> None:
 
 @pytest.mark.parametrize("count", [2, 3])
 def test_what_may_be_noise_counts_the_less_for_it(count: int) -> None:
+    """Noise of the photograph alone; edges of shadows say that the matrices are right."""
     flash, lamps = surfaces(), LAMPS[:count]
     straight = np.einsum("jkl,hwl->jhwk", lamps, flash)
     wanted = straight + true_deviations(flash, count)
     light = (shades(count)[..., None] * wanted).sum(axis=0)
     evidence = evidence_of(shown_alone(straight, flash))
+    clear = pair_of(flash, light)
+    noisy = replace(clear, no_flash_variance=np.full_like(clear.no_flash_variance, 0.1))
 
-    def found(variance: float) -> float:
-        told = find_deviations(pair_of(flash, light, variance), evidence, lamps, EVEN)
-        return error(straight + deviating_light(flash, told), straight)
+    quiet, loud = (find_deviations(one, evidence, lamps, EVEN) for one in (clear, noisy))
 
-    assert found(0.1) < 0.2 * found(1e-9)
+    changed = error(straight + deviating_light(flash, quiet), straight)
+    assert error(straight + deviating_light(flash, loud), straight) < 0.2 * changed
+
+
+def test_colours_that_noise_sets_apart_tell_nothing() -> None:
+    flash, lamps = surfaces(), LAMPS[:2]
+    straight = np.einsum("jkl,hwl->jhwk", lamps, flash)
+    light = (shades(2)[..., None] * (straight + true_deviations(flash, 2))).sum(axis=0)
+    clear = pair_of(flash, light)
+    noisy = replace(clear, flash_variance=np.full_like(clear.flash_variance, 0.1**2 / 3))
+    evidence = evidence_of(shown_alone(straight, flash))
+
+    assert find_deviations(clear, evidence, lamps, EVEN).terms.any()
+    assert not find_deviations(noisy, evidence, lamps, EVEN).terms.any()
+
+
+def test_what_a_matrix_can_say_is_left_to_it() -> None:
+    """Other matrices would mend it: 3 % more green of one lamp, 3 % less of the other."""
+    flash, lamps = surfaces(), LAMPS[:2]
+    wanted = np.einsum("jkl,hwl->jhwk", lamps * [[[1], [1.03], [1]], [[1], [0.97], [1]]], flash)
+    straight = np.einsum("jkl,hwl->jhwk", lamps, flash)
+    light = (shades(2)[..., None] * wanted).sum(axis=0)
+
+    found = find_deviations(
+        pair_of(flash, light), evidence_of(shown_alone(wanted, flash)), lamps, EVEN
+    )
+
+    assert np.abs(deviating_light(flash, found)).mean() < 0.01 * straight.mean()
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_neither_exposure_nor_channel_weights_change_what_is_found(count: int) -> None:
+    """Weights settle what counts where not all can be explained; here nearly all can."""
+    flash, lamps = surfaces(), LAMPS[:count]
+    straight = np.einsum("jkl,hwl->jhwk", lamps, flash)
+    wanted = straight + true_deviations(flash, count)
+    light = (shades(count)[..., None] * wanted).sum(axis=0)
+    evidence = evidence_of(shown_alone(wanted, flash))
+
+    def found(exposure: float, weights: Array) -> Deviations:
+        pair = pair_of(exposure * flash, exposure * light, 1e-9 * exposure**2)
+        noise = np.full_like(pair.no_flash_variance, 1e-3 * exposure**2)
+        pair = replace(pair, no_flash_variance=noise)
+        return find_deviations(pair, evidence, lamps, weights)
+
+    np.testing.assert_allclose(
+        found(0.01, EVEN).terms, found(1.0, EVEN).terms, rtol=1e-3, atol=1e-7
+    )
+    for weights in (EVEN, np.array([3.0, 1.0, 5.0])):
+        told = deviating_light(flash, found(1.0, weights))
+        assert error(straight + told, wanted) < 0.7 * error(straight, wanted)
+
+
+def test_two_lamps_give_all_light_that_there_is() -> None:
+    """Surfaces give green that no mixture of the lamps has, and edges of shadows do not show it."""
+    flash, lamps = surfaces(), LAMPS[:2]
+    straight = np.einsum("jkl,hwl->jhwk", lamps, flash)
+    off = np.cross(straight[0], straight[1])
+    off = off / np.linalg.norm(off, axis=2, keepdims=True)
+    bent = np.square(flash[..., :1] - 1 / 3) * off
+    light = (shades(2)[..., None] * (straight + bent)).sum(axis=0)
+    evidence = evidence_of(shown_alone(straight, flash))
+
+    found = deviating_light(flash, find_deviations(pair_of(flash, light), evidence, lamps, EVEN))
+
+    along = [float((one * bent).sum() / np.square(bent).sum()) for one in found]
+    assert min(along) > 0.04
 
 
 @pytest.mark.parametrize("count", [2, 3])
