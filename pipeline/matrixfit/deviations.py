@@ -34,6 +34,7 @@ _FEWEST_PAIRS = 500
 _WEIGHT = 0.05  # of one datum: neighbours repeat each other
 _UNEVEN, _OFF = 0.1, 0.033  # relative shares and chromaticities; what is further apart has a reason
 _DEVIATION, _OF_MATRIX = 0.01, 0.001  # relative, of higher terms and of those that a matrix has
+_MATRIX_TERMS = [0, 1, 4]  # even and linear ones
 _NEGATIVE = 0.02  # of all shares
 _ALIKE = 0.02  # relative singular value below which shares are not told apart
 _CHUNK = 2000
@@ -78,9 +79,9 @@ def find_deviations(
     What is made small: differences of the shares of neighbours of unlike colours; of two lamps
     what no mixture of them gives; and how far differences across the edges of shadows lie from the
     lamp that they show. Each is weighed by Geman and McClure's function, so that edges of shadows
-    and of things do not count, and deviations by how large measured surfaces' are. channel_weights:
-    (3,), as of Lamps. Where hardly any neighbours differ in colour there are no deviations, nor
-    where no shadow has an edge, since neighbours do not tell what all surfaces have in common.
+    and of things do not count, and deviations are held small. channel_weights: (3,), as of Lamps.
+    Where hardly any neighbours differ in colour there are no deviations, nor where no shadow has an
+    edge, since neighbours do not tell what all surfaces have in common.
     """
     count = len(matrices)
     unlike = _unlike_neighbours(reduced)
@@ -132,11 +133,12 @@ def _spaced(items: NDArray[np.int64], count: int) -> NDArray[np.int64]:
 
 
 class _Pixels:
-    """Some pixels by their flash: what lamps give there, and their shares.
+    """Some pixels by the sum of their flash: what lamps give there, and their shares.
 
-    responses: (n, 3, N), each channel weighed. inverse: (n, N, 3). shares: (n, N). left: (n, 3),
-    the light that shares leave. powers: (n, 10). size: (N,), mean sum of the channels that lamps
-    give, not weighed.
+    responses: (n, 3, N) and light: (n, 3), each channel weighed. inverse: (n, N, 3), light to
+    shares. shares: (n, N); noise: (n,), variance of their sum. left: (n, 3), the light that shares
+    leave; left_noise: (n,), its variance. weights: (3,) of the channels. powers: (n, 10). size:
+    (N,), mean sum of the channels that lamps give, not weighed.
     """
 
     def __init__(
@@ -207,16 +209,12 @@ class _Normal:
 
     def solved(self, size: Array, powers: Array) -> Array:
         """Terms (N, 3, 10); size: (N,) of the lamps' light, by which deviations are relative."""
-        allowed = np.where(_of_matrix(), _OF_MATRIX, _DEVIATION)
+        allowed = np.full(TERMS, _DEVIATION)
+        allowed[_MATRIX_TERMS] = _OF_MATRIX
         allowed = allowed / np.sqrt((powers**2).mean(axis=0))
         prior = 1.0 / np.square(size[:, None, None] * allowed) * np.ones(self._shape)
         square = self._square + np.diag(prior.ravel())
         return np.asarray(-np.linalg.solve(square, self._right).reshape(self._shape))
-
-
-def _of_matrix() -> NDArray[np.bool_]:
-    """Which of the terms a matrix has, too: even and linear ones."""
-    return np.isin(np.arange(TERMS), (0, 1, 4))
 
 
 def _add_neighbours(

@@ -8,8 +8,8 @@ import pytest
 
 from pipeline import lamps
 from pipeline.matrixfit.deviations import no_deviations
+from tests.evaluation import methods
 from tests.evaluation.conditions import Condition, make_shot
-from tests.evaluation.methods import METHODS as METHODS_BY_NAME
 from tests.evaluation.results import Result, run_scene
 from tests.evaluation.scenes import scenes
 from tests.evaluation.scoring import joint_snr
@@ -50,7 +50,7 @@ def test_what_surfaces_of_unlike_colours_tell_is_gained(
     shot = make_shot(scenes(group, "development")[number], Condition(size=SMALL))
 
     def found() -> float:
-        return joint_snr(shot.truth, METHODS_BY_NAME["best"](shot).layers, shot.valid)[0]
+        return joint_snr(shot.truth, methods.METHODS["best"](shot).layers, shot.valid)[0]
 
     with_them = found()
     monkeypatch.setattr(lamps, "find_deviations", lambda *_: no_deviations(shot.count))

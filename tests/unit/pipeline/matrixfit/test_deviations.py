@@ -73,12 +73,22 @@ def error(found: Array, wanted: Array) -> float:
     return float(np.sqrt(np.square(off).mean() / np.square(wanted).mean()))
 
 
+def by_matrices(count: int) -> tuple[Array, Array, Array]:
+    """Flash colours (60, 90, 3), matrices of so many lamps, and what they give (N, 60, 90, 3)."""
+    flash, lamps = surfaces(), LAMPS[:count]
+    return flash, lamps, np.einsum("jkl,hwl->jhwk", lamps, flash)
+
+
+def mixed(responses: Array) -> Array:
+    """The lamps' light together, (60, 90, 3)."""
+    return np.asarray((shades(len(responses))[..., None] * responses).sum(axis=0))
+
+
 @pytest.mark.parametrize("count", [2, 3])
 def test_neighbours_and_edges_tell_what_matrices_lack(count: int) -> None:
-    flash, lamps = surfaces(), LAMPS[:count]
-    straight = np.einsum("jkl,hwl->jhwk", lamps, flash)
+    flash, lamps, straight = by_matrices(count)
     wanted = straight + true_deviations(flash, count)
-    light = (shades(count)[..., None] * wanted).sum(axis=0)
+    light = mixed(wanted)
     evidence = evidence_of(shown_alone(wanted, flash))
 
     found = find_deviations(pair_of(flash, light), evidence, lamps, EVEN)
@@ -89,9 +99,8 @@ def test_neighbours_and_edges_tell_what_matrices_lack(count: int) -> None:
 
 @pytest.mark.parametrize("count", [2, 3])
 def test_right_matrices_are_left_as_they_are(count: int) -> None:
-    flash, lamps = surfaces(), LAMPS[:count]
-    straight = np.einsum("jkl,hwl->jhwk", lamps, flash)
-    light = (shades(count)[..., None] * straight).sum(axis=0)
+    flash, lamps, straight = by_matrices(count)
+    light = mixed(straight)
     evidence = evidence_of(shown_alone(straight, flash))
 
     found = find_deviations(pair_of(flash, light), evidence, lamps, EVEN)
@@ -102,10 +111,9 @@ def test_right_matrices_are_left_as_they_are(count: int) -> None:
 @pytest.mark.parametrize("count", [2, 3])
 def test_what_may_be_noise_counts_the_less_for_it(count: int) -> None:
     """Noise of the photograph alone; edges of shadows say that the matrices are right."""
-    flash, lamps = surfaces(), LAMPS[:count]
-    straight = np.einsum("jkl,hwl->jhwk", lamps, flash)
+    flash, lamps, straight = by_matrices(count)
     wanted = straight + true_deviations(flash, count)
-    light = (shades(count)[..., None] * wanted).sum(axis=0)
+    light = mixed(wanted)
     evidence = evidence_of(shown_alone(straight, flash))
     clear = pair_of(flash, light)
     noisy = replace(clear, no_flash_variance=np.full_like(clear.no_flash_variance, 0.1))
@@ -117,9 +125,8 @@ def test_what_may_be_noise_counts_the_less_for_it(count: int) -> None:
 
 
 def test_colours_that_noise_sets_apart_tell_nothing() -> None:
-    flash, lamps = surfaces(), LAMPS[:2]
-    straight = np.einsum("jkl,hwl->jhwk", lamps, flash)
-    light = (shades(2)[..., None] * (straight + true_deviations(flash, 2))).sum(axis=0)
+    flash, lamps, straight = by_matrices(2)
+    light = mixed(straight + true_deviations(flash, 2))
     clear = pair_of(flash, light)
     noisy = replace(clear, flash_variance=np.full_like(clear.flash_variance, 0.1**2 / 3))
     evidence = evidence_of(shown_alone(straight, flash))
@@ -130,10 +137,9 @@ def test_colours_that_noise_sets_apart_tell_nothing() -> None:
 
 def test_what_a_matrix_can_say_is_left_to_it() -> None:
     """Other matrices would mend it: 3 % more green of one lamp, 3 % less of the other."""
-    flash, lamps = surfaces(), LAMPS[:2]
-    wanted = np.einsum("jkl,hwl->jhwk", lamps * [[[1], [1.03], [1]], [[1], [0.97], [1]]], flash)
-    straight = np.einsum("jkl,hwl->jhwk", lamps, flash)
-    light = (shades(2)[..., None] * wanted).sum(axis=0)
+    flash, lamps, straight = by_matrices(2)
+    wanted = straight * np.array([[1, 1.03, 1], [1, 0.97, 1]])[:, None, None]
+    light = mixed(wanted)
 
     found = find_deviations(
         pair_of(flash, light), evidence_of(shown_alone(wanted, flash)), lamps, EVEN
@@ -145,10 +151,9 @@ def test_what_a_matrix_can_say_is_left_to_it() -> None:
 @pytest.mark.parametrize("count", [2, 3])
 def test_neither_exposure_nor_channel_weights_change_what_is_found(count: int) -> None:
     """Weights settle what counts where not all can be explained; here nearly all can."""
-    flash, lamps = surfaces(), LAMPS[:count]
-    straight = np.einsum("jkl,hwl->jhwk", lamps, flash)
+    flash, lamps, straight = by_matrices(count)
     wanted = straight + true_deviations(flash, count)
-    light = (shades(count)[..., None] * wanted).sum(axis=0)
+    light = mixed(wanted)
     evidence = evidence_of(shown_alone(wanted, flash))
 
     def found(exposure: float, weights: Array) -> Deviations:
@@ -167,12 +172,11 @@ def test_neither_exposure_nor_channel_weights_change_what_is_found(count: int) -
 
 def test_two_lamps_give_all_light_that_there_is() -> None:
     """Surfaces give green that no mixture of the lamps has, and edges of shadows do not show it."""
-    flash, lamps = surfaces(), LAMPS[:2]
-    straight = np.einsum("jkl,hwl->jhwk", lamps, flash)
+    flash, lamps, straight = by_matrices(2)
     off = np.cross(straight[0], straight[1])
     off = off / np.linalg.norm(off, axis=2, keepdims=True)
     bent = np.square(flash[..., :1] - 1 / 3) * off
-    light = (shades(2)[..., None] * (straight + bent)).sum(axis=0)
+    light = mixed(straight + bent)
     evidence = evidence_of(shown_alone(straight, flash))
 
     found = deviating_light(flash, find_deviations(pair_of(flash, light), evidence, lamps, EVEN))
@@ -184,8 +188,7 @@ def test_two_lamps_give_all_light_that_there_is() -> None:
 @pytest.mark.parametrize("count", [2, 3])
 def test_shadows_and_things_that_end_where_colours_do_count_for_little(count: int) -> None:
     """In every fourth row of squares a lamp is six times weaker than beside it."""
-    flash, lamps = surfaces(), LAMPS[:count]
-    straight = np.einsum("jkl,hwl->jhwk", lamps, flash)
+    flash, lamps, straight = by_matrices(count)
     shares = shades(count).copy()
     for top in range(0, 60, 12):
         shares[0, top : top + 3] /= 6
@@ -195,16 +198,14 @@ def test_shadows_and_things_that_end_where_colours_do_count_for_little(count: in
 
     found = find_deviations(pair_of(flash, light), evidence, lamps, EVEN)
 
-    assert (
-        error(straight + deviating_light(flash, found), straight) < 0.005
-    )  # 0.15 if all counted alike
+    # 0.15 if all counted alike
+    assert error(straight + deviating_light(flash, found), straight) < 0.005
 
 
 def test_channel_weights_settle_what_light_counts() -> None:
     """Blue that no lamp gives changes deviations the less, the less blue counts."""
-    flash, lamps = surfaces(), LAMPS[:2]
-    straight = np.einsum("jkl,hwl->jhwk", lamps, flash)
-    light = (shades(2)[..., None] * straight).sum(axis=0)
+    flash, lamps, straight = by_matrices(2)
+    light = mixed(straight)
     light[..., 2] += 0.02
 
     def blue(weight: float) -> float:
