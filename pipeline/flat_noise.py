@@ -1,4 +1,4 @@
-"""How noisy a photograph is, by its flat areas."""
+"""How noisy a photograph is, by its flat areas and by what another of the same things shares."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from pipeline.second_differences import (
     block_variances,
     relative_squares,
     squares_within,
+    unshared_squares,
 )
 from pipeline.tiles import TILE_ROWS, tiles
 
@@ -32,28 +33,36 @@ So many have the 6 × 8 second differences of a block, n²/Σρ² with ρ = 1, �
 _ROUNDS = 5
 _WITHIN, _WITHIN_OF_ALL = 2.5, 0.911  # standard deviations; variance of what lies within them
 _MOST = 0.45  # share that lies within, or the quieter blocks are not like the others
+_LESS = 0.5  # of its own; few independent pixels, as compression leaves, explain more by chance
 _FLAT = 2.1  # times the noise's variance; of blocks without texture 1 in 300 is above
 _WHITE = 2.0  # factor by which the variance of means may miss that of independent pixels
 _UPPER, _UPPER_OF_MEAN = 0.75, 1.32  # quantile of χ² of one degree of freedom over its mean
 
 
-def estimate_noise(photograph: Photograph) -> Noise:
-    """Estimate the noise of a photograph from its own flat areas.
+def estimate_noise(photograph: Photograph, other: Photograph) -> Noise:
+    """Estimate the noise of a photograph from its flat areas, and from what another shares with it.
 
-    photograph: (H, W, 3) linear. Second differences (Immerkær 1996) give a variance per block; a
-    straight line over brightness is fitted to the quieter blocks, because the busier ones hold
-    texture. Done on the photograph and on means of 2×2 pixels, since denoising and compression
-    leave noise that hides from neighbouring pixels; smaller than 64 pixels, once. Of photographs
-    of more than two million pixels, two are looked at, in tiles all over the picture.
+    photograph, other: (H, W, 3) linear, of the same things in other light. Second differences
+    (Immerkær 1996) give a variance per block; a straight line over brightness is fitted to the
+    quieter blocks, because the busier ones hold texture. Where texture is everywhere, what the
+    other photograph does not explain is less. Done on the photographs and on means of 2×2 pixels,
+    since denoising and compression leave noise that hides from neighbouring pixels; smaller than
+    64 pixels, once. Of photographs of more than two million pixels, two are looked at, in tiles all
+    over the picture.
     """
     height, width = photograph.shape[:2]
     large = height * width > _ENOUGH
-    pixels = tiles(photograph, _ENOUGH) if large else np.ascontiguousarray(photograph[:])
+    pixels, others = (
+        tiles(one, _ENOUGH) if large else np.ascontiguousarray(one[:])
+        for one in (photograph, other)
+    )
     rows = TILE_ROWS if large else height
     scales = [s for s in GRAIN_SCALES if min(height, width) >= _SMALLEST * s]
     means = _halved(pixels) if scales else pixels
-    lines = [_line(image) for image in ([pixels, means] if scales else [pixels])]
     typical = np.median(pixels[::_SPARSE, ::_SPARSE].reshape(-1, 3), axis=0)
+    lines = [_line(pixels, others, typical)]
+    if scales:
+        lines.append(_line(means, _halved(others), typical))
     levels = [float((gain * np.maximum(typical, 0) + floor).sum()) for gain, floor in lines]
     loudest = int(np.argmax(levels))
     noise = Noise(*lines[loudest])
@@ -90,11 +99,16 @@ def _halved(pixels: Image) -> Image:
     return area_means(pixels, size, (size[0] * 2, size[1] * 2))
 
 
-def _line(pixels: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Gain and floor of each channel."""
-    means, squares = block_squares(pixels)
-    lines = [_fit_line(means[c], squares[c]) for c in range(3)]
-    gains, floors = np.array(lines).T
+def _line(
+    pixels: Image, others: Image, typical: NDArray[np.floating]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Gain and floor of each channel; typical: (3,), where two lines are compared."""
+    alone, unshared = block_squares(pixels), unshared_squares(pixels, others)
+    gains, floors = np.empty((2, 3))
+    for c in range(3):
+        found = [_fit_line(means[c], squares[c]) for means, squares in (alone, unshared)]
+        levels = [gain * max(typical[c], 0.0) + floor for gain, floor in found]
+        gains[c], floors[c] = found[int(levels[1] < _LESS * levels[0])]
     return gains, floors
 
 

@@ -104,7 +104,10 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
     progress.report("align", 0.6)
     if ratio.value != 1.0:
         pixels = _divided(pixels, ratio.value, pixels is not flash.pixels)
-    noises = _noise(no_flash.pixels, no_flash), _noise(pixels, flash, ratio.value)
+    noises = (
+        _noise(no_flash.pixels, pixels, no_flash),
+        _noise(pixels, no_flash.pixels, flash, ratio.value),
+    )
     unusable = no_flash.saturated | saturated
     moved = darkened = 0.0
     if not options.flash_only:
@@ -114,7 +117,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
         warnings += doubts
         if settled.value != ratio.value:
             pixels = _divided(pixels, settled.value / ratio.value, pixels is not flash.pixels)
-            noises = noises[0], _noise(pixels, flash, settled.value)
+            noises = noises[0], noises[1].divided(settled.value / ratio.value)
             ratios = block_ratios(no_flash.pixels, pixels, unusable, noises)
         ratio = settled
         check_flash_adds(no_flash.pixels, pixels, unusable, noises, options.exposure_ratio)
@@ -168,9 +171,12 @@ def _divided(pixels: Photograph, by: float, own: bool) -> Photograph:
     return np.divide(pixels, np.float32(by), out=pixels if own else empty_image(*pixels.shape))
 
 
-def _noise(pixels: Photograph, frame: Frame, ratio: float = 1.0) -> Noise:
-    """The noise of a frame's pixels, laid elsewhere and divided by a ratio as they may be."""
-    noise = estimate_noise(pixels)
+def _noise(pixels: Photograph, other: Photograph, frame: Frame, ratio: float = 1.0) -> Noise:
+    """The noise of a frame's pixels, laid elsewhere and divided by a ratio as they may be.
+
+    other: the other photograph of the pair.
+    """
+    noise = estimate_noise(pixels, other)
     return noise if frame.compression is None else noise.plus(frame.compression.divided(ratio))
 
 

@@ -19,10 +19,13 @@ BLOCK = 8
 _INNER = (BLOCK - 2) * BLOCK
 """Second differences of a block: its first and last row have none."""
 
+_KEPT = 0.8
+"""Share of white noise that is left by a regression on three others."""
+
 
 @njit(cache=True)
 def _row(pixels: Image, y: int, along: Array, out: Array) -> None:
-    """Squares (W, 3) of the second differences around row y, overwritten; along: scratch."""
+    """Second differences (W, 3) around row y, overwritten; along: scratch."""
     two, sixth = np.float32(2.0), np.float32(1.0 / 6.0)
     width = pixels.shape[1]
     for x in range(width):
@@ -35,8 +38,7 @@ def _row(pixels: Image, y: int, along: Array, out: Array) -> None:
         along[width + 1, k] = along[width - 1, k]
     for x in range(width):
         for k in range(3):
-            step = sixth * (along[x, k] - two * along[x + 1, k] + along[x + 2, k])
-            out[x, k] = step * step
+            out[x, k] = sixth * (along[x, k] - two * along[x + 1, k] + along[x + 2, k])
 
 
 @njit(cache=True)
@@ -61,9 +63,63 @@ def block_squares(pixels: Image) -> tuple[Array, Array]:
                 for b in range(columns):
                     for x in range(BLOCK):
                         at = (y - 1) * BLOCK + x
-                        squares[k, row * columns + b, at] = line[b * BLOCK + x, k]
+                        squares[k, row * columns + b, at] = line[b * BLOCK + x, k] ** 2
     means /= np.float32(BLOCK * BLOCK)
     return means, squares
+
+
+@njit(cache=True)
+def unshared_squares(pixels: Image, other: Image) -> tuple[Array, Array]:
+    """As block_squares, of what another picture of the same things (H, W, 3) does not explain.
+
+    In each block, each channel's second differences are regressed on those of the other's channels:
+    of a texture in even light, nothing is left. White noise keeps _KEPT of its variance, by which
+    what is left is divided.
+    """
+    height, width = pixels.shape[:2]
+    rows, columns = height // BLOCK, width // BLOCK
+    means = np.zeros((3, rows * columns), np.float32)
+    squares = np.empty((3, rows * columns, _INNER), np.float32)
+    along = np.empty((width + 2, 3), np.float32)
+    lines, others = np.empty((2, BLOCK - 2, width, 3), np.float32)
+    for row in range(rows):
+        top = row * BLOCK
+        for y in range(BLOCK - 2):
+            _row(pixels, top + y + 1, along, lines[y])
+            _row(other, top + y + 1, along, others[y])
+        for b in range(columns):
+            inside = slice(b * BLOCK, (b + 1) * BLOCK)
+            block = row * columns + b
+            for y in range(BLOCK):
+                for x in range(b * BLOCK, (b + 1) * BLOCK):
+                    for k in range(3):
+                        means[k, block] += pixels[top + y, x, k]
+            _regress(lines[:, inside], others[:, inside], squares[:, block])
+    means /= np.float32(BLOCK * BLOCK)
+    return means, squares
+
+
+@njit(cache=True)
+def _regress(line: Array, other: Array, squares: Array) -> None:
+    """Squares (3, 48) of what the regression of (6, 8, 3) on (6, 8, 3) leaves, overwritten."""
+    gram, cross = np.zeros((3, 3), np.float32), np.zeros((3, 3), np.float32)
+    for y in range(BLOCK - 2):
+        for x in range(BLOCK):
+            for j in range(3):
+                for k in range(3):
+                    gram[j, k] += other[y, x, j] * other[y, x, k]
+                    cross[j, k] += other[y, x, j] * line[y, x, k]
+    least = np.float32(1e-5) * (gram[0, 0] + gram[1, 1] + gram[2, 2]) + np.float32(1e-30)
+    for j in range(3):
+        gram[j, j] += least
+    slopes = np.linalg.solve(gram, cross)
+    for y in range(BLOCK - 2):
+        for x in range(BLOCK):
+            for k in range(3):
+                left = line[y, x, k]
+                for j in range(3):
+                    left -= slopes[j, k] * other[y, x, j]
+                squares[k, y * BLOCK + x] = left * left / np.float32(_KEPT)
 
 
 @njit(cache=True)
@@ -84,7 +140,7 @@ def block_variances(pixels: Image) -> tuple[Array, Array]:
                     for k in range(3):
                         means[row, b, k] += pixels[row * BLOCK + y, x, k]
                         if inner:
-                            variances[row, b, k] += line[x, k]
+                            variances[row, b, k] += line[x, k] ** 2
     means /= np.float32(BLOCK * BLOCK)
     variances /= np.float32(_INNER)
     return means, variances
@@ -110,7 +166,7 @@ def relative_squares(
             if inside[y, x]:
                 for k in range(3):
                     variance = gain[k] * max(pixels[y, x, k], 0.0) + floor[k]
-                    out[k, count] = line[x, k] / variance
+                    out[k, count] = line[x, k] ** 2 / variance
                 count += 1
     return out
 

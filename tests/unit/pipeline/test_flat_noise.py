@@ -15,6 +15,11 @@ GAIN, FLOOR = 2e-4, 2e-6
 NOISE = Noise(np.full(3, GAIN), np.full(3, FLOOR))
 
 
+def noise_of(photograph: Image) -> Noise:
+    """Of a photograph beside one that shares nothing with it."""
+    return estimate_noise(photograph, np.zeros_like(photograph))
+
+
 def wedge(height: int = 256, width: int = 256) -> Array:
     """A smooth picture from dark to bright."""
     return np.broadcast_to(np.linspace(0.02, 0.8, width)[None, :, None], (height, width, 3)).copy()
@@ -32,7 +37,7 @@ def noisy(light: Array, seed: int = 0, gain: float = GAIN, floor: float = FLOOR)
 )
 def test_variance_of_white_noise_is_found(gain: float, floor: float) -> None:
     """Within 15 % in every channel, 8 % together: what 1024 blocks of each can tell."""
-    found = estimate_noise(noisy(wedge(), gain=gain, floor=floor))
+    found = noise_of(noisy(wedge(), gain=gain, floor=floor))
 
     for level in (0.05, 0.2, 0.6):
         ratio = found.variance(np.full(3, level)) / (gain * level + floor)
@@ -64,7 +69,7 @@ def test_noise_of_a_sensor_is_found_among_patches(size: tuple[int, int], exposur
     row, column = ((0.95 * y + 0.3 * x) / 24).astype(int), ((0.95 * x - 0.3 * y) / 24).astype(int)
     light = patches[row % len(patches), column % (width // 12)] * (0.4 + 0.6 * x / width)[..., None]
 
-    found = estimate_noise(counted(light, exposure))
+    found = noise_of(counted(light, exposure))
 
     for level in (0.05, 0.2, 0.6):
         expected = level / (FULL_WELL * exposure) + (READ_NOISE / (FULL_WELL * exposure)) ** 2
@@ -78,7 +83,7 @@ def test_a_clean_picture_of_patches_has_no_noise() -> None:
     patches = np.kron(np.random.default_rng(2).uniform(0.1, 0.9, (12, 16)), np.ones((16, 16)))
     light = np.asarray(cv2.GaussianBlur(patches, (0, 0), 0.6)[..., None] * np.ones(3), np.float32)
 
-    found = estimate_noise(light).variance(np.full(3, 0.4))
+    found = noise_of(light).variance(np.full(3, 0.4))
 
     assert (found < 1e-3 * 0.4 / FULL_WELL).all()
 
@@ -89,7 +94,7 @@ def test_blocks_without_any_noise_do_not_make_the_others_quiet() -> None:
     empty = np.random.default_rng(4).uniform(size=(32, 32)) < 0.6
     drawn = noisy(light) - light
 
-    found = estimate_noise(
+    found = noise_of(
         np.asarray(light + drawn * ~np.kron(empty, np.ones((8, 8), bool))[..., None], np.float32)
     )
 
@@ -103,7 +108,7 @@ def test_channels_have_their_own_noise() -> None:
         for k, gain in enumerate([1e-4, 4e-4, 16e-4])
     ]
 
-    found = estimate_noise(np.stack(planes, axis=-1)).variance(np.full(3, 0.4))
+    found = noise_of(np.stack(planes, axis=-1)).variance(np.full(3, 0.4))
 
     assert 3 < found[1] / found[0] < 5
     assert 3 < found[2] / found[1] < 5
@@ -115,7 +120,7 @@ def test_texture_does_not_count_as_noise() -> None:
     busy = np.kron(np.indices((8, 8)).sum(axis=0) % 2, np.ones((32, 32)))[..., None]
     stripes = 1 + 0.4 * busy * (np.indices((256, 256)).sum(axis=0)[..., None] % 4 < 2)
 
-    found = estimate_noise(noisy(light * stripes)).variance(np.full(3, 0.4))
+    found = noise_of(noisy(light * stripes)).variance(np.full(3, 0.4))
 
     assert (found / (GAIN * 0.4 + FLOOR) > 0.85).all()
     assert (found / (GAIN * 0.4 + FLOOR) < 1.5).all()
@@ -129,7 +134,7 @@ def blurred(sigma: float) -> Array:
 
 @pytest.mark.parametrize("sigma", [0.7, 1.0, 1.5])
 def test_noise_that_hangs_together_has_grain(sigma: float) -> None:
-    found = estimate_noise(np.asarray(wedge() + blurred(sigma), dtype=np.float32))
+    found = noise_of(np.asarray(wedge() + blurred(sigma), dtype=np.float32))
 
     assert found.grain > 4
 
@@ -139,7 +144,7 @@ def test_noise_that_hides_from_neighbours_is_seen_in_means(sigma: float) -> None
     """Single pixels look quiet, but means of 16 do not: their variance is right to a factor 5."""
     light = blurred(sigma)
 
-    found = estimate_noise(np.asarray(wedge() + light, dtype=np.float32))
+    found = noise_of(np.asarray(wedge() + light, dtype=np.float32))
 
     means = cv2.resize(light, (64, 64), interpolation=cv2.INTER_AREA).var()
     ratio = found.variance(np.full(3, 0.4), 16).mean() / means
@@ -149,7 +154,64 @@ def test_noise_that_hides_from_neighbours_is_seen_in_means(sigma: float) -> None
 @pytest.mark.parametrize("size", [(8, 8), (32, 32), (40, 200), (65, 64)])
 @pytest.mark.parametrize("value", [0.0, 0.3, 1.0, -0.01])
 def test_pictures_without_noise_have_next_to_none(size: tuple[int, int], value: float) -> None:
-    found = estimate_noise(np.full((*size, 3), value, np.float32))
+    found = noise_of(np.full((*size, 3), value, np.float32))
 
     assert (found.variance(np.full(3, 0.5)) < 1e-7).all()
     assert (found.variance(np.full(3, 0.5)) > 0).all()
+
+
+MIXED = np.array([[0.8, 0.1, 0.0], [0.05, 0.7, 0.05], [0.0, 0.1, 0.6]])
+"""What lamps of another colour make of a surface's three channels."""
+
+
+def textured(height: int = 256, width: int = 256) -> Array:
+    """Another colour in every pixel, in light that gets less to one side."""
+    colours = np.random.default_rng(8).uniform(0.05, 0.6, (height, width, 3))
+    return np.asarray(colours * np.linspace(1.0, 0.5, width)[None, :, None])
+
+
+@pytest.mark.parametrize("size", [(192, 256), (1600, 1400)])
+def test_noise_is_found_under_texture_that_the_other_photograph_shares(
+    size: tuple[int, int],
+) -> None:
+    """No less than it is, and at most four times: the other's noise counts as well."""
+    light = textured(*size)
+    other = noisy(light @ MIXED.T, seed=1)
+
+    found = estimate_noise(noisy(light), other).variance(np.full(3, 0.3)) / (GAIN * 0.3 + FLOOR)
+
+    assert (found > 0.85).all()
+    assert (found < 4).all()
+    assert (noise_of(noisy(light)).variance(np.full(3, 0.3)) > 100 * (GAIN * 0.3 + FLOOR)).all()
+
+
+def test_texture_that_both_share_is_no_noise() -> None:
+    light = textured()
+    one, other = (np.asarray(image, np.float32) for image in (light, light @ MIXED.T))
+
+    for found in (estimate_noise(one, other), estimate_noise(other, one)):
+        assert (found.variance(np.full(3, 0.3)) < 1e-3 * 0.3 / FULL_WELL).all()
+
+
+def test_texture_that_lies_elsewhere_is_told_as_in_a_single_photograph() -> None:
+    light = textured().astype(np.float32)
+
+    found = estimate_noise(light, np.roll(light, 3, axis=1))
+
+    np.testing.assert_array_equal(found.gain, noise_of(light).gain)
+    np.testing.assert_array_equal(found.floor, noise_of(light).floor)
+
+
+@pytest.mark.parametrize("sigma", [None, 0.7, 1.0, 1.5])
+def test_another_photograph_takes_nothing_from_bare_noise(sigma: float | None) -> None:
+    """Not by chance either, however it hangs together."""
+    one, other = (
+        np.asarray(wedge() + (drawn if sigma is None else cv2.GaussianBlur(drawn, (0, 0), sigma)))
+        for drawn in np.random.default_rng(9).normal(0, 0.02, (2, 256, 256, 3))
+    )
+    one, other = one.astype(np.float32), other.astype(np.float32)
+
+    found = estimate_noise(one, other)
+
+    np.testing.assert_array_equal(found.gain, noise_of(one).gain)
+    assert found.grain == noise_of(one).grain

@@ -50,7 +50,7 @@ def moved_in(
     rendered: bool = False,
     brightened: float = 1.0,
 ) -> NDArray[np.bool_]:
-    noises = estimate_noise(pair[0]), estimate_noise(pair[1])
+    noises = estimate_noise(*pair), estimate_noise(*pair[::-1])
     return find_moved(*pair, unusable, noises, rendered, brightened)
 
 

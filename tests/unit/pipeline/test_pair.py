@@ -52,7 +52,10 @@ def test_noise_is_that_of_each_photograph_on_the_common_scale(
     pair = paired((before, after), exposure_ratio=0.25, align=False)
 
     level = np.full(3, 0.2)
-    as_given = [estimate_noise(one.pixels) for one in (before, after)]
+    as_given = [
+        estimate_noise(one.pixels, other.pixels)
+        for one, other in ((before, after), (after, before))
+    ]
     np.testing.assert_allclose(pair.no_flash_noise.variance(level), as_given[0].variance(level))
     np.testing.assert_allclose(
         pair.flash_noise.variance(level), 16 * as_given[1].variance(level / 4), rtol=1e-3
@@ -356,7 +359,7 @@ def test_what_is_only_darker_does_not_count_as_moved(frame: Callable[..., Frame]
     options = Options(exposure_ratio=2, align=False)
     unusable = np.zeros((240, 320), bool)
     darkened = after.pixels[:] / np.float32(2)
-    noises = estimate_noise(before.pixels), estimate_noise(darkened)
+    noises = estimate_noise(before.pixels, darkened), estimate_noise(darkened, before.pixels)
     assert find_moved(before.pixels, darkened, unusable, noises, rendered=False).mean() > 0.01
 
     pair = make_pair(before, after, options, Progress())

@@ -13,6 +13,7 @@ from pipeline.second_differences import (
     block_variances,
     relative_squares,
     squares_within,
+    unshared_squares,
 )
 
 Image = NDArray[np.float32]
@@ -23,10 +24,15 @@ def drawn(height: int, width: int) -> Image:
     return np.random.default_rng(height).normal(0.3, 0.1, (height, width, 3)).astype(np.float32)
 
 
-def squares_by_opencv(image: Image) -> NDArray[np.float64]:
+def differences_by_opencv(image: Image) -> NDArray[np.float64]:
     kernel = np.outer([1, -2, 1], [1, -2, 1]) / 6.0
-    filtered = cv2.filter2D(image.astype(np.float64), -1, kernel, borderType=cv2.BORDER_REFLECT_101)
-    return np.asarray(np.square(filtered))
+    return np.asarray(
+        cv2.filter2D(image.astype(np.float64), -1, kernel, borderType=cv2.BORDER_REFLECT_101)
+    )
+
+
+def squares_by_opencv(image: Image) -> NDArray[np.float64]:
+    return np.asarray(np.square(differences_by_opencv(image)))
 
 
 def blocks_of(image: NDArray[np.floating]) -> NDArray[np.floating]:
@@ -47,6 +53,42 @@ def test_squares_of_blocks(size: tuple[int, int]) -> None:
     count = inner.shape[0] * inner.shape[1]
     np.testing.assert_allclose(squares, inner.reshape(count, 48, 3).transpose(2, 0, 1), atol=1e-6)
     np.testing.assert_allclose(means, pixels.reshape(count, 64, 3).mean(axis=1).T, rtol=1e-5)
+
+
+def differences_by_block(image: Image) -> NDArray[np.float64]:
+    """(n, 48, 3)."""
+    return np.asarray(blocks_of(differences_by_opencv(image))[:, :, 1:-1].reshape(-1, 48, 3))
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_squares_of_what_another_picture_does_not_explain(size: tuple[int, int]) -> None:
+    image, other = drawn(*size), drawn(size[0] + 1, size[1])[: size[0]]
+    expected = []
+    for line, known in zip(differences_by_block(image), differences_by_block(other), strict=True):
+        slopes = np.linalg.lstsq(known, line, rcond=None)[0]
+        expected.append(np.square(line - known @ slopes) / 0.8)
+
+    means, squares = unshared_squares(image, other)
+
+    np.testing.assert_allclose(squares, np.array(expected).transpose(2, 0, 1), atol=1e-5)
+    np.testing.assert_array_equal(means, block_squares(image)[0])
+
+
+def test_as_much_of_white_noise_is_left_as_there_was() -> None:
+    one, other = drawn(512, 512), drawn(513, 512)[:512]
+
+    left = unshared_squares(one, other)[1].mean() / block_squares(one)[1].mean()
+
+    assert left == pytest.approx(1, abs=0.03)
+
+
+@pytest.mark.parametrize("other", [0.0, 0.5])
+def test_even_pictures_explain_nothing(other: float) -> None:
+    image = drawn(32, 32)
+
+    left = unshared_squares(image, np.full_like(image, other))[1]
+
+    np.testing.assert_allclose(left, block_squares(image)[1] / 0.8, rtol=1e-4)
 
 
 @pytest.mark.parametrize("size", SIZES)

@@ -36,7 +36,7 @@ def ratios_of(
         for light in (lamps, flash_frame)
     )
     bad = np.zeros(lamps.shape[:2], bool) if unusable is None else unusable
-    return block_ratios(one, other, bad, (estimate_noise(one), estimate_noise(other)))
+    return block_ratios(one, other, bad, (estimate_noise(one, other), estimate_noise(other, one)))
 
 
 def scene(reach: float = 1.0) -> tuple[Array, Array]:

@@ -20,8 +20,8 @@ def pair_of(pair_of: Callable[..., Pair]) -> Callable[..., Pair]:
         no_flash, flash = (frame.astype(np.float32) for frame in shot.frames)
         given: dict[str, Any] = {
             "flash": flash,
-            "no_flash_noise": estimate_noise(no_flash),
-            "flash_noise": estimate_noise(flash),
+            "no_flash_noise": estimate_noise(no_flash, flash),
+            "flash_noise": estimate_noise(flash, no_flash),
         }
         return replace(pair_of(no_flash, flash - no_flash), **{**given, **more})
 
