@@ -35,6 +35,7 @@ ServiceError
 └── AttemptError             500  what a job's process can die of
     ├── CrashError           it crashed
     ├── MemoryLimitError     it needed more memory than the limit
+    │   └── KilledError      the system killed it, most likely for want of memory
     ├── TimeLimitError       it ran longer than the limit
     ├── FileLimitError       it opened more files than the limit
     ├── OutputLimitError     it wrote more than the limit
@@ -203,6 +204,10 @@ class CrashError(AttemptError):
 
 class MemoryLimitError(AttemptError):
     """The process needed more memory than its limit."""
+
+
+class KilledError(MemoryLimitError):
+    """The system killed the process, most likely because the machine ran out of memory."""
 
 
 class TimeLimitError(AttemptError):

@@ -19,6 +19,7 @@ import cv2
 from service.errors import (
     CrashError,
     FileLimitError,
+    KilledError,
     MemoryLimitError,
     OutputLimitError,
     StorageFullError,
@@ -125,8 +126,8 @@ def run(
 
     Gives what it answers with. ask: called with its questions; the time it takes does not count,
     and it may raise StoppedError. Raises TaskError, StoppedError, CrashError, MemoryLimitError,
-    TimeLimitError, FileLimitError, OutputLimitError, ChildProcessError, or, when the disk is full,
-    StorageFullError.
+    KilledError, TimeLimitError, FileLimitError, OutputLimitError, ChildProcessError, or, when the
+    disk is full, StorageFullError.
     """
     deadline = time.monotonic() + seconds
     too_long = _CAPTURE_TOO_LONG if task.kind == "capture" else _TOO_LONG
@@ -239,7 +240,7 @@ def _raise_for_exit(code: int, too_long: str) -> None:
     if code == DISK_FULL:
         raise StorageFullError(DISK_IS_FULL)
     if code == -signal.SIGKILL:
-        raise MemoryLimitError(
+        raise KilledError(
             "The system killed the program, most likely for want of memory; "
             "send smaller photographs."
         )

@@ -30,6 +30,7 @@ from service.errors import (
     CrashError,
     FileLimitError,
     IdempotencyError,
+    KilledError,
     MemoryLimitError,
     OutputLimitError,
     QueueFullError,
@@ -46,10 +47,14 @@ _CHECK_SECONDS = 30.0
 _DYING: dict[type[AttemptError], str] = {
     CrashError: "The program that reads the headers of photographs crashed on these",
     MemoryLimitError: "The headers of these photographs want more memory than a job may have",
-    TimeLimitError: f"The headers of these photographs are not read within {_CHECK_SECONDS:g} s",
     FileLimitError: "The headers of these photographs want more open files than a job may have",
     OutputLimitError: "These photographs are larger than what a job may write",
 }
+_BUSY: dict[type[AttemptError], str] = {
+    TimeLimitError: f"The headers of these photographs were not read within {_CHECK_SECONDS:g} s",
+    KilledError: "The system killed the program that reads the headers of these photographs",
+}
+"""What a sound pair meets, too, where the machine has too much to do or too little memory."""
 
 
 @dataclass(frozen=True)
@@ -115,8 +120,9 @@ def accept(
 
     An idempotency_key that made a job already gives that job; of requests that come at once, one
     makes it. Raises ForbiddenError when the key is not for it, OptionError and
-    UnfinishedUploadError for uploads that cannot be used, TaskError when the headers of the pair
-    cannot be, and what refuse_when_full, replay and commit raise.
+    UnfinishedUploadError for uploads that cannot be used, TaskError or UnreadableImageError when
+    the headers of the pair cannot be, UnreadyError when they were not read for want of time or
+    memory, and what refuse_when_full, replay and commit raise.
     """
     caller.need(Scope.SUBMIT)
     refuse_when_full(context, caller, idempotency_key)  # an upload may have taken long
@@ -285,6 +291,11 @@ def _check(context: Context, job_id: str, directory: Path, trace_id: str) -> Non
         except ChildProcessError as error:
             raise UnreadyError(
                 "The program that reads the headers of photographs was ended; send them again."
+            ) from error
+        except tuple(_BUSY) as error:
+            raise UnreadyError(
+                f"{_BUSY[type(error)]}: the machine is overloaded, or they are damaged; send them "
+                "again, and if only this pair meets that each time, report it."
             ) from error
         except AttemptError as error:
             raise UnreadableImageError(

@@ -23,6 +23,7 @@ from service.errors import (
     AttemptError,
     CrashError,
     FileLimitError,
+    KilledError,
     MemoryLimitError,
     OutputLimitError,
     TimeLimitError,
@@ -67,7 +68,6 @@ def test_photographs_that_the_disk_does_not_keep_make_no_job(
     [
         (CrashError(""), "crashed on these"),
         (MemoryLimitError(""), "want more memory"),
-        (TimeLimitError(""), "not read within 30 s"),
         (FileLimitError(""), "more open files"),
         (OutputLimitError(""), "larger than what a job may write"),
     ],
@@ -85,6 +85,28 @@ def test_what_kills_the_check_of_headers_is_no_photograph(
     assert (status, kind) == (422, "unreadable-image")
     assert said in detail
     assert context.storage.list("") == []
+
+
+@pytest.mark.parametrize(
+    ("death", "said"),
+    [(TimeLimitError(""), "not read within 30 s"), (KilledError(""), "The system killed")],
+)
+def test_a_check_that_an_overloaded_machine_ends_is_asked_for_again(
+    death: AttemptError,
+    said: str,
+    http: httpx.Client,
+    png: Png,
+    context: Context,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with monkeypatch.context() as overloaded:
+        overloaded.setattr(sandbox, "run", _raising(death))
+        answer = post_pair(http, png(64, 48), png(64, 48, True))
+    status, kind, detail = problem_of(answer)
+    assert (status, kind, answer.json()["retryable"]) == (503, "service-not-ready", True)
+    assert said in detail and "overloaded, or they are damaged" in detail
+    assert context.storage.list("") == []
+    assert post_pair(http, png(64, 48), png(64, 48, True)).status_code == 202
 
 
 def test_a_check_that_somebody_ends_is_asked_for_again(

@@ -15,7 +15,7 @@ from service import sandbox
 from service.errors import (
     CrashError,
     FileLimitError,
-    MemoryLimitError,
+    KilledError,
     OutputLimitError,
     StorageFullError,
     TimeLimitError,
@@ -81,7 +81,7 @@ def test_a_silent_failure_is_a_crash() -> None:
 
 
 def test_a_kill_from_outside_counts_as_want_of_memory() -> None:
-    with pytest.raises(MemoryLimitError, match="for want of memory"):
+    with pytest.raises(KilledError, match="for want of memory"):
         _run("os.kill(os.getpid(), signal.SIGKILL)")
 
 
