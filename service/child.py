@@ -47,9 +47,9 @@ Tell = Callable[[dict[str, Any]], None]
 def main() -> int:
     """Run the task that stdin describes; see service.sandbox.Task."""
     task = json.loads(sys.stdin.readline())
-    _limit(**task["limits"])
     tell = _take_stdout()
     try:
+        _limit(**task["limits"])
         _WORK[task["kind"]](task, tell)
     except Exception as error:
         if isinstance(error, MemoryError) or getattr(error, "code", None) == _CV_NO_MEMORY:
@@ -62,17 +62,26 @@ def main() -> int:
 
 
 def _limit(memory_bytes: int, cpu_seconds: int, open_files: int, output_bytes: int) -> None:
-    resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
+    _set(resource.RLIMIT_AS, memory_bytes, memory_bytes)
     # SIGXCPU at the first limit tells why it ended; SIGKILL at the second one would not.
-    resource.setrlimit(resource.RLIMIT_CPU, (cpu_seconds, cpu_seconds + 5))
-    resource.setrlimit(resource.RLIMIT_NOFILE, (open_files, open_files))
-    resource.setrlimit(resource.RLIMIT_FSIZE, (output_bytes, output_bytes))
+    _set(resource.RLIMIT_CPU, cpu_seconds, cpu_seconds + 5)
+    _set(resource.RLIMIT_NOFILE, open_files, open_files)
+    _set(resource.RLIMIT_FSIZE, output_bytes, output_bytes)
     # Python ignores it, and what libraries of C++ make of a failed write tells nobody why.
     signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    _set(resource.RLIMIT_CORE, 0, 0)
     # When the machine itself runs out of memory, this process goes first, not the service.
     with contextlib.suppress(OSError):
         Path("/proc/self/oom_score_adj").write_text("1000")
+
+
+def _set(limit: int, soft: int, hard: int) -> None:
+    """Set a limit of this process, or as much of it as the system lets it have."""
+    try:
+        resource.setrlimit(limit, (soft, hard))
+    except ValueError:  # `lightlayers doctor` tells the operator
+        _, most = resource.getrlimit(limit)
+        resource.setrlimit(limit, (min(soft, most), most))
 
 
 def _explain(error: Exception, task: dict[str, Any]) -> dict[str, Any]:

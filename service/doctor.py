@@ -271,11 +271,18 @@ def _memory_bytes() -> int:
     return there if text == "max" else min(there, int(text))
 
 
-def _files(_settings: Settings) -> Iterator[Finding]:
-    soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+def _files(settings: Settings) -> Iterator[Finding]:
+    soft, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft != resource.RLIM_INFINITY and soft < _OPEN_FILES:
         yield Finding(
             "wrong", "ulimits", f"ulimit -n is {soft}, too few files: make it {_OPEN_FILES}."
+        )
+    elif most != resource.RLIM_INFINITY and most < settings.job_open_files:
+        yield Finding(
+            "wrong",
+            "ulimits",
+            f"ulimit -Hn allows {most} files, fewer than LIGHTLAYERS_JOB_OPEN_FILES: raise the one "
+            "or lower the other.",
         )
     else:
         yield Finding("ok", "ulimits", f"ulimit -n is {soft}.")

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import resource
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -146,7 +147,7 @@ def test_what_a_child_logs_is_json_with_its_job(
     assert told == {("warning", "service.camera_tasks", "7")}
 
 
-def _in_a_child(work: str) -> subprocess.CompletedProcess[bytes]:
+def _in_a_child(work: str, open_files: int = 64) -> subprocess.CompletedProcess[bytes]:
     """Run a task whose work is this Python code, with `tell` to tell of it."""
     code = f"""
 import os, resource, sys
@@ -156,7 +157,8 @@ def work(task, tell):
 child._WORK["check"] = work
 sys.exit(child.main())
 """
-    task = sandbox.Task("check", "7", "f" * 32, "", sandbox.Limits(GIB, 60, 64, GIB), {}, None)
+    limits = sandbox.Limits(GIB, 60, open_files, GIB)
+    task = sandbox.Task("check", "7", "f" * 32, "", limits, {}, None)
     return subprocess.run(
         [sys.executable, "-c", code],
         input=json.dumps(asdict(task)).encode(),
@@ -234,3 +236,9 @@ def test_a_child_has_all_its_limits() -> None:
         "RLIMIT_NOFILE": [64, 64],
         "RLIMIT_FSIZE": [GIB, GIB],
     }
+
+
+def test_a_child_has_as_much_of_its_limits_as_the_system_allows() -> None:
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    done = _in_a_child("tell({'files': resource.getrlimit(resource.RLIMIT_NOFILE)})", 2**31)
+    assert (done.returncode, json.loads(done.stdout)) == (0, {"files": [most, most]})

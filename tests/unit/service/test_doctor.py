@@ -261,6 +261,18 @@ def test_too_few_files_are_told(look: Look, monkeypatch: pytest.MonkeyPatch) -> 
     assert look()["ulimits"].grade == "wrong"
 
 
+def test_files_that_a_job_may_not_have_are_told(
+    look: Look, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("service.doctor.resource.getrlimit", lambda _what: (1024, 4096))
+    monkeypatch.setenv("LIGHTLAYERS_JOB_OPEN_FILES", "4096")
+    assert look()["ulimits"] == Finding("ok", "ulimits", "ulimit -n is 1024.")
+    monkeypatch.setenv("LIGHTLAYERS_JOB_OPEN_FILES", "4097")
+    found = look()["ulimits"]
+    assert found.grade == "wrong"
+    assert found.sentence.startswith("ulimit -Hn allows 4096 files, fewer than LIGHTLAYERS_JOB_")
+
+
 @pytest.mark.parametrize(
     ("filled", "unwritable", "grade", "words"),
     [
