@@ -24,7 +24,9 @@ def _store_in(data: dict[str, Any]) -> str:
 
 def _database_in(data: dict[str, Any]) -> str:
     folder: Path = data["data_dir"]
-    return f"sqlite:///{folder / 'lightlayers.sqlite'}"
+    path = str(folder / "lightlayers.sqlite")
+    # The two that a URL reads as something else; sqlalchemy's own quoting takes UTF-8 alone.
+    return f"sqlite:///{path.replace('%', '%25').replace('?', '%3F')}"
 
 
 def _check_networks(text: str) -> str:

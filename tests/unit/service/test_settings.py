@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
+from service import database
 from service.settings import Settings
 
 
@@ -24,6 +25,16 @@ def test_database_and_store_follow_the_folder(monkeypatch: pytest.MonkeyPatch) -
     settings = Settings()
     assert settings.database_url == "sqlite:////srv/light layers/lightlayers.sqlite"
     assert settings.store_url == "file:///srv/light%20layers/store"
+
+
+@pytest.mark.parametrize("name", ["what?", "a%41b", "%2F", "a#b", "a@b:c", "ü +&=", "\udcff"])
+def test_the_database_is_in_its_folder_whatever_that_is_called(name: str, tmp_path: Path) -> None:
+    folder = tmp_path / name
+    engine = database.connect(Settings(data_dir=folder).database_url)
+    engine.connect().close()
+    engine.dispose()
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert (folder / "lightlayers.sqlite").is_file()
 
 
 def test_the_environment_sets_them(monkeypatch: pytest.MonkeyPatch) -> None:
