@@ -102,11 +102,11 @@ async def watch_cameras(context: Parts, caller: Calling) -> Response:
     response_model=CameraSettings,
     responses=responses(*_PROBLEMS, status=(422, 503)),
 )
-def get_settings(
+async def get_settings(
     context: Parts, caller: Calling, trace_id: TraceId, camera_id: str
 ) -> CameraSettings:
     """Read the settings of a camera that no job has: what each is, and what it could be."""
-    return _adjust(context, caller, camera_id, {}, trace_id)
+    return await _adjust(context, caller, camera_id, {}, trace_id)
 
 
 @router.patch(
@@ -134,7 +134,7 @@ async def change_settings(
     Where one is refused, those before it in the order of the answer stay written.
     """
     wanted = await intake.read_settings(request, context.settings.upload_bytes)
-    return await run_in_threadpool(_adjust, context, caller, camera_id, wanted, trace_id)
+    return await _adjust(context, caller, camera_id, wanted, trace_id)
 
 
 @router.post(
@@ -237,16 +237,28 @@ def _address(context: Context, camera_id: str) -> str:
     return known[camera_id]
 
 
-def _adjust(
+async def _adjust(
     context: Context,
     caller: Caller,
     camera_id: str,
     wanted: CaptureSettings,
     trace_id: str,
 ) -> CameraSettings:
-    address = _address(context, camera_id)
     settings = {name.value: value for name, value in wanted.items()}
-    deadline = time.monotonic() + _PATIENCE_SECONDS
+    deadline = time.monotonic() + _PATIENCE_SECONDS  # with the wait for a thread
+    arguments = (context, caller, camera_id, settings, trace_id, deadline)
+    return await context.ask_camera(_adjust_by, *arguments)
+
+
+def _adjust_by(
+    context: Context,
+    caller: Caller,
+    camera_id: str,
+    settings: dict[str, Any],
+    trace_id: str,
+    deadline: float,
+) -> CameraSettings:
+    address = _address(context, camera_id)
     while (found := context.looking.adjust(address, settings, trace_id)) is None:
         with context.engine.connect() as connection:
             holder = cameras.holder(connection, camera_id)

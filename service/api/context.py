@@ -25,6 +25,7 @@ from service.storage import Storage
 
 _STORING_THREADS = 40
 _READING_THREADS = 40
+_CAMERA_THREADS = 8
 
 Result = TypeVar("Result")
 
@@ -49,6 +50,8 @@ class Context:
     """Of threads that store photographs: while a store hangs, they leave the others to the rest."""
     reading: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(_READING_THREADS))
     """Of threads that read the store, for the same reason."""
+    asking: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(_CAMERA_THREADS))
+    """Of threads that wait for cameras, for the same reason."""
     draining: threading.Event = field(default_factory=threading.Event)
     """Set once the service was told to stop: what has no end of its own ends now."""
 
@@ -59,6 +62,10 @@ class Context:
     async def fetch(self, work: Callable[..., Result], *arguments: Any) -> Result:
         """Do work that reads the store, in a thread. Raises what it raises."""
         return await to_thread.run_sync(partial(work, *arguments), limiter=self.reading)
+
+    async def ask_camera(self, work: Callable[..., Result], *arguments: Any) -> Result:
+        """Do work that waits for a camera, in a thread. Raises what it raises."""
+        return await to_thread.run_sync(partial(work, *arguments), limiter=self.asking)
 
     async def stream(self, chunks: Iterator[bytes]) -> AsyncIterator[bytes]:
         """Hand on what is read from the store piece by piece. Raises what reading raises."""

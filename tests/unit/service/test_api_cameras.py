@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -255,6 +256,45 @@ class TestSettings:
         headers = {"content-type": media_type}
         answer = http.patch(f"{PATH}/settings", content=body, headers=headers)
         assert problem_of(answer)[:2] == (status, kind)
+
+    def test_a_camera_that_is_slow_takes_no_thread_of_other_requests(
+        self, http: httpx.Client, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """More clients wait for its settings than there are threads."""
+        http.get("/cameras").raise_for_status()
+        answered = threading.Event()
+        monkeypatch.setattr(Looking, "adjust", lambda *_arguments: answered.wait(20) and {})
+        with ThreadPoolExecutor(60) as pool:
+            waiting = [pool.submit(http.get, f"{PATH}/settings") for _ in range(60)]
+            for _ in range(20):  # the last ones come when all are there
+                assert http.get("/jobs", timeout=5).status_code == 200
+            assert not any(one.done() for one in waiting)
+            answered.set()
+            assert {one.result().status_code for one in waiting} == {200}
+
+    def test_who_waited_long_for_a_thread_waits_no_longer_for_the_camera(
+        self, http: httpx.Client, context: Context, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        http.get("/cameras").raise_for_status()
+        places, answered = context.asking.total_tokens, threading.Event()
+        tries: list[None] = []
+
+        def adjust(*_arguments: object) -> dict[str, Any] | None:
+            tries.append(None)
+            return {} if len(tries) <= places and answered.wait(20) else None
+
+        monkeypatch.setattr(Looking, "adjust", adjust)
+        monkeypatch.setattr("service.api.cameras._PATIENCE_SECONDS", 0.2)
+        with ThreadPoolExecutor(60) as pool:
+            for _ in range(int(places)):
+                pool.submit(http.get, f"{PATH}/settings")
+            while len(tries) < places:
+                time.sleep(0.01)
+            last = pool.submit(http.get, f"{PATH}/settings")
+            time.sleep(0.5)
+            answered.set()
+            assert problem_of(last.result())[:2] == (409, "camera-held")
+        assert len(tries) == places + 1
 
     def test_settings_are_told_as_the_camera_says_them(
         self, http: httpx.Client, monkeypatch: pytest.MonkeyPatch
