@@ -42,6 +42,7 @@ class Desk:
 
     def cancel(self, job_id: str) -> State:
         """Stop a job; its state then. Raises UnknownJobError."""
+        self.find(job_id)
         with self.engine.begin() as connection:
             jobs.request_cancel(connection, job_id)
             job = _known(jobs.find(connection, job_id), job_id)

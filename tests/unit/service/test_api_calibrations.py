@@ -10,7 +10,7 @@ import pytest
 
 from pipeline.options import Sensitivities, Spectrum
 from pipeline.spectra.tables import write_sensitivities, write_spectrum
-from service import jobs
+from service import cameras, jobs
 from service.api.context import Context
 from tests.unit.service.asking import ended_while_waiting, problem_of
 from tests.unit.service.studio import ask_in_process
@@ -268,6 +268,32 @@ def test_calibrations_that_cannot_be_used_are_named(
     }.items():
         answer = post("/jobs", {"camera": {"calibration": named}})
         assert (answer.status_code, answer.json()["detail"]) == (422, words)
+
+
+def test_an_id_that_no_database_takes_is_none_of_a_calibration(
+    http: httpx.Client, post: Callable[..., httpx.Response]
+) -> None:
+    http.get("/cameras").raise_for_status()
+    captures = f"/cameras/{cameras.id_of('sim://studio')}/captures"
+    wanted = {"camera": {"calibration": "\ud800"}}
+    of_flash = OPTIONS["flash"] | wanted
+
+    def post_json(path: str, **body: Any) -> httpx.Response:
+        headers = {"content-type": "application/json"}
+        return http.post(path, content=json.dumps(body), headers=headers)
+
+    for answer in (
+        post("/jobs", wanted),
+        post("/calibrations", of_flash),
+        post_json("/jobs", capture={"camera": "sim://studio"}, options=wanted),
+        post_json("/calibrations", capture={"camera": "sim://studio"}, options=of_flash),
+        post_json(captures, options=wanted),
+    ):
+        assert problem_of(answer) == (
+            422,
+            "invalid-option",
+            r"camera: there is no calibration '\ud800'; it may have been deleted.",
+        )
 
 
 def test_other_objects_are_judged_as_tables(post: Callable[..., httpx.Response]) -> None:

@@ -174,10 +174,13 @@ def test_a_running_job_is_asked_to_stop(
     assert capsys.readouterr().out == "canceling\n"
 
 
-@pytest.mark.parametrize("command", ["show", "retry", "cancel"])
-def test_a_job_that_is_not_there_is_told(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["jobs", command, "nothing"]) == 2
-    assert capsys.readouterr().err == "There is no job 'nothing'; it may have been deleted.\n"
+@pytest.mark.parametrize("job", ["nothing", "\udcff"])  # the second is no UTF-8
+@pytest.mark.parametrize("command", ["show", "retry", "cancel", "confirm"])
+def test_a_job_that_is_not_there_is_told(
+    command: str, job: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["jobs", command, job]) == 2
+    assert capsys.readouterr().err == f"There is no job {job!r}; it may have been deleted.\n"
 
 
 def test_a_database_that_breaks_is_told(

@@ -64,6 +64,7 @@ def test_keys_are_made_listed_and_revoked(capsys: Captured) -> None:
         (["create", "x", "--jobs-per-day", str(2**31)], "jobs-per-day"),
         (["create", "x", "--stored-bytes", str(2**63)], "stored-bytes"),
         (["revoke", "nothing"], "no key of this ID"),
+        (["revoke", "\udcff"], "no key of this ID"),
     ],
 )
 def test_what_cannot_be_done_is_one_sentence(
