@@ -13,6 +13,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 from service.addresses import parse_networks
 
 MIB = 1024 * 1024
+_MOST = 2**62  # that the database and the system take, of bytes and files
 TELLINGS = 20
 """How often a webhook may be told at most."""
 
@@ -102,6 +103,7 @@ class Settings(BaseSettings):
     pause_seconds: float = Field(
         default=30,
         gt=0,
+        le=86400,
         description="Longest pause within a request or an answer before the connection is given "
         "up, in seconds.",
     )
@@ -138,11 +140,13 @@ class Settings(BaseSettings):
     upload_bytes: int = Field(
         default=512 * MIB,
         gt=0,
+        le=_MOST,
         description="Largest accepted request, and largest upload, in bytes.",
     )
     upload_seconds: float = Field(
         default=86400,
         gt=0,
+        le=31536000,
         description="How long an upload that no job has used is kept after its last byte came.",
     )
     queued_jobs: int = Field(
@@ -161,42 +165,57 @@ class Settings(BaseSettings):
         default=1, ge=1, description="Jobs a worker runs at a time; they share the processors."
     )
     job_memory_bytes: int = Field(
-        default=8192 * MIB, gt=0, description="Address space of one job's process, in bytes."
+        default=8192 * MIB,
+        gt=0,
+        le=_MOST,
+        description="Address space of one job's process, in bytes.",
     )
     job_open_files: int = Field(
-        default=256, ge=16, description="Files that one job's process may have open at a time."
+        default=256,
+        ge=16,
+        le=_MOST,
+        description="Files that one job's process may have open at a time.",
     )
     job_output_bytes: int = Field(
         default=16384 * MIB,
         gt=0,
+        le=_MOST,
         description="What one job may write: all of its photographs and results, in bytes.",
     )
-    job_seconds: float = Field(default=900, gt=0, description="Longest run of one job, in seconds.")
+    job_seconds: float = Field(
+        default=900, gt=0, le=86400, description="Longest run of one job, in seconds."
+    )
     patience_seconds: float = Field(
         default=300,
         ge=0,
+        le=86400,
         description="How long a job waits for a store that is away or a disk that is full before "
         "it fails.",
     )
     poll_seconds: float = Field(
-        default=0.5, gt=0, description="How often a worker looks for a job, in seconds."
+        default=0.5, gt=0, le=86400, description="How often a worker looks for a job, in seconds."
     )
     heartbeat_seconds: float = Field(
-        default=3, gt=0, description="How often a worker says that it lives, in seconds."
+        default=3, gt=0, le=86400, description="How often a worker says that it lives, in seconds."
     )
     drain_seconds: float = Field(
         default=0,
         ge=0,
+        le=86400,
         description="How long an API that was told to stop goes on, with /readyz answering 503, so "
         "that balancers notice before the port closes, in seconds.",
     )
     stop_seconds: float = Field(
         default=30,
         gt=0,
+        le=86400,
         description="How long requests may still take once the port is closed, in seconds.",
     )
     silence_seconds: float = Field(
-        default=15, gt=0, description="Silence after which others take a worker's jobs over."
+        default=15,
+        gt=0,
+        le=86400,
+        description="Silence after which others take a worker's jobs over.",
     )
     webhook_private: Annotated[str, AfterValidator(_check_networks)] = Field(
         default="false",
@@ -205,11 +224,15 @@ class Settings(BaseSettings):
     )
     webhook_https: bool = Field(default=False, description="Refuse webhooks without https.")
     webhook_seconds: float = Field(
-        default=15, gt=0, description="What telling a webhook may take in all, in seconds."
+        default=15,
+        gt=0,
+        le=86400,
+        description="What telling a webhook may take in all, in seconds.",
     )
     webhook_retry_seconds: float = Field(
         default=5,
         gt=0,
+        le=86400,
         description="Wait before a webhook that did not take what it was told is told again; "
         "each further one is 2.5 times as long.",
     )

@@ -68,6 +68,16 @@ def test_jobs_are_kept_for_ever_unless_the_operator_says_how_long(
         ("RETENTION_DAYS", "0"),
         ("RETENTION_DAYS", "inf"),
         ("SWEEP_SECONDS", "61"),
+        *(
+            (name.upper(), value)
+            for name, field in Settings.model_fields.items()
+            if field.annotation is float
+            for value in ("inf", "nan", "1e300")
+        ),
+        *(
+            (name, str(2**63))
+            for name in ("UPLOAD_BYTES", "JOB_MEMORY_BYTES", "JOB_OUTPUT_BYTES", "JOB_OPEN_FILES")
+        ),
     ],
 )
 def test_a_setting_out_of_range_is_refused(
