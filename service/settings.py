@@ -7,7 +7,7 @@ import shlex
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, ValidationInfo
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from service.addresses import parse_networks
@@ -51,6 +51,16 @@ def _check_switch(text: str | None) -> str | None:
         except ValueError as error:
             raise ValueError(f"the command cannot be read: {str(error).lower()}") from error
     return text
+
+
+def _check_silence(seconds: float, info: ValidationInfo) -> float:
+    heartbeat = info.data.get("heartbeat_seconds", 0.0)
+    if seconds < 2 * heartbeat:
+        raise ValueError(
+            f"{seconds:g} s is less than two heartbeats, so that jobs were taken from workers that "
+            f"live: write {2 * heartbeat:g} or more, or lower LIGHTLAYERS_HEARTBEAT_SECONDS"
+        )
+    return seconds
 
 
 class Settings(BaseSettings):
@@ -211,11 +221,12 @@ class Settings(BaseSettings):
         le=86400,
         description="How long requests may still take once the port is closed, in seconds.",
     )
-    silence_seconds: float = Field(
+    silence_seconds: Annotated[float, AfterValidator(_check_silence)] = Field(
         default=15,
         gt=0,
         le=86400,
-        description="Silence after which others take a worker's jobs over.",
+        description="Silence after which others take a worker's jobs over: two heartbeats at "
+        "least.",
     )
     webhook_private: Annotated[str, AfterValidator(_check_networks)] = Field(
         default="false",

@@ -6,6 +6,7 @@ import pytest
 from pydantic import ValidationError
 
 from service import database
+from service.sentences import sentence_of
 from service.settings import Settings
 
 
@@ -86,6 +87,27 @@ def test_a_setting_out_of_range_is_refused(
     monkeypatch.setenv(f"LIGHTLAYERS_{name}", value)
     with pytest.raises(ValidationError, match=name.lower()):
         Settings()
+
+
+@pytest.mark.parametrize(
+    ("heartbeat", "silence", "needed"),
+    [("7.6", None, "15.2"), ("20", "20", "40"), ("3", "5.9", "6"), (None, "1", "6")],
+)
+def test_a_worker_that_lives_is_heard_before_the_silence_is_over(
+    heartbeat: str | None, silence: str | None, needed: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if heartbeat:
+        monkeypatch.setenv("LIGHTLAYERS_HEARTBEAT_SECONDS", heartbeat)
+    if silence:
+        monkeypatch.setenv("LIGHTLAYERS_SILENCE_SECONDS", silence)
+    with pytest.raises(ValidationError) as caught:
+        Settings()
+    assert sentence_of(caught.value) == (
+        f"silence_seconds: {silence or 15} s is less than two heartbeats, so that jobs were taken "
+        f"from workers that live: write {needed} or more, or lower LIGHTLAYERS_HEARTBEAT_SECONDS."
+    )
+    monkeypatch.setenv("LIGHTLAYERS_SILENCE_SECONDS", needed)
+    assert Settings().silence_seconds == float(needed)
 
 
 def test_every_setting_says_what_it_is() -> None:
