@@ -69,8 +69,9 @@ def check_address(address: str) -> None:
 
 
 def canonical_address(address: str) -> str:
-    """Give the one spelling of an address: the same for all that lead to one camera.
+    """Give the one spelling of an address.
 
+    A camera may have several addresses all the same: ptp+usb:// leads to whichever is on USB.
     Raises BadAddressError, CameraNotFoundError.
     """
     check_address(address)

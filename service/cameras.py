@@ -1,7 +1,8 @@
 """The cameras of a service: who holds each, who waits for it, and what it last told.
 
 The row of a camera is locked by whoever begins to use it, so that one job or look has it at a time,
-whichever host it runs on.
+whichever host it runs on. ptp+usb:// is whichever camera is on USB: while it is used, none of those
+is, and the other way round.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from service.database import jobs as rows
 from service.states import ENDED
 
 _UNUSED_SECONDS = 86400.0
+_USB = "ptp+usb://"
 
 
 @dataclass(frozen=True)
@@ -51,10 +53,7 @@ def id_of(address: str) -> str:
 def add(connection: sa.Connection, address: str) -> str:
     """Have a row for the camera at an address, and lock it for this transaction; its id."""
     camera = id_of(address)
-    insert = sqlite.insert if connection.dialect.name == "sqlite" else postgresql.insert
-    new: Any = insert(cameras).values(id=camera, address=address)
-    connection.execute(new.on_conflict_do_nothing())
-    _lock(connection, camera)
+    _lock(connection, camera, address)
     return camera
 
 
@@ -96,15 +95,15 @@ def _unfinished() -> sa.ColumnElement[bool]:
 
 def holder(connection: sa.Connection, camera: str) -> jobs.Job | None:
     """Find the job that has the camera take its pair now."""
-    found = connection.execute(sa.select(rows.c.id).where(queues.has_camera(camera)))
-    job_id = found.scalar()
+    has_it = sa.or_(*map(queues.has_camera, _same(connection, camera)))
+    job_id = connection.execute(sa.select(rows.c.id).where(has_it)).scalar()
     return jobs.find(connection, job_id) if job_id else None
 
 
 def count_waiting(connection: sa.Connection, camera: str) -> int:
     """How many jobs wait for the camera."""
-    count = sa.select(sa.func.count()).select_from(rows).where(queues.waits_for_camera(camera))
-    return connection.execute(count).scalar_one()
+    waits = sa.or_(*map(queues.waits_for_camera, _same(connection, camera)))
+    return connection.execute(sa.select(sa.func.count()).where(waits)).scalar_one()
 
 
 def claim(connection: sa.Connection, job_id: str, worker: str) -> jobs.Job | None:
@@ -113,9 +112,9 @@ def claim(connection: sa.Connection, job_id: str, worker: str) -> jobs.Job | Non
     A job that has its pair already is claimed from a dead worker alone, to be passed on.
     """
     job = jobs.find(connection, job_id)
-    if job is None or job.camera is None:
+    if job is None or job.camera is None or job.capture is None:
         return None
-    _lock(connection, job.camera)
+    _lock(connection, job.camera, job.capture["camera"])
     other = holder(connection, job.camera)
     if _is_taken(connection, job.camera) or (other and other.id != job_id):
         return None
@@ -131,8 +130,10 @@ def is_past_capture(job: jobs.Job) -> bool:
 
 
 def take(connection: sa.Connection, camera: str, seconds: float) -> bool:
-    """Have the camera for oneself for so long at most, without a job; whether it was free."""
-    _lock(connection, camera)
+    """Have the camera for oneself for so long at most, without a job; whether it was free.
+
+    camera: as add() gave it in this transaction.
+    """
     if _is_taken(connection, camera) or holder(connection, camera):
         return False
     until = sa.update(cameras).where(cameras.c.id == camera).values(taken_until=now() + seconds)
@@ -167,12 +168,29 @@ def forget_unused(connection: sa.Connection) -> None:
     connection.execute(sa.delete(cameras).where(unused))
 
 
-def _lock(connection: sa.Connection, camera: str) -> None:
+def _lock(connection: sa.Connection, camera: str, address: str) -> None:
+    """Have a row for a camera, and lock it for this transaction, and with it all that are _same."""
+    if address.startswith(_USB) and address != _USB:
+        _lock(connection, id_of(_USB), _USB)  # that all of them lock first
+    insert = sqlite.insert if connection.dialect.name == "sqlite" else postgresql.insert
+    new: Any = insert(cameras).values(id=camera, address=address)
     # A write, because SQLite knows no other lock.
-    this = sa.update(cameras).where(cameras.c.id == camera)
-    connection.execute(this.values(address=cameras.c.address))
+    same = {"address": cameras.c.address}
+    connection.execute(new.on_conflict_do_update(index_elements=[cameras.c.id], set_=same))
+
+
+def _same(connection: sa.Connection, camera: str) -> list[str]:
+    """Ids under which this camera may be in use."""
+    address = address_of(connection, camera) or ""
+    if not address.startswith(_USB):
+        return [camera]
+    if camera != id_of(_USB):
+        return [camera, id_of(_USB)]
+    on_usb = sa.select(cameras.c.id).where(cameras.c.address.startswith(_USB))
+    return list(connection.execute(on_usb).scalars())
 
 
 def _is_taken(connection: sa.Connection, camera: str) -> bool:
-    taken = sa.select(cameras.c.taken_until > now()).where(cameras.c.id == camera)
-    return bool(connection.execute(taken).scalar())
+    this = cameras.c.id.in_(_same(connection, camera))
+    taken = sa.select(cameras.c.id).where(this, cameras.c.taken_until > now())
+    return connection.execute(taken).first() is not None

@@ -8,13 +8,17 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
+import sqlalchemy as sa
 
 import drivers
+from service import cameras, database
 
 FAST = {"quality": "fast"}
 
@@ -140,3 +144,26 @@ def _kill_worker_of(service: Any, job: dict[str, Any]) -> None:
     shown = subprocess.run(command, env=service.environment, capture_output=True, check=True)
     *_, pid, _ = json.loads(shown.stdout)["worker"].split("-")
     os.kill(int(pid), signal.SIGKILL)
+
+
+def test_of_two_names_of_one_camera_on_usb_one_is_used_at_a_time(postgresql: str) -> None:
+    """Where rows are locked one by one, and that of a camera is made as it is first named."""
+    engine = database.connect(postgresql)
+    database.metadata.create_all(engine)
+    both = threading.Barrier(2)
+
+    def use(address: str) -> bool:
+        with engine.begin() as connection:
+            both.wait(60)
+            return cameras.take(connection, cameras.add(connection, address), 60)
+
+    def free() -> None:
+        with engine.begin() as connection:
+            connection.execute(sa.delete(database.cameras))
+
+    with ThreadPoolExecutor(2) as pool:
+        for serial in range(50):
+            taken = list(pool.map(use, ["ptp+usb://", f"ptp+usb://{serial}"]))
+            assert sorted(taken) == [False, True]
+            free()
+    engine.dispose()

@@ -194,6 +194,51 @@ def test_a_look_that_died_does_not_keep_the_camera_for_ever(engine: sa.Engine, c
         assert cameras.take(connection, camera, 60)
 
 
+USB = "ptp+usb://"
+
+
+@pytest.mark.parametrize(("one", "other"), [(USB, f"{USB}1"), (f"{USB}1", USB), (f"{USB}/", USB)])
+def test_whichever_camera_is_on_usb_is_used_by_one_at_a_time(
+    one: str, other: str, engine: sa.Engine
+) -> None:
+    with engine.begin() as connection:
+        looked_at = cameras.add(connection, one)
+        assert cameras.take(connection, looked_at, 60)
+    _add(engine, "a", other)
+    assert _claim(engine, "a") is None
+    with engine.begin() as connection:
+        cameras.give_back(connection, looked_at, None, answered=False)
+    _add(engine, "b", one)
+    found = _look(engine, looked_at)
+    assert (found.holder, found.waiting) == (None, 2)
+    held = _claim(engine, "a")
+    assert held and _claim(engine, "b") is None
+    found = _look(engine, looked_at)
+    assert (found.holder, found.waiting) == (held, 1)
+    with engine.begin() as connection:
+        assert not cameras.take(connection, cameras.add(connection, one), 60)
+        heartbeats.leave(connection, "w1")
+    assert _claim(engine, "b", "w2") is None
+    assert _claim(engine, "a", "w2")  # by whom it is taken over
+
+
+def test_cameras_on_usb_that_are_known_apart_are_used_at_once(engine: sa.Engine) -> None:
+    _add(engine, "a", f"{USB}1")
+    _add(engine, "b", f"{USB}2")
+    _add(engine, "c", USB)
+    assert _claim(engine, "a") and _claim(engine, "b")
+    assert _claim(engine, "c") is None
+    with engine.begin() as connection:
+        assert cameras.take(connection, cameras.add(connection, f"{USB}3"), 60)
+        assert cameras.take(connection, cameras.add(connection, "gphoto2://usb:1"), 60)
+
+
+def test_a_camera_on_usb_is_listed_alone(engine: sa.Engine) -> None:
+    with engine.begin() as connection:
+        cameras.add(connection, f"{USB}1")
+        assert [one.address for one in cameras.find_all(connection, [f"{USB}1"])] == [f"{USB}1"]
+
+
 def test_cameras_are_listed_by_address_and_where_jobs_use_them(
     engine: sa.Engine, camera: str
 ) -> None:
