@@ -61,9 +61,9 @@ class Client:
 
         key: sent with every request.
         """
-        if not re.fullmatch(r"https?://[^\s/]+\S*", url):
+        if not _is_address(url):
             raise OptionError(
-                f"{url!r} is no address of a service: write one like http://127.0.0.1:8000."
+                f"{url[:80]!r} is no address of a service: write one like http://127.0.0.1:8000."
             )
         self._url = url
         self._http = httpx.Client(
@@ -225,12 +225,20 @@ class Client:
                 if response.is_error:
                     raise _failure(_problem(response), response.status_code)
                 yield response
-        except httpx.HTTPError as error:
+        except (httpx.HTTPError, UnicodeError) as error:  # the latter: sent on to no host's name
             away = ServiceAwayError(
                 f"The service at {self._url} does not answer: start it, or check its address."
             )
             away.passes = True
             raise away from error
+
+
+def _is_address(url: str) -> bool:
+    try:
+        httpx.URL(url).raw_host.decode().encode("idna")  # as sockets do, when it is too late
+    except (httpx.InvalidURL, UnicodeError):
+        return False
+    return bool(re.fullmatch(r"https?://[^\s/]+\S*", url))
 
 
 def _patiently(ask: Callable[[], Result]) -> Result:

@@ -392,7 +392,32 @@ def _server(status: int, body: bytes) -> Iterator[str]:
         thread.join()
 
 
-@pytest.mark.parametrize("url", ["", "localhost:8000", "file:///etc", "http://", "http:///jobs"])
+def test_a_service_that_sends_on_to_no_hosts_name_is_away(client: Client) -> None:
+    def send_on(_request: httpx.Request) -> httpx.Response:
+        return httpx.Response(307, headers={"location": "http://a..b/jobs"})
+
+    mounts = {"all://service": httpx.MockTransport(send_on)}
+    client._http = httpx.Client(base_url="http://service", mounts=mounts, follow_redirects=True)
+    with pytest.raises(ServiceAwayError, match="does not answer: start it, or check its address"):
+        client.check_ready()
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "",
+        "localhost:8000",
+        "file:///etc",
+        "http://",
+        "http:///jobs",
+        "http://localhost:abc",
+        "http://[::1",
+        "http://é..",
+        "http://a..b",
+        f"http://{'a' * 64}.example",
+        f"http://{'a/' * 40000}",
+    ],
+)
 def test_only_addresses_of_services_are_taken(url: str) -> None:
     with pytest.raises(OptionError, match="no address of a service"):
         Client(url)
