@@ -26,8 +26,9 @@ def new_results(target: Path) -> Iterator[Path]:
     else in `target` is left alone. Raises InputError where `target` cannot be written, and where
     a file that is no result of an earlier run would be lost.
     """
-    is_new = not target.exists()
+    is_new = False
     try:
+        is_new = not target.exists()
         target.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=target, prefix=".partial-") as name:
             folder = Path(name)

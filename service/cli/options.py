@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import json
 from collections.abc import Callable
@@ -275,8 +276,9 @@ def read_table(value: str | None, parse: Callable[[bytes], Table]) -> Table | st
     if value is None:
         return None
     path = Path(value)
-    if path.suffix.lower() not in (".csv", ".json") and not path.is_file():
-        return value
+    with contextlib.suppress(OSError):  # whose reason is told where it is read
+        if path.suffix.lower() not in (".csv", ".json") and not path.is_file():
+            return value
     data = read_file(path, "file")
     try:
         return parse(data)

@@ -157,6 +157,14 @@ def test_a_file_is_no_folder(tmp_path: Path) -> None:
     assert (tmp_path / "out").read_text() == "a file"
 
 
+def test_a_path_that_is_too_long_is_told_before_any_work(tmp_path: Path) -> None:
+    target = tmp_path / ("x" * 300)
+    told = pytest.raises(InputError, match="x cannot be written: file name too long")
+    with told, new_results(target):
+        raise AssertionError
+    assert _names(tmp_path) == []
+
+
 def test_what_cannot_be_replaced_is_told(tmp_path: Path) -> None:
     _write(tmp_path, "lamp1.jpg")
     (tmp_path / "lamp1.jpg").unlink()

@@ -115,7 +115,7 @@ def test_bad_presets_are_one_sentence(
     assert words in said and said.count("\n") == 1
 
 
-@pytest.mark.parametrize("name", ["mix.gif", "nowhere/mix.jpg"])
+@pytest.mark.parametrize("name", ["mix.gif", "nowhere/mix.jpg", f"{'x' * 300}.jpg"])
 def test_places_that_cannot_be_written_are_one_sentence(
     results: Path, name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -131,6 +131,8 @@ def test_directions_that_cannot_be_used_are_told(content: Any, words: str, tmp_p
         (Flags(outputs="layers.exr,lamp9.gif"), "lamp9.gif"),
         (Flags(outputs=""), "Unknown output"),
         (Flags(camera="nothing.csv"), "nothing.csv cannot be read: no such file"),
+        (Flags(camera="x" * 300), "x cannot be read: file name too long."),
+        (Flags(pin_lamp=["x" * 300]), "x cannot be read: file name too long."),
         (Flags(pin_lamp=["1,2"]), "The area 1,2 is not three numbers X,Y,RADIUS"),
         (Flags(forbid_lamp=["1,2,3,4"]), "is not three numbers"),
         (Flags(pin_lamp=["1"]), "The area 1 is not three numbers"),
