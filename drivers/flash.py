@@ -109,7 +109,7 @@ class ExternalFlash(Flash):
                 f"The switch of the flash answers {error.response.status_code}: check its URL and "
                 "try again."
             ) from error
-        except (httpx.HTTPError, httpx.InvalidURL) as error:
+        except (httpx.HTTPError, httpx.InvalidURL, UnicodeError) as error:  # the last: of a host
             raise FlashError(
                 "The switch of the flash does not answer: check that it is on, and its URL, and "
                 "try again."

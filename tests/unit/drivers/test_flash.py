@@ -150,6 +150,7 @@ def test_a_command_that_does_not_end_is_an_error(
         ("no\0program {state}", "failed, as it cannot be run: run it"),
         ("http://127.0.0.1:1/{state}", "does not answer: check that it is on, and its URL, and"),
         ("http://[{state}", "does not answer: check"),
+        ("http://a..b/{state}", "does not answer: check"),
     ],
 )
 def test_orders_that_nothing_obeys_are_errors(clock: Clock, order: str, complaint: str) -> None:
