@@ -106,7 +106,7 @@ def check_settings(settings: Mapping[SettingName, SettingValue]) -> None:
     if SettingName.FLASH in settings:
         raise SettingError("The flash is switched by the capture: leave the setting flash out.")
     for name, value in settings.items():
-        if _MANUAL.get(name, value) != value:
+        if name in _MANUAL and value != _MANUAL[name]:
             raise SettingError(f"A pair is taken with {name} {_MANUAL[name]}: leave {name} out.")
         if value in _AUTOMATIC.get(name, ()):
             raise SettingError(f"A pair is taken with a fixed {name}: {value} is none.")

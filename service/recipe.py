@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, Field, StrictFloat, StrictInt, StrictStr
+from pydantic import BaseModel, ConfigDict, Field, StrictFloat, StrictInt, StrictStr
 
 import drivers
 
@@ -17,6 +17,8 @@ class RecipeCamera(BaseModel):
 
 class Recipe(BaseModel):
     """What stood in the camera for both photographs, the flash apart."""
+
+    model_config = ConfigDict(allow_inf_nan=False)
 
     settings: dict[drivers.SettingName, StrictStr | StrictInt | StrictFloat]
     camera: RecipeCamera = Field(default_factory=RecipeCamera)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
@@ -8,6 +9,7 @@ import pytest
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
+import drivers
 from drivers.camera import (
     Camera,
     CameraInfo,
@@ -429,6 +431,14 @@ def test_settings_that_make_no_pair_are_refused_before_anything_is_written(
     with pytest.raises(SettingError, match=said):
         capture_pair(camera, clock=clock, settings={name: value})
     assert (camera.written, len(camera.shots)) == ([], 2)
+
+
+def test_no_number_is_refused_in_words(clock: Clock) -> None:
+    with (
+        drivers.open_camera("sim://studio?width=64&height=64") as camera,
+        pytest.raises(SettingError, match="nan is not a value that shutter_s can have"),
+    ):
+        capture_pair(camera, clock=clock, settings={SettingName.SHUTTER_S: math.nan})
 
 
 def test_a_wanted_setting_that_only_a_dial_changes_may_stand_right_already(clock: Clock) -> None:

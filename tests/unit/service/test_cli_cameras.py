@@ -172,7 +172,16 @@ def test_values_that_the_camera_cannot_have_are_told(
 
 @pytest.mark.parametrize(
     "text",
-    ["", "[]", "{}", '{"settings": {"iso": true}}', '{"settings": {"colour": 1}}', "\xff"],
+    [
+        "",
+        "[]",
+        "{}",
+        '{"settings": {"iso": true}}',
+        '{"settings": {"colour": 1}}',
+        '{"settings": {"shutter_s": NaN}}',
+        '{"settings": {"shutter_s": 1e999}}',
+        "\xff",
+    ],
 )
 def test_a_file_that_is_no_recipe_is_told(
     text: str, tmp_path: Path, out: Path, capsys: pytest.CaptureFixture[str]
