@@ -7,6 +7,7 @@ Ctrl-C, 143 and 129 for SIGTERM and SIGHUP. Whatever goes wrong is one sentence 
 from __future__ import annotations
 
 import io
+import os
 import sys
 import traceback
 import warnings
@@ -24,6 +25,8 @@ def main() -> None:
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
     signals.install()
+    if sys.stdin is None:  # it was closed: that is its end, too
+        sys.stdin = Path(os.devnull).open()  # noqa: SIM115
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="surrogateescape")  # paths that are not UTF-8, as they are
     sys.exit(run(sys.argv[1:]))

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from importlib.metadata import version
@@ -353,3 +354,24 @@ def test_a_group_alone_shows_its_commands(group: str, capsys: pytest.CaptureFixt
     said = capsys.readouterr()
     assert said.err == "" and f"Usage: lightlayers {group}" in said.out
     assert "\nCommands:\n" in said.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["tether", "--server", "http://127.0.0.1:1", "--camera"], 0, "Press Enter to take"),
+        (["capture", "-o", "out", "--flash", "operator"], 1, "Nobody confirmed that the flash is"),
+    ],
+)
+def test_a_closed_stdin_is_at_its_end(
+    arguments: list[str], code: int, said: str, tmp_path: Path
+) -> None:
+    program = [sys.executable, "-m", "service.cli", *arguments, "sim://studio?width=64&height=64"]
+    done = subprocess.run(
+        ["sh", "-c", 'exec "$@" <&-', "sh", *program],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+    )
+    assert (done.returncode, said in done.stderr) == (code, True), done.stderr
