@@ -120,8 +120,16 @@ class GphotoCamera(Camera):
     def download(
         self, handle: int, offset: int = 0, into: memoryview | None = None
     ) -> Iterator[bytes]:
-        """Chunks of an object's bytes from offset to its end, also put in their place."""
+        """Chunks of an object's bytes from offset to its end.
+
+        into: room for just the whole object, where each chunk is put in its place. Raises
+        TransferError where a chunk comes incomplete, or the object has another size than into.
+        """
         size = self.describe(handle).size
+        if into is not None and len(into) != size:
+            raise errors.TransferError(
+                f"The camera says {size} bytes where it said {len(into)} before: try again."
+            )
         while offset < size:
             chunk: bytes = self._call("chunk", handle, offset)
             if not 0 < len(chunk) <= size - offset:
