@@ -1,10 +1,11 @@
 // What can be done with a job that has ended: run it again, or delete it.
 
-import { post, remove } from "./api.js";
+import { remove, sender } from "./api.js";
 import { alarm, h, single } from "./dom.js";
 
 export function actionsOf(job) {
   const problems = h("div");
+  const send = sender();
   const attempt = (work) =>
     single(async () => {
       problems.replaceChildren();
@@ -14,7 +15,7 @@ export function actionsOf(job) {
         problems.replaceChildren(alarm(error));
       }
     });
-  const again = async () => `#/jobs/${(await runAgain(job)).id}`;
+  const again = async () => `#/jobs/${(await runAgain(send, job)).id}`;
   const gone = async () => ((await deleteJob(job)) ? "#/jobs" : location.hash);
   const row = h("p", { className: "row actions" });
   if (job.options.kind === "mix") row.append(h("a", { className: "button", href: `#/jobs/${job.options.of}`, textContent: "Back to the mixer" }));
@@ -31,9 +32,9 @@ export async function deleteJob(job) {
 }
 
 /** Another job like this one; a camera that took no pair takes one. */
-function runAgain(job) {
-  if (job.inputs) return post(`/jobs/${job.id}/rerun`, {});
-  return post(job.options.kind ? "/calibrations" : "/jobs", { capture: job.capture, options: job.options });
+function runAgain(send, job) {
+  if (job.inputs) return send(`/jobs/${job.id}/rerun`, {});
+  return send(job.options.kind ? "/calibrations" : "/jobs", { capture: job.capture, options: job.options });
 }
 
 function button(textContent, onclick) {

@@ -27,9 +27,21 @@ export function newOnce() {
   return crypto.randomUUID?.() ?? String(Math.random()); // over http, browsers have the first on localhost alone
 }
 
-export async function post(path, body) {
-  const headers = { "Content-Type": "application/json", "Idempotency-Key": newOnce() };
+export async function post(path, body, once = newOnce()) {
+  const headers = { "Content-Type": "application/json", "Idempotency-Key": once };
   return (await request(path, { method: "POST", headers, body: JSON.stringify(body) })).json();
+}
+
+/** Gives a post whose Idempotency-Key stays until a job is made or it says something else: an answer may get lost. */
+export function sender() {
+  let kept = null;
+  return async (path, body) => {
+    const said = JSON.stringify([path, body]);
+    if (kept?.said !== said) kept = { said, once: newOnce() };
+    const made = await post(path, body, kept.once);
+    kept = null; // the same again is another job
+    return made;
+  };
 }
 
 /** Delete what is at a path. */

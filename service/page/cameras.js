@@ -1,6 +1,6 @@
 // Connected cameras: how they are, their settings, and a button that has one take the pair.
 
-import { get, post } from "./api.js";
+import { get, sender } from "./api.js";
 import { settingsOf } from "./camera_settings.js";
 import { bytes, h, otherKey, pause } from "./dom.js";
 import { follow } from "./events.js";
@@ -70,6 +70,7 @@ async function keepUp(signal, show) {
 
 function rowOf(camera, attempt, options) {
   const name = nameOf(camera);
+  const send = sender();
   const how = h("span", { className: "how" });
   const flash = h(
     "select",
@@ -80,7 +81,7 @@ function rowOf(camera, attempt, options) {
     type: "button",
     textContent: "Capture",
     "aria-label": `Capture with ${name}`,
-    onclick: attempt(() => capture(camera, flash.value, options())),
+    onclick: attempt(() => capture(send, camera, flash.value, options())),
   });
   const element = h(
     "li",
@@ -97,10 +98,10 @@ function rowOf(camera, attempt, options) {
   return { element, show };
 }
 
-async function capture(camera, flash, options) {
+async function capture(send, camera, flash, options) {
   const how = flash ? { flash } : {};
-  if (!camera.id) return post("/jobs", { capture: { camera: camera.address }, options });
-  const made = await post(`/cameras/${encodeURIComponent(camera.id)}/captures`, { ...how, options });
+  if (!camera.id) return send("/jobs", { capture: { camera: camera.address }, options });
+  const made = await send(`/cameras/${encodeURIComponent(camera.id)}/captures`, { ...how, options });
   return made.jobs?.[0] ?? made[0] ?? made;
 }
 

@@ -1,6 +1,6 @@
 // Where the lamps stand, told on balls that they light: another job finds the surface's normals.
 
-import { get, post } from "./api.js";
+import { get, sender } from "./api.js";
 import { alarm, h, single } from "./dom.js";
 
 const FARTHEST = 0.95; // of the ball's radius: a lamp behind the surface lights nothing
@@ -9,6 +9,7 @@ const FIRST = [[-0.5, 0.5], [0.5, 0.5], [0, 0.7]];
 /** A form for a separation with two or three lamps. */
 export function normalsForm(job, manifest) {
   const problems = h("div");
+  const send = sender();
   const places = manifest.lamps.map((_, index) => [...FIRST[index]]);
   const balls = h("div", { className: "balls" }, ...manifest.lamps.map((lamp, index) => ball(`Lamp ${index + 1}`, lamp.srgb, places[index])));
   const calibration = h("select", {}, h("option", { value: "", textContent: "As set on the balls" }));
@@ -21,7 +22,7 @@ export function normalsForm(job, manifest) {
   const submit = single(async () => {
     problems.replaceChildren();
     try {
-      const made = await post(`/jobs/${job.id}/rerun`, { options: withNormals(job.options, told()) });
+      const made = await send(`/jobs/${job.id}/rerun`, { options: withNormals(job.options, told()) });
       location.hash = `#/jobs/${made.id}`;
     } catch (error) {
       problems.replaceChildren(alarm(error));

@@ -1,6 +1,6 @@
 // The mix as a picture of full size, made by a job of its own.
 
-import { post } from "./api.js";
+import { sender } from "./api.js";
 import { alarm, bytes, h, say } from "./dom.js";
 import { save } from "./files.js";
 import { watch } from "./watch.js";
@@ -8,6 +8,7 @@ import { watch } from "./watch.js";
 const FORMATS = [["jpeg", "JPEG"], ["tiff", "TIFF, 16 bits"], ["exr", "EXR, linear"]];
 
 export function renderForm(job, current, problems, signal) {
+  const send = sender();
   const format = h("select", { "aria-label": "Format" }, ...FORMATS.map(([value, textContent]) => h("option", { value, textContent })));
   const button = h("button", { className: "main", textContent: "Render full size" });
   const bar = h("progress", { max: 1, hidden: true, "aria-label": "Rendering" });
@@ -21,7 +22,7 @@ export function renderForm(job, current, problems, signal) {
     bar.hidden = false;
     bar.removeAttribute("value");
     try {
-      const made = await post(`/jobs/${job.id}/mix`, { lamps: current(), format: format.value });
+      const made = await send(`/jobs/${job.id}/mix`, { lamps: current(), format: format.value });
       const ended = await watch(made.id, signal, (now) => (bar.value = now.fraction));
       if (ended) finish(ended, done, problems);
     } catch (error) {

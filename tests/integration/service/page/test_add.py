@@ -191,6 +191,30 @@ def test_a_pair_whose_answer_got_lost_is_sent_again_as_the_same(page: Page) -> N
     assert len({first, swapped, counted}) == 3
 
 
+def test_a_capture_whose_answer_got_lost_is_wanted_again_as_the_same(
+    page: Page, service: Any
+) -> None:
+    once: list[str] = []
+    made: list[str] = []
+
+    def captures(route: Route) -> None:
+        once.append(route.request.headers["idempotency-key"])
+        made.append(route.fetch().json()["jobs"][0]["id"])
+        route.abort()
+
+    page.route("**/captures", captures)
+    page.goto("/")
+    for flash in ("", "", "operator"):
+        page.get_by_label("Flash of NIKON D5100").select_option(flash)
+        with page.expect_event("requestfailed", lambda one: one.url.endswith("/captures")):
+            page.get_by_role("button", name="Capture with NIKON D5100").click()
+        expect(page.get_by_role("alert")).to_contain_text("No connection")
+    for job_id in set(made):
+        service.http.post(f"/jobs/{job_id}/cancel").raise_for_status()
+    assert once[0] == once[1] != once[2]
+    assert made[0] == made[1] != made[2]
+
+
 def test_a_file_dropped_beside_its_place_does_not_replace_the_page(page: Page) -> None:
     page.goto("/")
     kept = page.evaluate(

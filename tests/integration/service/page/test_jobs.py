@@ -100,6 +100,52 @@ def test_a_double_click_makes_one_job(page: Page, done: dict[str, Any], name: st
         page.get_by_role("button", name=name).click()
 
 
+@pytest.mark.parametrize(
+    ("name", "end"),
+    [("Run again", "rerun"), ("Find normals", "rerun"), ("Render full size", "mix")],
+)
+def test_what_got_no_answer_is_sent_again_as_the_same(
+    page: Page, done: dict[str, Any], name: str, end: str
+) -> None:
+    once: list[str] = []
+
+    def lose(route: Route) -> None:
+        once.append(route.request.headers["idempotency-key"])
+        route.abort()
+
+    page.route(f"**/{end}", lose)
+    open_mixer(page, done)
+    page.get_by_text("Find the surface").click()
+    for _ in range(2):
+        with page.expect_event("requestfailed", lambda one: one.url.endswith(f"/{end}")):
+            page.get_by_role("button", name=name).click()
+        expect(page.get_by_role("alert")).to_contain_text("No connection")
+    first, again = once
+    assert first == again
+
+
+def test_the_same_mix_is_another_job_once_the_first_was_made(
+    page: Page, done: dict[str, Any]
+) -> None:
+    once: list[str] = []
+    file = {"name": "mix.jpg", "size": 1000, "href": "/jobs/mixed/results/mix.jpg"}
+    mixed = {**done, "id": "mixed", "files": [file]}
+
+    def mix(route: Route) -> None:
+        once.append(route.request.headers["idempotency-key"])
+        route.fulfill(status=202, json=mixed)
+
+    page.route("**/mix", mix)
+    page.route("**/jobs/mixed", lambda route: route.fulfill(json=mixed))
+    open_mixer(page, done)
+    render = page.get_by_role("button", name="Render full size")
+    for _ in range(2):
+        with page.expect_request("**/mix"):
+            render.click()
+        expect(render).to_be_enabled()
+    assert len(set(once)) == 2
+
+
 def test_a_job_that_failed_says_why_and_is_deleted(page: Page, service: Any) -> None:
     job = service.capture("sim://studio", deadline_seconds=0.01)
     ended = service.await_end(job)
