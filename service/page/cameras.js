@@ -40,7 +40,7 @@ export function showCameras(main, signal, attempt, options) {
       const found = await get("/cameras");
       if (signal.aborted) return;
       show(found);
-      if (found.every((camera) => camera.state)) await keepUp(signal, show);
+      await keepUp(signal, show);
     } catch (error) {
       if (signal.aborted) return;
       show([]);
@@ -87,9 +87,9 @@ function rowOf(camera, attempt, options) {
     "li",
     {},
     h("div", { className: "who" }, h("strong", { textContent: name }), " ", name === camera.address ? null : h("code", { textContent: camera.address }), how),
-    camera.id ? flash : null,
+    flash,
     button,
-    camera.id ? settingsOf(camera, name) : null,
+    settingsOf(camera, name),
   );
   const show = (now) => {
     how.replaceChildren(...wordsOf(now));
@@ -100,25 +100,24 @@ function rowOf(camera, attempt, options) {
 
 async function capture(send, camera, flash, options) {
   const how = flash ? { flash } : {};
-  if (!camera.id) return send("/jobs", { capture: { camera: camera.address }, options });
   const made = await send(`/cameras/${encodeURIComponent(camera.id)}/captures`, { ...how, options });
-  return made.jobs?.[0] ?? made[0] ?? made;
+  return made.jobs[0];
 }
 
-/** State, battery, space, and who holds it, as far as it is known. */
+/** State, and battery, space and who holds it, as far as it is known. */
 function wordsOf({ state, battery_percent, free_bytes, holder, waiting }) {
-  const words = [STATES[state] ?? state];
+  const words = [STATES[state]];
   if (Number.isFinite(battery_percent)) words.push(`battery ${battery_percent} %`);
   if (Number.isFinite(free_bytes)) words.push(`${bytes(free_bytes)} free`);
   if (waiting) words.push(`${waiting} waiting`);
-  const text = words.filter(Boolean).join(" · ");
+  const text = words.join(" · ");
   const link = holder ? h("a", { href: `#/jobs/${holder}`, textContent: "by this job" }) : null;
   return [text, ...(link ? [" ", link] : [])];
 }
 
 /** What a row is known by: one that has been away since the start is named only once it has come. */
 function keyOf(camera) {
-  return `${camera.id ?? camera.address} ${nameOf(camera)}`;
+  return `${camera.id} ${nameOf(camera)}`;
 }
 
 function nameOf({ make, model, address }) {

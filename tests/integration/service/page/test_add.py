@@ -89,7 +89,7 @@ def test_a_double_click_takes_one_pair(page: Page, done: dict[str, Any]) -> None
         page.get_by_role("button", name="Capture with NIKON D5100").dblclick()
     page.evaluate(TWO_FRAMES)
     assert len(held) == 1
-    held[0].fulfill(status=202, json=done)
+    held[0].fulfill(status=202, json={"jobs": [done]})
     page.wait_for_url(re.compile(done["id"]))
 
 

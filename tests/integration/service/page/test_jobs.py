@@ -387,7 +387,7 @@ def test_a_camera_tells_how_it_is_and_takes_settings(page: Page, done: dict[str,
 
     def capture(route: Route) -> None:
         sent.append(route.request.post_data_json)
-        route.fulfill(status=202, json=done)
+        route.fulfill(status=202, json={"jobs": [done]})
 
     idle = json.dumps([{**camera, "state": "idle", "holder": None, "waiting": 0}])
     page.route("**/cameras", lambda route: route.fulfill(json=[camera]))
