@@ -67,11 +67,7 @@ async def get_area(
         for plane in planes:
             yield plane.tobytes()
 
-    headers = {
-        "Content-Length": str(planes.nbytes),
-        "Cache-Control": "private, max-age=31536000, immutable",
-        "X-Content-Type-Options": "nosniff",
-    }
+    headers = {"Content-Length": str(planes.nbytes)}
     return StreamingResponse(chunks(), headers=headers, media_type="application/octet-stream")
 
 

@@ -29,6 +29,7 @@ def area(http: httpx.Client, finish: Finish, tmp_path: Path) -> str:
 def test_an_area_has_every_lamp_in_16_bits(http: httpx.Client, area: str) -> None:
     answer = http.get(area, params={"left": 4, "top": 3, "width": 10, "height": 6})
     assert answer.headers["content-length"] == str(2 * 3 * 10 * 6 * 2)
+    assert answer.headers["cache-control"] == "no-store"
     found = np.frombuffer(answer.content, "<f2").reshape(2, 3, 6, 10)
     wanted = np.moveaxis(LAYERS[:, 3:9, 4:14], -1, 1).astype(np.float16)
     np.testing.assert_array_equal(found, wanted)

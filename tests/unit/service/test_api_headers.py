@@ -50,11 +50,13 @@ def test_every_answer_has_the_defaults(path: str, http: httpx.Client) -> None:
     assert "strict-transport-security" not in answer.headers
 
 
-def test_results_may_be_kept_by_who_may_see_them(http: httpx.Client, finish: Finish) -> None:
+def test_results_may_be_kept_where_the_service_is_asked_each_time(
+    http: httpx.Client, finish: Finish
+) -> None:
     job = post_capture(http)
     finish(job["id"], {"lamp1.jpg": b"light", "manifest.json": b"{}"})
     file = http.get(f"{job['links']['self']}/results/lamp1.jpg")
-    assert file.headers["cache-control"].startswith("private")
+    assert file.headers["cache-control"] == "private, no-cache"
     assert file.headers["content-security-policy"] == DEFAULTS["Content-Security-Policy"]
     for path in ("", "/results", "/results.zip"):
         answer = http.get(job["links"]["self"] + path)

@@ -66,6 +66,22 @@ def test_events_carry_the_key(page: Page, keyed_service: tuple[Any, str]) -> Non
     service.http.post(f"/jobs/{job['id']}/cancel").raise_for_status()
 
 
+def test_what_the_browser_keeps_of_results_still_needs_the_key(
+    page: Page, keyed_service: tuple[Any, str], pair: drivers.CapturedPair
+) -> None:
+    service, key = keyed_service
+    job = service.await_end(service.upload(pair, lights=2))
+    page.goto(f"{service.url}/")
+    fetched = """async ([path, key]) => {
+      const headers = { Authorization: `Bearer ${key}` };
+      const first = await fetch(path, { headers });
+      await first.arrayBuffer(); // only then is it kept
+      return [first.status, (await fetch(path)).status];
+    }"""
+    path = f"/jobs/{job['id']}/results/layers.exr"
+    assert page.evaluate(fetched, [path, key]) == [200, 401]
+
+
 def test_where_events_do_not_come_the_page_asks(
     page: Page, service: Any, pair: drivers.CapturedPair
 ) -> None:
