@@ -28,7 +28,7 @@ _GONE = (404, 410)
 _ABOUT_WHAT_WAS_SENT = (400, 413, 415, 422)  # not about the key, the address or the moment
 
 _ENDS = ("succeeded", "failed", "canceled", "expired")
-_LOOKED_AT = {"state", "stage", "fraction", "operator", "error", "files"}
+_LOOKED_AT = {"state", "stage", "fraction", "error", "files"}
 
 Job = dict[str, Any]
 Result = TypeVar("Result")
@@ -164,25 +164,15 @@ class Client:
                 pass
             raise _stranger(response)
 
-    def wait(
-        self,
-        job: Job,
-        report: Callable[[str, float], None],
-        ask: Callable[[str, float], bool] | None = None,
-    ) -> Job:
+    def wait(self, job: Job, report: Callable[[str, float], None]) -> Job:
         """Wait until a job has succeeded, telling how far it is; the job as it is then.
 
         It outlasts some minutes in which the service is away.
-        ask: puts what the job asks of a person, waits for so many seconds, and tells whether it is
-        done; called again for as long as the job asks. Without it, somebody else confirms.
         """
         while job["state"] not in _ENDS:
             if job["stage"]:
                 report(job["stage"], job["fraction"])
-            if ask and job["operator"] and ask(job["operator"]["request"], _POLL_SECONDS):
-                self._confirm(job)
-            else:
-                time.sleep(_POLL_SECONDS)
+            time.sleep(_POLL_SECONDS)
             job = _patiently(partial(self._job, "GET", job["links"]["self"]))
         if job["state"] == "canceled":
             raise RefusedError("The job was canceled.")
@@ -191,10 +181,6 @@ class Client:
         if job["state"] == "expired":
             raise RefusedError("The job is expired: its results are being removed; send it again.")
         return job
-
-    def _confirm(self, job: Job) -> None:
-        with contextlib.suppress(RefusedError):  # somebody else has, or it was too late
-            _patiently(partial(self._json, "POST", job["links"]["confirm"]))
 
     def download(self, job: Job, folder: Path) -> None:
         """Write every result of a job into a folder."""

@@ -178,7 +178,6 @@ def submit(
 ) -> None:
     """Send a pair to a running service, wait, and fetch the results."""
     from service.cli.display import print_results, stage_bar
-    from service.cli.flash import ask_once
     from service.cli.folder import new_results
     from service.client import Client, ServiceAwayError
 
@@ -189,7 +188,7 @@ def submit(
         job = client.submit_pair(before, after, options)
         try:
             with stage_bar() as report:
-                job = client.wait(job, report, ask_once())
+                job = client.wait(job, report)
             client.download(job, folder)
         except ServiceAwayError:
             print(f"The job is {job['id']}.", file=sys.stderr)  # it may end without us

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import select
 import sys
-from collections.abc import Callable
 
 import drivers
 
@@ -32,23 +31,5 @@ def flash_switch(text: str, settle_s: float) -> drivers.Flash:
 def _ask(request: str, timeout_s: float) -> bool:
     """Ask on the terminal; Enter confirms."""
     print(f"{request.removesuffix(', then confirm.')}, then press Enter.", file=sys.stderr)
-    return _enter_within(timeout_s)
-
-
-def ask_once() -> Callable[[str, float], bool]:
-    """Make what puts each request on the terminal once, however often it is asked."""
-    last = ""
-
-    def ask(request: str, timeout_s: float) -> bool:
-        nonlocal last
-        if request == last:
-            return _enter_within(timeout_s)
-        last = request
-        return _ask(request, timeout_s)
-
-    return ask
-
-
-def _enter_within(seconds: float) -> bool:
-    ready, _, _ = select.select([sys.stdin], [], [], seconds)
+    ready, _, _ = select.select([sys.stdin], [], [], timeout_s)
     return bool(ready and sys.stdin.readline())

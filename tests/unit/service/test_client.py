@@ -129,51 +129,6 @@ def test_progress_is_told(
     assert told == [("layers", 0.5)]
 
 
-def test_what_a_job_asks_for_is_put_to_somebody_and_confirmed(
-    client: Client, context: Context, http: httpx.Client
-) -> None:
-    job = client.submit_capture("sim://studio", Options())
-    with context.engine.begin() as connection:
-        held = jobs.claim(connection, job["id"], "a worker")
-        assert held is not None
-        jobs.ask_operator(connection, held, "Switch the flash off, then confirm.", 60)
-    asked: list[str] = []
-
-    def ask(request: str, _seconds: float) -> bool:
-        asked.append(request)
-        return len(asked) == 2  # the first time, nothing is done yet
-
-    def report(_stage: str, _fraction: float) -> None:
-        with context.engine.begin() as connection:
-            if len(asked) == 2:
-                assert jobs.succeed(connection, held, [])
-
-    with context.engine.begin() as connection:
-        jobs.report(connection, held, "capture", 0.5)
-    done = client.wait(http.get(job["links"]["self"]).json(), report, ask)
-    assert asked == ["Switch the flash off, then confirm."] * 2
-    assert done["state"] == "succeeded"
-
-
-def test_a_confirmation_that_comes_too_late_is_no_fault(
-    client: Client, context: Context, http: httpx.Client
-) -> None:
-    job = client.submit_capture("sim://studio", Options())
-    with context.engine.begin() as connection:
-        held = jobs.claim(connection, job["id"], "a worker")
-        assert held is not None
-        jobs.ask_operator(connection, held, "Switch the flash off.", 60)
-
-    def ask(_request: str, _seconds: float) -> bool:
-        with context.engine.begin() as connection:
-            assert jobs.confirm(connection, job["id"])
-            assert jobs.succeed(connection, held, [])
-        return True
-
-    done = client.wait(http.get(job["links"]["self"]).json(), _ignore, ask)
-    assert done["state"] == "succeeded"
-
-
 def test_a_refusal_is_told_in_the_services_words(client: Client, png: Png) -> None:
     with pytest.raises(RefusedError, match="without the flash"):
         client.submit_pair(b"no picture", png(64, 48), Options())
@@ -244,14 +199,14 @@ def test_a_job_that_has_expired_is_told(client: Client, context: Context) -> Non
         b'{"detail": "no status"}',
         b'{"status": "error", "detail": "no such page"}',
         b'{"state": "queued", "stage": null, "links": {}}',
-        b'{"state": "failed", "stage": 1, "fraction": 1, "operator": 1, "error": 1, "files": 1}',
+        b'{"state": "failed", "stage": 1, "fraction": 1, "error": 1, "files": 1}',
     ],
 )
 def test_another_server_is_recognised(
     body: bytes, status: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("service.client._PATIENCE_SECONDS", -1.0)
-    job = {"state": "queued", "stage": None, "operator": None, "links": {"self": "/jobs/1"}}
+    job = {"state": "queued", "stage": None, "links": {"self": "/jobs/1"}}
     with _server(status, body) as url, Client(url) as client:
         uses: list[Callable[[], object]] = [
             lambda: client.submit_pair(b"", b"", Options()),
