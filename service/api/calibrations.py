@@ -8,10 +8,9 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
-import drivers
 from pipeline.calibration.options import CameraCalibration, FlashCalibration, LampsCalibration
 from service import jobs, kept
-from service.api import intake
+from service.api import captures, intake
 from service.api.accept import refuse_when_full
 from service.api.callers import Calling
 from service.api.context import Parts, TraceId
@@ -61,7 +60,7 @@ _BODY = {
     status_code=202,
     response_model=JobAnswer,
     openapi_extra={"requestBody": _BODY},
-    responses=accepted(drivers.CameraNotFoundError, headers=APPLIED),
+    responses=accepted(*captures.PROBLEMS, headers=APPLIED),
 )
 async def create_calibration(
     request: Request,

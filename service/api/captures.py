@@ -28,9 +28,18 @@ from service.api.context import Context
 from service.api.intake import Intake, handling_of
 from service.api.looking import check_camera
 from service.api.models import CameraCapture, Capture, Handling
-from service.errors import CameraHeldError, EndedError, NotReadyError
+from service.errors import CameraHeldError, EndedError, ForeignCameraError, NotReadyError
 from service.keys import Scope
 from service.sentences import in_words
+
+PROBLEMS = (
+    drivers.BadAddressError,
+    drivers.CameraNotFoundError,
+    drivers.SettingError,
+    CameraHeldError,
+    ForeignCameraError,
+)
+"""What a capture that a job or a calibration begins with may be refused for."""
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,9 @@ from fastapi.concurrency import run_in_threadpool
 from pydantic import AfterValidator, Field
 from sqlalchemy.exc import DBAPIError
 
-import drivers
 from pipeline.options import Options
 from service import jobs
-from service.api import intake
+from service.api import captures, intake
 from service.api.accept import Accepted, refuse_when_full
 from service.api.callers import Caller, Calling, find
 from service.api.context import Context, Parts, TraceId
@@ -26,9 +25,7 @@ from service.api.watching import answers
 from service.attempt import job_key
 from service.database import is_full
 from service.errors import (
-    CameraHeldError,
     EndedError,
-    ForeignCameraError,
     NotReadyError,
     UnknownJobError,
 )
@@ -74,14 +71,7 @@ _Place = Annotated[
     status_code=202,
     response_model=JobAnswer,
     openapi_extra={"requestBody": _BODY},
-    responses=accepted(
-        drivers.BadAddressError,
-        drivers.CameraNotFoundError,
-        drivers.SettingError,
-        CameraHeldError,
-        ForeignCameraError,
-        headers=APPLIED,
-    ),
+    responses=accepted(*captures.PROBLEMS, headers=APPLIED),
 )
 async def create_job(
     request: Request,

@@ -222,12 +222,14 @@ def test_json_that_is_no_capture_is_refused(body: bytes, words: str, http: httpx
         ("usb://1", 422, "bad-camera-address"),
         ("sim://studio?lights=9", 422, "bad-camera-address"),
         ("sim://attic", 404, "camera-not-found"),
+        ("ptp+ip://10.0.0.1", 403, "foreign-camera"),
     ],
 )
+@pytest.mark.parametrize(("path", "options"), [("/jobs", {}), ("/calibrations", {"kind": "flash"})])
 def test_a_camera_that_cannot_be_is_refused_at_once(
-    camera: str, status: int, kind: str, http: httpx.Client
+    path: str, options: dict[str, str], camera: str, status: int, kind: str, http: httpx.Client
 ) -> None:
-    answer = http.post("/jobs", json={"capture": {"camera": camera}})
+    answer = http.post(path, json={"capture": {"camera": camera}, "options": options})
     assert problem_of(answer)[:2] == (status, kind)
     assert http.get("/jobs").json()["jobs"] == []
 

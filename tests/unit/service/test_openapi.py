@@ -202,3 +202,6 @@ def test_errors_of_a_route_are_told_by_name(paths: dict[str, dict[str, Any]]) ->
         "stored-quota",
     }
     assert "500" not in paths["/jobs"]["post"]["responses"]
+    assert "camera-held" in kinds("/jobs", "post", "409")
+    for status in ("403", "404", "409", "422"):
+        assert kinds("/calibrations", "post", status) == kinds("/jobs", "post", status)
