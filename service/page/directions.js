@@ -47,15 +47,19 @@ function withNormals(options, light_directions) {
   return { ...options, ...wanted, light_directions };
 }
 
-/** Let lamps be taken from calibrations, where there are some. */
+/** Let lamps be taken from calibrations, where there are some; the newest at once, older ones as they are found. */
 async function offer(select, label) {
-  const { jobs } = await get("/jobs?limit=200").catch(() => ({ jobs: [] }));
-  const found = jobs.filter((one) => one.options.kind === "lamps" && one.state === "succeeded");
-  for (const one of found) {
-    const time = new Date(one.created).toLocaleString([], { dateStyle: "medium", timeStyle: "short" });
-    select.append(h("option", { value: one.id, textContent: `Calibration of ${time}` }));
+  let path = "/jobs?limit=200";
+  while (path && select.isConnected) {
+    const { jobs, next } = await get(path).catch(() => ({ jobs: [], next: null }));
+    const found = jobs.filter((one) => one.options.kind === "lamps" && one.state === "succeeded");
+    for (const one of found) {
+      const time = new Date(one.created).toLocaleString([], { dateStyle: "medium", timeStyle: "short" });
+      select.append(h("option", { value: one.id, textContent: `Calibration of ${time}` }));
+      label.hidden = false;
+    }
+    path = next;
   }
-  label.hidden = !found.length;
 }
 
 /** A ball that is lit from place, which it changes: x to the right, y up, in radii. */

@@ -162,6 +162,34 @@ def test_the_same_mix_is_another_job_once_the_first_was_made(
     assert len(set(once)) == 2
 
 
+def test_calibrations_of_lamps_are_offered_however_old_they_are(
+    page: Page, done: dict[str, Any]
+) -> None:
+    asked: list[str] = []
+    lamps = {**done, "id": "lamps", "options": {"kind": "lamps"}, "created": LATER}
+    more = f"/jobs?limit=200&after=1764085200.5-{done['id']}"
+
+    def jobs(route: Route) -> None:
+        asked.append(route.request.url.partition("/jobs")[2])
+        last = "after=" in route.request.url
+        made = [lamps, {**lamps, "state": "failed"}] if last else [done]
+        route.fulfill(json={"jobs": made, "next": None if last else more})
+
+    page.route(re.compile(r"/jobs\?"), jobs)
+    page.route("**/rerun", lambda route: route.fulfill(status=202, json=done))
+    open_mixer(page, done)
+    page.get_by_text("Find the surface").click()
+    choice = page.get_by_label("Where the lamps stand")
+    expect(choice.get_by_role("option")).to_have_text(
+        ["As set on the balls", re.compile(r"^Calibration of Jan 1, 2030")]
+    )
+    choice.select_option("lamps")
+    with page.expect_request("**/rerun") as sent:
+        page.get_by_role("button", name="Find normals").click()
+    assert sent.value.post_data_json["options"]["light_directions"] == {"calibration": "lamps"}
+    assert asked == ["?limit=200", more.removeprefix("/jobs")]
+
+
 def test_a_job_that_failed_says_why_and_is_deleted(page: Page, service: Any) -> None:
     job = service.capture("sim://studio", deadline_seconds=0.01)
     ended = service.await_end(job)
