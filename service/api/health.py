@@ -18,12 +18,14 @@ _STORE_SECONDS = 5.0
 router = APIRouter(tags=["health"])
 
 
+@router.head("/healthz", include_in_schema=False)
 @router.get("/healthz", response_model=Health)
 async def get_health() -> Health:
     """Tell that the process answers, whatever its threads wait for."""
     return Health()
 
 
+@router.head("/readyz", include_in_schema=False)
 @router.get("/readyz", response_model=Health, responses=responses(UnreadyError))
 async def get_readiness(context: Parts) -> Health:
     """Tell whether database and store answer and a worker lives; the problem names what lacks."""

@@ -35,6 +35,16 @@ def test_a_healthy_service_says_so(http: httpx.Client) -> None:
     assert http.get("/readyz").json() == {"status": "ok"}
 
 
+def test_who_watches_may_ask_without_a_body(http: httpx.Client, context: Context) -> None:
+    def asked(path: str) -> tuple[int, bytes]:
+        answer = http.head(path)
+        return answer.status_code, answer.content
+
+    assert (asked("/healthz"), asked("/readyz")) == ((200, b""), (200, b""))
+    context.draining.set()
+    assert (asked("/healthz"), asked("/readyz")) == ((200, b""), (503, b""))
+
+
 def test_a_service_without_its_store_is_alive_but_not_ready(
     http: httpx.Client, context: Context
 ) -> None:
