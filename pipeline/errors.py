@@ -50,3 +50,8 @@ class OptionError(InputError):
 
 class Canceled(PipelineError):  # noqa: N818  a request, not an error
     """The caller asked to stop."""
+
+
+def reason_of(error: OSError) -> str:
+    """Say in a few words why a file, a folder or a port cannot be used."""
+    return (error.strerror or "unknown reason").lower()

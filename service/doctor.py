@@ -24,6 +24,7 @@ from obstore.exceptions import BaseError
 from pydantic import ValidationError
 
 from pipeline import compiling
+from pipeline.errors import reason_of
 from service import census, database, keys, migrations
 from service.api.callers import keys_required
 from service.errors import StartError
@@ -90,7 +91,7 @@ def _folder(settings: Settings) -> Iterator[Finding]:
         yield Finding(
             "wrong",
             "data_dir",
-            f"{folder} cannot be written ({_reason(error)}): give it to the user that runs the "
+            f"{folder} cannot be written ({reason_of(error)}): give it to the user that runs the "
             "service, or set LIGHTLAYERS_DATA_DIR.",
         )
         return
@@ -328,7 +329,7 @@ def _port(part: str, host: str, port: int, setting: str, ours: Callable[[str], b
         return Finding(
             "wrong",
             part,
-            f"{port} of {host} cannot be listened on ({_reason(error)}): set another "
+            f"{port} of {host} cannot be listened on ({reason_of(error)}): set another "
             f"{_PREFIX}{setting}.",
         )
 
@@ -346,7 +347,3 @@ def _asked(url: str) -> str:
         return httpx.get(url, timeout=5).text
     except httpx.HTTPError:
         return ""
-
-
-def _reason(error: OSError) -> str:
-    return (error.strerror or "unknown reason").lower()

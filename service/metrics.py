@@ -13,6 +13,7 @@ from prometheus_client import REGISTRY, Counter, Histogram, start_http_server
 from prometheus_client.core import GaugeMetricFamily
 from prometheus_client.registry import Collector
 
+from pipeline.errors import reason_of
 from service import census
 from service.errors import STORE_AWAY, StartError, kind_of
 from service.settings import Settings
@@ -85,5 +86,5 @@ def serve(settings: Settings, engine: sa.Engine) -> None:
     except OSError as error:
         raise StartError(
             f"Port {settings.metrics_port} of {settings.metrics_host} cannot be listened on: "
-            f"{(error.strerror or 'unknown reason').lower()}; set another LIGHTLAYERS_METRICS_PORT."
+            f"{reason_of(error)}; set another LIGHTLAYERS_METRICS_PORT."
         ) from error

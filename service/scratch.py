@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+from pipeline.errors import reason_of
 from service.errors import StartError
 
 
@@ -66,10 +67,9 @@ def usable(data_dir: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        reason = (error.strerror or "unknown reason").lower()
         raise StartError(
-            f"The folder {data_dir} cannot be used ({reason}): give it, with all that is in it, to "
-            "the user that runs the service, or check LIGHTLAYERS_DATA_DIR."
+            f"The folder {data_dir} cannot be used ({reason_of(error)}): give it, with all that is "
+            "in it, to the user that runs the service, or check LIGHTLAYERS_DATA_DIR."
         ) from error
 
 

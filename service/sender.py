@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable
 from typing import Any, Literal
 
+from pipeline.errors import reason_of
 from service.client import Client, Job, RefusedError, ServiceAwayError
 from service.frames import FRAMES
 from service.spool import DamagedPairError, Spool, SpooledPair
@@ -26,7 +27,7 @@ def _sentence(error: Exception) -> str:
     if isinstance(error, ServiceAwayError | RefusedError | _NotYetError):
         return str(error)
     if isinstance(error, OSError):
-        return f"The spool cannot be read or written: {(error.strerror or 'it fails').lower()}."
+        return f"The spool cannot be read or written: {reason_of(error)}."
     return f"Something broke inside lightlayers, please report it: {type(error).__name__}."
 
 

@@ -18,6 +18,7 @@ from types import FrameType
 import uvicorn
 from obstore.exceptions import BaseError
 
+from pipeline.errors import reason_of
 from service import keys, logs, metrics, processes, tracing, uploads
 from service.api import create_app
 from service.api.callers import keys_required
@@ -132,9 +133,8 @@ def _listener(settings: Settings) -> socket.socket:
         family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
         listener = socket.create_server((settings.host, settings.port), family=family)
     except OSError as error:
-        reason = (error.strerror or "unknown reason").lower()
         raise StartError(
-            f"Port {settings.port} of {settings.host} cannot be listened on: {reason}; "
+            f"Port {settings.port} of {settings.host} cannot be listened on: {reason_of(error)}; "
             "give another --port or --host."
         ) from error
     if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux; connections have it from here

@@ -23,7 +23,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, reason_of
 from service import durable
 from service.frames import FRAMES
 
@@ -83,11 +83,6 @@ class SpooledPair:
     def sha256(self) -> dict[str, str]:
         """Hexadecimal digests by frame."""
         return {frame: self.about.photographs[frame].sha256 for frame in FRAMES}
-
-
-def reason_of(error: OSError) -> str:
-    """Say in a few words why the disk failed."""
-    return (error.strerror or "it fails").lower()
 
 
 class Spool:

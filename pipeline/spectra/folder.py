@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-from pipeline.errors import OptionError
+from pipeline.errors import OptionError, reason_of
 from pipeline.spectra.names import key_of
 
 _AMPAS_RANGE = re.compile(r"_\d+_\d+_\d+$")
@@ -52,9 +52,9 @@ def read_spectrum(paths: list[Path], read: Callable[[bytes], _Read]) -> _Read:
     try:
         return read(path.read_bytes())
     except OSError as error:
-        reason = (error.strerror or "it fails").lower()
         raise OptionError(
-            f"The file {path.name} in the folder of LIGHTLAYERS_SPECTRA cannot be read: {reason}."
+            f"The file {path.name} in the folder of LIGHTLAYERS_SPECTRA cannot be read: "
+            f"{reason_of(error)}."
         ) from error
     except OptionError as error:
         raise OptionError(

@@ -240,13 +240,12 @@ def _calibrate(
 
 
 def _write(path: Path, content: bytes) -> None:
-    from pipeline.errors import InputError
+    from pipeline.errors import InputError, reason_of
 
     try:
         path.write_bytes(content)
     except OSError as error:
-        reason = (error.strerror or "it cannot be written").lower()
-        raise InputError(f"The file {path} cannot be written: {reason}.") from error
+        raise InputError(f"The file {path} cannot be written: {reason_of(error)}.") from error
 
 
 def _print_found(kind: str, manifest: Mapping[str, Any], output: Path, as_json: bool) -> None:

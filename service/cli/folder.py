@@ -9,7 +9,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, reason_of
 from pipeline.options import OUTPUT_NAMES
 
 _LAST = "manifest.json"
@@ -45,8 +45,9 @@ def new_results(target: Path) -> Iterator[Path]:
             with contextlib.suppress(OSError):
                 target.rmdir()
         if isinstance(error, OSError):
-            reason = (error.strerror or "it cannot be written").lower()
-            raise InputError(f"The folder {target} cannot be written: {reason}.") from error
+            raise InputError(
+                f"The folder {target} cannot be written: {reason_of(error)}."
+            ) from error
         raise
 
 

@@ -28,7 +28,7 @@ def keep(kind: Kind, setup: str, manifest: dict[str, Any], content: bytes, marks
     Raises pipeline.errors.InputError, and then what was kept before still is.
     """
     from pipeline.calibration.kept import Kept, TakenWith
-    from pipeline.errors import InputError
+    from pipeline.errors import InputError, reason_of
     from service import durable
 
     taken_with = TakenWith.model_validate(manifest["taken_with"])
@@ -57,8 +57,7 @@ def keep(kind: Kind, setup: str, manifest: dict[str, Any], content: bytes, marks
         durable.replace(marks_beside(path), marks)
         durable.replace(path, f"{kept.model_dump_json(indent=1)}\n".encode())
     except OSError as error:
-        reason = (error.strerror or "it cannot be written").lower()
-        raise InputError(f"The file {path} cannot be written: {reason}.") from error
+        raise InputError(f"The file {path} cannot be written: {reason_of(error)}.") from error
     return path
 
 

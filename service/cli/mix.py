@@ -48,7 +48,7 @@ def mix(
 
     And of any colour. A lamp that is not named stays as it is; all together are the photograph.
     """
-    from pipeline.errors import InputError
+    from pipeline.errors import InputError, reason_of
     from pipeline.mix_files import check_target, format_of, mix_files, read_manifest
     from pipeline.mix_options import read_basis
     from pipeline.progress import Progress
@@ -70,8 +70,7 @@ def mix(
             )
         partial.replace(output)
     except OSError as error:
-        reason = (error.strerror or "it cannot be written").lower()
-        raise InputError(f"The picture {output} cannot be written: {reason}.") from error
+        raise InputError(f"The picture {output} cannot be written: {reason_of(error)}.") from error
     finally:
         with contextlib.suppress(OSError):
             partial.unlink()

@@ -239,13 +239,12 @@ def with_flags(command: Callable[..., object]) -> Callable[..., object]:
 
 def read_file(path: Path, what: str) -> bytes:
     """Read a file that the user named. Raises pipeline.errors.InputError."""
-    from pipeline.errors import InputError
+    from pipeline.errors import InputError, reason_of
 
     try:
         return path.read_bytes()
     except OSError as error:
-        reason = (error.strerror or "it cannot be read").lower()
-        raise InputError(f"The {what} {path} cannot be read: {reason}.") from error
+        raise InputError(f"The {what} {path} cannot be read: {reason_of(error)}.") from error
 
 
 def written_path(text: str) -> Path:

@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, reason_of
 from service.cli.options import read_file
 
 _LONGEST_SIDE = 1400
@@ -62,8 +62,7 @@ def write_report(folder: Path, target: Path) -> Path:
     try:
         target.write_text(page.substitute(values), encoding="utf-8")
     except OSError as error:
-        reason = (error.strerror or "it cannot be written").lower()
-        raise InputError(f"The page {target} cannot be written: {reason}.") from error
+        raise InputError(f"The page {target} cannot be written: {reason_of(error)}.") from error
     return target
 
 

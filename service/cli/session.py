@@ -13,7 +13,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from pipeline.decode.signatures import kind_of
-from pipeline.errors import InputError
+from pipeline.errors import InputError, reason_of
 from pipeline.options import Options
 from pipeline.pairs import Pairs, find_pairs, read_shot
 from pipeline.process import separate_files
@@ -72,8 +72,7 @@ def _pairs_of(folder: Path, output: Path) -> Pairs:
             f"{folder} is one photograph: name the one with the flash, too, or a folder of pairs."
         ) from error
     except OSError as error:
-        reason = (error.strerror or "it cannot be read").lower()
-        raise InputError(f"The folder {folder} cannot be read: {reason}.") from error
+        raise InputError(f"The folder {folder} cannot be read: {reason_of(error)}.") from error
     shots = {}
     unreadable: dict[str, str] = {}
     jpegs: set[str] = set()

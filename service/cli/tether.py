@@ -173,8 +173,7 @@ class _Taking:
     def take(self) -> None:
         """Take a pair; where that fails, say so, and the next press takes another."""
         import drivers
-        from pipeline.errors import InputError
-        from service.spool import reason_of
+        from pipeline.errors import InputError, reason_of
 
         try:
             pair = drivers.capture_pair(
