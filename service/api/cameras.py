@@ -34,7 +34,7 @@ from service.api.models import (
 )
 from service.api.pair_form import IdempotencyKey, accepted
 from service.api.problems import responses
-from service.api.watching import answers
+from service.api.watching import KEEP_ALIVE_SECONDS, RETRY_MS, answers
 from service.database import AWAY
 from service.errors import (
     CameraHeldError,
@@ -59,8 +59,6 @@ _BODY, _SETTINGS_BODY = (
 )
 _PATIENCE_SECONDS = 10.0  # a request waits so long for cameras that are slow to answer
 _LOOK_SECONDS = 0.5
-_KEEP_ALIVE_SECONDS = 15.0
-_RETRY_MS = 2000
 _PROBLEMS = (
     UnknownCameraError,
     CameraHeldError,
@@ -205,7 +203,7 @@ def _state(camera: cameras.Camera) -> Any:
 
 
 async def _events(context: Context, caller: Caller) -> AsyncIterator[bytes]:
-    yield format_sse_event(retry=_RETRY_MS)
+    yield format_sse_event(retry=RETRY_MS)
     seen, told = None, time.monotonic()
     standing = Standing(context.engine, caller)
     while not context.watching.closed and await standing.holds():
@@ -216,7 +214,7 @@ async def _events(context: Context, caller: Caller) -> AsyncIterator[bytes]:
             if news != seen:
                 seen, told = news, time.monotonic()
                 yield format_sse_event(data_str=news)
-        if time.monotonic() - told > _KEEP_ALIVE_SECONDS:
+        if time.monotonic() - told > KEEP_ALIVE_SECONDS:
             told = time.monotonic()
             yield KEEPALIVE_COMMENT
         await asyncio.sleep(_LOOK_SECONDS)

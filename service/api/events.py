@@ -13,13 +13,16 @@ from fastapi.sse import KEEPALIVE_COMMENT, EventSourceResponse, format_sse_event
 from service.api.callers import Caller, Calling, Standing, find
 from service.api.context import Context, Parts
 from service.api.problems import responses
-from service.api.watching import Snapshot, Watching, answers
+from service.api.watching import (
+    KEEP_ALIVE_SECONDS,
+    RETRY_MS,
+    Snapshot,
+    Watching,
+    answers,
+)
 from service.errors import UnknownJobError
 
 router = APIRouter(tags=["jobs"])
-
-_KEEP_ALIVE_SECONDS = 15.0
-_RETRY_MS = 2000
 
 
 @router.get(
@@ -63,7 +66,7 @@ def _look(context: Context, caller: Caller, job_id: str) -> Snapshot:
 async def _events(
     watching: Watching, standing: Standing, job_id: str, seen: str | None
 ) -> AsyncIterator[bytes]:
-    yield format_sse_event(retry=_RETRY_MS)
+    yield format_sse_event(retry=RETRY_MS)
     with watching.watch(job_id) as watched:
         while not watching.closed and await standing.holds():
             latest = watched.latest
@@ -76,5 +79,5 @@ async def _events(
                 if latest.ended:
                     return
                 continue  # more may have come while this was sent
-            if not await watched.change(_KEEP_ALIVE_SECONDS):
+            if not await watched.change(KEEP_ALIVE_SECONDS):
                 yield KEEPALIVE_COMMENT

@@ -94,7 +94,7 @@ class TestRequired:
     ) -> None:
         monkeypatch.setattr(callers, "STANDING_SECONDS", 0.01)
         monkeypatch.setattr(Looking, "refresh", lambda _looking: None)
-        monkeypatch.setattr(api_events, "_KEEP_ALIVE_SECONDS", 0.02)
+        monkeypatch.setattr(api_events, "KEEP_ALIVE_SECONDS", 0.02)
         key = bearing(context, "read", "capture")
         job = stored_job(context, owner=owner_of(key))
         with http.stream("GET", path.format(id=job), headers=key) as answer:
@@ -136,7 +136,7 @@ def test_the_first_key_ends_streams_without_one(
     http: httpx.Client, context: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(callers, "STANDING_SECONDS", 0.01)
-    monkeypatch.setattr(api_events, "_KEEP_ALIVE_SECONDS", 0.02)
+    monkeypatch.setattr(api_events, "KEEP_ALIVE_SECONDS", 0.02)
     with http.stream("GET", f"/jobs/{post_capture(http)['id']}/events") as answer:
         stream = events(answer)
         assert [next(stream).comment for _ in range(4)][1:] == ["ping"] * 3

@@ -104,7 +104,7 @@ def test_an_unknown_job_is_a_problem_before_the_stream(http: httpx.Client) -> No
 
 
 def test_silence_is_broken_by_comments(http: httpx.Client, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(route, "_KEEP_ALIVE_SECONDS", 0.05)
+    monkeypatch.setattr(route, "KEEP_ALIVE_SECONDS", 0.05)
     stream = _watch(http, post_capture(http))
     next(stream)
     assert [next(stream).comment for _ in range(2)] == ["ping"] * 2
