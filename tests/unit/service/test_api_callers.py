@@ -139,7 +139,8 @@ def test_the_first_key_ends_streams_without_one(
     monkeypatch.setattr(api_events, "KEEP_ALIVE_SECONDS", 0.02)
     with http.stream("GET", f"/jobs/{post_capture(http)['id']}/events") as answer:
         stream = events(answer)
-        assert [next(stream).comment for _ in range(4)][1:] == ["ping"] * 3
+        # on a busy machine the job itself may come behind a comment
+        assert [next(stream).comment for _ in range(4)].count("ping") == 3
         bearing(context, "read")
         assert all(number < 500 for number, _ in enumerate(stream))
 
