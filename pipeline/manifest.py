@@ -30,7 +30,8 @@ def lamp_entries(
     """One entry per lamp: name, coefficients, colour, family, confidence.
 
     The colour is that of a grey card: rgb as the camera sees it, the largest 1; CCT and Duv, None
-    far from white (cct_duv); srgb, for a screen, "#rrggbb", its largest channel full.
+    far from white (cct_duv); srgb, for a screen, "#rrggbb", its largest channel full, less where
+    sRGB has no such colour (to_srgb8).
     family: the nearest of FAMILIES, family_confidence: 0…1 that it is this one.
     pinned: its place in the option pinned_lamps, from 0, None where it was free.
     separated: (N,) part 0…1 of each lamp's light that was separated and not filled in.

@@ -19,6 +19,9 @@ QUALITY = 92
 
 _IDENTITY: Matrix = np.eye(3)
 _LUMINANCE = numbers_of(rgb_to_xyz(SRGB_PRIMARIES)[1].astype(np.float32))
+_LEAST_GREY = np.float32(0.5)
+"""Of the luminance of a colour's channels above 0; of all real lights only deep blue ones have less
+by their own luminance, and by a camera's matrix none at all, so that they would be black."""
 _STEPS = 65535
 _LONGEST = 65500  # of libjpeg
 _BLOCK = 8
@@ -132,7 +135,8 @@ def to_srgb8(linear: Image, to_srgb: Matrix = _IDENTITY) -> NDArray[np.uint8]:
     """Encode (H, W, 3) linear values as 8-bit sRGB code values.
 
     Colours that sRGB cannot hold move towards the grey of their own luminance until they fit, so
-    that hue stays and no channel is cut off by itself; what is brighter than white is white.
+    that hue stays and no channel is cut off by itself; what is brighter than white is white. The
+    grey has at least half the luminance of the channels above 0, so that no light becomes black.
     """
     codes = np.empty(linear.shape, dtype=np.uint8)
     _write_codes(linear, to_srgb, codes)
@@ -162,8 +166,9 @@ def _encode(
             red = np.float32(m[0]) * r + np.float32(m[1]) * g + np.float32(m[2]) * b
             green = np.float32(m[3]) * r + np.float32(m[4]) * g + np.float32(m[5]) * b
             blue = np.float32(m[6]) * r + np.float32(m[7]) * g + np.float32(m[8]) * b
-            grey = np.float32(luminance[0]) * red + np.float32(luminance[1]) * green
-            grey = min(max(grey + np.float32(luminance[2]) * blue, zero), one)
+            grey = _luminance(luminance, red, green, blue)
+            lit = _luminance(luminance, max(red, zero), max(green, zero), max(blue, zero))
+            grey = min(max(grey, _LEAST_GREY * lit), one)
             share = min(_share(red - grey, grey), _share(green - grey, grey))
             share = min(share, _share(blue - grey, grey))
             steps[0, x] = _step(grey + share * (red - grey), most)
@@ -172,6 +177,14 @@ def _encode(
         for x in range(width):
             out[y, x, 0], out[y, x, 1] = codes[steps[0, x]], codes[steps[1, x]]
             out[y, x, 2] = codes[steps[2, x]]
+
+
+@njit(cache=True, inline="always")
+def _luminance(
+    weights: Numbers, red: np.float32, green: np.float32, blue: np.float32
+) -> np.float32:
+    light = np.float32(weights[0]) * red + np.float32(weights[1]) * green
+    return light + np.float32(weights[2]) * blue
 
 
 @njit(cache=True, inline="always")

@@ -21,8 +21,10 @@ uniform vec3 around;
 out vec4 colour;
 ${SRGB}
 // Colours that the screen cannot show move towards the grey of their luminance, as in our files.
+const vec3 white = vec3(0.2126390058715103, 0.7151686787677559, 0.0721923153607337);
 vec3 fitting(vec3 c) {
-  float grey = clamp(dot(c, vec3(0.2126390058715103, 0.7151686787677559, 0.0721923153607337)), 0.0, 1.0);
+  // at least half of what the channels above 0 give, or deep blue light would be black
+  float grey = min(max(dot(c, white), 0.5 * dot(max(c, 0.0), white)), 1.0);
   vec3 away = c - grey;
   vec3 room = mix(vec3(grey), vec3(1.0 - grey), greaterThan(away, vec3(0.0)));
   vec3 share = min(room / max(abs(away), 1e-12), 1.0);

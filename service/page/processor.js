@@ -226,8 +226,10 @@ function encode(codes, sum, layer, [a, b, c, d, e, f, g, h, i]) {
     let green = sum[place + 1] + d * x + e * y + f * z;
     let blue = sum[place + 2] + g * x + h * y + i * z;
     if (red < 0 || green < 0 || blue < 0 || red > 1 || green > 1 || blue > 1) {
-      // what the screen cannot show moves towards the grey of its luminance, as in our files
-      const grey = Math.min(1, Math.max(0, forRed * red + forGreen * green + forBlue * blue));
+      // what the screen cannot show moves towards the grey of its luminance, as in our files:
+      // at least half of what the channels above 0 give, or deep blue light would be black
+      const lit = forRed * Math.max(0, red) + forGreen * Math.max(0, green) + forBlue * Math.max(0, blue);
+      const grey = Math.min(1, Math.max(0.5 * lit, forRed * red + forGreen * green + forBlue * blue));
       const share = Math.min(1, room(red, grey), room(green, grey), room(blue, grey));
       red = grey + share * (red - grey);
       green = grey + share * (green - grey);

@@ -19,6 +19,7 @@ from pipeline.normals import Facing
 from pipeline.options import DirectedLight, Options
 from pipeline.remarks import Code, Remark
 from pipeline.spectra.cameras import Camera
+from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light
 
 Array = NDArray[np.float64]
@@ -249,6 +250,18 @@ def test_coloured_light_has_no_temperature(
 
     assert entry["cct_k"] is None
     assert entry["duv"] is None
+
+
+@pytest.mark.parametrize("peak_nm", [440, 450, 455, 460])
+def test_a_deep_blue_lamp_is_blue_on_a_screen(
+    model: Model, camera: Camera, lamps_of: Callable[..., Any], peak_nm: int
+) -> None:
+    white = camera.sensitivities @ np.exp(-0.5 * ((WAVELENGTHS_NM - peak_nm) / 10) ** 2)
+
+    (entry,) = lamp_entries(lamps_of(white / np.linalg.norm(white)), model, np.ones(1))
+
+    red, green, blue = bytes.fromhex(entry["srgb"].removeprefix("#"))
+    assert blue > 120 and max(red, green) < 50
 
 
 @pytest.mark.parametrize(("light", "warm"), [("A", True), ("D150", False)])

@@ -13,6 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from playwright.sync_api import Page, expect
 
+from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.encode.exr import ExrFile
 from pipeline.encode.jpeg import to_srgb8
 from pipeline.mix import mix_matrices
@@ -81,6 +82,25 @@ def test_both_ways_of_drawing_show_the_mix_of_the_files(
     left, right = slice(0, middle - 2), slice(middle + 2, None)
     assert np.abs(halves[:, left] - untouched[:, left]).max() <= 2
     assert np.abs(halves[:, right] - mixed[:, right]).max() <= 2
+
+
+def test_both_ways_show_light_of_no_luminance_as_the_files_do(
+    painted: Page, done: dict[str, Any], service: Any
+) -> None:
+    """As if the camera's matrix took all light to a deep blue, which has negative luminance."""
+    deep_blue = np.array([[0.1, 0.0, -0.1], [-0.2, 0.05, -0.3], [0.0, 0.0, 2.0]])
+    manifest = json.loads(result(service, done, "manifest.json"))
+    manifest["mix"]["to_xyz"] = (np.linalg.inv(XYZ_TO_SRGB) @ deep_blue).tolist()
+    painted.route("**/results", lambda route: route.fulfill(json=manifest))
+    open_mixer(painted, done)
+    linear = (layers_of(service, done).sum(axis=0) @ deep_blue.T).astype(np.float32)
+    luminance = linear @ np.linalg.inv(XYZ_TO_SRGB)[1]
+    assert (luminance < 0).mean() > 0.5
+
+    found = shown(painted, (linear.shape[1], linear.shape[0]))
+
+    assert np.abs(found - to_srgb8(linear).astype(int)).max() <= 2
+    assert np.median(found[..., 2]) > 30
 
 
 def test_of_rounded_light_both_ways_show_the_codes_of_the_files(

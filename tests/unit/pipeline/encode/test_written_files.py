@@ -141,10 +141,40 @@ def test_colours_outside_the_gamut_keep_hue_and_brightness(light: tuple[float, .
     assert cosine > 0.999
 
 
+@pytest.mark.parametrize("light", [(-0.04, -0.13, 1.0), (0.0, -0.1, 0.99), (-2.0, 0.1, 0.5)])
+def test_light_of_no_luminance_keeps_its_hue_and_half_of_what_is_lit(
+    light: tuple[float, ...],
+) -> None:
+    """Deep blue lamps by a camera's matrix: Y is negative, or next to nothing."""
+    weights = np.array([0.2126, 0.7152, 0.0722])
+    color = np.array(light)
+    assert color @ weights < 1e-3
+
+    value = to_srgb8(np.array([[light]], np.float32))[0, 0] / 255.0
+    shown = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+
+    grey = 0.5 * color.clip(min=0) @ weights
+    away = color - grey
+    np.testing.assert_allclose(shown, grey + away * grey / (grey - color.min()), atol=0.002)
+    assert shown.max() > grey
+
+
+def test_less_and_less_luminance_makes_no_step() -> None:
+    """From a blue whose luminance is kept to one that has none, code by code."""
+    green = np.linspace(0.1, -0.2, 601)
+    light = np.stack([np.full_like(green, -0.04), green, np.ones_like(green)], axis=1)
+
+    codes = to_srgb8(light[None].astype(np.float32))[0].astype(int)
+
+    assert np.abs(np.diff(codes, axis=0)).max() <= 2
+    assert codes[:, 2].min() > 100
+
+
 def srgb8_by_numpy(linear: Picture, matrix: NDArray[np.float64]) -> NDArray[np.uint8]:
     """What to_srgb8 means, pixel by pixel at once; it works one by one, compiled."""
     rgb = linear @ matrix.T.astype(np.float32)
-    grey = np.clip(rgb @ rgb_to_xyz(SRGB_PRIMARIES)[1].astype(np.float32), 0.0, 1.0)[..., None]
+    weights = rgb_to_xyz(SRGB_PRIMARIES)[1].astype(np.float32)
+    grey = np.maximum(rgb @ weights, 0.5 * np.maximum(rgb, 0) @ weights).clip(max=1.0)[..., None]
     away = rgb - grey
     room = np.where(away > 0, 1.0 - grey, grey)
     with np.errstate(divide="ignore", invalid="ignore"):
