@@ -2,8 +2,9 @@
 
 out = tone(Σ_k 2^ev_k · diag(rgb_k) · A_k · B_k · layer_k). B_k takes camera RGB to linear sRGB as
 the photograph is shown or, for a neutral lamp, as the layer would be under the neutral light; A_k
-adapts the light's colour to the wanted temperature. Settings that are left alone give the
-photograph. The page computes the same (service/page/mix.js).
+adapts the light's colour to the wanted temperature, from the lamp's own white or, where that is
+none to adapt from, from the neutral light. Settings that are left alone give the photograph. The
+page computes the same (service/page/mix.js).
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.colour.spaces import XYZ_TO_SRGB, adaptation
+from pipeline.colour.spaces import XYZ_TO_SRGB, adaptation, adapts
 from pipeline.colour.temperature import white_of
 from pipeline.frames import Image, Matrix, Photograph
 from pipeline.lamps import Lamps
@@ -67,9 +68,11 @@ def mixed(layers: NDArray[np.float32], matrices: Matrix) -> Image:
 def _matrix(basis: MixBasis, lamp: LampBasis, settings: LampMix) -> Matrix:
     if not settings.on:
         return np.zeros((3, 3))
-    shown = np.array(lamp.neutral_to_xyz if settings.neutral else basis.to_xyz)
+    own = np.array(lamp.white)
+    neutral = settings.neutral or (settings.temperature_k is not None and not adapts(own))
+    shown = np.array(lamp.neutral_to_xyz if neutral else basis.to_xyz)
     if settings.temperature_k is not None:
-        white = np.array(basis.neutral if settings.neutral else lamp.white)
+        white = np.array(basis.neutral) if neutral else own
         wanted = white_of(settings.temperature_k, settings.tint / TINT_PER_DUV)
         shown = adaptation(white, wanted) @ shown
     gel = 2.0**settings.ev * np.array(settings.rgb)

@@ -48,6 +48,16 @@ def adaptation(white: NDArray[np.float64], other: NDArray[np.float64]) -> Matrix
     return np.asarray(np.linalg.solve(_BRADFORD, gain[:, None] * _BRADFORD))
 
 
+def adapts(white: NDArray[np.float64]) -> bool:
+    """Whether adaptation takes a white, CIE XYZ (3,), just to the other, its luminance kept.
+
+    Not where it lacks a cone's light or a camera's matrix makes it one no eye can see: a lamp of
+    nearly one wavelength has a cone at or below 0.02 of the largest.
+    """
+    cones = _BRADFORD @ white
+    return bool(cones.min() > _LEAST_CONE * cones.max())
+
+
 XYZ_TO_SRGB: Matrix = np.asarray(np.linalg.inv(rgb_to_xyz(SRGB_PRIMARIES)), dtype=np.float64)
 """CIE XYZ (D65) → linear sRGB."""
 XYZ_TO_REC2020: Matrix = np.asarray(np.linalg.inv(rgb_to_xyz(REC2020_PRIMARIES)), dtype=np.float64)

@@ -18,9 +18,10 @@ export function untouched() {
 export function lampMatrix(basis, index, settings) {
   if (!settings.on) return new Array(9).fill(0);
   const lamp = basis.lamps[index];
-  let shown = (settings.neutral ? lamp.neutral_to_xyz : basis.to_xyz).flat();
+  const neutral = settings.neutral || (settings.temperature_k !== null && !adapts(lamp.white));
+  let shown = (neutral ? lamp.neutral_to_xyz : basis.to_xyz).flat();
   if (settings.temperature_k !== null) {
-    const white = settings.neutral ? basis.neutral : lamp.white;
+    const white = neutral ? basis.neutral : lamp.white;
     const wanted = whiteOf(settings.temperature_k, settings.tint / TINT_PER_DUV);
     shown = times(adaptation(white, wanted), shown);
   }
@@ -113,6 +114,12 @@ function adaptation(white, other) {
   const gains = wanted.map((value, index) => Math.max(value, 0) / Math.max(cones[index], least));
   const scaled = BRADFORD.map((value, place) => gains[Math.floor(place / 3)] * value);
   return times(inverse(BRADFORD), scaled);
+}
+
+/** Whether there is a white to adapt from: one of nearly one wavelength lacks a cone's light. */
+function adapts(white) {
+  const cones = apply(BRADFORD, white);
+  return Math.min(...cones) > LEAST_CONE * Math.max(...cones);
 }
 
 function apply(m, v) {

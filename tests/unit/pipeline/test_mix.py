@@ -16,6 +16,11 @@ from pipeline.mix import mix_basis, mix_matrices, mixed
 from pipeline.mix_options import LampMix, Mix, MixBasis
 from pipeline.model import Model
 from pipeline.shown import shown_gain
+from pipeline.spectra.cameras import Camera
+from pipeline.spectra.grid import WAVELENGTHS_NM
+from pipeline.spectra.lights import find_light
+from pipeline.spectra.matrices import best_matrix
+from pipeline.white_balance import whites_of
 
 Array = NDArray[np.float64]
 SRGB_TO_XYZ = np.linalg.inv(XYZ_TO_SRGB)
@@ -138,6 +143,41 @@ def test_a_lamp_of_one_colour_can_still_have_a_temperature(basis: MixBasis) -> N
     mix = Mix(lamps=[LampMix(temperature_k=6500), LampMix()])
 
     assert np.abs(mix_matrices(odd, mix)).max() < 200
+
+
+@pytest.mark.parametrize("peak_nm", [450, 455, 460, 470, 590])
+@pytest.mark.parametrize(("kelvin", "tint"), [(2700.0, 0.0), (5000.0, 30.0)])
+def test_a_lamp_without_a_white_to_adapt_from_gets_the_temperature_of_the_neutral_light(
+    lamps_of: Callable[..., Lamps],
+    model: Model,
+    camera: Camera,
+    peak_nm: int,
+    kelvin: float,
+    tint: float,
+) -> None:
+    """Of one wavelength by and large, and up to 455 nm of negative luminance by the camera."""
+    s, band = camera.sensitivities, np.exp(-0.5 * ((WAVELENGTHS_NM - peak_nm) / 10) ** 2)
+    matrix = best_matrix(s * find_light("xenon"), s * band)
+    lamps = lamps_of(np.ones(3), matrices=matrix[None])
+    card = np.array([[whites_of(lamps, model)[0]]], np.float32)
+    basis = mix_basis(card, lamps, model)
+
+    def lit(**settings: Any) -> Array:
+        mix = Mix(lamps=[LampMix(**settings)])
+        return np.asarray(SRGB_TO_XYZ @ (mix_matrices(basis, mix)[0] @ card[0, 0]), np.float64)
+
+    found = lit(temperature_k=kelvin, tint=tint)
+
+    assert found[1] == pytest.approx(lit(neutral=True)[1], rel=2e-3)
+    light = cct_duv(found, np.eye(3))
+    assert light is not None
+    assert light[0] == pytest.approx(kelvin, rel=0.01)
+    assert light[1] == pytest.approx(-tint / 3000, abs=5e-4)
+    np.testing.assert_allclose(
+        lit(temperature_k=kelvin, tint=tint, neutral=True), found, rtol=1e-12
+    )
+    own = np.array(basis.to_xyz) @ card[0, 0]
+    np.testing.assert_allclose(lit(), own, atol=1e-6 * own.max())
 
 
 def test_another_number_of_lamps_is_refused(basis: MixBasis) -> None:
