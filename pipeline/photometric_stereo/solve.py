@@ -148,9 +148,7 @@ def _finer(mask: Mask, coarse_step: int, fine_step: int, shape: tuple[int, ...])
 
 
 def _between(coarse: Scene, h: Array, coarse_step: int, fine: Scene, fine_step: int) -> Array:
-    """Squared depths at the corners of the finer grid."""
-    if coarse_step == fine_step:
-        return h
+    """Squared depths at the corners of the finer grid; others than before at equal steps, too."""
     known = coarse.grid.corner_mask
     field = np.zeros(known.shape)
     field[known] = h

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,10 @@ from pipeline.errors import Canceled, InputError, OptionError, UnusablePairError
 from pipeline.lamps import Lamps
 from pipeline.model import Model
 from pipeline.options import DirectedLight
+from pipeline.photometric_stereo import solve as solve_module
+from pipeline.photometric_stereo.fit import fit
 from pipeline.photometric_stereo.responses import LampBank
+from pipeline.photometric_stereo.scene import Scene, State
 from pipeline.photometric_stereo.solve import Surface, solve_surface
 from pipeline.progress import Progress
 from pipeline.reduced import reduce_pair
@@ -207,3 +211,30 @@ def test_light_without_sense_is_solved_or_refused(
 
     assert np.isfinite(surface.w).all()
     assert np.isfinite(surface.z[surface.mask]).all()
+
+
+def test_a_stray_speck_is_left_out_where_a_seam_is_cut(
+    ball: Callable[..., Any], solved: Callable[..., Surface], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The seam is cut before the fit to all pixels, which has no corners then for the speck."""
+    one = ball(32)
+    lamps, flash = one.lamps.copy(), one.flash.copy()
+    speck, seam = np.s_[1:3, 1:3], np.s_[15:17]
+    lamps[:, *speck], flash[speck] = lamps[:, 8:9, 16:17], flash[8, 16]
+
+    def fit_without_seam(scene: Scene, tick: Callable[[], None]) -> tuple[Scene, State]:
+        off = np.zeros(scene.grid.mask.shape, bool)
+        off[seam] = True
+        left = scene.without(off[scene.grid.mask])
+        return left, fit(left, tick)[0]
+
+    monkeypatch.setattr(solve_module, "fit_in_parts", fit_without_seam)
+
+    surface = solved(replace(one, lamps=lamps, flash=flash), one.lights("strength", "rgb"))
+
+    assert surface.mask[speck].all() and surface.cut[speck].all()
+    np.testing.assert_array_equal(surface.cut[seam], surface.mask[seam])
+    rest = one.lit & ~surface.cut
+    assert rest.sum() > 0.85 * one.lit.sum()
+    normals = surface.w / np.linalg.norm(surface.w, axis=2, keepdims=True).clip(min=1e-9)
+    assert one.error(normals, rest) < 2
