@@ -17,6 +17,7 @@ _KNOWN = 0.3  # share of the surroundings in which the surface is known
 _MIN_CONFIDENCE = 0.2
 _LIGHT_ERROR = 0.01  # of a pixel's light, and of its channels' mean
 _NORMAL_ERROR, _CUT_ERROR = 0.05, 0.5  # of the surface at a reduced size, and where it was cut
+_MOST = 2**14  # pixels to a side at a time: cv2.remap ends at 2^15 − 2
 
 
 def surface_normals(strip: Strip, surface: Surface) -> Image:
@@ -66,10 +67,23 @@ def spread(field: NDArray[np.floating], block: int, rows: slice, width: int) -> 
         (np.arange(start, stop, dtype=np.float32) + 0.5) / block - 0.5
         for start, stop in ((rows.start, rows.stop), (0, width))
     )
-    xs, ys = np.meshgrid(x, y)
     planes = np.ascontiguousarray(field.transpose(2, 0, 1), dtype=np.float32)
-    spread = [cv2.remap(plane, xs, ys, cv2.INTER_LINEAR) for plane in planes]
-    return np.stack(spread, axis=-1, dtype=np.float32)
+    spread = np.empty((len(y), len(x), len(planes)), np.float32)
+    for top in range(0, len(y), _MOST):
+        for left in range(0, len(x), _MOST):
+            part = np.s_[top : top + _MOST, left : left + _MOST]
+            down = _around(y[part[0]], planes.shape[1])
+            across = _around(x[part[1]], planes.shape[2])
+            xs, ys = np.meshgrid(x[part[1]] - across.start, y[part[0]] - down.start)
+            for channel, plane in enumerate(planes):
+                spread[(*part, channel)] = cv2.remap(plane[down, across], xs, ys, cv2.INTER_LINEAR)
+    return spread
+
+
+def _around(places: NDArray[np.floating], size: int) -> slice:
+    """The part of an axis of this size that places along it, which rise, lie in."""
+    first = np.clip(np.floor(places[0]), 0, size - 1)
+    return slice(int(first), int(np.floor(places[-1])) + 2)
 
 
 @njit(cache=True)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.photometric_stereo.detail import surface_depth, surface_normals
+from pipeline.photometric_stereo.detail import spread, surface_depth, surface_normals
 from pipeline.photometric_stereo.solve import Surface
 from pipeline.separation import Strip
 
@@ -140,3 +140,39 @@ def test_depth_is_spread_to_the_pictures_size() -> None:
     assert np.isnan(depth[:12]).all()
     expected = 1 + 0.01 * ((np.arange(8, 56) + 0.5) / BLOCK - 0.5)
     np.testing.assert_allclose(depth[30, 8:56], expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize("block", [1, 3])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_side_of_any_length_is_spread(axis: int, block: int) -> None:
+    """Of 40,003 pixels: more than 32,766 to a side, beyond which the interpolation ends."""
+    length, blocks = 40_003, 40_003 // block
+    along = np.random.default_rng(4).uniform(0, 1, blocks)
+    field = np.expand_dims(np.stack([along, 1 - along], axis=1), 1 - axis).repeat(4, 1 - axis)
+
+    size = (length, 4 * block) if axis == 0 else (4 * block, length)
+    found = np.moveaxis(spread(field, block, slice(0, size[0]), size[1]), axis, 0)
+
+    middle = 2 * block  # of the other axis, where nothing outside plays a part
+    inside = slice(block, blocks * block - block)
+    place = (np.arange(length)[inside] + 0.5) / block - 0.5
+    expected = np.interp(place, np.arange(blocks), along)
+    np.testing.assert_allclose(found[inside, middle, 0], expected, atol=0.02)
+    np.testing.assert_allclose(found[inside, middle].sum(axis=1), 1, atol=1e-5)
+    part = slice(17_000, 17_010)
+    if axis == 0:
+        np.testing.assert_array_equal(spread(field, block, part, size[1]), found[part])
+
+
+def test_depth_and_normals_of_a_long_picture_are_found() -> None:
+    width = 33_000
+    known = np.ones((2, width), bool)
+    up = np.broadcast_to([0.0, 0.0, 1.0], (2, width, 3))
+    z = np.tile(np.arange(1.0, width + 1), (2, 1))
+    surface = replace(flat(1), mask=known, cut=~known, w=up, z=z)
+
+    depth = surface_depth(surface, (2, width))
+    normals = surface_normals(strip_of(up, slice(0, 2)), surface)
+
+    np.testing.assert_array_equal(depth, surface.z)
+    np.testing.assert_array_equal(normals, up)
