@@ -194,7 +194,8 @@ def _starts(problem: _Problem, count: int) -> list[Array]:
     wanted = moments[sets]
     colours = np.linalg.solve(small, wanted)
     explained = (colours * wanted).sum(axis=(1, 2))
-    negative = (colours < -0.05 * np.abs(colours).max()).any(axis=(1, 2))
+    strongest = np.abs(colours).max(axis=(1, 2), keepdims=True)
+    negative = (colours < -0.05 * strongest).any(axis=(1, 2))
     ranked = np.argsort(np.where(negative, -np.inf, explained))[::-1]
     return [grid[sets[index]] for index in ranked[:_STARTS]]
 

@@ -85,6 +85,18 @@ def test_lamps_that_are_known_are_found(count: int) -> None:
     assert (found.misfit, found.flash_misfit) == pytest.approx((0, 0), abs=1e-3)
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_three_lamps_near_each_other_are_not_taken_for_lamps_that_take_light_away(
+    seed: int,
+) -> None:
+    """Two are 37° apart: starts with one bright lamp and one of negative light explain as much."""
+    lamps = unit(np.array([(0.357, 0.351, 0.866), (0.217, -0.835, 0.506), (-0.283, 0.335, 0.899)]))
+    colours = np.array([(0.199, 0.113, 0.187), (0.115, 0.330, 0.057), (0.123, 0.118, 0.393)])
+    found = fit_lamps(seen(lamps, colours, noise=0.005, seed=seed), 3)
+    assert errors(found, lamps)[0].max() < 1
+    assert found.colours.min() > 0.05
+
+
 def test_a_lamp_behind_the_sphere_is_found() -> None:
     behind = unit(np.array([(0.9, 0.2, -0.35)]))
     assert errors(fit_lamps(seen(behind, COLOURS[:1]), 1), behind)[0] < 0.1
