@@ -81,7 +81,7 @@ def preview_metadata(raw: rawpy.RawPy) -> Metadata:
     """Facts from the embedded preview, to which LibRaw gives an EXIF block where it has none."""
     try:
         preview = raw.extract_thumb()
-    except rawpy.LibRawError:
+    except (rawpy.LibRawError, NotImplementedError, OSError):  # none, of another kind, damaged
         return Metadata()
     data = preview.data
     return read_metadata(data) if isinstance(data, bytes) else Metadata()  # else a bitmap

@@ -149,6 +149,24 @@ def test_the_preview_gives_the_facts_that_the_raw_file_lacks(
     assert preview_metadata(cast(rawpy.RawPy, with_bitmap)) == Metadata()
 
 
+@pytest.mark.parametrize(
+    "error",
+    [
+        rawpy.LibRawNoThumbnailError(),
+        NotImplementedError("thumb type: 4"),
+        OSError(22, "Invalid argument"),
+    ],
+)
+def test_a_preview_that_cannot_be_read_has_no_facts(error: Exception) -> None:
+    """Which is no reason to refuse the photograph that it is one of."""
+
+    def extract_thumb() -> None:
+        raise error
+
+    raw = SimpleNamespace(extract_thumb=extract_thumb)
+    assert preview_metadata(cast(rawpy.RawPy, raw)) == Metadata()
+
+
 def test_a_raw_file_without_preview_has_no_facts(dng_file: Callable[..., bytes]) -> None:
     with rawpy.imread(io.BytesIO(dng_file(mosaic(ramp())))) as raw:
         assert preview_metadata(raw) == Metadata()
