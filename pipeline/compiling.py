@@ -11,7 +11,6 @@ constants are compiled into it. So each version of this package has a folder tha
 from __future__ import annotations
 
 import atexit
-import hashlib
 import os
 import shutil
 import tempfile
@@ -23,6 +22,8 @@ from typing import Any
 import numba
 from numba import njit
 from numba.core.registry import cpu_target
+
+from pipeline.sources import digest
 
 __all__ = ["CACHE", "Cache", "njit", "settle"]
 
@@ -51,7 +52,7 @@ class Cache:
 def settle() -> Cache:
     """Find the folder that code is kept in, or make one for the life of this process."""
     home = _home()
-    wanted = home / f"{_PREFIX}{_digest(Path(__file__).parent)}"
+    wanted = home / f"{_PREFIX}{digest(Path(__file__).parent)}"
     is_new = not os.access(wanted, os.F_OK)
     _config.CACHE_DIR = str(wanted)
     try:
@@ -80,15 +81,6 @@ def _home() -> Path:
         return _folder()
     except RuntimeError:
         return Path(__file__).with_name("__pycache__")
-
-
-def _digest(package: Path) -> str:
-    """Digest of all modules of a package."""
-    digest = hashlib.sha256()
-    for path in sorted(package.rglob("*.py")):
-        digest.update(path.relative_to(package).as_posix().encode() + b"\0")
-        digest.update(hashlib.sha256(path.read_bytes()).digest())
-    return digest.hexdigest()[:16]
 
 
 def _forget_older(wanted: Path) -> None:

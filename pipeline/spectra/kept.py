@@ -8,7 +8,6 @@ this package share them: each file has a stamp.
 from __future__ import annotations
 
 import functools
-import inspect
 import io
 import os
 import tempfile
@@ -22,6 +21,8 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.sources import digest
+
 _Given = ParamSpec("_Given")
 _Table = TypeVar("_Table", bound=NDArray[Any])
 
@@ -29,8 +30,9 @@ _Table = TypeVar("_Table", bound=NDArray[Any])
 def kept(library: str) -> Callable[[Callable[_Given, _Table]], Callable[_Given, _Table]]:
     """Decorate a function that makes a table by a library, so that its file gives it once made.
 
-    What the function returns must follow from its arguments, its module and the library's version
-    alone; arrays are read-only. Where no file can be written it is made each time.
+    What the function returns must follow from its arguments, the modules beside this one and the
+    library's version alone; arrays are read-only. Where no file can be written it is made each
+    time.
     """
 
     def decorate(make: Callable[_Given, _Table]) -> Callable[_Given, _Table]:
@@ -38,7 +40,7 @@ def kept(library: str) -> Callable[[Callable[_Given, _Table]], Callable[_Given, 
         def table(*args: _Given.args, **kwargs: _Given.kwargs) -> _Table:
             given = "-".join(map(str, (*args, *kwargs.values())))
             path = _folder() / f"{make.__name__}{given and '-' + given}.npz"
-            stamp = _stamp(library, inspect.getfile(make))
+            stamp = _stamp(library)
             values: _Table | None = _read(path, stamp)
             if values is None:
                 values = make(*args, **kwargs)
@@ -57,9 +59,8 @@ def _folder() -> Path:
 
 
 @functools.cache
-def _stamp(library: str, module: str) -> str:
-    source = Path(module).stat()
-    return f"{library} {version(library)}, {source.st_size} bytes of {source.st_mtime_ns}"
+def _stamp(library: str) -> str:
+    return f"{library} {version(library)}, modules {digest(Path(__file__).parent)}"
 
 
 def _read(path: Path, stamp: str) -> Any:

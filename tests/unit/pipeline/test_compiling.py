@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from numba.core.registry import cpu_target
 
-from pipeline import compiling
+from pipeline import compiling, sources
 from pipeline.compiling import Cache, njit, settle
 
 
@@ -92,7 +92,8 @@ def package(tmp_path: Path) -> Path:
     package = tmp_path / "pipeline"
     package.mkdir()
     (package / "__init__.py").touch()
-    (package / "compiling.py").write_bytes(Path(compiling.__file__).read_bytes())
+    for module in (Path(compiling.__file__), Path(sources.__file__)):
+        (package / module.name).write_bytes(module.read_bytes())
     (package / "callee.py").write_text("NUMBER = 42\n")
     (package / "caller.py").write_text(
         "from pipeline.callee import NUMBER\n"

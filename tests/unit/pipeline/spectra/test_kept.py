@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -9,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import pipeline
 from pipeline.spectra.kept import kept
 
 Make = Callable[[int], NDArray[np.float64]]
@@ -53,6 +56,23 @@ def test_a_table_of_another_version_is_made_anew(
     table(5)
 
     assert CALLS == [5, 5]
+
+
+def test_a_table_of_other_modules_is_made_anew(tmp_path: Path) -> None:
+    """A table follows from the grid, too, which is in another module than what makes it."""
+    shutil.copytree(Path(pipeline.__file__).parent, tmp_path / "pipeline")
+    code = "from pipeline.spectra.observer import cie_1931; print(cie_1931().shape[1])"
+    kept_in = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+
+    def count() -> int:
+        run = [sys.executable, "-c", code]  # which imports from where it runs
+        done = subprocess.run(run, cwd=tmp_path, env=kept_in, capture_output=True, check=True)
+        return int(done.stdout)
+
+    assert [count(), count()] == [81, 81]
+    grid = tmp_path / "pipeline" / "spectra" / "grid.py"
+    grid.write_text(grid.read_text().replace("781.0", "756.0"))
+    assert count() == 76
 
 
 @pytest.mark.parametrize("damage", [b"", b"PK\3\4 no archive", b"nothing"])
