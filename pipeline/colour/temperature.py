@@ -26,7 +26,9 @@ def cct_duv(rgb: ArrayLike, matrix: Matrix) -> tuple[float, float] | None:
         return None
     point = np.array([4 * X, 6 * Y]) / total
     low, high = (1e6 / kelvin for kelvin in reversed(CCT_RANGE_K))
-    for _ in range(4):  # each round looks ten times as closely in reciprocal temperature
+    beyond = (high - low) / 200  # so that the ends of the range have neighbours
+    low, high = low - beyond, high + beyond
+    for _ in range(4):  # each round looks 100 times as closely in reciprocal temperature
         mired = np.linspace(low, high, 201)
         locus = _planckian_uv(1e6 / mired)
         distance = np.hypot(*(locus - point[:, None]))
@@ -34,8 +36,11 @@ def cct_duv(rgb: ArrayLike, matrix: Matrix) -> tuple[float, float] | None:
         if best in (0, mired.size - 1) or distance[best] > _MAX_DUV:
             return None
         low, high = mired[best - 1], mired[best + 1]
+    kelvin = float(1e6 / mired[best])
+    if not CCT_RANGE_K[0] <= round(kelvin, 1) <= CCT_RANGE_K[1]:  # found to a thousandth of it
+        return None
     above = np.sign(point[1] - locus[1, best])
-    return float(1e6 / mired[best]), float(above * distance[best])
+    return float(np.clip(kelvin, *CCT_RANGE_K)), float(above * distance[best])
 
 
 def white_of(kelvin: float, duv: float) -> NDArray[np.float64]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
 
-from pipeline.colour.temperature import cct_duv, white_of
+from pipeline.colour.temperature import CCT_RANGE_K, cct_duv, white_of
 from pipeline.spectra.library import colour_science
 from pipeline.spectra.lights import find_light
 from pipeline.spectra.observer import cie_1931
@@ -50,6 +50,22 @@ def test_cct_of_lamps_agrees_with_an_independent_method(light: str) -> None:
 )
 def test_colours_far_from_any_black_body_have_no_cct(xyz: tuple[float, float, float]) -> None:
     assert cct(xyz, np.eye(3)) is None
+
+
+@pytest.mark.parametrize("duv", [-0.02, 0.0, 0.02])
+@pytest.mark.parametrize("kelvin", [1000, 1001, 1003, 14500, 14700, 14990, 15000])
+def test_cct_is_known_up_to_both_ends_of_the_range(kelvin: float, duv: float) -> None:
+    found = cct_duv(white_of(kelvin, duv), np.eye(3))
+
+    assert found is not None
+    assert found[0] == pytest.approx(kelvin, rel=2e-3)
+    assert CCT_RANGE_K[0] <= found[0] <= CCT_RANGE_K[1]
+    assert found[1] == pytest.approx(duv, abs=1e-4)
+
+
+@pytest.mark.parametrize("kelvin", [997, 15100, 16000])
+def test_lights_just_beyond_the_range_have_no_cct(kelvin: float) -> None:
+    assert cct_duv(white_of(kelvin, 0), np.eye(3)) is None
 
 
 @pytest.mark.parametrize("kelvin", [900, 20000])
