@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 _DISPLAY_LIGHT = "D65"
 """White of sRGB and Rec. 2020: photographs are shown as balanced for it."""
 _MIN_INDEPENDENCE = 0.01  # least ÷ largest singular value; cameras have 0.09 and more
+_MOST_CONDITION = 1e6  # of what a camera sees under the neutral light; lamps have 70 and less
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,8 @@ def build_model(
 
     flash, neutral: (W,) spectra on WAVELENGTHS_NM; basis: "wpca", "pca" or "joint"; response: the
     camera through which the photograph is to be seen anew. Raises OptionError for a camera that
-    does not tell three colours apart, or does not see one of the lights.
+    does not tell three colours apart, nor under the neutral light, or does not see one of the
+    lights.
     """
     for one in (camera, *([] if response is None else [response])):
         _check_camera(one, flash, neutral)
@@ -133,6 +135,11 @@ def _check_camera(camera: Camera, flash: Array, neutral: Array) -> None:
                 f"The camera {camera.name!r} sees no green in the {name}: check the wavelengths "
                 "of both."
             )
+    if not np.linalg.cond(camera.sensitivities * neutral) < _MOST_CONDITION:
+        raise OptionError(
+            f"Under the neutral light the camera {camera.name!r} does not tell three colours "
+            "apart: choose a light of more wavelengths, such as D65 or A."
+        )
 
 
 def _response(basis: SpectralBasis, s: Array, flash: Array, response: Camera) -> Response:

@@ -19,7 +19,8 @@ def camera_to_xyz(
     sensitivities (3, W), illuminant (W,), reflectances (m, W). Camera RGB of a reflectance ρ is
     sensitivities @ (illuminant·ρ), taken as it is; XYZ has Y = 1 for the perfect white. Least
     squares with the white kept exact (Finlayson and Drew 1997, white-point preserving least
-    squares). Raises numpy.linalg.LinAlgError where the camera does not see three colours.
+    squares). The camera must see three colours under the illuminant: else the matrix is rounding
+    noise, or numpy.linalg.LinAlgError is raised.
     """
     observer = cie_1931() * illuminant
     observer /= observer[1].sum()

@@ -205,6 +205,16 @@ def test_a_camera_without_three_colours_is_refused(
         build_model(cameras[0], find_light("xenon"), find_light("D65"), "wpca", cameras[1])
 
 
+def test_a_neutral_light_of_one_wavelength_is_refused(camera: Camera) -> None:
+    """Low-pressure sodium, under which all surfaces have one colour."""
+    with pytest.raises(
+        OptionError,
+        match=r"^Under the neutral light the camera 'Nikon D5100' does not tell three colours apart"
+        r": choose a light of more wavelengths",
+    ):
+        build_model(camera, find_light("xenon"), find_light("LPS"), "wpca")
+
+
 @pytest.mark.parametrize(
     ("dark", "name"), [("flash", "flash spectrum"), ("neutral", "neutral light")]
 )
