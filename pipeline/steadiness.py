@@ -167,7 +167,8 @@ def bands(ratios: Ratios) -> float | None:
     heights = np.abs(rows.mean(axis=1))
     strongest = int(np.argmax(heights))
     near = slice(max(strongest - _LINE, 0), strongest + _LINE + 1)
-    others = np.delete(heights, near)[1:].max(initial=0.0)
+    beside = [0, *range(near.start, min(near.stop, len(heights)))]  # 0 may be the fall-off's
+    others = np.delete(heights, beside).max(initial=0.0)
     across = 0.0 if columns is None else np.abs(columns[near].mean(axis=1)).max(initial=0.0)
     height = float(heights[strongest])
     if strongest == 0 or height < max(_BAND_HEIGHT, _STANDS_OUT * others, _STANDS_OUT * across):
