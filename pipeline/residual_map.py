@@ -23,7 +23,8 @@ MARKED = 0.1
 LEGEND = 120
 """Height of the legend below the map in pixels."""
 
-_WIDTH = 900  # of the map at least, so that the legend fits
+_WIDTH = 900  # of the picture at least, so that the legend fits
+_MOST_HEIGHT = 2048  # of a map that is enlarged
 _UNUSABLE = (90, 90, 95)
 _COLOURS = cv2.COLORMAP_VIRIDIS
 
@@ -53,16 +54,17 @@ def relative_residual(reduced: ReducedPair, lamps: Lamps) -> NDArray[np.float32]
 def draw_residual_map(residual: NDArray[np.float32]) -> Picture:
     """8-bit sRGB picture of a relative residual (h, w), with a scale and words below.
 
-    At least 900 pixels wide: smaller ones are enlarged by a whole factor.
+    At least 900 pixels wide: smaller ones are enlarged by a whole factor, up to 2048 pixels in
+    height, and what is still narrower has an empty margin to its right.
     """
-    factor = max(1, -(-_WIDTH // residual.shape[1]))
+    factor = max(1, min(-(-_WIDTH // residual.shape[1]), _MOST_HEIGHT // residual.shape[0]))
     codes = np.nan_to_num(np.clip(residual / MOST, 0.0, 1.0) * 255).round().astype(np.uint8)
     shown = _coloured(codes)
     shown[~np.isfinite(residual)] = _UNUSABLE
     shown = shown.repeat(factor, axis=0).repeat(factor, axis=1)
     height, width = shown.shape[:2]
-    picture = panel(height + LEGEND, width)
-    picture[:height] = shown
+    picture = panel(height + LEGEND, max(width, _WIDTH))
+    picture[:height, :width] = shown
     _draw_legend(picture, height)
     return picture
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.lettering import panel
 from pipeline.reduced import ReducedPair, reduce_pair
 from pipeline.residual_map import LEGEND, MOST, draw_residual_map, relative_residual
 
@@ -134,6 +135,19 @@ def test_the_map_has_a_legend_and_is_wide_enough_for_it() -> None:
     assert draw_residual_map(np.zeros((300, 512), np.float32)).shape == (600 + LEGEND, 1024, 3)
 
 
+@pytest.mark.parametrize(("height", "factor"), [(507, 4), (2000, 1), (3000, 1)])
+def test_a_tall_narrow_map_has_a_margin_for_the_legend(height: int, factor: int) -> None:
+    residual = np.full((height, 9), MOST, np.float32)
+
+    picture = draw_residual_map(residual)
+
+    assert picture.shape == (factor * height + LEGEND, 900, 3)
+    assert brightness(picture[: factor * height, : 9 * factor]).min() > 150
+    np.testing.assert_array_equal(
+        picture[: factor * height, 9 * factor :], panel(factor * height, 900 - 9 * factor)
+    )
+
+
 def test_more_is_brighter_up_to_the_end_of_the_scale() -> None:
     values = np.array([0, 0.05, 0.1, 0.15, MOST, 3 * MOST], np.float32)
 
@@ -168,5 +182,5 @@ def test_the_legend_shows_the_scale() -> None:
 def test_odd_shapes_are_drawn(shape: tuple[int, int]) -> None:
     picture = draw_residual_map(np.full(shape, np.nan, np.float32))
 
-    factor = -(-900 // shape[1])
-    assert picture.shape == (shape[0] * factor + LEGEND, shape[1] * factor, 3)
+    factor = min(-(-900 // shape[1]), 2048 // shape[0])
+    assert picture.shape == (shape[0] * factor + LEGEND, max(shape[1] * factor, 900), 3)
