@@ -36,6 +36,7 @@ class ReducedPair:
     usable: bool (h, w): enough light of both kinds to tell lamps by.
     block: side of a block in pixels of the pair.
     rendered: whether a camera's rendering has bent the values.
+    dropped: (width, height) of what is left over of the pair after whole blocks, in pixels.
     """
 
     no_flash: Image
@@ -45,6 +46,14 @@ class ReducedPair:
     usable: Mask
     block: int
     rendered: bool
+    dropped: tuple[int, int] = (0, 0)
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """The middle (x, y) of the pair, in blocks from the middle of the first."""
+        sides = self.usable.shape[::-1]
+        x, y = (side + left / self.block for side, left in zip(sides, self.dropped, strict=True))
+        return x / 2 - 0.5, y / 2 - 0.5
 
 
 def reduce_pair(pair: Pair) -> ReducedPair:
@@ -89,6 +98,7 @@ def reduce_pair(pair: Pair) -> ReducedPair:
         usable,
         block,
         pair.rendered,
+        (width - block * size[0], height - block * size[1]),
     )
 
 

@@ -148,10 +148,8 @@ def _view(reduced: ReducedPair, focal_px: float) -> Array:
     """Unit vectors (h, w, 3) from the surface to the camera."""
     height, width = reduced.usable.shape
     y, x = np.mgrid[:height, :width].astype(np.float64)
-    focal = focal_px / reduced.block
-    view = np.stack(
-        [-(x - (width - 1) / 2) / focal, (y - (height - 1) / 2) / focal, np.ones_like(x)], axis=-1
-    )
+    focal, middle = focal_px / reduced.block, reduced.middle
+    view = np.stack([-(x - middle[0]) / focal, (y - middle[1]) / focal, np.ones_like(x)], axis=-1)
     return np.asarray(view / np.linalg.norm(view, axis=-1, keepdims=True))
 
 

@@ -73,12 +73,11 @@ def make_view(reduced: ReducedPair, focal_px: float, most: int) -> View:
     def of_usable(picture: NDArray[np.floating]) -> Array:
         return means(picture[crop] * usable[..., None]) / weight
 
-    block = reduced.block * step
-    size = [side * reduced.block for side in reduced.usable.shape]
+    x, y = reduced.middle
     return View(
         step=step,
-        focal=focal_px / block,
-        centre=(size[1] / 2 / block - 0.5, size[0] / 2 / block - 0.5),
+        focal=focal_px / (reduced.block * step),
+        centre=((x + 0.5) / step - 0.5, (y + 0.5) / step - 0.5),
         mask=share >= _MIN_OPEN,
         flash=of_usable(reduced.flash),
         light=of_usable(reduced.no_flash),

@@ -44,6 +44,8 @@ def test_the_longer_side_has_at_most_512_blocks(
         assert picture.shape == (*reduced, 3)
         assert picture.dtype == np.float32
     assert found.usable.shape == reduced
+    middle = (np.array(size[::-1]) / 2 - 0.5 - (block - 1) / 2) / block
+    np.testing.assert_allclose(found.middle, middle)
 
 
 def test_blocks_are_means(pair_of: Callable[..., Any]) -> None:

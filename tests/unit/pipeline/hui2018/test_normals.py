@@ -238,6 +238,26 @@ def test_pixels_of_a_reduced_picture_count_as_often_as_they_are_wide(
     np.testing.assert_allclose(relative(photometry.strengths), STRENGTHS, rtol=0.01)
 
 
+def test_the_cameras_axis_goes_through_the_middle_of_what_was_dropped_too(
+    shone: Callable[..., tuple[Any, Strip]], model: Model, lamps: Lamps, warm_to_cool: Array
+) -> None:
+    """Of a picture that is a quarter wider than whole blocks."""
+    reduced = reduce_pair(shone()[0])
+    some = np.s_[:, :76]
+    cut = replace(
+        reduced,
+        no_flash=reduced.no_flash[some],
+        flash=reduced.flash[some],
+        usable=reduced.usable[some],
+        dropped=(24, 0),
+    )
+    given = lights(strengths=(None, None, None), rgb=warm_to_cool)
+
+    photometry = solve_photometry(given, cut, lamps, model, FOCAL_PX)
+
+    np.testing.assert_allclose(relative(photometry.strengths), STRENGTHS, rtol=0.01)
+
+
 def test_on_a_flat_surface_the_strengths_given_hold(
     shone: Callable[..., tuple[Any, Strip]],
     model: Model,
