@@ -86,7 +86,7 @@ def _crossing(corners: Array) -> Array:
 
 
 def _different(quads: list[Quad]) -> list[Quad]:
-    """One of those that several masks show: the median of their middles, the first's corners."""
+    """One of those that several masks show: median middle and side, the corners of that side."""
     groups: list[list[Quad]] = []
     middles = np.empty((0, 3))
     for quad in quads:

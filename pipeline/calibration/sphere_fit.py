@@ -60,7 +60,7 @@ class SphereFit:
     directions, colours: (N, 3) of the lamps. deviations_deg: (N,) of the directions. moved:
     (3,) the outline, in radii. flash_aside_deg: at the sphere, from the camera. cost: half the
     mean robust square of the error by its deviation. misfit, flash_misfit: root mean square error
-    of the lamps' light and of the flash part by their means.
+    of the lamps' light and of the flash part by their means, no finite numbers without light.
     """
 
     directions: Array
@@ -143,16 +143,17 @@ class _Problem:
         flash_missed = self._flash - self._flash_light(self._seen.view(outline), flash)
         spread = np.linalg.pinv(end.jac.T @ end.jac) * max(2 * end.cost / len(end.fun), 1e-12)
         across = np.diag(spread)[_COMMON:].reshape(-1, 2).sum(axis=1)
-        return SphereFit(
-            directions=towards,
-            colours=colours,
-            deviations_deg=np.degrees(np.sqrt(across)),
-            moved=outline,
-            flash_aside_deg=float(np.degrees(np.arctan(np.hypot(*flash[:2])))),
-            cost=float(end.cost / lamp_errors.size),
-            misfit=float(np.sqrt(np.mean(missed**2)) / self._light.mean()),
-            flash_misfit=float(np.sqrt(np.mean(flash_missed**2)) / abs(self._flash.mean())),
-        )
+        with np.errstate(divide="ignore", invalid="ignore"):  # no light has no relative misfit
+            return SphereFit(
+                directions=towards,
+                colours=colours,
+                deviations_deg=np.degrees(np.sqrt(across)),
+                moved=outline,
+                flash_aside_deg=float(np.degrees(np.arctan(np.hypot(*flash[:2])))),
+                cost=float(end.cost / lamp_errors.size),
+                misfit=float(np.sqrt(np.mean(missed**2)) / self._light.mean()),
+                flash_misfit=float(np.sqrt(np.mean(flash_missed**2)) / abs(self._flash.mean())),
+            )
 
     def _flash_light(self, view: SphereView, flash: Array) -> Array:
         """Light (n,) of a flash in the plane of the lens on an even sphere."""

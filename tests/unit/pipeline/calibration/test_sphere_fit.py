@@ -97,6 +97,14 @@ def test_three_lamps_near_each_other_are_not_taken_for_lamps_that_take_light_awa
     assert found.colours.min() > 0.05
 
 
+def test_a_sphere_without_light_is_no_fit_and_no_fault() -> None:
+    """Every warning of NumPy's would be an error here."""
+    lit = seen(LAMPS[:1], COLOURS[:1])
+    dark = np.zeros_like(lit.lights.lamps)
+    found = fit_lamps(replace(lit, lights=replace(lit.lights, lamps=dark, flash=dark)), 1)
+    assert not found.flash_misfit < 0.5
+
+
 def test_a_lamp_behind_the_sphere_is_found() -> None:
     behind = unit(np.array([(0.9, 0.2, -0.35)]))
     assert errors(fit_lamps(seen(behind, COLOURS[:1]), 1), behind)[0] < 0.1
