@@ -44,16 +44,28 @@ _PORTS = ("usb", "ptpip")  # others would read files of this computer, or its se
 
 
 class GphotoCamera(Camera):
-    """A camera behind the child process. call_s: seconds that a call may take."""
+    """A camera behind the child process. call_s: seconds that a call may take.
+
+    Raises CameraDisconnectedError where the child cannot be started, and what opening the camera
+    raises.
+    """
 
     def __init__(self, address: str, port: str, call_s: float = CALL_S) -> None:
         self._address, self._call_s = address, call_s
-        self._child: subprocess.Popen[bytes] | None = subprocess.Popen(
-            [sys.executable, "-m", "drivers.gphoto.child"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-        )
+        self._child: subprocess.Popen[bytes] | None = None
+        try:
+            self._child = subprocess.Popen(
+                [sys.executable, "-m", "drivers.gphoto.child"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+            )
+        except OSError as error:
+            raise CameraDisconnectedError(
+                "The process that libgphoto2 works in cannot be started here "
+                f"({(error.strerror or 'unknown reason').lower()}): mend that, or end other "
+                "programs if the computer has no room for it, and try again."
+            ) from error
         try:
             self._call("open", port)
         except BaseException:

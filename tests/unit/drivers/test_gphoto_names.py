@@ -1,9 +1,12 @@
 from __future__ import annotations
 
+import errno
+import os
+
 import pytest
 
 from drivers.camera import SettingName, SettingValue
-from drivers.errors import BadAddressError, CameraNotFoundError
+from drivers.errors import BadAddressError, CameraDisconnectedError, CameraNotFoundError
 from drivers.gphoto.backend import check_address, open_camera
 from drivers.gphoto.names import WIDGETS, decode
 
@@ -72,4 +75,28 @@ def test_what_a_missing_package_is_installed_by_is_said(monkeypatch: pytest.Monk
     assert str(refusal.value) == (
         "The Python package gphoto2 is missing here: install it by pip install "
         "'lightlayers[gphoto2]'."
+    )
+
+
+@pytest.mark.parametrize(
+    ("number", "reason"),
+    [
+        (errno.EAGAIN, "resource temporarily unavailable"),
+        (errno.ENOMEM, "cannot allocate memory"),
+        (errno.ENOENT, "no such file or directory"),
+    ],
+)
+def test_a_process_that_cannot_be_started_is_told(
+    number: int, reason: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_arguments: object, **_named: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr("importlib.util.find_spec", lambda _name: True)
+    monkeypatch.setattr("subprocess.Popen", refuse)
+    with pytest.raises(CameraDisconnectedError) as refusal:
+        open_camera("gphoto2://")
+    assert str(refusal.value) == (
+        f"The process that libgphoto2 works in cannot be started here ({reason}): mend that, or "
+        "end other programs if the computer has no room for it, and try again."
     )
