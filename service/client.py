@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import re
 import time
 import uuid
@@ -183,14 +184,23 @@ class Client:
         return job
 
     def download(self, job: Job, folder: Path) -> None:
-        """Write every result of a job into a folder."""
+        """Write every result of a job into a folder; a file has its name once it is whole.
+
+        One that breaks off is fetched again, as often as some minutes of patience allow. Raises
+        OSError where the folder cannot be written.
+        """
         for file in job["files"]:
-            with (
-                self._request("GET", file["href"]) as response,
-                (folder / Path(file["name"]).name).open("wb") as target,
-            ):
+            _patiently(partial(self._fetch, file["href"], folder, Path(file["name"]).name))
+
+    def _fetch(self, path: str, folder: Path, name: str) -> None:
+        part = folder / f".partial-{name}"
+        try:
+            with self._request("GET", path) as response, part.open("wb") as target:
                 for chunk in response.iter_bytes():
                     target.write(chunk)
+            part.replace(folder / name)
+        finally:
+            part.unlink(missing_ok=True)
 
     def _job(self, method: str, path: str, **arguments: Any) -> Job:
         with self._request(method, path, **arguments) as response:
@@ -228,12 +238,13 @@ def _is_address(url: str) -> bool:
 
 
 def _patiently(ask: Callable[[], Result]) -> Result:
-    deadline = time.monotonic() + _PATIENCE_SECONDS
-    pause = _FIRST_PAUSE_SECONDS
+    deadline, pause = math.inf, _FIRST_PAUSE_SECONDS
     while True:
         try:
             return ask()
         except ServiceAwayError as error:
+            # from the first failure on: what broke off may have gone well for longer than that
+            deadline = min(deadline, time.monotonic() + _PATIENCE_SECONDS)
             if not error.passes or time.monotonic() + pause > deadline:
                 raise
         time.sleep(pause)

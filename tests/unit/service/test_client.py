@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import httpx
@@ -27,6 +28,14 @@ Finish = Callable[[str, dict[str, bytes]], None]
 def client(http: httpx.Client) -> Iterator[Client]:
     with Client(str(http.base_url)) as client:
         yield client
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """An empty folder, for results."""
+    path = tmp_path / "out"
+    path.mkdir()
+    return path
 
 
 def _ignore(_stage: str, _fraction: float) -> None:
@@ -83,17 +92,84 @@ def test_a_service_that_stays_away_is_given_up(
 
 
 def test_results_are_fetched_when_the_job_is_done(
-    client: Client, finish: Finish, tmp_path: Path
+    client: Client, finish: Finish, folder: Path
 ) -> None:
     job = client.submit_capture("sim://studio", Options())
     finish(job["id"], {"lamp1.jpg": b"light", "manifest.json": b"{}"})
-    folder = tmp_path / "out"
-    folder.mkdir()
     client.download(client.wait(job, _ignore), folder)
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == {
         "lamp1.jpg": b"light",
         "manifest.json": b"{}",
     }
+
+
+def _break(
+    client: Client, monkeypatch: pytest.MonkeyPatch, downloads: int, seconds: float = 0.0
+) -> None:
+    """Let the first downloads break off after a part that takes so long; no pause follows."""
+    stream, left, now = client._http.stream, [None] * downloads, [0.0]
+
+    @contextmanager
+    def lossy(verb: str, path: str, **more: Any) -> Iterator[httpx.Response]:
+        with stream(verb, path, **more) as response:
+            if "/results/" in path and left:
+                left.pop()
+                response.iter_bytes = partly  # type: ignore[method-assign]
+            yield response
+
+    def partly(*_arguments: object) -> Iterator[bytes]:
+        yield b"li"
+        now[0] += seconds
+        raise httpx.RemoteProtocolError("peer closed connection without sending complete body")
+
+    monkeypatch.setattr(client._http, "stream", lossy)
+    monkeypatch.setattr("service.client._FIRST_PAUSE_SECONDS", 0.0)
+    clock = SimpleNamespace(monotonic=lambda: now[0], sleep=lambda _seconds: None)
+    monkeypatch.setattr("service.client.time", clock)
+
+
+@pytest.mark.parametrize("seconds", [0.0, 400.0], ids=["at once", "after long"])
+def test_a_download_that_breaks_off_is_tried_again(
+    seconds: float,
+    client: Client,
+    finish: Finish,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    job = client.submit_capture("sim://studio", Options())
+    finish(job["id"], {"lamp1.jpg": b"light", "manifest.json": b"{}"})
+    job = client.wait(job, _ignore)
+    _break(client, monkeypatch, 3 if seconds == 0 else 1, seconds)
+    client.download(job, folder)
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == {
+        "lamp1.jpg": b"light",
+        "manifest.json": b"{}",
+    }
+
+
+def test_a_download_that_is_given_up_leaves_no_part_of_it(
+    client: Client, finish: Finish, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job = client.submit_capture("sim://studio", Options())
+    finish(job["id"], {"lamp1.jpg": b"light"})
+    job = client.wait(job, _ignore)
+    _break(client, monkeypatch, 1)
+    monkeypatch.setattr("service.client._PATIENCE_SECONDS", -1.0)
+    with pytest.raises(ServiceAwayError, match="does not answer"):
+        client.download(job, folder)
+    assert list(folder.iterdir()) == []
+
+
+def test_what_is_no_longer_there_is_not_asked_for_again(
+    client: Client, finish: Finish, folder: Path, http: httpx.Client
+) -> None:
+    job = client.submit_capture("sim://studio", Options())
+    finish(job["id"], {"lamp1.jpg": b"light"})
+    job = client.wait(job, _ignore)
+    http.delete(job["links"]["self"]).raise_for_status()
+    with pytest.raises(RefusedError):
+        client.download(job, folder)
+    assert list(folder.iterdir()) == []
 
 
 def test_names_of_results_do_not_lead_out_of_the_folder(
