@@ -7,7 +7,7 @@ import json
 import logging
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -29,7 +29,7 @@ from service.errors import (
 )
 from service.forkserver import ForkServer
 from service.frames import FRAMES
-from service.media import media_type
+from service.media import headers_of, media_type
 from service.patience import FULL, patiently
 from service.settings import Settings
 from service.stages import Stages
@@ -341,15 +341,15 @@ class Attempt:
         return {
             "name": path.name,
             "size": path.stat().st_size,
-            "sha256": self._keep(key, path),
+            "sha256": self._keep(key, path, headers_of(path.name)),
             "media_type": media_type(path.name),
         }
 
-    def _keep(self, key: str, path: Path) -> str:
-        """Store a file so that it outlasts a power cut; its SHA-256."""
+    def _keep(self, key: str, path: Path, headers: Mapping[str, str] | None = None) -> str:
+        """Store a file so that it outlasts a power cut; its SHA-256. headers: of its link."""
 
         def put() -> str:
-            digest = self._storage.put_file(key, path)
+            digest = self._storage.put_file(key, path, headers)
             self._storage.flush([key])
             return digest
 

@@ -1,4 +1,4 @@
-"""Media types of results, by the end of the name."""
+"""What answers say of a result, by its name."""
 
 from __future__ import annotations
 
@@ -16,3 +16,11 @@ _TYPES = {
 def media_type(name: str) -> str:
     """Tell the media type of a result."""
     return _TYPES.get(name.rpartition(".")[2], "application/octet-stream")
+
+
+def headers_of(name: str) -> dict[str, str]:
+    """Headers of every answer that has a result in it, whoever gives it."""
+    return {
+        "Content-Type": media_type(name),
+        "Content-Disposition": f'inline; filename="{name}"',
+    }

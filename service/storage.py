@@ -8,7 +8,7 @@ import hashlib
 import os
 import shutil
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import timedelta
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -43,22 +43,27 @@ class Storage:
             else from_url(url, retry_config={"retry_timeout": _RETRY})
         )
 
-    def put(self, key: str, data: bytes | Path) -> None:
-        """Store bytes, or a file in parts when it is large. Raises StorageFullError."""
+    def put(self, key: str, data: bytes | Path, headers: Mapping[str, str] | None = None) -> None:
+        """Store bytes, or a file in parts when it is large. Raises StorageFullError.
+
+        headers: what the answer to a link has, like Content-Type; a folder, without links, keeps
+        none.
+        """
         try:
             # Two pieces of a large file in memory at a time, of 5 MiB, not a dozen.
             with self._puts, _room():
-                obstore.put(self._store, key, data, max_concurrency=2)
+                kept = {} if headers is None or self._folder else dict(headers)
+                obstore.put(self._store, key, data, attributes=kept, max_concurrency=2)
         except FileNotFoundError as error:  # a bucket that is gone is a store that is away
             if self._folder is not None:
                 raise
             raise GenericError("there is no such bucket") from error
 
-    def put_file(self, key: str, path: Path) -> str:
+    def put_file(self, key: str, path: Path, headers: Mapping[str, str] | None = None) -> str:
         """Store a file as put does, and give back its SHA-256."""
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
-        self.put(key, path)
+        self.put(key, path, headers)
         return digest
 
     def copy(self, key: str, other: str) -> None:
@@ -120,6 +125,7 @@ class Storage:
     def link(self, key: str, seconds: float) -> str | None:
         """Sign a URL that reads an object without a password, for a time; None for a folder.
 
+        Its answer has the headers that the object was put with.
         Raises GenericError without credentials to sign with.
         """
         if not isinstance(self._store, S3Store):

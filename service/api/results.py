@@ -30,6 +30,7 @@ from service.errors import (
     UnknownJobError,
     UnknownResultError,
 )
+from service.media import headers_of
 from service.states import State
 
 router = APIRouter(tags=["results"])
@@ -133,7 +134,7 @@ async def get_result(
         "ETag": etag,
         "Accept-Ranges": "bytes",
         "Cache-Control": "private, no-cache",  # asked each time: the key may be gone, or the job
-        "Content-Disposition": f'inline; filename="{name}"',
+        "Content-Disposition": headers_of(name)["Content-Disposition"],
         "X-Content-Type-Options": "nosniff",
     }
     if if_none_match and (if_none_match.strip() == "*" or etag in if_none_match):

@@ -111,10 +111,13 @@ def test_any_host_takes_the_next_piece_and_the_store_gives_the_results(
         link = answer.headers["location"]
         assert link.startswith(f"{s3['AWS_ENDPOINT_URL']}/photographs/hosts/jobs/")
         assert parse_qs(urlsplit(link).query)["X-Amz-Expires"] == ["300"]
-        assert _digest(httpx.get(link).raise_for_status().content) == file["sha256"]
+        stored = httpx.get(link).raise_for_status()
+        assert _digest(stored.content) == file["sha256"]
         wish = {"prefer": "no-redirect"}
         answer = second.http.get(file["href"], headers=wish, follow_redirects=False)
         assert (answer.status_code, _digest(answer.content)) == (200, file["sha256"])
+        for name in ("content-type", "content-disposition"):
+            assert stored.headers[name] == answer.headers[name]
         asked = second.http.head(file["href"], follow_redirects=False)
         assert (asked.status_code, asked.headers["content-length"]) == (200, str(file["size"]))
     part = httpx.get(link, headers={"range": "bytes=0-3"})

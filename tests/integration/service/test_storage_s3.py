@@ -120,6 +120,20 @@ def test_a_signed_url_gives_the_object_to_who_has_it(storage: Storage) -> None:
     assert httpx.get(link, headers={"range": "bytes=1-2"}).content == b"ig"
 
 
+@pytest.mark.parametrize("size", [5, 12_000_000], ids=["whole", "in parts"])
+def test_a_signed_url_answers_with_the_headers_of_the_object(
+    size: int, storage: Storage, tmp_path: Path
+) -> None:
+    (tmp_path / "lamp1.jpg").write_bytes(bytes(size))
+    headers = {"Content-Type": "image/jpeg", "Content-Disposition": 'inline; filename="lamp1.jpg"'}
+    storage.put_file("jobs/6/1/lamp1.jpg", tmp_path / "lamp1.jpg", headers)
+    link = storage.link("jobs/6/1/lamp1.jpg", 60)
+    assert link is not None
+    answer = httpx.get(link)
+    assert (answer.status_code, len(answer.content)) == (200, size)
+    assert headers.items() <= {name.title(): text for name, text in answer.headers.items()}.items()
+
+
 def test_without_credentials_nothing_is_signed(
     storage: Storage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

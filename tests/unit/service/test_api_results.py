@@ -71,6 +71,7 @@ def test_the_manifest_is_json(http: httpx.Client, job: str) -> None:
 def test_a_result_says_what_it_is(http: httpx.Client, job: str) -> None:
     answer = http.get(f"{job}/results/lamp1.jpg")
     assert answer.headers["content-type"] == "image/jpeg"
+    assert answer.headers["content-disposition"] == 'inline; filename="lamp1.jpg"'
     assert answer.headers["content-length"] == "10"
     assert answer.headers["accept-ranges"] == "bytes"
     assert answer.headers["x-content-type-options"] == "nosniff"

@@ -280,10 +280,10 @@ def test_a_job_that_fails_leaves_no_results(
     """The disk fills up with the second one."""
     put_file = Storage.put_file
 
-    def put(storage: Storage, key: str, path: Path) -> str:
+    def put(storage: Storage, key: str, path: Path, headers: dict[str, str]) -> str:
         if path.name == "b.png":
             raise OSError(errno.ENOSPC, "full")
-        return put_file(storage, key, path)
+        return put_file(storage, key, path, headers)
 
     def separates_more(task: sandbox.Task, *_rest: object) -> None:
         separates(task)
