@@ -172,7 +172,7 @@ class PairOptions(Strict):
     encoding: Literal["auto", "linear", "srgb"] = Field(
         default="auto",
         description="How pixel values are encoded; auto: RAW and DNG linear, 8-bit sRGB, 16-bit "
-        "integer and float TIFF and EXR linear; integers with an ICC profile, and PNG with "
+        "integer and float TIFF and EXR linear; files with an ICC profile, and PNG with "
         "a cICP, sRGB or gAMA chunk, as that says.",
     )
     flash_only: bool = Field(

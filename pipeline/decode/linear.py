@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import cv2
@@ -12,7 +13,7 @@ from pipeline.coded import CodedImage
 from pipeline.colour.curves import srgb_to_linear
 from pipeline.decode.profiles import differs_from_srgb, to_linear_srgb
 from pipeline.decode.samples import Samples, UnsuitableError, upright
-from pipeline.frames import Mask, Photograph
+from pipeline.frames import Image, Mask, Photograph
 from pipeline.memory import empty_image, releasable
 from pipeline.progress import STRIP_ROWS
 
@@ -34,15 +35,17 @@ def to_linear(samples: Samples, srgb: bool, profiled: bool = False) -> Photograp
     srgb: the values follow the sRGB curve. profiled: they follow the profile of the file, where
     that is of other colours than sRGB, and become linear sRGB. Integers go through a table, so a
     24-megapixel photograph needs no copy in float64.
-    Raises UnsuitableError where a float sample is no finite number or absurdly large.
+    Raises UnsuitableError where a float sample is no finite number or absurdly large, or above
+    white where the curve of its profile ends.
     """
     values = upright(samples.values, samples.orientation)
+    kind = values.dtype.kind
     profile = samples.profile if profiled else None
     if profile is not None and not differs_from_srgb(profile):
         profile = None
     convert = None if profile is None else to_linear_srgb(profile, values.dtype)
     table = None
-    if values.dtype.kind == "u":
+    if kind == "u":
         codes = np.arange(np.iinfo(values.dtype).max + 1) / samples.white
         table = _curve(codes.astype(np.float32), srgb)
     if values.dtype == np.uint8 and table is not None and convert is None:
@@ -50,16 +53,22 @@ def to_linear(samples: Samples, srgb: bool, profiled: bool = False) -> Photograp
     out = empty_image(*values.shape)
     for top in range(0, out.shape[0], STRIP_ROWS):
         strip = values[top : top + STRIP_ROWS]
-        if convert is not None:
-            out[top : top + STRIP_ROWS] = convert(_full_range(strip, samples.white))
-        elif table is not None:
-            cv2.LUT(strip, table, dst=out[top : top + STRIP_ROWS])
-        else:
+        if kind == "f":
             if not np.abs(strip).max() <= _BRIGHTEST:  # nor is NaN
                 raise UnsuitableError(
                     "holds values that are no light (infinite, not a number or above 65504): "
                     "save it anew with 1.0 as white."
                 )
+            if convert is not None and strip.max() > 1.0 and not _goes_on(convert):
+                raise UnsuitableError(
+                    "holds values above white (1.0), where the curve of its colour profile ends: "
+                    "save it anew in linear values."
+                )
+        if convert is not None:
+            out[top : top + STRIP_ROWS] = convert(_full_range(strip, samples.white))
+        elif table is not None:
+            cv2.LUT(strip, table, dst=out[top : top + STRIP_ROWS])
+        else:
             out[top : top + STRIP_ROWS] = _curve(strip, srgb)
     return out
 
@@ -113,8 +122,16 @@ def _reached(mask: NDArray[Any]) -> Mask:
     return np.asarray(cv2.dilate(mask, square) > 0)
 
 
+def _goes_on(convert: Callable[[NDArray[Any]], Image]) -> bool:
+    """Whether what makes floats linear tells white from what is brighter."""
+    white = np.ones((1, 1, 3), np.float32)
+    return bool((convert(2 * white) > 1.5 * convert(white)).all())
+
+
 def _full_range(codes: NDArray[Any], white: float) -> NDArray[Any]:
-    """Code values of which the largest of their type is white, as profiles have it."""
+    """Code values of which the largest of their type is white, as profiles have it; floats stay."""
+    if codes.dtype.kind == "f":
+        return codes
     largest = np.iinfo(codes.dtype).max
     if white == largest:
         return codes

@@ -88,12 +88,14 @@ def _bend(profile: bytes) -> float:
 
 
 def to_linear_srgb(profile: bytes, kind: np.dtype[Any]) -> Callable[[NDArray[Any]], Image]:
-    """Return what profile_to_linear does to uint8 or uint16 values of a profile, but faster.
+    """Return what profile_to_linear does to values of a profile, but faster to integers.
 
-    Nearly all profiles of pictures are a curve per channel and a matrix: both are read off what
-    the colour management makes of grey steps of each channel, and stand for it where they give
-    the same. Raises imagecodecs.CmsError.
+    kind: uint8, uint16 or float32. Nearly all profiles of pictures are a curve per channel and a
+    matrix: both are read off what the colour management makes of grey steps of each channel, and
+    stand for it where they give the same; of floats the matrix alone. Raises imagecodecs.CmsError.
     """
+    if kind.kind == "f":
+        return _floats_to_linear_srgb(profile)
     axes = np.zeros((3, np.iinfo(kind).max + 1, 3), dtype=kind)
     for channel in range(3):
         axes[channel, :, channel] = np.arange(axes.shape[1])
@@ -113,8 +115,20 @@ def to_linear_srgb(profile: bytes, kind: np.dtype[Any]) -> Callable[[NDArray[Any
     return lambda codes: profile_to_linear(codes, profile)
 
 
+def _floats_to_linear_srgb(profile: bytes) -> Callable[[NDArray[Any]], Image]:
+    matrix = profile_to_linear(np.eye(3, dtype=np.float32)[None], profile)[0].T.copy()
+
+    def by_matrix(values: NDArray[Any]) -> Image:
+        return np.asarray(cv2.transform(values, matrix))
+
+    probe = (_probe(np.dtype(np.uint16)) / 65535).astype(np.float32)
+    if np.abs(by_matrix(probe) - profile_to_linear(probe, profile)).max() <= _SAME:
+        return by_matrix  # which goes on above white, where a linear table of points would end
+    return lambda values: profile_to_linear(values, profile)
+
+
 def profile_to_linear(codes: NDArray[Any], profile: bytes) -> Image:
-    """Linear sRGB of uint8 or uint16 code values (H, W, 3), white at their largest.
+    """Linear sRGB of values (H, W, 3): uint8 or uint16, white at their largest, or float32 at 1.
 
     Colours outside sRGB keep their negative parts. Raises imagecodecs.CmsError.
     """

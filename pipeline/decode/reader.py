@@ -60,11 +60,11 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
     """Decode a photograph to linear light.
 
     encoding: "auto" takes RAW and DNG as sensor values, 8-bit pictures and HEIF as their ICC
-    profile says, else as sRGB, 16-bit integer TIFF and PNG as their ICC profile says, else as
-    linear, and every float file as linear; "linear" and "srgb" say how the values of a file that
-    is not RAW are encoded. Pictures whose profile is followed become linear sRGB, as do JPEG files
-    that are Adobe RGB by their EXIF. What a PNG says by its cICP, sRGB or gAMA chunk counts as its
-    profile. name: what messages call the picture.
+    profile says, else as sRGB, 16-bit integer TIFF and PNG and float TIFF as their ICC profile
+    says, else as linear, and OpenEXR as linear; "linear" and "srgb" say how the values of a file
+    that is not RAW are encoded. Pictures whose profile is followed become linear sRGB, as do JPEG
+    files that are Adobe RGB by their EXIF. What a PNG says by its cICP, sRGB or gAMA chunk counts
+    as its profile. name: what messages call the picture.
     Raises UnreadableImageError, ImageTooLargeError, and OptionError for a RAW file said to be
     sRGB.
     """
@@ -172,9 +172,9 @@ def _samples(data: bytes, kind: Kind, metadata: Metadata) -> Samples:
 
 
 def _curved(samples: Samples) -> bool:
-    """Whether a file says by its profile that its 16-bit integers are not linear."""
+    """Whether a file says by its profile that its values of more than 8 bits are not linear."""
     profile = samples.profile
-    return samples.values.dtype == "uint16" and profile is not None and is_curved(profile)
+    return samples.values.dtype != "uint8" and profile is not None and is_curved(profile)
 
 
 def _straight(samples: Samples) -> bool:

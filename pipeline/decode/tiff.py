@@ -75,7 +75,7 @@ def read_tiff(data: bytes, orientation: int) -> Samples:
     values = to_rgb(values)
     if values.dtype.kind == "f":
         with np.errstate(over="ignore"):  # beyond float32 becomes infinite and is refused
-            return Samples(values.astype(np.float32), 1.0, orientation)
+            return Samples(values.astype(np.float32), 1.0, orientation, profile)
     return Samples(values, float(2**bits - 1), orientation, profile)
 
 

@@ -39,7 +39,7 @@ class PairFlags:
         typer.Option(
             metavar="auto|linear|srgb",
             help="How the pixel values are encoded; auto: RAW, DNG, 16-bit and float files linear, "
-            "8-bit ones sRGB, integers with an ICC profile, and PNG with a cICP, sRGB or gAMA "
+            "8-bit ones sRGB, files with an ICC profile, and PNG with a cICP, sRGB or gAMA "
             "chunk, as that says.",
         ),
     ] = "auto"

@@ -17,7 +17,12 @@ from numpy.typing import NDArray
 from PIL import Image as PillowImage
 from PIL import ImageCms
 
-from pipeline.colour.icc import linear_rec2020_profile, matrix_profile, srgb_profile
+from pipeline.colour.icc import (
+    adobe_rgb_profile,
+    linear_rec2020_profile,
+    matrix_profile,
+    srgb_profile,
+)
 from pipeline.colour.spaces import SRGB_PRIMARIES, Primaries
 from pipeline.decode import decode, profiles
 from pipeline.decode.profiles import (
@@ -28,6 +33,7 @@ from pipeline.decode.profiles import (
     profile_to_linear,
     to_linear_srgb,
 )
+from pipeline.errors import UnreadableImageError
 
 P3 = ((0.680, 0.320), (0.265, 0.690), (0.150, 0.060))
 P3_TO_SRGB = np.array([[1.2249, -0.2247, 0.0], [-0.0420, 1.0419, 0.0], [-0.0197, -0.0786, 1.0979]])
@@ -271,6 +277,98 @@ def test_16_bits_of_a_linear_profile_become_linear_srgb(
 
     np.testing.assert_allclose(frame.pixels, codes / 255 @ to_srgb.T, atol=0.001)
     assert (frame.encoding, frame.profiled) == ("linear", True)
+
+
+def floats(values: NDArray[np.floating[Any]], profile: bytes) -> bytes:
+    file = io.BytesIO()
+    tifffile.imwrite(file, values, photometric="rgb", iccprofile=profile)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("kind", [np.float16, np.float32])
+@pytest.mark.parametrize(
+    ("primaries", "to_srgb"), [(SRGB_PRIMARIES, np.eye(3)), (P3, P3_TO_SRGB)], ids=["sRGB", "P3"]
+)
+def test_floats_of_a_linear_profile_become_linear_srgb(
+    codes: NDArray[np.uint8],
+    kind: type[np.floating[Any]],
+    primaries: Primaries,
+    to_srgb: NDArray[np.float64],
+) -> None:
+    """Also those above white and below black."""
+    values = (codes / 255 * 3 - 0.1).astype(kind)
+
+    frame = decode(floats(values, matrix_profile("linear", primaries, "linear")))
+
+    np.testing.assert_allclose(frame.pixels, values.astype(float) @ to_srgb.T, atol=0.003)
+    assert (frame.encoding, frame.profiled) == ("linear", True)
+    assert not frame.saturated.any()
+
+
+@pytest.mark.parametrize(
+    ("primaries", "to_srgb"), [(SRGB_PRIMARIES, np.eye(3)), (P3, P3_TO_SRGB)], ids=["sRGB", "P3"]
+)
+def test_floats_follow_a_profile_that_is_not_linear(
+    codes: NDArray[np.uint8], primaries: Primaries, to_srgb: NDArray[np.float64]
+) -> None:
+    profile = matrix_profile("exported", primaries, "srgb")
+
+    frame = decode(floats((codes / 255).astype(np.float32), profile))
+
+    np.testing.assert_allclose(frame.pixels, linear(codes) @ to_srgb.T, atol=0.001)
+    assert (frame.encoding, frame.profiled) == ("srgb", False)
+
+
+@pytest.mark.parametrize(
+    ("profile", "encoding"),
+    [(matrix_profile("P3", P3, "srgb"), "linear"), (b"no profile at all" * 10, "auto")],
+    ids=["told", "no profile"],
+)
+def test_floats_stay_as_they_are_where_told_or_without_a_profile(
+    codes: NDArray[np.uint8], profile: bytes, encoding: str
+) -> None:
+    values = (codes / 255).astype(np.float32)
+
+    frame = decode(floats(values, profile), encoding)
+
+    np.testing.assert_array_equal(frame.pixels, values)
+    assert (frame.encoding, frame.profiled) == ("linear", False)
+
+
+def test_floats_above_white_follow_a_curve_that_goes_on_and_are_refused_where_it_ends() -> None:
+    values = np.full((16, 16, 3), 2, np.float32)
+
+    frame = decode(floats(values, adobe_rgb_profile()))
+
+    np.testing.assert_allclose(frame.pixels, 2**2.19921875, rtol=1e-3)
+    with pytest.raises(UnreadableImageError, match=r"above white .* save it anew in linear values"):
+        decode(floats(values, matrix_profile("P3", P3, "srgb")))
+
+
+def test_a_linear_curve_that_is_a_table_goes_on_above_white(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    points = np.linspace(0, 65535, 1024).round().astype(">u2").tobytes()
+    table = b"curv" + bytes(4) + struct.pack(">I", 1024) + points
+    monkeypatch.setattr("pipeline.colour.icc._linear_curve", lambda: table)
+    values = np.full((16, 16, 3), 0.5, np.float32)
+    values[8:] = 3
+
+    frame = decode(floats(values, matrix_profile("linear", P3, "linear")))
+
+    np.testing.assert_allclose(frame.pixels, values, atol=0.003)
+    assert (frame.encoding, frame.profiled) == ("linear", True)
+
+
+@pytest.mark.parametrize("worst", [np.nan, np.inf, 1e5])
+@pytest.mark.parametrize("profile", [linear_rec2020_profile(), adobe_rgb_profile()])
+def test_floats_that_are_no_light_are_refused_with_a_profile_too(
+    worst: float, profile: bytes
+) -> None:
+    values = np.full((16, 16, 3), 0.5, np.float32)
+    values[3, 4, 1] = worst
+    with pytest.raises(UnreadableImageError, match="no light"):
+        decode(floats(values, profile))
 
 
 @pytest.mark.parametrize("kind", ["PNG", "TIFF"])
