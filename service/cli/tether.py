@@ -218,29 +218,24 @@ def _best(shot: drivers.Shot) -> tuple[str, bytes]:
 
 
 def _options(path: Path | None) -> dict[str, Any]:
-    """Read the options of the jobs. Raises InputError."""
+    """Read the options of the jobs, and check them as the service would. Raises InputError."""
     from pydantic import ValidationError
 
     from pipeline.errors import InputError, OptionError
     from pipeline.options import Options
+    from service.api.calibrated import take_out
     from service.sentences import sentence_of
 
     if path is None:
         return {}
     try:
         asked = json.loads(read_file(path, "file of options"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"The file of options {path} is no JSON: mend it.") from error
     if not isinstance(asked, dict):
         raise InputError(f'The file of options {path} is no JSON object like {{"lights": 2}}.')
-    calibrated = [name for name, value in asked.items() if _names_calibration(value)]
     try:
-        Options.model_validate({name: asked[name] for name in asked if name not in calibrated})
+        Options.model_validate(take_out(asked)[0])  # calibrations are what only the service knows
     except ValidationError as error:
         raise OptionError(f"The file of options {path}: {sentence_of(error)}") from error
     return asked
-
-
-def _names_calibration(value: Any) -> bool:
-    """Whether a value is what only the service knows."""
-    return isinstance(value, dict) and set(value) == {"calibration"}

@@ -392,6 +392,9 @@ def test_what_cannot_be_used_is_one_sentence(
     [
         ('{"lights": 7}', ": lights: more than three lamps"),
         ('{"colour": 1}', ": colour: this name is not known."),
+        ('{"camra": {"calibration": "a"}}', ": camra: this name is not known."),
+        ('{"lights": {"calibration": "a"}}', ": lights: Input should be"),
+        ("[" * 100_000, "is no JSON"),
         ("[]", "is no JSON object"),
         ("3", "is no JSON object"),
     ],
@@ -411,6 +414,14 @@ def test_options_that_no_job_can_have_are_told_before_a_pair_is_taken(
     assert said.startswith(f"The file of options {file}")
     assert words in said
     assert len(bus.body.objects) == 1
+
+
+def test_options_may_ask_for_what_a_calibration_brings(
+    tether: Callable[..., int], tmp_path: Path
+) -> None:
+    file = tmp_path / "options.json"
+    file.write_text('{"response": {"calibration": "a"}, "outputs": ["response.jpg"]}')
+    assert tether("--options", str(file), "--pairs", "0") == 0
 
 
 def test_a_spool_in_use_is_told(
