@@ -111,7 +111,7 @@ def add(
 
 def find(connection: sa.Connection, job_id: str) -> Job | None:
     """Find the job of this id, which may be any text."""
-    if not (job_id.isascii() and job_id.isalnum()):  # what no database takes is no id, either
+    if not (job_id.isascii() and job_id.isprintable()):  # what no database takes is no id, either
         return None
     row = connection.execute(sa.select(jobs).where(jobs.c.id == job_id)).first()
     return _job(row) if row else None

@@ -139,7 +139,7 @@ def note_use(connection: sa.Connection, key: Key) -> None:
 
 def revoke(connection: sa.Connection, key_id: str) -> bool:
     """Let a key be used no more, from the next request on; false when there is none of this id."""
-    if not (key_id.isascii() and key_id.isalnum()):  # what no database takes is no id, either
+    if not (key_id.isascii() and key_id.isprintable()):  # what no database takes is no id, either
         return False
     revoked = sa.func.coalesce(keys.c.revoked, now())
     this = sa.update(keys).where(keys.c.id == key_id).values(revoked=revoked)
