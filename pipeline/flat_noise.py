@@ -34,6 +34,7 @@ _ROUNDS = 5
 _WITHIN, _WITHIN_OF_ALL = 2.5, 0.911  # standard deviations; variance of what lies within them
 _MOST = 0.45  # share that lies within, or the quieter blocks are not like the others
 _LESS = 0.5  # of its own; few independent pixels, as compression leaves, explain more by chance
+_LEAST = 0.04  # of its own: no lamp is just a matrix of all colours of a texture
 _FLAT = 2.1  # times the noise's variance; of blocks without texture 1 in 300 is above
 _WHITE = 2.0  # factor by which the variance of means may miss that of independent pixels
 _UPPER, _UPPER_OF_MEAN = 0.75, 1.32  # quantile of χ² of one degree of freedom over its mean
@@ -45,10 +46,10 @@ def estimate_noise(photograph: Photograph, other: Photograph) -> Noise:
     photograph, other: (H, W, 3) linear, of the same things in other light. Second differences
     (Immerkær 1996) give a variance per block; a straight line over brightness is fitted to the
     quieter blocks, because the busier ones hold texture. Where texture is everywhere, what the
-    other photograph does not explain is less. Done on the photographs and on means of 2×2 pixels,
-    since denoising and compression leave noise that hides from neighbouring pixels; smaller than
-    64 pixels, once. Of photographs of more than two million pixels, two are looked at, in tiles all
-    over the picture.
+    other photograph does not explain is less; it counts, but at least as a 25th. Done on the
+    photographs and on means of 2×2 pixels, since denoising and compression leave noise that hides
+    from neighbouring pixels; smaller than 64 pixels, once. Of photographs of more than two million
+    pixels, two are looked at, in tiles all over the picture.
     """
     height, width = photograph.shape[:2]
     large = height * width > _ENOUGH
@@ -108,7 +109,10 @@ def _line(
     for c in range(3):
         found = [_fit_line(means[c], squares[c]) for means, squares in (alone, unshared)]
         levels = [gain * max(typical[c], 0.0) + floor for gain, floor in found]
-        gains[c], floors[c] = found[int(levels[1] < _LESS * levels[0])]
+        gains[c], floors[c] = found[0]
+        if levels[1] < _LESS * levels[0]:
+            raised = max(1.0, _LEAST * levels[0] / levels[1])
+            gains[c], floors[c] = raised * found[1][0], raised * found[1][1]
     return gains, floors
 
 
