@@ -33,6 +33,7 @@ from service.storage import Storage
 from tests.unit.service.asking import post_capture, post_pair, problem_of, rows_of
 
 Png = Callable[..., bytes]
+Checked = Callable[[Exception], httpx.Response]
 
 
 def test_photographs_are_on_the_disk_before_their_job_is(
@@ -63,6 +64,18 @@ def test_photographs_that_the_disk_does_not_keep_make_no_job(
     assert context.storage.list("") == []
 
 
+@pytest.fixture
+def checked(http: httpx.Client, png: Png, monkeypatch: pytest.MonkeyPatch) -> Checked:
+    """Send a pair whose check of headers ends so; what follows is checked as ever."""
+
+    def send(end: Exception) -> httpx.Response:
+        with monkeypatch.context() as ended:
+            ended.setattr(sandbox, "run", _raising(end))
+            return post_pair(http, png(64, 48), png(64, 48, True))
+
+    return send
+
+
 @pytest.mark.parametrize(
     ("death", "said"),
     [
@@ -73,15 +86,9 @@ def test_photographs_that_the_disk_does_not_keep_make_no_job(
     ],
 )
 def test_what_kills_the_check_of_headers_is_no_photograph(
-    death: AttemptError,
-    said: str,
-    http: httpx.Client,
-    png: Png,
-    context: Context,
-    monkeypatch: pytest.MonkeyPatch,
+    death: AttemptError, said: str, checked: Checked, context: Context
 ) -> None:
-    monkeypatch.setattr(sandbox, "run", _raising(death))
-    status, kind, detail = problem_of(post_pair(http, png(64, 48), png(64, 48, True)))
+    status, kind, detail = problem_of(checked(death))
     assert (status, kind) == (422, "unreadable-image")
     assert said in detail
     assert context.storage.list("") == []
@@ -94,14 +101,12 @@ def test_what_kills_the_check_of_headers_is_no_photograph(
 def test_a_check_that_an_overloaded_machine_ends_is_asked_for_again(
     death: AttemptError,
     said: str,
+    checked: Checked,
+    context: Context,
     http: httpx.Client,
     png: Png,
-    context: Context,
-    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    with monkeypatch.context() as overloaded:
-        overloaded.setattr(sandbox, "run", _raising(death))
-        answer = post_pair(http, png(64, 48), png(64, 48, True))
+    answer = checked(death)
     status, kind, detail = problem_of(answer)
     assert (status, kind, answer.json()["retryable"]) == (503, "service-not-ready", True)
     assert said in detail and "overloaded, or they are damaged" in detail
@@ -109,11 +114,8 @@ def test_a_check_that_an_overloaded_machine_ends_is_asked_for_again(
     assert post_pair(http, png(64, 48), png(64, 48, True)).status_code == 202
 
 
-def test_a_check_that_somebody_ends_is_asked_for_again(
-    http: httpx.Client, png: Png, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sandbox, "run", _raising(ChildProcessError()))
-    answer = post_pair(http, png(64, 48), png(64, 48, True))
+def test_a_check_that_somebody_ends_is_asked_for_again(checked: Checked) -> None:
+    answer = checked(ChildProcessError())
     assert problem_of(answer)[:2] == (503, "service-not-ready")
     assert answer.json()["retryable"]
 

@@ -17,7 +17,7 @@ from pipeline.errors import OptionError
 from pipeline.options import Options
 from service import database, jobs
 from service.api.context import Context
-from service.client import Client, RefusedError, ServiceAwayError
+from service.client import Client, Job, RefusedError, ServiceAwayError
 from tests.unit.service.asking import bearing, rows_of
 
 Png = Callable[..., bytes]
@@ -91,12 +91,19 @@ def test_a_service_that_stays_away_is_given_up(
         client.wait(job, _ignore)
 
 
+def _separated(client: Client, finish: Finish, files: dict[str, bytes]) -> Job:
+    """A job that has succeeded with these results, as wait gives it."""
+    job = client.submit_capture("sim://studio", Options())
+    finish(job["id"], files)
+    return client.wait(job, _ignore)
+
+
 def test_results_are_fetched_when_the_job_is_done(
     client: Client, finish: Finish, folder: Path
 ) -> None:
-    job = client.submit_capture("sim://studio", Options())
-    finish(job["id"], {"lamp1.jpg": b"light", "manifest.json": b"{}"})
-    client.download(client.wait(job, _ignore), folder)
+    client.download(
+        _separated(client, finish, {"lamp1.jpg": b"light", "manifest.json": b"{}"}), folder
+    )
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == {
         "lamp1.jpg": b"light",
         "manifest.json": b"{}",
@@ -136,9 +143,7 @@ def test_a_download_that_breaks_off_is_tried_again(
     folder: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    job = client.submit_capture("sim://studio", Options())
-    finish(job["id"], {"lamp1.jpg": b"light", "manifest.json": b"{}"})
-    job = client.wait(job, _ignore)
+    job = _separated(client, finish, {"lamp1.jpg": b"light", "manifest.json": b"{}"})
     _break(client, monkeypatch, 3 if seconds == 0 else 1, seconds)
     client.download(job, folder)
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == {
@@ -150,9 +155,7 @@ def test_a_download_that_breaks_off_is_tried_again(
 def test_a_download_that_is_given_up_leaves_no_part_of_it(
     client: Client, finish: Finish, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    job = client.submit_capture("sim://studio", Options())
-    finish(job["id"], {"lamp1.jpg": b"light"})
-    job = client.wait(job, _ignore)
+    job = _separated(client, finish, {"lamp1.jpg": b"light"})
     _break(client, monkeypatch, 1)
     monkeypatch.setattr("service.client._PATIENCE_SECONDS", -1.0)
     with pytest.raises(ServiceAwayError, match="does not answer"):
@@ -163,9 +166,7 @@ def test_a_download_that_is_given_up_leaves_no_part_of_it(
 def test_what_is_no_longer_there_is_not_asked_for_again(
     client: Client, finish: Finish, folder: Path, http: httpx.Client
 ) -> None:
-    job = client.submit_capture("sim://studio", Options())
-    finish(job["id"], {"lamp1.jpg": b"light"})
-    job = client.wait(job, _ignore)
+    job = _separated(client, finish, {"lamp1.jpg": b"light"})
     http.delete(job["links"]["self"]).raise_for_status()
     with pytest.raises(RefusedError):
         client.download(job, folder)
@@ -175,9 +176,7 @@ def test_what_is_no_longer_there_is_not_asked_for_again(
 def test_names_of_results_do_not_lead_out_of_the_folder(
     client: Client, finish: Finish, tmp_path: Path
 ) -> None:
-    job = client.submit_capture("sim://studio", Options())
-    finish(job["id"], {"lamp1.jpg": b"light"})
-    job = client.wait(job, _ignore)
+    job = _separated(client, finish, {"lamp1.jpg": b"light"})
     job["files"][0]["name"] = "../lamp1.jpg"  # as a wicked service might say
     (tmp_path / "out").mkdir()
     client.download(job, tmp_path / "out")

@@ -20,6 +20,20 @@ SHOTS = Path(__file__).parents[4] / "build" / "page"
 
 PATIENCE_MS = 120_000
 
+CAMERA: dict[str, Any] = {
+    "id": "c1",
+    "address": "ptp+usb://",
+    "make": "Nikon",
+    "model": "D5100",
+    "serial": "1",
+    "state": "capturing",
+    "battery_percent": None,
+    "free_bytes": None,
+    "holder": None,
+    "waiting": 0,
+}
+"""A busy camera as the service tells it."""
+
 TWO_FRAMES = """() => new Promise((done) => {
   requestAnimationFrame(() => requestAnimationFrame(() => done(true)));
 })"""

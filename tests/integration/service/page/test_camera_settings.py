@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Page, Route, expect
 
-from tests.integration.service.page.test_jobs import CAMERA
+from tests.integration.service.page.looking import CAMERA
 
 
 @pytest.fixture
