@@ -157,19 +157,26 @@ def test_bands_of_a_flickering_lamp_are_found(cycles: float) -> None:
     assert 0.04 < found < 0.25
 
 
+def two_waves(cycles: int, beside: int, height: float) -> Ratios:
+    """A wave of .05 and another of that height, of so many cycles down the rows."""
+    y = np.arange(300)[:, None, None] / 300
+    waves = 0.05 * np.sin(2 * np.pi * cycles * y) + height * np.sin(2 * np.pi * beside * y + 1)
+    logs = np.broadcast_to(waves, (300, 100, 3))
+    return Ratios(logs, np.full_like(logs, 1e-3), np.ones((300, 100), bool), 1)
+
+
 @pytest.mark.parametrize(("cycles", "beside"), [(5, 8), (5, 9), (6, 9), (12, 15), (58, 54)])
 @pytest.mark.parametrize(("height", "found"), [(0.02, False), (0.005, True)])
 def test_bands_stand_out_from_every_other_wave(
     cycles: int, beside: int, height: float, found: bool
 ) -> None:
-    """Two waves of nearly one height are no flicker, wherever they are from 4 to 60 cycles."""
-    y = np.arange(300)[:, None, None] / 300
-    waves = 0.05 * np.sin(2 * np.pi * cycles * y) + height * np.sin(2 * np.pi * beside * y + 1)
-    logs = np.broadcast_to(waves, (300, 100, 3))
+    """Two waves of nearly one height are no flicker, wherever they are from 5 to 60 cycles."""
+    assert (bands(two_waves(cycles, beside, height)) is not None) is found
 
-    told = bands(Ratios(logs, np.full_like(logs, 1e-3), np.ones((300, 100), bool), 1))
 
-    assert (told is not None) is found
+def test_the_fall_off_of_light_takes_nothing_from_bands() -> None:
+    """It may leave four cycles."""
+    assert bands(two_waves(20, 4, 0.02)) == pytest.approx(0.05, rel=0.1)
 
 
 def test_steady_lamps_leave_no_bands() -> None:
