@@ -17,7 +17,6 @@ from pipeline.matrixfit.known import FORBIDDEN_DEGREES, Known, Pin
 from pipeline.model import Model
 from pipeline.options import Circle, KnownLamp, Options
 from pipeline.reduced import ReducedPair
-from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from pipeline.vectors import unit
 
@@ -29,7 +28,7 @@ _LEAST_SEEN = 1e-3  # of what the camera sees of the flash: less is noise of its
 
 
 def find_known(
-    options: Options, size: tuple[int, int], reduced: ReducedPair, camera: Camera, model: Model
+    options: Options, size: tuple[int, int], reduced: ReducedPair, model: Model
 ) -> Known:
     """Find what areas and spectra say of lamps.
 
@@ -38,16 +37,15 @@ def find_known(
     that are one, and a pinned lamp that is forbidden.
     """
     _check_places(options, size)
-    flash = find_light(options.flash_spectrum)
 
     def shown_by(lamp: KnownLamp, what: str) -> Data:
         if isinstance(lamp, Circle):
             return evidence_of_area(reduced, options.flash_only, _inside(lamp, what, reduced))
         light = find_light(lamp, what)
-        _check_seen(camera, flash, light, what)
-        surfaces = reflectance_spectra()
+        _check_seen(model, light, what)
+        surfaces, sensitivities = reflectance_spectra(), model.camera.sensitivities
         return evidence_of_surfaces(
-            *(surfaces @ (camera.sensitivities * power).T for power in (flash, light))
+            *(surfaces @ (sensitivities * power).T for power in (model.flash, light))
         )
 
     def pins(lamps: Sequence[KnownLamp], kind: str) -> tuple[Pin, ...]:
@@ -63,8 +61,9 @@ def find_known(
     return known
 
 
-def _check_seen(camera: Camera, flash: Array, light: Array, what: str) -> None:
-    seen, of_flash = ((camera.sensitivities @ power).sum() for power in (light, flash))
+def _check_seen(model: Model, light: Array, what: str) -> None:
+    camera = model.camera
+    seen, of_flash = ((camera.sensitivities @ power).sum() for power in (light, model.flash))
     if not seen > _LEAST_SEEN * of_flash:
         raise OptionError(
             f"The camera {camera.name!r} sees hardly anything of {what}: check the wavelengths of "

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.colour.temperature import cct_duv
 from pipeline.encode.jpeg import to_srgb8
+from pipeline.estimate import Estimate
 from pipeline.frames import Frame
 from pipeline.lamps import Lamps
 from pipeline.mix_options import MixBasis
@@ -19,7 +20,6 @@ from pipeline.normals import CONVENTIONS, Facing
 from pipeline.options import Options
 from pipeline.pair import Pair
 from pipeline.remarks import Remark
-from pipeline.spectra.cameras import Camera
 
 _LIBRARIES = ("numpy", "opencv-python-headless", "scipy", "colour-science", "rawpy")
 
@@ -74,11 +74,9 @@ def _on_screen(rgb: NDArray[np.float64], model: Model) -> str:
 def make_manifest(
     frames: tuple[Frame, Frame],
     options: Options,
-    camera: Camera,
     pair: Pair,
-    lamps: Lamps,
+    estimate: Estimate,
     entries: list[dict[str, Any]],
-    facing: Facing | None,
     filled: float,
     files: list[dict[str, Any]],
     mix: MixBasis,
@@ -87,12 +85,13 @@ def make_manifest(
 ) -> dict[str, Any]:
     """Build the manifest; equal input and options give equal bytes.
 
-    entries: from lamp_entries. facing: of the normals, None without. filled: share of pixels
-    whose layers are filled in from their surroundings. files: from describe. mix: what mixing the
-    layers starts from. calibrations: from with_kept, those that stood in for options.
+    entries: from lamp_entries. filled: share of pixels whose layers are filled in from their
+    surroundings. files: from describe. mix: what mixing the layers starts from. calibrations: from
+    with_kept, those that stood in for options.
     """
     no_flash, flash = frames
     given = options.flash_spectrum
+    camera, lamps, facing = estimate.model.camera, estimate.lamps, estimate.facing
     alignment = pair.alignment
     correlation = alignment.correlation
     return {

@@ -49,7 +49,7 @@ class Model:
     Lights are written as coefficients b (3,), in coordinates where b is the camera RGB of a white
     card (docs/decisions/0002-light-coordinates.md).
 
-    sensitivities: (3, W) of the camera. lamp_spectra: what spectrum a lamp has by its matrix.
+    flash: (W,) spectrum, on any scale. lamp_spectra: what spectrum a lamp has by its matrix.
     tensor: (3, 3, 3) D, with I_lamp = z · (Σ_j b_j D[:, :, j]) I_flash.
     published: (3, 3) coefficients b → the published coordinates (SpectralBasis.published).
     prior: what the matrices T of lamps may be. families: those of lamps of each family.
@@ -64,7 +64,8 @@ class Model:
     response: another camera on the same scene, None where none was asked for.
     """
 
-    sensitivities: Array
+    camera: Camera
+    flash: Array
     lamp_spectra: SpectrumPrior
     tensor: Array
     published: Matrix
@@ -96,29 +97,30 @@ def build_model(
     for one in (camera, *([] if response is None else [response])):
         _check_camera(one, flash, neutral)
     s = camera.sensitivities
-    flash = flash / (s @ flash)[1]
+    power = flash / (s @ flash)[1]
     learnt = learn_basis(basis, s, reflectance_spectra(), lamp_spectra())
     neutral_white = s @ neutral
     b_neutral = learnt.to_coefficients @ neutral
-    tensor = flash_tensor(learnt.tensor(s), learnt.to_coefficients @ flash)
-    prior = learn_prior(tensor, _lamp_matrices(s, flash, lamp_spectra()))
+    tensor = flash_tensor(learnt.tensor(s), learnt.to_coefficients @ power)
+    prior = learn_prior(tensor, _lamp_matrices(s, power, lamp_spectra()))
     of_families = {
-        family: _lamp_matrices(s, flash, spectra) for family, spectra in family_spectra().items()
+        family: _lamp_matrices(s, power, spectra) for family, spectra in family_spectra().items()
     }
     return Model(
-        sensitivities=s,
-        lamp_spectra=learn_spectra(s, flash),
+        camera=camera,
+        flash=flash,
+        lamp_spectra=learn_spectra(s, power),
         tensor=tensor,
         published=learnt.published,
         prior=prior,
-        families=learn_families(prior, of_families, s @ flash, camera.approximate),
-        flash_white=s @ flash,
+        families=learn_families(prior, of_families, s @ power, camera.approximate),
+        flash_white=s @ power,
         neutral=b_neutral / b_neutral[1],
         neutral_light=neutral / neutral_white[1],
-        flash_to_neutral=best_matrix(s * flash, s * neutral / neutral_white[1]),
+        flash_to_neutral=best_matrix(s * power, s * neutral / neutral_white[1]),
         camera_to_xyz=_shown(s, packaged_light(_DISPLAY_LIGHT)),
         neutral_to_xyz=_shown(s, neutral),
-        response=None if response is None else _response(learnt, s, flash, response),
+        response=None if response is None else _response(learnt, s, power, response),
     )
 
 

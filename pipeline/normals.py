@@ -52,14 +52,12 @@ def find_facing(
     reduced: ReducedPair,
     lamps: Lamps,
     model: Model,
-    flash: NDArray[np.float64],
     focal_px: float,
     method: Literal["best", "paper"],
     progress: Progress,
 ) -> Facing:
     """Solve for what normals need; see solve_surface ("best") and solve_photometry ("paper").
 
-    flash: (W,) spectrum.
     Raises OptionError for directions nearly in a plane, and where there are not three lamps;
     UnusablePairError where hardly anything is lit; Canceled.
     """
@@ -67,7 +65,7 @@ def find_facing(
         photometry = solve_photometry(lights, reduced, lamps, model, focal_px)
         of = partial(normals, lamps=lamps, photometry=photometry)
         return Facing(of, photometry.strengths, None)
-    bank = LampBank(model.sensitivities, flash)
+    bank = LampBank(model.camera.sensitivities, model.flash)
     surface = solve_surface(lights, reduced, lamps, model, bank, focal_px, progress)
     of = partial(surface_normals, surface=surface)
     return Facing(of, surface.strengths, surface, _warnings(surface))

@@ -20,19 +20,18 @@ from pipeline.encode.png import NormalsPng, write_png8
 from pipeline.encode.preview import PreviewFile, thumbnail
 from pipeline.encode.tiff import GrayTiffFile, TiffFile
 from pipeline.errors import OptionError
+from pipeline.estimate import Estimate
 from pipeline.frames import Image, Matrix, Photograph
 from pipeline.gamma_diagram import draw_gamma_diagram
 from pipeline.half_floats import Half, to_float, to_half
-from pipeline.lamps import Lamps
 from pipeline.mesh import make_mesh
-from pipeline.model import Model, Response
-from pipeline.normals import CONVENTIONS, Facing
+from pipeline.model import Response
+from pipeline.normals import CONVENTIONS
 from pipeline.options import FACING_OUTPUTS, OUTPUT_NAMES, Options
 from pipeline.photometric_stereo.detail import surface_depth
 from pipeline.photometric_stereo.solve import Surface
 from pipeline.pictures import Pictures
 from pipeline.progress import Progress
-from pipeline.reduced import ReducedPair
 from pipeline.residual_map import draw_residual_map, relative_residual
 from pipeline.shown import shown_gain
 
@@ -114,10 +113,7 @@ class Outputs:
         self,
         photograph: Photograph,
         small: Pictures,
-        lamps: Lamps,
-        model: Model,
-        facing: Facing | None,
-        changes: NDArray[np.float64] | None,
+        estimate: Estimate,
         wanted: frozenset[str],
         directory: Path,
         convention: Literal["gl", "dx"] = "gl",
@@ -125,22 +121,21 @@ class Outputs:
         """Open the files.
 
         photograph: (H, W, 3), the no-flash photograph, on whose scale layers are shown. small: of
-        overview, which says how bright the other pictures are shown. facing: None where there are
-        no normals. changes: of camera_changes, None without another camera. wanted: names out of
+        overview, which says how bright the other pictures are shown. wanted: names out of
         OUTPUT_NAMES; those of what there is not are passed over. directory: where, it exists.
         convention: of the normals that are written. Raises OptionError for a picture that a wanted
         format cannot hold, OSError.
         """
         self._convention = convention
         self._size = photograph.shape[1], photograph.shape[0]
-        self._lamps = lamps
-        self._model = model
+        self._estimate = estimate
+        self._model = estimate.model
         self._wanted = wanted
         self._directory = directory
         self._takers: list[Callable[[Pictures], None]] = []
         self._outputs: list[_Output] = []
         try:
-            self._open(photograph, small, facing, changes)
+            self._open(photograph, small)
         except BaseException:
             self._remove()
             raise
@@ -163,15 +158,12 @@ class Outputs:
         for take in self._takers:
             take(pictures)
 
-    def finish(
-        self, reduced: ReducedPair, entries: list[dict[str, Any]], progress: Progress
-    ) -> list[dict[str, Any]]:
+    def finish(self, entries: list[dict[str, Any]], progress: Progress) -> list[dict[str, Any]]:
         """Complete the files; returns their entries for the manifest.
 
-        reduced: what the lamps were estimated from, for gamma.png and residual.png. entries: of the
-        lamps, for the labels of gamma.png. Raises Canceled between files, OSError.
+        entries: of the lamps, for the labels of gamma.png. Raises Canceled between files, OSError.
         """
-        self._open_diagrams(reduced, entries)
+        self._open_diagrams(entries)
         described = []
         for index, output in enumerate(self._outputs):
             progress.report("encode", index / len(self._outputs))
@@ -179,14 +171,9 @@ class Outputs:
             described.append(describe(output.path, output.encoding, output.colour_space))
         return described
 
-    def _open(
-        self,
-        photograph: Photograph,
-        small: Pictures,
-        facing: Facing | None,
-        changes: NDArray[np.float64] | None,
-    ) -> None:
+    def _open(self, photograph: Photograph, small: Pictures) -> None:
         """Open the files in the order in which the manifest lists them."""
+        facing, changes = self._estimate.facing, self._estimate.changes
         surface = None if facing is None else facing.surface
         self._open_layers(photograph)
         self._open_balanced(small)
@@ -227,7 +214,7 @@ class Outputs:
             self._stream("layers.exr", kind, exr, lambda pictures: _with_sum(pictures.layers))
         to_rec2020 = _fitting(XYZ_TO_REC2020 @ camera_to_xyz)
         to_srgb = _as_shown(photograph, XYZ_TO_SRGB @ camera_to_xyz)
-        for lamp in range(len(self._lamps)):
+        for lamp in range(len(self._estimate.lamps)):
             layer = partial(_layer, lamp)
             if "lamps.tif" in wanted:
                 tiff = partial(TiffFile, size=size, to_rec2020=to_rec2020)
@@ -238,7 +225,9 @@ class Outputs:
             # imported only here: few ask for it
             from pipeline.encode.psd import PsdFile
 
-            psd = partial(PsdFile, size=size, lamps=len(self._lamps), to_rec2020=to_rec2020)
+            psd = partial(
+                PsdFile, size=size, lamps=len(self._estimate.lamps), to_rec2020=to_rec2020
+            )
             self._stream("layers.psd", _REC2020, psd, lambda pictures: pictures.layers)
 
     def _open_balanced(self, small: Pictures) -> None:
@@ -367,14 +356,15 @@ class Outputs:
             to_srgb = _as_shown(photograph, XYZ_TO_SRGB @ self._model.camera_to_xyz)
             self._at_last("thumbnail.jpg", _SRGB, lambda path: write_jpeg(path, small, to_srgb))
 
-    def _open_diagrams(self, reduced: ReducedPair, entries: list[dict[str, Any]]) -> None:
+    def _open_diagrams(self, entries: list[dict[str, Any]]) -> None:
+        reduced, lamps = self._estimate.reduced, self._estimate.lamps
         kind = ("8-bit", "sRGB")
         if "gamma.png" in self._wanted:
             labels = [_label(one) for one in entries]
-            diagram = draw_gamma_diagram(reduced, self._lamps, self._model, labels)
+            diagram = draw_gamma_diagram(reduced, lamps, self._model, labels)
             self._at_last("gamma.png", kind, lambda path: write_png8(path, diagram))
         if "residual.png" in self._wanted:
-            residual = draw_residual_map(relative_residual(reduced, self._lamps))
+            residual = draw_residual_map(relative_residual(reduced, lamps))
             self._at_last("residual.png", kind, lambda path: write_png8(path, residual))
 
 

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.estimate import Estimate
 from pipeline.frames import Image, Plane
 from pipeline.hui2018.white_balance import PublishedWhiteBalance
-from pipeline.lamps import Lamps
-from pipeline.model import Model
-from pipeline.normals import Facing
 from pipeline.options import FACING_OUTPUTS, Options
 from pipeline.pair import Pair
 from pipeline.photometric_stereo.confidence import normals_confidence
 from pipeline.progress import Progress
-from pipeline.reduced import ReducedPair
 from pipeline.response import other_response
 from pipeline.separation import Strip, separate, separate_reduced
 from pipeline.white_balance import WhiteBalance
@@ -51,11 +48,7 @@ class Pictures:
 
 def render(
     pair: Pair,
-    reduced: ReducedPair,
-    lamps: Lamps,
-    model: Model,
-    facing: Facing | None,
-    changes: NDArray[np.float64] | None,
+    estimate: Estimate,
     options: Options,
     wanted: frozenset[str],
     progress: Progress,
@@ -63,48 +56,44 @@ def render(
 ) -> Iterator[Pictures]:
     """Separate the pair and make every picture that a wanted output needs, top to bottom.
 
-    facing: None where there are to be no normals. changes: (N, 3, 3) of camera_changes, None where
-    there is no other camera. options: of which method and quality count. wanted: names of outputs
+    estimate: of the pair. options: of which method and quality count. wanted: names of outputs
     (pipeline.options.OUTPUT_NAMES).
     """
+    facing, lamps, model = estimate.facing, estimate.lamps, estimate.model
     surface = None if facing is None else facing.surface
     first = _FIRST if surface is None else _FIRST | {"surface.glb"}
-    balance = _balance(options.method, lamps, model, pair)
-    for strip in separate(pair, reduced, lamps, model, options, progress, strip_rows):
+    balance = _balance(options.method, estimate, pair)
+    for strip in separate(pair, estimate.reduced, lamps, model, options, progress, strip_rows):
         normals = facing.of(strip) if facing is not None and wanted & _NORMALS else None
         trust = None
         if surface is not None and normals is not None and "normals_confidence.tif" in wanted:
             trust = normals_confidence(strip, surface, normals)
-        balanced_1, balanced_2 = balance.of(strip, bool(wanted & first), bool(wanted & _SECOND))
-        yield Pictures(
-            rows=strip.rows,
-            layers=strip.layers,
-            white_balanced_1=balanced_1,
-            white_balanced_2=balanced_2,
-            normals=normals,
-            normals_confidence=trust,
-            response=_response(strip, changes, wanted),
-            confidence=strip.confidence,
-        )
+        pictures = _shown(strip, balance, estimate, wanted, first)
+        yield replace(pictures, normals=normals, normals_confidence=trust)
 
 
 def overview(
-    pair: Pair,
-    reduced: ReducedPair,
-    lamps: Lamps,
-    model: Model,
-    changes: NDArray[np.float64] | None,
-    method: Literal["best", "paper"],
-    wanted: frozenset[str],
+    pair: Pair, estimate: Estimate, method: Literal["best", "paper"], wanted: frozenset[str]
 ) -> Pictures:
     """Make the pictures that are shown as small as the reduced pair, to tell how bright they are.
 
-    changes, wanted: as for render. There are no normals.
+    estimate, wanted: as for render. There are no normals.
     """
-    strip = separate_reduced(pair, reduced, lamps)
-    shown = _FIRST | {"surface.glb"}
-    balance = _balance(method, lamps, model, pair)
-    balanced_1, balanced_2 = balance.of(strip, bool(wanted & shown), bool(wanted & _SECOND))
+    strip = separate_reduced(pair, estimate.reduced, estimate.lamps)
+    balance = _balance(method, estimate, pair)
+    return _shown(strip, balance, estimate, wanted, _FIRST | {"surface.glb"})
+
+
+def _shown(
+    strip: Strip,
+    balance: WhiteBalance | PublishedWhiteBalance,
+    estimate: Estimate,
+    wanted: frozenset[str],
+    first: frozenset[str],
+) -> Pictures:
+    """All pictures of a strip but the normals; first: outputs that need white balance I."""
+    balanced_1, balanced_2 = balance.of(strip, bool(wanted & first), bool(wanted & _SECOND))
+    changes = estimate.changes
     return Pictures(
         rows=strip.rows,
         layers=strip.layers,
@@ -112,20 +101,16 @@ def overview(
         white_balanced_2=balanced_2,
         normals=None,
         normals_confidence=None,
-        response=_response(strip, changes, wanted),
+        response=other_response(strip, changes)
+        if changes is not None and wanted & _RESPONSES
+        else None,
         confidence=strip.confidence,
     )
 
 
 def _balance(
-    method: Literal["best", "paper"], lamps: Lamps, model: Model, pair: Pair
+    method: Literal["best", "paper"], estimate: Estimate, pair: Pair
 ) -> WhiteBalance | PublishedWhiteBalance:
     if method == "paper":
-        return PublishedWhiteBalance(lamps, model)
-    return WhiteBalance(lamps, model, pair.white)
-
-
-def _response(
-    strip: Strip, changes: NDArray[np.float64] | None, wanted: frozenset[str]
-) -> Image | None:
-    return None if changes is None or not wanted & _RESPONSES else other_response(strip, changes)
+        return PublishedWhiteBalance(estimate.lamps, estimate.model)
+    return WhiteBalance(estimate.lamps, estimate.model, pair.white)

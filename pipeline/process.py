@@ -3,44 +3,34 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from pipeline.belonging import check_sizes
 from pipeline.calibration.kept import Kept, setup_warnings, with_kept
 from pipeline.decode import check_header, decode
-from pipeline.doubts import doubts
 from pipeline.errors import UnusablePairError
-from pipeline.focal import focal_length_px
+from pipeline.estimate import make_estimate
 from pipeline.frames import Frame, release_photograph
-from pipeline.known_lamps import find_known
-from pipeline.lamps import estimate_lamps
-from pipeline.likely_camera import camera_doubts, likely_camera
 from pipeline.manifest import lamp_entries, make_manifest
 from pipeline.memory import release_rows, trim_memory
 from pipeline.mix import mix_basis
 from pipeline.model import Model, build_model
-from pipeline.normals import find_facing
-from pipeline.options import FACING_OUTPUTS, Options
+from pipeline.options import Options
 from pipeline.outputs import Outputs, check_outputs, wanted_outputs
 from pipeline.pair import make_pair
 from pipeline.pictures import overview, render
 from pipeline.progress import STRIP_ROWS, Progress
 from pipeline.reduced import reduce_pair
-from pipeline.remarks import Code, Remark
-from pipeline.response import camera_changes
 from pipeline.spectra.cameras import Camera, find_camera, srgb_stand_in
 from pipeline.spectra.lights import find_light
 from pipeline.tally import Tally
+from pipeline.whose_colours import camera_doubts, camera_warnings, likely_camera, undeclared
 
 NO_FLASH, FLASH = "photograph without the flash", "photograph with the flash"
 """What messages call the two files."""
 
-_NOT_ITS_VALUES = (
-    " The camera named describes the values of its sensor, which these are not: leave it out."
-)
 _LOOKED_BACK = 64
 """Rows above a strip that work on the next one may read, and more."""
 
@@ -87,62 +77,35 @@ def separate_files(
     wanted = wanted_outputs(options)
     check_outputs(wanted, before.size)
     camera = find_camera(options.camera, before)
-    model = _model(camera, before, options)
+    build = _models(before, options)
+    model = build(camera)
     progress.report("decode", 1.0)
     pair = make_pair(before, after, options, progress)
     # the pair alone holds the photographs, of which the second may be another, laid on the first
     before, after = before.facts(), after.facts()
     progress.report("lamps", 0.0)
     reduced = reduce_pair(pair)
-    if before.encoding == "linear" and not before.profiled and options.camera is None:
+    if options.camera is None and undeclared(before):
+        sensor = None if camera is srgb_stand_in() else camera
         camera = likely_camera(
-            reduced,
-            find_light(options.flash_spectrum),
-            options.number_of_lamps,
-            options.flash_only,
-            None if camera is srgb_stand_in() else camera,
-            partial(_model, frame=before, options=options),
+            reduced, model.flash, options.number_of_lamps, options.flash_only, sensor, build
         )
-        model = _model(camera, before, options)
-    known = find_known(options, before.size, reduced, camera, model)
-    lamps = estimate_lamps(
-        reduced, model, options.number_of_lamps, options.method, options.flash_only, known
-    )
-    warnings += [*pair.warnings, *_model_warnings(before, camera, named)]
+        model = build(camera)
+    estimate = make_estimate(pair, reduced, model, before, options, wanted, progress)
+    lamps = estimate.lamps
+    warnings += [*pair.warnings, *camera_warnings(before, camera, named)]
     if named:
-        build = partial(_model, frame=before, options=options)
         warnings += camera_doubts(reduced, len(lamps), options.flash_only, camera, before, build)
-    warnings += doubts(pair, reduced, lamps, options.method)
-    facing = None
-    if options.light_directions is not None and wanted & FACING_OUTPUTS:
-        focal_px = focal_length_px(before, options.focal_px, warnings)
-        facing = find_facing(
-            options.light_directions,
-            reduced,
-            lamps,
-            model,
-            find_light(options.flash_spectrum),
-            focal_px,
-            options.method,
-            progress,
-        )
-        warnings.extend(facing.warnings)
+    warnings += estimate.warnings
     trim_memory()  # what the estimation took would add to what strips take
     progress.report("lamps", 1.0)
 
-    changes = None
-    if model.response is not None:
-        changes = camera_changes(lamps, model, model.response, options.method)
-    small = overview(pair, reduced, lamps, model, changes, options.method, wanted)
+    small = overview(pair, estimate, options.method, wanted)
     basis = mix_basis(pair.no_flash, lamps, model)
     tally = Tally(len(lamps), *pair.unusable.shape)
     directory.mkdir(parents=True, exist_ok=True)
-    with Outputs(
-        pair.no_flash, small, lamps, model, facing, changes, wanted, directory, options.normals
-    ) as outputs:
-        for pictures in render(
-            pair, reduced, lamps, model, facing, changes, options, wanted, progress, strip_rows
-        ):
+    with Outputs(pair.no_flash, small, estimate, wanted, directory, options.normals) as outputs:
+        for pictures in render(pair, estimate, options, wanted, progress, strip_rows):
             tally.add(pictures.rows, pictures.layers, pictures.confidence)
             outputs.add(pictures)
             done = pictures.rows.start - _LOOKED_BACK
@@ -150,15 +113,13 @@ def separate_files(
             for photograph in (pair.no_flash, pair.flash):
                 release_photograph(photograph, done)
         entries = lamp_entries(lamps, model, tally.separated)
-        files = outputs.finish(reduced, entries, progress)
+        files = outputs.finish(entries, progress)
     manifest = make_manifest(
         (before, after),
         options,
-        camera,
         pair,
-        lamps,
+        estimate,
         entries,
-        facing,
         tally.filled,
         files,
         basis,
@@ -171,45 +132,9 @@ def separate_files(
     return manifest
 
 
-def _model(camera: Camera, frame: Frame, options: Options) -> Model:
-    return build_model(
-        camera,
-        find_light(options.flash_spectrum),
-        find_light(options.neutral, "neutral light"),
-        options.basis,
-        None if options.response is None else find_camera(options.response, frame),
-    )
-
-
-def _model_warnings(frame: Frame, camera: Camera, named: bool) -> list[Remark]:
-    """Warn of a camera that is a guess, and of one that was named for what no sensor gives."""
-    if frame.encoding == "srgb":
-        message = (
-            "The photographs are rendered to sRGB, which bends colours and brightness: the "
-            "separation is approximate. Send RAW or linear files for exact work."
-        )
-        return [Remark(Code.RENDERED_SRGB, message + (_NOT_ITS_VALUES if named else ""))]
-    if frame.profiled:
-        message = (
-            "The photographs hold linear values in the colours that their profile says, not those "
-            "of a sensor: the camera's spectral sensitivities were approximated. Send RAW files "
-            "for exact work."
-        )
-        return [Remark(Code.CAMERA_APPROXIMATE, message + (_NOT_ITS_VALUES if named else ""))]
-    if not camera.approximate:
-        return []
-    taken = f"{camera.name} explains the pair best and was taken"
-    by_exif = find_camera(None, frame)
-    if frame.encoding == "linear" and not by_exif.approximate:
-        message = (
-            f"The photographs do not hold what the sensor of the {by_exif.name} gives, which they "
-            f"name: {taken}. Send RAW files for exact work, or name the camera if they do."
-        )
-        return [Remark(Code.CAMERA_APPROXIMATE, message)]
-    message = (
-        "The camera's spectral sensitivities are not known and were approximated: name a "
-        "measured camera or send its table for exact work."
-    )
-    if frame.encoding == "linear":
-        message += f" The files do not say whose colours they hold: {taken}."
-    return [Remark(Code.CAMERA_APPROXIMATE, message)]
+def _models(frame: Frame, options: Options) -> Callable[[Camera], Model]:
+    """How a camera becomes a model; what the options name is looked up once."""
+    flash = find_light(options.flash_spectrum)
+    neutral = find_light(options.neutral, "neutral light")
+    response = None if options.response is None else find_camera(options.response, frame)
+    return lambda camera: build_model(camera, flash, neutral, options.basis, response)

@@ -26,7 +26,7 @@ def camera_changes(lamps: Lamps, model: Model, response: Response, method: str) 
         matrices = np.einsum("klj,nj->nkl", response.tensor, lamps.coefficients)
         # by least squares: a lamp that lacks a colour has no sound inverse
         return np.asarray(matrices @ np.linalg.pinv(lamps.matrices, rcond=1e-3))
-    here, there = model.sensitivities, response.sensitivities
+    here, there = model.camera.sensitivities, response.sensitivities
     spectra = [model.lamp_spectra.spectrum(matrix) for matrix in lamps.matrices]
     return np.stack([best_matrix(here * one, there * one) for one in spectra])
 

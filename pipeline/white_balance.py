@@ -106,7 +106,7 @@ def from_layers(lamps: Lamps, model: Model) -> Matrix:
     scaled so that its white card is white. Of a lamp that lacks a colour the layer does not tell
     it either, and its channels are scaled alone (von Kries).
     """
-    s, neutral = model.sensitivities, neutral_white(model)
+    s, neutral = model.camera.sensitivities, neutral_white(model)
     found = []
     for matrix, white in zip(lamps.matrices, whites_of(lamps, model), strict=True):
         spectrum = model.lamp_spectra.spectrum(matrix)

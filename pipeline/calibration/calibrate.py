@@ -32,7 +32,6 @@ from pipeline.directions import unit_directions
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.focal import focal_length_px
 from pipeline.frames import Frame
-from pipeline.likely_camera import names_no_camera
 from pipeline.manifest import input_entry, versions
 from pipeline.options import Circle, DirectedLight, Sensitivities, Spectrum
 from pipeline.pair import Pair, make_pair
@@ -45,6 +44,7 @@ from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light, packaged_light
 from pipeline.spectra.observer import cie_1931
 from pipeline.spectra.tables import write_sensitivities, write_spectrum
+from pipeline.whose_colours import names_no_camera
 
 _FAR_ASIDE_DEG = 5.0
 _GREY_CARD = 0.18

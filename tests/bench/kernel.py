@@ -100,7 +100,7 @@ def _model() -> Model:
 
 
 def _lamps(model: Model) -> Lamps:
-    seen = np.stack([model.sensitivities @ find_light(name) for name in _LAMPS])
+    seen = np.stack([model.camera.sensitivities @ find_light(name) for name in _LAMPS])
     coefficients = seen / np.linalg.norm(seen, axis=1, keepdims=True)
     count = len(coefficients)
     return Lamps(

@@ -25,7 +25,7 @@ LEFT, RIGHT = {"x": 6, "y": 32, "radius": 5}, {"x": 90, "y": 32, "radius": 5}
 
 
 @pytest.fixture
-def find(exact: Callable[..., Any], warm_to_cool: Array, camera: Camera, model: Model) -> Find:
+def find(exact: Callable[..., Any], warm_to_cool: Array, model: Model) -> Find:
     """Find what options say of the lamps of a scene: a bulb at the left, blue sky at the right."""
 
     def of_options(
@@ -39,7 +39,7 @@ def find(exact: Callable[..., Any], warm_to_cool: Array, camera: Camera, model: 
         options = Options(
             pinned_lamps=list(pinned), forbidden_lamps=list(forbidden), flash_only=flash_only
         )
-        return find_known(options, size, reduced, camera, model)
+        return find_known(options, size, reduced, model)
 
     return of_options
 

@@ -11,12 +11,14 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.align import Alignment
+from pipeline.estimate import Estimate
 from pipeline.frames import Exposure, Frame
 from pipeline.manifest import lamp_entries, make_manifest
 from pipeline.mix import mix_basis
 from pipeline.model import Model
 from pipeline.normals import Facing
 from pipeline.options import DirectedLight, Options
+from pipeline.reduced import reduce_pair
 from pipeline.remarks import Code, Remark
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.grid import WAVELENGTHS_NM
@@ -28,7 +30,6 @@ Array = NDArray[np.float64]
 @pytest.fixture
 def manifest_of(
     frame: Callable[..., Frame],
-    camera: Camera,
     model: Model,
     exact: Callable[..., tuple[Any, Array]],
     lamps_of: Callable[..., Any],
@@ -56,11 +57,9 @@ def manifest_of(
         given: dict[str, Any] = {
             "frames": (before, after),
             "options": Options(),
-            "camera": camera,
             "pair": pair,
-            "lamps": lamps,
+            "estimate": Estimate(reduce_pair(pair), model, lamps, more.get("facing")),
             "entries": lamp_entries(lamps, model, np.array([1.0, 0.25])),
-            "facing": None,
             "filled": 0.123456,
             "files": [{"name": "layers.exr", "sha256": "cc"}],
             "mix": mix_basis(pair.no_flash, lamps, model),

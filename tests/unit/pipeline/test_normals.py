@@ -18,7 +18,6 @@ from pipeline.options import DirectedLight
 from pipeline.progress import Progress
 from pipeline.reduced import reduce_pair
 from pipeline.separation import Strip
-from pipeline.spectra.lights import find_light
 
 Array = NDArray[np.float64]
 
@@ -42,8 +41,7 @@ def found(
             for direction, colour in zip(DIRECTIONS, warm_to_cool[:count], strict=False)
         ]
         reduced, lamps = reduce_pair(pair), lamps_of(warm_to_cool[:count])
-        flash = find_light("xenon")
-        facing = find_facing(lights, reduced, lamps, model, flash, 150.0, method, Progress())
+        facing = find_facing(lights, reduced, lamps, model, 150.0, method, Progress())
         height, width = pair.unusable.shape
         strip = Strip(
             slice(0, height),

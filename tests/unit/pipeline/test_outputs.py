@@ -18,6 +18,7 @@ from PIL import Image as PillowImage
 from pipeline import outputs
 from pipeline.colour.spaces import XYZ_TO_REC2020
 from pipeline.errors import Canceled
+from pipeline.estimate import Estimate
 from pipeline.model import Model, build_model
 from pipeline.normals import Facing
 from pipeline.options import OUTPUT_NAMES
@@ -98,20 +99,24 @@ def written(
 
     def run(*wanted: str, **more: Any) -> list[dict[str, Any]]:
         given = more.get("given", pictures)
+        estimate = Estimate(
+            reduced,
+            more.get("by", model),
+            lamps_of(warm_to_cool[[0, 2]]),
+            more.get("facing", facing),
+            more.get("changes"),
+        )
         with Outputs(
             more.get("photograph", given.layers.sum(axis=0)),
             given,
-            lamps_of(warm_to_cool[[0, 2]]),
-            more.get("by", model),
-            more.get("facing", facing),
-            more.get("changes"),
+            estimate,
             frozenset(wanted),
             tmp_path,
             more.get("convention", "gl"),
         ) as opened:
             for top in range(0, SIZE[0], 16):
                 opened.add(some_rows(given, slice(top, min(top + 16, SIZE[0]))))
-            return opened.finish(reduced, ENTRIES, more.get("progress", Progress()))
+            return opened.finish(ENTRIES, more.get("progress", Progress()))
 
     return run
 

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.errors import Canceled
+from pipeline.estimate import Estimate
 from pipeline.model import Model, build_model
 from pipeline.normals import Facing
 from pipeline.options import OUTPUT_NAMES, Options
@@ -46,7 +47,8 @@ def seen_whole(
         lamps, changes = lamps_of(warm_to_cool), np.stack([np.eye(3)] * 3)
         reduced = reduce_pair(pair)
         names = frozenset(wanted)
-        return overview(pair, reduced, lamps, model_with_response, changes, method, names)
+        estimate = Estimate(reduced, model_with_response, lamps, None, changes)
+        return overview(pair, estimate, method, names)
 
     return run
 
@@ -70,14 +72,17 @@ def rendered(
     def run(*wanted: str, **more: Any) -> Pictures:
         pair = more.get("pair") or exact(warm_to_cool)[0]
         rows = more.get("strip_rows", 256)
+        estimate = Estimate(
+            reduce_pair(pair),
+            model_with_response,
+            lamps_of(warm_to_cool),
+            more.get("facing", facing),
+            more.get("changes", np.stack([np.eye(3)] * 3)),
+        )
         strips = list(
             render(
                 pair,
-                reduce_pair(pair),
-                lamps_of(warm_to_cool),
-                model_with_response,
-                more.get("facing", facing),
-                more.get("changes", np.stack([np.eye(3)] * 3)),
+                estimate,
                 Options(method=more.get("method", "best")),
                 frozenset(wanted),
                 more.get("progress", Progress()),

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.errors import UnusablePairError
 from pipeline.frames import Frame
-from pipeline.likely_camera import camera_doubts, likely_camera, names_no_camera
 from pipeline.matrixfit.fit import first_fit
 from pipeline.model import Model, build_model
 from pipeline.pair import Pair
@@ -20,6 +19,7 @@ from pipeline.spectra.cameras import Camera, find_camera, srgb_stand_in, typical
 from pipeline.spectra.colorimetry import camera_to_xyz
 from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light, reflectance_spectra
+from pipeline.whose_colours import camera_doubts, likely_camera, names_no_camera
 from tests.reduced_pairs import even, reduced_pair
 
 Array = NDArray[np.float64]
@@ -152,11 +152,11 @@ def test_a_camera_that_makes_no_sense_of_any_pixel_is_not_taken(
     other_sensor: Array, pair_of: Callable[..., Pair], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def failing(reduced: Any, evidence: Any, model: Model, *more: Any) -> Any:
-        if (model.sensitivities < 0).any():  # sRGB's functions alone have negative parts
+        if (model.camera.sensitivities < 0).any():  # sRGB's functions alone have negative parts
             raise UnusablePairError("hardly any pixel agrees")
         return first_fit(reduced, evidence, model, *more)
 
-    monkeypatch.setattr("pipeline.likely_camera.first_fit", failing)
+    monkeypatch.setattr("pipeline.whose_colours.first_fit", failing)
     pair = photographed(other_sensor, "sRGB", LAMPS[:2], pair_of)
 
     assert chosen_for(reduce_pair(pair), 2).name == BALANCED
@@ -192,7 +192,7 @@ def test_srgb_is_told_from_what_the_named_sensor_gives(
 def test_where_few_shadows_have_edges_the_name_is_believed(
     other_sensor: Array, pair_of: Callable[..., Pair], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pipeline.likely_camera.first_fit", lambda *_: pytest.fail("fitted"))
+    monkeypatch.setattr("pipeline.whose_colours.first_fit", lambda *_: pytest.fail("fitted"))
     other = Camera("Other", other_sensor, "measured")
     pair = photographed(other_sensor, "sRGB", LAMPS[:2], pair_of)
 
@@ -252,7 +252,7 @@ def test_the_typical_sensor_itself_is_not_compared_with_itself(
 ) -> None:
     pair = photographed(other_sensor, "sensor", LAMPS, pair_of)
     raw = frame(np.zeros((2, 2, 3)), encoding="raw")
-    monkeypatch.setattr("pipeline.likely_camera.first_fit", lambda *_: pytest.fail("fitted"))
+    monkeypatch.setattr("pipeline.whose_colours.first_fit", lambda *_: pytest.fail("fitted"))
 
     assert not doubts_of(pair, 3, typical_sensor(), raw)
 
@@ -262,7 +262,7 @@ def costs(monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
     """What each camera's fit is to cost, by its name; others cost nothing."""
     table: dict[str, float] = {}
     monkeypatch.setattr(
-        "pipeline.likely_camera._Fits.cost", lambda _, camera: table.get(camera.name, 0.0)
+        "pipeline.whose_colours._Fits.cost", lambda _, camera: table.get(camera.name, 0.0)
     )
     return table
 
@@ -336,7 +336,7 @@ def test_a_camera_is_doubted_by_as_many_lamps_as_were_found_but_two_at_least(
         numbers.append(number)
         raise UnusablePairError("no sense in any pixel")
 
-    monkeypatch.setattr("pipeline.likely_camera.first_fit", noting)
+    monkeypatch.setattr("pipeline.whose_colours.first_fit", noting)
 
     doubts_of(edged, lamps, Camera("Other", other_sensor, "file"), linear)
 
@@ -401,7 +401,7 @@ def test_only_linear_files_that_name_no_camera_are_asked(
 def test_linear_files_that_say_their_colours_are_not_asked(
     frame: Callable[..., Frame], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pipeline.likely_camera.gather_evidence", lambda *_: pytest.fail("asked"))
+    monkeypatch.setattr("pipeline.whose_colours.gather_evidence", lambda *_: pytest.fail("asked"))
     photograph = frame(np.zeros((2, 2, 3)), profiled=True)
     named = find_camera("Nikon D5100", photograph)
     dark = reduced_pair(even(0.0, 0.0, 0.0), even(0.0, 0.0, 0.0))

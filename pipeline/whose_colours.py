@@ -29,11 +29,19 @@ _PRIOR_WEIGHT = 0.2  # the prior is narrower than measured, for other reasons
 _MANY_DIFFERENCES = 600
 _SENSOR_LIKELIER, _SRGB_LIKELIER = 60.0, 90.0
 _LIKELIER_UNDER_ONE = 200.0
+_NOT_ITS_VALUES = (
+    " The camera named describes the values of its sensor, which these are not: leave it out."
+)
+
+
+def undeclared(frame: Frame) -> bool:
+    """Whether a frame holds linear values and no profile says of what: of a sensor, or sRGB."""
+    return frame.encoding == "linear" and not frame.profiled
 
 
 def names_no_camera(camera: Camera, frame: Frame) -> bool:
     """Whether nothing but the pixels tells whose colours a frame holds."""
-    return frame.encoding == "linear" and not frame.profiled and camera is srgb_stand_in()
+    return undeclared(frame) and camera is srgb_stand_in()
 
 
 def likely_camera(
@@ -73,6 +81,43 @@ def likely_camera(
     if sensor is None:
         return min((srgb_stand_in(), values), key=fits.cost)
     return fits.much_likelier(values, [(srgb_stand_in(), _SRGB_LIKELIER)]) or values
+
+
+def camera_warnings(frame: Frame, camera: Camera, named: bool) -> list[Remark]:
+    """Warn of a camera that is a guess, and of one that was named for what no sensor gives.
+
+    frame: one of the files. camera: what was taken. named: whether the user named it.
+    """
+    if frame.encoding == "srgb":
+        message = (
+            "The photographs are rendered to sRGB, which bends colours and brightness: the "
+            "separation is approximate. Send RAW or linear files for exact work."
+        )
+        return [Remark(Code.RENDERED_SRGB, message + (_NOT_ITS_VALUES if named else ""))]
+    if frame.profiled:
+        message = (
+            "The photographs hold linear values in the colours that their profile says, not those "
+            "of a sensor: the camera's spectral sensitivities were approximated. Send RAW files "
+            "for exact work."
+        )
+        return [Remark(Code.CAMERA_APPROXIMATE, message + (_NOT_ITS_VALUES if named else ""))]
+    if not camera.approximate:
+        return []
+    taken = f"{camera.name} explains the pair best and was taken"
+    by_exif = find_camera(None, frame)
+    if frame.encoding == "linear" and not by_exif.approximate:
+        message = (
+            f"The photographs do not hold what the sensor of the {by_exif.name} gives, which they "
+            f"name: {taken}. Send RAW files for exact work, or name the camera if they do."
+        )
+        return [Remark(Code.CAMERA_APPROXIMATE, message)]
+    message = (
+        "The camera's spectral sensitivities are not known and were approximated: name a "
+        "measured camera or send its table for exact work."
+    )
+    if frame.encoding == "linear":
+        message += f" The files do not say whose colours they hold: {taken}."
+    return [Remark(Code.CAMERA_APPROXIMATE, message)]
 
 
 def camera_doubts(

@@ -1,0 +1,72 @@
+"""What a whole pair tells, before any strip of it is worked on: its lamps and what follows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.doubts import doubts
+from pipeline.focal import focal_length_px
+from pipeline.frames import Frame
+from pipeline.known_lamps import find_known
+from pipeline.lamps import Lamps, estimate_lamps
+from pipeline.model import Model
+from pipeline.normals import Facing, find_facing
+from pipeline.options import FACING_OUTPUTS, Options
+from pipeline.pair import Pair
+from pipeline.progress import Progress
+from pipeline.reduced import ReducedPair
+from pipeline.remarks import Remark
+from pipeline.response import camera_changes
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What pictures, files and the manifest are made by.
+
+    reduced: what it was estimated from. model: of the camera taken. facing: None where no normals
+    are wanted. changes: (N, 3, 3) of camera_changes, None where there is no other camera.
+    warnings: of the lamps and normals.
+    """
+
+    reduced: ReducedPair
+    model: Model
+    lamps: Lamps
+    facing: Facing | None = None
+    changes: NDArray[np.float64] | None = None
+    warnings: tuple[Remark, ...] = ()
+
+
+def make_estimate(
+    pair: Pair,
+    reduced: ReducedPair,
+    model: Model,
+    frame: Frame,
+    options: Options,
+    wanted: frozenset[str],
+    progress: Progress,
+) -> Estimate:
+    """Estimate the lamps, and where surfaces face if a wanted output needs it.
+
+    reduced: of the pair. frame: the no-flash photograph, of which size and EXIF count. wanted:
+    names of outputs (pipeline.options.OUTPUT_NAMES). Raises InputError for what the user can mend
+    (find_known, estimate_lamps, find_facing), Canceled.
+    """
+    known = find_known(options, frame.size, reduced, model)
+    lamps = estimate_lamps(
+        reduced, model, options.number_of_lamps, options.method, options.flash_only, known
+    )
+    warnings = [*doubts(pair, reduced, lamps, options.method)]
+    facing = None
+    if options.light_directions is not None and wanted & FACING_OUTPUTS:
+        focal_px = focal_length_px(frame, options.focal_px, warnings)
+        facing = find_facing(
+            options.light_directions, reduced, lamps, model, focal_px, options.method, progress
+        )
+        warnings.extend(facing.warnings)
+    changes = None
+    if model.response is not None:
+        changes = camera_changes(lamps, model, model.response, options.method)
+    return Estimate(reduced, model, lamps, facing, changes, tuple(warnings))

@@ -1,0 +1,105 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.errors import OptionError
+from pipeline.estimate import Estimate, make_estimate
+from pipeline.frames import Frame
+from pipeline.model import Model, build_model
+from pipeline.options import DirectedLight, Options
+from pipeline.progress import Progress
+from pipeline.reduced import reduce_pair
+from pipeline.spectra.cameras import Camera, srgb_stand_in
+from pipeline.spectra.lights import find_light
+
+Array = NDArray[np.float64]
+
+DIRECTIONS = ((-0.6, 0.35, 0.7), (0.65, 0.3, 0.7), (0.05, -0.55, 0.8))
+
+
+@pytest.fixture
+def estimated(
+    exact: Callable[..., tuple[Any, Array]],
+    frame: Callable[..., Frame],
+    model: Model,
+    warm_to_cool: Array,
+) -> Callable[..., Estimate]:
+    """Estimate what a pair of two lamps, or so many, tells."""
+
+    def run(*wanted: str, count: Literal[2, 3] = 2, by: Model = model, **options: Any) -> Estimate:
+        pair, _ = exact(warm_to_cool[[0, 2]] if count == 2 else warm_to_cool)
+        photograph = frame(np.zeros((64, 96, 3)))
+        chosen = Options(lights=count, **options)
+        names = frozenset(wanted)
+        reduced = reduce_pair(pair)
+        return make_estimate(pair, reduced, by, photograph, chosen, names, Progress())
+
+    return run
+
+
+def lit(colours: Array) -> list[DirectedLight]:
+    return [
+        DirectedLight(direction=direction, rgb=tuple(colour))
+        for direction, colour in zip(DIRECTIONS, colours, strict=True)
+    ]
+
+
+def test_the_lamps_are_found_from_warm_to_cool(
+    estimated: Callable[..., Estimate], warm_to_cool: Array
+) -> None:
+    found = estimated()
+
+    cosines = (found.lamps.coefficients * warm_to_cool[[0, 2]]).sum(axis=1)
+    assert np.degrees(np.arccos(np.minimum(cosines, 1))) == pytest.approx([0, 0], abs=3.0)
+    assert found.facing is None
+    assert found.changes is None
+
+
+def test_another_camera_has_a_matrix_for_each_lamp(
+    estimated: Callable[..., Estimate], camera: Camera
+) -> None:
+    """Lamps keep their colours through the same camera."""
+    flash, neutral = find_light("xenon"), find_light("D65")
+    both = [
+        estimated(by=build_model(camera, flash, neutral, "wpca", other)).changes
+        for other in (camera, srgb_stand_in())
+    ]
+
+    same, other = (one for one in both if one is not None)
+    np.testing.assert_allclose(same, np.stack([np.eye(3)] * 2), atol=1e-6)
+    assert other.shape == (2, 3, 3)
+    assert np.abs(other - np.eye(3)).max() > 0.1
+
+
+def test_an_assumed_focal_length_is_warned_of_after_the_lamps(
+    estimated: Callable[..., Estimate], warm_to_cool: Array
+) -> None:
+    given = {"count": 3, "light_directions": lit(warm_to_cool), "method": "paper"}
+
+    assumed = estimated("normals.png", **given)
+    told = estimated("normals.png", **given, focal_px=150.0)
+
+    assert "focal_length_assumed" in [warning.code for warning in assumed.warnings]
+    assert "focal_length_assumed" not in [warning.code for warning in told.warnings]
+    assert assumed.facing is not None
+    assert assumed.facing.strengths.shape == (3,)
+
+
+def test_directions_for_pictures_alone_are_not_looked_at(
+    estimated: Callable[..., Estimate], warm_to_cool: Array
+) -> None:
+    found = estimated("lamps.jpg", count=3, light_directions=lit(warm_to_cool))
+
+    assert found.facing is None
+
+
+def test_a_pinned_area_outside_of_the_photograph_is_refused(
+    estimated: Callable[..., Estimate],
+) -> None:
+    with pytest.raises(OptionError, match="96 × 64 pixels"):
+        estimated(pinned_lamps=[{"x": 200, "y": 10, "radius": 5}])
