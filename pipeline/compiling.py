@@ -25,7 +25,7 @@ from numba.core.registry import cpu_target
 
 from pipeline.sources import digest
 
-__all__ = ["CACHE", "Cache", "njit", "settle"]
+__all__ = ["CACHE", "Cache", "compiled", "inlined", "njit", "settle", "summing"]
 
 _config: Any = numba.config  # which has what the variables NUMBA_… said
 
@@ -102,3 +102,12 @@ def _remove(folder: Path, owner: int) -> None:
 
 
 CACHE = settle()
+
+compiled = njit(cache=True, error_model="numpy", fastmath={"contract"})
+"""For loops over pixels: multiplications and additions in one, nothing raised for division by 0."""
+
+inlined = njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+"""The same for what such loops call, as part of them, so that they become vector code."""
+
+summing = njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc"})
+"""For sums, in any order, since in the order written no two can be added at once."""

@@ -7,16 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.compiling import njit
+from pipeline.compiling import compiled, inlined
 from pipeline.frames import Image, Numbers, Plane, Planes, by_planes, numbers_of, planes_of
 from pipeline.lamps import Lamps
 from pipeline.matrixfit.deviations import FARTHEST, TERMS
 from pipeline.shares import Colour, shares_of_three, shares_of_two
 
 Array = NDArray[np.float32]
-
-_inlined = njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
-_compiled = njit(cache=True, error_model="numpy", fastmath={"contract"})
 
 
 def predictions(flash: Image, lamps: Lamps) -> Array:
@@ -53,7 +50,7 @@ def model_proportions(no_flash: Image, flash: Image, lamps: Lamps) -> Array:
     return parts
 
 
-@_compiled
+@compiled
 def _two(
     no_flash: Planes,
     flash: Planes,
@@ -79,7 +76,7 @@ def _two(
         _part_row(first, second, z0, z1, own_row, rest_row)
 
 
-@_compiled
+@compiled
 def _light_row(m: Numbers, where: Numbers, terms: Numbers, flash: Planes, lit: Planes) -> None:
     """Write what a lamp of matrix m gives with its deviations."""
     red, green, blue = lit
@@ -88,7 +85,7 @@ def _light_row(m: Numbers, where: Numbers, terms: Numbers, flash: Planes, lit: P
         red[x], green[x], blue[x] = _lit(m, terms, f, _colour(where, f))
 
 
-@_compiled
+@compiled
 def _share_row(
     no_flash: Planes, first: Planes, second: Planes, weights: Numbers, z0: Plane, z1: Plane
 ) -> None:
@@ -101,7 +98,7 @@ def _share_row(
         )
 
 
-@_compiled
+@compiled
 def _part_row(
     first: Planes, second: Planes, z0: Plane, z1: Plane, own: Planes, rest: Planes
 ) -> None:
@@ -118,7 +115,7 @@ def _part_row(
         rest[0][x], rest[1][x], rest[2][x] = one - p, one - q, one - r
 
 
-@_compiled
+@compiled
 def _three(
     no_flash: Planes,
     flash: Planes,
@@ -146,23 +143,23 @@ def _three(
             _write(parts[2], y, x, c, total, _part(_sum(c), whole, third))
 
 
-@_inlined
+@inlined
 def _pixel(planes: Planes, y: int, x: int) -> Colour:
     return planes[0][y, x], planes[1][y, x], planes[2][y, x]
 
 
-@_inlined
+@inlined
 def _sum(a: Colour) -> Any:
     return a[0] + a[1] + a[2]
 
 
-@_inlined
+@inlined
 def _part(light: Any, total: Any, otherwise: Any) -> Any:
     part = light / total
     return part if total > 0 else otherwise
 
 
-@_inlined
+@inlined
 def _write(planes: Planes, y: int, x: int, light: Colour, total: Colour, otherwise: Any) -> None:
     """A lamp's part of every channel of one pixel."""
     planes[0][y, x] = _part(light[0], total[0], otherwise)
@@ -170,7 +167,7 @@ def _write(planes: Planes, y: int, x: int, light: Colour, total: Colour, otherwi
     planes[2][y, x] = _part(light[2], total[2], otherwise)
 
 
-@_inlined
+@inlined
 def _colour(where: Numbers, f: Colour) -> Colour:
     """Sum of the flash's channels, 0 without light, and its chromaticity as polynomials take it."""
     total = max(_sum(f), np.float32(0.0))
@@ -182,13 +179,13 @@ def _colour(where: Numbers, f: Colour) -> Colour:
     )
 
 
-@_inlined
+@inlined
 def _within(q: Any) -> Any:
     farthest = np.float32(FARTHEST)
     return min(max(q, -farthest), farthest)
 
 
-@_inlined
+@inlined
 def _polynomial(terms: Numbers, k: int, q: Colour) -> Any:
     """p(q) of channel k; see Deviations."""
     a, b, i = q[1], q[2], TERMS * k
@@ -200,31 +197,31 @@ def _polynomial(terms: Numbers, k: int, q: Colour) -> Any:
     return even + b * (linear + b * (square + b * np.float32(terms[i + 9])))
 
 
-@_inlined
+@inlined
 def _cubic(terms: Numbers, i: int, a: Any) -> Any:
     return np.float32(terms[i]) + a * (
         np.float32(terms[i + 1]) + a * (np.float32(terms[i + 2]) + a * np.float32(terms[i + 3]))
     )
 
 
-@_inlined
+@inlined
 def _lit(m: Numbers, terms: Numbers, f: Colour, q: Colour) -> Colour:
     """What a lamp of matrix m, row by row, gives where the flash gives f; q: its _colour."""
     return _channel(m, terms, 0, f, q), _channel(m, terms, 1, f, q), _channel(m, terms, 2, f, q)
 
 
-@_inlined
+@inlined
 def _channel(m: Numbers, terms: Numbers, k: int, f: Colour, q: Colour) -> Any:
     i = 3 * k
     light = np.float32(m[i]) * f[0] + np.float32(m[i + 1]) * f[1] + np.float32(m[i + 2]) * f[2]
     return max(light + q[0] * _polynomial(terms, k, q), np.float32(0.0))
 
 
-@_inlined
+@inlined
 def _times(a: Colour, b: Numbers) -> Colour:
     return a[0] * np.float32(b[0]), a[1] * np.float32(b[1]), a[2] * np.float32(b[2])
 
 
-@_inlined
+@inlined
 def _scaled(a: Colour, z: float) -> Colour:
     return a[0] * np.float32(z), a[1] * np.float32(z), a[2] * np.float32(z)

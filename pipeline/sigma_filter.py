@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.compiling import njit
+from pipeline.compiling import compiled, inlined
 from pipeline.frames import Image, Plane, planes_of
 from pipeline.noise import Noise
 from pipeline.strips import widened
@@ -25,9 +25,6 @@ _JOIN = 4.2  # standard deviations of one pixel, over six channels
 _CHANNELS = 6
 ROUNDS = len(_GAPS)
 """Rounds that there are; fewer average less."""
-
-_compiled = njit(cache=True, error_model="numpy", fastmath={"contract"})
-_inlined = njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
 
 
 def sigma_filter(
@@ -135,7 +132,7 @@ class _Round:
         _join(planes, certainty, stable, self._gap, inner.start, first, total, count)
 
 
-@_compiled
+@compiled
 def _stabilize(planes: Planes, gain: Array, floor: Array, stable: Planes) -> None:
     """Write planes (6, h, W) so that their noise has unit variance everywhere.
 
@@ -150,7 +147,7 @@ def _stabilize(planes: Planes, gain: Array, floor: Array, stable: Planes) -> Non
                 written[x] = scale * np.sqrt(slope * max(values[x], zero) + level)
 
 
-@_compiled
+@compiled
 def _join(
     planes: Planes,
     certainty: Plane,
@@ -192,7 +189,7 @@ def _join(
             _average(joins, inverse, planes[k, above], planes[k, y], planes[k, below], averages)
 
 
-@_compiled
+@compiled
 def _join_pixel(
     planes: Planes,
     certainty: Plane,
@@ -222,7 +219,7 @@ def _join_pixel(
         total[k, row, x] /= counted
 
 
-@_inlined
+@inlined
 def _compare(
     stable: Planes, certainty: Plane, y: int, other: int, gap: int, j0: Any, j1: Any, j2: Any
 ) -> None:
@@ -252,7 +249,7 @@ def _compare(
         j2[x] = w2[x] if to_right < limit else zero
 
 
-@_inlined
+@inlined
 def _distance(a: Any, b0: Any, b1: Any, b2: Any, b3: Any, b4: Any, b5: Any) -> Any:
     """Square of the distance of two pixels in six channels."""
     d0, d1, d2 = a[0] - b0, a[1] - b1, a[2] - b2
@@ -260,7 +257,7 @@ def _distance(a: Any, b0: Any, b1: Any, b2: Any, b3: Any, b4: Any, b5: Any) -> A
     return d0 * d0 + d1 * d1 + d2 * d2 + d3 * d3 + d4 * d4 + d5 * d5
 
 
-@_inlined
+@inlined
 def _count(joins: Array, counted: Any, inverse: Any) -> None:
     """Write how many pixels joined, and 1 ÷ that."""
     one = np.float32(1.0)
@@ -271,7 +268,7 @@ def _count(joins: Array, counted: Any, inverse: Any) -> None:
         inverse[x] = one / counted[x]
 
 
-@_inlined
+@inlined
 def _average(joins: Array, inverse: Any, above: Any, own: Any, below: Any, averages: Any) -> None:
     """Write averages (n,) of one channel over the pixels that joined from three rows (W,)."""
     gap, width = (len(own) - len(averages)) // 2, len(own)

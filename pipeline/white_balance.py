@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.compiling import njit
+from pipeline.compiling import compiled, inlined
 from pipeline.frames import (
     Image,
     Matrix,
@@ -34,9 +34,6 @@ _LACKING = (0.06, 0.2)  # of the strongest channel, between which a lamp comes t
 _CLIPPING = (0.9, 0.99)  # of white, between which a channel comes to count as clipped
 _SINGULAR = 1e-6  # relative determinant; single precision tells less
 _LEAST = 1e-30  # of what is divided by, so that single precision holds the result
-
-_inlined = njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
-_compiled = njit(cache=True, error_model="numpy", fastmath={"contract"})
 
 
 class WhiteBalance:
@@ -127,7 +124,7 @@ def neutral_white(model: Model) -> Matrix:
     return np.asarray(white / white[1])
 
 
-@_compiled
+@compiled
 def _balance(
     no_flash: Planes,
     flash: Planes,
@@ -168,7 +165,7 @@ def _balance(
             _finish(lit, strength, trust, filled, clipped, white, out)
 
 
-@_compiled
+@compiled
 def _light(flash: Planes, m: Numbers, lit: Planes) -> None:
     """Write T_n I_f of a row."""
     reds, greens, blues = flash
@@ -177,7 +174,7 @@ def _light(flash: Planes, m: Numbers, lit: Planes) -> None:
         lit_0[x], lit_1[x], lit_2[x] = _times(m, reds[x], greens[x], blues[x])
 
 
-@_compiled
+@compiled
 def _fill(
     layers: Image,
     y: int,
@@ -206,7 +203,7 @@ def _fill(
         clipped[x] = _clipped(max(min(r, g), min(max(r, g), b)) * of_white)  # the second of three
 
 
-@_compiled
+@compiled
 def _by_lamps(
     flash: Planes,
     layers: Image,
@@ -230,7 +227,7 @@ def _by_lamps(
         strength[x] = total
 
 
-@_compiled
+@compiled
 def _by_strength(
     no_flash: Planes, flash: Planes, lit: Planes, d: Numbers, unit: float, strength: Plane
 ) -> None:
@@ -267,7 +264,7 @@ def _by_strength(
         strength[x] = min(length, limit) if relative * relative > squared else zero
 
 
-@_compiled
+@compiled
 def _finish(
     lit: Planes,
     strength: Plane,
@@ -300,7 +297,7 @@ def _finish(
         out_2[x] = rest * blue + brightness * w2
 
 
-@_inlined
+@inlined
 def _times(m: Numbers, r: Any, g: Any, b: Any) -> Colour:
     """A colour by the matrix m, row by row."""
     return (
@@ -310,7 +307,7 @@ def _times(m: Numbers, r: Any, g: Any, b: Any) -> Colour:
     )
 
 
-@_inlined
+@inlined
 def _clipped(light: np.float32) -> np.float32:
     """How far a channel counts as clipped, 0…1."""
     low, scale = np.float32(_CLIPPING[0]), np.float32(1.0 / (_CLIPPING[1] - _CLIPPING[0]))

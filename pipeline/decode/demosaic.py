@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.compiling import njit
+from pipeline.compiling import compiled, inlined
 from pipeline.frames import Image, Numbers, Plane, numbers_of
 from pipeline.memory import empty_image
 from pipeline.strips import widened
@@ -36,9 +36,6 @@ _ROUNDER = 1.5 * 2.0**23  # x + this has round(x) in its lowest bits
 _ROOT_HALF = np.float32(math.sqrt(0.5)).view(np.int32)
 _EXP2 = tuple(math.log(2.0) ** k / math.factorial(k) for k in range(7))
 _LOG2 = tuple(2.0 / ((2 * k + 1) * math.log(2.0)) for k in range(5))
-
-_inlined = njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
-_compiled = njit(cache=True, error_model="numpy", fastmath={"contract"})
 
 
 def is_bayer(colours: NDArray[np.integer]) -> bool:
@@ -100,7 +97,7 @@ def _window(mosaic: Values, rows: slice, columns: slice) -> Values:
     return np.asarray(window, np.uint16)
 
 
-@_inlined
+@inlined
 def _exp2(x: Any) -> Any:
     """2^x to some parts in 10⁷, where that is neither denormal nor infinite."""
     shifted = np.float32(x + np.float32(_ROUNDER))
@@ -112,7 +109,7 @@ def _exp2(x: Any) -> Any:
     return total * power
 
 
-@_inlined
+@inlined
 def _log2(x: Any) -> Any:
     """log2 x of a positive number to some parts in 10⁷."""
     bits = np.float32(x).view(np.int32)
@@ -126,7 +123,7 @@ def _log2(x: Any) -> Any:
     return np.float32(e) + f * total
 
 
-@_compiled
+@compiled
 def _demosaic(
     window: Values,
     colours: tuple[int, int, int, int],
@@ -159,7 +156,7 @@ def _demosaic(
     _write_channels(light, share, green, diagonal, colours, tile)
 
 
-@_compiled
+@compiled
 def _write_light(window: Values, black: Numbers, scale: float, light: Plane) -> None:
     """Write the light of every photosite, at most 1."""
     unit, one = np.float32(scale), np.float32(1.0)
@@ -173,7 +170,7 @@ def _write_light(window: Values, black: Numbers, scale: float, light: Plane) -> 
             written[x] = min((np.float32(values[x]) - level[x]) * unit, one)
 
 
-@_compiled
+@compiled
 def _write_ratios(light: Plane, across: Plane, down: Plane) -> None:
     """Write log2 of the other colour over the photosite's own, as its row and its column say.
 
@@ -199,7 +196,7 @@ def _write_ratios(light: Plane, across: Plane, down: Plane) -> None:
             written[x] = _log2(half * (r2[x - 1] + r2[x + 1]) / own)
 
 
-@_compiled
+@compiled
 def _write_gradients(across: Plane, down: Plane, steep: Plane, fall: Plane) -> None:
     """Write how much the ratios change along rows and along columns."""
     height, width = across.shape
@@ -211,7 +208,7 @@ def _write_gradients(across: Plane, down: Plane, steep: Plane, fall: Plane) -> N
             second[x] = abs(below[x] - above[x])
 
 
-@_compiled
+@compiled
 def _write_share(steep: Plane, fall: Plane, share: Plane) -> None:
     """Write how much the row counts, 0…1: the less its ratios change in 5 × 5 photosites."""
     alike = np.float32(_ALIKE)
@@ -230,7 +227,7 @@ def _write_share(steep: Plane, fall: Plane, share: Plane) -> None:
             written[x] = b / (a + b)
 
 
-@_compiled
+@compiled
 def _write_green(across: Plane, down: Plane, share: Plane, green: Plane) -> None:
     """Write log2 of green over the colour of red and blue photosites.
 
@@ -247,7 +244,7 @@ def _write_green(across: Plane, down: Plane, share: Plane, green: Plane) -> None
             written[x] = quarter * (of_column + part[x] * (of_row - of_column))
 
 
-@_compiled
+@compiled
 def _write_diagonal(green: Plane, diagonal: Plane) -> None:
     """Write log2 of green over the colour that red and blue photosites lack."""
     near, far = np.float32(_NEAR), np.float32(_FAR)
@@ -262,7 +259,7 @@ def _write_diagonal(green: Plane, diagonal: Plane) -> None:
             written[x] = near * around + far * (beyond + beside)
 
 
-@_compiled
+@compiled
 def _write_channels(
     light: Plane,
     share: Plane,

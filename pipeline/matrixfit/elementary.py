@@ -12,7 +12,7 @@ from numpy.polynomial import Chebyshev, Polynomial
 from numpy.typing import NDArray
 from scipy.special import erfcx
 
-from pipeline.compiling import njit
+from pipeline.compiling import inlined
 
 Array = NDArray[np.float64]
 
@@ -36,10 +36,9 @@ def _tail(y: Array) -> Array:
 
 
 _TAIL = tuple(Chebyshev.interpolate(_tail, 20).convert(kind=Polynomial).coef.tolist())
-_inlined = njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
 
 
-@_inlined
+@inlined
 def _horner(coefficients: tuple[float, ...], x: float) -> float:
     total = coefficients[-1]
     for k in range(len(coefficients) - 2, -1, -1):
@@ -47,13 +46,13 @@ def _horner(coefficients: tuple[float, ...], x: float) -> float:
     return total
 
 
-@_inlined
+@inlined
 def _polynomial(coefficients: tuple[float, ...], x: float) -> float:
     """Even and odd powers apart, so that neither waits for the other."""
     return _horner(coefficients[::2], x * x) + x * _horner(coefficients[1::2], x * x)
 
 
-@_inlined
+@inlined
 def exp(x: float) -> float:
     """e^x up to x = 709; 0 instead of a denormal result."""
     shifted = x * 1.4426950408889634 + _ROUNDER
@@ -63,7 +62,7 @@ def exp(x: float) -> float:
     return 0.0 if x < _LEAST_POWER else _polynomial(_EXP, r) * power
 
 
-@_inlined
+@inlined
 def log(x: float) -> float:
     """ln x of a positive number that is not denormal."""
     bits = np.float64(x).view(np.int64)
@@ -77,7 +76,7 @@ def log(x: float) -> float:
     return found if x < math.inf else x
 
 
-@_inlined
+@inlined
 def ndtr(z: float, bell: float) -> float:
     """Normal distribution function, of which exp(-z²/2) is known."""
     size = abs(z)

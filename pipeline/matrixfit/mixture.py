@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.compiling import njit
+from pipeline.compiling import compiled, inlined, njit, summing
 from pipeline.matrixfit.elementary import exp, log, ndtr
 
 Array = NDArray[np.float64]
@@ -36,10 +36,6 @@ _PART, _BY0, _BY1, _C0, _C1, _P0, _P1, _INVERSE, _LAMP = range(0, 9 * _BLOCK, _B
 # exp(−across²/2); its direction.
 _ACROSS, _ALONG, _BELL, _E0, _E1, _EDGE = range(_BLOCK, 7 * _BLOCK, _BLOCK)
 
-_compiled = njit(cache=True, error_model="numpy", fastmath={"contract"})
-_inlined = njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
-_summing = njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc"})
-
 
 def blocks(
     x: Array, u: Array, whitener: Array, sigma: Array, worth: Array, area_power: float
@@ -60,7 +56,7 @@ def blocks(
     return full.reshape(len(rows), count, _BLOCK).transpose(1, 0, 2).reshape(count, _DATA)
 
 
-@_compiled
+@compiled
 def _corner(data: Array, matrix: Array, weight: float, lamp: Array) -> None:
     """A lamp's corner and its density: normal about it."""
     share = weight * _PEAK * _PEAK
@@ -84,7 +80,7 @@ def _corner(data: Array, matrix: Array, weight: float, lamp: Array) -> None:
         lamp[_P0 + i], lamp[_P1 + i], lamp[_INVERSE + i] = p0, p1, inverse
 
 
-@_compiled
+@compiled
 def _edge(
     data: Array, first: Array, second: Array, weight: float, extension: float, edge: Array
 ) -> None:
@@ -121,7 +117,7 @@ def _edge(
         edge[_ALONG + i], edge[_E0 + i], edge[_E1 + i] = part, e0, e1
 
 
-@_compiled
+@compiled
 def _interior(
     data: Array, lamps: Array, edges: Array, weight: float, area_power: float, inside: Array
 ) -> None:
@@ -157,26 +153,26 @@ def _interior(
         lamps[_BY1 + c] += widen * (b0 - a0) - ac_c * ac0 - bc_c * bc0
 
 
-@_inlined
+@inlined
 def _side(across: float, bell: float, sign: float) -> tuple[float, float]:
     """How much of the blurred side of an edge is at a distance, and its derivative by that."""
     covered = ndtr(sign * across, bell)
     return _TINY if covered < _TINY else covered, sign * bell * _PEAK
 
 
-@_inlined
+@inlined
 def _ends(slope: float, along: float) -> tuple[float, float]:
     """What moving each end of an edge across it does at a place along it."""
     return slope * (along - 1.0), -slope * along
 
 
-@_compiled
+@compiled
 def _add(part: Array, mixed: Array) -> None:
     for i in range(_BLOCK):
         mixed[i] += part[i]
 
 
-@_summing
+@summing
 def _settle(data: Array, mixed: Array) -> float:
     """−Σ worth · log of the mixed density, which becomes worth ÷ density."""
     value = 0.0
@@ -187,7 +183,7 @@ def _settle(data: Array, mixed: Array) -> float:
     return value
 
 
-@_summing
+@summing
 def _dot(part: Array, scale: Array) -> float:
     total = 0.0
     for i in range(_BLOCK):
@@ -195,7 +191,7 @@ def _dot(part: Array, scale: Array) -> float:
     return total
 
 
-@_summing
+@summing
 def _pull(data: Array, lamp: Array, scale: Array, gradient: Array) -> None:
     """Add the gradient in a lamp's matrix."""
     g00 = g01 = g02 = g10 = g11 = g12 = g20 = g21 = g22 = 0.0
