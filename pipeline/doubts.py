@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Literal
 
 import numpy as np
 from scipy import ndimage
 
 from pipeline.flash_reach import MOST_STOPS, flash_reach
 from pipeline.lamps import LEAST_CONTRAST, Lamps
+from pipeline.options import Method
 from pipeline.pair import Pair
 from pipeline.pure_light import without_pure_light
 from pipeline.reduced import ReducedPair
@@ -26,9 +26,7 @@ _MUCH_MARKED = 0.015
 _LEAST_ERROR, _ERROR_OF_LAMPS, _NOISE_COUNTS, _WORST_DB = 0.045, 0.01, 0.5, 4.0
 
 
-def doubts(
-    pair: Pair, reduced: ReducedPair, lamps: Lamps, method: Literal["best", "paper"]
-) -> list[Remark]:
+def doubts(pair: Pair, reduced: ReducedPair, lamps: Lamps, method: Method) -> list[Remark]:
     """Warnings of the flash, the lamps and the light; none where layers can be relied on.
 
     method: which found the lamps; only fitted ones tell where one is alone.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +20,7 @@ from pipeline.matrixfit.fit import MOST_LAMPS, Fit, first_fit, fit_matrices
 from pipeline.matrixfit.known import FORBIDDEN_DEGREES, Known, nothing_known
 from pipeline.matrixfit.unexplained import left_over, places_alone
 from pipeline.model import Model
+from pipeline.options import Lights, Method
 from pipeline.reduced import ReducedPair
 from pipeline.remarks import Remark
 from pipeline.vectors import unit
@@ -60,7 +60,7 @@ class Lamps:
     matrices: Matrix
     deviations: Deviations
     channel_weights: Array
-    requested: Literal["auto", 1, 2, 3]
+    requested: Lights
     confidence: float
     lamp_confidence: Array
     pinned: NDArray[np.int64]
@@ -93,8 +93,8 @@ class Lamps:
 def estimate_lamps(
     reduced: ReducedPair,
     model: Model,
-    requested: Literal["auto", 1, 2, 3],
-    method: Literal["best", "paper"],
+    requested: Lights,
+    method: Method,
     flash_only: bool,
     known: Known | None = None,
 ) -> Lamps:

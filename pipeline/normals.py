@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ from pipeline.frames import Image
 from pipeline.hui2018.normals import normals, solve_photometry
 from pipeline.lamps import Lamps
 from pipeline.model import Model
-from pipeline.options import DirectedLight
+from pipeline.options import DirectedLight, Method
 from pipeline.photometric_stereo.detail import surface_normals
 from pipeline.photometric_stereo.responses import LampBank
 from pipeline.photometric_stereo.solve import Surface, solve_surface
@@ -53,7 +52,7 @@ def find_facing(
     lamps: Lamps,
     model: Model,
     focal_px: float,
-    method: Literal["best", "paper"],
+    method: Method,
     progress: Progress,
 ) -> Facing:
     """Solve for what normals need; see solve_surface ("best") and solve_photometry ("paper").

@@ -41,6 +41,9 @@ NO_SETUP = "none"
 FocalLength = Annotated[float, Field(ge=10, le=1e6)]
 """In pixels: from a fisheye on a thumbnail to a telescope."""
 Quality = Literal["best", "balanced", "fast"]
+Method = Literal["best", "paper"]
+"""Ours, or the published one (Hui et al. 2018)."""
+
 Lights = Annotated[
     Literal["auto", 1, 2, 3],
     # Programs that make clients out of the schema know no list of words and numbers.
@@ -197,7 +200,7 @@ class Options(PairOptions):
     )
 
     lights: Lights = Field(default="auto", description="Number of lamps.")
-    method: Literal["best", "paper"] = Field(
+    method: Method = Field(
         default="best", description="paper: as published (Hui et al. 2018); best: ours."
     )
     quality: Quality = Field(

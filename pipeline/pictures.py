@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline.estimate import Estimate
 from pipeline.frames import Image, Plane
 from pipeline.hui2018.white_balance import PublishedWhiteBalance
-from pipeline.options import FACING_OUTPUTS, Options
+from pipeline.options import FACING_OUTPUTS, Method, Options
 from pipeline.pair import Pair
 from pipeline.photometric_stereo.confidence import normals_confidence
 from pipeline.progress import Progress
@@ -72,9 +71,7 @@ def render(
         yield replace(pictures, normals=normals, normals_confidence=trust)
 
 
-def overview(
-    pair: Pair, estimate: Estimate, method: Literal["best", "paper"], wanted: frozenset[str]
-) -> Pictures:
+def overview(pair: Pair, estimate: Estimate, method: Method, wanted: frozenset[str]) -> Pictures:
     """Make the pictures that are shown as small as the reduced pair, to tell how bright they are.
 
     estimate, wanted: as for render. There are no normals.
@@ -109,7 +106,7 @@ def _shown(
 
 
 def _balance(
-    method: Literal["best", "paper"], estimate: Estimate, pair: Pair
+    method: Method, estimate: Estimate, pair: Pair
 ) -> WhiteBalance | PublishedWhiteBalance:
     if method == "paper":
         return PublishedWhiteBalance(estimate.lamps, estimate.model)

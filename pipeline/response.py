@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 from pipeline.frames import Image
 from pipeline.lamps import Lamps
 from pipeline.model import Model, Response
+from pipeline.options import Method
 from pipeline.separation import Strip
 from pipeline.spectra.matrices import best_matrix
 
 Array = NDArray[np.float64]
 
 
-def camera_changes(lamps: Lamps, model: Model, response: Response, method: str) -> Array:
+def camera_changes(lamps: Lamps, model: Model, response: Response, method: Method) -> Array:
     """Matrices (N, 3, 3), a lamp's layer → the same through the other camera.
 
     paper: T'_j T_j⁻¹, so that a layer T_j I_f z_j becomes T'_j I_f z_j, with T' of the other

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +15,7 @@ from pipeline.matrixfit.evidence import Evidence, gather_evidence
 from pipeline.matrixfit.fit import MOST_LAMPS, first_fit
 from pipeline.matrixfit.known import nothing_known
 from pipeline.model import Model
+from pipeline.options import Lights
 from pipeline.reduced import ReducedPair
 from pipeline.remarks import Code, Remark
 from pipeline.spectra.cameras import Camera, balanced, find_camera, srgb_stand_in, typical_sensor
@@ -47,7 +47,7 @@ def names_no_camera(camera: Camera, frame: Frame) -> bool:
 def likely_camera(
     reduced: ReducedPair,
     flash: Array,
-    requested: Literal["auto", 1, 2, 3],
+    requested: Lights,
     flash_only: bool,
     sensor: Camera | None,
     build: Callable[[Camera], Model],

@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.model import Model, Response, build_model
+from pipeline.options import Method
 from pipeline.response import camera_changes, other_response
 from pipeline.separation import Strip
 from pipeline.spectra.cameras import Camera, find_camera, srgb_stand_in
@@ -15,7 +16,7 @@ from pipeline.spectra.lights import find_light, reflectance_spectra
 
 Array = NDArray[np.float64]
 Exact = Callable[..., tuple[Any, Array]]
-METHODS = ("best", "paper")
+METHODS: tuple[Method, ...] = ("best", "paper")
 
 
 def strip_of(layers: Array) -> Strip:
@@ -58,7 +59,7 @@ def test_through_the_same_camera_the_photograph_is_the_photograph(
     lamps_of: Callable[..., Any],
     warm_to_cool: Array,
     count: int,
-    method: str,
+    method: Method,
 ) -> None:
     pair, layers = exact(warm_to_cool[:count])
     changes = camera_changes(lamps_of(warm_to_cool[:count]), model, through(camera), method)
@@ -150,7 +151,7 @@ def test_a_lamp_without_blue_asks_for_no_blue(
     through: Callable[[Camera], Response],
     camera: Camera,
     lamps_of: Callable[..., Any],
-    method: str,
+    method: Method,
     blue: float,
 ) -> None:
     """Its matrix has no inverse worth the name, and yet noise does not explode."""
