@@ -79,11 +79,10 @@ def _worse(reduced: ReducedPair, evidence: Evidence, found: Fit, free: Fit) -> b
 def other_light(pin: Pin, matrix: Array) -> float:
     """By how much chromaticities shown by a pinned lamp differ from a matrix's, noise left out."""
     data = pin.term.data
-    light = data.x @ matrix.T
-    off = data.u - light[:, :2] / light.sum(axis=1, keepdims=True)
+    off = data.u - data.corners(matrix[None])[0]
     squared = float(np.quantile((off**2).sum(axis=1), _QUANTILE))
     # that quantile of normal noise in two dimensions
-    noise = -np.log(1.0 - _QUANTILE) * float((data.covariance[:, 0] + data.covariance[:, 2]).mean())
+    noise = -np.log(1.0 - _QUANTILE) * float(data.variance.mean())
     return float(np.sqrt(max(squared - noise, 0.0)))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frames import Mask
-from pipeline.matrixfit.data import Data, draw, nothing, sandwich, upper
+from pipeline.matrixfit.data import Data, by_colour, draw, nothing, sandwich, upper
 
 Array = NDArray[np.float64]
 Places = tuple[NDArray[np.intp], NDArray[np.intp]]
@@ -25,7 +25,7 @@ _WEIGHT, _MANY = 250.0, 600.0
 
 
 @dataclass(frozen=True)
-class Ratios:
+class RelativeLight:
     """Light over the strength of the flash, pixel by pixel.
 
     use: bool (h, w), the pixels that count; elsewhere nothing is meant. strength: (h, w) sum of
@@ -61,13 +61,13 @@ class Ratios:
         )
 
 
-def make_ratios(
+def relative_light(
     no_flash: Array, flash: Array, v_n: Array, v_f: Array, use: Mask, coupled: float
-) -> Ratios:
-    """Ratios of a no-flash photograph and a flash part, (h, w, 3), with their variances."""
+) -> RelativeLight:
+    """Light of a no-flash photograph relative to a flash part, (h, w, 3), with their variances."""
     strength = np.where(use, flash.sum(axis=2), 1.0)
     light = no_flash / strength[..., None]
-    return Ratios(
+    return RelativeLight(
         use,
         strength,
         flash / strength[..., None],
@@ -96,7 +96,7 @@ def steps(shape: tuple[int, ...]) -> list[tuple[int, int]]:
 
 
 def contrast(
-    ratios: Ratios, at: Places, factors: Array, surface: Array, significance: float = 0.0
+    ratios: RelativeLight, at: Places, factors: Array, surface: Array, significance: float = 0.0
 ) -> Data:
     """What contrasts show, those left out that say little; their weight is their worth.
 
@@ -119,7 +119,7 @@ def contrast(
     c_u = m_u @ e @ m_u.transpose(0, 2, 1) / s[:, None, None] ** 2
     variance = np.einsum("k,nkc->nc", surface**2, ratios.flash_variance[at])
     c_x = sandwich(m_x, variance, m_x) / strength[:, None, None] ** 2
-    j = m_u * (u / np.maximum(x, 0.02))[:, None, :]
+    j = by_colour(m_u, u, x)
     covariance = c_u + j @ c_x @ j.transpose(0, 2, 1)
     sure = np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2) < _MAX_NOISE
     ok = sure & (u.min(axis=1) > _MIN_COLOUR)

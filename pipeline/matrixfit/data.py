@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+_LEAST_COLOUR = 0.02  # dimmer channels of the flash part would tell without bound
+
 
 @dataclass(frozen=True)
 class Data:
@@ -25,6 +27,21 @@ class Data:
 
     def __len__(self) -> int:
         return len(self.weight)
+
+    @property
+    def light(self) -> Array:
+        """All three chromaticities of the light (n, 3), summing to 1."""
+        return np.concatenate([self.u, 1.0 - self.u.sum(axis=1, keepdims=True)], axis=1)
+
+    @property
+    def variance(self) -> Array:
+        """Variance (n,) of both chromaticities together."""
+        return np.asarray(self.covariance[:, 0] + self.covariance[:, 2])
+
+    def corners(self, matrices: Array) -> Array:
+        """Chromaticities (N, n, 2) of lamps (N, 3, 3) on the surface of each datum."""
+        light = np.einsum("jkl,nl->jnk", matrices, self.x)
+        return np.asarray(light[..., :2] / light.sum(axis=2, keepdims=True))
 
     def thinned(self, count: int) -> Data:
         """Evenly drawn subset of at most so many, with the same total weight."""
@@ -48,6 +65,14 @@ def draw(worth: Array, count: int) -> NDArray[np.int64]:
     ladder = np.cumsum(worth)
     rungs = (np.arange(count) + 0.5) / count * ladder[-1]
     return np.unique(np.searchsorted(ladder, rungs))
+
+
+def by_colour(centring: Array, u: Array, x: Array) -> Array:
+    """How chromaticities u (n, 3) change with the flash colours x (n, 3) they are seen by.
+
+    centring: (n, 3, 3), I − u 1ᵀ. Of a lamp that multiplies channels, J = (I − u 1ᵀ) diag(u ÷ x).
+    """
+    return np.asarray(centring * (u / np.maximum(x, _LEAST_COLOUR))[:, None, :])
 
 
 def sandwich(left: Array, variance: Array, right: Array) -> Array:

@@ -247,7 +247,7 @@ def _add_off_plane(normal: _Normal, pixels: _Pixels, chosen: NDArray[np.int64]) 
 def _add_alone(normal: _Normal, shown: Data, matrices: Array, where: Deviations) -> None:
     """Differences across edges of shadows have the chromaticity of the lamp that is nearest."""
     lamps = len(matrices)
-    u = np.concatenate([shown.u, 1.0 - shown.u.sum(axis=1, keepdims=True)], axis=1)
+    u = shown.light
     powers = monomials((shown.x[:, :2] - where.centre) / where.spread)
     light = np.maximum(np.einsum("jkl,nl->jnk", matrices, shown.x), 1e-9)
     whole = light.sum(axis=2)
@@ -258,5 +258,6 @@ def _add_alone(normal: _Normal, shown: Data, matrices: Array, where: Deviations)
     change = np.zeros((len(shown), 3, lamps, 3, TERMS))
     change[each, :, nearest] = np.einsum("nak,nm->nakm", by_light, powers)
     weight = np.full(len(shown), _ALONE / len(shown))
-    noise = shown.covariance[:, 0] + shown.covariance[:, 2]
-    normal.add(change.reshape(len(shown), 3, -1), off[nearest, each], _OFF**2 + noise, weight)
+    off_nearest = off[nearest, each]
+    squared = _OFF**2 + shown.variance
+    normal.add(change.reshape(len(shown), 3, -1), off_nearest, squared, weight)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frames import Mask
-from pipeline.matrixfit.contrasts import Ratios, contrast, steps
+from pipeline.matrixfit.contrasts import RelativeLight, contrast, steps
 from pipeline.matrixfit.data import Data
 
 Array = NDArray[np.float64]
@@ -17,7 +17,7 @@ _LEAST_STEP = 0.25  # of the mean light relative to the flash
 _FACTORS, _SURFACE = np.array([1.0, -1.0]), np.array([0.5, 0.5])
 
 
-def find_differences(ratios: Ratios) -> list[Data]:
+def find_differences(ratios: RelativeLight) -> list[Data]:
     """Differences between neighbours alike under the flash, by direction; weights are their worth.
 
     Only where the light does not go on changing beyond them: across the edge of a shadow one lamp

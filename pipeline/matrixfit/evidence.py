@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frames import Mask
-from pipeline.matrixfit.contrasts import drawn, make_ratios
-from pipeline.matrixfit.data import Data, draw, sandwich, upper
+from pipeline.matrixfit.contrasts import drawn, relative_light
+from pipeline.matrixfit.data import Data, by_colour, draw, sandwich, upper
 from pipeline.matrixfit.differences import find_differences
 from pipeline.matrixfit.terminators import find_terminators
 from pipeline.reduced import ReducedPair
@@ -63,7 +63,7 @@ def gather_evidence(reduced: ReducedPair, flash_only: bool) -> Evidence:
     noise = np.maximum(np.sqrt(v_n.sum(axis=2)) / safe_n, np.sqrt(v_f.sum(axis=2)) / safe_f)
     if use.any():  # of a very noisy pair, what is least noisy
         use &= noise <= max(_MAX_NOISE, float(np.quantile(noise[use], _LEAST_SHARE)))
-    ratios = make_ratios(no_flash, flash, v_n, v_f, use, coupled)
+    ratios = relative_light(no_flash, flash, v_n, v_f, use, coupled)
     differences, terminators = find_differences(ratios), find_terminators(ratios)
     usable = max(int(use.sum()), 1)
     shares = [sum(len(part) for part in parts) / usable for parts in (differences, terminators)]
@@ -122,7 +122,7 @@ def _pixels(n: Array, f: Array, v_n: Array, v_f: Array, coupled: float) -> Data:
     c_u = sandwich(m_u, v_n, m_u) / s_n[:, None, None] ** 2
     c_x = sandwich(m_x, v_f, m_x) / s_f[:, None, None] ** 2
     c_ux = -coupled * sandwich(m_u, v_n, m_x) / (s_n * s_f)[:, None, None]
-    j = m_u * (u / np.maximum(x, 0.02))[:, None, :]
+    j = by_colour(m_u, u, x)
     cross = c_ux @ j.transpose(0, 2, 1)
     c = c_u + j @ c_x @ j.transpose(0, 2, 1) - cross - cross.transpose(0, 2, 1)
     weight = np.full(len(x), _PIXEL_WEIGHT / max(len(x), 1))

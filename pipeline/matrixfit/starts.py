@@ -26,8 +26,7 @@ _MOST_CANDIDATES = 30
 
 def invariants(data: Data, tensor: Array) -> Array:
     """Unit Γ (n, 3) of data, those that the model cannot solve left out."""
-    light = np.concatenate([data.u, 1.0 - data.u.sum(axis=1, keepdims=True)], axis=1)
-    gammas = unit(light_coefficients(light, data.x, tensor))
+    gammas = unit(light_coefficients(data.light, data.x, tensor))
     return np.asarray(gammas[gammas.any(axis=1)])
 
 

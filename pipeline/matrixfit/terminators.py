@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.matrixfit.contrasts import Ratios, contrast, steps
+from pipeline.matrixfit.contrasts import RelativeLight, contrast, steps
 from pipeline.matrixfit.data import Data
 
 Array = NDArray[np.float64]
@@ -27,7 +27,7 @@ _FACTORS = np.array([-0.5, 1.0, 0.5, -2.0, 0.5, 1.0, -0.5])
 _SURFACE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
 
-def find_terminators(ratios: Ratios) -> list[Data]:
+def find_terminators(ratios: RelativeLight) -> list[Data]:
     """Bends of the light along surfaces of one colour, by direction; weights are their worth."""
     use = ratios.use
     if not use.any():
@@ -49,7 +49,7 @@ def find_terminators(ratios: Ratios) -> list[Data]:
 
 
 def _bends(
-    ratios: Ratios, ox: int, oy: int, least: float
+    ratios: RelativeLight, ox: int, oy: int, least: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Rows and columns where light bends upwards along (ox, oy), and not beyond."""
     height, width = ratios.use.shape

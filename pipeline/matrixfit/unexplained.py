@@ -57,7 +57,7 @@ def shares_alone(data: Data, matrices: Array) -> Array:
     """Shares (N,) of the data that show each of the lamps (N, 3, 3) alone, 0 without any."""
     if not len(data):
         return np.zeros(len(matrices))
-    off = np.linalg.norm(data.u - _corners(data, matrices), axis=2)
+    off = np.linalg.norm(data.u - data.corners(matrices), axis=2)
     shown = off.min(axis=0) <= _OFF + 2 * _deviation(data)
     nearest = off.argmin(axis=0)
     return np.array([np.mean(shown & (nearest == lamp)) for lamp in range(len(matrices))])
@@ -75,7 +75,7 @@ def places_alone(evidence: Evidence, matrices: Array) -> Array:
 
 def share_outside(pixels: Data, matrices: Array) -> float:
     """Share of the pixels outside the triangle of three lamps."""
-    corners = _corners(pixels, matrices)
+    corners = pixels.corners(matrices)
     turn = np.sign(_cross(corners[1] - corners[0], corners[2] - corners[0]))
     inside = []
     for a, b in ((0, 1), (1, 2), (2, 0)):
@@ -97,18 +97,12 @@ def _left_of_pixels(
     return np.abs(no_flash - explained).sum(axis=1), no_flash.sum(axis=1)
 
 
-def _corners(data: Data, matrices: Array) -> Array:
-    """Chromaticities (N, n, 2) of the lamps on each datum's surface."""
-    light = np.einsum("jkl,nl->jnk", matrices, data.x)
-    return np.asarray(light[..., :2] / light.sum(axis=2, keepdims=True))
-
-
 def _cross(a: Array, b: Array) -> Array:
     return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
 
 
 def _deviation(data: Data) -> Array:
-    return np.asarray(np.sqrt((data.covariance[:, 0] + data.covariance[:, 2]) / 2))
+    return np.sqrt(data.variance / 2)
 
 
 def _weighted_quantile(values: NDArray[np.floating], weights: NDArray[np.floating]) -> float:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.matrixfit.contrasts import Ratios, contrast, drawn, make_ratios, steps
+from pipeline.matrixfit.contrasts import RelativeLight, contrast, drawn, relative_light, steps
 from pipeline.matrixfit.data import Data
 
 Array = NDArray[np.float64]
@@ -14,9 +14,9 @@ STEP, BOTH = np.array([1.0, -1.0]), np.array([0.5, 0.5])
 
 def ratios_of(
     light: Array, flash: Array, v_n: float = 1e-9, v_f: float = 1e-9, coupled: float = 0.0
-) -> Ratios:
+) -> RelativeLight:
     use = np.ones(light.shape[:2], np.bool_)
-    return make_ratios(
+    return relative_light(
         light, flash, np.full_like(light, v_n), np.full_like(flash, v_f), use, coupled
     )
 

@@ -2,8 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from pipeline.matrixfit.data import Data, draw, nothing, sandwich, upper
+from pipeline.matrixfit.data import Data, by_colour, draw, nothing, sandwich, upper
 
 
 @pytest.mark.parametrize("count", [1, 7, 99, 100, 500])
@@ -50,3 +51,46 @@ def test_a_variance_between_matrices_is_a_product_of_matrices() -> None:
     )
     np.testing.assert_allclose(found, expected)
     np.testing.assert_array_equal(upper(found)[0], [found[0, 0, 0], found[0, 0, 1], found[0, 1, 1]])
+
+
+def test_lamps_have_a_corner_on_the_surface_of_each_datum() -> None:
+    surfaces = np.array([[0.2, 0.3, 0.5], [0.4, 0.4, 0.2]])
+    data = Data(surfaces, np.zeros((2, 2)), np.zeros((2, 3)), np.ones(2))
+
+    found = data.corners(np.stack([np.eye(3), np.diag([2.0, 1.0, 1.0])]))
+
+    np.testing.assert_allclose(found[0], surfaces[:, :2])
+    np.testing.assert_allclose(found[1], [[4 / 12, 3 / 12], [8 / 14, 4 / 14]])
+
+
+def test_data_tell_the_third_chromaticity_and_how_sure_both_are() -> None:
+    data = Data(
+        np.ones((1, 3)) / 3, np.array([[0.5, 0.2]]), np.array([[4.0, 9.0, 2.0]]), np.ones(1)
+    )
+
+    np.testing.assert_allclose(data.light, [[0.5, 0.2, 0.3]])
+    np.testing.assert_array_equal(data.variance, [6.0])
+
+
+def test_chromaticities_change_with_the_flash_colour_as_finite_differences_do() -> None:
+    """Of a lamp that multiplies channels by 2, 1 and 3."""
+    gains, x = np.array([2.0, 1.0, 3.0]), np.array([0.3, 0.5, 0.2])
+
+    def seen(colour: NDArray[np.float64]) -> NDArray[np.float64]:
+        light = gains * colour
+        return np.asarray(light / light.sum())
+
+    u = seen(x)
+    found = by_colour((np.eye(3) - u[:, None])[None], u[None], x[None])[0]
+
+    step = 1e-6
+    expected = np.stack([(seen(x + step * e) - seen(x - step * e)) / (2 * step) for e in np.eye(3)])
+    np.testing.assert_allclose(found, expected.T, atol=1e-8)
+
+
+def test_dim_channels_of_the_flash_tell_within_bounds() -> None:
+    u, x = np.array([[0.5, 0.25, 0.25]]), np.array([[0.0, 0.5, 0.5]])
+
+    found = by_colour(np.eye(3)[None], u, x)
+
+    np.testing.assert_allclose(np.diag(found[0]), [25.0, 0.5, 0.5])
