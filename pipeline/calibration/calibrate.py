@@ -247,7 +247,7 @@ def _lamps(pair: Pair, frame: Frame, options: LampsCalibration, warnings: list[R
     if np.isnan(lamps.colours).any():
         message = (
             "A highlight of a lamp is clipped, so that only the lamps' directions are known: "
-            "expose shorter for their strengths and colours."
+            "expose shorter for their strengths and colours, and for dimmer lamps beside them."
         )
         warnings.append(Remark(Code.HIGHLIGHT_CLIPPED, message))
     else:

@@ -23,9 +23,12 @@ from pipeline.vectors import unit
 Array = NDArray[np.float64]
 
 _INNER = 0.97  # of the radius: beyond, a pixel holds too wide a view
-_BRIGHT = 0.25  # of the brightest: a highlight
+_BRIGHT = 0.25  # of the brightest: a highlight; and from one level to the next, for dimmer ones
+_DIMMEST = 0.01  # of the brightest: to be a lamp with less, it would fill the sphere
+_LEAST_PX, _WIDEST = 3, 0.1  # fewer are hot pixels; more of the sphere is a lit wall
 _FAINT = 0.05  # of the strongest lamp: what is below is a reflection of something lit
 _SURROUNDED = 4.0  # times what the sphere shows elsewhere
+_ELSEWHERE = 0.8  # quantile of the sphere's light: beside dim lamps, walls and noise count more
 _OUTLINE = 0.01  # standard deviation of the outline by the radius, assumed
 _MOST = 3
 _CLIPPED = 0.97
@@ -40,14 +43,20 @@ def mirror_lamps(
     """Find the lamps that a mirror sphere reflects.
 
     sphere: its outline. focal_px: focal length in pixels. Where a highlight is clipped, colours
-    are NaN: then only the directions are known. Their deviations are those that an outline a
+    are NaN: then only the directions are known, and of lamps below a quarter of the white level
+    nothing is. Lamps are told from reflections of what is lit by their light. Deviations are those that an outline a
     hundredth of its radius aside would cause, not of anything seen in the picture. Raises
     OptionError for a circle too small or outside, UnusablePairError where there are no highlights
     of lamps, or too many.
     """
     mask = inside_sphere(pair.unusable.shape, sphere, _INNER)
     room, flash = pair.no_flash[:], pair.flash_part()
-    found = [_lamp(room, spot, sphere, focal_px) for spot in _spots(room, mask)]
+    spots = _spots(room, mask)
+    found = [_lamp(room, spot, sphere, focal_px) for spot in spots]
+    if found and max(lamp[2] for lamp in found) <= _CLIPPED * pair.white:
+        # a soft box is dimmer than a bulb of as much light, whose sum tells
+        dimmer = _dimmer_spots(room, mask, spots)
+        found += [_lamp(room, spot, sphere, focal_px) for spot in dimmer]
     found.sort(key=lambda lamp: -float(lamp[1].sum()))
     if found:
         least = _FAINT * float(found[0][1].sum())
@@ -102,16 +111,50 @@ def _spots(light: Image, mask: Mask) -> list[_Spot]:
     bright = np.where(mask, light.sum(axis=2), 0.0)
     usual = float(np.median(bright[mask]))
     level = max(_BRIGHT * float(bright.max()), _SURROUNDED * usual)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats((bright > level).astype(np.uint8))
+    spots = _parts(bright > level, mask)
+    return sorted(spots, key=lambda spot: -float(bright[spot].sum()))
+
+
+def _dimmer_spots(light: Image, mask: Mask, spots: list[_Spot]) -> list[_Spot]:
+    """Highlights within a mask (H, W) that are dimmer than a quarter of the brightest.
+
+    spots: the brighter ones, of whose glow none is made.
+    """
+    bright = np.where(mask, light.sum(axis=2), 0.0)
+    level = float(bright.max())
+    least = max(_DIMMEST * level, _SURROUNDED * float(np.quantile(bright[mask], _ELSEWHERE)))
+    owner = np.zeros(mask.shape, np.int32)
+    for number, spot in enumerate(spots, 1):
+        owner[spot] = number
+    found = list(spots)
+    level, settled = _BRIGHT * level, len(spots)
+    while level > least:
+        level, before = max(_BRIGHT * level, least), len(found)
+        for part in _parts(bright > level, mask):
+            held = np.unique(owner[part])
+            held = held[held > 0]
+            if len(held) == 0:
+                found.append(part)
+                owner[part] = len(found)
+            elif len(held) == 1 and held[0] > settled:
+                found[held[0] - 1] = part  # of which the level before may have shown the tip alone
+                owner[part] = held[0]
+        settled = before
+    return found[len(spots) :]
+
+
+def _parts(bright: Mask, sphere: Mask) -> list[_Spot]:
+    """What hangs together of bright pixels (H, W), of the size of a lamp on a sphere (H, W)."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(bright.astype(np.uint8))
     pixels = stats[:, cv2.CC_STAT_AREA]
-    right_size = (pixels >= 3) & (pixels < 0.1 * mask.sum())
+    right_size = (pixels >= _LEAST_PX) & (pixels < _WIDEST * sphere.sum())
     right_size[0] = False  # the rest of the picture
-    spots = []
+    parts = []
     for label in np.flatnonzero(right_size):
         left, top, width, height, _ = stats[label]
         rows, columns = np.nonzero(labels[top : top + height, left : left + width] == label)
-        spots.append((rows + top, columns + left))
-    return sorted(spots, key=lambda spot: -float(bright[spot].sum()))
+        parts.append((rows + top, columns + left))
+    return parts
 
 
 def _lamp(

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -99,6 +100,49 @@ def test_floats_that_go_on_above_1_have_no_clipped_highlights(pair_of: Callable[
     found, expected = (mirror_lamps(one, dark.circle, 2, FOCAL_PX) for one in (bright, pair))
 
     np.testing.assert_allclose(found.colours, expected.colours, rtol=1e-4)
+
+
+def _bulb_and(pair: Pair, other: tuple[slice, slice], light: float, brightest: float) -> Pair:
+    """A bulb of 4 by 4 pixels, and another lamp of so much light on a sphere that is dim else."""
+    room = np.full((128, 128, 3), 0.0004, np.float32)
+    room[40:44, 40:44] = brightest
+    rows, columns = (part.stop - part.start for part in other)
+    room[other] = light * 16 * brightest / (rows * columns)
+    room = cv2.GaussianBlur(room, (0, 0), 0.8)
+    return replace(pair, no_flash=room, flash=room, unusable=np.zeros((128, 128), bool))
+
+
+@pytest.mark.parametrize(
+    ("other", "light"),
+    [
+        (np.s_[70:84, 70:84], 1.0),
+        (np.s_[70:74, 70:74], 0.2),
+        (np.s_[40:52, 48:60], 1.0),
+        (np.s_[70:77, 70:77], 0.2),
+    ],
+    ids=["a soft box", "a fill lamp", "a soft box close by", "a dim and wide one"],
+)
+def test_lamps_much_dimmer_than_the_brightest_are_found(
+    pair: Pair, other: tuple[slice, slice], light: float
+) -> None:
+    shown = _bulb_and(pair, other, light, 0.5)
+    found = mirror_lamps(shown, Circle(x=64, y=64, radius=60), "auto", FOCAL_PX)
+    greens = sorted(found.colours[:, 1] / found.colours[:, 1].max())
+    assert greens == pytest.approx(sorted([light, 1.0]), rel=0.12)
+
+
+def test_what_is_lit_and_gives_a_twentieth_of_the_light_is_no_lamp(pair: Pair) -> None:
+    shown = _bulb_and(pair, np.s_[70:77, 70:77], 0.04, 0.5)
+    found = mirror_lamps(shown, Circle(x=64, y=64, radius=60), "auto", FOCAL_PX)
+    assert len(found.directions) == 1
+
+
+def test_beside_a_clipped_lamp_a_dim_one_may_be_a_wall(pair: Pair) -> None:
+    shown = _bulb_and(pair, np.s_[70:84, 70:84], 1.0, 2.0)
+    cut = replace(shown, no_flash=np.minimum(shown.no_flash[:], 1.0))
+    found = mirror_lamps(cut, Circle(x=64, y=64, radius=60), "auto", FOCAL_PX)
+    assert len(found.directions) == 1
+    assert np.isnan(found.colours).all()
 
 
 def test_a_sphere_without_highlights_is_refused(pair_of: Callable[..., Pair]) -> None:
