@@ -87,6 +87,9 @@ FACING_OUTPUTS = frozenset(
 )
 """Those that need to know where surfaces face."""
 
+SURFACE_OUTPUTS = FACING_OUTPUTS - {"normals.png", "normals.exr"}
+"""Those of them that need a surface, which the method paper does not find."""
+
 
 class Strict(BaseModel):
     """What is asked for: no unknown names, no infinite numbers."""

@@ -27,7 +27,7 @@ from pipeline.half_floats import Half, to_float, to_half
 from pipeline.mesh import make_mesh
 from pipeline.model import Response
 from pipeline.normals import CONVENTIONS
-from pipeline.options import FACING_OUTPUTS, OUTPUT_NAMES, Options
+from pipeline.options import FACING_OUTPUTS, OUTPUT_NAMES, SURFACE_OUTPUTS, Options
 from pipeline.photometric_stereo.detail import surface_depth
 from pipeline.photometric_stereo.solve import Surface
 from pipeline.pictures import Pictures
@@ -61,7 +61,8 @@ _REC2020 = ("16-bit linear", "Rec. 2020")
 def wanted_outputs(options: Options) -> frozenset[str]:
     """Names out of OUTPUT_NAMES that the options ask for.
 
-    Raises OptionError for normals that are asked for by name where no directions are known.
+    Raises OptionError for normals that are asked for by name where no directions are known, and for
+    what follows from a surface where the published method finds none.
     """
     if options.outputs == "all":
         return frozenset(OUTPUT_NAMES)
@@ -72,6 +73,11 @@ def wanted_outputs(options: Options) -> frozenset[str]:
         raise OptionError(
             f"The output {min(wanted & FACING_OUTPUTS)} needs the lamps' directions: give light "
             "directions, or calibrate the lamps of this camera and set-up first."
+        )
+    if wanted & SURFACE_OUTPUTS and options.method == "paper":
+        raise OptionError(
+            f"The output {min(wanted & SURFACE_OUTPUTS)} is not made by the method paper, which "
+            "finds normals alone: leave it out, or ask for the method best."
         )
     return wanted
 

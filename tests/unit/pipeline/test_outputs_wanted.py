@@ -35,6 +35,20 @@ def test_normals_by_name_need_directions(name: str) -> None:
     assert wanted_outputs(known) == frozenset(names)
 
 
+@pytest.mark.parametrize("name", ["depth.exr", "surface.glb", "normals_confidence.tif"])
+def test_the_published_normals_come_without_a_surface(name: str) -> None:
+    three = [{"direction": one} for one in ((1, 0, 1), (0, 1, 1), (-1, 0, 1))]
+    given = {"method": "paper", "light_directions": three}
+
+    with pytest.raises(OptionError, match=f"The output {name} is not made by the method paper"):
+        wanted_outputs(Options.model_validate({**given, "outputs": ["normals.exr", name]}))
+
+    normals = Options.model_validate({**given, "outputs": ["normals.exr", "normals.png"]})
+    assert wanted_outputs(normals) == {"normals.exr", "normals.png"}
+    assert name in wanted_outputs(Options.model_validate({**given, "outputs": "all"}))
+    assert name in wanted_outputs(Options.model_validate(given))
+
+
 @pytest.mark.parametrize(
     "name",
     [
