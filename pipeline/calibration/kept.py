@@ -65,14 +65,16 @@ class TakenWith(BaseModel):
         """Whether what was found with one camera holds for the other: of the same body if told.
 
         Sensitivities and the lamps' rgb are of the colours of one kind of files: converters make
-        linear sRGB of RAW files, and leave the camera's name. A flash's spectrum is its own. Lamps'
-        directions are of the picture as it is shown, which a camera that looks down may turn.
+        linear sRGB of RAW files, and leave the camera's name. A flash's spectrum is its own, but
+        approximate and for renderings alone where this is one. Lamps' directions are of the picture
+        as it is shown, which a camera that looks down may turn.
         """
         bodies = {self.body, other.body} - {""}
         encodings = {self.encoding, other.encoding} - {""} if kind in _OF_COLOURS else set()
-        mine, others = ((c.make, c.model, c.rendered) for c in (self, other))
+        mine, others = ((c.make, c.model) for c in (self, other))
+        rendered_alike = self.rendered == other.rendered or (kind == "flash" and not self.rendered)
         ways = {self.upright, other.upright} - {None} if kind == "lamps" else set()
-        alike = mine == others and bool(self.model)
+        alike = mine == others and bool(self.model) and rendered_alike
         return alike and max(len(bodies), len(encodings), len(ways)) < 2
 
 

@@ -39,7 +39,7 @@ def keep(kind: Kind, setup: str, manifest: dict[str, Any], content: bytes, marks
         )
     parts = [taken_with.make, taken_with.model, taken_with.body]
     parts += ["rendered"] if taken_with.rendered else []
-    if kind != "flash":  # whose spectrum is the same whatever the files hold
+    if kind != "flash":  # whose spectrum is the same, but approximate when found with renderings
         parts += ["linear"] if taken_with.encoding == "linear" else []
     parts += ["upright"] if kind == "lamps" and taken_with.upright else []
     camera = "_".join("".join(c if c.isalnum() else "-" for c in part) for part in parts if part)

@@ -13,6 +13,7 @@ from pipeline.options import Options, Spectrum
 
 CAMERA = TakenWith(make="NIKON", model="D5100")
 TABLE = "wavelength_nm,power\n400,1\n500,2\n700,1\n"
+CURVES = "wavelength_nm,r,g,b\n400,1,1,2\n550,1,3,1\n700,2,1,1\n"
 TWO = json.dumps({"lights": [{"direction": [1, 0, 1]}, {"direction": [0, 1, 1]}]})
 THREE = json.dumps({"lights": [{"direction": d} for d in ([1, 0, 1], [0, 1, 1], [-1, 0, 1])]})
 ONE = json.dumps({"lights": [{"direction": [1, 0, 1]}]})
@@ -56,8 +57,8 @@ def test_the_newest_counts() -> None:
         ({"setup": "none"}, _kept(setup="none"), _frame()),
         ({"setup": "studio"}, _kept(), _frame()),
         ({}, _kept(), _frame(model="D850")),
-        ({}, _kept(), _frame(encoding="srgb")),
-        ({}, _kept(), _frame(encoding="linear", profiled=True)),
+        ({}, _kept("camera", CURVES), _frame(encoding="srgb")),
+        ({}, _kept("camera", CURVES), _frame(encoding="linear", profiled=True)),
         ({}, _kept(taken_with=TakenWith()), _frame(make="", model="")),
         ({}, _kept(taken_with=CAMERA.model_copy(update={"body": "1"})), _frame(serial="77")),
         ({}, _kept("lamps", ONE), _frame()),
@@ -188,13 +189,20 @@ def test_a_body_is_told_by_a_digest_of_its_serial() -> None:
         ("lamps", "linear", "linear", True),
         ("flash", "raw", "linear", True),
         ("camera", "raw", "srgb", False),
-        ("flash", "raw", "srgb", False),
+        ("flash", "raw", "srgb", True),
+        ("flash", "linear", "srgb", True),
+        ("flash", "srgb", "srgb", True),
+        ("flash", "srgb", "raw", False),
+        ("flash", "srgb", "linear", False),
     ],
 )
 def test_colours_are_of_one_kind_of_files(
     kind: Any, made_with: str, frame: str, expected: bool
 ) -> None:
-    """Linear files of a camera may hold what a converter has made of its sensor's values."""
+    """Linear files of a camera may hold what a converter has made of its sensor's values.
+
+    A flash is the same whatever the files hold, but only approximate when found with renderings.
+    """
     taken = TakenWith.of(_frame(encoding=made_with))
     assert taken.fits(TakenWith.of(_frame(encoding=frame)), kind) is expected
 
