@@ -244,6 +244,13 @@ def _lamps(pair: Pair, frame: Frame, options: LampsCalibration, warnings: list[R
         {"direction": [round(float(c), 5) for c in direction]} for direction in lamps.directions
     ]
     _check_directions(lights)
+    if len(lights) == 1 and options.setup is not None:
+        message = (
+            f"One lamp alone fixes no normals, so that what is kept for the set-up "
+            f"{options.setup!r} will be left out: calibrate with all lamps, or put those of several "
+            "calibrations together into one file of --light-directions."
+        )
+        warnings.append(Remark(Code.KEPT_UNUSABLE, message))
     if np.isnan(lamps.colours).any():
         message = (
             "A highlight of a lamp is clipped, so that only the lamps' directions are known: "

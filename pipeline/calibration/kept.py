@@ -132,12 +132,12 @@ def with_kept(
     """Fill in what options leave out by the newest fitting calibration of each kind.
 
     Gives the options, for the manifest what was used, and warnings. Lamps are left out where there
-    is one alone, another number is asked for, more are pinned, or the method paper needs three, and
-    with a warning where they fix no normals. Raises OptionError for a kept calibration that cannot
-    be read.
+    is one alone, another number is asked for, more are pinned, or the method paper needs three,
+    with a warning where the set-up was named; and with a warning where they fix no normals. Raises
+    OptionError for a kept calibration that cannot be read.
     """
     values: dict[str, Any] = {}
-    used, warnings = [], []
+    used, warnings, unfit = [], [], []
     here = TakenWith.of(frame)
     for one in sorted(kept, key=lambda one: one.made, reverse=True):
         option = OPTION_OF[one.kind]
@@ -148,13 +148,17 @@ def with_kept(
             continue
         value = one.value()
         if isinstance(value, list):
-            if not _lamps_fit(len(value), options):
+            why = _unfit(len(value), options)
+            if why is not None:
+                unfit.append(_left_out(one, why))
                 continue
             if not _fix_normals(value):
                 warnings.append(_unusable(one))
                 continue
         values[option] = value
         used.append({"kind": one.kind, "setup": one.setup, "name": one.name, "made": one.made})
+    if OPTION_OF["lamps"] not in values and _is_named(options.setup):
+        warnings += unfit[:1]  # of the newest
     if not values:
         return options, [], warnings
     asked = {name: getattr(options, name) for name in options.model_fields_set}
@@ -165,12 +169,31 @@ def with_kept(
         raise OptionError(_refused(names, options.setup, f": {_reason(error)}.")) from error
 
 
-def _lamps_fit(count: int, options: Options) -> bool:
-    """Whether so many kept lamps go with what is asked for."""
+def _is_named(setup: str) -> bool:
+    """Whether it was asked for, so that what is kept for it is expected to be used."""
+    return setup not in (DEFAULT_SETUP, NO_SETUP)
+
+
+def _unfit(count: int, options: Options) -> str | None:
+    """Why so many kept lamps do not go with what is asked for, and what to do; None if they do."""
+    if count < _LEAST_LAMPS:
+        return (
+            "normals need two lamps at least, and one is kept: calibrate with all lamps, or put "
+            "those of several calibrations together into one file of --light-directions."
+        )
     if options.method == "paper" and count != _LAMPS_OF_PAPER:
-        return False
-    asked = options.lights in ("auto", count)
-    return asked and max(_LEAST_LAMPS, len(options.pinned_lamps)) <= count
+        return (
+            f"the method paper needs three lamps, and {count} are kept: ask for the method best, "
+            "or calibrate three lamps."
+        )
+    wanted = options.lights if options.lights != "auto" else count
+    if wanted != count or len(options.pinned_lamps) > count:
+        wanted = max(wanted, len(options.pinned_lamps))
+        return (
+            f"{count} lamps are kept, and {wanted} asked for or pinned: ask for as many as are "
+            "kept, or calibrate anew."
+        )
+    return None
 
 
 def _fix_normals(lights: list[DirectedLight]) -> bool:
@@ -191,13 +214,20 @@ def _unusable(kept: Kept) -> Remark:
     return Remark(Code.KEPT_UNUSABLE, message)
 
 
+def _left_out(kept: Kept, why: str) -> Remark:
+    message = (
+        f"The lamps kept as {kept.name!r} for the set-up {kept.setup!r} were left out, since {why}"
+    )
+    return Remark(Code.KEPT_UNUSABLE, message)
+
+
 def setup_warnings(options: Options, kept: Sequence[Kept], frame: Frame) -> list[Remark]:
     """Warn of a set-up that is named, and for which nothing of the frame's camera is kept."""
     here = TakenWith.of(frame)
     fitting = any(
         one.setup == options.setup and one.taken_with.fits(here, one.kind) for one in kept
     )
-    if fitting or options.setup in (DEFAULT_SETUP, NO_SETUP):
+    if fitting or not _is_named(options.setup):
         return []
     message = (
         f"Nothing that is kept for the set-up {options.setup!r} fits this camera, the kind of its "

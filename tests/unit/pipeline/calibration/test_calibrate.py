@@ -253,6 +253,30 @@ def test_a_flash_far_beside_and_an_unknown_lens_are_warned_of(tmp_path: Path) ->
     assert said["focal_length_assumed"].startswith("The focal length is not known")
 
 
+@pytest.mark.parametrize(
+    ("setup", "count", "warned"), [("table", 1, True), ("table", 2, False), (None, 1, False)]
+)
+def test_one_lamp_that_is_kept_is_warned_of(
+    ball: Shot,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    setup: str | None,
+    count: int,
+    warned: bool,
+) -> None:
+    """In a file it may go together with others."""
+    few = {
+        "directions": DIRECTIONS[:count],
+        "colours": np.ones((count, 3)),
+        "deviations_deg": np.ones(count),
+    }
+    monkeypatch.setattr(module, "estimate_lamps", lambda *_: _lamps(**few))
+    warnings = _run(ball, tmp_path, kind="lamps", sphere=CIRCLE, setup=setup)["warnings"]
+    said = [one["message"] for one in warnings if one["code"] == "kept_unusable"]
+    assert len(said) == warned
+    assert all("kept for the set-up 'table' will be left out" in message for message in said)
+
+
 def _lamps(**more: Any) -> LampsEstimate:
     given: dict[str, Any] = {
         "directions": DIRECTIONS,

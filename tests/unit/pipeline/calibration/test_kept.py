@@ -143,6 +143,39 @@ def test_older_lamps_stand_in_for_those_that_fix_no_normals() -> None:
 
 
 @pytest.mark.parametrize(
+    ("options", "content", "why"),
+    [
+        ({}, ONE, "normals need two lamps at least, and one is kept: calibrate with all lamps"),
+        ({"lights": 3}, TWO, "2 lamps are kept, and 3 asked for or pinned: ask for as many"),
+        ({"lights": 1}, TWO, "2 lamps are kept, and 1 asked for or pinned: ask for as many"),
+        ({"pinned_lamps": ["A", "D65", "FL2"]}, TWO, "2 lamps are kept, and 3 asked for or pinned"),
+        ({"method": "paper"}, TWO, "the method paper needs three lamps, and 2 are kept: ask for"),
+    ],
+)
+def test_lamps_of_a_named_set_up_that_are_left_out_are_told(
+    options: dict[str, Any], content: str, why: str
+) -> None:
+    given = Options.model_validate({"setup": "table", **options})
+    kept = _kept("lamps", content, name="shelf", setup="table")
+
+    assert with_kept(given, [kept], _frame())[:2] == (given, [])
+    (warning,) = with_kept(given, [kept], _frame())[2]
+
+    assert warning.code == "kept_unusable"
+    begins = "The lamps kept as 'shelf' for the set-up 'table' were left out, since "
+    assert warning.message.startswith(begins + why)
+
+
+def test_lamps_that_others_stand_in_for_are_not() -> None:
+    newer = _kept("lamps", THREE, setup="table", made="2027-01-01")
+    both = [newer, _kept("lamps", TWO, setup="table")]
+
+    _, used, warnings = with_kept(Options(setup="table", lights=2), both, _frame())
+
+    assert (len(used), warnings) == (1, [])
+
+
+@pytest.mark.parametrize(
     ("setup", "kept"),
     [
         ("tabel", [_kept(setup="table")]),
