@@ -44,7 +44,7 @@ from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light, packaged_light
 from pipeline.spectra.observer import cie_1931
 from pipeline.spectra.tables import write_sensitivities, write_spectrum
-from pipeline.whose_colours import names_no_camera
+from pipeline.whose_colours import names_no_camera, undeclared
 
 _FAR_ASIDE_DEG = 5.0
 _GREY_CARD = 0.18
@@ -128,7 +128,7 @@ def calibrate_files(
 
 def _flash(pair: Pair, frame: Frame, options: FlashCalibration, warnings: list[Remark]) -> _Found:
     camera = find_camera(options.camera, frame)
-    warnings.extend(_camera_warnings(frame, camera))
+    warnings.extend(_camera_warnings(frame, camera, options.camera is not None))
     chart, card = options.chart, options.card
     if chart is None and card is None:
         chart = find_chart(pair)
@@ -153,8 +153,11 @@ def _flash(pair: Pair, frame: Frame, options: FlashCalibration, warnings: list[R
     return _Found(write_spectrum(table), said, draw_marks(pair, chart, card))
 
 
-def _camera_warnings(frame: Frame, camera: Camera) -> list[Remark]:
-    """Warn of a camera that is a guess, whose error goes to the flash's spectrum."""
+def _camera_warnings(frame: Frame, camera: Camera, named: bool) -> list[Remark]:
+    """Warn of a camera that is a guess, whose error goes to the flash's spectrum.
+
+    named: whether the user named it.
+    """
     if frame.encoding == "srgb":
         message = (
             "The photographs are rendered to sRGB, which hides what the sensor saw: the spectrum "
@@ -168,7 +171,14 @@ def _camera_warnings(frame: Frame, camera: Camera) -> list[Remark]:
         )
         return [Remark(Code.CAMERA_APPROXIMATE, message)]
     if not camera.approximate:
-        return []
+        if named or not undeclared(frame):
+            return []
+        message = (
+            f"The files name the {camera.name}, and do not say whether they hold what its sensor "
+            "gives, as was assumed, or what a converter made of that: the spectrum of the flash "
+            "may be wrong. Send RAW files, or name the camera with --camera if they do."
+        )
+        return [Remark(Code.CAMERA_APPROXIMATE, message)]
     message = (
         "The camera's spectral sensitivities are not known and were approximated, and so is the "
         "spectrum of the flash"

@@ -151,6 +151,29 @@ def test_a_camera_of_a_matrix_may_tell_the_flash(
 
 
 @pytest.mark.parametrize(
+    ("encoding", "camera", "warned"),
+    [("linear", None, True), ("linear", "Nikon D5100", False), ("raw", None, False)],
+)
+def test_linear_files_may_not_hold_what_the_sensor_of_their_camera_gives(
+    chart: Shot,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    encoding: str,
+    camera: str | None,
+    warned: bool,
+) -> None:
+    """Of a measured camera, which RAW files and converted ones name alike."""
+    monkeypatch.setattr(module, "decode", lambda *those: replace(decode(*those), encoding=encoding))
+    monkeypatch.setattr(module, "find_camera", lambda *_: Camera("Nikon D5100", S, "measured"))
+    card = {"x": 14, "y": 120, "radius": 12}
+
+    found = _of_the_camera(_run(chart, tmp_path, kind="flash", card=card, camera=camera))
+
+    assert [warning["code"] for warning in found] == ["camera_approximate"] * warned
+    assert all("The files name the Nikon D5100" in warning["message"] for warning in found)
+
+
+@pytest.mark.parametrize(
     "options",
     [
         {"kind": "flash", "card": {"x": 14, "y": 120, "radius": 12}, "camera": "Nikon D5100"},
