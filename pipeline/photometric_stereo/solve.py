@@ -87,13 +87,20 @@ def solve_surface(
             "Too few pixels show both lamps and flash for normals: bring the flash nearer or raise "
             "its power."
         )
-    views = {most: make_view(reduced, focal_px, most) for most in (_TRIAL, _COARSE, _FINE)}
+    priors = [tuple(bank.prior(*one) for one in few) for few in _colours(lights, lamps, model)]
+    sizes = (_COARSE, _FINE) if len(priors) == 1 else (_TRIAL, _COARSE, _FINE)
+    views = {most: make_view(reduced, focal_px, most) for most in sizes}
+    if min(view.mask.sum() for view in views.values()) < _MIN_PIXELS:
+        raise UnusablePairError(
+            "The pixels that show both lamps and flash lie too thinly or scattered for normals, "
+            "as on wires and nets: photograph a surface that is whole, or bring the flash nearer "
+            "where it lights only spots of one."
+        )
     materials = views[_COARSE].materials()
 
     def scene(most: int, priors: tuple[ResponsePrior, ...]) -> Scene:
         return views[most].scene(directions, priors, materials)
 
-    priors = [tuple(bank.prior(*one) for one in few) for few in _colours(lights, lamps, model)]
     orders = 0 if len(priors) == 1 else len(priors)
     tick = progress.ticks("lamps", 0.5, 1.0, MOST_TICKS + orders * MOST_TRIAL_TICKS)
     likeliest = priors[0]

@@ -189,6 +189,25 @@ def test_a_picture_with_hardly_any_light_is_refused(
         solved(one, one.lights("strength", "rgb"))
 
 
+@pytest.mark.parametrize("said", [("strength", "rgb"), ("strength",)])
+@pytest.mark.parametrize(
+    "lit", [np.s_[::4], np.s_[::4, ::4], np.s_[::3, ::2]], ids=["wires", "specks", "net"]
+)
+def test_light_on_thin_or_scattered_places_is_refused(
+    ball: Callable[..., Any], solved: Callable[..., Surface], lit: Any, said: tuple[str, ...]
+) -> None:
+    """More pixels than are fitted to at once, none of whose blocks shows half of one."""
+    large = ball(400)
+    shown = np.zeros((400, 400), bool)
+    shown[lit] = True
+    thin = replace(
+        large, lamps=large.lamps * shown[..., None], flash=large.flash * shown[..., None]
+    )
+
+    with pytest.raises(UnusablePairError, match="lie too thinly or scattered"):
+        solved(thin, large.lights(*said))
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_light_without_sense_is_solved_or_refused(
     pair_of: Callable[..., Any],
