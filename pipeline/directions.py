@@ -1,8 +1,9 @@
-"""Directions to lamps, as a user gives them."""
+"""Directions to lamps, as a user gives them, and which of the lamps found are meant."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,3 +35,24 @@ def unit_directions(lights: Sequence[DirectedLight]) -> NDArray[np.float64]:
             "normals: place the lamps more widely around the camera."
         )
     return directions
+
+
+def likely_orders(
+    lights: Sequence[DirectedLight], whites: NDArray[np.float64]
+) -> list[tuple[int, ...]]:
+    """Orders of the lamps found that may be those of the lights.
+
+    whites: (J, 3) camera RGB of a grey card under each lamp found, as many as lights. The lights
+    of which `rgb` is given are the lamps that are together most like it; the others are any of
+    those left, so that without a colour all orders are likely, and one is where all are given.
+    """
+    named = [index for index, light in enumerate(lights) if light.rgb]
+    colours = unit(np.array([lights[index].rgb for index in named], np.float64).reshape(-1, 3))
+    likeness = colours @ unit(whites).T
+    orders = list(permutations(range(len(lights))))
+
+    def of_named(order: tuple[int, ...]) -> list[int]:
+        return [order[index] for index in named]
+
+    best = max(orders, key=lambda order: likeness[range(len(named)), of_named(order)].sum())
+    return [order for order in orders if of_named(order) == of_named(best)]

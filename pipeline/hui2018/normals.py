@@ -7,12 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.directions import unit_directions
+from pipeline.directions import likely_orders, unit_directions
 from pipeline.errors import OptionError
 from pipeline.frames import Image, Matrix
 from pipeline.lamps import Lamps
@@ -58,7 +57,7 @@ def solve_photometry(
 
     lights: three. With `rgb` for all of them these name the lamps found, or stand in for them
     where that gives the better normals; else the lamps found are assigned so that the normals are
-    most integrable. Strengths follow from the flash, which sits at the camera: relative to it, the
+    most integrable, among the ways in which they are most like the `rgb` given. Strengths follow from the flash, which sits at the camera: relative to it, the
     scaled normal has the same component towards the camera in every pixel. focal_px: of the
     full-size picture.
     Raises OptionError for directions nearly in a plane, and when there are not three lamps.
@@ -87,7 +86,10 @@ def solve_photometry(
 
 def _candidates(lights: Sequence[DirectedLight], lamps: Lamps, model: Model) -> list[Matrix]:
     """Matrices (3, 3, 3) that the lamps may have, in the order of the lights."""
-    found = [lamps.matrices[list(o)] for o in permutations(range(3))] if len(lamps) == 3 else []
+    found: list[Matrix] = []
+    if len(lamps) == len(lights):
+        orders = likely_orders(lights, lamps.matrices @ model.flash_white)
+        found = [lamps.matrices[list(order)] for order in orders]
     if not all(light.rgb for light in lights):
         if not found:
             raise OptionError(
@@ -97,13 +99,7 @@ def _candidates(lights: Sequence[DirectedLight], lamps: Lamps, model: Model) -> 
         return found
     colours = np.array([light.rgb for light in lights], dtype=np.float64)
     colours = colours / np.linalg.norm(colours, axis=1, keepdims=True)
-    named = model.lamp_matrix(colours)
-
-    def likeness(matrices: Matrix) -> float:
-        whites = matrices @ model.flash_white
-        return float((whites * colours).sum(axis=1) @ (1 / np.linalg.norm(whites, axis=1)))
-
-    return [named, max(found, key=likeness)] if found else [named]
+    return [model.lamp_matrix(colours), *found]
 
 
 def normals(strip: Strip, lamps: Lamps, photometry: Photometry) -> Image:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from pipeline.directions import unit_directions
+from pipeline.directions import likely_orders, unit_directions
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.frames import Mask
 from pipeline.lamps import Lamps
@@ -76,10 +75,10 @@ def solve_surface(
 
     lights: two or three distant lamps. With `rgb` for all of them their colours are known, and
     which is which; else they are those of the lamps found, in the order that explains the pair
-    best. bank: of the camera and the flash. focal_px: of the full-size picture, through whose
+    best of those in which lamps are most like the `rgb` that is given. bank: of the camera and the flash. focal_px: of the full-size picture, through whose
     middle the camera's axis goes. progress: told of the second half of the stage "lamps".
     Raises OptionError for directions nearly alike or in a plane, and where the lamps found are not
-    as many; UnusablePairError where hardly anything is lit; Canceled.
+    as many; UnusablePairError where hardly anything is lit, or all that is lies thinly; Canceled.
     """
     directions = unit_directions(lights)
     if reduced.usable.sum() < _MIN_PIXELS:
@@ -135,7 +134,7 @@ def _colours(
     whites = lamps.matrices @ model.flash_white
     return [
         [(one, False) for one in _of_strength(whites[list(order)], strengths)]
-        for order in permutations(range(len(lights)))
+        for order in likely_orders(lights, whites)
     ]
 
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.directions import unit_directions
+from pipeline.directions import likely_orders, unit_directions
 from pipeline.errors import OptionError
 from pipeline.options import DirectedLight, Vector
 
@@ -57,3 +57,37 @@ def test_some_lamps_may_stand_behind_the_surface() -> None:
     found = unit_directions(lights((-3, 0, -4), (0, 5, 12)))
 
     np.testing.assert_allclose(found, [(-0.6, 0, -0.8), (0, 5 / 13, 12 / 13)])
+
+
+WARM, GREEN, COOL = (1.0, 0.6, 0.2), (0.4, 1.0, 0.3), (0.3, 0.6, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ((None, None, None), [(0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)]),
+        ((None, None, WARM), [(1, 2, 0), (2, 1, 0)]),
+        ((COOL, None, None), [(2, 0, 1), (2, 1, 0)]),
+        ((COOL, None, WARM), [(2, 1, 0)]),
+        ((GREEN, COOL, WARM), [(1, 2, 0)]),
+        ((None, COOL), [(0, 1)]),
+        ((COOL, None), [(1, 0)]),
+    ],
+)
+def test_a_colour_says_which_lamp_is_meant(
+    given: tuple[Vector | None, ...], expected: list[tuple[int, ...]]
+) -> None:
+    """Of any brightness, and a little off."""
+    whites = np.array([WARM, GREEN, COOL]) if len(given) == 3 else np.array([WARM, COOL])
+    bright = np.arange(1, len(whites) + 1)[:, None] * whites * (1.1, 1.0, 0.95)
+    said = [DirectedLight(direction=(0, 0, 1), rgb=one) for one in given]
+
+    assert likely_orders(said, bright) == expected
+
+
+def test_two_colours_are_of_two_lamps() -> None:
+    """Also where both are most like the same one."""
+    said = [DirectedLight(direction=(0, 0, 1), rgb=one) for one in (WARM, (1.0, 0.7, 0.3))]
+
+    assert likely_orders(said, np.array([COOL, WARM])) in ([(1, 0)], [(0, 1)])
+    assert likely_orders(said, np.array([(1.0, 0.8, 0.4), WARM])) == [(1, 0)]

@@ -311,6 +311,20 @@ def test_colours_that_do_not_fit_give_other_normals(
     assert np.nanmedian(angles(found, ball())) > 10
 
 
+@pytest.mark.parametrize("named", range(3))
+def test_the_colour_of_one_light_says_which_lamp_it_is(
+    found_normals: Callable[..., tuple[Image, Array]], warm_to_cool: Array, named: int
+) -> None:
+    given = lights()
+    errors = []
+    for lamp in (named, (named + 1) % 3):
+        given[named] = given[named].model_copy(update={"rgb": tuple(2 * warm_to_cool[lamp])})
+        errors.append(np.nanmedian(angles(found_normals(given)[0], ball())))
+
+    assert errors[0] < 0.5
+    assert errors[1] > 10
+
+
 def test_the_strip_of_a_picture_has_the_normals_of_the_picture(
     shone: Callable[..., tuple[Any, Strip]],
     model: Model,

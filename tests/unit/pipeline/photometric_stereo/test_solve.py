@@ -92,6 +92,22 @@ def test_directions_alone_will_do(ball: Callable[..., Any], solved: Callable[...
     assert error(one, surface) < 1.0
 
 
+@pytest.mark.parametrize("named", [0, 1])
+def test_the_colour_of_one_of_two_lights_settles_which_is_which(
+    ball: Callable[..., Any], solved: Callable[..., Surface], named: int
+) -> None:
+    """What the user says is believed, also where the other order explains the pair better."""
+    one = ball(24, 3, lamps=2)
+
+    def error_with(colour: Array) -> float:
+        lights = one.lights("strength")
+        lights[named] = lights[named].model_copy(update={"rgb": tuple(colour)})
+        return error(one, solved(one, lights))
+
+    assert error_with(one.colours[named]) < 3
+    assert error_with(one.colours[1 - named]) > 10
+
+
 def test_two_lamps_and_the_flash_will_do(
     ball: Callable[..., Any], solved: Callable[..., Surface]
 ) -> None:
