@@ -27,6 +27,10 @@ _INNER = 0.9  # of the radius: beyond, the outline that was marked may miss the 
 _SMALLEST_PX = 12.0
 _MOST_UNUSABLE = 0.2
 _BLOCKS = 4_000  # at least, of a large sphere
+_LEAST_BLOCKS = 100  # that are wholly usable: fewer hardly fix the twelve unknowns of three lamps
+_CLIPPED = (
+    "The sphere is clipped, or moved between the photographs: expose shorter, and keep it still."
+)
 _NO_SPHERE = 0.12  # relative error of the flash part as that of a matt sphere
 _ELSEWHERE = 0.1  # of the radius: no mark is so wrong
 _NO_LAMPS = 0.08  # the same of the lamps' light
@@ -116,10 +120,7 @@ def _look(pair: Pair, sphere: Circle, focal_px: float) -> SphereLight:
     """Light of the sphere, means over blocks of pixels where there are many."""
     mask = inside_sphere(pair.unusable.shape, sphere, _INNER)
     if pair.unusable[mask].mean() > _MOST_UNUSABLE:
-        raise UnusablePairError(
-            "The sphere is clipped, or moved between the photographs: expose shorter, and keep it "
-            "still."
-        )
+        raise UnusablePairError(_CLIPPED)
     height, width = mask.shape
     side = max(1, int(np.sqrt(mask.sum() / _BLOCKS)))
     size = (width // side, height // side)
@@ -130,6 +131,8 @@ def _look(pair: Pair, sphere: Circle, focal_px: float) -> SphereLight:
         return np.asarray(shrunk)
 
     whole = means(mask & ~pair.unusable) > 1 - 0.5 / side**2
+    if whole.sum() < _LEAST_BLOCKS:  # of pixels that are scattered few spoil most blocks
+        raise UnusablePairError(_CLIPPED)
     rows, columns = np.nonzero(whole)
     lights = lights_of(pair, means(pair.no_flash[:])[whole], means(pair.flash[:])[whole], side**2)
     x, y = ((at.astype(np.float64) + 0.5) * side for at in (columns, rows))

@@ -140,6 +140,16 @@ def test_a_clipped_sphere_is_refused(pair_of: Callable[..., Pair]) -> None:
         estimate_lamps(pair, MARKED, 3, FOCAL_PX)
 
 
+@pytest.mark.usefixtures("coarse")
+def test_pixels_clipped_all_over_the_sphere_are_refused(pair_of: Callable[..., Pair]) -> None:
+    """A ninth of them, and one in every block."""
+    clipped: Any = np.zeros((240, 360), bool)
+    clipped[1::3, 1::3] = True
+    pair = pair_of(photograph_sphere(THREE, COLOURS), unusable=clipped)
+    with pytest.raises(UnusablePairError, match="sphere is clipped"):
+        estimate_lamps(pair, MARKED, 3, FOCAL_PX)
+
+
 def _fit(count: int, **more: Any) -> SphereFit:
     """Lamps of which each is stronger than the one before, and nothing against them."""
     given: dict[str, Any] = {
