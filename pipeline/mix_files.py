@@ -46,8 +46,9 @@ def mix_files(folder: Path, mix: Mix, target: Path, progress: Progress) -> None:
     """Mix the layers of a folder of results into one picture of full size.
 
     folder: with layers.exr and manifest.json. target: a file whose name ends in jpg, jpeg, tif,
-    tiff or exr, none of the results. Raises InputError for what the user can mend, before anything
-    that is there is written over; Canceled, OSError; a file that is not whole is not left behind.
+    tiff or exr, none of the results. Raises InputError for what the user can mend, before a target
+    that is there is written over but where layers.exr breaks off; Canceled, OSError. A file that is
+    not whole is not left behind, nor is what it was written over: name one beside it to keep that.
     """
     manifest = read_manifest(folder)
     matrices = mix_matrices(read_basis(manifest), mix)

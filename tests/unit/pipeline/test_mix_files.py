@@ -165,7 +165,8 @@ def test_layers_of_another_run_are_refused(folder: Path, files: list[Any]) -> No
 def test_layers_that_break_off_leave_no_picture(
     folder: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """And OpenEXR's own words about them are not shown."""
+    """Nor the one that was written over; and OpenEXR's own words about them are not shown."""
+    (folder / "mix.exr").write_bytes(b"another")
     whole = (folder / "layers.exr").read_bytes()
     (folder / "layers.exr").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(InputError, match="damaged"):
