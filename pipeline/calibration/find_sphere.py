@@ -20,9 +20,13 @@ _ROUND = 0.6  # how much of the outline must show
 _MOST = 16  # circles looked at, of each picture
 _RAYS, _STEPS, _BLUR = 120, 61, 5  # along which the outline is refined, and points of each
 _EDGE = (0.9, 1.1)  # radii between which it lies
+_OFF = 0.005  # of the radius: edges farther from the outline are of something else
 _SHADED = 0.05  # relative error of the flash part as that of a matt sphere
 _ONE_COLOUR = 0.02  # how much of it may be of another colour than the whole
+_WIDER = (0.96, 0.98, 1.0, 1.02, 1.04)  # times the radius: a circle found is off by so much
+_INNER_MATT, _INNER_MIRROR = 0.9, 0.95  # of the radius: beyond, light is faint, or of what is behind
 _HIGHLIGHT = (0.15, 6.0)  # how far from the middle, by the radius; times what is around it
+_BRIGHT, _SMALL = 0.5, 0.05  # of the brightest, what is the highlight; how much of a sphere it fills
 _APART = 0.3  # of the radius: middles nearer than that are of one sphere
 
 Judge = Callable[[NDArray[np.float32], Circle], float | None]
@@ -89,9 +93,9 @@ def _matt(flash: NDArray[np.float32], circle: Circle) -> float | None:
     The light of a flash at the camera on a sphere far enough away is as the cosine to the normal.
     """
     best = None
-    for wider in (0.96, 0.98, 1.0, 1.02, 1.04):
+    for wider in _WIDER:
         tried = Circle(x=circle.x, y=circle.y, radius=circle.radius * wider)
-        light, away = _inside(flash, tried, 0.9)
+        light, away = _inside(flash, tried, _INNER_MATT)
         if light is None:
             return None
         shape = np.sqrt(1 - away**2)
@@ -109,14 +113,14 @@ def _matt(flash: NDArray[np.float32], circle: Circle) -> float | None:
 
 def _mirror(flash: NDArray[np.float32], circle: Circle) -> float | None:
     """How far from the middle the flash is reflected; None where it is not, or not alone."""
-    light, away = _inside(flash, circle, 0.95)
+    light, away = _inside(flash, circle, _INNER_MIRROR)
     if light is None:
         return None
     bright = light.sum(axis=1)
-    spot = bright > 0.5 * bright.max()
+    spot = bright > _BRIGHT * bright.max()
     around = float(np.median(bright[~spot])) if (~spot).any() else 0.0
     apart, times = _HIGHLIGHT
-    if spot.mean() > 0.05 or bright.max() < times * max(around, 1e-6):
+    if spot.mean() > _SMALL or bright.max() < times * max(around, 1e-6):
         return None
     aside = float(away[spot].mean())
     return aside if aside < apart else None
@@ -154,7 +158,7 @@ def _refined(light: NDArray[np.float32], circle: Circle) -> Circle:
             lambda c, edges=edges: np.hypot(*(edges - c[:2]).T) - c[2],
             start,
             loss="cauchy",
-            f_scale=0.005 * circle.radius,
+            f_scale=_OFF * circle.radius,
         )
         circle = Circle(x=fit.x[0], y=fit.x[1], radius=max(float(fit.x[2]), 1.0))
     return circle

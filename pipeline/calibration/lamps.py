@@ -136,7 +136,7 @@ def _look(pair: Pair, sphere: Circle, focal_px: float) -> SphereLight:
     rows, columns = np.nonzero(whole)
     lights = lights_of(pair, means(pair.no_flash[:])[whole], means(pair.flash[:])[whole], side**2)
     x, y = ((at.astype(np.float64) + 0.5) * side for at in (columns, rows))
-    return SphereLight(x, y, lights, sphere, focal_px, (width, height))
+    return SphereLight(x, y, sphere, focal_px, (width, height), lights)
 
 
 def _check_sphere(fit: SphereFit) -> None:

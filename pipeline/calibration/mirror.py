@@ -29,6 +29,7 @@ _LEAST_PX, _WIDEST = 3, 0.1  # fewer are hot pixels; more of the sphere is a lit
 _FAINT = 0.05  # of the strongest lamp: what is below is a reflection of something lit
 _SURROUNDED = 4.0  # times what the sphere shows elsewhere
 _ELSEWHERE = 0.8  # quantile of the sphere's light: beside dim lamps, walls and noise count more
+_LEAST_FACING = 0.05  # squared cosine to the viewer: at the rim a deviation has no end
 _OUTLINE = 0.01  # standard deviation of the outline by the radius, assumed
 _MOST = 3
 _CLIPPED = 0.97
@@ -75,7 +76,7 @@ def mirror_lamps(
     )
     # A highlight turns twice as far as the surface, which turns by the outline's error.
     deviation = np.degrees(
-        2 * _OUTLINE / np.sqrt(np.maximum((1 + np.array(directions)[:, 2]) / 2, 0.05))
+        2 * _OUTLINE / np.sqrt(np.maximum((1 + np.array(directions)[:, 2]) / 2, _LEAST_FACING))
     )
     return LampsEstimate(
         directions=np.array(directions),

@@ -31,16 +31,15 @@ _COMMON = 6  # unknowns of outline and flash
 
 
 @dataclass(frozen=True)
-class SphereLight:
-    """Light that pixels of a sphere show.
+class SpherePixels:
+    """Where pixels of a sphere lie.
 
-    x, y: (n,) of the pixels from the upper left corner. lights: (n, 3). circle: the outline as
-    marked. size: (width, height) of the picture.
+    x, y: (n,) of the pixels from the upper left corner. circle: the outline as marked. focal_px:
+    focal length in pixels. size: (width, height) of the picture.
     """
 
     x: Array
     y: Array
-    lights: Lights
     circle: Circle
     focal_px: float
     size: tuple[int, int]
@@ -51,6 +50,13 @@ class SphereLight:
         dx, dy, wider = moved * circle.radius
         outline = Circle(x=circle.x + dx, y=circle.y + dy, radius=circle.radius + wider)
         return view_sphere(outline, self.x, self.y, self.focal_px, self.size)
+
+
+@dataclass(frozen=True)
+class SphereLight(SpherePixels):
+    """Pixels of a sphere, and the light that they show. lights: of each, all (n, 3)."""
+
+    lights: Lights
 
 
 @dataclass(frozen=True)
@@ -90,8 +96,8 @@ class _Problem:
 
     def __init__(self, seen: SphereLight, view: SphereView) -> None:
         facing = (view.normals * view.towards).sum(axis=1) > _FACING
-        self._seen = SphereLight(
-            seen.x[facing], seen.y[facing], seen.lights, seen.circle, seen.focal_px, seen.size
+        self._pixels = SpherePixels(
+            seen.x[facing], seen.y[facing], seen.circle, seen.focal_px, seen.size
         )
         lights = seen.lights
         self.normals = view.normals[facing]
@@ -138,9 +144,9 @@ class _Problem:
         )
         outline, flash, steps = np.split(end.x, [3, _COMMON])
         towards = _turned(frames, steps)
-        lamp_errors, colours = self._lamp_errors(self._seen.view(outline), flash, towards)
+        lamp_errors, colours = self._lamp_errors(self._pixels.view(outline), flash, towards)
         missed = lamp_errors * self._deviation
-        flash_missed = self._flash - self._flash_light(self._seen.view(outline), flash)
+        flash_missed = self._flash - self._flash_light(self._pixels.view(outline), flash)
         spread = np.linalg.pinv(end.jac.T @ end.jac) * max(2 * end.cost / len(end.fun), 1e-12)
         across = np.diag(spread)[_COMMON:].reshape(-1, 2).sum(axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):  # no light has no relative misfit
@@ -176,7 +182,7 @@ class _Problem:
 
     def _errors(self, frames: Array, values: Array) -> Array:
         outline, flash, steps = np.split(values, [3, _COMMON])
-        view = self._seen.view(outline)
+        view = self._pixels.view(outline)
         lamps, _ = self._lamp_errors(view, flash, _turned(frames, steps))
         by_flash = (self._flash_light(view, flash) - self._flash) / self._flash_deviation
         prior = [outline / _MARK, flash[:2] / _ASIDE]

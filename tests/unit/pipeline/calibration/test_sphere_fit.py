@@ -62,7 +62,7 @@ def seen(
     flash = albedo * by_flash[:, None] * [0.8, 1.0, 0.6]
     by_flash = flash * (1 + flash_noise * random.standard_normal(flash.shape))
     variances = 1e-8 + (noise * lit) ** 2, 1e-8 + (flash_noise * flash) ** 2
-    return SphereLight(x, y, Lights(lit, by_flash, *variances), marked or circle, focal_px, SIZE)
+    return SphereLight(x, y, marked or circle, focal_px, SIZE, Lights(lit, by_flash, *variances))
 
 
 def errors(found: SphereFit, lamps: Array) -> tuple[Array, list[int]]:
