@@ -256,9 +256,9 @@ def _lamps(pair: Pair, frame: Frame, options: LampsCalibration, warnings: list[R
     _check_directions(lights)
     if len(lights) == 1 and options.setup is not None:
         message = (
-            f"One lamp alone fixes no normals, so that what is kept for the set-up "
-            f"{options.setup!r} will be left out: calibrate with all lamps, or put those of several "
-            "calibrations together into one file of --light-directions."
+            "One lamp alone fixes no normals, so that what is kept for the set-up "
+            f"{options.setup!r} will be left out: calibrate with all lamps, or put those of "
+            "several calibrations together into one file of --light-directions."
         )
         warnings.append(Remark(Code.KEPT_UNUSABLE, message))
     if np.isnan(lamps.colours).any():

@@ -24,9 +24,11 @@ _OFF = 0.005  # of the radius: edges farther from the outline are of something e
 _SHADED = 0.05  # relative error of the flash part as that of a matt sphere
 _ONE_COLOUR = 0.02  # how much of it may be of another colour than the whole
 _WIDER = (0.96, 0.98, 1.0, 1.02, 1.04)  # times the radius: a circle found is off by so much
-_INNER_MATT, _INNER_MIRROR = 0.9, 0.95  # of the radius: beyond, light is faint, or of what is behind
+_INNER_MATT = 0.9  # of the radius: beyond, the light of the flash is faint
+_INNER_MIRROR = 0.95  # the same: beyond, pixels show what is behind the sphere, too
 _HIGHLIGHT = (0.15, 6.0)  # how far from the middle, by the radius; times what is around it
-_BRIGHT, _SMALL = 0.5, 0.05  # of the brightest, what is the highlight; how much of a sphere it fills
+_BRIGHT = 0.5  # of the brightest: what belongs to the highlight
+_SMALL = 0.05  # how much of a sphere the highlight of a flash may fill: more is no mirror's
 _APART = 0.3  # of the radius: middles nearer than that are of one sphere
 
 Judge = Callable[[NDArray[np.float32], Circle], float | None]

@@ -44,9 +44,9 @@ def mirror_lamps(
     """Find the lamps that a mirror sphere reflects.
 
     sphere: its outline. focal_px: focal length in pixels. Where a highlight is clipped, colours
-    are NaN: then only the directions are known, and of lamps below a quarter of the white level
-    nothing is. Lamps are told from reflections of what is lit by their light. Deviations are those that an outline a
-    hundredth of its radius aside would cause, not of anything seen in the picture. Raises
+    are NaN: then only the directions are known, and of lamps below a quarter of the brightest
+    nothing, for a clipped lamp is no measure for them. Deviations of directions are those that an
+    outline a hundredth of its radius aside would cause, not of anything seen in the picture. Raises
     OptionError for a circle too small or outside, UnusablePairError where there are no highlights
     of lamps, or too many.
     """

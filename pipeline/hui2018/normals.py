@@ -57,9 +57,9 @@ def solve_photometry(
 
     lights: three. With `rgb` for all of them these name the lamps found, or stand in for them
     where that gives the better normals; else the lamps found are assigned so that the normals are
-    most integrable, among the ways in which they are most like the `rgb` given. Strengths follow from the flash, which sits at the camera: relative to it, the
-    scaled normal has the same component towards the camera in every pixel. focal_px: of the
-    full-size picture.
+    most integrable, among the ways in which they are most like the `rgb` given. Strengths follow
+    from the flash, which sits at the camera: relative to it, the scaled normal has the same
+    component towards the camera in every pixel. focal_px: of the full-size picture.
     Raises OptionError for directions nearly in a plane, and when there are not three lamps.
     """
     if len(lights) != 3:

@@ -75,8 +75,9 @@ def solve_surface(
 
     lights: two or three distant lamps. With `rgb` for all of them their colours are known, and
     which is which; else they are those of the lamps found, in the order that explains the pair
-    best of those in which lamps are most like the `rgb` that is given. bank: of the camera and the flash. focal_px: of the full-size picture, through whose
-    middle the camera's axis goes. progress: told of the second half of the stage "lamps".
+    best of those in which lamps are most like the `rgb` that is given. bank: of the camera and the
+    flash. focal_px: of the full-size picture, through whose middle the camera's axis goes.
+    progress: told of the second half of the stage "lamps".
     Raises OptionError for directions nearly alike or in a plane, and where the lamps found are not
     as many; UnusablePairError where hardly anything is lit, or all that is lies thinly; Canceled.
     """
