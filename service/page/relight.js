@@ -9,6 +9,7 @@ uniform sampler2D normals;
 uniform vec2 canvas;
 uniform vec2 size;
 uniform vec3 lamp;  // from the surface to the light; x right, y up, z to the viewer
+uniform vec3 axes;  // 1, or -1 where the normals have the axis the other way
 uniform vec3 around;
 out vec4 colour;
 ${SRGB}
@@ -22,14 +23,17 @@ void main() {
     colour = vec4(around, 1.0);
     return;
   }
-  float lit = max(dot(normalize(2.0 * code - 1.0), normalize(lamp)), 0.0);
+  float lit = max(dot(axes * normalize(2.0 * code - 1.0), normalize(lamp)), 0.0);
   colour = vec4(encoded(vec3(0.02 + 0.8 * lit)), 1.0);
 }`;
 
 const LONGEST = 2048; // pixels of the normals that are shown
 
-/** Show normals, a picture, on a canvas, lit from where the pointer or the arrow keys say; signal: ends with the view. */
-export async function relight(canvas, blob, signal) {
+/** Show normals, a picture, on a canvas, lit from where the pointer or the arrow keys say.
+ *
+ * convention: the job's option normals; "dx" has y downwards. signal: ends with the view.
+ */
+export async function relight(canvas, blob, convention, signal) {
   const gl = open(canvas);
   if (!gl) throw new Error("This browser cannot show normals: it has no WebGL 2.");
   const whole = await createImageBitmap(blob, {
@@ -45,6 +49,7 @@ export async function relight(canvas, blob, signal) {
     texture(gl, 0, gl.LINEAR, gl.LINEAR);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB8, gl.RGB, gl.UNSIGNED_BYTE, picture);
     gl.uniform2fv(place("size"), size);
+    gl.uniform3f(place("axes"), 1, convention === "dx" ? -1 : 1, 1);
   };
   load();
   let lamp = [-0.5, 0.5];

@@ -47,7 +47,7 @@ export async function showResult(main, job, signal) {
     desk.append(alarm({ title: "No mixer", message }));
   }
   for (const [name, text] of pictures(manifest)) if (has(name)) views.addImage(name, text);
-  if (has("normals.png")) views.addNormals(signal);
+  if (has("normals.png")) views.addNormals(manifest.options.normals, signal);
   views.start();
   const show = {
     filled: marks && ((on) => (views.choose("mix"), marks(on))),
@@ -192,14 +192,17 @@ class Views {
     });
   }
 
-  addNormals(signal) {
+  addNormals(convention, signal) {
     const canvas = h("canvas", {
       id: "normals",
       tabIndex: 0,
       role: "img",
       "aria-label": "The normals under a light that follows the pointer or the arrow keys.",
     });
-    this.add("normals.png", "Normals", canvas, async () => relight(canvas, new Blob([await fetchBytes(this._path("normals.png"))]), signal));
+    this.add("normals.png", "Normals", canvas, async () => {
+      const picture = new Blob([await fetchBytes(this._path("normals.png"))]);
+      await relight(canvas, picture, convention, signal);
+    });
   }
 
   /** Let a picture be enlarged and moved by pointer and keys. */

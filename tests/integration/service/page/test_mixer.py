@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 from playwright.sync_api import Locator, Page, expect
 
 from tests.integration.service.page.looking import (
@@ -56,6 +58,25 @@ def test_a_mixer_that_is_left_follows_the_colours_no_longer(
 def test_normals_that_are_left_follow_the_colours_no_longer(page: Page, normals: Locator) -> None:
     normals.evaluate(COUNT_DRAWN)
     assert leave_and_change_colours(page) == 0
+
+
+@pytest.mark.parametrize(("convention", "up"), [("gl", 1), ("dx", -1)])
+def test_normals_of_both_conventions_are_lit_from_above(
+    page: Page, done: dict[str, Any], service: Any, tmp_path: Path, convention: str, up: int
+) -> None:
+    """Those of a roll that lies from left to right."""
+    y = np.linspace(0.7, -0.7, 60)[:, None] * np.ones((60, 90))
+    roll = np.stack([0 * y, up * y, np.sqrt(1 - y * y)], -1).astype(np.float32)
+    manifest = json.loads(result(service, done, "manifest.json"))
+    manifest["options"]["normals"] = convention
+    page.route("**/results", lambda route: route.fulfill(json=manifest))
+    canvas = open_normals(page, done, roll, tmp_path)
+    page.wait_for_load_state("networkidle")
+    canvas.hover(position={"x": 200, "y": 2})
+    page.evaluate(TWO_FRAMES)
+    grey = np.asarray(Image.open(io.BytesIO(canvas.screenshot())).convert("L")).astype(float)
+    upper, lower = np.array_split(grey, 2)
+    assert upper.mean() > 1.5 * lower.mean()
 
 
 def test_what_is_shown_follows_the_colours(page: Page, done: dict[str, Any]) -> None:
