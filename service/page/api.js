@@ -8,7 +8,7 @@ export class Problem extends Error {
     super(detail);
     this.title = title;
     this.status = status;
-    this.ofKey = type === "urn:lightlayers:problem:forbidden"; // another key may do it
+    this.ofKey = status === 401 || type === "urn:lightlayers:problem:forbidden"; // another key may do it
   }
 }
 
@@ -95,8 +95,7 @@ export async function upload(path, form, once, sent) {
   for (;;) {
     const tried = key();
     const answer = await send(path, form, once, sent);
-    if (answer.status !== 401) return parsed(answer);
-    await otherKey(tried);
+    if (answer.status !== 401 || !(await otherKey(tried))) return parsed(answer);
   }
 }
 
@@ -130,8 +129,8 @@ async function request(path, init = {}) {
       throw new Problem(AWAY);
     }
     if (answer.ok) return answer;
-    if (answer.status !== 401) throw new Problem(asJson(await answer.text()) ?? unknown(answer.status));
-    await otherKey(tried);
+    if (answer.status === 401 && (await otherKey(tried))) continue;
+    throw new Problem(asJson(await answer.text()) ?? unknown(answer.status));
   }
 }
 
@@ -147,15 +146,15 @@ function unknown(status) {
   return { title: "The service failed", detail: `It answered with ${status} and nothing to read.`, status };
 }
 
-function key() {
+export function key() {
   return sessionStorage.getItem(KEY);
 }
 
 let asking = null;
 
-/** Have another key than the one that was refused; it may have come while that was on its way. */
+/** Whether there is a key to try after one that was refused; it may have come while that was on its way. */
 async function otherKey(refused) {
-  if (key() === refused) await askKey();
+  return key() !== refused || askKey();
 }
 
 /** Have the user give another key than one that is good, but not for this; whether there is another. */
@@ -165,7 +164,10 @@ export async function changeKey() {
   return key() !== before;
 }
 
-/** Ask for a key, once for all requests that wait for it. refused: whether the one there is none. */
+/** Ask for a key, once for all requests that wait for it; whether one was given.
+ *
+ * refused: whether the one there is none.
+ */
 function askKey(refused = true) {
   asking ??= new Promise((resolve) => {
     const dialog = document.getElementById("key");
@@ -175,14 +177,16 @@ function askKey(refused = true) {
     dialog.addEventListener(
       "close",
       () => {
-        const given = text.value.replace(/[^ -~]/g, "").trim(); // what no header can carry is in no key
-        if (given) sessionStorage.setItem(KEY, given); // else the dialog was left
+        const typed = text.value.replace(/[^ -~]/g, "").trim(); // what no header can carry is in no key
+        const given = dialog.returnValue === "ok" && typed !== ""; // else the dialog was left
+        if (given) sessionStorage.setItem(KEY, typed);
         text.value = "";
         asking = null;
-        resolve();
+        resolve(given);
       },
       { once: true },
     );
+    dialog.returnValue = ""; // else Esc would leave that of the last time
     dialog.showModal();
   });
   return asking;

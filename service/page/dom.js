@@ -1,6 +1,6 @@
 // Elements in one line, and sentences for people.
 
-import { changeKey } from "./api.js";
+import { changeKey, key } from "./api.js";
 
 /** Make an element. Of props, on… are listeners, aria-… and data-… attributes, others properties. */
 export function h(tag, props = {}, ...children) {
@@ -69,20 +69,20 @@ export function say(text) {
   document.getElementById("said").textContent = text;
 }
 
-/** A button for where the key there is not for this. again(): called with another one. */
+/** A button for where there is no key, or none for this. again(): called with another one. */
 export function otherKey(again) {
   const change = single(async () => (await changeKey()) && again());
-  return h("button", { type: "button", textContent: "Use another key", onclick: change });
+  return h("button", { type: "button", textContent: key() ? "Use another key" : "Enter a key", onclick: change });
 }
 
-/** A problem as people see it. again(): as of otherKey. */
-export function alarm(error, again = () => element.remove()) {
+/** A problem as people see it. again(): as of otherKey; else the problem goes, and they try it again themselves. */
+export function alarm(error, again) {
   const element = h(
     "div",
     { className: "alarm", role: "alert" },
     h("strong", { textContent: error.title ?? "That did not work" }),
     h("p", { textContent: error.message }),
-    error.ofKey ? h("p", {}, otherKey(again)) : null,
+    error.ofKey ? h("p", {}, otherKey(again ?? (() => element.remove()))) : null,
   );
   return element;
 }

@@ -1,0 +1,81 @@
+"""Leaving the dialog that asks for a key, in a real browser on a real service."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from playwright.sync_api import FilePayload, Locator, Page, Route, expect
+
+NO_KEY = {"type": "x", "title": "A key is needed", "detail": "Send a key.", "status": 401}
+
+
+def refused(route: Route) -> bool:
+    """Whether a request had no good key, which was answered then."""
+    if route.request.headers.get("authorization") == "Bearer open sesame":
+        return False
+    route.fulfill(status=401, json=NO_KEY)
+    return True
+
+
+def enter_key(page: Page, alert: Locator) -> None:
+    """Use the button of a problem."""
+    alert.get_by_role("button", name="Enter a key").click()
+    page.get_by_role("textbox", name="Key").fill("open sesame")
+    page.keyboard.press("Enter")
+
+
+def leave(page: Page, way: str) -> None:
+    """Leave the dialog with something typed, which nobody wanted to send."""
+    page.get_by_role("textbox", name="Key").fill("half a k")
+    if way == "Escape":
+        page.keyboard.press("Escape")
+    else:
+        page.get_by_role("button", name=way).click()
+
+
+def test_a_dialog_that_is_left_comes_back_only_when_it_is_wanted(page: Page) -> None:
+    asked: list[str] = []
+
+    def guard(route: Route) -> None:
+        asked.append(route.request.url)
+        if not refused(route):
+            route.fulfill(json={"jobs": [], "next": None})
+
+    page.route(re.compile(r":\d+/jobs\?"), guard)
+    page.goto("/#/jobs")
+    leave(page, "Escape")
+    alert = page.get_by_role("alert")
+    expect(alert).to_contain_text("Send a key.")
+    expect(page.locator("#key")).to_be_hidden()
+    assert len(asked) == 1
+    assert page.evaluate("sessionStorage.length") == 0
+    enter_key(page, alert)
+    expect(page.get_by_text("There are none yet.")).to_be_visible()
+    expect(alert).to_have_count(0)
+
+
+def test_photographs_can_be_sent_after_the_dialog_was_left(page: Page) -> None:
+    def guard(route: Route) -> None:
+        if not refused(route):
+            route.fulfill(status=202, json={"id": "made"})
+
+    gone: dict[str, Any] = {"type": "x", "title": "Gone", "detail": "It is gone.", "status": 404}
+    page.route("**/cameras", lambda route: route.abort())  # they would ask for a key of their own
+    page.route("**/jobs", guard)
+    page.route("**/jobs/made", lambda route: route.fulfill(status=404, json=gone))
+    page.goto("/")
+    files: list[FilePayload] = [
+        {"name": name, "mimeType": "image/jpeg", "buffer": b"x"} for name in ("a.jpg", "b.jpg")
+    ]
+    page.get_by_label("Choose a file: Without the flash").set_input_files(files)
+    send = page.get_by_role("button", name="Separate the light")
+    send.click()
+    leave(page, "Not now")
+    alert = page.get_by_role("alert")
+    expect(alert).to_contain_text("Send a key.")
+    enter_key(page, alert)
+    expect(alert).to_have_count(0)
+    send.click()
+    expect(alert).to_contain_text("It is gone.")
+    assert page.url.endswith("#/jobs/made")
