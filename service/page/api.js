@@ -19,7 +19,7 @@ const AWAY = {
 };
 
 export async function get(path) {
-  return (await request(path)).json();
+  return bodyOf(await request(path), "json");
 }
 
 /** An Idempotency-Key: whatever is sent with the same one makes one job. */
@@ -29,7 +29,7 @@ export function newOnce() {
 
 export async function post(path, body, once = newOnce()) {
   const headers = { "Content-Type": "application/json", "Idempotency-Key": once };
-  return (await request(path, { method: "POST", headers, body: JSON.stringify(body) })).json();
+  return bodyOf(await request(path, { method: "POST", headers, body: JSON.stringify(body) }), "json");
 }
 
 /** Gives a post whose Idempotency-Key stays until a job is made or it says something else: an answer may get lost. */
@@ -51,7 +51,7 @@ export async function remove(path) {
 
 export async function patch(path, body) {
   const headers = { "Content-Type": "application/json" };
-  return (await request(path, { method: "PATCH", headers, body: JSON.stringify(body) })).json();
+  return bodyOf(await request(path, { method: "PATCH", headers, body: JSON.stringify(body) }), "json");
 }
 
 /** Answers of a path that may be waited for, or no longer. */
@@ -66,7 +66,7 @@ function fetchResult(path) {
 
 /** Bytes of a result. */
 export async function fetchBytes(path) {
-  return (await fetchResult(path)).arrayBuffer();
+  return bodyOf(await fetchResult(path), "arrayBuffer");
 }
 
 /** Show a result in an <img>, which could send neither a key nor a wish. */
@@ -78,13 +78,16 @@ export async function showIn(image, path) {
 }
 
 async function source(path) {
-  return URL.createObjectURL(await (await fetchResult(path)).blob());
+  return URL.createObjectURL(await bodyOf(await fetchResult(path), "blob"));
 }
 
-/** Save a result as a file. */
-export async function download(path, name) {
+/** Save a result as a file, which is fetched first: a store that it redirects to might show it in place of the page.
+ *
+ * direct: what no store gives; without a key the browser fetches it by itself.
+ */
+export async function download(path, name, direct = false) {
   const link = document.createElement("a");
-  link.href = key() ? await source(path) : path;
+  link.href = direct && !key() ? path : await source(path);
   link.download = name;
   link.click();
   if (link.href.startsWith("blob:")) setTimeout(() => URL.revokeObjectURL(link.href), 60000);
@@ -130,7 +133,16 @@ async function request(path, init = {}) {
     }
     if (answer.ok) return answer;
     if (answer.status === 401 && (await otherKey(tried))) continue;
-    throw new Problem(asJson(await answer.text()) ?? unknown(answer.status));
+    throw new Problem(asJson(await bodyOf(answer, "text")) ?? unknown(answer.status));
+  }
+}
+
+/** The body of an answer, read by one of its methods; one that breaks off is as bad as no answer. */
+async function bodyOf(answer, method) {
+  try {
+    return await answer[method]();
+  } catch {
+    throw new Problem(AWAY);
   }
 }
 

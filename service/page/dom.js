@@ -52,7 +52,7 @@ export function single(work) {
     if (busy) return;
     busy = true;
     try {
-      await work();
+      await work(event);
     } finally {
       busy = false;
     }

@@ -1,7 +1,7 @@
 // The files of a job, one by one or all at once.
 
 import { download } from "./api.js";
-import { alarm, bytes, h } from "./dom.js";
+import { alarm, bytes, h, say, single } from "./dom.js";
 
 const WORDS = {
   "manifest.json": "What was found, as JSON",
@@ -51,19 +51,33 @@ export function filesOf(job) {
     h("button", {
       type: "button",
       textContent: `Download all (${all})`,
-      onclick: save(job.links.zip, `${job.id}.zip`, failed),
+      onclick: save(job.links.zip, `${job.id}.zip`, failed, true),
     }),
     h("ul", {}, ...job.files.map(row)),
     failed,
   );
 }
 
-/** A listener that saves a result, and tells in an element where that fails. */
-export function save(path, name, failed) {
-  return () => {
+/** A listener of a button that saves a result once at a time, and tells in an element where that fails.
+ *
+ * direct: as of download.
+ */
+export function save(path, name, failed, direct) {
+  return single(async ({ currentTarget: button }) => {
+    const wait = h("span", { textContent: " – on its way …" });
     failed.replaceChildren();
-    download(path, name).catch((error) => failed.append(alarm(error)));
-  };
+    button.append(wait);
+    button.setAttribute("aria-disabled", "true"); // disabled it would lose the keyboard
+    say(`${name} is on its way.`);
+    try {
+      await download(path, name, direct);
+    } catch (error) {
+      failed.append(alarm(error));
+    }
+    wait.remove();
+    button.removeAttribute("aria-disabled");
+    say("");
+  });
 }
 
 function wordsOf(name) {

@@ -263,7 +263,6 @@ def test_a_mix_that_cannot_be_fetched_is_told_in_words(page: Page, done: dict[st
     page.get_by_role("button", name="Render full size").click()
     fetch = page.get_by_role("button", name="Download mix.jpg")
     fetch.wait_for()
-    page.evaluate("sessionStorage.setItem('lightlayers-key', 'x')")  # the page itself fetches then
     for _ in range(2):
         fetch.click()
         expect(page.get_by_role("alert")).to_have_count(1)
