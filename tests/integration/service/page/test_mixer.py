@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -18,6 +18,7 @@ from tests.integration.service.page.looking import (
     open_mixer,
     open_normals,
     result,
+    strip,
 )
 
 COUNT_DRAWN = """(canvas) => {
@@ -130,3 +131,32 @@ def test_two_warnings_of_the_same_places_are_shown_and_hidden_together(
         expect(clipped).to_have_attribute("aria-pressed", pressed)
         drawn(page)
         assert (canvas.screenshot() == plain) is (pressed == "false")
+
+
+CONTRASTS = """(strip) => {
+  const codes = (colour) => colour.match(/[0-9.]+/g).slice(0, 3).map(Number);
+  const curve = (value) => (value <= 0.04 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4);
+  const linear = (code) => curve(code / 255);
+  const luminance = ([r, g, b]) => 0.2126 * linear(r) + 0.7152 * linear(g) + 0.0722 * linear(b);
+  const ground = codes(getComputedStyle(strip.closest(".controls")).backgroundColor);
+  return [...strip.querySelectorAll(".who *, .slider span")].map((one) => {
+    let opacity = 1;
+    for (let part = one; part; part = part.parentElement) opacity *= getComputedStyle(part).opacity;
+    const ink = codes(getComputedStyle(one).color);
+    const seen = ink.map((code, index) => opacity * code + (1 - opacity) * ground[index]);
+    const [dark, light] = [luminance(seen), luminance(ground)].sort((a, b) => a - b);
+    return (light + 0.05) / (dark + 0.05);
+  });
+}"""
+"""The contrasts of all words of a strip, as WCAG has them."""
+
+
+def test_a_lamp_that_is_off_can_be_read(page: Page, done: dict[str, Any]) -> None:
+    open_mixer(page, done)
+    page.get_by_role("button", name="Lamp 1 on").click()
+    schemes: list[Literal["dark", "light"]] = ["dark", "light"]
+    for scheme in schemes:
+        page.emulate_media(color_scheme=scheme)
+        contrasts = strip(page, 1).evaluate(CONTRASTS)
+        assert len(contrasts) == 4
+        assert min(contrasts) >= 4.5  # AA
