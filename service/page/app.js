@@ -1,7 +1,7 @@
 // Which part of the page is shown: #/ adds photographs, #/jobs lists jobs, #/jobs/ID is one of them.
 
 import { showAdd } from "./add.js";
-import { alarm, h, say } from "./dom.js";
+import { alarm, entitle, h, say } from "./dom.js";
 import { showJob } from "./job.js";
 import { showJobs } from "./jobs.js";
 
@@ -17,6 +17,7 @@ async function route() {
   main.replaceChildren();
   say("");
   mark(part ? "#/jobs" : "#/");
+  entitle(part !== "jobs" ? "Add two photographs" : id ? "Job" : "Jobs");
   try {
     if (part === "jobs" && id) await showJob(main, decoded(id), signal);
     else if (part === "jobs") await showJobs(main, signal);
@@ -24,6 +25,7 @@ async function route() {
   } catch (error) {
     if (signal.aborted) return;
     console.error(error);
+    entitle(error.title ?? "That did not work");
     main.append(alarm(error, route));
     if (part) main.append(h("p", { className: "row" }, h("a", { className: "button", href: "#/", textContent: "Add two photographs" })));
   }

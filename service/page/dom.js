@@ -64,6 +64,11 @@ export function isShortcut(event) {
   return event.ctrlKey || event.metaKey || event.altKey;
 }
 
+/** Name the view in the browser's tab and history, which show the beginning alone. */
+export function entitle(text) {
+  document.title = `${text} · lightlayers`;
+}
+
 /** Tell it to screen readers. */
 export function say(text) {
   document.getElementById("said").textContent = text;

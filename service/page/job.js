@@ -1,9 +1,9 @@
 // One job: how far it is, why it failed, or its results.
 
-import { alarm, h, say } from "./dom.js";
+import { alarm, entitle, h, say } from "./dom.js";
 import { actionsOf } from "./actions.js";
 import { filesOf } from "./files.js";
-import { kindOf, stateOf } from "./jobs.js";
+import { kindOf, stateOf, titleOf } from "./jobs.js";
 import { progressOf } from "./progress.js";
 import { showResult } from "./result.js";
 import { watch } from "./watch.js";
@@ -11,6 +11,7 @@ import { watch } from "./watch.js";
 export async function showJob(main, id, signal) {
   const job = await watch(id, signal, progressOf(main, id)).finally(() => signal.aborted || main.replaceChildren());
   if (!job) return;
+  entitle(titleOf(job));
   if (job.state === "succeeded" && !job.options.kind) {
     await showResult(main, job, signal);
   } else {

@@ -54,6 +54,11 @@ export function kindOf(job) {
   return kind ? `Calibration of ${kind === "lamps" ? "lamps" : `a ${kind}`}` : "Separation";
 }
 
+/** Its state, and which job it is, for the browser's tab. */
+export function titleOf(job) {
+  return `${stateOf(job)}: ${kindOf(job)} ${job.id.slice(0, 8)}`;
+}
+
 function card(job, gone, problems) {
   const shown = new Date(job.created).toLocaleString([], { dateStyle: "medium", timeStyle: "short" });
   const picture = h("div", { className: "thumb" });

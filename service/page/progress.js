@@ -1,8 +1,8 @@
 // How far a job is, stage by stage, and what it asks its operator to do.
 
 import { post } from "./api.js";
-import { alarm, h, say, single } from "./dom.js";
-import { kindOf, stateOf } from "./jobs.js";
+import { alarm, entitle, h, say, single } from "./dom.js";
+import { kindOf, stateOf, titleOf } from "./jobs.js";
 
 const STAGES = {
   capture: "Take both photographs",
@@ -34,6 +34,7 @@ export function progressOf(main, id) {
   return (job, away) => {
     if (!heading.isConnected) main.append(...parts); // only now is it known that there is such a job
     heading.textContent = `${kindOf(job)}: ${stateOf(job).toLowerCase()}`;
+    entitle(titleOf(job));
     when.textContent = away ? "The service does not answer just now; it is asked again." : whenOf(job);
     cancel.disabled = job.state === "canceling";
     steps.replaceChildren(...stepsOf(job));
