@@ -9,7 +9,11 @@ import { showResult } from "./result.js";
 import { watch } from "./watch.js";
 
 export async function showJob(main, id, signal) {
-  const job = await watch(id, signal, progressOf(main, id)).finally(() => signal.aborted || main.replaceChildren());
+  const clear = () => {
+    if (main.contains(document.activeElement)) main.focus(); // else the keyboard were lost with the button it was at
+    main.replaceChildren();
+  };
+  const job = await watch(id, signal, progressOf(main, id)).finally(() => signal.aborted || clear());
   if (!job) return;
   entitle(titleOf(job));
   if (job.state === "succeeded" && !job.options.kind) {

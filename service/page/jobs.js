@@ -21,7 +21,7 @@ export async function showJobs(main, signal) {
   const problems = h("div");
   main.append(h("h1", { textContent: "Jobs" }), problems, list, more);
   const gone = (card) => {
-    (card.nextElementSibling ?? card.previousElementSibling)?.querySelector("a").focus();
+    ((card.nextElementSibling ?? card.previousElementSibling)?.querySelector("a") ?? main).focus();
     card.remove();
   };
   let next = "/jobs?limit=48";
@@ -32,7 +32,10 @@ export async function showJobs(main, signal) {
   const load = async () => {
     const page = await get(next);
     if (signal.aborted) return;
-    list.append(...page.jobs.map((job) => card(job, gone, problems)));
+    const held = more.contains(document.activeElement); // else its keyboard were lost with the button
+    const cards = page.jobs.map((job) => card(job, gone, problems));
+    list.append(...cards);
+    if (held) cards[0]?.querySelector("a").focus();
     next = page.next;
     more.replaceChildren(
       ...(next ? [h("button", { type: "button", textContent: "Older jobs", onclick: older })] : []),

@@ -39,7 +39,9 @@ export function progressOf(main, id) {
     cancel.disabled = job.state === "canceling";
     steps.replaceChildren(...stepsOf(job));
     const link = job.operator ? job.links.confirm : ""; // of this request alone, whatever its words
+    const held = request.contains(document.activeElement); // else its keyboard were lost with the button
     if (link !== asked) request.replaceChildren(...requestOf(job, ask));
+    if (link !== asked && held) main.focus();
     asked = link;
     const words = job.operator?.request || STAGES[job.stage] || heading.textContent;
     if (words !== told) say((told = words));

@@ -1,0 +1,59 @@
+"""Where the keyboard is after its button has gone, in a real browser on a real service."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from playwright.sync_api import Page, Route, expect
+
+from tests.integration.service.page.looking import tab_to
+
+
+def test_the_keyboard_goes_on_at_the_first_of_older_jobs(page: Page, done: dict[str, Any]) -> None:
+    def jobs(route: Route) -> None:
+        older = "after=" in route.request.url
+        made = [{**done, "id": f"{2 * older + number:032x}", "files": []} for number in range(2)]
+        route.fulfill(json={"jobs": made, "next": None if older else "/jobs?limit=48&after=1"})
+
+    page.route(re.compile(r"/jobs\?"), jobs)
+    page.goto("/#/jobs")
+    tab_to(page, page.get_by_role("button", name="Older jobs"))
+    page.keyboard.press("Enter")
+    expect(page.locator(".jobs li")).to_have_count(4)
+    expect(page.locator(".jobs a").nth(2)).to_be_focused()
+
+
+def test_the_keyboard_stays_in_the_page_after_the_last_job_is_deleted(
+    page: Page, done: dict[str, Any]
+) -> None:
+    found = {"jobs": [{**done, "files": []}], "next": None}
+    page.route(re.compile(r"/jobs\?"), lambda route: route.fulfill(json=found))
+    page.route(f"**/jobs/{done['id']}", lambda route: route.fulfill(status=204))
+    page.on("dialog", lambda dialog: dialog.accept())
+    page.goto("/#/jobs")
+    tab_to(page, page.get_by_role("button", name="Delete"))
+    page.keyboard.press("Enter")
+    expect(page.locator(".jobs li")).to_have_count(0)
+    expect(page.locator("main")).to_be_focused()
+
+
+def test_the_keyboard_stays_with_a_job_that_goes_on(page: Page, done: dict[str, Any]) -> None:
+    here = f"/jobs/{done['id']}"
+    job = {
+        **done,
+        "state": "waiting_for_operator",
+        "operator": {"request": "Switch the flash off, then confirm.", "until": None},
+        "links": {**done["links"], "confirm": f"{here}/confirm"},
+    }
+    page.route(f"**{here}", lambda route: route.fulfill(json=job))
+    page.route(f"**{here}/events", lambda route: route.abort())
+    page.goto(f"/#{here}")
+    tab_to(page, page.get_by_role("button", name="Confirm"))
+    job |= {"state": "running", "operator": None}
+    expect(page.get_by_role("button", name="Confirm")).to_have_count(0)
+    expect(page.locator("main")).to_be_focused()
+    tab_to(page, page.get_by_role("button", name="Cancel"))
+    job |= {"state": "canceled"}
+    expect(page.get_by_role("alert")).to_contain_text("Canceled")
+    expect(page.locator("main")).to_be_focused()
