@@ -98,14 +98,15 @@ class Client:
                 "POST",
                 "/jobs",
                 files={"no_flash": ("no_flash", no_flash), "flash": ("flash", flash)},
-                data={"options": options.model_dump_json(exclude_defaults=True)},
+                # a default that was typed is none: what is kept for a set-up gives way to it
+                data={"options": options.model_dump_json(exclude_unset=True)},
                 headers={"Idempotency-Key": uuid.uuid4().hex},
             )
         )
 
     def submit_capture(self, camera: str, options: Options) -> Job:
         """Have the camera at an address take the pair; the job."""
-        wanted = options.model_dump(mode="json", exclude_defaults=True)
+        wanted = options.model_dump(mode="json", exclude_unset=True)
         return self._job("POST", "/jobs", json={"capture": {"camera": camera}, "options": wanted})
 
     def create_upload(self, size: int) -> str:

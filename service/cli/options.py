@@ -59,12 +59,21 @@ class PairFlags:
     ] = False
 
     def pair_values(self) -> dict[str, Any]:
-        """Values of PairOptions by name, None where nothing was typed."""
-        return {
+        """Values of PairOptions by name, without those that were not typed."""
+        values = {
             "encoding": self.encoding,
             "flash_only": self.flash_only,
             "exposure_ratio": self.exposure_ratio,
-            "align": not self.no_align,
+            "align": False if self.no_align else None,
+        }
+        return self.typed(values)
+
+    def typed(self, values: dict[str, Any]) -> dict[str, Any]:
+        """Leave out what is None, or what the flag of its name is when it is not typed."""
+        return {
+            name: value
+            for name, value in values.items()
+            if value not in (None, getattr(type(self), name, None))
         }
 
 
@@ -170,7 +179,7 @@ class Flags(PairFlags):
     ] = "default"
 
     def options(self) -> Options:
-        """Read the files that were named and make the options.
+        """Read the files that were named and make the options; what was not typed is unset.
 
         Raises pipeline.errors.OptionError.
         """
@@ -178,7 +187,6 @@ class Flags(PairFlags):
         from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
         from service.sentences import in_words
 
-        pinned, forbidden = self.pin_lamp or (), self.forbid_lamp or ()
         values = {
             "setup": self.setup,
             "lights": int(self.lights) if self.lights.isdecimal() else self.lights,
@@ -190,10 +198,8 @@ class Flags(PairFlags):
             **self.pair_values(),
             "neutral": read_table(self.neutral, parse_spectrum),
             "light_directions": _directions(self.light_directions),
-            "pinned_lamps": [_area(text) or read_table(text, parse_spectrum) for text in pinned],
-            "forbidden_lamps": [
-                _area(text) or read_table(text, parse_spectrum) for text in forbidden
-            ],
+            "pinned_lamps": _lamps(self.pin_lamp),
+            "forbidden_lamps": _lamps(self.forbid_lamp),
             "response": read_table(self.response, parse_sensitivities),
             "focal_px": self.focal_px,
             "normals": self.normals,
@@ -202,9 +208,7 @@ class Flags(PairFlags):
             else [name.strip() for name in self.outputs.split(",")],
         }
         with in_words():
-            return Options.model_validate(
-                {name: value for name, value in values.items() if value is not None}
-            )
+            return Options.model_validate(self.typed(values))
 
 
 def with_flags(command: Callable[..., object]) -> Callable[..., object]:
@@ -283,6 +287,13 @@ def read_table(value: str | None, parse: Callable[[bytes], Table]) -> Table | st
         return parse(data)
     except OptionError as error:
         raise OptionError(f"The file {path} cannot be used. {error}") from error
+
+
+def _lamps(typed: list[str] | None) -> list[Any] | None:
+    """Read lamps that are areas, names or files; None for none."""
+    from pipeline.spectra.tables import parse_spectrum
+
+    return [_area(text) or read_table(text, parse_spectrum) for text in typed or ()] or None
 
 
 def _area(text: str) -> dict[str, float] | None:

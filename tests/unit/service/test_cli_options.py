@@ -18,6 +18,12 @@ def test_no_flags_are_the_defaults() -> None:
     assert Flags().options() == Options()
 
 
+def test_what_is_not_typed_is_unset_and_a_default_that_is_typed_is_set() -> None:
+    assert Flags().options().model_fields_set == set()
+    typed = Flags(flash_spectrum="xenon", setup="default", no_align=True).options()
+    assert typed.model_fields_set == {"flash_spectrum", "setup", "align"}
+
+
 def test_every_flag_reaches_its_option() -> None:
     same: dict[str, Any] = {
         "method": "paper",

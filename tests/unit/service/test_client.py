@@ -48,6 +48,15 @@ def test_a_pair_is_sent_with_its_options(client: Client, png: Png, context: Cont
     assert context.storage.get(f"jobs/{job['id']}/inputs/no_flash") == png(64, 48)
 
 
+def test_a_default_that_is_set_is_sent_for_kept_calibrations_give_way_to_it(
+    client: Client, png: Png
+) -> None:
+    options = Options(flash_spectrum="xenon")
+    job = client.submit_pair(png(64, 48), png(64, 48, True), options)
+    assert job["options"] == {"flash_spectrum": "xenon"}
+    assert client.submit_capture("sim://studio", options)["options"] == job["options"]
+
+
 def _lose(client: Client, monkeypatch: pytest.MonkeyPatch, method: str, answers: int) -> None:
     """Let the first answers to a method break off; it is tried again without a pause."""
     stream, left = client._http.stream, [None] * answers
