@@ -36,15 +36,19 @@ Result = TypeVar("Result")
 
 
 class ServiceAwayError(Exception):
-    """The service does not answer, or failed through no fault of the request."""
+    """The service does not answer, is too busy, or failed through no fault of the request.
+
+    status: of HTTP, None where nothing answered or a job failed. passes: whether the same request
+    may do better in a while; retry_seconds: in how long, as far as the service says so.
+    """
 
     status: int | None = None
     passes = False
-    """Whether the same request may do better in a while."""
+    retry_seconds = 0.0
 
 
 class RefusedError(Exception):
-    """The service refused the request, or the job failed for what was sent.
+    """The service refused the request for good, or the job failed for what was sent.
 
     status: of HTTP, None where a job failed. final: whether what was sent will never pass, with
     whichever key and whenever it is sent again.
@@ -90,7 +94,7 @@ class Client:
         self._json("GET", "/readyz")
 
     def submit_pair(self, no_flash: bytes, flash: bytes, options: Options) -> Job:
-        """Send two photographs, for some minutes again while the service is away; the job."""
+        """Send two photographs, for some minutes again while the service is away or busy; the job."""
         self._json("GET", "/healthz")  # a wrong address is told at once
         return _patiently(
             partial(
@@ -220,7 +224,7 @@ class Client:
         try:
             with self._http.stream(method, path, **arguments) as response:
                 if response.is_error:
-                    raise _failure(_problem(response), response.status_code)
+                    raise _refusal(response)
                 yield response
         except (httpx.HTTPError, UnicodeError) as error:  # the latter: sent on to no host's name
             away = ServiceAwayError(
@@ -246,9 +250,10 @@ def _patiently(ask: Callable[[], Result]) -> Result:
         except ServiceAwayError as error:
             # from the first failure on: what broke off may have gone well for longer than that
             deadline = min(deadline, time.monotonic() + _PATIENCE_SECONDS)
-            if not error.passes or time.monotonic() + pause > deadline:
+            wait = max(pause, error.retry_seconds)
+            if not error.passes or time.monotonic() + wait > deadline:
                 raise
-        time.sleep(pause)
+        time.sleep(wait)
         pause = min(2 * pause, _LONGEST_PAUSE_SECONDS)
 
 
@@ -296,14 +301,22 @@ def _stranger(response: httpx.Response) -> ServiceAwayError:
     )
 
 
+def _refusal(response: httpx.Response) -> Exception:
+    failure = _failure(_problem(response), response.status_code)
+    if isinstance(failure, ServiceAwayError):
+        told = response.headers.get("retry-after", "")
+        failure.retry_seconds = float(told) if re.fullmatch(r"\d{1,9}", told) else 0.0  # or a date
+    return failure
+
+
 def _failure(problem: dict[str, Any], status: int | None = None) -> Exception:
-    if problem["status"] >= 500:
+    passes = problem.get("retryable") is True
+    if passes or problem["status"] >= 500:
         away = ServiceAwayError(problem["detail"])
-        away.status = status
-        away.passes = problem.get("retryable") is True
+        away.status, away.passes = status, passes
         return away
     refused = RefusedError(problem["detail"])
     ours = str(problem.get("type")).startswith("urn:lightlayers:problem:")
     refused.status = status
-    refused.final = ours and status in _ABOUT_WHAT_WAS_SENT and not problem.get("retryable")
+    refused.final = ours and status in _ABOUT_WHAT_WAS_SENT
     return refused
