@@ -16,6 +16,7 @@ from service.api.callers import Caller
 from service.api.context import Context
 from service.api.models import Calibrated
 from service.attempt import results_key
+from service.errors import NotReadyError
 from service.sentences import in_words
 from service.states import State
 
@@ -54,7 +55,10 @@ def take_out(options: Any) -> tuple[Any, dict[str, Any]]:
 def complete(
     context: Context, caller: Caller, options: _Options, named: dict[str, Any]
 ) -> _Options:
-    """Put what calibrations found where take_out has put stand-ins. Raises OptionError."""
+    """Put what calibrations found where take_out has put stand-ins.
+
+    Raises OptionError and NotReadyError.
+    """
     if not named:
         return options
     sent = options.model_dump(mode="json", exclude_unset=True) | named
@@ -66,7 +70,7 @@ def fill_in(context: Context, caller: Caller, options: Any) -> Any:
     """Put what calibrations found where options name them, so that a job's row is complete.
 
     options: as sent. Raises OptionError for a calibration that is unknown, of another kind, or
-    has not succeeded.
+    has ended without success, and NotReadyError for one that has not ended.
     """
     if not isinstance(options, dict):
         return options
@@ -95,9 +99,12 @@ def _found(context: Context, caller: Caller, option: str, job_id: object) -> Any
             f"{option}: the calibration is one of {_WORDS[job.options['kind']]}, and this takes "
             f"one of {_WORDS[kind]}."
         )
+    if not job.ended:
+        raise NotReadyError(
+            f"{option}: the calibration is {job.state}; wait until it has succeeded."
+        )
     if job.state != State.SUCCEEDED:
-        advice = "make another" if job.ended else "wait until it has succeeded"
-        raise OptionError(f"{option}: the calibration is {job.state}; {advice}.")
+        raise OptionError(f"{option}: the calibration is {job.state}; make another.")
     try:
         data = context.storage.get(results_key(job.id, job.attempt, FILES[kind]))
     except FileNotFoundError as error:

@@ -62,7 +62,7 @@ def accept_capture(
 ) -> Accepted:
     """Queue one pair.
 
-    Raises ForbiddenError, ForeignCameraError, CameraHeldError, OptionError, and what
+    Raises ForbiddenError, ForeignCameraError, CameraHeldError, OptionError, and what complete,
     refuse_when_full and replay raise.
     """
     caller.need(Scope.CAPTURE)

@@ -13,6 +13,7 @@ from service.api.problems import responses
 from service.errors import (
     IdempotencyError,
     MalformedRequestError,
+    NotReadyError,
     QueueFullError,
     QuotaError,
     SlowRequestError,
@@ -95,6 +96,7 @@ def accepted(
             UploadTooLargeError,
             UnsupportedMediaError,
             UnfinishedUploadError,
+            NotReadyError,  # a calibration that the options name
             pipeline_errors.ImageTooLargeError,
             pipeline_errors.UnreadableImageError,
             pipeline_errors.PairMismatchError,

@@ -253,7 +253,6 @@ def test_a_key_gives_the_job_after_its_calibration_is_gone(
 def test_calibrations_that_cannot_be_used_are_named(
     post: Callable[..., httpx.Response], calibrated: Callable[[str], str], http: httpx.Client
 ) -> None:
-    waiting = post("/calibrations", OPTIONS["camera"]).json()["id"]
     canceled = post("/calibrations", OPTIONS["camera"]).json()["id"]
     http.post(f"/jobs/{canceled}/cancel")
     separation = post("/jobs", {}).json()["id"]
@@ -263,11 +262,23 @@ def test_calibrations_that_cannot_be_used_are_named(
         40 * "1": f"camera: there is no calibration '{32 * '1'}'; it may have been deleted.",
         separation: f"camera: there is no calibration {separation!r}; it may have been deleted.",
         flash: "camera: the calibration is one of a flash, and this takes one of a camera.",
-        waiting: "camera: the calibration is queued; wait until it has succeeded.",
         canceled: "camera: the calibration is canceled; make another.",
     }.items():
         answer = post("/jobs", {"camera": {"calibration": named}})
         assert (answer.status_code, answer.json()["detail"]) == (422, words)
+
+
+def test_a_calibration_that_has_not_ended_may_be_named_later(
+    post: Callable[..., httpx.Response], finish: Finish
+) -> None:
+    waiting = post("/calibrations", OPTIONS["flash"]).json()["id"]
+    named = {"flash_spectrum": {"calibration": waiting}}
+    early = post("/jobs", named)
+    words = "flash_spectrum: the calibration is queued; wait until it has succeeded."
+    assert problem_of(early) == (409, "not-ready", words)
+    assert early.json()["retryable"]
+    finish(waiting, {FILES["flash"]: TABLES["flash"]})
+    assert post("/jobs", named).status_code == 202
 
 
 def test_an_id_that_no_database_takes_is_none_of_a_calibration(

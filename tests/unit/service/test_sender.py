@@ -295,6 +295,26 @@ def test_a_pair_that_will_never_pass_is_put_aside_and_told(
     assert "lights" in told.events[1][1]
 
 
+def test_a_pair_waits_for_the_calibration_that_its_options_name(
+    http: httpx.Client,
+    spool: Spool,
+    told: Told,
+    pairs: list[dict[str, tuple[str, bytes]]],
+    finish: Callable[[str, dict[str, bytes]], None],
+) -> None:
+    card = {"kind": "flash", "card": {"x": 20, "y": 20, "radius": 5}}
+    wanted = {"capture": {"camera": "sim://studio"}, "options": card}
+    calibration = http.post("/calibrations", json=wanted).json()["id"]
+    sent = spool.add("shot", pairs[0], {"flash_spectrum": {"calibration": calibration}})
+    with Client(str(http.base_url)) as client:
+        sender = Sender(spool, client, told)
+        assert "wait until it has succeeded" in told.await_event("held")
+        finish(calibration, {"flash.json": b"wavelength_nm,power\n400,0.5\n700,1\n"})
+        sender.finish()
+    assert (told.names, sender.aside) == (["held", "sent"], 0)
+    assert [job["inputs"]["flash"]["sha256"] for job in jobs_of(http)[1:]] == [sent.sha256["flash"]]
+
+
 def test_a_pair_that_this_disk_damaged_is_not_sent(
     service: FakeService, spool: Spool, told: Told, pairs: list[dict[str, tuple[str, bytes]]]
 ) -> None:
