@@ -34,7 +34,7 @@ _KINDS: dict[str, Kind] = {
 _STAND_INS: dict[Kind, Any] = {
     "camera": "",
     "flash": "",
-    "lamps": [{"direction": [0, 0, 1]}] * 2,
+    "lamps": [{"direction": [0, 0, 1]}] * 3,  # as many as may be, so that no pinned one is amiss
 }
 """What passes for the find of a calibration until it is looked up."""
 

@@ -211,6 +211,33 @@ def test_what_a_calibration_found_is_judged_as_a_table_is(
     )
 
 
+@pytest.mark.parametrize(
+    ("found", "pinned", "words"),
+    [
+        (2, ["A", "D65"], None),
+        (3, ["A", "D65"], None),
+        (3, ["A", "D65", "F2"], None),
+        (2, ["A", "D65", "F2"], "3 lamps are pinned and only 2 asked for"),
+    ],
+)
+def test_as_many_lamps_are_pinned_as_a_calibration_has(
+    post: Callable[..., httpx.Response],
+    finish: Finish,
+    found: int,
+    pinned: list[str],
+    words: str | None,
+) -> None:
+    lamps = post("/calibrations", OPTIONS["lamps"]).json()["id"]
+    lights = [*LIGHTS, {"direction": [-0.6, 0.0, 0.8]}][:found]
+    finish(lamps, {FILES["lamps"]: json.dumps({"lights": lights}).encode()})
+    answer = post("/jobs", {"light_directions": {"calibration": lamps}, "pinned_lamps": pinned})
+    if words is None:
+        assert (answer.status_code, len(answer.json()["options"]["light_directions"])) == (202, found)
+    else:
+        assert problem_of(answer)[:2] == (422, "invalid-option")
+        assert words in answer.json()["detail"]
+
+
 @pytest.fixture
 def requests(
     http: httpx.Client, post: Callable[..., httpx.Response]
