@@ -10,7 +10,6 @@ import sqlalchemy as sa
 
 from service import queues
 from service.database import jobs
-from service.states import State
 
 COST = {"high": 1, "normal": 4, "low": 16}
 """How far a job of a priority puts its flow back."""
@@ -25,7 +24,7 @@ def next_rank(
     """Rank of the next job of a flow, 1…MAX_RANK; jobs go in the order of their ranks.
 
     That is its cost after the job that was begun last, or after the last one of its flow that
-    waits. Of jobs that come at once, two may get the same rank: they go in the order they came.
+    waits for the same, the workers or a camera. Of jobs that come at once, two may get the same rank: they go in the order they came.
     camera: the one that the job waits for first; what other cameras do, nobody else waits for.
     """
     clock = _clock(connection, None)
@@ -33,7 +32,7 @@ def next_rank(
         clock = max(clock, _clock(connection, camera))
     behind = connection.execute(
         sa.select(sa.func.max(jobs.c.rank)).where(
-            jobs.c.state == State.QUEUED, jobs.c.owner == owner, jobs.c.priority == priority
+            queues.waits_for_camera(camera), jobs.c.owner == owner, jobs.c.priority == priority
         )
     ).scalar()
     return min(max(clock, behind or 0) + COST[priority], MAX_RANK)

@@ -128,6 +128,16 @@ def test_a_capture_that_waits_does_not_send_others_before_what_waits(engine: sa.
     assert _rank(engine, _add(engine, "c")) == 12 == _rank(engine, jobs_of_b[2])
 
 
+def test_a_burst_that_waits_for_its_camera_holds_up_no_upload_of_its_owner(
+    engine: sa.Engine,
+) -> None:
+    for _ in range(10):
+        _add(engine, "a", camera="studio")
+    for owner in "bbba":
+        _add(engine, owner)
+    assert _owners(engine, 4) == "babb"
+
+
 def test_owners_go_by_turns_at_a_camera_whose_pairs_no_worker_has(engine: sa.Engine) -> None:
     for _ in range(10):
         _add(engine, "a", camera="studio")
