@@ -44,7 +44,7 @@ PROBLEMS = (
 
 @dataclass(frozen=True)
 class Pairs:
-    """What is wanted of a camera. interval_seconds: from the beginning of a pair to the next."""
+    """What is wanted of a camera. interval_seconds: between the moments they are due."""
 
     capture: Capture
     options: BaseModel

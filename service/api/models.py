@@ -128,8 +128,8 @@ class CameraCapture(Handling):
         ge=0,
         le=86400,
         allow_inf_nan=False,
-        description="From the beginning of one pair to that of the next; a pair that takes longer "
-        "is followed by the next at once.",
+        description="Between the moments at which the pairs are due, the first at once; those that "
+        "were due while the camera was busy follow one right after the other.",
     )
     options: Options = Options()
 
