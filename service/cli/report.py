@@ -23,7 +23,7 @@ _CAPTIONS = {
     "white_balanced_1.jpg": "Every lamp replaced by the neutral light",
     "white_balanced_2.jpg": "All light replaced by the neutral light",
     "response.jpg": "As the other camera would have seen it",
-    "normals.png": "Surface normals: red to the right, green up, blue to the viewer",
+    "normals.png": "Surface normals, their x, y and z in red, green and blue",
     "gamma.png": "The light of every pixel without its surface, and the lamps found in it",
     "residual.png": "What the lamps found do not explain",
     "confidence.tif": "White where the layers were separated, black where they are filled in",
@@ -111,6 +111,8 @@ def _pictures(folder: Path, manifest: Mapping[str, Any]) -> Iterable[Html]:
     names = [file["name"] for file in manifest["files"]]
     lamps = {f"{lamp['name']}.jpg": f"The light of {lamp['name']}" for lamp in manifest["lamps"]}
     captions = lamps | _CAPTIONS
+    if normals := manifest.get("normals"):  # whose y points up or down, as was asked for
+        captions["normals.png"] += f": {normals['convention']}"
     for name in sorted(set(names) & set(captions), key=list(captions).index):
         data = base64.b64encode(_small(folder / name)).decode()
         caption = escape(captions[name])

@@ -17,6 +17,7 @@ import pytest
 import tifffile
 from PIL import Image
 
+from pipeline.normals import CONVENTIONS
 from service.cli import run
 
 LAMP = {
@@ -98,6 +99,17 @@ def test_a_page_has_everything_in_it(results: Path, capsys: pytest.CaptureFixtur
     assert '5 < 6 & "clipped".' in page.texts
     assert "1 lamp found, number certain to 91 %. 1.2 % of the picture is filled in" in html
     assert not re.search(r"(?:src|href|url\()\s*=?\s*[\"']?(?:https?:)?//", html)
+
+
+@pytest.mark.parametrize("convention", CONVENTIONS.values())
+def test_normals_are_captioned_as_they_were_written(results: Path, convention: str) -> None:
+    Image.new("RGB", (6, 4)).save(results / "normals.png")
+    files = [{"name": "normals.png", "encoding": "8-bit", "colour_space": None}]
+    manifest = MANIFEST | {"files": files, "normals": {"convention": convention}}
+    (results / "manifest.json").write_text(json.dumps(manifest))
+    assert run(["report", str(results)]) == 0
+    (caption,) = Page((results / "report.html").read_text()).pictures
+    assert caption.endswith(f": {convention}")
 
 
 def test_what_files_say_is_no_markup(results: Path) -> None:
