@@ -39,8 +39,8 @@ mount --rbind /proc "$ROOT/proc"
 mount -t tmpfs tmpfs "$ROOT/tmp"
 for volume in $VOLUMES; do mount --bind "$FOLDER$volume" "$ROOT$volume"; done
 mount -o remount,bind,ro "$ROOT"
-exec chroot "$ROOT" setpriv --reuid "$OWNER" --regid "$OWNER" --init-groups --no-new-privs \\
-    --bounding-set=-all --inh-caps=-all env -i "$@"
+exec chroot "$ROOT" setpriv --reuid "${OWNER%:*}" --regid "${OWNER#*:}" --init-groups \\
+    --no-new-privs --bounding-set=-all --inh-caps=-all env -i "$@"
 """
 
 
@@ -177,7 +177,7 @@ def stack(
 def test_the_image_runs_jobs_as_the_compose_file_says(
     stack: Stack, image: Image, ports: list[int]
 ) -> None:
-    assert image.config["User"] == "lightlayers"
+    assert image.config["User"] == "10001:10001"
     url, pair = f"http://127.0.0.1:{ports[0]}", _pair()
     assert stack.start("bucket", 1).wait(120) == 0
     assert stack.start("migrate", 1).wait(120) == 0
