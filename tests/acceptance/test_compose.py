@@ -57,6 +57,13 @@ def test_processes_start_in_order_and_stop_in_their_time(services: dict[str, Any
     assert drain + Settings.model_fields["stop_seconds"].default < grace
 
 
+def test_the_migration_waits_for_the_database_itself(services: dict[str, Any]) -> None:
+    """While a new one is set up, another server answers, on its socket alone."""
+    test = services["database"]["healthcheck"]["test"]
+    assert test[test.index("-h") + 1] == "127.0.0.1"
+    assert services["migrate"]["restart"] == "on-failure"
+
+
 def test_ports_are_open_on_loopback_only(services: dict[str, Any]) -> None:
     published = {name: service.get("ports", []) for name, service in services.items()}
     assert published.pop("api") == ["127.0.0.1:8000:8000"]
