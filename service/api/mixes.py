@@ -11,16 +11,15 @@ from pipeline.errors import InputError, OptionError
 from pipeline.mix_options import LAYERS, MANIFEST, Mix, check_lamps, read_basis
 from service.api import intake
 from service.api.accept import Accepted, accept, hash_of, refuse_when_full, replay
-from service.api.callers import Caller, Calling, find
+from service.api.callers import Caller, Calling
 from service.api.context import Context, Parts, TraceId
 from service.api.jobs import answer_made
 from service.api.models import JobAnswer, MixJob, MixOptions
 from service.api.pair_form import IdempotencyKey, accepted
 from service.api.prefer import APPLIED, Wait
-from service.api.results import deleted_meanwhile
+from service.api.results import deleted_meanwhile, find_succeeded
 from service.attempt import results_key
-from service.errors import EndedError, GoneError, NotReadyError, UnknownJobError
-from service.states import State
+from service.errors import GoneError, NotReadyError, UnknownJobError
 
 router = APIRouter(tags=["mixes"])
 
@@ -76,12 +75,7 @@ def _accept(
 
 def _check(context: Context, caller: Caller, job_id: str, mix: Mix) -> None:
     """Refuse what could never be mixed."""
-    with context.engine.connect() as connection:
-        job = find(connection, caller, job_id)
-    if job.ended and job.state != State.SUCCEEDED:
-        raise EndedError(f"The job is {job.state}; there will be no layers, so run it again.")
-    if job.state != State.SUCCEEDED:
-        raise NotReadyError(f"The job is {job.state}; its layers are there once it is succeeded.")
+    job = find_succeeded(context, caller, job_id)
     if not {LAYERS, MANIFEST} <= {result["name"] for result in job.results or []}:
         raise OptionError(f"The job has no {LAYERS} to mix; separate the pair with that output.")
     with deleted_meanwhile():

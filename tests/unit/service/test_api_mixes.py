@@ -113,7 +113,9 @@ def test_settings_that_cannot_be_are_refused(
     assert words in detail
 
 
-def test_jobs_without_layers_are_refused(http: httpx.Client, separated: Callable[..., str]) -> None:
+def test_jobs_without_layers_are_refused(
+    http: httpx.Client, separated: Callable[..., str], context: Context
+) -> None:
     unknown = http.post("/jobs/nothing/mix", json=TWO)
     assert problem_of(unknown)[:2] == (404, "unknown-job")
     early = post_capture(http)["id"]
@@ -122,6 +124,10 @@ def test_jobs_without_layers_are_refused(http: httpx.Client, separated: Callable
     http.post(f"/jobs/{early}/cancel")
     ended = http.post(f"/jobs/{early}/mix", json=TWO)
     assert problem_of(ended)[:2] == (409, "ended")
+    with context.engine.begin() as connection:
+        jobs.condemn(connection, early)
+    expired = http.post(f"/jobs/{early}/mix", json=TWO)
+    assert problem_of(expired) == (410, "gone", "The results of the job are removed; run it again.")
     bare = http.post(f"/jobs/{separated({'manifest.json': b'{}'})}/mix", json=TWO)
     assert "no layers.exr" in problem_of(bare)[2]
     old = http.post(f"/jobs/{separated({**FILES, 'manifest.json': b'{}'})}/mix", json=TWO)
