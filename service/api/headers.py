@@ -43,6 +43,7 @@ SHOWN = [
     "ETag",
     "Idempotency-Replayed",
     "Location",
+    "Preference-Applied",
     "Retry-After",
     "Trace-Id",
     "Tus-Resumable",

@@ -100,7 +100,7 @@ def test_pages_that_the_operator_named_may(app: FastAPI) -> None:
     assert answer.status_code == 200
     assert answer.headers["access-control-allow-origin"] == ORIGIN
     shown = answer.headers["access-control-expose-headers"].split(", ")
-    assert {"Location", "Upload-Expires", "Upload-Offset"} <= set(shown)
+    assert {"Location", "Preference-Applied", "Upload-Expires", "Upload-Offset"} <= set(shown)
     others = _run(app, "OPTIONS", "/jobs", headers={**preflight, "origin": "https://evil.example"})
     assert "access-control-allow-origin" not in others.headers
 
