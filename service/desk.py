@@ -10,7 +10,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from service import jobs
+from service import jobs, steering
 from service.attempt import job_key
 from service.engine import Queue
 from service.errors import NotReadyError, QuotaError, StoredQuotaError, UnknownJobError
@@ -43,12 +43,8 @@ class Desk:
     def cancel(self, job_id: str) -> State:
         """Stop a job; its state then. Raises UnknownJobError."""
         self.find(job_id)
-        with self.engine.begin() as connection:
-            jobs.request_cancel(connection, job_id)
-            job = _known(jobs.find(connection, job_id), job_id)
-        if job.state == State.CANCELED:
-            self.queue.withdraw(job_id)
-        return job.state
+        steering.cancel(self.engine, self.queue, self.settings, job_id)
+        return self.find(job_id).state
 
     def retry(self, job_id: str) -> str:
         """Make a job like this one, which has failed or was canceled; the id of the new one.
@@ -90,11 +86,12 @@ class Desk:
         return new_id
 
     def confirm(self, job_id: str) -> None:
-        """Say that what a job asks for is done. Raises UnknownJobError or NotReadyError."""
+        """Say that what a job asks for is done.
+
+        Raises UnknownJobError, NotReadyError, EndedError.
+        """
         with self.engine.begin() as connection:
-            job = _known(jobs.find(connection, job_id), job_id)
-            if not jobs.confirm(connection, job_id):
-                raise NotReadyError(f"The job is {job.state}; it asks for nothing.")
+            steering.confirm(connection, _known(jobs.find(connection, job_id), job_id))
 
 
 @contextlib.contextmanager

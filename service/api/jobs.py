@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field
 from sqlalchemy.exc import DBAPIError
 
 from pipeline.options import Options
-from service import jobs
+from service import jobs, steering
 from service.api import captures, intake
 from service.api.accept import Accepted, refuse_when_full
 from service.api.callers import Caller, Calling, find
@@ -24,13 +24,8 @@ from service.api.problems import responses
 from service.api.watching import answers
 from service.attempt import job_key
 from service.database import is_full
-from service.errors import (
-    EndedError,
-    NotReadyError,
-    UnknownJobError,
-)
+from service.errors import NotReadyError, UnknownJobError
 from service.retention import remove
-from service.states import State
 
 router = APIRouter(tags=["jobs"])
 
@@ -143,12 +138,9 @@ async def get_job(context: Parts, caller: Calling, job_id: str, wait: Wait) -> J
 )
 def cancel_job(context: Parts, caller: Calling, job_id: str) -> JobAnswer:
     """Stop a job; one that has ended stays as it is."""
-    with context.engine.begin() as connection:
+    with context.engine.connect() as connection:
         find(connection, caller, job_id)
-        jobs.request_cancel(connection, job_id, context.settings.retention_seconds)
-        job = find(connection, caller, job_id)
-    if job.state == State.CANCELED:
-        context.queue.withdraw(job_id)
+    steering.cancel(context.engine, context.queue, context.settings, job_id)
     return answer(context, caller, job_id)
 
 
@@ -171,15 +163,7 @@ def confirm_job(
 ) -> JobAnswer:
     """Say that what a job asks its operator for is done, like switching the flash."""
     with context.engine.begin() as connection:
-        job = find(connection, caller, job_id)
-        if job.ended:
-            raise EndedError(f"The job is {job.state}; it asks for nothing any more.")
-        if not jobs.confirm(connection, job_id, request):
-            raise NotReadyError(
-                f"The job is {job.state}; it waits for something else."
-                if job.request
-                else f"The job is {job.state}; it asks for nothing."
-            )
+        steering.confirm(connection, find(connection, caller, job_id), request)
     return answer(context, caller, job_id)
 
 

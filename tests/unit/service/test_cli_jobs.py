@@ -165,6 +165,24 @@ def test_a_waiting_job_is_canceled(context: Context, capsys: pytest.CaptureFixtu
     assert _queued(context) == []
 
 
+def test_a_canceled_job_is_kept_no_longer_than_others(
+    context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LIGHTLAYERS_RETENTION_DAYS", "2")
+    assert run(["jobs", "cancel", "a"]) == 0
+    job = stored(context.engine, "a")
+    assert job.expires is not None and job.finished is not None
+    assert job.expires - job.finished == pytest.approx(2 * 86400, abs=1)
+
+
+def test_a_job_that_has_ended_asks_for_nothing_any_more(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert run(["jobs", "cancel", "a"]) == 0
+    assert run(["jobs", "confirm", "a"]) == 2
+    assert "The job is canceled; it asks for nothing any more." in capsys.readouterr().err
+
+
 def test_a_running_job_is_asked_to_stop(
     context: Context, capsys: pytest.CaptureFixture[str]
 ) -> None:
