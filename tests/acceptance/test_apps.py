@@ -56,3 +56,11 @@ def test_the_generated_client_separates_and_mixes(
     newest = service.get("/jobs", params={"limit": 1}).json()["jobs"][0]
     assert newest["options"]["mix"]["lamps"][1]["ev"] == -2
     assert {file["name"] for file in newest["files"]} == {"mix.jpg", "manifest.json"}
+
+
+def test_every_answer_to_the_swift_client_is_looked_at() -> None:
+    """There is no Swift here to run it with: what asks is one function, which knows problems."""
+    (swift,) = re.findall(r"^```swift\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)
+    (_, loading) = swift.split("func load(")
+    assert swift.count("URLSession.shared.data(") == loading.count("URLSession.shared.data(") == 1
+    assert "status < 400" in loading and "Problem.self" in loading
