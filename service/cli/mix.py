@@ -57,6 +57,12 @@ def mix(
     format_of(output)
     manifest = read_manifest(results)
     check_target(results, manifest, output)
+    try:
+        beside = read_manifest(output.parent)
+    except InputError:
+        pass  # there are no other results, which begin as a mix does
+    else:
+        check_target(output.parent, beside, output)
     count = len(read_basis(manifest).lamps)
     settings = _settings(preset, lamp or [], count)
     partial = output.with_name(f".partial-{output.name}")
@@ -78,7 +84,10 @@ def mix(
 
 
 def _head(picture: Path) -> bytes:
-    """The start of a picture, which mixes of one size and format have in common, and no other."""
+    """The start of a picture, in which what this program writes in one size and format is alike.
+
+    What others write is not.
+    """
     with picture.open("rb") as file:
         return file.read(256)
 

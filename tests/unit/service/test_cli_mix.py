@@ -161,6 +161,23 @@ def test_results_are_not_mixed_over(
     assert run(["mix", str(results), "-o", str(results / "mix.jpg")]) == 0
 
 
+def test_results_of_another_folder_are_not_mixed_over(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / "other"
+    other.mkdir()
+    target = other / "lamp1.jpg"
+    assert run(["mix", str(results), "-o", str(target)]) == 0
+    (other / "manifest.json").write_text(json.dumps({"files": [{"name": "lamp1.jpg"}]}))
+    before = target.read_bytes()
+    assert run(["mix", str(results), "-o", str(target), "--lamp", "1:off"]) == 2
+    assert f"The result {target} would be lost: give" in capsys.readouterr().err
+    assert target.read_bytes() == before
+    assert run(["mix", str(results), "-o", str(other / "mix.jpg")]) == 0
+    (other / "manifest.json").write_text("nothing that we wrote")
+    assert run(["mix", str(results), "-o", str(other / "mix.jpg")]) == 0
+
+
 @pytest.mark.parametrize("name", ["mix.jpg", "mix.tif", "mix.exr"])
 def test_a_mix_replaces_one_of_before_and_no_photograph(
     results: Path, name: str, capsys: pytest.CaptureFixture[str]
