@@ -30,14 +30,12 @@ from service.errors import (
 from service.forkserver import ForkServer
 from service.frames import FRAMES
 from service.media import headers_of, media_type
+from service.object_keys import captured_key, job_key, results_key
 from service.patience import FULL, patiently
 from service.settings import Settings
 from service.stages import Stages
 from service.states import State
 from service.storage import Storage
-
-JOBS = "jobs/"
-"""What the keys of all jobs' objects begin with."""
 
 _REPORT_SECONDS = 0.5
 _ASK_SECONDS = 0.25
@@ -45,34 +43,6 @@ _ASK_SECONDS = 0.25
 Result = TypeVar("Result")
 
 log = logging.getLogger("service.attempt")
-
-
-def job_key(job_id: str) -> str:
-    """Where everything of a job lies: the prefix of its objects."""
-    return f"{JOBS}{job_id}/"
-
-
-def inputs_key(job_id: str, frame: str) -> str:
-    """Where a job's photograph lies; frame is one of FRAMES."""
-    return f"{job_key(job_id)}inputs/{frame}"
-
-
-def results_key(job_id: str, attempt: int, name: str = "") -> str:
-    """Where a result of an attempt lies; without a name, the prefix of all of them."""
-    return f"{job_key(job_id)}{attempt}/{name}"
-
-
-def captured_key(job_id: str, attempt: int, frame: str = "") -> str:
-    """Where a photograph lies that an attempt had a camera take; without a frame, their prefix.
-
-    Each attempt has its own place, so that two of them never make one pair.
-    """
-    return f"{job_key(job_id)}inputs/{attempt}/{frame}"
-
-
-def describe_inputs(job_id: str, sha256: dict[str, str]) -> dict[str, Any]:
-    """Make the `inputs` column for two photographs in the store, given their digests by frame."""
-    return {frame: {"key": inputs_key(job_id, frame), "sha256": sha256[frame]} for frame in FRAMES}
 
 
 class Attempt:

@@ -11,9 +11,9 @@ from typing import Any
 import sqlalchemy as sa
 
 from service import jobs, steering
-from service.attempt import job_key
 from service.engine import Queue
 from service.errors import NotReadyError, QuotaError, StoredQuotaError, UnknownJobError
+from service.object_keys import job_key
 from service.opening import open_database, open_storage
 from service.repeat import copy_pair
 from service.settings import Settings

@@ -7,9 +7,9 @@ from typing import Any
 from obstore.exceptions import BaseError
 
 from service import jobs
-from service.attempt import describe_inputs, inputs_key, job_key
 from service.errors import EndedError, GoneError, NotReadyError
 from service.frames import FRAMES
+from service.object_keys import describe_inputs, inputs_key, job_key
 from service.states import State
 from service.storage import Storage
 

@@ -24,7 +24,6 @@ from service.api.context import Context
 from service.api.intake import Intake
 from service.api.models import Handling
 from service.api.uploaded import bring_uploaded, take_over
-from service.attempt import describe_inputs, inputs_key, job_key
 from service.errors import (
     AttemptError,
     CrashError,
@@ -42,6 +41,7 @@ from service.errors import (
 )
 from service.frames import FRAMES
 from service.keys import Scope
+from service.object_keys import describe_inputs, inputs_key, job_key
 
 _CHECK_SECONDS = 30.0
 _DYING: dict[type[AttemptError], str] = {

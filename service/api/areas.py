@@ -18,9 +18,9 @@ from service.api.callers import Calling
 from service.api.context import Parts
 from service.api.problems import responses
 from service.api.results import deleted_meanwhile, find_result, find_succeeded
-from service.attempt import results_key
 from service.errors import GoneError, NotReadyError, UnknownJobError, UnknownResultError
 from service.jobs import Job
+from service.object_keys import results_key
 from service.storage import Storage
 
 router = APIRouter(tags=["results"])

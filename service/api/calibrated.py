@@ -15,8 +15,8 @@ from service import jobs
 from service.api.callers import Caller
 from service.api.context import Context
 from service.api.models import Calibrated
-from service.attempt import results_key
 from service.errors import NotReadyError
+from service.object_keys import results_key
 from service.sentences import in_words
 from service.states import State
 

@@ -22,9 +22,9 @@ from service.api.pair_form import IdempotencyKey, accepted, pair_form
 from service.api.prefer import APPLIED, Wait
 from service.api.problems import responses
 from service.api.watching import answers
-from service.attempt import job_key
 from service.database import is_full
 from service.errors import NotReadyError, UnknownJobError
+from service.object_keys import job_key
 from service.retention import remove
 
 router = APIRouter(tags=["jobs"])

@@ -18,8 +18,8 @@ from service.api.models import JobAnswer, MixJob, MixOptions
 from service.api.pair_form import IdempotencyKey, accepted
 from service.api.prefer import APPLIED, Wait
 from service.api.results import deleted_meanwhile, find_succeeded
-from service.attempt import results_key
 from service.errors import GoneError, NotReadyError, UnknownJobError
+from service.object_keys import results_key
 
 router = APIRouter(tags=["mixes"])
 

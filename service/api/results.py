@@ -21,7 +21,6 @@ from service.api.prefer import preferences
 from service.api.problems import responses
 from service.api.ranges import parse_range
 from service.api.zips import Member, stored_zip
-from service.attempt import results_key
 from service.errors import (
     EndedError,
     GoneError,
@@ -31,6 +30,7 @@ from service.errors import (
     UnknownResultError,
 )
 from service.media import headers_of
+from service.object_keys import results_key
 from service.states import State
 
 router = APIRouter(tags=["results"])

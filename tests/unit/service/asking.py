@@ -13,8 +13,8 @@ import sqlalchemy as sa
 
 from service import jobs, keys
 from service.api.context import Context
-from service.attempt import describe_inputs, inputs_key
 from service.frames import FRAMES
+from service.object_keys import describe_inputs, inputs_key
 
 
 def post_pair(http: httpx.Client, no_flash: bytes, flash: bytes, **more: Any) -> httpx.Response:

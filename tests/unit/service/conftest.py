@@ -18,8 +18,8 @@ from PIL import Image
 from service import database, jobs
 from service.api import create_app
 from service.api.context import Context, open_context
-from service.attempt import results_key
 from service.media import media_type
+from service.object_keys import results_key
 from service.settings import Settings
 from tests.unit.service.contract import check_described, described
 from tests.unit.service.studio import PATH, ask_in_process

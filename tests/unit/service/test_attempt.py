@@ -15,9 +15,10 @@ from obstore.exceptions import GenericError
 
 from service import database, jobs, sandbox
 from service.api.context import Context
-from service.attempt import Attempt, describe_inputs, inputs_key, results_key
+from service.attempt import Attempt
 from service.errors import CrashError, StorageFullError
 from service.frames import FRAMES
+from service.object_keys import describe_inputs, inputs_key, results_key
 from service.settings import Settings
 from service.states import State
 from service.storage import Storage

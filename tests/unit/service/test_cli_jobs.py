@@ -9,9 +9,9 @@ import sqlalchemy as sa
 
 from service import cameras, database, engine, jobs
 from service.api.context import Context
-from service.attempt import describe_inputs, inputs_key
 from service.cli import run
 from service.frames import FRAMES
+from service.object_keys import describe_inputs, inputs_key
 from service.settings import Settings
 from service.states import State
 from tests.unit.service.asking import bearing, owner_of, stored

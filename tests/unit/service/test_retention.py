@@ -11,8 +11,8 @@ from obstore.exceptions import GenericError
 
 from service import database, deliveries, heartbeats, jobs, uploads
 from service.api.context import Context
-from service.attempt import inputs_key, results_key
 from service.frames import FRAMES
+from service.object_keys import inputs_key, results_key
 from service.retention import Sweep
 from service.settings import Settings
 from service.states import State

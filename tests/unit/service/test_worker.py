@@ -16,11 +16,12 @@ import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
 from service import cameras, database, heartbeats, jobs, presence, worker
-from service.attempt import Attempt, describe_inputs
+from service.attempt import Attempt
 from service.database import AWAY
 from service.engine import Held
 from service.errors import StartError
 from service.frames import FRAMES
+from service.object_keys import describe_inputs
 from service.settings import Settings
 from service.states import State
 from service.storage import Storage
