@@ -10,7 +10,6 @@ import contextlib
 import importlib.util
 import pickle
 import select
-import struct
 import subprocess
 import sys
 import time
@@ -28,18 +27,18 @@ from drivers.camera import (
     SettingValue,
     meant,
 )
+from drivers.contract import require_kept, require_size
 from drivers.errors import (
     BadAddressError,
     CameraDisconnectedError,
     CameraNotFoundError,
     CameraTimeoutError,
-    SettingError,
 )
+from drivers.gphoto.messages import LENGTH, packed
 
 CALL_S = 20.0
 """How long a call may take, in seconds, beyond the wait that it was asked for."""
 
-_LENGTH = struct.Struct("<I")
 _PORTS = ("usb", "ptpip")  # others would read files of this computer, or its serial ports
 
 
@@ -99,11 +98,7 @@ class GphotoCamera(Camera):
         wanted = meant(name, value, self.read(name).choices)
         self._call("write", name, wanted)
         setting = self.read(name)
-        if setting.value != wanted:
-            raise SettingError(
-                f"The camera was told to set {name} to {wanted} but kept {setting.value}: check "
-                "its dials and try again."
-            )
+        require_kept(wanted, setting)
         return setting
 
     def objects(self) -> set[int]:
@@ -138,10 +133,7 @@ class GphotoCamera(Camera):
         TransferError where a chunk comes incomplete, or the object has another size than into.
         """
         size = self.describe(handle).size
-        if into is not None and len(into) != size:
-            raise errors.TransferError(
-                f"The camera says {size} bytes where it said {len(into)} before: try again."
-            )
+        require_size(size, into)
         while offset < size:
             chunk: bytes = self._call("chunk", handle, offset)
             if not 0 < len(chunk) <= size - offset:
@@ -166,11 +158,10 @@ class GphotoCamera(Camera):
         if child is None or child.stdin is None or child.stdout is None:
             raise CameraDisconnectedError("The camera was closed: open it again.")
         try:
-            raw = pickle.dumps((method, arguments))
-            child.stdin.write(_LENGTH.pack(len(raw)) + raw)
+            child.stdin.write(packed((method, arguments)))
             child.stdin.flush()
             deadline = time.monotonic() + self._call_s + patience_s
-            (length,) = _LENGTH.unpack(self._read(_LENGTH.size, deadline))
+            (length,) = LENGTH.unpack(self._read(LENGTH.size, deadline))
             kind, answer = pickle.loads(self._read(length, deadline))  # from our own child
         except (OSError, EOFError) as error:
             self._end()

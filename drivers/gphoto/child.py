@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import pickle
-import struct
 import sys
 from typing import Any
 
@@ -23,6 +22,7 @@ from drivers.camera import (
     SettingValue,
     kind_of_name,
 )
+from drivers.contract import MOST_EVENTS, lacking, not_offered, require_writable
 from drivers.errors import (
     CameraBusyError,
     CameraDisconnectedError,
@@ -32,11 +32,10 @@ from drivers.errors import (
     SettingError,
 )
 from drivers.gphoto import names
+from drivers.gphoto.messages import LENGTH, packed
 
-_LENGTH = struct.Struct("<I")
 _CHUNK_BYTES = 1 << 20
 _ROOT = "/"
-_MOST_EVENTS = 1000  # taken at once: a camera may tell more, and quicker than they are taken
 _EVENTS = {
     gp.GP_EVENT_FILE_ADDED: EventKind.OBJECT_ADDED,
     gp.GP_EVENT_CAPTURE_COMPLETE: EventKind.CAPTURE_COMPLETE,
@@ -113,15 +112,11 @@ class Calls:
     def write(self, name: SettingName, value: SettingValue) -> None:
         """Set one setting to the choice that means the value."""
         widget = self._widget(name)
-        if widget.get_readonly():
-            raise SettingError(
-                f"The camera's {name} cannot be set from a computer: set it to {value} on the "
-                "camera itself."
-            )
+        require_writable(name, value, not widget.get_readonly())
         texts = [text for text in widget.get_choices() if names.decode(name, text) == value]
         if not texts:
-            offered = ", ".join(str(names.decode(name, text)) for text in widget.get_choices())
-            raise SettingError(f"The camera offers no {name} of {value}; it offers {offered}.")
+            offered = (names.decode(name, text) for text in widget.get_choices())
+            raise not_offered(name, value, offered)
         widget.set_value(texts[0])
         self._camera.set_single_config(widget.get_name(), widget)
 
@@ -131,7 +126,7 @@ class Calls:
                 return self._camera.get_single_config(candidate)
             except gp.GPhoto2Error:
                 continue
-        raise SettingError(f"The camera has no setting {name}: set it on the camera itself.")
+        raise lacking(name)
 
     def objects(self) -> set[int]:
         """Handles of all files; a path keeps its handle."""
@@ -165,7 +160,7 @@ class Calls:
     def events(self, timeout_s: float) -> list[Event]:
         """Everything told; libgphoto2 gives one event at a time."""
         told: list[Event] = []
-        while len(told) < _MOST_EVENTS:
+        while len(told) < MOST_EVENTS:
             kind, _ = self._camera.wait_for_event(0 if told else round(1000 * timeout_s))
             if kind == gp.GP_EVENT_TIMEOUT:
                 break
@@ -219,8 +214,8 @@ def main() -> None:
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     calls = Calls()
-    while head := sys.stdin.buffer.read(_LENGTH.size):
-        method, arguments = pickle.loads(sys.stdin.buffer.read(_LENGTH.unpack(head)[0]))
+    while head := sys.stdin.buffer.read(LENGTH.size):
+        method, arguments = pickle.loads(sys.stdin.buffer.read(LENGTH.unpack(head)[0]))
         try:
             answer = ("result", getattr(calls, method)(*arguments))
         except gp.GPhoto2Error as error:
@@ -228,8 +223,7 @@ def main() -> None:
             answer = ("error", (type(told).__name__, str(told)))
         except DriverError as error:
             answer = ("error", (type(error).__name__, str(error)))
-        raw = pickle.dumps(answer)
-        answers.write(_LENGTH.pack(len(raw)) + raw)
+        answers.write(packed(answer))
         answers.flush()
 
 

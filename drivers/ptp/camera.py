@@ -19,6 +19,14 @@ from drivers.camera import (
     meant,
 )
 from drivers.clock import Clock
+from drivers.contract import (
+    MOST_EVENTS,
+    lacking,
+    not_offered,
+    require_kept,
+    require_size,
+    require_writable,
+)
 from drivers.errors import (
     CameraDisconnectedError,
     CameraTimeoutError,
@@ -52,7 +60,6 @@ LARGEST_CHUNK_BYTES = 1 << 24
 _QUICK_S = 0.1  # a chunk that comes so soon is followed by one of twice the size
 
 _CARD = 0xFFFF  # what of a storage id is 0 where a slot has no card
-_MOST_EVENTS = 1000  # taken at once: a camera may tell more, and quicker than they are taken
 _LONGEST_LIST = 1000  # a range with more steps is not spelt out as choices
 
 _KINDS: dict[int, str] = {
@@ -142,28 +149,20 @@ class PtpCamera(Camera):
         Raises SettingError where it is missing, read-only, refused, or reads back otherwise.
         """
         description = self._describe_property(name)
-        if not description.writable:
-            raise SettingError(
-                f"The camera's {name} cannot be set from a computer: set it to {value} on the "
-                "camera itself."
-            )
         codec = self._codec(name, description)
         choices = _choices(description)
+        wanted = meant(name, value, map(codec.decode, choices))
+        require_writable(name, wanted, description.writable)
         try:
-            number = codec.encode(meant(name, value, map(codec.decode, choices)))
+            number = codec.encode(wanted)
             raw = uint(number, description.width)
         except (ValueError, OverflowError, struct.error) as error:
             raise SettingError(f"{value!r} is not a value that {name} can have.") from error
         if choices and number not in choices:
-            offered = ", ".join(str(codec.decode(choice)) for choice in choices)
-            raise SettingError(f"The camera offers no {name} of {value}; it offers {offered}.")
+            raise not_offered(name, value, map(codec.decode, choices))
         self._session.request(Operation.SET_DEVICE_PROP_VALUE, codec.code, data=raw)
         setting = self.read(name)
-        if setting.value != codec.decode(number):
-            raise SettingError(
-                f"The camera was told to set {name} to {value} but kept {setting.value}: check "
-                "its dials and try again."
-            )
+        require_kept(codec.decode(number), setting)
         return setting
 
     def objects(self) -> set[int]:
@@ -203,7 +202,7 @@ class PtpCamera(Camera):
         if self._nikon.can_tell:
             return [_event(container) for container in self._nikon.events(timeout_s)]
         events: list[Event] = []
-        while len(events) < _MOST_EVENTS:
+        while len(events) < MOST_EVENTS:
             wait_s = 0 if events else timeout_s
             container = self._session.transport.receive_event(wait_s)
             if container is None:
@@ -220,10 +219,7 @@ class PtpCamera(Camera):
         TransferError where a chunk comes incomplete: call again with the offset reached.
         """
         size = self.describe(handle).size
-        if into is not None and len(into) != size:
-            raise TransferError(
-                f"The camera says {size} bytes where it said {len(into)} before: try again."
-            )
+        require_size(size, into)
         if Operation.GET_PARTIAL_OBJECT not in self._device.operations:
             yield self._whole(handle, size, into)[offset:]
             return
@@ -262,7 +258,7 @@ class PtpCamera(Camera):
     def _describe_property(self, name: SettingName) -> PropertyDescription:
         code = CODECS[name].code
         if code not in self._device.properties:
-            raise SettingError(f"The camera has no setting {name}: set it on the camera itself.")
+            raise lacking(name)
         data, _ = self._session.request(Operation.GET_DEVICE_PROP_DESC, code)
         return PropertyDescription.decode(data)
 

@@ -29,7 +29,7 @@ from drivers.sim.body import (
 )
 
 _VENDOR = 0x9000  # from here on operations are of makers
-_LAST_TRANSACTION = 0xFFFFFFFE
+_LAST_TRANSACTION = 0xFFFFFFFE  # read from the standard anew, so that it checks the driver
 _ROOT = 0xFFFFFFFF  # as parent in GetObjectHandles: the objects outside every folder
 _WITHOUT_SESSION = (Operation.GET_DEVICE_INFO, Operation.OPEN_SESSION)
 

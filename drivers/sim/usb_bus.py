@@ -24,7 +24,7 @@ from drivers.sim.responder import RELEASES, Responder
 _PACKET_BYTES = 512
 _OUT, _IN, _EVENTS = 0x02, 0x81, 0x83
 _STRING, _GET_DESCRIPTOR = 3, 6
-_CANCEL, _RESET = 0x64, 0x66
+_CANCEL, _RESET = 0x64, 0x66  # read from the standard anew, so that they check the driver
 _SHORT_BYTES = 8192  # of a piece, where everything comes in pieces
 _SLOW_BYTES_PER_S = 4_000_000
 
