@@ -15,36 +15,10 @@ _WAITING_RETRY_SECONDS = 10
 def check(connection: sa.Connection, key_id: str, coming: int = 1) -> None:
     """Refuse another job of a key that has used up a quota, or several where they do not all fit.
 
-    Raises QuotaError for jobs, StoredQuotaError for bytes. Of requests that come at once more may
-    pass than there is room for: charge() refuses those.
+    coming: how many; 0 where those that are there already have to fit. Raises QuotaError for jobs,
+    StoredQuotaError for bytes. Of requests that come at once more may pass than there is room for:
+    charge() refuses those.
     """
-    _check(connection, key_id, coming)
-
-
-def charge(connection: sa.Connection, key_id: str) -> None:
-    """Count a job that was inserted in this transaction. Raises what check() raises."""
-    day = int(_now(connection) // _DAY_SECONDS)
-    so_far = sa.case((keys.c.day == day, keys.c.jobs_of_day), else_=0)
-    # Locks the row until the end, so that jobs of the same key are counted one after the other.
-    connection.execute(
-        sa.update(keys).where(keys.c.id == key_id).values(day=day, jobs_of_day=so_far + 1)
-    )
-    _check(connection, key_id, coming=0)
-
-
-def charge_upload(connection: sa.Connection, key_id: str) -> None:
-    """Count an upload that was inserted in this transaction. Raises StoredQuotaError.
-
-    Uploads count whole until a job takes them over or they expire, however little of them has come.
-    """
-    # Locked until the end, as by charge().
-    query = sa.select(keys).where(keys.c.id == key_id).with_for_update()
-    key = connection.execute(query).first()
-    if key is not None and key.stored_bytes is not None:
-        _check_stored(connection, key_id, 0, key.stored_bytes)
-
-
-def _check(connection: sa.Connection, key_id: str, coming: int) -> None:
     key = connection.execute(sa.select(keys).where(keys.c.id == key_id)).first()
     if key is None:
         return
@@ -70,6 +44,29 @@ def _check(connection: sa.Connection, key_id: str, coming: int) -> None:
             )
     if key.stored_bytes is not None:
         _check_stored(connection, key_id, coming, key.stored_bytes)
+
+
+def charge(connection: sa.Connection, key_id: str) -> None:
+    """Count a job that was inserted in this transaction. Raises what check() raises."""
+    day = int(_now(connection) // _DAY_SECONDS)
+    so_far = sa.case((keys.c.day == day, keys.c.jobs_of_day), else_=0)
+    # Locks the row until the end, so that jobs of the same key are counted one after the other.
+    connection.execute(
+        sa.update(keys).where(keys.c.id == key_id).values(day=day, jobs_of_day=so_far + 1)
+    )
+    check(connection, key_id, coming=0)
+
+
+def charge_upload(connection: sa.Connection, key_id: str) -> None:
+    """Count an upload that was inserted in this transaction. Raises StoredQuotaError.
+
+    Uploads count whole until a job takes them over or they expire, however little of them has come.
+    """
+    # Locked until the end, as by charge().
+    query = sa.select(keys).where(keys.c.id == key_id).with_for_update()
+    key = connection.execute(query).first()
+    if key is not None and key.stored_bytes is not None:
+        _check_stored(connection, key_id, 0, key.stored_bytes)
 
 
 def _check_stored(connection: sa.Connection, key_id: str, coming: int, limit: int) -> None:
