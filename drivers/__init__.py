@@ -29,7 +29,7 @@ from drivers.errors import (
     TransferError,
 )
 from drivers.exif import ExposureFacts
-from drivers.flash import ExternalFlash, Flash, OperatorFlash, PropertyFlash
+from drivers.flash import ExternalFlash, Flash, OperatorFlash, PropertyFlash, check_flash_order
 from drivers.pair import CapturedPair
 from drivers.registry import (
     announce_simulated,
@@ -83,6 +83,7 @@ __all__ = [
     "canonical_address",
     "capture_pair",
     "check_address",
+    "check_flash_order",
     "check_settings",
     "list_cameras",
     "listen_to_network",

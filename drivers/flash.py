@@ -30,6 +30,19 @@ OTHERWISE = (
 )
 
 
+def check_flash_order(order: str) -> None:
+    """Look whether an order for the flash says what state is wanted, and can be read.
+
+    Raises ValueError with a clause, to be put into a sentence.
+    """
+    if "{state}" not in order:
+        raise ValueError("write {state} where on or off is to stand")
+    try:
+        shlex.split(order)
+    except ValueError as error:
+        raise ValueError(f"the command cannot be read ({str(error).lower()})") from error
+
+
 class Flash(ABC):
     """Something that switches the flash.
 
@@ -86,12 +99,10 @@ class ExternalFlash(Flash):
 
     def check(self, camera: Camera) -> None:  # noqa: ARG002
         """Look whether the order says what state is wanted."""
-        if "{state}" not in self.order:
-            raise FlashError("The order for the flash has no {state}, which becomes on or off.")
         try:
-            shlex.split(self.order)
+            check_flash_order(self.order)
         except ValueError as error:
-            raise FlashError(f"The order for the flash cannot be read: {error}.") from error
+            raise FlashError(f"The order for the flash cannot be used: {error}.") from error
 
     def switch(self, camera: Camera, state: State, clock: Clock) -> None:  # noqa: ARG002
         """Give the order and let the flash settle."""

@@ -26,6 +26,10 @@ _BACKENDS = {
 }
 
 
+HEAR_S = 1.5
+"""How long cameras on the network may take to answer, in seconds."""
+
+
 class Backend(Protocol):
     """What the module of a backend offers; imported when its first address is met."""
 
@@ -95,7 +99,7 @@ def list_cameras() -> list[CameraInfo]:
     return [info for scheme in _BACKENDS for info in _load(scheme).list_cameras()]
 
 
-def listen_to_network(wait_s: float = 0.0) -> None:
+def listen_to_network(wait_s: float = HEAR_S) -> None:
     """From now on, take notice of cameras that announce themselves (mDNS).
 
     wait_s: how long those that are there may take to answer, in seconds. Where the network lets

@@ -22,8 +22,6 @@ from pipeline.decode import decode
 Tell = Callable[[dict[str, Any]], None]
 Result = TypeVar("Result")
 
-_HEAR_S = 1.5  # how long cameras on the network may take to answer
-
 log = logging.getLogger("service.camera_tasks")
 
 
@@ -50,7 +48,7 @@ def capture(task: dict[str, Any], tell: Tell) -> None:
 def find(task: dict[str, Any], tell: Tell) -> None:
     """Answer with the addresses of the cameras that are found here, or also on the network."""
     if task["capture"]["network"]:
-        drivers.listen_to_network(_HEAR_S)
+        drivers.listen_to_network()
     tell({"answer": [camera.address for camera in drivers.list_cameras()]})
 
 

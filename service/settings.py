@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-import shlex
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, ValidationInfo
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from drivers import check_flash_order
 from service.addresses import parse_networks
 
 MIB = 1024 * 1024
@@ -44,12 +44,7 @@ def _check_origins(text: str) -> str:
 
 def _check_switch(text: str | None) -> str | None:
     if text is not None:
-        if "{state}" not in text:
-            raise ValueError("write {state} where on or off is to stand")
-        try:
-            shlex.split(text)
-        except ValueError as error:
-            raise ValueError(f"the command cannot be read: {str(error).lower()}") from error
+        check_flash_order(text)
     return text
 
 

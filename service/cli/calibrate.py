@@ -12,14 +12,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from service.cli.numbers import circle, read_numbers
 from service.cli.options import (
     MaybeFlash,
     PairFlags,
     read_file,
     read_table,
     with_flags,
-    written_path,
 )
+from service.cli.parameters import output
 
 if TYPE_CHECKING:
     from pipeline.calibration.options import Kind
@@ -35,10 +36,7 @@ _CHART_HELP = (
     "Middles of the ColorChecker's outer patches dark skin, bluish green, black and white, in "
     "this order, in pixels of NO_FLASH. Default: it is looked for."
 )
-Output = Annotated[
-    Path | None,
-    typer.Option("-o", "--output", metavar="FILE", parser=written_path, help="File to write."),
-]
+Output = Annotated[Path | None, output("FILE", "File to write.")]
 Setup = Annotated[
     str | None,
     typer.Option(
@@ -56,7 +54,7 @@ CameraAddress = Annotated[
         metavar="ADDRESS", help="Have this camera take the pair, like sim://studio?scene=chart."
     ),
 ]
-FlashSwitch = Annotated[
+SwitchOfCamera = Annotated[
     str,
     typer.Option("--flash", metavar="SWITCH", help="What switches its flash, as for capture."),
 ]
@@ -72,7 +70,7 @@ def flash(
     output: Output = None,
     setup: Setup = None,
     camera_address: CameraAddress = None,
-    flash_switch: FlashSwitch = "property",
+    flash_switch: SwitchOfCamera = "property",
     card: Annotated[
         str | None,
         typer.Option(metavar="X,Y,RADIUS", help="A circle on a grey card, in pixels of NO_FLASH."),
@@ -105,7 +103,7 @@ def camera(
     output: Output = None,
     setup: Setup = None,
     camera_address: CameraAddress = None,
-    flash_switch: FlashSwitch = "property",
+    flash_switch: SwitchOfCamera = "property",
     chart: Annotated[str | None, typer.Option(metavar="X,Y,X,Y,X,Y,X,Y", help=_CHART_HELP)] = None,
     flash_spectrum: Annotated[
         str | None,
@@ -136,7 +134,7 @@ def lamps(
     output: Output = None,
     setup: Setup = None,
     camera_address: CameraAddress = None,
-    flash_switch: FlashSwitch = "property",
+    flash_switch: SwitchOfCamera = "property",
     sphere: Annotated[
         str | None,
         typer.Option(
@@ -300,11 +298,8 @@ def _place(light: Mapping[str, Any]) -> str:
 def _numbers(text: str, count: int, option: str) -> list[float]:
     from pipeline.errors import OptionError
 
-    try:
-        numbers = [float(part) for part in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) != count:
+    numbers = read_numbers(text)
+    if numbers is None or len(numbers) != count:
         raise OptionError(f"--{option} takes {count} numbers with commas between them.")
     return numbers
 
@@ -312,8 +307,7 @@ def _numbers(text: str, count: int, option: str) -> list[float]:
 def _circle(text: str | None, option: str) -> dict[str, float] | None:
     if text is None:
         return None
-    x, y, radius = _numbers(text, 3, option)
-    return {"x": x, "y": y, "radius": radius}
+    return circle(_numbers(text, 3, option))
 
 
 def _corners(text: str | None) -> list[tuple[float, float]] | None:

@@ -14,14 +14,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from service.cli.options import written_path
-from service.cli.shooting import (
-    RECIPE,
+from service.cli.parameters import (
+    AsJson,
     FlashSwitch,
     RecipeFile,
     Settle,
     SetValues,
     a_number,
+    output,
+)
+from service.cli.shooting import (
+    RECIPE,
     ending,
     new_shot,
     paced,
@@ -32,15 +35,12 @@ from service.cli.shooting import (
 if TYPE_CHECKING:
     import drivers
 
-_HEAR_S = 1.5
-"""How long cameras on the network may take to answer."""
-
 _REPEATS = 3
 """How often a pair is begun where the camera goes away in the middle."""
 
 
 def list_cameras(
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """List the cameras that can take a pair.
 
@@ -52,7 +52,7 @@ def list_cameras(
     from service.settings import Settings
 
     named = [each for each in Settings().cameras.split() if _is_host(each)]
-    drivers.listen_to_network(_HEAR_S)
+    drivers.listen_to_network()
     found = drivers.list_cameras()
     for address in named:
         if address not in [camera.address for camera in found]:
@@ -84,16 +84,7 @@ def _is_host(address: str) -> bool:
 
 def capture(
     address: Annotated[str, typer.Argument(metavar="ADDRESS", help="Camera, like sim://studio.")],
-    output: Annotated[
-        Path,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="DIR",
-            parser=written_path,
-            help="Folder of the photographs.",
-        ),
-    ],
+    output: Annotated[Path, output("DIR", "Folder of the photographs.")],
     flash: FlashSwitch = "property",
     settle: Settle = 1.0,
     settings: SetValues = None,
@@ -121,7 +112,7 @@ def capture(
         bool,
         typer.Option("--delete", help="Take the photographs off the camera's card once saved."),
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Have a camera take pairs, and save all of their photographs.
 

@@ -18,8 +18,8 @@ from service.cli.options import (
     NoFlashOrFolder,
     read_file,
     with_flags,
-    written_path,
 )
+from service.cli.parameters import AsJson, KeyFile, output
 
 app = typer.Typer(
     help="Separates the light of every lamp, from a photograph with the flash and one without.",
@@ -29,11 +29,7 @@ app.add_typer(calibrate.app, name="calibrate")
 app.add_typer(keys.app, name="keys")
 app.add_typer(jobs.app, name="jobs")
 
-Output = Annotated[
-    Path,
-    typer.Option("-o", "--output", metavar="DIR", parser=written_path, help="Folder of results."),
-]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
+Output = Annotated[Path, output("DIR", "Folder of results.")]
 
 
 def _print_version(wanted: bool) -> None:
@@ -170,10 +166,7 @@ def submit(
     output: Output,
     flags: Flags,
     url: Annotated[str, typer.Option(help="Where the service is.")] = "http://127.0.0.1:8000",
-    key_file: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="File with the key. Default: LIGHTLAYERS_KEY, or none."),
-    ] = None,
+    key_file: KeyFile = None,
     as_json: AsJson = False,
 ) -> None:
     """Send a pair to a running service, wait, and fetch the results."""
@@ -200,16 +193,7 @@ def submit(
 @app.command(epilog=examples.REPORT)
 def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of results.")],
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FILE",
-            parser=written_path,
-            help="Default: report.html in DIR.",
-        ),
-    ] = None,
+    output: Annotated[Path | None, output("FILE", "Default: report.html in DIR.")] = None,
 ) -> None:
     """Write one HTML page of a result, to be sent to somebody.
 

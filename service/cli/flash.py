@@ -20,11 +20,13 @@ def flash_switch(text: str, settle_s: float) -> drivers.Flash:
         return drivers.PropertyFlash()
     if text == "operator":
         return drivers.OperatorFlash(_ask, brightness)
-    if "{state}" not in text:
+    try:
+        drivers.check_flash_order(text)
+    except ValueError as error:
         raise OptionError(
-            f"--flash {text}: write property, operator, or a command or URL in which {{state}} "
-            "becomes on or off."
-        )
+            f"--flash {text} is neither property nor operator, and no command or URL for a flash: "
+            f"{error}."
+        ) from error
     return drivers.ExternalFlash(text, brightness, settle_s)
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from service.cli.parameters import AllAsJson
 from service.states import State
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ def list_jobs(
     limit: Annotated[
         int, typer.Option(min=1, max=1_000_000, help="How many, the newest first.")
     ] = 50,
-    as_json: Annotated[bool, typer.Option("--json", help="Print all of it as JSON.")] = False,
+    as_json: AllAsJson = False,
 ) -> None:
     """List jobs: id, state, stage, attempt, when made, owner."""
     with _desk() as desk:

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from service.cli.parameters import AllAsJson
+
 if TYPE_CHECKING:
     import sqlalchemy as sa
 
@@ -72,7 +74,7 @@ def create(
 
 @app.command("list")
 def list_keys(
-    as_json: Annotated[bool, typer.Option("--json", help="Print all of it as JSON.")] = False,
+    as_json: AllAsJson = False,
 ) -> None:
     """List the keys that were made: id, name, scopes, quotas, and when they were used last."""
     from service import keys

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from service.cli.options import read_file, written_path
+from service.cli.options import read_file
+from service.cli.parameters import output
 
 if TYPE_CHECKING:
     from pipeline.mix_options import Mix
@@ -22,16 +23,7 @@ def mix(
     results: Annotated[
         Path, typer.Argument(metavar="DIR", help="Folder of results, with layers.exr.")
     ],
-    output: Annotated[
-        Path,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FILE",
-            parser=written_path,
-            help="Picture: .jpg, .tif or .exr.",
-        ),
-    ],
+    output: Annotated[Path, output("FILE", "Picture: .jpg, .tif or .exr.")],
     preset: Annotated[
         Path | None, typer.Option(metavar="FILE.json", help="Settings as the page saves them.")
     ] = None,

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
 
 import typer
 
+from service.cli.numbers import circle, read_numbers
+
 if TYPE_CHECKING:
     from pipeline.options import Options
 
@@ -300,14 +302,12 @@ def _area(text: str) -> dict[str, float] | None:
     """Read X,Y,RADIUS; None for what is no list of numbers."""
     from pipeline.errors import OptionError
 
-    parts = text.split(",")
-    try:
-        numbers = [float(part) for part in parts]
-    except ValueError:
+    numbers = read_numbers(text)
+    if numbers is None:
         return None
     if len(numbers) != 3:
         raise OptionError(f"The area {text[:80]} is not three numbers X,Y,RADIUS in pixels.")
-    return dict(zip(("x", "y", "radius"), numbers, strict=True))
+    return circle(numbers)
 
 
 def _directions(path: Path | None) -> list[Any] | None:

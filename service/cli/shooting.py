@@ -1,4 +1,4 @@
-"""What the commands that have a camera take pairs share: their options, and recipes."""
+"""What the commands that have a camera take pairs share: settings, recipes, names and pace."""
 
 from __future__ import annotations
 
@@ -9,9 +9,7 @@ from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from service.cli.options import read_file
 
@@ -20,42 +18,6 @@ if TYPE_CHECKING:
 
 RECIPE = "_recipe.json"
 """How the names of recipes end."""
-
-
-def a_number(seconds: float | None) -> float | None:
-    """Refuse nan, which no bound of an option does. Raises typer.BadParameter."""
-    if seconds is not None and math.isnan(seconds):
-        raise typer.BadParameter("nan is no number of seconds.")
-    return seconds
-
-
-FlashSwitch = Annotated[
-    str,
-    typer.Option(
-        metavar="SWITCH",
-        help='What switches the flash: "property", the camera itself; "operator", somebody who '
-        "is asked here; or a command or URL in which {state} becomes on or off.",
-    ),
-]
-Settle = Annotated[
-    float,
-    typer.Option(
-        min=0, max=3600, callback=a_number, help="Seconds that a flash so told takes to obey."
-    ),
-]
-SetValues = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="NAME=VALUE",
-        help="A setting of the camera for both photographs: iso=200, f_number=8, shutter_s=1/60, "
-        "white_balance=daylight. Once for each; above those of the recipe.",
-    ),
-]
-RecipeFile = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE.json", help="Take it with the settings of an earlier pair."),
-]
 
 
 def wanted_settings(

@@ -16,12 +16,15 @@ import typer
 
 from service.cli import keys
 from service.cli.options import read_file
-from service.cli.shooting import (
+from service.cli.parameters import (
     FlashSwitch,
+    KeyFile,
     RecipeFile,
     Settle,
     SetValues,
     a_number,
+)
+from service.cli.shooting import (
     ending,
     new_shot,
     paced,
@@ -49,10 +52,7 @@ def tether(
             "LIGHTLAYERS_DATA_DIR.",
         ),
     ] = None,
-    key_file: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="File with the key. Default: LIGHTLAYERS_KEY, or none."),
-    ] = None,
+    key_file: KeyFile = None,
     options: Annotated[
         Path | None,
         typer.Option(

@@ -142,7 +142,7 @@ def test_a_command_that_does_not_end_is_an_error(
 @pytest.mark.parametrize(
     ("order", "complaint"),
     [
-        ("relay on", r"no \{state\}"),
+        ("relay on", r"write \{state\} where on or off is to stand"),
         ("relay '{state}", "cannot be read"),
         ("no-such-program {state}", r"failed, as it cannot be run \(no such file or directory\):"),
         ("false {state}", "failed, with exit status 1: run it by hand"),

@@ -207,7 +207,7 @@ def test_cameras_that_are_found_are_named(network: bool, monkeypatch: pytest.Mon
     announced = drivers.CameraInfo("ptp+ip://192.168.1.7", "", "Model", "", None)
     monkeypatch.setattr("drivers.ptp.ip.ANNOUNCED", heard := {})
 
-    def listen(_wait_s: float) -> None:
+    def listen() -> None:
         heard["name"] = announced
 
     monkeypatch.setattr(drivers, "listen_to_network", listen)

@@ -20,7 +20,7 @@ CAMERA = "sim://studio?width=64&height=64"
 @pytest.fixture(autouse=True)
 def _deaf(monkeypatch: pytest.MonkeyPatch) -> None:
     """No cameras of the network that the tests run in."""
-    monkeypatch.setattr(drivers, "listen_to_network", lambda _wait_s: None)
+    monkeypatch.setattr(drivers, "listen_to_network", lambda: None)
 
 
 @pytest.fixture

@@ -120,7 +120,7 @@ def test_every_setting_says_what_it_is() -> None:
     [
         ("relay on", r"write \{state\} where on or off is to stand"),
         ("http://relay/?on", r"write \{state\}"),
-        ("relay '{state}", "the command cannot be read: no closing quotation"),
+        ("relay '{state}", r"the command cannot be read \(no closing quotation\)"),
     ],
 )
 def test_an_order_for_a_flash_must_say_what_is_wanted(order: str, fault: str) -> None:
