@@ -31,7 +31,8 @@ leave up to 0.05."""
 DOUBTFUL = 0.5
 """Confidence in a number of lamps that do not explain the photograph."""
 
-# Chosen on development scenes, exact, noisy and JPEGs (docs/decisions/0005 and 0032)
+# Chosen on development scenes, exact, noisy and JPEGs (docs/decisions/0005-fitted-lamps.md and
+# docs/decisions/0032-compression-noise.md)
 _SECOND_LAMP, _SECOND_LAMP_RENDERED = 300.0, 600.0
 _STILL_LEFT = 0.62  # by two lamps, of what one leaves
 _THIRD_LAMP, _THIRD_GAIN, _THIRD_OFF = 1.6, 150.0, 0.125

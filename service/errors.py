@@ -1,38 +1,38 @@
 """Errors as people and programs see them: RFC 9457 problems, and the table that makes them.
 
 ServiceError
-├── MalformedRequestError    400  the request is not one we understand
-├── UnauthorizedError        401  no key, or none that is good
-├── ForbiddenError           403  the key is not for this
-├── ForeignCameraError       403  a camera that the operator has not allowed
-├── ForeignOriginError       403  a web page of another site asks a service without keys
-├── StoredQuotaError         403  the key's jobs take up all the space that it may use
-├── UnknownJobError          404  no such job
-├── UnknownResultError       404  no such result of a job
-├── UnknownCameraError       404  no such camera
-├── CameraHeldError          409  a job has the camera, or waits for it
-├── NotReadyError            409  the job has no results yet
-│   └── EndedError           409  and it never will: it has ended
-├── SlowRequestError         408  the rest of the request does not come
-├── UnknownUploadError       404  no such upload
-├── OffsetError              409  an upload does not go on there
-├── UnfinishedUploadError    409  an upload that a job names has not come whole
-├── ExpiredUploadError       410  an upload was not gone on with in time
-├── TusVersionError          412  a tus client of another version
-├── GoneError                410  the job's files are removed
-├── UploadTooLargeError      413  more bytes than the limit
-├── UnsupportedMediaError    415  neither multipart nor JSON
-├── RangeError               416  the range lies outside the file
-├── ForeignHostError         421  a Host that a service on loopback does not answer to
-├── IdempotencyError         422  an Idempotency-Key used again for something else
-├── QueueFullError           429  too many jobs wait
-├── QuotaError               429  the key has as many jobs as it may
-├── BusyError                503  too many requests at a time
-├── ChecksumError            460  the bytes of an upload are not those that were sent
-├── UnreadyError             503  the service lacks what it needs to work
-├── StorageFullError         507  too little space is left for another job
-├── StartError               ---  the service cannot start with its settings
-└── AttemptError             500  what a job's process can die of
+├── MalformedRequestError    the request is not one we understand
+├── UnauthorizedError        no key, or none that is good
+├── ForbiddenError           the key is not for this
+├── ForeignCameraError       a camera that the operator has not allowed
+├── ForeignOriginError       a web page of another site asks a service without keys
+├── StoredQuotaError         the key's jobs take up all the space that it may use
+├── UnknownJobError          no such job
+├── UnknownResultError       no such result of a job
+├── UnknownCameraError       no such camera
+├── CameraHeldError          a job has the camera, or waits for it
+├── NotReadyError            the job has no results yet
+│   └── EndedError           and it never will: it has ended
+├── SlowRequestError         the rest of the request does not come
+├── UnknownUploadError       no such upload
+├── OffsetError              an upload does not go on there
+├── UnfinishedUploadError    an upload that a job names has not come whole
+├── ExpiredUploadError       an upload was not gone on with in time
+├── TusVersionError          a tus client of another version
+├── GoneError                the job's files are removed
+├── UploadTooLargeError      more bytes than the limit
+├── UnsupportedMediaError    neither multipart nor JSON
+├── RangeError               the range lies outside the file
+├── ForeignHostError         a Host that a service on loopback does not answer to
+├── IdempotencyError         an Idempotency-Key used again for something else
+├── QueueFullError           too many jobs wait
+├── QuotaError               the key has as many jobs as it may
+├── BusyError                too many requests at a time
+├── ChecksumError            the bytes of an upload are not those that were sent
+├── UnreadyError             the service lacks what it needs to work
+├── StorageFullError         too little space is left for another job
+├── StartError               the service cannot start with its settings
+└── AttemptError             what a job's process can die of
     ├── CrashError           it crashed
     ├── MemoryLimitError     it needed more memory than the limit
     │   └── KilledError      the system killed it, most likely for want of memory
@@ -41,7 +41,7 @@ ServiceError
     ├── OutputLimitError     it wrote more than the limit
     ├── DeadlineError        the job had not ended by its deadline
     ├── AbandonedError       several attempts were cut short
-    └── LayersGoneError      410  the layers that it was to mix have been deleted
+    └── LayersGoneError      the layers that it was to mix have been deleted
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ def test_iso_amplifies(iso: float) -> None:
 
 @pytest.mark.parametrize("level", [0.0, 0.05, 0.5])
 def test_noise_has_the_variance_of_electrons_and_amplifier(level: float) -> None:
-    """40,000 electrons at white and 3 electrons of readout, as docs/decisions/0003 says."""
+    """40,000 electrons at white, 3 of readout: docs/decisions/0003-simulated-camera.md."""
     gain = (WHITE - BLACK) / 40_000
     numbers = digitise(flat(level), 100, np.random.default_rng(7)).astype(float)
     variance = (level * 40_000 + 3.0**2) * gain**2 + 1 / 12  # and rounding
