@@ -3,32 +3,19 @@
 from drivers.camera import (
     Camera,
     CameraInfo,
-    CameraObject,
-    Event,
-    EventKind,
-    Setting,
     SettingName,
     SettingValue,
 )
 from drivers.capture import CAPTURE_STAGES, capture_pair, check_settings
 from drivers.errors import (
     BadAddressError,
-    CameraBusyError,
     CameraDisconnectedError,
     CameraNotFoundError,
     CameraTimeoutError,
     CaptureError,
     DriverError,
-    FlashError,
-    FocusError,
-    NoFlashError,
-    PairVerificationError,
-    ProtocolError,
     SettingError,
-    StoreFullError,
-    TransferError,
 )
-from drivers.exif import ExposureFacts
 from drivers.flash import ExternalFlash, Flash, OperatorFlash, PropertyFlash, check_flash_order
 from drivers.pair import CapturedPair
 from drivers.registry import (
@@ -43,42 +30,27 @@ from drivers.registry import (
 )
 from drivers.returning import ReturningCamera
 from drivers.shot import Shot
-from drivers.truth import SimulatedTruth
 
 __all__ = [
     "CAPTURE_STAGES",
     "BadAddressError",
     "Camera",
-    "CameraBusyError",
     "CameraDisconnectedError",
     "CameraInfo",
     "CameraNotFoundError",
-    "CameraObject",
     "CameraTimeoutError",
     "CaptureError",
     "CapturedPair",
     "DriverError",
-    "Event",
-    "EventKind",
-    "ExposureFacts",
     "ExternalFlash",
     "Flash",
-    "FlashError",
-    "FocusError",
-    "NoFlashError",
     "OperatorFlash",
-    "PairVerificationError",
     "PropertyFlash",
-    "ProtocolError",
     "ReturningCamera",
-    "Setting",
     "SettingError",
     "SettingName",
     "SettingValue",
     "Shot",
-    "SimulatedTruth",
-    "StoreFullError",
-    "TransferError",
     "announce_simulated",
     "canonical_address",
     "capture_pair",

@@ -19,6 +19,7 @@ from typing import Any, get_args
 
 import drivers
 from drivers.capture import capture_pair
+from drivers.errors import CameraBusyError
 from drivers.ptp import usb
 from drivers.ptp.camera import PtpCamera, open_awake
 from drivers.ptp.containers import Container
@@ -234,7 +235,7 @@ def mutate_initiators(count: int, seed: int) -> None:
             with drivers.open_camera(f"ptp+ip://{served.address}") as camera:
                 assert camera.objects() == {1}
             break
-        except drivers.CameraBusyError:
+        except CameraBusyError:
             if time.monotonic() > deadline:
                 raise
     served.close()

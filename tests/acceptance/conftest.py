@@ -26,7 +26,8 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
-from drivers import CapturedPair, SimulatedTruth, capture_pair, open_camera, simulated_truth
+from drivers import CapturedPair, capture_pair, open_camera, simulated_truth
+from drivers.truth import SimulatedTruth
 from tests.acceptance.forks import Forks
 
 COMMAND = Path(sys.executable).parent / "lightlayers"

@@ -1,11 +1,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 import drivers
-from tests.bench.tasks import start, two_at_once
+from service import sandbox
+from tests.bench import tasks
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +22,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 def test_every_figure_of_a_start_is_measured(files: tuple[Path, Path]) -> None:
-    found = start(files, tasks=3)
+    found = tasks.start(files, tasks=3)
 
     assert set(found) == {
         "first_byte_s",
@@ -33,8 +35,15 @@ def test_every_figure_of_a_start_is_measured(files: tuple[Path, Path]) -> None:
     assert found["bare_cpu_s"] > 0
 
 
-def test_two_separations_run_to_their_ends(files: tuple[Path, Path]) -> None:
-    found = two_at_once(files, {"lights": 2})
+def test_two_at_once_are_compared_with_one_after_the_other(
+    files: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One after the other takes 10 s and 8 s of CPU, both at once 6 s and 12 s."""
+    moments, used, ran = iter([0.0, 10.0, 20.0, 26.0]), iter([1.0, 9.0, 20.0, 32.0]), []
+    monkeypatch.setattr(tasks, "time", SimpleNamespace(monotonic=lambda: next(moments)))
+    monkeypatch.setattr(tasks, "_cpu_of_ended", lambda: next(used))
+    monkeypatch.setattr(sandbox, "fork_server", lambda _count: SimpleNamespace(close=lambda: None))
+    monkeypatch.setattr(sandbox, "run", lambda task, *_: ran.append(task.kind))
 
-    assert found["speedup"] > 0
-    assert found["cpu_ratio"] > 0
+    assert tasks.two_at_once(files, {"lights": 2}) == {"speedup": 10 / 6, "cpu_ratio": 1.5}
+    assert ran == 2 * ["check", "separate", "separate"]

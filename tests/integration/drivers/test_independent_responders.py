@@ -15,7 +15,9 @@ import pytest
 from PIL import Image
 
 import drivers
+from drivers.camera import CameraObject, Event, EventKind
 from drivers.clock import SystemClock
+from drivers.errors import ProtocolError
 from drivers.ptp import usb
 from drivers.ptp.camera import PtpCamera
 from drivers.shot import fetch
@@ -49,7 +51,7 @@ def responder(tmp_path: Path, lacking: Callable[[str], None]) -> Iterator[PtpCam
     bus.stop()
 
 
-def files(camera: PtpCamera) -> list[drivers.CameraObject]:
+def files(camera: PtpCamera) -> list[CameraObject]:
     described = [camera.describe(handle) for handle in sorted(camera.objects())]
     return [item for item in described if item.kind != "folder"]
 
@@ -84,11 +86,11 @@ def test_the_virtual_camera_tells_of_what_it_photographs(
 ) -> None:
     before = {item.handle for item in files(virtual)}
     virtual.trigger()
-    told = list[drivers.Event]()
+    told = list[Event]()
     while len(told) < 2:  # of a new folder and of the photograph
         told += virtual.events(timeout_s=10)
     (new,) = [item for item in files(virtual) if item.handle not in before]
-    assert drivers.Event(drivers.EventKind.OBJECT_ADDED, new.handle) in told
+    assert Event(EventKind.OBJECT_ADDED, new.handle) in told
     assert fetch(virtual, new) == (tmp_path / "GPH_0001.JPG").read_bytes()
 
 
@@ -111,14 +113,14 @@ def test_the_responder_tells_of_new_files_and_deletes_them(
     (tmp_path / "card" / "DSC_0003.JPG").write_bytes(b"new")
     told = responder.events(timeout_s=10)
     (new,) = responder.objects() - before
-    assert drivers.Event(drivers.EventKind.OBJECT_ADDED, new) in told
+    assert Event(EventKind.OBJECT_ADDED, new) in told
     responder.delete(new)
     assert responder.objects() == before
     assert not (tmp_path / "card" / "DSC_0003.JPG").exists()
 
 
 def test_what_the_responder_cannot_do_is_an_error(responder: PtpCamera) -> None:
-    with pytest.raises(drivers.ProtocolError, match="INITIATE_CAPTURE with the response 0x2005"):
+    with pytest.raises(ProtocolError, match="INITIATE_CAPTURE with the response 0x2005"):
         responder.trigger()
     with pytest.raises(drivers.DriverError):
         responder.describe(999)

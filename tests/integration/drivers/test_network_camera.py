@@ -9,6 +9,7 @@ import pytest
 
 import drivers
 from drivers.clock import SystemClock
+from drivers.errors import CameraBusyError, FocusError, ProtocolError, StoreFullError, TransferError
 from drivers.ptp.camera import PtpCamera
 from drivers.ptp.ip import IpTransport
 
@@ -59,13 +60,13 @@ def test_passing_faults_are_got_over(camera: Any, fault: str) -> None:
 @pytest.mark.parametrize(
     ("fault", "error", "sentence"),
     [
-        ("focus", drivers.FocusError, "focus by hand"),
-        ("store_full", drivers.StoreFullError, "make room on it"),
-        ("garbled", drivers.ProtocolError, "switch the camera off and on"),
-        ("hostile", drivers.ProtocolError, "ends too early"),
+        ("focus", FocusError, "focus by hand"),
+        ("store_full", StoreFullError, "make room on it"),
+        ("garbled", ProtocolError, "switch the camera off and on"),
+        ("hostile", ProtocolError, "ends too early"),
         ("unplug", drivers.CameraDisconnectedError, "connect it again"),
-        ("truncated", drivers.TransferError, "bytes where"),
-        ("huge_size", drivers.TransferError, "4294967295 bytes"),
+        ("truncated", TransferError, "bytes where"),
+        ("huge_size", TransferError, "4294967295 bytes"),
         ("flash_locked", drivers.SettingError, "on the camera alone"),
     ],
 )
@@ -82,7 +83,7 @@ def test_after_a_lasting_fault_the_next_capture_works(
 def test_a_second_client_is_told_that_the_camera_is_in_use(camera: Any) -> None:
     wait_for(camera, "fault none")
     with drivers.open_camera(camera.address) as first:
-        with pytest.raises(drivers.CameraBusyError, match="in use by another program"):
+        with pytest.raises(CameraBusyError, match="in use by another program"):
             drivers.open_camera(camera.address)
         assert first.objects()
     assert drivers.open_camera(camera.address).close() is None

@@ -4,6 +4,15 @@ import pytest
 
 import drivers
 from drivers.clock import Clock
+from drivers.errors import (
+    CameraBusyError,
+    FocusError,
+    NoFlashError,
+    PairVerificationError,
+    ProtocolError,
+    StoreFullError,
+    TransferError,
+)
 from drivers.sim.backend import open_camera
 
 SMALL = "sim://studio?width=64&height=64"
@@ -57,20 +66,20 @@ def test_passing_faults_change_nothing_in_the_pair(clock: Clock, fault: str, cab
 @pytest.mark.parametrize(
     ("fault", "error", "sentence"),
     [
-        ("busy", drivers.CameraBusyError, "wait until it is idle"),
-        ("focus", drivers.FocusError, "focus by hand"),
-        ("store_full", drivers.StoreFullError, "make room on it"),
+        ("busy", CameraBusyError, "wait until it is idle"),
+        ("focus", FocusError, "focus by hand"),
+        ("store_full", StoreFullError, "make room on it"),
         ("no_photograph", drivers.CaptureError, "no photograph reached its card"),
         ("silent", drivers.CameraTimeoutError, "no answer for 10 s"),
-        ("garbled", drivers.ProtocolError, "switch the camera off and on"),
+        ("garbled", ProtocolError, "switch the camera off and on"),
         ("unplug", drivers.CameraDisconnectedError, r"(connect|plug) it (in )?again"),
-        ("hostile", drivers.ProtocolError, "ends too early"),
-        ("huge_size", drivers.TransferError, "4294967295 bytes"),
-        ("truncated", drivers.TransferError, "sent 0 bytes where"),
-        ("flash_dead", drivers.NoFlashError, "The flash did not fire"),
-        ("flash_always", drivers.PairVerificationError, "flash fired in the photograph"),
+        ("hostile", ProtocolError, "ends too early"),
+        ("huge_size", TransferError, "4294967295 bytes"),
+        ("truncated", TransferError, "sent 0 bytes where"),
+        ("flash_dead", NoFlashError, "The flash did not fire"),
+        ("flash_always", PairVerificationError, "flash fired in the photograph"),
         ("flash_locked", drivers.SettingError, "can be set on the camera alone"),
-        ("auto_exposure", drivers.PairVerificationError, "differ in exposure time"),
+        ("auto_exposure", PairVerificationError, "differ in exposure time"),
     ],
 )
 def test_lasting_faults_end_in_an_error_that_says_what_to_do(

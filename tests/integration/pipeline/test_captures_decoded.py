@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers import CapturedPair, SimulatedTruth, capture_pair, open_camera, simulated_truth
+from drivers import CapturedPair, capture_pair, open_camera, simulated_truth
+from drivers.truth import SimulatedTruth
 from pipeline.decode import decode, raw
 from pipeline.frames import Frame
 from pipeline.spectra.cameras import find_camera

@@ -317,11 +317,21 @@ def test_no_pixel_of_approach_2_gets_far_brighter_than_the_photograph(
     assert peak.max() <= 4.001
 
 
-def test_published_approach_2_stays_finite(lit: Lit, model: Model, warm_to_cool: Array) -> None:
+def test_published_approach_2_takes_a_flash_of_one_channel_for_what_it_is(
+    lit: Lit, model: Model, warm_to_cool: Array
+) -> None:
+    """‖β‖/‖b_n‖ T_n I_f, with β from I_nf = Σ_j β_j D_j I_f, however bright that becomes."""
     strip, lamps = lit(warm_to_cool[[0, 2]])
-    strip.flash[...] = np.array([0.4, 1e-6, 1e-6])
+    flash = np.array([0.4, 1e-6, 1e-6])
+    strip.flash[...] = flash
+    columns = np.stack([model.tensor[:, :, j] @ flash for j in range(3)], axis=1)
+    beta = strip.no_flash.astype(np.float64) @ np.linalg.inv(columns).T
+    strength = np.linalg.norm(beta, axis=2) / np.linalg.norm(model.neutral)
+    neutral = np.maximum(model.lamp_matrix(model.neutral) @ flash, 0)
 
-    assert np.isfinite(approach_2(strip, lamps, model, "paper")).all()
+    found = approach_2(strip, lamps, model, "paper")
+
+    np.testing.assert_allclose(found, strength[..., None] * neutral, rtol=1e-3, atol=1e-6)
 
 
 @pytest.mark.parametrize("approach", [approach_1, approach_2])

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 import drivers
+from drivers.errors import FlashError
 from service import camera_tasks
 
 Answer = Callable[[dict[str, Any]], bool]
@@ -145,7 +146,7 @@ def test_a_person_is_asked_for_the_flash(capture: Callable[..., _Process], camer
 def test_a_person_who_does_nothing_ends_the_capture(
     capture: Callable[..., _Process], camera: Any
 ) -> None:
-    with pytest.raises(drivers.FlashError, match="Nobody confirmed that the flash is off"):
+    with pytest.raises(FlashError, match="Nobody confirmed that the flash is off"):
         capture(lambda _question: False, flash="operator", operator_seconds=7.0)
     assert _on_card(camera) == 0
 

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import drivers
+from drivers.errors import ProtocolError
 from drivers.ptp import usb as driver
 from drivers.ptp.camera import PtpCamera
 from pipeline.errors import UnreadableImageError
@@ -169,7 +170,7 @@ def test_a_strange_answer_of_the_camera_is_waited_out(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    info, errors = PtpCamera.info, [drivers.ProtocolError("Strange")] * 2
+    info, errors = PtpCamera.info, [ProtocolError("Strange")] * 2
 
     def strange(camera: PtpCamera) -> drivers.CameraInfo:
         if errors:
@@ -179,7 +180,7 @@ def test_a_strange_answer_of_the_camera_is_waited_out(
     monkeypatch.setattr(PtpCamera, "info", strange)
     assert tether("--interval", "0", "--pairs", "1", "--json") == 0
     assert [event["detail"] for event in told(capsys) if event["event"] == "camera"] == [
-        f"{drivers.ProtocolError('Strange')} It is waited for.",
+        f"{ProtocolError('Strange')} It is waited for.",
         "The camera is there.",
     ]
     assert len(jobs_of(http)) == 1

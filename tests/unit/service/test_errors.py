@@ -6,6 +6,7 @@ import sqlalchemy as sa
 from obstore import exceptions as obstore_errors
 
 import drivers
+from drivers.errors import FocusError
 from pipeline import errors as pipeline_errors
 from service import errors
 from service.errors import KINDS, kind_of, problem_of
@@ -77,7 +78,7 @@ def test_names_of_kinds_are_the_contract() -> None:
     [
         (pipeline_errors.UnreadableImageError("x"), "unreadable-image"),
         (pipeline_errors.InputError("x"), "invalid-input"),
-        (drivers.FocusError("x"), "camera-failed"),
+        (FocusError("x"), "camera-failed"),
         (drivers.BadAddressError("x"), "bad-camera-address"),
         (drivers.CameraNotFoundError("x"), "camera-not-found"),
         (errors.CrashError("x"), "crashed"),
