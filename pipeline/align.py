@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pipeline.area_means import area_means, size_within
 from pipeline.frames import Image, Mask, Photograph
 from pipeline.memory import empty_image
-from pipeline.order import ENOUGH, quantile
+from pipeline.quantiles import ENOUGH, quantile
 from pipeline.refine import (
     HOMOGRAPHY,
     SHIFT,

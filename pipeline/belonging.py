@@ -11,8 +11,8 @@ from pipeline.colour.curves import linear_to_srgb
 from pipeline.errors import PairMismatchError, UnusablePairError
 from pipeline.frames import Frame, Image, Mask, Photograph
 from pipeline.noise import Noise
-from pipeline.order import quantile
 from pipeline.progress import STRIP_ROWS
+from pipeline.quantiles import quantile
 
 _BLACK = 2e-4  # of the white level; an 8-bit sRGB code of 1 is 3e-4
 _MIN_USABLE = 0.02

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pipeline.area_means import area_means
 from pipeline.frames import Image, Photograph
 from pipeline.noise import GRAIN_SCALES, Noise, line_through
-from pipeline.order import quantile
+from pipeline.quantiles import quantile
 from pipeline.second_differences import (
     BLOCK,
     block_squares,

@@ -14,9 +14,9 @@ from pipeline.align import Alignment, edges
 from pipeline.area_means import area_means, size_within
 from pipeline.frames import Image, Mask, Photograph
 from pipeline.memory import empty_image
-from pipeline.order import quantile
 from pipeline.progress import STRIP_ROWS
 from pipeline.push_pull import push_pull
+from pipeline.quantiles import quantile
 from pipeline.refine import log_detail
 
 Array = NDArray[np.float32]

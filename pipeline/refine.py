@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.frames import Image
 from pipeline.lucas_kanade import add_products, equations, sampled
-from pipeline.order import ENOUGH, quantile
+from pipeline.quantiles import ENOUGH, quantile
 
 Pyramid = list[Image]
 """Steps of a photograph, the largest first, each next one half as large."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pipeline.frames import Matrix, Photograph
-from pipeline.order import quantile
+from pipeline.quantiles import quantile
 
 _MOST = 8.0
 _WHITE = 0.995  # quantile of a picture's brightest channel that becomes white

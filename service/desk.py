@@ -11,7 +11,7 @@ from typing import Any
 import sqlalchemy as sa
 
 from service import jobs, steering
-from service.engine import Queue
+from service.dbos_queue import Queue
 from service.errors import NotReadyError, QuotaError, StoredQuotaError, UnknownJobError
 from service.object_keys import job_key
 from service.opening import open_database, open_storage

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import sqlalchemy as sa
 from obstore.exceptions import BaseError
 
-from service import database, engine, migrations
+from service import database, dbos_queue, migrations
 from service.errors import StartError
 from service.settings import Settings
 from service.storage import Storage
@@ -55,7 +55,7 @@ def migrate_database(settings: Settings) -> tuple[str | None, str]:
 
 
 def _migrate(connected: sa.Engine) -> tuple[str | None, str]:
-    engine.migrate(connected)
+    dbos_queue.migrate(connected)
     return migrations.upgrade(connected)
 
 

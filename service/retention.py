@@ -9,7 +9,7 @@ import time
 import sqlalchemy as sa
 
 from service import cameras, jobs, uploads
-from service.engine import Queue
+from service.dbos_queue import Queue
 from service.object_keys import JOBS, job_key
 from service.settings import Settings
 from service.storage import Storage

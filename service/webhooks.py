@@ -23,7 +23,7 @@ from standardwebhooks import Webhook
 from service import deliveries, jobs
 from service.addresses import parse_networks
 from service.database import AWAY
-from service.engine import Queue
+from service.dbos_queue import Queue
 from service.outgoing import Answer, UnansweredError, post
 from service.settings import Settings
 

@@ -20,7 +20,7 @@ import sqlalchemy as sa
 from service import (
     cameras,
     database,
-    engine,
+    dbos_queue,
     heartbeats,
     jobs,
     logs,
@@ -32,7 +32,7 @@ from service import (
     webhooks,
 )
 from service.attempt import Attempt
-from service.engine import Held
+from service.dbos_queue import Held
 from service.errors import AbandonedError, DeadlineError, StartError, problem_of
 from service.opening import cause_of, open_database, open_storage
 from service.patience import passes
@@ -60,7 +60,7 @@ class Worker:
         self._settings = settings
         self._engine = open_database(settings)
         self._storage = open_storage(settings)
-        self._queue = engine.Queue(self._engine)
+        self._queue = dbos_queue.Queue(self._engine)
         self._teller = webhooks.Teller(self._engine, self._queue, settings)
         self._sweeping = Sweep(self._engine, self._storage, self._queue, settings)
         self._keep_seconds = settings.retention_seconds
@@ -83,7 +83,7 @@ class Worker:
         scratch.clear(self._settings.data_dir)
         presence.enter(self._settings.data_dir, self.id)
         self._enter()
-        engine.launch(
+        dbos_queue.launch(
             self._engine,
             self.id,
             lambda job_id: self.run(job_id),
@@ -172,12 +172,12 @@ class Worker:
 
         The rest of the job waits in the queue of jobs then, and the camera is free.
         """
-        queued = engine.capture_id(job_id)
+        queued = dbos_queue.capture_id(job_id)
         self._alone(queued, lambda: self._run(job_id, cameras.claim, self._is_passed_on))
 
     def tell(self, job_id: str, number: int) -> None:
         """Tell a job's webhook for the `number`th time. Returns only when it is written."""
-        queued = engine.telling_id(job_id, number)
+        queued = dbos_queue.telling_id(job_id, number)
         self._alone(queued, lambda: self._teller.tell(job_id, number))
 
     def sweep(self, queued: str, thorough: bool) -> None:

@@ -17,7 +17,7 @@ from fastapi import Depends, Request
 from service import sandbox, scratch
 from service.api.looking import Looking
 from service.api.watching import Watching
-from service.engine import Queue
+from service.dbos_queue import Queue
 from service.forkserver import ForkServer
 from service.opening import open_database, open_storage
 from service.settings import Settings

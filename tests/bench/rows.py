@@ -20,8 +20,8 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from service import database, engine, jobs, migrations
-from service.engine import Queue
+from service import database, dbos_queue, jobs, migrations
+from service.dbos_queue import Queue
 
 _SMALL, _LARGE = 1_000, 1_000_000
 _WAITING = 500
@@ -40,7 +40,7 @@ class Rows:
 
     def __init__(self, url: str, count: int) -> None:
         self.engine = database.connect(url)
-        engine.migrate(self.engine)
+        dbos_queue.migrate(self.engine)
         migrations.upgrade(self.engine)
         self.queue = Queue(self.engine)
         self._fill(count - _WAITING)

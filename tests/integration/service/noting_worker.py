@@ -10,7 +10,7 @@ import os
 import sys
 import threading
 
-from service import database, engine
+from service import database, dbos_queue
 
 
 def main(url: str, name: str) -> None:
@@ -21,8 +21,8 @@ def main(url: str, name: str) -> None:
         go.wait()
 
     connected = database.connect(url)
-    queue = engine.Queue(connected)
-    engine.launch(
+    queue = dbos_queue.Queue(connected)
+    dbos_queue.launch(
         connected, name, run, run, lambda *_telling: None, 1, 0.05, lambda *_sweep: None, 60
     )
     for line in sys.stdin:

@@ -12,7 +12,7 @@ import sqlalchemy as sa
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 
-from service import database, engine, jobs, migrations
+from service import database, dbos_queue, jobs, migrations
 from service.cli import run
 from service.states import State
 
@@ -114,9 +114,9 @@ def test_what_the_older_program_writes_meanwhile_is_complete(empty: sa.Engine) -
 
 
 def test_jobs_of_the_first_version_go_forward(empty: sa.Engine) -> None:
-    engine.migrate(empty)
+    dbos_queue.migrate(empty)
     _make_first(empty)
-    queue = engine.Queue(empty)
+    queue = dbos_queue.Queue(empty)
     with empty.begin() as connection:
         _add_old_jobs(connection)
         queue.submit(connection, "queued", 1)

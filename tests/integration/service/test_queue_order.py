@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import sqlalchemy as sa
 
-from service import database, engine
+from service import database, dbos_queue
 
 Start = Callable[[str], subprocess.Popen[str]]
 
@@ -65,8 +65,8 @@ def _said(worker: subprocess.Popen[str]) -> str:
 
 def test_low_ranks_go_first_also_after_a_takeover(url: str, start: Start) -> None:
     connected = database.connect(url)
-    engine.migrate(connected)
-    queue = engine.Queue(connected)
+    dbos_queue.migrate(connected)
+    queue = dbos_queue.Queue(connected)
 
     def submit(job_id: str, rank: int) -> None:
         with connected.begin() as connection:
@@ -92,8 +92,8 @@ def test_low_ranks_go_first_also_after_a_takeover(url: str, start: Start) -> Non
 
 def test_what_is_done_is_forgotten_and_what_waits_is_not(url: str, start: Start) -> None:
     connected = database.connect(url)
-    engine.migrate(connected)
-    queue = engine.Queue(connected)
+    dbos_queue.migrate(connected)
+    queue = dbos_queue.Queue(connected)
     with connected.begin() as connection:
         for number in range(3):
             queue.submit(connection, f"done {number}", 1)

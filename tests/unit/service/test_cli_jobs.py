@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
-from service import cameras, database, engine, jobs
+from service import cameras, database, dbos_queue, jobs
 from service.api.context import Context
 from service.cli import run
 from service.frames import FRAMES
@@ -246,8 +246,8 @@ def test_a_capture_that_failed_waits_for_its_camera_again(
     with context.engine.connect() as connection:
         assert cameras.count_waiting(connection, camera) == 1
         queue = sa.text("SELECT queue_name FROM workflow_status WHERE workflow_uuid = :id")
-        found = connection.execute(queue, {"id": engine.capture_id(new_id)}).scalar()
-    assert found == engine.CAPTURES
+        found = connection.execute(queue, {"id": dbos_queue.capture_id(new_id)}).scalar()
+    assert found == dbos_queue.CAPTURES
 
 
 def test_jobs_are_looked_at_and_stopped_while_the_store_is_away(

@@ -18,7 +18,7 @@ from obstore.exceptions import GenericError
 from service import cameras, database, heartbeats, jobs, presence, worker
 from service.attempt import Attempt
 from service.database import AWAY
-from service.engine import Held
+from service.dbos_queue import Held
 from service.errors import StartError
 from service.frames import FRAMES
 from service.object_keys import describe_inputs

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.order import quantile
+from pipeline.quantiles import quantile
 
 
 @pytest.mark.parametrize("share", [0.0, 0.25, 0.5, 0.85, 0.99, 1.0])
