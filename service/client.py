@@ -94,7 +94,7 @@ class Client:
         self._json("GET", "/readyz")
 
     def submit_pair(self, no_flash: bytes, flash: bytes, options: Options) -> Job:
-        """Send two photographs, for some minutes again while the service is away or busy; the job."""
+        """Send two photographs, for some minutes again while the service is away or busy."""
         self._json("GET", "/healthz")  # a wrong address is told at once
         return _patiently(
             partial(

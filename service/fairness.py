@@ -24,7 +24,8 @@ def next_rank(
     """Rank of the next job of a flow, 1…MAX_RANK; jobs go in the order of their ranks.
 
     That is its cost after the job that was begun last, or after the last one of its flow that
-    waits for the same, the workers or a camera. Of jobs that come at once, two may get the same rank: they go in the order they came.
+    waits for the same, the workers or a camera. Of jobs that come at once, two may get the same
+    rank: they go in the order they came.
     camera: the one that the job waits for first; what other cameras do, nobody else waits for.
     """
     clock = _clock(connection, None)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlalchemy as sa
 
 from service import jobs
-from service.engine import Queue
+from service.dbos_queue import Queue
 from service.errors import EndedError, NotReadyError
 from service.settings import Settings
 from service.states import State

@@ -120,9 +120,9 @@ def accept(
 
     An idempotency_key that made a job already gives that job; of requests that come at once, one
     makes it. Raises ForbiddenError when the key is not for it, OptionError and
-    UnfinishedUploadError for uploads that cannot be used, what complete raises, TaskError or UnreadableImageError when
-    the headers of the pair cannot be, UnreadyError when they were not read for want of time or
-    memory, and what refuse_when_full, replay and commit raise.
+    UnfinishedUploadError for uploads that cannot be used, what complete raises, TaskError or
+    UnreadableImageError when the headers of the pair cannot be, UnreadyError when they were not
+    read for want of time or memory, and what refuse_when_full, replay and commit raise.
     """
     caller.need(Scope.SUBMIT)
     refuse_when_full(context, caller, idempotency_key)  # an upload may have taken long

@@ -232,7 +232,10 @@ def test_as_many_lamps_are_pinned_as_a_calibration_has(
     finish(lamps, {FILES["lamps"]: json.dumps({"lights": lights}).encode()})
     answer = post("/jobs", {"light_directions": {"calibration": lamps}, "pinned_lamps": pinned})
     if words is None:
-        assert (answer.status_code, len(answer.json()["options"]["light_directions"])) == (202, found)
+        assert (answer.status_code, len(answer.json()["options"]["light_directions"])) == (
+            202,
+            found,
+        )
     else:
         assert problem_of(answer)[:2] == (422, "invalid-option")
         assert words in answer.json()["detail"]

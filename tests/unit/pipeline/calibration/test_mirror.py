@@ -108,8 +108,8 @@ def _bulb_and(pair: Pair, other: tuple[slice, slice], light: float, brightest: f
     room[40:44, 40:44] = brightest
     rows, columns = (part.stop - part.start for part in other)
     room[other] = light * 16 * brightest / (rows * columns)
-    room = cv2.GaussianBlur(room, (0, 0), 0.8)
-    return replace(pair, no_flash=room, flash=room, unusable=np.zeros((128, 128), bool))
+    blurred = cv2.GaussianBlur(room, (0, 0), 0.8)
+    return replace(pair, no_flash=blurred, flash=blurred, unusable=np.zeros((128, 128), bool))
 
 
 @pytest.mark.parametrize(
