@@ -108,7 +108,7 @@ def _bulb_and(pair: Pair, other: tuple[slice, slice], light: float, brightest: f
     room[40:44, 40:44] = brightest
     rows, columns = (part.stop - part.start for part in other)
     room[other] = light * 16 * brightest / (rows * columns)
-    blurred = cv2.GaussianBlur(room, (0, 0), 0.8)
+    blurred = np.asarray(cv2.GaussianBlur(room, (0, 0), 0.8), np.float32)
     return replace(pair, no_flash=blurred, flash=blurred, unusable=np.zeros((128, 128), bool))
 
 
