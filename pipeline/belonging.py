@@ -11,8 +11,8 @@ from pipeline.colour.curves import linear_to_srgb
 from pipeline.errors import PairMismatchError, UnusablePairError
 from pipeline.frames import Frame, Image, Mask, Photograph
 from pipeline.noise import Noise
-from pipeline.progress import STRIP_ROWS
 from pipeline.quantiles import quantile
+from pipeline.strips import STRIP_ROWS, strips
 
 _BLACK = 2e-4  # of the white level; an 8-bit sRGB code of 1 is 3e-4
 _MIN_USABLE = 0.02
@@ -82,10 +82,7 @@ def check_belonging(no_flash: Frame, flash: Frame, flash_only: bool) -> None:
 
 def _equal(first: Photograph, second: Photograph) -> bool:
     """Whether all values are the same; two photographs differ in their first rows."""
-    return all(
-        np.array_equal(first[top : top + STRIP_ROWS], second[top : top + STRIP_ROWS])
-        for top in range(0, len(first), STRIP_ROWS)
-    )
+    return all(np.array_equal(first[rows], second[rows]) for rows in strips(len(first), STRIP_ROWS))
 
 
 def _camera(frame: Frame) -> tuple[str, str] | None:
@@ -135,8 +132,8 @@ def _colourless(frame: Frame) -> bool:
         return bool((apart[~saturated] <= _ALIKE[rendered]).all())
 
     return agree(_sampled(frame.pixels), _sampled(frame.saturated)) and all(
-        agree(frame.pixels[top : top + STRIP_ROWS], frame.saturated[top : top + STRIP_ROWS])
-        for top in range(0, len(frame.pixels), STRIP_ROWS)
+        agree(frame.pixels[rows], frame.saturated[rows])
+        for rows in strips(len(frame.pixels), STRIP_ROWS)
     )
 
 

@@ -14,10 +14,10 @@ from pipeline.align import Alignment, edges
 from pipeline.area_means import area_means, size_within
 from pipeline.frames import Image, Mask, Photograph
 from pipeline.memory import empty_image
-from pipeline.progress import STRIP_ROWS
 from pipeline.push_pull import push_pull
 from pipeline.quantiles import quantile
 from pipeline.refine import log_detail
+from pipeline.strips import STRIP_ROWS, strips
 
 Array = NDArray[np.float32]
 
@@ -86,8 +86,7 @@ def warp_along(
     bad = np.empty_like(saturated)
     sources = np.multiply(saturated, np.uint8(255))
     matrix = alignment.matrix.astype(np.float32)
-    for top in range(0, height, STRIP_ROWS):
-        rows = slice(top, min(top + STRIP_ROWS, height))
+    for rows in strips(height, STRIP_ROWS):
         x, y = (_rows_of(flow[..., axis], rows, (width, height)) for axis in (0, 1))
         x += np.arange(width, dtype=np.float32)
         y += np.arange(rows.start, rows.stop, dtype=np.float32)[:, None]

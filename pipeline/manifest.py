@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -20,6 +22,7 @@ from pipeline.normals import CONVENTIONS, Facing
 from pipeline.options import Options
 from pipeline.pair import Pair
 from pipeline.remarks import Remark
+from pipeline.result_names import MANIFEST
 
 _LIBRARIES = ("numpy", "opencv-python-headless", "scipy", "colour-science", "rawpy")
 
@@ -126,6 +129,12 @@ def make_manifest(
         "warnings": [warning.entry() for warning in warnings],
         "versions": versions(),
     }
+
+
+def write_manifest(directory: Path, manifest: dict[str, Any]) -> None:
+    """Write manifest.json, as UTF-8. Raises ValueError for figures that are none, OSError."""
+    text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False)
+    (directory / MANIFEST).write_text(text + "\n", encoding="utf-8")
 
 
 def versions() -> dict[str, str]:

@@ -20,10 +20,12 @@ from pipeline.encode.jpeg import JpegFile
 from pipeline.encode.tiff import TiffFile
 from pipeline.errors import InputError
 from pipeline.frames import Image, by_planes
-from pipeline.manifest import versions
+from pipeline.manifest import versions, write_manifest
 from pipeline.mix import mix_matrices, mixed
-from pipeline.mix_options import LAYERS, MANIFEST, Mix, MixRequest, read_basis
-from pipeline.progress import STRIP_ROWS, Progress
+from pipeline.mix_options import Mix, MixRequest, read_basis
+from pipeline.progress import Progress
+from pipeline.result_names import LAYERS, MANIFEST
+from pipeline.strips import STRIP_ROWS
 
 ENCODINGS = {
     "jpeg": ("jpg", "8-bit sRGB curve", "sRGB"),
@@ -83,8 +85,7 @@ def mix_results(folder: Path, wanted: MixRequest, results: Path, progress: Progr
         "warnings": [],
         "versions": versions(),
     }
-    text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False)
-    (results / MANIFEST).write_text(text + "\n", encoding="utf-8")
+    write_manifest(results, manifest)
 
 
 def format_of(target: Path) -> str:

@@ -10,10 +10,6 @@ from pipeline.colour.temperature import CCT_RANGE_K
 from pipeline.errors import InputError, OptionError
 from pipeline.options import Strict, Vector
 
-LAYERS = "layers.exr"
-MANIFEST = "manifest.json"
-"""The results that a mix is made from."""
-
 Rows = tuple[Vector, Vector, Vector]
 
 

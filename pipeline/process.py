@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from pipeline.decode import check_header, decode
 from pipeline.errors import UnusablePairError
 from pipeline.estimate import make_estimate
 from pipeline.frames import Frame, release_photograph
-from pipeline.manifest import lamp_entries, make_manifest
+from pipeline.manifest import lamp_entries, make_manifest, write_manifest
 from pipeline.memory import release_rows, trim_memory
 from pipeline.mix import mix_basis
 from pipeline.model import Model, build_model
@@ -21,10 +20,11 @@ from pipeline.options import Options
 from pipeline.outputs import Outputs, check_outputs, wanted_outputs
 from pipeline.pair import make_pair
 from pipeline.pictures import overview, render
-from pipeline.progress import STRIP_ROWS, Progress
+from pipeline.progress import Progress
 from pipeline.reduced import reduce_pair
 from pipeline.spectra.cameras import Camera, find_camera, srgb_stand_in
 from pipeline.spectra.lights import find_light
+from pipeline.strips import STRIP_ROWS
 from pipeline.tally import Tally
 from pipeline.whose_colours import camera_doubts, camera_warnings, likely_camera, undeclared
 
@@ -126,9 +126,8 @@ def separate_files(
         used,
         warnings,
     )
-    text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False)
     progress.report("encode", 1.0)  # before the manifest, which only a finished run has
-    (directory / "manifest.json").write_text(text + "\n", encoding="utf-8")
+    write_manifest(directory, manifest)
     return manifest
 
 

@@ -1,19 +1,17 @@
-"""Progress, cancellation and strips: how a long run stays watchable and small."""
+"""Progress and cancellation: how a long run stays watchable."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
 from pipeline.errors import Canceled
+from pipeline.strips import strips
 
 STAGES = ("decode", "align", "lamps", "layers", "encode")
 """The stages of a separation, in order. A calibration has decode, align and calibrate."""
 
 Tick = Callable[[], None]
 """Tells that a part of some work begins. Raises Canceled."""
-
-STRIP_ROWS = 32
-"""Rows worked on at a time, so that peak memory is the images and one strip."""
 
 
 class Progress:
@@ -52,7 +50,7 @@ class Progress:
         self, stage: str, height: int, rows: int, start: float = 0.0, end: float = 1.0
     ) -> Iterator[slice]:
         """Row slices that cover 0…height, with a report from start to end of the stage."""
-        for top in range(0, height, rows):
-            self.report(stage, start + (end - start) * top / height)
-            yield slice(top, min(top + rows, height))
+        for strip in strips(height, rows):
+            self.report(stage, start + (end - start) * strip.start / height)
+            yield strip
         self.report(stage, end)

@@ -14,7 +14,7 @@ from pipeline.pair import Pair
 from pipeline.placing import place_flash, placement
 from pipeline.registration import SOFTENED_HALO, registration_variance, softened
 from pipeline.sigma_filter import ROUNDS, sigma_filter
-from pipeline.strips import widened
+from pipeline.strips import strips, widened
 
 _LONGER_SIDE = 512
 _BLOCK_ROWS = 16  # worked on at a time
@@ -109,10 +109,9 @@ def _means_of_open(
     width, height = size
     share = np.empty((height, width), np.float32)
     no_flash, flash = np.empty((2, height, width, 3), np.float32)
-    for top in range(0, height, _BLOCK_ROWS):
-        blocks = slice(top, min(top + _BLOCK_ROWS, height))
-        some = (width, blocks.stop - top)
-        rows, columns = slice(top * block, blocks.stop * block), slice(width * block)
+    for blocks in strips(height, _BLOCK_ROWS):
+        some = (width, blocks.stop - blocks.start)
+        rows, columns = slice(blocks.start * block, blocks.stop * block), slice(width * block)
         open_ = (~pair.unusable[rows, columns]).astype(np.float32)
         share[blocks] = _means(open_, some)
         for picture, means in ((pair.no_flash, no_flash), (pair.flash, flash)):

@@ -17,7 +17,7 @@ from obstore.exceptions import BaseError
 
 from drivers import CameraInfo
 from pipeline.calibration.options import FILES
-from pipeline.mix_options import LAYERS, MANIFEST
+from pipeline.result_names import LAYERS, MANIFEST
 from service import cameras, eta, jobs, kept, metrics, sandbox, scratch, tracing
 from service.database import AWAY
 from service.errors import (

@@ -18,7 +18,8 @@ import drivers
 from pipeline.compiling import CACHE
 from pipeline.options import Options
 from pipeline.process import separate_files
-from pipeline.progress import STRIP_ROWS, Progress
+from pipeline.progress import Progress
+from pipeline.strips import STRIP_ROWS
 
 _SIZE = "width=96&height=64&noise=off"
 _MOTION_PX = 3

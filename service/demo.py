@@ -28,6 +28,7 @@ from rich.table import Table
 import drivers
 from pipeline.errors import InputError
 from pipeline.options import Options
+from pipeline.result_names import MANIFEST
 from service import processes
 from service.cli.display import print_results, stage_bar
 from service.cli.folder import new_results
@@ -76,7 +77,7 @@ def run(camera: str, folder: Path) -> float:
         with stage_bar(lines=True) as report:
             job = client.wait(job, report)
         client.download(job, results)
-    manifest: dict[str, Any] = json.loads((folder / "manifest.json").read_bytes())
+    manifest: dict[str, Any] = json.loads((folder / MANIFEST).read_bytes())
     print_results(manifest, folder, as_json=False)
     truth = drivers.simulated_truth(camera)
     found = read_layers(folder / "layers.exr", len(manifest["lamps"]))

@@ -32,7 +32,7 @@ from pipeline.directions import unit_directions
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.focal import focal_length_px
 from pipeline.frames import Frame
-from pipeline.manifest import input_entry, versions
+from pipeline.manifest import input_entry, versions, write_manifest
 from pipeline.options import Circle, DirectedLight, Sensitivities, Spectrum
 from pipeline.pair import Pair, make_pair
 from pipeline.photometric_stereo.responses import floored
@@ -121,8 +121,7 @@ def calibrate_files(
         "warnings": [warning.entry() for warning in (*pair.warnings, *warnings)],
         "versions": versions(),
     }
-    text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False)
-    (directory / "manifest.json").write_text(text + "\n", encoding="utf-8")
+    write_manifest(directory, manifest)
     return manifest
 
 

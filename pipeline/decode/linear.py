@@ -15,7 +15,7 @@ from pipeline.decode.profiles import differs_from_srgb, to_linear_srgb
 from pipeline.decode.samples import Samples, UnsuitableError, upright
 from pipeline.frames import Image, Mask, Photograph
 from pipeline.memory import empty_image, releasable
-from pipeline.progress import STRIP_ROWS
+from pipeline.strips import STRIP_ROWS
 
 RAW_CLIP = 0.99
 """Share of the white level from which a sensor value counts as clipped."""

@@ -12,7 +12,7 @@ from fastapi.responses import Response, StreamingResponse
 from numpy.typing import NDArray
 
 from pipeline.errors import OptionError
-from pipeline.mix_options import LAYERS
+from pipeline.result_names import LAYERS
 from pipeline.scan_lines import ScanLines
 from service.api.callers import Calling
 from service.api.context import Parts

@@ -8,7 +8,8 @@ from fastapi import APIRouter, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
 from pipeline.errors import InputError, OptionError
-from pipeline.mix_options import LAYERS, MANIFEST, Mix, check_lamps, read_basis
+from pipeline.mix_options import Mix, check_lamps, read_basis
+from pipeline.result_names import LAYERS, MANIFEST
 from service.api import intake
 from service.api.accept import Accepted, accept, hash_of, refuse_when_full, replay
 from service.api.callers import Caller, Calling

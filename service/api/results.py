@@ -12,8 +12,8 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse, Response, StreamingResponse
 from pydantic import WithJsonSchema
 
-from pipeline.mix_options import MANIFEST
 from pipeline.remarks import Code
+from pipeline.result_names import MANIFEST
 from service import jobs
 from service.api.callers import Caller, Calling, find
 from service.api.context import Context, Parts

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from pipeline.result_names import MANIFEST
 from service.cli import calibrate, cameras, examples, jobs, keys, mix, tether
 from service.cli.options import (
     Flags,
@@ -186,7 +187,7 @@ def submit(
         except ServiceAwayError:
             print(f"The job is {job['id']}.", file=sys.stderr)  # it may end without us
             raise
-        manifest = json.loads((folder / "manifest.json").read_bytes())
+        manifest = json.loads((folder / MANIFEST).read_bytes())
     print_results(manifest, output, as_json)
 
 
@@ -199,9 +200,10 @@ def report(
 
     Pictures, lamps, warnings and figures are in it; it loads nothing.
     """
+    from service.cli.folder import REPORT
     from service.cli.report import write_report
 
-    print(write_report(folder, output or folder / "report.html"))
+    print(write_report(folder, output or folder / REPORT))
 
 
 app.command("cameras")(cameras.list_cameras)

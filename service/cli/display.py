@@ -21,6 +21,8 @@ from rich.progress import (
 from rich.table import Column, Table
 from rich.text import Text
 
+from pipeline.result_names import MANIFEST
+
 Report = Callable[[str, float], None]
 
 
@@ -62,7 +64,7 @@ def print_results(manifest: Mapping[str, Any], folder: Path, as_json: bool) -> N
         return
     console = Console(highlight=False)
     console.print(_lamps(manifest["lamps"]))
-    for file in [*manifest["files"], {"name": "manifest.json"}]:
+    for file in [*manifest["files"], {"name": MANIFEST}]:
         console.print(Text(str(folder / file["name"])), soft_wrap=True)
     for warning in manifest["warnings"]:
         console.print(Text(f"Warning: {warning['message']}"), soft_wrap=True)

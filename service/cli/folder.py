@@ -11,9 +11,11 @@ from pathlib import Path
 
 from pipeline.errors import InputError, reason_of
 from pipeline.options import OUTPUT_NAMES
+from pipeline.result_names import MANIFEST
 
-_LAST = "manifest.json"
-_REPORT = "report.html"
+REPORT = "report.html"
+"""What `report` writes beside the results, unless told otherwise."""
+
 _NUMBER = re.compile(r"(?<=lamp)[1-9](?=\.)")
 """Of a lamp, in place of the s that the name of the output has."""
 
@@ -33,8 +35,8 @@ def new_results(target: Path) -> Iterator[Path]:
         with tempfile.TemporaryDirectory(dir=target, prefix=".partial-") as name:
             folder = Path(name)
             yield folder
-            files = sorted(folder.iterdir(), key=lambda path: (path.name == _LAST, path.name))
-            earlier = _earlier_files(target) if (folder / _LAST).exists() else []
+            files = sorted(folder.iterdir(), key=lambda path: (path.name == MANIFEST, path.name))
+            earlier = _earlier_files(target) if (folder / MANIFEST).exists() else []
             _check_lost(target, {path.name for path in files} - set(earlier))
             for old in earlier:
                 (target / old).unlink(missing_ok=True)
@@ -64,15 +66,15 @@ def _check_lost(target: Path, new: set[str]) -> None:
 def _earlier_files(target: Path) -> list[str]:
     """Names of the files of an earlier run: the outputs of its manifest, and its report."""
     try:
-        manifest = json.loads((target / _LAST).read_bytes())
+        manifest = json.loads((target / MANIFEST).read_bytes())
         listed = [str(file["name"]) for file in manifest["files"]]
         ours = "lightlayers" in manifest["versions"]
     except (OSError, ValueError, KeyError, TypeError):
         return []
     if not ours:
         return []
-    names = [_LAST, *(name for name in listed if _NUMBER.sub("s", name) in OUTPUT_NAMES)]
-    return [*names, _REPORT] if _is_report(target / _REPORT) else names
+    names = [MANIFEST, *(name for name in listed if _NUMBER.sub("s", name) in OUTPUT_NAMES)]
+    return [*names, REPORT] if _is_report(target / REPORT) else names
 
 
 def _is_report(path: Path) -> bool:

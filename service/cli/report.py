@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from pipeline.errors import InputError, reason_of
+from pipeline.result_names import MANIFEST
 from service.cli.options import read_file
 
 _LONGEST_SIDE = 1400
@@ -78,7 +79,7 @@ def _template() -> str:
 
 
 def _manifest(folder: Path) -> dict[str, Any]:
-    data = read_file(folder / "manifest.json", "manifest")
+    data = read_file(folder / MANIFEST, "manifest")
     try:
         manifest = json.loads(data)
     except ValueError:

@@ -15,11 +15,11 @@ from pipeline.frames import by_planes, channels_first, planes_of, rows_by_planes
 from pipeline.lamps import Lamps
 from pipeline.matrixfit.deviations import no_deviations
 from pipeline.model import Model, build_model
-from pipeline.progress import STRIP_ROWS
 from pipeline.proportions import model_proportions, predictions
 from pipeline.separation import Strip
 from pipeline.spectra.cameras import Camera, measured_cameras
 from pipeline.spectra.lights import find_light
+from pipeline.strips import STRIP_ROWS
 from pipeline.white_balance import WhiteBalance, whites_of
 from tests.bench.usage import cpu_of
 from tests.definitions import pixels

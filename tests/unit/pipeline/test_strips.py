@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from pipeline.strips import widened
+from pipeline.strips import strips, widened
 
 
 @pytest.mark.parametrize(
@@ -21,3 +21,11 @@ def test_a_halo_goes_as_far_as_the_picture(
 ) -> None:
     assert widened(rows, halo, 100) == (wide, inner)
     assert list(range(100))[wide][inner] == list(range(100))[rows]
+
+
+@pytest.mark.parametrize(
+    ("height", "rows", "cut"),
+    [(0, 4, []), (3, 4, [(0, 3)]), (8, 4, [(0, 4), (4, 8)]), (9, 4, [(0, 4), (4, 8), (8, 9)])],
+)
+def test_strips_cover_every_row_once(height: int, rows: int, cut: list[tuple[int, int]]) -> None:
+    assert [(strip.start, strip.stop) for strip in strips(height, rows)] == cut
