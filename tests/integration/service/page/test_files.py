@@ -65,19 +65,25 @@ def test_a_file_that_breaks_off_is_told_in_words(page: Page, done: dict[str, Any
 def test_a_file_of_a_store_does_not_replace_the_page(
     page: Page, done: dict[str, Any], service: Any
 ) -> None:
-    """A store's answer is shown where its headers say inline; `download` means nothing to it."""
-    store = service.url.replace("127.0.0.1", "localhost")
+    """A store's answer is shown where its headers say inline, so the page asks for none.
+
+    No route sees what a link with `download` asks for, but one sees what the page fetches.
+    """
 
     def results(route: Route) -> None:
         if route.request.headers.get("prefer") == "no-redirect":
+            asked.append(route.request.url.rpartition("/")[2])
             route.continue_()
         else:
-            route.fulfill(status=307, headers={"location": f"{store}/page/icon.svg"})
+            route.fulfill(status=307, headers={"location": "http://store.invalid/a"})
 
+    asked: list[str] = []
     page.route("**/results/*", results)
     open_files(page, done)
+    assert "residual.png" not in asked
     with page.expect_download() as saved:
-        page.get_by_role("button", name="thumbnail.jpg").click()
-    assert saved.value.suggested_filename == "thumbnail.jpg"
-    assert Path(saved.value.path()).read_bytes() == result(service, done, "thumbnail.jpg")
+        page.get_by_role("button", name="residual.png").click()
+    assert saved.value.suggested_filename == "residual.png"
+    assert Path(saved.value.path()).read_bytes() == result(service, done, "residual.png")
+    assert "residual.png" in asked
     expect(page.locator("#mix")).to_be_visible()
