@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -32,6 +33,20 @@ def _digests(service: Any, job: Any) -> dict[str, str]:
     return {file["name"]: file["sha256"] for file in service.look(job)["files"]}
 
 
+def _freeze(service: Any, pids: list[int]) -> bool:
+    """Freeze processes, unless one is writing: SQLite would stay locked for all others, too."""
+    for pid in pids:
+        os.kill(pid, signal.SIGSTOP)
+    database = sqlite3.connect(service.data / "lightlayers.sqlite", isolation_level=None, timeout=1)
+    with contextlib.closing(database), contextlib.suppress(sqlite3.OperationalError):
+        database.execute("BEGIN IMMEDIATE")
+        database.execute("ROLLBACK")
+        return True
+    for pid in pids:
+        os.kill(pid, signal.SIGCONT)
+    return False
+
+
 @pytest.mark.parametrize("whole", [False, True], ids=["the worker alone", "its whole family"])
 def test_a_frozen_worker_that_comes_back_changes_nothing(
     own_service: Any, pair: drivers.CapturedPair, whole: bool
@@ -41,8 +56,7 @@ def test_a_frozen_worker_that_comes_back_changes_nothing(
     (worker,) = own_service.find("worker")
     family = own_service.find("fork server") + own_service.find("child") if whole else []
     frozen = [worker, *family]
-    for pid in frozen:
-        os.kill(pid, signal.SIGSTOP)
+    own_service.await_that("they are frozen", lambda: _freeze(own_service, frozen))
     own_service.start_worker()
     done = own_service.await_end(job)
     assert (done["state"], done["attempt"]) == ("succeeded", 2)
