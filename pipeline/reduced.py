@@ -37,6 +37,8 @@ class ReducedPair:
     block: side of a block in pixels of the pair.
     rendered: whether a camera's rendering has bent the values.
     dropped: (width, height) of what is left over of the pair after whole blocks, in pixels.
+    offset: standard deviation, in blocks, of what the flash part lies beside the other photograph;
+    0 where it was not laid on it.
     """
 
     no_flash: Image
@@ -47,6 +49,7 @@ class ReducedPair:
     block: int
     rendered: bool
     dropped: tuple[int, int] = (0, 0)
+    offset: float = 0.0
 
     @property
     def middle(self) -> tuple[float, float]:
@@ -99,6 +102,7 @@ def reduce_pair(pair: Pair) -> ReducedPair:
         block,
         pair.rendered,
         (width - block * size[0], height - block * size[1]),
+        pair.registration / block,
     )
 
 

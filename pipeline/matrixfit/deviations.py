@@ -29,6 +29,8 @@ FARTHEST = 3.0
 _MIN_SPREAD = 1e-6
 _NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 _UNLIKE, _SURELY = 0.015, 10.0  # chromaticity and deviations; neighbours of one colour tell nothing
+# times the offset of a flash part that was laid on: beside edges it shows the other side's colours
+_CLEAR, _SURELY_CLEAR = 17.0, 3.0
 _PAIRS, _SINGLES, _ALONE = 8000, 6000, 300.0
 _FEWEST_PAIRS = 500
 _WEIGHT = 0.05  # of one datum: neighbours repeat each other
@@ -106,19 +108,26 @@ def find_deviations(
 
 
 def _unlike_neighbours(reduced: ReducedPair) -> NDArray[np.int64]:
-    """Neighbours (n, 2) of unlike colours, numbered among the usable pixels."""
+    """Neighbours (n, 2) of unlike colours, numbered among the usable pixels.
+
+    Side by side; where the flash part may be misplaced, so far apart that edges lie between them.
+    """
     height, width = reduced.usable.shape
     number = np.cumsum(reduced.usable).reshape(height, width) - 1
     total = reduced.flash.sum(axis=2, keepdims=True)
     total = np.where(total > 0, total, 1.0)
     colour = reduced.flash / total
     noise = np.sqrt(reduced.flash_variance.sum(axis=2)) / total[..., 0]
-    found = []
-    for down, right in _NEIGHBOURS:
+    step = max(1, round(_CLEAR * reduced.offset))
+    surely = _SURELY if step == 1 else _SURELY_CLEAR
+    found = [np.zeros((0, 2), np.int64)]
+    for down, right in step * np.array(_NEIGHBOURS):
+        if down >= height or abs(right) >= width:
+            continue
         one = slice(0, height - down), slice(max(0, -right), width - max(0, right))
         other = slice(down, height), slice(max(0, right), width - max(0, -right))
         apart = np.abs(colour[one] - colour[other]).max(axis=2) > (
-            _UNLIKE + _SURELY * np.hypot(noise[one], noise[other])
+            _UNLIKE + surely * np.hypot(noise[one], noise[other])
         )
         apart &= reduced.usable[one] & reduced.usable[other]
         found.append(np.stack([number[one][apart], number[other][apart]], axis=1))

@@ -260,6 +260,16 @@ def test_edges_of_a_pair_laid_together_are_less_certain(pair_of: Callable[..., A
     assert added[:, :20].max() < 1e-5
 
 
+@pytest.mark.parametrize(("width", "offset"), [(60, 0.35), (600, 0.175)])
+def test_the_offset_of_a_pair_laid_together_is_told_in_blocks(
+    pair_of: Callable[..., Any], width: int, offset: float
+) -> None:
+    light = even(4, width, 0.2)
+
+    assert reduce_pair(pair_of(light, light, registration=0.35)).offset == pytest.approx(offset)
+    assert reduce_pair(pair_of(light, light, registration=0.0)).offset == 0
+
+
 def test_edges_of_a_pair_laid_together_lie_where_they_are_without_the_flash(
     pair_of: Callable[..., Any],
 ) -> None:

@@ -135,6 +135,43 @@ def test_colours_that_noise_sets_apart_tell_nothing() -> None:
     assert not find_deviations(noisy, evidence, lamps, EVEN).terms.any()
 
 
+def test_where_the_flash_part_may_be_misplaced_surfaces_are_compared_beyond_their_edges() -> None:
+    """Squares of 6 × 6 pixels, whose outermost ones may show the colours beside them."""
+    flash: Array = np.kron(surfaces()[1:30:3, 1:45:3], np.ones((6, 6, 1))).astype(np.float64)
+    lamps = LAMPS[:2]
+    straight = np.einsum("jkl,hwl->jhwk", lamps, flash)
+    wanted = straight + true_deviations(flash, 2)
+    y, x = np.mgrid[:60, :90] % 6
+    beside_edge = np.isin(x, (0, 5)) | np.isin(y, (0, 5))
+    variance = np.where(beside_edge, 0.2**2, 1e-9)[..., None] * np.ones(3)
+    side_by_side = replace(
+        pair_of(flash, mixed(wanted)), flash_variance=variance.astype(np.float32)
+    )
+    evidence = evidence_of(shown_alone(wanted, flash))
+
+    apart = find_deviations(replace(side_by_side, offset=0.35), evidence, lamps, EVEN)
+
+    assert not find_deviations(side_by_side, evidence, lamps, EVEN).terms.any()
+    assert error(straight + deviating_light(flash, apart), wanted) < 0.7 * error(straight, wanted)
+
+
+@pytest.mark.parametrize("shape", [(1, 90), (60, 1), (4, 5)])
+def test_pictures_smaller_than_the_step_between_neighbours_have_none(
+    shape: tuple[int, int],
+) -> None:
+    flash = surfaces()[: shape[0], : shape[1]]
+    quiet = np.full((*shape, 3), 1e-9, np.float32)
+    light = np.einsum("jkl,hwl->hwk", LAMPS[:2], flash).astype(np.float32)
+    usable = np.ones(shape, bool)
+    small = ReducedPair(
+        light, flash.astype(np.float32), quiet, quiet, usable, 1, False, offset=0.35
+    )
+
+    found = find_deviations(small, evidence_of(nothing()), LAMPS[:2], EVEN)
+
+    np.testing.assert_array_equal(found.terms, np.zeros((2, 3, 10)))
+
+
 def test_what_a_matrix_can_say_is_left_to_it() -> None:
     """Other matrices would mend it: 3 % more green of one lamp, 3 % less of the other."""
     flash, lamps, straight = by_matrices(2)
