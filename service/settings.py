@@ -9,7 +9,6 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, ValidationInfo
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from drivers import check_flash_order
 from service.addresses import parse_networks
 
 MIB = 1024 * 1024
@@ -44,6 +43,8 @@ def _check_origins(text: str) -> str:
 
 def _check_switch(text: str | None) -> str | None:
     if text is not None:
+        from drivers import check_flash_order  # only here: a separation loads no driver
+
         check_flash_order(text)
     return text
 

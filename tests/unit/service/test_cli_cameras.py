@@ -140,7 +140,7 @@ def test_a_recipe_makes_another_pair_like_the_first(
         (["--set", "iso=auto"], "a fixed iso"),
         (["--set", "drive=burst"], "drive single"),
         (["--recipe", "nothing.json"], "The recipe nothing.json cannot be read"),
-        (["--flash", "external"], "--flash external: write property, operator, or a command"),
+        (["--flash", "external"], "--flash external is neither property nor operator"),
         (["--pairs", "0"], "--pairs"),
         (["--interval", "-1"], "--interval"),
         (["--interval", "inf"], "--interval"),
