@@ -18,6 +18,7 @@ from PIL import Image
 from service import database, jobs
 from service.api import create_app
 from service.api.context import Context, open_context
+from service.client import Client
 from service.media import media_type
 from service.object_keys import results_key
 from service.settings import Settings
@@ -74,6 +75,13 @@ def http(server: tuple[FastAPI, str], context: Context) -> Iterator[httpx.Client
         "response": [partial(check_described, described(app))]
     }
     with httpx.Client(base_url=url, timeout=60, event_hooks=hooks) as client:
+        yield client
+
+
+@pytest.fixture
+def client(http: httpx.Client) -> Iterator[Client]:
+    """What people's commands ask the service with."""
+    with Client(str(http.base_url)) as client:
         yield client
 
 

@@ -25,12 +25,6 @@ Finish = Callable[[str, dict[str, bytes]], None]
 
 
 @pytest.fixture
-def client(http: httpx.Client) -> Iterator[Client]:
-    with Client(str(http.base_url)) as client:
-        yield client
-
-
-@pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """An empty folder, for results."""
     path = tmp_path / "out"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,12 +16,6 @@ from service.client import Client, Job
 from service.settings import Settings
 
 Png = Callable[..., bytes]
-
-
-@pytest.fixture
-def client(http: httpx.Client) -> Iterator[Client]:
-    with Client(str(http.base_url)) as client:
-        yield client
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from numpy.typing import NDArray
 from PIL import Image
-from playwright.sync_api import Locator, Page, expect
+from playwright.sync_api import Locator, Page, Route, expect
 
 from pipeline.encode.png import NormalsPng
 
@@ -125,3 +125,15 @@ def check_access(page: Page, name: str) -> None:
     page.screenshot(path=SHOTS / f"{name}.png")
     found = Axe().run(page).response["violations"]
     assert [(one["id"], one["nodes"][0]["html"]) for one in found] == []
+
+
+def give_key(page: Page) -> None:
+    """Have the page fetch with a key what a service without keys gives."""
+
+    def guard(route: Route) -> None:
+        headers = route.request.headers
+        headers.pop("authorization", None)  # which the service itself refuses
+        route.continue_(headers=headers)
+
+    page.add_init_script("sessionStorage.setItem('lightlayers-key', 'x')")
+    page.route("**/jobs/**", guard)

@@ -7,7 +7,7 @@ from typing import Any
 
 from playwright.sync_api import Page, Route, expect
 
-from tests.integration.service.page.looking import open_mixer, result
+from tests.integration.service.page.looking import give_key, open_mixer, result
 
 
 def open_files(page: Page, job: dict[str, Any]) -> None:
@@ -19,13 +19,7 @@ def test_all_files_are_fetched_once_at_a_time(page: Page, done: dict[str, Any]) 
     """With a key, with which the page fetches them itself."""
     held: list[Route] = []
 
-    def guard(route: Route) -> None:
-        headers = route.request.headers
-        headers.pop("authorization", None)  # which the service itself refuses
-        route.continue_(headers=headers)
-
-    page.add_init_script("sessionStorage.setItem('lightlayers-key', 'x')")
-    page.route("**/jobs/**", guard)
+    give_key(page)
     page.route("**/results.zip", lambda route: held.append(route))
     open_files(page, done)
     everything = page.get_by_role("button", name="Download all")

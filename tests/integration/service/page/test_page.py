@@ -22,6 +22,7 @@ from tests.integration.service.page.looking import (
     TWO_FRAMES,
     check_access,
     drawn,
+    give_key,
     open_mixer,
     open_normals,
     result,
@@ -328,13 +329,7 @@ def test_a_thumbnail_that_cannot_be_fetched_is_done_without(
 ) -> None:
     """With a key, with which the page fetches it itself."""
 
-    def guard(route: Any) -> None:
-        headers = route.request.headers
-        headers.pop("authorization", None)  # which the service itself refuses
-        route.continue_(headers=headers)
-
-    page.add_init_script("sessionStorage.setItem('lightlayers-key', 'x')")
-    page.route("**/jobs/**", guard)
+    give_key(page)
     page.route("**/thumbnail.jpg", lambda route: route.abort())
     open_mixer(page, done)
     expect(page.get_by_role("alert")).to_have_count(0)
