@@ -39,6 +39,7 @@ Array = NDArray[np.float64]
 _DOCS = Path(__file__).parents[2] / "docs"
 _HEAD = Path(__file__).with_name("normals_head.md")
 _WRONG_DEG = 90.0  # of a refusal
+_OUTPUTS = ["normals.exr", "depth.exr", "normals_confidence.tif"]  # the paper's has the first alone
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,7 @@ def _product(method: str) -> Method:
                 "method": method,
                 "lights": len(lights),
                 "light_directions": lights,
-                "outputs": ["normals.exr", "depth.exr", "normals_confidence.tif"],
+                "outputs": ["normals.exr"] if method == "paper" else _OUTPUTS,
             }
         )
         with tempfile.TemporaryDirectory() as name:
