@@ -29,12 +29,12 @@ _ORDER = ("start", "capture", *STAGES, "calibrate", "mix", "store")
 """Everything that attempts do, in order: photographs fetched, the stages, results stored."""
 
 _FIRST_SHARES = {
-    "separate": {"decode": 14, "align": 13, "lamps": 9, "layers": 50, "encode": 13, "store": 1},
+    "separate": {"decode": 8, "align": 17, "lamps": 13, "layers": 55, "encode": 6, "store": 1},
     "calibrate": {"decode": 45, "align": 30, "calibrate": 24, "store": 1},
     "mix": {"mix": 90, "store": 10},
 }
-"""Of the time, in hundredths, while no job like this one has succeeded: means of the stages in
-docs/performance.md; a calibration decodes and aligns alike."""
+"""Of the time, in hundredths, while no job like this one has succeeded: of a separation the mean of
+the three pairs in docs/performance.md, imports aside; of the others a guess."""
 
 _CAPTURE_SHARE = 10
 
