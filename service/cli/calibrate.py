@@ -12,14 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from service.cli.files import read_file, read_table
 from service.cli.numbers import circle, read_numbers
-from service.cli.options import (
-    MaybeFlash,
-    PairFlags,
-    read_file,
-    read_table,
-    with_flags,
-)
+from service.cli.options import MaybeFlash, PairFlags, with_flags
 from service.cli.parameters import output
 
 if TYPE_CHECKING:

@@ -11,13 +11,13 @@ import typer
 
 from pipeline.result_names import MANIFEST
 from service.cli import calibrate, cameras, examples, jobs, keys, mix, tether
+from service.cli.files import read_file
 from service.cli.options import (
     Flags,
     Flash,
     MaybeFlash,
     NoFlash,
     NoFlashOrFolder,
-    read_file,
     with_flags,
 )
 from service.cli.parameters import AsJson, KeyFile, output

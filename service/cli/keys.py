@@ -110,7 +110,7 @@ def key_of_requests(file: Path | None) -> str | None:
     On no command line, since every user of the machine can read those. Raises OptionError.
     """
     from service import keys
-    from service.cli.options import read_file
+    from service.cli.files import read_file
 
     if file is not None:
         text = read_file(file, "key").decode("utf-8", "replace").strip()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from service.cli.options import read_file
+from service.cli.files import read_file
 from service.cli.parameters import output
 
 if TYPE_CHECKING:

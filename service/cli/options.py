@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import contextlib
 import inspect
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
+from service.cli.files import read_file, read_table
 from service.cli.numbers import circle, read_numbers
 
 if TYPE_CHECKING:
     from pipeline.options import Options
 
-Table = TypeVar("Table")
 NoFlash = Annotated[Path, typer.Argument(metavar="NO_FLASH", help="Photograph without the flash.")]
 NoFlashOrFolder = Annotated[
     Path,
@@ -216,7 +215,7 @@ class Flags(PairFlags):
 def with_flags(command: Callable[..., object]) -> Callable[..., object]:
     """Replace the parameter `flags` of a command by one command line option per field of its type.
 
-    The type is Flags or PairFlags.
+    The type is PairFlags or one that adds to it.
     """
     parameters = inspect.signature(command, eval_str=True).parameters
     kind = parameters["flags"].annotation
@@ -241,54 +240,6 @@ def with_flags(command: Callable[..., object]) -> Callable[..., object]:
     keyword_only = [item.replace(kind=inspect.Parameter.KEYWORD_ONLY) for item in own]
     wrapper.__signature__ = inspect.Signature([*keyword_only, *added])  # type: ignore[attr-defined]
     return wrapper
-
-
-def read_file(path: Path, what: str) -> bytes:
-    """Read a file that the user named. Raises pipeline.errors.InputError."""
-    from pipeline.errors import InputError, reason_of
-
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"The {what} {path} cannot be read: {reason_of(error)}.") from error
-
-
-def written_path(text: str) -> Path:
-    """Read where something is to be written, before any work is done for it.
-
-    Raises pipeline.errors.OptionError.
-    """
-    from pipeline.errors import OptionError
-
-    if not text:
-        raise OptionError("--output is empty: name where to write to; . is the current folder.")
-    try:
-        text.encode()
-    except UnicodeEncodeError as error:
-        raise OptionError(
-            f"--output {text!a} is not UTF-8, which OpenEXR needs: give another name."
-        ) from error
-    return Path(text)
-
-
-def read_table(value: str | None, parse: Callable[[bytes], Table]) -> Table | str | None:
-    """Read a table when a file was named, else the name.
-
-    Raises pipeline.errors.InputError with the file's name: a command may be given several.
-    """
-    from pipeline.errors import OptionError
-
-    if value is None:
-        return None
-    path = Path(value)
-    with contextlib.suppress(OSError):  # whose reason is told where it is read
-        if path.suffix.lower() not in (".csv", ".json") and not path.is_file():
-            return value
-    data = read_file(path, "file")
-    try:
-        return parse(data)
-    except OptionError as error:
-        raise OptionError(f"The file {path} cannot be used. {error}") from error
 
 
 def _lamps(typed: list[str] | None) -> list[Any] | None:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from service.cli.options import written_path
+from service.cli.files import written_path
 
 
 def a_number(seconds: float | None) -> float | None:

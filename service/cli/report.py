@@ -16,7 +16,7 @@ import numpy as np
 
 from pipeline.errors import InputError, reason_of
 from pipeline.result_names import MANIFEST
-from service.cli.options import read_file
+from service.cli.files import read_file
 
 _LONGEST_SIDE = 1400
 _JPEG_QUALITY = 88

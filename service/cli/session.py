@@ -19,9 +19,9 @@ from pipeline.pairs import Pairs, find_pairs, read_shot
 from pipeline.process import separate_files
 from pipeline.progress import Progress
 from service.cli.display import stage_bar
+from service.cli.files import read_file
 from service.cli.folder import new_results
 from service.cli.keeping import kept_for
-from service.cli.options import read_file
 from service.cli.shooting import RECIPE
 
 _LARGEST = 2**30  # bytes; the largest cameras write a third of that

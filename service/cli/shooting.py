@@ -11,7 +11,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from service.cli.options import read_file
+from service.cli.files import read_file
 
 if TYPE_CHECKING:
     import drivers

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from service.cli import keys
-from service.cli.options import read_file
+from service.cli.files import read_file
 from service.cli.parameters import (
     FlashSwitch,
     KeyFile,

@@ -3,7 +3,7 @@ import math
 import pytest
 import typer
 
-from service.cli.options import written_path
+from service.cli.files import written_path
 from service.cli.parameters import a_number, output
 
 
