@@ -15,7 +15,7 @@ from typing import Protocol, cast
 
 from drivers.camera import Camera, CameraInfo
 from drivers.clock import SystemClock
-from drivers.errors import BadAddressError
+from drivers.errors import BadAddressError, DriverError
 from drivers.truth import SimulatedTruth
 
 _BACKENDS = {
@@ -70,6 +70,18 @@ def check_address(address: str) -> None:
     Raises BadAddressError, CameraNotFoundError.
     """
     _load(_scheme(address)).check_address(address)
+
+
+def names_one_camera(address: str) -> bool:
+    """Whether this is a camera's whole address, and not the beginning of several."""
+    scheme, _, rest = address.partition("://")
+    if not rest or (scheme == "gphoto2" and ":" not in rest):  # gphoto2://usb
+        return False
+    try:
+        check_address(address)
+    except DriverError:
+        return False
+    return True
 
 
 def canonical_address(address: str) -> str:

@@ -169,15 +169,4 @@ def check_camera(settings: Settings, address: str) -> None:
 
 def configured(settings: Settings) -> list[str]:
     """Whole addresses among those that the operator allows."""
-    return [address for address in settings.cameras.split() if _is_whole(address)]
-
-
-def _is_whole(address: str) -> bool:
-    scheme, _, rest = address.partition("://")
-    if not rest or (scheme == "gphoto2" and ":" not in rest):
-        return False
-    try:
-        drivers.check_address(address)
-    except drivers.DriverError:
-        return False
-    return True
+    return [each for each in settings.cameras.split() if drivers.names_one_camera(each)]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import signal
 import sys
 from collections.abc import Callable
@@ -49,9 +48,15 @@ def list_cameras(
     gphoto2:// alone, and many bodies let no computer switch their flash: capture says so first.
     """
     import drivers
+    from service.cli.display import print_json
     from service.settings import Settings
 
-    named = [each for each in Settings().cameras.split() if _is_host(each)]
+    configured = Settings().cameras.split()
+    named = [
+        each
+        for each in configured
+        if each.startswith("ptp+ip://") and drivers.names_one_camera(each)
+    ]
     drivers.listen_to_network()
     found = drivers.list_cameras()
     for address in named:
@@ -62,24 +67,11 @@ def list_cameras(
             except drivers.DriverError as error:
                 say(str(error))
     if as_json:
-        print(json.dumps([asdict(camera) for camera in found], indent=2))
+        print_json([asdict(camera) for camera in found])
         return
     for info in found:
         battery = "" if info.battery_percent is None else f", battery {info.battery_percent} %"
         print(f"{info.address}  {f'{info.make} {info.model}'.strip()}{battery}")
-
-
-def _is_host(address: str) -> bool:
-    """Whether an address of LIGHTLAYERS_CAMERAS is that of one camera on the network."""
-    import drivers
-
-    if not address.startswith("ptp+ip://"):
-        return False
-    try:
-        drivers.check_address(address)
-    except drivers.DriverError:
-        return False
-    return True
 
 
 def capture(
@@ -120,6 +112,7 @@ def capture(
     --recipe.
     """
     import drivers
+    from service.cli.display import print_json
     from service.cli.flash import flash_switch
 
     wanted = wanted_settings(settings, recipe)
@@ -136,7 +129,7 @@ def capture(
                     clear()
     finally:
         if as_json and saved:
-            print(json.dumps({"pairs": saved}, indent=2))
+            print_json({"pairs": saved})
 
 
 def _take(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -56,11 +55,15 @@ def stage_bar(lines: bool = False) -> Iterator[Report]:
             progress.update(bar, completed=1.0)
 
 
+def print_json(value: object, indent: int | None = 2) -> None:
+    """Print JSON on stdout, names as they are; without indent it is one line."""
+    print(json.dumps(value, indent=indent, ensure_ascii=False), flush=True)
+
+
 def print_results(manifest: Mapping[str, Any], folder: Path, as_json: bool) -> None:
     """Print the manifest as JSON, or a short summary of it, on stdout."""
     if as_json:
-        json.dump(manifest, sys.stdout, indent=2, ensure_ascii=False)
-        print()
+        print_json(manifest)
         return
     console = Console(highlight=False)
     console.print(_lamps(manifest["lamps"]))
@@ -77,11 +80,24 @@ def _lamps(lamps: list[Mapping[str, Any]]) -> Table:
         "confidence",
     )
     for lamp in lamps:
-        chip = Text("██", style=lamp["srgb"])
         colour = " ".join(f"{value:.3f}" for value in lamp["rgb"])
-        cct = f"{lamp['cct_k']:.0f} K" if lamp["cct_k"] else "none"
-        duv = "none" if lamp["duv"] is None else f"{lamp['duv']:+.3f}"
         family = f"{lamp['family']} {lamp['family_confidence']:.2f}"
         confidence = f"{lamp['confidence']:.2f}"
-        table.add_row(Text(lamp["name"]), chip, colour, cct, duv, family, confidence)
+        whites = temperature_of(lamp), duv_of(lamp)
+        table.add_row(Text(lamp["name"]), chip_of(lamp), colour, *whites, family, confidence)
     return table
+
+
+def chip_of(lamp: Mapping[str, Any]) -> Text:
+    """Show a lamp's colour."""
+    return Text("██", style=lamp["srgb"])
+
+
+def temperature_of(light: Mapping[str, Any], without: str = "none") -> str:
+    """Tell a light's correlated colour temperature; without: the word for one far from white."""
+    return without if light["cct_k"] is None else f"{light['cct_k']:.0f} K"
+
+
+def duv_of(light: Mapping[str, Any]) -> str:
+    """Tell how far a light lies from the black body's colours."""
+    return "none" if light["duv"] is None else f"{light['duv']:+.3f}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 from collections.abc import Iterator
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -32,10 +31,12 @@ def list_jobs(
     as_json: AllAsJson = False,
 ) -> None:
     """List jobs: id, state, stage, attempt, when made, owner."""
+    from service.cli.display import print_json
+
     with _desk() as desk:
         found = desk.newest(state, limit)
         if as_json:
-            print(json.dumps([_known(job) for job in found], indent=2, ensure_ascii=False))
+            print_json([_known(job) for job in found])
             return
         for job in found:
             stage = f"{job.stage} {job.fraction:.0%}" if job.stage else ""
@@ -49,9 +50,11 @@ def list_jobs(
 @app.command()
 def show(job_id: Id) -> None:
     """Print all that is known of a job, as JSON."""
+    from service.cli.display import print_json
+
     with _desk() as desk:
         job = desk.find(job_id)
-    print(json.dumps(_known(job), indent=2, ensure_ascii=False))
+    print_json(_known(job))
 
 
 def _known(job: Job) -> dict[str, Any]:

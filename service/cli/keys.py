@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import sys
 from collections.abc import Iterator
@@ -78,12 +77,12 @@ def list_keys(
 ) -> None:
     """List the keys that were made: id, name, scopes, quotas, and when they were used last."""
     from service import keys
+    from service.cli.display import print_json
 
     with _database() as connection:
         found = keys.list_keys(connection)
     if as_json:
-        json.dump([_describe(key) for key in found], sys.stdout, indent=2, ensure_ascii=False)
-        print()
+        print_json([_describe(key) for key in found])
         return
     _print_table(found)
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from pipeline.errors import InputError, reason_of
 from pipeline.result_names import MANIFEST
+from service.cli.display import duv_of, temperature_of
 from service.cli.files import read_file
 
 _LONGEST_SIDE = 1400
@@ -147,8 +148,8 @@ def _lamps(lamps: Sequence[Mapping[str, Any]]) -> Html:
             [
                 escape(lamp["name"]),
                 chip,
-                f"{lamp['cct_k']:.0f} K" if lamp["cct_k"] else "none",
-                "none" if lamp["duv"] is None else f"{lamp['duv']:+.3f}",
+                temperature_of(lamp),
+                duv_of(lamp),
                 escape(f"{lamp['family']} ({lamp['family_confidence']:.2f})"),
                 f"{lamp['confidence']:.2f}",
                 f"{100 * lamp['separated_share']:.0f} %",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -18,7 +17,7 @@ from pipeline.options import Options
 from pipeline.pairs import Pairs, find_pairs, read_shot
 from pipeline.process import separate_files
 from pipeline.progress import Progress
-from service.cli.display import stage_bar
+from service.cli.display import chip_of, print_json, stage_bar, temperature_of
 from service.cli.files import read_file
 from service.cli.folder import new_results
 from service.cli.keeping import kept_for
@@ -51,8 +50,7 @@ def separate_folder(folder: Path, output: Path, options: Options, as_json: bool)
             result |= {"error": str(error)}
         results.append(result)
     if as_json:
-        json.dump({"pairs": results, "left": pairs.left}, sys.stdout, indent=2, ensure_ascii=False)
-        print()
+        print_json({"pairs": results, "left": pairs.left})
     else:
         _print(results, pairs.left)
     failed = any("error" in result for result in results) or _DAMAGED in pairs.left.values()
@@ -169,6 +167,5 @@ def _print(results: list[dict[str, Any]], left: Mapping[str, str]) -> None:
 def _lamps(lamps: list[Mapping[str, Any]]) -> Text:
     lines = []
     for lamp in lamps:
-        kelvin = f"{lamp['cct_k']:.0f} K" if lamp["cct_k"] else lamp["family"]
-        lines.append(Text.assemble(("██", lamp["srgb"]), f" {kelvin}"))
+        lines.append(Text.assemble(chip_of(lamp), f" {temperature_of(lamp, lamp['family'])}"))
     return Text("\n").join(lines)

@@ -126,9 +126,11 @@ class _Told:
 
     def __call__(self, event: str, sentence: str, **facts: Any) -> None:
         """Tell of an event."""
+        from service.cli.display import print_json
+
         with self._lock:
             if self._as_json:
-                print(json.dumps({"event": event, "detail": sentence, **facts}), flush=True)
+                print_json({"event": event, "detail": sentence, **facts}, indent=None)
             elif event in ("spooled", "sent"):
                 print(sentence, flush=True)
             else:

@@ -19,6 +19,26 @@ def test_an_address_is_checked_by_its_backend() -> None:
         drivers.check_address("sim://studio?lamps=3")
 
 
+@pytest.mark.parametrize(
+    ("address", "one"),
+    [
+        ("sim://studio?lights=3", True),
+        ("ptp+ip://192.168.1.20", True),
+        ("ptp+usb://0000001", True),
+        ("gphoto2://usb:001,004", True),
+        ("sim://", False),
+        ("ptp+ip://", False),
+        ("ptp+usb://", False),
+        ("gphoto2://usb", False),
+        ("gphoto2://disk:/etc", False),
+        ("sim://studio?lamps=3", False),
+        ("studio", False),
+    ],
+)
+def test_whole_addresses_are_told_from_beginnings(address: str, one: bool) -> None:
+    assert drivers.names_one_camera(address) is one
+
+
 def test_the_light_of_real_cameras_is_not_known() -> None:
     with pytest.raises(drivers.CameraNotFoundError, match=r"no simulated camera at ptp\+usb://1-2"):
         drivers.simulated_truth("ptp+usb://1-2")
