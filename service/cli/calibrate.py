@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import sys
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +13,7 @@ import typer
 from service.cli.files import read_file, read_table
 from service.cli.numbers import circle, read_numbers
 from service.cli.options import MaybeFlash, PairFlags, with_flags
-from service.cli.parameters import output
+from service.cli.parameters import AsJson, output
 
 if TYPE_CHECKING:
     from pipeline.calibration.options import Kind
@@ -32,40 +30,63 @@ _CHART_HELP = (
     "this order, in pixels of NO_FLASH. Default: it is looked for."
 )
 Output = Annotated[Path | None, output("FILE", "File to write.")]
-Setup = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME",
-        help="Keep it for this set-up: `separate --setup NAME` on photographs of this camera uses "
-        "it, and `default` is used where no set-up is named.",
-    ),
-]
-MaybeNoFlash = Annotated[
-    Path | None, typer.Argument(metavar="NO_FLASH", help="Photograph without the flash.")
-]
-CameraAddress = Annotated[
-    str | None,
-    typer.Option(
-        metavar="ADDRESS", help="Have this camera take the pair, like sim://studio?scene=chart."
-    ),
-]
-SwitchOfCamera = Annotated[
-    str,
-    typer.Option("--flash", metavar="SWITCH", help="What switches its flash, as for capture."),
-]
-AsJson = Annotated[bool, typer.Option("--json", help="Print all that is known as JSON.")]
+
+
+@dataclass(frozen=True)
+class CalibrationFlags(PairFlags):
+    """Where a pair to calibrate by comes from, what it is kept for, and how it is read."""
+
+    no_flash: Annotated[
+        Path | None, typer.Argument(metavar="NO_FLASH", help="Photograph without the flash.")
+    ] = None
+    flash: MaybeFlash = None
+    setup: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Keep it for this set-up: `separate --setup NAME` on photographs of this camera "
+            "uses it, and `default` is used where no set-up is named.",
+        ),
+    ] = None
+    camera_address: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Have this camera take the pair, like sim://studio?scene=chart.",
+        ),
+    ] = None
+    flash_switch: Annotated[
+        str,
+        typer.Option("--flash", metavar="SWITCH", help="What switches its flash, as for capture."),
+    ] = "property"
+    as_json: AsJson = False
+
+    def photographs(self) -> tuple[bytes, bytes]:
+        """Read the files or take the pair. Raises OptionError, InputError, drivers.DriverError."""
+        from pipeline.errors import OptionError
+
+        if self.camera_address is None:
+            if self.no_flash is None or self.flash is None:
+                raise OptionError(
+                    "Name two photographs, NO_FLASH and FLASH, or a camera with --camera-address."
+                )
+            return read_file(self.no_flash, "photograph"), read_file(self.flash, "photograph")
+        if self.no_flash is not None:
+            raise OptionError("Name photographs or a camera, not both.")
+        import drivers
+        from service.cli.flash import flash_switch
+
+        switch = flash_switch(self.flash_switch, _SETTLE_SECONDS)
+        with drivers.open_camera(self.camera_address) as camera:
+            pair = drivers.capture_pair(camera, flash=switch)
+        return pair.no_flash.best, pair.flash.best
 
 
 @app.command()
 @with_flags
 def flash(
-    flags: PairFlags,
-    no_flash: MaybeNoFlash = None,
-    flash: MaybeFlash = None,
+    flags: CalibrationFlags,
     output: Output = None,
-    setup: Setup = None,
-    camera_address: CameraAddress = None,
-    flash_switch: SwitchOfCamera = "property",
     card: Annotated[
         str | None,
         typer.Option(metavar="X,Y,RADIUS", help="A circle on a grey card, in pixels of NO_FLASH."),
@@ -75,7 +96,6 @@ def flash(
         str | None,
         typer.Option(metavar="NAME|FILE", help="The camera, as for separate. Default: from EXIF."),
     ] = None,
-    as_json: AsJson = False,
 ) -> None:
     """Find the spectrum of the flash, for --flash-spectrum: from a ColorChecker or a grey card.
 
@@ -84,21 +104,15 @@ def flash(
     from pipeline.spectra.tables import parse_sensitivities
 
     marks = {"card": _circle(card, "card"), "chart": _corners(chart)}
-    own = {"camera": read_table(camera, parse_sensitivities), "setup": setup}
-    source = _Source(no_flash, flash, camera_address, flash_switch)
-    _calibrate("flash", source, output, flags, {**marks, **own}, as_json)
+    own = {"camera": read_table(camera, parse_sensitivities)}
+    _calibrate("flash", flags, output, {**marks, **own})
 
 
 @app.command()
 @with_flags
 def camera(
-    flags: PairFlags,
-    no_flash: MaybeNoFlash = None,
-    flash: MaybeFlash = None,
+    flags: CalibrationFlags,
     output: Output = None,
-    setup: Setup = None,
-    camera_address: CameraAddress = None,
-    flash_switch: SwitchOfCamera = "property",
     chart: Annotated[str | None, typer.Option(metavar="X,Y,X,Y,X,Y,X,Y", help=_CHART_HELP)] = None,
     flash_spectrum: Annotated[
         str | None,
@@ -106,7 +120,6 @@ def camera(
             metavar="NAME|FILE", help="The flash, as for separate. Default: the likeliest one."
         ),
     ] = None,
-    as_json: AsJson = False,
 ) -> None:
     """Find the camera's sensitivities, for --camera: from a ColorChecker.
 
@@ -115,21 +128,15 @@ def camera(
     from pipeline.spectra.tables import parse_spectrum
 
     told = read_table(flash_spectrum, parse_spectrum)
-    own = {"chart": _corners(chart), "flash_spectrum": told, "setup": setup}
-    source = _Source(no_flash, flash, camera_address, flash_switch)
-    _calibrate("camera", source, output, flags, own, as_json)
+    own = {"chart": _corners(chart), "flash_spectrum": told}
+    _calibrate("camera", flags, output, own)
 
 
 @app.command()
 @with_flags
 def lamps(
-    flags: PairFlags,
-    no_flash: MaybeNoFlash = None,
-    flash: MaybeFlash = None,
+    flags: CalibrationFlags,
     output: Output = None,
-    setup: Setup = None,
-    camera_address: CameraAddress = None,
-    flash_switch: SwitchOfCamera = "property",
     sphere: Annotated[
         str | None,
         typer.Option(
@@ -145,56 +152,19 @@ def lamps(
         float | None,
         typer.Option(metavar="F", help="Focal length in pixels, as for separate."),
     ] = None,
-    as_json: AsJson = False,
 ) -> None:
     """Find where distant lamps are, for --light-directions: from a matt grey or mirror sphere."""
     own = {
         "sphere": _circle(sphere, "sphere"),
         "mirror": mirror,
-        "setup": setup,
         "lights": int(lights) if lights.isdecimal() else lights,
         "focal_px": focal_px,
     }
-    source = _Source(no_flash, flash, camera_address, flash_switch)
-    _calibrate("lamps", source, output, flags, own, as_json)
-
-
-@dataclass(frozen=True)
-class _Source:
-    """Where a pair comes from: two files, or a camera."""
-
-    no_flash: Path | None
-    flash: Path | None
-    address: str | None
-    switch: str
-
-    def photographs(self) -> tuple[bytes, bytes]:
-        """Read the files or take the pair. Raises OptionError, InputError, drivers.DriverError."""
-        from pipeline.errors import OptionError
-
-        if self.address is None:
-            if self.no_flash is None or self.flash is None:
-                raise OptionError(
-                    "Name two photographs, NO_FLASH and FLASH, or a camera with --camera-address."
-                )
-            return read_file(self.no_flash, "photograph"), read_file(self.flash, "photograph")
-        if self.no_flash is not None:
-            raise OptionError("Name photographs or a camera, not both.")
-        import drivers
-        from service.cli.flash import flash_switch
-
-        with drivers.open_camera(self.address) as camera:
-            pair = drivers.capture_pair(camera, flash=flash_switch(self.switch, _SETTLE_SECONDS))
-        return pair.no_flash.best, pair.flash.best
+    _calibrate("lamps", flags, output, own)
 
 
 def _calibrate(
-    kind: Kind,
-    source: _Source,
-    output: Path | None,
-    flags: PairFlags,
-    own: Mapping[str, Any],
-    as_json: bool,
+    kind: Kind, flags: CalibrationFlags, output: Path | None, own: Mapping[str, Any]
 ) -> None:
     from pydantic import ValidationError
 
@@ -203,12 +173,13 @@ def _calibrate(
     from pipeline.calibration.options import CALIBRATION_OPTIONS, FILES
     from pipeline.errors import OptionError
     from pipeline.progress import Progress
-    from service.cli.display import stage_bar
+    from service.cli.display import print_json, stage_bar
     from service.cli.keeping import keep, marks_beside
     from service.sentences import sentence_of
 
     try:
-        options = CALIBRATION_OPTIONS.validate_python({"kind": kind, **flags.pair_values(), **own})
+        values = {"kind": kind, "setup": flags.setup, **flags.pair_values(), **own}
+        options = CALIBRATION_OPTIONS.validate_python(values)
     except ValidationError as error:
         raise OptionError(sentence_of(error).removeprefix(f"{kind}.")) from error
     if output is None and options.setup is None:
@@ -217,7 +188,7 @@ def _calibrate(
         raise OptionError(
             f"A calibration cannot be written as {output.name}: its name has to end in .json."
         )
-    before, after = source.photographs()
+    before, after = flags.photographs()
     with tempfile.TemporaryDirectory(prefix="lightlayers-") as name:
         with stage_bar() as report:
             manifest = calibrate_files(before, after, options, Path(name), Progress(report))
@@ -229,7 +200,10 @@ def _calibrate(
         path = keep(kind, options.setup, manifest, content, marks)
         output = output or path
     assert output is not None  # one of the two, as was looked at above
-    _print_found(kind, manifest, output, as_json)
+    if flags.as_json:
+        print_json(manifest)
+    else:
+        _print_found(kind, manifest, output)
 
 
 def _write(path: Path, content: bytes) -> None:
@@ -241,15 +215,13 @@ def _write(path: Path, content: bytes) -> None:
         raise InputError(f"The file {path} cannot be written: {reason_of(error)}.") from error
 
 
-def _print_found(kind: str, manifest: Mapping[str, Any], output: Path, as_json: bool) -> None:
-    if as_json:
-        json.dump(manifest, sys.stdout, indent=2, ensure_ascii=False)
-        print()
-        return
+def _print_found(kind: str, manifest: Mapping[str, Any], output: Path) -> None:
+    from service.cli.display import duv_of, temperature_of
+
     found = manifest["found"]
     if kind == "flash":
-        kelvin = "" if found["cct_k"] is None else f", {found['cct_k']} K, Duv {found['duv']:+.3f}"
-        print(f"A flash like {found['nearest']}{kelvin}.")
+        white = "" if found["cct_k"] is None else f", {temperature_of(found)}, Duv {duv_of(found)}"
+        print(f"A flash like {found['nearest']}{white}.")
         count = "The card is" if found["patches"] == 1 else "The 24 patches are"
         print(f"{count} explained to {found['misfit']:.1%}, seen by {_seer(found['camera'])}.")
     elif kind == "camera":
