@@ -52,6 +52,11 @@ class Canceled(PipelineError):  # noqa: N818  a request, not an error
     """The caller asked to stop."""
 
 
+def own_words(message: str) -> str:
+    """Leave out what pydantic puts before a sentence of ours."""
+    return message.replace("Value error, ", "")
+
+
 def reason_of(error: OSError) -> str:
     """Say in a few words why a file, a folder or a port cannot be used."""
     return (error.strerror or "unknown reason").lower()

@@ -12,7 +12,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from pipeline.errors import OptionError
+from pipeline.errors import OptionError, own_words
 
 _BRANCH = re.compile(r"(constrained-)?(bool|int|float|str)|[a-z-]*\[.*\]")
 """What pydantic adds to a place where a value may be of several kinds, or is a name itself."""
@@ -90,7 +90,7 @@ def _message(fault: Mapping[str, Any]) -> str:
 
 def describe_fault(location: tuple[int | str, ...], message: str) -> str:
     """One sentence for a place in the request and what is wrong there."""
-    message = message.removeprefix("Value error, ").rstrip(".")
+    message = own_words(message).rstrip(".")
     place = _in_words(location)
     return f"{place}: {message}." if place else f"{message[:1].upper()}{message[1:]}."
 

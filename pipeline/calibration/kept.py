@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from pipeline.calibration.options import Kind
 from pipeline.directions import unit_directions
-from pipeline.errors import OptionError
+from pipeline.errors import OptionError, own_words
 from pipeline.frames import Frame
 from pipeline.options import NO_SETUP, DirectedLight, Options, Sensitivities, Spectrum
 from pipeline.remarks import Code, Remark
@@ -123,7 +123,7 @@ def _refused(names: str, setup: str, why: str) -> str:
 
 
 def _reason(error: ValidationError) -> str:
-    return error.errors()[0]["msg"].removeprefix("Value error, ")
+    return own_words(error.errors()[0]["msg"])
 
 
 def with_kept(

@@ -8,7 +8,7 @@ import json
 
 from pydantic import ValidationError
 
-from pipeline.errors import OptionError
+from pipeline.errors import OptionError, own_words
 from pipeline.options import Sensitivities, Spectrum
 
 CAMERA_COLUMNS = ("r", "g", "b")
@@ -129,4 +129,4 @@ def _sentence(what: str, error: ValidationError) -> str:
             f"The {what} has {first['input']:g} as {column} in row {int(row) + 1}: it must be "
             f"{bound}."
         )
-    return f"The {what} cannot be used: {first['msg'].removeprefix('Value error, ')}."
+    return f"The {what} cannot be used: {own_words(first['msg'])}."

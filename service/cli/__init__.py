@@ -50,13 +50,14 @@ def _run(arguments: Sequence[str]) -> int:
     # Imported only here, where Ctrl-C ends in silence: it takes most of the time until --help.
     import typer
 
+    from pipeline.errors import own_words
     from service.cli.commands import app
 
     shown = [*arguments, "--help"] if tuple(arguments) in _GROUPS else list(arguments)
     try:
         return app(shown, prog_name="lightlayers", standalone_mode=False) or 0
     except typer.TyperException as error:
-        message = error.format_message().replace("Value error, ", "")  # pydantic's own words
+        message = own_words(error.format_message())
         print(" ".join(message.split()).rstrip(".") + ".", file=sys.stderr)
         return error.exit_code
     except typer.Abort:
