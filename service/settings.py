@@ -104,14 +104,16 @@ class Settings(BaseSettings):
         "separated by spaces.",
     )
     requests: int = Field(
-        default=400, gt=0, description="Requests answered at a time; more are refused with 503."
+        default=400,
+        gt=0,
+        description="Requests answered at a time (concurrent requests); more are refused with 503.",
     )
     pause_seconds: float = Field(
         default=30,
         gt=0,
         le=86400,
         description="Longest pause within a request or an answer before the connection is given "
-        "up, in seconds.",
+        "up (idle timeout), in seconds.",
     )
     metrics_host: str = Field(
         default="127.0.0.1", description="Address that Prometheus metrics are served on."
@@ -195,8 +197,8 @@ class Settings(BaseSettings):
         default=300,
         ge=0,
         le=86400,
-        description="How long a job waits for a store that is away or a disk that is full before "
-        "it fails.",
+        description="How long a job waits for a store that is away or a disk that is full, and "
+        "tries again, before it fails (retry limit), in seconds.",
     )
     poll_seconds: float = Field(
         default=0.5, gt=0, le=86400, description="How often a worker looks for a job, in seconds."
@@ -221,8 +223,8 @@ class Settings(BaseSettings):
         default=15,
         gt=0,
         le=86400,
-        description="Silence after which others take a worker's jobs over: two heartbeats at "
-        "least.",
+        description="Silence after which others take a worker's jobs over (heartbeat timeout), in "
+        "seconds: two heartbeats at least.",
     )
     webhook_private: Annotated[str, AfterValidator(_check_networks)] = Field(
         default="false",
