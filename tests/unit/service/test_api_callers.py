@@ -16,6 +16,7 @@ from service.api import events as api_events
 from service.api.callers import OPEN, Caller, Standing, scopes_for
 from service.api.context import Context
 from service.api.looking import Looking
+from service.database import now
 from service.settings import Settings
 from tests.unit.service.asking import (
     bearing,
@@ -107,9 +108,13 @@ class TestRequired:
 
     def test_use_is_seen(self, http: httpx.Client, context: Context) -> None:
         key = bearing(context, "read")
+        with context.engine.connect() as connection:
+            before = connection.execute(sa.select(now())).scalar_one()
         http.get("/jobs", headers=key)
         with context.engine.connect() as connection:
-            assert keys.list_keys(connection)[0].used is not None
+            used = keys.list_keys(connection)[0].used
+            assert used is not None
+            assert before <= used <= connection.execute(sa.select(now())).scalar_one()
 
     def test_a_key_is_good_where_its_use_cannot_be_noted(
         self, http: httpx.Client, context: Context, monkeypatch: pytest.MonkeyPatch
