@@ -22,6 +22,7 @@ from standardwebhooks import Webhook
 
 from service import deliveries, jobs
 from service.addresses import parse_networks
+from service.answers import JobAnswer
 from service.database import AWAY
 from service.dbos_queue import Queue
 from service.outgoing import Answer, UnansweredError, post
@@ -151,9 +152,6 @@ def _headers(message_id: str, secret: str, body: bytes) -> dict[str, str]:
 
 
 def _payload(job: jobs.Job) -> bytes:
-    # Here, so that only workers with something to tell load what makes answers.
-    from service.api.models import JobAnswer
-
     shown = JobAnswer.of(job).model_dump(mode="json", exclude={"webhook"})
     shown["options"] = {
         name: value

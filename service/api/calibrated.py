@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from typing import Any, TypeVar
 
 from pydantic import BaseModel
 
-from pipeline.calibration.options import FILES, Kind
+from pipeline.calibration.options import FILES
 from pipeline.errors import OptionError
 from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
 from service import jobs
 from service.api.callers import Caller
 from service.api.context import Context
 from service.api.models import Calibrated
+from service.calibration_names import KINDS, names_calibration
 from service.errors import NotReadyError
 from service.object_keys import results_key
 from service.sentences import in_words
@@ -22,34 +22,7 @@ from service.states import State
 
 _Options = TypeVar("_Options", bound=BaseModel)
 
-_KINDS: dict[str, Kind] = {
-    "camera": "camera",
-    "response": "camera",
-    "flash_spectrum": "flash",
-    "neutral": "flash",
-    "light_directions": "lamps",
-}
-"""Options that a calibration may fill in, and of which kind it must be."""
-
-_STAND_INS: dict[Kind, Any] = {
-    "camera": "",
-    "flash": "",
-    "lamps": [{"direction": [0, 0, 1]}] * 3,  # as many as may be, so that no pinned one is amiss
-}
-"""What passes for the find of a calibration until it is looked up."""
-
 _WORDS = {"camera": "a camera", "flash": "a flash", "lamps": "lamps"}
-
-
-def take_out(options: Any) -> tuple[Any, dict[str, Any]]:
-    """Put stand-ins where options name calibrations; the options then, and what stood there.
-
-    options: as sent.
-    """
-    if not isinstance(options, dict):
-        return options, {}
-    named = {name: value for name, value in options.items() if _names_one(name, value)}
-    return options | {name: _STAND_INS[_KINDS[name]] for name in named}, named
 
 
 def complete(
@@ -76,18 +49,14 @@ def fill_in(context: Context, caller: Caller, options: Any) -> Any:
         return options
     return {
         name: _found(context, caller, name, value["calibration"])
-        if _names_one(name, value)
+        if names_calibration(name, value)
         else value
         for name, value in options.items()
     }
 
 
-def _names_one(option: str, value: Any) -> bool:
-    return option in _KINDS and isinstance(value, Mapping) and set(value) == {"calibration"}
-
-
 def _found(context: Context, caller: Caller, option: str, job_id: object) -> Any:
-    kind = _KINDS[option]
+    kind = KINDS[option]
     with context.engine.connect() as connection:
         job = jobs.find(connection, job_id) if isinstance(job_id, str) else None
     if job is None or not caller.may_see(job) or job.task != "calibrate":
@@ -120,5 +89,5 @@ def allow_calibrations(schemas: dict[str, Any]) -> None:
     """Say in the schemas of options that a calibration may stand for a table."""
     for schema in schemas.values():
         for name, field in schema.get("properties", {}).items():
-            if name in _KINDS and "anyOf" in field:
+            if name in KINDS and "anyOf" in field:
                 field["anyOf"].append({"$ref": f"#/components/schemas/{Calibrated.__name__}"})

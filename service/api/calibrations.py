@@ -10,21 +10,14 @@ from fastapi.concurrency import run_in_threadpool
 
 from pipeline.calibration.options import CameraCalibration, FlashCalibration, LampsCalibration
 from service import jobs, kept
+from service.answers import JobAnswer, KeptCalibration, KeptCalibrations, Links
 from service.api import captures, intake
 from service.api.accept import refuse_when_full
 from service.api.callers import Calling
 from service.api.context import Parts, TraceId
 from service.api.dispatch import make_job
 from service.api.jobs import answer_made
-from service.api.models import (
-    Calibrated,
-    CalibrationCaptureRequest,
-    CalibrationRequest,
-    JobAnswer,
-    KeptCalibration,
-    KeptCalibrations,
-    Links,
-)
+from service.api.models import Calibrated, CalibrationCaptureRequest, CalibrationRequest
 from service.api.pair_form import IdempotencyKey, accepted, pair_form
 from service.api.prefer import APPLIED, Wait
 from service.api.problems import responses

@@ -15,7 +15,8 @@ from fastapi.sse import KEEPALIVE_COMMENT, EventSourceResponse, format_sse_event
 
 import drivers
 from pipeline.errors import OptionError
-from service import bursts, cameras, jobs
+from service import answers, bursts, cameras, jobs
+from service.answers import CameraAnswer, CameraSettings, JobList, SettingAnswer
 from service.api import intake
 from service.api.accept import refuse_when_full
 from service.api.callers import Caller, Calling, Standing
@@ -23,18 +24,11 @@ from service.api.captures import accept_captures, told_of
 from service.api.context import Context, Parts, TraceId
 from service.api.dispatch import queue_captures
 from service.api.looking import check_camera
-from service.api.models import (
-    CameraAnswer,
-    CameraCapture,
-    CameraSettings,
-    CaptureSettings,
-    JobList,
-    SettingAnswer,
-    SettingsRequest,
-)
+from service.api.models import CameraCapture, SettingsRequest
 from service.api.pair_form import IdempotencyKey, accepted
 from service.api.problems import responses
-from service.api.watching import KEEP_ALIVE_SECONDS, RETRY_MS, answers
+from service.api.watching import KEEP_ALIVE_SECONDS, RETRY_MS
+from service.capture import CaptureSettings
 from service.database import AWAY
 from service.errors import (
     CameraHeldError,
@@ -173,7 +167,9 @@ def _jobs(context: Context, job_id: str) -> JobList:
     with context.engine.connect() as connection:
         kept = jobs.find_all(connection, bursts.kept(connection, job_id))
         found = sorted(kept, key=lambda job: job.id)
-        return JobList(jobs=[one for _, one in answers(connection, context.settings, found)])
+        return JobList(
+            jobs=[one for _, one in answers.of_jobs(connection, context.settings, found)]
+        )
 
 
 def _list(context: Context, caller: Caller) -> list[CameraAnswer]:

@@ -27,7 +27,8 @@ from service.api.callers import Caller, find
 from service.api.context import Context
 from service.api.intake import Intake, handling_of
 from service.api.looking import check_camera
-from service.api.models import CameraCapture, Capture, Handling
+from service.api.models import CameraCapture, Handling
+from service.capture import Capture, Taking
 from service.errors import CameraHeldError, EndedError, ForeignCameraError, NotReadyError
 from service.keys import Scope
 from service.sentences import in_words
@@ -103,7 +104,7 @@ def accept_captures(
 def _pairs(
     context: Context, caller: Caller, camera: str, wanted: CameraCapture, named: dict[str, Any]
 ) -> Pairs:
-    given = wanted.model_dump(include=set(Capture.model_fields), exclude_unset=True)
+    given = wanted.model_dump(include=set(Taking.model_fields), exclude_unset=True)
     options = complete(context, caller, wanted.options, named)
     if wanted.like is not None:
         like, same = _recipe(context, caller, wanted.like)

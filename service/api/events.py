@@ -10,6 +10,7 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response
 from fastapi.sse import KEEPALIVE_COMMENT, EventSourceResponse, format_sse_event
 
+from service import answers
 from service.api.callers import Caller, Calling, Standing, find
 from service.api.context import Context, Parts
 from service.api.problems import responses
@@ -18,7 +19,6 @@ from service.api.watching import (
     RETRY_MS,
     Snapshot,
     Watching,
-    answers,
 )
 from service.errors import UnknownJobError
 
@@ -59,7 +59,7 @@ async def watch_job(
 def _look(context: Context, caller: Caller, job_id: str) -> Snapshot:
     with context.engine.connect() as connection:
         job = find(connection, caller, job_id)
-        ((_, answer),) = answers(connection, context.settings, [job])
+        ((_, answer),) = answers.of_jobs(connection, context.settings, [job])
     return Snapshot(answer, job.revision, job.ended)
 
 

@@ -8,8 +8,8 @@ from fastapi.concurrency import run_in_threadpool
 from obstore.exceptions import BaseError
 
 from service import census, metrics
+from service.answers import Health
 from service.api.context import Context, Parts
-from service.api.models import Health
 from service.api.problems import responses
 from service.errors import UnreadyError
 

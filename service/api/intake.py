@@ -24,15 +24,12 @@ from pipeline.errors import OptionError
 from pipeline.mix_options import MixRequest
 from pipeline.options import Options
 from service import scratch
-from service.api.calibrated import take_out
 from service.api.form import Form, read_form
 from service.api.models import (
     CalibrationCaptureRequest,
     CalibrationRequest,
     CameraCapture,
-    Capture,
     CaptureRequest,
-    CaptureSettings,
     Handling,
     MixJob,
     MixOptions,
@@ -40,6 +37,8 @@ from service.api.models import (
     SettingsRequest,
     UploadsRequest,
 )
+from service.calibration_names import take_out
+from service.capture import Capture, CaptureSettings
 from service.errors import MalformedRequestError, UnsupportedMediaError, UploadTooLargeError
 from service.frames import FRAMES
 from service.sentences import in_words

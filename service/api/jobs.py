@@ -11,17 +11,17 @@ from pydantic import AfterValidator, Field
 from sqlalchemy.exc import DBAPIError
 
 from pipeline.options import Options
-from service import jobs, steering
+from service import answers, jobs, steering
+from service.answers import JobAnswer, JobPage
 from service.api import captures, intake
 from service.api.accept import Accepted, refuse_when_full
 from service.api.callers import Caller, Calling, find
 from service.api.context import Context, Parts, TraceId
 from service.api.dispatch import make_job
-from service.api.models import CaptureRequest, Handling, JobAnswer, JobPage, UploadsRequest
+from service.api.models import CaptureRequest, Handling, UploadsRequest
 from service.api.pair_form import IdempotencyKey, accepted, pair_form
 from service.api.prefer import APPLIED, Wait
 from service.api.problems import responses
-from service.api.watching import answers
 from service.database import is_full
 from service.errors import NotReadyError, UnknownJobError
 from service.object_keys import job_key
@@ -97,7 +97,7 @@ def list_jobs(
     with context.engine.connect() as connection:
         found = jobs.page(connection, caller.lists, limit + 1, _read_place(after))
         shown = found[:limit]
-        listed = [one for _, one in answers(connection, context.settings, shown)]
+        listed = [one for _, one in answers.of_jobs(connection, context.settings, shown)]
     more = len(found) > limit
     return JobPage(
         jobs=listed,
@@ -209,7 +209,9 @@ def _make_room(context: Context, caller: Caller, job_id: str) -> None:
 def answer(context: Context, caller: Caller, job_id: str) -> JobAnswer:
     """Make the answer for a job. Raises UnknownJobError."""
     with context.engine.connect() as connection:
-        ((_, made),) = answers(connection, context.settings, [find(connection, caller, job_id)])
+        ((_, made),) = answers.of_jobs(
+            connection, context.settings, [find(connection, caller, job_id)]
+        )
     return made
 
 

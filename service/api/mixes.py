@@ -10,12 +10,13 @@ from fastapi.concurrency import run_in_threadpool
 from pipeline.errors import InputError, OptionError
 from pipeline.mix_options import Mix, check_lamps, read_basis
 from pipeline.result_names import LAYERS, MANIFEST
+from service.answers import JobAnswer
 from service.api import intake
 from service.api.accept import Accepted, accept, hash_of, refuse_when_full, replay
 from service.api.callers import Caller, Calling
 from service.api.context import Context, Parts, TraceId
 from service.api.jobs import answer_made
-from service.api.models import JobAnswer, MixJob, MixOptions
+from service.api.models import MixJob, MixOptions
 from service.api.pair_form import IdempotencyKey, accepted
 from service.api.prefer import APPLIED, Wait
 from service.api.results import deleted_meanwhile, find_succeeded

@@ -12,6 +12,7 @@ from pipeline.calibration.options import CALIBRATION_OPTIONS
 from pipeline.errors import OptionError
 from pipeline.options import Options
 from service import jobs
+from service.answers import JobAnswer
 from service.api import intake
 from service.api.accept import (
     Accepted,
@@ -26,7 +27,7 @@ from service.api.calibrated import fill_in
 from service.api.callers import Caller, Calling, find
 from service.api.context import Context, Parts, TraceId
 from service.api.jobs import answer_made
-from service.api.models import JobAnswer, RerunRequest
+from service.api.models import RerunRequest
 from service.api.pair_form import IdempotencyKey, accepted
 from service.api.prefer import APPLIED, Wait
 from service.errors import GoneError, NotReadyError, UnknownJobError

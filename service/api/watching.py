@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import sqlalchemy as sa
 from fastapi.concurrency import run_in_threadpool
 
-from service import eta, jobs
-from service.api.models import JobAnswer
+from service import answers, jobs
+from service.answers import JobAnswer
 from service.database import jobs as rows
 from service.settings import Settings
 from service.states import State
@@ -183,17 +183,8 @@ class Watching:
         if changed:
             found |= {
                 answer.id: Snapshot(answer, job.revision, job.ended)
-                for job, answer in answers(
+                for job, answer in answers.of_jobs(
                     connection, self._settings, jobs.find_all(connection, changed)
                 )
             }
         return found
-
-
-def answers(
-    connection: sa.Connection, settings: Settings, found: list[jobs.Job]
-) -> list[tuple[jobs.Job, JobAnswer]]:
-    """Make the answers for jobs, with their places in the queue and when they are likely to end."""
-    places = jobs.positions(connection, found)
-    ends = eta.etas(connection, settings, found, places)
-    return [(job, JobAnswer.of(job, places.get(job.id), ends.get(job.id))) for job in found]

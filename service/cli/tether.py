@@ -225,7 +225,7 @@ def _options(path: Path | None) -> dict[str, Any]:
 
     from pipeline.errors import InputError, OptionError
     from pipeline.options import Options
-    from service.api.calibrated import take_out
+    from service.calibration_names import take_out
     from service.sentences import sentence_of
 
     if path is None:

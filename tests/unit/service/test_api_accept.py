@@ -18,7 +18,8 @@ from service import jobs, sandbox
 from service.api.accept import hash_of
 from service.api.context import Context
 from service.api.intake import Intake
-from service.api.models import Capture, Handling
+from service.api.models import Handling
+from service.capture import Capture
 from service.errors import (
     AttemptError,
     CrashError,
