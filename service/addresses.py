@@ -1,4 +1,4 @@
-"""Which network addresses the service may call on behalf of a user.
+"""Which network addresses are this machine alone, and which the service may call for a user.
 
 A webhook's URL comes from outside: without these checks it could name the operator's own machines.
 """
@@ -37,6 +37,14 @@ def parse_networks(text: str) -> Networks:
         return ()
     listed = "0.0.0.0/0,::/0" if word == "true" else word
     return tuple(ipaddress.ip_network(part.strip(), strict=False) for part in listed.split(","))
+
+
+def is_loopback(name: str) -> bool:
+    """Whether a name or address without port means this machine alone."""
+    try:
+        return ipaddress.ip_address(name.strip("[]")).is_loopback
+    except ValueError:
+        return name == "localhost" or name.endswith(".localhost")
 
 
 def is_allowed(address: Address, private: Networks) -> bool:

@@ -26,7 +26,6 @@ from pydantic import ValidationError
 from pipeline import compiling
 from pipeline.errors import reason_of
 from service import census, database, keys, migrations
-from service.api.callers import keys_required
 from service.errors import StartError
 from service.opening import WRONG_ADDRESS, cause_of, open_storage
 from service.sentences import sentence_of
@@ -178,7 +177,7 @@ def _workers(engine: sa.Engine, settings: Settings) -> Finding:
 
 
 def _keys(settings: Settings, usable: bool) -> Finding:
-    if keys_required(settings) and not usable:
+    if keys.required(settings) and not usable:
         return Finding(
             "wrong",
             "keys",

@@ -19,7 +19,9 @@ from typing import Any
 
 import sqlalchemy as sa
 
+from service.addresses import is_loopback
 from service.database import keys, now
+from service.settings import Settings
 
 _ALPHABET = string.digits + string.ascii_uppercase + string.ascii_lowercase
 _ID_LETTERS, _SECRET_LETTERS, _CHECKSUM_LETTERS = 10, 32, 6
@@ -166,6 +168,11 @@ def is_usable(connection: sa.Connection, key_id: str) -> bool:
 def any_usable(connection: sa.Connection) -> bool:
     """Whether there is a key that requests can be made with."""
     return connection.execute(sa.select(keys.c.id).where(_USABLE).limit(1)).first() is not None
+
+
+def required(settings: Settings) -> bool:
+    """Whether nobody is served without a key, whatever is in the database."""
+    return settings.keys == "required" or not is_loopback(settings.host)
 
 
 def _letters(number: int) -> str:

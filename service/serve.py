@@ -21,7 +21,6 @@ from obstore.exceptions import BaseError
 from pipeline.errors import reason_of
 from service import keys, logs, metrics, processes, tracing, uploads
 from service.api import create_app
-from service.api.callers import keys_required
 from service.api.context import Context, open_context
 from service.connections import PatientProtocol
 from service.database import AWAY
@@ -109,7 +108,7 @@ class _Server(uvicorn.Server):
 
 
 def _check_keys(context: Context) -> None:
-    if not keys_required(context.settings):
+    if not keys.required(context.settings):
         return
     with context.engine.connect() as connection:
         if keys.any_usable(connection):

@@ -14,7 +14,7 @@ from fastapi.security import HTTPBearer
 
 from service import jobs, keys
 from service.api.context import Context, Parts
-from service.api.hosts import came_through_proxy, check_origin, is_loopback
+from service.api.hosts import came_through_proxy, check_origin
 from service.database import AWAY
 from service.errors import ForbiddenError, UnauthorizedError, UnknownJobError
 from service.keys import Scope
@@ -70,11 +70,6 @@ def scopes_for(method: str, path: str) -> tuple[Scope, ...]:
     if method == "POST" and path in ("/jobs", "/calibrations"):  # which of them, the body says
         return (Scope.SUBMIT, Scope.CAPTURE)
     return (Scope.READ,) if method in ("GET", "HEAD") else (Scope.SUBMIT,)
-
-
-def keys_required(settings: Settings) -> bool:
-    """Whether nobody is served without a key, whatever is in the database."""
-    return settings.keys == "required" or not is_loopback(settings.host)
 
 
 async def identify(
@@ -136,7 +131,7 @@ class Standing:
 
 
 def _check_keyless(connection: sa.Connection, request: Request, settings: Settings) -> None:
-    if keys_required(settings) or came_through_proxy(request) or keys.any_made(connection):
+    if keys.required(settings) or came_through_proxy(request) or keys.any_made(connection):
         raise UnauthorizedError(
             "This service needs a key: send `Authorization: Bearer ll_…`; who runs the service "
             "makes one with `lightlayers keys create`."

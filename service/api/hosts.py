@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import ipaddress
 import re
 
 from fastapi import Request
 
+from service.addresses import is_loopback
 from service.api.context import Parts
 from service.errors import ForeignHostError, ForeignOriginError
 from service.settings import Settings
@@ -62,11 +62,3 @@ def _name_of(host: str) -> str:
 def came_through_proxy(request: Request) -> bool:
     """Whether a proxy passed the request on, so that it may come from anywhere."""
     return any(name in request.headers for name in _OF_PROXIES)
-
-
-def is_loopback(name: str) -> bool:
-    """Whether a name or address without port means this machine alone."""
-    try:
-        return ipaddress.ip_address(name.strip("[]")).is_loopback
-    except ValueError:
-        return name == "localhost" or name.endswith(".localhost")

@@ -6,7 +6,14 @@ from typing import Any
 
 import pytest
 
-from service.addresses import ForbiddenAddressError, check_url, is_allowed, parse_networks, resolve
+from service.addresses import (
+    ForbiddenAddressError,
+    check_url,
+    is_allowed,
+    is_loopback,
+    parse_networks,
+    resolve,
+)
 
 PRIVATE = [
     "127.0.0.1", "0x7f.1", "0x7f000001", "2130706433", "017700000001", "0", "127.0.0.1.",
@@ -113,3 +120,25 @@ def test_a_name_with_one_private_address_among_others_is_refused(
     with pytest.raises(ForbiddenAddressError):
         resolve("example.org", 443, ())
     assert resolve("example.org", 443, parse_networks("10.0.0.0/8")) == ["8.8.8.8", "10.0.0.1"]
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("localhost", True),
+        ("photos.localhost", True),
+        ("127.0.0.1", True),
+        ("127.9.9.9", True),
+        ("::1", True),
+        ("[::1]", True),
+        ("192.168.1.7", False),
+        ("0.0.0.0", False),
+        ("evil.example", False),
+        ("evillocalhost", False),
+        ("localhost.evil.example", False),
+        ("127.0.0.1.evil.example", False),
+        ("", False),
+    ],
+)
+def test_only_names_of_this_machine_are_loopback(name: str, expected: bool) -> None:
+    assert is_loopback(name) is expected

@@ -2,12 +2,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from typing import Literal
 
 import pytest
 import sqlalchemy as sa
 
 from service import database, keys
 from service.keys import Quotas, Scope
+from service.settings import Settings
 
 
 @pytest.fixture
@@ -114,3 +116,19 @@ def test_use_is_noted_to_the_hour(connection: sa.Connection) -> None:
     connection.execute(sa.update(database.keys).values(used=first.used - keys.USED_SECONDS - 1))
     keys.note_use(connection, key)
     assert (keys.list_keys(connection)[0].used or 0) >= first.used
+
+
+@pytest.mark.parametrize(
+    ("host", "asked", "expected"),
+    [
+        ("127.0.0.1", "loopback", False),
+        ("::1", "loopback", False),
+        ("127.0.0.1", "required", True),
+        ("0.0.0.0", "loopback", True),
+        ("192.168.1.7", "required", True),
+    ],
+)
+def test_keys_are_required_where_others_can_ask(
+    host: str, asked: Literal["loopback", "required"], expected: bool
+) -> None:
+    assert keys.required(Settings(host=host, keys=asked)) is expected
