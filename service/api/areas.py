@@ -16,8 +16,8 @@ from pipeline.result_names import LAYERS
 from pipeline.scan_lines import ScanLines
 from service.api.callers import Calling
 from service.api.context import Parts
+from service.api.finished import deleted_meanwhile, find_result, find_succeeded
 from service.api.problems import responses
-from service.api.results import deleted_meanwhile, find_result, find_succeeded
 from service.errors import GoneError, NotReadyError, UnknownJobError, UnknownResultError
 from service.jobs import Job
 from service.object_keys import results_key

@@ -12,15 +12,17 @@ from pipeline.calibration.options import CameraCalibration, FlashCalibration, La
 from service import jobs, kept
 from service.answers import JobAnswer, KeptCalibration, KeptCalibrations, Links
 from service.api import captures, intake
-from service.api.accept import refuse_when_full
+from service.api.accepted import accepted
+from service.api.admission import refuse_when_full
+from service.api.answering import answer_made
 from service.api.callers import Calling
-from service.api.context import Parts, TraceId
+from service.api.context import Parts
 from service.api.dispatch import make_job
-from service.api.jobs import answer_made
 from service.api.models import Calibrated, CalibrationCaptureRequest, CalibrationRequest
-from service.api.pair_form import IdempotencyKey, accepted, pair_form
+from service.api.pair_form import pair_form
 from service.api.prefer import APPLIED, Wait
 from service.api.problems import responses
+from service.api.submission import Submitting
 
 router = APIRouter(tags=["calibrations"])
 
@@ -58,17 +60,14 @@ _BODY = {
 async def create_calibration(
     request: Request,
     response: Response,
-    context: Parts,
-    caller: Calling,
-    trace_id: TraceId,
+    submission: Submitting,
     wait: Wait,
-    idempotency_key: IdempotencyKey = None,
 ) -> JobAnswer:
     """Calibrate a flash, a camera or lamps, on a pair sent or taken; a job that others may name."""
-    await run_in_threadpool(refuse_when_full, context, caller, idempotency_key)
-    async with intake.read_calibration(request, context.settings) as wanted:
-        made = await make_job(context, caller, wanted, idempotency_key, trace_id)
-    return await answer_made(context, caller, made, wait, response)
+    await run_in_threadpool(refuse_when_full, submission)
+    async with intake.read_calibration(request, submission.context.settings) as wanted:
+        made = await make_job(submission, wanted)
+    return await answer_made(submission, made, wait, response)
 
 
 @router.get(

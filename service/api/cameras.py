@@ -7,6 +7,7 @@ import contextlib
 import json
 import time
 from collections.abc import AsyncIterator
+from functools import partial
 from typing import Any
 
 from fastapi import APIRouter, Request, Response
@@ -18,15 +19,16 @@ from pipeline.errors import OptionError
 from service import answers, bursts, cameras, jobs
 from service.answers import CameraAnswer, CameraSettings, JobList, SettingAnswer
 from service.api import intake
-from service.api.accept import refuse_when_full
+from service.api.accepted import accepted
+from service.api.admission import refuse_when_full
 from service.api.callers import Caller, Calling, Standing
 from service.api.captures import accept_captures, told_of
 from service.api.context import Context, Parts, TraceId
 from service.api.dispatch import queue_captures
 from service.api.looking import check_camera
 from service.api.models import CameraCapture, SettingsRequest
-from service.api.pair_form import IdempotencyKey, accepted
 from service.api.problems import responses
+from service.api.submission import Submitting
 from service.api.watching import KEEP_ALIVE_SECONDS, RETRY_MS
 from service.capture import CaptureSettings
 from service.database import AWAY
@@ -146,18 +148,16 @@ async def change_settings(
 async def capture(
     request: Request,
     response: Response,
-    context: Parts,
-    caller: Calling,
-    trace_id: TraceId,
+    submission: Submitting,
     camera_id: str,
-    idempotency_key: IdempotencyKey = None,
 ) -> JobList:
     """Have a camera take one pair or several, each separated by a job of its own."""
-    await run_in_threadpool(refuse_when_full, context, caller, idempotency_key)
+    await run_in_threadpool(refuse_when_full, submission)
+    context = submission.context
     address = await run_in_threadpool(_address, context, camera_id)
     wanted, named = await intake.read_captures(request, context.settings.upload_bytes)
-    arguments = (context, caller, address, wanted, named, idempotency_key, trace_id)
-    made = await queue_captures(context, named, accept_captures, *arguments)
+    work = partial(accept_captures, submission, address, wanted, named)
+    made = await queue_captures(context, named, work)
     response.headers.update(made.headers)
     return await run_in_threadpool(_jobs, context, made.job_id)
 
@@ -240,8 +240,9 @@ async def _adjust(
 ) -> CameraSettings:
     settings = {name.value: value for name, value in wanted.items()}
     deadline = time.monotonic() + _PATIENCE_SECONDS  # with the wait for a thread
-    arguments = (context, caller, camera_id, settings, trace_id, deadline)
-    return await context.ask_camera(_adjust_by, *arguments)
+    return await context.ask_camera(
+        _adjust_by, context, caller, camera_id, settings, trace_id, deadline
+    )
 
 
 def _adjust_by(

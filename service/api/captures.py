@@ -12,22 +12,17 @@ import drivers
 from pipeline.errors import OptionError
 from pipeline.options import Options
 from service import bursts, cameras, jobs
-from service.api.accept import (
-    Accepted,
-    as_asked,
-    check_webhook,
-    digest,
-    hash_of,
-    make_row,
-    refuse_when_full,
-    replay,
-)
+from service.api.accept import check_webhook, make_row
+from service.api.accepted import Accepted
+from service.api.admission import refuse_when_full
 from service.api.calibrated import complete
 from service.api.callers import Caller, find
 from service.api.context import Context
+from service.api.idempotency import as_asked, digest, hash_of, replay
 from service.api.intake import Intake, handling_of
 from service.api.looking import check_camera
 from service.api.models import CameraCapture, Handling
+from service.api.submission import Submission
 from service.capture import Capture, Taking
 from service.errors import CameraHeldError, EndedError, ForeignCameraError, NotReadyError
 from service.keys import Scope
@@ -54,37 +49,25 @@ class Pairs:
     interval_seconds: float = 0.0
 
 
-def accept_capture(
-    context: Context,
-    caller: Caller,
-    wanted: Intake,
-    idempotency_key: str | None,
-    trace_id: str,
-) -> Accepted:
+def accept_capture(submission: Submission, wanted: Intake) -> Accepted:
     """Queue one pair.
 
     Raises ForbiddenError, ForeignCameraError, CameraHeldError, OptionError, and what complete,
     refuse_when_full and replay raise.
     """
-    caller.need(Scope.CAPTURE)
+    submission.caller.need(Scope.CAPTURE)
     assert wanted.capture is not None
     request_hash = hash_of(wanted)
-    refuse_when_full(context, caller, idempotency_key)
-    if earlier := replay(context, caller, idempotency_key, request_hash):
+    refuse_when_full(submission)
+    if earlier := replay(submission, request_hash):
         return earlier
-    options = complete(context, caller, wanted.options, wanted.calibrations)
+    options = complete(submission.context, submission.caller, wanted.options, wanted.calibrations)
     pairs = Pairs(wanted.capture, options, wanted.handling)
-    return _commit(context, caller, pairs, idempotency_key, request_hash, trace_id)
+    return _commit(submission, pairs, request_hash)
 
 
 def accept_captures(
-    context: Context,
-    caller: Caller,
-    camera: str,
-    wanted: CameraCapture,
-    named: dict[str, Any],
-    idempotency_key: str | None,
-    trace_id: str,
+    submission: Submission, camera: str, wanted: CameraCapture, named: dict[str, Any]
 ) -> Accepted:
     """Queue a burst of pairs of the camera at an address; the first of its jobs that is kept.
 
@@ -94,11 +77,11 @@ def accept_captures(
     asked = as_asked(wanted)
     options = asked.pop("options", {}) | named
     request_hash = digest({"camera": camera, "wanted": asked | {"options": options}})
-    refuse_when_full(context, caller, idempotency_key, wanted.pairs)
-    if earlier := replay(context, caller, idempotency_key, request_hash):
+    refuse_when_full(submission, wanted.pairs)
+    if earlier := replay(submission, request_hash):
         return earlier
-    pairs = _pairs(context, caller, camera, wanted, named)
-    return _commit(context, caller, pairs, idempotency_key, request_hash, trace_id)
+    pairs = _pairs(submission.context, submission.caller, camera, wanted, named)
+    return _commit(submission, pairs, request_hash)
 
 
 def _pairs(
@@ -133,15 +116,9 @@ def _recipe(context: Context, caller: Caller, job_id: str) -> tuple[dict[str, An
         return recipe | {"settings": source.camera_settings}, Options.model_validate(source.options)
 
 
-def _commit(
-    context: Context,
-    caller: Caller,
-    wanted: Pairs,
-    idempotency_key: str | None,
-    request_hash: str,
-    trace_id: str,
-) -> Accepted:
+def _commit(submission: Submission, wanted: Pairs, request_hash: str) -> Accepted:
     """Commit rows and queue entries together."""
+    context = submission.context
     check_camera(context.settings, wanted.capture.camera)
     drivers.check_settings(wanted.capture.settings)
     if wanted.capture.flash == "external" and context.settings.flash_switch is None:
@@ -151,23 +128,19 @@ def _commit(
         )
     check_webhook(context, wanted.handling)
     ids = bursts.new_ids(wanted.count)
-    values = {
-        "trace_id": trace_id,
-        "request_hash": request_hash,
-        "capture": _row_of(wanted.capture),
-    }
-    row = make_row(caller, values, wanted.options, wanted.handling)
+    values = {"request_hash": request_hash, "capture": _row_of(wanted.capture)}
+    row = make_row(submission, values, wanted.options, wanted.handling)
     try:
         with context.engine.begin() as connection:
             row["camera"] = cameras.add(connection, wanted.capture.camera)
             if wanted.capture.when_busy == "refuse":
-                _refuse_when_held(connection, caller, row["camera"])
+                _refuse_when_held(connection, submission.caller, row["camera"])
             for number, job_id in enumerate(ids):
-                key = idempotency_key if number == 0 else None
+                key = submission.idempotency_key if number == 0 else None
                 one = row | {"id": job_id, "idempotency_key": key}
                 _add(context, connection, wanted, one, number * wanted.interval_seconds)
     except sa.exc.IntegrityError:
-        earlier = replay(context, caller, idempotency_key, request_hash)
+        earlier = replay(submission, request_hash)
         if earlier is None:
             raise
         return earlier

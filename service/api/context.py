@@ -8,7 +8,7 @@ import threading
 from collections.abc import AsyncIterator, Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, TypeVar, TypeVarTuple
 
 import sqlalchemy as sa
 from anyio import CapacityLimiter, to_thread
@@ -28,6 +28,7 @@ _READING_THREADS = 40
 _CAMERA_THREADS = 8
 
 Result = TypeVar("Result")
+Arguments = TypeVarTuple("Arguments")
 
 
 @dataclass(frozen=True)
@@ -55,15 +56,17 @@ class Context:
     draining: threading.Event = field(default_factory=threading.Event)
     """Set once the service was told to stop: what has no end of its own ends now."""
 
-    async def store(self, work: Callable[..., Result], *arguments: Any) -> Result:
+    async def store(self, work: Callable[[*Arguments], Result], *arguments: *Arguments) -> Result:
         """Do work that changes what is stored, in a thread. Raises what it raises."""
         return await to_thread.run_sync(partial(work, *arguments), limiter=self.storing)
 
-    async def fetch(self, work: Callable[..., Result], *arguments: Any) -> Result:
+    async def fetch(self, work: Callable[[*Arguments], Result], *arguments: *Arguments) -> Result:
         """Do work that reads the store, in a thread. Raises what it raises."""
         return await to_thread.run_sync(partial(work, *arguments), limiter=self.reading)
 
-    async def ask_camera(self, work: Callable[..., Result], *arguments: Any) -> Result:
+    async def ask_camera(
+        self, work: Callable[[*Arguments], Result], *arguments: *Arguments
+    ) -> Result:
         """Do work that waits for a camera, in a thread. Raises what it raises."""
         return await to_thread.run_sync(partial(work, *arguments), limiter=self.asking)
 

@@ -14,14 +14,17 @@ from pipeline.options import Options
 from service import answers, jobs, steering
 from service.answers import JobAnswer, JobPage
 from service.api import captures, intake
-from service.api.accept import Accepted, refuse_when_full
+from service.api.accepted import accepted
+from service.api.admission import refuse_when_full
+from service.api.answering import answer, answer_made
 from service.api.callers import Caller, Calling, find
-from service.api.context import Context, Parts, TraceId
+from service.api.context import Context, Parts
 from service.api.dispatch import make_job
 from service.api.models import CaptureRequest, Handling, UploadsRequest
-from service.api.pair_form import IdempotencyKey, accepted, pair_form
+from service.api.pair_form import pair_form
 from service.api.prefer import APPLIED, Wait
 from service.api.problems import responses
+from service.api.submission import Submitting
 from service.database import is_full
 from service.errors import NotReadyError, UnknownJobError
 from service.object_keys import job_key
@@ -71,17 +74,14 @@ _Place = Annotated[
 async def create_job(
     request: Request,
     response: Response,
-    context: Parts,
-    caller: Calling,
-    trace_id: TraceId,
+    submission: Submitting,
     wait: Wait,
-    idempotency_key: IdempotencyKey = None,
 ) -> JobAnswer:
     """Separate a pair of photographs, or have a camera take one and separate it."""
-    await run_in_threadpool(refuse_when_full, context, caller, idempotency_key)
-    async with intake.read(request, context.settings) as wanted:
-        made = await make_job(context, caller, wanted, idempotency_key, trace_id)
-    return await answer_made(context, caller, made, wait, response)
+    await run_in_threadpool(refuse_when_full, submission)
+    async with intake.read(request, submission.context.settings) as wanted:
+        made = await make_job(submission, wanted)
+    return await answer_made(submission, made, wait, response)
 
 
 @router.get("/jobs", response_model=JobPage, responses=responses(status=(422, 503)))
@@ -204,22 +204,3 @@ def _make_room(context: Context, caller: Caller, job_id: str) -> None:
         job = find(connection, caller, job_id)
     if job.ended:
         context.storage.delete_below(job_key(job_id))
-
-
-def answer(context: Context, caller: Caller, job_id: str) -> JobAnswer:
-    """Make the answer for a job. Raises UnknownJobError."""
-    with context.engine.connect() as connection:
-        ((_, made),) = answers.of_jobs(
-            connection, context.settings, [find(connection, caller, job_id)]
-        )
-    return made
-
-
-async def answer_made(
-    context: Context, caller: Caller, made: Accepted, wait: int, response: Response
-) -> JobAnswer:
-    """Make the answer for a job just made, once it has ended or after so many seconds."""
-    if wait:
-        await context.watching.until_over(made.job_id, wait)
-    response.headers.update(made.headers)
-    return await run_in_threadpool(answer, context, caller, made.job_id)

@@ -12,14 +12,17 @@ from pipeline.mix_options import Mix, check_lamps, read_basis
 from pipeline.result_names import LAYERS, MANIFEST
 from service.answers import JobAnswer
 from service.api import intake
-from service.api.accept import Accepted, accept, hash_of, refuse_when_full, replay
-from service.api.callers import Caller, Calling
-from service.api.context import Context, Parts, TraceId
-from service.api.jobs import answer_made
+from service.api.accept import accept
+from service.api.accepted import Accepted, accepted
+from service.api.admission import refuse_when_full
+from service.api.answering import answer_made
+from service.api.callers import Caller
+from service.api.context import Context
+from service.api.finished import deleted_meanwhile, find_succeeded
+from service.api.idempotency import hash_of, replay
 from service.api.models import MixJob, MixOptions
-from service.api.pair_form import IdempotencyKey, accepted
 from service.api.prefer import APPLIED, Wait
-from service.api.results import deleted_meanwhile, find_succeeded
+from service.api.submission import Submission, Submitting
 from service.errors import GoneError, NotReadyError, UnknownJobError
 from service.object_keys import results_key
 
@@ -46,33 +49,25 @@ _BODY = {
 async def create_mix(
     request: Request,
     response: Response,
-    context: Parts,
-    caller: Calling,
-    trace_id: TraceId,
+    submission: Submitting,
     job_id: str,
     wait: Wait,
-    idempotency_key: IdempotencyKey = None,
 ) -> JobAnswer:
     """Mix the layers of a job into a picture of full size; a job of its own."""
-    await run_in_threadpool(refuse_when_full, context, caller, idempotency_key)
+    await run_in_threadpool(refuse_when_full, submission)
+    context = submission.context
     wanted = await intake.read_mix(request, context.settings.upload_bytes, job_id)
-    made = await context.store(_accept, context, caller, wanted, idempotency_key, trace_id)
-    return await answer_made(context, caller, made, wait, response)
+    made = await context.store(_accept, submission, wanted)
+    return await answer_made(submission, made, wait, response)
 
 
-def _accept(
-    context: Context,
-    caller: Caller,
-    wanted: intake.Intake,
-    idempotency_key: str | None,
-    trace_id: str,
-) -> Accepted:
+def _accept(submission: Submission, wanted: intake.Intake) -> Accepted:
     assert isinstance(wanted.options, MixOptions)
     # Before the job is looked at, which may have been deleted since the first answer got lost.
-    if earlier := replay(context, caller, idempotency_key, hash_of(wanted)):
+    if earlier := replay(submission, hash_of(wanted)):
         return earlier
-    _check(context, caller, wanted.options.of, wanted.options.mix)
-    return accept(context, caller, wanted, idempotency_key, trace_id)
+    _check(submission.context, submission.caller, wanted.options.of, wanted.options.mix)
+    return accept(submission, wanted)
 
 
 def _check(context: Context, caller: Caller, job_id: str, mix: Mix) -> None:

@@ -14,22 +14,17 @@ from pipeline.options import Options
 from service import jobs
 from service.answers import JobAnswer
 from service.api import intake
-from service.api.accept import (
-    Accepted,
-    as_asked,
-    check_webhook,
-    commit,
-    digest,
-    refuse_when_full,
-    replay,
-)
+from service.api.accept import check_webhook, commit
+from service.api.accepted import Accepted, accepted
+from service.api.admission import refuse_when_full
+from service.api.answering import answer_made
 from service.api.calibrated import fill_in
-from service.api.callers import Caller, Calling, find
-from service.api.context import Context, Parts, TraceId
-from service.api.jobs import answer_made
+from service.api.callers import Caller, find
+from service.api.context import Context
+from service.api.idempotency import as_asked, digest, replay
 from service.api.models import RerunRequest
-from service.api.pair_form import IdempotencyKey, accepted
 from service.api.prefer import APPLIED, Wait
+from service.api.submission import Submission, Submitting
 from service.errors import GoneError, NotReadyError, UnknownJobError
 from service.repeat import copy_pair
 from service.sentences import in_words
@@ -56,33 +51,25 @@ _BODY = {
 async def rerun_job(
     request: Request,
     response: Response,
-    context: Parts,
-    caller: Calling,
-    trace_id: TraceId,
+    submission: Submitting,
     job_id: str,
     wait: Wait,
-    idempotency_key: IdempotencyKey = None,
 ) -> JobAnswer:
     """Do a job again on copies of its photographs, with these options or the same ones."""
+    context = submission.context
     wanted = await intake.read_rerun(request, context.settings.upload_bytes)
-    made = await context.store(_accept, context, caller, job_id, wanted, idempotency_key, trace_id)
-    return await answer_made(context, caller, made, wait, response)
+    made = await context.store(_accept, submission, job_id, wanted)
+    return await answer_made(submission, made, wait, response)
 
 
-def _accept(
-    context: Context,
-    caller: Caller,
-    job_id: str,
-    wanted: RerunRequest,
-    idempotency_key: str | None,
-    trace_id: str,
-) -> Accepted:
+def _accept(submission: Submission, job_id: str, wanted: RerunRequest) -> Accepted:
     """Copy the pair for good, then commit row and queue entry together."""
-    refuse_when_full(context, caller, idempotency_key)
+    context, caller = submission.context, submission.caller
+    refuse_when_full(submission)
     check_webhook(context, wanted)
     request_hash = digest({"rerun": job_id, "wanted": as_asked(wanted)})
     # Before the job is looked at, which may have been deleted since the first answer got lost.
-    if earlier := replay(context, caller, idempotency_key, request_hash):
+    if earlier := replay(submission, request_hash):
         return earlier
     with context.engine.connect() as connection:
         source = find(connection, caller, job_id)
@@ -95,11 +82,9 @@ def _accept(
     new_id = uuid.uuid4().hex
     values = copy_pair(context.storage, source, new_id) | {
         "id": new_id,
-        "trace_id": trace_id,
-        "idempotency_key": idempotency_key,
         "request_hash": request_hash,
     }
-    return commit(context, caller, values, options, wanted, taken={})
+    return commit(submission, values, options, wanted, taken={})
 
 
 def _options(

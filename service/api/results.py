@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 from collections.abc import Iterator
 from typing import Annotated, Any
@@ -15,14 +14,14 @@ from pydantic import WithJsonSchema
 from pipeline.remarks import Code
 from pipeline.result_names import MANIFEST
 from service import jobs
-from service.api.callers import Caller, Calling, find
+from service.api.callers import Calling
 from service.api.context import Context, Parts
+from service.api.finished import deleted_meanwhile, find_result, find_succeeded
 from service.api.prefer import preferences
 from service.api.problems import responses
 from service.api.ranges import parse_range
 from service.api.zips import Member, stored_zip
 from service.errors import (
-    EndedError,
     GoneError,
     NotReadyError,
     RangeError,
@@ -31,7 +30,6 @@ from service.errors import (
 )
 from service.media import headers_of
 from service.object_keys import results_key
-from service.states import State
 
 router = APIRouter(tags=["results"])
 
@@ -186,15 +184,6 @@ async def get_zip(context: Parts, caller: Calling, job_id: str) -> Response:
     )
 
 
-@contextlib.contextmanager
-def deleted_meanwhile() -> Iterator[None]:
-    """Raise GoneError for a file that its job's row still names, and that is not there."""
-    try:
-        yield
-    except FileNotFoundError as error:
-        raise GoneError("The job is being deleted; its results are gone.") from error
-
-
 def _member(context: Context, job: jobs.Job, result: dict[str, Any]) -> Member:
     key = results_key(job.id, job.attempt, result["name"])
 
@@ -203,27 +192,3 @@ def _member(context: Context, job: jobs.Job, result: dict[str, Any]) -> Member:
             return context.storage.stream(key, 0, result["size"])
 
     return Member(result["name"], result["size"], chunks)
-
-
-def find_succeeded(context: Context, caller: Caller, job_id: str) -> jobs.Job:
-    """Find a job with results. Raises UnknownJobError, GoneError, NotReadyError, EndedError."""
-    with context.engine.connect() as connection:
-        job = find(connection, caller, job_id)
-    if job.state == State.EXPIRED:
-        raise GoneError("The results of the job are removed; run it again.")
-    if job.ended and job.state != State.SUCCEEDED:
-        raise EndedError(f"The job is {job.state}; there will be no results, so run it again.")
-    if job.state != State.SUCCEEDED:
-        raise NotReadyError(f"The job is {job.state}; results are there once it is succeeded.")
-    return job
-
-
-def find_result(job: jobs.Job, name: str) -> dict[str, Any]:
-    """Find a file among the job's results. Raises UnknownResultError."""
-    # Only names that the job wrote are ever looked up, so that no name can leave its folder.
-    for result in job.results or []:
-        if result["name"] == name:
-            return result
-    raise UnknownResultError(
-        "The job has no result of this name; its `files` lists those that it has."
-    )

@@ -18,7 +18,7 @@ from fastapi.concurrency import run_in_threadpool
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service import quotas, uploads
-from service.api.accept import refuse_when_disk_full
+from service.api.admission import refuse_when_disk_full
 from service.api.callers import Caller, Calling
 from service.api.context import Context, Parts
 from service.api.problems import responses

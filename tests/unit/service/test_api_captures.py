@@ -9,8 +9,8 @@ import pytest
 from obstore.exceptions import GenericError
 
 from service import cameras
-from service.api.accept import digest
 from service.api.context import Context
+from service.api.idempotency import digest
 from service.settings import Settings
 from tests.unit.service.asking import bearing, problem_of, rows_of, stored_job
 from tests.unit.service.studio import PATH, SIM, take, with_cameras

@@ -10,8 +10,8 @@ import pytest
 from obstore.exceptions import GenericError
 
 from service import jobs
-from service.api.accept import digest
 from service.api.context import Context
+from service.api.idempotency import digest
 from service.settings import Settings
 from service.storage import Storage
 from tests.unit.service.asking import (

@@ -1,0 +1,143 @@
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from pipeline.options import Options
+from service import jobs
+from service.api.context import Context
+from service.api.idempotency import hash_of
+from service.api.intake import Intake
+from service.api.models import Handling
+from service.capture import Capture
+from tests.unit.service.asking import post_capture, post_pair, problem_of, rows_of
+
+Png = Callable[..., bytes]
+
+
+def test_an_idempotency_key_gives_the_same_job_again(
+    http: httpx.Client, png: Png, context: Context
+) -> None:
+    headers = {"idempotency-key": "once"}
+    first = post_pair(http, png(64, 48), png(64, 48, True), headers=headers)
+    again = post_pair(http, png(64, 48), png(64, 48, True), headers=headers)
+    assert (again.status_code, again.json()["id"]) == (202, first.json()["id"])
+    assert again.json() == first.json()
+    assert again.headers["location"] == first.headers["location"]
+    assert again.headers["idempotency-replayed"] == "true"
+    assert "idempotency-replayed" not in first.headers
+    assert len(http.get("/jobs").json()["jobs"]) == 1
+    assert len(context.storage.list("")) == 2
+
+
+def test_requests_with_one_key_that_come_at_once_make_one_job(
+    http: httpx.Client, png: Png, context: Context
+) -> None:
+    def send(_number: int) -> httpx.Response:
+        headers = {"idempotency-key": "once"}
+        return post_pair(http, png(64, 48), png(64, 48, True), headers=headers)
+
+    with ThreadPoolExecutor(4) as pool:
+        answers = list(pool.map(send, range(4)))
+    assert [answer.status_code for answer in answers] == [202] * 4
+    assert len({answer.headers["location"] for answer in answers}) == 1
+    replayed = [answer.headers.get("idempotency-replayed", "no") for answer in answers]
+    assert sorted(replayed) == ["no", "true", "true", "true"]
+    assert [job.id for job in rows_of(context)] == [answers[0].json()["id"]]
+    assert len(context.storage.list("")) == 2
+
+
+def test_a_key_whose_upload_broke_off_is_as_new(
+    http: httpx.Client, png: Png, context: Context
+) -> None:
+    head = "POST /jobs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 90000\r\n"
+    head += "Idempotency-Key: once\r\nContent-Type: multipart/form-data; boundary=edge\r\n\r\n"
+    with socket.create_connection((http.base_url.host, http.base_url.port or 80)) as client:
+        client.sendall(f"{head}--edge\r\n".encode())
+    headers = {"idempotency-key": "once"}
+    assert problem_of(post_pair(http, b"no picture", png(64, 48), headers=headers))[0] == 422
+    answer = post_pair(http, png(64, 48), png(64, 48, True), headers=headers)
+    assert (answer.status_code, "idempotency-replayed" in answer.headers) == (202, False)
+    assert [job.id for job in rows_of(context)] == [answer.json()["id"]]
+
+
+def test_the_key_of_a_deleted_job_is_as_new(http: httpx.Client) -> None:
+    first = post_capture(http, **{"idempotency-key": "once"})
+    http.delete(first["links"]["self"])
+    second = post_capture(http, **{"idempotency-key": "once"})
+    assert second["id"] != first["id"]
+
+
+def test_a_job_that_is_deleted_while_its_key_is_sent_again_asks_for_another_try(
+    http: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    post_capture(http, **{"idempotency-key": "once"})
+    monkeypatch.setattr(jobs, "find_by_key", lambda _connection, _owner, _key: None)
+    wanted = {"capture": {"camera": "sim://studio"}}
+    answer = http.post("/jobs", json=wanted, headers={"idempotency-key": "once"})
+    assert (answer.status_code, answer.json()["retryable"]) == (503, True)
+
+
+class _LaterOptions(Options):
+    tuned: bool = False
+
+
+class _LaterHandling(Handling):
+    tuned: bool = False
+
+
+class _LaterCapture(Capture):
+    tuned: bool = False
+
+
+def test_what_a_later_release_adds_leaves_an_earlier_request_the_same() -> None:
+    camera = "sim://studio"
+    wanted = Intake(Options(lights=2), Handling(), Path(), capture=Capture(camera=camera))
+    later = Intake(
+        _LaterOptions(lights=2), _LaterHandling(), Path(), capture=_LaterCapture(camera=camera)
+    )
+    assert hash_of(later) == hash_of(wanted)
+    for change in (
+        {"options": _LaterOptions(lights=2, tuned=True)},
+        {"handling": _LaterHandling(tuned=True)},
+        {"capture": _LaterCapture(camera=camera, tuned=True)},
+    ):
+        assert hash_of(replace(later, **change)) != hash_of(wanted)
+
+
+@pytest.mark.parametrize("change", ["options", "one photograph", "both photographs", "capture"])
+def test_an_idempotency_key_is_for_one_request(
+    change: str, http: httpx.Client, png: Png, context: Context
+) -> None:
+    headers = {"idempotency-key": "once"}
+    first = post_pair(http, png(64, 48), png(64, 48, True), headers=headers)
+    other = http.post("/jobs", headers=headers, **_other_request(change, png))
+    assert problem_of(other)[:2] == (422, "idempotency-key-reused")
+    assert [job["id"] for job in http.get("/jobs").json()["jobs"]] == [first.json()["id"]]
+    assert len(context.storage.list("")) == 2
+
+
+def test_another_cameras_capture_is_another_request(http: httpx.Client) -> None:
+    headers = {"idempotency-key": "once"}
+    post_capture(http, **headers)
+    wanted = {"capture": {"camera": "sim://studio?lights=3"}}
+    other = http.post("/jobs", json=wanted, headers=headers)
+    assert problem_of(other)[:2] == (422, "idempotency-key-reused")
+
+
+def _other_request(change: str, png: Png) -> dict[str, Any]:
+    files = {"no_flash": ("a", png(64, 48)), "flash": ("b", png(64, 48, True))}
+    others: dict[str, dict[str, Any]] = {
+        "options": {"files": files, "data": {"options": '{"lights": 1}'}},
+        "one photograph": {"files": {**files, "flash": ("b", png(64, 48, True) + b"\0")}},
+        "both photographs": {"files": {"no_flash": files["flash"], "flash": files["no_flash"]}},
+        "capture": {"json": {"capture": {"camera": "sim://studio"}}},
+    }
+    return others[change]
