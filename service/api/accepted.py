@@ -5,13 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from pipeline.errors import (
-    ImageTooLargeError,
-    OptionError,
-    PairMismatchError,
-    UnreadableImageError,
-    UnusablePairError,
-)
+from pipeline.errors import OptionError
 from service.api.problems import responses
 from service.errors import (
     IdempotencyError,
@@ -22,8 +16,6 @@ from service.errors import (
     SlowRequestError,
     StorageFullError,
     StoredQuotaError,
-    UnfinishedUploadError,
-    UnreadyError,
     UnsupportedMediaError,
     UploadTooLargeError,
 )
@@ -52,7 +44,7 @@ class Accepted:
 def accepted(
     *errors: type[Exception], headers: dict[str, Any] | None = None
 ) -> dict[int | str, Any]:
-    """Describe the answers of a route that makes a job of a pair.
+    """Describe the answers of a route that makes a job.
 
     errors: its own problems. headers: its own headers.
     """
@@ -63,12 +55,7 @@ def accepted(
             MalformedRequestError,
             UploadTooLargeError,
             UnsupportedMediaError,
-            UnfinishedUploadError,
             NotReadyError,  # a calibration that the options name
-            ImageTooLargeError,
-            UnreadableImageError,
-            PairMismatchError,
-            UnusablePairError,
             OptionError,
             IdempotencyError,
             QueueFullError,
@@ -76,7 +63,6 @@ def accepted(
             SlowRequestError,
             StoredQuotaError,
             StorageFullError,
-            UnreadyError,
             *errors,
             status=(503,),
         ),

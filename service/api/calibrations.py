@@ -11,7 +11,7 @@ from fastapi.concurrency import run_in_threadpool
 from pipeline.calibration.options import CameraCalibration, FlashCalibration, LampsCalibration
 from service import jobs, kept
 from service.answers import JobAnswer, KeptCalibration, KeptCalibrations, Links
-from service.api import captures, intake
+from service.api import captures, intake, pair_form
 from service.api.accepted import accepted
 from service.api.admission import refuse_when_full
 from service.api.answering import answer_made
@@ -19,7 +19,6 @@ from service.api.callers import Calling
 from service.api.context import Parts
 from service.api.dispatch import make_job
 from service.api.models import Calibrated, CalibrationCaptureRequest, CalibrationRequest
-from service.api.pair_form import pair_form
 from service.api.prefer import APPLIED, Wait
 from service.api.problems import responses
 from service.api.submission import Submitting
@@ -33,7 +32,7 @@ SCHEMAS = (Calibrated, CalibrationRequest, CalibrationCaptureRequest, *_KIND_SCH
 _BODY = {
     "required": True,
     "content": {
-        **pair_form(
+        **pair_form.describe(
             {"oneOf": [{"$ref": f"#/components/schemas/{one.__name__}"} for one in _KIND_SCHEMAS]},
             "What to calibrate, and the marks, as JSON text.",
             required=True,
@@ -55,7 +54,7 @@ _BODY = {
     status_code=202,
     response_model=JobAnswer,
     openapi_extra={"requestBody": _BODY},
-    responses=accepted(*captures.PROBLEMS, headers=APPLIED),
+    responses=accepted(*pair_form.PROBLEMS, *captures.PROBLEMS, headers=APPLIED),
 )
 async def create_calibration(
     request: Request,

@@ -13,7 +13,7 @@ from sqlalchemy.exc import DBAPIError
 from pipeline.options import Options
 from service import answers, jobs, steering
 from service.answers import JobAnswer, JobPage
-from service.api import captures, intake
+from service.api import captures, intake, pair_form
 from service.api.accepted import accepted
 from service.api.admission import refuse_when_full
 from service.api.answering import answer, answer_made
@@ -21,7 +21,6 @@ from service.api.callers import Caller, Calling, find
 from service.api.context import Context, Parts
 from service.api.dispatch import make_job
 from service.api.models import CaptureRequest, Handling, UploadsRequest
-from service.api.pair_form import pair_form
 from service.api.prefer import APPLIED, Wait
 from service.api.problems import responses
 from service.api.submission import Submitting
@@ -35,7 +34,7 @@ router = APIRouter(tags=["jobs"])
 _BODY = {
     "required": True,
     "content": {
-        **pair_form({"$ref": "#/components/schemas/Options"}, "Options as JSON text."),
+        **pair_form.describe({"$ref": "#/components/schemas/Options"}, "Options as JSON text."),
         "application/json": {
             "schema": {
                 "oneOf": [
@@ -69,7 +68,7 @@ _Place = Annotated[
     status_code=202,
     response_model=JobAnswer,
     openapi_extra={"requestBody": _BODY},
-    responses=accepted(*captures.PROBLEMS, headers=APPLIED),
+    responses=accepted(*pair_form.PROBLEMS, *captures.PROBLEMS, headers=APPLIED),
 )
 async def create_job(
     request: Request,

@@ -1,15 +1,32 @@
-"""How the OpenAPI document describes the form with a pair of photographs."""
+"""What the OpenAPI document says of routes that take a pair of photographs."""
 
 from __future__ import annotations
 
 from typing import Any
 
+from pipeline.errors import (
+    ImageTooLargeError,
+    PairMismatchError,
+    UnreadableImageError,
+    UnusablePairError,
+)
+from service.errors import UnfinishedUploadError, UnreadyError
 from service.frames import FRAMES
+
+PROBLEMS = (
+    ImageTooLargeError,
+    PairMismatchError,
+    UnreadableImageError,
+    UnusablePairError,
+    UnfinishedUploadError,
+    UnreadyError,
+)
+"""What a pair may be refused for."""
 
 _FILE = {"type": "string", "format": "binary"}
 
 
-def pair_form(options: dict[str, Any], told: str, required: bool = False) -> dict[str, Any]:
+def describe(options: dict[str, Any], told: str, required: bool = False) -> dict[str, Any]:
     """Describe the form with a pair, an entry of a body's content.
 
     options: schema of that part. told: what it is. required: whether it has to be there.

@@ -205,3 +205,10 @@ def test_errors_of_a_route_are_told_by_name(paths: dict[str, dict[str, Any]]) ->
     assert "camera-held" in kinds("/jobs", "post", "409")
     for status in ("403", "404", "409", "422"):
         assert kinds("/calibrations", "post", status) == kinds("/jobs", "post", status)
+    of_pairs = {"pair-mismatch", "unreadable-image", "unusable-pair"}
+    assert of_pairs <= kinds("/jobs", "post", "422")
+    assert "upload-unfinished" in kinds("/jobs", "post", "409")
+    for path in ("/jobs/{job_id}/mix", "/jobs/{job_id}/rerun", "/cameras/{camera_id}/captures"):
+        assert kinds(path, "post", "413") == {"upload-too-large"}, path
+        assert "upload-unfinished" not in kinds(path, "post", "409"), path
+        assert kinds(path, "post", "422").isdisjoint(of_pairs), path
