@@ -180,15 +180,18 @@ def _list(context: Context, caller: Caller) -> list[CameraAnswer]:
 
 def _answer(camera: cameras.Camera, caller: Caller) -> CameraAnswer:
     holder = camera.holder
-    told = {name: getattr(camera, name) for name in CameraAnswer.model_fields.keys() & _TOLD}
     return CameraAnswer(
+        id=camera.id,
+        address=camera.address,
+        make=camera.make,
+        model=camera.model,
+        serial=camera.serial,
         state=_state(camera),
+        battery_percent=camera.battery_percent,
+        free_bytes=camera.free_bytes,
         holder=holder.id if holder and caller.may_see(holder) else None,
-        **told,
+        waiting=camera.waiting,
     )
-
-
-_TOLD = cameras.Camera.__dataclass_fields__.keys() - {"holder"}
 
 
 def _state(camera: cameras.Camera) -> Any:

@@ -105,24 +105,19 @@ async def read_rerun(request: Request, limit: int) -> RerunRequest:
 
     Raises UnsupportedMediaError, UploadTooLargeError, OptionError.
     """
-    body = await _limited(request, min(limit, _JSON_BYTES)).body()
-    if body and _media_type(request) != "application/json":
-        raise UnsupportedMediaError("Send what the rerun is to do as application/json.")
+    body = await _json_body(request, limit, "what the rerun is to do", may_be_empty=True)
     with in_words():
-        return RerunRequest.model_validate_json(body or b"{}")
+        return RerunRequest.model_validate_json(body)
 
 
 async def read_mix(request: Request, limit: int, job_id: str) -> Intake:
     """Read a request to mix the layers of a job; raises what `read` raises."""
-    if _media_type(request) != "application/json":
-        raise UnsupportedMediaError("Send the settings of the lamps as application/json.")
-    body = await _limited(request, min(limit, _JSON_BYTES)).body()
+    body = await _json_body(request, limit, "the settings of the lamps")
     with in_words():
         wanted = MixJob.model_validate_json(body)
-    given = wanted.model_dump(exclude_unset=True)
-    handling = {name: given.pop(name) for name in Handling.model_fields if name in given}
-    options = MixOptions(kind="mix", of=job_id, mix=MixRequest.model_validate(given))
-    return Intake(options, Handling.model_validate(handling), Path())
+    mix = wanted.model_dump(exclude=set(Handling.model_fields), exclude_unset=True)
+    options = MixOptions(kind="mix", of=job_id, mix=MixRequest.model_validate(mix))
+    return Intake(options, handling_of(wanted), Path())
 
 
 async def read_captures(request: Request, limit: int) -> tuple[CameraCapture, dict[str, Any]]:
@@ -131,21 +126,27 @@ async def read_captures(request: Request, limit: int) -> tuple[CameraCapture, di
     Also gives the calibrations that its options name, as an Intake has them. Raises what `read`
     raises.
     """
-    body = await _limited(request, min(limit, _JSON_BYTES)).body()
-    if body and _media_type(request) != "application/json":
-        raise UnsupportedMediaError("Send what the camera is to do as application/json.")
-    _, body, named = await run_in_threadpool(_json, body or b"{}")
+    body = await _json_body(request, limit, "what the camera is to do", may_be_empty=True)
+    _, body, named = await run_in_threadpool(_json, body)
     with in_words():
         return CameraCapture.model_validate_json(body), named
 
 
 async def read_settings(request: Request, limit: int) -> CaptureSettings:
     """Read which settings of a camera to write. Raises what `read_rerun` raises."""
-    body = await _limited(request, min(limit, _JSON_BYTES)).body()
-    if _media_type(request) != "application/json":
-        raise UnsupportedMediaError("Send the settings of the camera as application/json.")
+    body = await _json_body(request, limit, "the settings of the camera")
     with in_words():
         return SettingsRequest.model_validate_json(body).root
+
+
+async def _json_body(request: Request, limit: int, what: str, may_be_empty: bool = False) -> bytes:
+    """Read a body of JSON; one that is empty, and may be, as an empty object. what: it is."""
+    body = await _limited(request, min(limit, _JSON_BYTES)).body()
+    if may_be_empty and not body:
+        return b"{}"
+    if _media_type(request) != "application/json":
+        raise UnsupportedMediaError(f"Send {what} as application/json.")
+    return body
 
 
 def _media_type(request: Request) -> str:
