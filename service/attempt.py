@@ -184,9 +184,8 @@ class Attempt:
         with contextlib.suppress(BaseError):
             for lost in range(1, self._job.attempt):
                 self._storage.delete_below(results_key(self._job.id, lost))
-                captured = captured_key(self._job.id, lost)
-                if self._job.capture and captured not in str(self._job.inputs):
-                    self._storage.delete_below(captured)
+                if self._job.capture and not self._job.has_pair_of(lost):
+                    self._storage.delete_below(captured_key(self._job.id, lost))
 
     def _capture(self, directory: Path) -> None:
         kept = False
@@ -259,7 +258,7 @@ class Attempt:
         with self._engine.begin() as connection:
             row = jobs.find(connection, self._job.id)
             if row and row.inputs:
-                inputs = row.inputs | {"camera": manifest["taken_with"]}
+                inputs = kept.with_camera(row.inputs, manifest["taken_with"])
                 size, settings = row.stored_bytes, row.camera_settings
                 jobs.set_inputs(connection, self._job, inputs, size, settings)
 
@@ -431,6 +430,5 @@ class Attempt:
             self._storage.delete_below(job_key(self._job.id))
         elif row.attempt != self._job.attempt or row.state != State.SUCCEEDED:
             self._storage.delete_below(results_key(self._job.id, self._job.attempt))
-            captured = captured_key(self._job.id, self._job.attempt)
-            if self._job.capture and captured not in str(row.inputs):
-                self._storage.delete_below(captured)
+            if self._job.capture and not row.has_pair_of(self._job.attempt):
+                self._storage.delete_below(captured_key(self._job.id, self._job.attempt))

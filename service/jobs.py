@@ -15,6 +15,8 @@ import sqlalchemy as sa
 
 from service import bursts, fairness, metrics, queues, quotas
 from service.database import CALIBRATES, jobs, now, once_committed, workers
+from service.frames import FRAMES
+from service.object_keys import captured_key
 from service.states import ENDED, HELD, State, before
 
 Priority = Literal["high", "normal", "low"]
@@ -82,6 +84,12 @@ class Job:
     def captures(self) -> bool:
         """Whether a worker has the job's camera take the pair, or is about to pass it on."""
         return self.state in HELD and self.stage == queues.CAPTURE
+
+    def has_pair_of(self, attempt: int) -> bool:
+        """Whether the pair of the job is one that an attempt had a camera take."""
+        return self.inputs is not None and any(
+            self.inputs[frame]["key"] == captured_key(self.id, attempt, frame) for frame in FRAMES
+        )
 
 
 _KEPT = sa.and_(CALIBRATES, jobs.c.options["setup"].as_string().is_not(None))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import sqlalchemy as sa
 
@@ -14,6 +15,7 @@ from service import jobs
 from service.jobs import Job
 
 _FILE = "kept.json"
+_CAMERA = "camera"  # in the column `inputs` of a calibration, beside its photographs
 
 
 def for_separation(connection: sa.Connection, job: Job) -> list[Job]:
@@ -29,7 +31,12 @@ def for_separation(connection: sa.Connection, job: Job) -> list[Job]:
 
 def taken_with(row: Job) -> TakenWith:
     """The camera of a calibration that has succeeded."""
-    return TakenWith.model_validate((row.inputs or {}).get("camera", {}))
+    return TakenWith.model_validate((row.inputs or {}).get(_CAMERA, {}))
+
+
+def with_camera(inputs: dict[str, Any], camera: dict[str, Any]) -> dict[str, Any]:
+    """Give the inputs of a calibration with the camera that taken_with() finds in its row."""
+    return inputs | {_CAMERA: camera}
 
 
 def made_at(row: Job) -> str:

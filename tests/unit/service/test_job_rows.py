@@ -489,3 +489,15 @@ def test_a_worker_takes_back_what_it_holds_without_knowing(engine: sa.Engine) ->
     again = _claim(engine, "a", "w1")
     assert again is not None
     assert (again.state, again.attempt, again.lost, again.worker) == (State.RUNNING, 2, 0, "w1")
+
+
+def test_a_job_tells_which_attempt_has_taken_its_pair(engine: sa.Engine) -> None:
+    def inputs(place: str) -> dict[str, Any]:
+        keys = {frame: f"jobs/a/inputs/{place}{frame}" for frame in ("no_flash", "flash")}
+        return {frame: {"key": key, "sha256": ""} for frame, key in keys.items()}
+
+    job = _add(engine, "a", inputs=inputs("11/") | {"camera": {"make": "jobs/a/inputs/1/"}})
+    assert [attempt for attempt in range(13) if job.has_pair_of(attempt)] == [11]
+    sent = _add(engine, "b", inputs=inputs(""))
+    assert not any(sent.has_pair_of(attempt) for attempt in range(3))
+    assert not _add(engine, "c").has_pair_of(1)

@@ -135,3 +135,9 @@ def test_calibrations_are_found_by_their_index(engine: sa.Engine, setup: str | N
         assert jobs.kept_calibrations(connection, "a", setup) == []
     ((plan,),) = plans  # and no sort
     assert "USING INDEX jobs_that_calibrate" in str(plan)
+
+
+def test_the_camera_of_a_calibration_is_found_where_it_was_noted(make: Make) -> None:
+    noted = kept.with_camera({"flash": {"key": "k"}}, TAKEN)
+    assert noted["flash"] == {"key": "k"}
+    assert kept.taken_with(make("noted", 1, inputs=noted)) == TakenWith.model_validate(TAKEN)
