@@ -19,6 +19,7 @@ from drivers import CameraInfo
 from pipeline.calibration.options import FILES
 from pipeline.result_names import LAYERS, MANIFEST
 from service import cameras, eta, jobs, kept, metrics, sandbox, scratch, tracing
+from service.capture import Capture
 from service.database import AWAY
 from service.errors import (
     AttemptError,
@@ -36,6 +37,7 @@ from service.settings import Settings
 from service.stages import Stages
 from service.states import State
 from service.storage import Storage
+from service.tasks import RESULTS, Kind, Limits, TakePair, Task, results_of
 
 _REPORT_SECONDS = 0.5
 _ASK_SECONDS = 0.25
@@ -165,7 +167,7 @@ class Attempt:
                 self._note_camera(directory)
             self._track.reach("store", 0.0)
             self._stages.enter("store")
-            results = [self._store(path) for path in sandbox.results_of(directory)]
+            results = [self._store(path) for path in results_of(directory)]
         counts = self._end(partial(jobs.succeed, stage_seconds=self._track.finish()), results)
         if counts:
             self._log.info("succeeded")
@@ -254,7 +256,7 @@ class Attempt:
         kept.write(directory, found)
 
     def _note_camera(self, directory: Path) -> None:
-        manifest = json.loads((directory / "results" / MANIFEST).read_bytes())
+        manifest = json.loads((directory / RESULTS / MANIFEST).read_bytes())
         with self._engine.begin() as connection:
             row = jobs.find(connection, self._job.id)
             if row and row.inputs:
@@ -277,32 +279,37 @@ class Attempt:
                 "The job whose layers were to be mixed has been deleted; separate the pair anew."
             ) from error
 
-    def _run_task(self, kind: sandbox.Kind, directory: Path, ask: sandbox.Ask | None = None) -> Any:
-        task = sandbox.Task(
+    def _run_task(self, kind: Kind, directory: Path, ask: sandbox.Ask | None = None) -> Any:
+        task = Task(
             kind=kind,
             job=self._job.id,
             trace_id=self._job.trace_id,
             directory=str(directory),
-            limits=sandbox.Limits.of(self._settings, self._settings.job_seconds),
+            limits=Limits.of(self._settings, self._settings.job_seconds),
             options=self._job.options,
-            capture=self._job.capture and self._job.capture | self._of_operator(),
+            camera=self._pair_to_take() if kind == "capture" else None,
         )
 
         def run() -> Any:
-            shutil.rmtree(directory / "results", ignore_errors=True)
+            shutil.rmtree(directory / RESULTS, ignore_errors=True)
             seconds, server = self._settings.job_seconds, self._fork_server
             return sandbox.run(task, seconds, self._report, self._must_stop, server, ask)
 
         # A pair that was kept already must not be taken again over it.
         return run() if kind == "capture" else self._patiently(run)
 
-    def _of_operator(self) -> dict[str, Any]:
-        """What of a capture is the operator's to say."""
-        return {
-            "switch": self._settings.flash_switch,
-            "settle_seconds": self._settings.flash_settle_seconds,
-            "operator_seconds": self._settings.operator_seconds,
-        }
+    def _pair_to_take(self) -> TakePair:
+        assert self._job.capture is not None
+        asked = Capture(**self._job.capture)
+        return TakePair(
+            camera=asked.camera,
+            flash=asked.flash,
+            settings=asked.settings,
+            keep=asked.keep,
+            switch=self._settings.flash_switch,
+            settle_seconds=self._settings.flash_settle_seconds,
+            operator_seconds=self._settings.operator_seconds,
+        )
 
     def _store(self, path: Path) -> dict[str, Any]:
         self._check()

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import logging
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeVar
@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 import drivers
 from drivers import SettingName
 from pipeline.decode import decode
+from service.tasks import Adjust, FindCameras, LookAt, TakePair, Task
 
 Tell = Callable[[dict[str, Any]], None]
 Result = TypeVar("Result")
@@ -25,43 +26,47 @@ Result = TypeVar("Result")
 log = logging.getLogger("service.camera_tasks")
 
 
-def capture(task: dict[str, Any], tell: Tell) -> None:
+def capture(task: Task, tell: Tell) -> None:
     """Take a pair, with the settings asked for, and answer with those that it was taken with."""
-    wanted, stages = task["capture"], drivers.CAPTURE_STAGES
+    assert isinstance(task.camera, TakePair)
+    wanted, stages = task.camera, drivers.CAPTURE_STAGES
 
     def report(stage: str, fraction: float) -> None:
         tell({"stage": "capture", "fraction": (stages.index(stage) + fraction) / len(stages)})
 
-    with drivers.open_camera(wanted["camera"]) as camera:
-        settings = wanted.get("settings")
-        pair = drivers.capture_pair(camera, report, flash=_flash(wanted, tell), settings=settings)
-        directory = Path(task["directory"])
+    with drivers.open_camera(wanted.camera) as camera:
+        flash = _flash(wanted, tell)
+        pair = drivers.capture_pair(camera, report, flash=flash, settings=wanted.settings)
+        directory = Path(task.directory)
         (directory / "no_flash").write_bytes(pair.no_flash.best)
         (directory / "flash").write_bytes(pair.flash.best)
         taken_with = dict(pair.settings)
-        if not wanted.get("keep", True) and _ask(tell, {"kind": "keep", "settings": taken_with}):
+        if not wanted.keep and _ask(tell, {"kind": "keep", "settings": taken_with}):
             _told(lambda: pair.delete_from(camera), task)
         info = _told(lambda: asdict(camera.info()), task)
         tell({"answer": {"settings": taken_with, "info": info}})
 
 
-def find(task: dict[str, Any], tell: Tell) -> None:
+def find(task: Task, tell: Tell) -> None:
     """Answer with the addresses of the cameras that are found here, or also on the network."""
-    if task["capture"]["network"]:
+    assert isinstance(task.camera, FindCameras)
+    if task.camera.network:
         drivers.listen_to_network()
     tell({"answer": [camera.address for camera in drivers.list_cameras()]})
 
 
-def describe(task: dict[str, Any], tell: Tell) -> None:
+def describe(task: Task, tell: Tell) -> None:
     """Answer with what a camera tells of itself."""
-    with drivers.open_camera(task["capture"]["camera"]) as camera:
+    assert isinstance(task.camera, LookAt)
+    with drivers.open_camera(task.camera.camera) as camera:
         tell({"answer": asdict(camera.info())})
 
 
-def adjust(task: dict[str, Any], tell: Tell) -> None:
+def adjust(task: Task, tell: Tell) -> None:
     """Write settings, in the order of SettingName, and answer with all that the camera has."""
-    with drivers.open_camera(task["capture"]["camera"]) as camera:
-        _set(camera, task["capture"]["settings"])
+    assert isinstance(task.camera, Adjust)
+    with drivers.open_camera(task.camera.camera) as camera:
+        _set(camera, task.camera.settings)
         settings = {
             one.name: {"value": one.value, "choices": one.choices, "writable": one.writable}
             for one in camera.settings()
@@ -74,22 +79,22 @@ def brightness(photograph: bytes) -> float:
     return float(decode(photograph).pixels[:].mean())
 
 
-def _set(camera: drivers.Camera, settings: dict[str, drivers.SettingValue]) -> None:
+def _set(camera: drivers.Camera, settings: Mapping[SettingName, drivers.SettingValue]) -> None:
     for name in SettingName:
         if name in settings and camera.read(name).value != settings[name]:
             camera.write(name, settings[name])
 
 
-def _flash(wanted: dict[str, Any], tell: Tell) -> drivers.Flash:
-    strategy = wanted.get("flash", "property")
-    if strategy == "external":
-        return drivers.ExternalFlash(wanted["switch"], brightness, wanted["settle_seconds"])
-    if strategy == "operator":
+def _flash(wanted: TakePair, tell: Tell) -> drivers.Flash:
+    if wanted.flash == "external":
+        assert wanted.switch is not None  # else the request was refused
+        return drivers.ExternalFlash(wanted.switch, brightness, wanted.settle_seconds)
+    if wanted.flash == "operator":
 
         def ask(request: str, seconds: float) -> bool:
             return _ask(tell, {"kind": "operator", "request": request, "seconds": seconds})
 
-        return drivers.OperatorFlash(ask, brightness, wanted["operator_seconds"])
+        return drivers.OperatorFlash(ask, brightness, wanted.operator_seconds)
     return drivers.PropertyFlash()
 
 
@@ -98,11 +103,11 @@ def _ask(tell: Tell, question: dict[str, Any]) -> bool:
     return bool(json.loads(sys.stdin.readline() or "false"))
 
 
-def _told(call: Callable[[], Result], task: dict[str, Any]) -> Result | None:
+def _told(call: Callable[[], Result], task: Task) -> Result | None:
     """Call the camera once its pair is taken, which no fault of the camera can undo any more."""
     try:
         return call()
     except drivers.DriverError as error:
         kind = type(error).__name__
-        log.warning("the camera failed after its pair: %s", kind, extra={"job": task["job"]})
+        log.warning("the camera failed after its pair: %s", kind, extra={"job": task.job})
         return None

@@ -30,6 +30,7 @@ from pipeline.process import check_pair, separate_files
 from pipeline.progress import Progress
 from service import camera_tasks, errors, forkserver, kept, logs
 from service.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
+from service.tasks import RESULTS, Kind, Limits, Task
 
 _CODES = {
     errno.ENOMEM: OUT_OF_MEMORY,
@@ -45,12 +46,12 @@ Tell = Callable[[dict[str, Any]], None]
 
 
 def main() -> int:
-    """Run the task that stdin describes; see service.sandbox.Task."""
-    task = json.loads(sys.stdin.readline())
+    """Run the task that stdin describes."""
+    task = Task.from_json(sys.stdin.readline())
     tell = _take_stdout()
     try:
-        _limit(**task["limits"])
-        _WORK[task["kind"]](task, tell)
+        _limit(task.limits)
+        _WORK[task.kind](task, tell)
     except Exception as error:
         if isinstance(error, MemoryError) or getattr(error, "code", None) == _CV_NO_MEMORY:
             return OUT_OF_MEMORY
@@ -61,12 +62,12 @@ def main() -> int:
     return 0
 
 
-def _limit(memory_bytes: int, cpu_seconds: int, open_files: int, output_bytes: int) -> None:
-    _set(resource.RLIMIT_AS, memory_bytes, memory_bytes)
+def _limit(limits: Limits) -> None:
+    _set(resource.RLIMIT_AS, limits.memory_bytes, limits.memory_bytes)
     # SIGXCPU at the first limit tells why it ended; SIGKILL at the second one would not.
-    _set(resource.RLIMIT_CPU, cpu_seconds, cpu_seconds + 5)
-    _set(resource.RLIMIT_NOFILE, open_files, open_files)
-    _set(resource.RLIMIT_FSIZE, output_bytes, output_bytes)
+    _set(resource.RLIMIT_CPU, limits.cpu_seconds, limits.cpu_seconds + 5)
+    _set(resource.RLIMIT_NOFILE, limits.open_files, limits.open_files)
+    _set(resource.RLIMIT_FSIZE, limits.output_bytes, limits.output_bytes)
     # Python ignores it, and what libraries of C++ make of a failed write tells nobody why.
     signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
     _set(resource.RLIMIT_CORE, 0, 0)
@@ -84,14 +85,14 @@ def _set(limit: int, soft: int, hard: int) -> None:
         resource.setrlimit(limit, (min(soft, most), most))
 
 
-def _explain(error: Exception, task: dict[str, Any]) -> dict[str, Any]:
+def _explain(error: Exception, task: Task) -> dict[str, Any]:
     if errors.kind_of(error) is errors.INTERNAL:
         log.error(
             "task failed",
             exc_info=error,
-            extra={"job": task["job"], "trace_id": task["trace_id"]},
+            extra={"job": task.job, "trace_id": task.trace_id},
         )
-    return errors.problem_of(error, task["trace_id"]).model_dump()
+    return errors.problem_of(error, task.trace_id).model_dump()
 
 
 def _take_stdout() -> Tell:
@@ -105,46 +106,46 @@ def _take_stdout() -> Tell:
     return tell
 
 
-def _check(task: dict[str, Any], _tell: Tell) -> None:
+def _check(task: Task, _tell: Tell) -> None:
     check_pair(_photograph(task, "no_flash"), _photograph(task, "flash"))
 
 
-def _separate(task: dict[str, Any], tell: Tell) -> None:
+def _separate(task: Task, tell: Tell) -> None:
     separate_files(
         _photograph(task, "no_flash"),
         _photograph(task, "flash"),
-        Options.model_validate(task["options"]),
-        Path(task["directory"]) / "results",
+        Options.model_validate(task.options),
+        Path(task.directory) / RESULTS,
         Progress(lambda stage, fraction: tell({"stage": stage, "fraction": fraction})),
-        kept=kept.read(Path(task["directory"])),
+        kept=kept.read(Path(task.directory)),
     )
 
 
-def _calibrate(task: dict[str, Any], tell: Tell) -> None:
+def _calibrate(task: Task, tell: Tell) -> None:
     calibrate_files(
         _photograph(task, "no_flash"),
         _photograph(task, "flash"),
-        CALIBRATION_OPTIONS.validate_python(task["options"]),
-        Path(task["directory"]) / "results",
+        CALIBRATION_OPTIONS.validate_python(task.options),
+        Path(task.directory) / RESULTS,
         Progress(lambda stage, fraction: tell({"stage": stage, "fraction": fraction})),
     )
 
 
-def _mix(task: dict[str, Any], tell: Tell) -> None:
-    directory = Path(task["directory"])
+def _mix(task: Task, tell: Tell) -> None:
+    directory = Path(task.directory)
     mix_results(
         directory,
-        MixRequest.model_validate(task["options"]["mix"]),
-        directory / "results",
+        MixRequest.model_validate(task.options["mix"]),
+        directory / RESULTS,
         Progress(lambda stage, fraction: tell({"stage": stage, "fraction": fraction})),
     )
 
 
-def _photograph(task: dict[str, Any], name: str) -> bytes:
-    return (Path(task["directory"]) / name).read_bytes()
+def _photograph(task: Task, name: str) -> bytes:
+    return (Path(task.directory) / name).read_bytes()
 
 
-_WORK: dict[str, Callable[[dict[str, Any], Tell], None]] = {
+_WORK: dict[Kind, Callable[[Task, Tell], None]] = {
     "check": _check,
     "separate": _separate,
     "calibrate": _calibrate,

@@ -10,9 +10,8 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import IO, Any, Literal
+from typing import IO, Any
 
 import cv2
 
@@ -27,7 +26,7 @@ from service.errors import (
 )
 from service.forkserver import ForkServer
 from service.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
-from service.settings import Settings
+from service.tasks import Task
 
 _COMMAND = (sys.executable, "-m", "service.child")
 _THREADS = ("OPENCV_FOR_THREADS_NUM", "OMP_NUM_THREADS")
@@ -36,10 +35,6 @@ _THREADS = ("OPENCV_FOR_THREADS_NUM", "OMP_NUM_THREADS")
 _LOOK_SECONDS = 0.2
 _END_SECONDS = 5.0  # what a process whose work is done may take to end
 
-
-Kind = Literal[
-    "check", "separate", "calibrate", "mix", "capture", "cameras", "camera", "camera_settings"
-]
 
 Ask = Callable[[dict[str, Any], Callable[[], bool]], bool]
 """Answers a question of a process; told how to learn that it is dead and wants no answer."""
@@ -55,52 +50,6 @@ class TaskError(Exception):
     def __init__(self, problem: dict[str, Any]) -> None:
         super().__init__(problem["detail"])
         self.problem = problem
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What a process may use; cpu_seconds of all processors, output_bytes in its whole folder."""
-
-    memory_bytes: int
-    cpu_seconds: int
-    open_files: int
-    output_bytes: int
-
-    @classmethod
-    def of(cls, settings: Settings, seconds: float) -> Limits:
-        """Those of the settings, for a task that may run for so many seconds on all processors."""
-        return cls(
-            memory_bytes=settings.job_memory_bytes,
-            cpu_seconds=int(seconds * (os.cpu_count() or 1)) + 1,
-            open_files=settings.job_open_files,
-            output_bytes=settings.job_output_bytes,
-        )
-
-
-@dataclass(frozen=True)
-class Task:
-    """What a process is to do.
-
-    kind "check": the headers of directory/no_flash and directory/flash.
-    kind "separate": directory/no_flash and directory/flash, with options → directory/results.
-    kind "calibrate": the same, with the options of a calibration.
-    kind "mix": directory/layers.exr and directory/manifest.json, with the options of a mix →
-        directory/results.
-    kind "capture": the camera that capture names → directory/no_flash and directory/flash; asks
-        the questions of service.camera_tasks, and answers with what the camera was set to.
-    kind "cameras": answers with the addresses of all cameras that are found here; where capture
-        says network, also of those that announce themselves there.
-    kind "camera": answers with what the camera that capture names tells of itself.
-    kind "camera_settings": writes the settings of capture, and answers with all that it has.
-    """
-
-    kind: Kind
-    job: str
-    trace_id: str
-    directory: str
-    limits: Limits
-    options: dict[str, Any]
-    capture: dict[str, Any] | None
 
 
 def fork_server(at_once: int) -> ForkServer:
@@ -142,7 +91,7 @@ def run(
     answer: Any = None
     problem: dict[str, Any] | None = None
     with contextlib.closing(server.fork()) as process:
-        _write(process.stdin, asdict(task))
+        _write(process.stdin, task.to_json())
         if ask is None:
             _close(process.stdin)
         for message in _messages(process.stdout, seconds_left, is_over, too_long):
@@ -152,7 +101,7 @@ def run(
                 answer = message["answer"]
             elif "question" in message and ask:
                 asked = time.monotonic()
-                _write(process.stdin, ask(message["question"], process.has_ended))
+                _write(process.stdin, json.dumps(ask(message["question"], process.has_ended)))
                 deadline += time.monotonic() - asked
             else:
                 report(message["stage"], message["fraction"])
@@ -167,9 +116,9 @@ def run(
     return answer
 
 
-def _write(stdin: IO[bytes], value: Any) -> None:
+def _write(stdin: IO[bytes], line: str) -> None:
     with contextlib.suppress(BrokenPipeError):  # its exit code says why it is dead
-        stdin.write(json.dumps(value).encode() + b"\n")
+        stdin.write(line.encode() + b"\n")
         stdin.flush()
 
 
@@ -249,8 +198,3 @@ def _raise_for_exit(code: int, too_long: str) -> None:
         f"The program crashed on these photographs ({how}); "
         "if both open elsewhere, report it with this job's trace_id."
     )
-
-
-def results_of(directory: Path) -> list[Path]:
-    """List the files that a "separate", "calibrate" or "mix" task wrote, by name."""
-    return sorted(path for path in (directory / "results").iterdir() if path.is_file())

@@ -40,6 +40,7 @@ from service.errors import (
 from service.frames import FRAMES
 from service.keys import Scope
 from service.object_keys import describe_inputs, inputs_key, job_key
+from service.tasks import Limits, Task
 
 _CHECK_SECONDS = 30.0
 _DYING: dict[type[AttemptError], str] = {
@@ -168,14 +169,13 @@ def _store_pair(submission: Submission, job_id: str, wanted: Intake) -> dict[str
 
 
 def _check(context: Context, job_id: str, directory: Path, trace_id: str) -> None:
-    task = sandbox.Task(
+    task = Task(
         kind="check",
         job=job_id,
         trace_id=trace_id,
         directory=str(directory),
-        limits=sandbox.Limits.of(context.settings, _CHECK_SECONDS),
+        limits=Limits.of(context.settings, _CHECK_SECONDS),
         options={},
-        capture=None,
     )
     with context.checks:
         try:

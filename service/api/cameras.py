@@ -241,10 +241,9 @@ async def _adjust(
     wanted: CaptureSettings,
     trace_id: str,
 ) -> CameraSettings:
-    settings = {name.value: value for name, value in wanted.items()}
     deadline = time.monotonic() + _PATIENCE_SECONDS  # with the wait for a thread
     return await context.ask_camera(
-        _adjust_by, context, caller, camera_id, settings, trace_id, deadline
+        _adjust_by, context, caller, camera_id, wanted, trace_id, deadline
     )
 
 
@@ -252,7 +251,7 @@ def _adjust_by(
     context: Context,
     caller: Caller,
     camera_id: str,
-    settings: dict[str, Any],
+    settings: CaptureSettings,
     trace_id: str,
     deadline: float,
 ) -> CameraSettings:

@@ -15,9 +15,11 @@ import sqlalchemy as sa
 
 import drivers
 from service import cameras, sandbox, scratch
+from service.capture import CaptureSettings
 from service.errors import AttemptError, ForeignCameraError, StorageFullError
 from service.forkserver import ForkServer
 from service.settings import Settings
+from service.tasks import Adjust, CameraOrder, FindCameras, Kind, Limits, LookAt, Task
 
 _FRESH_SECONDS = 15.0  # so long a look is good
 _LOOK_SECONDS = 15.0  # what one may take
@@ -66,7 +68,7 @@ class Looking:
             return self._running
 
     def adjust(
-        self, address: str, settings: dict[str, Any], trace_id: str
+        self, address: str, settings: CaptureSettings, trace_id: str
     ) -> dict[str, Any] | None:
         """Write settings of a camera; then all that it has, by name. None while it is in use.
 
@@ -77,8 +79,7 @@ class Looking:
             return None
         info, answered = None, False
         try:
-            wanted = {"camera": address, "settings": settings}
-            told = self._run("camera_settings", wanted, trace_id)
+            told = self._run("camera_settings", Adjust(address, settings), trace_id)
             info, answered = drivers.CameraInfo(**told["info"]), True
         except sandbox.TaskError as error:
             answered = error.problem["status"] == 422  # it has said no
@@ -99,7 +100,7 @@ class Looking:
             for address in configured(self._settings):
                 cameras.add(connection, address)
         with contextlib.suppress(*_UNANSWERED):
-            found = self._run("cameras", {"network": _NETWORK in self._settings.cameras.split()})
+            found = self._run("cameras", FindCameras(_NETWORK in self._settings.cameras.split()))
             self._found = [one for one in found if is_allowed(self._settings, one)]
         by_id = {cameras.id_of(address): address for address in self.addresses()}
         for look in [self._pool.submit(self._look, address) for address in by_id.values()]:
@@ -117,21 +118,21 @@ class Looking:
         info = None
         try:
             with contextlib.suppress(*_UNANSWERED):
-                info = drivers.CameraInfo(**self._run("camera", {"camera": address}))
+                info = drivers.CameraInfo(**self._run("camera", LookAt(address)))
         finally:
             with self._engine.begin() as connection:
                 cameras.give_back(connection, camera, info, answered=info is not None)
 
-    def _run(self, kind: sandbox.Kind, capture: dict[str, Any], trace_id: str = "") -> Any:
+    def _run(self, kind: Kind, order: CameraOrder, trace_id: str = "") -> Any:
         with scratch.folder(self._settings.data_dir) as folder:
-            task = sandbox.Task(
+            task = Task(
                 kind=kind,
                 job="",
                 trace_id=trace_id,
                 directory=str(folder),
-                limits=sandbox.Limits.of(self._settings, _LOOK_SECONDS),
+                limits=Limits.of(self._settings, _LOOK_SECONDS),
                 options={},
-                capture=capture,
+                camera=order,
             )
             try:
                 return sandbox.run(

@@ -20,6 +20,7 @@ from service import sandbox
 from service.forkserver import ForkServer
 from service.frames import FRAMES
 from service.settings import Settings
+from service.tasks import Limits, Task
 from tests.bench.usage import python, run
 
 _TASKS = 40
@@ -104,9 +105,9 @@ def _check(server: ForkServer, folder: Path) -> None:
 
 def _task(
     kind: Literal["check", "separate"], folder: Path, options: dict[str, Any] | None = None
-) -> sandbox.Task:
-    limits = sandbox.Limits.of(Settings(), 900)
-    return sandbox.Task(kind, "bench", "0" * 32, str(folder), limits, options or {}, None)
+) -> Task:
+    limits = Limits.of(Settings(), 900)
+    return Task(kind, "bench", "0" * 32, str(folder), limits, options or {})
 
 
 def _ignore(_stage: str, _fraction: float) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -13,6 +14,7 @@ from service.api.context import Context
 from service.api.looking import Looking
 from service.errors import problem_of
 from service.settings import Settings
+from service.tasks import CameraOrder, Kind, Limits, Task
 
 SIM = "sim://studio?width=64&height=64"
 AWAY = "ptp+ip://127.0.0.1:1"
@@ -26,16 +28,17 @@ def with_cameras(settings: Settings) -> Settings:
 
 def ask_in_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Do what the routes ask of a camera in this process."""
-    work = {
+    work: dict[Kind, Callable[[Task, camera_tasks.Tell], None]] = {
         "cameras": camera_tasks.find,
         "camera": camera_tasks.describe,
         "camera_settings": camera_tasks.adjust,
     }
 
-    def run(_looking: Looking, kind: str, capture: Any, trace_id: str = "") -> Any:
+    def run(_looking: Looking, kind: Kind, order: CameraOrder, trace_id: str = "") -> Any:
         told: list[dict[str, Any]] = []
         try:
-            work[kind]({"capture": capture}, told.append)
+            task = Task(kind, "", trace_id, "", Limits(0, 0, 0, 0), {}, order)
+            work[kind](Task.from_json(task.to_json()), told.append)
         except drivers.DriverError as error:
             raise sandbox.TaskError(problem_of(error, trace_id).model_dump()) from error
         return json.loads(json.dumps(told[-1]["answer"]))

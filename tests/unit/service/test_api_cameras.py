@@ -18,6 +18,7 @@ from service.api.context import Context
 from service.api.looking import Looking
 from service.errors import StorageFullError
 from service.settings import Settings
+from service.tasks import FindCameras
 from tests.unit.service.asking import bearing, owner_of, problem_of
 from tests.unit.service.streams import events
 from tests.unit.service.studio import AWAY, PATH, SIM, hold, with_cameras
@@ -67,7 +68,7 @@ class TestList:
         settings = context.settings.model_copy(update={"cameras": allowed})
         with contextlib.closing(Looking(context.engine, settings, context.fork_server)) as looking:
             looking.refresh().result(60)
-        assert asked[0] == ("cameras", {"network": allowed == "ptp+ip://"})
+        assert asked[0] == ("cameras", FindCameras(network=allowed == "ptp+ip://"))
 
     @pytest.mark.parametrize(
         "error", [OSError(errno.ENOSPC, "full"), StorageFullError("The disk is full.")]

@@ -22,6 +22,7 @@ from service.object_keys import describe_inputs, inputs_key, results_key
 from service.settings import Settings
 from service.states import State
 from service.storage import Storage
+from service.tasks import RESULTS, Task
 
 Run = Callable[[], jobs.Job | None]
 
@@ -106,10 +107,10 @@ def test_a_crash_of_the_separation_fails_the_job_with_its_reason(
 def test_results_are_stored_with_what_an_answer_needs(
     run: Run, context: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def separate(task: sandbox.Task, *_rest: object) -> None:
+    def separate(task: Task, *_rest: object) -> None:
         folder = Path(task.directory)
-        (folder / "results").mkdir()
-        (folder / "results" / "a.png").write_bytes((folder / "no_flash").read_bytes()[::-1])
+        (folder / RESULTS).mkdir()
+        (folder / RESULTS / "a.png").write_bytes((folder / "no_flash").read_bytes()[::-1])
 
     monkeypatch.setattr(sandbox, "run", separate)
     job = run()
@@ -149,11 +150,11 @@ def test_results_of_lost_attempts_go(
 def test_progress_is_written_now_and_then(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     written: list[tuple[str, float]] = []
 
-    def separate(task: sandbox.Task, _seconds: float, report: Any, *_rest: object) -> None:
+    def separate(task: Task, _seconds: float, report: Any, *_rest: object) -> None:
         for stage in ("layers", "encode"):
             for step in range(1000):
                 report(stage, step / 1000)
-        (Path(task.directory) / "results").mkdir()
+        (Path(task.directory) / RESULTS).mkdir()
 
     monkeypatch.setattr(sandbox, "run", separate)
     monkeypatch.setattr(
@@ -172,9 +173,9 @@ def test_a_pair_that_was_captured_is_not_taken_again(
 ) -> None:
     kinds: list[str] = []
 
-    def separate(task: sandbox.Task, *_rest: object) -> None:
+    def separate(task: Task, *_rest: object) -> None:
         kinds.append(task.kind)
-        (Path(task.directory) / "results").mkdir()
+        (Path(task.directory) / RESULTS).mkdir()
 
     claim = jobs.claim
 
@@ -192,7 +193,7 @@ def test_an_attempt_that_was_canceled_leaves_no_results(
     run: Run, context: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def separate(
-        _task: sandbox.Task, _seconds: float, _report: object, must_stop: Any, *_rest: object
+        _task: Task, _seconds: float, _report: object, must_stop: Any, *_rest: object
     ) -> None:
         context.storage.put(results_key("a", 1, "a.png"), b"half")
         with context.engine.begin() as connection:
@@ -243,9 +244,9 @@ def patient(context: Context, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Attempt, "_pause", lambda _attempt, _seconds: None)
 
 
-def separates(task: sandbox.Task, *_rest: object) -> None:
+def separates(task: Task, *_rest: object) -> None:
     """Take the place of sandbox.run: one result."""
-    folder = Path(task.directory) / "results"
+    folder = Path(task.directory) / RESULTS
     folder.mkdir()
     (folder / "a.png").write_bytes(b"result")
 
@@ -286,9 +287,9 @@ def test_a_job_that_fails_leaves_no_results(
             raise OSError(errno.ENOSPC, "full")
         return put_file(storage, key, path, headers)
 
-    def separates_more(task: sandbox.Task, *_rest: object) -> None:
+    def separates_more(task: Task, *_rest: object) -> None:
         separates(task)
-        (Path(task.directory) / "results" / "b.png").write_bytes(b"result")
+        (Path(task.directory) / RESULTS / "b.png").write_bytes(b"result")
 
     monkeypatch.setattr(sandbox, "run", separates_more)
     monkeypatch.setattr(Storage, "put_file", put)
@@ -301,7 +302,7 @@ def test_a_job_that_fails_leaves_no_results(
 def test_a_disk_that_is_full_for_a_moment_costs_no_job(
     run: Run, context: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def write_half(task: sandbox.Task, *_rest: object) -> None:
+    def write_half(task: Task, *_rest: object) -> None:
         separates(task)
         monkeypatch.setattr(sandbox, "run", separates)
         raise StorageFullError("The disk is full.")
@@ -442,9 +443,7 @@ def test_work_goes_on_without_a_database_until_others_take_it_over(
     context: Context,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def separate(
-        task: sandbox.Task, _seconds: float, report: Any, must_stop: Any, *_rest: object
-    ) -> None:
+    def separate(task: Task, _seconds: float, report: Any, must_stop: Any, *_rest: object) -> None:
         with monkeypatch.context() as patch:
             patch.setattr(jobs, "must_stop", raising(error))
             patch.setattr(jobs, "report", raising(error))

@@ -14,6 +14,7 @@ from service.api.context import Context
 from service.attempt import Attempt
 from service.errors import CrashError
 from service.states import State
+from service.tasks import Task
 
 PAIR = {"no_flash": b"lamps", "flash": b"lamps and flash"}
 TOLD = {"settings": {"iso": 400}, "info": None}
@@ -43,7 +44,7 @@ def capture(context: Context) -> Callable[[], Attempt]:
     return make
 
 
-def takes(task: sandbox.Task, *_rest: object) -> dict[str, Any]:
+def takes(task: Task, *_rest: object) -> dict[str, Any]:
     for frame, data in PAIR.items():
         (Path(task.directory) / frame).write_bytes(data)
     return TOLD
@@ -75,7 +76,7 @@ def test_a_pair_is_stored_and_the_job_passed_on_in_one(
 def test_a_pair_is_kept_for_good_before_the_card_is_cleared(
     capture: Callable[[], Attempt], context: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def take(task: sandbox.Task, *rest: Any) -> None:
+    def take(task: Task, *rest: Any) -> None:
         takes(task)
         assert rest[-1]({"kind": "keep", "settings": {"iso": 400}}, lambda: False) is True
         job = _job(context)
@@ -92,7 +93,7 @@ def test_a_pair_is_kept_for_good_before_the_card_is_cleared(
 def test_an_attempt_that_counts_no_more_keeps_no_pair(
     capture: Callable[[], Attempt], context: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def freeze(task: sandbox.Task, *rest: Any) -> dict[str, Any]:
+    def freeze(task: Task, *rest: Any) -> dict[str, Any]:
         monkeypatch.setattr(sandbox, "run", takes)
         with context.engine.begin() as connection:
             heartbeats.leave(connection, "w")

@@ -15,8 +15,13 @@ import pytest
 import drivers
 from drivers.errors import FlashError
 from service import camera_tasks
+from service.tasks import Adjust, CameraOrder, FindCameras, Kind, Limits, LookAt, TakePair, Task
 
 Answer = Callable[[dict[str, Any]], bool]
+
+
+def _task(kind: Kind, order: CameraOrder, directory: Path = Path()) -> Task:
+    return Task(kind, "a", "", str(directory), Limits(0, 0, 0, 0), {}, order)
 
 
 @pytest.fixture
@@ -50,9 +55,8 @@ def capture(
     def run(answer: Answer = lambda _question: True, **wanted: Any) -> _Process:
         process = _Process(answer)
         monkeypatch.setattr(sys, "stdin", process)
-        wanted = {"camera": f"ptp+ip://{camera.address}", **wanted}
-        task = {"capture": wanted, "directory": str(tmp_path), "job": "a"}
-        camera_tasks.capture(task, process.tell)
+        order = TakePair(f"ptp+ip://{camera.address}", **wanted)
+        camera_tasks.capture(_task("capture", order, tmp_path), process.tell)
         return process
 
     return run
@@ -178,8 +182,9 @@ def test_a_switch_is_told_what_the_operator_has_set(
 
 def test_settings_are_written_in_one_session_and_read_back(camera: Any) -> None:
     told: list[dict[str, Any]] = []
-    wanted = {"camera": f"ptp+ip://{camera.address}", "settings": {"iso": 800, "f_number": 11}}
-    camera_tasks.adjust({"capture": wanted}, told.append)
+    settings = json.loads('{"iso": 800, "f_number": 11}')
+    wanted = Adjust(f"ptp+ip://{camera.address}", settings)
+    camera_tasks.adjust(_task("camera_settings", wanted), told.append)
     settings = told[0]["answer"]["settings"]
     assert (settings["iso"]["value"], settings["f_number"]["value"]) == (800, 11.0)
     assert settings["iso"]["writable"] and 6400 in settings["iso"]["choices"]
@@ -188,7 +193,7 @@ def test_settings_are_written_in_one_session_and_read_back(camera: Any) -> None:
 def test_a_camera_tells_of_itself(camera: Any) -> None:
     told: list[dict[str, Any]] = []
     address = f"ptp+ip://{camera.address}"
-    camera_tasks.describe({"capture": {"camera": address}}, told.append)
+    camera_tasks.describe(_task("camera", LookAt(address)), told.append)
     assert told == [
         {
             "answer": {
@@ -213,6 +218,6 @@ def test_cameras_that_are_found_are_named(network: bool, monkeypatch: pytest.Mon
 
     monkeypatch.setattr(drivers, "listen_to_network", listen)
     told: list[dict[str, Any]] = []
-    camera_tasks.find({"capture": {"network": network}}, told.append)
+    camera_tasks.find(_task("cameras", FindCameras(network)), told.append)
     assert "sim://studio" in told[0]["answer"]
     assert (announced.address in told[0]["answer"]) is network

@@ -6,7 +6,6 @@ import resource
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,6 +16,7 @@ from service import sandbox
 from service.errors import FileLimitError, MemoryLimitError, OutputLimitError, TimeLimitError
 from service.forkserver import ForkServer
 from service.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
+from service.tasks import Limits, TakePair, Task
 from tests.unit.service.forked import fork_server
 
 GIB = 2**30
@@ -39,10 +39,11 @@ def _run(
     cpu_seconds: int = 60,
     open_files: int = 256,
     output_bytes: int = 4 * GIB,
-    capture: dict[str, Any] | None = None,
+    camera: str | None = None,
 ) -> list[Report]:
-    limits = sandbox.Limits(memory, cpu_seconds, open_files, output_bytes)
-    task = sandbox.Task(kind, "7", "f" * 32, str(directory), limits, {}, capture)
+    limits = Limits(memory, cpu_seconds, open_files, output_bytes)
+    order = TakePair(camera) if camera else None
+    task = Task(kind, "7", "f" * 32, str(directory), limits, {}, order)
     reports: list[Report] = []
     sandbox.run(task, 100, lambda *report: reports.append(report), lambda: False, server)
     return reports
@@ -90,16 +91,14 @@ def test_want_of_processor_time_is_told(
             "capture",
             tmp_path,
             cpu_seconds=1,
-            capture={"camera": "sim://studio?width=3000&height=2000"},
+            camera="sim://studio?width=3000&height=2000",
         )
 
 
 def test_a_capture_gives_both_photographs_and_its_progress(
     server: ForkServer, tmp_path: Path
 ) -> None:
-    reports = _run(
-        server, "capture", tmp_path, capture={"camera": "sim://studio?width=64&height=64&noise=off"}
-    )
+    reports = _run(server, "capture", tmp_path, camera="sim://studio?width=64&height=64&noise=off")
     assert {stage for stage, _ in reports} == {"capture"}
     fractions = [fraction for _, fraction in reports]
     assert fractions == sorted(fractions)
@@ -120,7 +119,7 @@ def test_a_camera_that_fails_is_a_problem(
     server: ForkServer, address: str, kind: str, tmp_path: Path
 ) -> None:
     with pytest.raises(sandbox.TaskError) as caught:
-        _run(server, "capture", tmp_path, capture={"camera": address})
+        _run(server, "capture", tmp_path, camera=address)
     assert caught.value.problem["type"] == f"urn:lightlayers:problem:{kind}"
     assert list(tmp_path.iterdir()) == []
 
@@ -129,9 +128,9 @@ def test_what_a_child_logs_is_json_with_its_job(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     camera = drivers.serve_simulated("sim://studio?width=64&height=64&noise=off", "127.0.0.1", 0)
-    capture = {"camera": f"ptp+ip://{camera.address}", "keep": False}
-    limits = sandbox.Limits(8 * GIB, 60, 256, 4 * GIB)
-    task = sandbox.Task("capture", "7", "f" * 32, str(tmp_path), limits, {}, capture)
+    order = TakePair(f"ptp+ip://{camera.address}", keep=False)
+    limits = Limits(8 * GIB, 60, 256, 4 * GIB)
+    task = Task("capture", "7", "f" * 32, str(tmp_path), limits, {}, order)
 
     def unplug(_question: dict[str, Any], _has_ended: Callable[[], bool]) -> bool:
         camera.close()
@@ -157,11 +156,11 @@ def work(task, tell):
 child._WORK["check"] = work
 sys.exit(child.main())
 """
-    limits = sandbox.Limits(GIB, 60, open_files, GIB)
-    task = sandbox.Task("check", "7", "f" * 32, "", limits, {}, None)
+    limits = Limits(GIB, 60, open_files, GIB)
+    task = Task("check", "7", "f" * 32, "", limits, {})
     return subprocess.run(
         [sys.executable, "-c", code],
-        input=json.dumps(asdict(task)).encode(),
+        input=task.to_json().encode(),
         capture_output=True,
         timeout=100,
         check=False,
@@ -199,9 +198,9 @@ def test_want_of_memory_in_opencv_is_want_of_memory() -> None:
 
 
 def test_too_large_a_result_is_told(server: ForkServer, tmp_path: Path) -> None:
-    capture = {"camera": "sim://studio?width=300&height=200&noise=off"}
+    camera = "sim://studio?width=300&height=200&noise=off"
     with pytest.raises(OutputLimitError, match="larger than a job's may be"):
-        _run(server, "capture", tmp_path, output_bytes=10_000, capture=capture)
+        _run(server, "capture", tmp_path, output_bytes=10_000, camera=camera)
 
 
 def test_too_many_open_files_are_told(

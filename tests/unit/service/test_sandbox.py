@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import sys
 import time
 from collections.abc import Callable
@@ -21,10 +20,10 @@ from service.errors import (
     TimeLimitError,
 )
 from service.forkserver import ForkServer
-from service.settings import Settings
+from service.tasks import Kind, Limits, Task
 from tests.unit.service.forked import fork_server, wait_until_gone
 
-LIMITS = sandbox.Limits(memory_bytes=2**30, cpu_seconds=10, open_files=64, output_bytes=1_000_000)
+LIMITS = Limits(memory_bytes=2**30, cpu_seconds=10, open_files=64, output_bytes=1_000_000)
 
 
 def _run(
@@ -38,7 +37,7 @@ def _run(
 def _reports(
     server: ForkServer, seconds: float = 60, stop: Callable[[], bool] = lambda: False
 ) -> list[tuple[str, float]]:
-    task = sandbox.Task("separate", "7", "trace", "folder", LIMITS, {}, None)
+    task = Task("separate", "7", "trace", "folder", LIMITS, {})
     found: list[tuple[str, float]] = []
     sandbox.run(task, seconds, lambda *report: found.append(report), stop, server)
     return found
@@ -106,10 +105,10 @@ def test_too_much_processor_time_is_too_long() -> None:
     ],
 )
 def test_what_takes_too_long_is_named(
-    kind: sandbox.Kind, sentence: str, code: str, seconds: float, monkeypatch: pytest.MonkeyPatch
+    kind: Kind, sentence: str, code: str, seconds: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sandbox, "_END_SECONDS", 0.1)
-    task = sandbox.Task(kind, "7", "trace", "folder", LIMITS, {}, None)
+    task = Task(kind, "7", "trace", "folder", LIMITS, {})
     with (
         contextlib.closing(fork_server(code)) as server,
         pytest.raises(TimeLimitError, match=sentence),
@@ -144,7 +143,7 @@ time.sleep(600)
 
 def test_a_process_that_reads_nothing_is_no_trouble() -> None:
     options: dict[str, Any] = {"camera": "x" * 1_000_000}
-    task = sandbox.Task("separate", "7", "trace", "folder", LIMITS, options, None)
+    task = Task("separate", "7", "trace", "folder", LIMITS, options)
     with (
         contextlib.closing(fork_server("os._exit(8)")) as server,
         pytest.raises(CrashError, match="exit code 8"),
@@ -180,14 +179,6 @@ print(json.dumps({"stage": os.environ["OMP_NUM_THREADS"], "fraction": cv2.getNum
         assert _reports(server) == [(str(threads), threads)]
 
 
-def test_results_are_the_files_of_the_folder_by_name(tmp_path: Path) -> None:
-    results = tmp_path / "results"
-    (results / "folder").mkdir(parents=True)
-    for name in ("manifest.json", "lamp1.jpg"):
-        (results / name).write_bytes(b"")
-    assert [path.name for path in sandbox.results_of(tmp_path)] == ["lamp1.jpg", "manifest.json"]
-
-
 @pytest.mark.parametrize(
     ("code", "error", "detail"),
     [
@@ -216,7 +207,7 @@ for number in range({count}):
 
 @pytest.mark.parametrize("then", ["", "import time; time.sleep(600)"])
 def test_files_that_are_small_alone_are_too_large_together(tmp_path: Path, then: str) -> None:
-    task = sandbox.Task("separate", "7", "trace", str(tmp_path), LIMITS, {}, None)
+    task = Task("separate", "7", "trace", str(tmp_path), LIMITS, {})
     with (
         contextlib.closing(fork_server(_FILES.format(count=3, then=then))) as server,
         pytest.raises(OutputLimitError, match="larger than a job's may be"),
@@ -225,16 +216,10 @@ def test_files_that_are_small_alone_are_too_large_together(tmp_path: Path, then:
 
 
 def test_files_within_the_limit_are_let_be(tmp_path: Path) -> None:
-    task = sandbox.Task("separate", "7", "trace", str(tmp_path), LIMITS, {}, None)
+    task = Task("separate", "7", "trace", str(tmp_path), LIMITS, {})
     with contextlib.closing(fork_server(_FILES.format(count=2, then=""))) as server:
         sandbox.run(task, 60, lambda _stage, _fraction: None, lambda: False, server)
     assert len(list(tmp_path.iterdir())) == 2
-
-
-def test_limits_are_those_of_the_settings(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(os, "cpu_count", lambda: 4)
-    settings = Settings(job_memory_bytes=7, job_open_files=16, job_output_bytes=9)
-    assert sandbox.Limits.of(settings, 10) == sandbox.Limits(7, 41, 16, 9)
 
 
 _ASKS = """
@@ -248,7 +233,7 @@ print(json.dumps({"answer": answers}), flush=True)
 
 
 def _ask(code: str, seconds: float, ask: sandbox.Ask) -> Any:
-    task = sandbox.Task("capture", "7", "trace", "folder", LIMITS, {}, None)
+    task = Task("capture", "7", "trace", "folder", LIMITS, {})
     with contextlib.closing(fork_server(code)) as server:
         return sandbox.run(task, seconds, lambda *_report: None, lambda: False, server, ask)
 
