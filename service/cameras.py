@@ -17,7 +17,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 
 import drivers
 from service import jobs, queues
-from service.database import cameras, now
+from service.database import cameras, may_be_id, now
 from service.database import jobs as rows
 from service.states import ENDED
 
@@ -58,7 +58,9 @@ def add(connection: sa.Connection, address: str) -> str:
 
 
 def address_of(connection: sa.Connection, camera: str) -> str | None:
-    """Find the address of the camera of this id."""
+    """Find the address of the camera of this id, which may be any text."""
+    if not may_be_id(camera):
+        return None
     found = sa.select(cameras.c.address).where(cameras.c.id == camera)
     return connection.execute(found).scalar()
 

@@ -17,6 +17,7 @@ import httpx
 
 from pipeline.errors import OptionError
 from pipeline.options import Options
+from service.states import ENDED
 
 _POLL_SECONDS = 0.3
 _TIMEOUT_SECONDS = 60.0
@@ -28,7 +29,6 @@ _TUS = {"Tus-Resumable": "1.0.0"}
 _GONE = (404, 410)
 _ABOUT_WHAT_WAS_SENT = (400, 413, 415, 422)  # not about the key, the address or the moment
 
-_ENDS = ("succeeded", "failed", "canceled", "expired")
 _LOOKED_AT = {"state", "stage", "fraction", "error", "files"}
 
 Job = dict[str, Any]
@@ -175,7 +175,7 @@ class Client:
 
         It outlasts some minutes in which the service is away.
         """
-        while job["state"] not in _ENDS:
+        while job["state"] not in ENDED:
             if job["stage"]:
                 report(job["stage"], job["fraction"])
             time.sleep(_POLL_SECONDS)

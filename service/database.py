@@ -263,6 +263,11 @@ def _watch_ends(engine: sa.Engine) -> None:
                 call()
 
 
+def may_be_id(text: str) -> bool:
+    """Whether a row may have this id: what no database takes, like a NUL, is none, either."""
+    return text.isascii() and text.isprintable()
+
+
 def is_full(error: sa.exc.DBAPIError) -> bool:
     """Whether a statement failed because the database's disk has no room."""
     cause = error.orig

@@ -107,5 +107,5 @@ def open_desk(settings: Settings) -> Iterator[Desk]:
 
 def _known(job: jobs.Job | None, job_id: str) -> jobs.Job:
     if job is None:
-        raise UnknownJobError(f"There is no job {job_id[:32]!r}; it may have been deleted.")
+        raise UnknownJobError(job_id)
     return job

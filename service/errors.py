@@ -89,6 +89,9 @@ class StoredQuotaError(ServiceError):
 class UnknownJobError(ServiceError):
     """There is no such job."""
 
+    def __init__(self, job_id: str) -> None:
+        super().__init__(f"There is no job {job_id[:32]!r}; it may have been deleted.")
+
 
 class UnknownResultError(ServiceError):
     """The job has no such result."""
@@ -347,11 +350,11 @@ KINDS: dict[type[Exception], Kind] = {
     BusyError: Kind("busy", 503, "Too many requests at a time", retryable=True),
     UnreadyError: Kind("service-not-ready", 503, "The service is not ready", retryable=True),
     StorageFullError: Kind("storage-full", 507, "Too little space is left", retryable=True),
-    CrashError: Kind("crashed", 500, "The separation crashed"),
-    MemoryLimitError: Kind("out-of-memory", 500, "The separation ran out of memory"),
-    TimeLimitError: Kind("timed-out", 500, "The separation took too long"),
-    FileLimitError: Kind("too-many-files", 500, "The separation opened too many files"),
-    OutputLimitError: Kind("output-too-large", 500, "The separation wrote too much"),
+    CrashError: Kind("crashed", 500, "The job crashed"),
+    MemoryLimitError: Kind("out-of-memory", 500, "The job ran out of memory"),
+    TimeLimitError: Kind("timed-out", 500, "The job took too long"),
+    FileLimitError: Kind("too-many-files", 500, "The job opened too many files"),
+    OutputLimitError: Kind("output-too-large", 500, "The job wrote too much"),
     DeadlineError: Kind("deadline-passed", 500, "The deadline has passed", retryable=True),
     AbandonedError: Kind("abandoned", 500, "The job's attempts were cut short several times"),
     LayersGoneError: Kind("layers-gone", 410, "The layers are gone"),

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import sqlalchemy as sa
 
 from service import bursts, fairness, metrics, queues, quotas
-from service.database import CALIBRATES, jobs, now, once_committed, workers
+from service.database import CALIBRATES, jobs, may_be_id, now, once_committed, workers
 from service.frames import FRAMES
 from service.object_keys import captured_key
 from service.states import ENDED, HELD, State, before
@@ -119,7 +119,7 @@ def add(
 
 def find(connection: sa.Connection, job_id: str) -> Job | None:
     """Find the job of this id, which may be any text."""
-    if not (job_id.isascii() and job_id.isprintable()):  # what no database takes is no id, either
+    if not may_be_id(job_id):
         return None
     row = connection.execute(sa.select(jobs).where(jobs.c.id == job_id)).first()
     return _job(row) if row else None

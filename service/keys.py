@@ -20,7 +20,7 @@ from typing import Any
 import sqlalchemy as sa
 
 from service.addresses import is_loopback
-from service.database import keys, now
+from service.database import keys, may_be_id, now
 from service.settings import Settings
 
 _ALPHABET = string.digits + string.ascii_uppercase + string.ascii_lowercase
@@ -141,7 +141,7 @@ def note_use(connection: sa.Connection, key: Key) -> None:
 
 def revoke(connection: sa.Connection, key_id: str) -> bool:
     """Let a key be used no more, from the next request on; false when there is none of this id."""
-    if not (key_id.isascii() and key_id.isprintable()):  # what no database takes is no id, either
+    if not may_be_id(key_id):
         return False
     revoked = sa.func.coalesce(keys.c.revoked, now())
     this = sa.update(keys).where(keys.c.id == key_id).values(revoked=revoked)

@@ -166,7 +166,7 @@ _TOO_MUCH = (
     "The results are larger than a job's may be; ask for fewer, or send smaller photographs."
 )
 DISK_IS_FULL = "The disk on which jobs run is full; send this one again later."
-_TOO_LONG = "The separation took longer than a job may take; send smaller photographs."
+_TOO_LONG = "The job took longer than it may take; send smaller photographs."
 _CAPTURE_TOO_LONG = (
     "The capture took longer than a job may take; check the camera's connection and take the pair "
     "again."
@@ -185,7 +185,7 @@ def _raise_for_exit(code: int, too_long: str) -> None:
     if code == -signal.SIGXFSZ:
         raise OutputLimitError(_TOO_MUCH)
     if code == OUT_OF_FILES:
-        raise FileLimitError("The separation needs more open files than a job may have.")
+        raise FileLimitError("The job needs more open files than it may have.")
     if code == DISK_FULL:
         raise StorageFullError(DISK_IS_FULL)
     if code == -signal.SIGKILL:

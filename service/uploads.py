@@ -16,7 +16,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from service.database import now, uploads
+from service.database import may_be_id, now, uploads
 from service.storage import Storage
 
 MAX_PARTS = 10_000
@@ -56,7 +56,9 @@ def add(connection: sa.Connection, values: dict[str, Any], seconds: float) -> No
 
 
 def find(connection: sa.Connection, owner: str, upload_id: str) -> Upload | None:
-    """Find an owner's upload of this id."""
+    """Find an owner's upload of this id, which may be any text."""
+    if not may_be_id(upload_id):
+        return None
     query = sa.select(uploads, (uploads.c.expires <= now()).label("expired"))
     row = connection.execute(query.where(_one(owner, upload_id))).first()
     return Upload(**row._mapping) if row else None
@@ -95,7 +97,12 @@ def append(connection: sa.Connection, upload: Upload, part: str, size: int, seco
 
 
 def remove(connection: sa.Connection, owner: str, upload_ids: Collection[str]) -> bool:
-    """Delete an owner's uploads; false when one of them is not there (any more)."""
+    """Delete an owner's uploads; false when one of them is not there (any more).
+
+    upload_ids: any texts.
+    """
+    if not all(map(may_be_id, upload_ids)):
+        return False
     gone = connection.execute(
         sa.delete(uploads).where(uploads.c.owner == owner, uploads.c.id.in_(upload_ids))
     )

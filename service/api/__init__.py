@@ -31,6 +31,7 @@ from service.api.calibrated import allow_calibrations
 from service.api.hosts import check_host
 from service.api.limits import Limits
 from service.api.queries import check_query
+from service.api.trace_ids import TraceIds
 from service.errors import (
     ForbiddenError,
     ForeignHostError,
@@ -72,6 +73,7 @@ def create_app(origins: Sequence[str] = ()) -> FastAPI:
             allow_headers=headers.SENT,
             expose_headers=headers.SHOWN,
         )
+    app.add_middleware(TraceIds)
     problems.install(app)
     app.add_middleware(tus.Tus)
     app.add_middleware(headers.SafeHeaders)

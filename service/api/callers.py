@@ -151,7 +151,7 @@ def find(connection: sa.Connection, caller: Caller, job_id: str) -> jobs.Job:
     """Find a job of the caller's. Raises UnknownJobError, also for those of others."""
     job = jobs.find(connection, job_id)
     if job is None or not caller.may_see(job):
-        raise UnknownJobError(f"There is no job {job_id[:32]!r}; it may have been deleted.")
+        raise UnknownJobError(job_id)
     return job
 
 

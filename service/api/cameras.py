@@ -12,7 +12,7 @@ from typing import Any
 
 from fastapi import APIRouter, Request, Response
 from fastapi.concurrency import run_in_threadpool
-from fastapi.sse import KEEPALIVE_COMMENT, EventSourceResponse, format_sse_event
+from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 
 import drivers
 from pipeline.errors import OptionError
@@ -28,8 +28,8 @@ from service.api.dispatch import queue_captures
 from service.api.looking import check_camera
 from service.api.models import CameraCapture, SettingsRequest
 from service.api.problems import responses
+from service.api.streams import KEEP_ALIVE_SECONDS, RETRY, stream_events
 from service.api.submission import Submitting
-from service.api.watching import KEEP_ALIVE_SECONDS, RETRY_MS
 from service.capture import CaptureSettings
 from service.database import AWAY
 from service.errors import (
@@ -87,8 +87,7 @@ async def list_cameras(context: Parts, caller: Calling) -> list[CameraAnswer]:
 )
 async def watch_cameras(context: Parts, caller: Calling) -> Response:
     """Watch the cameras by server-sent events."""
-    headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-    return EventSourceResponse(_events(context, caller), headers=headers)
+    return stream_events(_events(context, caller))
 
 
 @router.get(
@@ -202,7 +201,7 @@ def _state(camera: cameras.Camera) -> Any:
 
 
 async def _events(context: Context, caller: Caller) -> AsyncIterator[bytes]:
-    yield format_sse_event(retry=RETRY_MS)
+    yield RETRY
     seen, told = None, time.monotonic()
     standing = Standing(context.engine, caller)
     while not context.watching.closed and await standing.holds():

@@ -8,15 +8,14 @@ from typing import Annotated
 from fastapi import APIRouter, Header
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response
-from fastapi.sse import KEEPALIVE_COMMENT, EventSourceResponse, format_sse_event
+from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 
 from service import answers
 from service.api.callers import Caller, Calling, Standing, find
 from service.api.context import Context, Parts
 from service.api.problems import responses
+from service.api.streams import KEEP_ALIVE_SECONDS, RETRY, stream_events
 from service.api.watching import (
-    KEEP_ALIVE_SECONDS,
-    RETRY_MS,
     Snapshot,
     Watching,
 )
@@ -50,10 +49,8 @@ async def watch_job(
     first = await run_in_threadpool(_look, context, caller, job_id)
     if first.ended and first.mark == last_event_id:
         return Response(status_code=204)  # which tells a browser not to come again
-    headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
     standing = Standing(context.engine, caller)
-    told = _events(context.watching, standing, job_id, last_event_id)
-    return EventSourceResponse(told, headers=headers)
+    return stream_events(_events(context.watching, standing, job_id, last_event_id))
 
 
 def _look(context: Context, caller: Caller, job_id: str) -> Snapshot:
@@ -66,7 +63,7 @@ def _look(context: Context, caller: Caller, job_id: str) -> Snapshot:
 async def _events(
     watching: Watching, standing: Standing, job_id: str, seen: str | None
 ) -> AsyncIterator[bytes]:
-    yield format_sse_event(retry=RETRY_MS)
+    yield RETRY
     with watching.watch(job_id) as watched:
         while not watching.closed and await standing.holds():
             latest = watched.latest

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import uuid
 from typing import Any
 
 from fastapi import FastAPI, Request
@@ -11,9 +10,8 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service import metrics, tracing
+from service import metrics
 from service.api.headers import DEFAULTS
 from service.errors import (
     DATABASE_AWAY,
@@ -55,29 +53,6 @@ _TRACE = "4bf92f3577b34da6a3ce929d0e0e4736"
 """Of examples."""
 
 log = logging.getLogger("service.api")
-
-
-class TraceIds:
-    """Gives every request a trace_id, the caller's own when it sends W3C `traceparent`."""
-
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Handle one request."""
-        if scope["type"] != "http":
-            await self._app(scope, receive, send)
-            return
-        traceparent = dict(scope["headers"]).get(b"traceparent", b"").decode("latin-1")
-        trace_id = tracing.trace_id(traceparent) or uuid.uuid4().hex
-        scope.setdefault("state", {})["trace_id"] = trace_id
-
-        async def send_with_id(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                message["headers"] = [*message["headers"], (b"trace-id", trace_id.encode())]
-            await send(message)
-
-        await self._app(scope, receive, send_with_id)
 
 
 def responses(*errors: type[Exception], status: tuple[int, ...] = ()) -> dict[int | str, Any]:
@@ -128,7 +103,6 @@ def examples() -> dict[str, Any]:
 
 def install(app: FastAPI) -> None:
     """Register the handlers."""
-    app.add_middleware(TraceIds)
     app.add_exception_handler(RequestValidationError, _on_validation)
     app.add_exception_handler(HTTPException, _on_http)
     app.add_exception_handler(Exception, _on_internal)

@@ -18,12 +18,6 @@ from service.database import jobs as rows
 from service.settings import Settings
 from service.states import State
 
-KEEP_ALIVE_SECONDS = 15.0
-"""After so much silence a stream of events says that it goes on, or proxies would end it."""
-
-RETRY_MS = 2000
-"""When a browser comes again whose stream broke off."""
-
 _LOOK_SECONDS = 0.25
 _PLACES_SECONDS = 2.0  # how often places in the queue are counted anew
 _AT_ONCE = 500

@@ -66,6 +66,10 @@ def test_ids_and_names_are_only_looked_up(
             assert answer.status_code == (422 if "after=" in path else 404)
             assert _is_harmless(answer, context)
         assert http.delete(f"/jobs/{text}").status_code in (404, 405)
+        assert http.get(f"/cameras/{text}/settings").status_code == 404
+        for method in ("HEAD", "DELETE"):
+            gone = http.request(method, f"/uploads/{text}", headers={"tus-resumable": "1.0.0"})
+            assert gone.status_code in (404, 405)
 
 
 def test_names_of_files_are_nothing_but_text(

@@ -6,7 +6,7 @@ import psycopg.errors
 import pytest
 import sqlalchemy as sa
 
-from service import database
+from service import cameras, database, jobs, keys, uploads
 from service.database import once_committed
 
 
@@ -63,3 +63,15 @@ def test_nothing_is_called_for_what_is_not_kept(engine: sa.Engine, fault: str) -
         once_committed(connection, lambda: called.append("after"))
         assert called == ["before"]
     assert called == ["before", "after"]
+
+
+@pytest.mark.parametrize("text", ["a\0b", "a\nb", "é", "\ud800"])
+def test_what_no_database_takes_is_no_id(text: str, engine: sa.Engine) -> None:
+    assert not database.may_be_id(text)
+    assert database.may_be_id("8e03978e40d543ddbc936894a57f9324")
+    with engine.begin() as connection:
+        assert jobs.find(connection, text) is None
+        assert cameras.address_of(connection, text) is None
+        assert uploads.find(connection, "", text) is None
+        assert uploads.remove(connection, "", [text]) is False
+        assert keys.revoke(connection, text) is False

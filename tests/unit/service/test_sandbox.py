@@ -93,7 +93,7 @@ def test_too_much_processor_time_is_too_long() -> None:
     ("kind", "sentence"),
     [
         ("capture", "The capture took longer .* check the camera's connection and take the pair"),
-        ("separate", "The separation took longer .* send smaller photographs"),
+        ("separate", "The job took longer .* send smaller photographs"),
     ],
 )
 @pytest.mark.parametrize(
