@@ -168,7 +168,8 @@ class Attempt:
             self._track.reach("store", 0.0)
             self._stages.enter("store")
             results = [self._store(path) for path in results_of(directory)]
-        counts = self._end(partial(jobs.succeed, stage_seconds=self._track.finish()), results)
+        self._stages.end()
+        counts = self._end(partial(jobs.succeed, stage_seconds=self._stages.seconds), results)
         if counts:
             self._log.info("succeeded")
             tracing.note("outcome", "succeeded")

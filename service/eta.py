@@ -9,8 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from statistics import fmean, median
 from typing import Any
@@ -25,7 +24,7 @@ from service.settings import Settings
 from service.states import HELD, State
 
 _RECENT = 20
-_ORDER = ("start", "capture", *STAGES, "calibrate", "mix", "store")
+_ORDER = ("fetch", "capture", *STAGES, "calibrate", "mix", "store")
 """Everything that attempts do, in order: photographs fetched, the stages, results stored."""
 
 _FIRST_SHARES = {
@@ -106,38 +105,20 @@ def _recent(connection: sa.Connection, which: sa.ColumnElement[bool]) -> list[di
 
 
 class Track:
-    """How far one attempt is, and what its stages take."""
+    """How far one attempt is."""
 
-    def __init__(self, pace: Pace, clock: Callable[[], float] = time.monotonic) -> None:
-        """Begin with fetching the photographs; clock: seconds."""
+    def __init__(self, pace: Pace) -> None:
         self._pace = pace
-        self._clock = clock
-        self._stage = "start"
-        self._since = clock()
-        self._seconds: dict[str, float] = {}
         self.progress = 0.0
 
     def reach(self, stage: str, fraction: float) -> None:
         """Say how much of a stage is done, 0…1; `progress` never falls."""
-        if stage != self._stage:
-            self._leave()
-            self._stage = stage
         self.progress = max(self.progress, self._pace.progress(stage, fraction))
-
-    def _leave(self) -> None:
-        moment = self._clock()
-        spent = self._seconds.get(self._stage, 0.0) + moment - self._since
-        self._seconds[self._stage], self._since = round(spent, 3), moment
 
     @property
     def seconds_left(self) -> float | None:
         """What is left of the attempt, in seconds; None when no job like it is known."""
         return None if self._pace.seconds is None else self._pace.seconds * (1 - self.progress)
-
-    def finish(self) -> dict[str, float]:
-        """End the last stage; seconds by stage."""
-        self._leave()
-        return self._seconds
 
 
 def etas(

@@ -92,10 +92,9 @@ def test_without_jobs_alike_shares_are_rough_and_the_time_is_unknown(
         assert ("capture" in pace.shares) == (job_id == "capture")
 
 
-def test_a_track_never_falls_and_measures_its_stages() -> None:
-    moments = iter([0.0, 1.0, 3.0, 3.5, 10.0])
-    pace = eta.Pace({"start": 0.1, "decode": 0.2, "layers": 0.6, "store": 0.1}, 20.0)
-    track = eta.Track(pace, lambda: next(moments))
+def test_a_track_never_falls() -> None:
+    pace = eta.Pace({"fetch": 0.1, "decode": 0.2, "layers": 0.6, "store": 0.1}, 20.0)
+    track = eta.Track(pace)
     told = []
     for stage, fraction in [
         ("decode", 0),
@@ -108,17 +107,10 @@ def test_a_track_never_falls_and_measures_its_stages() -> None:
         told.append(round(track.progress, 3))
         assert track.seconds_left == pytest.approx(20 * (1 - track.progress))
     assert told == [0.1, 0.3, 0.3, 0.3, 0.9]
-    with pytest.raises(StopIteration):
-        track.finish()
 
 
-def test_a_finished_track_gives_what_each_stage_took() -> None:
-    moments = iter([0.0, 1.0, 3.0, 7.0])
-    track = eta.Track(eta.Pace({}, None), lambda: next(moments))
-    track.reach("decode", 0.5)
-    track.reach("store", 0.0)
-    assert track.finish() == {"start": 1.0, "decode": 2.0, "store": 4.0}
-    assert track.seconds_left is None
+def test_what_is_left_of_an_unknown_pace_is_unknown() -> None:
+    assert eta.Track(eta.Pace({}, None)).seconds_left is None
 
 
 def _etas(connection: sa.Connection, *shown: str, **settings: Any) -> dict[str, float]:

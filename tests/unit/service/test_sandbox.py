@@ -85,7 +85,7 @@ def test_a_kill_from_outside_counts_as_want_of_memory() -> None:
 
 
 def test_too_much_processor_time_is_too_long() -> None:
-    with pytest.raises(TimeLimitError, match="longer than a job may take"):
+    with pytest.raises(TimeLimitError, match="longer than it may take"):
         _run("os.kill(os.getpid(), signal.SIGXCPU)")
 
 
@@ -187,7 +187,7 @@ print(json.dumps({"stage": os.environ["OMP_NUM_THREADS"], "fraction": cv2.getNum
             OutputLimitError,
             "larger than a job's may be",
         ),
-        ("sys.exit(4)", FileLimitError, "more open files than a job may have"),
+        ("sys.exit(4)", FileLimitError, "more open files than it may have"),
         ("sys.exit(5)", StorageFullError, "disk on which jobs run is full"),
     ],
 )
