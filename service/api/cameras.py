@@ -22,10 +22,10 @@ from service.api import intake
 from service.api.accepted import accepted
 from service.api.admission import refuse_when_full
 from service.api.callers import Caller, Calling, Standing
+from service.api.camera_discovery import check_camera
 from service.api.captures import accept_captures, told_of
 from service.api.context import Context, Parts, TraceId
 from service.api.dispatch import queue_captures
-from service.api.looking import check_camera
 from service.api.models import CameraCapture, SettingsRequest
 from service.api.problems import responses
 from service.api.streams import KEEP_ALIVE_SECONDS, RETRY, stream_events

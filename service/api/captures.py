@@ -17,10 +17,10 @@ from service.api.accepted import Accepted
 from service.api.admission import refuse_when_full
 from service.api.calibrated import complete
 from service.api.callers import Caller, find
+from service.api.camera_discovery import check_camera
 from service.api.context import Context
 from service.api.idempotency import as_asked, digest, hash_of, replay
 from service.api.intake import Intake, handling_of
-from service.api.looking import check_camera
 from service.api.models import CameraCapture, Handling
 from service.api.submission import Submission
 from service.capture import Capture, Taking

@@ -15,8 +15,8 @@ from anyio import CapacityLimiter, to_thread
 from fastapi import Depends, Request
 
 from service import sandbox, scratch
-from service.api.looking import Looking
-from service.api.watching import Watching
+from service.api.camera_discovery import Looking
+from service.api.job_updates import Watching
 from service.dbos_queue import Queue
 from service.forkserver import ForkServer
 from service.opening import open_database, open_storage

@@ -13,12 +13,12 @@ from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 from service import answers
 from service.api.callers import Caller, Calling, Standing, find
 from service.api.context import Context, Parts
-from service.api.problems import responses
-from service.api.streams import KEEP_ALIVE_SECONDS, RETRY, stream_events
-from service.api.watching import (
+from service.api.job_updates import (
     Snapshot,
     Watching,
 )
+from service.api.problems import responses
+from service.api.streams import KEEP_ALIVE_SECONDS, RETRY, stream_events
 from service.errors import UnknownJobError
 
 router = APIRouter(tags=["jobs"])

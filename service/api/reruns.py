@@ -25,8 +25,8 @@ from service.api.idempotency import as_asked, digest, replay
 from service.api.models import RerunRequest
 from service.api.prefer import APPLIED, Wait
 from service.api.submission import Submission, Submitting
+from service.copy_pair import copy_pair
 from service.errors import GoneError, NotReadyError, UnknownJobError
-from service.repeat import copy_pair
 from service.sentences import in_words
 
 router = APIRouter(tags=["jobs"])

@@ -14,8 +14,8 @@ from service.cli.parameters import AllAsJson
 from service.states import State
 
 if TYPE_CHECKING:
-    from service.desk import Desk
     from service.jobs import Job
+    from service.operator_actions import Desk
 
 app = typer.Typer(help="See and mend the jobs of a service.", rich_markup_mode=None)
 
@@ -95,7 +95,7 @@ def cancel(job_id: Id) -> None:
 
 @contextlib.contextmanager
 def _desk() -> Iterator[Desk]:
-    from service.desk import open_desk
+    from service.operator_actions import open_desk
     from service.settings import Settings
 
     with open_desk(Settings()) as desk:

@@ -10,8 +10,8 @@ import pytest
 
 import drivers
 from service import camera_tasks, cameras, jobs, sandbox
+from service.api.camera_discovery import Looking
 from service.api.context import Context
-from service.api.looking import Looking
 from service.errors import problem_of
 from service.settings import Settings
 from service.tasks import CameraOrder, Kind, Limits, Task

@@ -14,8 +14,8 @@ from service import keys
 from service.api import callers, create_app
 from service.api import events as api_events
 from service.api.callers import OPEN, Caller, Standing, scopes_for
+from service.api.camera_discovery import Looking
 from service.api.context import Context
-from service.api.looking import Looking
 from service.database import now
 from service.settings import Settings
 from tests.unit.service.asking import (

@@ -14,8 +14,8 @@ import pytest
 
 import drivers
 from service import camera_tasks, cameras, jobs
+from service.api.camera_discovery import Looking
 from service.api.context import Context
-from service.api.looking import Looking
 from service.errors import StorageFullError
 from service.settings import Settings
 from service.tasks import FindCameras
@@ -110,7 +110,7 @@ class TestList:
         def opened(*_arguments: object) -> None:
             pytest.fail("a camera was opened that a job has")
 
-        monkeypatch.setattr("service.api.looking._FRESH_SECONDS", -1.0)
+        monkeypatch.setattr("service.api.camera_discovery._FRESH_SECONDS", -1.0)
         monkeypatch.setattr(camera_tasks, "describe", opened)
         here = http.get("/cameras").json()[1]
         assert (here["state"], here["holder"], here["waiting"]) == ("capturing", first, 1)

@@ -12,10 +12,10 @@ import sqlalchemy as sa
 
 from service import database, deliveries, jobs
 from service.api import events as route
-from service.api import watching
+from service.api import job_updates
 from service.api.callers import Caller, Standing
 from service.api.context import Context
-from service.api.watching import Watching
+from service.api.job_updates import Watching
 from service.settings import Settings
 from tests.unit.service.asking import post_capture, problem_of
 from tests.unit.service.receiver import SECRET
@@ -26,8 +26,8 @@ Finish = Callable[[str, dict[str, bytes]], None]
 
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(watching, "_LOOK_SECONDS", 0.01)
-    monkeypatch.setattr(watching, "_PLACES_SECONDS", 0.02)
+    monkeypatch.setattr(job_updates, "_LOOK_SECONDS", 0.01)
+    monkeypatch.setattr(job_updates, "_PLACES_SECONDS", 0.02)
 
 
 def _watch(http: httpx.Client, job: dict[str, Any], seen: str | None = None) -> Iterator[Event]:

@@ -11,11 +11,11 @@ from typing import Any
 import sqlalchemy as sa
 
 from service import jobs, steering
+from service.copy_pair import copy_pair
 from service.dbos_queue import Queue
 from service.errors import NotReadyError, QuotaError, StoredQuotaError, UnknownJobError
 from service.object_keys import job_key
 from service.opening import open_database, open_storage
-from service.repeat import copy_pair
 from service.settings import Settings
 from service.states import State
 
