@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import io
+import struct
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
 from drivers.errors import PairVerificationError
+
+_RAF = b"FUJIFILMCCD-RAW"
+_CR3 = b"ftypcrx "
+_CANON = bytes.fromhex("85c0b687820f11e08111f4ce462b6a48")  # of the box with Canon's facts
 
 
 @dataclass(frozen=True)
@@ -24,14 +29,14 @@ class ExposureFacts:
 
 
 def read_exposure(photograph: bytes) -> ExposureFacts:
-    """Read the exposure from a DNG, TIFF or JPEG.
+    """Read the exposure from a JPEG, a TIFF, or a RAW file that is a TIFF, CR3 or RAF.
 
     Raises PairVerificationError where the file does not tell.
     """
     import exifread
 
     try:
-        tags = exifread.process_file(io.BytesIO(photograph), details=False)
+        tags = exifread.process_file(io.BytesIO(_with_exif(photograph)), details=False)
     except Exception as error:  # exifread raises anything at all on damaged files
         raise PairVerificationError(
             "A photograph came without readable EXIF, so that the pair cannot be checked."
@@ -44,9 +49,36 @@ def read_exposure(photograph: bytes) -> ExposureFacts:
     )
 
 
+def _with_exif(photograph: bytes) -> bytes:
+    """Give what exifread can read: of RAF the JPEG in it, of CR3 its EXIF directory alone.
+
+    Sources: libopenraw's description of RAF; Laurent Clévy's of CR3.
+    """
+    if photograph.startswith(_RAF):
+        start, size = struct.unpack_from(">II", photograph, 84)
+        return photograph[start : start + size]
+    if photograph[4:12] == _CR3:
+        return _box(_box(_box(photograph, b"moov"), b"uuid" + _CANON), b"CMT2")
+    return photograph
+
+
+def _box(boxes: bytes, name: bytes) -> bytes:
+    """Give what is in the first box of that name, nothing where there is none (ISO 14496-12)."""
+    at = 0
+    while at + 8 <= len(boxes):
+        (size,) = struct.unpack_from(">I", boxes, at)
+        if boxes.startswith(name, at + 4):
+            return boxes[at + 4 + len(name) : at + size]
+        if size < 8:  # it ends with the file, or is larger than 4 GB: what is sought comes before
+            break
+        at += size
+    return b""
+
+
 def _first(tags: dict[str, Any], name: str) -> Fraction:
     try:
-        value = tags[f"EXIF {name}"].values[0]
+        # "Image": where the EXIF directory comes alone
+        value = (tags.get(f"EXIF {name}") or tags[f"Image {name}"]).values[0]
         return Fraction(value.numerator, value.denominator)
     except (KeyError, IndexError, AttributeError, TypeError, ZeroDivisionError) as error:
         raise PairVerificationError(

@@ -12,6 +12,7 @@ from drivers.clock import Clock
 from drivers.errors import (
     CameraBusyError,
     CaptureError,
+    PairVerificationError,
     SettingError,
     StoreFullError,
     TransferError,
@@ -73,7 +74,7 @@ def take_shot(
 
     progress: told the share of its bytes that came. earlier: photographs of which copies may still
     reach a second card; such a copy is counted to this one. Raises FocusError, StoreFullError,
-    CaptureError, TransferError, PairVerificationError where its EXIF is missing.
+    CaptureError, TransferError, PairVerificationError where no file of it has EXIF.
     """
     progress(0.0)
     patience_s = _exposure_s(camera) + PATIENCE_S
@@ -94,8 +95,19 @@ def take_shot(
 
 
 def _exposure_of(files: dict[str, bytes]) -> ExposureFacts:
-    """Read the exposure of the best file; the others must be of the same photograph."""
-    best, *others = [read_exposure(files[kind]) for kind in _PREFERRED if kind in files]
+    """Read the exposure of the best file that tells it; all that do must be of one photograph.
+
+    Raises PairVerificationError where none tells, CaptureError.
+    """
+    kinds = [kind for kind in _PREFERRED if kind in files]
+    told: list[ExposureFacts] = []
+    for kind in kinds:
+        try:
+            told.append(read_exposure(files[kind]))
+        except PairVerificationError:
+            if kind == kinds[-1] and not told:
+                raise
+    best, *others = told
     if any(other.flash_fired != best.flash_fired for other in others):
         raise CaptureError(
             "Files of two photographs came as one: wait until the camera is idle and take the "

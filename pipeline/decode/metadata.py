@@ -12,6 +12,7 @@ from typing import Any
 
 import exifread
 
+from pipeline.decode.raw_exif import cr3_directories, raf_jpeg
 from pipeline.decode.rendered import heif_exif
 from pipeline.decode.signatures import kind_of
 from pipeline.decode.tiff import holds_raw, tiff_tags
@@ -65,7 +66,7 @@ class Metadata:
 
 
 def read_metadata(data: bytes) -> Metadata:
-    """Facts from the EXIF block of a JPEG, TIFF, PNG, HEIF or TIFF-like RAW file; never raises."""
+    """Facts from the EXIF of a JPEG, TIFF, PNG, HEIF, CR3, RAF or TIFF-like RAW; never raises."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -105,8 +106,14 @@ def _tags(data: bytes) -> dict[str, Any]:
     kind = kind_of(data)
     if kind == "TIFF" and not holds_raw(data):
         return dict(tiff_tags(data))
+    if directories := cr3_directories(data):
+        image, exif = map(_read, directories)
+        return image | {name.replace("Image ", "EXIF "): tag for name, tag in exif.items()}
     # exifread itself finds the block of hardly any HEIF but that of phones
-    block = heif_exif(data) if kind == "HEIF" else data
+    return _read(heif_exif(data) if kind == "HEIF" else raf_jpeg(data) or data)
+
+
+def _read(block: bytes) -> dict[str, Any]:
     with io.BytesIO(block) as file:
         tags: dict[str, Any] = exifread.process_file(file, details=False, extract_thumbnail=False)
     return tags

@@ -54,7 +54,7 @@ def read_raw(data: bytes) -> RawPicture:
     metadata = read_metadata(data)
     with muted(), rawpy.imread(io.BytesIO(data)) as raw:
         known = np.asarray(raw.rgb_xyz_matrix, dtype=np.float64)[:3]
-        if metadata == Metadata():  # no EXIF where a TIFF reader finds it, as in CR3 and RAF
+        if metadata == Metadata():  # no EXIF where it is looked for, as in CRW
             metadata = preview_metadata(raw)
         corrected = metadata.make.lower().startswith(_CORRECTED)
         mosaic = None if corrected else bayer_mosaic(raw, black_repeats(data))

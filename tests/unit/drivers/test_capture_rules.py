@@ -31,13 +31,16 @@ from drivers.errors import (
     TransferError,
 )
 from drivers.shot import LARGEST_BYTES
+from tests.raw_files import cr3, raf
+
+
+def tags(flash: int, iso: int = 100, f_number: int = 8) -> dict[int, object]:
+    return {0x829A: IFDRational(1, 50), 0x829D: IFDRational(f_number), 0x8827: iso, 0x9209: flash}
 
 
 def photograph(flash: int, iso: int = 100, f_number: int = 8) -> bytes:
     exif = Image.Exif()
-    exif.get_ifd(0x8769).update(
-        {0x829A: IFDRational(1, 50), 0x829D: IFDRational(f_number), 0x8827: iso, 0x9209: flash}
-    )
+    exif.get_ifd(0x8769).update(tags(flash, iso, f_number))
     file = io.BytesIO()
     Image.new("RGB", (8, 8)).save(file, "JPEG", exif=exif)
     return file.getvalue()
@@ -278,6 +281,28 @@ def test_raw_is_preferred_and_both_are_kept(clock: Clock) -> None:
     pair = capture_pair(camera, clock=clock)
     assert (pair.no_flash.best, pair.flash.best) == (raw, other)
     assert pair.flash.files == {"dng": other, "jpeg": FLASH}
+
+
+def test_raw_files_of_canon_and_fuji_make_pairs(clock: Clock) -> None:
+    for shots in (
+        [{"cr3": cr3(tags(0x10))}, {"cr3": cr3(tags(0x09))}],
+        [{"raf": raf(NO_FLASH)}, {"raf": raf(FLASH)}],
+    ):
+        pair = capture_pair(FakeCamera(shots=list(shots)), clock=clock)
+        assert [pair.no_flash.files, pair.flash.files] == shots
+        assert [pair.no_flash.exposure.iso, pair.flash.exposure.iso] == [100, 100]
+
+
+def test_the_exposure_is_of_whichever_file_tells_it(clock: Clock) -> None:
+    shots = [{"rw2": b"odd", "jpeg": NO_FLASH}, {"rw2": b"odd", "jpeg": FLASH}]
+    pair = capture_pair(FakeCamera(shots=list(shots)), clock=clock)
+    assert [pair.no_flash.files, pair.flash.files] == shots
+    assert pair.flash.exposure.flash_fired
+
+
+def test_files_none_of_which_tells_the_exposure_are_refused(clock: Clock) -> None:
+    with pytest.raises(PairVerificationError, match="cannot be checked"):
+        capture_pair(FakeCamera(shots=[{"rw2": b"odd", "jpeg": b"odd"}]), clock=clock)
 
 
 def test_old_photographs_on_the_card_are_left_alone(clock: Clock) -> None:

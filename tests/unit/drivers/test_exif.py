@@ -10,6 +10,7 @@ from PIL.TiffImagePlugin import IFDRational
 
 from drivers.errors import PairVerificationError
 from drivers.exif import ExposureFacts, read_exposure
+from tests.raw_files import cr3, raf
 
 SOUND = {0x829A: IFDRational(1, 125), 0x829D: IFDRational(28, 10), 0x8827: 400, 0x9209: 0x09}
 
@@ -25,6 +26,29 @@ def jpeg(tags: Mapping[int, object]) -> bytes:
 def test_the_exposure_is_read_exactly() -> None:
     expected = ExposureFacts(Fraction(1, 125), Fraction(14, 5), 400, flash_fired=True)
     assert read_exposure(jpeg(SOUND)) == expected
+
+
+def test_raw_files_of_canon_and_fuji_tell_their_exposure_where_no_tiff_reader_looks() -> None:
+    expected = ExposureFacts(Fraction(1, 125), Fraction(14, 5), 400, flash_fired=True)
+    assert read_exposure(cr3(SOUND)) == expected
+    assert read_exposure(raf(jpeg(SOUND))) == expected
+
+
+@pytest.mark.parametrize(
+    "photograph",
+    [
+        cr3(SOUND).replace(b"CMT2", b"CMT9"),
+        cr3(SOUND).replace(b"moov", b"free"),
+        cr3(SOUND)[:100],
+        b"\0\0\0\0ftypcrx " + bytes(64),
+        raf(jpeg(SOUND))[:86],
+        raf(jpeg(SOUND))[:180],
+        raf(b"no JPEG"),
+    ],
+)
+def test_damaged_raw_files_of_canon_and_fuji_are_refused(photograph: bytes) -> None:
+    with pytest.raises(PairVerificationError, match="cannot be checked"):
+        read_exposure(photograph)
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,10 @@ from typing import Any
 
 import pytest
 
+from pipeline import pairs
 from pipeline.decode.metadata import Metadata
-from pipeline.pairs import Shot, find_pairs
+from pipeline.pairs import Shot, find_pairs, read_shot
+from tests.raw_files import cr3
 
 ALONE = "no photograph with the other state of the flash belongs to it"
 
@@ -22,6 +24,16 @@ def test_a_pair_is_one_with_and_one_without_whichever_came_first() -> None:
     shots["d"] = _shot(503, True)
     found = find_pairs(shots)
     assert (found.found, found.left) == ([("b", "a"), ("c", "d")], {})
+
+
+def test_raw_files_of_canon_are_paired(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pairs, "check_header", lambda _data: (60, 40))  # they have no pixels
+    shots = {
+        name: read_shot(cr3({0x9209: flash, 0x9003: f"2024:02:29 23:59:{second}"}, {271: "Canon"}))
+        for name, flash, second in (("a.cr3", 0x10, 10), ("b.cr3", 0x09, 13))
+    }
+    found = find_pairs(shots)
+    assert (found.found, found.left) == ([("a.cr3", "b.cr3")], {})
 
 
 def test_the_nearest_in_time_belong_together() -> None:

@@ -18,6 +18,7 @@ from PIL.TiffImagePlugin import IFDRational
 from pipeline.decode import decode
 from pipeline.decode.metadata import Metadata, read_metadata
 from pipeline.frames import Exposure
+from tests.raw_files import cr3, raf
 
 Write = Callable[..., bytes]
 Exif = Callable[..., PillowImage.Exif]
@@ -78,6 +79,26 @@ def test_heif_of_any_depth_and_writer_tells_the_facts(
     assert frame.exposure == Exposure(time_s=0.008, iso=400, f_number=5.6)
     assert frame.flash_fired is True
     assert frame.focal_px == pytest.approx(80 * 36 / 43.2666, rel=1e-4)
+
+
+def test_raw_files_of_canon_and_fuji_tell_the_facts(
+    codes: NDArray[np.uint8], pillow_file: Write, exif_of: Exif
+) -> None:
+    photo = PHOTO | {0x9003: "1970:01:02 00:00:01", 0xA431: "0123"}
+    for data in (
+        cr3(photo, MAIN | {274: 6}),
+        raf(pillow_file(codes, "JPEG", exif=exif_of(MAIN | {274: 6}, photo))),
+    ):
+        assert read_metadata(data) == Metadata(
+            exposure=Exposure(time_s=0.008, iso=400, f_number=5.6),
+            make="NIKON CORPORATION",
+            model="NIKON D5100",
+            serial="0123",
+            flash_fired=True,
+            orientation=6,
+            focal_35mm=36,
+            taken_s=86401.0,
+        )
 
 
 def test_heif_without_a_block_tells_nothing(codes: NDArray[np.uint8]) -> None:
@@ -307,7 +328,17 @@ def test_a_broken_block_is_no_reason_to_refuse(
 
 @pytest.mark.parametrize(
     "data",
-    [b"", b"\xff\xd8\xff", b"II*\0\xff\xff\xff\xff", b"\0\0\0\x14ftypheix", bytes(100)],
+    [
+        b"",
+        b"\xff\xd8\xff",
+        b"II*\0\xff\xff\xff\xff",
+        b"\0\0\0\x14ftypheix",
+        bytes(100),
+        b"\0\0\0\0ftypcrx " + bytes(64),
+        cr3(PHOTO)[:100],
+        b"FUJIFILMCCD-RAW 0201",
+        raf(b"no JPEG"),
+    ],
 )
 def test_bytes_without_facts_give_none(data: bytes) -> None:
     assert read_metadata(data) == Metadata()

@@ -137,7 +137,7 @@ def test_linear_dngs_are_read(tiff_file: Callable[..., bytes]) -> None:
 def test_the_preview_gives_the_facts_that_the_raw_file_lacks(
     pillow_file: Callable[..., bytes], exif_of: Callable[..., PillowImage.Exif]
 ) -> None:
-    """Canon CR3 and Fuji RAF keep EXIF where no TIFF reader looks."""
+    """Older Canons' CRW has none."""
     grey = np.full((64, 64, 3), 90, np.uint8)
     jpeg = pillow_file(grey, "JPEG", exif=exif_of({271: "FUJI"}, {0x8827: 800}))
     with_preview = SimpleNamespace(extract_thumb=lambda: SimpleNamespace(data=jpeg))
