@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import pickle
 import sys
+import time
 from typing import Any
 
 import gphoto2 as gp
@@ -36,6 +37,9 @@ from drivers.gphoto.messages import LENGTH, packed
 
 _CHUNK_BYTES = 1 << 20
 _ROOT = "/"
+_TARGET, _CARD = "capturetarget", "card"  # as in "Memory card" and "card"
+_TARGET_LOOKS = 10  # how often it is read back: a camera may take a moment to change it
+_TARGET_PAUSE_S = 0.1
 _EVENTS = {
     gp.GP_EVENT_FILE_ADDED: EventKind.OBJECT_ADDED,
     gp.GP_EVENT_CAPTURE_COMPLETE: EventKind.CAPTURE_COMPLETE,
@@ -50,7 +54,10 @@ class Calls:
         self._handles: dict[str, int] = {}
 
     def open(self, port: str) -> None:
-        """Open the camera at a port of libgphoto2, or the first one."""
+        """Open the camera at a port of libgphoto2, or the first one.
+
+        Raises SettingError where it does not put its photographs onto its card.
+        """
         if port:
             ports = gp.PortInfoList()
             ports.load()
@@ -60,6 +67,38 @@ class Calls:
                 models.load()
                 self._camera.set_abilities(models[models.lookup_model("PTP/IP Camera")])
         self._camera.init()
+        try:
+            self._store_on_card()
+        except BaseException:
+            self._camera.exit()
+            raise
+
+    def _store_on_card(self) -> None:
+        """Have photographs go to the card, and not to the computer, where the list never has them.
+
+        Canon's go to the computer unless told otherwise. Other cameras have no such choice.
+        """
+        try:
+            widget = self._camera.get_single_config(_TARGET)
+            cards = [text for text in widget.get_choices() if _CARD in text.lower()]
+        except gp.GPhoto2Error:
+            return
+        if not cards or widget.get_value() in cards:
+            return
+        try:
+            widget.set_value(cards[0])
+            self._camera.set_single_config(_TARGET, widget)
+            for _ in range(_TARGET_LOOKS):
+                if self._camera.get_single_config(_TARGET).get_value() in cards:
+                    return
+                time.sleep(_TARGET_PAUSE_S)
+            reason = "it keeps them for the computer"
+        except gp.GPhoto2Error as error:
+            reason = error.string
+        raise SettingError(
+            f"The camera does not put its photographs onto its memory card ({reason}): insert a "
+            "card, choose it in the camera's menu and try again."
+        )
 
     def info(self) -> tuple[str, str, str, int | None, int | None]:
         """Make, model, serial, battery, room on the cards."""

@@ -15,18 +15,87 @@ from drivers.camera import CameraObject, EventKind, SettingName
 from drivers.errors import SettingError
 
 TIMEOUT, FILE_ADDED, CAPTURE_COMPLETE, UNKNOWN = range(4)
+BAD_PARAMETERS, NOT_SUPPORTED, IO = -2, -6, -7
+
+
+class LibraryError(Exception):
+    """As libgphoto2 raises it."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(code)
+        self.code, self.string = code, {IO: "I/O problem"}.get(code, "Bad parameters")
+
+
+class Widget:
+    """A setting with choices, as it was read."""
+
+    def __init__(self, value: str, *choices: str) -> None:
+        self.value, self.choices = value, choices
+
+    def get_value(self) -> str:
+        return self.value
+
+    def set_value(self, value: str) -> None:
+        self.value = value
+
+    def get_choices(self) -> tuple[str, ...]:
+        return self.choices
+
+    def get_readonly(self) -> bool:
+        return False
+
+    def get_name(self) -> str:
+        return "shutterspeed2"
+
+
+class Late(Widget):
+    """A setting that reads back as before for so many looks."""
+
+    def __init__(self, before: str, after: Widget, looks: int) -> None:
+        super().__init__(after.value, *after.choices)
+        self.before, self.looks = before, looks
+
+    @property
+    def value(self) -> str:
+        self.looks -= 1
+        return self.before if self.looks >= 0 else self.after
+
+    @value.setter
+    def value(self, value: str) -> None:
+        self.after = value
 
 
 class Device:
-    """What libgphoto2 has for a camera: one setting, and these events. waits: in ms."""
+    """What libgphoto2 has for a camera: these settings, and these events. waits: in ms.
+
+    obedience: how often capturetarget reads back as before once it was set; None for always.
+    """
 
     def __init__(self) -> None:
         self.events: Iterator[int] = iter(())
         self.waits: list[int] = []
+        self.settings = {"shutterspeed2": Widget("1/50", "1/50", "0.1s", "Bu\x1blb")}
+        self.obedience: int | None = 0
+        self.refuses = False
+        self.open = False
 
-    def get_single_config(self, _name: str) -> SimpleNamespace:
-        choices = ["1/50", "0.1s", "Bu\x1blb"]
-        return SimpleNamespace(get_readonly=lambda: False, get_choices=lambda: choices)
+    def init(self) -> None:
+        self.open = True
+
+    def exit(self) -> None:
+        self.open = False
+
+    def get_single_config(self, name: str) -> Widget:
+        if name not in self.settings:
+            raise LibraryError(BAD_PARAMETERS)
+        known = self.settings[name]
+        return Widget(known.value, *known.choices)
+
+    def set_single_config(self, name: str, widget: Widget) -> None:
+        if self.refuses:
+            raise LibraryError(IO)
+        if self.obedience is not None:
+            self.settings[name] = Late(self.settings[name].value, widget, self.obedience)
 
     def wait_for_event(self, wait_ms: int) -> tuple[int, None]:
         self.waits.append(wait_ms)
@@ -52,12 +121,15 @@ def device() -> Device:
 def calls(device: Device, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     library = SimpleNamespace(
         Camera=lambda: device,
+        GPhoto2Error=LibraryError,
         GP_EVENT_TIMEOUT=TIMEOUT,
         GP_EVENT_FILE_ADDED=FILE_ADDED,
         GP_EVENT_CAPTURE_COMPLETE=CAPTURE_COMPLETE,
     )
     monkeypatch.setitem(sys.modules, "gphoto2", library)
-    yield importlib.import_module("drivers.gphoto.child").Calls()
+    child = importlib.import_module("drivers.gphoto.child")
+    monkeypatch.setattr(child, "_TARGET_PAUSE_S", 0.0)
+    yield child.Calls()
     del sys.modules["drivers.gphoto.child"]
 
 
@@ -96,3 +168,46 @@ def test_a_file_is_described_with_the_card_that_it_is_on(calls: Any) -> None:
         CameraObject(1, "jpeg", 7, "DSC_1.JPG", "store_00010001"),
         CameraObject(2, "jpeg", 7, "DSC_1.JPG", "store_00020001"),
     ]
+
+
+@pytest.mark.parametrize(
+    ("before", "choices", "after"),
+    [
+        ("Internal RAM", ("Internal RAM", "Memory card"), "Memory card"),
+        ("sdram", ("sdram", "card", "card+sdram"), "card"),
+        ("card+sdram", ("sdram", "card", "card+sdram"), "card+sdram"),
+        ("Somewhere", ("Somewhere",), "Somewhere"),
+    ],
+)
+@pytest.mark.parametrize("looks", [0, 9])
+def test_photographs_go_to_the_card(
+    calls: Any, device: Device, before: str, choices: tuple[str, ...], after: str, looks: int
+) -> None:
+    device.settings["capturetarget"] = Widget(before, *choices)
+    device.obedience = looks
+    calls.open("")
+    assert device.settings["capturetarget"].value == after
+    assert device.open
+
+
+def test_a_camera_without_the_choice_is_left_alone(calls: Any, device: Device) -> None:
+    device.refuses = True
+    calls.open("")
+    assert device.open
+
+
+@pytest.mark.parametrize(
+    ("refuses", "reason"), [(True, "I/O problem"), (False, "it keeps them for the computer")]
+)
+def test_a_camera_that_keeps_photographs_from_its_card_is_given_back(
+    calls: Any, device: Device, refuses: bool, reason: str
+) -> None:
+    device.settings["capturetarget"] = Widget("Internal RAM", "Internal RAM", "Memory card")
+    device.obedience, device.refuses = None, refuses
+    with pytest.raises(SettingError) as raised:
+        calls.open("")
+    assert str(raised.value) == (
+        f"The camera does not put its photographs onto its memory card ({reason}): insert a card, "
+        "choose it in the camera's menu and try again."
+    )
+    assert not device.open
