@@ -116,10 +116,13 @@ class Calls:
         )
 
     def _free_bytes(self) -> int | None:
+        """Ask for the room on the cards: other answers come from a camera that is gone, too."""
         try:
             stores = self._camera.get_storageinfo()
-        except gp.GPhoto2Error:
-            return None
+        except gp.GPhoto2Error as error:
+            if error.code == gp.GP_ERROR_NOT_SUPPORTED:
+                return None
+            raise explain(error, "info") from error
         told = [store for store in stores if store.fields & gp.GP_STORAGEINFO_FREESPACEKBYTES]
         return 1024 * sum(store.freekbytes for store in told) if told else None
 
@@ -165,6 +168,7 @@ class Calls:
                 return self._camera.get_single_config(candidate)
             except gp.GPhoto2Error:
                 continue
+        self._free_bytes()  # a camera that is gone seems to lack its settings, too
         raise lacking(name)
 
     def objects(self) -> set[int]:

@@ -12,10 +12,18 @@ from typing import Any
 import pytest
 
 from drivers.camera import CameraObject, EventKind, SettingName
-from drivers.errors import SettingError
+from drivers.errors import (
+    CameraBusyError,
+    CameraDisconnectedError,
+    DriverError,
+    SettingError,
+)
 
 TIMEOUT, FILE_ADDED, CAPTURE_COMPLETE, UNKNOWN = range(4)
-BAD_PARAMETERS, NOT_SUPPORTED, IO = -2, -6, -7
+BAD_PARAMETERS, NOT_SUPPORTED, IO, BUSY = -2, -6, -7, -110
+FREE, RADIO = 64, 5
+
+Store = SimpleNamespace
 
 
 class LibraryError(Exception):
@@ -40,6 +48,9 @@ class Widget:
 
     def get_choices(self) -> tuple[str, ...]:
         return self.choices
+
+    def get_type(self) -> int:
+        return RADIO
 
     def get_readonly(self) -> bool:
         return False
@@ -78,6 +89,7 @@ class Device:
         self.obedience: int | None = 0
         self.refuses = False
         self.open = False
+        self.stores: list[Any] | int = [Store(fields=FREE, freekbytes=3), Store(fields=0)]
 
     def init(self) -> None:
         self.open = True
@@ -96,6 +108,11 @@ class Device:
             raise LibraryError(IO)
         if self.obedience is not None:
             self.settings[name] = Late(self.settings[name].value, widget, self.obedience)
+
+    def get_storageinfo(self) -> list[Any]:
+        if isinstance(self.stores, int):
+            raise LibraryError(self.stores)
+        return self.stores
 
     def wait_for_event(self, wait_ms: int) -> tuple[int, None]:
         self.waits.append(wait_ms)
@@ -122,6 +139,13 @@ def calls(device: Device, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     library = SimpleNamespace(
         Camera=lambda: device,
         GPhoto2Error=LibraryError,
+        GP_ERROR_CAMERA_BUSY=BUSY,
+        GP_ERROR_IO_USB_CLAIM=-53,
+        GP_ERROR_IO_LOCK=-60,
+        GP_ERROR_NOT_SUPPORTED=NOT_SUPPORTED,
+        GP_STORAGEINFO_FREESPACEKBYTES=FREE,
+        GP_WIDGET_RADIO=RADIO,
+        GP_WIDGET_MENU=RADIO + 1,
         GP_EVENT_TIMEOUT=TIMEOUT,
         GP_EVENT_FILE_ADDED=FILE_ADDED,
         GP_EVENT_CAPTURE_COMPLETE=CAPTURE_COMPLETE,
@@ -211,3 +235,35 @@ def test_a_camera_that_keeps_photographs_from_its_card_is_given_back(
         "choose it in the camera's menu and try again."
     )
     assert not device.open
+
+
+@pytest.mark.parametrize("stores", [NOT_SUPPORTED, [Store(fields=0)], []])
+def test_a_camera_need_not_tell_the_room_on_its_card(
+    calls: Any, device: Device, stores: list[Any] | int
+) -> None:
+    device.settings["cameramodel"] = Widget("EOS")
+    device.stores = stores
+    assert calls.info() == ("", "EOS", "", None, None)
+
+
+def test_a_camera_tells_of_itself(calls: Any, device: Device) -> None:
+    for name, value in (("manufacturer", "Canon"), ("cameramodel", "EOS"), ("batterylevel", "75%")):
+        device.settings[name] = Widget(value)
+    assert calls.info() == ("Canon", "EOS", "", 75, 3072)
+
+
+@pytest.mark.parametrize(
+    ("code", "error"), [(IO, CameraDisconnectedError), (BUSY, CameraBusyError)]
+)
+def test_a_camera_that_does_not_answer_is_not_taken_for_one_that_lacks_something(
+    calls: Any, device: Device, code: int, error: type[DriverError]
+) -> None:
+    device.stores = code
+    for call in (calls.info, lambda: calls.read(SettingName.ISO), calls.settings):
+        with pytest.raises(error):
+            call()
+
+
+def test_a_setting_that_a_camera_lacks_is_told(calls: Any) -> None:
+    with pytest.raises(SettingError, match="The camera has no setting iso"):
+        calls.read(SettingName.ISO)
