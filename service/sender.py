@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Callable
 from typing import Any, Literal
@@ -40,9 +41,10 @@ class Sender:
 
     def __init__(self, spool: Spool, client: Client, tell: Tell) -> None:
         self.aside = 0
-        self._spool, self._client, self._tell = spool, client, tell
+        self._spool, self._client, self._listener = spool, client, tell
         self._news, self._ended, self._stopped = (threading.Event() for _ in range(3))
         self._held: str | None = None
+        self._emptied = False
         self._thread = threading.Thread(target=self._work, daemon=True)
         self._thread.start()
 
@@ -50,11 +52,15 @@ class Sender:
         """Look into the spool: there is another pair."""
         self._news.set()
 
-    def finish(self) -> None:
-        """Wait until the spool is empty; no more pairs may come."""
+    def finish(self) -> bool:
+        """Wait until the spool is empty, or sending has ended before; gives whether it is empty.
+
+        No more pairs may come.
+        """
         self._ended.set()
         self._news.set()
         self._thread.join()
+        return self._emptied
 
     def stop(self) -> None:
         """Begin nothing any more; what is under way may be cut off by the end of the process."""
@@ -71,6 +77,7 @@ class Sender:
                 if pair is not None:
                     self._send(pair)
                 elif ended:
+                    self._emptied = True
                     return
                 else:
                     self._news.wait()
@@ -82,6 +89,10 @@ class Sender:
                 self._hold_up(_sentence(error))
                 self._stopped.wait(PAUSES_S[min(failures, len(PAUSES_S) - 1)])
                 failures += 1
+
+    def _tell(self, event: Event, sentence: str, **facts: Any) -> None:
+        with contextlib.suppress(OSError, ValueError):  # that nobody can hear it stops no pair
+            self._listener(event, sentence, **facts)
 
     def _hold_up(self, reason: str) -> None:
         """Tell why nothing goes, once for each reason."""

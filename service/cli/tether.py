@@ -105,17 +105,23 @@ def tether(
         sender = Sender(pool, client, told)
         stack.callback(sender.stop)
         taking = _Taking(opened, switch, wanted, asked, pool, told)
+
+        def tell_left() -> None:
+            with contextlib.suppress(OSError):  # a spool that cannot be read hides no other error
+                told("ended", f"Pairs in the spool, which the next start sends: {pool.count()}.")
+
         try:
             for _ in taking.presses(pairs, interval):
                 taking.take()
                 sender.notice()
             opened.close()
-            sender.finish()
+            emptied = sender.finish()
         except BaseException:
-            with contextlib.suppress(OSError):  # a spool that cannot be read hides no other error
-                told("ended", f"Pairs in the spool, which the next start sends: {pool.count()}.")
+            tell_left()
             raise
-    return _FAILED if taking.failed or sender.aside else 0
+        if not emptied:
+            tell_left()
+    return _FAILED if taking.failed or sender.aside or not emptied else 0
 
 
 class _Told:

@@ -216,6 +216,27 @@ def test_whatever_ends_it_what_waits_in_the_spool_is_told(
     assert "RuntimeError" in said.err and "the cause" in said.err
 
 
+def test_pairs_that_are_left_in_the_spool_are_a_failure_that_is_told(
+    tether: Callable[..., int],
+    waiting: Callable[[], int],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    finish = sender.Sender.finish
+
+    def stopped(sending: sender.Sender) -> bool:
+        sending.stop()
+        return finish(sending)
+
+    monkeypatch.setattr(sender.Sender, "finish", stopped)
+    assert tether("--pairs", "1", "--interval", "0", "--json", server=AWAY) == 1
+    assert told(capsys)[-1] == {
+        "event": "ended",
+        "detail": "Pairs in the spool, which the next start sends: 1.",
+    }
+    assert waiting() == 1
+
+
 def test_a_photograph_that_cannot_be_decoded_fails_its_pair_alone(
     tether: Callable[..., int],
     http: httpx.Client,

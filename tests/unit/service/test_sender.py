@@ -407,6 +407,30 @@ def test_a_disk_that_fails_and_a_fault_of_the_program_are_told_and_outlived(
     assert "secret" not in told.events[1][1]
 
 
+@pytest.mark.parametrize(
+    "error",
+    [BrokenPipeError(32, "Broken pipe"), OSError(28, "No space left"), ValueError("closed")],
+)
+def test_pairs_are_sent_also_where_nobody_can_be_told(
+    service: FakeService,
+    spool: Spool,
+    pairs: list[dict[str, tuple[str, bytes]]],
+    error: Exception,
+) -> None:
+    def unheard(*_: object, **_facts: object) -> None:
+        raise error
+
+    service.error = refusal(429)  # held up, then put aside, then sent
+    (spool.add("damaged", pairs[0], {}).folder / "pair.json").unlink()
+    sent = [spool.add(f"shot{n}", pair, {}).sha256 for n, pair in enumerate(pairs[:2])]
+    sender = Sender(spool, service, unheard)
+    assert service.tries.acquire(timeout=60)
+    service.error = None
+    assert sender.finish()
+    assert service.stored == sent
+    assert (spool.count(), sender.aside) == (0, 1)
+
+
 def test_a_spool_that_cannot_be_read_is_told_and_outlived(
     service: FakeService,
     spool: Spool,
@@ -434,5 +458,5 @@ def test_a_sender_that_is_stopped_begins_nothing_more(
     sender._thread.join()
     spool.add("shot", pairs[0], {})
     sender.notice()
-    sender.finish()
+    assert not sender.finish()
     assert (service.jobs, spool.count()) == ({}, 1)
