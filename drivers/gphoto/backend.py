@@ -34,11 +34,18 @@ from drivers.errors import (
     CameraNotFoundError,
     CameraTimeoutError,
 )
-from drivers.gphoto.messages import LENGTH, packed
+from drivers.gphoto.messages import LENGTH, ROOT, packed
 
 CALL_S = 20.0
 """How long a call may take, in seconds, beyond the wait that it was asked for."""
 
+FIRST_LISTING_S = 180.0
+"""How much longer a folder may take that is listed for the first time, in seconds.
+
+libgphoto2 then asks about each file by itself, and remembers the answers.
+"""
+
+_DEEPEST = 16  # folders in each other; no camera has more, but one with nonsense may tell of more
 _PORTS = ("usb", "ptpip")  # others would read files of this computer, or its serial ports
 
 
@@ -52,6 +59,7 @@ class GphotoCamera(Camera):
     def __init__(self, address: str, port: str, call_s: float = CALL_S) -> None:
         self._address, self._call_s = address, call_s
         self._child: subprocess.Popen[bytes] | None = None
+        self._listed = set[str]()
         try:
             self._child = subprocess.Popen(
                 [sys.executable, "-m", "drivers.gphoto.child"],
@@ -103,8 +111,29 @@ class GphotoCamera(Camera):
 
     def objects(self) -> set[int]:
         """List the handles of everything on the card; libgphoto2 has paths for them."""
-        handles: set[int] = self._call("objects")
+        handles, folders = set[int](), [ROOT]
+        while folders:
+            found, inside = self._list(folder := folders.pop(0))
+            handles |= found
+            folders += inside if folder.count("/") < _DEEPEST else []
         return handles
+
+    def _list(self, folder: str) -> tuple[set[int], list[str]]:
+        first = folder not in self._listed
+        try:
+            listed: tuple[set[int], list[str]] = self._call(
+                "list_folder", folder, patience_s=FIRST_LISTING_S if first else 0.0
+            )
+        except CameraTimeoutError as error:
+            if not first:
+                raise
+            raise CameraTimeoutError(
+                f"libgphoto2 could not list the folder {folder} of the camera in "
+                f"{self._call_s + FIRST_LISTING_S:.0f} s: its card holds many photographs: empty "
+                "it, switch the camera off and on and take the pair anew."
+            ) from error
+        self._listed.add(folder)
+        return listed
 
     def describe(self, handle: int) -> CameraObject:
         """Kind, size and name of an object."""

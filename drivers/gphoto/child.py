@@ -33,10 +33,9 @@ from drivers.errors import (
     SettingError,
 )
 from drivers.gphoto import names
-from drivers.gphoto.messages import LENGTH, packed
+from drivers.gphoto.messages import LENGTH, ROOT, packed
 
 _CHUNK_BYTES = 1 << 20
-_ROOT = "/"
 _TARGET, _CARD = "capturetarget", "card"  # as in "Memory card" and "card"
 _TARGET_LOOKS = 10  # how often it is read back: a camera may take a moment to change it
 _TARGET_PAUSE_S = 0.1
@@ -171,19 +170,15 @@ class Calls:
         self._free_bytes()  # a camera that is gone seems to lack its settings, too
         raise lacking(name)
 
-    def objects(self) -> set[int]:
-        """Handles of all files; a path keeps its handle."""
-        paths = self._files(_ROOT)
-        for path in sorted(paths):
-            self._handles.setdefault(path, len(self._handles) + 1)
-        return {self._handles[path] for path in paths}
-
-    def _files(self, folder: str) -> list[str]:
+    def list_folder(self, folder: str) -> tuple[set[int], list[str]]:
+        """Handles of the files in a folder, and the folders in it; a path keeps its handle."""
         prefix = folder.rstrip("/")
-        files = [f"{prefix}/{name}" for name, _ in self._camera.folder_list_files(folder)]
-        for name, _ in self._camera.folder_list_folders(folder):
-            files += self._files(f"{prefix}/{name}")
-        return files
+        names = sorted(name for name, _ in self._camera.folder_list_files(folder))
+        paths = [f"{prefix}/{name}" for name in names]
+        for path in paths:
+            self._handles.setdefault(path, len(self._handles) + 1)
+        folders = [f"{prefix}/{name}" for name, _ in self._camera.folder_list_folders(folder)]
+        return {self._handles[path] for path in paths}, sorted(folders)
 
     def describe(self, handle: int) -> CameraObject:
         """Kind, size, name and card."""
@@ -223,7 +218,7 @@ class Calls:
     def _place(self, handle: int) -> tuple[str, str]:
         path = next(path for path, known in self._handles.items() if known == handle)
         folder, _, name = path.rpartition("/")
-        return folder or _ROOT, name
+        return folder or ROOT, name
 
 
 def explain(error: gp.GPhoto2Error, method: str) -> DriverError:

@@ -9,6 +9,9 @@ from typing import Any
 LENGTH = struct.Struct("<I")
 """The length in bytes, before every message."""
 
+ROOT = "/"
+"""The folder that all others are in."""
+
 
 def packed(message: Any) -> bytes:
     """Give a message as it is sent."""

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from drivers.camera import CameraObject
-from drivers.errors import TransferError
-from drivers.gphoto.backend import GphotoCamera
+from drivers.errors import CameraTimeoutError, TransferError
+from drivers.gphoto.backend import FIRST_LISTING_S, GphotoCamera
 from drivers.shot import fetch
 
 
@@ -37,3 +37,69 @@ def test_a_file_whose_size_changes_is_no_photograph(size: int) -> None:
     camera.file = bytes(size)
     with pytest.raises(TransferError, match=f"says {size} bytes where it said 10 before"):
         fetch(camera, described)
+
+
+class Listing(GphotoCamera):
+    """A camera with these folders, {folder: (handles, folders)}; calls are noted.
+
+    slow: a folder that does not come in time.
+    """
+
+    def __init__(self, card: dict[str, tuple[set[int], list[str]]], slow: str = "") -> None:
+        self._listed, self._call_s = set(), 20.0
+        self.card, self.slow = card, slow
+        self.calls: list[tuple[str, float]] = []
+
+    def _call(self, method: str, *arguments: Any, patience_s: float = 0.0) -> Any:
+        assert method == "list_folder"
+        (folder,) = arguments
+        self.calls.append((folder, patience_s))
+        if folder == self.slow:
+            raise CameraTimeoutError("no answer")
+        return self.card[folder]
+
+
+CARD: dict[str, tuple[set[int], list[str]]] = {
+    "/": (set(), ["/a", "/b"]),
+    "/a": ({1}, ["/a/DCIM"]),
+    "/b": (set(), []),
+    "/a/DCIM": ({2, 3}, []),
+}
+
+
+def test_a_full_card_is_listed_folder_by_folder_with_patience_for_the_first_time() -> None:
+    camera = Listing(dict(CARD))
+    assert camera.objects() == {1, 2, 3}
+    assert camera.calls == [(folder, FIRST_LISTING_S) for folder in ("/", "/a", "/b", "/a/DCIM")]
+    camera.calls.clear()
+    camera.card["/b"] = ({4}, ["/b/new"])
+    camera.card["/b/new"] = ({5}, [])
+    assert camera.objects() == {1, 2, 3, 4, 5}
+    assert [patience_s for _, patience_s in camera.calls] == [0, 0, 0, 0, FIRST_LISTING_S]
+
+
+def test_a_card_that_takes_too_long_is_told() -> None:
+    camera = Listing(CARD, slow="/a/DCIM")
+    with pytest.raises(CameraTimeoutError) as raised:
+        camera.objects()
+    assert str(raised.value) == (
+        "libgphoto2 could not list the folder /a/DCIM of the camera in 200 s: its card holds many "
+        "photographs: empty it, switch the camera off and on and take the pair anew."
+    )
+
+
+def test_a_camera_that_fails_to_list_what_it_listed_before_hangs() -> None:
+    camera = Listing(CARD)
+    camera.objects()
+    camera.slow = "/b"
+    with pytest.raises(CameraTimeoutError, match="no answer"):
+        camera.objects()
+
+
+def test_folders_in_each_other_without_end_are_left() -> None:
+    class Endless(Listing):
+        def _call(self, method: str, *arguments: Any, patience_s: float = 0.0) -> Any:  # noqa: ARG002
+            (folder,) = arguments
+            return {len(folder)}, [f"{folder.rstrip('/')}/a"]
+
+    assert len(Endless({}).objects()) == 17

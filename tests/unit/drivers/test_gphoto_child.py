@@ -188,7 +188,14 @@ def test_a_value_that_the_camera_lacks_is_refused_with_those_that_can_be_written
 
 
 def test_a_file_is_described_with_the_card_that_it_is_on(calls: Any) -> None:
-    assert [calls.describe(handle) for handle in sorted(calls.objects())] == [
+    cards = ["/store_00010001", "/store_00020001"]
+    assert calls.list_folder("/") == (set(), cards)
+    assert [calls.list_folder(card) for card in (*cards, cards[0])] == [
+        ({1}, []),
+        ({2}, []),
+        ({1}, []),
+    ]
+    assert [calls.describe(handle) for handle in (1, 2)] == [
         CameraObject(1, "jpeg", 7, "DSC_1.JPG", "store_00010001"),
         CameraObject(2, "jpeg", 7, "DSC_1.JPG", "store_00020001"),
     ]
