@@ -18,6 +18,11 @@ from drivers.ptp.transport import DATASET_BYTES, Transport
 
 _LAST_TRANSACTION = 0xFFFFFFFE
 _BUSY_PAUSES_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
+_BUSY = (Response.DEVICE_BUSY, Response.NIKON_BULB_RELEASE_BUSY)
+_READY = (
+    Response.OK,
+    Response.NIKON_SILENT_RELEASE_BUSY,
+)  # as libgphoto2 has it: the second may last
 
 _REFUSED_VALUE = "The camera refused the value of a setting: set it on the camera itself."
 
@@ -112,9 +117,9 @@ class Session:
     def is_busy(self, operation: Operation) -> bool:
         """Ask once whether the camera is busy. Raises like request() for any other refusal."""
         code, _, _ = self._once(operation, ())
-        if code not in (Response.OK, Response.DEVICE_BUSY):
+        if code not in (*_READY, *_BUSY):
             raise _refusal(operation, code)
-        return code == Response.DEVICE_BUSY
+        return code in _BUSY
 
     def close(self) -> None:
         """Close the session and the transport, also where the camera is gone."""

@@ -3,15 +3,18 @@ from __future__ import annotations
 import pytest
 
 from drivers.camera import EventKind
+from drivers.capture import capture_pair
 from drivers.clock import Clock
+from drivers.errors import ProtocolError
 from drivers.ptp.camera import PtpCamera
-from drivers.ptp.codes import NIKON, Operation
+from drivers.ptp.codes import NIKON, Operation, Response
 from drivers.ptp.datasets import DeviceInfo
 from drivers.ptp.nikon import Calls
 from drivers.ptp.session import Session
 from drivers.sim.address import SimulatedCamera
 from drivers.sim.backend import InProcessTransport
-from drivers.sim.body import Body
+from drivers.sim.body import Body, Refusal
+from drivers.sim.responder import Answer, Responder
 
 CALLS = (
     Operation.NIKON_CAPTURE_TO_CARD,
@@ -51,3 +54,39 @@ def test_a_camera_that_names_another_extension_is_asked_for_its_events(clock: Cl
         camera.trigger()
         told = camera.events(timeout_s=5)
     assert [event.kind for event in told] == [EventKind.OBJECT_ADDED, EventKind.CAPTURE_COMPLETE]
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        Response.DEVICE_BUSY,
+        Response.NIKON_BULB_RELEASE_BUSY,
+        Response.NIKON_SILENT_RELEASE_BUSY,
+    ],
+)
+def test_a_camera_that_exposes_says_so_in_several_ways(
+    clock: Clock, code: Response, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _says_while_it_exposes(monkeypatch, code)
+    body = a_body(clock, "native")
+    with PtpCamera("sim://studio", InProcessTransport(body, clock), clock) as camera:
+        pair = capture_pair(camera, clock=clock)
+    assert (pair.no_flash.handles, pair.flash.handles) == ((2,), (3,))
+
+
+def test_another_answer_is_none(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    _says_while_it_exposes(monkeypatch, Response.GENERAL_ERROR)
+    body = a_body(clock, "native")
+    with PtpCamera("sim://studio", InProcessTransport(body, clock), clock) as camera:
+        camera.trigger()
+        with pytest.raises(ProtocolError, match="NIKON_DEVICE_READY with the response 0x2002"):
+            camera.events(timeout_s=5)
+
+
+def _says_while_it_exposes(monkeypatch: pytest.MonkeyPatch, code: Response) -> None:
+    def device_ready(self: Responder, *_: int) -> Answer:
+        if self._body.seconds_to_wait() is not None:
+            raise Refusal(code)
+        return None, ()
+
+    monkeypatch.setattr(Responder, "_device_ready", device_ready)
