@@ -24,11 +24,15 @@ class CapturedPair:
     flash: Shot
     settings: Mapping[SettingName, SettingValue] = field(default_factory=dict, compare=False)
 
-    def delete_from(self, camera: Camera) -> None:
-        """Delete the photographs from the camera's card. Raises what Camera.delete raises."""
+    def delete_from(self, camera: Camera, best_alone: bool = False) -> None:
+        """Delete the photographs from the camera's card. Raises what Camera.delete raises.
+
+        best_alone: leave the JPEG of RAW + JPEG there, as where only the best file was stored.
+        """
         for shot in (self.no_flash, self.flash):
-            for handle in shot.handles:
-                camera.delete(handle)
+            for item in shot.stored:
+                if not best_alone or item.kind == shot.best_kind:
+                    camera.delete(item.handle)
 
 
 def verify(pair: CapturedPair, brightness: Callable[[bytes], float] | None) -> None:

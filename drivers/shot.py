@@ -54,14 +54,14 @@ class Shot:
     stored: tuple[CameraObject, ...] = field(default=(), compare=False)
 
     @property
-    def handles(self) -> tuple[int, ...]:
-        """Of what is stored."""
-        return tuple(item.handle for item in self.stored)
-
-    @property
     def best(self) -> bytes:
         """The RAW file where there is one, else the JPEG."""
-        return next(self.files[kind] for kind in _PREFERRED if kind in self.files)
+        return self.files[self.best_kind]
+
+    @property
+    def best_kind(self) -> str:
+        """Which kind of file that is."""
+        return next(kind for kind in _PREFERRED if kind in self.files)
 
 
 def take_shot(

@@ -42,7 +42,7 @@ def capture(task: Task, tell: Tell) -> None:
         (directory / "flash").write_bytes(pair.flash.best)
         taken_with = dict(pair.settings)
         if not wanted.keep and _ask(tell, {"kind": "keep", "settings": taken_with}):
-            _told(lambda: pair.delete_from(camera), task)
+            _told(lambda: pair.delete_from(camera, best_alone=True), task)
         info = _told(lambda: asdict(camera.info()), task)
         tell({"answer": {"settings": taken_with, "info": info}})
 

@@ -83,7 +83,7 @@ def test_files_on_the_card_are_listed_and_fetched(
 ) -> None:
     with drivers.open_camera(camera.address) as opened:
         pair = drivers.capture_pair(opened)
-        described = [opened.describe(handle) for handle in pair.flash.handles]
+        described = pair.flash.stored
     folder = next(
         line.split("'")[1] for line in client("--list-files").splitlines() if "100STUDI" in line
     )

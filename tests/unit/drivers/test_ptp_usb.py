@@ -395,7 +395,7 @@ def test_half_a_photograph_left_in_the_pipe_keeps_nobody_out(
     """Whatever length its next bytes stand for, taken as the head of an answer."""
     with opened(bus, clock) as camera:
         pair = capture_pair(camera, clock=clock)
-    (handle,) = pair.flash.handles
+    handle = pair.flash.stored[0].handle
     ask_and_be_killed(bus, clock, Operation.GET_PARTIAL_OBJECT, handle, 0, 1 << 20)
     bus._answers[0] = begins + bus._answers[0][512:]
     if not knows_reset:

@@ -71,6 +71,19 @@ def test_copies_on_a_second_card_are_fetched_once_and_deleted_both(
     assert camera.card == {1: ("folder", b"")}
 
 
+def test_copies_of_the_best_files_are_deleted_alone(clock: Clock) -> None:
+    camera = TwoCards(shots=list(BOTH), clock=clock)
+    taken = capture_pair(camera, clock=clock)
+    taken.delete_from(camera, best_alone=True)
+    assert list(camera.card.values()) == [
+        ("folder", b""),
+        ("jpeg", NO_FLASH),
+        ("jpeg", NO_FLASH),
+        ("jpeg", FLASH),
+        ("jpeg", FLASH),
+    ]
+
+
 @pytest.mark.parametrize(("shots", "late"), [(SHOTS, 2), ([SHOTS[0], SHOTS[0], *SHOTS], 3)])
 def test_a_copy_that_comes_after_the_next_release_is_none_of_its_photographs(
     clock: Clock, shots: list[dict[str, bytes]], late: int

@@ -111,6 +111,19 @@ def test_the_card_is_cleared_once_the_pair_is_kept(
     assert _on_card(camera) == 0
 
 
+def test_jpegs_beside_the_raw_files_stay_on_the_card(
+    capture: Callable[..., _Process], camera: Any, tmp_path: Path
+) -> None:
+    """They are stored nowhere else."""
+    with drivers.open_camera(f"ptp+ip://{camera.address}") as opened:
+        opened.write(drivers.SettingName.FORMAT, "raw+jpeg_fine")
+    capture(keep=False)
+    assert (tmp_path / "flash").read_bytes().startswith(b"II*")
+    with drivers.open_camera(f"ptp+ip://{camera.address}") as opened:
+        kinds = sorted(opened.describe(handle).kind for handle in opened.objects())
+    assert kinds == ["folder", "jpeg", "jpeg"]
+
+
 def test_a_pair_that_could_not_be_kept_stays_on_the_card(
     capture: Callable[..., _Process], camera: Any
 ) -> None:
