@@ -35,7 +35,10 @@ LARGEST_BYTES = 1 << 29
 """No camera's photograph is larger; a size beyond it is a mistake."""
 
 _BUSY_PAUSES_S = (0.05, 0.1, *[0.2] * 39)  # charging a flash takes long; 8 s
-_LONGEST_S = 30.0  # of an exposure, where the camera does not tell
+_UNTOLD_S = 30.0  # of an exposure, where the camera does not tell
+_LONGEST_S = 3600.0  # what is longer is no time: bulb is told as five days
+_LONG_S = 1.0  # from here on cameras may take a dark photograph of equal time, against noise
+_NOISE_REDUCTION = ", switch the camera's noise reduction of long exposures off"
 _PREFERRED = (*RAW_KINDS, "jpeg")
 
 CaptureProgress = Callable[[str, float], None]
@@ -77,12 +80,19 @@ def take_shot(
     CaptureError, TransferError, PairVerificationError where no file of it has EXIF.
     """
     progress(0.0)
-    patience_s = _exposure_s(camera) + PATIENCE_S
+    exposure_s = _exposure_s(camera)
+    long = exposure_s >= _LONG_S
+    patience_s = (2 if long else 1) * exposure_s + PATIENCE_S
     camera.events(timeout_s=0)  # what is still waiting belongs to earlier shots
     promised = _promised(camera)
     look = partial(photographs_since, camera, _release(camera, clock), earlier)
     deadline = clock.monotonic() + patience_s
     photographs, copies = _new_photographs(camera, clock, look, promised, deadline)
+    if not photographs:
+        raise CaptureError(
+            f"The camera released, but no photograph reached its card in {round(patience_s, 1):g} "
+            f"s: check the card{_NOISE_REDUCTION if long else ''} and try again."
+        )
     total = max(1, sum(item.size for item in photographs))  # a camera may say 0 bytes
     files: dict[str, bytes] = {}
 
@@ -137,9 +147,10 @@ def _release(camera: Camera, clock: Clock) -> set[int]:
 def _exposure_s(camera: Camera) -> float:
     """How long the exposure can take; some cameras tell no time, or one in words."""
     try:
-        return min(_LONGEST_S, float(camera.read(SettingName.SHUTTER_S).value))
+        told_s = float(camera.read(SettingName.SHUTTER_S).value)
     except (SettingError, ValueError):
-        return _LONGEST_S
+        return _UNTOLD_S
+    return told_s if 0 <= told_s <= _LONGEST_S else _UNTOLD_S
 
 
 def _promised(camera: Camera) -> set[str]:
@@ -175,7 +186,10 @@ def photographs_since(
 def _new_photographs(
     camera: Camera, clock: Clock, look: Callable[[], Found], promised: set[str], deadline: float
 ) -> Found:
-    """Find the photographs that the card did not hold before; events only say when to look."""
+    """Find the photographs that the card did not hold before; events only say when to look.
+
+    Gives none where none came by the deadline.
+    """
     photographs, copies = list[CameraObject](), list[CameraObject]()
     told: EventKind | None = EventKind.CAPTURE_COMPLETE
     # a late event of an earlier shot must not end the wait
@@ -187,10 +201,6 @@ def _new_photographs(
     # the last photograph that fits may fill the card
     if told is EventKind.STORE_FULL and (not photographs or promised - _families(photographs)):
         raise StoreFullError("The camera's memory card is full: make room on it and try again.")
-    if not photographs:
-        raise CaptureError(
-            "The camera released, but no photograph reached its card: check the card and try again."
-        )
     if len({item.kind for item in photographs}) < len(photographs):
         raise CaptureError(
             "More than one photograph reached the card: set the camera to single frames and try "
