@@ -6,7 +6,7 @@ from drivers.camera import (
     SettingName,
     SettingValue,
 )
-from drivers.capture import CAPTURE_STAGES, capture_pair, check_settings
+from drivers.capture import CAPTURE_STAGES, capture_pair, check_settings, write_settings
 from drivers.errors import (
     BadAddressError,
     CameraDisconnectedError,
@@ -64,4 +64,5 @@ __all__ = [
     "open_camera",
     "serve_simulated",
     "simulated_truth",
+    "write_settings",
 ]

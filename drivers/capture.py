@@ -120,8 +120,7 @@ def _fix_everything(
     for name, value in _MANUAL.items():
         if name in offered:
             _ensure(camera, name, value)
-    for name, value in wanted.items():
-        _ensure(camera, name, value)
+    write_settings(camera, wanted)
     if SettingName.ISO in offered:
         _ensure(camera, SettingName.ISO, _fixed_iso(camera))
     if SettingName.WHITE_BALANCE in offered:
@@ -130,6 +129,15 @@ def _fix_everything(
         _ensure(camera, SettingName.WHITE_BALANCE, "daylight" if automatic else white_balance)
     kept = offered - {SettingName.FLASH}
     return {name: camera.read(name).value for name in SettingName if name in kept}
+
+
+def write_settings(camera: Camera, settings: Mapping[SettingName, SettingValue]) -> None:
+    """Write settings, program, focus and drive first: others can be locked until they stand right.
+
+    Raises what Camera.read and Camera.write raise.
+    """
+    for name in sorted(settings, key=[*_MANUAL, *SettingName].index):
+        _ensure(camera, name, settings[name])
 
 
 def _ensure(camera: Camera, name: SettingName, value: SettingValue) -> None:

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import drivers
-from drivers import SettingName
 from pipeline.decode import decode
 from service.tasks import Adjust, FindCameras, LookAt, TakePair, Task
 
@@ -63,10 +62,10 @@ def describe(task: Task, tell: Tell) -> None:
 
 
 def adjust(task: Task, tell: Tell) -> None:
-    """Write settings, in the order of SettingName, and answer with all that the camera has."""
+    """Write settings, and answer with all that the camera has."""
     assert isinstance(task.camera, Adjust)
     with drivers.open_camera(task.camera.camera) as camera:
-        _set(camera, task.camera.settings)
+        drivers.write_settings(camera, task.camera.settings)
         settings = {
             one.name: {"value": one.value, "choices": one.choices, "writable": one.writable}
             for one in camera.settings()
@@ -77,12 +76,6 @@ def adjust(task: Task, tell: Tell) -> None:
 def brightness(photograph: bytes) -> float:
     """Tell how bright a photograph is, on a linear scale."""
     return float(decode(photograph).pixels[:].mean())
-
-
-def _set(camera: drivers.Camera, settings: Mapping[SettingName, drivers.SettingValue]) -> None:
-    for name in SettingName:
-        if name in settings and camera.read(name).value != settings[name]:
-            camera.write(name, settings[name])
 
 
 def _flash(wanted: TakePair, tell: Tell) -> drivers.Flash:

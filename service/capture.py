@@ -42,7 +42,7 @@ class Taking(BaseModel):
     keep: bool = Field(
         default=True,
         description="Leave the photographs on the camera's card; else they go once both are stored "
-        "for good.",
+        "for good, and the JPEGs of RAW + JPEG, which are stored nowhere else, stay.",
     )
 
 

@@ -124,7 +124,8 @@ async def change_settings(
 ) -> CameraSettings:
     """Write settings of a camera that no job has, one by one, and read all of them back.
 
-    Where one is refused, those before it in the order of the answer stay written.
+    Program, focus and drive come first, then the others in the order of the answer. Where one is
+    refused, those before it stay written.
     """
     wanted = await intake.read_settings(request, context.settings.upload_bytes)
     return await _adjust(context, caller, camera_id, wanted, trace_id)

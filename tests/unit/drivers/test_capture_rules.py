@@ -21,7 +21,7 @@ from drivers.camera import (
     SettingValue,
     meant,
 )
-from drivers.capture import CAPTURE_STAGES, RECHARGE_S, capture_pair
+from drivers.capture import CAPTURE_STAGES, RECHARGE_S, capture_pair, write_settings
 from drivers.clock import Clock
 from drivers.errors import (
     CaptureError,
@@ -437,6 +437,34 @@ def test_settings_of_a_pair_serve_another_camera_of_its_kind(clock: Clock) -> No
     other.set(SettingName.SHUTTER_S, 2.0)
     assert capture_pair(other, clock=clock, settings=settings).settings == settings
     assert other.table[SettingName.SHUTTER_S].value == 0.02
+
+
+def test_what_unlocks_other_settings_is_written_before_them() -> None:
+    camera = FakeCamera()
+    written: dict[SettingName, SettingValue] = {
+        SettingName.SHUTTER_S: 0.5,
+        SettingName.ISO: 200,
+        SettingName.DRIVE: "single",
+        SettingName.FOCUS: "manual",
+        SettingName.PROGRAM: "manual",
+    }
+    write_settings(camera, written)
+    assert camera.written == [
+        ("program", "manual"),
+        ("focus", "manual"),
+        ("drive", "single"),
+        ("shutter_s", 0.5),
+        ("iso", 200),
+    ]
+
+
+def test_a_dial_is_not_written_where_it_stands_right_but_for_rounding() -> None:
+    camera = FakeCamera()
+    camera.table[SettingName.SHUTTER_S] = Setting(SettingName.SHUTTER_S, 0.0166, (), writable=False)
+    write_settings(camera, {SettingName.SHUTTER_S: 1 / 60})
+    assert camera.written == []
+    with pytest.raises(SettingError, match="shutter_s is locked"):
+        write_settings(camera, {SettingName.SHUTTER_S: 1 / 50})
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,8 @@ import pytest
 
 import drivers
 from drivers.errors import FlashError
+from drivers.ptp.codes import Property
+from drivers.sim.body import Body
 from service import camera_tasks
 from service.tasks import Adjust, CameraOrder, FindCameras, Kind, Limits, LookAt, TakePair, Task
 
@@ -201,6 +203,25 @@ def test_settings_are_written_in_one_session_and_read_back(camera: Any) -> None:
     settings = told[0]["answer"]["settings"]
     assert (settings["iso"]["value"], settings["f_number"]["value"]) == (800, 11.0)
     assert settings["iso"]["writable"] and 6400 in settings["iso"]["choices"]
+
+
+def test_the_program_is_written_before_the_time_that_it_locks(
+    camera: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As Nikon's bodies have it."""
+    writable = Body.writable
+
+    def locked(body: Body, code: int) -> bool:
+        manual = body.properties[Property.EXPOSURE_PROGRAM].current == 1
+        return writable(body, code) and (manual or code != Property.EXPOSURE_TIME)
+
+    monkeypatch.setattr(Body, "writable", locked)
+    told: list[dict[str, Any]] = []
+    wanted = {"shutter_s": 0.0401, "program": "manual"}
+    task = {"capture": {"camera": f"ptp+ip://{camera.address}", "settings": wanted}}
+    camera_tasks.adjust(task, told.append)
+    settings = told[0]["answer"]["settings"]
+    assert (settings["program"]["value"], settings["shutter_s"]["value"]) == ("manual", 0.04)
 
 
 def test_a_camera_tells_of_itself(camera: Any) -> None:
