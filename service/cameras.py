@@ -1,8 +1,8 @@
 """The cameras of a service: who holds each, who waits for it, and what it last told.
 
 The row of a camera is locked by whoever begins to use it, so that one job or look has it at a time,
-whichever host it runs on. ptp+usb:// is whichever camera is on USB: while it is used, none of those
-is, and the other way round.
+whichever host it runs on. ptp+usb:// and gphoto2:// are whichever camera is on USB, and a port of
+gphoto2:// may be that of any serial number: what may be one body is used by one at a time.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from service.states import ENDED
 
 _UNUSED_SECONDS = 86400.0
 _USB = "ptp+usb://"
+_GPHOTO = "gphoto2://"
 
 
 @dataclass(frozen=True)
@@ -172,7 +173,7 @@ def forget_unused(connection: sa.Connection) -> None:
 
 def _lock(connection: sa.Connection, camera: str, address: str) -> None:
     """Have a row for a camera, and lock it for this transaction, and with it all that are _same."""
-    if address.startswith(_USB) and address != _USB:
+    if _is_on_usb(address) and address != _USB:
         _lock(connection, id_of(_USB), _USB)  # that all of them lock first
     insert = sqlite.insert if connection.dialect.name == "sqlite" else postgresql.insert
     new: Any = insert(cameras).values(id=camera, address=address)
@@ -184,12 +185,26 @@ def _lock(connection: sa.Connection, camera: str, address: str) -> None:
 def _same(connection: sa.Connection, camera: str) -> list[str]:
     """Ids under which this camera may be in use."""
     address = address_of(connection, camera) or ""
-    if not address.startswith(_USB):
+    if not _is_on_usb(address):
         return [camera]
-    if camera != id_of(_USB):
-        return [camera, id_of(_USB)]
-    on_usb = sa.select(cameras.c.id).where(cameras.c.address.startswith(_USB))
-    return list(connection.execute(on_usb).scalars())
+    known = sa.select(cameras.c.id, cameras.c.address)
+    others = [row.id for row in connection.execute(known) if _may_be_one(address, row.address)]
+    return [camera, *others]
+
+
+def _is_on_usb(address: str) -> bool:
+    return address.startswith((_USB, f"{_GPHOTO}usb")) or address.rstrip("/") == _GPHOTO.rstrip("/")
+
+
+def _may_be_one(one: str, other: str) -> bool:
+    """Whether two addresses, the first of which is on USB, may be of one body."""
+    if not _is_on_usb(other):
+        return False
+    (driver, place), (other_driver, other_place) = (
+        each.rstrip("/").split(":", 1) for each in (one, other)
+    )
+    # serial numbers tell bodies apart, and ports do, but a port tells no serial number
+    return driver != other_driver or not place or not other_place or place == other_place
 
 
 def _is_taken(connection: sa.Connection, camera: str) -> bool:

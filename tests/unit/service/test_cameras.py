@@ -197,7 +197,19 @@ def test_a_look_that_died_does_not_keep_the_camera_for_ever(engine: sa.Engine, c
 USB = "ptp+usb://"
 
 
-@pytest.mark.parametrize(("one", "other"), [(USB, f"{USB}1"), (f"{USB}1", USB), (f"{USB}/", USB)])
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (USB, f"{USB}1"),
+        (f"{USB}1", USB),
+        (f"{USB}/", USB),
+        (USB, "gphoto2://"),
+        ("gphoto2://", f"{USB}1"),
+        ("gphoto2://usb:001,004", "gphoto2://"),
+        ("gphoto2://usb:001,004", f"{USB}1"),
+        (USB, "gphoto2://usb:001,004"),
+    ],
+)
 def test_whichever_camera_is_on_usb_is_used_by_one_at_a_time(
     one: str, other: str, engine: sa.Engine
 ) -> None:
@@ -230,7 +242,15 @@ def test_cameras_on_usb_that_are_known_apart_are_used_at_once(engine: sa.Engine)
     assert _claim(engine, "c") is None
     with engine.begin() as connection:
         assert cameras.take(connection, cameras.add(connection, f"{USB}3"), 60)
-        assert cameras.take(connection, cameras.add(connection, "gphoto2://usb:1"), 60)
+        assert cameras.take(connection, cameras.add(connection, "gphoto2://ptpip:host"), 60)
+
+
+def test_ports_of_usb_are_used_at_once(engine: sa.Engine) -> None:
+    _add(engine, "a", "gphoto2://usb:001,004")
+    _add(engine, "b", "gphoto2://usb:001,005")
+    _add(engine, "c", f"{USB}1")
+    assert _claim(engine, "a") and _claim(engine, "b")
+    assert _claim(engine, "c") is None
 
 
 def test_a_camera_on_usb_is_listed_alone(engine: sa.Engine) -> None:
