@@ -92,7 +92,7 @@ def _with_late_copies(camera: Camera, before: set[int], pair: CapturedPair) -> C
     """
     stored = (*pair.no_flash.stored, *pair.flash.stored)
     known = {item.handle for item in stored}
-    late, copies = photographs_since(camera, before | known, stored)
+    late, copies, _ = photographs_since(camera, before | known, stored)
     if late:
         raise CaptureError(
             "A file reached the card long after its photograph was called complete: wait until the "

@@ -6,6 +6,7 @@ import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import NamedTuple
 
 from drivers.camera import RAW_KINDS, Camera, CameraObject, EventKind, SettingName
 from drivers.clock import Clock
@@ -87,7 +88,12 @@ def take_shot(
     promised = _promised(camera)
     look = partial(photographs_since, camera, _release(camera, clock), earlier)
     deadline = clock.monotonic() + patience_s
-    photographs, copies = _new_photographs(camera, clock, look, promised, deadline)
+    photographs, copies, others = _new_photographs(camera, clock, look, promised, deadline)
+    if not photographs and others:
+        raise CaptureError(
+            f"The camera wrote its photograph as a file that cannot be used, {_endings(others)}: "
+            "set the camera to RAW or JPEG and try again."
+        )
     if not photographs:
         raise CaptureError(
             f"The camera released, but no photograph reached its card in {round(patience_s, 1):g} "
@@ -163,24 +169,30 @@ def _promised(camera: Camera) -> set[str]:
     return families if families <= {"raw", "jpeg"} else set()
 
 
-Found = tuple[list[CameraObject], list[CameraObject]]
-"""Photographs, and copies of photographs on another card."""
+class Found(NamedTuple):
+    """Files on the cards. copies: of photographs on another card. others: of kinds not read."""
+
+    photographs: list[CameraObject]
+    copies: list[CameraObject]
+    others: list[CameraObject]
 
 
 def photographs_since(
     camera: Camera, before: set[int], earlier: Sequence[CameraObject] = ()
 ) -> Found:
-    """Describe the photographs on the cards but those that they held before.
+    """Describe the files on the cards but those that they held before.
 
     A camera with two cards may write each photograph to both. earlier: photographs whose copies
     are told from new ones.
     """
-    photographs, copies = list[CameraObject](), list[CameraObject]()
+    found = Found([], [], [])
     for item in [camera.describe(handle) for handle in sorted(camera.objects() - before)]:
         if item.kind in _PREFERRED:
-            is_copy = item.is_copy_of((*earlier, *photographs, *copies))
-            (copies if is_copy else photographs).append(item)
-    return photographs, copies
+            is_copy = item.is_copy_of((*earlier, *found.photographs, *found.copies))
+            (found.copies if is_copy else found.photographs).append(item)
+        elif item.kind != "folder":
+            found.others.append(item)
+    return found
 
 
 def _new_photographs(
@@ -190,14 +202,15 @@ def _new_photographs(
 
     Gives none where none came by the deadline.
     """
-    photographs, copies = list[CameraObject](), list[CameraObject]()
+    found = Found([], [], [])
     told: EventKind | None = EventKind.CAPTURE_COMPLETE
     # a late event of an earlier shot must not end the wait
-    while told is EventKind.CAPTURE_COMPLETE and not photographs:
+    while told is EventKind.CAPTURE_COMPLETE and not found.photographs:
         told = _await_end(camera, clock, deadline)
         if told is EventKind.STORE_FULL:
             deadline = clock.monotonic()  # what is not there now does not fit
-        photographs, copies = _settled(clock, look, promised, deadline)
+        found = _settled(clock, look, promised, deadline)
+    photographs = found.photographs
     # the last photograph that fits may fill the card
     if told is EventKind.STORE_FULL and (not photographs or promised - _families(photographs)):
         raise StoreFullError("The camera's memory card is full: make room on it and try again.")
@@ -206,23 +219,30 @@ def _new_photographs(
             "More than one photograph reached the card: set the camera to single frames and try "
             "again."
         )
-    return photographs, copies
+    return found
 
 
 def _settled(clock: Clock, look: Callable[[], Found], promised: set[str], deadline: float) -> Found:
     """List the new photographs once all that were promised are there, or nothing more comes."""
-    photographs, copies = look()
+    found = look()
     settling = clock.monotonic() + SETTLE_S
-    while not promised or _families(photographs) != promised:
-        if clock.monotonic() >= (max(deadline, settling) if promised and photographs else settling):
+    while not promised or _families(found.photographs) != promised:
+        patient = promised and found.photographs
+        if clock.monotonic() >= (max(deadline, settling) if patient else settling):
             break
         clock.sleep(SETTLE_S)
-        photographs, copies = look()
-    return photographs, copies
+        found = look()
+    return found
 
 
 def _families(photographs: list[CameraObject]) -> set[str]:
     return {"raw" if item.kind in RAW_KINDS else item.kind for item in photographs}
+
+
+def _endings(files: list[CameraObject]) -> str:
+    """Tell how names end, a few, as far as a terminal should be told by a camera."""
+    endings = sorted({item.name.rpartition(".")[2] for item in files})
+    return ", ".join(f".{''.join(filter(str.isprintable, each))[:8]}" for each in endings[:3])
 
 
 def _await_end(camera: Camera, clock: Clock, deadline: float) -> EventKind | None:

@@ -350,6 +350,42 @@ def test_no_photograph_is_an_error_after_the_patience(clock: Clock) -> None:
     assert clock.monotonic() == pytest.approx(0.02 + 5 + 0.3)
 
 
+@pytest.mark.parametrize(
+    ("names", "endings"),
+    [
+        (["DSC_1.HIF"], ".HIF"),
+        (["IMG_1.HEIC", "IMG_1.XMP", "IMG_2.HEIC"], ".HEIC, .XMP"),
+        (["\x1b.\x1b[2JHIF", *(f"a.{n}" for n in range(9))], ".[2JHIF, .0, .1"),
+    ],
+)
+def test_files_of_other_kinds_are_told_by_their_endings(
+    clock: Clock, names: list[str], endings: str
+) -> None:
+    class Odd(FakeCamera):
+        def describe(self, handle: int) -> CameraObject:
+            return CameraObject(handle, "other", 9, names[handle - 2])
+
+        def trigger(self) -> None:
+            self.card |= dict.fromkeys(range(2, 2 + len(names)), ("other", b""))
+            self.waiting.append(Event(EventKind.CAPTURE_COMPLETE))
+
+        def events(self, timeout_s: float) -> list[Event]:
+            clock.sleep(timeout_s)
+            return super().events(timeout_s)
+
+    with pytest.raises(CaptureError) as raised:
+        capture_pair(Odd(), clock=clock)
+    assert str(raised.value) == (
+        f"The camera wrote its photograph as a file that cannot be used, {endings}: set the camera "
+        "to RAW or JPEG and try again."
+    )
+
+
+def test_a_file_of_another_kind_beside_a_photograph_does_no_harm(clock: Clock) -> None:
+    camera = FakeCamera(shots=[{"jpeg": NO_FLASH, "other": b""}, {"jpeg": FLASH, "other": b""}])
+    assert capture_pair(camera, clock=clock).flash.files == {"jpeg": FLASH}
+
+
 def test_two_photographs_of_one_kind_are_an_error(clock: Clock) -> None:
     class Bursts(FakeCamera):
         def trigger(self) -> None:
