@@ -34,7 +34,7 @@ def _send(service: Any, no_flash: bytes, flash: bytes) -> Any:
     ("settings", "size", "kind", "words"),
     [
         ({"job_memory_bytes": 900 * MIB}, "width=1500&height=1000", "out-of-memory", "more memory"),
-        ({"job_seconds": 1.5}, "width=1500&height=1000", "timed-out", "longer than it may take"),
+        ({"job_seconds": 1.5}, "width=1500&height=1000", "timed-out", "took longer than"),
         ({"job_output_bytes": 100_000}, "width=128&height=96", "output-too-large", "are larger"),
     ],
 )
