@@ -7,7 +7,7 @@ gives the albedo; where the shadow lines of lamps lie on the sphere tells the la
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,7 +18,7 @@ from pipeline.calibration.light import lights_of
 from pipeline.calibration.sphere_fit import SphereFit, SphereLight, fit_lamps
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.frames import Mask
-from pipeline.options import Circle
+from pipeline.options import Circle, Lights
 from pipeline.pair import Pair
 
 Array = NDArray[np.float64]
@@ -61,9 +61,7 @@ class LampsEstimate:
     flash_aside_deg: float | None
 
 
-def estimate_lamps(
-    pair: Pair, sphere: Circle, count: Literal["auto", 1, 2, 3], focal_px: float
-) -> LampsEstimate:
+def estimate_lamps(pair: Pair, sphere: Circle, count: Lights, focal_px: float) -> LampsEstimate:
     """Find the lamps that light a matt grey sphere.
 
     sphere: its outline, which is trusted to two hundredths of its radius. focal_px: focal length

@@ -6,8 +6,6 @@ picture, so that the sum over the highlight is the lamp's light on a card, up to
 
 from __future__ import annotations
 
-from typing import Literal
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +14,7 @@ from pipeline.calibration.lamps import LampsEstimate, inside_sphere
 from pipeline.calibration.sphere import view_sphere
 from pipeline.errors import UnusablePairError
 from pipeline.frames import Image, Mask
-from pipeline.options import Circle
+from pipeline.options import Circle, Lights
 from pipeline.pair import Pair
 from pipeline.vectors import unit
 
@@ -38,9 +36,7 @@ _GLOW_PX = 2  # how far lenses spread a highlight
 _Spot = tuple[NDArray[np.int64], NDArray[np.int64]]  # rows and columns (n,) of pixels
 
 
-def mirror_lamps(
-    pair: Pair, sphere: Circle, count: Literal["auto", 1, 2, 3], focal_px: float
-) -> LampsEstimate:
+def mirror_lamps(pair: Pair, sphere: Circle, count: Lights, focal_px: float) -> LampsEstimate:
     """Find the lamps that a mirror sphere reflects.
 
     sphere: its outline. focal_px: focal length in pixels. Where a highlight is clipped, colours
@@ -88,7 +84,7 @@ def mirror_lamps(
     )
 
 
-def _unlike(shown: int, count: Literal["auto", 1, 2, 3]) -> str:
+def _unlike(shown: int, count: Lights) -> str:
     """Sentence on a number of highlights other than what was asked for."""
     highlights = "1 highlight of a lamp" if shown == 1 else f"{shown} highlights of lamps"
     if count == "auto":
