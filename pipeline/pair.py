@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from pipeline.align import NOT_ATTEMPTED, Alignment, estimate_alignment, warp
 from pipeline.area_means import area_means
-from pipeline.belonging import check_belonging, check_colours, check_flash_adds, check_light
 from pipeline.coded import CodedImage
 from pipeline.exposure import ExposureRatio, darkening, settled_ratio, written_ratio
 from pipeline.flat_noise import estimate_noise
@@ -20,6 +19,7 @@ from pipeline.memory import empty_image, releasable
 from pipeline.motion import find_moved
 from pipeline.noise import Noise
 from pipeline.options import PairOptions
+from pipeline.pair_checks import check_belonging, check_colours, check_flash_adds, check_light
 from pipeline.progress import Progress
 from pipeline.remarks import Code, Remark
 from pipeline.steadiness import Ratios, bands, block_ratios, brightening, darker_share

@@ -6,10 +6,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from pipeline.belonging import check_sizes
 from pipeline.calibration.kept import Kept, setup_warnings, with_kept
-from pipeline.decode import check_header, decode
-from pipeline.errors import UnusablePairError
+from pipeline.decode import decode
 from pipeline.estimate import make_estimate
 from pipeline.frames import Frame, release_photograph
 from pipeline.manifest import lamp_entries, make_manifest, write_manifest
@@ -19,6 +17,7 @@ from pipeline.model import Model, build_model
 from pipeline.options import Options
 from pipeline.outputs import Outputs, check_outputs, wanted_outputs
 from pipeline.pair import make_pair
+from pipeline.pair_checks import FLASH, NO_FLASH, check_pair
 from pipeline.pictures import overview, render
 from pipeline.progress import Progress
 from pipeline.reduced import reduce_pair
@@ -28,21 +27,8 @@ from pipeline.strips import STRIP_ROWS
 from pipeline.tally import Tally
 from pipeline.whose_colours import camera_doubts, camera_warnings, likely_camera, undeclared
 
-NO_FLASH, FLASH = "photograph without the flash", "photograph with the flash"
-"""What messages call the two files."""
-
 _LOOKED_BACK = 64
 """Rows above a strip that work on the next one may read, and more."""
-
-
-def check_pair(no_flash: bytes, flash: bytes) -> None:
-    """Refuse, from the headers alone, files that can never be separated. Raises InputError."""
-    sizes = [check_header(no_flash, NO_FLASH), check_header(flash, FLASH)]
-    check_sizes(*sizes)
-    if no_flash == flash:
-        raise UnusablePairError(
-            "The two photographs are identical: send one without the flash and one with it."
-        )
 
 
 def separate_files(

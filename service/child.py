@@ -26,7 +26,8 @@ from pipeline.calibration.options import CALIBRATION_OPTIONS
 from pipeline.mix_files import mix_results
 from pipeline.mix_options import MixRequest
 from pipeline.options import Options
-from pipeline.process import check_pair, separate_files
+from pipeline.pair_checks import check_pair
+from pipeline.process import separate_files
 from pipeline.progress import Progress
 from service import camera_tasks, errors, forkserver, kept, logs
 from service.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY

@@ -35,8 +35,8 @@ from pipeline.frames import Frame
 from pipeline.manifest import input_entry, versions, write_manifest
 from pipeline.options import Circle, DirectedLight, Sensitivities, Spectrum
 from pipeline.pair import Pair, make_pair
+from pipeline.pair_checks import FLASH, NO_FLASH, check_pair
 from pipeline.photometric_stereo.responses import floored
-from pipeline.process import FLASH, NO_FLASH, check_pair
 from pipeline.progress import Progress
 from pipeline.remarks import Code, Remark
 from pipeline.spectra.cameras import Camera, find_camera, measured_cameras

@@ -19,14 +19,14 @@ from pipeline.errors import (
     UnusablePairError,
 )
 from pipeline.options import OUTPUT_NAMES, DirectedLight, Options
-from pipeline.process import check_pair, separate_files
+from pipeline.pair_checks import check_pair
+from pipeline.process import separate_files
 from pipeline.progress import STAGES, Progress
 from tests.unit.pipeline.separating import (
     CAMERA,
     DIRECTIONS,
     Files,
     layers_of,
-    png,
     separated,
     tiff,
 )
@@ -185,11 +185,6 @@ def test_a_canceled_run_does_not_begin(files: Callable[..., Files], tmp_path: Pa
 # bad input
 
 
-def test_sound_files_pass_the_check(files: Callable[..., Files]) -> None:
-    check_pair(*files())
-    check_pair(*files(write=png))
-
-
 @pytest.mark.parametrize(
     ("bad", "error"),
     [
@@ -218,27 +213,6 @@ def test_bad_files_are_refused_by_check_and_run(
     assert str(by_check.value) == str(by_run.value)
     assert str(by_check.value).count(".") <= 2
     assert not (tmp_path / "out").exists()
-
-
-def test_the_bad_one_of_two_files_is_named(files: Callable[..., Files]) -> None:
-    no_flash, flash = files()
-
-    with pytest.raises(UnreadableImageError, match="photograph without the flash"):
-        check_pair(b"nothing", flash)
-    with pytest.raises(UnreadableImageError, match="photograph with the flash"):
-        check_pair(no_flash, b"nothing")
-
-
-def test_one_file_twice_is_refused(files: Callable[..., Files]) -> None:
-    no_flash, _ = files()
-
-    with pytest.raises(UnusablePairError, match="identical"):
-        check_pair(no_flash, no_flash)
-
-
-def test_tiny_pictures_are_refused() -> None:
-    with pytest.raises(UnusablePairError, match="only 31 × 40 pixels"):
-        check_pair(tiff(np.full((40, 31, 3), 0.3)), tiff(np.full((40, 31, 3), 0.4)))
 
 
 @pytest.mark.parametrize(

@@ -8,12 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.colour.curves import linear_to_srgb
+from pipeline.decode import check_header
 from pipeline.errors import PairMismatchError, UnusablePairError
 from pipeline.frames import Frame, Image, Mask, Photograph
 from pipeline.noise import Noise
 from pipeline.quantiles import quantile
 from pipeline.strips import STRIP_ROWS, strips
 
+NO_FLASH, FLASH = "photograph without the flash", "photograph with the flash"
+"""What messages call the two files."""
+
+_IDENTICAL = "The two photographs are identical: send one without the flash and one with it."
 _BLACK = 2e-4  # of the white level; an 8-bit sRGB code of 1 is 3e-4
 _MIN_USABLE = 0.02
 _ALIKE = (2.5 / 65535, 2.5 / 255)  # code values of 16 bits linear and of 8 bits rendered
@@ -21,6 +26,14 @@ _DARKER = 0.6  # share of lit pixels that lose light with the flash on: the fram
 _SMALLEST = 32
 _LONGEST = 100  # times the shorter side, into which blocks must fit; no photograph is longer
 _SAMPLES, _LEAST_STEP = 200_000, 4  # pixels looked at, and the step between them at least
+
+
+def check_pair(no_flash: bytes, flash: bytes) -> None:
+    """Refuse, from the headers alone, files that can never be separated. Raises InputError."""
+    sizes = [check_header(no_flash, NO_FLASH), check_header(flash, FLASH)]
+    check_sizes(*sizes)
+    if no_flash == flash:
+        raise UnusablePairError(_IDENTICAL)
 
 
 def check_sizes(no_flash: tuple[int, int], flash: tuple[int, int]) -> None:
@@ -71,9 +84,7 @@ def check_belonging(no_flash: Frame, flash: Frame, flash_only: bool) -> None:
             f"with it of a {flash.make} {flash.model}: send two files of one camera."
         )
     if no_flash.sha256 == flash.sha256 or _equal(no_flash.pixels, flash.pixels):
-        raise UnusablePairError(
-            "The two photographs are identical: send one without the flash and one with it."
-        )
+        raise UnusablePairError(_IDENTICAL)
     if no_flash.flash_fired and flash.flash_fired is False:
         raise UnusablePairError(
             "The flash fired in the photograph that should be without it: swap the two."
@@ -101,10 +112,10 @@ def _words(frame: Frame) -> str:
 
 def check_light(no_flash: Frame, flash: Frame) -> None:
     """Raise UnusablePairError where one of the photographs is black."""
-    for frame, name in ((no_flash, "without the flash"), (flash, "with the flash")):
+    for frame, name in ((no_flash, NO_FLASH), (flash, FLASH)):
         if quantile(_sampled(frame.pixels).max(axis=2), 0.99) < _BLACK:
             raise UnusablePairError(
-                f"The photograph {name} is black: expose it longer or raise the ISO speed."
+                f"The {name} is black: expose it longer or raise the ISO speed."
             )
 
 

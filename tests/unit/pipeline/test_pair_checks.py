@@ -8,26 +8,62 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.belonging import (
-    check_belonging,
-    check_colours,
-    check_flash_adds,
-    check_light,
-    check_sizes,
-)
 from pipeline.colour.curves import linear_to_srgb, srgb_to_linear
-from pipeline.errors import InputError, PairMismatchError, UnusablePairError
+from pipeline.errors import (
+    InputError,
+    PairMismatchError,
+    UnreadableImageError,
+    UnusablePairError,
+)
 from pipeline.frames import Frame
 from pipeline.noise import Noise
 from pipeline.options import Options
 from pipeline.pair import Pair, make_pair
+from pipeline.pair_checks import (
+    check_belonging,
+    check_colours,
+    check_flash_adds,
+    check_light,
+    check_pair,
+    check_sizes,
+)
 from pipeline.progress import Progress
+from tests.unit.pipeline.separating import Files, png, tiff
 
 Array = NDArray[np.float64]
 
 
 def paired(frames: tuple[Frame, Frame], **options: Any) -> Pair:
     return make_pair(*frames, Options(**options), Progress())
+
+
+# files, by their headers
+
+
+def test_sound_files_pass_the_check(files: Callable[..., Files]) -> None:
+    check_pair(*files())
+    check_pair(*files(write=png))
+
+
+def test_the_bad_one_of_two_files_is_named(files: Callable[..., Files]) -> None:
+    no_flash, flash = files()
+
+    with pytest.raises(UnreadableImageError, match="photograph without the flash"):
+        check_pair(b"nothing", flash)
+    with pytest.raises(UnreadableImageError, match="photograph with the flash"):
+        check_pair(no_flash, b"nothing")
+
+
+def test_one_file_twice_is_refused(files: Callable[..., Files]) -> None:
+    no_flash, _ = files()
+
+    with pytest.raises(UnusablePairError, match="identical"):
+        check_pair(no_flash, no_flash)
+
+
+def test_tiny_pictures_are_refused() -> None:
+    with pytest.raises(UnusablePairError, match="only 31 × 40 pixels"):
+        check_pair(tiff(np.full((40, 31, 3), 0.3)), tiff(np.full((40, 31, 3), 0.4)))
 
 
 # frames that do not belong together
