@@ -15,9 +15,9 @@ from pipeline.errors import OptionError
 from pipeline.frames import Frame
 from pipeline.options import Sensitivities
 from pipeline.spectra.colorimetry import camera_to_xyz
+from pipeline.spectra.disk_cache import cached_on_disk
 from pipeline.spectra.folder import folder_spectra, read_spectrum
 from pipeline.spectra.grid import on_grid
-from pipeline.spectra.kept import kept
 from pipeline.spectra.library import colour_science, without_warnings
 from pipeline.spectra.lights import packaged_light, reflectance_spectra
 from pipeline.spectra.names import key_of, unknown
@@ -159,7 +159,7 @@ def _measured_by_colour(name: str) -> Camera:
     return Camera(name, _scaled(_packaged_sensitivities(name)), "measured")
 
 
-@kept("colour-science")
+@cached_on_disk("colour-science")
 def _packaged_sensitivities(name: str) -> NDArray[np.float64]:
     with without_warnings():
         table = colour_science().MSDS_CAMERA_SENSITIVITIES[_PACKAGED[name]]

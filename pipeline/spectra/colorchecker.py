@@ -7,15 +7,15 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.spectra.disk_cache import cached_on_disk
 from pipeline.spectra.grid import on_grid
-from pipeline.spectra.kept import kept
 from pipeline.spectra.library import colour_science
 
 ROWS, COLUMNS = 4, 6
 
 
 @cache
-@kept("colour-science")
+@cached_on_disk("colour-science")
 def colorchecker_spectra() -> NDArray[np.float64]:
     """Reflectances (24, W), 0 to 1, row by row from dark skin to black (average of BabelColor)."""
     patches = colour_science().SDS_COLOURCHECKERS["BabelColor Average"].values()

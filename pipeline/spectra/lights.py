@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from pipeline.errors import OptionError
 from pipeline.options import Spectrum
 from pipeline.spectra.colorchecker import colorchecker_spectra
+from pipeline.spectra.disk_cache import cached_on_disk
 from pipeline.spectra.folder import folder_spectra, read_spectrum
 from pipeline.spectra.grid import STEP_NM, WAVELENGTHS_NM, on_grid
-from pipeline.spectra.kept import kept
 from pipeline.spectra.library import colour_science, without_warnings
 from pipeline.spectra.names import key_of, unknown
 from pipeline.spectra.tables import parse_spectrum
@@ -108,7 +108,7 @@ def lamp_spectra() -> NDArray[np.float64]:
 
 
 @cache
-@kept("colour-science")
+@cached_on_disk("colour-science")
 def reflectance_spectra() -> NDArray[np.float64]:
     """Reflectances (m, W), 0 to 1, to learn from.
 
@@ -144,12 +144,12 @@ def packaged_lights() -> dict[str, NDArray[np.float64]]:
     return dict(zip(_packaged_names().tolist(), _packaged_spectra(), strict=True))
 
 
-@kept("colour-science")
+@cached_on_disk("colour-science")
 def _packaged_names() -> NDArray[np.str_]:
     return np.array([*_packaged()])
 
 
-@kept("colour-science")
+@cached_on_disk("colour-science")
 def _packaged_spectra() -> NDArray[np.float64]:
     return np.array(
         [_unit(on_grid(table.wavelengths, table.values, "hold")) for table in _packaged().values()]
@@ -170,7 +170,7 @@ def _named_daylight(name: str) -> NDArray[np.float64] | None:
     return daylight(kelvin) if low <= kelvin <= high else None
 
 
-@kept("colour-science")
+@cached_on_disk("colour-science")
 def black_body(kelvin: float) -> NDArray[np.float64]:
     """Black body (W,) of a temperature, summing to 1 (Planck)."""
     colour = colour_science()
@@ -179,7 +179,7 @@ def black_body(kelvin: float) -> NDArray[np.float64]:
         return _unit(colour.sd_blackbody(kelvin, shape).values)
 
 
-@kept("colour-science")
+@cached_on_disk("colour-science")
 def daylight(kelvin: float) -> NDArray[np.float64]:
     """CIE daylight (W,) of a nominal temperature (CIE 15:2018, corrected by 1.4388/1.4380)."""
     colour = colour_science()

@@ -7,13 +7,13 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.spectra.disk_cache import cached_on_disk
 from pipeline.spectra.grid import WAVELENGTHS_NM
-from pipeline.spectra.kept import kept
 from pipeline.spectra.library import colour_science
 
 
 @cache
-@kept("colour-science")
+@cached_on_disk("colour-science")
 def cie_1931() -> NDArray[np.float64]:
     """CIE 1931 2° colour-matching functions x̄, ȳ, z̄, (3, W), as tabulated at each wavelength."""
     table = colour_science().MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]

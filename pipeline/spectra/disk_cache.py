@@ -1,4 +1,4 @@
-"""Tables that take a library long to make, kept in files.
+"""Tables that take a library long to make, cached in files.
 
 colour-science takes half a second to import, and its tables another tenth: more than most jobs
 spend on finding lamps. They lie in NUMBA_CACHE_DIR or beside this module, where versions of
@@ -27,7 +27,7 @@ _Given = ParamSpec("_Given")
 _Table = TypeVar("_Table", bound=NDArray[Any])
 
 
-def kept(library: str) -> Callable[[Callable[_Given, _Table]], Callable[_Given, _Table]]:
+def cached_on_disk(library: str) -> Callable[[Callable[_Given, _Table]], Callable[_Given, _Table]]:
     """Decorate a function that makes a table by a library, so that its file gives it once made.
 
     What the function returns must follow from its arguments, the modules beside this one and the

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 import pipeline
-from pipeline.spectra.kept import kept
+from pipeline.spectra.disk_cache import cached_on_disk
 
 Make = Callable[[int], NDArray[np.float64]]
 CALLS: list[int] = []
@@ -20,11 +20,11 @@ CALLS: list[int] = []
 
 @pytest.fixture
 def table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
-    """A table that is kept in a folder of its own, and notes in CALLS when it is made."""
+    """A table that is cached in a folder of its own, and notes in CALLS when it is made."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "compiled"))
     CALLS.clear()
 
-    @kept("numpy")
+    @cached_on_disk("numpy")
     def ramp(length: int) -> NDArray[np.float64]:
         CALLS.append(length)
         return np.arange(length) / 3
@@ -50,7 +50,7 @@ def test_a_table_of_another_version_is_made_anew(
     table: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     table(5)
-    monkeypatch.setattr("pipeline.spectra.kept._stamp", lambda *_: "another")
+    monkeypatch.setattr("pipeline.spectra.disk_cache._stamp", lambda *_: "another")
 
     table(5)
     table(5)
@@ -98,10 +98,10 @@ def test_without_a_folder_it_is_made_each_time(table: Make, tmp_path: Path) -> N
     assert CALLS == [5, 5]
 
 
-def test_names_are_kept_as_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_names_are_cached_as_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
 
-    @kept("numpy")
+    @cached_on_disk("numpy")
     def names() -> NDArray[np.str_]:
         return np.array(["60 A/W", "D65"])
 
