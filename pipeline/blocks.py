@@ -2,10 +2,38 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from pipeline.compiling import njit
 from pipeline.frames import Mask
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Square blocks that lie in a photograph from its upper left corner on.
+
+    side: of a block in pixels. size: how many there are (across, down). What is left over at the
+    right and bottom edge after whole blocks is in none.
+    """
+
+    side: int
+    size: tuple[int, int]
+
+    @property
+    def crop(self) -> tuple[int, int]:
+        """(width, height) in pixels of the part of the photograph that the blocks cover."""
+        return self.size[0] * self.side, self.size[1] * self.side
+
+
+def blocks_within(width: int, height: int, longest: int) -> Blocks:
+    """The smallest blocks of a photograph of which its longer side has at most so many.
+
+    width, height: of the photograph in pixels; its shorter side holds a block.
+    """
+    side = -(-max(width, height) // longest)
+    return Blocks(side, (width // side, height // side))
 
 
 @njit(cache=True)

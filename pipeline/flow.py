@@ -21,7 +21,7 @@ from pipeline.strips import STRIP_ROWS, strips
 
 Array = NDArray[np.float32]
 
-_WORKING_SIZE = 1000  # longer side
+_LONG_SIDE = 1000
 _LONGEST = 32766  # longer side, above which OpenCV does not resample by a map
 _NARROWEST = 16  # shorter side, below which the search has no patches
 _WINDOW = 5.0  # standard deviation of the window of local correlations, pixels
@@ -45,7 +45,7 @@ def residual_flow(no_flash: Photograph, flash: Photograph) -> Array | None:
     has a side of more than 32,766 pixels, which warp_along cannot follow.
     """
     height, width = no_flash.shape[:2]
-    size = size_within((width, height), _WORKING_SIZE)
+    size = size_within((width, height), _LONG_SIDE)
     if min(size) < _NARROWEST or max(height, width) > _LONGEST:
         return None
     pair = [area_means(image, size) for image in (no_flash, flash)]

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.area_means import area_means
-from pipeline.blocks import any_in_blocks
+from pipeline.blocks import any_in_blocks, blocks_within
 from pipeline.frames import Image, Mask, Photograph
 from pipeline.noise import Noise
 
 Array = NDArray[np.float32]
 
-_WORKING_SIZE = 1000  # longer side
+_LONG_SIDE = 1000
 _SIGNIFICANT = 5.0  # standard deviations
 _LOST = 0.08  # part of its light that a pixel must lose
 _LOST_RENDERED = 0.25  # the same where a camera rendered the photographs, each in its own way
@@ -56,19 +56,16 @@ def find_moved(
     Returns bool (H, W).
     """
     height, width = unusable.shape
-    block = -(-max(height, width) // _WORKING_SIZE)
-    size = (width // block, height // block)
-    crop = (slice(size[1] * block), slice(size[0] * block))
+    blocks = blocks_within(width, height, _LONG_SIDE)
     before, after = (
-        np.maximum(area_means(image, size, (crop[1].stop, crop[0].stop)), 0.0)
-        for image in (no_flash, flash)
+        np.maximum(area_means(image, blocks.size, blocks.crop), 0.0) for image in (no_flash, flash)
     )
     variances = [
-        _variance(noise.of_means(block), image)
+        _variance(noise.of_means(blocks.side), image)
         for noise, image in zip(noises, (before, after), strict=True)
     ]
     after, variances[1] = after * np.float32(brightened), variances[1] * np.float32(brightened**2)
-    out = any_in_blocks(unusable, block)
+    out = any_in_blocks(unusable, blocks.side)
     reach = np.ones((_CLIPPED_REACH, _CLIPPED_REACH), np.uint8)
     usable = cv2.dilate(out.astype(np.uint8), reach) == 0
 
@@ -77,8 +74,9 @@ def find_moved(
     appeared &= _evenly_lit(before, after)
     moved = _with_evidence(_things(lost | gone | appeared), lost, gone, appeared)
     found = np.zeros(unusable.shape, dtype=np.uint8)
-    found[crop] = cv2.resize(
-        moved.astype(np.uint8), (crop[1].stop, crop[0].stop), interpolation=cv2.INTER_NEAREST
+    columns, rows = blocks.crop
+    found[:rows, :columns] = cv2.resize(
+        moved.astype(np.uint8), blocks.crop, interpolation=cv2.INTER_NEAREST
     )
     return found.view(np.bool_)
 

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.blocks import Blocks, blocks_within
 from pipeline.frames import Image, Mask
 from pipeline.noise import Noise
 from pipeline.pair import Pair
@@ -16,7 +17,7 @@ from pipeline.registration import SOFTENED_HALO, registration_variance, softened
 from pipeline.sigma_filter import ROUNDS, sigma_filter
 from pipeline.strips import strips, widened
 
-_LONGER_SIDE = 512
+_LONG_SIDE = 512
 _BLOCK_ROWS = 16  # worked on at a time
 _MIN_OPEN = 0.5  # share of a block's pixels that must be usable
 _SIGNIFICANT = 4.0  # standard deviations
@@ -66,10 +67,10 @@ def reduce_pair(pair: Pair) -> ReducedPair:
     leave little. What is left over at the right and bottom edge after whole blocks is dropped.
     """
     height, width = pair.unusable.shape
-    block = -(-max(height, width) // _LONGER_SIDE)
-    size = (max(width // block, 1), max(height // block, 1))
-    share, no_flash, flash = _means_of_open(pair, block, size)
-    filled = np.maximum(share, 1.0 / block**2)[..., None]
+    blocks = blocks_within(width, height, _LONG_SIDE)
+    block = blocks.side
+    share, no_flash, flash = _means_of_open(pair, blocks)
+    filled: Image = np.maximum(share, 1.0 / block**2)[..., None]
     no_flash, flash = no_flash / filled, flash / filled
     noises = (pair.no_flash_noise.of_means(block), pair.flash_noise.of_means(block))
     little = _LITTLE_NOISE_RENDERED if pair.rendered else _LITTLE_NOISE
@@ -101,29 +102,27 @@ def reduce_pair(pair: Pair) -> ReducedPair:
         usable,
         block,
         pair.rendered,
-        (width - block * size[0], height - block * size[1]),
+        (width - blocks.crop[0], height - blocks.crop[1]),
         pair.registration / block,
     )
 
 
-def _means_of_open(
-    pair: Pair, block: int, size: tuple[int, int]
-) -> tuple[NDArray[np.float32], Image, Image]:
+def _means_of_open(pair: Pair, blocks: Blocks) -> tuple[NDArray[np.float32], Image, Image]:
     """Means over blocks of what is usable, of the photographs with 0 where they are not."""
-    width, height = size
+    side, (width, height) = blocks.side, blocks.size
     share = np.empty((height, width), np.float32)
     no_flash, flash = np.empty((2, height, width, 3), np.float32)
-    for blocks in strips(height, _BLOCK_ROWS):
-        some = (width, blocks.stop - blocks.start)
-        rows, columns = slice(blocks.start * block, blocks.stop * block), slice(width * block)
+    for some_rows in strips(height, _BLOCK_ROWS):
+        some = (width, some_rows.stop - some_rows.start)
+        rows, columns = slice(some_rows.start * side, some_rows.stop * side), slice(width * side)
         open_ = (~pair.unusable[rows, columns]).astype(np.float32)
-        share[blocks] = _means(open_, some)
+        share[some_rows] = _means(open_, some)
         for picture, means in ((pair.no_flash, no_flash), (pair.flash, flash)):
             light = picture[rows, columns]
             if pair.registration > 0:
-                wide, inner = widened(rows, SOFTENED_HALO, height * block)
+                wide, inner = widened(rows, SOFTENED_HALO, height * side)
                 light = softened(picture[wide, columns])[inner]
-            means[blocks] = _means(light * open_[..., None], some)
+            means[some_rows] = _means(light * open_[..., None], some)
     return share, no_flash, flash
 
 

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.area_means import area_means
-from pipeline.blocks import any_in_blocks
+from pipeline.blocks import any_in_blocks, blocks_within
 from pipeline.frames import Mask, Photograph
 from pipeline.noise import Noise
 
 Array = NDArray[np.float64]
 
-_LONGER_SIDE = 384
+_LONG_SIDE = 384
 _DARK = 0.01  # of the 99th percentile; darker blocks are mostly stray light
 _SURE = 0.05  # noise of a block's logarithm
 _ALIKE = 0.03  # natural logarithms; channels of blocks without flash differ by less, or by noise
@@ -74,25 +74,24 @@ def block_ratios(
     unusable: (H, W). noises: of each.
     """
     height, width = unusable.shape
-    block = -(-max(height, width) // _LONGER_SIDE)
-    size = (width // block, height // block)
-    crop = (size[0] * block, size[1] * block)
+    blocks = blocks_within(width, height, _LONG_SIDE)
     before, after = (
-        area_means(image, size, crop).astype(np.float64) for image in (no_flash, flash)
+        area_means(image, blocks.size, blocks.crop).astype(np.float64)
+        for image in (no_flash, flash)
     )
     total = before.sum(axis=2)
     usable = (
-        ~any_in_blocks(unusable, block)
+        ~any_in_blocks(unusable, blocks.side)
         & (before > 0).all(axis=2)
         & (after > 0).all(axis=2)
         & (total > _DARK * np.percentile(total, 99))
     )
     first, second = np.maximum(before, 1e-9), np.maximum(after, 1e-9)
     relative = [
-        noise.of_means(block).variance(image) / np.square(image)
+        noise.of_means(blocks.side).variance(image) / np.square(image)
         for noise, image in zip(noises, (first, second), strict=True)
     ]
-    return Ratios(np.log(second / first), np.sqrt(relative[0] + relative[1]), usable, block)
+    return Ratios(np.log(second / first), np.sqrt(relative[0] + relative[1]), usable, blocks.side)
 
 
 def ratio_without_flash(ratios: Ratios) -> float | None:

@@ -3,7 +3,23 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.blocks import any_in_blocks
+from pipeline.blocks import Blocks, any_in_blocks, blocks_within
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "longest", "blocks", "crop"),
+    [
+        (512, 340, 512, Blocks(1, (512, 340)), (512, 340)),
+        (513, 340, 512, Blocks(2, (256, 170)), (512, 340)),
+        (340, 1025, 512, Blocks(3, (113, 341)), (339, 1023)),
+        (30, 20, 512, Blocks(1, (30, 20)), (30, 20)),
+    ],
+)
+def test_blocks_are_the_smallest_of_which_the_longer_side_has_so_many(
+    width: int, height: int, longest: int, blocks: Blocks, crop: tuple[int, int]
+) -> None:
+    assert blocks_within(width, height, longest) == blocks
+    assert blocks.crop == crop
 
 
 @pytest.mark.parametrize("block", [1, 3, 7])
