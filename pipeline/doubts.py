@@ -15,6 +15,7 @@ from pipeline.pure_light import without_pure_light
 from pipeline.reduced import ReducedPair
 from pipeline.remarks import Code, Remark
 from pipeline.residual_map import MARKED, relative_residual
+from pipeline.result_names import lamp_name
 
 # Chosen on development scenes (docs/decisions/0009-warnings.md)
 _UNSURE = 0.6
@@ -108,7 +109,7 @@ def _of_lamps(reduced: ReducedPair, lamps: Lamps, hidden: list[int]) -> Iterator
         )
         yield Remark(Code.LAMPS_AMBIGUOUS, message, {"angle_deg": lamps.rival_deg})
     if hidden:
-        by = " alone or by ".join(f"lamp{index + 1}" for index in hidden)
+        by = " alone or by ".join(lamp_name(index) for index in hidden)
         message = (
             f"No place in the picture is lit by {by} alone, and neither the edge of a shadow nor a "
             "round thing that turns away from it tells such a lamp's colour, so how bright its "

@@ -22,7 +22,7 @@ from pipeline.normals import CONVENTIONS, Facing
 from pipeline.options import Options
 from pipeline.pair import Pair
 from pipeline.remarks import Remark
-from pipeline.result_names import MANIFEST
+from pipeline.result_names import MANIFEST, lamp_name
 
 _LIBRARIES = ("numpy", "opencv-python-headless", "scipy", "colour-science", "rawpy")
 
@@ -50,7 +50,7 @@ def lamp_entries(
         family, family_confidence = model.families.nearest(matrix)
         entries.append(
             {
-                "name": f"lamp{index + 1}",
+                "name": lamp_name(index),
                 "coefficients": [round(float(c), 6) for c in coefficients],
                 "rgb": [round(float(c), 4) for c in rgb / rgb.max()],
                 "cct_k": None if white_like is None else round(white_like[0]),

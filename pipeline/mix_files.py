@@ -13,6 +13,7 @@ import OpenEXR
 from numpy.typing import NDArray
 
 from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
+from pipeline.data_window import size_of_window
 from pipeline.decode.quiet import muted
 from pipeline.encode.exr import ExrFile, name_of
 from pipeline.encode.files import describe
@@ -24,7 +25,7 @@ from pipeline.manifest import versions, write_manifest
 from pipeline.mix import mix_matrices, mixed
 from pipeline.mix_options import Mix, MixRequest, read_basis
 from pipeline.progress import Progress
-from pipeline.result_names import LAYERS, MANIFEST
+from pipeline.result_names import LAYERS, MANIFEST, layer_channels
 from pipeline.strips import STRIP_ROWS
 
 ENCODINGS = {
@@ -153,25 +154,21 @@ def _open(folder: Path, lamps: int) -> Any:
             source = OpenEXR.InputFile(name)
     except Exception as error:  # OpenEXR raises what it likes
         raise InputError(f"{LAYERS} cannot be read: it is damaged, or no EXR.") from error
-    if not set(_channels(lamps)) <= source.header()["channels"].keys():
+    if not set(layer_channels(lamps)) <= source.header()["channels"].keys():
         source.close()
         raise InputError(f"{LAYERS} lacks a layer that the manifest names: they do not belong.")
     return source
 
 
-def _channels(lamps: int) -> list[str]:
-    return [f"lamp{lamp + 1}.{letter}" for lamp in range(lamps) for letter in "RGB"]
-
-
 def _size(source: Any) -> tuple[int, int]:
     window = source.header()["dataWindow"]
-    return int(window.max.x - window.min.x) + 1, int(window.max.y - window.min.y) + 1
+    return size_of_window((window.min.x, window.min.y), (window.max.x, window.max.y))
 
 
 def _layers(source: Any, lamps: int, rows: slice) -> NDArray[np.float32]:
     try:
         with muted():
-            planes = source.channels(_channels(lamps), _FLOAT, rows.start, rows.stop - 1)
+            planes = source.channels(layer_channels(lamps), _FLOAT, rows.start, rows.stop - 1)
     except Exception as error:
         raise InputError(f"{LAYERS} cannot be read to its end: it is damaged.") from error
     height = rows.stop - rows.start

@@ -33,6 +33,7 @@ from pipeline.photometric_stereo.solve import Surface
 from pipeline.pictures import Pictures
 from pipeline.progress import Progress
 from pipeline.residual_map import draw_residual_map, relative_residual
+from pipeline.result_names import lamp_name
 from pipeline.shown import shown_gain
 
 _ONLY_ON_REQUEST = frozenset(
@@ -224,9 +225,9 @@ class Outputs:
             layer = partial(_layer, lamp)
             if "lamps.tif" in wanted:
                 tiff = partial(TiffFile, size=size, to_rec2020=to_rec2020)
-                self._stream(f"lamp{lamp + 1}.tif", _REC2020, tiff, layer)
+                self._stream(f"{lamp_name(lamp)}.tif", _REC2020, tiff, layer)
             if "lamps.jpg" in wanted:
-                self._show(f"lamp{lamp + 1}.jpg", to_srgb, layer)
+                self._show(f"{lamp_name(lamp)}.jpg", to_srgb, layer)
         if "layers.psd" in wanted:
             # imported only here: few ask for it
             from pipeline.encode.psd import PsdFile
@@ -263,7 +264,7 @@ class Outputs:
             if "response_lamps.jpg" in self._wanted:
                 for lamp, change in enumerate(changes):
                     layer = partial(_layer, lamp)
-                    self._show(f"response_lamp{lamp + 1}.jpg", to_srgb @ change, layer)
+                    self._show(f"response_{lamp_name(lamp)}.jpg", to_srgb @ change, layer)
         if "response.exr" in self._wanted:
             kind = (
                 "16-bit float",
@@ -404,7 +405,7 @@ def _seen(layers: NDArray[np.float32], changes: NDArray[np.float64]) -> NDArray[
 
 def _with_sum(layers: NDArray[np.float32]) -> dict[str, Image]:
     """Layers and their sum by the names of their channels."""
-    named = {f"lamp{index + 1}": layer for index, layer in enumerate(layers)}
+    named = {lamp_name(index): layer for index, layer in enumerate(layers)}
     return named | {"RGB": layers.sum(axis=0)}
 
 
@@ -414,7 +415,7 @@ def _fitting(to_rec2020: Matrix) -> Matrix:
 
 
 def _layers_and_confidence(pictures: Pictures) -> dict[str, NDArray[np.float32]]:
-    named = {f"lamp{index + 1}": layer for index, layer in enumerate(pictures.layers)}
+    named = {lamp_name(index): layer for index, layer in enumerate(pictures.layers)}
     return named | {"Y": pictures.confidence}
 
 

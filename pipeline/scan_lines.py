@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.data_window import size_of_window
 from pipeline.errors import InputError
 
 _HEADER_BYTES = 4096
@@ -36,8 +37,7 @@ class ScanLines:
             raise InputError("The layers are no EXR that this version wrote.") from error
         if not plain:
             raise InputError("The layers are compressed: separate the pair anew.")
-        self.width = box[2] - box[0] + 1
-        self.height = box[3] - box[1] + 1
+        self.width, self.height = size_of_window(box[:2], box[2:])
         self._first = end + 8 * self.height
         self._line = 8 + self._type.itemsize * self.width * len(self.channels)
 

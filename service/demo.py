@@ -28,7 +28,7 @@ from rich.table import Table
 import drivers
 from pipeline.errors import InputError
 from pipeline.options import Options
-from pipeline.result_names import MANIFEST
+from pipeline.result_names import LAYERS, MANIFEST, lamp_name
 from service import processes
 from service.cli.display import print_results, stage_bar
 from service.cli.folder import new_results
@@ -80,7 +80,7 @@ def run(camera: str, folder: Path) -> float:
     manifest: dict[str, Any] = json.loads((folder / MANIFEST).read_bytes())
     print_results(manifest, folder, as_json=False)
     truth = drivers.simulated_truth(camera)
-    found = read_layers(folder / "layers.exr", len(manifest["lamps"]))
+    found = read_layers(folder / LAYERS, len(manifest["lamps"]))
     pairs = match_layers(found, truth.layers)
     console.print(_comparison(pairs, truth.lamps))
     mean = float(np.mean([snr for _, _, snr in pairs]))
@@ -143,8 +143,10 @@ def read_layers(path: Path, lamps: int) -> Layers:
         channels = file.channels()
         return np.stack(
             [
-                np.stack([channels[f"lamp{lamp}.{colour}"].pixels for colour in "RGB"], axis=-1)
-                for lamp in range(1, lamps + 1)
+                np.stack(
+                    [channels[f"{lamp_name(lamp)}.{colour}"].pixels for colour in "RGB"], axis=-1
+                )
+                for lamp in range(lamps)
             ]
         ).astype(np.float32)
 
@@ -176,7 +178,7 @@ def layer_snr(layer: NDArray[np.float32], truth: NDArray[np.float32]) -> float:
 def _comparison(pairs: list[tuple[int, int, float]], lamps: tuple[str, ...]) -> Table:
     table = Table("layer", "simulated lamp", "SNR")
     for found, true, snr in pairs:
-        table.add_row(f"lamp{found + 1}", lamps[true], f"{snr:.1f} dB")
+        table.add_row(lamp_name(found), lamps[true], f"{snr:.1f} dB")
     return table
 
 

@@ -7,6 +7,7 @@ import io
 import numpy as np
 import OpenEXR
 
+from pipeline.data_window import size_of_window
 from pipeline.decode.quiet import muted
 from pipeline.decode.samples import Samples, UnsuitableError
 
@@ -14,8 +15,7 @@ from pipeline.decode.samples import Samples, UnsuitableError
 def exr_size(data: bytes) -> tuple[int, int]:
     """(width, height) of the data window of the first part. Raises what OpenEXR raises."""
     header = OpenEXR.File(io.BytesIO(data), header_only=True).header()
-    (left, top), (right, bottom) = header["dataWindow"]
-    return int(right) - int(left) + 1, int(bottom) - int(top) + 1
+    return size_of_window(*header["dataWindow"])
 
 
 def read_exr(data: bytes) -> Samples:

@@ -9,6 +9,7 @@ from pathlib import Path
 import OpenEXR
 import tifffile
 
+from pipeline.data_window import size_of_window
 from pipeline.decode.rendered import jpeg_size, png_size
 
 _HEAD = 65536
@@ -39,10 +40,8 @@ def _size(path: Path, head: bytes) -> tuple[int, ...]:
     if path.suffix == ".glb":
         return ()
     if path.suffix == ".exr":
-        (left, top), (right, bottom) = OpenEXR.File(str(path), header_only=True).header()[
-            "dataWindow"
-        ]
-        return int(right - left) + 1, int(bottom - top) + 1
+        header = OpenEXR.File(str(path), header_only=True).header()
+        return size_of_window(*header["dataWindow"])
     if path.suffix == ".psd":
         height, width = struct.unpack_from(">II", head, _PSD_SIZE_AT)
         return width, height

@@ -27,6 +27,7 @@ from pipeline.colour.icc import linear_rec2020_profile
 from pipeline.encode.tiff import codes_of
 from pipeline.errors import OptionError
 from pipeline.frames import Matrix, numbers_of
+from pipeline.result_names import lamp_name
 
 _DEPTH = 16
 _WHITE = 65535
@@ -77,8 +78,8 @@ class PsdFile:
         # The bottom one replaces what is below it; the others are light added to it.
         modes = [BlendMode.NORMAL] + [BlendMode.LINEAR_DODGE] * (len(self._layers) - 1)
         made = [
-            _layer(f"lamp{number}", planes, mode)
-            for number, (planes, mode) in enumerate(zip(self._layers, modes, strict=True), 1)
+            _layer(lamp_name(lamp), planes, mode)
+            for lamp, (planes, mode) in enumerate(zip(self._layers, modes, strict=True))
         ]
         blocks = TaggedBlocks()
         # Layers of 16 bits are kept beside the place where those of 8 bits are.

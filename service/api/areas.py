@@ -12,7 +12,7 @@ from fastapi.responses import Response, StreamingResponse
 from numpy.typing import NDArray
 
 from pipeline.errors import OptionError
-from pipeline.result_names import LAYERS
+from pipeline.result_names import LAYERS, layer_channels
 from pipeline.scan_lines import ScanLines
 from service.api.callers import Calling
 from service.api.context import Parts
@@ -87,6 +87,5 @@ def _read(
     if width * height > MOST_PIXELS:
         raise OptionError(f"An area has {MOST_PIXELS} pixels at most: ask for several.")
     lamps = sum(name.endswith(".R") for name in lines.channels)
-    names = [f"lamp{lamp + 1}.{letter}" for lamp in range(lamps) for letter in "RGB"]
     with deleted_meanwhile():
-        return lines.area(names, left, top, width, height)
+        return lines.area(layer_channels(lamps), left, top, width, height)

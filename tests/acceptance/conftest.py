@@ -20,7 +20,6 @@ from typing import Any
 
 import httpx
 import numpy as np
-import OpenEXR
 import pytest
 import tifffile
 from numpy.typing import NDArray
@@ -29,6 +28,7 @@ from PIL import Image as PillowImage
 from drivers import CapturedPair, capture_pair, open_camera, simulated_truth
 from drivers.truth import SimulatedTruth
 from tests.acceptance.forks import Forks
+from tests.layers import layers_of, picture, planes_of
 
 COMMAND = Path(sys.executable).parent / "lightlayers"
 PATIENCE_SECONDS = 240
@@ -147,12 +147,13 @@ class Results:
 
     def exr(self, name: str, prefix: str = "") -> Image:
         """(H, W, 3) of an EXR, the channels prefix + R, G, B."""
-        return read_exr((self.folder / name).read_bytes(), prefix)
+        return picture(planes_of((self.folder / name).read_bytes()), prefix).astype(np.float32)
 
     def layers(self) -> Image:
         """(N, H, W, 3), the lamps of layers.exr in their order."""
         count = len(self.manifest["lamps"])
-        return np.stack([self.exr("layers.exr", f"lamp{i + 1}.") for i in range(count)])
+        planes = planes_of((self.folder / "layers.exr").read_bytes())
+        return layers_of(planes, count).astype(np.float32)
 
     def layer_snr_db(self, truth: SimulatedTruth) -> list[float]:
         """SNR of the layer of each lamp of the truth, in the assignment that fits best."""
@@ -184,13 +185,6 @@ class Run:
     stdout: str
     stderr: str
     results: Results
-
-
-def read_exr(data: bytes, prefix: str = "") -> Image:
-    """(H, W, 3), the channels prefix + R, G, B."""
-    channels = OpenEXR.File(io.BytesIO(data), separate_channels=True).channels()
-    planes = [channels[f"{prefix}{name}"].pixels for name in "RGB"]
-    return np.stack(planes, axis=-1).astype(np.float32)
 
 
 def float_tiff(values: Image) -> bytes:

@@ -8,14 +8,12 @@ from pathlib import Path
 from statistics import median
 from typing import get_args
 
-import numpy as np
-import OpenEXR
-
 import drivers
 from pipeline.options import Options, Quality
 from pipeline.process import separate_files
 from pipeline.progress import Progress
 from tests.evaluation.scoring import joint_snr, valid_pixels
+from tests.layers import layers_of, planes_of
 
 QUALITIES: tuple[Quality, ...] = get_args(Quality)
 _SEEDS = (1, 2, 3)
@@ -54,13 +52,6 @@ def layers_db(lights: int, seed: int, quality: Quality, size: str = _SIZE) -> fl
     )
     with tempfile.TemporaryDirectory() as folder:
         separate_files(pair.no_flash.best, pair.flash.best, options, Path(folder), Progress())
-        file = OpenEXR.File(f"{folder}/layers.exr", separate_channels=True)
-        planes = {name: channel.pixels for name, channel in file.channels().items()}
-    layers = np.stack(
-        [
-            np.stack([planes[f"lamp{lamp + 1}.{letter}"] for letter in "RGB"], axis=-1)
-            for lamp in range(lights)
-        ]
-    )
+        layers = layers_of(planes_of((Path(folder) / "layers.exr").read_bytes()), lights)
     snr, _ = joint_snr(truth.layers, layers, valid_pixels(truth.layers, truth.flash, 1.0))
     return snr

@@ -33,12 +33,12 @@ from tests.evaluation.calibrated import (
 )
 from tests.evaluation.capture import Capture, Sensor, capture
 from tests.evaluation.environment import settle
-from tests.evaluation.product import Planes, picture, planes_of
 from tests.evaluation.scenes import neutral_seen, render_seen, scenes
 from tests.evaluation.scoring import balance_score, joint_snr, valid_pixels
 from tests.evaluation.spectra import Split, sensitivities
 from tests.evaluation.spheres import SphereFigure, measure_spheres, sphere_rows
 from tests.evaluation.tables import Rows, markdown
+from tests.layers import Planes, layers_of, picture, planes_of
 from tests.targets import other_colorchecker, photograph_chart
 
 Array = NDArray[np.float64]
@@ -80,18 +80,14 @@ def measure(split: Split, unknown: str, number: int, s: Array, flash: Array) -> 
         best = _separated(taken, {**told, "method": "best"})
         paper = _separated(taken, {**told, "method": "paper"})
         snr, paper_snr = (
-            _REFUSED_DB if some is None else joint_snr(taken.truth, _layers(some), valid)[0]
+            _REFUSED_DB if some is None else joint_snr(taken.truth, layers_of(some, 2), valid)[0]
             for some in (best, paper)
         )
         colour = _REFUSED_DEG
         if best is not None:
-            colour = balance_score(neutral, picture(best, ""), valid)[1]
+            colour = balance_score(neutral, picture(best), valid)[1]
         found.append(Figure(split, unknown, scene.name, name, snr, paper_snr, colour))
     return found
-
-
-def _layers(planes: Planes) -> NDArray[np.float32]:
-    return np.stack([picture(planes, f"lamp{i}.") for i in (1, 2)])
 
 
 def _separated(taken: Capture, assumed: Assumed) -> Planes | None:
@@ -114,8 +110,11 @@ def _separated(taken: Capture, assumed: Assumed) -> Planes | None:
             )
         except InputError:
             return None
-        layers = planes_of(Path(folder) / "layers.exr")
-        return layers | planes_of(Path(folder) / "white_balanced.exr")
+        layers, balanced = (
+            planes_of((Path(folder) / f"{name}.exr").read_bytes())
+            for name in ("layers", "white_balanced")
+        )
+        return layers | balanced
 
 
 def main() -> None:

@@ -33,12 +33,12 @@ from pipeline.spectra.lights import find_light, reflectance_spectra
 from pipeline.spectra.matrices import best_matrix
 from tests.evaluation.conditions import Condition, make_shot
 from tests.evaluation.environment import settle
-from tests.evaluation.product import picture, planes_of
 from tests.evaluation.scenes import SIZE, Scene, render_response, scenes
 from tests.evaluation.scoring import joint_snr
 from tests.evaluation.shots import Shot
 from tests.evaluation.spectra import CAMERAS, Split, sensitivities
 from tests.evaluation.tables import markdown
+from tests.layers import layers_of, planes_of
 
 Array = NDArray[np.float64]
 Layers = NDArray[np.floating]
@@ -182,11 +182,10 @@ def _product(shot: Shot, method: str, shown: str) -> tuple[Layers, Layers]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         separate_files(*shot.files, options, folder, Progress())
-        both = [planes_of(folder / file) for file in ("layers.exr", "response.exr")]
-    taken, edited = (
-        np.stack([picture(planes, f"lamp{lamp + 1}.") for lamp in range(shot.count)])
-        for planes in both
-    )
+        taken, edited = (
+            layers_of(planes_of((folder / file).read_bytes()), shot.count)
+            for file in ("layers.exr", "response.exr")
+        )
     return taken, edited
 
 

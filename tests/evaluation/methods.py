@@ -22,8 +22,9 @@ from tests.evaluation.ceilings import (
     regressed_matrices,
     tuned_matrices,
 )
-from tests.evaluation.product import picture, run_product
+from tests.evaluation.product import run_product
 from tests.evaluation.shots import Shot
+from tests.layers import layers_of
 
 Array = NDArray[np.float64]
 Layers = NDArray[np.float32]
@@ -51,10 +52,8 @@ def _product(
 ) -> Answer:
     """Run the whole way of the service, from files to files. Raises InputError as it does."""
     manifest, planes = run_product(shot, "layers.exr", method=method, basis=basis)
-    count = len(manifest["lamps"])
-    layers = np.stack([picture(planes, f"lamp{lamp + 1}.") for lamp in range(count)])
     return Answer(
-        layers,
+        layers_of(planes, len(manifest["lamps"])),
         np.array([lamp["coefficients"] for lamp in manifest["lamps"]]),
         manifest["lights"]["confidence"],
         tuple(manifest["warnings"]),

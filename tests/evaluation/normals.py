@@ -30,9 +30,9 @@ from pipeline.vectors import unit
 from tests.evaluation.baselines.woodham1980 import single_shot_normals
 from tests.evaluation.environment import settle
 from tests.evaluation.objects import CAMERA, OBJECTS, Kind, Object, ObjectShot, photograph
-from tests.evaluation.product import planes_of
 from tests.evaluation.spectra import Split, flash_spectrum, sensitivities
 from tests.evaluation.tables import markdown
+from tests.layers import planes_of
 
 Array = NDArray[np.float64]
 
@@ -116,11 +116,11 @@ def _product(method: str) -> Method:
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             separate_files(*shot.files, options, folder, Progress())
-            planes = planes_of(folder / "normals.exr")
+            planes = planes_of((folder / "normals.exr").read_bytes())
             normals = np.stack([planes[c] for c in "RGB"], axis=-1).astype(np.float64)
             if method == "paper":
                 return Found(normals)
-            depth = planes_of(folder / "depth.exr")["Z"].astype(np.float64)
+            depth = planes_of((folder / "depth.exr").read_bytes())["Z"].astype(np.float64)
             confidence = tifffile.imread(folder / "normals_confidence.tif") / 65535
         return Found(normals, depth, confidence)
 

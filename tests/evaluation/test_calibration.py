@@ -12,10 +12,10 @@ from tests.evaluation import calibrated, calibration
 from tests.evaluation.calibrated import Assumed, cameras, flashes, ways
 from tests.evaluation.calibration import Figure, measure, rows
 from tests.evaluation.capture import Capture
-from tests.evaluation.product import Planes
 from tests.evaluation.scenes import neutral_seen, render_seen, scenes
 from tests.evaluation.spectra import sensitivities
 from tests.evaluation.spheres import SphereFigure, sphere_rows
+from tests.layers import Planes
 from tests.targets import CORNERS, Shot
 
 SMALL = (64, 48)

@@ -14,9 +14,10 @@ from pipeline.spectra.lights import find_light
 from tests.evaluation.baselines.hsu2008 import mixture_balance
 from tests.evaluation.baselines.hui2016 import pixel_kernels
 from tests.evaluation.baselines.shades_of_grey import shades_of_grey
-from tests.evaluation.product import picture, run_product
+from tests.evaluation.product import run_product
 from tests.evaluation.scenes import NEUTRAL
 from tests.evaluation.shots import Shot
+from tests.layers import picture
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenEXR
 import tifffile
 from numpy.typing import NDArray
 from PIL import Image as PillowImage
@@ -45,17 +44,6 @@ def separated(
 ) -> dict[str, Any]:
     given = Options(**{**CAMERA, **options})
     return separate_files(*files, given, folder, progress or Progress(), rows)
-
-
-def layers_of(folder: Path, count: int) -> NDArray[np.float32]:
-    """(N, H, W, 3) of layers.exr."""
-    channels = OpenEXR.File(str(folder / "layers.exr"), separate_channels=True).channels()
-    return np.stack(
-        [
-            np.stack([channels[f"lamp{j + 1}.{letter}"].pixels for letter in "RGB"], axis=-1)
-            for j in range(count)
-        ]
-    )
 
 
 def codes(manifest: dict[str, Any]) -> list[str]:

@@ -9,7 +9,6 @@ from typing import Any
 
 import imagecodecs
 import numpy as np
-import OpenEXR
 import pytest
 import tifffile
 from numpy.typing import NDArray
@@ -28,6 +27,7 @@ from pipeline.progress import Progress
 from pipeline.reduced import ReducedPair, reduce_pair
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light
+from tests.layers import planes_of
 from tests.surfaces import wall
 
 Array = NDArray[np.float64]
@@ -41,12 +41,6 @@ def shown(path: Path) -> NDArray[np.uint8]:
     """Code values of a picture."""
     with PillowImage.open(path) as picture:
         return np.asarray(picture)
-
-
-def planes(path: Path) -> dict[str, NDArray[np.float32]]:
-    """Channels (H, W) of an EXR file, by name."""
-    file = OpenEXR.File(str(path), separate_channels=True)
-    return {name: channel.pixels for name, channel in file.channels().items()}
 
 
 SIZE = (40, 64)
@@ -225,7 +219,7 @@ def test_white_balanced_pictures_are_written_as_half_floats(
 ) -> None:
     written("white_balanced.exr")
 
-    channels = planes(tmp_path / "white_balanced.exr")
+    channels = planes_of((tmp_path / "white_balanced.exr").read_bytes())
     assert set(channels) == {"R", "G", "B", "any.R", "any.G", "any.B"}
     for picture, prefix in ((pictures.white_balanced_1, ""), (pictures.white_balanced_2, "any.")):
         found = np.stack([channels[f"{prefix}{name}"] for name in "RGB"], axis=-1)
@@ -256,7 +250,7 @@ def test_layers_are_written_as_half_floats_with_their_sum(
 ) -> None:
     written("layers.exr")
 
-    channels = planes(tmp_path / "layers.exr")
+    channels = planes_of((tmp_path / "layers.exr").read_bytes())
     assert set(channels) == {*"RGB", *(f"lamp{i}.{c}" for i in (1, 2) for c in "RGB")}
     for k, letter in enumerate("RGB"):
         for i in (0, 1):
@@ -274,7 +268,7 @@ def test_unknown_normals_are_kept_apart(
     written("normals.exr", "depth.exr")
 
     for name, channel, known in (("normals.exr", "B", 1), ("depth.exr", "Z", 1.25)):
-        plane = planes(tmp_path / name)[channel]
+        plane = planes_of((tmp_path / name).read_bytes())[channel]
         assert np.isnan(plane[:5]).all()
         assert (plane[5:] == known).all()
 
@@ -395,7 +389,7 @@ def test_layers_through_the_other_camera_are_written_with_their_sum(
 ) -> None:
     (entry,) = responded("response.exr")
 
-    channels = planes(tmp_path / "response.exr")
+    channels = planes_of((tmp_path / "response.exr").read_bytes())
     assert set(channels) == {*"RGB", *(f"lamp{i}.{c}" for i in (1, 2) for c in "RGB")}
     first, second = pictures.layers
     for letter, one, two in (
@@ -483,7 +477,7 @@ def test_normals_follow_the_convention_asked_for(
     for convention, y, words in (("gl", 0.48, "y up"), ("dx", -0.48, "y down")):
         entries = written("normals.png", "normals.exr", given=given, convention=convention)
         assert all(words in entry["colour_space"] for entry in entries)
-        exact = planes(tmp_path / "normals.exr")
+        exact = planes_of((tmp_path / "normals.exr").read_bytes())
         for name, value in zip("RGB", (0.6, y, 0.64), strict=True):
             np.testing.assert_allclose(exact[name], value, atol=1e-6)
         codes = imagecodecs.png_decode((tmp_path / "normals.png").read_bytes())

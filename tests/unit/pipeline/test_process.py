@@ -22,11 +22,11 @@ from pipeline.options import OUTPUT_NAMES, DirectedLight, Options
 from pipeline.pair_checks import check_pair
 from pipeline.process import separate_files
 from pipeline.progress import STAGES, Progress
+from tests.layers import layers_of, planes_of
 from tests.unit.pipeline.separating import (
     CAMERA,
     DIRECTIONS,
     Files,
-    layers_of,
     separated,
     tiff,
 )
@@ -56,7 +56,7 @@ def test_a_pair_becomes_layers_and_a_manifest(
     assert len(manifest["lamps"]) == count
     assert manifest["warnings"] == []
     _, layers = exact(warm_to_cool if count == 3 else warm_to_cool[[0, 2]][:count])
-    found = layers_of(tmp_path / "new" / "folder", count)
+    found = layers_of(planes_of((tmp_path / "new" / "folder" / "layers.exr").read_bytes()), count)
     error = np.square(found - layers).sum() / np.square(layers).sum()
     assert 10 * np.log10(1 / error) > 20
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import io
 import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenEXR
 import pytest
 from numpy.typing import NDArray
 from playwright.sync_api import Page, expect
@@ -19,6 +17,7 @@ from pipeline.encode.jpeg import to_srgb8
 from pipeline.mix import mix_matrices
 from pipeline.mix_options import LampMix, Mix, MixBasis
 from tests.integration.service.page.looking import drawn, open_mixer, result, shown, strip
+from tests.layers import layers_of, planes_of
 
 UNTOLD = """() => {
   const ask = WebGL2RenderingContext.prototype.getExtension;
@@ -38,14 +37,9 @@ def painted(request: pytest.FixtureRequest, page: Page) -> Page:
     return page
 
 
-def layers_of(service: Any, job: dict[str, Any]) -> NDArray[np.float32]:
+def layers_of_job(service: Any, job: dict[str, Any]) -> NDArray[np.float32]:
     """Light of both lamps: (lamps, height, width, 3)."""
-    return np.stack([read_lamp(result(service, job, "layers.exr"), lamp) for lamp in (1, 2)])
-
-
-def read_lamp(data: bytes, lamp: int) -> NDArray[np.float32]:
-    found = OpenEXR.File(io.BytesIO(data), separate_channels=True).channels()
-    return np.stack([found[f"lamp{lamp}.{letter}"].pixels for letter in "RGB"], axis=-1)
+    return layers_of(planes_of(result(service, job, "layers.exr")), 2)
 
 
 def expected(
@@ -65,7 +59,7 @@ def test_both_ways_of_drawing_show_the_mix_of_the_files(
 ) -> None:
     canvas = open_mixer(painted, done)
     assert canvas.evaluate(KIND) == request.node.callspec.params["painted"]
-    layers = layers_of(service, done)
+    layers = layers_of_job(service, done)
     size = layers.shape[2], layers.shape[1]
     untouched = expected(service, done, layers, LampMix(), LampMix())
     assert np.abs(shown(painted, size) - untouched).max() <= 2
@@ -93,7 +87,7 @@ def test_both_ways_show_light_of_no_luminance_as_the_files_do(
     manifest["mix"]["to_xyz"] = (np.linalg.inv(XYZ_TO_SRGB) @ deep_blue).tolist()
     painted.route("**/results", lambda route: route.fulfill(json=manifest))
     open_mixer(painted, done)
-    linear = (layers_of(service, done).sum(axis=0) @ deep_blue.T).astype(np.float32)
+    linear = (layers_of_job(service, done).sum(axis=0) @ deep_blue.T).astype(np.float32)
     luminance = linear @ np.linalg.inv(XYZ_TO_SRGB)[1]
     assert (luminance < 0).mean() > 0.5
 
@@ -108,7 +102,7 @@ def test_of_rounded_light_both_ways_show_the_codes_of_the_files(
 ) -> None:
     """Bright mixes show the 16-bit floats of the preview: given these, the files are the same."""
     open_mixer(painted, done)
-    rounded = layers_of(service, done).astype(np.float16).astype(np.float32)
+    rounded = layers_of_job(service, done).astype(np.float16).astype(np.float32)
     for lamp in (1, 2):
         strip(painted, lamp).get_by_role("slider", name="Exposure").fill("2")
     bright = expected(service, done, rounded, LampMix(ev=2), LampMix(ev=2))
@@ -119,7 +113,7 @@ def test_enlarged_the_pixels_are_those_of_the_photograph(
     painted: Page, done: dict[str, Any], service: Any, tmp_path: Path
 ) -> None:
     """The preview is given half as large as the photograph, as that of a larger one is."""
-    layers = layers_of(service, done)
+    layers = layers_of_job(service, done)
     halved = layers.reshape(2, layers.shape[1] // 2, 2, layers.shape[2] // 2, 2, 3).mean((2, 4))
     file = ExrFile(tmp_path / "preview.exr", (halved.shape[2], halved.shape[1]), half=True)
     sure = np.ones(halved.shape[1:3], np.float32)

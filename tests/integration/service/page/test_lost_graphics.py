@@ -17,7 +17,7 @@ from tests.integration.service.page.looking import (
     open_normals,
     shown,
 )
-from tests.integration.service.page.test_drawing import UNTOLD, layers_of
+from tests.integration.service.page.test_drawing import UNTOLD, layers_of_job
 
 LOSE = """(canvas) => new Promise((done) => {
   const lose = canvas.getContext("webgl2").getExtension("WEBGL_lose_context");
@@ -42,7 +42,7 @@ def test_the_mixer_comes_back(
     card: Page, done: dict[str, Any], service: Any, tmp_path: Path
 ) -> None:
     """With its detail: the preview is given half as large as the photograph."""
-    layers = layers_of(service, done)
+    layers = layers_of_job(service, done)
     size = layers.shape[2], layers.shape[1]
     halved = layers.reshape(2, size[1] // 2, 2, size[0] // 2, 2, 3).mean((2, 4))
     file = ExrFile(tmp_path / "preview.exr", (size[0] // 2, size[1] // 2), half=True)

@@ -3,18 +3,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import OpenEXR
 import pytest
-from numpy.typing import NDArray
 
 from pipeline.encode import preview
 from pipeline.encode.preview import PreviewFile, preview_step, thumbnail
 from pipeline.memory import empty_image, release_rows
-
-
-def channels(path: Path) -> dict[str, NDArray[np.float16]]:
-    file = OpenEXR.File(str(path), separate_channels=True)
-    return {name: channel.pixels for name, channel in file.channels().items()}
+from tests.layers import planes_of
 
 
 @pytest.mark.parametrize(
@@ -33,7 +27,7 @@ def test_a_small_picture_is_kept_to_the_rounding_of_half_floats(tmp_path: Path, 
         file.write({"lamp1": layer[top : top + rows], "Y": layer[top : top + rows, :, 0]})
     file.close()
 
-    found = channels(tmp_path / "p.exr")
+    found = planes_of((tmp_path / "p.exr").read_bytes())
 
     assert set(found) == {"lamp1.R", "lamp1.G", "lamp1.B", "Y"}
     assert {plane.dtype for plane in found.values()} == {np.dtype(np.float16)}
@@ -54,7 +48,7 @@ def test_a_large_one_becomes_the_means_of_squares(
 
     means = plane[:12, :9].reshape(4, 3, 3, 3).mean(axis=(1, 3))
 
-    np.testing.assert_allclose(channels(tmp_path / "p.exr")["Y"], means, rtol=1e-3)
+    np.testing.assert_allclose(planes_of((tmp_path / "p.exr").read_bytes())["Y"], means, rtol=1e-3)
 
 
 def test_a_thumbnail_is_at_most_400_pixels_long() -> None:
