@@ -28,7 +28,7 @@ from rich.table import Table
 import drivers
 from pipeline.errors import InputError
 from pipeline.options import Options
-from pipeline.result_names import LAYERS, MANIFEST, lamp_name
+from pipeline.result_names import LAYERS, MANIFEST, lamp_name, layer_channels
 from service import processes
 from service.cli.display import print_results, stage_bar
 from service.cli.folder import new_results
@@ -141,14 +141,9 @@ def read_layers(path: Path, lamps: int) -> Layers:
     """Layers of layers.exr: float32 (N, H, W, 3), linear camera RGB."""
     with OpenEXR.File(str(path), separate_channels=True) as file:
         channels = file.channels()
-        return np.stack(
-            [
-                np.stack(
-                    [channels[f"{lamp_name(lamp)}.{colour}"].pixels for colour in "RGB"], axis=-1
-                )
-                for lamp in range(lamps)
-            ]
-        ).astype(np.float32)
+        planes = np.stack([channels[name].pixels for name in layer_channels(lamps)])
+    by_lamp = planes.reshape(lamps, 3, *planes.shape[1:])
+    return np.moveaxis(by_lamp, 1, -1).astype(np.float32)
 
 
 def match_layers(found: Layers, truth: Layers) -> list[tuple[int, int, float]]:
