@@ -14,7 +14,8 @@ from pipeline.known_lamps import find_known
 from pipeline.lamps import Lamps, estimate_lamps
 from pipeline.model import Model
 from pipeline.normals import Facing, find_facing
-from pipeline.options import FACING_OUTPUTS, Options
+from pipeline.options import Options
+from pipeline.output_names import outputs_with
 from pipeline.pair import Pair
 from pipeline.progress import Progress
 from pipeline.reduced import ReducedPair
@@ -51,7 +52,7 @@ def make_estimate(
     """Estimate the lamps, and where surfaces face if a wanted output needs it.
 
     reduced: of the pair. frame: the no-flash photograph, of which size and EXIF count. wanted:
-    names of outputs (pipeline.options.OUTPUT_NAMES). Raises InputError for what the user can mend
+    names of outputs (pipeline.output_names). Raises InputError for what the user can mend
     (find_known, estimate_lamps, find_facing), Canceled.
     """
     known = find_known(options, frame.size, reduced, model)
@@ -60,7 +61,7 @@ def make_estimate(
     )
     warnings = [*doubts(pair, reduced, lamps, options.method)]
     facing = None
-    if options.light_directions is not None and wanted & FACING_OUTPUTS:
+    if options.light_directions is not None and wanted & outputs_with("facing"):
         focal_px = focal_length_px(frame, options.focal_px, warnings)
         facing = find_facing(
             options.light_directions, reduced, lamps, model, focal_px, options.method, progress

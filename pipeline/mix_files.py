@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from contextlib import closing
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import Imath
 import numpy as np
@@ -19,6 +19,7 @@ from pipeline.encode.exr import ExrFile, name_of
 from pipeline.encode.files import describe
 from pipeline.encode.jpeg import JpegFile
 from pipeline.encode.tiff import TiffFile
+from pipeline.encode.writer import Writer
 from pipeline.errors import InputError
 from pipeline.frames import Image, by_planes
 from pipeline.manifest import versions, write_manifest
@@ -37,12 +38,6 @@ ENCODINGS = {
 
 _FLOAT = Imath.PixelType(Imath.PixelType.FLOAT)
 _REC2020 = XYZ_TO_REC2020 @ np.linalg.inv(XYZ_TO_SRGB)
-
-
-class _Target(Protocol):
-    def write(self, rows: Any, /) -> None: ...
-
-    def close(self) -> None: ...
 
 
 def mix_files(folder: Path, mix: Mix, target: Path, progress: Progress) -> None:
@@ -179,12 +174,12 @@ def _layers(source: Any, lamps: int, rows: slice) -> NDArray[np.float32]:
     return layers
 
 
-def _target(target: Path, size: tuple[int, int]) -> _Target:
+def _target(target: Path, size: tuple[int, int]) -> Writer:
     kind = format_of(target)
     if kind == "jpeg":
         return JpegFile(target, size)
     return TiffFile(target, size, _REC2020) if kind == "tiff" else ExrFile(target, size, half=True)
 
 
-def _as_rows(file: _Target, rows: Image) -> Any:
+def _as_rows(file: Writer, rows: Image) -> Any:
     return {"RGB": rows} if isinstance(file, ExrFile) else rows

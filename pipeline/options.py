@@ -18,6 +18,8 @@ from pydantic import (
     model_validator,
 )
 
+from pipeline.output_names import OUTPUT_NAMES, outputs_with
+
 Vector = tuple[float, float, float]
 _NotNegative = Annotated[float, Field(ge=0)]
 _SETUP_NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,39}$"
@@ -52,43 +54,6 @@ Lights = Annotated[
     ),
 ]
 """Number of lamps that is asked for."""
-
-OUTPUT_NAMES = (
-    "layers.exr",
-    "lamps.tif",
-    "lamps.jpg",
-    "white_balanced_1.jpg",
-    "white_balanced_2.jpg",
-    "confidence.tif",
-    "gamma.png",
-    "residual.png",
-    "preview.exr",
-    "thumbnail.jpg",
-    "normals.png",
-    "normals.exr",
-    "normals_confidence.tif",
-    "depth.exr",
-    "surface.glb",
-    "white_balanced_1.tif",
-    "white_balanced_2.tif",
-    "white_balanced.exr",
-    "layers.psd",
-    "response.jpg",
-    "response_lamps.jpg",
-    "response.exr",
-)
-"""Names for `outputs`; lamps.tif, lamps.jpg and response_lamps.jpg stand for one file per lamp.
-manifest.json is always written; normals, their confidence, depth and surface only with light
-directions, and but for the normals not with the method paper; the responses only with a
-response."""
-
-FACING_OUTPUTS = frozenset(
-    {"normals.png", "normals.exr", "normals_confidence.tif", "depth.exr", "surface.glb"}
-)
-"""Those that need to know where surfaces face."""
-
-SURFACE_OUTPUTS = FACING_OUTPUTS - {"normals.png", "normals.exr"}
-"""Those of them that need a surface, which the method paper does not find."""
 
 
 class Strict(BaseModel):
@@ -304,7 +269,7 @@ class Options(PairOptions):
             raise ValueError(
                 f"unknown output {', '.join(sorted(unknown))}; known are {', '.join(OUTPUT_NAMES)}"
             )
-        through = [name for name in self.outputs if name.startswith("response")]
+        through = [name for name in self.outputs if name in outputs_with("response")]
         if isinstance(self.outputs, list) and through and self.response is None:
             raise ValueError(
                 f"the output {through[0]} needs a response: name the camera to look through"

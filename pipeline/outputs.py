@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Protocol, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
 from pipeline.encode.exr import ExrFile, write_exr
 from pipeline.encode.files import describe
-from pipeline.encode.jpeg import JpegFile, check_jpeg_size, write_jpeg
+from pipeline.encode.jpeg import JpegFile, write_jpeg
 from pipeline.encode.png import NormalsPng, write_png8
 from pipeline.encode.preview import PreviewFile, thumbnail
 from pipeline.encode.tiff import GrayTiffFile, TiffFile
-from pipeline.errors import OptionError
+from pipeline.encode.writer import Writer
 from pipeline.estimate import Estimate
 from pipeline.frames import Image, Matrix, Photograph
 from pipeline.gamma_diagram import draw_gamma_diagram
@@ -27,7 +27,6 @@ from pipeline.half_floats import Half, to_float, to_half
 from pipeline.mesh import make_mesh
 from pipeline.model import Response
 from pipeline.normals import CONVENTIONS
-from pipeline.options import FACING_OUTPUTS, OUTPUT_NAMES, SURFACE_OUTPUTS, Options
 from pipeline.photometric_stereo.detail import surface_depth
 from pipeline.photometric_stereo.solve import Surface
 from pipeline.pictures import Pictures
@@ -36,68 +35,9 @@ from pipeline.residual_map import draw_residual_map, relative_residual
 from pipeline.result_names import lamp_name
 from pipeline.shown import shown_gain
 
-_ONLY_ON_REQUEST = frozenset(
-    {
-        "white_balanced_1.tif",
-        "white_balanced_2.tif",
-        "white_balanced.exr",
-        "response.exr",
-        "layers.psd",
-    }
-)
-_FULL_SIZE_JPEGS = frozenset(
-    {
-        "lamps.jpg",
-        "white_balanced_1.jpg",
-        "white_balanced_2.jpg",
-        "response.jpg",
-        "response_lamps.jpg",
-    }
-)
 _CAMERA_RGB = "linear camera RGB, 1.0 = white level of the no-flash photograph"
 _SRGB = ("8-bit sRGB curve", "sRGB")
 _REC2020 = ("16-bit linear", "Rec. 2020")
-
-
-def wanted_outputs(options: Options) -> frozenset[str]:
-    """Names out of OUTPUT_NAMES that the options ask for.
-
-    Raises OptionError for normals that are asked for by name where no directions are known, and for
-    what follows from a surface where the published method finds none.
-    """
-    if options.outputs == "all":
-        return frozenset(OUTPUT_NAMES)
-    if options.outputs == "default":
-        return frozenset(OUTPUT_NAMES) - _ONLY_ON_REQUEST
-    wanted = frozenset(options.outputs)
-    if wanted & FACING_OUTPUTS and options.light_directions is None:
-        raise OptionError(
-            f"The output {min(wanted & FACING_OUTPUTS)} needs the lamps' directions: give light "
-            "directions, or calibrate the lamps of this camera and set-up first."
-        )
-    if wanted & SURFACE_OUTPUTS and options.method == "paper":
-        raise OptionError(
-            f"The output {min(wanted & SURFACE_OUTPUTS)} is not made by the method paper, which "
-            "finds normals alone: leave it out, or ask for the method best."
-        )
-    return wanted
-
-
-def check_outputs(wanted: frozenset[str], size: tuple[int, int]) -> None:
-    """Refuse JPEGs of a picture, (width, height) in pixels, that they cannot hold.
-
-    wanted: names out of OUTPUT_NAMES. Raises OptionError.
-    """
-    if wanted & _FULL_SIZE_JPEGS:
-        check_jpeg_size(size)
-
-
-class _Writer(Protocol):
-    """What takes a picture some rows at a time, from top to bottom."""
-
-    def write(self, rows: Any, /) -> None: ...
-
-    def close(self) -> None: ...
 
 
 @dataclass(frozen=True)
@@ -197,7 +137,7 @@ class Outputs:
         self,
         name: str,
         kind: tuple[str, str],
-        writer: Callable[[Path], _Writer],
+        writer: Callable[[Path], Writer],
         rows: Callable[[Pictures], Any],
     ) -> None:
         """Write a file from what `rows` picks out of every strip."""

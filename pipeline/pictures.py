@@ -11,18 +11,14 @@ from numpy.typing import NDArray
 from pipeline.estimate import Estimate
 from pipeline.frames import Image, Plane
 from pipeline.hui2018.white_balance import PublishedWhiteBalance
-from pipeline.options import FACING_OUTPUTS, Method, Options
+from pipeline.options import Method, Options
+from pipeline.output_names import Need, outputs_with
 from pipeline.pair import Pair
 from pipeline.photometric_stereo.confidence import normals_confidence
 from pipeline.progress import Progress
 from pipeline.response import other_response
 from pipeline.separation import Strip, separate, separate_reduced
 from pipeline.white_balance import WhiteBalance
-
-_FIRST = frozenset({"white_balanced_1.jpg", "white_balanced_1.tif", "white_balanced.exr"})
-_SECOND = frozenset({"white_balanced_2.jpg", "white_balanced_2.tif", "white_balanced.exr"})
-_NORMALS = FACING_OUTPUTS - {"depth.exr"}
-_RESPONSES = frozenset({"response.jpg", "response_lamps.jpg", "response.exr"})
 
 
 @dataclass(frozen=True)
@@ -56,18 +52,17 @@ def render(
     """Separate the pair and make every picture that a wanted output needs, top to bottom.
 
     estimate: of the pair. options: of which method and quality count. wanted: names of outputs
-    (pipeline.options.OUTPUT_NAMES).
+    (pipeline.output_names).
     """
     facing, lamps, model = estimate.facing, estimate.lamps, estimate.model
     surface = None if facing is None else facing.surface
-    first = _FIRST if surface is None else _FIRST | {"surface.glb"}
     balance = _balance(options.method, estimate, pair)
     for strip in separate(pair, estimate.reduced, lamps, model, options, progress, strip_rows):
-        normals = facing.of(strip) if facing is not None and wanted & _NORMALS else None
+        normals = facing.of(strip) if facing is not None and _needed("normals", wanted) else None
         trust = None
         if surface is not None and normals is not None and "normals_confidence.tif" in wanted:
             trust = normals_confidence(strip, surface, normals)
-        pictures = _shown(strip, balance, estimate, wanted, first)
+        pictures = _shown(strip, balance, estimate, wanted)
         yield replace(pictures, normals=normals, normals_confidence=trust)
 
 
@@ -78,7 +73,7 @@ def overview(pair: Pair, estimate: Estimate, method: Method, wanted: frozenset[s
     """
     strip = separate_reduced(pair, estimate.reduced, estimate.lamps)
     balance = _balance(method, estimate, pair)
-    return _shown(strip, balance, estimate, wanted, _FIRST | {"surface.glb"})
+    return _shown(strip, balance, estimate, wanted)
 
 
 def _shown(
@@ -86,10 +81,11 @@ def _shown(
     balance: WhiteBalance | PublishedWhiteBalance,
     estimate: Estimate,
     wanted: frozenset[str],
-    first: frozenset[str],
 ) -> Pictures:
-    """All pictures of a strip but the normals; first: outputs that need white balance I."""
-    balanced_1, balanced_2 = balance.of(strip, bool(wanted & first), bool(wanted & _SECOND))
+    """All pictures of a strip but the normals."""
+    balanced_1, balanced_2 = balance.of(
+        strip, _needed("white_balanced_1", wanted), _needed("white_balanced_2", wanted)
+    )
     changes = estimate.changes
     return Pictures(
         rows=strip.rows,
@@ -99,10 +95,15 @@ def _shown(
         normals=None,
         normals_confidence=None,
         response=other_response(strip, changes)
-        if changes is not None and wanted & _RESPONSES
+        if changes is not None and _needed("response", wanted)
         else None,
         confidence=strip.confidence,
     )
+
+
+def _needed(picture: Need, wanted: frozenset[str]) -> bool:
+    """Whether a wanted output is made from that picture."""
+    return not wanted.isdisjoint(outputs_with(picture))
 
 
 def _balance(

@@ -15,7 +15,7 @@ from pipeline.memory import release_rows, trim_memory
 from pipeline.mix import mix_basis
 from pipeline.model import Model, build_model
 from pipeline.options import Options
-from pipeline.outputs import Outputs, check_outputs, wanted_outputs
+from pipeline.outputs import Outputs
 from pipeline.pair import make_pair
 from pipeline.pair_checks import FLASH, NO_FLASH, check_pair
 from pipeline.pictures import overview, render
@@ -25,6 +25,7 @@ from pipeline.spectra.cameras import Camera, find_camera, srgb_stand_in
 from pipeline.spectra.lights import find_light
 from pipeline.strips import STRIP_ROWS
 from pipeline.tally import Tally
+from pipeline.wanted_outputs import check_outputs, wanted_outputs
 from pipeline.whose_colours import camera_doubts, camera_warnings, likely_camera, undeclared
 
 _LOOKED_BACK = 64

@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.encode.writer import Writer
+
 _ROWS = 70
-
-
-class Writer(Protocol):
-    """A file of pipeline.encode."""
-
-    def write(self, rows: Any, /) -> None: ...
-
-    def close(self) -> None: ...
 
 
 def size_of(picture: NDArray[Any]) -> tuple[int, int]:

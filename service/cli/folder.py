@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from pipeline.errors import InputError, reason_of
-from pipeline.options import OUTPUT_NAMES
+from pipeline.output_names import OUTPUT_NAMES
 from pipeline.result_names import MANIFEST
 
 REPORT = "report.html"

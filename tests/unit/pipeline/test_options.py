@@ -5,7 +5,8 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from pipeline.options import OUTPUT_NAMES, Circle, DirectedLight, Options, Sensitivities, Spectrum
+from pipeline.options import Circle, DirectedLight, Options, Sensitivities, Spectrum
+from pipeline.output_names import OUTPUT_NAMES
 
 DIRECTION = {"direction": [0, 0, 1]}
 AREA = {"x": 10, "y": 20, "radius": 5}

@@ -20,7 +20,7 @@ from pipeline.errors import Canceled
 from pipeline.estimate import Estimate
 from pipeline.model import Model, build_model
 from pipeline.normals import Facing
-from pipeline.options import OUTPUT_NAMES
+from pipeline.output_names import OUTPUT_NAMES
 from pipeline.outputs import Outputs
 from pipeline.pictures import Pictures
 from pipeline.progress import Progress

@@ -12,7 +12,8 @@ from pipeline.errors import Canceled
 from pipeline.estimate import Estimate
 from pipeline.model import Model, build_model
 from pipeline.normals import Facing
-from pipeline.options import OUTPUT_NAMES, Options
+from pipeline.options import Options
+from pipeline.output_names import OUTPUT_NAMES
 from pipeline.pair import Pair
 from pipeline.pictures import Pictures, overview, render
 from pipeline.progress import Progress

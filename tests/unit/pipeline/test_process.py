@@ -18,7 +18,8 @@ from pipeline.errors import (
     UnreadableImageError,
     UnusablePairError,
 )
-from pipeline.options import OUTPUT_NAMES, DirectedLight, Options
+from pipeline.options import DirectedLight, Options
+from pipeline.output_names import OUTPUT_NAMES
 from pipeline.pair_checks import check_pair
 from pipeline.process import separate_files
 from pipeline.progress import STAGES, Progress

@@ -10,7 +10,7 @@ import service
 from pipeline.calibration.find_marks import MARKS
 from pipeline.calibration.options import FILES
 from pipeline.mix_files import ENCODINGS
-from pipeline.options import OUTPUT_NAMES
+from pipeline.output_names import OUTPUT_NAMES
 
 FOLDER = Path(service.__path__[0]) / "page"
 MODULES = sorted(path.name for path in FOLDER.glob("*.js"))

@@ -3,8 +3,9 @@ from __future__ import annotations
 import pytest
 
 from pipeline.errors import OptionError
-from pipeline.options import FACING_OUTPUTS, OUTPUT_NAMES, Options
-from pipeline.outputs import check_outputs, wanted_outputs
+from pipeline.options import Options
+from pipeline.output_names import OUTPUT_NAMES, outputs_with
+from pipeline.wanted_outputs import check_outputs, wanted_outputs
 
 
 def test_default_leaves_out_what_is_made_on_request() -> None:
@@ -23,7 +24,7 @@ def test_names_are_taken_as_they_are_and_all_is_all(names: list[str]) -> None:
     assert wanted_outputs(Options(outputs="all")) == frozenset(OUTPUT_NAMES)
 
 
-@pytest.mark.parametrize("name", sorted(FACING_OUTPUTS))
+@pytest.mark.parametrize("name", sorted(outputs_with("facing")))
 def test_normals_by_name_need_directions(name: str) -> None:
     names = ["gamma.png", name]
     two = [{"direction": (1, 0, 1)}, {"direction": (0, 1, 1)}]

@@ -1,0 +1,42 @@
+"""Which outputs a run is to write, and refusals of those that it cannot."""
+
+from __future__ import annotations
+
+from pipeline.encode.jpeg import check_jpeg_size
+from pipeline.errors import OptionError
+from pipeline.options import Options
+from pipeline.output_names import DEFAULT_OUTPUTS, FULL_SIZE_JPEGS, OUTPUT_NAMES, outputs_with
+
+
+def wanted_outputs(options: Options) -> frozenset[str]:
+    """Names out of OUTPUT_NAMES that the options ask for.
+
+    Raises OptionError for normals that are asked for by name where no directions are known, and for
+    what follows from a surface where the published method finds none.
+    """
+    if options.outputs == "all":
+        return frozenset(OUTPUT_NAMES)
+    if options.outputs == "default":
+        return DEFAULT_OUTPUTS
+    wanted = frozenset(options.outputs)
+    facing, surface = wanted & outputs_with("facing"), wanted & outputs_with("surface")
+    if facing and options.light_directions is None:
+        raise OptionError(
+            f"The output {min(facing)} needs the lamps' directions: give light "
+            "directions, or calibrate the lamps of this camera and set-up first."
+        )
+    if surface and options.method == "paper":
+        raise OptionError(
+            f"The output {min(surface)} is not made by the method paper, which "
+            "finds normals alone: leave it out, or ask for the method best."
+        )
+    return wanted
+
+
+def check_outputs(wanted: frozenset[str], size: tuple[int, int]) -> None:
+    """Refuse JPEGs of a picture, (width, height) in pixels, that they cannot hold.
+
+    wanted: names out of OUTPUT_NAMES. Raises OptionError.
+    """
+    if wanted & FULL_SIZE_JPEGS:
+        check_jpeg_size(size)
