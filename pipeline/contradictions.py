@@ -11,7 +11,7 @@ from pipeline.matrixfit.known import Known, Pin
 from pipeline.matrixfit.unexplained import unexplained
 from pipeline.reduced import ReducedPair
 from pipeline.remarks import Code, Remark
-from pipeline.vectors import unit
+from pipeline.vectors import angles_deg, unit
 
 Array = NDArray[np.float64]
 
@@ -89,4 +89,4 @@ def other_light(pin: Pin, matrix: Array) -> float:
 def _angles(matrix: Array, others: Array, flash_white: Array) -> Array:
     """Angles (n,) in degrees between the white card of one lamp and of others (n, 3, 3)."""
     cosines = unit(others @ flash_white) @ unit(matrix @ flash_white)
-    return np.asarray(np.degrees(np.arccos(np.minimum(np.abs(cosines), 1.0))))
+    return angles_deg(np.abs(cosines))

@@ -62,11 +62,11 @@ def make_estimate(
     warnings = [*doubts(pair, reduced, lamps, options.method)]
     facing = None
     if options.light_directions is not None and wanted & outputs_with("facing"):
-        focal_px = focal_length_px(frame, options.focal_px, warnings)
+        focal_px, assumed = focal_length_px(frame, options.focal_px)
         facing = find_facing(
             options.light_directions, reduced, lamps, model, focal_px, options.method, progress
         )
-        warnings.extend(facing.warnings)
+        warnings += [*assumed, *facing.warnings]
     changes = None
     if model.response is not None:
         changes = camera_changes(lamps, model, model.response, options.method)

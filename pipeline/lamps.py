@@ -23,7 +23,7 @@ from pipeline.model import Model
 from pipeline.options import Lights, Method
 from pipeline.reduced import ReducedPair
 from pipeline.remarks import Remark
-from pipeline.vectors import unit
+from pipeline.vectors import angles_deg, unit
 
 Array = NDArray[np.float64]
 
@@ -196,7 +196,7 @@ def _rival_deg(found: Fit, coefficients: Array, model: Model) -> float:
     for rival in found.passed_over:
         cosines = coefficients @ _normalised(rival, model)[0].T
         nearest = min(cosines.max(axis=0).min(), cosines.max(axis=1).min())
-        furthest = max(furthest, float(np.degrees(np.arccos(min(nearest, 1.0)))))
+        furthest = max(furthest, float(angles_deg(nearest)))
     return furthest
 
 
@@ -220,6 +220,6 @@ def _stand_out(coefficients: Array, gammas: Array) -> Array:
 
 def _angles(coefficients: Array) -> Array:
     """Angles in degrees between each lamp and the others, (N, N − 1)."""
-    cosines = np.clip(coefficients @ coefficients.T, -1.0, 1.0)
+    cosines = coefficients @ coefficients.T
     n = len(coefficients)
-    return np.degrees(np.arccos(cosines[~np.eye(n, dtype=bool)].reshape(n, n - 1)))
+    return angles_deg(cosines[~np.eye(n, dtype=bool)].reshape(n, n - 1))

@@ -8,7 +8,7 @@ from typing import Any
 
 from pipeline.calibration.kept import Kept, setup_warnings, with_kept
 from pipeline.decode import decode
-from pipeline.estimate import make_estimate
+from pipeline.estimate import Estimate, make_estimate
 from pipeline.frames import Frame, release_photograph
 from pipeline.manifest import lamp_entries, make_manifest, write_manifest
 from pipeline.memory import release_rows, trim_memory
@@ -16,12 +16,12 @@ from pipeline.mix import mix_basis
 from pipeline.model import Model, build_model
 from pipeline.options import Options
 from pipeline.outputs import Outputs
-from pipeline.pair import make_pair
+from pipeline.pair import Pair, make_pair
 from pipeline.pair_checks import FLASH, NO_FLASH, check_pair
 from pipeline.pictures import overview, render
 from pipeline.progress import Progress
-from pipeline.reduced import reduce_pair
-from pipeline.spectra.cameras import Camera, find_camera, srgb_stand_in
+from pipeline.reduced import ReducedPair, reduce_pair
+from pipeline.spectra.cameras import Camera, find_camera
 from pipeline.spectra.lights import find_light
 from pipeline.strips import STRIP_ROWS
 from pipeline.tally import Tally
@@ -63,9 +63,8 @@ def separate_files(
     warnings += left_out
     wanted = wanted_outputs(options)
     check_outputs(wanted, before.size)
-    camera = find_camera(options.camera, before)
     build = _models(before, options)
-    model = build(camera)
+    model = build(find_camera(options.camera, before))
     progress.report("decode", 1.0)
     pair = make_pair(before, after, options, progress)
     # the pair alone holds the photographs, of which the second may be another, laid on the first
@@ -73,41 +72,30 @@ def separate_files(
     progress.report("lamps", 0.0)
     reduced = reduce_pair(pair)
     if options.camera is None and undeclared(before):
-        sensor = None if camera is srgb_stand_in() else camera
-        camera = likely_camera(
-            reduced, model.flash, options.number_of_lamps, options.flash_only, sensor, build
-        )
-        model = build(camera)
+        model = _likely_model(reduced, model, options, build)
     estimate = make_estimate(pair, reduced, model, before, options, wanted, progress)
     lamps = estimate.lamps
-    warnings += [*pair.warnings, *camera_warnings(before, camera, named)]
+    warnings += [*pair.warnings, *camera_warnings(before, model.camera, named)]
     if named:
-        warnings += camera_doubts(reduced, len(lamps), options.flash_only, camera, before, build)
+        warnings += camera_doubts(
+            reduced, len(lamps), options.flash_only, model.camera, before, build
+        )
     warnings += estimate.warnings
     trim_memory()  # what the estimation took would add to what strips take
     progress.report("lamps", 1.0)
 
-    small = overview(pair, estimate, options.method, wanted)
     basis = mix_basis(pair.no_flash, lamps, model)
-    tally = Tally(len(lamps), *pair.unusable.shape)
     directory.mkdir(parents=True, exist_ok=True)
-    with Outputs(pair.no_flash, small, estimate, wanted, directory, options.normals) as outputs:
-        for pictures in render(pair, estimate, options, wanted, progress, strip_rows):
-            tally.add(pictures.rows, pictures.layers, pictures.confidence)
-            outputs.add(pictures)
-            done = pictures.rows.start - _LOOKED_BACK
-            release_rows(pair.unusable, done)
-            for photograph in (pair.no_flash, pair.flash):
-                release_photograph(photograph, done)
-        entries = lamp_entries(lamps, model, tally.separated)
-        files = outputs.finish(entries, progress)
+    entries, filled, files = _write_outputs(
+        pair, estimate, options, wanted, directory, progress, strip_rows
+    )
     manifest = make_manifest(
         (before, after),
         options,
         pair,
         estimate,
         entries,
-        tally.filled,
+        filled,
         files,
         basis,
         used,
@@ -124,3 +112,43 @@ def _models(frame: Frame, options: Options) -> Callable[[Camera], Model]:
     neutral = find_light(options.neutral, "neutral light")
     response = None if options.response is None else find_camera(options.response, frame)
     return lambda camera: build_model(camera, flash, neutral, options.basis, response)
+
+
+def _likely_model(
+    reduced: ReducedPair, model: Model, options: Options, build: Callable[[Camera], Model]
+) -> Model:
+    """Model of the camera that explains undeclared files best; model: of the one by their EXIF."""
+    sensor = None if model.camera.in_srgb else model.camera
+    camera = likely_camera(
+        reduced, model.flash, options.number_of_lamps, options.flash_only, sensor, build
+    )
+    return build(camera)
+
+
+def _write_outputs(
+    pair: Pair,
+    estimate: Estimate,
+    options: Options,
+    wanted: frozenset[str],
+    directory: Path,
+    progress: Progress,
+    strip_rows: int,
+) -> tuple[list[dict[str, Any]], float, list[dict[str, Any]]]:
+    """Separate strip by strip, giving back what memory of the pair that takes.
+
+    Returns what the manifest says of the lamps, the share of pixels filled in, and what it says of
+    the files.
+    """
+    small = overview(pair, estimate, options.method, wanted)
+    tally = Tally(len(estimate.lamps), *pair.unusable.shape)
+    with Outputs(pair.no_flash, small, estimate, wanted, directory, options.normals) as outputs:
+        for pictures in render(pair, estimate, options, wanted, progress, strip_rows):
+            tally.add(pictures.rows, pictures.layers, pictures.confidence)
+            outputs.add(pictures)
+            done = pictures.rows.start - _LOOKED_BACK
+            release_rows(pair.unusable, done)
+            for photograph in (pair.no_flash, pair.flash):
+                release_photograph(photograph, done)
+        entries = lamp_entries(estimate.lamps, estimate.model, tally.separated)
+        files = outputs.finish(entries, progress)
+    return entries, tally.filled, files

@@ -1,12 +1,17 @@
-"""Directions: vectors of length one."""
+"""Directions: vectors of length one, and the angles between them."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 
 def unit(vectors: NDArray[np.floating]) -> NDArray[np.float64]:
     """Scale vectors (..., C) to length one; zero vectors stay zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.asarray(vectors / np.where(length > 0, length, 1.0), dtype=np.float64)
+
+
+def angles_deg(cosines: ArrayLike) -> NDArray[np.float64]:
+    """Angles (...), 0 to 180 degrees, of cosines (...), which rounding may take beyond ±1."""
+    return np.asarray(np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0))))

@@ -41,7 +41,7 @@ def undeclared(frame: Frame) -> bool:
 
 def names_no_camera(camera: Camera, frame: Frame) -> bool:
     """Whether nothing but the pixels tells whose colours a frame holds."""
-    return undeclared(frame) and camera is srgb_stand_in()
+    return undeclared(frame) and camera.in_srgb
 
 
 def likely_camera(
@@ -147,7 +147,7 @@ def camera_doubts(
     better = fits.much_likelier(camera, others)
     if better is None:
         return []
-    if better is srgb_stand_in():
+    if better.in_srgb:
         message = (
             "The photographs do not look like sensor values of the camera named, but like linear "
             "sRGB: a converter may have written them. Send RAW files, or leave the camera out."

@@ -54,12 +54,13 @@ _GREY_CARD = 0.18
 class _Found:
     """file: what the option of a separation reads. said: what people want to know of it.
 
-    marks: a picture of where it was read.
+    marks: a picture of where it was read. warnings: what to trust less.
     """
 
     file: bytes
     said: dict[str, Any]
     marks: bytes
+    warnings: list[Remark]
 
 
 def calibrate_files(
@@ -83,7 +84,6 @@ def calibrate_files(
     progress.report("decode", 0.5)
     after = decode(flash, options.encoding, FLASH)
     progress.report("decode", 1.0)
-    warnings: list[Remark] = []
     if isinstance(options, CameraCalibration) and before.encoding == "srgb":
         raise OptionError(
             "The photographs are rendered to sRGB, which hides what the sensor saw: calibrate a "
@@ -98,11 +98,11 @@ def calibrate_files(
     pair = make_pair(before, after, options, progress)
     progress.report("calibrate", 0.0)
     if isinstance(options, FlashCalibration):
-        found = _flash(pair, before, options, warnings)
+        found = _flash(pair, before, options)
     elif isinstance(options, CameraCalibration):
         found = _camera(pair, before, options)
     else:
-        found = _lamps(pair, before, options, warnings)
+        found = _lamps(pair, before, options)
     progress.report("calibrate", 1.0)
     directory.mkdir(parents=True, exist_ok=True)
     name = FILES[options.kind]
@@ -118,16 +118,16 @@ def calibrate_files(
             {"name": file, "sha256": hashlib.sha256(content).hexdigest()}
             for file, content in contents.items()
         ],
-        "warnings": [warning.entry() for warning in (*pair.warnings, *warnings)],
+        "warnings": [warning.entry() for warning in (*pair.warnings, *found.warnings)],
         "versions": versions(),
     }
     write_manifest(directory, manifest)
     return manifest
 
 
-def _flash(pair: Pair, frame: Frame, options: FlashCalibration, warnings: list[Remark]) -> _Found:
+def _flash(pair: Pair, frame: Frame, options: FlashCalibration) -> _Found:
     camera = find_camera(options.camera, frame)
-    warnings.extend(_camera_warnings(frame, camera, options.camera is not None))
+    warnings = _camera_warnings(frame, camera, options.camera is not None)
     chart, card = options.chart, options.card
     if chart is None and card is None:
         chart = find_chart(pair)
@@ -149,7 +149,7 @@ def _flash(pair: Pair, frame: Frame, options: FlashCalibration, warnings: list[R
         "strength": _strength(patches),
         **_marks(chart, card),
     }
-    return _Found(write_spectrum(table), said, draw_marks(pair, chart, card))
+    return _Found(write_spectrum(table), said, draw_marks(pair, chart, card), warnings)
 
 
 def _camera_warnings(frame: Frame, camera: Camera, named: bool) -> list[Remark]:
@@ -228,7 +228,7 @@ def _camera(pair: Pair, frame: Frame, options: CameraCalibration) -> _Found:
         **_marks(chart, None),
     }
     file = write_sensitivities(_table(camera.sensitivities))
-    return _Found(file, said, draw_marks(pair, chart, None))
+    return _Found(file, said, draw_marks(pair, chart, None), [])
 
 
 def _table(sensitivities: NDArray[np.float64]) -> Sensitivities:
@@ -236,8 +236,8 @@ def _table(sensitivities: NDArray[np.float64]) -> Sensitivities:
     return Sensitivities(wavelength_nm=WAVELENGTHS_NM.tolist(), r=r, g=g, b=b)
 
 
-def _lamps(pair: Pair, frame: Frame, options: LampsCalibration, warnings: list[Remark]) -> _Found:
-    focal_px = focal_length_px(frame, options.focal_px, warnings)
+def _lamps(pair: Pair, frame: Frame, options: LampsCalibration) -> _Found:
+    focal_px, warnings = focal_length_px(frame, options.focal_px)
     sphere = options.sphere or find_sphere(pair, options.mirror)
     estimate = mirror_lamps if options.mirror else estimate_lamps
     lamps = estimate(pair, sphere, options.lights, focal_px)
@@ -285,7 +285,7 @@ def _lamps(pair: Pair, frame: Frame, options: LampsCalibration, warnings: list[R
     if lamps.misfit is not None:
         said["misfit"] = round(lamps.misfit, 4)
     file = (json.dumps({"lights": lights}, indent=1) + "\n").encode()
-    return _Found(file, said, draw_marks(pair, None, lamps.circle))
+    return _Found(file, said, draw_marks(pair, None, lamps.circle), warnings)
 
 
 def _check_directions(lights: list[dict[str, Any]]) -> None:

@@ -16,7 +16,7 @@ from pipeline.errors import UnusablePairError
 from pipeline.frames import Image, Mask
 from pipeline.options import Circle, Lights
 from pipeline.pair import Pair
-from pipeline.vectors import unit
+from pipeline.vectors import angles_deg, unit
 
 Array = NDArray[np.float64]
 
@@ -80,7 +80,7 @@ def mirror_lamps(pair: Pair, sphere: Circle, count: Lights, focal_px: float) -> 
         deviations_deg=deviation,
         misfit=None,
         circle=sphere,
-        flash_aside_deg=_apart_deg(aside[0], middle.towards[0]) if aside else None,
+        flash_aside_deg=float(angles_deg(aside[0] @ middle.towards[0])) if aside else None,
     )
 
 
@@ -97,10 +97,6 @@ def _unlike(shown: int, count: Lights) -> str:
         f"The sphere shows {highlights}, where {wanted} looked for: check that the sphere is a "
         "mirror and reflects every lamp, or tell another number."
     )
-
-
-def _apart_deg(one: Array, other: Array) -> float:
-    return float(np.degrees(np.arccos(np.clip(one @ other, -1, 1))))
 
 
 def _spots(light: Image, mask: Mask) -> list[_Spot]:

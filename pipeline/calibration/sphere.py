@@ -43,10 +43,11 @@ def view_sphere(
     axis_angle, half_angle = _cone(float(np.hypot(*middle)), circle.radius / focal_px)
     aside = middle / max(float(np.hypot(*middle)), 1e-12)
     centre = np.array([*(aside * np.sin(axis_angle)), -np.cos(axis_angle)])
-    rays = np.stack(
-        [(x - size[0] / 2) / focal_px, (size[1] / 2 - y) / focal_px, -np.ones_like(x)], axis=1
+    rays = unit(
+        np.stack(
+            [(x - size[0] / 2) / focal_px, (size[1] / 2 - y) / focal_px, -np.ones_like(x)], axis=1
+        )
     )
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     along = rays @ centre
     radius = np.sin(half_angle)
     inside = np.maximum(radius**2 - (1 - along**2), 0.0)

@@ -20,6 +20,7 @@ from pipeline.options import DirectedLight
 from pipeline.reduced import ReducedPair
 from pipeline.separation import Strip
 from pipeline.shares import shares
+from pipeline.vectors import unit
 
 Array = NDArray[np.float64]
 
@@ -78,7 +79,7 @@ def solve_photometry(
         )
         use = reduced.usable & _lit_by_all(q)
         strengths, spread = _strengths(lights, inverse, q[:, use], view[use])
-        field = _unit(inverse / strengths, q)
+        field = _field(inverse / strengths, q)
         tried.append((_unevenness(field, use) + spread, strengths, matrices, greens))
     _, strengths, matrices, greens = min(tried, key=lambda one: one[0])
     return Photometry(matrices, greens, inverse / strengths, strengths)
@@ -97,8 +98,7 @@ def _candidates(lights: Sequence[DirectedLight], lamps: Lamps, model: Model) -> 
                 "or give the rgb of each light."
             )
         return found
-    colours = np.array([light.rgb for light in lights], dtype=np.float64)
-    colours = colours / np.linalg.norm(colours, axis=1, keepdims=True)
+    colours = unit(np.array([light.rgb for light in lights], dtype=np.float64))
     return [model.lamp_matrix(colours), *found]
 
 
@@ -111,7 +111,7 @@ def normals(strip: Strip, lamps: Lamps, photometry: Photometry) -> Image:
     q = _relative_brightness(
         strip.no_flash, strip.flash, photometry.matrices, photometry.greens, lamps.channel_weights
     )
-    field = _unit(photometry.inverse, q)
+    field = _field(photometry.inverse, q)
     lit = (q > _MIN_SHARE * q.max(axis=0)).all(axis=0)
     known = lit & (strip.confidence > _MIN_CONFIDENCE) & (field[..., 2] > 0)
     return np.where(known[..., None], field, np.float32(np.nan))
@@ -128,10 +128,9 @@ def _relative_brightness(
     )
 
 
-def _unit(inverse: Array, q: NDArray[np.float32]) -> Image:
-    scaled = np.einsum("cj,jhw->hwc", inverse, q)
-    length = np.linalg.norm(scaled, axis=-1, keepdims=True)
-    return np.asarray(scaled / np.where(length > 0, length, 1.0), dtype=np.float32)
+def _field(inverse: Array, q: NDArray[np.float32]) -> Image:
+    """Unit vectors (h, w, 3) along L⁻¹(q/e)."""
+    return unit(np.einsum("cj,jhw->hwc", inverse, q)).astype(np.float32)
 
 
 def _lit_by_all(q: NDArray[np.float32]) -> NDArray[np.bool_]:
@@ -146,7 +145,7 @@ def _view(reduced: ReducedPair, focal_px: float) -> Array:
     y, x = np.mgrid[:height, :width].astype(np.float64)
     focal, middle = focal_px / reduced.block, reduced.middle
     view = np.stack([-(x - middle[0]) / focal, (y - middle[1]) / focal, np.ones_like(x)], axis=-1)
-    return np.asarray(view / np.linalg.norm(view, axis=-1, keepdims=True))
+    return unit(view)
 
 
 def _strengths(

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.spectra.lights import lamp_spectra, packaged_light, reflectance_spectra
+from pipeline.vectors import unit
 
 Array = NDArray[np.float64]
 
@@ -112,8 +113,7 @@ class LampBank:
 
     def _alike(self, colour: Array) -> tuple[NDArray[np.intp], Array]:
         """Lamps of like colour, and their weights, which sum to 1."""
-        unit = self._whites / np.linalg.norm(self._whites, axis=1, keepdims=True)
-        distance = np.linalg.norm(unit - colour / np.linalg.norm(colour), axis=1)
+        distance = np.linalg.norm(unit(self._whites) - colour / np.linalg.norm(colour), axis=1)
         weights = self._weights
         for bandwidth in _BANDWIDTHS:
             weights = self._weights * np.exp(-((distance / bandwidth) ** 2) / 2)

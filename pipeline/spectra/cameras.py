@@ -35,12 +35,13 @@ class Camera:
     the channels is as measured, where the measurement kept it.
     source: "measured" (a known camera), "file" (a table handed in), "approximate" (from the
     colour matrix) or "stand-in" (a picture rendered to sRGB, whose functions may be negative, or a
-    sensor of which nothing is known).
+    sensor of which nothing is known). in_srgb: whether it is that picture's.
     """
 
     name: str
     sensitivities: NDArray[np.float64]
     source: Literal["measured", "file", "approximate", "stand-in"]
+    in_srgb: bool = False
 
     @property
     def approximate(self) -> bool:
@@ -111,7 +112,7 @@ def srgb_stand_in() -> Camera:
     measured cameras the invariant of one lamp then differs by 2.0° between surfaces (median); with
     the negative parts cut off by 5.0°, with the CIE observer in place of the sensor by 3.4°.
     """
-    return Camera("sRGB", _scaled(XYZ_TO_SRGB @ _sensor_xyz()), "stand-in")
+    return Camera("sRGB", _scaled(XYZ_TO_SRGB @ _sensor_xyz()), "stand-in", in_srgb=True)
 
 
 @cache

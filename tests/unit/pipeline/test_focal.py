@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.focal import focal_length_px
 from pipeline.frames import Frame
-from pipeline.remarks import Code, Remark
+from pipeline.remarks import Code
 
 
 @pytest.mark.parametrize(
@@ -16,14 +16,12 @@ from pipeline.remarks import Code, Remark
 def test_what_is_given_comes_before_what_the_file_says(
     frame: Callable[..., Frame], given: float | None, in_file: float, found: float
 ) -> None:
-    warnings: list[Remark] = []
     taken = frame(np.zeros((20, 30, 3)), focal_px=in_file)
-    assert focal_length_px(taken, given, warnings) == found
-    assert warnings == []
+    assert focal_length_px(taken, given) == (found, [])
 
 
 def test_else_a_normal_lens_is_taken_and_warned_of(frame: Callable[..., Frame]) -> None:
-    warnings: list[Remark] = []
-    assert focal_length_px(frame(np.zeros((36, 24, 3))), None, warnings) == pytest.approx(50)
+    focal_px, warnings = focal_length_px(frame(np.zeros((36, 24, 3))), None)
+    assert focal_px == pytest.approx(50)
     assert [one.code for one in warnings] == [Code.FOCAL_LENGTH_ASSUMED]
     assert warnings[0].figures["focal_px"] == pytest.approx(50)

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pipeline.vectors import unit
+from pipeline.vectors import angles_deg, unit
 
 
 def test_vectors_get_length_one_and_zero_stays_zero() -> None:
@@ -17,3 +17,9 @@ def test_a_single_vector_and_a_picture_of_them() -> None:
 
     assert found.dtype == np.float64
     np.testing.assert_allclose(found, np.full((2, 3, 4), 0.5), rtol=1e-6)
+
+
+def test_angles_are_those_of_cosines_however_they_are_rounded() -> None:
+    cosines = np.array([[1.0, 0.5], [0.0, -1.0], [1 + 1e-15, -1 - 1e-15]])
+
+    np.testing.assert_allclose(angles_deg(cosines), [[0, 60], [90, 180], [0, 180]])
