@@ -15,7 +15,7 @@ from pipeline.frames import Matrix
 from pipeline.hui2018.lights import NO_AGREEMENT, invariants_of_pair, lights_of_pair
 from pipeline.hui2018.pruning import prune
 from pipeline.matrixfit.deviations import Deviations, find_deviations, no_deviations
-from pipeline.matrixfit.evidence import gather_evidence
+from pipeline.matrixfit.evidence import Evidence, gather_evidence
 from pipeline.matrixfit.fit import MOST_LAMPS, Fit, first_fit, fit_matrices
 from pipeline.matrixfit.known import FORBIDDEN_DEGREES, Known, nothing_known
 from pipeline.matrixfit.unexplained import left_over, places_alone
@@ -126,22 +126,13 @@ def estimate_lamps(
         count = count_lamps(reduced, evidence, model, first, fit, max(1, len(known.pinned)))
     else:
         count = Count(requested, confidence=1.0, more=False)
+    weights = 1.0 / reduced.no_flash[reduced.usable].mean(axis=0, dtype=np.float64)
     if method == "paper":
-        coefficients = lights_of_pair(reduced, model, count.number)
-        matrices = model.lamp_matrix(coefficients)
+        found = _published(reduced, model, count.number)
     else:
-        if fit(count.number).cost == np.inf:
-            raise OptionError(
-                f"Whatever {count.number} lamps explain the photograph, one of them is less than "
-                f"{FORBIDDEN_DEGREES:g}° in colour from a forbidden one: forbid fewer, or ask for "
-                "another number of lamps."
-            )
-        coefficients, matrices = _normalised(fit(count.number).matrices, model)
-        if requested == MOST_LAMPS and signs_of_fourth(reduced, evidence, model, matrices):
-            count = replace(count, more=True)
-    rival_deg = 0.0
-    if method == "best" and not reduced.rendered:  # a rendering's curve leads searches apart
-        rival_deg = _rival_deg(first(count.number), coefficients, model)
+        number = count.number
+        found = _fitted(reduced, evidence, model, first(number), fit(number), weights)
+    coefficients, matrices = found.coefficients, found.matrices
     against: list[Remark] = []
     if known.pinned or len(known.forbidden):
         nothing = nothing_known(model.flash_white)
@@ -151,25 +142,64 @@ def estimate_lamps(
     if requested == "auto" and left > MUCH_LEFT:
         count = replace(count, confidence=min(count.confidence, DOUBTFUL))
     order = _warm_first(coefficients)
-    weights = 1.0 / reduced.no_flash[reduced.usable].mean(axis=0, dtype=np.float64)
-    deviations = no_deviations(len(matrices))
-    if method == "best":
-        deviations = find_deviations(reduced, evidence, matrices[order], weights)
+    more = count.more
+    if method == "best" and requested == MOST_LAMPS:
+        more = signs_of_fourth(reduced, evidence, model, matrices)
     return Lamps(
         coefficients=coefficients[order],
         matrices=matrices[order],
-        deviations=deviations,
+        deviations=found.deviations,
         channel_weights=weights,
         requested=requested,
         confidence=count.confidence,
         lamp_confidence=_stand_out(coefficients[order], gammas),
         pinned=np.where(order < len(known.pinned), order, -1),
         invariants=gammas,
-        more=count.more,
+        more=more,
         left_over=left,
         alone=places_alone(evidence, matrices[order]),
         contradictions=tuple(against),
-        rival_deg=rival_deg,
+        rival_deg=found.rival_deg,
+    )
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Lamps as one of the methods found them, in no order.
+
+    coefficients, matrices, rival_deg: as in Lamps. deviations: of the lamps from warm to cool.
+    """
+
+    coefficients: Array
+    matrices: Matrix
+    deviations: Deviations
+    rival_deg: float = 0.0
+
+
+def _published(reduced: ReducedPair, model: Model, number: int) -> _Found:
+    """So many lamps as the paper finds them."""
+    coefficients = lights_of_pair(reduced, model, number)
+    return _Found(coefficients, model.lamp_matrix(coefficients), no_deviations(number))
+
+
+def _fitted(
+    reduced: ReducedPair, evidence: Evidence, model: Model, first: Fit, fit: Fit, weights: Array
+) -> _Found:
+    """The lamps of a fit. first: the one that its search began from. weights: of the channels."""
+    if fit.cost == np.inf:
+        raise OptionError(
+            f"Whatever {len(fit.matrices)} lamps explain the photograph, one of them is less than "
+            f"{FORBIDDEN_DEGREES:g}° in colour from a forbidden one: forbid fewer, or ask for "
+            "another number of lamps."
+        )
+    coefficients, matrices = _normalised(fit.matrices, model)
+    warm_first = matrices[_warm_first(coefficients)]
+    return _Found(
+        coefficients,
+        matrices,
+        find_deviations(reduced, evidence, warm_first, weights),
+        # a rendering's curve leads searches apart
+        0.0 if reduced.rendered else _rival_deg(first, coefficients, model),
     )
 
 

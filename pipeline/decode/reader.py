@@ -6,9 +6,10 @@ import hashlib
 import math
 import os
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 from pipeline.colour.icc import adobe_rgb_profile
 from pipeline.compression_noise import compression_noise
@@ -30,7 +31,8 @@ from pipeline.decode.samples import Samples, UnsuitableError
 from pipeline.decode.signatures import Kind, kind_of
 from pipeline.decode.tiff import holds_raw, read_tiff, tiff_size
 from pipeline.errors import ImageTooLargeError, OptionError, PipelineError, UnreadableImageError
-from pipeline.frames import Frame, Photograph
+from pipeline.frames import Frame, Mask, Matrix, Photograph
+from pipeline.noise import Noise
 
 FORMATS = "a JPEG, PNG, TIFF, OpenEXR, HEIC, DNG or a camera's RAW file"
 
@@ -75,43 +77,15 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
             f"The {name} is a RAW file, which holds linear values: leave the encoding to auto."
         )
     with _readable(name, _damaged(kind)):
-        pixels: Photograph
-        compression, straight = None, False
-        if kind == "RAW":
-            encoding = "raw"
-            pixels, saturated, metadata, xyz_to_camera = read_raw(data)
-        else:
-            metadata, xyz_to_camera = read_metadata(data), None
-            samples = _samples(data, kind, metadata)
-            curved = encoding == "auto" and _curved(samples)
-            straight = encoding == "auto" and _straight(samples)
-            coded = kind == "HEIF" or samples.values.dtype == "uint8" or curved
-            rendered = coded and not straight
-            profiled = encoding == "auto" and (rendered or straight)
-            if encoding == "auto":
-                encoding = "srgb" if rendered else "linear"
-            pixels = to_linear(samples, encoding == "srgb", profiled)
-            bent = curved or (kind == "HEIF" and encoding == "srgb")
-            saturated = clipped(samples, curved=bent)
-            parts = None
-            if kind == "JPEG":
-                parts = recompressed(data, samples.values)
-            elif kind == "HEIF":
-                parts = compressed_as_jpeg(samples.values)
-            if parts is not None:
-                codes = replace(samples, white=255.0)
-                before, after = (
-                    to_linear(replace(codes, values=part), encoding == "srgb", profiled)[:]
-                    for part in (parts.before, parts.after)
-                )
-                compression = compression_noise(before, after, parts.repeated)
-        if pixels.ndim != 3 or pixels.shape[2] != 3:
+        read = _raw(data) if kind == "RAW" else _picture(data, kind, encoding)
+        if read.pixels.ndim != 3 or read.pixels.shape[2] != 3:
             raise ValueError("a damaged header gave other samples than RGB")
-    height, width = pixels.shape[:2]
+    height, width = read.pixels.shape[:2]
+    metadata = read.metadata
     return Frame(
-        pixels=pixels,
-        saturated=saturated,
-        encoding=encoding,
+        pixels=read.pixels,
+        saturated=read.saturated,
+        encoding=read.encoding,
         sha256=hashlib.sha256(data).hexdigest(),
         exposure=metadata.exposure,
         make=metadata.make,
@@ -120,10 +94,67 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
         flash_fired=metadata.flash_fired,
         auto_white_balance=metadata.auto_white_balance,
         focal_px=metadata.focal_px(width, height),
-        xyz_to_camera=xyz_to_camera,
-        compression=compression,
+        xyz_to_camera=read.xyz_to_camera,
+        compression=read.compression,
+        profiled=read.profiled,
+    )
+
+
+@dataclass(frozen=True)
+class _Read:
+    """What a file holds, by the names of Frame."""
+
+    pixels: Photograph
+    saturated: Mask
+    encoding: str
+    metadata: Metadata
+    xyz_to_camera: Matrix | None = None
+    compression: Noise | None = None
+    profiled: bool = False
+
+
+def _raw(data: bytes) -> _Read:
+    pixels, saturated, metadata, xyz_to_camera = read_raw(data)
+    return _Read(pixels, saturated, "raw", metadata, xyz_to_camera)
+
+
+def _picture(data: bytes, kind: Kind, encoding: str) -> _Read:
+    """A file of any other kind; encoding: as decode is asked for it."""
+    metadata = read_metadata(data)
+    samples = _samples(data, kind, metadata)
+    curved = encoding == "auto" and _curved(samples)
+    straight = encoding == "auto" and _straight(samples)
+    coded = kind == "HEIF" or samples.values.dtype == "uint8" or curved
+    rendered = coded and not straight
+    by_profile = encoding == "auto" and (rendered or straight)
+    if encoding == "auto":
+        encoding = "srgb" if rendered else "linear"
+    linear = partial(to_linear, srgb=encoding == "srgb", profiled=by_profile)
+    bent = curved or (kind == "HEIF" and encoding == "srgb")
+    return _Read(
+        linear(samples),
+        clipped(samples, curved=bent),
+        encoding,
+        metadata,
+        compression=_compression(data, kind, samples, linear),
         profiled=straight,
     )
+
+
+def _compression(
+    data: bytes, kind: Kind, samples: Samples, linear: Callable[[Samples], Photograph]
+) -> Noise | None:
+    """What a lossy file has lost, as noise of its linear values; None of one that lost nothing."""
+    parts = None
+    if kind == "JPEG":
+        parts = recompressed(data, samples.values)
+    elif kind == "HEIF":
+        parts = compressed_as_jpeg(samples.values)
+    if parts is None:
+        return None
+    codes = replace(samples, white=255.0)
+    before, after = (linear(replace(codes, values=part))[:] for part in (parts.before, parts.after))
+    return compression_noise(before, after, parts.repeated)
 
 
 def _kind(data: bytes, name: str) -> Kind:
