@@ -33,7 +33,7 @@ from pipeline.refine import (
     shrinking,
 )
 
-_WORKING_SIZES = (1600, 800)  # longer side; the second for pairs whose noise drowns fine edges
+_LONG_SIDES = (1600, 800)  # the second for pairs whose noise drowns fine edges
 _EDGES_SIZE = 800  # longer side where edges are taken, and are to correlate
 _SEARCH_SIZE = 400  # where they are searched for a motion that is then refined
 _SEARCHED = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-4)  # refined afterwards
@@ -79,17 +79,17 @@ def estimate_alignment(no_flash: Photograph, flash: Photograph) -> Alignment:
     (applied False, problem set), never returned as if it were right.
     """
     refused = NOT_ATTEMPTED
-    for working_size in _WORKING_SIZES:
-        found = _attempt(no_flash, flash, working_size)
+    for long_side in _LONG_SIDES:
+        found = _attempt(no_flash, flash, long_side)
         if found.problem is None:
             return found
         refused = refused if refused.problem else found
     return refused
 
 
-def _attempt(no_flash: Photograph, flash: Photograph, working_size: int) -> Alignment:
+def _attempt(no_flash: Photograph, flash: Photograph, long_side: int) -> Alignment:
     height, width = no_flash.shape[:2]
-    size = size_within((width, height), working_size)
+    size = size_within((width, height), long_side)
     reference, reference_steps = _reduced(no_flash, size)
     sample, sample_steps = _reduced(flash, size)
     try:

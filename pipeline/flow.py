@@ -22,7 +22,7 @@ from pipeline.strips import STRIP_ROWS, strips
 Array = NDArray[np.float32]
 
 _LONG_SIDE = 1000
-_LONGEST = 32766  # longer side, above which OpenCV does not resample by a map
+_MOST_SIDE = 32766  # above which OpenCV does not resample by a map
 _NARROWEST = 16  # shorter side, below which the search has no patches
 _WINDOW = 5.0  # standard deviation of the window of local correlations, pixels
 _GAIN = 0.15  # by which the correlation must rise to believe a motion
@@ -46,7 +46,7 @@ def residual_flow(no_flash: Photograph, flash: Photograph) -> Array | None:
     """
     height, width = no_flash.shape[:2]
     size = size_within((width, height), _LONG_SIDE)
-    if min(size) < _NARROWEST or max(height, width) > _LONGEST:
+    if min(size) < _NARROWEST or max(height, width) > _MOST_SIDE:
         return None
     pair = [area_means(image, size) for image in (no_flash, flash)]
     codes = [np.clip(edges(image) * _CODES, 0, 255).astype(np.uint8) for image in pair]

@@ -24,7 +24,7 @@ _MIN_USABLE = 0.02
 _ALIKE = (2.5 / 65535, 2.5 / 255)  # code values of 16 bits linear and of 8 bits rendered
 _DARKER = 0.6  # share of lit pixels that lose light with the flash on: the frames are swapped
 _SMALLEST = 32
-_LONGEST = 100  # times the shorter side, into which blocks must fit; no photograph is longer
+_MOST_RATIO = 100  # times the shorter side, into which blocks must fit; no photograph is longer
 _SAMPLES, _LEAST_STEP = 200_000, 4  # pixels looked at, and the step between them at least
 
 
@@ -53,10 +53,10 @@ def check_sizes(no_flash: tuple[int, int], flash: tuple[int, int]) -> None:
         raise UnusablePairError(
             f"The photographs have only {width} × {height} pixels: send them in full size."
         )
-    if max(no_flash) > _LONGEST * min(no_flash):
+    if max(no_flash) > _MOST_RATIO * min(no_flash):
         width, height = no_flash
         raise UnusablePairError(
-            f"The photographs have {width} × {height} pixels, one side more than {_LONGEST} times "
+            f"The photographs have {width} × {height} pixels, one side more than {_MOST_RATIO} times "
             "the other: send them as the camera made them, uncropped."
         )
 

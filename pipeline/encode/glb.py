@@ -14,7 +14,7 @@ from pipeline.encode.jpeg import write_jpeg
 from pipeline.frames import Image, Matrix
 from pipeline.mesh import Mesh
 
-_LONGEST = 4096  # pixels of a texture that every viewer can show
+_MOST_SIDE = 4096  # pixels of a texture that every viewer can show
 _JPEG = b"\xff\xd8"
 
 
@@ -64,7 +64,7 @@ def write_glb(path: Path, mesh: Mesh, picture: Image, to_srgb: Matrix) -> None:
 
 def _texture(picture: Image, to_srgb: Matrix) -> bytes:
     height, width = picture.shape[:2]
-    size = size_within((width, height), _LONGEST)
+    size = size_within((width, height), _MOST_SIDE)
     if size != (width, height):
         picture = area_means(picture, size)
     file = io.BytesIO()

@@ -23,7 +23,7 @@ _LEAST_GREY = np.float32(0.5)
 """Of the luminance of a colour's channels above 0; of all real lights only deep blue ones have less
 by their own luminance, and by a camera's matrix none at all, so that they would be black."""
 _STEPS = 65535
-_LONGEST = 65500  # of libjpeg
+_MOST_SIDE = 65500  # of libjpeg
 _BLOCK = 8
 _ROWS = 4 * _BLOCK
 """Rows encoded at a time; a restart interval counts at most 65535 blocks."""
@@ -34,9 +34,9 @@ _FRAME, _SCAN, _END, _RESTART = b"\xff\xc0", b"\xff\xda", b"\xff\xd9", 0xD0
 def check_jpeg_size(size: tuple[int, int]) -> None:
     """Raise OptionError for (width, height) of more than 65,500 pixels to a side."""
     width, height = size
-    if max(size) > _LONGEST:
+    if max(size) > _MOST_SIDE:
         raise OptionError(
-            f"A JPEG cannot hold {width} × {height} pixels, as the format ends at {_LONGEST:,} "
+            f"A JPEG cannot hold {width} × {height} pixels, as the format ends at {_MOST_SIDE:,} "
             "pixels a side: ask for TIFF or OpenEXR instead."
         )
 

@@ -31,7 +31,7 @@ from pipeline.result_names import lamp_name
 
 _DEPTH = 16
 _WHITE = 65535
-_LONGEST_SIDE = 30_000
+_MOST_SIDE = 30_000
 _LARGEST_BYTES = 2**31 - 2**20  # what readers take, less some room for the head
 
 
@@ -49,7 +49,7 @@ class PsdFile:
         Raises OptionError for a picture larger than the format holds.
         """
         width, height = size
-        if max(size) > _LONGEST_SIDE or width * height * 6 * (lamps + 1) > _LARGEST_BYTES:
+        if max(size) > _MOST_SIDE or width * height * 6 * (lamps + 1) > _LARGEST_BYTES:
             raise OptionError(
                 f"layers.psd cannot hold {lamps} layers of {width} × {height} pixels, as the "
                 "format ends at 30,000 pixels a side and 2 GB; leave it out of the outputs."

@@ -19,7 +19,7 @@ from pipeline.result_names import MANIFEST
 from service.cli.display import duv_of, temperature_of
 from service.cli.files import read_file
 
-_LONGEST_SIDE = 1400
+_MOST_SIDE = 1400
 _JPEG_QUALITY = 88
 _CAPTIONS = {
     "white_balanced_1.jpg": "Every lamp replaced by the neutral light",
@@ -125,7 +125,7 @@ def _pictures(folder: Path, manifest: Mapping[str, Any]) -> Iterable[Html]:
 
 
 def _small(path: Path) -> bytes:
-    """Give a picture of the results as a JPEG of at most _LONGEST_SIDE pixels a side."""
+    """Give a picture of the results as a JPEG of at most _MOST_SIDE pixels a side."""
     read = np.frombuffer(read_file(path, "picture"), np.uint8)
     flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR
     picture = cv2.imdecode(read, flags) if read.size else None
@@ -133,7 +133,7 @@ def _small(path: Path) -> bytes:
         raise InputError(f"The picture {path} is damaged.")
     if picture.dtype == np.uint16:
         picture = cv2.convertScaleAbs(picture, alpha=1 / 257)
-    scale = _LONGEST_SIDE / max(picture.shape)
+    scale = _MOST_SIDE / max(picture.shape)
     if scale < 1:
         picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     _, coded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])

@@ -6,7 +6,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.align import NOT_ATTEMPTED, Alignment
-from pipeline.flow import _LONGEST, residual_flow, warp_along
+from pipeline.flow import _MOST_SIDE, residual_flow, warp_along
 
 Image = NDArray[np.float32]
 HEIGHT, WIDTH = 240, 320
@@ -122,16 +122,16 @@ def test_the_narrowest_pictures_have_no_flow(shape: tuple[int, int]) -> None:
 @pytest.mark.parametrize("turned", [False, True])
 def test_the_largest_pictures_have_no_flow(turned: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     pair = [photograph.swapaxes(0, 1) if turned else photograph for photograph in two_depths(3, 1)]
-    monkeypatch.setattr("pipeline.flow._LONGEST", WIDTH)
+    monkeypatch.setattr("pipeline.flow._MOST_SIDE", WIDTH)
     assert residual_flow(pair[0], pair[1]) is not None
 
-    monkeypatch.setattr("pipeline.flow._LONGEST", WIDTH - 1)
+    monkeypatch.setattr("pipeline.flow._MOST_SIDE", WIDTH - 1)
     assert residual_flow(pair[0], pair[1]) is None
 
 
 @pytest.mark.parametrize("turned", [False, True])
 def test_the_largest_pictures_that_have_a_flow_can_be_resampled(turned: bool) -> None:
-    shape = (_LONGEST, 8) if turned else (8, _LONGEST)
+    shape = (_MOST_SIDE, 8) if turned else (8, _MOST_SIDE)
     picture = np.random.default_rng(3).random((*shape, 3)).astype(np.float32)
     by_one = np.zeros((2, 2, 2), np.float32)
     by_one[..., int(turned)] = 1

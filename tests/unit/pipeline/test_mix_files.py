@@ -126,7 +126,7 @@ def test_what_cannot_be_opened_leaves_the_file_that_has_its_name(
 ) -> None:
     mine = folder / "mine.jpg"
     mine.write_bytes(b"mine")
-    monkeypatch.setattr(jpeg, "_LONGEST", 100)
+    monkeypatch.setattr(jpeg, "_MOST_SIDE", 100)
     with pytest.raises(InputError, match="A JPEG cannot hold 40 × 150 pixels"):
         mix_files(folder, TWO, mine, Progress())
     assert mine.read_bytes() == b"mine"

@@ -162,7 +162,7 @@ def test_nobody_asks_where_surfaces_face_so_nobody_looks(
 def test_what_no_jpeg_holds_is_refused_before_the_work(
     files: Callable[..., Files], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pipeline.encode.jpeg._LONGEST", 50)
+    monkeypatch.setattr("pipeline.encode.jpeg._MOST_SIDE", 50)
     monkeypatch.setattr("pipeline.process.make_pair", lambda *_: pytest.fail("worked"))
 
     with pytest.raises(OptionError, match="A JPEG cannot hold 96 × 64 pixels"):
