@@ -34,7 +34,7 @@ from pipeline.refine import (
 )
 
 _LONG_SIDES = (1600, 800)  # the second for pairs whose noise drowns fine edges
-_EDGES_SIZE = 800  # longer side where edges are taken, and are to correlate
+_EDGES_LONG_SIDE = 800  # where edges are taken, and are to correlate
 _SEARCH_SIZE = 400  # where they are searched for a motion that is then refined
 _SEARCHED = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-4)  # refined afterwards
 _LOCAL = 16.0
@@ -111,7 +111,7 @@ def _attempt(no_flash: Photograph, flash: Photograph, long_side: int) -> Alignme
 def _reduced(image: Photograph, size: tuple[int, int]) -> tuple[Image, Pyramid]:
     """Edges of a photograph, and its steps at (width, height)."""
     small = area_means(image, size)
-    return edges(_shrunk(small, _EDGES_SIZE)), pyramid(log_detail(small))
+    return edges(_shrunk(small, _EDGES_LONG_SIDE)), pyramid(log_detail(small))
 
 
 def _shrunk(image: Image, longest: int) -> Image:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from importlib.metadata import version
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -16,15 +13,14 @@ from pipeline.encode.jpeg import to_srgb8
 from pipeline.estimate import Estimate
 from pipeline.frames import Frame
 from pipeline.lamps import Lamps
+from pipeline.manifest_parts import input_entry, versions
 from pipeline.mix_options import MixBasis
 from pipeline.model import Model
 from pipeline.normals import CONVENTIONS, Facing
 from pipeline.options import Options
 from pipeline.pair import Pair
 from pipeline.remarks import Remark
-from pipeline.result_names import MANIFEST, lamp_name
-
-_LIBRARIES = ("numpy", "opencv-python-headless", "scipy", "colour-science", "rawpy")
+from pipeline.result_names import lamp_name
 
 
 def lamp_entries(
@@ -131,33 +127,8 @@ def make_manifest(
     }
 
 
-def write_manifest(directory: Path, manifest: dict[str, Any]) -> None:
-    """Write manifest.json, as UTF-8. Raises ValueError for figures that are none, OSError."""
-    text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False)
-    (directory / MANIFEST).write_text(text + "\n", encoding="utf-8")
-
-
-def versions() -> dict[str, str]:
-    """Versions of the product and of what its results depend on."""
-    return {name: version(name) for name in ("lightlayers", *_LIBRARIES)}
-
-
 def _normals(facing: Facing, convention: Literal["gl", "dx"]) -> dict[str, Any]:
     return {
         "convention": CONVENTIONS[convention],
         "strengths": [round(float(strength), 4) for strength in facing.strengths],
-    }
-
-
-def input_entry(frame: Frame) -> dict[str, Any]:
-    """What is said of a photograph: its digest, size and exposure, and nothing of its place."""
-    width, height = frame.size
-    return {
-        "sha256": frame.sha256,
-        "width": width,
-        "height": height,
-        "encoding": frame.encoding,
-        "exposure_time_s": frame.exposure.time_s,
-        "iso": frame.exposure.iso,
-        "f_number": frame.exposure.f_number,
     }

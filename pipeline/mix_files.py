@@ -22,7 +22,7 @@ from pipeline.encode.tiff import TiffFile
 from pipeline.encode.writer import Writer
 from pipeline.errors import InputError
 from pipeline.frames import Image, by_planes
-from pipeline.manifest import versions, write_manifest
+from pipeline.manifest_parts import versions, write_manifest
 from pipeline.mix import mix_matrices, mixed
 from pipeline.mix_options import Mix, MixRequest, read_basis
 from pipeline.progress import Progress

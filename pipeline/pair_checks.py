@@ -56,8 +56,8 @@ def check_sizes(no_flash: tuple[int, int], flash: tuple[int, int]) -> None:
     if max(no_flash) > _MOST_RATIO * min(no_flash):
         width, height = no_flash
         raise UnusablePairError(
-            f"The photographs have {width} × {height} pixels, one side more than {_MOST_RATIO} times "
-            "the other: send them as the camera made them, uncropped."
+            f"The photographs have {width} × {height} pixels, one side more than {_MOST_RATIO} "
+            "times the other: send them as the camera made them, uncropped."
         )
 
 

@@ -10,7 +10,8 @@ from pipeline.calibration.kept import Kept, setup_warnings, with_kept
 from pipeline.decode import decode
 from pipeline.estimate import Estimate, make_estimate
 from pipeline.frames import Frame, release_photograph
-from pipeline.manifest import lamp_entries, make_manifest, write_manifest
+from pipeline.manifest import lamp_entries, make_manifest
+from pipeline.manifest_parts import write_manifest
 from pipeline.memory import release_rows, trim_memory
 from pipeline.mix import mix_basis
 from pipeline.model import Model, build_model

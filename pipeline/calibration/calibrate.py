@@ -32,7 +32,7 @@ from pipeline.directions import unit_directions
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.focal import focal_length_px
 from pipeline.frames import Frame
-from pipeline.manifest import input_entry, versions, write_manifest
+from pipeline.manifest_parts import input_entry, versions, write_manifest
 from pipeline.options import Circle, DirectedLight, Sensitivities, Spectrum
 from pipeline.pair import Pair, make_pair
 from pipeline.pair_checks import FLASH, NO_FLASH, check_pair

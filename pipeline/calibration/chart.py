@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pipeline.calibration.chart_layout import CORNER_NAMES, CORNERS, colour_misfit
 from pipeline.calibration.evenness import check_even
 from pipeline.calibration.light import mean_light
+from pipeline.calibration.marks import disc
 from pipeline.calibration.options import Point
 from pipeline.calibration.patches import Patches
 from pipeline.errors import OptionError
@@ -66,25 +67,6 @@ def read_card(pair: Pair, circle: Circle) -> Patches:
     check_even(pair, mask, "the grey card")
     flat = np.ones((1, colorchecker_spectra().shape[1]))
     return Patches(light.flash[None], light.flash_variance[None], flat, np.zeros((1, 2)))
-
-
-def disc(shape: tuple[int, ...], circle: Circle, what: str) -> Mask:
-    """Pixels (H, W) within a circle. Raises OptionError where it is not wholly in the picture."""
-    height, width = shape[:2]
-    inside = circle.radius <= circle.x <= width - circle.radius
-    if not (inside and circle.radius <= circle.y <= height - circle.radius):
-        raise OptionError(
-            f"The circle of the {what} is not wholly inside the photograph of {width} × {height} "
-            "pixels: check its coordinates."
-        )
-    x, y, r = circle.x, circle.y, circle.radius
-    mask = np.zeros((height, width), bool)
-    # of the whole photograph, coordinates would take gigabytes
-    left, top = int(x - r), int(y - r)
-    around = mask[top : int(y + r) + 1, left : int(x + r) + 1]
-    v, u = np.ogrid[: around.shape[0], : around.shape[1]]
-    around[...] = np.hypot(u + left + 0.5 - x, v + top + 0.5 - y) <= r
-    return mask
 
 
 def _check_corners(quad: NDArray[np.float32], width: int, height: int) -> None:

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.calibration.chart_layout import CORNERS, colour_misfit
-from pipeline.calibration.quads import Quad, find_quads, on_screen
+from pipeline.calibration.marks import on_screen
+from pipeline.calibration.quads import Quad, find_quads
 from pipeline.spectra.colorchecker import COLUMNS, ROWS
 
 Array = NDArray[np.float64]

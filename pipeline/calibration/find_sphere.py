@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from pipeline.calibration.quads import on_screen
+from pipeline.calibration.marks import on_screen
 from pipeline.options import Circle
 
 Array = NDArray[np.float64]

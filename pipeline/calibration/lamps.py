@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.calibration.chart import disc
 from pipeline.calibration.light import lights_of
+from pipeline.calibration.marks import disc
 from pipeline.calibration.sphere_fit import SphereFit, SphereLight, fit_lamps
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.frames import Mask

@@ -27,12 +27,6 @@ class Quad:
     side: float
 
 
-def on_screen(light: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """Show linear light (H, W, 3) so that each channel fills 8 bits; for finding, not for eyes."""
-    high = [max(float(np.quantile(light[..., k], 0.98)), 1e-9) for k in range(3)]
-    return np.asarray(np.sqrt(np.clip(light / np.array(high), 0, 1)) * 255).astype(np.uint8)
-
-
 def find_quads(screen: NDArray[np.uint8], areas: tuple[float, float]) -> list[Quad]:
     """Find four-sided areas; areas: least and most, by that of the picture."""
     height, width = screen.shape[:2]

@@ -4,7 +4,6 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline.align import Alignment
 from pipeline.estimate import Estimate
 from pipeline.frames import Exposure, Frame
-from pipeline.manifest import lamp_entries, make_manifest, write_manifest
+from pipeline.manifest import lamp_entries, make_manifest
 from pipeline.mix import mix_basis
 from pipeline.model import Model
 from pipeline.normals import Facing
@@ -311,17 +310,3 @@ def test_confidence_is_rounded(model: Model, lamps_of: Callable[..., Any]) -> No
     assert entry["confidence"] == 0.123
     assert entry["separated_share"] == 0.988
     assert entry["name"] == "lamp1"
-
-
-def test_the_manifest_is_written_as_text(tmp_path: Path) -> None:
-    write_manifest(tmp_path, {"lamps": [], "message": "5° apart"})
-
-    text = (tmp_path / "manifest.json").read_text(encoding="utf-8")
-    assert text == '{\n  "lamps": [],\n  "message": "5° apart"\n}\n'
-
-
-def test_no_manifest_holds_a_figure_that_is_none(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="not JSON compliant"):
-        write_manifest(tmp_path, {"filled": float("nan")})
-
-    assert list(tmp_path.iterdir()) == []
