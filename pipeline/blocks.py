@@ -30,10 +30,11 @@ class Blocks:
 def blocks_within(width: int, height: int, longest: int) -> Blocks:
     """The smallest blocks of a photograph of which its longer side has at most so many.
 
-    width, height: of the photograph in pixels; its shorter side holds a block.
+    width, height: of the photograph in pixels. A side that holds no whole block has one all the
+    same, which goes beyond it.
     """
     side = -(-max(width, height) // longest)
-    return Blocks(side, (width // side, height // side))
+    return Blocks(side, (max(width // side, 1), max(height // side, 1)))
 
 
 @njit(cache=True)

@@ -13,6 +13,7 @@ from pipeline.blocks import Blocks, any_in_blocks, blocks_within
         (513, 340, 512, Blocks(2, (256, 170)), (512, 340)),
         (340, 1025, 512, Blocks(3, (113, 341)), (339, 1023)),
         (30, 20, 512, Blocks(1, (30, 20)), (30, 20)),
+        (1537, 1, 512, Blocks(4, (384, 1)), (1536, 4)),
     ],
 )
 def test_blocks_are_the_smallest_of_which_the_longer_side_has_so_many(
