@@ -54,7 +54,7 @@ def recompressed(data: bytes, codes: Codes) -> Recompressed | None:
             sampling = JpegImagePlugin.get_sampling(header)
     except Exception:  # the decoder of the pixels judges the file, not Pillow
         return None
-    rgb = simplejpeg.decode_jpeg_header(data)[2] == "RGB"
+    rgb = simplejpeg.decode_jpeg_header(data, strict=False)[2] == "RGB"
     if rgb:
         sampling = 0  # all that Pillow can write, and what others write
     elif sampling < 0:

@@ -11,6 +11,7 @@ import numpy as np
 import pillow_heif
 import simplejpeg
 
+from pipeline.decode.jpeg_header import plain_header
 from pipeline.decode.png_colours import png_profile, png_transfer
 from pipeline.decode.profiles import embedded_profile, nclx_profile
 from pipeline.decode.samples import Samples, UnsuitableError, refuse_hdr, to_rgb
@@ -27,7 +28,7 @@ def jpeg_size(data: bytes) -> tuple[int, int]:
 
     Raises ValueError; UnsuitableError for grey pictures and CMYK.
     """
-    height, width, colours, _sampling = simplejpeg.decode_jpeg_header(data)
+    height, width, colours, _sampling = simplejpeg.decode_jpeg_header(plain_header(data))
     if colours in ("CMYK", "YCCK"):
         raise UnsuitableError("is in CMYK, the colours of print: save it in RGB.")
     if colours == "Gray":
@@ -37,14 +38,15 @@ def jpeg_size(data: bytes) -> tuple[int, int]:
 
 def read_jpeg(data: bytes, orientation: int) -> Samples:
     """Read a whole JPEG; a truncated or damaged one raises ValueError."""
+    plain = plain_header(data)
     try:
-        values = simplejpeg.decode_jpeg(data, "RGB", strict=True)
+        values = simplejpeg.decode_jpeg(plain, "RGB", strict=True)
     except ValueError as error:
         # some phones fill up the end of a sound picture; more than that is damage
         stray = _STRAY_BYTES.search(str(error))
         if stray is None or int(stray[1]) > _HARMLESS_BYTES:
             raise
-        values = simplejpeg.decode_jpeg(data, "RGB", strict=False)
+        values = simplejpeg.decode_jpeg(plain, "RGB", strict=False)
     return Samples(values, 255.0, orientation, embedded_profile(data))
 
 
