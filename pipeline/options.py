@@ -192,7 +192,8 @@ class Options(PairOptions):
         default=None,
         min_length=2,
         max_length=3,
-        description="Two or three distant lamps, for normals; the flash is one more light.",
+        description="All lamps there are, two or three distant ones, for normals; the flash is one "
+        "more light.",
     )
     pinned_lamps: list[KnownLamp] = Field(
         default=[],

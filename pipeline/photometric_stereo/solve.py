@@ -73,13 +73,15 @@ def solve_surface(
 ) -> Surface:
     """Fit surface, materials and lamps to the pair, whose flash sits at the camera.
 
-    lights: two or three distant lamps. With `rgb` for all of them their colours are known, and
-    which is which; else they are those of the lamps found, in the order that explains the pair
-    best of those in which lamps are most like the `rgb` that is given. bank: of the camera and the
+    lights: two or three distant lamps, all that there are. With `rgb` for all of them their colours
+    are known, and which is which, also where fewer lamps were found; else they are those of the
+    lamps found, in the order that explains the pair best of those in which lamps are most like the
+    `rgb` that is given. bank: of the camera and the
     flash. focal_px: of the full-size picture, through whose middle the camera's axis goes.
     progress: told of the second half of the stage "lamps".
-    Raises OptionError for directions nearly alike or in a plane, and where the lamps found are not
-    as many; UnusablePairError where hardly anything is lit, or all that is lies thinly; Canceled.
+    Raises OptionError for directions nearly alike or in a plane, where more lamps were found, and
+    where fewer were without `rgb` for all; UnusablePairError where hardly anything is lit, or all
+    that is lies thinly; Canceled.
     """
     directions = unit_directions(lights)
     if reduced.usable.sum() < _MIN_PIXELS:
@@ -124,13 +126,15 @@ def _colours(
     """What the lamps' colours on a grey card may be, in the order of the lights; whether known."""
     given = np.array([light.strength or 0.0 for light in lights])
     strengths = np.where(given > 0, given, given[given > 0].mean() if given.any() else 1.0)
+    counts = f"There are {len(lights)} light directions, and the number of lamps is {len(lamps)}"
+    if len(lamps) > len(lights):  # whose light would be taken for that of those that are given
+        raise OptionError(f"{counts}: give a direction for each lamp.")
     if all(light.rgb for light in lights):
         rgb = np.array([light.rgb for light in lights], dtype=np.float64)
         return [[(one, True) for one in _of_strength(rgb, strengths)]]
-    if len(lamps) != len(lights):
+    if len(lamps) < len(lights):
         raise OptionError(
-            f"There are {len(lights)} light directions, and the number of lamps is {len(lamps)}: "
-            "give one direction for each, or the rgb of each light."
+            f"{counts}: give the directions of those lamps alone, or the rgb of each light."
         )
     whites = lamps.matrices @ model.flash_white
     return [

@@ -192,8 +192,36 @@ def test_as_many_lamps_as_directions_are_needed(
 ) -> None:
     one = ball(32)
 
-    with pytest.raises(OptionError, match="3 light directions, and the number of lamps is 2"):
+    with pytest.raises(
+        OptionError,
+        match=r"3 light directions, and the number of lamps is 2: give the directions of those "
+        r"lamps alone, or the rgb",
+    ):
         solved(one, one.lights(), one.colours[:2])
+
+
+@pytest.mark.parametrize("said", [("strength", "rgb"), ("strength",)])
+def test_more_lamps_than_directions_are_refused_whatever_their_colours(
+    ball: Callable[..., Any], solved: Callable[..., Surface], said: tuple[str, ...]
+) -> None:
+    """The light of the third would tilt the normals."""
+    one = ball(32)
+
+    with pytest.raises(
+        OptionError,
+        match=r"2 light directions, and the number of lamps is 3: give a direction for each lamp",
+    ):
+        solved(one, one.lights(*said)[:2])
+
+
+def test_fewer_lamps_found_than_directions_will_do_with_the_colour_of_each(
+    ball: Callable[..., Any], solved: Callable[..., Surface]
+) -> None:
+    one = ball(32)
+
+    surface = solved(one, one.lights("strength", "rgb"), one.colours[:2])
+
+    assert error(one, surface) < 1.0
 
 
 def test_a_picture_with_hardly_any_light_is_refused(
