@@ -42,10 +42,9 @@ def written_ratio(no_flash: Frame, flash: Frame, options: PairOptions) -> Exposu
                 "frame's exposure divided by the other's."
             )
         return ExposureRatio(options.exposure_ratio, "option")
-    before, after = no_flash.exposure.relative, flash.exposure.relative
-    if before is None or after is None:
+    ratio = flash.exposure.times(no_flash.exposure)
+    if ratio is None:
         return ExposureRatio(1.0, "assumed")
-    ratio = after / before
     if not _plausible(ratio):
         raise OptionError(
             f"The exposures in the files differ {ratio:.3g} times: pass the right ratio with "

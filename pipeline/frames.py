@@ -81,12 +81,24 @@ class Exposure:
     iso: float | None = None
     f_number: float | None = None
 
-    @property
-    def relative(self) -> float | None:
-        """time·ISO/N², or None where a part is unknown."""
-        if not self.time_s or not self.iso or not self.f_number:
+    def times(self, other: Exposure) -> float | None:
+        """By how many times this is the other, as time·ISO/N²; None where that is not known.
+
+        Both must know the time. ISO and f-number that neither knows count as equal: lenses without
+        contacts tell no f-number, and stay as they are between two photographs.
+        """
+        if not self.time_s or not other.time_s:
             return None
-        return self.time_s * self.iso / self.f_number**2
+        ratio = self.time_s / other.time_s
+        for one, another, power in (
+            (self.iso, other.iso, 1),
+            (self.f_number, other.f_number, -2),
+        ):
+            if one and another:
+                ratio *= (one / another) ** power
+            elif one or another:
+                return None
+        return ratio
 
 
 @dataclass(frozen=True)

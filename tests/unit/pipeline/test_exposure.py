@@ -42,6 +42,19 @@ def test_where_a_ratio_comes_from(frame: Callable[..., Frame]) -> None:
     assert written_ratio(known, longer, Options(exposure_ratio=3)) == ExposureRatio(3.0, "option")
 
 
+def test_a_lens_that_tells_no_f_number_leaves_time_and_speed(
+    frame: Callable[..., Frame],
+) -> None:
+    once, twice = (
+        photograph(frame, time_s=1 / 60, iso=100),
+        photograph(frame, time_s=1 / 30, iso=50),
+    )
+    one_sided = photograph(frame, time_s=1 / 30, iso=100, f_number=8)
+
+    assert written_ratio(once, twice, Options()) == ExposureRatio(1.0, "exif")
+    assert written_ratio(once, one_sided, Options()) == ExposureRatio(1.0, "assumed")
+
+
 @pytest.mark.parametrize("iso", [1e-4, 1e6])
 def test_absurd_exposures_are_refused(frame: Callable[..., Frame], iso: float) -> None:
     with pytest.raises(OptionError, match=r"^The exposures in the files differ"):

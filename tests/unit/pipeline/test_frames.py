@@ -16,24 +16,29 @@ from pipeline.frames import (
 )
 
 
-def test_relative_exposure_is_time_times_speed_over_square_of_f_number() -> None:
-    assert Exposure(time_s=0.5, iso=400, f_number=2).relative == pytest.approx(50)
-
-
 @pytest.mark.parametrize(
-    "exposure",
+    ("one", "other", "ratio"),
     [
-        Exposure(),
-        Exposure(iso=100, f_number=2),
-        Exposure(time_s=0.1, f_number=2),
-        Exposure(time_s=0.1, iso=100),
-        Exposure(time_s=0.0, iso=100, f_number=2),
-        Exposure(time_s=0.1, iso=0.0, f_number=2),
-        Exposure(time_s=0.1, iso=100, f_number=0.0),
+        (Exposure(0.5, 400, 2), Exposure(0.25, 100, 4), 32),
+        (Exposure(0.5, 400), Exposure(0.25, 100), 8),
+        (Exposure(0.5, None, 2), Exposure(0.25, None, 4), 8),
+        (Exposure(0.5), Exposure(0.25), 2),
+        (Exposure(0.5, 400, 0.0), Exposure(0.25, 100, None), 8),
+        (Exposure(), Exposure(), None),
+        (Exposure(None, 100, 2), Exposure(None, 100, 2), None),
+        (Exposure(0.5, 100, 2), Exposure(None, 100, 2), None),
+        (Exposure(0.0, 100, 2), Exposure(0.5, 100, 2), None),
+        (Exposure(0.5, 100, 2), Exposure(0.5, 100), None),
+        (Exposure(0.5, None, 2), Exposure(0.5, 100, 2), None),
     ],
 )
-def test_an_exposure_with_a_part_unknown_is_unknown(exposure: Exposure) -> None:
-    assert exposure.relative is None
+def test_exposures_are_compared_by_what_both_know(
+    one: Exposure, other: Exposure, ratio: float | None
+) -> None:
+    back = None if ratio is None else 1 / ratio
+
+    assert one.times(other) == pytest.approx(ratio)
+    assert other.times(one) == pytest.approx(back)
 
 
 def test_size_is_width_and_height(frame: Callable[..., Frame]) -> None:
