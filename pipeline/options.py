@@ -143,8 +143,8 @@ class PairOptions(Strict):
     encoding: Literal["auto", "linear", "srgb"] = Field(
         default="auto",
         description="How pixel values are encoded; auto: RAW and DNG linear, 8-bit sRGB, 16-bit "
-        "integer and float TIFF and EXR linear; files with an ICC profile, and PNG with "
-        "a cICP, sRGB or gAMA chunk, as that says.",
+        "integer and float TIFF and EXR linear; files with an ICC profile, PNG with a "
+        "cICP, sRGB or gAMA chunk, and EXR with chromaticities as that says.",
     )
     flash_only: bool = Field(
         default=False, description="The flash file already is the flash part alone."

@@ -27,8 +27,8 @@ _VERSION = 0x02400000
 _DATE = (2020, 1, 1, 0, 0, 0)
 """The same for ever: equal profiles are to be equal bytes."""
 _CURVE_POINTS = 1024
-_ADOBE_GAMMA = 0x0233
-"""2.19921875 as u8Fixed8Number; Adobe RGB (1998), 4.3.4.2."""
+_ADOBE_GAMMA = 2.19921875
+"""Adobe RGB (1998), 4.3.4.2."""
 _COPYRIGHT = b"No copyright, use freely"
 
 
@@ -47,19 +47,26 @@ def srgb_profile() -> bytes:
 @cache
 def adobe_rgb_profile() -> bytes:
     """Return an ICC profile of Adobe RGB (1998)."""
-    return matrix_profile("Adobe RGB (1998)", ADOBE_RGB_PRIMARIES, "adobe")
+    return matrix_profile("Adobe RGB (1998)", ADOBE_RGB_PRIMARIES, _ADOBE_GAMMA)
 
 
 def matrix_profile(
-    name: str, primaries: Primaries, curve: Literal["linear", "srgb", "adobe"]
+    name: str,
+    primaries: Primaries,
+    curve: Literal["linear", "srgb"] | float,
+    white: tuple[float, float] = D65_XY,
 ) -> bytes:
-    """Return a version 2.4 display profile of an RGB space with D65 white.
+    """Return a version 2.4 display profile of an RGB space.
 
-    name: ASCII description. curve: how code values become light.
+    name: ASCII description. curve: how code values become light, a number as their power, 0.01 to
+    255. white: CIE xy of (1, 1, 1).
     """
-    adapt = adaptation(xy_to_xyz(D65_XY), _D50)
-    colorants = adapt @ rgb_to_xyz(primaries)
-    trc = {"linear": _linear_curve, "srgb": _srgb_curve, "adobe": _adobe_curve}[curve]()
+    adapt = adaptation(xy_to_xyz(white), _D50)
+    colorants = adapt @ rgb_to_xyz(primaries, white)
+    if isinstance(curve, float):
+        trc = _gamma_curve(curve)
+    else:
+        trc = _linear_curve() if curve == "linear" else _srgb_curve()
     tags = {
         b"desc": _description(name.encode("ascii")),
         b"cprt": b"text" + bytes(4) + _COPYRIGHT + b"\0",
@@ -104,8 +111,8 @@ def _linear_curve() -> bytes:
     return b"curv" + bytes(4) + struct.pack(">I", 0)
 
 
-def _adobe_curve() -> bytes:
-    return b"curv" + bytes(4) + struct.pack(">IH", 1, _ADOBE_GAMMA)
+def _gamma_curve(gamma: float) -> bytes:
+    return b"curv" + bytes(4) + struct.pack(">IH", 1, round(gamma * 256))  # u8Fixed8Number
 
 
 def _description(name: bytes) -> bytes:

@@ -16,7 +16,7 @@ REC2020_PRIMARIES: Primaries = ((0.708, 0.292), (0.170, 0.797), (0.131, 0.046))
 ADOBE_RGB_PRIMARIES: Primaries = ((0.64, 0.33), (0.21, 0.71), (0.15, 0.06))
 """CIE xy of red, green and blue, Adobe RGB (1998), 4.3.1.1."""
 D65_XY = (0.3127, 0.3290)
-"""White of all of them."""
+"""CIE xy of the white of all of them."""
 
 
 def xy_to_xyz(xy: tuple[float, float]) -> NDArray[np.float64]:
@@ -25,10 +25,13 @@ def xy_to_xyz(xy: tuple[float, float]) -> NDArray[np.float64]:
     return np.array([x / y, 1.0, (1.0 - x - y) / y])
 
 
-def rgb_to_xyz(primaries: Primaries) -> Matrix:
-    """Matrix (3, 3) from linear RGB to CIE XYZ, white (1, 1, 1) → D65 of Y = 1 (SMPTE RP 177)."""
+def rgb_to_xyz(primaries: Primaries, white: tuple[float, float] = D65_XY) -> Matrix:
+    """Matrix (3, 3) from linear RGB to CIE XYZ, (1, 1, 1) → white of Y = 1 (SMPTE RP 177).
+
+    white: CIE xy.
+    """
     columns = np.array([xy_to_xyz(xy) for xy in primaries]).T
-    matrix: Matrix = columns * np.linalg.solve(columns, xy_to_xyz(D65_XY))
+    matrix: Matrix = columns * np.linalg.solve(columns, xy_to_xyz(white))
     return matrix
 
 

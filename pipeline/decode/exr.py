@@ -3,31 +3,53 @@
 from __future__ import annotations
 
 import io
+from typing import Any
 
 import numpy as np
 import OpenEXR
 
 from pipeline.data_window import size_of_window
+from pipeline.decode.profiles import profile_of_chromaticities
 from pipeline.decode.quiet import muted
 from pipeline.decode.samples import Samples, UnsuitableError
+
+_EXIF_NAMES = {
+    "expTime": "EXIF ExposureTime",
+    "isoSpeed": "EXIF PhotographicSensitivity",
+    "aperture": "EXIF FNumber",
+}
 
 
 def exr_size(data: bytes) -> tuple[int, int]:
     """(width, height) of the data window of the first part. Raises what OpenEXR raises."""
-    header = OpenEXR.File(io.BytesIO(data), header_only=True).header()
-    return size_of_window(*header["dataWindow"])
+    return size_of_window(*_header(data)["dataWindow"])
+
+
+def exr_exposure(data: bytes) -> dict[str, float]:
+    """Exposure that the first part tells, by exifread's names. Raises what OpenEXR raises."""
+    header = _header(data)
+    return {exif: header[name] for name, exif in _EXIF_NAMES.items() if name in header}
 
 
 def read_exr(data: bytes) -> Samples:
-    """Read R, G and B of the first part.
+    """Read R, G and B of the first part; its chromaticities, where it has any, as a profile.
 
     Raises UnsuitableError without colours or with integers, ValueError and what OpenEXR raises.
     """
     with muted():
-        channels = OpenEXR.File(io.BytesIO(data), separate_channels=True).channels()
+        file = OpenEXR.File(io.BytesIO(data), separate_channels=True)
+        channels, header = file.channels(), file.header()
     if not {"R", "G", "B"} <= channels.keys():
         raise UnsuitableError("is an EXR without channels R, G and B: save it with those.")
     planes = [channels[name].pixels for name in "RGB"]
     if any(plane.dtype.kind != "f" for plane in planes):
         raise UnsuitableError("is an EXR of integers: save it with half or float channels.")
-    return Samples(np.stack(planes, axis=-1).astype(np.float32, copy=False), 1.0)
+    values = np.stack(planes, axis=-1).astype(np.float32, copy=False)
+    told = header.get("chromaticities")
+    profile = None if told is None else profile_of_chromaticities("EXR", told, "linear")
+    return Samples(values, 1.0, profile=profile)
+
+
+def _header(data: bytes) -> dict[str, Any]:
+    header: dict[str, Any] = OpenEXR.File(io.BytesIO(data), header_only=True).header()
+    return header

@@ -12,10 +12,11 @@ from typing import Any
 
 import exifread
 
+from pipeline.decode.exr import exr_exposure
 from pipeline.decode.raw_exif import cr3_directories, raf_jpeg
 from pipeline.decode.rendered import heif_exif
 from pipeline.decode.signatures import kind_of
-from pipeline.decode.tiff import holds_raw, tiff_tags
+from pipeline.decode.tiff import Tag, holds_raw, tiff_tags
 from pipeline.frames import Exposure
 
 logging.getLogger("exifread").setLevel(logging.CRITICAL)  # it tells the terminal of odd tags
@@ -66,7 +67,10 @@ class Metadata:
 
 
 def read_metadata(data: bytes) -> Metadata:
-    """Facts from the EXIF of a JPEG, TIFF, PNG, HEIF, CR3, RAF or TIFF-like RAW; never raises."""
+    """Facts from the EXIF of a JPEG, TIFF, PNG, HEIF, CR3, RAF or TIFF-like RAW; never raises.
+
+    Of an EXR, which has none, its exposure.
+    """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -106,6 +110,8 @@ def _tags(data: bytes) -> dict[str, Any]:
     kind = kind_of(data)
     if kind == "TIFF" and not holds_raw(data):
         return dict(tiff_tags(data))
+    if kind == "EXR":
+        return {name: Tag((value,)) for name, value in exr_exposure(data).items()}
     if directories := cr3_directories(data):
         image, exif = map(_read, directories)
         return image | {name.replace("Image ", "EXIF "): tag for name, tag in exif.items()}

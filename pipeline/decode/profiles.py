@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import imagecodecs
@@ -27,6 +27,8 @@ _STRAIGHT = 0.02
 """Of white, by which the light of greys may differ from a line; a gamma of 1.1 does by 0.035."""
 _ROUNDING = 2e-6
 """Linear light by which tables may differ from the colour management they stand for."""
+_LEAST_AREA = 0.01
+"""Twice that of the triangle of primaries in CIE xy; sRGB has 0.22."""
 _UNNAMED_PRIMARIES = (1, 2)
 """Colour primaries of Rec. ITU-T H.273: those of sRGB, and unspecified."""
 
@@ -52,6 +54,25 @@ def nclx_profile(nclx: Mapping[str, Any]) -> bytes | None:
         for name in ("red", "green", "blue")
     )
     return matrix_profile("nclx", (red, green, blue), "srgb")
+
+
+def profile_of_chromaticities(
+    name: str, chromaticities: Sequence[float], curve: Literal["linear", "srgb"] | float
+) -> bytes | None:
+    """Build the profile of a space by CIE xy of red, green, blue and white, eight numbers.
+
+    curve: as matrix_profile has it. None where these are no colours: a triangle of hardly any
+    area, or white outside of it.
+    """
+    red, green, blue, white = ((x, y) for x, y in np.reshape(chromaticities, (4, 2)).tolist())
+    corners = np.array([(x, y, 1.0 - x - y) for x, y in (red, green, blue, white)])
+    if not (np.isfinite(corners).all() and corners[:, 1].all()):
+        return None
+    if not abs(np.linalg.det(corners[:3])) > _LEAST_AREA:
+        return None
+    if not (np.linalg.solve(corners[:3].T, corners[3]) > 0).all():
+        return None
+    return matrix_profile(name, (red, green, blue), curve, white)
 
 
 def differs_from_srgb(profile: bytes) -> bool:

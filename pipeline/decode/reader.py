@@ -63,10 +63,10 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
 
     encoding: "auto" takes RAW and DNG as sensor values, 8-bit pictures and HEIF as their ICC
     profile says, else as sRGB, 16-bit integer TIFF and PNG and float TIFF as their ICC profile
-    says, else as linear, and OpenEXR as linear; "linear" and "srgb" say how the values of a file
+    says, else as linear, as OpenEXR; "linear" and "srgb" say how the values of a file
     that is not RAW are encoded. Pictures whose profile is followed become linear sRGB, as do JPEG
     files that are Adobe RGB by their EXIF. What a PNG says by its cICP, sRGB or gAMA chunk counts
-    as its profile. name: what messages call the picture.
+    as its profile, and an OpenEXR by its chromaticities. name: what messages call the picture.
     Raises UnreadableImageError, ImageTooLargeError, and OptionError for a RAW file said to be
     sRGB.
     """

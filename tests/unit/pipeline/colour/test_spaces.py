@@ -23,3 +23,9 @@ def test_white_of_srgb_is_d65() -> None:
     white = cie_1931() @ find_light("D65")
     rgb = XYZ_TO_SRGB @ (white / white[1])
     np.testing.assert_allclose(rgb, 1.0, atol=0.002)
+
+
+def test_white_is_the_sum_of_the_primaries() -> None:
+    white = rgb_to_xyz(SRGB_PRIMARIES, (0.3457, 0.3585)).sum(axis=1)
+
+    np.testing.assert_allclose(white, [0.3457 / 0.3585, 1, (1 - 0.3457 - 0.3585) / 0.3585])
