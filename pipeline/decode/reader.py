@@ -63,12 +63,12 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
 
     encoding: "auto" takes RAW and DNG as sensor values, 8-bit pictures and HEIF as their ICC
     profile says, else as sRGB, 16-bit integer TIFF and PNG and float TIFF as their ICC profile
-    says, else as linear, as OpenEXR; "linear" and "srgb" say how the values of a file
-    that is not RAW are encoded. Pictures whose profile is followed become linear sRGB, as do JPEG
+    says, else as linear, as OpenEXR; "linear" and "srgb" say how the values of a file that is not
+    RAW are encoded. Pictures whose profile is followed become linear sRGB, as do JPEG
     files that are Adobe RGB by their EXIF. What a PNG says by its cICP, sRGB or gAMA chunk counts
     as its profile, and an OpenEXR by its chromaticities. name: what messages call the picture.
-    Raises UnreadableImageError, ImageTooLargeError, and OptionError for a RAW file said to be
-    sRGB.
+    Raises UnreadableImageError, also for more than 8 bits with a profile of no use and "auto",
+    ImageTooLargeError, and OptionError for a RAW file said to be sRGB.
     """
     kind = _kind(data, name)
     _size(data, kind, name)
@@ -124,6 +124,8 @@ def _picture(data: bytes, kind: Kind, encoding: str) -> _Read:
     samples = _samples(data, kind, metadata)
     curved = encoding == "auto" and _curved(samples)
     straight = encoding == "auto" and _straight(samples)
+    if encoding == "auto" and kind != "HEIF" and not (curved or straight):
+        _refuse_unusable_profile(samples)
     coded = kind == "HEIF" or samples.values.dtype == "uint8" or curved
     rendered = coded and not straight
     by_profile = encoding == "auto" and (rendered or straight)
@@ -211,6 +213,19 @@ def _curved(samples: Samples) -> bool:
 def _straight(samples: Samples) -> bool:
     """Whether a file says by its profile that its values are linear, and in which colours."""
     return samples.profile is not None and is_straight(samples.profile)
+
+
+def _refuse_unusable_profile(samples: Samples) -> None:
+    """Raise UnsuitableError for more than 8 bits whose profile is neither curved nor straight.
+
+    They would count as linear, and whoever gave them a profile has most likely bent them. Pictures
+    of 8 bits are sRGB without a profile.
+    """
+    if samples.values.dtype != "uint8" and samples.profile is not None:
+        raise UnsuitableError(
+            "has a colour profile that cannot be read, which leaves open how its values are "
+            "encoded: save it with the profile of sRGB, or tell the encoding."
+        )
 
 
 def _damaged(kind: Kind) -> str:

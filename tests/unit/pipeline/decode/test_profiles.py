@@ -248,13 +248,13 @@ def test_16_bits_follow_a_profile_that_is_not_linear(
     ("profile", "encoding"),
     [
         (linear_rec2020_profile(), "linear"),
-        (b"no profile at all" * 10, "auto"),
+        (b"no profile at all" * 10, "linear"),
         (srgb_profile(), "linear"),
         (matrix_profile("P3", P3, "srgb"), "linear"),
     ],
-    ids=["told, Rec. 2020", "no profile", "told, sRGB", "told, P3"],
+    ids=["told, Rec. 2020", "told, no profile", "told, sRGB", "told, P3"],
 )
-def test_16_bits_stay_as_they_are_without_a_profile_or_where_told(
+def test_16_bits_stay_as_they_are_where_told(
     codes: NDArray[np.uint8], kind: str, profile: bytes, encoding: str
 ) -> None:
     frame = decode(sixteen_bits(codes.astype(np.uint16) * 257, kind, profile), encoding)
@@ -321,10 +321,10 @@ def test_floats_follow_a_profile_that_is_not_linear(
 
 @pytest.mark.parametrize(
     ("profile", "encoding"),
-    [(matrix_profile("P3", P3, "srgb"), "linear"), (b"no profile at all" * 10, "auto")],
-    ids=["told", "no profile"],
+    [(matrix_profile("P3", P3, "srgb"), "linear"), (b"no profile at all" * 10, "linear")],
+    ids=["told, P3", "told, no profile"],
 )
-def test_floats_stay_as_they_are_where_told_or_without_a_profile(
+def test_floats_stay_as_they_are_where_told(
     codes: NDArray[np.uint8], profile: bytes, encoding: str
 ) -> None:
     values = (codes / 255).astype(np.float32)
@@ -333,6 +333,28 @@ def test_floats_stay_as_they_are_where_told_or_without_a_profile(
 
     np.testing.assert_array_equal(frame.pixels, values)
     assert (frame.encoding, frame.profiled) == ("linear", False)
+
+
+@pytest.mark.parametrize(
+    "profile",
+    [
+        b"no profile at all" * 10,
+        srgb_profile()[:300],
+        ImageCms.ImageCmsProfile(ImageCms.createProfile("LAB")).tobytes(),
+    ],
+    ids=["text", "cut off", "Lab"],
+)
+def test_more_than_8_bits_with_a_profile_of_no_use_are_refused(
+    codes: NDArray[np.uint8], profile: bytes
+) -> None:
+    """They are hardly linear, as those without a profile are taken to be."""
+    values = codes.astype(np.uint16) * 257
+    files = [sixteen_bits(values, kind, profile) for kind in ("TIFF", "PNG")]
+
+    for data in (*files, floats((codes / 255).astype(np.float32), profile)):
+        with pytest.raises(UnreadableImageError, match="a colour profile that cannot be read"):
+            decode(data)
+        assert decode(data, "srgb").encoding == "srgb"
 
 
 def test_floats_above_white_follow_a_curve_that_goes_on_and_are_refused_where_it_ends() -> None:
