@@ -21,13 +21,16 @@ _TURNED = (5, 6)
 """LibRaw's `flip` values for a quarter turn."""
 _CORRECTED = ("phase one",)
 """Makers whose sensors' faults LibRaw corrects after it has unpacked the file."""
+_MOST_CONDITION = 1e4
+"""Of a matrix from CIE XYZ to camera RGB; beyond, two of its rows are nearly the same."""
 
 
 class RawPicture(NamedTuple):
     """A RAW file, upright.
 
     pixels: (H, W, 3), the camera's own colours, 1 = white level. saturated: (H, W), see clipped.
-    xyz_to_camera: matrix from CIE XYZ to camera RGB, None where it is not known.
+    xyz_to_camera: matrix from CIE XYZ to camera RGB, None where it is not
+        known, or what is known tells no three colours apart.
     """
 
     pixels: Photograph
@@ -74,7 +77,15 @@ def read_raw(data: bytes) -> RawPicture:
     if mosaic is None:
         samples = Samples(values, 65535.0)
         pixels, saturated = to_linear(samples, srgb=False), clipped(samples, raw=True)
-    return RawPicture(pixels, saturated, metadata, known if known.any() else dng_matrix(data))
+    matrix = known if _tells_colours(known) else dng_matrix(data)
+    if matrix is not None and not _tells_colours(matrix):
+        matrix = None
+    return RawPicture(pixels, saturated, metadata, matrix)
+
+
+def _tells_colours(matrix: Matrix) -> bool:
+    """Whether a matrix (3, 3) keeps three colours apart, as that of any camera does."""
+    return bool(np.isfinite(matrix).all() and np.linalg.cond(matrix) < _MOST_CONDITION)
 
 
 def preview_metadata(raw: rawpy.RawPy) -> Metadata:

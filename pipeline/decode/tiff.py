@@ -105,7 +105,8 @@ def tiff_tags(data: bytes) -> dict[str, Tag]:
 def dng_matrix(data: bytes) -> Matrix | None:
     """Matrix (3, 3) from CIE XYZ to camera RGB that a DNG gives for daylight, else what it gives.
 
-    ColorMatrix1 and 2 of the DNG specification 1.4. None for another file, or one without.
+    ColorMatrix1 and 2 of the DNG specification 1.4. None for another file, or one without. Not
+    checked: an entry may be infinite or no number.
     """
     try:
         with _opened(data) as file:
@@ -121,7 +122,8 @@ def dng_matrix(data: bytes) -> Matrix | None:
     if values is None or len(values) != 18:
         return None
     rationals = np.array(values, dtype=np.float64).reshape(9, 2)
-    return rationals[:, 0].reshape(3, 3) / rationals[:, 1].reshape(3, 3)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return rationals[:, 0].reshape(3, 3) / rationals[:, 1].reshape(3, 3)
 
 
 def black_repeats(data: bytes) -> int:

@@ -17,6 +17,7 @@ from pipeline.decode import check_header, decode
 from pipeline.decode.metadata import Metadata
 from pipeline.decode.raw import preview_metadata
 from pipeline.decode.tiff import dng_matrix
+from pipeline.spectra.cameras import find_camera
 
 BLACK, WHITE = 600, 15892
 
@@ -188,6 +189,29 @@ def test_the_daylight_matrix_is_taken(
     found = dng_matrix(dng_file(mosaic(ramp()), more=tuple(tags)))
 
     np.testing.assert_array_equal(found, expected * np.eye(3))
+
+
+@pytest.mark.parametrize(
+    "rationals",
+    [
+        [1, 0] * 9,
+        [0, 1] * 9,
+        [0, 0] * 9,
+        [9, 10, 3, 10, 1, 10] * 3,
+        [1, 1, 0, 1, 0, 1, 0, 1, 1, 1, 0, 1, 0, 1, 0, 1, 1, 20_000],
+        [1, 0, 0, 1, 0, 1, 0, 1, 1, 1, 0, 1, 0, 1, 0, 1, 1, 1],
+    ],
+    ids=["infinite", "zero", "no numbers", "of rank 1", "nearly of rank 2", "one infinite"],
+)
+def test_a_matrix_that_tells_no_three_colours_apart_counts_as_unknown(
+    dng_file: Callable[..., bytes], rationals: list[int]
+) -> None:
+    tags = ((50721, "2i", 9, rationals), (50778, "H", 1, 21))
+
+    frame = decode(dng_file(mosaic(ramp()), more=tags))
+
+    assert frame.xyz_to_camera is None
+    assert find_camera(None, frame).source == "stand-in"
 
 
 @pytest.mark.parametrize("data", [b"", b"text", b"II*\x00\x08\x00\x00\x00"])
