@@ -26,6 +26,7 @@ _DISPLAY_LIGHT = "D65"
 """White of sRGB and Rec. 2020: photographs are shown as balanced for it."""
 _MIN_INDEPENDENCE = 0.01  # least ÷ largest singular value; cameras have 0.09 and more
 _MOST_CONDITION = 1e6  # of what a camera sees under the neutral light; lamps have 70 and less
+_MOST_FLASH_CONDITION = 100  # under the flash; lamps have 66 and less, lines far more
 
 
 @dataclass(frozen=True)
@@ -91,8 +92,7 @@ def build_model(
 
     flash, neutral: (W,) spectra on WAVELENGTHS_NM; basis: "wpca", "pca" or "joint"; response: the
     camera through which the photograph is to be seen anew. Raises OptionError for a camera that
-    does not tell three colours apart, nor under the neutral light, or does not see one of the
-    lights.
+    does not tell three colours apart, nor under one of the lights, or does not see one of them.
     """
     for one in (camera, *([] if response is None else [response])):
         _check_camera(one, flash, neutral)
@@ -141,6 +141,11 @@ def _check_camera(camera: Camera, flash: Array, neutral: Array) -> None:
         raise OptionError(
             f"Under the neutral light the camera {camera.name!r} does not tell three colours "
             "apart: choose a light of more wavelengths, such as D65 or A."
+        )
+    if not np.linalg.cond(camera.sensitivities * flash) < _MOST_FLASH_CONDITION:
+        raise OptionError(
+            f"Under the flash spectrum the camera {camera.name!r} does not tell three colours "
+            "apart: check the spectrum, or use a flash of more wavelengths."
         )
 
 

@@ -232,13 +232,29 @@ def test_light_that_the_camera_does_not_see_is_refused(
         build_model(Camera("odd", cut, "file"), lights["flash"], lights["neutral"], "wpca")
 
 
-@pytest.mark.parametrize(("first", "last"), [(440, 460), (640, 700)])
-def test_a_flash_of_one_colour_still_gives_a_finite_model(
-    camera: Camera, first: float, last: float
-) -> None:
-    flash = np.interp(WAVELENGTHS_NM, [first - 1, first, last, last + 1], [0.0, 1.0, 1.0, 0.0])
+def band(first: float, last: float) -> Array:
+    """Light of equal power between two wavelengths in nm."""
+    return np.interp(WAVELENGTHS_NM, [first - 1, first, last, last + 1], [0.0, 1.0, 1.0, 0.0])
 
-    model = build_model(camera, flash, find_light("D65"), "wpca")
+
+@pytest.mark.parametrize(
+    "flash",
+    [find_light("LPS"), band(440, 460), band(550, 550), band(640, 700)],
+    ids=["sodium", "blue", "a line", "red"],
+)
+def test_a_flash_of_one_colour_is_refused(camera: Camera, flash: Array) -> None:
+    """Under which surfaces differ in brightness alone, and lamps cannot be told apart."""
+    with pytest.raises(
+        OptionError,
+        match=r"^Under the flash spectrum the camera 'Nikon D5100' does not tell three colours "
+        r"apart: check the spectrum",
+    ):
+        build_model(camera, flash, find_light("D65"), "wpca")
+
+
+@pytest.mark.parametrize("name", ["HP1", "HPS", "FL2", "led"])
+def test_a_flash_of_few_wavelengths_still_gives_a_finite_model(camera: Camera, name: str) -> None:
+    model = build_model(camera, find_light(name), find_light("D65"), "wpca")
 
     assert np.isfinite(model.tensor).all()
     assert np.isfinite(model.flash_to_neutral).all()
