@@ -68,6 +68,9 @@ def read_tiff(data: bytes, orientation: int) -> Samples:
         page = _full(file)
         if 0 in page.databytecounts:
             raise ValueError("a strip without data")
+        ends = map(sum, zip(page.dataoffsets, page.databytecounts, strict=False))
+        if max(ends, default=0) > len(data):  # which a decoder of JPEG shows in grey
+            raise ValueError("a strip goes on beyond the end")
         values = page.asarray(maxworkers=1)
         if page.planarconfig == 2 and page.samplesperpixel > 1:
             values = np.moveaxis(values, 0, -1)

@@ -327,6 +327,21 @@ def test_a_tiff_whose_size_is_no_number_is_damaged(tiff_file: Write, tag: int, c
     assert "damaged" in refusal(bytes(data))
 
 
+@pytest.mark.parametrize("share", [0.4, 0.6, 0.97])
+@pytest.mark.parametrize(
+    "layout", [{"rowsperstrip": 256}, {"rowsperstrip": 16}, {"tile": (64, 64)}]
+)
+def test_a_tiff_of_jpegs_that_is_cut_off_is_damaged(
+    tiff_file: Write, layout: dict[str, Any], share: float
+) -> None:
+    """Of a JPEG that ends too soon its decoder shows the rest in grey."""
+    noise = np.random.default_rng(1).integers(0, 255, (256, 320, 3), dtype=np.uint8)
+    data = tiff_file(noise, compression="jpeg", **layout)
+
+    assert decode(data).size == (320, 256)
+    assert "damaged" in refusal(data[: int(share * len(data))])
+
+
 def test_a_tiff_with_a_strip_without_data_is_damaged(tiff_file: Write) -> None:
     file = io.BytesIO(tiff_file(np.full((64, 64, 3), 128, np.uint8), rowsperstrip=16))
     with tifffile.TiffFile(file, mode="r+") as tiff:
