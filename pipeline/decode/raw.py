@@ -13,8 +13,8 @@ from pipeline.decode.demosaic import demosaic
 from pipeline.decode.linear import clipped, clipped_photosites, to_linear
 from pipeline.decode.metadata import Metadata, read_metadata
 from pipeline.decode.quiet import muted
-from pipeline.decode.samples import Samples
-from pipeline.decode.tiff import black_repeats, dng_matrix
+from pipeline.decode.samples import Samples, refuse_grey
+from pipeline.decode.tiff import black_repeats, dng_matrix, linear_raw_channels
 from pipeline.frames import Mask, Matrix, Photograph
 
 _TURNED = (5, 6)
@@ -52,8 +52,12 @@ def read_raw(data: bytes) -> RawPicture:
     Mosaics of Bayer sensors are made pictures of by demosaic, all others by LibRaw: where that
     has a choice by DHT, which does not suffer from channels without white balance either.
     adjust_maximum_thr must be 0: LibRaw otherwise scales every frame by its own maximum, which
-    gives the two frames of a pair two gains. Raises rawpy's errors.
+    gives the two frames of a pair two gains. Raises UnsuitableError for a linear DNG of one
+    channel, and rawpy's errors.
     """
+    channels = linear_raw_channels(data)
+    if channels is not None:
+        refuse_grey(channels)
     metadata = read_metadata(data)
     with muted(), rawpy.imread(io.BytesIO(data)) as raw:
         known = np.asarray(raw.rgb_xyz_matrix, dtype=np.float64)[:3]

@@ -40,15 +40,21 @@ def refuse_hdr(transfer: int | None) -> None:
         )
 
 
+def refuse_grey(channels: int) -> None:
+    """Raise UnsuitableError for a picture of one channel, or of one and alpha."""
+    if channels < 3:
+        raise UnsuitableError(
+            "is grey, but lamps are told apart by their colours: send a colour photograph."
+        )
+
+
 def to_rgb(values: NDArray[Any]) -> NDArray[Any]:
     """(H, W, 3 or 4) → (H, W, 3), a view without alpha.
 
     Raises UnsuitableError for grey pictures, ValueError for other shapes.
     """
-    if values.ndim == 2 or (values.ndim == 3 and values.shape[2] in (1, 2)):
-        raise UnsuitableError(
-            "is grey, but lamps are told apart by their colours: send a colour photograph."
-        )
+    if values.ndim in (2, 3):
+        refuse_grey(values.shape[2] if values.ndim == 3 else 1)
     if values.ndim != 3 or values.shape[2] not in (3, 4):
         raise ValueError(f"{values.shape} is no picture")
     return values[..., :3]

@@ -129,6 +129,18 @@ def dng_matrix(data: bytes) -> Matrix | None:
         return rationals[:, 0].reshape(3, 3) / rationals[:, 1].reshape(3, 3)
 
 
+def linear_raw_channels(data: bytes) -> int | None:
+    """Channels of the full picture of a linear DNG; None for any other file."""
+    try:
+        with _opened(data) as file:
+            for page in _pages(file):
+                if page.photometric == _LINEAR_RAW and not page.subfiletype & _REDUCED:
+                    return int(page.samplesperpixel)
+    except Exception:  # not a TIFF, or one that only LibRaw understands
+        return None
+    return None
+
+
 def black_repeats(data: bytes) -> int:
     """Rows or columns, whichever are more, after which a DNG's levels of black repeat; else 1.
 

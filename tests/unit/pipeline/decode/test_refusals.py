@@ -157,6 +157,17 @@ def test_grey_tiff_and_exr_are_refused(codes: Codes, tiff_file: Write, exr_file:
     assert "without channels R, G and B" in refusal(exr_file(Y=np.ones((8, 8), np.float32)))
 
 
+def test_a_linear_dng_of_one_channel_is_grey(tiff_file: Write) -> None:
+    """As monochrome cameras and converters write it."""
+    tags = [(50706, "B", 4, (1, 4, 0, 0), True), (50708, "s", 0, "Unheard Of One", True)]
+    values = np.full((64, 96), 5000, np.uint16)
+    data = tiff_file(values, photometric="minisblack", extratags=tags)
+    photometric = data.index(struct.pack("<HHI", 262, 3, 1)) + 8
+    linear_raw = data[:photometric] + struct.pack("<H", 34892) + data[photometric + 2 :]
+
+    assert "is grey, but lamps are told apart by their colours" in refusal(linear_raw)
+
+
 def test_cmyk_is_refused_with_the_reason(codes: Codes, pillow_file: Write) -> None:
     assert "CMYK" in refusal(pillow_file(codes, "JPEG", "CMYK"))
 
