@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from tifffile import TiffFile, TiffPage
 
-from pipeline.decode.samples import Samples, to_rgb
+from pipeline.decode.samples import Samples, UnsuitableError, to_rgb
 from pipeline.frames import Matrix
 
 logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # it tells the terminal of odd tags
@@ -26,6 +26,8 @@ _COLOR_MATRICES = ((50721, 50778), (50722, 50779))
 _D65 = 21
 _BLACK_REPEATS = 50713
 _REDUCED = 1
+_PREMULTIPLIED = 1
+"""ExtraSamples of an alpha channel by which the colours have been multiplied."""
 _JPEG_IN_TIFF = (6, 7)
 _EXIF = 34665
 _RATIONALS = ("ExposureTime", "FNumber", "FocalLength", "FocalPlaneXResolution")
@@ -62,7 +64,8 @@ def tiff_size(data: bytes) -> tuple[int, int]:
 def read_tiff(data: bytes, orientation: int) -> Samples:
     """Read the first full picture.
 
-    Raises UnsuitableError for a grey one, ValueError and what tifffile raises.
+    Raises UnsuitableError for a grey one and for colours that a transparency has darkened,
+    ValueError and what tifffile raises.
     """
     with _opened(data) as file:
         page = _full(file)
@@ -75,11 +78,18 @@ def read_tiff(data: bytes, orientation: int) -> Samples:
         if page.planarconfig == 2 and page.samplesperpixel > 1:
             values = np.moveaxis(values, 0, -1)
         bits, profile = page.bitspersample, page.iccprofile
+        premultiplied = _PREMULTIPLIED in page.extrasamples
+    white = 1.0 if values.dtype.kind == "f" else float(2**bits - 1)
+    if premultiplied and values.ndim == 3 and (values[..., -1] != white).any():
+        raise UnsuitableError(
+            "is transparent in places, and its colours are multiplied by that: save it without an "
+            "alpha channel."
+        )
     values = to_rgb(values)
     if values.dtype.kind == "f":
         with np.errstate(over="ignore"):  # beyond float32 becomes infinite and is refused
-            return Samples(values.astype(np.float32), 1.0, orientation, profile)
-    return Samples(values, float(2**bits - 1), orientation, profile)
+            return Samples(values.astype(np.float32), white, orientation, profile)
+    return Samples(values, white, orientation, profile)
 
 
 @dataclass(frozen=True)

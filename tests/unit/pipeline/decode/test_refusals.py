@@ -168,6 +168,31 @@ def test_a_linear_dng_of_one_channel_is_grey(tiff_file: Write) -> None:
     assert "is grey, but lamps are told apart by their colours" in refusal(linear_raw)
 
 
+@pytest.mark.parametrize("full", [255, 65535, 1.0], ids=["8 bits", "16 bits", "floats"])
+@pytest.mark.parametrize("separate", [False, True])
+def test_colours_multiplied_by_their_transparency_are_refused(
+    codes: Codes, tiff_file: Write, full: float, separate: bool
+) -> None:
+    """Where nothing is transparent, they are those of the light, as beside other alpha."""
+    kind = {255: np.uint8, 65535: np.uint16, 1.0: np.float32}[full]
+    light = (codes / 255 * full).astype(kind)
+
+    def file(alpha: float, meaning: str) -> bytes:
+        plane = np.full((*codes.shape[:2], 1), full, kind)
+        plane[5, 6] = alpha
+        values = np.concatenate([light, plane], axis=2)
+        stored = np.moveaxis(values, -1, 0) if separate else values
+        layout = "separate" if separate else "contig"
+        return tiff_file(stored, extrasamples=[meaning], planarconfig=layout)
+
+    sentence = refusal(file(full / 2, "assocalpha"))
+
+    assert "is transparent in places" in sentence
+    whole, other = (decode(file(*one)) for one in ((full, "assocalpha"), (0, "unassalpha")))
+    np.testing.assert_array_equal(whole.pixels[:], decode(tiff_file(light)).pixels[:])
+    np.testing.assert_array_equal(other.pixels[:], decode(tiff_file(light)).pixels[:])
+
+
 def test_cmyk_is_refused_with_the_reason(codes: Codes, pillow_file: Write) -> None:
     assert "CMYK" in refusal(pillow_file(codes, "JPEG", "CMYK"))
 
