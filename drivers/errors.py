@@ -3,6 +3,7 @@
 DriverError
 ├── BadAddressError            the address names no camera that could exist
 ├── CameraNotFoundError        the address is sound, but no camera answers there
+│   └── MissingPackageError    nor will one until a package is installed on this host
 ├── CameraBusyError            the camera kept saying that it is busy
 ├── CameraDisconnectedError    the connection broke in the middle
 ├── CameraTimeoutError         the camera stopped answering
@@ -32,6 +33,10 @@ class BadAddressError(DriverError):
 
 class CameraNotFoundError(DriverError):
     """No camera answers at the address."""
+
+
+class MissingPackageError(CameraNotFoundError):
+    """What opens such a camera is not installed on this host; another host may have it."""
 
 
 class CameraBusyError(DriverError):

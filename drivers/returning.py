@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from drivers.camera import Camera
 from drivers.clock import Clock, SystemClock
-from drivers.errors import BadAddressError, CameraNotFoundError, DriverError
+from drivers.errors import BadAddressError, CameraNotFoundError, DriverError, MissingPackageError
 from drivers.registry import check_address, open_camera
 
 LOOK_S = 0.5
@@ -60,7 +60,7 @@ class ReturningCamera:
         while True:
             try:
                 camera = self._open()
-            except BadAddressError:
+            except (BadAddressError, MissingPackageError):  # which no waiting mends
                 raise
             except DriverError as error:  # a strange answer may pass as an absence does
                 if self._clock.monotonic() >= deadline:

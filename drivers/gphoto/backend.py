@@ -31,8 +31,8 @@ from drivers.contract import require_kept, require_size
 from drivers.errors import (
     BadAddressError,
     CameraDisconnectedError,
-    CameraNotFoundError,
     CameraTimeoutError,
+    MissingPackageError,
 )
 from drivers.gphoto.messages import LENGTH, ROOT, packed
 
@@ -233,7 +233,7 @@ def open_camera(address: str) -> Camera:
     """Open the camera at gphoto2://PORT, or the first that libgphoto2 finds at gphoto2://."""
     check_address(address)
     if importlib.util.find_spec("gphoto2") is None:
-        raise CameraNotFoundError(
+        raise MissingPackageError(
             "The Python package gphoto2 is missing here: install it by pip install "
             "'lightlayers[gphoto2]'."
         )

@@ -6,7 +6,7 @@ import os
 import pytest
 
 from drivers.camera import SettingName, SettingValue
-from drivers.errors import BadAddressError, CameraDisconnectedError, CameraNotFoundError
+from drivers.errors import BadAddressError, CameraDisconnectedError, MissingPackageError
 from drivers.gphoto.backend import check_address, open_camera
 from drivers.gphoto.names import WIDGETS, decode
 
@@ -70,7 +70,7 @@ def test_ports_that_are_files_of_this_computer_are_refused(address: str) -> None
 
 def test_what_a_missing_package_is_installed_by_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda _name: None)
-    with pytest.raises(CameraNotFoundError) as refusal:
+    with pytest.raises(MissingPackageError) as refusal:
         open_camera("gphoto2://")
     assert str(refusal.value) == (
         "The Python package gphoto2 is missing here: install it by pip install "

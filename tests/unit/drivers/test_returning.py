@@ -15,6 +15,7 @@ from drivers.errors import (
     CameraDisconnectedError,
     CameraNotFoundError,
     DriverError,
+    MissingPackageError,
     ProtocolError,
     SettingError,
     StoreFullError,
@@ -167,6 +168,17 @@ def test_an_address_that_is_none_is_not_waited_for(told: list[str]) -> None:
         ReturningCamera("ptp+usb://a b", told.append)
     with pytest.raises(CameraNotFoundError):
         ReturningCamera("sim://garden", told.append)
+
+
+def test_a_package_that_is_missing_is_not_waited_for(
+    told: list[str], clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nor does it make the address a bad one: another host may have the package."""
+    monkeypatch.setattr("importlib.util.find_spec", lambda _name: None)
+    camera = ReturningCamera("gphoto2://", told.append, clock)
+    with pytest.raises(MissingPackageError, match="package gphoto2 is missing here"):
+        camera.connected(wait_s=600)
+    assert (told, clock.monotonic()) == ([], 0)
 
 
 def test_closing_twice_is_fine(camera: ReturningCamera, bus: Bus) -> None:
