@@ -173,21 +173,23 @@ def submit(
     """Send a pair to a running service, wait, and fetch the results."""
     from service.cli.display import print_results, stage_bar
     from service.cli.folder import new_results
-    from service.client import Client, ServiceAwayError
+    from service.client import Client
 
     options = flags.options()
     key = keys.key_of_requests(key_file)
     before, after = read_file(no_flash, "photograph"), read_file(flash, "photograph")
-    with Client(url, key) as client, new_results(output) as folder:
-        job = client.submit_pair(before, after, options)
-        try:
+    job = None
+    try:
+        with Client(url, key) as client, new_results(output) as folder:
+            job = client.submit_pair(before, after, options)
             with stage_bar() as report:
                 job = client.wait(job, report)
             client.download(job, folder)
-        except ServiceAwayError:
+            manifest = json.loads((folder / MANIFEST).read_bytes())
+    except BaseException:  # Ctrl-C, too, and a disk that is full
+        if job:
             print(f"The job is {job['id']}.", file=sys.stderr)  # it may end without us
-            raise
-        manifest = json.loads((folder / MANIFEST).read_bytes())
+        raise
     print_results(manifest, output, as_json)
 
 

@@ -180,7 +180,19 @@ def test_a_service_that_is_not_there_is_told(
     assert not (tmp_path / "out").exists()
 
 
-def test_the_job_of_a_service_that_stays_away_is_named(
+@pytest.mark.parametrize(
+    ("call", "error", "code", "said"),
+    [
+        ("wait", ServiceAwayError("The service does not answer."), 1, "does not answer.\n"),
+        ("wait", KeyboardInterrupt(), 130, ""),
+        ("download", OSError(28, "No space left on device"), 2, "no space left on device.\n"),
+    ],
+)
+def test_the_job_is_named_whatever_ends_the_wait_for_its_results(
+    call: str,
+    error: BaseException,
+    code: int,
+    said: str,
     pair: list[str],
     tmp_path: Path,
     http: httpx.Client,
@@ -188,14 +200,16 @@ def test_the_job_of_a_service_that_stays_away_is_named(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    def wait(*_arguments: object) -> None:
-        raise ServiceAwayError("The service does not answer.")
+    def fails(*_arguments: object) -> None:
+        raise error
 
-    monkeypatch.setattr(Client, "wait", wait)
+    monkeypatch.setattr(Client, "wait", lambda _client, job, _report: job)
+    monkeypatch.setattr(Client, call, fails)
     out = str(tmp_path / "out")
-    assert run(["submit", *pair, "-o", out, "--url", str(http.base_url)]) == 1
+    assert run(["submit", *pair, "-o", out, "--url", str(http.base_url)]) == code
     (job,) = rows_of(context)
-    assert f"The job is {job.id}.\nThe service does not answer." in capsys.readouterr().err
+    _, found, after = capsys.readouterr().err.partition(f"The job is {job.id}.\n")
+    assert found and after.endswith(said)
 
 
 @pytest.mark.parametrize("url", ["photos", "ftp://localhost", "http://", "http://a b/"])
