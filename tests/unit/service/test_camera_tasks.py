@@ -217,11 +217,11 @@ def test_the_program_is_written_before_the_time_that_it_locks(
 
     monkeypatch.setattr(Body, "writable", locked)
     told: list[dict[str, Any]] = []
-    wanted = {"shutter_s": 0.0401, "program": "manual"}
-    task = {"capture": {"camera": f"ptp+ip://{camera.address}", "settings": wanted}}
-    camera_tasks.adjust(task, told.append)
-    settings = told[0]["answer"]["settings"]
-    assert (settings["program"]["value"], settings["shutter_s"]["value"]) == ("manual", 0.04)
+    settings = {SettingName.SHUTTER_S: 0.0401, SettingName.PROGRAM: "manual"}
+    wanted = Adjust(f"ptp+ip://{camera.address}", settings)
+    camera_tasks.adjust(_task("camera_settings", wanted), told.append)
+    now = told[0]["answer"]["settings"]
+    assert (now["program"]["value"], now["shutter_s"]["value"]) == ("manual", 0.04)
 
 
 def test_a_camera_tells_of_itself(camera: Any) -> None:
