@@ -144,7 +144,7 @@ class PairOptions(Strict):
         default="auto",
         description="How pixel values are encoded; auto: RAW and DNG linear, 8-bit sRGB, 16-bit "
         "integer and float TIFF and EXR linear; files with an ICC profile, PNG with a "
-        "cICP, sRGB or gAMA chunk, and EXR with chromaticities as that says.",
+        "cICP, sRGB, gAMA or cHRM chunk, and EXR with chromaticities as that says.",
     )
     flash_only: bool = Field(
         default=False, description="The flash file already is the flash part alone."

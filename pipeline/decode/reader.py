@@ -64,9 +64,9 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
     encoding: "auto" takes RAW and DNG as sensor values, 8-bit pictures and HEIF as their ICC
     profile says, else as sRGB, 16-bit integer TIFF and PNG and float TIFF as their ICC profile
     says, else as linear, as OpenEXR; "linear" and "srgb" say how the values of a file that is not
-    RAW are encoded. Pictures whose profile is followed become linear sRGB, as do JPEG
-    files that are Adobe RGB by their EXIF. What a PNG says by its cICP, sRGB or gAMA chunk counts
-    as its profile, and an OpenEXR by its chromaticities. name: what messages call the picture.
+    RAW are encoded. Pictures whose profile is followed become linear sRGB, as do JPEG files that
+    are Adobe RGB by their EXIF. What a PNG says by its cICP, sRGB, gAMA or cHRM chunk counts as its
+    profile, and an OpenEXR by its chromaticities. name: what messages call the picture.
     Raises UnreadableImageError, also for more than 8 bits with a profile of no use and "auto",
     ImageTooLargeError, and OptionError for a RAW file said to be sRGB.
     """

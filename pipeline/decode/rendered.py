@@ -12,7 +12,7 @@ import pillow_heif
 import simplejpeg
 
 from pipeline.decode.jpeg_header import plain_header
-from pipeline.decode.png_colours import png_profile, png_transfer
+from pipeline.decode.png_colours import png_profile, png_transfer, refuse_limited_range
 from pipeline.decode.profiles import embedded_profile, nclx_profile
 from pipeline.decode.samples import Samples, UnsuitableError, refuse_hdr, to_rgb
 
@@ -53,11 +53,12 @@ def read_jpeg(data: bytes, orientation: int) -> Samples:
 def png_size(data: bytes) -> tuple[int, int]:
     """(width, height) from the header, before orientation.
 
-    Raises UnsuitableError for HDR, ValueError or struct.error.
+    Raises UnsuitableError for HDR and the limited range of video, ValueError or struct.error.
     """
     if data[12:16] != b"IHDR":
         raise ValueError("no IHDR chunk")
     refuse_hdr(png_transfer(data))
+    refuse_limited_range(data)
     width, height = struct.unpack(">II", data[16:24])
     return width, height
 

@@ -40,8 +40,8 @@ class PairFlags:
         typer.Option(
             metavar="auto|linear|srgb",
             help="How the pixel values are encoded; auto: RAW, DNG, 16-bit and float files linear, "
-            "8-bit ones sRGB, files with an ICC profile, PNG with a cICP, sRGB or gAMA chunk, and "
-            "EXR with chromaticities as that says.",
+            "8-bit ones sRGB, files with an ICC profile, PNG with a cICP, sRGB, gAMA or cHRM "
+            "chunk, and EXR with chromaticities as that says.",
         ),
     ] = "auto"
     flash_only: Annotated[

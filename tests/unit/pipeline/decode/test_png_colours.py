@@ -42,8 +42,18 @@ def icc(profile: bytes) -> tuple[bytes, bytes]:
     return b"iCCP", b"name\0\0" + zlib.compress(profile)
 
 
-def cicp(primaries: int, transfer: int) -> tuple[bytes, bytes]:
-    return b"cICP", bytes([primaries, transfer, 0, 1])
+def cicp(primaries: int, transfer: int, full_range: int = 1) -> tuple[bytes, bytes]:
+    return b"cICP", bytes([primaries, transfer, 0, full_range])
+
+
+def chrm(
+    *red_green_blue: float, white: tuple[float, float] = (0.3127, 0.3290)
+) -> tuple[bytes, bytes]:
+    return b"cHRM", struct.pack(">8I", *(round(n * 100_000) for n in (*white, *red_green_blue)))
+
+
+SRGB_XY = chrm(0.64, 0.33, 0.30, 0.60, 0.15, 0.06)
+P3_XY = chrm(0.680, 0.320, 0.265, 0.690, 0.150, 0.060)
 
 
 def linear(codes: NDArray[np.uint8]) -> NDArray[np.float64]:
@@ -108,10 +118,27 @@ def test_hdr_is_refused(values: Codes, transfer: int, encoding: str) -> None:
         ((SRGB, LINEAR), srgb_profile()),
         ((icc(linear_rec2020_profile()), cicp(1, 2)), linear_rec2020_profile()),
         (((b"cICP", b"\1"), SRGB), srgb_profile()),
-        (((b"gAMA", 55555),), None),
+        ((icc(linear_rec2020_profile()), GAMMA, P3_XY), linear_rec2020_profile()),
+        ((SRGB, P3_XY), srgb_profile()),
+        (((b"gAMA", 0),), None),
+        (((b"gAMA", 5_000_000),), None),
+        ((chrm(0.3, 0.3, 0.3, 0.3, 0.3, 0.3),), None),
+        (((b"cHRM", b"short"),), None),
         ((), None),
     ],
-    ids=["profile, gamma", "sRGB, gamma", "unspecified", "broken", "odd gamma", "nothing"],
+    ids=[
+        "profile, gamma",
+        "sRGB, gamma",
+        "unspecified",
+        "broken",
+        "profile, primaries",
+        "sRGB, primaries",
+        "gamma 0",
+        "gamma 50",
+        "primaries in a point",
+        "broken primaries",
+        "nothing",
+    ],
 )
 def test_what_says_more_goes_first(
     codes: NDArray[np.uint8],
@@ -119,6 +146,53 @@ def test_what_says_more_goes_first(
     expected: bytes | None,
 ) -> None:
     assert png_profile(png(codes, *chunks)) == expected
+
+
+@pytest.mark.parametrize("gamma", [55_555, 30_000])
+def test_any_gamma_is_a_power(codes: NDArray[np.uint8], values: Codes, gamma: int) -> None:
+    """1/1.8 is that of old Macs."""
+    frame = decode(png(values, (b"gAMA", gamma)))
+
+    np.testing.assert_allclose(frame.pixels[:], (codes / 255) ** (100_000 / gamma), atol=0.002)
+    assert frame.encoding == "srgb"
+
+
+def test_primaries_become_those_of_srgb(codes: NDArray[np.uint8], values: Codes) -> None:
+    """With 1/2.2 by a power: only in the colours of sRGB that stands for its curve."""
+    bent = decode(png(values, GAMMA, P3_XY)).pixels[:]
+    straight = decode(png(values, LINEAR, P3_XY)).pixels[:]
+    srgb = decode(png(values, GAMMA, SRGB_XY)).pixels[:]
+
+    np.testing.assert_allclose(bent, (codes / 255) ** 2.2 @ P3_TO_SRGB.T, atol=0.002)
+    np.testing.assert_allclose(straight, codes / 255 @ P3_TO_SRGB.T, atol=0.001)
+    np.testing.assert_allclose(srgb, linear(codes), atol=1e-4)
+
+
+def test_primaries_alone_leave_the_curve_of_the_depth(codes: NDArray[np.uint8]) -> None:
+    small = decode(png(codes, P3_XY)).pixels[:]
+    large = decode(png(codes.astype(np.uint16) * 257, P3_XY)).pixels[:]
+
+    np.testing.assert_allclose(small, linear(codes) @ P3_TO_SRGB.T, atol=0.001)
+    np.testing.assert_allclose(large, codes / 255 @ P3_TO_SRGB.T, atol=0.001)
+
+
+def test_a_white_that_is_not_d65_becomes_white(codes: NDArray[np.uint8]) -> None:
+    d50 = chrm(0.64, 0.33, 0.30, 0.60, 0.15, 0.06, white=(0.3457, 0.3585))
+    grey = np.full_like(codes, 128)
+
+    pixels = decode(png(grey, GAMMA, d50)).pixels[:]
+
+    np.testing.assert_allclose(pixels, (128 / 255) ** 2.2, atol=0.002)
+
+
+@pytest.mark.parametrize("encoding", ["auto", "linear"])
+def test_the_limited_range_of_video_is_refused(values: Codes, encoding: str) -> None:
+    data = png(values, cicp(1, 13, full_range=0))
+
+    with pytest.raises(UnreadableImageError, match="limited range of video"):
+        check_header(data)
+    with pytest.raises(UnreadableImageError, match="limited range of video"):
+        decode(data, encoding)
 
 
 def test_code_points_go_before_a_profile(codes: NDArray[np.uint8]) -> None:
