@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 import drivers
+from drivers import SettingName
 from drivers.errors import FlashError
 from drivers.ptp.codes import Property
 from drivers.sim.body import Body
@@ -118,7 +119,7 @@ def test_jpegs_beside_the_raw_files_stay_on_the_card(
 ) -> None:
     """They are stored nowhere else."""
     with drivers.open_camera(f"ptp+ip://{camera.address}") as opened:
-        opened.write(drivers.SettingName.FORMAT, "raw+jpeg_fine")
+        opened.write(SettingName.FORMAT, "raw+jpeg_fine")
     capture(keep=False)
     assert (tmp_path / "flash").read_bytes().startswith(b"II*")
     with drivers.open_camera(f"ptp+ip://{camera.address}") as opened:
