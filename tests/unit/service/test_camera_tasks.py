@@ -218,8 +218,8 @@ def test_the_program_is_written_before_the_time_that_it_locks(
 
     monkeypatch.setattr(Body, "writable", locked)
     told: list[dict[str, Any]] = []
-    settings = {SettingName.SHUTTER_S: 0.0401, SettingName.PROGRAM: "manual"}
-    wanted = Adjust(f"ptp+ip://{camera.address}", settings)
+    address = f"ptp+ip://{camera.address}"
+    wanted = Adjust(address, {SettingName.SHUTTER_S: 0.0401, SettingName.PROGRAM: "manual"})
     camera_tasks.adjust(_task("camera_settings", wanted), told.append)
     now = told[0]["answer"]["settings"]
     assert (now["program"]["value"], now["shutter_s"]["value"]) == ("manual", 0.04)
