@@ -64,8 +64,9 @@ def separate_files(
     warnings += left_out
     wanted = wanted_outputs(options)
     check_outputs(wanted, before.size)
+    camera = find_camera(options.camera, before)
     build = _models(before, options)
-    model = build(find_camera(options.camera, before))
+    model = build(camera)
     progress.report("decode", 1.0)
     pair = make_pair(before, after, options, progress)
     # the pair alone holds the photographs, of which the second may be another, laid on the first
