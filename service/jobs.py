@@ -132,9 +132,8 @@ def find_all(connection: sa.Connection, job_ids: Collection[str]) -> list[Job]:
 
 def find_by_key(connection: sa.Connection, owner: str, idempotency_key: str) -> Job | None:
     """Find the job that an owner made under this idempotency key."""
-    row = connection.execute(
-        sa.select(jobs).where(jobs.c.owner == owner, jobs.c.idempotency_key == idempotency_key)
-    ).first()
+    this = sa.and_(jobs.c.owner == owner, jobs.c.idempotency_key == idempotency_key)
+    row = connection.execute(sa.select(jobs).where(this)).first()
     return _job(row) if row else None
 
 

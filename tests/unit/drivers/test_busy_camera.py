@@ -7,7 +7,7 @@ import pytest
 from drivers.capture import capture_pair
 from drivers.clock import Clock
 from drivers.errors import CameraBusyError
-from tests.unit.drivers.test_capture_rules import FLASH, FakeCamera
+from tests.unit.drivers.fake_camera import FLASH, FakeCamera
 
 
 class Charging(FakeCamera):

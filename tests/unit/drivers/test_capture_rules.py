@@ -1,27 +1,15 @@
 from __future__ import annotations
 
-import io
-import math
-from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
-
 import pytest
-from PIL import Image
-from PIL.TiffImagePlugin import IFDRational
 
-import drivers
 from drivers.camera import (
-    Camera,
-    CameraInfo,
     CameraObject,
     Event,
     EventKind,
     Setting,
     SettingName,
-    SettingValue,
-    meant,
 )
-from drivers.capture import CAPTURE_STAGES, RECHARGE_S, capture_pair, write_settings
+from drivers.capture import CAPTURE_STAGES, RECHARGE_S, capture_pair
 from drivers.clock import Clock
 from drivers.errors import (
     CaptureError,
@@ -32,115 +20,7 @@ from drivers.errors import (
 )
 from drivers.shot import LARGEST_BYTES
 from tests.raw_files import cr3, raf
-
-
-def tags(flash: int, iso: int = 100, f_number: int = 8) -> dict[int, object]:
-    return {0x829A: IFDRational(1, 50), 0x829D: IFDRational(f_number), 0x8827: iso, 0x9209: flash}
-
-
-def photograph(flash: int, iso: int = 100, f_number: int = 8) -> bytes:
-    exif = Image.Exif()
-    exif.get_ifd(0x8769).update(tags(flash, iso, f_number))
-    file = io.BytesIO()
-    Image.new("RGB", (8, 8)).save(file, "JPEG", exif=exif)
-    return file.getvalue()
-
-
-NO_FLASH, FLASH = photograph(0x10), photograph(0x09)
-MANUAL: dict[SettingName, SettingValue] = {
-    SettingName.SHUTTER_S: 0.02,
-    SettingName.ISO: 100,
-    SettingName.FLASH: "fill",
-    SettingName.WHITE_BALANCE: "daylight",
-    SettingName.PROGRAM: "manual",
-    SettingName.FOCUS: "manual",
-    SettingName.DRIVE: "single",
-}
-
-
-@dataclass
-class FakeCamera(Camera):
-    """A camera of plain tables. Each release adds its entry of shots, {kind: bytes}."""
-
-    shots: list[dict[str, bytes]] = field(
-        default_factory=lambda: [{"jpeg": NO_FLASH}, {"jpeg": FLASH}]
-    )
-    table: dict[SettingName, Setting] = field(
-        default_factory=lambda: {
-            name: Setting(name, value, (), writable=True) for name, value in MANUAL.items()
-        }
-    )
-    written: list[tuple[str, SettingValue]] = field(default_factory=list)
-    waiting: list[Event] = field(default_factory=list)
-    card: dict[int, tuple[str, bytes]] = field(default_factory=lambda: {1: ("folder", b"")})
-    sizes: dict[int, int] = field(default_factory=dict)
-    failures: int = 0  # transfers that break off after their first byte
-    stalls: int = 0  # transfers that break off before it
-
-    @property
-    def address(self) -> str:
-        return "fake://"
-
-    def info(self) -> CameraInfo:
-        return CameraInfo("fake://", "Make", "Model", "1", None)
-
-    def settings(self) -> list[Setting]:
-        return list(self.table.values())
-
-    def read(self, name: SettingName) -> Setting:
-        if name not in self.table:
-            raise SettingError(f"no setting {name}")
-        return self.table[name]
-
-    def write(self, name: SettingName, value: SettingValue) -> Setting:
-        if not self.table[name].writable:
-            raise SettingError(f"{name} is locked")
-        self.written.append((name, value))
-        self.table[name] = replace(self.table[name], value=value)
-        return self.table[name]
-
-    def objects(self) -> set[int]:
-        return set(self.card)
-
-    def describe(self, handle: int) -> CameraObject:
-        kind, data = self.card[handle]
-        return CameraObject(handle, kind, self.sizes.get(handle, len(data)), f"{handle}")
-
-    def delete(self, handle: int) -> None:
-        del self.card[handle]
-
-    def trigger(self) -> None:
-        for kind, data in self.shots.pop(0).items():
-            handle = max(self.card) + 1
-            self.card[handle] = (kind, data)
-        self.waiting.append(Event(EventKind.CAPTURE_COMPLETE))
-
-    def events(self, timeout_s: float) -> list[Event]:
-        assert timeout_s >= 0
-        told, self.waiting = self.waiting, []
-        return told
-
-    def download(
-        self, handle: int, offset: int = 0, into: memoryview | None = None
-    ) -> Iterator[bytes]:
-        if self.stalls:
-            self.stalls -= 1
-            raise TransferError("stalled")
-        data = self.card[handle][1]
-        for at in range(offset, len(data), 100):
-            if self.failures and at > offset:
-                self.failures -= 1
-                raise TransferError("broke off")
-            part = data[at : at + 100]
-            if into is not None and at + len(part) <= len(into):
-                into[at : at + len(part)] = part
-            yield part
-
-    def close(self) -> None:
-        self.waiting = []
-
-    def set(self, name: SettingName, value: SettingValue, *choices: SettingValue) -> None:
-        self.table[name] = Setting(name, value, choices, writable=True)
+from tests.unit.drivers.fake_camera import FLASH, MANUAL, NO_FLASH, FakeCamera, photograph, tags
 
 
 def test_a_pair_is_taken_in_order_and_reported(clock: Clock) -> None:
@@ -449,129 +329,3 @@ def test_photographs_that_are_no_pair_are_refused(
 ) -> None:
     with pytest.raises(PairVerificationError, match=complaint):
         capture_pair(FakeCamera(shots=shots), clock=clock)
-
-
-def test_settings_are_written_read_back_and_handed_on(clock: Clock) -> None:
-    camera = FakeCamera(shots=[{"jpeg": photograph(0x10, 200)}, {"jpeg": photograph(0x09, 200)}])
-    camera.set(SettingName.PROGRAM, "auto")
-    camera.set(SettingName.ISO, "auto", "auto", 100, 200)
-    wanted: dict[SettingName, SettingValue] = {SettingName.SHUTTER_S: 0.5, SettingName.ISO: 200}
-    pair = capture_pair(camera, clock=clock, settings=wanted)
-    names = [name for name, _ in camera.written]
-    assert names[:5] == ["program", "focus", "drive", "shutter_s", "iso"]
-    assert pair.settings == {
-        name: value for name, value in (MANUAL | wanted).items() if name != SettingName.FLASH
-    }
-    assert pair.settings == {
-        name: setting.value for name, setting in camera.table.items() if name != SettingName.FLASH
-    }
-
-
-def test_settings_of_a_pair_serve_another_camera_of_its_kind(clock: Clock) -> None:
-    settings = capture_pair(FakeCamera(), clock=clock).settings
-    other = FakeCamera()
-    other.set(SettingName.SHUTTER_S, 2.0)
-    assert capture_pair(other, clock=clock, settings=settings).settings == settings
-    assert other.table[SettingName.SHUTTER_S].value == 0.02
-
-
-def test_what_unlocks_other_settings_is_written_before_them() -> None:
-    camera = FakeCamera()
-    written: dict[SettingName, SettingValue] = {
-        SettingName.SHUTTER_S: 0.5,
-        SettingName.ISO: 200,
-        SettingName.DRIVE: "single",
-        SettingName.FOCUS: "manual",
-        SettingName.PROGRAM: "manual",
-    }
-    write_settings(camera, written)
-    assert camera.written == [
-        ("program", "manual"),
-        ("focus", "manual"),
-        ("drive", "single"),
-        ("shutter_s", 0.5),
-        ("iso", 200),
-    ]
-
-
-def test_a_dial_is_not_written_where_it_stands_right_but_for_rounding() -> None:
-    camera = FakeCamera()
-    camera.table[SettingName.SHUTTER_S] = Setting(SettingName.SHUTTER_S, 0.0166, (), writable=False)
-    write_settings(camera, {SettingName.SHUTTER_S: 1 / 60})
-    assert camera.written == []
-    with pytest.raises(SettingError, match="shutter_s is locked"):
-        write_settings(camera, {SettingName.SHUTTER_S: 1 / 50})
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "said"),
-    [
-        (SettingName.FLASH, "fill", "leave the setting flash out"),
-        (SettingName.PROGRAM, "auto", "A pair is taken with program manual"),
-        (SettingName.DRIVE, "burst", "A pair is taken with drive single"),
-        (SettingName.ISO, "auto", "a fixed iso: auto is none"),
-        (SettingName.WHITE_BALANCE, "one_push", "a fixed white_balance: one_push is none"),
-    ],
-)
-def test_settings_that_make_no_pair_are_refused_before_anything_is_written(
-    clock: Clock, name: SettingName, value: SettingValue, said: str
-) -> None:
-    camera = FakeCamera()
-    with pytest.raises(SettingError, match=said):
-        capture_pair(camera, clock=clock, settings={name: value})
-    assert (camera.written, len(camera.shots)) == ([], 2)
-
-
-def test_no_number_is_refused_in_words(clock: Clock) -> None:
-    with (
-        drivers.open_camera("sim://studio?width=64&height=64") as camera,
-        pytest.raises(SettingError, match="nan is not a value that shutter_s can have"),
-    ):
-        capture_pair(camera, clock=clock, settings={SettingName.SHUTTER_S: math.nan})
-
-
-def test_a_wanted_setting_that_only_a_dial_changes_may_stand_right_already(clock: Clock) -> None:
-    camera = FakeCamera()
-    camera.table[SettingName.ISO] = Setting(SettingName.ISO, 100, (), writable=False)
-    assert capture_pair(camera, clock=clock, settings={SettingName.ISO: 100}).flash.best == FLASH
-    with pytest.raises(SettingError, match="iso is locked"):
-        capture_pair(camera, clock=clock, settings={SettingName.ISO: 200})
-
-
-@pytest.mark.parametrize(
-    ("value", "offered", "taken"),
-    [
-        (1 / 60, (0.0166, 0.02), 0.0166),
-        (1 / 60, (0.0168, 0.02), 0.0168),
-        (0.0165, (0.0167, 0.02), 0.0165),
-        ("bulb", (0.02, "bulb"), "bulb"),
-        (0.02, (), 0.02),
-        (0.02, ("bulb",), 0.02),
-        (float("inf"), (30,), float("inf")),
-        (float("-inf"), (30,), float("-inf")),
-        (10**400, (30, 0.02), 10**400),
-        (-(10**400), (30,), -(10**400)),
-        (0, (0.0001,), 0),
-    ],
-)
-def test_a_time_means_the_offered_one_within_a_hundredth(
-    value: SettingValue, offered: tuple[SettingValue, ...], taken: SettingValue
-) -> None:
-    assert meant(SettingName.SHUTTER_S, value, offered) == taken
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "offered"),
-    [(SettingName.ISO, 401, (400, "auto")), (SettingName.F_NUMBER, 5.61, (5.6,))],
-)
-def test_other_numbers_mean_themselves(
-    name: SettingName, value: SettingValue, offered: tuple[SettingValue, ...]
-) -> None:
-    assert meant(name, value, offered) == value
-
-
-def test_a_dial_that_stands_right_but_for_rounding_is_left_alone(clock: Clock) -> None:
-    camera = FakeCamera()
-    camera.table[SettingName.SHUTTER_S] = Setting(SettingName.SHUTTER_S, 0.0166, (), writable=False)
-    pair = capture_pair(camera, clock=clock, settings={SettingName.SHUTTER_S: 1 / 60})
-    assert pair.settings[SettingName.SHUTTER_S] == 0.0166

@@ -14,7 +14,7 @@ from drivers.clock import Clock
 from drivers.errors import CaptureError, PairVerificationError, SettingError
 from drivers.flash import ExternalFlash, PropertyFlash
 from drivers.shot import PATIENCE_S, SETTLE_S
-from tests.unit.drivers.test_capture_rules import FLASH, MANUAL, NO_FLASH, FakeCamera
+from tests.unit.drivers.fake_camera import FLASH, MANUAL, NO_FLASH, FakeCamera
 
 
 @dataclass

@@ -13,7 +13,7 @@ from drivers.capture import capture_pair
 from drivers.clock import Clock
 from drivers.errors import CaptureError
 from drivers.shot import SETTLE_S
-from tests.unit.drivers.test_capture_rules import FLASH, NO_FLASH, FakeCamera
+from tests.unit.drivers.fake_camera import FLASH, NO_FLASH, FakeCamera
 
 
 @dataclass

@@ -9,26 +9,7 @@ import sqlalchemy as sa
 from service import database, heartbeats, jobs
 from service.states import NEXT, State
 from tests.unit.service.asking import stored
-
-
-def _add(engine: sa.Engine, job_id: str, **values: Any) -> jobs.Job:
-    row = {"options": {}, "trace_id": "t", "request_hash": "h", **values}
-    with engine.begin() as connection:
-        jobs.add(connection, {"id": job_id, **row})
-    return stored(engine, job_id)
-
-
-def _claim(engine: sa.Engine, job_id: str, worker: str) -> jobs.Job | None:
-    with engine.begin() as connection:
-        return jobs.claim(connection, job_id, worker)
-
-
-def _claimed(engine: sa.Engine, job_id: str, worker: str) -> jobs.Job:
-    with engine.begin() as connection:
-        heartbeats.beat(connection, worker)
-    job = _claim(engine, job_id, worker)
-    assert job is not None
-    return job
+from tests.unit.service.job_rows import added, claim, claimed
 
 
 def _dies(engine: sa.Engine, worker: str) -> None:
@@ -37,39 +18,39 @@ def _dies(engine: sa.Engine, worker: str) -> None:
 
 
 def test_a_new_job_is_queued(engine: sa.Engine) -> None:
-    job = _add(engine, "a", options={"lights": 2})
+    job = added(engine, "a", options={"lights": 2})
     assert (job.state, job.attempt, job.lost, job.ended) == (State.QUEUED, 0, 0, False)
     assert (job.options, job.worker, job.results, job.error) == ({"lights": 2}, None, None, None)
     assert job.created > 1.7e9
 
 
 def test_the_first_claim_wins(engine: sa.Engine) -> None:
-    _add(engine, "a")
-    job = _claimed(engine, "a", "w1")
+    added(engine, "a")
+    job = claimed(engine, "a", "w1")
     assert (job.state, job.attempt, job.lost, job.worker) == (State.RUNNING, 1, 0, "w1")
     assert job.started is not None and job.started >= job.created
-    assert _claim(engine, "a", "w2") is None
+    assert claim(engine, "a", "w2") is None
 
 
 def test_nobody_claims_what_is_not_there(engine: sa.Engine) -> None:
-    assert _claim(engine, "a", "w1") is None
+    assert claim(engine, "a", "w1") is None
 
 
 def test_results_make_a_job_succeed(engine: sa.Engine) -> None:
-    _add(engine, "a")
-    held = _claimed(engine, "a", "w1")
+    added(engine, "a")
+    held = claimed(engine, "a", "w1")
     with engine.begin() as connection:
         assert jobs.succeed(connection, held, [{"name": "lamp1.jpg", "size": 5}])
     job = stored(engine, "a")
     assert (job.state, job.worker, job.ended) == (State.SUCCEEDED, None, True)
     assert job.results == [{"name": "lamp1.jpg", "size": 5}]
     assert job.finished is not None and job.started is not None and job.finished >= job.started
-    assert _claim(engine, "a", "w2") is None
+    assert claim(engine, "a", "w2") is None
 
 
 def test_an_error_makes_a_job_fail(engine: sa.Engine) -> None:
-    _add(engine, "a")
-    held = _claimed(engine, "a", "w1")
+    added(engine, "a")
+    held = claimed(engine, "a", "w1")
     with engine.begin() as connection:
         assert jobs.fail(connection, held, {"detail": "too dark"})
     job = stored(engine, "a")
@@ -77,27 +58,27 @@ def test_an_error_makes_a_job_fail(engine: sa.Engine) -> None:
 
 
 def test_a_dead_workers_job_is_taken_over_and_the_attempt_counts_as_lost(engine: sa.Engine) -> None:
-    _add(engine, "a")
-    _claimed(engine, "a", "w1")
+    added(engine, "a")
+    claimed(engine, "a", "w1")
     _dies(engine, "w1")
-    job = _claimed(engine, "a", "w2")
+    job = claimed(engine, "a", "w2")
     assert (job.attempt, job.lost, job.worker) == (2, 1, "w2")
 
 
 def test_a_job_has_started_with_its_first_attempt(engine: sa.Engine) -> None:
-    _add(engine, "a")
-    _claimed(engine, "a", "w1")
+    added(engine, "a")
+    claimed(engine, "a", "w1")
     with engine.begin() as connection:
         connection.execute(sa.update(database.jobs).values(started=5.0))
     _dies(engine, "w1")
-    assert _claimed(engine, "a", "w2").started == 5.0
+    assert claimed(engine, "a", "w2").started == 5.0
 
 
 def test_an_attempt_that_was_taken_over_writes_nothing(engine: sa.Engine) -> None:
-    _add(engine, "a")
-    frozen = _claimed(engine, "a", "w1")
+    added(engine, "a")
+    frozen = claimed(engine, "a", "w1")
     _dies(engine, "w1")
-    current = _claimed(engine, "a", "w2")
+    current = claimed(engine, "a", "w2")
     with engine.begin() as connection:
         assert jobs.must_stop(connection, frozen)
         jobs.report(connection, frozen, "layers", 0.9)
@@ -110,8 +91,8 @@ def test_an_attempt_that_was_taken_over_writes_nothing(engine: sa.Engine) -> Non
 
 
 def test_progress_is_written(engine: sa.Engine) -> None:
-    _add(engine, "a")
-    held = _claimed(engine, "a", "w1")
+    added(engine, "a")
+    held = claimed(engine, "a", "w1")
     with engine.begin() as connection:
         jobs.report(connection, held, "layers", 0.25)
     job = stored(engine, "a")
@@ -119,30 +100,30 @@ def test_progress_is_written(engine: sa.Engine) -> None:
 
 
 def test_a_released_job_waits_again_and_has_lost_nothing(engine: sa.Engine) -> None:
-    _add(engine, "a")
-    held = _claimed(engine, "a", "w1")
+    added(engine, "a")
+    held = claimed(engine, "a", "w1")
     with engine.begin() as connection:
         jobs.report(connection, held, "layers", 0.25)
         jobs.release(connection, held)
     job = stored(engine, "a")
     assert (job.state, job.worker, job.stage, job.fraction) == (State.QUEUED, None, None, 0.0)
-    again = _claimed(engine, "a", "w2")
+    again = claimed(engine, "a", "w2")
     assert (again.attempt, again.lost) == (2, 0)
 
 
 def test_a_queued_job_is_canceled_at_once(engine: sa.Engine) -> None:
-    _add(engine, "a")
+    added(engine, "a")
     with engine.begin() as connection:
         jobs.request_cancel(connection, "a")
     job = stored(engine, "a")
     assert job.state == State.CANCELED
     assert job.finished is not None
-    assert _claim(engine, "a", "w1") is None
+    assert claim(engine, "a", "w1") is None
 
 
 def test_a_running_job_is_canceled_by_its_worker(engine: sa.Engine) -> None:
-    _add(engine, "a")
-    held = _claimed(engine, "a", "w1")
+    added(engine, "a")
+    held = claimed(engine, "a", "w1")
     with engine.begin() as connection:
         jobs.request_cancel(connection, "a")
         assert jobs.must_stop(connection, held)
@@ -154,8 +135,8 @@ def test_a_running_job_is_canceled_by_its_worker(engine: sa.Engine) -> None:
 
 
 def test_a_canceled_job_is_not_put_back(engine: sa.Engine) -> None:
-    _add(engine, "a")
-    held = _claimed(engine, "a", "w1")
+    added(engine, "a")
+    held = claimed(engine, "a", "w1")
     with engine.begin() as connection:
         jobs.request_cancel(connection, "a")
         jobs.release(connection, held)
@@ -163,20 +144,20 @@ def test_a_canceled_job_is_not_put_back(engine: sa.Engine) -> None:
 
 
 def test_a_dead_workers_canceled_job_stays_so(engine: sa.Engine) -> None:
-    _add(engine, "a")
-    _claimed(engine, "a", "w1")
+    added(engine, "a")
+    claimed(engine, "a", "w1")
     with engine.begin() as connection:
         jobs.request_cancel(connection, "a")
     _dies(engine, "w1")
-    job = _claimed(engine, "a", "w2")
+    job = claimed(engine, "a", "w2")
     assert job.state == State.CANCELING
     with engine.begin() as connection:
         assert jobs.acknowledge_cancel(connection, job)
 
 
 def test_an_ended_job_cannot_be_canceled(engine: sa.Engine) -> None:
-    _add(engine, "a")
-    held = _claimed(engine, "a", "w1")
+    added(engine, "a")
+    held = claimed(engine, "a", "w1")
     with engine.begin() as connection:
         jobs.succeed(connection, held, [])
         jobs.request_cancel(connection, "a")
@@ -185,8 +166,8 @@ def test_an_ended_job_cannot_be_canceled(engine: sa.Engine) -> None:
 
 def _in_state(engine: sa.Engine, state: State) -> jobs.Job:
     """Bring a job to a state; the attempt that worked on it last."""
-    _add(engine, "a")
-    held = _claimed(engine, "a", "w1")
+    added(engine, "a")
+    held = claimed(engine, "a", "w1")
     with engine.begin() as connection:
         if state == State.QUEUED:
             jobs.release(connection, held)
@@ -274,13 +255,13 @@ def test_the_writes_go_every_way_of_the_table_and_no_other() -> None:
 def test_a_takeover_is_another_attempt_in_the_same_state(dead: State, engine: sa.Engine) -> None:
     _in_state(engine, dead)
     _dies(engine, "w1")
-    job = _claimed(engine, "a", "w2")
+    job = claimed(engine, "a", "w2")
     assert (job.state, job.attempt, job.lost, job.worker) == (dead, 2, 1, "w2")
 
 
 def test_a_removed_job_tells_its_attempt_to_stop(engine: sa.Engine) -> None:
-    _add(engine, "a")
-    held = _claimed(engine, "a", "w1")
+    added(engine, "a")
+    held = claimed(engine, "a", "w1")
     with engine.begin() as connection:
         jobs.remove(connection, "a")
         assert jobs.must_stop(connection, held)
@@ -289,9 +270,9 @@ def test_a_removed_job_tells_its_attempt_to_stop(engine: sa.Engine) -> None:
 
 
 def test_an_idempotency_key_makes_one_job(engine: sa.Engine) -> None:
-    _add(engine, "a", idempotency_key="key")
+    added(engine, "a", idempotency_key="key")
     with pytest.raises(sa.exc.IntegrityError):
-        _add(engine, "b", idempotency_key="key")
+        added(engine, "b", idempotency_key="key")
     with engine.connect() as connection:
         found = jobs.find_by_key(connection, "", "key")
         assert found is not None and found.id == "a"
@@ -299,63 +280,12 @@ def test_an_idempotency_key_makes_one_job(engine: sa.Engine) -> None:
 
 
 def test_jobs_without_a_key_do_not_clash(engine: sa.Engine) -> None:
-    assert [_add(engine, job_id).id for job_id in "ab"] == ["a", "b"]
-
-
-def test_pages_go_from_new_to_old_and_meet_every_job_once(engine: sa.Engine) -> None:
-    for job_id in "abcdef":
-        _add(engine, job_id)
-    with engine.begin() as connection:  # some of one moment
-        rounded = sa.func.round(database.jobs.c.created)
-        connection.execute(sa.update(database.jobs).values(created=rounded))
-    created = [stored(engine, job_id) for job_id in "cafebd"]
-    expected = sorted(created, key=lambda job: (job.created, job.id), reverse=True)
-    with engine.connect() as connection:
-        first = jobs.page(connection, "", 4, None)
-        second = jobs.page(connection, "", 4, (first[-1].created, first[-1].id))
-    assert [job.id for job in first + second] == [job.id for job in expected]
-    assert len(first) == 4
-
-
-@pytest.mark.parametrize("owner", [None, "x"])
-def test_pages_of_jobs_are_found_by_an_index(engine: sa.Engine, owner: str | None) -> None:
-    last = _add(engine, "a")
-    plans = []
-
-    @sa.event.listens_for(engine, "before_cursor_execute")
-    def explain(_c: object, cursor: Any, query: str, values: Any, *_more: object) -> None:
-        plans.append(cursor.execute(f"EXPLAIN QUERY PLAN {query}", values).fetchall())
-
-    with engine.connect() as connection:
-        jobs.page(connection, owner, 2, None)
-        jobs.page(connection, owner, 2, (last.created, last.id))
-    index = "jobs_by_age" if owner else "jobs_by_time"
-    assert [len(plan) for plan in plans] == [1, 1]  # neither a sort
-    assert all(f"USING INDEX {index}" in str(plan) for plan in plans)
-
-
-def test_places_in_the_queue_count_from_one_and_skip_what_runs(engine: sa.Engine) -> None:
-    queue = [_add(engine, job_id) for job_id in "abcd"]
-    assert [job.rank for job in queue] == [4, 8, 12, 16]
-    _claimed(engine, queue[0].id, "w1")
-    with engine.connect() as connection:
-        places = jobs.positions(connection, [stored(engine, job.id) for job in queue])
-        assert jobs.count_queued(connection) == jobs.count_queued(connection, "") == 3
-        assert jobs.count_queued(connection, "another") == 0
-    assert places == {queue[1].id: 1, queue[2].id: 2, queue[3].id: 3}
-
-
-def test_a_place_in_the_queue_is_that_of_the_rank(engine: sa.Engine) -> None:
-    names = {"a": "one", "b": "one", "c": "one", "d": "another"}
-    queue = [_add(engine, job_id, owner=owner) for job_id, owner in names.items()]
-    with engine.connect() as connection:
-        places = jobs.positions(connection, queue)
-    assert places == {"a": 1, "d": 2, "b": 3, "c": 4}
+    assert [added(engine, job_id).id for job_id in "ab"] == ["a", "b"]
 
 
 def test_a_lost_attempt_is_counted_and_the_job_keeps_its_rank(engine: sa.Engine) -> None:
-    first = _add(engine, "a")
-    held = _claimed(engine, "a", "w1")
+    first = added(engine, "a")
+    held = claimed(engine, "a", "w1")
     with engine.begin() as connection:
         jobs.report(connection, held, "layers", 0.25)
         jobs.lose(connection, held)
@@ -373,11 +303,11 @@ def test_a_job_has_a_deadline_from_now(engine: sa.Engine) -> None:
 
 
 def test_late_is_what_waits_past_its_deadline(engine: sa.Engine) -> None:
-    _add(engine, "early", deadline=9e9)
-    _add(engine, "late", deadline=1.0)
-    _add(engine, "endless")
-    _add(engine, "running", deadline=1.0)
-    held = _claimed(engine, "running", "w1")
+    added(engine, "early", deadline=9e9)
+    added(engine, "late", deadline=1.0)
+    added(engine, "endless")
+    added(engine, "running", deadline=1.0)
+    held = claimed(engine, "running", "w1")
     with engine.begin() as connection:
         assert [job.id for job in jobs.overdue(connection)] == ["late"]
         assert jobs.is_late(connection, held)
@@ -414,8 +344,8 @@ ENDS: dict[str, Callable[[sa.Connection, jobs.Job, float | None], object]] = {
 @pytest.mark.parametrize("end", ENDS)
 def test_a_job_that_ends_knows_how_long_it_is_kept(end: str, engine: sa.Engine) -> None:
     for job_id, keep in (("a", 60.0), ("b", None)):
-        _add(engine, job_id)
-        held = _claimed(engine, job_id, "w1")
+        added(engine, job_id)
+        held = claimed(engine, job_id, "w1")
         with engine.begin() as connection:
             ENDS[end](connection, held, keep)
     dated, endless = stored(engine, "a"), stored(engine, "b")
@@ -427,10 +357,10 @@ def test_a_job_that_ends_knows_how_long_it_is_kept(end: str, engine: sa.Engine) 
 
 def test_only_ended_jobs_past_their_time_expire(engine: sa.Engine) -> None:
     for job_id, expires in (("a", 1.0), ("b", 9e9), ("c", None), ("d", 1.0), ("e", 1.0)):
-        _add(engine, job_id, expires=expires)
+        added(engine, job_id, expires=expires)
         if job_id == "d":
             continue
-        held = _claimed(engine, job_id, "w1")
+        held = claimed(engine, job_id, "w1")
         if job_id == "e":
             continue
         with engine.begin() as connection:
@@ -451,8 +381,8 @@ def test_only_ended_jobs_past_their_time_expire(engine: sa.Engine) -> None:
 
 
 def test_a_condemned_job_expires_once_it_has_ended(engine: sa.Engine) -> None:
-    _add(engine, "a")
-    held = _claimed(engine, "a", "w1")
+    added(engine, "a")
+    held = claimed(engine, "a", "w1")
     with engine.begin() as connection:
         jobs.request_cancel(connection, "a", 100)
         jobs.condemn(connection, "a")
@@ -463,9 +393,9 @@ def test_a_condemned_job_expires_once_it_has_ended(engine: sa.Engine) -> None:
 
 def test_what_was_to_be_kept_for_ever_is_dated_from_its_end(engine: sa.Engine) -> None:
     for job_id in "abc":
-        _add(engine, job_id)
+        added(engine, job_id)
     for job_id in "ab":
-        held = _claimed(engine, job_id, "w1")
+        held = claimed(engine, job_id, "w1")
         with engine.begin() as connection:
             jobs.succeed(connection, held, [])
     with engine.begin() as connection:
@@ -477,16 +407,16 @@ def test_what_was_to_be_kept_for_ever_is_dated_from_its_end(engine: sa.Engine) -
 
 
 def test_ids_of_jobs_are_told_from_others(engine: sa.Engine) -> None:
-    _add(engine, "a")
+    added(engine, "a")
     with engine.connect() as connection:
         assert jobs.known(connection, ["a", "b"]) == {"a"}
 
 
 def test_a_worker_takes_back_what_it_holds_without_knowing(engine: sa.Engine) -> None:
     """The answer to its claim got lost; nothing died, so no attempt counts as lost."""
-    _add(engine, "a")
-    _claimed(engine, "a", "w1")
-    again = _claim(engine, "a", "w1")
+    added(engine, "a")
+    claimed(engine, "a", "w1")
+    again = claim(engine, "a", "w1")
     assert again is not None
     assert (again.state, again.attempt, again.lost, again.worker) == (State.RUNNING, 2, 0, "w1")
 
@@ -496,8 +426,8 @@ def test_a_job_tells_which_attempt_has_taken_its_pair(engine: sa.Engine) -> None
         keys = {frame: f"jobs/a/inputs/{place}{frame}" for frame in ("no_flash", "flash")}
         return {frame: {"key": key, "sha256": ""} for frame, key in keys.items()}
 
-    job = _add(engine, "a", inputs=inputs("11/") | {"camera": {"make": "jobs/a/inputs/1/"}})
+    job = added(engine, "a", inputs=inputs("11/") | {"camera": {"make": "jobs/a/inputs/1/"}})
     assert [attempt for attempt in range(13) if job.has_pair_of(attempt)] == [11]
-    sent = _add(engine, "b", inputs=inputs(""))
+    sent = added(engine, "b", inputs=inputs(""))
     assert not any(sent.has_pair_of(attempt) for attempt in range(3))
-    assert not _add(engine, "c").has_pair_of(1)
+    assert not added(engine, "c").has_pair_of(1)
