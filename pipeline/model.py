@@ -14,7 +14,7 @@ from pipeline.hui2018.invariant import flash_tensor
 from pipeline.lamp_spectrum import SpectrumPrior, learn_spectra
 from pipeline.matrixfit.prior import MatrixPrior, learn_prior
 from pipeline.spectra.bases import SpectralBasis, learn_basis
-from pipeline.spectra.cameras import Camera
+from pipeline.spectra.cameras import Camera, tells_colours_apart
 from pipeline.spectra.colorimetry import camera_to_xyz
 from pipeline.spectra.families import family_spectra
 from pipeline.spectra.lights import lamp_spectra, packaged_light, reflectance_spectra
@@ -24,7 +24,6 @@ Array = NDArray[np.float64]
 
 _DISPLAY_LIGHT = "D65"
 """White of sRGB and Rec. 2020: photographs are shown as balanced for it."""
-_MIN_INDEPENDENCE = 0.01  # least ÷ largest singular value; cameras have 0.09 and more
 _MOST_CONDITION = 1e6  # of what a camera sees under the neutral light; lamps have 70 and less
 _MOST_FLASH_CONDITION = 100  # under the flash; lamps have 66 and less, lines far more
 
@@ -125,8 +124,7 @@ def build_model(
 
 
 def _check_camera(camera: Camera, flash: Array, neutral: Array) -> None:
-    values = np.linalg.svd(camera.sensitivities, compute_uv=False)
-    if values[2] < _MIN_INDEPENDENCE * values[0]:
+    if not tells_colours_apart(camera.sensitivities):
         raise OptionError(
             f"The camera {camera.name!r} does not tell three colours apart: check the columns of "
             "its table."

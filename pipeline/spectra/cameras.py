@@ -26,6 +26,8 @@ from pipeline.spectra.tables import parse_sensitivities
 _PACKAGED = {"Nikon D5100": "Nikon 5100 (NPL)", "Sigma SD1 Merrill": "Sigma SDMerill (NPL)"}
 """Cameras measured in colour-science: their proper names and its own."""
 
+_MIN_INDEPENDENCE = 0.01  # least ÷ largest singular value; cameras have 0.09 and more
+
 
 @dataclass(frozen=True)
 class Camera:
@@ -54,8 +56,8 @@ def find_camera(request: str | Sensitivities | None, frame: Frame) -> Camera:
 
     A table or a name settles it. Else a frame of sensor or linear values gets its measured camera
     by EXIF make and model, or its colour matrix × the XYZ functions of a sensor, or, of a sensor
-    without a matrix, a typical sensor. Everything else, and linear values whose file says by its
-    profile what colours they are, is taken as rendered to sRGB, where white balance and matrix
+    without a matrix of use, a typical sensor. Everything else, and linear values whose file says by
+    its profile what colours they are, is taken as rendered to sRGB, where white balance and matrix
     have been applied already and the sensor's own sensitivities do not describe the values any
     more.
     Raises OptionError for an unknown name.
@@ -77,8 +79,16 @@ def find_camera(request: str | Sensitivities | None, frame: Frame) -> Camera:
         return srgb_stand_in()
     if frame.xyz_to_camera is None:
         return typical_sensor()
-    functions = frame.xyz_to_camera @ _sensor_xyz()
-    return Camera(name or "camera", _scaled(np.maximum(functions, 0.0)), "approximate")
+    functions = np.maximum(frame.xyz_to_camera @ _sensor_xyz(), 0.0)
+    if not tells_colours_apart(functions):  # a matrix of no camera, as one of negative numbers
+        return typical_sensor()
+    return Camera(name or "camera", _scaled(functions), "approximate")
+
+
+def tells_colours_apart(sensitivities: NDArray[np.float64]) -> bool:
+    """Whether sensitivities (3, W) are three, of which none nearly is a mixture of the others."""
+    values = np.linalg.svd(sensitivities, compute_uv=False)
+    return bool(values[2] > _MIN_INDEPENDENCE * values[0])
 
 
 def measured_cameras() -> list[Camera]:

@@ -239,6 +239,16 @@ def test_a_sensor_of_which_nothing_is_known_counts_as_a_typical_one(frame_of: Fr
     )
 
 
+@pytest.mark.parametrize("matrix", [np.zeros((3, 3)), -np.eye(3)], ids=["0", "-1"])
+def test_a_sensor_with_the_matrix_of_none_counts_as_a_typical_one(
+    frame_of: FrameOf, matrix: NDArray[np.float64]
+) -> None:
+    """Of negative numbers hardly any sensitivity is left."""
+    found = find_camera(None, frame_of("ACME", "One", "raw", matrix))
+
+    assert (found.name, found.source) == ("typical sensor", "stand-in")
+
+
 def test_the_stand_in_sees_daylight_colours_as_srgb_shows_them() -> None:
     lit = reflectance_spectra()[:24] * find_light("D65")
 
