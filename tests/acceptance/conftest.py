@@ -298,7 +298,7 @@ def bad_pair(bad_name: str, tmp_path: Path) -> BadPair:
     return BadPair(files, reason)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def service(
     tmp_path_factory: pytest.TempPathFactory, environment: dict[str, str]
 ) -> Iterator[httpx.Client]:

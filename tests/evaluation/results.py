@@ -14,6 +14,7 @@ import numpy as np
 
 import pipeline
 from pipeline.errors import InputError
+from tests import layers
 from tests.definitions import pixels
 from tests.evaluation.cache import folder
 from tests.evaluation.conditions import Condition, make_shot
@@ -200,4 +201,4 @@ def _files(unused: tuple[str, ...]) -> list[Path]:
     files = [file for file in files if file.relative_to(root).parts[0] not in unused]
     files += [own.with_name(f"{name}.py") for name in _OWN]
     files += sorted(own.with_name("baselines").glob("[!t]*.py"))  # and not their tests
-    return [*files, Path(pixels.__file__)]
+    return [*files, Path(pixels.__file__), Path(layers.__file__)]

@@ -254,7 +254,7 @@ def _options(lights: int | None) -> dict[str, int]:
     return {} if lights is None else {"lights": lights}
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     """A service that runs all the time; what a test leaves there is the next one's to bear."""
     yield from _running(Service(tmp_path_factory.mktemp("service")))
@@ -331,7 +331,7 @@ def pair() -> drivers.CapturedPair:
         return drivers.capture_pair(camera)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def s3() -> Iterator[dict[str, str]]:
     """An S3 server with the bucket `photographs`: the variables that lead to it."""
     server = ThreadedMotoServer(port=0)
@@ -349,7 +349,7 @@ def s3() -> Iterator[dict[str, str]]:
     server.stop()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def postgresql(lacking: Callable[[str], NoReturn]) -> Iterator[str]:
     """A PostgreSQL server of its own: the URL of an empty database."""
     programs = find_programs()

@@ -22,12 +22,12 @@ def test_nothing_is_lost_stuck_doubled_or_left_over(
     environment = {**os.environ, **quick, "TMPDIR": str(tmp_path)}
     command = [sys.executable, "-m", "tests.chaos", "--setup", setup]
     done = subprocess.run(
-        [*command, "--jobs", "10", "--faults", "5", "--seed", str(seed)],
+        [*command, "--jobs", "7", "--faults", "5", "--seed", str(seed)],
         env=environment,
         capture_output=True,
         text=True,
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    account = f"chaos: setup={setup} jobs=10 faults=5 lost=0 stuck=0 doubled=0 orphans=0 "
+    account = f"chaos: setup={setup} jobs=7 faults=5 lost=0 stuck=0 doubled=0 orphans=0 "
     assert done.stdout.splitlines()[-1].startswith(account)

@@ -57,7 +57,7 @@ def _page(browser: Browser, service: Any, **more: Any) -> Iterator[Page]:
     assert errors == []
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def done(service: Any, pair: drivers.CapturedPair) -> dict[str, Any]:
     """A job whose preview is as large as its photograph."""
     files = {"no_flash": pair.no_flash.best, "flash": pair.flash.best}

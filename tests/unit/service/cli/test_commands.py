@@ -231,7 +231,7 @@ def test_a_fault_of_the_program_is_named_without_a_trace(
 
     monkeypatch.setattr(process, "separate_files", broken)
     said = _refused(capsys, "separate", *pair, "-o", str(tmp_path / "out"), code=1)
-    assert "please report it: ZeroDivisionError in test_cli.py" in said
+    assert "please report it: ZeroDivisionError in test_commands.py" in said
 
 
 def test_a_pair_without_light_is_bad_input(
