@@ -23,7 +23,7 @@ _RETRIED = (State.FAILED, State.CANCELED)
 
 
 @dataclass(frozen=True)
-class Desk:
+class OperatorActions:
     """The parts of a service that its operator works on."""
 
     engine: sa.Engine
@@ -95,14 +95,14 @@ class Desk:
 
 
 @contextlib.contextmanager
-def open_desk(settings: Settings) -> Iterator[Desk]:
+def open_desk(settings: Settings) -> Iterator[OperatorActions]:
     """Open the parts for as long as the block. Raises StartError."""
     with contextlib.ExitStack() as stack:
         engine = open_database(settings)
         stack.callback(engine.dispose)
         queue = Queue(engine)
         stack.callback(queue.close)
-        yield Desk(engine, queue, settings)
+        yield OperatorActions(engine, queue, settings)
 
 
 def _known(job: jobs.Job | None, job_id: str) -> jobs.Job:

@@ -103,7 +103,7 @@ class _Server(uvicorn.Server):
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """End, watchers first."""
-        self._context.watching.close()
+        self._context.job_updates.close()
         await super().shutdown(sockets)
 
 

@@ -14,10 +14,10 @@ from service.answers import JobAnswer, KeptCalibration, KeptCalibrations, Links
 from service.api import captures, intake, pair_form
 from service.api.accepted import accepted
 from service.api.admission import refuse_when_full
-from service.api.answering import answer_made
 from service.api.callers import Calling
 from service.api.context import Parts
 from service.api.dispatch import make_job
+from service.api.job_answers import answer_made
 from service.api.models import Calibrated, CalibrationCaptureRequest, CalibrationRequest
 from service.api.prefer import APPLIED, Wait
 from service.api.problems import responses

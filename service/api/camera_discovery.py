@@ -33,7 +33,7 @@ _UNANSWERED = (
 _NETWORK = "ptp+ip://"  # where the operator allows just this, cameras there announce themselves
 
 
-class Looking:
+class CameraDiscovery:
     """The cameras that this process can find, and those that the operator names."""
 
     def __init__(self, engine: sa.Engine, settings: Settings, server: ForkServer) -> None:

@@ -68,7 +68,7 @@ _PROBLEMS = (
 @router.get("/cameras", response_model=list[CameraAnswer], responses=responses(status=(503,)))
 async def list_cameras(context: Parts, caller: Calling) -> list[CameraAnswer]:
     """List the cameras that are found here, named in the settings, or in use, as they are now."""
-    looked = asyncio.shield(asyncio.wrap_future(context.looking.refresh()))
+    looked = asyncio.shield(asyncio.wrap_future(context.camera_discovery.refresh()))
     with contextlib.suppress(TimeoutError):  # in no thread, of which other requests need one
         await asyncio.wait_for(looked, _PATIENCE_SECONDS)
     return await run_in_threadpool(_list, context, caller)
@@ -174,7 +174,7 @@ def _jobs(context: Context, job_id: str) -> JobList:
 
 def _list(context: Context, caller: Caller) -> list[CameraAnswer]:
     with context.engine.connect() as connection:
-        found = cameras.find_all(connection, context.looking.addresses())
+        found = cameras.find_all(connection, context.camera_discovery.addresses())
     return [_answer(camera, caller) for camera in found]
 
 
@@ -205,9 +205,9 @@ async def _events(context: Context, caller: Caller) -> AsyncIterator[bytes]:
     yield RETRY
     seen, told = None, time.monotonic()
     standing = Standing(context.engine, caller)
-    while not context.watching.closed and await standing.holds():
+    while not context.job_updates.closed and await standing.holds():
         with contextlib.suppress(*AWAY):  # they wait on: the database may come back
-            context.looking.refresh()
+            context.camera_discovery.refresh()
             listed = await run_in_threadpool(_list, context, caller)
             news = json.dumps([camera.model_dump() for camera in listed])
             if news != seen:
@@ -221,7 +221,7 @@ async def _events(context: Context, caller: Caller) -> AsyncIterator[bytes]:
 
 def _address(context: Context, camera_id: str) -> str:
     """Address of a camera that may be used. Raises UnknownCameraError, ForeignCameraError."""
-    known = {cameras.id_of(address): address for address in context.looking.addresses()}
+    known = {cameras.id_of(address): address for address in context.camera_discovery.addresses()}
     if camera_id not in known:
         with context.engine.connect() as connection:
             address = cameras.address_of(connection, camera_id)
@@ -256,7 +256,7 @@ def _adjust_by(
     deadline: float,
 ) -> CameraSettings:
     address = _address(context, camera_id)
-    while (found := context.looking.adjust(address, settings, trace_id)) is None:
+    while (found := context.camera_discovery.adjust(address, settings, trace_id)) is None:
         with context.engine.connect() as connection:
             holder = cameras.holder(connection, camera_id)
         if holder or time.monotonic() > deadline:

@@ -15,8 +15,8 @@ from anyio import CapacityLimiter, to_thread
 from fastapi import Depends, Request
 
 from service import sandbox, scratch
-from service.api.camera_discovery import Looking
-from service.api.job_updates import Watching
+from service.api.camera_discovery import CameraDiscovery
+from service.api.job_updates import JobUpdates
 from service.dbos_queue import Queue
 from service.forkserver import ForkServer
 from service.opening import open_database, open_storage
@@ -41,8 +41,8 @@ class Context:
     storage: Storage
     fork_server: ForkServer
     """Of the processes that check the headers of uploads."""
-    watching: Watching
-    looking: Looking
+    job_updates: JobUpdates
+    camera_discovery: CameraDiscovery
     checks: threading.Semaphore = field(
         default_factory=lambda: threading.Semaphore(os.cpu_count() or 1)
     )
@@ -87,10 +87,10 @@ def open_context(settings: Settings) -> Iterator[Context]:
         stack.callback(queue.close)
         server = sandbox.fork_server(os.cpu_count() or 1)
         stack.callback(server.close)
-        storage, watching = open_storage(settings), Watching(engine, settings)
-        looking = Looking(engine, settings, server)
-        stack.callback(looking.close)
-        yield Context(settings, engine, queue, storage, server, watching, looking)
+        storage, job_updates = open_storage(settings), JobUpdates(engine, settings)
+        camera_discovery = CameraDiscovery(engine, settings, server)
+        stack.callback(camera_discovery.close)
+        yield Context(settings, engine, queue, storage, server, job_updates, camera_discovery)
 
 
 async def _context(request: Request) -> Context:

@@ -14,8 +14,8 @@ from service import answers
 from service.api.callers import Caller, Calling, Standing, find
 from service.api.context import Context, Parts
 from service.api.job_updates import (
+    JobUpdates,
     Snapshot,
-    Watching,
 )
 from service.api.problems import responses
 from service.api.streams import KEEP_ALIVE_SECONDS, RETRY, stream_events
@@ -50,7 +50,7 @@ async def watch_job(
     if first.ended and first.mark == last_event_id:
         return Response(status_code=204)  # which tells a browser not to come again
     standing = Standing(context.engine, caller)
-    return stream_events(_events(context.watching, standing, job_id, last_event_id))
+    return stream_events(_events(context.job_updates, standing, job_id, last_event_id))
 
 
 def _look(context: Context, caller: Caller, job_id: str) -> Snapshot:
@@ -61,11 +61,11 @@ def _look(context: Context, caller: Caller, job_id: str) -> Snapshot:
 
 
 async def _events(
-    watching: Watching, standing: Standing, job_id: str, seen: str | None
+    job_updates: JobUpdates, standing: Standing, job_id: str, seen: str | None
 ) -> AsyncIterator[bytes]:
     yield RETRY
-    with watching.watch(job_id) as watched:
-        while not watching.closed and await standing.holds():
+    with job_updates.watch(job_id) as watched:
+        while not job_updates.closed and await standing.holds():
             latest = watched.latest
             if watched.gone:
                 yield format_sse_event(event="deleted", data_str=f'{{"id": "{job_id}"}}')

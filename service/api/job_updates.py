@@ -68,7 +68,7 @@ class Watched:
         self.news = asyncio.Event()
 
 
-class Watching:
+class JobUpdates:
     """The jobs watched in this process. All but `look` belongs to one event loop."""
 
     def __init__(self, engine: sa.Engine, settings: Settings) -> None:

@@ -16,10 +16,10 @@ from service.answers import JobAnswer, JobPage
 from service.api import captures, intake, pair_form
 from service.api.accepted import accepted
 from service.api.admission import refuse_when_full
-from service.api.answering import answer, answer_made
 from service.api.callers import Caller, Calling, find
 from service.api.context import Context, Parts
 from service.api.dispatch import make_job
+from service.api.job_answers import answer, answer_made
 from service.api.models import CaptureRequest, Handling, UploadsRequest
 from service.api.prefer import APPLIED, Wait
 from service.api.problems import responses
@@ -125,7 +125,7 @@ async def get_job(context: Parts, caller: Calling, job_id: str, wait: Wait) -> J
     now = await run_in_threadpool(answer, context, caller, job_id)
     if not wait or now.links.cancel is None:
         return now
-    await context.watching.until_over(job_id, wait)
+    await context.job_updates.until_over(job_id, wait)
     return await run_in_threadpool(answer, context, caller, job_id)
 
 

@@ -15,11 +15,11 @@ from service.api import intake
 from service.api.accept import accept
 from service.api.accepted import Accepted, accepted
 from service.api.admission import refuse_when_full
-from service.api.answering import answer_made
 from service.api.callers import Caller
 from service.api.context import Context
 from service.api.finished import deleted_meanwhile, find_succeeded
 from service.api.idempotency import hash_of, replay
+from service.api.job_answers import answer_made
 from service.api.models import MixJob, MixOptions
 from service.api.prefer import APPLIED, Wait
 from service.api.submission import Submission, Submitting

@@ -17,11 +17,11 @@ from service.api import intake
 from service.api.accept import check_webhook, commit
 from service.api.accepted import Accepted, accepted
 from service.api.admission import refuse_when_full
-from service.api.answering import answer_made
 from service.api.calibrated import fill_in
 from service.api.callers import Caller, find
 from service.api.context import Context
 from service.api.idempotency import as_asked, digest, replay
+from service.api.job_answers import answer_made
 from service.api.models import RerunRequest
 from service.api.prefer import APPLIED, Wait
 from service.api.submission import Submission, Submitting

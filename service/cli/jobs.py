@@ -15,7 +15,7 @@ from service.states import State
 
 if TYPE_CHECKING:
     from service.jobs import Job
-    from service.operator_actions import Desk
+    from service.operator_actions import OperatorActions
 
 app = typer.Typer(help="See and mend the jobs of a service.", rich_markup_mode=None)
 
@@ -94,7 +94,7 @@ def cancel(job_id: Id) -> None:
 
 
 @contextlib.contextmanager
-def _desk() -> Iterator[Desk]:
+def _desk() -> Iterator[OperatorActions]:
     from service.operator_actions import open_desk
     from service.settings import Settings
 

@@ -10,7 +10,7 @@ import pytest
 
 import drivers
 from service import camera_tasks, cameras, jobs, sandbox
-from service.api.camera_discovery import Looking
+from service.api.camera_discovery import CameraDiscovery
 from service.api.context import Context
 from service.errors import problem_of
 from service.settings import Settings
@@ -34,7 +34,7 @@ def ask_in_process(monkeypatch: pytest.MonkeyPatch) -> None:
         "camera_settings": camera_tasks.adjust,
     }
 
-    def run(_looking: Looking, kind: Kind, order: CameraOrder, trace_id: str = "") -> Any:
+    def run(_looking: CameraDiscovery, kind: Kind, order: CameraOrder, trace_id: str = "") -> Any:
         told: list[dict[str, Any]] = []
         try:
             task = Task(kind, "", trace_id, "", Limits(0, 0, 0, 0), {}, order)
@@ -43,7 +43,7 @@ def ask_in_process(monkeypatch: pytest.MonkeyPatch) -> None:
             raise sandbox.TaskError(problem_of(error, trace_id).model_dump()) from error
         return json.loads(json.dumps(told[-1]["answer"]))
 
-    monkeypatch.setattr(Looking, "_run", run)
+    monkeypatch.setattr(CameraDiscovery, "_run", run)
 
 
 def hold(context: Context, job_id: str) -> jobs.Job:

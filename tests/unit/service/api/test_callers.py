@@ -14,7 +14,7 @@ from service import keys
 from service.api import callers, create_app
 from service.api import events as api_events
 from service.api.callers import OPEN, Caller, Standing, scopes_for
-from service.api.camera_discovery import Looking
+from service.api.camera_discovery import CameraDiscovery
 from service.api.context import Context
 from service.database import now
 from service.settings import Settings
@@ -94,7 +94,7 @@ class TestRequired:
         self, path: str, http: httpx.Client, context: Context, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setattr(callers, "STANDING_SECONDS", 0.01)
-        monkeypatch.setattr(Looking, "refresh", lambda _looking: None)
+        monkeypatch.setattr(CameraDiscovery, "refresh", lambda _looking: None)
         monkeypatch.setattr(api_events, "KEEP_ALIVE_SECONDS", 0.02)
         key = bearing(context, "read", "capture")
         job = stored_job(context, owner=owner_of(key))

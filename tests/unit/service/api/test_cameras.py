@@ -14,7 +14,7 @@ import pytest
 
 import drivers
 from service import camera_tasks, cameras, jobs
-from service.api.camera_discovery import Looking
+from service.api.camera_discovery import CameraDiscovery
 from service.api.context import Context
 from service.errors import StorageFullError
 from service.settings import Settings
@@ -58,15 +58,17 @@ class TestList:
     ) -> None:
         asked: list[Any] = []
 
-        def run(_looking: Looking, kind: str, wanted: Any) -> list[str]:
+        def run(_looking: CameraDiscovery, kind: str, wanted: Any) -> list[str]:
             asked.append((kind, wanted))
             if kind == "cameras":
                 return []
             raise drivers.CameraNotFoundError("away")
 
-        monkeypatch.setattr(Looking, "_run", run)
+        monkeypatch.setattr(CameraDiscovery, "_run", run)
         settings = context.settings.model_copy(update={"cameras": allowed})
-        with contextlib.closing(Looking(context.engine, settings, context.fork_server)) as looking:
+        with contextlib.closing(
+            CameraDiscovery(context.engine, settings, context.fork_server)
+        ) as looking:
             looking.refresh().result(60)
         assert asked[0] == ("cameras", FindCameras(network=allowed == "ptp+ip://"))
 
@@ -79,7 +81,7 @@ class TestList:
         def run(*_arguments: object) -> None:
             raise error
 
-        monkeypatch.setattr(Looking, "_run", run)
+        monkeypatch.setattr(CameraDiscovery, "_run", run)
         shown = http.get("/cameras").raise_for_status().json()
         assert {one["address"]: one["state"] for one in shown} == {SIM: "away", AWAY: "away"}
 
@@ -89,13 +91,13 @@ class TestList:
         http.get("/cameras").raise_for_status()
         looked: list[str] = []
 
-        def run(_looking: Looking, kind: str, _wanted: Any) -> list[str]:
+        def run(_looking: CameraDiscovery, kind: str, _wanted: Any) -> list[str]:
             looked.append(kind)
             return []
 
-        monkeypatch.setattr(Looking, "_run", run)
+        monkeypatch.setattr(CameraDiscovery, "_run", run)
         with contextlib.closing(
-            Looking(context.engine, context.settings, context.fork_server)
+            CameraDiscovery(context.engine, context.settings, context.fork_server)
         ) as other:
             other.refresh().result(60)
         assert looked == ["cameras"]
@@ -161,7 +163,7 @@ class TestList:
     ) -> None:
         """More clients wait for the look than there are threads."""
         looked = threading.Event()
-        monkeypatch.setattr(Looking, "_look_everywhere", lambda _looking: looked.wait(60))
+        monkeypatch.setattr(CameraDiscovery, "_look_everywhere", lambda _looking: looked.wait(60))
         with ThreadPoolExecutor(60) as pool:
             waiting = [pool.submit(http.get, "/cameras") for _ in range(60)]
             assert http.get("/jobs").status_code == 200
@@ -264,7 +266,7 @@ class TestSettings:
         """More clients wait for its settings than there are threads."""
         http.get("/cameras").raise_for_status()
         answered = threading.Event()
-        monkeypatch.setattr(Looking, "adjust", lambda *_arguments: answered.wait(20) and {})
+        monkeypatch.setattr(CameraDiscovery, "adjust", lambda *_arguments: answered.wait(20) and {})
         with ThreadPoolExecutor(60) as pool:
             waiting = [pool.submit(http.get, f"{PATH}/settings") for _ in range(60)]
             for _ in range(20):  # the last ones come when all are there
@@ -284,7 +286,7 @@ class TestSettings:
             tries.append(None)
             return {} if len(tries) <= places and answered.wait(20) else None
 
-        monkeypatch.setattr(Looking, "adjust", adjust)
+        monkeypatch.setattr(CameraDiscovery, "adjust", adjust)
         monkeypatch.setattr("service.api.cameras._PATIENCE_SECONDS", 0.2)
         with ThreadPoolExecutor(60) as pool:
             for _ in range(int(places)):
@@ -301,7 +303,7 @@ class TestSettings:
         self, http: httpx.Client, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         said = {"f_number": {"value": "", "choices": ["", 70 * "8", 8.0], "writable": False}}
-        monkeypatch.setattr(Looking, "adjust", lambda *_arguments: said)
+        monkeypatch.setattr(CameraDiscovery, "adjust", lambda *_arguments: said)
         assert http.get(f"{PATH}/settings").raise_for_status().json() == said
 
     def test_a_camera_that_is_away_is_a_problem(self, http: httpx.Client) -> None:

@@ -15,7 +15,7 @@ from service.api import events as route
 from service.api import job_updates
 from service.api.callers import Caller, Standing
 from service.api.context import Context
-from service.api.job_updates import Watching
+from service.api.job_updates import JobUpdates
 from service.settings import Settings
 from tests.unit.service.asking import post_capture, problem_of
 from tests.unit.service.receiver import SECRET
@@ -116,9 +116,9 @@ def test_many_watchers_are_served_by_one_look(
 ) -> None:
     looks: list[int] = []
     looking = threading.Lock()
-    look = Watching.look
+    look = JobUpdates.look
 
-    def alone(self: Watching, seen: Any) -> Any:
+    def alone(self: JobUpdates, seen: Any) -> Any:
         assert looking.acquire(blocking=False)
         try:
             looks.append(len(seen))
@@ -126,7 +126,7 @@ def test_many_watchers_are_served_by_one_look(
         finally:
             looking.release()
 
-    monkeypatch.setattr(Watching, "look", alone)
+    monkeypatch.setattr(JobUpdates, "look", alone)
     made = [post_capture(http) for _ in range(3)]
     with (
         ThreadPoolExecutor(30) as pool,
@@ -146,9 +146,9 @@ def test_many_watchers_are_served_by_one_look(
 def test_a_client_that_goes_is_forgotten(http: httpx.Client, context: Context) -> None:
     stream = _watch(http, post_capture(http))
     next(stream)
-    assert len(context.watching._watched) == 1
+    assert len(context.job_updates._watched) == 1
     stream.close()  # type: ignore[attr-defined]
-    while context.watching._watched:
+    while context.job_updates._watched:
         threading.Event().wait(0.01)
 
 
@@ -160,15 +160,15 @@ def test_a_database_that_was_away_is_watched_on(
     job = post_capture(http)
     stream = _watch(http, job)
     next(stream)
-    look, failed, fixed = Watching.look, threading.Event(), threading.Event()
+    look, failed, fixed = JobUpdates.look, threading.Event(), threading.Event()
 
-    def away(self: Watching, seen: Any) -> Any:
+    def away(self: JobUpdates, seen: Any) -> Any:
         if fixed.is_set():
             return look(self, seen)
         failed.set()
         raise sa.exc.OperationalError("", {}, Exception("away"))
 
-    monkeypatch.setattr(Watching, "look", away)
+    monkeypatch.setattr(JobUpdates, "look", away)
     assert failed.wait(60)
     http.post(job["links"]["cancel"])
     fixed.set()
@@ -182,7 +182,7 @@ def test_a_service_that_stops_sends_its_watchers_away(engine: sa.Engine) -> None
         jobs.add(connection, values)
 
     async def watch() -> None:
-        watched = Watching(engine, Settings())
+        watched = JobUpdates(engine, Settings())
         standing = Standing(engine, Caller(""))
         stream = route._events(watched, standing, "a", None)
         told = [await anext(stream), await anext(stream)]
@@ -225,7 +225,7 @@ def test_a_job_deleted_while_a_poll_waits_is_a_problem(
     job = post_capture(http)
     with ThreadPoolExecutor(1) as pool:
         waiting = pool.submit(http.get, job["links"]["self"], headers={"prefer": "wait=60"})
-        while not context.watching._watched:
+        while not context.job_updates._watched:
             threading.Event().wait(0.01)
         with context.engine.begin() as connection:
             jobs.remove(connection, job["id"])

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from importlib.metadata import version
@@ -220,32 +221,32 @@ def test_an_address_that_is_no_services_is_told(
     assert "http://" in said
 
 
-def test_a_fault_of_the_program_is_named_without_a_trace(
+@pytest.mark.parametrize(
+    ("error", "code", "told"),
+    [
+        (
+            ZeroDivisionError("Light."),
+            1,
+            r".*please report it: ZeroDivisionError in test_commands\.py.*",
+        ),
+        (UnusablePairError("The pair is black."), 2, r"The pair is black\."),
+    ],
+)
+def test_a_fault_of_the_program_is_told_from_bad_input_without_a_trace(
+    error: Exception,
+    code: int,
+    told: str,
     pair: list[str],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    def broken(*_arguments: object, **_kept: object) -> None:
-        raise ZeroDivisionError("Light.")
+    def failing(*_arguments: object, **_kept: object) -> None:
+        raise error
 
-    monkeypatch.setattr(process, "separate_files", broken)
-    said = _refused(capsys, "separate", *pair, "-o", str(tmp_path / "out"), code=1)
-    assert "please report it: ZeroDivisionError in test_commands.py" in said
-
-
-def test_a_pair_without_light_is_bad_input(
-    pair: list[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    def dark(*_arguments: object, **_kept: object) -> None:
-        raise UnusablePairError("The pair is black.")
-
-    monkeypatch.setattr(process, "separate_files", dark)
-    said = _refused(capsys, "separate", *pair, "-o", str(tmp_path / "out"))
-    assert said == "The pair is black.\n"
+    monkeypatch.setattr(process, "separate_files", failing)
+    said = _refused(capsys, "separate", *pair, "-o", str(tmp_path / "out"), code=code)
+    assert re.fullmatch(f"{told}\n", said)
 
 
 def test_the_shell_completes_commands(

@@ -28,6 +28,6 @@ async def answer_made(
     """Make the answer for a job just made, once it has ended or after so many seconds."""
     context = submission.context
     if wait:
-        await context.watching.until_over(made.job_id, wait)
+        await context.job_updates.until_over(made.job_id, wait)
     response.headers.update(made.headers)
     return await run_in_threadpool(answer, context, submission.caller, made.job_id)
