@@ -21,3 +21,13 @@ def test_outputs_need_pictures_that_there_are() -> None:
 
 def test_normals_and_surfaces_face_somewhere() -> None:
     assert outputs_with("normals") | outputs_with("surface") == outputs_with("facing")
+
+
+def test_outputs_are_found_by_what_they_need() -> None:
+    assert outputs_with("response") == {"response.jpg", "response_lamps.jpg", "response.exr"}
+    assert outputs_with("surface") == {"normals_confidence.tif", "depth.exr", "surface.glb"}
+    assert outputs_with("white_balanced_2") == {
+        "white_balanced_2.jpg",
+        "white_balanced_2.tif",
+        "white_balanced.exr",
+    }
