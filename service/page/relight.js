@@ -31,9 +31,11 @@ const LONGEST = 2048; // pixels of the normals that are shown
 
 /** Show normals, a picture, on a canvas, lit from where the pointer or the arrow keys say.
  *
- * convention: the job's option normals; "dx" has y downwards. signal: ends with the view.
+ * convention: the job's option normals; "dx" has y downwards. signal: ends with the view. The canvas
+ * is aria-busy until it follows them.
  */
 export async function relight(canvas, blob, convention, signal) {
+  canvas.setAttribute("aria-busy", "true");
   const gl = open(canvas);
   if (!gl) throw new Error("This browser cannot show normals: it has no WebGL 2.");
   const whole = await createImageBitmap(blob, {
@@ -85,4 +87,5 @@ export async function relight(canvas, blob, convention, signal) {
   });
   new ResizeObserver(draw).observe(canvas);
   matchMedia("(prefers-color-scheme: light)").addEventListener("change", draw, { signal }); // else it were kept in memory
+  canvas.setAttribute("aria-busy", "false");
 }

@@ -67,7 +67,7 @@ def open_mixer(page: Page, job: dict[str, Any]) -> Locator:
 def open_normals(
     page: Page, job: dict[str, Any], normals: NDArray[np.float32], folder: Path
 ) -> Locator:
-    """The canvas of a job's surface normals (h, W, 3), which it had none of; folder: for its file.
+    """The drawn canvas of a job's surface normals (h, W, 3), which had none; folder: for its file.
 
     Unit vectors, NaN where unknown.
     """
@@ -81,12 +81,12 @@ def open_normals(
     page.route("**/normals.png", lambda route: route.fulfill(path=folder / "normals.png"))
     open_mixer(page, job)
     page.get_by_role("radio", name="Normals").check(force=True)
-    return page.locator("#normals")
+    return drawn(page, "#normals")
 
 
-def drawn(page: Page) -> Locator:
+def drawn(page: Page, name: str = "#mix") -> Locator:
     """The canvas once what it shows is exact."""
-    canvas = page.locator("#mix")
+    canvas = page.locator(name)
     expect(canvas).to_have_attribute("aria-busy", "false")
     page.evaluate(TWO_FRAMES)
     return canvas

@@ -63,8 +63,6 @@ def test_normals_come_back(page: Page, done: dict[str, Any], tmp_path: Path) -> 
     normals = np.stack([slopes, 0 * slopes, np.sqrt(1 - slopes**2)], -1)
     whole = np.ascontiguousarray(np.broadcast_to(normals, (60, 90, 3)))
     canvas = open_normals(page, done, whole, tmp_path)
-    page.wait_for_load_state("networkidle")
-    page.evaluate(TWO_FRAMES)
     before = canvas.screenshot()
     assert canvas.evaluate(LOSE)
     page.evaluate(TWO_FRAMES)

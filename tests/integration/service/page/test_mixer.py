@@ -32,10 +32,7 @@ COUNT_DRAWN = """(canvas) => {
 def normals(page: Page, done: dict[str, Any], tmp_path: Path) -> Locator:
     """The canvas, drawn, of a job as if it had found normals, all of which look at the camera."""
     facing = np.broadcast_to(np.array([0, 0, 1], np.float32), (60, 90, 3))
-    canvas = open_normals(page, done, np.ascontiguousarray(facing), tmp_path)
-    page.wait_for_load_state("networkidle")
-    page.evaluate(TWO_FRAMES)
-    return canvas
+    return open_normals(page, done, np.ascontiguousarray(facing), tmp_path)
 
 
 def leave_and_change_colours(page: Page) -> int:
@@ -72,7 +69,6 @@ def test_normals_of_both_conventions_are_lit_from_above(
     manifest["options"]["normals"] = convention
     page.route("**/results", lambda route: route.fulfill(json=manifest))
     canvas = open_normals(page, done, roll, tmp_path)
-    page.wait_for_load_state("networkidle")
     canvas.hover(position={"x": 200, "y": 2})
     page.evaluate(TWO_FRAMES)
     grey = np.asarray(Image.open(io.BytesIO(canvas.screenshot())).convert("L")).astype(float)

@@ -153,7 +153,6 @@ def test_normals_are_lit_from_where_the_pointer_is(
         middle = grey.shape[1] // 2
         return float(grey[:, :middle].mean()), float(grey[:, middle:].mean())
 
-    page.wait_for_load_state("networkidle")
     left, right = lit_from(0.05), lit_from(0.95)
     assert left[0] > 1.5 * left[1]
     assert right[1] > 1.5 * right[0]
