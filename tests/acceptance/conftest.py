@@ -7,11 +7,9 @@ import itertools
 import json
 import os
 import socket
-import struct
 import subprocess
 import sys
 import time
-import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -29,6 +27,7 @@ from drivers import CapturedPair, capture_pair, open_camera, simulated_truth
 from drivers.truth import SimulatedTruth
 from tests.acceptance.forks import Forks
 from tests.layers import layers_of, picture, planes_of
+from tests.png_bombs import png_bomb
 
 COMMAND = Path(sys.executable).parent / "lightlayers"
 PATIENCE_SECONDS = 240
@@ -48,27 +47,6 @@ def _noise(width: int = 96, height: int = 64, brightness: float = 1.0) -> bytes:
     return _picture((rng.uniform(20, 120, (height, width, 3)) * brightness).astype(np.uint8))
 
 
-def _bomb() -> bytes:
-    """A PNG of 30,000 × 30,000 pixels in 3 MB: one deflated block of zeros over and over."""
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return (
-            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-        )
-
-    side, rows = 30_000, 100
-    packer = zlib.compressobj(9, wbits=-15)
-    packed = packer.compress(bytes(rows * (3 * side + 1))) + packer.flush(zlib.Z_FULL_FLUSH)
-    checksum = struct.pack(">HH", side * (3 * side + 1) % 65521, 1)  # Adler-32 of zeros
-    body = b"\x78\xda" + packed * (side // rows) + b"\x03\x00" + checksum
-    return (
-        b"\x89PNG\r\n\x1a\n"
-        + chunk(b"IHDR", struct.pack(">IIBBBBB", side, side, 8, 2, 0, 0, 0))
-        + chunk(b"IDAT", body)
-        + chunk(b"IEND", b"")
-    )
-
-
 def _bad_pairs() -> dict[str, tuple[bytes, bytes, str]]:
     """Pairs that cannot be separated, by name, and what the refusal says."""
     good, other = _noise(), _noise(brightness=2)
@@ -77,7 +55,7 @@ def _bad_pairs() -> dict[str, tuple[bytes, bytes, str]]:
         "text": (b"This is no photograph.\n" * 40, "is of a kind that is not read"),
         "0 bytes": (b"", "is empty"),
         "half a JPEG": (jpeg[: len(jpeg) // 2], "is a damaged or incomplete JPEG"),
-        "a bomb": (_bomb(), "has 30000 × 30000 pixels, more than the limit"),
+        "a bomb": (png_bomb(30_000, 30_000), "has 30000 × 30000 pixels, more than the limit"),
         "a grey picture": (_picture(np.full((64, 96), 90, np.uint8)), "is grey"),
         "a black frame": (_picture(np.zeros((64, 96, 3), np.uint8)), "is black"),
     }

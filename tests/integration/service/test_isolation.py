@@ -2,28 +2,13 @@
 
 from __future__ import annotations
 
-import struct
-import zlib
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from service.settings import MIB
-
-
-def _png(width: int, height: int) -> bytes:
-    """A PNG of one grey: a few hundred kilobytes for what is gigabytes once it is unpacked."""
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        body = kind + data
-        return struct.pack(">I", len(data)) + body + struct.pack(">I", zlib.crc32(body))
-
-    packer = zlib.compressobj(9)
-    row = bytes(1 + 3 * width)
-    rows = b"".join(packer.compress(row) for _ in range(height)) + packer.flush()
-    head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+from tests.png_bombs import png_bomb
 
 
 def _send(service: Any, no_flash: bytes, flash: bytes) -> Any:
@@ -64,7 +49,7 @@ def test_a_job_that_wants_more_than_it_may_have_fails_with_that_reason(
 
 def test_a_bomb_is_defused(service: Any) -> None:
     """Few bytes that would be gigabytes of pixels."""
-    bomb = _png(60_000, 20_000)
+    bomb = png_bomb(60_000, 20_000)
     assert len(bomb) < 5 * MIB
     workers = service.find("worker")
     answer = _send(service, bomb, bomb)

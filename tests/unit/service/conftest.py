@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import contextlib
 import io
 import threading
 import time
@@ -15,10 +16,11 @@ import uvicorn
 from fastapi import FastAPI
 from PIL import Image
 
-from service import database, jobs
+from service import database, jobs, sandbox
 from service.api import create_app
 from service.api.context import Context, open_context
 from service.client import Client
+from service.forkserver import ForkServer
 from service.media import media_type
 from service.object_keys import results_key
 from service.settings import Settings
@@ -45,8 +47,20 @@ def engine(tmp_path: Path) -> Iterator[sa.Engine]:
     engine.dispose()
 
 
+@pytest.fixture(scope="session")
+def child_server() -> Iterator[ForkServer]:
+    """The fork server of all tests: it takes longer to start than most of them take."""
+    with contextlib.closing(sandbox.fork_server(1)) as server:
+        server.start()
+        yield server
+
+
 @pytest.fixture
-def context(settings: Settings) -> Iterator[Context]:
+def context(
+    settings: Settings, child_server: ForkServer, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Context]:
+    monkeypatch.setattr(sandbox, "fork_server", lambda _: child_server)
+    monkeypatch.setattr(child_server, "close", lambda: None)  # other tests go on with it
     with open_context(settings) as context:
         yield context
 

@@ -24,11 +24,10 @@ Kind = Literal["check", "separate", "capture"]
 Report = tuple[str, float]
 
 
-@pytest.fixture(scope="module")
-def server() -> Iterator[ForkServer]:
+@pytest.fixture
+def server(child_server: ForkServer) -> ForkServer:
     """The one that the service has."""
-    with contextlib.closing(sandbox.fork_server(1)) as server:
-        yield server
+    return child_server
 
 
 def _run(

@@ -7,7 +7,6 @@ import re
 import struct
 import subprocess
 import sys
-import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from numpy.typing import NDArray
 
 from pipeline.decode import check_header, decode
 from pipeline.errors import ImageTooLargeError, OptionError, UnreadableImageError
+from tests.png_bombs import png_bomb, png_of
 
 Codes = NDArray[np.uint8]
 Write = Callable[..., bytes]
@@ -258,20 +258,6 @@ def test_a_raw_file_cannot_be_srgb(dng_file: Write) -> None:
         decode(data, "srgb")
 
 
-def png_header(width: int, height: int, body: bytes = b"") -> bytes:
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return (
-            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-        )
-
-    return (
-        b"\x89PNG\r\n\x1a\n"
-        + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
-        + chunk(b"IDAT", body)
-        + chunk(b"IEND", b"")
-    )
-
-
 BOMB = """
 import resource, sys
 from pipeline.decode import check_header, decode
@@ -287,19 +273,8 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
 """
 
 
-def zeros_deflated(count: int) -> bytes:
-    """A zlib stream of so many zeros, put together from one block repeated."""
-    packer = zlib.compressobj(9, wbits=-15)
-    rows, block = 100, 30_000 * 3 + 1
-    packed = packer.compress(bytes(rows * block)) + packer.flush(zlib.Z_FULL_FLUSH)
-    assert count % (rows * block) == 0
-    checksum = struct.pack(">HH", count % 65521, 1)  # Adler-32 of zeros
-    return b"\x78\xda" + packed * (count // (rows * block)) + b"\x03\x00" + checksum
-
-
 def test_a_bomb_is_refused_before_it_takes_memory() -> None:
-    body = zeros_deflated(30_000 * (3 * 30_000 + 1))
-    bomb = png_header(30_000, 30_000, body)
+    bomb = png_bomb(30_000, 30_000)
 
     run = subprocess.run([sys.executable, "-c", BOMB], input=bomb, capture_output=True, check=True)
 
@@ -336,7 +311,7 @@ def test_a_limit_that_is_no_number_is_an_option_error(
 
 @pytest.mark.parametrize(("width", "height"), [(0, 10), (10, 0)])
 def test_a_picture_without_pixels_is_damaged(width: int, height: int) -> None:
-    assert "damaged" in refusal(png_header(width, height))
+    assert "damaged" in refusal(png_of(width, height))
 
 
 def test_a_tiff_of_thousands_of_directories_is_not_walked(tiff_file: Write) -> None:
