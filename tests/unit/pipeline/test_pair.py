@@ -181,51 +181,6 @@ def test_pixels_clipped_in_either_are_marked(
     assert not pair.unusable[10:, 5:].any()
 
 
-# warnings
-
-
-def test_what_looks_like_the_photograph_over_again_is_warned_of(
-    light: tuple[Array, Array], frame: Callable[..., Frame]
-) -> None:
-    """The same light, exposed for longer than the files say."""
-    rng = np.random.default_rng(4)
-    before = frame(light[0] + rng.normal(0, 1e-4, light[0].shape), exposure=EXPOSURE)
-    after = frame(1.5 * light[0] + rng.normal(0, 1e-4, light[0].shape), exposure=EXPOSURE)
-
-    (warning,) = paired((before, after)).warnings
-
-    assert warning.message.startswith("What the flash added looks like the photograph without it")
-
-
-@pytest.mark.parametrize(
-    ("ratio", "balanced", "said"),
-    [
-        (1.0, False, []),
-        (1.0, True, ["The camera balanced the white of each photograph by itself"]),
-        (0.5, False, ["The photographs were exposed differently (0.5 times) and rendered"]),
-        (1.05, False, []),
-    ],
-)
-def test_rendering_that_may_differ_is_warned_of(
-    frames: Callable[..., tuple[Frame, Frame]], ratio: float, balanced: bool, said: list[str]
-) -> None:
-    pair = paired(
-        frames(scale=ratio, encoding="srgb", auto_white_balance=balanced), exposure_ratio=ratio
-    )
-
-    assert len(pair.warnings) == len(said)
-    for warning, start in zip(pair.warnings, said, strict=True):
-        assert warning.message.startswith(start)
-
-
-def test_linear_values_may_be_exposed_as_they_like(
-    frames: Callable[..., tuple[Frame, Frame]],
-) -> None:
-    pair = paired(frames(scale=0.5, auto_white_balance=True), exposure_ratio=0.5)
-
-    assert pair.warnings == ()
-
-
 # alignment
 
 

@@ -1,0 +1,111 @@
+"""What people are told of a pair: how it was exposed, what changed between its photographs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.align import Alignment
+from pipeline.area_means import area_means
+from pipeline.exposure import ExposureRatio, darkening
+from pipeline.frames import Frame, Photograph
+from pipeline.remarks import Code, Remark
+from pipeline.steadiness import Ratios, bands
+
+NOTABLE_MOTION = 0.002
+"""Share of the picture; less is not told of."""
+
+_EXPOSURES_DIFFER = 0.15  # in stops
+_COPY_BLOCK = 8  # pixels averaged, against noise
+_COPY_SPREAD = 0.4  # stops between the quartiles of flash part ÷ no-flash light
+_COPY_COLOUR_SPREAD = 1.0  # the same over all channels: lamp and flash differ in colour
+_NOTABLE_DIMMING, _NOTABLE_DARKENING = 0.01, 0.002
+
+
+def rendering_warnings(no_flash: Frame, flash: Frame, ratio: float) -> list[Remark]:
+    """What a camera's rendering to sRGB may have done to one photograph and not to the other."""
+    warnings = []
+    if no_flash.auto_white_balance and flash.auto_white_balance:
+        message = (
+            "The camera balanced the white of each photograph by itself, so their colours may "
+            "differ by more than the flash: lock the white balance, or send RAW files."
+        )
+        warnings.append(Remark(Code.AUTO_WHITE_BALANCE, message))
+    if abs(np.log2(ratio)) > _EXPOSURES_DIFFER:
+        message = (
+            f"The photographs were exposed differently ({ratio:.3g} times) and rendered to sRGB, "
+            "so they compare only as far as the camera kept to the sRGB curve: expose both alike, "
+            "or send RAW files."
+        )
+        warnings.append(Remark(Code.RENDERED_EXPOSURES_DIFFER, message, {"ratio": ratio}))
+    return warnings
+
+
+def alignment_warnings(alignment: Alignment) -> list[Remark]:
+    """Why the flash photograph could not be laid on the other."""
+    return [Remark(Code.NOT_ALIGNED, alignment.problem)] if alignment.problem else []
+
+
+def darkening_warnings(ratio: ExposureRatio, ratios: Ratios, share: float) -> list[Remark]:
+    """Why a share of the picture is darker with the flash than without, though nothing moved."""
+    if ratio.source == "option":  # people err more often than cameras
+        return [darkening(ratio, ratios, share)] if share > _NOTABLE_DARKENING else []
+    if share <= _NOTABLE_DIMMING:
+        return []
+    message = (
+        f"In {share:.1%} of the picture a lamp or daylight was weaker in the flash photograph "
+        "than in the other: wait for steady light, and under lamps on the mains expose for a "
+        "multiple of 1/100 s (1/120 s where the mains has 60 Hz)."
+    )
+    return [Remark(Code.LIGHT_CHANGED, message, {"share": share})]
+
+
+def unsteady_warnings(ratios: Ratios, moved: float) -> list[Remark]:
+    """What moved or flickered between the photographs, and how to shoot without it."""
+    warnings = []
+    if moved > NOTABLE_MOTION:
+        message = (
+            f"Something moved between the photographs in {moved:.1%} of the picture; the layers "
+            "are filled in there from their surroundings. Keep people and things still, and take "
+            "the two photographs in quick succession."
+        )
+        warnings.append(Remark(Code.MOVED, message, {"share": moved}))
+    height = bands(ratios)
+    if height is not None:
+        message = (
+            f"Bands of {height:.1%} of the light run across the picture: a lamp flickers with the "
+            "mains. Expose for a multiple of 1/100 s (1/120 s where the mains has 60 Hz), or use "
+            "the mechanical shutter."
+        )
+        warnings.append(Remark(Code.FLICKER, message, {"height": height}))
+    return warnings
+
+
+def copy_warnings(no_flash: Photograph, flash: Photograph, flash_only: bool) -> list[Remark]:
+    """Notice a flash part that is the no-flash photograph over again."""
+    height, width = no_flash.shape[:2]
+    size = (max(width // _COPY_BLOCK, 1), max(height // _COPY_BLOCK, 1))
+    before, after = (area_means(image, size) for image in (no_flash, flash))
+    part = after if flash_only else after - before
+    lit = (before > 0).all(axis=2) & (part > 0).all(axis=2)
+    if not lit.any():
+        return []
+    before, part = before[lit], part[lit]
+    if _spread(part.sum(axis=1) / before.sum(axis=1)) > _COPY_SPREAD:
+        return []
+    if _spread(part / before) > _COPY_COLOUR_SPREAD:  # a lamp that shines like the flash
+        return []
+    message = (
+        "What the flash added looks like the photograph without it in most of the picture: the "
+        "flash may not reach that far, or the exposure ratio is wrong. Bring the flash nearer or "
+        "raise its power, or pass the right exposure ratio."
+    )
+    return [Remark(Code.FLASH_LIKE_LAMPS, message)]
+
+
+def _spread(ratio: NDArray[Any]) -> float:
+    """Stops between the quartiles."""
+    low, high = np.quantile(np.log2(ratio), [0.25, 0.75])
+    return float(high - low)

@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.frames import Exposure, Frame
+from pipeline.options import Options
+from pipeline.pair import make_pair
+from pipeline.progress import Progress
+from pipeline.remarks import Remark
+
+EXPOSURE = Exposure(time_s=1 / 60, iso=200, f_number=4)
+
+
+def warned(frames: tuple[Frame, Frame], ratio: float | None = None) -> tuple[Remark, ...]:
+    return make_pair(*frames, Options(exposure_ratio=ratio), Progress()).warnings
+
+
+def test_what_looks_like_the_photograph_over_again_is_warned_of(
+    light: tuple[NDArray[np.float64], NDArray[np.float64]], frame: Callable[..., Frame]
+) -> None:
+    """The same light, exposed for longer than the files say."""
+    rng = np.random.default_rng(4)
+    before = frame(light[0] + rng.normal(0, 1e-4, light[0].shape), exposure=EXPOSURE)
+    after = frame(1.5 * light[0] + rng.normal(0, 1e-4, light[0].shape), exposure=EXPOSURE)
+
+    (warning,) = warned((before, after))
+
+    assert warning.message.startswith("What the flash added looks like the photograph without it")
+
+
+@pytest.mark.parametrize(
+    ("ratio", "balanced", "said"),
+    [
+        (1.0, False, []),
+        (1.0, True, ["The camera balanced the white of each photograph by itself"]),
+        (0.5, False, ["The photographs were exposed differently (0.5 times) and rendered"]),
+        (1.05, False, []),
+    ],
+)
+def test_rendering_that_may_differ_is_warned_of(
+    frames: Callable[..., tuple[Frame, Frame]], ratio: float, balanced: bool, said: list[str]
+) -> None:
+    warnings = warned(frames(scale=ratio, encoding="srgb", auto_white_balance=balanced), ratio)
+
+    assert len(warnings) == len(said)
+    for warning, start in zip(warnings, said, strict=True):
+        assert warning.message.startswith(start)
+
+
+def test_linear_values_may_be_exposed_as_they_like(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    assert warned(frames(scale=0.5, auto_white_balance=True), 0.5) == ()
