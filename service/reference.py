@@ -15,6 +15,7 @@ import typer
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
+import service.cli
 from pipeline.options import Options
 from service.cli.commands import app
 from service.errors import INTERNAL, INVALID, KINDS
@@ -35,7 +36,8 @@ def pages() -> dict[str, str]:
 
 
 def _commands() -> str:
-    text = ["# Commands\n"]
+    what, _, codes = (service.cli.__doc__ or "").strip().partition("\n\n")
+    text = ["# Commands\n", f"{what}\n\n{codes}\n"]
     for words in _walk(app, []):
         text.append(f"## {' '.join(['lightlayers', *words])}\n\n```\n{_help(words)}\n```\n")
     return "\n".join(text)
@@ -80,10 +82,17 @@ def _fields(model: type[BaseModel], prefix: str) -> str:
         elif field.default is PydanticUndefined:
             default = "must be given"
         else:
-            default = f"`{field.default}`" if field.default not in (None, ()) else "none"
+            default = _shown(field.default, prefix)
         shown = f"{prefix}{name.upper()}" if prefix else name
         rows.append([f"`{shown}`", default, field.description or ""])
     return _table(["name", "default", "what"], rows)
+
+
+def _shown(default: Any, prefix: str) -> str:
+    """A default as a request or, with a prefix, the environment has it."""
+    if default in (None, (), ""):
+        return "none"
+    return f"`{default if prefix else json.dumps(default)}`"
 
 
 def _http() -> str:
@@ -103,8 +112,9 @@ def _http() -> str:
         "# HTTP\n\n`openapi.json` has every schema; a running service shows it at `/docs`.\n\n"
         + _table(["route", "what", "answers"], rows)
         + "\n## Problems\n\nErrors are `application/problem+json` (RFC 9457). `type` is "
-        "`urn:lightlayers:problem:` and a name of this table, and stays the same from version to "
-        "version; `detail` is a sentence for people.\n\n"
+        "`urn:lightlayers:problem:` and a name of this table, or `http-` and the status where no "
+        "route takes the request, and stays the same from version to version; `detail` is a "
+        "sentence for people.\n\n"
         + _table(["name", "status", "what", "may succeed later"], problems)
     )
 

@@ -256,7 +256,7 @@ class Settings(BaseSettings):
         gt=0,
         le=36500,
         description="How long jobs that have ended are kept with their photographs and results; "
-        "without it, until they are deleted.",
+        "without it, until they are deleted, as calibrations are that are kept for a set-up.",
     )
     sweep_seconds: int = Field(
         default=60,

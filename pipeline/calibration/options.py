@@ -35,7 +35,7 @@ class KeptOptions(PairOptions):
     setup: SetUp | None = Field(
         default=None,
         description="Name of a set-up for which it is kept: later jobs on photographs of this "
-        "camera that name the set-up use it.",
+        "camera that name the set-up use it, and all that name none where it is `default`.",
     )
 
     @field_validator("setup")

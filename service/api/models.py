@@ -67,8 +67,8 @@ class CameraCapture(Taking, Handling):
 
     like: str | None = Field(
         default=None,
-        description="Id of a job whose pair a camera took: the same flash, options and settings of "
-        "the camera, unless they are given here.",
+        description="Id of a job whose pair a camera took: the same flash, `keep`, options and "
+        "settings of the camera, unless they are given here.",
     )
     pairs: int = Field(default=1, ge=1, le=1000, description="How many pairs.")
     interval_seconds: float = Field(

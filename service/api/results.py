@@ -74,7 +74,7 @@ _MANIFEST_SCHEMA = {
     response_class=Response,
     responses={
         200: {
-            "description": "The manifest.",
+            "description": "The manifest; of a separation docs/results.md has all fields.",
             "content": {"application/json": {"schema": _MANIFEST_SCHEMA}},
         },
         **responses(UnknownJobError, NotReadyError, GoneError, status=(503,)),
