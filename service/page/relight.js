@@ -36,6 +36,16 @@ const LONGEST = 2048; // pixels of the normals that are shown
  */
 export async function relight(canvas, blob, convention, signal) {
   canvas.setAttribute("aria-busy", "true");
+  try {
+    await prepare(canvas, blob, convention, signal);
+    canvas.setAttribute("aria-busy", "false");
+  } catch (error) {
+    canvas.removeAttribute("aria-busy"); // else it were busy for ever
+    throw error;
+  }
+}
+
+async function prepare(canvas, blob, convention, signal) {
   const gl = open(canvas);
   if (!gl) throw new Error("This browser cannot show normals: it has no WebGL 2.");
   const whole = await createImageBitmap(blob, {
@@ -87,5 +97,4 @@ export async function relight(canvas, blob, convention, signal) {
   });
   new ResizeObserver(draw).observe(canvas);
   matchMedia("(prefers-color-scheme: light)").addEventListener("change", draw, { signal }); // else it were kept in memory
-  canvas.setAttribute("aria-busy", "false");
 }

@@ -75,13 +75,18 @@ def open_normals(
     png = NormalsPng(folder / "normals.png", (width, height))
     png.write(normals)
     png.close()
+    choose_normals(page, job, (folder / "normals.png").read_bytes())
+    return drawn(page, "#normals")
+
+
+def choose_normals(page: Page, job: dict[str, Any], png: bytes) -> None:
+    """Look at the surface normals of a job, which had none."""
     file = {"name": "normals.png", "size": 1, "sha256": "", "media_type": "image/png", "href": ""}
     more = {**job, "files": [*job["files"], file]}
     page.route(f"**/jobs/{job['id']}", lambda route: route.fulfill(json=more))
-    page.route("**/normals.png", lambda route: route.fulfill(path=folder / "normals.png"))
+    page.route("**/normals.png", lambda route: route.fulfill(body=png))
     open_mixer(page, job)
     page.get_by_role("radio", name="Normals").check(force=True)
-    return drawn(page, "#normals")
 
 
 def drawn(page: Page, name: str = "#mix") -> Locator:

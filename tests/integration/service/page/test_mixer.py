@@ -14,6 +14,7 @@ from playwright.sync_api import Locator, Page, expect
 
 from tests.integration.service.page.looking import (
     TWO_FRAMES,
+    choose_normals,
     drawn,
     open_mixer,
     open_normals,
@@ -56,6 +57,14 @@ def test_a_mixer_that_is_left_follows_the_colours_no_longer(
 def test_normals_that_are_left_follow_the_colours_no_longer(page: Page, normals: Locator) -> None:
     normals.evaluate(COUNT_DRAWN)
     assert leave_and_change_colours(page) == 0
+
+
+def test_normals_that_cannot_be_read_are_told_of_and_waited_for_no_longer(
+    page: Page, done: dict[str, Any]
+) -> None:
+    choose_normals(page, done, b"no picture")
+    expect(page.get_by_role("alert")).to_be_visible()
+    expect(page.locator("#normals")).not_to_have_attribute("aria-busy", "true")
 
 
 @pytest.mark.parametrize(("convention", "up"), [("gl", 1), ("dx", -1)])
