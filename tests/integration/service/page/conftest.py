@@ -47,7 +47,8 @@ def phone(browser: Browser, service: Any) -> Iterator[Page]:
 
 
 def _page(browser: Browser, service: Any, **more: Any) -> Iterator[Page]:
-    context = browser.new_context(base_url=service.url, **more)
+    # no colour is on its way to another while its contrast is measured
+    context = browser.new_context(base_url=service.url, reduced_motion="reduce", **more)
     context.set_default_timeout(PATIENCE_MS)
     page = context.new_page()
     errors: list[str] = []

@@ -46,7 +46,6 @@ def test_a_pair_is_added_watched_mixed_saved_and_rendered(
         page.get_by_label(f"Choose a file: {label}").set_input_files(file)
     page.get_by_role("button", name="Separate the light").click()
     expect(page.locator(".steps").get_by_text("Find the lamps")).to_be_visible()
-    check_access(page, "watch")
     drawn(page)
     job = service.look({"links": {"self": f"/jobs/{page.url.rpartition('/')[2]}"}})
     assert job["options"] == {}
@@ -92,6 +91,15 @@ def test_a_pair_is_added_watched_mixed_saved_and_rendered(
     assert np.abs(shown(page, size) - mixed).max() <= 1
 
 
+def test_a_job_is_watched_by_everyone(page: Page, done: dict[str, Any]) -> None:
+    running = {**done, "state": "running", "stage": "lamps", "fraction": 0.5}
+    page.route(f"**/jobs/{done['id']}", lambda route: route.fulfill(json=running))
+    page.route("**/events", lambda route: route.abort())
+    page.goto(f"/#/jobs/{done['id']}")
+    expect(page.locator(".steps").get_by_text("Find the lamps")).to_be_visible()
+    check_access(page, "watch")
+
+
 def test_a_mix_is_heard_and_seen_by_everyone(page: Page, done: dict[str, Any]) -> None:
     open_mixer(page, done)
     strip(page, 1).get_by_label("Gel").check(force=True)
@@ -100,6 +108,7 @@ def test_a_mix_is_heard_and_seen_by_everyone(page: Page, done: dict[str, Any]) -
     drawn(page)
     check_access(page, "mixer")
     page.emulate_media(color_scheme="light")
+    page.evaluate(TWO_FRAMES)  # before which it is not drawn anew
     drawn(page)
     check_access(page, "mixer_light")
     page.goto("/#/jobs")
