@@ -39,6 +39,12 @@ TWO_FRAMES = """() => new Promise((done) => {
 })"""
 """What was drawn before the first of them is on the screen with the second."""
 
+PATIENT = """
+  const later = setTimeout;
+  setTimeout = (work, time) => (time >= 1000 ? 0 : later(work, time));
+"""
+"""A page that waits for ever: it neither takes a slow answer for none nor asks again."""
+
 COUNT_KEPT = """
   const kept = new Set();
   const make = URL.createObjectURL.bind(URL);

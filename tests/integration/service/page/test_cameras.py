@@ -13,7 +13,14 @@ from PIL import Image
 from playwright.sync_api import Page, Route, expect
 
 import drivers
-from tests.integration.service.page.looking import CAMERA, check_access, drawn, strip, tab_to
+from tests.integration.service.page.looking import (
+    CAMERA,
+    PATIENT,
+    check_access,
+    drawn,
+    strip,
+    tab_to,
+)
 
 
 @pytest.fixture
@@ -128,29 +135,32 @@ def test_a_camera_tells_how_it_is_and_takes_settings(page: Page, done: dict[str,
 @pytest.mark.parametrize("trouble", ["away", "held back"])
 def test_cameras_are_kept_up_with_through_trouble(page: Page, trouble: str) -> None:
     tried: list[str] = []
+    busy_seen: list[bool] = []
 
     def events(route: Route) -> None:
         tried.append(route.request.url)
-        if trouble == "away" and len(tried) == 1:
+        if trouble == "away" and (len(tried) == 1 or not busy_seen):
             route.fulfill(status=503, json={"title": "Away", "detail": "Away.", "status": 503})
         elif trouble == "away":
             body = f"data: {json.dumps([{**CAMERA, 'state': 'idle'}])}\n\n"
             route.fulfill(content_type="text/event-stream", body=body)
 
     def cameras(route: Route) -> None:
-        route.fulfill(json=[{**CAMERA, "state": "idle" if tried else "capturing"}])
+        route.fulfill(json=[{**CAMERA, "state": "idle" if tried and busy_seen else "capturing"}])
 
     page.route("**/cameras/events", events)
     page.route("**/cameras", cameras)
     page.goto("/")
     row = page.locator(".cameras li")
     expect(row).to_contain_text("Takes photographs")
+    busy_seen.append(True)
     expect(row).to_contain_text("Ready")
 
 
 def test_a_camera_that_is_connected_while_the_page_is_open_is_shown(page: Page) -> None:
     camera = {"id": "c1", "address": "ptp+usb://", "make": "Nikon", "model": "D5100"}
     waits: list[Route] = []
+    page.add_init_script(PATIENT)
     page.route("**/cameras", lambda route: route.fulfill(json=[]))
     page.route("**/cameras/events", lambda route: waits.append(route))
     with page.expect_request("**/cameras/events"):
@@ -178,9 +188,11 @@ def test_a_camera_that_comes_later_is_named_then(page: Page) -> None:
     }
     told: list[Any] = [{**away, "make": "Nikon", "model": "D5100", "state": "idle"}]
     waits: list[Route] = []
+    page.add_init_script(PATIENT)
     page.route("**/cameras", lambda route: route.fulfill(json=[away]))
     page.route("**/cameras/events", lambda route: waits.append(route))
-    page.goto("/")
+    with page.expect_request("**/cameras/events"):
+        page.goto("/")
     row = page.locator(".cameras li")
     expect(row).to_contain_text("Not connected")
     expect(page.get_by_role("button", name=f"Capture with {away['address']}")).to_be_disabled()
