@@ -201,9 +201,12 @@ class Service:
                 process.terminate()
                 process.wait(_PATIENCE_SECONDS)
 
-    def capture(self, camera: str, lights: int | None = None, **handling: object) -> Job:
+    def capture(
+        self, camera: str, lights: int | None = None, flash: str = "property", **handling: object
+    ) -> Job:
         """lights: as for `upload`."""
-        body = {"capture": {"camera": camera}, "options": _options(lights), **handling}
+        wanted = {"camera": camera, "flash": flash}
+        body = {"capture": wanted, "options": _options(lights), **handling}
         answer = self.http.post("/jobs", json=body)
         assert answer.status_code == 202, answer.text
         job: Job = answer.json()
@@ -301,11 +304,18 @@ def telling(tmp_path: Path) -> Iterator[Service]:
 @pytest.fixture
 def keyed_service(tmp_path: Path) -> Iterator[tuple[Service, str]]:
     """A service that needs keys, and the first one."""
-    service = Service(tmp_path / "service", keys="required")
-    key = service.make_key("studio", "--scopes", "submit,read,capture")
-    service.http.headers["authorization"] = f"Bearer {key}"
+    service, key = _keyed(tmp_path / "service")
     for running in _running(service):
         yield running, key
+
+
+@pytest.fixture(scope="module")
+def keyed_queue(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Service, str]]:
+    """A service that needs keys and has no worker, so that no job ends by itself; the first key."""
+    service, key = _keyed(tmp_path_factory.mktemp("queue"))
+    service.start_without_worker()
+    yield service, key
+    service.close()
 
 
 @pytest.fixture
@@ -316,6 +326,13 @@ def grown_up(tmp_path: Path, postgresql: str, s3: dict[str, str]) -> Iterator[Se
     service.environment |= s3
     service.migrate()
     yield from _running(service)
+
+
+def _keyed(folder: Path) -> tuple[Service, str]:
+    service = Service(folder, keys="required")
+    key = service.make_key("studio", "--scopes", "submit,read,capture")
+    service.http.headers["authorization"] = f"Bearer {key}"
+    return service, key
 
 
 def _running(service: Service) -> Iterator[Service]:

@@ -58,6 +58,14 @@ def _page(browser: Browser, service: Any, **more: Any) -> Iterator[Page]:
     assert errors == []
 
 
+@pytest.fixture
+def unending(service: Any) -> Iterator[dict[str, Any]]:
+    """A job that waits five minutes for somebody to switch the flash."""
+    job: dict[str, Any] = service.capture("sim://studio", flash="operator")
+    yield job
+    service.http.post(f"/jobs/{job['id']}/cancel").raise_for_status()  # else it kept the camera
+
+
 @pytest.fixture(scope="package")
 def done(service: Any, pair: drivers.CapturedPair) -> dict[str, Any]:
     """A job whose preview is as large as its photograph."""

@@ -20,6 +20,7 @@ from tests.integration.service.page.looking import (
 
 def test_a_camera_takes_the_pair(page: Page, service: Any) -> None:
     page.goto("/")
+    page.get_by_label("Flash of NIKON D5100").select_option("operator")  # whom the job waits for
     page.get_by_role("button", name="Capture with NIKON D5100").click()
     expect(page.locator(".steps").get_by_text("Take both photographs")).to_be_visible()
     page.wait_for_url(re.compile("#/jobs/"))

@@ -19,6 +19,7 @@ from pipeline.encode.jpeg import to_srgb8
 from pipeline.mix import mix_matrices
 from pipeline.mix_options import LampMix, Mix, MixBasis
 from tests.integration.service.page.looking import (
+    PATIENT,
     TWO_FRAMES,
     check_access,
     drawn,
@@ -279,17 +280,16 @@ def test_a_mix_that_cannot_be_fetched_is_told_in_words(page: Page, done: dict[st
 
 
 def test_a_rendering_is_watched_no_longer_than_its_mixer(
-    page: Page, service: Any, done: dict[str, Any]
+    page: Page, done: dict[str, Any], unending: dict[str, Any]
 ) -> None:
     """As one that takes long: another job that is under way."""
-    job = service.capture("sim://studio")
-    page.route("**/mix", lambda route: route.fulfill(status=202, json=job))
+    page.add_init_script(PATIENT)
+    page.route("**/mix", lambda route: route.fulfill(status=202, json=unending))
     open_mixer(page, done)
     with page.expect_response("**/events"):
         page.get_by_role("button", name="Render full size").click()
     with page.expect_event("requestfailed", lambda request: request.url.endswith("/events")):
         page.goto("/#/jobs")
-    service.http.post(f"/jobs/{job['id']}/cancel").raise_for_status()
 
 
 def test_a_picture_that_cannot_be_fetched_is_told_in_words_and_tried_again(
