@@ -339,10 +339,11 @@ def test_the_same_request_asked_anew_is_confirmed_anew(page: Page, done: dict[st
     page.goto(f"/#{here}")
     expect(page.get_by_role("button", name="Confirm")).to_be_visible()
     number[0] = 3  # its worker died, and another one begins the pair anew
-    for _ in range(2):  # known by the time of the second answer
+    for _ in range(3):  # one that was on its way, one that tells of it, one asked for after that
         with page.expect_response(f"**{here}"):
             pass
-    page.get_by_role("button", name="Confirm").click()
+    with page.expect_response(f"**{here}/confirm?*"):
+        page.get_by_role("button", name="Confirm").click()
     expect(page.get_by_role("alert")).to_have_count(0)
     assert confirmed == ["3"]
 
@@ -354,7 +355,9 @@ def test_on_a_small_phone_a_job_tells_its_kind_and_state(phone: Page, done: dict
         re.compile(r"/jobs\?"), lambda route: route.fulfill(json={"jobs": [made] * 2, "next": None})
     )
     phone.goto("/#/jobs")
-    for card in phone.locator(".jobs a").all():
+    cards = phone.locator(".jobs a")
+    expect(cards).to_have_count(2)
+    for card in cards.all():
         whole = card.bounding_box()
         assert whole is not None
         for words in ("Calibration of a camera", "Waits for you"):
@@ -409,6 +412,7 @@ def test_a_calibration_without_a_pair_is_run_again(page: Page, service: Any) -> 
     page.wait_for_url(lambda url: made["id"] not in url)
     again = service.look({"links": {"self": f"/jobs/{page.url.rpartition('/')[2]}"}})
     assert (again["options"]["kind"], again["capture"]) == ("flash", made["capture"])
+    expect(page).to_have_title(re.compile(f"^Failed: .* {again['id'][:8]}"))  # not the first one's
     expect(page.get_by_role("alert")).to_contain_text("memory card is full")
 
 

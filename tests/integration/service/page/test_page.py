@@ -339,7 +339,8 @@ def test_a_thumbnail_that_cannot_be_fetched_is_done_without(
 
     give_key(page)
     page.route("**/thumbnail.jpg", lambda route: route.abort())
-    open_mixer(page, done)
+    with page.expect_event("requestfailed", lambda one: one.url.endswith("/thumbnail.jpg")):
+        open_mixer(page, done)
     expect(page.get_by_role("alert")).to_have_count(0)
     expect(page.get_by_role("button", name="Run again")).to_be_visible()
 
