@@ -40,9 +40,9 @@ def test_a_camera_that_fails_leaves_nothing_to_send(page: Page) -> None:
 
 
 def test_a_key_that_is_not_for_cameras_is_told_of_and_changed(
-    page: Page, keyed_service: tuple[Any, str]
+    page: Page, keyed_queue: tuple[Any, str]
 ) -> None:
-    service, key = keyed_service
+    service, key = keyed_queue
     reader = service.make_key("reader", "--scopes", "read")
     page.add_init_script(f"sessionStorage.setItem('lightlayers-key', '{reader}')")
     page.goto(f"{service.url}/")
