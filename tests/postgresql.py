@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 import shutil
-import socket
 import stat
 import subprocess
 from pathlib import Path
+
+from tests.ports import free_port
 
 _PASS = stat.S_IXGRP | stat.S_IXOTH
 
@@ -28,8 +29,7 @@ class PostgreSQL:
                 mode = parent.stat().st_mode
                 if mode & _PASS != _PASS:
                     parent.chmod(mode | _PASS)
-        with socket.create_server(("127.0.0.1", 0)) as server:
-            self.port = server.getsockname()[1]
+        self.port = free_port()
         self._data = str(folder / "data")
         self._run("initdb", "-D", self._data, "-A", "trust", "-U", "lightlayers", "--no-sync")
 

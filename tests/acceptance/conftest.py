@@ -6,7 +6,6 @@ import io
 import itertools
 import json
 import os
-import socket
 import subprocess
 import sys
 import time
@@ -28,6 +27,7 @@ from drivers.truth import SimulatedTruth
 from tests.acceptance.forks import Forks
 from tests.layers import layers_of, picture, planes_of
 from tests.png_bombs import png_bomb
+from tests.ports import free_port
 
 COMMAND = Path(sys.executable).parent / "lightlayers"
 PATIENCE_SECONDS = 240
@@ -282,8 +282,7 @@ def service(
 ) -> Iterator[httpx.Client]:
     """`lightlayers serve` on a database and a store of its own."""
     folder = tmp_path_factory.mktemp("service")
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]
+    port = free_port()
     log = folder / "log"
     settings = {"LIGHTLAYERS_DATA_DIR": str(folder / "data"), "LIGHTLAYERS_POLL_SECONDS": "0.2"}
     with log.open("wb") as stderr:

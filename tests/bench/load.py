@@ -26,7 +26,8 @@ import numpy as np
 
 import drivers
 from tests.bench.pairs import pair_files
-from tests.chaos.service import SETUPS, Host, free_port, grown_up
+from tests.chaos.service import SETUPS, Host, grown_up
+from tests.ports import free_port
 
 _CLIENTS = (1, 8, 64)
 _EACH = 3
