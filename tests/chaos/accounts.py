@@ -25,6 +25,7 @@ from tests.chaos.takeovers import Takeovers
 
 _SETTLE_SECONDS = 150.0
 _SWEEP_SECONDS = 60.0
+_LEAVE_SECONDS = 60.0
 _EXCUSED = ("out-of-memory", "crashed", "abandoned")
 """How a job may fail whose process or workers were killed under it."""
 
@@ -212,7 +213,15 @@ def leftovers(service: Service) -> list[str]:
             host.stop()
         except subprocess.TimeoutExpired:
             found.append(f"{host.data.parent.name} does not end")
-    time.sleep(1)
-    for host in service.hosts:
-        found += [f"process {one.role} of {host.data.parent.name}" for one in host.processes()]
-    return found
+    deadline = time.monotonic() + _LEAVE_SECONDS
+    while (left := _left(service)) and time.monotonic() < deadline:
+        time.sleep(0.2)
+    return found + left
+
+
+def _left(service: Service) -> list[str]:
+    return [
+        f"process {one.role} of {host.data.parent.name}"
+        for host in service.hosts
+        for one in host.processes()
+    ]

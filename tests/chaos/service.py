@@ -6,7 +6,6 @@ import contextlib
 import os
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
@@ -19,9 +18,11 @@ from service.settings import MIB, Settings
 from tests.chaos import processes
 from tests.chaos.processes import Process
 from tests.chaos.relay import Relay
+from tests.ports import free_port
 from tests.postgresql import PostgreSQL, find_programs
 
 _PATIENCE_SECONDS = 60
+_STORE_SECONDS = 120  # its first answer takes long
 _DISK_BYTES = 512 * MIB
 
 
@@ -135,7 +136,7 @@ def grown_up(folder: Path, relayed: bool = True) -> Iterator[Service]:
         store = Relay(store_port) if relayed else None
         os.environ |= _s3_variables(store.port if store else store_port)
         bucket = f"{os.environ['AWS_ENDPOINT_URL']}/photographs"
-        httpx.put(bucket).raise_for_status()
+        httpx.put(bucket, timeout=_STORE_SECONDS).raise_for_status()
         store_url = "s3://photographs/chaos"
         ports = [free_port(), free_port()]
         hosts = [
@@ -204,7 +205,8 @@ def _s3(folder: Path) -> Iterator[int]:
         command = [sys.executable, "-m", "moto.server", "-p", str(port)]
         server = subprocess.Popen(command, stdout=log, stderr=log, cwd=folder)
     try:
-        with httpx.Client(transport=httpx.HTTPTransport(retries=8)) as client:
+        transport = httpx.HTTPTransport(retries=8)
+        with httpx.Client(transport=transport, timeout=_STORE_SECONDS) as client:
             client.get(f"http://127.0.0.1:{port}/")
         yield port
     finally:
@@ -220,10 +222,3 @@ def _s3_variables(port: int) -> dict[str, str]:
         "AWS_ACCESS_KEY_ID": "test",
         "AWS_SECRET_ACCESS_KEY": "test",
     }
-
-
-def free_port() -> int:
-    """A port of this computer that nothing listens to."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port: int = server.getsockname()[1]
-    return port

@@ -12,6 +12,7 @@ import pytest
 from tests.postgresql import find_programs
 
 
+@pytest.mark.timeout(900)  # what it waits for is longer in all than that of other tests
 @pytest.mark.parametrize(("setup", "seed"), [("sqlite", 7), ("postgresql", 2)])
 def test_nothing_is_lost_stuck_doubled_or_left_over(
     setup: str, seed: int, tmp_path: Path, request: pytest.FixtureRequest
