@@ -266,11 +266,13 @@ class TestSettings:
         """More clients wait for its settings than there are threads."""
         http.get("/cameras").raise_for_status()
         answered = threading.Event()
-        monkeypatch.setattr(CameraDiscovery, "adjust", lambda *_arguments: answered.wait(20) and {})
+        monkeypatch.setattr(
+            CameraDiscovery, "adjust", lambda *_arguments: answered.wait(120) and {}
+        )
         with ThreadPoolExecutor(60) as pool:
             waiting = [pool.submit(http.get, f"{PATH}/settings") for _ in range(60)]
             for _ in range(20):  # the last ones come when all are there
-                assert http.get("/jobs", timeout=5).status_code == 200
+                assert http.get("/jobs", timeout=60).status_code == 200
             assert not any(one.done() for one in waiting)
             answered.set()
             assert {one.result().status_code for one in waiting} == {200}
@@ -284,7 +286,7 @@ class TestSettings:
 
         def adjust(*_arguments: object) -> dict[str, Any] | None:
             tries.append(None)
-            return {} if len(tries) <= places and answered.wait(20) else None
+            return {} if len(tries) <= places and answered.wait(120) else None
 
         monkeypatch.setattr(CameraDiscovery, "adjust", adjust)
         monkeypatch.setattr("service.api.cameras._PATIENCE_SECONDS", 0.2)
@@ -294,7 +296,9 @@ class TestSettings:
             while len(tries) < places:
                 time.sleep(0.01)
             last = pool.submit(http.get, f"{PATH}/settings")
-            time.sleep(0.5)
+            while not context.asking.statistics().tasks_waiting:
+                time.sleep(0.01)
+            time.sleep(0.3)  # longer than its patience
             answered.set()
             assert problem_of(last.result())[:2] == (409, "camera-held")
         assert len(tries) == places + 1

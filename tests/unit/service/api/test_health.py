@@ -76,7 +76,7 @@ def test_the_process_answers_whatever_its_threads_wait_for(
 
     def wait(_context: Context) -> list[str]:
         taken.release()
-        go_on.wait(30)
+        go_on.wait(120)
         return []
 
     monkeypatch.setattr(health, "_lacking", wait)
@@ -84,8 +84,8 @@ def test_the_process_answers_whatever_its_threads_wait_for(
         asked = [pool.submit(http.get, "/readyz") for _ in range(50)]
         try:
             for _ in range(40):  # as many threads as the service has
-                assert taken.acquire(timeout=10)
-            assert http.get("/healthz", timeout=5).status_code == 200
+                assert taken.acquire(timeout=60)
+            assert http.get("/healthz", timeout=60).status_code == 200
         finally:
             go_on.set()
         assert {each.result().status_code for each in asked} == {200}

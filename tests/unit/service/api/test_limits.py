@@ -49,7 +49,7 @@ class TestFewRequests:
 class TestShortPauses:
     @pytest.fixture
     def settings(self, settings: Settings) -> Settings:
-        return settings.model_copy(update={"pause_seconds": 0.2})
+        return settings.model_copy(update={"pause_seconds": 0.7})
 
     @pytest.mark.parametrize(
         "kind", ["application/json", "multipart/form-data; boundary=x", "multipart/form-data"]
@@ -71,4 +71,4 @@ class TestShortPauses:
         assert context.storage.list("") == []
 
     def test_who_waits_for_a_job_may_be_silent(self, http: httpx.Client) -> None:
-        assert post_capture(http, prefer="wait=1")["state"] == "queued"
+        assert post_capture(http, prefer="wait=2")["state"] == "queued"

@@ -195,7 +195,7 @@ def test_a_zip_is_broken_off_when_its_job_is_deleted(
     made = http.post("/jobs", json={"capture": {"camera": "sim://studio"}}).json()
     finish(made["id"], dict.fromkeys(("a", "b", "manifest.json"), bytes(20_000_000)))
     path = http.get(made["links"]["self"]).json()["links"]["zip"]
-    with httpx.stream("GET", f"{http.base_url}{path}") as answer:
+    with httpx.stream("GET", f"{http.base_url}{path}", timeout=60) as answer:
         chunks = answer.iter_raw()
         next(chunks)
         assert http.delete(made["links"]["self"]).status_code == 204
@@ -214,7 +214,7 @@ def test_downloads_from_a_store_that_hangs_leave_threads_to_others(
 
     def wait(*_arguments: object) -> NoReturn:
         taken.release()
-        go_on.wait(30)
+        go_on.wait(120)
         raise GenericError("the store is away")
 
     for read in ("get", "stream"):
@@ -224,8 +224,8 @@ def test_downloads_from_a_store_that_hangs_leave_threads_to_others(
         asked = [pool.submit(http.get, f"{job}/{what}", params=area) for _ in range(45)]
         try:
             for _ in range(40):  # as many as are read at a time
-                assert taken.acquire(timeout=10)
-            assert len(http.get("/jobs", timeout=5).json()["jobs"]) == 1
+                assert taken.acquire(timeout=60)
+            assert len(http.get("/jobs", timeout=60).json()["jobs"]) == 1
         finally:
             go_on.set()
         assert {each.result().status_code for each in asked} == {503}
@@ -239,7 +239,7 @@ def test_a_download_that_hangs_in_the_middle_leaves_threads_to_others(
     def slowly(*_arguments: object) -> Iterator[bytes]:
         yield b"01234"
         taken.release()
-        go_on.wait(30)
+        go_on.wait(120)
         yield b"56789"
 
     monkeypatch.setattr(Storage, "stream", slowly)
@@ -247,8 +247,8 @@ def test_a_download_that_hangs_in_the_middle_leaves_threads_to_others(
         asked = [pool.submit(http.get, f"{job}/results/lamp1.jpg") for _ in range(45)]
         try:
             for _ in range(40):
-                assert taken.acquire(timeout=10)
-            assert len(http.get("/jobs", timeout=5).json()["jobs"]) == 1
+                assert taken.acquire(timeout=60)
+            assert len(http.get("/jobs", timeout=60).json()["jobs"]) == 1
         finally:
             go_on.set()
         assert {each.result().content for each in asked} == {b"0123456789"}
@@ -262,15 +262,15 @@ def test_deletes_in_a_store_that_hangs_leave_threads_to_others(
 
     def wait(*_arguments: object) -> None:
         taken.release()
-        go_on.wait(30)
+        go_on.wait(120)
 
     monkeypatch.setattr(Storage, "delete_below", wait)
     with ThreadPoolExecutor(45) as pool:
         asked = [pool.submit(http.delete, path) for path in paths]
         try:
             for _ in range(40):
-                assert taken.acquire(timeout=10)
-            assert http.get(paths[0], timeout=5).status_code == 200
+                assert taken.acquire(timeout=60)
+            assert http.get(paths[0], timeout=60).status_code == 200
         finally:
             go_on.set()
         assert {each.result().status_code for each in asked} == {204}
