@@ -205,7 +205,7 @@ def simcam(
 ) -> None:
     """Serve a simulated camera by PTP/IP, for trying things out.
 
-    Lines like "fault busy" on stdin make it go wrong.
+    Lines like "fault busy" on stdin make it go wrong; each is repeated once it holds.
 
     It announces itself on the network of its host (mDNS).
     """
@@ -221,5 +221,7 @@ def simcam(
                 camera.order(line)
             except drivers.BadAddressError as error:
                 print(error, file=sys.stderr)
+            else:
+                print(line.strip(), flush=True)
         signal.pause()  # stdin is at its end: it serves until it is stopped
     camera.close()

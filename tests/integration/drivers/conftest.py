@@ -24,9 +24,11 @@ class SimulatedCamera:
         self.port = int(self.address.rpartition(":")[2])
 
     def order(self, line: str) -> None:
-        assert self._process.stdin is not None
+        """Write it a line, and wait until it holds."""
+        assert self._process.stdin is not None and self._process.stdout is not None
         self._process.stdin.write(line + "\n")
         self._process.stdin.flush()
+        assert self._process.stdout.readline().strip() == line
 
     def stop(self) -> None:
         self._process.terminate()

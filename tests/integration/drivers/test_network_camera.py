@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import pytest
@@ -26,12 +25,6 @@ def is_pair(pair: drivers.CapturedPair) -> bool:
     )
 
 
-def wait_for(camera: Any, line: str) -> None:
-    """Give an order; the camera takes it in before the next connection is made."""
-    camera.order(line)
-    time.sleep(0.05)
-
-
 def test_the_camera_says_who_it_is(camera: Any) -> None:
     with drivers.open_camera(camera.address) as opened:
         info = opened.info()
@@ -53,7 +46,7 @@ def test_the_photographs_are_those_of_the_same_camera_without_a_network(camera: 
     "fault", ["busy_briefly", "broken_transfer", "short_packets", "glued_packets", "slow_link"]
 )
 def test_passing_faults_are_got_over(camera: Any, fault: str) -> None:
-    wait_for(camera, f"fault {fault}")
+    camera.order(f"fault {fault}")
     assert is_pair(take(camera))
 
 
@@ -73,15 +66,15 @@ def test_passing_faults_are_got_over(camera: Any, fault: str) -> None:
 def test_after_a_lasting_fault_the_next_capture_works(
     camera: Any, fault: str, error: type[drivers.DriverError], sentence: str
 ) -> None:
-    wait_for(camera, f"fault {fault}")
+    camera.order(f"fault {fault}")
     with pytest.raises(error, match=sentence):
         take(camera)
-    wait_for(camera, "fault none")
+    camera.order("fault none")
     assert is_pair(take(camera))
 
 
 def test_a_second_client_is_told_that_the_camera_is_in_use(camera: Any) -> None:
-    wait_for(camera, "fault none")
+    camera.order("fault none")
     with drivers.open_camera(camera.address) as first:
         with pytest.raises(CameraBusyError, match="in use by another program"):
             drivers.open_camera(camera.address)
@@ -90,14 +83,14 @@ def test_a_second_client_is_told_that_the_camera_is_in_use(camera: Any) -> None:
 
 
 def test_a_camera_that_says_nothing_is_told_from_one_that_is_gone(camera: Any) -> None:
-    wait_for(camera, "fault silent")
-    transport = IpTransport("127.0.0.1", camera.port, answer_s=0.3)
+    camera.order("fault silent")
+    transport = IpTransport("127.0.0.1", camera.port, answer_s=3)
     with (
         PtpCamera(camera.address, transport, SystemClock()) as opened,
         pytest.raises(drivers.CameraTimeoutError, match="though it is there"),
     ):
         opened.trigger()
-    wait_for(camera, "fault none")
+    camera.order("fault none")
     assert is_pair(take(camera))
 
 
