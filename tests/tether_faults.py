@@ -38,7 +38,7 @@ LONGEST_S = 400.0
 """No capture takes longer, whatever the camera does; seconds of the simulated clock."""
 
 _CAPTURES = 3  # in a sequence, at most
-_HELD_S = 5.0  # a call that takes longer over a mutated packet hangs; seconds of the real clock
+_HELD_S = 60.0  # a call that takes longer over a mutated packet hangs; seconds of the real clock
 
 
 @dataclass

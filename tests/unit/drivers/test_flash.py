@@ -127,8 +127,8 @@ def test_a_command_is_told_the_state(clock: Clock, tmp_path: object) -> None:
 def test_a_command_has_obeyed_that_leaves_something_running(
     clock: Clock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("drivers.flash.SWITCH_S", 2.0)
-    switched(ExternalFlash("sh -c 'sleep 5 & echo $0' {state}", brightness), clock)
+    monkeypatch.setattr("drivers.flash.SWITCH_S", 20.0)
+    switched(ExternalFlash("sh -c 'sleep 30 & echo $0' {state}", brightness), clock)
 
 
 def test_a_command_that_does_not_end_is_an_error(

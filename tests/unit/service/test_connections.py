@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import contextlib
 import socket
 import threading
 import time
@@ -20,12 +21,19 @@ async def _app(scope: Scope, _receive: Receive, send: Send) -> None:
 
 
 class _Hasty(PatientProtocol):
-    head_seconds = 0.3
+    head_seconds = 0.5
 
 
 @pytest.fixture(scope="module")
 def address() -> Iterator[tuple[str, int]]:
-    config = uvicorn.Config(_app, port=0, http=_Hasty, log_config=None, lifespan="off")
+    """A server that does not wait for the head of a request."""
+    with _serving(_Hasty) as address:
+        yield address
+
+
+@contextlib.contextmanager
+def _serving(protocol: type[PatientProtocol]) -> Iterator[tuple[str, int]]:
+    config = uvicorn.Config(_app, port=0, http=protocol, log_config=None, lifespan="off")
     server = uvicorn.Server(config)
     thread = threading.Thread(target=server.run)
     thread.start()
@@ -78,8 +86,11 @@ def test_a_head_that_drips_ends_the_connection(before: bytes, address: tuple[str
         assert _drip(client)
 
 
-def test_requests_one_after_the_other_are_answered(address: tuple[str, int]) -> None:
-    with socket.create_connection(address, timeout=60) as client:
+def test_requests_one_after_the_other_are_answered() -> None:
+    with (
+        _serving(PatientProtocol) as address,
+        socket.create_connection(address, timeout=60) as client,
+    ):
         for _ in range(3):
             client.sendall(b"GET / HTTP/1.1\r\nHost: ")
             client.sendall(b"localhost\r\n\r\n")

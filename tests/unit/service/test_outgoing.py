@@ -86,7 +86,7 @@ def test_an_answer_that_comes_by_drops_does_not_last() -> None:
 
     with _server(drip) as port:
         with pytest.raises(UnansweredError, match="too long"):
-            _post(port, seconds=0.5)
+            _post(port, seconds=2)
         stop.set()
 
 

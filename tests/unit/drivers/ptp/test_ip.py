@@ -42,7 +42,7 @@ class Peer:
         self._thread.start()
 
     def _serve(self) -> None:
-        self._listener.settimeout(10)
+        self._listener.settimeout(60)
         for said in self._said:
             try:
                 connection, _ = self._listener.accept()
@@ -55,7 +55,7 @@ class Peer:
 
     def told(self, which: int) -> bytes:
         self._thread.join()
-        self.connections[which].settimeout(5)
+        self.connections[which].settimeout(60)
         return self.connections[which].recv(4096)
 
     def close(self) -> None:
@@ -65,9 +65,12 @@ class Peer:
             each.close()
 
 
-def meeting(commands: bytes, events: bytes = b"", **more: bool) -> tuple[IpTransport, Peer]:
-    peer = Peer(ACK + commands, EVENT_ACK + events, **more)
-    return IpTransport("127.0.0.1", peer.port, answer_s=0.2), peer
+def meeting(
+    commands: bytes, events: bytes = b"", hang_up: bool = False, answer_s: float = 10
+) -> tuple[IpTransport, Peer]:
+    """answer_s: how long an answer may take; short for those that do not come."""
+    peer = Peer(ACK + commands, EVENT_ACK + events, hang_up)
+    return IpTransport("127.0.0.1", peer.port, answer_s=answer_s), peer
 
 
 def test_both_connections_are_greeted() -> None:
@@ -120,7 +123,7 @@ def telling_without_end(peer: Peer, packet: bytes) -> Iterator[None]:
 
 
 def test_events_without_end_are_no_answer() -> None:
-    transport, peer = meeting(b"")
+    transport, peer = meeting(b"", answer_s=1)
     event = encode_packet(PacketType.EVENT, struct.pack("<HI", 0x4002, 0))
     with telling_without_end(peer, event), contextlib.closing(transport):
         transport.send(COMMAND)
@@ -131,7 +134,7 @@ def test_events_without_end_are_no_answer() -> None:
 def test_of_too_many_events_the_latest_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("drivers.ptp.ip._MOST_WAITING", 3)
     events = (encode_packet(PacketType.EVENT, struct.pack("<HII", 0x4002, 0, n)) for n in range(5))
-    transport, peer = meeting(b"", b"".join(events))
+    transport, peer = meeting(b"", b"".join(events), answer_s=1)
     transport.send(COMMAND)
     with pytest.raises(CameraTimeoutError):
         transport.receive()
@@ -205,7 +208,7 @@ def test_events_come_on_their_own_connection_and_probes_are_answered() -> None:
 
 
 def test_silence_is_cancelled_and_probed() -> None:
-    transport, peer = meeting(b"")
+    transport, peer = meeting(b"", answer_s=0.4)
     peer.told(1)
     transport.send(COMMAND)
     with pytest.raises(CameraTimeoutError, match="no answer for 0 s: switch"):
@@ -224,7 +227,7 @@ def test_silence_is_cancelled_and_probed() -> None:
 def test_a_camera_that_takes_no_connection_says_why(reason: int, sentence: str) -> None:
     peer = Peer(encode_packet(PacketType.INIT_FAIL, struct.pack("<I", reason)))
     with pytest.raises(CameraBusyError, match=sentence):
-        IpTransport("127.0.0.1", peer.port, answer_s=0.5)
+        IpTransport("127.0.0.1", peer.port, answer_s=10)
     peer.close()
 
 
