@@ -76,7 +76,7 @@ def test_the_service_stops_with_the_demo_whatever_happens(
     # The demo's jobs are its own, whatever the machine's service is set to.
     monkeypatch.setenv("LIGHTLAYERS_DATABASE_URL", "postgresql://nowhere/at_all")
     with pytest.raises(KeyError), demo.running_service() as url:
-        assert httpx.get(f"{url}/readyz").json() == {"status": "ok"}
+        assert httpx.get(f"{url}/readyz", timeout=60).json() == {"status": "ok"}
         raise KeyError
     with pytest.raises(httpx.ConnectError):
         httpx.get(f"{url}/readyz")
