@@ -11,7 +11,8 @@ from typing import Any
 import httpx
 import pytest
 
-SECONDS = 120
+SECONDS = 240
+pytestmark = pytest.mark.timeout(SECONDS + 180)
 PROBLEM = {"type", "title", "status", "detail", "retryable", "trace_id"}
 
 

@@ -177,7 +177,7 @@ def post(service: httpx.Client, room: Room, **options: object) -> httpx.Response
 
 def ended(service: httpx.Client, answer: httpx.Response) -> dict[str, Any]:
     assert answer.status_code == 202, answer.text
-    deadline = time.monotonic() + 120
+    deadline = time.monotonic() + 240
     while time.monotonic() < deadline:
         job: dict[str, Any] = service.get(answer.headers["location"]).json()
         if job["state"] in ("succeeded", "failed"):
