@@ -6,7 +6,6 @@ import contextlib
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -22,11 +21,12 @@ from moto.server import ThreadedMotoServer
 import drivers
 from pipeline.progress import STAGES
 from service.client import Client, ServiceAwayError
+from tests.ports import free_port
 from tests.postgresql import PostgreSQL, find_programs
 
 Job = dict[str, Any]
 
-_PATIENCE_SECONDS = 120
+_PATIENCE_SECONDS = 240
 
 
 def await_that(what: str, happened: Callable[[], Any]) -> Any:
@@ -74,13 +74,18 @@ class Service:
         folder.mkdir(exist_ok=True)
         self.data = folder / "data"
         self.log = folder / "log"
-        with socket.create_server(("127.0.0.1", 0)) as server:
-            self.port = server.getsockname()[1]
-        quick = {"heartbeat_seconds": 0.5, "silence_seconds": 3, "poll_seconds": 0.2}
+        self.port = free_port()
+        quick = {"heartbeat_seconds": 0.5, "poll_seconds": 0.2, "free_bytes": 0}
         settings = {"data_dir": self.data, "port": self.port, **quick, **settings}
         self.environment = {
             **{key: text for key, text in os.environ.items() if "LIGHTLAYERS_" not in key},
             **{f"LIGHTLAYERS_{name.upper()}": str(value) for name, value in settings.items()},
+        }
+        self._gate = folder / "held"
+        paths = [str(Path(__file__).with_name("held")), os.environ.get("PYTHONPATH", "")]
+        self.environment |= {
+            "HELD_BY": str(self._gate),
+            "PYTHONPATH": os.pathsep.join(filter(None, paths)),
         }
         self.url = f"http://127.0.0.1:{self.port}"
         self.http = httpx.Client(base_url=self.url, timeout=60)
@@ -116,6 +121,13 @@ class Service:
     def start_worker(self) -> subprocess.Popen[bytes]:
         self._others.append(self._run("worker"))
         return self._others[-1]
+
+    def await_workers(self, count: int) -> None:
+        """Wait until so many have begun in all, from which on they take jobs."""
+        ready = '"message": "ready"'
+        self.await_that(
+            f"{count} workers are ready", lambda: self.log.read_text().count(ready) == count
+        )
 
     def _run(self, *command: str) -> subprocess.Popen[bytes]:
         with self.log.open("ab") as log:
@@ -181,7 +193,7 @@ class Service:
         """Wait until it says that it is not ready; the problem."""
 
         def look() -> dict[str, Any] | None:
-            answer = httpx.get(f"{self.url}/readyz")
+            answer = httpx.get(f"{self.url}/readyz", timeout=60)
             problem: dict[str, Any] = answer.json()
             return problem if answer.status_code == 503 else None
 
@@ -223,12 +235,25 @@ class Service:
         job: Job = answer.json()
         return job
 
+    @contextlib.contextmanager
+    def held(self) -> Iterator[None]:
+        """Separations stay in their middle meanwhile: a few seconds may pass unseen."""
+        self._gate.touch()
+        try:
+            yield
+        finally:
+            self.release()
+
+    def release(self) -> None:
+        """Let separations go on that are held."""
+        self._gate.unlink(missing_ok=True)
+
     def look(self, job: Job) -> Job:
         now: Job = self.http.get(job["links"]["self"]).raise_for_status().json()
         return now
 
     def await_stage(self, job: Job, attempt: int = 1) -> Job:
-        """Wait until the job is in the middle of its separation, in this attempt."""
+        """Wait until the job, which is held, is in the middle of its separation."""
 
         def separating() -> Job | None:
             now = self.look(job)
@@ -264,9 +289,18 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
 
 
 @pytest.fixture
-def own_service(tmp_path: Path) -> Iterator[Service]:
+def silence_seconds() -> float:
+    """How long a worker may stand still, as on a busy machine; for tests that do not wait for it.
+
+    That a process has ended is noticed at once.
+    """
+    return 15
+
+
+@pytest.fixture
+def own_service(tmp_path: Path, silence_seconds: float) -> Iterator[Service]:
     """A service of the test's own, to be killed."""
-    yield from _running(Service(tmp_path / "service"))
+    yield from _running(Service(tmp_path / "service", silence_seconds=silence_seconds))
 
 
 @pytest.fixture
@@ -283,9 +317,9 @@ def make_service() -> Iterator[Callable[..., Service]]:
 
 
 @pytest.fixture
-def kept_shortly(tmp_path: Path) -> Iterator[Service]:
-    """A service that keeps jobs for five seconds once they have ended."""
-    yield from _running(Service(tmp_path / "service", retention_days=5 / 86400, sweep_seconds=1))
+def sweeping(tmp_path: Path) -> Iterator[Service]:
+    """A service that keeps jobs for a day once they have ended, and often looks for them."""
+    yield from _running(Service(tmp_path / "service", retention_days=1, sweep_seconds=1))
 
 
 @pytest.fixture
@@ -319,10 +353,16 @@ def keyed_queue(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Serv
 
 
 @pytest.fixture
-def grown_up(tmp_path: Path, postgresql: str, s3: dict[str, str]) -> Iterator[Service]:
+def grown_up(
+    tmp_path: Path, postgresql: str, s3: dict[str, str], silence_seconds: float
+) -> Iterator[Service]:
     """A service on PostgreSQL and S3."""
-    store = "s3://photographs/lightlayers"
-    service = Service(tmp_path / "service", database_url=postgresql, store_url=store)
+    service = Service(
+        tmp_path / "service",
+        database_url=postgresql,
+        store_url="s3://photographs/lightlayers",
+        silence_seconds=silence_seconds,
+    )
     service.environment |= s3
     service.migrate()
     yield from _running(service)
@@ -355,7 +395,7 @@ def s3() -> Iterator[dict[str, str]]:
     server.start()
     host, port = server.get_host_and_port()
     url = f"http://{host if host != '0.0.0.0' else '127.0.0.1'}:{port}"
-    httpx.put(f"{url}/photographs").raise_for_status()
+    httpx.put(f"{url}/photographs", timeout=120).raise_for_status()
     yield {
         "AWS_ENDPOINT_URL": url,
         "AWS_ALLOW_HTTP": "true",

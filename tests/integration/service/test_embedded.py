@@ -34,7 +34,9 @@ def test_a_pair_goes_in_and_layers_come_out(service: Any, pair: drivers.Captured
         "no_flash": ("holiday1.dng", pair.no_flash.best),
         "flash": ("holiday2.dng", pair.flash.best),
     }
-    job = service.http.post("/jobs", files=files, headers={"prefer": "wait=60"}).json()
+    wish = {"prefer": "wait=60"}
+    job = service.http.post("/jobs", files=files, headers=wish, timeout=180).json()
+    job = service.await_end(job)
     assert (job["state"], job["attempt"], job["error"]) == ("succeeded", 1, None)
     manifest = service.http.get(job["links"]["results"]).json()
     listed = {file["name"]: file["sha256"] for file in manifest["files"]}
@@ -55,13 +57,14 @@ def test_a_pair_goes_in_and_layers_come_out(service: Any, pair: drivers.Captured
 
 
 def test_everything_killed_in_mid_job_is_finished_after_a_start(own_service: Any) -> None:
-    first = own_service.capture("sim://studio?lights=2&width=300&height=200")
-    second = own_service.capture(SMALL, lights=2)
-    own_service.await_stage(first, attempt=2)  # the first one took the pair
-    inputs = f"{first['id']}/inputs/"
-    taken = {key: _digest(own_service, key) for key in _stored(own_service) if inputs in key}
-    assert len(taken) == 2
-    own_service.kill()
+    with own_service.held():
+        first = own_service.capture("sim://studio?lights=2&width=300&height=200", lights=2)
+        own_service.await_stage(first, attempt=2)  # the first one took the pair
+        second = own_service.capture(SMALL, lights=2)
+        inputs = f"{first['id']}/inputs/"
+        taken = {key: _digest(own_service, key) for key in _stored(own_service) if inputs in key}
+        assert len(taken) == 2
+        own_service.kill()
     assert _scratch(own_service)
     own_service.start()
     done = own_service.await_end(first)
@@ -80,10 +83,11 @@ def _digest(service: Any, key: str) -> str:
 
 
 def test_a_stopped_service_puts_its_job_back(own_service: Any, pair: drivers.CapturedPair) -> None:
-    job = own_service.upload(pair)
-    own_service.await_stage(job)
-    processes = own_service.processes()
-    assert own_service.stop() == 0
+    with own_service.held():
+        job = own_service.upload(pair, lights=2)
+        own_service.await_stage(job)
+        processes = own_service.processes()
+        assert own_service.stop() == 0
     own_service.await_that("all are gone", lambda: not any(map(own_service.lives, processes)))
     with sqlite3.connect(own_service.data / "lightlayers.sqlite") as database:
         row = database.execute("SELECT state, attempt, lost, worker FROM jobs").fetchone()
@@ -96,12 +100,13 @@ def test_a_stopped_service_puts_its_job_back(own_service: Any, pair: drivers.Cap
 
 
 def test_a_running_job_can_be_canceled(service: Any, pair: drivers.CapturedPair) -> None:
-    job = service.upload(pair)
-    service.await_stage(job)
-    assert len(service.find("child")) == 1
-    asked = service.http.post(job["links"]["cancel"])
-    assert (asked.status_code, asked.json()["state"]) == (202, "canceling")
-    done = service.await_end(job)
+    with service.held():
+        job = service.upload(pair, lights=2)
+        service.await_stage(job)
+        assert len(service.find("child")) == 1
+        asked = service.http.post(job["links"]["cancel"])
+        assert (asked.status_code, asked.json()["state"]) == (202, "canceling")
+        done = service.await_end(job)
     assert (done["state"], done["files"], done["error"]) == ("canceled", [], None)
     assert service.find("child") == []
     assert [key for key in _stored(service) if job["id"] in key] == [
@@ -111,20 +116,22 @@ def test_a_running_job_can_be_canceled(service: Any, pair: drivers.CapturedPair)
 
 
 def test_a_running_job_can_be_deleted(service: Any, pair: drivers.CapturedPair) -> None:
-    job = service.upload(pair)
-    service.await_stage(job)
-    assert service.http.delete(job["links"]["self"]).status_code == 204
-    assert service.http.get(job["links"]["self"]).status_code == 404
-    service.await_that("its process is gone", lambda: not service.find("child"))
+    with service.held():
+        job = service.upload(pair, lights=2)
+        service.await_stage(job)
+        assert service.http.delete(job["links"]["self"]).status_code == 204
+        assert service.http.get(job["links"]["self"]).status_code == 404
+        service.await_that("its process is gone", lambda: not service.find("child"))
     service.await_that("nothing is stored", lambda: job["id"] not in " ".join(_stored(service)))
 
 
 def test_a_crash_hurts_only_its_job(service: Any, pair: drivers.CapturedPair) -> None:
-    job = service.upload(pair)
-    service.await_stage(job)
-    workers, servers = service.find("worker"), service.find("fork server")
-    (child,) = service.find("child")
-    os.kill(child, signal.SIGSEGV)
+    with service.held():
+        job = service.upload(pair, lights=2)
+        service.await_stage(job)
+        workers, servers = service.find("worker"), service.find("fork server")
+        (child,) = service.find("child")
+        os.kill(child, signal.SIGSEGV)
     done = service.await_end(job)
     assert done["state"] == "failed"
     assert done["error"]["type"] == "urn:lightlayers:problem:crashed"
@@ -135,11 +142,12 @@ def test_a_crash_hurts_only_its_job(service: Any, pair: drivers.CapturedPair) ->
 
 
 def test_a_dead_fork_server_costs_an_attempt(service: Any, pair: drivers.CapturedPair) -> None:
-    job = service.upload(pair)
-    service.await_stage(job)
-    workers = service.find("worker")
-    (server,) = service.find("fork server")
-    os.kill(server, signal.SIGKILL)
+    with service.held():
+        job = service.upload(pair, lights=2)
+        service.await_stage(job)
+        workers = service.find("worker")
+        (server,) = service.find("fork server")
+        os.kill(server, signal.SIGKILL)
     done = service.await_end(job)
     assert (done["state"], done["attempt"]) == ("succeeded", 2)
     assert service.find("child") == []
@@ -150,28 +158,30 @@ def test_a_dead_fork_server_costs_an_attempt(service: Any, pair: drivers.Capture
 def test_a_killed_worker_takes_its_processes_with_it(
     own_service: Any, pair: drivers.CapturedPair
 ) -> None:
-    job = own_service.upload(pair)
-    own_service.await_stage(job)
-    (worker,) = own_service.find("worker")
-    left = [*own_service.find("fork server"), *own_service.find("child")]
-    assert len(left) == 2
-    os.kill(worker, signal.SIGKILL)
-    own_service.await_that("they are gone", lambda: not any(map(own_service.lives, left)))
+    with own_service.held():
+        job = own_service.upload(pair, lights=2)
+        own_service.await_stage(job)
+        (worker,) = own_service.find("worker")
+        left = [*own_service.find("fork server"), *own_service.find("child")]
+        assert len(left) == 2
+        os.kill(worker, signal.SIGKILL)
+        own_service.await_that("they are gone", lambda: not any(map(own_service.lives, left)))
     assert own_service.await_end(job)["state"] == "succeeded"
 
 
 def test_a_job_that_kills_its_workers_is_given_up(
     own_service: Any, pair: drivers.CapturedPair
 ) -> None:
-    job = own_service.upload(pair)
     killed: set[int] = set()
-    for attempt in (1, 2, 3):
-        own_service.await_stage(job, attempt)
-        (worker,) = own_service.find("worker")
-        assert worker not in killed
-        os.kill(worker, signal.SIGKILL)
-        killed.add(worker)
-    done = own_service.await_end(job)
+    with own_service.held():
+        job = own_service.upload(pair, lights=2)
+        for attempt in (1, 2, 3):
+            own_service.await_stage(job, attempt)
+            (worker,) = own_service.find("worker")
+            assert worker not in killed
+            os.kill(worker, signal.SIGKILL)
+            killed.add(worker)
+        done = own_service.await_end(job)
     assert done["state"] == "failed"
     assert done["error"]["type"] == "urn:lightlayers:problem:abandoned"
     assert "3 times" in done["error"]["detail"]
@@ -180,14 +190,14 @@ def test_a_job_that_kills_its_workers_is_given_up(
 def test_a_job_past_its_deadline_fails_running_or_waiting(
     service: Any, pair: drivers.CapturedPair
 ) -> None:
-    running, waiting = service.upload(pair), service.upload(pair, deadline_seconds=0.1)
-    service.await_stage(running)
-    done = service.await_end(waiting)
-    assert (done["state"], done["attempt"]) == ("failed", 0)
-    assert done["error"]["type"] == "urn:lightlayers:problem:deadline-passed"
-    service.http.post(running["links"]["cancel"])
-    job = service.capture("sim://studio?lights=3&width=900&height=600", deadline_seconds=1)
-    done = service.await_end(job)
+    with service.held():
+        running = service.upload(pair, lights=2)
+        service.await_stage(running)
+        done = service.await_end(service.upload(pair, deadline_seconds=0.1))
+        assert (done["state"], done["attempt"]) == ("failed", 0)
+        assert done["error"]["type"] == "urn:lightlayers:problem:deadline-passed"
+        service.http.post(running["links"]["cancel"])
+        done = service.await_end(service.upload(pair, lights=2, deadline_seconds=3))
     assert (done["state"], done["files"]) == ("failed", [])
     assert done["error"]["type"] == "urn:lightlayers:problem:deadline-passed"
     service.await_that("its process is gone", lambda: not service.find("child"))
@@ -208,14 +218,16 @@ def test_a_job_is_run_again_after_its_first_run_is_deleted(
 
 
 def test_jobs_are_removed_once_their_time_is_over(
-    kept_shortly: Any, pair: drivers.CapturedPair
+    sweeping: Any, pair: drivers.CapturedPair
 ) -> None:
-    job = kept_shortly.upload(pair, lights=2)
-    expires = kept_shortly.await_end(job)["expires"]
-    assert expires is not None
+    job = sweeping.upload(pair, lights=2)
+    assert sweeping.await_end(job)["expires"] is not None
+    with sqlite3.connect(sweeping.data / "lightlayers.sqlite", timeout=60) as database:
+        database.execute("UPDATE jobs SET expires = 1")
+    database.close()
     here = job["links"]["self"]
-    kept_shortly.await_that("it is removed", lambda: kept_shortly.http.get(here).status_code == 404)
-    assert _stored(kept_shortly) == []
+    sweeping.await_that("it is removed", lambda: sweeping.http.get(here).status_code == 404)
+    sweeping.await_that("nothing is stored", lambda: not _stored(sweeping))
 
 
 def test_two_workers_do_each_job_once(own_service: Any, pair: drivers.CapturedPair) -> None:
@@ -228,10 +240,12 @@ def test_two_workers_do_each_job_once(own_service: Any, pair: drivers.CapturedPa
 def test_one_of_two_jobs_at_once_is_canceled_alone(
     wide_service: Any, pair: drivers.CapturedPair
 ) -> None:
-    first, second = wide_service.upload(pair), wide_service.upload(pair)
-    wide_service.await_that("both run", lambda: len(wide_service.find("child")) == 2)
-    assert wide_service.http.post(first["links"]["cancel"]).status_code == 202
-    assert wide_service.await_end(first)["state"] == "canceled"
+    with wide_service.held():
+        first, second = [wide_service.upload(pair, lights=2) for _ in range(2)]
+        for job in (first, second):
+            wide_service.await_stage(job)
+        assert wide_service.http.post(first["links"]["cancel"]).status_code == 202
+        assert wide_service.await_end(first)["state"] == "canceled"
     done = wide_service.await_end(second)
     assert (done["state"], done["attempt"]) == ("succeeded", 1)
     assert wide_service.find("child") == []

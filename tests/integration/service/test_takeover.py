@@ -22,6 +22,12 @@ from service.storage import Storage
 from tests.chaos.relay import Relay
 
 
+@pytest.fixture
+def silence_seconds() -> float:
+    """These wait for it, but until then no worker may seem dead."""
+    return 5
+
+
 def _ends(service: Any, job: Any) -> list[str]:
     """Ends of a job by the log of all workers."""
     lines = [json.loads(line) for line in service.log.read_text().splitlines() if job["id"] in line]
@@ -51,12 +57,13 @@ def _freeze(service: Any, pids: list[int]) -> bool:
 def test_a_frozen_worker_that_comes_back_changes_nothing(
     own_service: Any, pair: drivers.CapturedPair, whole: bool
 ) -> None:
-    job = own_service.upload(pair)
-    own_service.await_stage(job)
-    (worker,) = own_service.find("worker")
-    family = own_service.find("fork server") + own_service.find("child") if whole else []
-    frozen = [worker, *family]
-    own_service.await_that("they are frozen", lambda: _freeze(own_service, frozen))
+    with own_service.held():
+        job = own_service.upload(pair, lights=2)
+        own_service.await_stage(job)
+        (worker,) = own_service.find("worker")
+        family = own_service.find("fork server") + own_service.find("child") if whole else []
+        frozen = [worker, *family]
+        own_service.await_that("they are frozen", lambda: _freeze(own_service, frozen))
     own_service.start_worker()
     done = own_service.await_end(job)
     assert (done["state"], done["attempt"]) == ("succeeded", 2)
@@ -74,10 +81,10 @@ def test_a_frozen_worker_that_comes_back_changes_nothing(
     assert {key.split("/")[2] for key in stored} == {"inputs", "2"}
 
 
-def test_a_sweep_of_which_the_worker_never_heard_is_done_again(kept_shortly: Any) -> None:
+def test_a_sweep_of_which_the_worker_never_heard_is_done_again(sweeping: Any) -> None:
     """One is out of the queue at a time: nothing would be removed until that worker ends."""
     database = sqlite3.connect(
-        kept_shortly.data / "lightlayers.sqlite", isolation_level=None, timeout=60
+        sweeping.data / "lightlayers.sqlite", isolation_level=None, timeout=60
     )
     sweeps = "SELECT workflow_uuid, status FROM workflow_status WHERE queue_name = 'upkeep' "
 
@@ -87,7 +94,7 @@ def test_a_sweep_of_which_the_worker_never_heard_is_done_again(kept_shortly: Any
         ).fetchone()
         return found
 
-    kept_shortly.await_that("a sweep is done", done)
+    sweeping.await_that("a sweep is done", done)
     found = done()
     assert found is not None
     sweep, _ = found
@@ -96,7 +103,7 @@ def test_a_sweep_of_which_the_worker_never_heard_is_done_again(kept_shortly: Any
         "executor_id = (SELECT id FROM workers) WHERE workflow_uuid = ?",
         (sweep,),
     )
-    kept_shortly.await_that(
+    sweeping.await_that(
         "it is done again",
         lambda: (
             database.execute(sweeps + "AND workflow_uuid = ?", (sweep,)).fetchone()
@@ -104,7 +111,7 @@ def test_a_sweep_of_which_the_worker_never_heard_is_done_again(kept_shortly: Any
         ),
     )
     database.close()
-    assert f'"put back", "job": "{sweep}"' in kept_shortly.log.read_text()
+    assert f'"put back", "job": "{sweep}"' in sweeping.log.read_text()
 
 
 @pytest.fixture
@@ -123,14 +130,19 @@ def far_worker(grown_up: Any, postgresql: str) -> Iterator[Relay]:
 @pytest.fixture
 def cut_off(
     grown_up: Any, far_worker: Relay, pair: drivers.CapturedPair
-) -> tuple[subprocess.Popen[bytes], list[Any]]:
-    """A worker that has just lost the database, and two jobs, of which it is in one's middle."""
+) -> Iterator[tuple[subprocess.Popen[bytes], list[Any]]]:
+    """A worker that has just lost the database, and two jobs, of which it is in one's middle.
+
+    They are held there.
+    """
     far = grown_up.start_worker()
-    jobs = [grown_up.upload(pair) for _ in range(2)]
-    for job in jobs:
-        grown_up.await_stage(job)
-    far_worker.cut()
-    return far, jobs
+    grown_up.await_workers(2)  # one alone would have both jobs
+    with grown_up.held():
+        jobs = [grown_up.upload(pair, lights=2) for _ in range(2)]
+        for job in jobs:
+            grown_up.await_stage(job)
+        far_worker.cut()
+        yield far, jobs
 
 
 def test_a_worker_that_is_cut_off_counts_no_more(
@@ -140,6 +152,7 @@ def test_a_worker_that_is_cut_off_counts_no_more(
     cut_off: tuple[subprocess.Popen[bytes], list[Any]],
 ) -> None:
     far, jobs = cut_off
+    grown_up.release()
     ends = [grown_up.await_end(job) for job in jobs]
     assert [job["state"] for job in ends] == ["succeeded"] * 2
     assert sorted(job["attempt"] for job in ends) == [1, 2]
@@ -165,7 +178,8 @@ def test_a_worker_that_stops_while_the_database_is_away_ends_and_its_job_goes_on
 ) -> None:
     far, jobs = cut_off
     far.terminate()
-    assert far.wait(60) == 0
+    assert far.wait(120) == 0
+    grown_up.release()
     assert "left without a word" in grown_up.log.read_text()
     ends = [grown_up.await_end(job) for job in jobs]
     assert sorted((job["state"], job["attempt"]) for job in ends) == [
@@ -185,9 +199,10 @@ def test_a_job_outlasts_a_store_that_is_away_for_a_moment(
     service = make_service(tmp_path / "service", store_url="s3://photographs/away")
     service.environment |= s3 | {"AWS_ENDPOINT_URL": f"http://127.0.0.1:{relay.port}"}
     service.start()
-    job = service.upload(pair)
-    service.await_stage(job)
-    relay.cut()
+    with service.held():
+        job = service.upload(pair, lights=2)
+        service.await_stage(job)
+        relay.cut()
     service.await_that("the worker has tried", lambda: "hindered" in service.log.read_text())
     assert service.http.get("/readyz").status_code == 503
     assert service.look(job)["state"] == "running"
