@@ -215,6 +215,7 @@ def test_the_gltf_validator_accepts_the_surface(
         tmp_path,
         "--no-audit",
         "--no-fund",
+        "--fetch-retries=5",
         "gltf-validator@2.0.0-dev.3.10",
     )
     script = (

@@ -99,6 +99,8 @@ def _confirm(service: Any, asking: dict[str, Any]) -> None:
 def test_pairs_of_a_camera_are_taken_in_order_by_whichever_worker(
     service: Any, camera: Any
 ) -> None:
+    # Both workers may be about to look at it.
+    service.await_that("it was looked at", lambda: _camera(service)["state"] == "idle")
     idle = _camera(service)
     assert (idle["state"], idle["model"], idle["battery_percent"]) == ("idle", "NIKON D5100", 87)
     made = _capture(service, pairs=3, settings={"iso": 400}, keep=True)

@@ -38,6 +38,8 @@ def test_answers_are_those_of_the_document(
         "--phases=fuzzing",
         "--exclude-path=/jobs/{job_id}/events",  # a stream, which ends with the job
         "--max-examples=10",
+        "--request-timeout=120",
+        "--suppress-health-check=all",  # that examples are slow to make
         f"--seed={_SEED}",
         "--continue-on-failure",
     ]

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from tests.hostile.run import GROWTH_MIB, Run
 from tests.hostile.target import Target
 
 
+@pytest.mark.timeout(1200)  # it waits for its jobs for 900 s at most
 def test_hostile_requests_break_nothing(tmp_path: Path) -> None:
     target = Target(tmp_path)
     try:

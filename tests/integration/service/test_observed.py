@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import socket
 import sqlite3
 import threading
 from collections.abc import Iterator
@@ -18,6 +17,7 @@ from opentelemetry.proto.collector.trace.v1.trace_service_pb2 import ExportTrace
 from prometheus_client.parser import text_string_to_metric_families
 
 import drivers
+from tests.ports import free_port
 
 Span = dict[str, Any]
 
@@ -81,21 +81,9 @@ def receiver() -> Iterator[Receiver]:
     receiver.close()
 
 
-def _free_ports() -> int:
-    """A port that is free together with the next one."""
-    while True:
-        with socket.create_server(("127.0.0.1", 0)) as first:
-            port: int = first.getsockname()[1]
-            try:
-                socket.create_server(("127.0.0.1", port + 1)).close()
-            except OSError:
-                continue
-            return port
-
-
 def _figures(port: int) -> dict[str, float]:
     """What a process shows, by name and labels."""
-    text = httpx.get(f"http://127.0.0.1:{port}/metrics").raise_for_status().text
+    text = httpx.get(f"http://127.0.0.1:{port}/metrics", timeout=60).raise_for_status().text
     return {
         sample.name + "".join(f" {value}" for value in sample.labels.values()): sample.value
         for family in text_string_to_metric_families(text)
@@ -106,7 +94,7 @@ def _figures(port: int) -> dict[str, float]:
 def test_a_job_is_in_the_metrics_and_one_trace(
     tmp_path: Path, receiver: Receiver, make_service: Any, small_pair: drivers.CapturedPair
 ) -> None:
-    port = _free_ports()
+    port = free_port(2)
     service = make_service(tmp_path, metrics_port=port)
     service.environment["OTEL_EXPORTER_OTLP_ENDPOINT"] = receiver.url
     service.start()
@@ -122,6 +110,11 @@ def test_a_job_is_in_the_metrics_and_one_trace(
     assert (answer.status_code, answer.headers["trace-id"]) == (202, trace)
     assert service.await_end(answer.json())["state"] == "succeeded"
     refused = service.http.get("/jobs/nothing")
+    # The worker counts a job once it has written its end.
+    service.await_that(
+        "the job is counted",
+        lambda: _figures(port + 1).get("lightlayers_jobs_finished_total succeeded"),
+    )
     api, worker = _figures(port), _figures(port + 1)
     assert service.stop() == 0
 
@@ -153,7 +146,7 @@ def test_a_job_is_in_the_metrics_and_one_trace(
 def test_a_service_that_is_told_to_stop_says_so_and_finishes_its_uploads(
     tmp_path: Path, make_service: Any, small_pair: drivers.CapturedPair
 ) -> None:
-    service = make_service(tmp_path, drain_seconds=2)
+    service = make_service(tmp_path, drain_seconds=60)  # stop() ends it
     service.start()
     halfway, stopping = threading.Event(), threading.Event()
     request = service.http.build_request(

@@ -117,7 +117,7 @@ def test_a_signed_url_gives_the_object_to_who_has_it(storage: Storage) -> None:
     link = storage.link("jobs/6/1/lamp 1.jpg", 60)
     assert link is not None
     assert "X-Amz-Expires=60" in link
-    assert httpx.get(link, headers={"range": "bytes=1-2"}).content == b"ig"
+    assert httpx.get(link, headers={"range": "bytes=1-2"}, timeout=60).content == b"ig"
 
 
 @pytest.mark.parametrize("size", [5, 12_000_000], ids=["whole", "in parts"])
@@ -129,7 +129,7 @@ def test_a_signed_url_answers_with_the_headers_of_the_object(
     storage.put_file("jobs/6/1/lamp1.jpg", tmp_path / "lamp1.jpg", headers)
     link = storage.link("jobs/6/1/lamp1.jpg", 60)
     assert link is not None
-    answer = httpx.get(link)
+    answer = httpx.get(link, timeout=60)
     assert (answer.status_code, len(answer.content)) == (200, size)
     assert headers.items() <= {name.title(): text for name, text in answer.headers.items()}.items()
 

@@ -106,7 +106,9 @@ def test_a_heic_pair_of_any_type_is_separated(service: Any, media_type: str | No
         head = f'Content-Disposition: form-data; name="{frame}"; filename="IMG_1"\r\n{kind}\r\n'
         body += b"--edge\r\n" + head.encode() + data + b"\r\n"
     headers = {"content-type": "multipart/form-data; boundary=edge", "prefer": "wait=60"}
-    answer = service.http.post("/jobs", content=body + b"--edge--\r\n", headers=headers)
+    answer = service.http.post(
+        "/jobs", content=body + b"--edge--\r\n", headers=headers, timeout=180
+    )
     done = service.await_end(answer.json())
     assert (done["state"], done["error"]) == ("succeeded", None)
 
