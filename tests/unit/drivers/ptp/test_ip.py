@@ -123,7 +123,7 @@ def telling_without_end(peer: Peer, packet: bytes) -> Iterator[None]:
 
 
 def test_events_without_end_are_no_answer() -> None:
-    transport, peer = meeting(b"", answer_s=1)
+    transport, peer = meeting(b"", answer_s=0.4)
     event = encode_packet(PacketType.EVENT, struct.pack("<HI", 0x4002, 0))
     with telling_without_end(peer, event), contextlib.closing(transport):
         transport.send(COMMAND)
@@ -134,7 +134,7 @@ def test_events_without_end_are_no_answer() -> None:
 def test_of_too_many_events_the_latest_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("drivers.ptp.ip._MOST_WAITING", 3)
     events = (encode_packet(PacketType.EVENT, struct.pack("<HII", 0x4002, 0, n)) for n in range(5))
-    transport, peer = meeting(b"", b"".join(events), answer_s=1)
+    transport, peer = meeting(b"", b"".join(events), answer_s=0.4)
     transport.send(COMMAND)
     with pytest.raises(CameraTimeoutError):
         transport.receive()
