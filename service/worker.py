@@ -6,6 +6,7 @@ ends when that process does.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import os
 import signal
@@ -13,7 +14,7 @@ import socket
 import sys
 import threading
 import uuid
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 
 import sqlalchemy as sa
 
@@ -208,25 +209,23 @@ class Worker:
         attempt: Attempt | None = None
         lost = False
         while True:
-            if self._stopping.is_set():
-                # A return would tell the queue that the job is done.
-                threading.Event().wait()
             try:
-                if attempt:
-                    attempt.give_up(lost)
-                    attempt = None
-                with self._engine.begin() as connection:
-                    held = claim(connection, job_id, self.id)
-                    known = held or jobs.find(connection, job_id)
-                    over = known is None or is_over(connection, known)
-                if over:
-                    return
-                if held:
-                    attempt = self._start(held)
-                    self._finish(held, attempt)
-                    attempt = None
-                    self._queue_news()
-                    continue
+                with self._working():
+                    if attempt:
+                        attempt.give_up(lost)
+                        attempt = None
+                    with self._engine.begin() as connection:
+                        held = claim(connection, job_id, self.id)
+                        known = held or jobs.find(connection, job_id)
+                        over = known is None or is_over(connection, known)
+                    if over:
+                        return
+                    if held:
+                        attempt = self._start(held)
+                        self._finish(held, attempt)
+                        attempt = None
+                        self._queue_news()
+                        continue
             except Exception as error:
                 # Raised to the queue, it would end the job there and nowhere else.
                 lost = not passes(error)
@@ -234,6 +233,22 @@ class Worker:
             # Another worker that lives has it: stay by, in case that it dies. Or its camera is in
             # use, which takes no longer.
             self._stopping.wait(_RETRY_SECONDS)
+
+    @contextlib.contextmanager
+    def _working(self) -> Iterator[None]:
+        """Have a stop wait for what is done meanwhile. Once there is one, it never begins."""
+        with self._idle:
+            stopping = self._stopping.is_set()
+            self._busy += not stopping
+        if stopping:
+            # A return would tell the queue that the job is done.
+            threading.Event().wait()
+        try:
+            yield
+        finally:
+            with self._idle:
+                self._busy -= 1
+                self._idle.notify_all()
 
     def _queue_news(self) -> None:
         with self._engine.begin() as connection:
@@ -250,22 +265,15 @@ class Worker:
         )
 
     def _finish(self, job: jobs.Job, attempt: Attempt) -> None:
-        with self._idle:
-            self._busy += 1
-        try:
-            if job.state == State.CANCELING:
-                attempt.give_up()
-            elif job.lost >= jobs.LOST_ATTEMPTS:
-                log.warning("given up", extra={"job": job.id, "trace_id": job.trace_id})
-                problem = problem_of(AbandonedError(job.lost), job.trace_id).model_dump()
-                with self._engine.begin() as connection:
-                    jobs.fail(connection, job, problem, self._keep_seconds)
-            else:
-                self._work(job, attempt)
-        finally:
-            with self._idle:
-                self._busy -= 1
-                self._idle.notify_all()
+        if job.state == State.CANCELING:
+            attempt.give_up()
+        elif job.lost >= jobs.LOST_ATTEMPTS:
+            log.warning("given up", extra={"job": job.id, "trace_id": job.trace_id})
+            problem = problem_of(AbandonedError(job.lost), job.trace_id).model_dump()
+            with self._engine.begin() as connection:
+                jobs.fail(connection, job, problem, self._keep_seconds)
+        else:
+            self._work(job, attempt)
 
     def _work(self, job: jobs.Job, attempt: Attempt) -> None:
         if job.captures:

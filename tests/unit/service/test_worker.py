@@ -100,6 +100,44 @@ def test_whatever_cuts_an_attempt_short_another_follows(
     assert (job.state, job.attempt, job.lost) == (State.SUCCEEDED, 2, lost)
 
 
+def test_a_stop_waits_for_a_job_that_is_just_being_claimed(
+    one: Worker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its row would stay running, and wait for a worker that finds this one dead."""
+    monkeypatch.setattr(worker.dbos_queue, "launch", lambda *_: None)
+    monkeypatch.setattr(worker.metrics, "serve", lambda *_: None)
+    monkeypatch.setattr(one._fork_server, "start", lambda: None)
+    monkeypatch.setattr(Attempt, "run", _ends)
+    stop = threading.Event()
+    serving = threading.Thread(target=one.serve, args=(stop,))
+    left: list[bool] = []
+
+    def claim(*arguments: Any) -> jobs.Job | None:
+        stop.set()
+        serving.join(timeout=1.5)  # longer than what it waits for between two heartbeats
+        left.append(not serving.is_alive())
+        return jobs.claim(*arguments)
+
+    one._settings = one._settings.model_copy(update={"heartbeat_seconds": 0.1})
+    _add(one)
+    serving.start()
+    wanted = ("a", claim, lambda _connection, job: job.ended)
+    threading.Thread(target=one._run, args=wanted, daemon=True).start()  # it never returns
+    serving.join()
+    assert left == [False]
+    assert _find(one).state == State.SUCCEEDED
+
+
+def test_no_job_begins_once_a_stop_has(one: Worker) -> None:
+    _add(one)
+    one._stopping.set()
+    thread = threading.Thread(target=one.run, args=("a",), daemon=True)  # it never returns
+    thread.start()
+    thread.join(timeout=0.5)
+    assert thread.is_alive()
+    assert (_find(one).state, one._busy) == (State.QUEUED, 0)
+
+
 @pytest.mark.parametrize("how", CUT_SHORT)
 def test_attempts_that_are_cut_short_are_bounded(
     how: str, one: Worker, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
