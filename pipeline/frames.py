@@ -118,6 +118,9 @@ class Frame:
     xyz_to_camera: (3, 3) matrix from CIE XYZ to camera RGB as LibRaw knows it, None for others.
     compression: the noise that the file's compression added, None where that is not known.
     profiled: the file says by a linear profile what colours it holds; they became linear sRGB.
+    orientation: EXIF's, 1–8, by which the sensor's picture was turned.
+    written_orientation: what the file says of it, which is another where it was read as the other
+        photograph of its pair.
     """
 
     pixels: Photograph
@@ -134,6 +137,8 @@ class Frame:
     xyz_to_camera: Matrix | None = None
     compression: Noise | None = None
     profiled: bool = False
+    orientation: int = 1
+    written_orientation: int = 1
 
     @property
     def size(self) -> tuple[int, int]:

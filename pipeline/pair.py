@@ -22,6 +22,7 @@ from pipeline.pair_warnings import (
     alignment_warnings,
     copy_warnings,
     darkening_warnings,
+    orientation_warnings,
     rendering_warnings,
     unsteady_warnings,
 )
@@ -112,6 +113,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
         clipped=float(np.mean(no_flash.saturated | flash.saturated)),
         white=white,
         warnings=(
+            *orientation_warnings(no_flash, flash),
             *(rendering_warnings(no_flash, flash, written.value) if rendered else ()),
             *alignment_warnings(laid.alignment),
             *held.warnings,

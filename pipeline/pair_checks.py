@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.colour.curves import linear_to_srgb
-from pipeline.decode import check_header
+from pipeline.decode import read_alike, read_header
 from pipeline.errors import PairMismatchError, UnusablePairError
 from pipeline.frames import Frame, Image, Mask, Photograph
 from pipeline.noise import Noise
@@ -28,12 +28,17 @@ _MOST_RATIO = 100  # times the shorter side, into which blocks must fit; no phot
 _SAMPLES, _LEAST_STEP = 200_000, 4  # pixels looked at, and the step between them at least
 
 
-def check_pair(no_flash: bytes, flash: bytes) -> None:
-    """Refuse, from the headers alone, files that can never be separated. Raises InputError."""
-    sizes = [check_header(no_flash, NO_FLASH), check_header(flash, FLASH)]
-    check_sizes(*sizes)
+def check_pair(no_flash: bytes, flash: bytes) -> int:
+    """Refuse, from the headers alone, files that can never be separated. Raises InputError.
+
+    Returns the EXIF orientation, 1–8, by which to decode the flash photograph.
+    """
+    before = read_header(no_flash, NO_FLASH)
+    after = read_alike(before, read_header(flash, FLASH))
+    check_sizes(before.size, after.size)
     if no_flash == flash:
         raise UnusablePairError(_IDENTICAL)
+    return after.orientation
 
 
 def check_sizes(no_flash: tuple[int, int], flash: tuple[int, int]) -> None:

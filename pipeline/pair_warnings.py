@@ -24,6 +24,21 @@ _COPY_COLOUR_SPREAD = 1.0  # the same over all channels: lamp and flash differ i
 _NOTABLE_DIMMING, _NOTABLE_DARKENING = 0.01, 0.002
 
 
+def orientation_warnings(no_flash: Frame, flash: Frame) -> list[Remark]:
+    """Tell of a flash photograph that was not turned as its file says, but as the other."""
+    if flash.orientation == flash.written_orientation:
+        return []
+    message = (
+        f"By its EXIF the photograph without the flash is to be turned another way (orientation "
+        f"{no_flash.orientation}) than the one with it (orientation {flash.written_orientation}). "
+        "Cameras that look down or lie flat write that without having been moved, so that both "
+        "were turned as the one without the flash: if the camera was turned between them, take "
+        "the pair again."
+    )
+    figures = {"no_flash": no_flash.orientation, "flash": flash.written_orientation}
+    return [Remark(Code.ORIENTATIONS_DIFFER, message, figures)]
+
+
 def rendering_warnings(no_flash: Frame, flash: Frame, ratio: float) -> list[Remark]:
     """What a camera's rendering to sRGB may have done to one photograph and not to the other."""
     warnings = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from pipeline.decode import check_header
+from pipeline.decode import Header, read_alike, read_header
 from pipeline.decode.metadata import Metadata, read_metadata
 
 LONGEST_GAP_S = 120.0
@@ -14,10 +14,10 @@ LONGEST_GAP_S = 120.0
 
 @dataclass(frozen=True)
 class Shot:
-    """What a photograph says of itself. size: (width, height) after orientation, in pixels."""
+    """What a photograph says of itself."""
 
     metadata: Metadata
-    size: tuple[int, int]
+    header: Header
 
     @property
     def lack(self) -> str | None:
@@ -39,7 +39,7 @@ class Pairs:
 
 def read_shot(data: bytes) -> Shot:
     """Read what a file says of itself. Raises UnreadableImageError, ImageTooLargeError."""
-    return Shot(read_metadata(data), check_header(data))
+    return Shot(read_metadata(data), read_header(data))
 
 
 def find_pairs(shots: Mapping[str, Shot]) -> Pairs:
@@ -66,12 +66,14 @@ def _candidates(shots: Mapping[str, Shot]) -> Iterable[tuple[float, str, str]]:
             gap = _time(other) - _time(one)
             if gap > LONGEST_GAP_S:
                 break
-            if _camera(one) == _camera(other) and _fired(one) != _fired(other):
+            if _alike(one, other) and _fired(one) != _fired(other):
                 yield (gap, second, first) if _fired(one) else (gap, first, second)
 
 
-def _camera(shot: Shot) -> tuple[str, str, tuple[int, int]]:
-    return shot.metadata.make, shot.metadata.model, shot.size
+def _alike(one: Shot, other: Shot) -> bool:
+    """Whether two are of one camera and size, whichever of them was taken with the flash."""
+    cameras = {(shot.metadata.make, shot.metadata.model) for shot in (one, other)}
+    return len(cameras) == 1 and one.header.size == read_alike(one.header, other.header).size
 
 
 def _fired(shot: Shot) -> bool:

@@ -50,12 +50,12 @@ def separate_files(
     what the user can mend, Canceled, OSError.
     """
     progress.report("decode", 0.0)
-    check_pair(no_flash, flash)
+    orientation = check_pair(no_flash, flash)
     before = decode(no_flash, options.encoding, NO_FLASH)
     del no_flash  # RAW files are large, and a caller may have kept none of them
     trim_memory()
     progress.report("decode", 0.5)
-    after = decode(flash, options.encoding, FLASH)
+    after = decode(flash, options.encoding, FLASH, orientation)
     del flash
     # first what costs little and may be refused: outputs, names of cameras and lights
     named = options.camera is not None  # calibrated ones were checked by their targets

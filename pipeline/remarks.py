@@ -14,6 +14,7 @@ class Code(StrEnum):
     """Names of all warnings. They stay as they are; sentences may change."""
 
     # the pair
+    ORIENTATIONS_DIFFER = "orientations_differ"
     NOT_ALIGNED = "not_aligned"
     EXPOSURE_ASSUMED = "exposure_assumed"
     EXPOSURE_ESTIMATED = "exposure_estimated"

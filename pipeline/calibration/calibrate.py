@@ -79,10 +79,10 @@ def calibrate_files(
     Raises InputError for what the user can mend, Canceled, OSError.
     """
     progress.report("decode", 0.0)
-    check_pair(no_flash, flash)
+    orientation = check_pair(no_flash, flash)
     before = decode(no_flash, options.encoding, NO_FLASH)
     progress.report("decode", 0.5)
-    after = decode(flash, options.encoding, FLASH)
+    after = decode(flash, options.encoding, FLASH, orientation)
     progress.report("decode", 1.0)
     if isinstance(options, CameraCalibration) and before.encoding == "srgb":
         raise OptionError(

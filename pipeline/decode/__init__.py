@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
-from pipeline.decode.reader import check_header, decode
+from pipeline.decode.header import Header, read_alike
+from pipeline.decode.reader import check_header, decode, read_header
 
-__all__ = ["check_header", "decode"]
+__all__ = ["Header", "check_header", "decode", "read_alike", "read_header"]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline.decode.demosaic import is_bayer
 from pipeline.decode.samples import upright
 
-_ORIENTATIONS = {0: 1, 1: 2, 2: 4, 3: 3, 4: 5, 5: 8, 6: 6, 7: 7}
+ORIENTATIONS = {0: 1, 1: 2, 2: 4, 3: 3, 4: 5, 5: 8, 6: 6, 7: 7}
 """EXIF orientation by LibRaw's `flip`: mirrored across (1), down (2), rows and columns changed (4).
 """
 
@@ -32,12 +32,15 @@ class Mosaic:
     white: float
 
 
-def bayer_mosaic(raw: rawpy.RawPy, black_repeats: int) -> Mosaic | None:
+def bayer_mosaic(
+    raw: rawpy.RawPy, black_repeats: int, orientation: int | None = None
+) -> Mosaic | None:
     """Mosaic of an unpacked file; None where only LibRaw knows how to make a picture of it.
 
     Those are sensors of other patterns, of more colours, with pixels that are not square, or that
     stand on a corner, files of pictures, and levels of black that repeat after more than
-    two photosites (black_repeats), of which rawpy tells nothing. Raises rawpy's errors.
+    two photosites (black_repeats), of which rawpy tells nothing. orientation: EXIF's, by
+    which to turn it; None for the file's own. Raises rawpy's errors.
     """
     if raw.raw_type != rawpy.RawType.Flat or raw.num_colors != 3 or raw.color_desc != b"RGBG":
         return None
@@ -56,7 +59,7 @@ def bayer_mosaic(raw: rawpy.RawPy, black_repeats: int) -> Mosaic | None:
             for y in range(2 + height % 2)
         ]
     )
-    orientation = _ORIENTATIONS[sizes.flip]
+    orientation = orientation or ORIENTATIONS[sizes.flip]
     filters = upright(filters, orientation)[:2, :2]
     colours = np.where(filters == 3, 1, filters)  # both greens
     levels = np.asarray(raw.black_level_per_channel, np.float64)

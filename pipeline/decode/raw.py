@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import rawpy
 
-from pipeline.decode.bayer import bayer_mosaic
+from pipeline.decode.bayer import ORIENTATIONS, bayer_mosaic
 from pipeline.decode.demosaic import demosaic
 from pipeline.decode.linear import clipped, clipped_photosites, to_linear
 from pipeline.decode.metadata import Metadata, read_metadata
@@ -17,8 +17,8 @@ from pipeline.decode.samples import Samples, refuse_grey
 from pipeline.decode.tiff import black_repeats, dng_matrix, linear_raw_channels
 from pipeline.frames import Mask, Matrix, Photograph
 
-_TURNED = (5, 6)
-"""LibRaw's `flip` values for a quarter turn."""
+_FLIPS = {orientation: flip for flip, orientation in ORIENTATIONS.items()}
+"""LibRaw's `flip` by EXIF orientation."""
 _CORRECTED = ("phase one",)
 """Makers whose sensors' faults LibRaw corrects after it has unpacked the file."""
 _MOST_CONDITION = 1e4
@@ -39,16 +39,19 @@ class RawPicture(NamedTuple):
     xyz_to_camera: Matrix | None
 
 
-def raw_size(data: bytes) -> tuple[int, int]:
-    """(width, height) after orientation, without unpacking. Raises rawpy's errors."""
+def raw_header(data: bytes) -> tuple[tuple[int, int], int]:
+    """(width, height) before EXIF orientation, and that, without unpacking. Raises rawpy's errors.
+
+    LibRaw knows the orientation of files whose EXIF nothing else finds.
+    """
     with rawpy.imread(io.BytesIO(data)) as raw:
-        width, height = raw.sizes.iwidth, raw.sizes.iheight
-        return (height, width) if raw.sizes.flip in _TURNED else (width, height)
+        return (raw.sizes.iwidth, raw.sizes.iheight), ORIENTATIONS.get(raw.sizes.flip, 1)
 
 
-def read_raw(data: bytes) -> RawPicture:
+def read_raw(data: bytes, orientation: int | None = None) -> RawPicture:
     """Read sensor values, without white balance, as light.
 
+    orientation: by which to turn them, as EXIF has it; None for the file's own.
     Mosaics of Bayer sensors are made pictures of by demosaic, all others by LibRaw: where that
     has a choice by DHT, which does not suffer from channels without white balance either.
     adjust_maximum_thr must be 0: LibRaw otherwise scales every frame by its own maximum, which
@@ -64,7 +67,7 @@ def read_raw(data: bytes) -> RawPicture:
         if metadata == Metadata():  # no EXIF where it is looked for, as in CRW
             metadata = preview_metadata(raw)
         corrected = metadata.make.lower().startswith(_CORRECTED)
-        mosaic = None if corrected else bayer_mosaic(raw, black_repeats(data))
+        mosaic = None if corrected else bayer_mosaic(raw, black_repeats(data), orientation)
         if mosaic is not None:
             pixels: Photograph = demosaic(mosaic.values, mosaic.colours, mosaic.black, mosaic.white)
             saturated = clipped_photosites(mosaic.values, mosaic.black, mosaic.white)
@@ -77,6 +80,7 @@ def read_raw(data: bytes) -> RawPicture:
                 gamma=(1, 1),
                 no_auto_bright=True,
                 adjust_maximum_thr=0.0,
+                user_flip=None if orientation is None else _FLIPS[orientation],
             )
     if mosaic is None:
         samples = Samples(values, 65535.0)

@@ -14,10 +14,11 @@ from functools import partial
 from pipeline.colour.icc import adobe_rgb_profile
 from pipeline.compression_noise import compression_noise
 from pipeline.decode.exr import exr_size, read_exr
+from pipeline.decode.header import Header
 from pipeline.decode.linear import clipped, to_linear
 from pipeline.decode.metadata import Metadata, read_metadata
 from pipeline.decode.profiles import is_curved, is_straight
-from pipeline.decode.raw import raw_size, read_raw
+from pipeline.decode.raw import raw_header, read_raw
 from pipeline.decode.recompressed import compressed_as_jpeg, recompressed
 from pipeline.decode.rendered import (
     heif_size,
@@ -27,7 +28,7 @@ from pipeline.decode.rendered import (
     read_jpeg,
     read_png,
 )
-from pipeline.decode.samples import Samples, UnsuitableError
+from pipeline.decode.samples import Samples, UnsuitableError, turns_sides
 from pipeline.decode.signatures import Kind, kind_of
 from pipeline.decode.tiff import holds_raw, read_tiff, tiff_size
 from pipeline.errors import ImageTooLargeError, OptionError, PipelineError, UnreadableImageError
@@ -55,10 +56,20 @@ def check_header(data: bytes, name: str = "no-flash photograph") -> tuple[int, i
     name: what messages call the picture. Raises UnreadableImageError when the bytes are not a
     picture of a known kind, ImageTooLargeError above max_pixels().
     """
-    return _size(data, _kind(data, name), name)
+    return read_header(data, name).size
 
 
-def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph") -> Frame:
+def read_header(data: bytes, name: str = "no-flash photograph") -> Header:
+    """Read what the header alone tells. Raises as check_header."""
+    return _header(data, _kind(data, name), name)
+
+
+def decode(
+    data: bytes,
+    encoding: str = "auto",
+    name: str = "no-flash photograph",
+    orientation: int | None = None,
+) -> Frame:
     """Decode a photograph to linear light.
 
     encoding: "auto" takes RAW and DNG as sensor values, 8-bit pictures and HEIF as their ICC
@@ -67,17 +78,22 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
     RAW are encoded. Pictures whose profile is followed become linear sRGB, as do JPEG files that
     are Adobe RGB by their EXIF. What a PNG says by its cICP, sRGB, gAMA or cHRM chunk counts as its
     profile, and an OpenEXR by its chromaticities. name: what messages call the picture.
+    orientation: EXIF's, 1–8, by which to turn the sensor's picture; None for the file's own.
     Raises UnreadableImageError, also for more than 8 bits with a profile of no use and "auto",
     ImageTooLargeError, and OptionError for a RAW file said to be sRGB.
     """
     kind = _kind(data, name)
-    _size(data, kind, name)
+    header = _header(data, kind, name)
     if kind == "RAW" and encoding == "srgb":
         raise OptionError(
             f"The {name} is a RAW file, which holds linear values: leave the encoding to auto."
         )
     with _readable(name, _damaged(kind)):
-        read = _raw(data) if kind == "RAW" else _picture(data, kind, encoding)
+        read = (
+            _raw(data, orientation)
+            if kind == "RAW"
+            else _picture(data, kind, encoding, orientation)
+        )
         if read.pixels.ndim != 3 or read.pixels.shape[2] != 3:
             raise ValueError("a damaged header gave other samples than RGB")
     height, width = read.pixels.shape[:2]
@@ -97,6 +113,8 @@ def decode(data: bytes, encoding: str = "auto", name: str = "no-flash photograph
         xyz_to_camera=read.xyz_to_camera,
         compression=read.compression,
         profiled=read.profiled,
+        orientation=orientation or header.orientation,
+        written_orientation=header.orientation,
     )
 
 
@@ -113,15 +131,15 @@ class _Read:
     profiled: bool = False
 
 
-def _raw(data: bytes) -> _Read:
-    pixels, saturated, metadata, xyz_to_camera = read_raw(data)
-    return _Read(pixels, saturated, "raw", metadata, xyz_to_camera)
+def _raw(data: bytes, orientation: int | None) -> _Read:
+    read = read_raw(data, orientation)
+    return _Read(read.pixels, read.saturated, "raw", read.metadata, read.xyz_to_camera)
 
 
-def _picture(data: bytes, kind: Kind, encoding: str) -> _Read:
-    """A file of any other kind; encoding: as decode is asked for it."""
+def _picture(data: bytes, kind: Kind, encoding: str, orientation: int | None) -> _Read:
+    """A file of any other kind; encoding, orientation: as decode is asked for them."""
     metadata = read_metadata(data)
-    samples = _samples(data, kind, metadata)
+    samples = _samples(data, kind, metadata, orientation)
     curved = encoding == "auto" and _curved(samples)
     straight = encoding == "auto" and _straight(samples)
     if encoding == "auto" and kind != "HEIF" and not (curved or straight):
@@ -170,16 +188,13 @@ def _kind(data: bytes, name: str) -> Kind:
     return kind or "RAW"
 
 
-def _size(data: bytes, kind: Kind, name: str) -> tuple[int, int]:
+def _header(data: bytes, kind: Kind, name: str) -> Header:
     with _readable(name, _unopened(data, kind)):
-        width, height = {
-            "JPEG": jpeg_size,
-            "PNG": png_size,
-            "TIFF": tiff_size,
-            "EXR": exr_size,
-            "HEIF": heif_size,
-            "RAW": raw_size,
-        }[kind](data)
+        if kind == "RAW":
+            (width, height), orientation = raw_header(data)
+        else:
+            width, height = _SIZES[kind](data)
+            orientation = 1 if kind == "EXR" else read_metadata(data).orientation
         if width < 1 or height < 1:
             raise ValueError("no pixels")
     if width * height > max_pixels():
@@ -187,21 +202,32 @@ def _size(data: bytes, kind: Kind, name: str) -> tuple[int, int]:
             f"The {name} has {width} × {height} pixels, more than the limit of "
             f"{max_pixels() / 1e6:g} million: send a smaller one."
         )
-    turned = kind in ("JPEG", "PNG", "TIFF") and read_metadata(data).orientation >= 5
-    return (height, width) if turned else (width, height)
+    turned = kind != "HEIF" and turns_sides(orientation)
+    return Header(kind, (height, width) if turned else (width, height), orientation)
 
 
-def _samples(data: bytes, kind: Kind, metadata: Metadata) -> Samples:
+_SIZES: dict[Kind, Callable[[bytes], tuple[int, int]]] = {
+    "JPEG": jpeg_size,
+    "PNG": png_size,
+    "TIFF": tiff_size,
+    "EXR": exr_size,
+    "HEIF": heif_size,
+}
+"""(width, height) before orientation; of HEIF, which libheif turns, after it."""
+
+
+def _samples(data: bytes, kind: Kind, metadata: Metadata, orientation: int | None) -> Samples:
+    turn = orientation or metadata.orientation
     if kind == "JPEG":
-        samples = read_jpeg(data, metadata.orientation)
+        samples = read_jpeg(data, turn)
         if metadata.adobe_rgb and samples.profile is None:
             return replace(samples, profile=adobe_rgb_profile())
         return samples
     if kind == "PNG":
-        return read_png(data, metadata.orientation)
+        return read_png(data, turn)
     if kind == "TIFF":
-        return read_tiff(data, metadata.orientation)
-    return read_exr(data) if kind == "EXR" else read_heif(data)
+        return read_tiff(data, turn)
+    return read_exr(data) if kind == "EXR" else read_heif(data, metadata.orientation, orientation)
 
 
 def _curved(samples: Samples) -> bool:

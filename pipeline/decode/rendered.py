@@ -14,7 +14,7 @@ import simplejpeg
 from pipeline.decode.jpeg_header import plain_header
 from pipeline.decode.png_colours import png_profile, png_transfer, refuse_limited_range
 from pipeline.decode.profiles import embedded_profile, nclx_profile
-from pipeline.decode.samples import Samples, UnsuitableError, refuse_hdr, to_rgb
+from pipeline.decode.samples import Samples, UnsuitableError, inverse, refuse_hdr, to_rgb, upright
 
 _PNG_END = b"IEND\xaeB`\x82"
 _EXIF_MARK = b"Exif\0\0"
@@ -73,7 +73,7 @@ def read_png(data: bytes, orientation: int) -> Samples:
 
 
 def heif_size(data: bytes) -> tuple[int, int]:
-    """(width, height) as shown.
+    """(width, height) as shown, which is after orientation.
 
     Raises UnsuitableError for HDR, ValueError and what libheif raises for the rest.
     """
@@ -90,10 +90,11 @@ def heif_exif(data: bytes) -> bytes:
     return bytes(block).removeprefix(_EXIF_MARK)
 
 
-def read_heif(data: bytes) -> Samples:
+def read_heif(data: bytes, own: int = 1, orientation: int | None = None) -> Samples:
     """Read the primary picture of a HEIF file, which libheif has turned upright.
 
     EXIF orientation says nothing here: ISO/IEC 23008-12 turns pictures by `irot` and `imir`.
+    But cameras write both alike: own, that of EXIF, is taken back for another orientation.
     Raises ValueError and what libheif raises.
     """
     image = _open_heif(data)
@@ -102,6 +103,8 @@ def read_heif(data: bytes) -> Samples:
         values = values | values >> image.info["bit_depth"]
     white = float(np.iinfo(values.dtype).max)
     profile = image.info.get("icc_profile") or nclx_profile(image.info.get("nclx_profile") or {})
+    if orientation is not None and orientation != own:
+        return Samples(upright(values, inverse(own)), white, orientation, profile)
     return Samples(values, white, profile=profile)
 
 

@@ -60,9 +60,19 @@ def to_rgb(values: NDArray[Any]) -> NDArray[Any]:
     return values[..., :3]
 
 
+def turns_sides(orientation: int) -> bool:
+    """Whether an EXIF orientation makes a picture's width its height."""
+    return orientation >= 5
+
+
+def inverse(orientation: int) -> int:
+    """EXIF orientation that takes the turn of another back."""
+    return {6: 8, 8: 6}.get(orientation, orientation)
+
+
 def upright(values: NDArray[Any], orientation: int) -> NDArray[Any]:
     """Turn (H, W, …) as EXIF 2.32 (tag 0x0112) says; a view, the size swapped for 5 to 8."""
-    if orientation >= 5:
+    if turns_sides(orientation):
         values = values.swapaxes(0, 1)
     if orientation in (3, 4, 7, 8):
         values = values[::-1]

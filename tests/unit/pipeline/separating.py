@@ -31,6 +31,14 @@ def tiff(values: NDArray[np.floating], camera: tuple[str, str] | None = None) ->
     return file.getvalue()
 
 
+def turned(file: bytes, orientation: int) -> bytes:
+    """The same TIFF, which says an EXIF orientation."""
+    values, copy = tifffile.imread(io.BytesIO(file)), io.BytesIO()
+    tags = [(274, "H", 1, orientation, True)]
+    tifffile.imwrite(copy, values, photometric="rgb", metadata=None, extratags=tags)
+    return copy.getvalue()
+
+
 def png(values: NDArray[np.floating]) -> bytes:
     """An 8-bit PNG, read as sRGB."""
     file = io.BytesIO()

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ from pipeline.pair_checks import (
     check_sizes,
 )
 from pipeline.progress import Progress
-from tests.unit.pipeline.separating import Files, png, tiff
+from tests.unit.pipeline.separating import Files, codes, png, separated, tiff, turned
 
 Array = NDArray[np.float64]
 
@@ -64,6 +65,33 @@ def test_one_file_twice_is_refused(files: Callable[..., Files]) -> None:
 def test_tiny_pictures_are_refused() -> None:
     with pytest.raises(UnusablePairError, match="only 31 × 40 pixels"):
         check_pair(tiff(np.full((40, 31, 3), 0.3)), tiff(np.full((40, 31, 3), 0.4)))
+
+
+@pytest.mark.parametrize(("no_flash", "flash"), [(1, 6), (8, 1), (1, 3), (6, 8)])
+def test_a_camera_that_did_not_move_may_write_another_orientation(
+    files: Callable[..., Files], tmp_path: Path, no_flash: int, flash: int
+) -> None:
+    """The layers are those of a pair of one orientation, and a warning tells of it."""
+    before, after = files()
+    first, second = turned(before, no_flash), turned(after, flash)
+
+    assert check_pair(first, second) == no_flash
+    manifest = separated((first, second), tmp_path / "differ")
+    alike = separated((first, turned(after, no_flash)), tmp_path / "alike")
+
+    assert manifest["lamps"] == alike["lamps"]
+    assert codes(alike) == [code for code in codes(manifest) if code != "orientations_differ"]
+    (warning,) = (w for w in manifest["warnings"] if w["code"] == "orientations_differ")
+    assert warning["figures"] == {"no_flash": no_flash, "flash": flash}
+    assert f"(orientation {flash})" in warning["message"]
+
+
+def test_a_photograph_that_a_converter_has_turned_is_not_turned_again() -> None:
+    light = np.full((40, 60, 3), 0.3)
+    with pytest.raises(PairMismatchError, match="60 × 40 without the flash and 40 × 60 with it"):
+        check_pair(tiff(light), tiff(np.full((60, 40, 3), 0.4)))
+    upright = np.full((60, 40, 3), 0.4)
+    assert check_pair(turned(tiff(light), 6), tiff(upright)) == 1
 
 
 # frames that do not belong together

@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 
 from pipeline import pairs
+from pipeline.decode import Header
 from pipeline.decode.metadata import Metadata
 from pipeline.pairs import Shot, find_pairs, read_shot
 from tests.raw_files import cr3
@@ -13,10 +14,16 @@ ALONE = "no photograph with the other state of the flash belongs to it"
 
 
 def _shot(
-    taken_s: float | None, fired: bool | None, size: tuple[int, int] = (60, 40), **facts: Any
+    taken_s: float | None,
+    fired: bool | None,
+    size: tuple[int, int] = (60, 40),
+    orientation: int = 1,
+    **facts: Any,
 ) -> Shot:
     facts = {"make": "Nikon", "model": "D5100", **facts}
-    return Shot(Metadata(taken_s=taken_s, flash_fired=fired, **facts), size)
+    return Shot(
+        Metadata(taken_s=taken_s, flash_fired=fired, **facts), Header("JPEG", size, orientation)
+    )
 
 
 def test_a_pair_is_one_with_and_one_without_whichever_came_first() -> None:
@@ -27,7 +34,9 @@ def test_a_pair_is_one_with_and_one_without_whichever_came_first() -> None:
 
 
 def test_raw_files_of_canon_are_paired(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pairs, "check_header", lambda _data: (60, 40))  # they have no pixels
+    monkeypatch.setattr(
+        pairs, "read_header", lambda _data: Header("RAW", (60, 40))
+    )  # they have no pixels
     shots = {
         name: read_shot(cr3({0x9209: flash, 0x9003: f"2024:02:29 23:59:{second}"}, {271: "Canon"}))
         for name, flash, second in (("a.cr3", 0x10, 10), ("b.cr3", 0x09, 13))
@@ -55,6 +64,9 @@ def test_pairs_are_listed_in_time() -> None:
         (_shot(120.5, True), False),
         (_shot(1, False), False),
         (_shot(1, True, (40, 60)), False),
+        (_shot(1, True, (40, 60), 6), True),
+        (_shot(1, True, (60, 40), 3), True),
+        (_shot(1, True, (50, 60), 6), False),
         (_shot(1, True, model="D3500"), False),
         (_shot(1, True, make="Canon"), False),
     ],
