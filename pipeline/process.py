@@ -62,7 +62,7 @@ def separate_files(
     warnings = setup_warnings(options, kept, before)
     options, used, left_out = with_kept(options, kept, before)
     warnings += left_out
-    wanted = wanted_outputs(options)
+    wanted = wanted_outputs(options, warnings)
     check_outputs(wanted, before.size)
     camera = find_camera(options.camera, before)
     build = _models(before, options)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from pipeline.encode.jpeg import check_jpeg_size
 from pipeline.errors import OptionError
 from pipeline.options import Options
 from pipeline.output_names import DEFAULT_OUTPUTS, FULL_SIZE_JPEGS, OUTPUT_NAMES, outputs_with
+from pipeline.remarks import Remark
 
 
-def wanted_outputs(options: Options) -> frozenset[str]:
+def wanted_outputs(options: Options, left_out: Sequence[Remark] = ()) -> frozenset[str]:
     """Names out of OUTPUT_NAMES that the options ask for.
 
+    left_out: why kept calibrations do not stand in for options, which refusals repeat.
     Raises OptionError for normals that are asked for by name where no directions are known, and for
     what follows from a surface where the published method finds none.
     """
@@ -23,7 +27,8 @@ def wanted_outputs(options: Options) -> frozenset[str]:
     if facing and options.light_directions is None:
         raise OptionError(
             f"The output {min(facing)} needs the lamps' directions: give light "
-            "directions, or calibrate the lamps of this camera and set-up first."
+            "directions, or calibrate the lamps of this camera and set-up with photographs of this "
+            "kind and way up first." + "".join(f" {remark.message}" for remark in left_out)
         )
     if surface and options.method == "paper":
         raise OptionError(

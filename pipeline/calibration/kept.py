@@ -26,6 +26,12 @@ OPTION_OF: dict[Kind, str] = {
 DEFAULT_SETUP = "default"
 """The set-up of separations that name none."""
 
+_FILES = {"raw": "RAW files", "linear": "linear files", "srgb": "sRGB files"}
+_LEFT_OUT: dict[Kind, tuple[str, str]] = {
+    "camera": ("camera", "was"),
+    "flash": ("flash", "was"),
+    "lamps": ("lamps", "were"),
+}
 _OF_COLOURS: tuple[Kind, ...] = ("camera", "lamps")
 _LEAST_LAMPS = 2
 _LAMPS_OF_PAPER = 3  # its normals need three directions
@@ -37,6 +43,7 @@ class TakenWith(BaseModel):
     body: a digest of its serial number. rendered: whether its values are bent by a rendering,
     or brought to the colours of a profile. encoding: of its frame, "" in what was kept before that
     was noted. upright: whether the picture is higher than wide, None in what was kept before.
+    orientation: EXIF's, 1–8, by which it was turned, None in what was kept before.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -47,6 +54,7 @@ class TakenWith(BaseModel):
     rendered: bool = False
     encoding: str = ""
     upright: bool | None = None
+    orientation: int | None = None
 
     @classmethod
     def of(cls, frame: Frame) -> TakenWith:
@@ -59,23 +67,49 @@ class TakenWith(BaseModel):
             rendered=frame.in_srgb,
             encoding=frame.encoding,
             upright=frame.size[1] > frame.size[0],
+            orientation=frame.orientation,
         )
 
     def fits(self, other: TakenWith, kind: Kind) -> bool:
-        """Whether what was found with one camera holds for the other: of the same body if told.
+        """Whether what was found with one camera holds for the other."""
+        return self.is_of(other) and self.obstacle(other, kind) is None
+
+    def is_of(self, other: TakenWith) -> bool:
+        """Whether both are of one make and model, which are known."""
+        return bool(self.model) and (self.make, self.model) == (other.make, other.model)
+
+    def obstacle(self, other: TakenWith, kind: Kind) -> str | None:
+        """What keeps a calibration from the other's photographs, of one model; None if nothing.
+
+        It goes on from "found with". Both must be of the same body if told.
 
         Sensitivities and the lamps' rgb are of the colours of one kind of files: converters make
         linear sRGB of RAW files, and leave the camera's name. A flash's spectrum is its own, but
         approximate and for renderings alone where this is one. Lamps' directions are of the picture
-        as it is shown, which a camera that looks down may turn.
+        as it is shown, which a camera that looks down may turn, even by half a turn.
         """
-        bodies = {self.body, other.body} - {""}
+        if len({self.body, other.body} - {""}) > 1:
+            return "another camera of this model"
         encodings = {self.encoding, other.encoding} - {""} if kind in _OF_COLOURS else set()
-        mine, others = ((c.make, c.model) for c in (self, other))
         rendered_alike = self.rendered == other.rendered or (kind == "flash" and not self.rendered)
-        ways = {self.upright, other.upright} - {None} if kind == "lamps" else set()
-        alike = mine == others and bool(self.model) and rendered_alike
-        return alike and max(len(bodies), len(encodings), len(ways)) < 2
+        if len(encodings) > 1 or not rendered_alike:
+            return f"{self._files()}, and these are {other._files()}"
+        if kind != "lamps":
+            return None
+        if len({self.upright, other.upright} - {None}) > 1:
+            ways = ("upright pictures, and these lie", "pictures that lie, and these are upright")
+            return ways[not self.upright]
+        if len({self.orientation, other.orientation} - {None}) > 1:
+            return (
+                f"pictures that were turned another way (EXIF orientation {self.orientation}, of "
+                f"these {other.orientation})"
+            )
+        return None
+
+    def _files(self) -> str:
+        if self.rendered and self.encoding != "srgb":
+            return "files in the colours of a profile" if self.encoding else "rendered files"
+        return _FILES.get(self.encoding, "files that are not rendered")
 
 
 class Kept(BaseModel):
@@ -141,8 +175,12 @@ def with_kept(
     here = TakenWith.of(frame)
     for one in sorted(kept, key=lambda one: one.made, reverse=True):
         option = OPTION_OF[one.kind]
-        given = option in options.model_fields_set and getattr(options, option) is not None
-        if given or option in values or one.setup != options.setup or options.setup == NO_SETUP:
+        if (
+            _is_given(options, option)
+            or option in values
+            or one.setup != options.setup
+            or options.setup == NO_SETUP
+        ):
             continue
         if not one.taken_with.fits(here, one.kind):
             continue
@@ -167,6 +205,11 @@ def with_kept(
     except ValidationError as error:
         names = " and ".join(repr(entry["name"]) for entry in used)
         raise OptionError(_refused(names, options.setup, f": {_reason(error)}.")) from error
+
+
+def _is_given(options: Options, option: str) -> bool:
+    """Whether an option was given, so that nothing kept stands in for it."""
+    return option in options.model_fields_set and getattr(options, option) is not None
 
 
 def _is_named(setup: str) -> bool:
@@ -221,17 +264,39 @@ def _left_out(kept: Kept, why: str) -> Remark:
     return Remark(Code.KEPT_UNUSABLE, message)
 
 
-def setup_warnings(options: Options, kept: Sequence[Kept], frame: Frame) -> list[Remark]:
-    """Warn of a set-up that is named, and for which nothing of the frame's camera is kept."""
-    here = TakenWith.of(frame)
-    fitting = any(
-        one.setup == options.setup and one.taken_with.fits(here, one.kind) for one in kept
+def _does_not_fit(kept: Kept, here: TakenWith) -> Remark:
+    what, verb = _LEFT_OUT[kept.kind]
+    message = (
+        f"The {what} kept as {kept.name!r} for the set-up {kept.setup!r} {verb} left out, since "
+        f"found with {kept.taken_with.obstacle(here, kept.kind)}: send photographs like those of "
+        "the calibration, or calibrate with such as these."
     )
-    if fitting or not _is_named(options.setup):
+    return Remark(Code.KEPT_UNUSABLE, message)
+
+
+def setup_warnings(options: Options, kept: Sequence[Kept], frame: Frame) -> list[Remark]:
+    """Warn of a set-up that is named, and of what is kept for it and does not fit the frame.
+
+    Of each kind the newest is told of that is of the frame's camera, where none fits and no option
+    stands in for it.
+    """
+    if not _is_named(options.setup):
         return []
+    here = TakenWith.of(frame)
+    of_setup = [one for one in kept if one.setup == options.setup]
+    fitting = {one.kind for one in of_setup if one.taken_with.fits(here, one.kind)}
+    if fitting:
+        newest = {
+            one.kind: one
+            for one in sorted(of_setup, key=lambda one: one.made)
+            if one.kind not in fitting
+            and not _is_given(options, OPTION_OF[one.kind])
+            and one.taken_with.is_of(here)
+        }
+        return [_does_not_fit(one, here) for one in newest.values()]
     message = (
         f"Nothing that is kept for the set-up {options.setup!r} fits this camera, the kind of its "
-        "files and, of lamps, whether pictures are upright, so that the pair was separated without "
+        "files and, of lamps, the way up of pictures, so that the pair was separated without "
         "calibrations: check the name, or calibrate for it with such photographs."
     )
     return [Remark(Code.NOTHING_KEPT, message)]

@@ -42,6 +42,8 @@ def keep(kind: Kind, setup: str, manifest: dict[str, Any], content: bytes, marks
     if kind != "flash":  # whose spectrum is the same, but approximate when found with renderings
         parts += ["linear"] if taken_with.encoding == "linear" else []
     parts += ["upright"] if kind == "lamps" and taken_with.upright else []
+    if kind == "lamps" and taken_with.orientation not in (None, 1):
+        parts += [f"turned{taken_with.orientation}"]
     camera = "_".join("".join(c if c.isalnum() else "-" for c in part) for part in parts if part)
     path = folder() / setup / f"{kind}_{camera}.json"
     kept = Kept(

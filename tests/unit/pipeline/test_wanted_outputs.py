@@ -5,6 +5,7 @@ import pytest
 from pipeline.errors import OptionError
 from pipeline.options import Options
 from pipeline.output_names import OUTPUT_NAMES, outputs_with
+from pipeline.remarks import Code, Remark
 from pipeline.wanted_outputs import check_outputs, wanted_outputs
 
 
@@ -34,6 +35,13 @@ def test_normals_by_name_need_directions(name: str) -> None:
 
     known = Options.model_validate({"outputs": names, "light_directions": two})
     assert wanted_outputs(known) == frozenset(names)
+
+
+def test_why_kept_lamps_are_left_out_is_told_where_they_are_needed() -> None:
+    left_out = [Remark(Code.KEPT_UNUSABLE, "The lamps kept as 'a' were left out.")]
+
+    with pytest.raises(OptionError, match=r"way up first\. The lamps kept as 'a' were left out\.$"):
+        wanted_outputs(Options(outputs=["normals.png"]), left_out)
 
 
 @pytest.mark.parametrize("name", ["depth.exr", "surface.glb", "normals_confidence.tif"])

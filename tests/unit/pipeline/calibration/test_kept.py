@@ -16,6 +16,7 @@ TABLE = "wavelength_nm,power\n400,1\n500,2\n700,1\n"
 CURVES = "wavelength_nm,r,g,b\n400,1,1,2\n550,1,3,1\n700,2,1,1\n"
 TWO = json.dumps({"lights": [{"direction": [1, 0, 1]}, {"direction": [0, 1, 1]}]})
 THREE = json.dumps({"lights": [{"direction": d} for d in ([1, 0, 1], [0, 1, 1], [-1, 0, 1])]})
+DIRECT = "light_directions"
 ONE = json.dumps({"lights": [{"direction": [1, 0, 1]}]})
 
 
@@ -282,3 +283,97 @@ def test_a_set_up_with_lamps_of_pictures_that_lie_otherwise_is_warned_of() -> No
     warnings = setup_warnings(Options(setup="table"), kept, _frame((3, 2)))
 
     assert [warning.code for warning in warnings] == ["nothing_kept"]
+
+
+@pytest.mark.parametrize(
+    ("made_with", "here", "kind", "expected"),
+    [
+        (1, 3, "lamps", False),
+        (6, 8, "lamps", False),
+        (3, 3, "lamps", True),
+        (1, 3, "flash", True),
+        (1, 3, "camera", True),
+    ],
+)
+def test_directions_of_lamps_are_of_pictures_turned_alike(
+    made_with: int, here: int, kind: Any, expected: bool
+) -> None:
+    """Half a turn leaves a picture's size, and turns the signs of directions."""
+    taken = TakenWith.of(_frame(orientation=made_with))
+    assert taken.fits(TakenWith.of(_frame(orientation=here)), kind) is expected
+
+
+def test_lamps_kept_before_orientations_were_noted_fit_by_being_upright() -> None:
+    older = TakenWith.of(_frame()).model_copy(update={"orientation": None})
+    assert older.fits(TakenWith.of(_frame(orientation=3)), "lamps")
+    assert not older.fits(TakenWith.of(_frame((2, 3), orientation=6)), "lamps")
+
+
+@pytest.mark.parametrize(
+    ("kind", "content", "made_with", "here", "why"),
+    [
+        (
+            "lamps",
+            TWO,
+            {"size": (2, 3)},
+            {},
+            "lamps kept as 'shelf' for the set-up 'table' were left out, since found with upright "
+            "pictures, and these lie: send",
+        ),
+        ("lamps", TWO, {}, {"size": (2, 3)}, "found with pictures that lie, and these are upright"),
+        (
+            "lamps",
+            TWO,
+            {"orientation": 3},
+            {},
+            "found with pictures that were turned another way (EXIF orientation 3, of these 1): ",
+        ),
+        (
+            "camera",
+            CURVES,
+            {},
+            {"encoding": "linear"},
+            "camera kept as 'shelf' for the set-up 'table' was left out, since found with RAW "
+            "files, and these are linear files: send",
+        ),
+        (
+            "camera",
+            CURVES,
+            {},
+            {"encoding": "linear", "profiled": True},
+            "found with RAW files, and these are files in the colours of a profile: ",
+        ),
+        ("lamps", TWO, {"serial": "1"}, {"serial": "2"}, "found with another camera of this model"),
+    ],
+)
+def test_a_kind_of_a_named_set_up_that_does_not_fit_is_told(
+    kind: Any, content: str, made_with: Any, here: Any, why: str
+) -> None:
+    taken = TakenWith.of(_frame(**made_with))
+    kept = [
+        _kept(setup="table"),
+        _kept(kind, content, setup="table", name="shelf", taken_with=taken, made="2027-01-01"),
+        _kept(kind, content, setup="table", name="older", taken_with=taken),
+    ]
+
+    (warning,) = setup_warnings(Options(setup="table"), kept, _frame(**here))
+    _, used, left_out = with_kept(Options(setup="table"), kept, _frame(**here))
+
+    assert warning.code == "kept_unusable"
+    assert why in warning.message
+    assert ([entry["kind"] for entry in used], left_out) == (["flash"], [])
+
+
+def test_a_kind_that_is_not_missed_is_not_told_of() -> None:
+    """Another of the kind fits, an option stands in for it, or it is of another camera."""
+    unfit = TakenWith.of(_frame(orientation=3))
+    lamps = _kept("lamps", TWO, setup="table", taken_with=unfit, made="2027-01-01")
+    fitting = _kept("lamps", TWO, setup="table")
+    foreign = _kept("lamps", TWO, setup="table", taken_with=TakenWith(make="NIKON", model="D850"))
+    flash = _kept(setup="table")
+    given = Options.model_validate({"setup": "table", **json.loads(TWO.replace("lights", DIRECT))})
+
+    assert setup_warnings(Options(setup="table"), [lamps, fitting], _frame()) == []
+    assert setup_warnings(Options(setup="table"), [foreign, flash], _frame()) == []
+    assert setup_warnings(given, [lamps, flash], _frame()) == []
+    assert len(setup_warnings(Options(setup="table"), [lamps, flash], _frame())) == 1

@@ -20,6 +20,7 @@ TAKEN = {
     "rendered": False,
     "encoding": "raw",
     "upright": False,
+    "orientation": 1,
 }
 
 
@@ -76,6 +77,7 @@ def test_one_of_the_same_camera_is_replaced() -> None:
         {"rendered": True, "encoding": "srgb"},
         {"encoding": "linear"},
         {"upright": True},
+        {"orientation": 3},
     ],
 )
 def test_other_cameras_and_renderings_are_kept_beside_it(other: dict[str, Any]) -> None:
@@ -87,6 +89,7 @@ def test_other_cameras_and_renderings_are_kept_beside_it(other: dict[str, Any]) 
 def test_a_flash_is_the_same_whatever_the_files_hold_and_however_they_lie() -> None:
     for encoding in ("raw", "linear"):
         manifest = _manifest(encoding=encoding, upright=encoding == "linear")
+        manifest["taken_with"]["orientation"] = 6 if encoding == "linear" else 1
         keep("flash", "table", manifest, CONTENT, MARKS)
     assert [one.taken_with.encoding for one in kept_for("table")] == ["linear"]
 
@@ -94,10 +97,12 @@ def test_a_flash_is_the_same_whatever_the_files_hold_and_however_they_lie() -> N
 def test_what_was_kept_before_files_were_noted_is_read() -> None:
     path = keep("lamps", "table", _manifest(), CONTENT, MARKS)
     said = json.loads(path.read_bytes())
-    del said["taken_with"]["encoding"], said["taken_with"]["upright"]
+    for name in ("encoding", "upright", "orientation"):
+        del said["taken_with"][name]
     path.write_text(json.dumps(said))
     (one,) = kept_for("table")
     assert (one.taken_with.encoding, one.taken_with.upright) == ("", None)
+    assert one.taken_with.orientation is None
 
 
 def test_without_a_setting_it_is_the_users_own_folder(
