@@ -52,7 +52,8 @@ class Pair:
     parallax: share of the picture that lies elsewhere than the homography says, 0…1.
     moved: share of the picture in which something moved, 0…1.
     clipped: share of the picture that is clipped in one of the photographs, 0…1.
-    white: the value at which a highlight is clipped: 1, or infinite for float files that go on.
+    white: the value at which the no-flash photograph, and so the sum of the layers, is clipped: 1,
+        or infinite for float files that go on.
     """
 
     no_flash: Photograph
@@ -88,7 +89,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
     written = written_ratio(no_flash, flash, options)
     check_light(no_flash, flash)
     check_colours(no_flash, flash)
-    white = np.inf if _goes_on(no_flash) or _goes_on(flash) else 1.0
+    white = _white(no_flash, flash, options.flash_only)
     progress.report("align", 0.0)
     laid = _Laid(flash.pixels, flash.saturated, NOT_ATTEMPTED, 0.0)
     if options.align:
@@ -209,6 +210,17 @@ def _held_against(
         warnings += darkening_warnings(settled, ratios, darkened)
     warnings += unsteady_warnings(ratios, moved)
     return _Held(after, noises, settled, unusable, moved, tuple(warnings))
+
+
+def _white(no_flash: Frame, flash: Frame, flash_only: bool) -> float:
+    """The value at which the no-flash photograph is clipped, infinite where it is not.
+
+    Of one that stays below 1 the flash photograph tells, which is written as it was; a flash part
+    alone, whatever its units are, does not.
+    """
+    if no_flash.encoding != "linear" or no_flash.saturated.any():
+        return 1.0
+    return np.inf if _goes_on(no_flash) or (not flash_only and _goes_on(flash)) else 1.0
 
 
 def _goes_on(frame: Frame) -> bool:

@@ -370,27 +370,51 @@ def test_a_rendered_pair_is_known_as_one(
 @pytest.mark.parametrize(
     ("times", "cut", "encoding", "white"),
     [
-        (8.0, False, "linear", np.inf),
-        (8.0, True, "linear", 1.0),
-        (8.0, False, "raw", 1.0),
-        (1.0, False, "linear", 1.0),
+        ((8, 8), (False, False), "linear", np.inf),
+        ((8, 8), (True, True), "linear", 1.0),
+        ((8, 8), (False, False), "raw", 1.0),
+        ((1, 1), (False, False), "linear", 1.0),
+        ((1, 8), (False, False), "linear", np.inf),
+        ((1, 8), (True, False), "linear", 1.0),
+        ((8, 8), (True, False), "linear", 1.0),
+        ((8, 8), (False, True), "linear", np.inf),
+        ((1, 8), (False, True), "linear", 1.0),
     ],
 )
 def test_floats_that_go_on_above_1_were_not_cut_off_there(
     frames: Callable[..., tuple[Frame, Frame]],
-    times: float,
-    cut: bool,
+    times: tuple[float, float],
+    cut: tuple[bool, bool],
     encoding: str,
     white: float,
 ) -> None:
+    """It is the no-flash photograph of whose clipping the value tells."""
     before, after = (
-        replace(one, pixels=one.pixels[:] * np.float32(times), encoding=encoding)
-        for one in frames()
+        replace(one, pixels=one.pixels[:] * np.float32(by), encoding=encoding)
+        for one, by in zip(frames(), times, strict=True)
     )
-    for one in (before, after):
-        one.saturated[:2, :2] = cut
+    before.saturated[:2, :2], after.saturated[:2, :2] = cut
 
-    pair = paired((before, after), align=False)
+    pair = paired((before, after), align=False, exposure_ratio=times[1] / times[0])
 
     assert pair.white == white
     np.testing.assert_array_equal(pair.no_flash, before.pixels)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "times", "white"),
+    [("raw", 1, 1.0), ("linear", 1, 1.0), ("linear", 8, np.inf)],
+)
+def test_a_flash_part_alone_does_not_tell_where_the_photograph_was_cut_off(
+    frames: Callable[..., tuple[Frame, Frame]],
+    frame: Callable[..., Frame],
+    light: tuple[Array, Array],
+    encoding: str,
+    times: float,
+    white: float,
+) -> None:
+    before, _ = frames()
+    before = replace(before, pixels=before.pixels[:] * np.float32(times), encoding=encoding)
+    part = frame(8 * light[1])
+
+    assert paired((before, part), flash_only=True, align=False).white == white
