@@ -29,9 +29,10 @@ _PRIOR_WEIGHT = 0.2  # the prior is narrower than measured, for other reasons
 _MANY_DIFFERENCES = 600
 _SENSOR_LIKELIER, _SRGB_LIKELIER = 60.0, 90.0
 _LIKELIER_UNDER_ONE = 200.0
-_NOT_ITS_VALUES = (
+NOT_ITS_VALUES = (
     " The camera named describes the values of its sensor, which these are not: leave it out."
 )
+"""What a warning of files that hold no sensor's values goes on with where a camera was named."""
 
 
 def undeclared(frame: Frame) -> bool:
@@ -93,14 +94,14 @@ def camera_warnings(frame: Frame, camera: Camera, named: bool) -> list[Remark]:
             "The photographs are rendered to sRGB, which bends colours and brightness: the "
             "separation is approximate. Send RAW or linear files for exact work."
         )
-        return [Remark(Code.RENDERED_SRGB, message + (_NOT_ITS_VALUES if named else ""))]
+        return [Remark(Code.RENDERED_SRGB, message + (NOT_ITS_VALUES if named else ""))]
     if frame.profiled:
         message = (
             "The photographs hold linear values in the colours that their profile says, not those "
             "of a sensor: the camera's spectral sensitivities were approximated. Send RAW files "
             "for exact work."
         )
-        return [Remark(Code.CAMERA_APPROXIMATE, message + (_NOT_ITS_VALUES if named else ""))]
+        return [Remark(Code.CAMERA_APPROXIMATE, message + (NOT_ITS_VALUES if named else ""))]
     if not camera.approximate:
         return []
     taken = f"{camera.name} explains the pair best and was taken"

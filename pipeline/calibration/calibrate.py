@@ -44,7 +44,7 @@ from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light, packaged_light
 from pipeline.spectra.observer import cie_1931
 from pipeline.spectra.tables import write_sensitivities, write_spectrum
-from pipeline.whose_colours import names_no_camera, undeclared
+from pipeline.whose_colours import NOT_ITS_VALUES, names_no_camera, undeclared
 
 _FAR_ASIDE_DEG = 5.0
 _GREY_CARD = 0.18
@@ -153,7 +153,7 @@ def _flash(pair: Pair, frame: Frame, options: FlashCalibration) -> _Found:
 
 
 def _camera_warnings(frame: Frame, camera: Camera, named: bool) -> list[Remark]:
-    """Warn of a camera that is a guess, whose error goes to the flash's spectrum.
+    """Warn of a camera that is a guess or does not fit, whose error goes to the flash's spectrum.
 
     named: whether the user named it.
     """
@@ -162,13 +162,13 @@ def _camera_warnings(frame: Frame, camera: Camera, named: bool) -> list[Remark]:
             "The photographs are rendered to sRGB, which hides what the sensor saw: the spectrum "
             "of the flash is approximate. Send RAW or linear files for exact work."
         )
-        return [Remark(Code.RENDERED_SRGB, message)]
+        return [Remark(Code.RENDERED_SRGB, message + (NOT_ITS_VALUES if named else ""))]
     if frame.profiled:
         message = (
             "The photographs hold the colours that their profile says, not what the sensor saw: "
             "the spectrum of the flash is approximate. Send RAW files for exact work."
         )
-        return [Remark(Code.CAMERA_APPROXIMATE, message)]
+        return [Remark(Code.CAMERA_APPROXIMATE, message + (NOT_ITS_VALUES if named else ""))]
     if not camera.approximate:
         if named or not undeclared(frame):
             return []

@@ -23,6 +23,7 @@ from pipeline.spectra.lights import find_light
 from pipeline.spectra.observer import cie_1931
 from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
 from pipeline.vectors import unit
+from pipeline.whose_colours import NOT_ITS_VALUES
 from tests.evaluation.spectra import sensitivities
 from tests.targets import (
     CIRCLE,
@@ -123,13 +124,17 @@ def test_a_camera_of_a_known_matrix_may_be_like_itself(
     assert found["known_cameras"] == 3
 
 
-def test_a_rendered_picture_may_tell_the_flash(chart: Shot, tmp_path: Path) -> None:
+@pytest.mark.parametrize("camera", [None, "Nikon D5100"])
+def test_a_rendered_picture_may_tell_the_flash(
+    chart: Shot, tmp_path: Path, camera: str | None
+) -> None:
     card = {"x": 14, "y": 120, "radius": 12}
-    manifest = _run(chart, tmp_path, kind="flash", card=card, encoding="srgb")
+    manifest = _run(chart, tmp_path, kind="flash", card=card, encoding="srgb", camera=camera)
     assert manifest["found"]["patches"] == 1
     (warning,) = _of_the_camera(manifest)
     assert warning["code"] == "rendered_srgb"
     assert "the spectrum of the flash is approximate" in warning["message"]
+    assert warning["message"].endswith(NOT_ITS_VALUES) is (camera is not None)
 
 
 def test_a_file_that_names_no_camera_may_tell_the_flash(chart: Shot, tmp_path: Path) -> None:
@@ -411,6 +416,7 @@ def test_the_colours_of_a_profile_may_tell_the_flash(
     (warning,) = _of_the_camera(manifest)
     assert warning["code"] == "camera_approximate"
     assert "the colours that their profile says" in warning["message"]
+    assert warning["message"].endswith(NOT_ITS_VALUES) is (camera is not None)
 
 
 def test_a_wrong_camera_is_noticed(chart: Shot, tmp_path: Path) -> None:
