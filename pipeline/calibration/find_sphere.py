@@ -66,10 +66,11 @@ def find_spheres(
         ):
             found.append(one)
     whole = np.sqrt(np.maximum(no_flash, 0) + np.maximum(flash, 0)).astype(np.float32)
-    return [
+    refined = [
         _refined(whole, Circle(x=c.x / scale, y=c.y / scale, radius=c.radius / scale))
         for c in found
     ]
+    return [_within(whole.shape, circle) for circle in refined]
 
 
 def _circles(lights: list[NDArray[np.float32]]) -> list[Circle]:
@@ -98,8 +99,8 @@ def _matt(flash: NDArray[np.float32], circle: Circle) -> float | None:
     for wider in _WIDER:
         tried = Circle(x=circle.x, y=circle.y, radius=circle.radius * wider)
         light, away = _inside(flash, tried, _INNER_MATT)
-        if light is None:
-            return None
+        if light is None:  # a narrower one may lie in the picture
+            break
         shape = np.sqrt(1 - away**2)
         colour = (light * shape[:, None]).sum(axis=0) / (shape**2).sum()
         total = float(colour.sum())
@@ -164,6 +165,13 @@ def _refined(light: NDArray[np.float32], circle: Circle) -> Circle:
         )
         circle = Circle(x=fit.x[0], y=fit.x[1], radius=max(float(fit.x[2]), 1.0))
     return circle
+
+
+def _within(shape: tuple[int, ...], circle: Circle) -> Circle:
+    """A circle made to lie in a picture (H, W, 3): that of a sphere at its edge may fit beyond."""
+    height, width = shape[:2]
+    x, y = min(max(circle.x, 1.0), width - 1.0), min(max(circle.y, 1.0), height - 1.0)
+    return Circle(x=x, y=y, radius=min(circle.radius, x, y, width - x, height - y))
 
 
 def _around(

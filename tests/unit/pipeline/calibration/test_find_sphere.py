@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.calibration.find_sphere import _refined, find_spheres
+from pipeline.calibration.marks import disc
 from pipeline.options import Circle
 from tests.cluttered import Room, photograph_room
 
@@ -29,6 +30,34 @@ def test_a_room_without_a_sphere_has_none(mirror: bool) -> None:
 
 def test_a_matt_sphere_is_no_mirror() -> None:
     assert find_spheres(*_lights(photograph_room("matt", 3)), True) == []
+
+
+@pytest.mark.parametrize("margin", [0, 1, 2, 3, 6])
+@pytest.mark.parametrize("side", ["left", "right", "upper", "lower", "corner"])
+def test_a_matt_sphere_near_the_edge_is_found_inside_the_picture(margin: int, side: str) -> None:
+    """With so many pixels between them; the outline is one that can be read at once."""
+    radius, (height, width) = 80.0, (300, 400)
+    near = radius + margin
+    x, y = {
+        "left": (near, 140.0),
+        "right": (width - near, 140.0),
+        "upper": (180.0, near),
+        "lower": (180.0, height - near),
+        "corner": (near, near),
+    }[side]
+    v, u = np.mgrid[:height, :width] + 0.5
+    away = np.hypot(u - x, v - y) / radius
+    inside = np.clip((1 - away) * radius + 0.5, 0, 1)
+    shade = inside * 0.5 * np.sqrt(np.maximum(1 - away**2, 0))
+    flash = np.repeat((shade + 0.3 * (1 - inside))[..., None], 3, axis=2)
+    lamps = np.repeat((inside * 0.2 + 0.3 * (1 - inside))[..., None], 3, axis=2)
+    noise = np.random.default_rng(1).normal(0, 0.002, (2, height, width, 3))
+
+    (found,) = find_spheres(lamps + noise[0], flash + noise[1], mirror=False)
+
+    assert (found.x, found.y, found.radius) == pytest.approx((x, y, radius), abs=1.0)
+    read = disc((height, width), found, "sphere")
+    assert read.sum() == pytest.approx(np.pi * radius**2, rel=0.03)
 
 
 @pytest.mark.parametrize("x", [32_745.2, 32_850.3, 32_968.4])
