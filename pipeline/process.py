@@ -26,7 +26,7 @@ from pipeline.spectra.cameras import Camera, find_camera
 from pipeline.spectra.lights import find_light
 from pipeline.strips import STRIP_ROWS
 from pipeline.tally import Tally
-from pipeline.wanted_outputs import check_outputs, wanted_outputs
+from pipeline.wanted_outputs import check_outputs, held_outputs, wanted_outputs
 from pipeline.whose_colours import camera_doubts, camera_warnings, likely_camera, undeclared
 
 _LOOKED_BACK = 64
@@ -63,7 +63,7 @@ def separate_files(
     options, used, left_out = with_kept(options, kept, before)
     warnings += left_out
     wanted = wanted_outputs(options, warnings)
-    check_outputs(wanted, before.size)
+    check_outputs(wanted, before.size, options)
     camera = find_camera(options.camera, before)
     build = _models(before, options)
     model = build(camera)
@@ -83,6 +83,8 @@ def separate_files(
             reduced, len(lamps), options.flash_only, model.camera, before, build
         )
     warnings += estimate.warnings
+    wanted, passed_over = held_outputs(wanted, before.size, len(lamps), options)
+    warnings += passed_over
     trim_memory()  # what the estimation took would add to what strips take
     progress.report("lamps", 1.0)
 

@@ -48,6 +48,8 @@ class Code(StrEnum):
     NORMALS_DOUBTFUL = "normals_doubtful"
     FLASH_ASIDE = "flash_aside"
     HIGHLIGHT_CLIPPED = "highlight_clipped"
+    # the files
+    OUTPUT_LEFT_OUT = "output_left_out"
 
 
 @dataclass(frozen=True)

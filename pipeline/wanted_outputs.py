@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pipeline.encode.jpeg import check_jpeg_size
+from pipeline.encode.psd_size import check_psd_size, psd_excess
 from pipeline.errors import OptionError
 from pipeline.options import Options
 from pipeline.output_names import DEFAULT_OUTPUTS, FULL_SIZE_JPEGS, OUTPUT_NAMES, outputs_with
-from pipeline.remarks import Remark
+from pipeline.remarks import Code, Remark
+
+_PSD = "layers.psd"
 
 
 def wanted_outputs(options: Options, left_out: Sequence[Remark] = ()) -> frozenset[str]:
@@ -38,10 +41,29 @@ def wanted_outputs(options: Options, left_out: Sequence[Remark] = ()) -> frozens
     return wanted
 
 
-def check_outputs(wanted: frozenset[str], size: tuple[int, int]) -> None:
-    """Refuse JPEGs of a picture, (width, height) in pixels, that they cannot hold.
+def check_outputs(wanted: frozenset[str], size: tuple[int, int], options: Options) -> None:
+    """Refuse outputs that cannot hold a picture, (width, height) in pixels, before any work.
 
-    wanted: names out of OUTPUT_NAMES. Raises OptionError.
+    wanted: names out of OUTPUT_NAMES, of these options. Of layers.psd as many layers count as
+    lamps are asked for, one where their number is to be found. Raises OptionError.
     """
     if wanted & FULL_SIZE_JPEGS:
         check_jpeg_size(size)
+    if _PSD in wanted and options.outputs != "all":
+        lamps = options.number_of_lamps
+        check_psd_size(size, 1 if lamps == "auto" else lamps)
+
+
+def held_outputs(
+    wanted: frozenset[str], size: tuple[int, int], lamps: int, options: Options
+) -> tuple[frozenset[str], list[Remark]]:
+    """Pass over what nobody named and cannot hold the layers, now that their number is known.
+
+    wanted, size: as in check_outputs. lamps: those found. Returns the rest, and a warning for what
+    is passed over; what was named stays, for its writer to refuse.
+    """
+    excess = psd_excess(size, lamps)
+    if _PSD not in wanted or options.outputs != "all" or excess is None:
+        return wanted, []
+    message = f"{excess}, and was left out: the layers are in layers.exr and the TIFF files."
+    return wanted - {_PSD}, [Remark(Code.OUTPUT_LEFT_OUT, message)]

@@ -24,15 +24,13 @@ from psd_tools.psd.layer_and_mask import (
 from psd_tools.psd.tagged_blocks import TaggedBlock, TaggedBlocks
 
 from pipeline.colour.icc import linear_rec2020_profile
+from pipeline.encode.psd_size import check_psd_size
 from pipeline.encode.tiff import codes_of
-from pipeline.errors import OptionError
 from pipeline.frames import Matrix, numbers_of
 from pipeline.result_names import lamp_name
 
 _DEPTH = 16
 _WHITE = 65535
-_MOST_SIDE = 30_000
-_LARGEST_BYTES = 2**31 - 2**20  # what readers take, less some room for the head
 
 
 class PsdFile:
@@ -48,12 +46,8 @@ class PsdFile:
 
         Raises OptionError for a picture larger than the format holds.
         """
+        check_psd_size(size, lamps)
         width, height = size
-        if max(size) > _MOST_SIDE or width * height * 6 * (lamps + 1) > _LARGEST_BYTES:
-            raise OptionError(
-                f"layers.psd cannot hold {lamps} layers of {width} × {height} pixels, as the "
-                "format ends at 30,000 pixels a side and 2 GB; leave it out of the outputs."
-            )
         self._path = path
         self._matrix = numbers_of(to_rec2020)
         self._layers = np.empty((lamps, 3, height, width), ">u2")

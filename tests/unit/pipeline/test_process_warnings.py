@@ -54,6 +54,23 @@ def test_who_names_a_camera_for_renderings_hears_that_it_says_nothing_of_them(
     assert ["leave it out" in message for message in messages] == [True, False]
 
 
+def test_layers_that_a_file_of_all_outputs_cannot_hold_are_passed_over(
+    files: Callable[..., Files], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not refused after all has been estimated: nobody named layers.psd."""
+    monkeypatch.setattr("pipeline.encode.psd_size._MOST_SIDE", 1)
+    both = files()
+
+    manifest = separated(both, tmp_path / "all", outputs="all")
+
+    assert "output_left_out" in [warning["code"] for warning in manifest["warnings"]]
+    names = [file["name"] for file in manifest["files"]]
+    assert "layers.psd" not in names
+    assert "layers.exr" in names
+    with pytest.raises(OptionError, match=r"layers\.psd cannot hold .* leave it out"):
+        separated(both, tmp_path / "named", outputs=["layers.psd"])
+
+
 def rec2020(values: NDArray[np.floating]) -> bytes:
     """A 16-bit TIFF of a camera that is measured, with a linear profile."""
     file = io.BytesIO()

@@ -1,12 +1,14 @@
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from pipeline.errors import OptionError
 from pipeline.options import Options
 from pipeline.output_names import OUTPUT_NAMES, outputs_with
 from pipeline.remarks import Code, Remark
-from pipeline.wanted_outputs import check_outputs, wanted_outputs
+from pipeline.wanted_outputs import check_outputs, held_outputs, wanted_outputs
 
 
 def test_default_leaves_out_what_is_made_on_request() -> None:
@@ -69,13 +71,60 @@ def test_the_published_normals_come_without_a_surface(name: str) -> None:
     ],
 )
 def test_jpegs_of_what_they_cannot_hold_are_refused(name: str) -> None:
-    check_outputs(frozenset({"layers.exr", name}), (65500, 1000))
+    check_outputs(frozenset({"layers.exr", name}), (65500, 1000), Options())
 
     with pytest.raises(OptionError, match="A JPEG cannot hold 65501 × 1000 pixels"):
-        check_outputs(frozenset({"layers.exr", name}), (65501, 1000))
+        check_outputs(frozenset({"layers.exr", name}), (65501, 1000), Options())
 
 
 def test_other_outputs_and_reduced_jpegs_hold_larger_pictures() -> None:
-    others = {name for name in OUTPUT_NAMES if not name.endswith(".jpg")}
+    others = {name for name in OUTPUT_NAMES if not name.endswith((".jpg", ".psd"))}
 
-    check_outputs(frozenset(others | {"thumbnail.jpg"}), (1000, 65501))
+    check_outputs(frozenset(others | {"thumbnail.jpg"}), (1000, 65501), Options())
+
+
+PSD = frozenset({"layers.exr", "layers.psd"})
+
+
+@pytest.mark.parametrize(
+    ("lights", "holds", "beyond", "layers"),
+    [
+        ("auto", (14_000, 12_774), (14_000, 12_777), "a layer"),
+        (1, (14_000, 12_774), (14_000, 12_777), "a layer"),
+        (2, (12_000, 9_937), (12_000, 9_938), "2 layers"),
+        (3, (10_000, 8_943), (10_000, 8_944), "3 layers"),
+        (1, (30_000, 100), (30_001, 100), "a layer"),
+    ],
+)
+def test_layers_by_name_that_can_be_held_by_no_means_are_refused_before_any_work(
+    lights: Any, holds: tuple[int, int], beyond: tuple[int, int], layers: str
+) -> None:
+    options = Options(outputs=sorted(PSD), lights=lights)
+
+    check_outputs(PSD, holds, options)
+
+    width, height = beyond
+    words = rf"^layers\.psd cannot hold {layers} of {width} × {height} pixels, .*; leave it out of"
+    with pytest.raises(OptionError, match=words):
+        check_outputs(PSD, beyond, options)
+    check_outputs(frozenset({"layers.exr"}), beyond, options)
+
+
+def test_layers_that_nobody_named_are_passed_over_with_a_warning() -> None:
+    options, size = Options(outputs="all", lights=3), (12_000, 9_000)
+    check_outputs(PSD, size, options)
+
+    rest, (warning,) = held_outputs(PSD, size, 3, options)
+
+    assert rest == {"layers.exr"}
+    assert warning.code == "output_left_out"
+    assert warning.message.startswith("layers.psd cannot hold 3 layers of 12000 × 9000 pixels")
+    assert held_outputs(PSD, size, 2, options) == (PSD, [])
+    assert held_outputs(rest, size, 3, options) == (rest, [])
+
+
+def test_layers_by_name_are_not_passed_over() -> None:
+    """Where only the number of lamps found is too much; their writer refuses them."""
+    options = Options(outputs=sorted(PSD))
+
+    assert held_outputs(PSD, (12_000, 9_000), 3, options) == (PSD, [])
