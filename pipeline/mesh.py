@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.coded_normals import CodedNormals
 from pipeline.frames import Image
+from pipeline.strips import strips
 from pipeline.vectors import unit
 
 _MOST_VERTICES = 250_000
 _KNOWN = 0.5  # share of a block in which depth and normals are known
 _STEEP, _SHEER = 2.0, 12.0  # depth by width of a side that may be a jump, and that is one
+_ROWS = 256  # looked at together: copies of whole pictures would take gigabytes
 _OFF_SURFACE = 0.5  # sine of the angle between a jump and the surface on one of its sides
 
 
@@ -32,7 +36,10 @@ class Mesh:
 
 
 def make_mesh(
-    depth: NDArray[np.float32], normals: Image, focal_px: float, most: int = _MOST_VERTICES
+    depth: NDArray[np.float32],
+    normals: Image | CodedNormals,
+    focal_px: float,
+    most: int = _MOST_VERTICES,
 ) -> Mesh:
     """Join block means of a depth map by triangles, but for jumps and what is not known.
 
@@ -40,20 +47,24 @@ def make_mesh(
     focal_px: the axis goes through the picture's middle. most: vertices at most. The mesh of a
     surface of which nothing is known is empty.
     """
-    known = np.isfinite(depth) & np.isfinite(normals).all(axis=2)
+    known = np.empty(depth.shape, bool)
+    for rows in strips(len(depth), _ROWS):
+        known[rows] = np.isfinite(depth[rows]) & np.isfinite(normals[rows]).all(axis=2)
     step = max(1, int(np.ceil(np.sqrt(known.sum() / most))))
     while True:
         height, width = (side // step for side in depth.shape)
-        crop = np.s_[: height * step, : width * step]
-        share = _means(known[crop].astype(np.float32), width, height)
+        share = _means(lambda rows: known[rows].astype(np.float32), (height, width), step)
         use = share >= _KNOWN
         if use.sum() <= most:
             break
         step += 1
     weight = np.where(use, share, 1.0)
-    z = _means(np.where(known, depth, 0)[crop], width, height) / weight
-    field = np.where(known[..., None], normals, 0)[crop]
-    mean = unit(_means(field, width, height))
+    z = _means(lambda rows: np.where(known[rows], depth[rows], 0), (height, width), step) / weight
+    mean = unit(
+        _means(
+            lambda rows: np.where(known[rows][..., None], normals[rows], 0), (height, width), step
+        )
+    )
     row, column = (np.mgrid[:height, :width] + 0.5) * step
     x = (column - depth.shape[1] / 2) / focal_px
     y = -(row - depth.shape[0] / 2) / focal_px
@@ -69,9 +80,25 @@ def make_mesh(
     )
 
 
-def _means(picture: NDArray[np.floating], width: int, height: int) -> NDArray[np.float64]:
-    size = (width, height)
-    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), dtype=np.float64)
+def _means(
+    picture: Callable[[slice], NDArray[np.floating]], shape: tuple[int, int], step: int
+) -> NDArray[np.float64]:
+    """Means (h, w) or (h, w, C) of blocks of step × step pixels, some rows at a time.
+
+    picture: its rows, of which those beyond the blocks are left out. shape: (h, w).
+    """
+    height, width = shape
+    means = [
+        cv2.resize(
+            np.ascontiguousarray(picture(slice(rows.start * step, rows.stop * step)))[
+                :, : width * step
+            ],
+            (width, rows.stop - rows.start),
+            interpolation=cv2.INTER_AREA,
+        )
+        for rows in strips(height, max(1, _ROWS // step))
+    ]
+    return np.concatenate(means, dtype=np.float64)
 
 
 def _faces(

@@ -12,18 +12,19 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.coded_normals import CodedNormals
 from pipeline.colour.spaces import XYZ_TO_REC2020, XYZ_TO_SRGB
 from pipeline.encode.exr import ExrFile, write_exr
 from pipeline.encode.files import describe
 from pipeline.encode.jpeg import JpegFile, write_jpeg
 from pipeline.encode.png import NormalsPng, write_png8
 from pipeline.encode.preview import PreviewFile, thumbnail
+from pipeline.encode.texture import Texture
 from pipeline.encode.tiff import GrayTiffFile, TiffFile
 from pipeline.encode.writer import Writer
 from pipeline.estimate import Estimate
 from pipeline.frames import Image, Matrix, Photograph
 from pipeline.gamma_diagram import draw_gamma_diagram
-from pipeline.half_floats import Half, to_float, to_half
 from pipeline.mesh import make_mesh
 from pipeline.model import Response
 from pipeline.normals import CONVENTIONS
@@ -249,13 +250,14 @@ class Outputs:
             )
         if "surface.glb" not in self._wanted:
             return
-        normals: list[Image] = []
-        texture: list[Half] = []
+        to_srgb = _as_shown(small.white_balanced_1, XYZ_TO_SRGB @ self._model.neutral_to_xyz)
+        normals = CodedNormals((*size, 3))
+        texture = Texture(self._size, to_srgb)
 
         def keep(pictures: Pictures) -> None:
             if pictures.normals is not None and pictures.white_balanced_1 is not None:
-                normals.append(pictures.normals)
-                texture.append(to_half(pictures.white_balanced_1))
+                normals.add(pictures.normals)
+                texture.write(pictures.white_balanced_1)
 
         self._takers.append(keep)
         kind = (
@@ -263,16 +265,13 @@ class Outputs:
             "median",
             "sRGB",
         )
-        to_srgb = _as_shown(small.white_balanced_1, XYZ_TO_SRGB @ self._model.neutral_to_xyz)
 
         def write(path: Path) -> None:
             # imported only here: it takes longer than the rest of the writing
             from pipeline.encode.glb import write_glb
 
-            depth = surface_depth(surface, size)
-            mesh = make_mesh(depth, np.concatenate(normals), surface.focal_px)
-            picture = np.concatenate([to_float(rows) for rows in texture])
-            write_glb(path, mesh, picture, to_srgb)
+            mesh = make_mesh(surface_depth(surface, size), normals, surface.focal_px)
+            write_glb(path, mesh, texture.close())
 
         self._at_last("surface.glb", kind, write)
 

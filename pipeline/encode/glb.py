@@ -9,22 +9,17 @@ import trimesh
 from PIL import Image as PillowImage
 from trimesh.exchange.gltf import export_glb
 
-from pipeline.area_means import area_means, size_within
-from pipeline.encode.jpeg import write_jpeg
-from pipeline.frames import Image, Matrix
 from pipeline.mesh import Mesh
 
-_MOST_SIDE = 4096  # pixels of a texture that every viewer can show
 _JPEG = b"\xff\xd8"
 
 
-def write_glb(path: Path, mesh: Mesh, picture: Image, to_srgb: Matrix) -> None:
-    """Write a mesh with its normals as binary glTF 2.0, the picture inside it as texture.
+def write_glb(path: Path, mesh: Mesh, texture: bytes) -> None:
+    """Write a mesh with its normals as binary glTF 2.0, a picture inside it as texture.
 
-    picture: (H, W, 3) linear, over which mesh.uv goes; to_srgb: matrix (3, 3) to linear sRGB.
+    texture: a JPEG of the picture over which mesh.uv goes, see Texture.
     Nothing is said of where it comes from. Raises OSError.
     """
-    texture = _texture(picture, to_srgb)
     material = trimesh.visual.material.PBRMaterial(
         name="surface",
         baseColorTexture=PillowImage.open(io.BytesIO(texture)),
@@ -60,13 +55,3 @@ def write_glb(path: Path, mesh: Mesh, picture: Image, to_srgb: Matrix) -> None:
             tree_postprocessor=unnamed,
         )
     )
-
-
-def _texture(picture: Image, to_srgb: Matrix) -> bytes:
-    height, width = picture.shape[:2]
-    size = size_within((width, height), _MOST_SIDE)
-    if size != (width, height):
-        picture = area_means(picture, size)
-    file = io.BytesIO()
-    write_jpeg(file, picture, to_srgb)
-    return file.getvalue()

@@ -10,6 +10,7 @@ from pipeline.compiling import njit
 from pipeline.frames import Image
 from pipeline.photometric_stereo.solve import Surface
 from pipeline.separation import Strip
+from pipeline.strips import strips
 
 Array = NDArray[np.float32]
 
@@ -17,6 +18,7 @@ _KNOWN = 0.3  # share of the surroundings in which the surface is known
 _MIN_CONFIDENCE = 0.2
 _LIGHT_ERROR = 0.01  # of a pixel's light, and of its channels' mean
 _NORMAL_ERROR, _CUT_ERROR = 0.05, 0.5  # of the surface at a reduced size, and where it was cut
+_ROWS = 256  # of a depth map at a time
 _MOST = 2**14  # pixels to a side at a time: cv2.remap ends at 2^15 − 2
 
 
@@ -54,11 +56,12 @@ def surface_depth(surface: Surface, size: tuple[int, int]) -> Array:
 
     size: (H, W) of the picture.
     """
-    rows = slice(0, size[0])
-    mask = spread(surface.mask.astype(np.float32)[..., None], surface.block, rows, size[1])
-    depth = spread(surface.z[..., None], surface.block, rows, size[1])
-    known = mask > _KNOWN
-    return np.where(known, depth / np.maximum(mask, _KNOWN), np.float32(np.nan))[..., 0]
+    field = np.stack([surface.mask, surface.z], axis=2).astype(np.float32)
+    depth = np.empty(size, np.float32)
+    for rows in strips(size[0], _ROWS):
+        mask, z = np.moveaxis(spread(field, surface.block, rows, size[1]), 2, 0)
+        depth[rows] = np.where(mask > _KNOWN, z / np.maximum(mask, _KNOWN), np.float32(np.nan))
+    return depth
 
 
 def spread(field: NDArray[np.floating], block: int, rows: slice, width: int) -> Array:

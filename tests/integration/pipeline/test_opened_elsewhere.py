@@ -19,6 +19,7 @@ import drivers
 from pipeline.encode.exr import write_exr
 from pipeline.encode.glb import write_glb
 from pipeline.encode.png import NormalsPng
+from pipeline.encode.texture import Texture
 from pipeline.mesh import make_mesh
 from pipeline.mix_files import mix_files
 from pipeline.mix_options import LampMix, Mix
@@ -85,8 +86,9 @@ def _write_ball(folder: Path) -> None:
     write_exr(folder / "depth.exr", {"Z": depth})
     write_exr(folder / "normals.exr", {"RGB": normals})
     write_by_strips(NormalsPng(folder / "normals.png", SIZE), normals)
-    texture = np.full((*depth.shape, 3), 0.4, np.float32)
-    write_glb(folder / "surface.glb", make_mesh(depth, normals, 200.0), texture, np.eye(3))
+    texture = Texture(SIZE, np.eye(3))
+    texture.write(np.full((*depth.shape, 3), 0.4, np.float32))
+    write_glb(folder / "surface.glb", make_mesh(depth, normals, 200.0), texture.close())
 
 
 def _lamp(results: Path, lamp: int) -> NDArray[np.uint16]:

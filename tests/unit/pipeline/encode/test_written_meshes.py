@@ -12,7 +12,9 @@ from PIL import Image as PillowImage
 from pipeline.encode.files import describe
 from pipeline.encode.glb import write_glb
 from pipeline.encode.jpeg import write_jpeg
+from pipeline.encode.texture import Texture
 from pipeline.mesh import Mesh, make_mesh
+from pipeline.strips import strips
 
 
 @pytest.fixture
@@ -31,11 +33,19 @@ def picture() -> np.ndarray:
     return picture
 
 
+def written(path: Path, mesh: Mesh, picture: np.ndarray, to_srgb: np.ndarray) -> None:
+    """Write a mesh with the picture, which comes in strips, as its texture."""
+    texture = Texture((picture.shape[1], picture.shape[0]), to_srgb)
+    for rows in strips(len(picture), 3):
+        texture.write(picture[rows])
+    write_glb(path, mesh, texture.close())
+
+
 def test_a_mesh_reads_back_in_another_reader(
     mesh: Mesh, picture: np.ndarray, tmp_path: Path
 ) -> None:
     path = tmp_path / "surface.glb"
-    write_glb(path, mesh, picture, np.eye(3))
+    written(path, mesh, picture, np.eye(3))
 
     scene = trimesh.load_scene(path)
     (body,) = scene.geometry.values()
@@ -52,7 +62,7 @@ def test_the_texture_is_the_picture_as_encoded_once(
     mesh: Mesh, picture: np.ndarray, tmp_path: Path
 ) -> None:
     path, alone = tmp_path / "surface.glb", io.BytesIO()
-    write_glb(path, mesh, picture, np.eye(3))
+    written(path, mesh, picture, np.eye(3))
     write_jpeg(alone, picture)
 
     data = path.read_bytes()
@@ -65,7 +75,7 @@ def test_the_texture_is_the_picture_as_encoded_once(
 def test_the_texture_is_in_srgb(mesh: Mesh, picture: np.ndarray, tmp_path: Path) -> None:
     path, alone = tmp_path / "surface.glb", io.BytesIO()
     to_srgb = np.array([[1.5, -0.5, 0], [-0.1, 1.2, 0], [0, 0.2, 0.5]])
-    write_glb(path, mesh, picture, to_srgb)
+    written(path, mesh, picture, to_srgb)
     write_jpeg(alone, picture, to_srgb)
 
     assert alone.getvalue() in path.read_bytes()
@@ -75,7 +85,7 @@ def test_the_surface_is_matt_and_has_two_sides(
     mesh: Mesh, picture: np.ndarray, tmp_path: Path
 ) -> None:
     path = tmp_path / "surface.glb"
-    write_glb(path, mesh, picture, np.eye(3))
+    written(path, mesh, picture, np.eye(3))
 
     data = path.read_bytes()
 
@@ -92,7 +102,7 @@ def test_vertices_in_one_place_stay_apart(picture: np.ndarray, tmp_path: Path) -
     up = np.tile([0.0, 0, 1], (6, 1))
     faces = np.arange(6).reshape(2, 3)
     path = tmp_path / "surface.glb"
-    write_glb(path, Mesh(corners, up, np.zeros((6, 2)), faces), picture, np.eye(3))
+    written(path, Mesh(corners, up, np.zeros((6, 2)), faces), picture, np.eye(3))
 
     (body,) = trimesh.load_scene(path, process=False).geometry.values()
 
@@ -107,7 +117,7 @@ def test_a_large_texture_is_made_smaller(
     mesh: Mesh, tmp_path: Path, size: tuple[int, int], smaller: tuple[int, int]
 ) -> None:
     path = tmp_path / "surface.glb"
-    write_glb(path, mesh, np.full((*size[::-1], 3), 0.5, np.float32), np.eye(3))
+    written(path, mesh, np.full((*size[::-1], 3), 0.5, np.float32), np.eye(3))
 
     (body,) = trimesh.load_scene(path).geometry.values()
 
@@ -120,7 +130,7 @@ def test_a_texture_made_smaller_is_the_mean(mesh: Mesh, tmp_path: Path) -> None:
     stripes = np.zeros((16, 8192, 3), np.float32)
     stripes[:, ::2] = 0.5
     path = tmp_path / "surface.glb"
-    write_glb(path, mesh, stripes, np.eye(3))
+    written(path, mesh, stripes, np.eye(3))
 
     (body,) = trimesh.load_scene(path).geometry.values()
 
@@ -132,7 +142,7 @@ def test_bytes_are_the_same_each_time_and_tell_of_nobody(
 ) -> None:
     paths = tmp_path / "a.glb", tmp_path / "b.glb"
     for path in paths:
-        write_glb(path, mesh, picture, np.eye(3))
+        written(path, mesh, picture, np.eye(3))
 
     first, second = (path.read_bytes() for path in paths)
 
@@ -146,7 +156,7 @@ def test_a_surface_of_nothing_is_an_empty_scene(picture: np.ndarray, tmp_path: P
     nothing = make_mesh(np.full((8, 12), np.nan, np.float32), picture, 50.0)
     path = tmp_path / "surface.glb"
 
-    write_glb(path, nothing, picture, np.eye(3))
+    written(path, nothing, picture, np.eye(3))
 
     assert path.read_bytes()[:4] == b"glTF"
     assert set(describe(path, "glTF", "sRGB")) == {"name", "sha256", "encoding", "colour_space"}
@@ -154,4 +164,4 @@ def test_a_surface_of_nothing_is_an_empty_scene(picture: np.ndarray, tmp_path: P
 
 def test_a_full_disk_is_told(mesh: Mesh, picture: np.ndarray, tmp_path: Path) -> None:
     with pytest.raises(OSError, match="No such file"):
-        write_glb(tmp_path / "missing" / "surface.glb", mesh, picture, np.eye(3))
+        written(tmp_path / "missing" / "surface.glb", mesh, picture, np.eye(3))
