@@ -1,4 +1,4 @@
-"""16-bit floats (IEEE 754 binary16): light as it waits and as files hold it.
+"""16-bit floats (IEEE 754 binary16): light as files hold it.
 
 OpenCV converts a plane in an eighth of NumPy's time, to the same values.
 """
@@ -19,9 +19,3 @@ def to_half(light: NDArray[np.float32]) -> Half:
     """Round light (h, W) or (h, W, 3) to the nearest half floats, ±65504 where it is beyond."""
     within = np.ascontiguousarray(np.clip(light, -_LARGEST, _LARGEST))
     return np.asarray(cv2.add(within, _NOTHING, dtype=cv2.CV_16F), np.float16)
-
-
-def to_float(light: Half) -> NDArray[np.float32]:
-    """Half floats (h, W) or (h, W, 3) as float32, exactly."""
-    same = np.ascontiguousarray(light)
-    return np.asarray(cv2.add(same, _NOTHING, dtype=cv2.CV_32F), np.float32)
