@@ -15,7 +15,16 @@ import pytest
 import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
-from service import cameras, database, heartbeats, jobs, presence, worker
+from service import (
+    cameras,
+    database,
+    dbos_queue,
+    heartbeats,
+    jobs,
+    metrics,
+    presence,
+    worker,
+)
 from service.attempt import Attempt
 from service.database import AWAY
 from service.dbos_queue import Held
@@ -104,8 +113,8 @@ def test_a_stop_waits_for_a_job_that_is_just_being_claimed(
     one: Worker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its row would stay running, and wait for a worker that finds this one dead."""
-    monkeypatch.setattr(worker.dbos_queue, "launch", lambda *_: None)
-    monkeypatch.setattr(worker.metrics, "serve", lambda *_: None)
+    monkeypatch.setattr(dbos_queue, "launch", lambda *_: None)
+    monkeypatch.setattr(metrics, "serve", lambda *_: None)
     monkeypatch.setattr(one._fork_server, "start", lambda: None)
     monkeypatch.setattr(Attempt, "run", _ends)
     stop = threading.Event()
