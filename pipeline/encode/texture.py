@@ -1,3 +1,5 @@
+"""The texture of a mesh, made while the rows of its picture come."""
+
 from __future__ import annotations
 
 import io

@@ -17,7 +17,11 @@ export function normalsForm(job, manifest) {
   const from = h("label", { hidden: true }, "Where the lamps stand ", calibration);
   const told = () => {
     if (calibration.value) return { calibration: calibration.value };
-    return places.map(([x, y], index) => ({ direction: [x, y, Math.sqrt(1 - x * x - y * y)], rgb: manifest.lamps[index].rgb }));
+    return places.map(([x, y], index) => {
+      const direction = [x, y, Math.sqrt(1 - x * x - y * y)];
+      // colours that were found say which lamp is meant; given for all, they would count as measured
+      return index < places.length - 1 ? { direction, rgb: manifest.lamps[index].rgb } : { direction };
+    });
   };
   const submit = single(async () => {
     problems.replaceChildren();

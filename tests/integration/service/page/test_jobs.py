@@ -431,7 +431,8 @@ def test_lamps_are_given_directions_for_normals(
     assert first["direction"] == pytest.approx([-0.6, 0, 0.8])
     assert second["direction"] == pytest.approx([0.5, 0.5, 0.5**0.5])
     manifest = service.http.get(f"/jobs/{done['id']}/results").json()
-    assert [first["rgb"], second["rgb"]] == [lamp["rgb"] for lamp in manifest["lamps"]]
+    # which lamp is meant, and no more: colours of all lights would count as measured
+    assert (first["rgb"], second.get("rgb")) == (manifest["lamps"][0]["rgb"], None)
     assert "normals.png" in job["options"]["outputs"]
     assert job["options"]["lights"] == 2
     service.http.post(f"/jobs/{job['id']}/cancel").raise_for_status()  # unless it has ended
