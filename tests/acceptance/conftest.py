@@ -284,7 +284,7 @@ def service(
     folder = tmp_path_factory.mktemp("service")
     port = free_port()
     log = folder / "log"
-    settings = {"LIGHTLAYERS_DATA_DIR": str(folder / "data"), "LIGHTLAYERS_POLL_SECONDS": "0.2"}
+    settings = {"LIGHTLAYERS_DATA_DIR": str(folder / "data"), "LIGHTLAYERS_POLL_SECONDS": "0.4"}
     with log.open("wb") as stderr:
         process = subprocess.Popen(
             [COMMAND, "serve", "--port", str(port)],

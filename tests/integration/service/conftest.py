@@ -75,7 +75,7 @@ class Service:
         self.data = folder / "data"
         self.log = folder / "log"
         self.port = free_port()
-        quick = {"heartbeat_seconds": 0.5, "poll_seconds": 0.2, "free_bytes": 0}
+        quick = {"heartbeat_seconds": 0.5, "poll_seconds": 0.4, "free_bytes": 0}
         settings = {"data_dir": self.data, "port": self.port, **quick, **settings}
         self.environment = {
             **{key: text for key, text in os.environ.items() if "LIGHTLAYERS_" not in key},
@@ -285,7 +285,8 @@ def _options(lights: int | None) -> dict[str, int]:
 @pytest.fixture(scope="package")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     """A service that runs all the time; what a test leaves there is the next one's to bear."""
-    yield from _running(Service(tmp_path_factory.mktemp("service")))
+    # quick heartbeats would cost it a fiftieth of a processor all the time
+    yield from _running(Service(tmp_path_factory.mktemp("service"), heartbeat_seconds=2))
 
 
 @pytest.fixture
