@@ -13,7 +13,7 @@ INSTALLED := .venv/installed
 COMPILED := .venv/compiled
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint evaluate bench chaos serve image openapi docs clean
+.PHONY: help setup demo test lint programs evaluate bench chaos serve image openapi docs clean
 
 help:  ## Show this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/\1\t\2/p' Makefile | expand -t 12
@@ -23,8 +23,7 @@ setup: $(COMPILED)  ## Put everything into .venv; the command is .venv/bin/light
 demo: setup  ## Have the simulated camera take a pair, separate it, put the results into demo/
 	$(BIN)/python -m service.demo
 
-test: lint $(COMPILED)  ## Run every check and every test
-	@.ci/test-programs
+test: lint $(COMPILED) programs  ## Run every check and every test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest --numprocesses $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 lint: $(INSTALLED)  ## Check style, types and the import rules
@@ -32,6 +31,9 @@ lint: $(INSTALLED)  ## Check style, types and the import rules
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+programs: $(INSTALLED)
+	@.ci/test-programs
 
 evaluate: setup  ## Measure on rendered scenes what is promised; SET=development for tuning
 	$(BIN)/python -m tests.evaluation --set $(SET)
