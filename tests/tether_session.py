@@ -11,7 +11,6 @@ import hashlib
 import multiprocessing
 import os
 import signal
-import socket
 import sys
 import tempfile
 import time
@@ -34,6 +33,7 @@ from drivers.sim.body import Body, Refusal
 from drivers.sim.files import Shooting
 from drivers.sim.ip_responder import IpResponder
 from tests.chaos.service import Host
+from tests.ports import free_port
 
 OPTIONS = {
     "quality": "fast",
@@ -306,8 +306,7 @@ class _Taking:
 
 @contextlib.contextmanager
 def _service(folder: Path) -> Iterator[tuple[Host, str]]:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]
+    port = free_port()
     host = Host(folder / "host", ["serve"], port=port, cameras="ptp+ip://127.0.0.1")
     url, deadline = f"http://127.0.0.1:{port}", time.monotonic() + _PATIENCE_S
     try:

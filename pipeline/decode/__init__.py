@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from pipeline.decode.header import Header, read_alike
-from pipeline.decode.reader import check_header, decode, read_header
+from pipeline.decode.reader import decode, read_header
 
-__all__ = ["Header", "check_header", "decode", "read_alike", "read_header"]
+__all__ = ["Header", "decode", "read_alike", "read_header"]

@@ -50,17 +50,12 @@ def max_pixels() -> float:
     return limit
 
 
-def check_header(data: bytes, name: str = "no-flash photograph") -> tuple[int, int]:
-    """(width, height) after orientation, from the header alone.
+def read_header(data: bytes, name: str = "no-flash photograph") -> Header:
+    """Read what the header alone tells.
 
     name: what messages call the picture. Raises UnreadableImageError when the bytes are not a
     picture of a known kind, ImageTooLargeError above max_pixels().
     """
-    return read_header(data, name).size
-
-
-def read_header(data: bytes, name: str = "no-flash photograph") -> Header:
-    """Read what the header alone tells. Raises as check_header."""
     return _header(data, _kind(data, name), name)
 
 

@@ -11,8 +11,8 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
+from pipeline.encode.half_floats import to_half
 from pipeline.errors import InputError
-from pipeline.half_floats import to_half
 
 _FLOAT = Imath.Channel(Imath.PixelType(Imath.PixelType.FLOAT))
 _HALF = Imath.Channel(Imath.PixelType(Imath.PixelType.HALF))

@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator
@@ -23,6 +22,7 @@ import pytest
 import yaml
 
 import drivers
+from tests.ports import free_port
 
 _COMPOSE = Path(__file__).parents[3] / "docker" / "compose.yaml"
 _IMAGE = os.environ.get("IMAGE", "lightlayers")
@@ -148,11 +148,7 @@ def image() -> Iterator[Image]:
 @pytest.fixture
 def ports() -> list[int]:
     """Free ports."""
-    servers = [socket.create_server(("127.0.0.1", 0)) for _ in range(4)]
-    numbers = [server.getsockname()[1] for server in servers]
-    for server in servers:
-        server.close()
-    return numbers
+    return [free_port() for _ in range(4)]
 
 
 @pytest.fixture

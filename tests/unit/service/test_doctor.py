@@ -19,6 +19,7 @@ from service.doctor import Finding, examine
 from service.opening import WRONG_ADDRESS, open_database
 from service.settings import Settings
 from service.storage import Storage
+from tests.ports import free_port
 
 Look = Callable[[], dict[str, Finding]]
 
@@ -26,8 +27,7 @@ Look = Callable[[], dict[str, Finding]]
 @pytest.fixture
 def settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Settings:
     """A set-up that is right, in variables."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        monkeypatch.setenv("LIGHTLAYERS_PORT", str(server.getsockname()[1]))
+    monkeypatch.setenv("LIGHTLAYERS_PORT", str(free_port()))
     monkeypatch.setenv("LIGHTLAYERS_DATA_DIR", str(tmp_path / "data"))
     monkeypatch.setenv("LIGHTLAYERS_FREE_BYTES", "0")
     monkeypatch.setenv("LIGHTLAYERS_UPLOAD_BYTES", "1000")

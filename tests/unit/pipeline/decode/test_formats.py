@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from PIL import Image as PillowImage
 from PIL import ImageOps
 
-from pipeline.decode import check_header, decode
+from pipeline.decode import decode, read_header
 from pipeline.decode.samples import upright
 
 Codes = NDArray[np.uint8]
@@ -155,7 +155,7 @@ def test_a_thumbnail_before_the_picture_is_passed_over(codes: Codes) -> None:
 
     frame = decode(file.getvalue())
 
-    assert check_header(file.getvalue()) == (64, 48)
+    assert read_header(file.getvalue()).size == (64, 48)
     np.testing.assert_allclose(frame.pixels, linear(codes), atol=1e-6)
 
 
@@ -214,7 +214,7 @@ def test_heif_is_turned_once(
 
     frame = decode(data)
 
-    assert frame.size == (turned.shape[1], turned.shape[0]) == check_header(data)
+    assert frame.size == (turned.shape[1], turned.shape[0]) == read_header(data).size
     assert np.abs(frame.pixels - turned).max() < 0.03
 
 
@@ -277,7 +277,7 @@ def test_pictures_are_turned_upright(
 
     frame = decode(data)
 
-    assert frame.size == (upright.shape[1], upright.shape[0]) == check_header(data)
+    assert frame.size == (upright.shape[1], upright.shape[0]) == read_header(data).size
     assert np.abs(frame.pixels - linear(upright)).max() < (0.02 if kind == "JPEG" else 1e-6)
 
 
@@ -293,7 +293,7 @@ def test_tiff_of_any_size_of_offsets_is_turned_upright(
 
     frame = decode(data)
 
-    assert frame.size == (turned.shape[1], turned.shape[0]) == check_header(data)
+    assert frame.size == (turned.shape[1], turned.shape[0]) == read_header(data).size
     assert np.abs(frame.pixels - turned).max() < 1e-6
 
 
@@ -310,7 +310,7 @@ def test_nothing_holds_a_file_that_has_been_read(
     held = sys.getrefcount(data)
     gc.disable()
     try:
-        check_header(data)
+        read_header(data)
         decode(data)
         assert sys.getrefcount(data) == held
     finally:

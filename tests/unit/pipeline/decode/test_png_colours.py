@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.colour.icc import linear_rec2020_profile, srgb_profile
-from pipeline.decode import check_header, decode
+from pipeline.decode import decode, read_header
 from pipeline.decode.png_colours import png_profile
 from pipeline.errors import UnreadableImageError
 
@@ -106,7 +106,7 @@ def test_hdr_is_refused(values: Codes, transfer: int, encoding: str) -> None:
     data = png(values, cicp(9, transfer))
 
     with pytest.raises(UnreadableImageError, match="HDR picture"):
-        check_header(data)
+        read_header(data)
     with pytest.raises(UnreadableImageError, match="HDR picture"):
         decode(data, encoding)
 
@@ -190,7 +190,7 @@ def test_the_limited_range_of_video_is_refused(values: Codes, encoding: str) -> 
     data = png(values, cicp(1, 13, full_range=0))
 
     with pytest.raises(UnreadableImageError, match="limited range of video"):
-        check_header(data)
+        read_header(data)
     with pytest.raises(UnreadableImageError, match="limited range of video"):
         decode(data, encoding)
 

@@ -13,7 +13,7 @@ import rawpy
 from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
-from pipeline.decode import check_header, decode
+from pipeline.decode import decode, read_header
 from pipeline.decode.metadata import Metadata
 from pipeline.decode.raw import preview_metadata
 from pipeline.decode.tiff import dng_matrix
@@ -89,7 +89,7 @@ def test_orientation_is_applied(
     frame = decode(data)
 
     np.testing.assert_allclose(frame.pixels, np.rot90(upright, turns), atol=0.01)
-    assert frame.size == check_header(data) == np.rot90(upright, turns).shape[1::-1]
+    assert frame.size == read_header(data).size == np.rot90(upright, turns).shape[1::-1]
 
 
 def test_the_matrix_of_the_camera_is_the_dngs(dng_file: Callable[..., bytes]) -> None:

@@ -19,7 +19,7 @@ import pytest
 import tifffile
 from numpy.typing import NDArray
 
-from pipeline.decode import check_header, decode
+from pipeline.decode import decode, read_header
 from pipeline.errors import ImageTooLargeError, OptionError, UnreadableImageError
 from tests.png_bombs import png_bomb, png_of
 
@@ -138,7 +138,7 @@ def test_what_is_no_photograph_is_said_to_be_of_no_known_kind(
 def test_an_empty_file_is_said_to_be_empty() -> None:
     assert "is empty" in refusal(b"")
     with pytest.raises(UnreadableImageError, match="is empty"):
-        check_header(b"")
+        read_header(b"")
 
 
 @pytest.mark.parametrize("kind", ["JPEG", "PNG"])
@@ -260,11 +260,11 @@ def test_a_raw_file_cannot_be_srgb(dng_file: Write) -> None:
 
 BOMB = """
 import resource, sys
-from pipeline.decode import check_header, decode
+from pipeline.decode import decode, read_header
 from pipeline.errors import ImageTooLargeError
 data = sys.stdin.buffer.read()
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-for read in (check_header, decode):
+for read in (read_header, decode):
     try:
         read(data)
     except ImageTooLargeError as error:
@@ -294,10 +294,10 @@ def test_the_limit_holds_for_every_kind(
     with pytest.raises(ImageTooLargeError, match="96 × 64 pixels"):
         decode(every_kind[kind])
     with pytest.raises(ImageTooLargeError, match="96 × 64 pixels"):
-        check_header(every_kind[kind])
+        read_header(every_kind[kind])
 
     monkeypatch.setenv("LIGHTLAYERS_MAX_PIXELS", str(96 * 64))
-    assert check_header(every_kind[kind]) == (96, 64)
+    assert read_header(every_kind[kind]).size == (96, 64)
 
 
 @pytest.mark.parametrize("value", ["many", "-5", "0", "nan"])
@@ -306,7 +306,7 @@ def test_a_limit_that_is_no_number_is_an_option_error(
 ) -> None:
     monkeypatch.setenv("LIGHTLAYERS_MAX_PIXELS", value)
     with pytest.raises(OptionError, match="LIGHTLAYERS_MAX_PIXELS"):
-        check_header(pillow_file(codes, "PNG"))
+        read_header(pillow_file(codes, "PNG"))
 
 
 @pytest.mark.parametrize(("width", "height"), [(0, 10), (10, 0)])

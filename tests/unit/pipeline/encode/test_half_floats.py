@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.half_floats import to_half
+from pipeline.encode.half_floats import to_half
 
 
 def test_every_half_float_comes_back() -> None:
