@@ -54,6 +54,15 @@ def test_who_names_a_camera_for_renderings_hears_that_it_says_nothing_of_them(
     assert ["leave it out" in message for message in messages] == [True, False]
 
 
+@pytest.mark.parametrize(("setup", "told"), [("table", True), ("default", False)])
+def test_a_set_up_that_was_named_and_has_nothing_kept_is_told_of(
+    setup: str, told: bool, files: Callable[..., Files], tmp_path: Path
+) -> None:
+    manifest = separated(files(), tmp_path, setup=setup, outputs=[])
+
+    assert ("nothing_kept" in codes(manifest)) is told
+
+
 def test_layers_that_a_file_of_all_outputs_cannot_hold_are_passed_over(
     files: Callable[..., Files], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
