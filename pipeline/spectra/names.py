@@ -8,16 +8,18 @@ import unicodedata
 from collections.abc import Iterable
 
 _NEAR = 4  # names that are listed at most
+_LONGEST = 256  # characters that are looked at: no file's name has more, and anybody may send many
 _NOISE = {"corporation", "corp", "co", "ltd", "inc", "company", "imaging", "eos", "npl"}
 
 
 def key_of(name: str) -> str:
     """Letters and digits of a name, without case, firm's suffixes and repeated words.
 
-    Those of any script, in the form NFKC of Unicode. "NIKON CORPORATION NIKON D5100" and "Nikon
-    D5100" have the same key. A name without any has the key "", which finds nothing.
+    Those of any script among its first 256 characters, in the form NFKC of Unicode. "NIKON
+    CORPORATION NIKON D5100" and "Nikon D5100" have the same key. A name without any has the key
+    "", which finds nothing.
     """
-    words = re.findall(r"[^\W_]+", unicodedata.normalize("NFKC", name).casefold())
+    words = re.findall(r"[^\W_]+", unicodedata.normalize("NFKC", name[:_LONGEST]).casefold())
     return "".join(dict.fromkeys(word for word in words if word not in _NOISE))
 
 

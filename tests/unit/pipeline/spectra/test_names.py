@@ -48,3 +48,8 @@ def test_near_names_come_best_first_and_few() -> None:
 
 def test_long_names_are_cut_in_messages() -> None:
     assert len(unknown("camera", "y" * 10_000, ["Nikon"])) < 200
+
+
+def test_of_a_long_name_only_the_beginning_is_looked_at() -> None:
+    assert key_of("y" * 1_000_000) == "y" * 256
+    assert key_of("Nikon D5100" + "-" * 244 + "x") == "nikond5100x"
