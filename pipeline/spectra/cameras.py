@@ -62,14 +62,8 @@ def find_camera(request: str | Sensitivities | None, frame: Frame) -> Camera:
     more.
     Raises OptionError for an unknown name.
     """
-    if isinstance(request, Sensitivities):
-        return camera_from_table("table", request, "file")
     if request is not None:
-        camera = _measured(request)
-        if camera is None:
-            names = [camera.name for camera in measured_cameras()]  # lights have tables, too
-            raise OptionError(unknown("camera", request, names))
-        return camera
+        return named_camera(request)
     name = f"{frame.make} {frame.model}".strip()
     if not frame.in_srgb and name:
         camera = _measured(name)
@@ -83,6 +77,20 @@ def find_camera(request: str | Sensitivities | None, frame: Frame) -> Camera:
     if not tells_colours_apart(functions):  # a matrix of no camera, as one of negative numbers
         return typical_sensor()
     return Camera(name or "camera", _scaled(functions), "approximate")
+
+
+def named_camera(request: str | Sensitivities) -> Camera:
+    """Camera of a table, or measured one of a name. Raises OptionError.
+
+    A name may be with or without the make, and that of a file of the user's folder.
+    """
+    if isinstance(request, Sensitivities):
+        return camera_from_table("table", request, "file")
+    camera = _measured(request)
+    if camera is None:
+        names = [camera.name for camera in measured_cameras()]  # lights have tables, too
+        raise OptionError(unknown("camera", request, names))
+    return camera
 
 
 def tells_colours_apart(sensitivities: NDArray[np.float64]) -> bool:

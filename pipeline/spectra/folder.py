@@ -18,6 +18,12 @@ _AMPAS_RANGE = re.compile(r"_\d+_\d+_\d+$")
 _Read = TypeVar("_Read")
 
 
+def names_are_known() -> bool:
+    """Whether this host knows the names: no folder is set, or the one that is set is here."""
+    root = _set_folder()
+    return root is None or root.is_dir()
+
+
 def folder_spectra() -> dict[str, list[Path]]:
     """Names and files of every CSV and JSON below the folder; empty when none is set.
 
@@ -63,10 +69,12 @@ def read_spectrum(paths: list[Path], read: Callable[[bytes], _Read]) -> _Read:
 
 
 def _root() -> Path | None:
-    setting = os.environ.get("LIGHTLAYERS_SPECTRA")
-    if not setting:
-        return None
-    root = Path(setting)
-    if not root.is_dir():
+    root = _set_folder()
+    if root is not None and not root.is_dir():
         raise OptionError("LIGHTLAYERS_SPECTRA names no folder: set it to one with spectra.")
     return root
+
+
+def _set_folder() -> Path | None:
+    setting = os.environ.get("LIGHTLAYERS_SPECTRA")
+    return Path(setting) if setting else None

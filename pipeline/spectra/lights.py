@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from importlib.resources import files
 from typing import Any
 
@@ -43,18 +44,29 @@ def find_light(request: str | Spectrum, purpose: str = "flash") -> NDArray[np.fl
     hundreds of kelvin ("D65", "D58"), or a file of the user's folder.
     purpose: what messages call it ("flash", "neutral light"). Raises OptionError.
     """
+    return look_up_light(request, purpose)()
+
+
+def look_up_light(
+    request: str | Spectrum, purpose: str = "flash"
+) -> Callable[[], NDArray[np.float64]]:
+    """Give what makes the spectrum of find_light, and raise the OptionError that it raises.
+
+    Daylight, for which colour-science may have to be imported, is made only when that is called.
+    """
     if isinstance(request, Spectrum):
         if sum(request.power) > _MOST_POWER:
             raise OptionError(
                 f"The {purpose} spectrum is too large to be added up: give its power relative to "
                 "its largest."
             )
-        return _normalised(on_grid(request.wavelength_nm, request.power, "hold"), purpose)
+        spectrum = _normalised(on_grid(request.wavelength_nm, request.power, "hold"), purpose)
+        return lambda: spectrum
     wanted = key_of(request)
     own = {key_of(name): paths for name, paths in folder_spectra().items()}
     if wanted in own:
-        return find_light(read_spectrum(own[wanted], parse_spectrum), purpose)
-    found = _packaged_light(request)
+        return look_up_light(read_spectrum(own[wanted], parse_spectrum), purpose)
+    found = _look_up_packaged(request)
     if found is not None:
         return found
     names = [_XENON, *_FLASHES, *packaged_lights(), *_lights_of_folder()]
@@ -66,21 +78,21 @@ def packaged_light(name: str) -> NDArray[np.float64]:
 
     For what the program itself needs: no file of that name may change it. Raises KeyError.
     """
-    found = _packaged_light(name)
+    found = _look_up_packaged(name)
     if found is None:
         raise KeyError(name)
-    return found
+    return found()
 
 
-def _packaged_light(name: str) -> NDArray[np.float64] | None:
+def _look_up_packaged(name: str) -> Callable[[], NDArray[np.float64]] | None:
     wanted = key_of(name)
     if wanted == _XENON:
-        return _xenon()
+        return _xenon
     entry = key_of(_FLASHES.get(wanted, name))
     for known, spectrum in packaged_lights().items():
         if key_of(known) == entry:
-            return spectrum
-    return _named_daylight(name)
+            return lambda: spectrum
+    return _look_up_daylight(name)
 
 
 @cache
@@ -161,13 +173,13 @@ def _packaged() -> dict[str, Any]:
     return {**colour.SDS_ILLUMINANTS, **colour.SDS_LIGHT_SOURCES}
 
 
-def _named_daylight(name: str) -> NDArray[np.float64] | None:
+def _look_up_daylight(name: str) -> Callable[[], NDArray[np.float64]] | None:
     match = _DAYLIGHT.fullmatch(name.strip())
     if match is None:
         return None
     kelvin = int(match[1]) * 100
     low, high = _DAYLIGHT_RANGE_K
-    return daylight(kelvin) if low <= kelvin <= high else None
+    return partial(daylight, kelvin) if low <= kelvin <= high else None
 
 
 @cached_on_disk("colour-science")

@@ -14,7 +14,7 @@ from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.errors import OptionError
 from pipeline.frames import Frame
 from pipeline.options import Sensitivities, Spectrum
-from pipeline.spectra.cameras import find_camera, measured_cameras, srgb_stand_in
+from pipeline.spectra.cameras import find_camera, measured_cameras, named_camera, srgb_stand_in
 from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.library import colour_science
 from pipeline.spectra.lights import find_light, reflectance_spectra
@@ -69,6 +69,17 @@ def test_a_name_asked_for_wins_over_exif(frame_of: FrameOf, name: str) -> None:
     camera = find_camera(name, frame_of("NIKON CORPORATION", "NIKON D5100", "srgb"))
 
     assert (camera.name, camera.source) == ("Sigma SD1 Merrill", "measured")
+
+
+def test_a_camera_is_named_without_a_frame() -> None:
+    named = named_camera("nikon corporation d5100")
+    assert (named.name, named.source) == ("Nikon D5100", "measured")
+    table = Sensitivities(wavelength_nm=[380, 780], r=[0, 4], g=[2, 2], b=[1, 0])
+    given = named_camera(table)
+    assert (given.name, given.source) == ("table", "file")
+    assert given.sensitivities[:, -1].tolist() == [1, 0.5, 0]
+    with pytest.raises(OptionError, match=r"^No camera is called '': send its table instead"):
+        named_camera("")
 
 
 @pytest.mark.parametrize(

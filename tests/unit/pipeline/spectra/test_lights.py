@@ -14,11 +14,17 @@ from pipeline.frames import Frame
 from pipeline.model import build_model
 from pipeline.options import Spectrum
 from pipeline.photometric_stereo.responses import LampBank
-from pipeline.spectra import cameras
+from pipeline.spectra import cameras, lights
 from pipeline.spectra.cameras import find_camera
 from pipeline.spectra.families import family_spectra
 from pipeline.spectra.grid import WAVELENGTHS_NM
-from pipeline.spectra.lights import find_light, lamp_spectra, packaged_light, reflectance_spectra
+from pipeline.spectra.lights import (
+    find_light,
+    lamp_spectra,
+    look_up_light,
+    packaged_light,
+    reflectance_spectra,
+)
 from pipeline.spectra.observer import cie_1931
 
 
@@ -114,6 +120,37 @@ def test_a_table_without_a_sum_is_refused(wavelengths: list[float], power: float
 def test_a_table_may_have_any_scale(power: float) -> None:
     flat = Spectrum(wavelength_nm=[380, 780], power=[power, power])
     np.testing.assert_allclose(find_light(flat), 1 / 81)
+
+
+@pytest.mark.usefixtures("spectra_folder")
+@pytest.mark.parametrize(
+    "request_",
+    ["xenon", "led", "A", "D58", "my torch", Spectrum(wavelength_nm=[400, 700], power=[1, 3])],
+)
+def test_what_is_looked_up_makes_the_light_that_is_found(request_: str | Spectrum) -> None:
+    np.testing.assert_array_equal(look_up_light(request_)(), find_light(request_))
+
+
+@pytest.mark.usefixtures("spectra_folder")
+@pytest.mark.parametrize(
+    "request_",
+    ["xenn", "D39", "", "Acme One", Spectrum(wavelength_nm=[380, 780], power=[1e308, 1e308])],
+)
+def test_what_is_not_found_is_refused_when_it_is_looked_up(request_: str | Spectrum) -> None:
+    with pytest.raises(OptionError) as found:
+        find_light(request_, "neutral light")
+    with pytest.raises(OptionError) as looked_up:
+        look_up_light(request_, "neutral light")
+    assert str(looked_up.value) == str(found.value)
+
+
+def test_daylight_is_looked_up_without_being_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[float] = []
+    monkeypatch.setattr(lights, "daylight", made.append)
+    make = look_up_light("D41")
+    assert made == []
+    make()
+    assert made == [4100]
 
 
 @pytest.mark.usefixtures("spectra_folder")
