@@ -22,6 +22,7 @@ from service.api.context import Context
 from service.api.idempotency import hash_of, replay
 from service.api.intake import Intake
 from service.api.models import Handling
+from service.api.spectra import check_spectra
 from service.api.submission import Submission
 from service.api.uploaded import bring_uploaded, take_over
 from service.errors import (
@@ -61,9 +62,9 @@ def accept(submission: Submission, wanted: Intake) -> Accepted:
 
     An idempotency key that made a job already gives that job; of requests that come at once, one
     makes it. Raises ForbiddenError when the key is not for it, OptionError and
-    UnfinishedUploadError for uploads that cannot be used, what complete raises, TaskError or
-    UnreadableImageError when the headers of the pair cannot be, UnreadyError when they were not
-    read for want of time or memory, and what refuse_when_full, replay and commit raise.
+    UnfinishedUploadError for uploads that cannot be used, what complete and check_spectra raise,
+    TaskError or UnreadableImageError when the headers of the pair cannot be, UnreadyError when they
+    were not read for want of time or memory, and what refuse_when_full, replay and commit raise.
     """
     context, caller = submission.context, submission.caller
     caller.need(Scope.SUBMIT)
@@ -73,6 +74,7 @@ def accept(submission: Submission, wanted: Intake) -> Accepted:
     if earlier := replay(submission, request_hash):
         return earlier
     options = complete(context, caller, wanted.options, wanted.calibrations)
+    check_spectra(options)
     job_id = uuid.uuid4().hex
     sha256: dict[str, str] = {}
     if wanted.sha256 or wanted.uploads:

@@ -22,6 +22,7 @@ from service.api.context import Context
 from service.api.idempotency import as_asked, digest, hash_of, replay
 from service.api.intake import Intake, handling_of
 from service.api.models import CameraCapture, Handling
+from service.api.spectra import check_spectra
 from service.api.submission import Submission
 from service.capture import Capture, Taking
 from service.errors import CameraHeldError, EndedError, ForeignCameraError, NotReadyError
@@ -119,6 +120,7 @@ def _recipe(context: Context, caller: Caller, job_id: str) -> tuple[dict[str, An
 def _commit(submission: Submission, wanted: Pairs, request_hash: str) -> Accepted:
     """Commit rows and queue entries together."""
     context = submission.context
+    check_spectra(wanted.options)
     check_camera(context.settings, wanted.capture.camera)
     drivers.check_settings(wanted.capture.settings)
     if wanted.capture.flash == "external" and context.settings.flash_switch is None:

@@ -24,6 +24,7 @@ from service.api.idempotency import as_asked, digest, replay
 from service.api.job_answers import answer_made
 from service.api.models import RerunRequest
 from service.api.prefer import APPLIED, Wait
+from service.api.spectra import check_spectra
 from service.api.submission import Submission, Submitting
 from service.copy_pair import copy_pair
 from service.errors import GoneError, NotReadyError, UnknownJobError
@@ -79,6 +80,7 @@ def _accept(submission: Submission, job_id: str, wanted: RerunRequest) -> Accept
             "the job again that they are of."
         )
     options = _options(context, caller, source, wanted.options)
+    check_spectra(options)
     new_id = uuid.uuid4().hex
     values = copy_pair(context.storage, source, new_id) | {
         "id": new_id,

@@ -216,8 +216,8 @@ def test_what_a_calibration_found_is_judged_as_a_table_is(
     [
         (2, ["A", "D65"], None),
         (3, ["A", "D65"], None),
-        (3, ["A", "D65", "F2"], None),
-        (2, ["A", "D65", "F2"], "3 lamps are pinned and only 2 asked for"),
+        (3, ["A", "D65", "FL2"], None),
+        (2, ["A", "D65", "FL2"], "3 lamps are pinned and only 2 asked for"),
     ],
 )
 def test_as_many_lamps_are_pinned_as_a_calibration_has(
