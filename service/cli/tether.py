@@ -226,7 +226,7 @@ def _best(shot: drivers.Shot) -> tuple[str, bytes]:
 
 
 def _options(path: Path | None) -> dict[str, Any]:
-    """Read the options of the jobs, and check them as the service would. Raises InputError."""
+    """Read the options of the jobs, and check what can be checked here. Raises InputError."""
     from pydantic import ValidationError
 
     from pipeline.errors import InputError, OptionError
@@ -243,7 +243,7 @@ def _options(path: Path | None) -> dict[str, Any]:
     if not isinstance(asked, dict):
         raise InputError(f'The file of options {path} is no JSON object like {{"lights": 2}}.')
     try:
-        Options.model_validate(take_out(asked)[0])  # calibrations are what only the service knows
+        Options.model_validate(take_out(asked)[0])  # only the service knows calibrations, names
     except ValidationError as error:
         raise OptionError(f"The file of options {path}: {sentence_of(error)}") from error
     return asked

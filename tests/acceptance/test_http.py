@@ -107,19 +107,19 @@ def test_a_bad_pair_is_refused_with_the_reason(service: httpx.Client, bad_pair: 
     [
         ({"lights": 4}, "more than three lamps"),
         ({"camera": "Nikon D5200"}, "near names are Nikon D5100"),
-        ({"neutral": "D9"}, "neutral"),
+        ({"neutral": "D9"}, "neutral: No neutral light spectrum is called 'D9'"),
+        ({"flash_spectrum": "xenonn"}, "near names are xenon"),
         ({"outputs": ["movie.mp4"]}, "movie.mp4"),
         ({"sharpen": True}, "sharpen"),
     ],
 )
-def test_bad_options_are_refused_with_the_reason(
+def test_bad_options_are_refused_at_once_with_the_reason(
     service: httpx.Client, scene: Callable[..., Any], options: dict[str, Any], word: str
 ) -> None:
     answer = send(service, scene(1).dng, **options)
 
-    problem = answer.json() if answer.is_error else finished(service, answer)["error"]
-    assert 400 <= problem["status"] < 500
-    assert word in problem["detail"]
+    assert answer.status_code == 422
+    assert word in answer.json()["detail"]
 
 
 def test_the_service_lives_on_after_bad_input(service: httpx.Client) -> None:

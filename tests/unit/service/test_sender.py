@@ -295,6 +295,28 @@ def test_a_pair_that_will_never_pass_is_put_aside_and_told(
     assert "lights" in told.events[1][1]
 
 
+def test_a_pair_whose_options_name_no_spectrum_goes_once_they_are_mended(
+    http: httpx.Client,
+    spool: Spool,
+    told: Told,
+    pairs: list[dict[str, tuple[str, bytes]]],
+    tmp_path: Path,
+) -> None:
+    pair = spool.add("shot", pairs[0], {"flash_spectrum": "xenonn"})
+    with Client(str(http.base_url)) as client:
+        Sender(spool, client, told).finish()
+        aside = tmp_path / "spool" / "aside" / pair.folder.name
+        said = "flash_spectrum: No flash spectrum is called 'xenonn': near names are xenon.\n"
+        assert (aside / "reason.txt").read_text() == said
+        assert jobs_of(http) == []
+        about = aside / "pair.json"
+        about.write_text(about.read_text().replace("xenonn", "xenon"))
+        aside.rename(pair.folder)
+        Sender(spool, client, told).finish()
+    assert stored(http) == [pair.sha256]
+    assert told.names == ["aside", "sent"]
+
+
 def test_a_pair_waits_for_the_calibration_that_its_options_name(
     http: httpx.Client,
     spool: Spool,
