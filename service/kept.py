@@ -9,7 +9,8 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from pipeline.calibration.kept import DEFAULT_SETUP, Kept, TakenWith
+from pipeline.calibration.kept import DEFAULT_SETUP, Kept
+from pipeline.calibration.taken_with import TakenWith
 from pipeline.options import NO_SETUP
 from service import jobs
 from service.jobs import Job

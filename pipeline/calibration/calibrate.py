@@ -15,7 +15,6 @@ from pipeline.calibration.camera import estimate_camera
 from pipeline.calibration.chart import read_card, read_chart
 from pipeline.calibration.find_marks import MARKS, draw_marks, find_chart, find_sphere
 from pipeline.calibration.flash import FAMILY, estimate_flash
-from pipeline.calibration.kept import TakenWith
 from pipeline.calibration.lamps import estimate_lamps
 from pipeline.calibration.mirror import mirror_lamps
 from pipeline.calibration.options import (
@@ -26,6 +25,7 @@ from pipeline.calibration.options import (
     LampsCalibration,
 )
 from pipeline.calibration.patches import Patches
+from pipeline.calibration.taken_with import TakenWith
 from pipeline.colour.temperature import cct_duv
 from pipeline.decode import decode
 from pipeline.directions import unit_directions

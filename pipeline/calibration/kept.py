@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from pipeline.calibration.options import Kind
+from pipeline.calibration.taken_with import TakenWith
 from pipeline.directions import unit_directions
 from pipeline.errors import OptionError, own_words
 from pipeline.frames import Frame
@@ -26,90 +26,13 @@ OPTION_OF: dict[Kind, str] = {
 DEFAULT_SETUP = "default"
 """The set-up of separations that name none."""
 
-_FILES = {"raw": "RAW files", "linear": "linear files", "srgb": "sRGB files"}
 _LEFT_OUT: dict[Kind, tuple[str, str]] = {
     "camera": ("camera", "was"),
     "flash": ("flash", "was"),
     "lamps": ("lamps", "were"),
 }
-_OF_COLOURS: tuple[Kind, ...] = ("camera", "lamps")
 _LEAST_LAMPS = 2
 _LAMPS_OF_PAPER = 3  # its normals need three directions
-
-
-class TakenWith(BaseModel):
-    """The camera of a photograph, "" where unknown.
-
-    body: a digest of its serial number. rendered: whether its values are bent by a rendering,
-    or brought to the colours of a profile. encoding: of its frame, "" in what was kept before that
-    was noted. upright: whether the picture is higher than wide, None in what was kept before.
-    orientation: EXIF's, 1–8, by which it was turned, None in what was kept before.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    make: str = ""
-    model: str = ""
-    body: str = ""
-    rendered: bool = False
-    encoding: str = ""
-    upright: bool | None = None
-    orientation: int | None = None
-
-    @classmethod
-    def of(cls, frame: Frame) -> TakenWith:
-        """Say what camera a frame is of."""
-        digest = hashlib.sha256(frame.serial.encode()).hexdigest()[:12] if frame.serial else ""
-        return cls(
-            make=frame.make,
-            model=frame.model,
-            body=digest,
-            rendered=frame.in_srgb,
-            encoding=frame.encoding,
-            upright=frame.size[1] > frame.size[0],
-            orientation=frame.orientation,
-        )
-
-    def fits(self, other: TakenWith, kind: Kind) -> bool:
-        """Whether what was found with one camera holds for the other."""
-        return self.is_of(other) and self.obstacle(other, kind) is None
-
-    def is_of(self, other: TakenWith) -> bool:
-        """Whether both are of one make and model, which are known."""
-        return bool(self.model) and (self.make, self.model) == (other.make, other.model)
-
-    def obstacle(self, other: TakenWith, kind: Kind) -> str | None:
-        """What keeps a calibration from the other's photographs, of one model; None if nothing.
-
-        It goes on from "found with". Both must be of the same body if told.
-
-        Sensitivities and the lamps' rgb are of the colours of one kind of files: converters make
-        linear sRGB of RAW files, and leave the camera's name. A flash's spectrum is its own, but
-        approximate and for renderings alone where this is one. Lamps' directions are of the picture
-        as it is shown, which a camera that looks down may turn, even by half a turn.
-        """
-        if len({self.body, other.body} - {""}) > 1:
-            return "another camera of this model"
-        encodings = {self.encoding, other.encoding} - {""} if kind in _OF_COLOURS else set()
-        rendered_alike = self.rendered == other.rendered or (kind == "flash" and not self.rendered)
-        if len(encodings) > 1 or not rendered_alike:
-            return f"{self._files()}, and these are {other._files()}"
-        if kind != "lamps":
-            return None
-        if len({self.upright, other.upright} - {None}) > 1:
-            ways = ("upright pictures, and these lie", "pictures that lie, and these are upright")
-            return ways[not self.upright]
-        if len({self.orientation, other.orientation} - {None}) > 1:
-            return (
-                f"pictures that were turned another way (EXIF orientation {self.orientation}, of "
-                f"these {other.orientation})"
-            )
-        return None
-
-    def _files(self) -> str:
-        if self.rendered and self.encoding != "srgb":
-            return "files in the colours of a profile" if self.encoding else "rendered files"
-        return _FILES.get(self.encoding, "files that are not rendered")
 
 
 class Kept(BaseModel):

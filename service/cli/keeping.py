@@ -27,7 +27,8 @@ def keep(kind: Kind, setup: str, manifest: dict[str, Any], content: bytes, marks
     content: the file that was found. marks: the picture of where, which is put beside it.
     Raises pipeline.errors.InputError, and then what was kept before still is.
     """
-    from pipeline.calibration.kept import Kept, TakenWith
+    from pipeline.calibration.kept import Kept
+    from pipeline.calibration.taken_with import TakenWith
     from pipeline.errors import InputError, reason_of
     from service import durable
 

@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
-from pipeline.calibration.kept import Kept, TakenWith
+from pipeline.calibration.kept import Kept
+from pipeline.calibration.taken_with import TakenWith
 from pipeline.options import Spectrum
 from service import database, jobs, kept
 from service.jobs import Job

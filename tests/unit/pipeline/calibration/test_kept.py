@@ -3,13 +3,14 @@ from __future__ import annotations
 import json
 from typing import Any
 
-import numpy as np
 import pytest
 
-from pipeline.calibration.kept import Kept, TakenWith, setup_warnings, with_kept
+from pipeline.calibration.kept import Kept, setup_warnings, with_kept
+from pipeline.calibration.taken_with import TakenWith
 from pipeline.errors import OptionError
 from pipeline.frames import Frame
 from pipeline.options import Options, Spectrum
+from tests.unit.pipeline.calibration.photographs import frame_of
 
 CAMERA = TakenWith(make="NIKON", model="D5100")
 TABLE = "wavelength_nm,power\n400,1\n500,2\n700,1\n"
@@ -20,21 +21,15 @@ DIRECT = "light_directions"
 ONE = json.dumps({"lights": [{"direction": [1, 0, 1]}]})
 
 
-def _frame(size: tuple[int, int] = (3, 2), **more: Any) -> Frame:
-    """size: width and height."""
-    said = {"make": "NIKON", "model": "D5100", "encoding": "raw", **more}
-    width, height = size
-    black, mask = np.zeros((height, width, 3), np.float32), np.zeros((height, width), bool)
-    return Frame(black, mask, sha256="", **said)
-
-
 def _kept(kind: Any = "flash", content: str = TABLE, **more: Any) -> Kept:
     said = {"setup": "default", "name": "a", "made": "2026-01-01", "taken_with": CAMERA, **more}
     return Kept(kind=kind, content=content, **said)
 
 
 def test_what_options_leave_out_is_filled_in_and_named() -> None:
-    options, used, warnings = with_kept(Options(lights=2), [_kept(), _kept("lamps", TWO)], _frame())
+    options, used, warnings = with_kept(
+        Options(lights=2), [_kept(), _kept("lamps", TWO)], frame_of()
+    )
     assert isinstance(options.flash_spectrum, Spectrum)
     assert options.flash_spectrum.power == [1, 2, 1]
     assert options.light_directions is not None
@@ -46,27 +41,27 @@ def test_what_options_leave_out_is_filled_in_and_named() -> None:
 
 def test_the_newest_counts() -> None:
     old = _kept(name="old", made="2025-01-01")
-    _, used, _ = with_kept(Options(), [old, _kept(name="new", made="2026-05-05")], _frame())
+    _, used, _ = with_kept(Options(), [old, _kept(name="new", made="2026-05-05")], frame_of())
     assert [entry["name"] for entry in used] == ["new"]
 
 
 @pytest.mark.parametrize(
     ("options", "kept", "frame"),
     [
-        ({"flash_spectrum": "xenon"}, _kept(), _frame()),
-        ({"setup": "none"}, _kept(), _frame()),
-        ({"setup": "none"}, _kept(setup="none"), _frame()),
-        ({"setup": "studio"}, _kept(), _frame()),
-        ({}, _kept(), _frame(model="D850")),
-        ({}, _kept("camera", CURVES), _frame(encoding="srgb")),
-        ({}, _kept("camera", CURVES), _frame(encoding="linear", profiled=True)),
-        ({}, _kept(taken_with=TakenWith()), _frame(make="", model="")),
-        ({}, _kept(taken_with=CAMERA.model_copy(update={"body": "1"})), _frame(serial="77")),
-        ({}, _kept("lamps", ONE), _frame()),
-        ({"lights": 3}, _kept("lamps", TWO), _frame()),
-        ({"pinned_lamps": ["A", "D65", "FL2"]}, _kept("lamps", TWO), _frame()),
-        ({"method": "paper"}, _kept("lamps", TWO), _frame()),
-        ({"method": "paper", "lights": 2}, _kept("lamps", TWO), _frame()),
+        ({"flash_spectrum": "xenon"}, _kept(), frame_of()),
+        ({"setup": "none"}, _kept(), frame_of()),
+        ({"setup": "none"}, _kept(setup="none"), frame_of()),
+        ({"setup": "studio"}, _kept(), frame_of()),
+        ({}, _kept(), frame_of(model="D850")),
+        ({}, _kept("camera", CURVES), frame_of(encoding="srgb")),
+        ({}, _kept("camera", CURVES), frame_of(encoding="linear", profiled=True)),
+        ({}, _kept(taken_with=TakenWith()), frame_of(make="", model="")),
+        ({}, _kept(taken_with=CAMERA.model_copy(update={"body": "1"})), frame_of(serial="77")),
+        ({}, _kept("lamps", ONE), frame_of()),
+        ({"lights": 3}, _kept("lamps", TWO), frame_of()),
+        ({"pinned_lamps": ["A", "D65", "FL2"]}, _kept("lamps", TWO), frame_of()),
+        ({"method": "paper"}, _kept("lamps", TWO), frame_of()),
+        ({"method": "paper", "lights": 2}, _kept("lamps", TWO), frame_of()),
     ],
 )
 def test_what_does_not_fit_is_left(options: dict[str, Any], kept: Kept, frame: Frame) -> None:
@@ -85,7 +80,7 @@ def test_what_does_not_fit_is_left(options: dict[str, Any], kept: Kept, frame: F
 def test_lamps_are_taken_where_there_are_enough(
     options: dict[str, Any], content: str, count: int
 ) -> None:
-    filled, *_ = with_kept(Options.model_validate(options), [_kept("lamps", content)], _frame())
+    filled, *_ = with_kept(Options.model_validate(options), [_kept("lamps", content)], frame_of())
     assert filled.light_directions is not None
     assert len(filled.light_directions) == count
 
@@ -93,7 +88,7 @@ def test_lamps_are_taken_where_there_are_enough(
 def test_a_kept_calibration_that_options_refuse_is_named() -> None:
     nowhere = json.dumps({"lights": [{"direction": [0, 0, 0]}, {"direction": [0, 1, 1]}]})
     with pytest.raises(OptionError) as refused:
-        with_kept(Options(), [_kept("lamps", nowhere, name="shelf")], _frame())
+        with_kept(Options(), [_kept("lamps", nowhere, name="shelf")], frame_of())
     assert str(refused.value) == (
         "What is kept as 'shelf' for the set-up 'default' cannot be used: must not be zero in all "
         "three components. Calibrate anew, or separate with the set-up none."
@@ -107,7 +102,7 @@ def test_a_kept_calibration_that_options_refuse_is_named() -> None:
 def test_a_damaged_calibration_is_named(kind: Any, content: str) -> None:
     kept = _kept(kind, content, name="shelf", setup="table")
     with pytest.raises(OptionError) as refused:
-        with_kept(Options(setup="table"), [kept], _frame())
+        with_kept(Options(setup="table"), [kept], frame_of())
     said = str(refused.value)
     assert said.startswith("What is kept as 'shelf' for the set-up 'table' cannot be used")
     assert said.endswith(". Calibrate anew, or separate with the set-up none.")
@@ -121,7 +116,7 @@ def test_lamps_that_fix_no_normals_are_left_out_and_named(directions: Any) -> No
     flat = json.dumps({"lights": [{"direction": one} for one in directions]})
     kept = [_kept("lamps", flat, name="shelf", setup="table"), _kept(setup="table")]
 
-    options, used, warnings = with_kept(Options(setup="table"), kept, _frame())
+    options, used, warnings = with_kept(Options(setup="table"), kept, frame_of())
 
     assert options.light_directions is None
     assert [entry["kind"] for entry in used] == ["flash"]
@@ -137,7 +132,7 @@ def test_older_lamps_stand_in_for_those_that_fix_no_normals() -> None:
     flat = json.dumps({"lights": [{"direction": (0, 0, 1)}] * 2})
     kept = [_kept("lamps", flat, made="2027-01-01"), _kept("lamps", TWO, name="older")]
 
-    _, used, warnings = with_kept(Options(), kept, _frame())
+    _, used, warnings = with_kept(Options(), kept, frame_of())
 
     assert [entry["name"] for entry in used] == ["older"]
     assert len(warnings) == 1
@@ -159,8 +154,8 @@ def test_lamps_of_a_named_set_up_that_are_left_out_are_told(
     given = Options.model_validate({"setup": "table", **options})
     kept = _kept("lamps", content, name="shelf", setup="table")
 
-    assert with_kept(given, [kept], _frame())[:2] == (given, [])
-    (warning,) = with_kept(given, [kept], _frame())[2]
+    assert with_kept(given, [kept], frame_of())[:2] == (given, [])
+    (warning,) = with_kept(given, [kept], frame_of())[2]
 
     assert warning.code == "kept_unusable"
     begins = "The lamps kept as 'shelf' for the set-up 'table' were left out, since "
@@ -171,7 +166,7 @@ def test_lamps_that_others_stand_in_for_are_not() -> None:
     newer = _kept("lamps", THREE, setup="table", made="2027-01-01")
     both = [newer, _kept("lamps", TWO, setup="table")]
 
-    _, used, warnings = with_kept(Options(setup="table", lights=2), both, _frame())
+    _, used, warnings = with_kept(Options(setup="table", lights=2), both, frame_of())
 
     assert (len(used), warnings) == (1, [])
 
@@ -185,7 +180,7 @@ def test_lamps_that_others_stand_in_for_are_not() -> None:
     ],
 )
 def test_a_named_set_up_of_which_nothing_fits_is_warned_of(setup: str, kept: list[Kept]) -> None:
-    warnings = setup_warnings(Options(setup=setup), kept, _frame())
+    warnings = setup_warnings(Options(setup=setup), kept, frame_of())
 
     assert [warning.code for warning in warnings] == ["nothing_kept"]
     assert f"'{setup}'" in warnings[0].message
@@ -203,110 +198,15 @@ def test_a_named_set_up_of_which_nothing_fits_is_warned_of(setup: str, kept: lis
     ],
 )
 def test_other_set_ups_are_not(options: dict[str, Any], kept: list[Kept]) -> None:
-    assert setup_warnings(Options.model_validate(options), kept, _frame()) == []
-
-
-def test_a_body_is_told_by_a_digest_of_its_serial() -> None:
-    taken = TakenWith.of(_frame(serial="6001234"))
-    assert len(taken.body) == 12
-    assert "6001234" not in taken.model_dump_json()
-    assert taken.fits(CAMERA, "flash")
-    assert not taken.fits(TakenWith.of(_frame(serial="6001235")), "flash")
-
-
-@pytest.mark.parametrize(
-    ("kind", "made_with", "frame", "expected"),
-    [
-        ("camera", "raw", "linear", False),
-        ("camera", "linear", "raw", False),
-        ("lamps", "raw", "linear", False),
-        ("lamps", "linear", "linear", True),
-        ("flash", "raw", "linear", True),
-        ("camera", "raw", "srgb", False),
-        ("flash", "raw", "srgb", True),
-        ("flash", "linear", "srgb", True),
-        ("flash", "srgb", "srgb", True),
-        ("flash", "srgb", "raw", False),
-        ("flash", "srgb", "linear", False),
-    ],
-)
-def test_colours_are_of_one_kind_of_files(
-    kind: Any, made_with: str, frame: str, expected: bool
-) -> None:
-    """Linear files of a camera may hold what a converter has made of its sensor's values.
-
-    A flash is the same whatever the files hold, but only approximate when found with renderings.
-    """
-    taken = TakenWith.of(_frame(encoding=made_with))
-    assert taken.fits(TakenWith.of(_frame(encoding=frame)), kind) is expected
-
-
-@pytest.mark.parametrize(
-    ("encoding", "expected"), [("raw", True), ("linear", True), ("srgb", False)]
-)
-def test_what_was_kept_before_files_were_noted_fits_as_before(
-    encoding: str, expected: bool
-) -> None:
-    older = TakenWith.model_validate(
-        {"make": "NIKON", "model": "D5100", "body": "", "rendered": False}
-    )
-    assert older.fits(TakenWith.of(_frame(encoding=encoding)), "camera") is expected
-
-
-@pytest.mark.parametrize(
-    ("kind", "made_with", "size", "expected"),
-    [
-        ("lamps", (3, 2), (2, 3), False),
-        ("lamps", (2, 3), (3, 2), False),
-        ("lamps", (2, 3), (4, 6), True),
-        ("lamps", (3, 2), (3, 3), True),
-        ("flash", (3, 2), (2, 3), True),
-        ("camera", (2, 3), (3, 2), True),
-    ],
-)
-def test_directions_of_lamps_are_of_pictures_that_lie_alike(
-    kind: Any, made_with: tuple[int, int], size: tuple[int, int], expected: bool
-) -> None:
-    """A camera that looks down may write another orientation the next time."""
-    taken = TakenWith.of(_frame(made_with))
-    assert taken.fits(TakenWith.of(_frame(size)), kind) is expected
-
-
-@pytest.mark.parametrize("size", [(3, 2), (2, 3)])
-def test_lamps_kept_before_that_was_noted_fit_as_before(size: tuple[int, int]) -> None:
-    assert CAMERA.fits(TakenWith.of(_frame(size)), "lamps")
+    assert setup_warnings(Options.model_validate(options), kept, frame_of()) == []
 
 
 def test_a_set_up_with_lamps_of_pictures_that_lie_otherwise_is_warned_of() -> None:
-    kept = [_kept("lamps", TWO, setup="table", taken_with=TakenWith.of(_frame((2, 3))))]
+    kept = [_kept("lamps", TWO, setup="table", taken_with=TakenWith.of(frame_of((2, 3))))]
 
-    warnings = setup_warnings(Options(setup="table"), kept, _frame((3, 2)))
+    warnings = setup_warnings(Options(setup="table"), kept, frame_of((3, 2)))
 
     assert [warning.code for warning in warnings] == ["nothing_kept"]
-
-
-@pytest.mark.parametrize(
-    ("made_with", "here", "kind", "expected"),
-    [
-        (1, 3, "lamps", False),
-        (6, 8, "lamps", False),
-        (3, 3, "lamps", True),
-        (1, 3, "flash", True),
-        (1, 3, "camera", True),
-    ],
-)
-def test_directions_of_lamps_are_of_pictures_turned_alike(
-    made_with: int, here: int, kind: Any, expected: bool
-) -> None:
-    """Half a turn leaves a picture's size, and turns the signs of directions."""
-    taken = TakenWith.of(_frame(orientation=made_with))
-    assert taken.fits(TakenWith.of(_frame(orientation=here)), kind) is expected
-
-
-def test_lamps_kept_before_orientations_were_noted_fit_by_being_upright() -> None:
-    older = TakenWith.of(_frame()).model_copy(update={"orientation": None})
-    assert older.fits(TakenWith.of(_frame(orientation=3)), "lamps")
-    assert not older.fits(TakenWith.of(_frame((2, 3), orientation=6)), "lamps")
 
 
 @pytest.mark.parametrize(
@@ -349,15 +249,15 @@ def test_lamps_kept_before_orientations_were_noted_fit_by_being_upright() -> Non
 def test_a_kind_of_a_named_set_up_that_does_not_fit_is_told(
     kind: Any, content: str, made_with: Any, here: Any, why: str
 ) -> None:
-    taken = TakenWith.of(_frame(**made_with))
+    taken = TakenWith.of(frame_of(**made_with))
     kept = [
         _kept(setup="table"),
         _kept(kind, content, setup="table", name="shelf", taken_with=taken, made="2027-01-01"),
         _kept(kind, content, setup="table", name="older", taken_with=taken),
     ]
 
-    (warning,) = setup_warnings(Options(setup="table"), kept, _frame(**here))
-    _, used, left_out = with_kept(Options(setup="table"), kept, _frame(**here))
+    (warning,) = setup_warnings(Options(setup="table"), kept, frame_of(**here))
+    _, used, left_out = with_kept(Options(setup="table"), kept, frame_of(**here))
 
     assert warning.code == "kept_unusable"
     assert why in warning.message
@@ -366,14 +266,14 @@ def test_a_kind_of_a_named_set_up_that_does_not_fit_is_told(
 
 def test_a_kind_that_is_not_missed_is_not_told_of() -> None:
     """Another of the kind fits, an option stands in for it, or it is of another camera."""
-    unfit = TakenWith.of(_frame(orientation=3))
+    unfit = TakenWith.of(frame_of(orientation=3))
     lamps = _kept("lamps", TWO, setup="table", taken_with=unfit, made="2027-01-01")
     fitting = _kept("lamps", TWO, setup="table")
     foreign = _kept("lamps", TWO, setup="table", taken_with=TakenWith(make="NIKON", model="D850"))
     flash = _kept(setup="table")
     given = Options.model_validate({"setup": "table", **json.loads(TWO.replace("lights", DIRECT))})
 
-    assert setup_warnings(Options(setup="table"), [lamps, fitting], _frame()) == []
-    assert setup_warnings(Options(setup="table"), [foreign, flash], _frame()) == []
-    assert setup_warnings(given, [lamps, flash], _frame()) == []
-    assert len(setup_warnings(Options(setup="table"), [lamps, flash], _frame())) == 1
+    assert setup_warnings(Options(setup="table"), [lamps, fitting], frame_of()) == []
+    assert setup_warnings(Options(setup="table"), [foreign, flash], frame_of()) == []
+    assert setup_warnings(given, [lamps, flash], frame_of()) == []
+    assert len(setup_warnings(Options(setup="table"), [lamps, flash], frame_of())) == 1

@@ -1,0 +1,90 @@
+"""What a calibration was found with, and what of that keeps it from other photographs."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import TYPE_CHECKING
+
+from pydantic import BaseModel, ConfigDict
+
+if TYPE_CHECKING:
+    from pipeline.calibration.options import Kind
+    from pipeline.frames import Frame
+
+_FILES = {"raw": "RAW files", "linear": "linear files", "srgb": "sRGB files"}
+_OF_COLOURS: tuple[Kind, ...] = ("camera", "lamps")
+
+
+class TakenWith(BaseModel):
+    """The camera of a photograph, "" where unknown.
+
+    body: a digest of its serial number. rendered: whether its values are bent by a rendering,
+    or brought to the colours of a profile. encoding: of its frame, "" in what was kept before that
+    was noted. upright: whether the picture is higher than wide, None in what was kept before.
+    orientation: EXIF's, 1–8, by which it was turned, None in what was kept before.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    make: str = ""
+    model: str = ""
+    body: str = ""
+    rendered: bool = False
+    encoding: str = ""
+    upright: bool | None = None
+    orientation: int | None = None
+
+    @classmethod
+    def of(cls, frame: Frame) -> TakenWith:
+        """Say what camera a frame is of."""
+        digest = hashlib.sha256(frame.serial.encode()).hexdigest()[:12] if frame.serial else ""
+        return cls(
+            make=frame.make,
+            model=frame.model,
+            body=digest,
+            rendered=frame.in_srgb,
+            encoding=frame.encoding,
+            upright=frame.size[1] > frame.size[0],
+            orientation=frame.orientation,
+        )
+
+    def fits(self, other: TakenWith, kind: Kind) -> bool:
+        """Whether what was found with one camera holds for the other."""
+        return self.is_of(other) and self.obstacle(other, kind) is None
+
+    def is_of(self, other: TakenWith) -> bool:
+        """Whether both are of one make and model, which are known."""
+        return bool(self.model) and (self.make, self.model) == (other.make, other.model)
+
+    def obstacle(self, other: TakenWith, kind: Kind) -> str | None:
+        """What keeps a calibration from the other's photographs, of one model; None if nothing.
+
+        It goes on from "found with". Both must be of the same body if told.
+
+        Sensitivities and the lamps' rgb are of the colours of one kind of files: converters make
+        linear sRGB of RAW files, and leave the camera's name. A flash's spectrum is its own, but
+        approximate and for renderings alone where this is one. Lamps' directions are of the picture
+        as it is shown, which a camera that looks down may turn, even by half a turn.
+        """
+        if len({self.body, other.body} - {""}) > 1:
+            return "another camera of this model"
+        encodings = {self.encoding, other.encoding} - {""} if kind in _OF_COLOURS else set()
+        rendered_alike = self.rendered == other.rendered or (kind == "flash" and not self.rendered)
+        if len(encodings) > 1 or not rendered_alike:
+            return f"{self._files()}, and these are {other._files()}"
+        if kind != "lamps":
+            return None
+        if len({self.upright, other.upright} - {None}) > 1:
+            ways = ("upright pictures, and these lie", "pictures that lie, and these are upright")
+            return ways[not self.upright]
+        if len({self.orientation, other.orientation} - {None}) > 1:
+            return (
+                f"pictures that were turned another way (EXIF orientation {self.orientation}, of "
+                f"these {other.orientation})"
+            )
+        return None
+
+    def _files(self) -> str:
+        if self.rendered and self.encoding != "srgb":
+            return "files in the colours of a profile" if self.encoding else "rendered files"
+        return _FILES.get(self.encoding, "files that are not rendered")
