@@ -18,6 +18,7 @@ from pydantic import (
     model_validator,
 )
 
+from pipeline.calibration.taken_with import TakenWith
 from pipeline.output_names import OUTPUT_NAMES, outputs_with
 
 Vector = tuple[float, float, float]
@@ -62,11 +63,21 @@ class Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
+FoundWith = Annotated[
+    TakenWith | None,
+    Field(
+        description="Of what a calibration found, the photographs that it was found with: a "
+        "separation of others warns of that."
+    ),
+]
+
+
 class Spectrum(Strict):
     """A spectral power distribution."""
 
     wavelength_nm: list[float] = Field(min_length=2, description="Ascending, in nanometres.")
     power: list[_NotNegative] = Field(description="Relative power per wavelength.")
+    taken_with: FoundWith = None
 
     @model_validator(mode="after")
     def _aligned(self) -> Spectrum:
@@ -81,6 +92,7 @@ class Sensitivities(Strict):
     r: list[float] = Field(description="Relative response of the red channel per wavelength.")
     g: list[float] = Field(description="Relative response of the green channel per wavelength.")
     b: list[float] = Field(description="Relative response of the blue channel per wavelength.")
+    taken_with: FoundWith = None
 
     @model_validator(mode="after")
     def _aligned(self) -> Sensitivities:
@@ -105,6 +117,7 @@ class DirectedLight(Strict):
         default=None,
         description="The lamp's colour on a grey card, camera RGB: says which lamp is meant.",
     )
+    taken_with: FoundWith = None
 
     @field_validator("direction", "rgb")
     @classmethod

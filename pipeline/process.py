@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.calibration.kept import Kept, setup_warnings, with_kept
+from pipeline.calibration.named import named_warnings
 from pipeline.decode import decode
 from pipeline.estimate import Estimate, make_estimate
 from pipeline.frames import Frame, release_photograph
@@ -59,7 +60,7 @@ def separate_files(
     del flash
     # first what costs little and may be refused: outputs, names of cameras and lights
     named = options.camera is not None  # calibrated ones were checked by their targets
-    warnings = setup_warnings(options, kept, before)
+    warnings = [*setup_warnings(options, kept, before), *named_warnings(options, before)]
     options, used, left_out = with_kept(options, kept, before)
     warnings += left_out
     wanted = wanted_outputs(options, warnings)

@@ -30,6 +30,7 @@ class Code(StrEnum):
     CLIPPED = "clipped"
     NOTHING_KEPT = "nothing_kept"
     KEPT_UNUSABLE = "kept_unusable"
+    CALIBRATION_UNFIT = "calibration_unfit"
     # the lamps
     CAMERA_APPROXIMATE = "camera_approximate"
     CAMERA_DOUBTFUL = "camera_doubtful"

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.calibration.camera import estimate_camera
 from pipeline.calibration.chart import read_card, read_chart
@@ -17,6 +16,7 @@ from pipeline.calibration.find_marks import MARKS, draw_marks, find_chart, find_
 from pipeline.calibration.flash import FAMILY, estimate_flash
 from pipeline.calibration.lamps import estimate_lamps
 from pipeline.calibration.mirror import mirror_lamps
+from pipeline.calibration.named import named_warnings
 from pipeline.calibration.options import (
     FILES,
     CameraCalibration,
@@ -95,6 +95,7 @@ def calibrate_files(
             "calibrate a camera with RAW files, or set the encoding to linear if the profile is "
             "wrong."
         )
+    unfit = named_warnings(options, before)
     pair = make_pair(before, after, options, progress)
     progress.report("calibrate", 0.0)
     if isinstance(options, FlashCalibration):
@@ -118,7 +119,7 @@ def calibrate_files(
             {"name": file, "sha256": hashlib.sha256(content).hexdigest()}
             for file, content in contents.items()
         ],
-        "warnings": [warning.entry() for warning in (*pair.warnings, *found.warnings)],
+        "warnings": [warning.entry() for warning in (*pair.warnings, *unfit, *found.warnings)],
         "versions": versions(),
     }
     write_manifest(directory, manifest)
@@ -138,7 +139,11 @@ def _flash(pair: Pair, frame: Frame, options: FlashCalibration) -> _Found:
         patches = read_card(pair, card)
     flash = estimate_flash(patches, camera.sensitivities)
     white = cct_duv(cie_1931() @ flash.spectrum, np.eye(3))
-    table = Spectrum(wavelength_nm=WAVELENGTHS_NM.tolist(), power=flash.spectrum.tolist())
+    table = Spectrum(
+        wavelength_nm=WAVELENGTHS_NM.tolist(),
+        power=flash.spectrum.tolist(),
+        taken_with=TakenWith.of(frame),
+    )
     said = {
         "camera": {"name": camera.name, "source": camera.source},
         "nearest": flash.nearest,
@@ -227,13 +232,11 @@ def _camera(pair: Pair, frame: Frame, options: CameraCalibration) -> _Found:
         "misfit": round(camera.misfit, 4),
         **_marks(chart, None),
     }
-    file = write_sensitivities(_table(camera.sensitivities))
+    r, g, b = camera.sensitivities.tolist()
+    nm, taken_with = WAVELENGTHS_NM.tolist(), TakenWith.of(frame)
+    table = Sensitivities(wavelength_nm=nm, r=r, g=g, b=b, taken_with=taken_with)
+    file = write_sensitivities(table)
     return _Found(file, said, draw_marks(pair, chart, None), [])
-
-
-def _table(sensitivities: NDArray[np.float64]) -> Sensitivities:
-    r, g, b = sensitivities.tolist()
-    return Sensitivities(wavelength_nm=WAVELENGTHS_NM.tolist(), r=r, g=g, b=b)
 
 
 def _lamps(pair: Pair, frame: Frame, options: LampsCalibration) -> _Found:
@@ -284,7 +287,9 @@ def _lamps(pair: Pair, frame: Frame, options: LampsCalibration) -> _Found:
         said["flash_aside_deg"] = round(aside_deg, 2)
     if lamps.misfit is not None:
         said["misfit"] = round(lamps.misfit, 4)
-    file = (json.dumps({"lights": lights}, indent=1) + "\n").encode()
+    # each says it, so that lamps of several files may be put together
+    saved = [{**light, "taken_with": TakenWith.of(frame).model_dump()} for light in lights]
+    file = (json.dumps({"lights": saved}, indent=1) + "\n").encode()
     return _Found(file, said, draw_marks(pair, None, lamps.circle), warnings)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from typing import TYPE_CHECKING
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 if TYPE_CHECKING:
     from pipeline.calibration.options import Kind
@@ -13,26 +13,28 @@ if TYPE_CHECKING:
 
 _FILES = {"raw": "RAW files", "linear": "linear files", "srgb": "sRGB files"}
 _OF_COLOURS: tuple[Kind, ...] = ("camera", "lamps")
+_NAME_LENGTH = 80  # of a camera in a sentence: files may say anything
 
 
 class TakenWith(BaseModel):
-    """The camera of a photograph, "" where unknown.
-
-    body: a digest of its serial number. rendered: whether its values are bent by a rendering,
-    or brought to the colours of a profile. encoding: of its frame, "" in what was kept before that
-    was noted. upright: whether the picture is higher than wide, None in what was kept before.
-    orientation: EXIF's, 1–8, by which it was turned, None in what was kept before.
-    """
+    """Camera, kind of file and way up of a photograph; "" and null where that is not known."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    make: str = ""
-    model: str = ""
-    body: str = ""
-    rendered: bool = False
-    encoding: str = ""
-    upright: bool | None = None
-    orientation: int | None = None
+    make: str = Field(default="", description="Of the camera, as its photographs say.")
+    model: str = Field(default="", description="The same.")
+    body: str = Field(default="", description="A digest of the camera's serial number.")
+    rendered: bool = Field(
+        default=False,
+        description="Values are bent by a rendering, or brought to the colours of a profile.",
+    )
+    encoding: str = Field(
+        default="", pattern="^(raw|linear|srgb)?$", description="raw, linear or srgb."
+    )
+    upright: bool | None = Field(default=None, description="The picture is higher than wide.")
+    orientation: int | None = Field(
+        default=None, ge=1, le=8, description="EXIF's, by which the picture was turned."
+    )
 
     @classmethod
     def of(cls, frame: Frame) -> TakenWith:
@@ -57,17 +59,28 @@ class TakenWith(BaseModel):
         return bool(self.model) and (self.make, self.model) == (other.make, other.model)
 
     def obstacle(self, other: TakenWith, kind: Kind) -> str | None:
-        """What keeps a calibration from the other's photographs, of one model; None if nothing.
+        """What keeps a calibration from the other's photographs; None if nothing that is known.
 
-        It goes on from "found with". Both must be of the same body if told.
+        It goes on from "found with".
+        """
+        return self.of_camera(other) or self.of_pictures(other, kind)
+
+    def of_camera(self, other: TakenWith) -> str | None:
+        """What of the camera does: another model, or another body, where both are told."""
+        if self.model and other.model and not self.is_of(other):
+            return f"the camera {self._name()}, and these are of {other._name()}"
+        if len({self.body, other.body} - {""}) > 1:
+            return "another camera of this model"
+        return None
+
+    def of_pictures(self, other: TakenWith, kind: Kind) -> str | None:
+        """What of the kind of files and, of lamps, the way up of pictures does.
 
         Sensitivities and the lamps' rgb are of the colours of one kind of files: converters make
         linear sRGB of RAW files, and leave the camera's name. A flash's spectrum is its own, but
         approximate and for renderings alone where this is one. Lamps' directions are of the picture
         as it is shown, which a camera that looks down may turn, even by half a turn.
         """
-        if len({self.body, other.body} - {""}) > 1:
-            return "another camera of this model"
         encodings = {self.encoding, other.encoding} - {""} if kind in _OF_COLOURS else set()
         rendered_alike = self.rendered == other.rendered or (kind == "flash" and not self.rendered)
         if len(encodings) > 1 or not rendered_alike:
@@ -83,6 +96,9 @@ class TakenWith(BaseModel):
                 f"these {other.orientation})"
             )
         return None
+
+    def _name(self) -> str:
+        return f"{self.make} {self.model}".strip()[:_NAME_LENGTH]
 
     def _files(self) -> str:
         if self.rendered and self.encoding != "srgb":

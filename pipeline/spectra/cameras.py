@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.calibration.taken_with import TakenWith
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.errors import OptionError
 from pipeline.frames import Frame
@@ -38,12 +39,14 @@ class Camera:
     source: "measured" (a known camera), "file" (a table handed in), "approximate" (from the
     colour matrix) or "stand-in" (a picture rendered to sRGB, whose functions may be negative, or a
     sensor of which nothing is known). in_srgb: whether it is that picture's.
+    taken_with: the photographs that a calibration found it with, None for others.
     """
 
     name: str
     sensitivities: NDArray[np.float64]
     source: Literal["measured", "file", "approximate", "stand-in"]
     in_srgb: bool = False
+    taken_with: TakenWith | None = None
 
     @property
     def approximate(self) -> bool:
@@ -118,7 +121,7 @@ def camera_from_table(
         raise OptionError(
             "The camera table is zero from 380 to 780 nm: give its wavelengths in nm."
         )
-    return Camera(name, _scaled(values), source)
+    return Camera(name, _scaled(values), source, taken_with=table.taken_with)
 
 
 @cache

@@ -54,23 +54,33 @@ def look_up_light(
 
     Daylight, for which colour-science may have to be imported, is made only when that is called.
     """
-    if isinstance(request, Spectrum):
-        if sum(request.power) > _MOST_POWER:
+    table = light_table(request)
+    if table is not None:
+        if sum(table.power) > _MOST_POWER:
             raise OptionError(
                 f"The {purpose} spectrum is too large to be added up: give its power relative to "
                 "its largest."
             )
-        spectrum = _normalised(on_grid(request.wavelength_nm, request.power, "hold"), purpose)
+        spectrum = _normalised(on_grid(table.wavelength_nm, table.power, "hold"), purpose)
         return lambda: spectrum
-    wanted = key_of(request)
-    own = {key_of(name): paths for name, paths in folder_spectra().items()}
-    if wanted in own:
-        return look_up_light(read_spectrum(own[wanted], parse_spectrum), purpose)
+    assert isinstance(request, str)  # since it is no table
     found = _look_up_packaged(request)
     if found is not None:
         return found
     names = [_XENON, *_FLASHES, *packaged_lights(), *_lights_of_folder()]
     raise OptionError(unknown(f"{purpose} spectrum", request, names))
+
+
+def light_table(request: str | Spectrum) -> Spectrum | None:
+    """Table that find_light is given, or finds in the user's folder; None for lights of its own.
+
+    Raises OptionError for a file of the folder that cannot be used.
+    """
+    if isinstance(request, Spectrum):
+        return request
+    own = {key_of(name): paths for name, paths in folder_spectra().items()}
+    paths = own.get(key_of(request))
+    return None if paths is None else read_spectrum(paths, parse_spectrum)
 
 
 def packaged_light(name: str) -> NDArray[np.float64]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -14,6 +15,7 @@ from pipeline.options import Sensitivities, Spectrum
 CAMERA_COLUMNS = ("r", "g", "b")
 LIGHT_COLUMNS = ("power",)
 _CSV_HEAD = "wavelength_nm"
+_TAKEN_WITH = "taken_with"
 
 
 def parse_sensitivities(data: bytes) -> Sensitivities:
@@ -21,9 +23,9 @@ def parse_sensitivities(data: bytes) -> Sensitivities:
 
     Raises OptionError with one sentence for anything wrong.
     """
-    wavelengths, (r, g, b) = _table(data, CAMERA_COLUMNS, "camera table")
+    wavelengths, (r, g, b), more = _table(data, CAMERA_COLUMNS, "camera table")
     try:
-        return Sensitivities(wavelength_nm=wavelengths, r=r, g=g, b=b)
+        return Sensitivities(wavelength_nm=wavelengths, r=r, g=g, b=b, **more)
     except ValidationError as error:
         raise OptionError(_sentence("camera table", error)) from error
 
@@ -33,40 +35,45 @@ def parse_spectrum(data: bytes) -> Spectrum:
 
     Raises OptionError with one sentence for anything wrong.
     """
-    wavelengths, (power,) = _table(data, LIGHT_COLUMNS, "light table")
+    wavelengths, (power,), more = _table(data, LIGHT_COLUMNS, "light table")
     try:
-        return Spectrum(wavelength_nm=wavelengths, power=power)
+        return Spectrum(wavelength_nm=wavelengths, power=power, **more)
     except ValidationError as error:
         raise OptionError(_sentence("light table", error)) from error
 
 
 def write_sensitivities(table: Sensitivities) -> bytes:
     """Write a camera's sensitivities as AMPAS JSON, which parse_sensitivities reads."""
-    return _ampas(CAMERA_COLUMNS, table.wavelength_nm, table.r, table.g, table.b)
+    return _ampas(CAMERA_COLUMNS, table, table.r, table.g, table.b)
 
 
 def write_spectrum(table: Spectrum) -> bytes:
     """Write a light's spectrum as AMPAS JSON, which parse_spectrum reads."""
-    return _ampas(LIGHT_COLUMNS, table.wavelength_nm, table.power)
+    return _ampas(LIGHT_COLUMNS, table, table.power)
 
 
-def _ampas(names: tuple[str, ...], wavelengths: list[float], *columns: list[float]) -> bytes:
-    rows = zip(wavelengths, *columns, strict=True)
+def _ampas(names: tuple[str, ...], table: Sensitivities | Spectrum, *columns: list[float]) -> bytes:
+    rows = zip(table.wavelength_nm, *columns, strict=True)
     main = {f"{nm:g}": [float(f"{value:.6g}") for value in row] for nm, *row in rows}
     heads = [name.upper() if len(name) == 1 else name for name in names]
-    content = {"spectral_data": {"index": {"main": heads}, "data": {"main": main}}}
+    content: dict[str, Any] = {"spectral_data": {"index": {"main": heads}, "data": {"main": main}}}
+    if table.taken_with is not None:
+        content[_TAKEN_WITH] = table.taken_with.model_dump()
     return (json.dumps(content, indent=1) + "\n").encode()
 
 
 def _table(
     data: bytes, columns: tuple[str, ...], what: str
-) -> tuple[list[float], list[list[float]]]:
-    """Wavelengths and the columns asked for, whichever way the bytes are written."""
+) -> tuple[list[float], list[list[float]], dict[str, Any]]:
+    """Wavelengths, the columns asked for, and what a calibration says besides, as it stands."""
     try:
         text = data.decode("utf-8-sig").strip()
     except UnicodeDecodeError as error:
         raise OptionError(f"The {what} is not text: send CSV or AMPAS JSON in UTF-8.") from error
-    rows = _json_rows(text, what) if text.startswith("{") else _csv_rows(text, what)
+    if text.startswith("{"):
+        rows, more = _json_rows(text, what)
+    else:
+        rows, more = _csv_rows(text, what), {}
     head, *body = rows
     wanted = (_CSV_HEAD, *columns)
     if tuple(head) != wanted:
@@ -81,7 +88,7 @@ def _table(
     values = [list(column) for column in zip(*numbers, strict=True)]
     if not values:
         raise OptionError(f"The {what} has no rows: send one per wavelength.")
-    return values[0], values[1:]
+    return values[0], values[1:], more
 
 
 def _number(cell: str, what: str, row: int) -> float:
@@ -103,15 +110,17 @@ def _csv_rows(text: str, what: str) -> list[list[str]]:
     return [[cell.lower() for cell in rows[0]], *rows[1:]]
 
 
-def _json_rows(text: str, what: str) -> list[list[str]]:
+def _json_rows(text: str, what: str) -> tuple[list[list[str]], dict[str, Any]]:
     try:
-        spectral = json.loads(text)["spectral_data"]
+        document = json.loads(text)
+        spectral = document["spectral_data"]
         head = [str(column).lower() for column in spectral["index"]["main"]]
         main = dict(spectral["data"]["main"])
-        return [
+        rows = [
             [_CSV_HEAD, *head],
             *([*map(str, (wavelength, *row))] for wavelength, row in main.items()),
         ]
+        return rows, {name: document[name] for name in (_TAKEN_WITH,) if name in document}
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise OptionError(
             f"The {what} is no AMPAS JSON: it needs spectral_data.index.main and data.main."
@@ -122,6 +131,11 @@ def _sentence(what: str, error: ValidationError) -> str:
     first = error.errors()[0]
     if first["type"] == "too_short":
         return f"The {what} has one row: send two or more, one per wavelength."
+    if first["loc"][:1] == (_TAKEN_WITH,):
+        return (
+            f"The {what} does not say in {_TAKEN_WITH} what it was found with, as a calibration "
+            "writes it: calibrate anew, or remove that."
+        )
     if first["loc"]:
         column, row = first["loc"]
         bound = "finite" if first["type"] == "finite_number" else "0 or more"

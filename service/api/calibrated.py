@@ -79,9 +79,9 @@ def _found(context: Context, caller: Caller, option: str, job_id: object) -> Any
     except FileNotFoundError as error:
         raise OptionError(f"{option}: the calibration is being deleted; make another.") from error
     if kind == "camera":
-        return parse_sensitivities(data).model_dump()
+        return parse_sensitivities(data).model_dump(exclude_unset=True)
     if kind == "flash":
-        return parse_spectrum(data).model_dump()
+        return parse_spectrum(data).model_dump(exclude_unset=True)
     return json.loads(data)["lights"]
 
 

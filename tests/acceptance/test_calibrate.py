@@ -13,6 +13,7 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
+import tifffile
 
 from pipeline.spectra.lights import find_light
 from pipeline.vectors import unit
@@ -35,6 +36,12 @@ PATIENCE_SECONDS = 240
 CHART = ",".join(f"{value:g}" for corner in CORNERS for value in corner)
 SPHERE = ",".join(f"{CIRCLE[name]:g}" for name in ("x", "y", "radius"))
 LINEAR = ("--exposure-ratio", "1")
+
+
+def _unfit(manifest: dict[str, Any]) -> list[str]:
+    """What a run says of calibrations that were named and do not fit."""
+    found = (one for one in manifest["warnings"] if one["code"] == "calibration_unfit")
+    return [one["message"] for one in found]
 
 
 def _saved(shot: Shot, folder: Path, name: str) -> tuple[Path, Path]:
@@ -129,6 +136,18 @@ def test_the_lamps_calibrated_are_those_that_separate_takes(
     assert run.code == 0, run.stderr
     assert run.results.manifest["options"]["light_directions"] == lights
     assert "normals.exr" in run.results.files
+    assert _unfit(run.results.manifest) == []
+    # the camera stands on its head: by its EXIF the picture is upright, its directions are not
+    for path in sphere:
+        tags = [(274, "H", 1, 3, True)]  # EXIF's orientation
+        data = tifffile.imread(path)
+        tifffile.imwrite(tmp_path / path.name, data, photometric="rgb", extratags=tags)
+    heads = tuple(tmp_path / path.name for path in sphere)
+    run = command(heads, *LINEAR, *flags, "--outputs", "normals.exr")
+    assert run.code == 0, run.stderr
+    assert run.results.manifest["options"]["light_directions"] == lights
+    (told,) = _unfit(run.results.manifest)
+    assert "turned another way (EXIF orientation 1, of these 3)" in told
 
 
 @pytest.mark.parametrize(
@@ -183,6 +202,11 @@ def test_a_job_names_a_calibration(service: httpx.Client, chart: tuple[Path, Pat
     assert job["state"] == "succeeded", job["error"]
     assert job["options"]["camera"]["g"] == [row[1] for row in table["data"]["main"].values()]
     manifest = service.get(f"/jobs/{job['id']}/results").json()
+    assert _unfit(manifest) == []
+    rendered = {**job["options"], "encoding": "srgb"}
+    again = service.post(f"/jobs/{job['id']}/rerun", json={"options": rendered}).json()
+    told = _unfit(service.get(f"/jobs/{_ended(service, again)['id']}/results").json())
+    assert len(told) == 1 and "found with linear files, and these are sRGB files" in told[0]
     assert manifest["camera"]["source"] == "file"
     assert manifest["lamps"][0]["cct_k"] == pytest.approx(2856, abs=100)
 
@@ -201,9 +225,12 @@ def _finished(
     parts = [(name, (name, data)) for name, data in files]
     answer = service.post(path, files=parts, data={"options": json.dumps(options)})
     assert answer.status_code == 202, answer.text
+    return _ended(service, answer.json())
+
+
+def _ended(service: httpx.Client, job: dict[str, Any]) -> dict[str, Any]:
     deadline = time.monotonic() + PATIENCE_SECONDS
-    job: dict[str, Any] = answer.json()
     while job["state"] in ("queued", "running") and time.monotonic() < deadline:
         time.sleep(0.3)
-        job = service.get(answer.headers["location"]).json()
+        job = service.get(job["links"]["self"]).json()
     return job

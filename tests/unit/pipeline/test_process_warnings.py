@@ -11,13 +11,20 @@ import pytest
 import tifffile
 from numpy.typing import NDArray
 
+from pipeline.calibration.kept import Kept
+from pipeline.calibration.taken_with import TakenWith
 from pipeline.colour.icc import linear_rec2020_profile
 from pipeline.errors import (
     OptionError,
 )
+from pipeline.options import Options, Sensitivities, Spectrum
+from pipeline.process import separate_files
+from pipeline.progress import Progress
 from pipeline.remarks import Code, Remark
 from pipeline.spectra.cameras import Camera, srgb_stand_in
-from tests.unit.pipeline.separating import Files, codes, png, separated, tiff
+from pipeline.spectra.grid import WAVELENGTHS_NM
+from pipeline.spectra.tables import write_spectrum
+from tests.unit.pipeline.separating import CAMERA, Files, codes, png, separated, tiff, turned
 
 Array = NDArray[np.float64]
 
@@ -61,6 +68,68 @@ def test_a_set_up_that_was_named_and_has_nothing_kept_is_told_of(
     manifest = separated(files(), tmp_path, setup=setup, outputs=[])
 
     assert ("nothing_kept" in codes(manifest)) is told
+
+
+@pytest.mark.parametrize(("orientation", "told"), [(1, False), (3, True)])
+def test_lamps_that_are_named_are_used_and_told_of_where_pictures_are_another_way_up(
+    shaped: tuple[Files, dict[str, Any]], tmp_path: Path, orientation: int, told: bool
+) -> None:
+    """Half a turn inverts directions, and with them normals."""
+    both, options = shaped
+    taken_with = TakenWith(encoding="linear", upright=False, orientation=1)
+    lights = [
+        light.model_copy(update={"taken_with": taken_with}) for light in options["light_directions"]
+    ]
+    here = turned(both[0], orientation), turned(both[1], orientation)
+
+    named = {**options, "light_directions": lights, "outputs": ["normals.png"]}
+    manifest = separated(here, tmp_path, **named)
+
+    assert manifest["normals"] is not None
+    said = [one["message"] for one in manifest["warnings"] if one["code"] == "calibration_unfit"]
+    assert len(said) == told
+    assert all("(EXIF orientation 1, of these 3)" in message for message in said)
+    of_options = manifest["options"]["light_directions"]
+    assert [light["taken_with"]["orientation"] for light in of_options] == [1, 1, 1]
+
+
+@pytest.mark.parametrize(("of", "told"), [("D5100", False), ("D850", True)])
+def test_a_camera_that_is_named_is_used_and_told_of_where_it_is_another_ones(
+    files: Callable[..., Files], camera: Camera, tmp_path: Path, of: str, told: bool
+) -> None:
+    r, g, b = camera.sensitivities.tolist()
+    table = Sensitivities(
+        wavelength_nm=WAVELENGTHS_NM.tolist(),
+        r=r,
+        g=g,
+        b=b,
+        taken_with=TakenWith(make="NIKON", model=of, encoding="linear"),
+    )
+    both = files(write=partial(tiff, camera=("NIKON", "D5100")))
+
+    manifest = separated(both, tmp_path, camera=table, outputs=[])
+
+    assert manifest["camera"] == {"name": "table", "source": "file"}
+    assert ("calibration_unfit" in codes(manifest)) is told
+
+
+def test_what_is_kept_and_fits_is_not_told_of(files: Callable[..., Files], tmp_path: Path) -> None:
+    """It was held against the pair already, its own file's word is not asked again."""
+    here = TakenWith(make="NIKON", model="D5100", encoding="linear")
+    other = here.model_copy(update={"encoding": "srgb", "rendered": True})
+    flash = Spectrum(wavelength_nm=[400, 700], power=[1, 1], taken_with=other)
+    content = write_spectrum(flash).decode()
+    kept = Kept(
+        kind="flash", setup="default", name="a", made="2026", taken_with=here, content=content
+    )
+    both = files(write=partial(tiff, camera=("NIKON", "D5100")))
+
+    manifest = separate_files(
+        *both, Options(**CAMERA, outputs=[]), tmp_path, Progress(), kept=[kept]
+    )
+
+    assert [one["name"] for one in manifest["calibrations"]] == ["a"]
+    assert "calibration_unfit" not in codes(manifest)
 
 
 def test_layers_that_a_file_of_all_outputs_cannot_hold_are_passed_over(

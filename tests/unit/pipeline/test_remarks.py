@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 from pipeline.remarks import Code, Remark
 
@@ -18,3 +19,8 @@ def test_an_entry_is_plain_json_with_rounded_figures() -> None:
 def test_codes_are_words_and_no_two_are_alike() -> None:
     assert all(code.value == code.name.lower() for code in Code)
     assert len({code.value for code in Code}) == len(Code)
+
+
+def test_every_code_is_in_the_guide() -> None:
+    guide = (Path(__file__).parents[3] / "docs/results.md").read_text()
+    assert [code.value for code in Code if f"`{code}`" not in guide] == []

@@ -13,6 +13,7 @@ from pipeline.calibration import calibrate as module
 from pipeline.calibration.calibrate import calibrate_files
 from pipeline.calibration.lamps import LampsEstimate
 from pipeline.calibration.options import CALIBRATION_OPTIONS, FILES
+from pipeline.calibration.taken_with import TakenWith
 from pipeline.colour.temperature import cct_duv
 from pipeline.decode import decode
 from pipeline.errors import Canceled, InputError, OptionError, UnusablePairError
@@ -424,6 +425,41 @@ def test_a_wrong_camera_is_noticed(chart: Shot, tmp_path: Path) -> None:
     table = {**red_for_blue, "r": S[2].tolist(), "g": S[1].tolist(), "b": S[0].tolist()}
     with pytest.raises(UnusablePairError, match="check the marks and the camera"):
         _run(chart, tmp_path, kind="flash", chart=CORNERS, camera=table)
+
+
+@pytest.mark.parametrize("kind", ["flash", "camera", "lamps"])
+def test_what_is_found_says_what_it_was_found_with(
+    chart: Shot, ball: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: Any
+) -> None:
+    said: Any = {"make": "NIKON", "model": "D5100", "serial": "6001234", "orientation": 3}
+    monkeypatch.setattr(module, "decode", lambda *those: replace(decode(*those), **said))
+    monkeypatch.setattr(module, "estimate_lamps", lambda *_: _lamps())
+    marks = {"lamps": {"sphere": CIRCLE}}.get(kind, {"chart": CORNERS})
+    manifest = _run(ball if kind == "lamps" else chart, tmp_path, kind=kind, **marks)
+
+    content = json.loads((tmp_path / FILES[kind]).read_bytes())
+    for saved in content["lights"] if kind == "lamps" else [content]:
+        assert saved["taken_with"] == manifest["taken_with"]
+    taken_with = TakenWith.model_validate(manifest["taken_with"])
+    assert (taken_with.model, taken_with.encoding) == ("D5100", "linear")
+    assert (taken_with.orientation, taken_with.upright) == (3, False)
+    assert b"6001234" not in (tmp_path / FILES[kind]).read_bytes()
+
+
+@pytest.mark.parametrize(("encoding", "warned"), [("raw", True), ("linear", False)])
+def test_a_named_camera_that_does_not_fit_is_used_and_told(
+    chart: Shot, tmp_path: Path, encoding: str, warned: bool
+) -> None:
+    nm = [380.0 + 5 * i for i in range(81)]
+    table = {"wavelength_nm": nm, **dict(zip("rgb", S.tolist(), strict=True))}
+    camera = {**table, "taken_with": {"encoding": encoding}}
+    card = {"x": 14, "y": 120, "radius": 12}
+
+    manifest = _run(chart, tmp_path, kind="flash", card=card, camera=camera)
+
+    assert manifest["found"]["camera"]["source"] == "file"
+    codes = [warning["code"] for warning in manifest["warnings"]]
+    assert ("calibration_unfit" in codes) is warned
 
 
 def test_progress_tells_its_stages_and_may_stop(chart: Shot, tmp_path: Path) -> None:

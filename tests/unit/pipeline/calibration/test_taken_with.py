@@ -3,6 +3,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from pydantic import ValidationError
 
 from pipeline.calibration.taken_with import TakenWith
 from tests.unit.pipeline.calibration.photographs import frame_of
@@ -103,3 +104,36 @@ def test_lamps_kept_before_orientations_were_noted_fit_by_being_upright() -> Non
     older = TakenWith.of(frame_of()).model_copy(update={"orientation": None})
     assert older.fits(TakenWith.of(frame_of(orientation=3)), "lamps")
     assert not older.fits(TakenWith.of(frame_of((2, 3), orientation=6)), "lamps")
+
+
+@pytest.mark.parametrize("kind", ["camera", "flash", "lamps"])
+def test_another_model_is_an_obstacle_where_both_are_known(kind: Any) -> None:
+    here = TakenWith.of(frame_of(make="SONY", model="ILCE-6400"))
+    assert CAMERA.obstacle(here, kind) == (
+        "the camera NIKON D5100, and these are of SONY ILCE-6400"
+    )
+    assert CAMERA.obstacle(TakenWith(), kind) is None
+    assert TakenWith().obstacle(CAMERA, kind) is None
+    assert not CAMERA.fits(TakenWith(), kind)  # what is used unasked must be known to fit
+
+
+def test_a_name_in_a_sentence_is_no_longer_than_names_are() -> None:
+    told = TakenWith(model=1000 * "x").obstacle(CAMERA, "camera")
+    assert told == f"the camera {80 * 'x'}, and these are of NIKON D5100"
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("encoding", "jpeg"),
+        ("encoding", "raw\n"),
+        ("orientation", 0),
+        ("orientation", 9),
+        ("upright", "perhaps"),
+        ("model", None),
+        ("lens", "50 mm"),
+    ],
+)
+def test_what_no_photograph_says_is_refused(name: str, value: Any) -> None:
+    with pytest.raises(ValidationError, match=name):
+        TakenWith.model_validate({name: value})

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.calibration.taken_with import TakenWith
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.errors import OptionError
 from pipeline.frames import Frame
@@ -291,3 +292,17 @@ def test_measured_cameras_are_the_packaged_and_the_folders(
     found = measured_cameras()
     assert [camera.name for camera in found] == [*packaged, "My Own"]
     assert found[2].sensitivities[:, 0] == pytest.approx([0, 0, 1])
+
+
+def test_a_calibrated_camera_says_what_it_was_found_with(
+    frame_of: FrameOf, spectra_folder: Path
+) -> None:
+    taken_with = TakenWith(make="NIKON", model="D5100", encoding="raw")
+    nm, ones = [400.0, 500.0, 600.0, 700.0], [1.0, 1.0, 1.0, 1.0]
+    r, b = [0.0, 0.0, 1.0, 1.0], [1.0, 1.0, 0.0, 0.0]
+    table = Sensitivities(wavelength_nm=nm, r=r, g=ones, b=b, taken_with=taken_with)
+    (spectra_folder / "refined.json").write_bytes(write_sensitivities(table))
+
+    assert find_camera(table, frame_of()).taken_with == taken_with
+    assert find_camera("refined", frame_of()).taken_with == taken_with
+    assert find_camera("Nikon D5100", frame_of()).taken_with is None

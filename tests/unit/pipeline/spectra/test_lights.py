@@ -21,6 +21,7 @@ from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import (
     find_light,
     lamp_spectra,
+    light_table,
     look_up_light,
     packaged_light,
     reflectance_spectra,
@@ -260,3 +261,17 @@ def test_no_file_changes_what_the_program_itself_needs(
     np.testing.assert_array_equal(cameras._sensor_xyz.__wrapped__(), sensor_xyz)
     np.testing.assert_array_equal(family_spectra.__wrapped__()["xenon"], xenon)
     assert LampBank(camera.sensitivities, flash).flash_white[1] == pytest.approx(1)
+
+
+def test_a_table_is_one_that_is_given_or_of_the_folder(spectra_folder: Path) -> None:
+    table = Spectrum(wavelength_nm=[400.0, 700.0], power=[1.0, 2.0])
+    (spectra_folder / "my_flash.csv").write_text("wavelength_nm,power\n400,1\n700,2\n")
+    assert light_table(table) is table
+    assert light_table("My Flash") == table
+    assert [light_table(name) for name in ("xenon", "D65", "no such light")] == [None] * 3
+
+
+def test_a_file_of_the_folder_that_is_no_table_is_named(spectra_folder: Path) -> None:
+    (spectra_folder / "broken.csv").write_text("x")
+    with pytest.raises(OptionError, match=r"^The file broken\.csv in the folder"):
+        light_table("broken")

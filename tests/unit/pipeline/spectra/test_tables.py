@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from pipeline.calibration.taken_with import TakenWith
 from pipeline.errors import OptionError
 from pipeline.options import Sensitivities, Spectrum
 from pipeline.spectra.tables import (
@@ -143,3 +144,35 @@ def test_written_tables_are_read_back() -> None:
     assert parse_spectrum(write_spectrum(light)).power == [0.0, 1.23457e-7, 3.0]
     camera = Sensitivities(wavelength_nm=nm, r=[0.0, 0.5, -0.25], g=[1.0, 0.0, 0.0], b=[0.1] * 3)
     assert parse_sensitivities(write_sensitivities(camera)) == camera
+
+
+TAKEN_WITH = TakenWith(make="NIKON", model="D5100", encoding="raw", upright=False, orientation=3)
+
+
+def test_what_a_calibration_was_found_with_is_read_back() -> None:
+    nm = [380.0, 700.0]
+    light = Spectrum(wavelength_nm=nm, power=[1.0, 2.0], taken_with=TAKEN_WITH)
+    assert parse_spectrum(write_spectrum(light)) == light
+    curves = {"r": [0.0, 1.0], "g": [1.0, 1.0], "b": [1.0, 0.0]}
+    camera = Sensitivities(wavelength_nm=nm, **curves, taken_with=TAKEN_WITH)
+    assert parse_sensitivities(write_sensitivities(camera)) == camera
+
+
+def test_other_tables_say_nothing_of_it(ampas: bytes) -> None:
+    assert "taken_with" not in parse_spectrum(LIGHT.encode()).model_fields_set
+    assert "taken_with" not in parse_sensitivities(ampas).model_fields_set
+    light = Spectrum(wavelength_nm=[380.0, 700.0], power=[1.0, 2.0])
+    assert b"taken_with" not in write_spectrum(light)
+
+
+@pytest.mark.parametrize(
+    "value", [5, "NIKON", [], {"model": 5}, {"orientation": 9}, {"encoding": "x"}, {"lens": ""}]
+)
+def test_a_table_that_says_it_amiss_is_refused_in_one_sentence(ampas: bytes, value: Any) -> None:
+    document = {**json.loads(ampas), "taken_with": value}
+    with pytest.raises(OptionError) as caught:
+        parse_sensitivities(json.dumps(document).encode())
+    assert str(caught.value) == (
+        "The camera table does not say in taken_with what it was found with, as a calibration "
+        "writes it: calibrate anew, or remove that."
+    )

@@ -8,7 +8,8 @@ from typing import Any
 import httpx
 import pytest
 
-from pipeline.options import Sensitivities, Spectrum
+from pipeline.calibration.taken_with import TakenWith
+from pipeline.options import Options, Sensitivities, Spectrum
 from pipeline.spectra.tables import write_sensitivities, write_spectrum
 from service import cameras, jobs
 from service.api.context import Context
@@ -175,6 +176,37 @@ def test_a_job_is_filled_in_from_calibrations(
     # the row is complete: nothing changes when the calibration goes
     assert http.delete(f"/jobs/{ids['camera']}").status_code == 204
     assert http.get(f"/jobs/{job['id']}").json()["options"] == kept
+
+
+@pytest.mark.parametrize(
+    ("kind", "option"),
+    [("camera", "camera"), ("flash", "flash_spectrum"), ("lamps", "light_directions")],
+)
+def test_a_job_says_what_its_calibration_was_found_with(
+    post: Callable[..., httpx.Response], finish: Finish, http: httpx.Client, kind: str, option: str
+) -> None:
+    taken_with = TakenWith(make="NIKON", model="D5100", encoding="raw", upright=True)
+    content = json.loads(TABLES[kind])
+    for saved in content["lights"] if kind == "lamps" else [content]:
+        saved["taken_with"] = taken_with.model_dump()
+    made = post("/calibrations", OPTIONS[kind]).json()["id"]
+    finish(made, {FILES[kind]: json.dumps(content).encode(), "manifest.json": b"{}"})
+
+    job = post("/jobs", {option: {"calibration": made}}).json()
+    again = http.post(f"/jobs/{job['id']}/rerun", json={}).json()
+
+    for one in (job, again):
+        Options.model_validate(one["options"])
+        filled = one["options"][option]
+        said = [value["taken_with"] for value in (filled if kind == "lamps" else [filled])]
+        assert {TakenWith.model_validate(value) for value in said} == {taken_with}
+
+
+def test_what_no_calibration_says_is_refused(post: Callable[..., httpx.Response]) -> None:
+    lights = [{**light, "taken_with": {"orientation": 9}} for light in LIGHTS]
+    answer = post("/jobs", {"light_directions": lights})
+    assert problem_of(answer)[:2] == (422, "invalid-option")
+    assert "orientation" in answer.json()["detail"]
 
 
 def test_captures_and_calibrations_take_calibrations(
