@@ -8,7 +8,8 @@ from typing import Any, Literal
 import sqlalchemy as sa
 from pydantic import BaseModel, Field
 
-from service import eta, jobs
+from pipeline.calibration.taken_with import TakenWith
+from service import eta, jobs, kept
 from service.capture import Capture
 from service.errors import Problem
 from service.settings import Settings
@@ -114,6 +115,9 @@ class JobAnswer(BaseModel):
         description="What the job waits for in the state waiting_for_operator; null in others."
     )
     inputs: Inputs | None = Field(description="Null until a camera has taken them.")
+    taken_with: TakenWith | None = Field(
+        description="Of a calibration that has succeeded, what it was found with; null of others."
+    )
     error: Problem | None = Field(description="Why the job failed.")
     files: list[ResultFile]
     created: datetime
@@ -147,6 +151,7 @@ class JobAnswer(BaseModel):
             camera_settings=job.camera_settings,
             operator=_operator(job),
             inputs=Inputs(**job.inputs) if job.inputs else None,
+            taken_with=kept.taken_with(job) if done and job.task == "calibrate" else None,
             error=Problem(**job.error) if job.error else None,
             files=[
                 ResultFile(**result, href=f"{here}/results/{result['name']}")

@@ -30,6 +30,7 @@ _JOB: dict[str, Any] = {
     "camera_settings": None,
     "operator": None,
     "inputs": {"no_flash": {"sha256": _SHA256}, "flash": {"sha256": _SHA256[::-1]}},
+    "taken_with": None,
     "error": None,
     "files": [],
     "created": "2026-01-01T12:00:00Z",

@@ -59,11 +59,17 @@ async function offer(select, label) {
     const found = jobs.filter((one) => one.options.kind === "lamps" && one.state === "succeeded");
     for (const one of found) {
       const time = new Date(one.created).toLocaleString([], { dateStyle: "medium", timeStyle: "short" });
-      select.append(h("option", { value: one.id, textContent: `Calibration of ${time}` }));
+      select.append(h("option", { value: one.id, textContent: [`Calibration of ${time}`, ...foundWith(one.taken_with)].join(", ") }));
       label.hidden = false;
     }
     path = next;
   }
+}
+
+/** Of which camera and way up lamps are, for which they hold. */
+function foundWith({ make, model, upright }) {
+  const camera = `${make} ${model}`.trim() || "camera not known";
+  return upright === null ? [camera] : [camera, upright ? "upright pictures" : "pictures that lie"];
 }
 
 /** A ball that is lit from place, which it changes: x to the right, y up, in radii. */

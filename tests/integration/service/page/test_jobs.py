@@ -152,13 +152,17 @@ def test_calibrations_of_lamps_are_offered_however_old_they_are(
     page: Page, done: dict[str, Any]
 ) -> None:
     asked: list[str] = []
+    made_with = {"make": "NIKON", "model": "D5100", "upright": True}
     lamps = {**done, "id": "lamps", "options": {"kind": "lamps"}, "created": LATER}
+    lamps["taken_with"] = made_with
+    lying = {**lamps, "taken_with": {**made_with, "upright": False}}
+    nameless = {**lamps, "taken_with": {"make": "", "model": "", "upright": None}}
     more = f"/jobs?limit=200&after=1764085200.5-{done['id']}"
 
     def jobs(route: Route) -> None:
         asked.append(route.request.url.partition("/jobs")[2])
         last = "after=" in route.request.url
-        made = [lamps, {**lamps, "state": "failed"}] if last else [done]
+        made = [lamps, lying, nameless, {**lamps, "state": "failed"}] if last else [done]
         route.fulfill(json={"jobs": made, "next": None if last else more})
 
     page.route(re.compile(r"/jobs\?"), jobs)
@@ -167,9 +171,14 @@ def test_calibrations_of_lamps_are_offered_however_old_they_are(
     page.get_by_text("Find the surface").click()
     choice = page.get_by_label("Where the lamps stand")
     expect(choice.get_by_role("option")).to_have_text(
-        ["As set on the balls", re.compile(r"^Calibration of Jan 1, 2030")]
+        [
+            "As set on the balls",
+            re.compile(r"^Calibration of Jan 1, 2030.*, NIKON D5100, upright pictures$"),
+            re.compile(r"^Calibration of Jan 1, 2030.*, NIKON D5100, pictures that lie$"),
+            re.compile(r"^Calibration of Jan 1, 2030.*[AP]M, camera not known$"),
+        ]
     )
-    choice.select_option("lamps")
+    choice.select_option(index=1)
     with page.expect_request("**/rerun") as sent:
         page.get_by_role("button", name="Find normals").click()
     wanted = (sent.value.post_data_json or {})["options"]

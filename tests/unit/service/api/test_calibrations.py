@@ -11,7 +11,7 @@ import pytest
 from pipeline.calibration.taken_with import TakenWith
 from pipeline.options import Options, Sensitivities, Spectrum
 from pipeline.spectra.tables import write_sensitivities, write_spectrum
-from service import cameras, jobs
+from service import cameras, database, jobs, kept
 from service.api.context import Context
 from tests.unit.service.asking import ended_while_waiting, problem_of
 from tests.unit.service.studio import ask_in_process
@@ -200,6 +200,29 @@ def test_a_job_says_what_its_calibration_was_found_with(
         filled = one["options"][option]
         said = [value["taken_with"] for value in (filled if kind == "lamps" else [filled])]
         assert {TakenWith.model_validate(value) for value in said} == {taken_with}
+
+
+def test_a_calibration_that_has_succeeded_answers_what_it_was_found_with(
+    post: Callable[..., httpx.Response], finish: Finish, http: httpx.Client, context: Context
+) -> None:
+    taken_with = TakenWith(make="NIKON", model="D5100", upright=False, orientation=3)
+    made = post("/calibrations", OPTIONS["lamps"]).json()
+    assert made["taken_with"] is None
+    with context.engine.begin() as connection:  # as the worker notes it
+        row = jobs.find(connection, made["id"])
+        assert row is not None and row.inputs is not None
+        inputs = kept.with_camera(row.inputs, taken_with.model_dump())
+        table = database.jobs
+        connection.execute(table.update().where(table.c.id == row.id).values(inputs=inputs))
+    finish(made["id"], {FILES["lamps"]: TABLES["lamps"]})
+    separation = post("/jobs", {}).json()
+    finish(separation["id"], {"manifest.json": b"{}"})
+
+    ended = http.get(f"/jobs/{made['id']}").json()
+
+    assert ended["taken_with"] == taken_with.model_dump()
+    assert ended["inputs"] == made["inputs"]
+    assert http.get(f"/jobs/{separation['id']}").json()["taken_with"] is None
 
 
 def test_what_no_calibration_says_is_refused(post: Callable[..., httpx.Response]) -> None:
