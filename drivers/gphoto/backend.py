@@ -60,6 +60,7 @@ class GphotoCamera(Camera):
         self._address, self._call_s = address, call_s
         self._child: subprocess.Popen[bytes] | None = None
         self._listed = set[str]()
+        self._told: list[Event] = []
         try:
             self._child = subprocess.Popen(
                 [sys.executable, "-m", "drivers.gphoto.child"],
@@ -111,6 +112,8 @@ class GphotoCamera(Camera):
 
     def objects(self) -> set[int]:
         """List the handles of everything on the card; libgphoto2 has paths for them."""
+        # libgphoto2 lists what it knows, and learns of files by asking for events alone
+        self._told = self.events(0.0)
         handles, folders = set[int](), [ROOT]
         while folders:
             found, inside = self._list(folder := folders.pop(0))
@@ -150,7 +153,9 @@ class GphotoCamera(Camera):
 
     def events(self, timeout_s: float) -> list[Event]:
         """Every event waiting; if there is none, the first that comes within timeout_s seconds."""
-        told: list[Event] = self._call("events", timeout_s, patience_s=timeout_s)
+        told, self._told = self._told, []
+        wait_s = 0.0 if told else timeout_s
+        told += self._call("events", wait_s, patience_s=wait_s)
         return told
 
     def download(

@@ -12,7 +12,12 @@ from typing import Any
 import pytest
 
 import drivers
+from drivers.clock import SystemClock
 from drivers.exif import read_exposure
+from drivers.ptp.codes import EventCode, ObjectFormat
+from drivers.sim.address import parse
+from drivers.sim.body import Body, StoredObject
+from drivers.sim.ip_responder import IpResponder
 
 Client = Callable[..., str]
 
@@ -108,6 +113,51 @@ def test_our_driver_of_libgphoto2_takes_a_pair(camera: Any) -> None:
         pair = drivers.capture_pair(opened)
     assert [shot.exposure.flash_fired for shot in (pair.no_flash, pair.flash)] == [False, True]
     assert pair.flash.files.keys() == {"dng", "jpeg"}
+
+
+class LateRaw(Body):
+    """Its RAW files reach the card, and are told of, 0.2 s after their photograph is complete."""
+
+    def __init__(self) -> None:
+        super().__init__(parse("sim://studio?width=64&height=64&format=both"), SystemClock())
+        self._held: dict[int, tuple[float, StoredObject]] = {}
+        self._seen = set[int]()
+
+    def advance(self) -> None:
+        super().advance()
+        now = self._clock.monotonic()
+        for handle in self.objects.keys() - self._seen:
+            self._seen.add(handle)
+            if self.objects[handle].info.format is ObjectFormat.DNG:
+                self._held[handle] = (now + 0.2, self.objects.pop(handle))
+                self.events.remove((EventCode.OBJECT_ADDED, handle))
+        for handle, (due, stored) in list(self._held.items()):
+            if due <= now:
+                del self._held[handle]
+                self.objects[handle] = stored
+                self.events.append((EventCode.OBJECT_ADDED, handle))
+
+    def seconds_to_wait(self) -> float | None:
+        for due, _ in self._held.values():
+            return max(0.0, due - self._clock.monotonic())
+        return super().seconds_to_wait()
+
+
+@pytest.mark.parametrize("backend", ["ptp+ip://", "gphoto2://ptpip:"])
+def test_a_raw_file_that_comes_after_its_photograph_was_called_complete_is_waited_for(
+    backend: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("drivers.shot.SETTLE_S", 1.0)  # so that a slow machine is none too late
+    served = IpResponder(LateRaw(), "127.0.0.1", 0)
+    port = served.address.rpartition(":")[2]
+    again = f":{port}" if backend.startswith("gphoto2") else ""
+    with drivers.open_camera(f"{backend}{served.address}{again}") as opened:
+        pair = drivers.capture_pair(opened)
+    served.close()
+    assert [shot.exposure.flash_fired for shot in (pair.no_flash, pair.flash)] == [False, True]
+    for shot in (pair.no_flash, pair.flash):
+        assert shot.files.keys() == {"dng", "jpeg"}
+        assert read_exposure(shot.files["dng"]) == read_exposure(shot.files["jpeg"])
 
 
 def test_a_session_has_no_malformed_packet(

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from drivers.camera import CameraObject
+from drivers.camera import CameraObject, Event, EventKind
 from drivers.errors import CameraTimeoutError, TransferError
 from drivers.gphoto.backend import FIRST_LISTING_S, GphotoCamera
 from drivers.shot import fetch
@@ -42,21 +42,34 @@ def test_a_file_whose_size_changes_is_no_photograph(size: int) -> None:
 class Listing(GphotoCamera):
     """A camera with these folders, {folder: (handles, folders)}; calls are noted.
 
-    slow: a folder that does not come in time.
+    slow: a folder that does not come in time. coming: files of a folder that are listed once the
+    camera was asked for events, and the events told then.
     """
 
     def __init__(self, card: dict[str, tuple[set[int], list[str]]], slow: str = "") -> None:
-        self._listed, self._call_s = set(), 20.0
+        self._listed, self._told, self._call_s = set(), [], 20.0
+        self.coming: list[tuple[str, int, Event]] = []
+        self.waits: list[tuple[float, float]] = []
         self.card, self.slow = card, slow
         self.calls: list[tuple[str, float]] = []
 
     def _call(self, method: str, *arguments: Any, patience_s: float = 0.0) -> Any:
+        if method == "events":
+            (timeout_s,) = arguments
+            return self._asked_for_events(timeout_s, patience_s)
         assert method == "list_folder"
         (folder,) = arguments
         self.calls.append((folder, patience_s))
         if folder == self.slow:
             raise CameraTimeoutError("no answer")
         return self.card[folder]
+
+    def _asked_for_events(self, timeout_s: float, patience_s: float) -> list[Event]:
+        self.waits.append((timeout_s, patience_s))
+        coming, self.coming = self.coming, []
+        for folder, handle, _ in coming:
+            self.card[folder][0].add(handle)
+        return [event for _, _, event in coming]
 
 
 CARD: dict[str, tuple[set[int], list[str]]] = {
@@ -99,7 +112,31 @@ def test_a_camera_that_fails_to_list_what_it_listed_before_hangs() -> None:
 def test_folders_in_each_other_without_end_are_left() -> None:
     class Endless(Listing):
         def _call(self, method: str, *arguments: Any, patience_s: float = 0.0) -> Any:  # noqa: ARG002
+            if method == "events":
+                return []
             (folder,) = arguments
             return {len(folder)}, [f"{folder.rstrip('/')}/a"]
 
     assert len(Endless({}).objects()) == 17
+
+
+ADDED, COMPLETE = Event(EventKind.OBJECT_ADDED), Event(EventKind.CAPTURE_COMPLETE)
+
+
+def test_a_file_that_libgphoto2_learns_of_by_an_event_is_listed() -> None:
+    camera = Listing({"/": ({1}, [])})
+    camera.coming = [("/", 2, ADDED)]
+    assert camera.objects() == {1, 2}
+    assert camera.waits == [(0, 0)]
+
+
+def test_events_that_a_list_has_asked_for_are_told_to_whoever_waits_for_them() -> None:
+    camera = Listing({"/": ({1}, [])})
+    camera.coming = [("/", 2, ADDED)]
+    camera.objects()
+    camera.coming = [("/", 3, COMPLETE)]
+    camera.objects()
+    camera.waits.clear()
+    assert camera.events(timeout_s=7) == [ADDED, COMPLETE]
+    assert camera.events(timeout_s=7) == []
+    assert camera.waits == [(0, 0), (7, 7)]  # nothing more is waited for where something is told
