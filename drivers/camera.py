@@ -188,6 +188,9 @@ class Camera(ABC):
     def delete(self, handle: int) -> None:
         """Delete an object from the card."""
 
+    def check_release(self) -> None:  # noqa: B027  not every camera tells before it is released
+        """Look whether trigger() can work at all. Raises SettingError."""
+
     @abstractmethod
     def trigger(self) -> None:
         """Press the release; returns at once, the photograph comes later.

@@ -64,6 +64,7 @@ def capture_pair(
     clock, flash, wanted = clock or SystemClock(), flash or PropertyFlash(), settings or {}
     check_settings(wanted)
     progress("prepare", 0.0)
+    camera.check_release()
     flash.check(camera)
     frozen = _fix_everything(camera, wanted)
     progress("prepare", 1.0)

@@ -8,7 +8,7 @@ DriverError
 ├── CameraDisconnectedError    the connection broke in the middle
 ├── CameraTimeoutError         the camera stopped answering
 ├── ProtocolError              the camera's answer is not valid, or refuses without a known reason
-├── SettingError               a setting is missing, read-only, or was not taken over
+├── SettingError               a setting or the release is missing, read-only, or not taken over
 ├── CaptureError               the release was pressed and no usable photograph came
 │   ├── FocusError             the camera could not focus and did not release
 │   ├── StoreFullError         the memory card has no room
@@ -62,7 +62,7 @@ class ProtocolError(DriverError):
 
 
 class SettingError(DriverError):
-    """A setting is missing, read-only, or was not taken over."""
+    """A setting or the release is missing, read-only, or was not taken over."""
 
 
 class CaptureError(DriverError):

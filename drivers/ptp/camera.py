@@ -190,6 +190,17 @@ class PtpCamera(Camera):
         """Delete an object from the card."""
         self._session.request(Operation.DELETE_OBJECT, handle)
 
+    def check_release(self) -> None:
+        """Look whether the camera offers a way to be released. Raises SettingError."""
+        if not self._nikon.can_capture and (
+            Operation.INITIATE_CAPTURE not in self._device.operations
+        ):
+            raise SettingError(
+                "The camera takes no order to release over PTP: have libgphoto2 take its pairs, on "
+                "USB by lightlayers capture gphoto2:// -o DIR, on a network with "
+                "gphoto2://ptpip:HOST in place of gphoto2://."
+            )
+
     def trigger(self) -> None:
         """Press the release; returns at once, the photograph comes later."""
         if self._nikon.can_capture:

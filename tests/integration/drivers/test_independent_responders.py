@@ -17,7 +17,6 @@ from PIL import Image
 import drivers
 from drivers.camera import CameraObject, Event, EventKind
 from drivers.clock import SystemClock
-from drivers.errors import ProtocolError
 from drivers.ptp import usb
 from drivers.ptp.camera import PtpCamera
 from drivers.shot import fetch
@@ -120,8 +119,15 @@ def test_the_responder_tells_of_new_files_and_deletes_them(
 
 
 def test_what_the_responder_cannot_do_is_an_error(responder: PtpCamera) -> None:
-    with pytest.raises(ProtocolError, match="INITIATE_CAPTURE with the response 0x2005"):
-        responder.trigger()
+    asked = list[str]()
+
+    def ask(request: str, _timeout_s: float) -> bool:
+        asked.append(request)
+        return True
+
+    with pytest.raises(drivers.SettingError, match="takes no order to release over PTP"):
+        drivers.capture_pair(responder, flash=drivers.OperatorFlash(ask, len))
+    assert asked == []
     with pytest.raises(drivers.DriverError):
         responder.describe(999)
     assert len(responder.objects()) == 2

@@ -18,6 +18,7 @@ from drivers.errors import (
     SettingError,
     TransferError,
 )
+from drivers.flash import OperatorFlash
 from drivers.shot import LARGEST_BYTES
 from tests.raw_files import cr3, raf
 from tests.unit.drivers.fake_camera import FLASH, MANUAL, NO_FLASH, FakeCamera, photograph, tags
@@ -36,6 +37,22 @@ def test_a_pair_is_taken_in_order_and_reported(clock: Clock) -> None:
         fractions = [fraction for name, fraction in told if name == stage]
         assert (fractions[0], fractions[-1]) == (0.0, 1.0)
         assert fractions == sorted(fractions)
+
+
+def test_nobody_is_asked_for_a_camera_that_cannot_be_released(clock: Clock) -> None:
+    class Unreleased(FakeCamera):
+        def check_release(self) -> None:
+            raise SettingError("takes no order to release")
+
+    camera, asked = Unreleased(), list[str]()
+
+    def ask(request: str, _timeout_s: float) -> bool:
+        asked.append(request)
+        return True
+
+    with pytest.raises(SettingError, match="takes no order to release"):
+        capture_pair(camera, clock=clock, flash=OperatorFlash(ask, len))
+    assert (asked, camera.written, len(camera.shots)) == ([], [], 2)
 
 
 @pytest.mark.parametrize("white_balance", ["auto", "one_push"])

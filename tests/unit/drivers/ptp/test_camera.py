@@ -23,7 +23,7 @@ from drivers.ptp.wire import uint, uints
 from drivers.sim.address import SimulatedCamera
 from drivers.sim.backend import InProcessTransport
 from drivers.sim.body import Body, Refusal
-from drivers.sim.responder import Responder
+from drivers.sim.responder import RELEASES, Responder
 
 Tamper = Callable[[bytes], bytes]
 OPTIONS = SimulatedCamera(width=64, height=64, noise="off", format="both")
@@ -85,6 +85,33 @@ def test_a_camera_without_a_battery_gauge_tells_no_charge(clock: Clock) -> None:
         ).encode()
 
     assert opened(clock, {Operation.GET_DEVICE_INFO: without}).info().battery_percent is None
+
+
+def released_by(*operations: Operation) -> Tamper:
+    """Have a camera offer these operations to release it."""
+
+    def offering(data: bytes) -> bytes:
+        info = DeviceInfo.decode(data)
+        others = [code for code in info.operations if code not in RELEASES]
+        return replace(info, operations=(*others, *operations)).encode()
+
+    return offering
+
+
+@pytest.mark.parametrize("operation", RELEASES)
+def test_a_camera_that_offers_a_release_is_taken(clock: Clock, operation: Operation) -> None:
+    opened(clock, {Operation.GET_DEVICE_INFO: released_by(operation)}).check_release()
+
+
+def test_a_camera_that_offers_no_release_is_refused_with_another_way(clock: Clock) -> None:
+    camera = opened(clock, {Operation.GET_DEVICE_INFO: released_by()})
+    with pytest.raises(SettingError) as refusal:
+        camera.check_release()
+    assert str(refusal.value) == (
+        "The camera takes no order to release over PTP: have libgphoto2 take its pairs, on USB by "
+        "lightlayers capture gphoto2:// -o DIR, on a network with gphoto2://ptpip:HOST in place of "
+        "gphoto2://."
+    )
 
 
 @pytest.mark.parametrize("refusal", [Response.ACCESS_DENIED, Response.DEVICE_PROP_NOT_SUPPORTED])
