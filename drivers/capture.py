@@ -53,7 +53,8 @@ def capture_pair(
 
     Exposure program, focus and drive are put to manual, manual and single; then `settings` are
     written and read back, those of an earlier pair among them. What they do not name stays as it
-    is set, but for an automatic ISO or white balance, which is put to a fixed one.
+    is set, but for an automatic ISO or white balance, which is put to a fixed one. All of it stays
+    so in the camera, its flash mode too; a flash that has a switch of its own is left off.
     progress(stage, fraction): stage is one of CAPTURE_STAGES; the fractions start anew where a
     pair is taken once more, because its second photograph failed. flash: what switches it, by
     default the camera's own setting.
@@ -69,19 +70,10 @@ def capture_pair(
     frozen = _fix_everything(camera, wanted)
     progress("prepare", 1.0)
     taking = _Taking(camera, flash, clock, progress, frozen)
-    for left in reversed(range(PAIRS)):
-        before = camera.objects()
-        no_flash = taking.shoot("no_flash", "off")
-        try:
-            pair = CapturedPair(no_flash, taking.shoot("flash", "on"), frozen)
-            progress("verify", 0.0)
-            pair = _with_late_copies(camera, before, pair)
-            verify(pair, flash.brightness)
-            break
-        except DriverError as error:
-            if not left or type(error) not in _WORTH_ANOTHER_PAIR:
-                raise
-            clock.sleep(RECHARGE_S)
+    try:
+        pair = taking.pair()
+    finally:
+        flash.leave_off()
     progress("verify", 1.0)
     return pair
 
@@ -168,6 +160,23 @@ class _Taking:
     progress: CaptureProgress
     frozen: dict[SettingName, SettingValue]
     stored: list[CameraObject] = field(default_factory=list)  # of all photographs so far
+
+    def pair(self) -> CapturedPair:
+        """Take both photographs, and both once more where the second one fails."""
+        for left in reversed(range(PAIRS)):
+            before = self.camera.objects()
+            no_flash = self.shoot("no_flash", "off")
+            try:
+                pair = CapturedPair(no_flash, self.shoot("flash", "on"), self.frozen)
+                self.progress("verify", 0.0)
+                pair = _with_late_copies(self.camera, before, pair)
+                verify(pair, self.flash.brightness)
+                return pair
+            except DriverError as error:
+                if not left or type(error) not in _WORTH_ANOTHER_PAIR:
+                    raise
+                self.clock.sleep(RECHARGE_S)
+        raise AssertionError
 
     def shoot(self, stage: str, state: State) -> Shot:
         """Switch the flash and take one photograph."""

@@ -6,6 +6,7 @@ else must switch it. `check` looks before the first photograph whether that will
 
 from __future__ import annotations
 
+import logging
 import shlex
 import subprocess
 from abc import ABC, abstractmethod
@@ -18,6 +19,8 @@ import httpx
 from drivers.camera import Camera, SettingName, SettingValue
 from drivers.clock import Clock
 from drivers.errors import FlashError, SettingError
+
+log = logging.getLogger("drivers.flash")
 
 State = Literal["off", "on"]
 
@@ -59,6 +62,9 @@ class Flash(ABC):
     @abstractmethod
     def switch(self, camera: Camera, state: State, clock: Clock) -> None:
         """Switch the flash for the next photograph. Raises SettingError, FlashError."""
+
+    def leave_off(self) -> None:  # noqa: B027  most flashes give no light between photographs
+        """Switch off what would stay on after the pair; a failure is told to the log alone."""
 
 
 class PropertyFlash(Flash):
@@ -106,11 +112,21 @@ class ExternalFlash(Flash):
 
     def switch(self, camera: Camera, state: State, clock: Clock) -> None:  # noqa: ARG002
         """Give the order and let the flash settle."""
+        self._give(state)
+        clock.sleep(self.settle_s)
+
+    def leave_off(self) -> None:
+        """Order it off. Neither the pair nor what it failed by is lost where that fails."""
+        try:
+            self._give("off")
+        except FlashError as error:
+            log.warning("The flash was not switched off after the pair. %s", error)
+
+    def _give(self, state: State) -> None:
         if self.order.startswith(("http://", "https://")):
             self._fetch(self.order.replace("{state}", state))
         else:
             self._run([part.replace("{state}", state) for part in shlex.split(self.order)])
-        clock.sleep(self.settle_s)
 
     def _fetch(self, url: str) -> None:
         try:

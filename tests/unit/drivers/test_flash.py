@@ -7,14 +7,18 @@ from collections.abc import Iterator
 
 import pytest
 
+from drivers.camera import Setting, SettingName
 from drivers.capture import capture_pair
 from drivers.clock import Clock
 from drivers.errors import FlashError, NoFlashError, SettingError
 from drivers.flash import ExternalFlash, Flash, OperatorFlash
+from drivers.pair import CapturedPair
 from drivers.ptp.camera import PtpCamera
+from drivers.shot import SETTLE_S
 from drivers.sim.address import SimulatedCamera
 from drivers.sim.backend import InProcessTransport
 from drivers.sim.body import Body
+from tests.unit.drivers.fake_camera import NO_FLASH, FakeCamera
 
 
 class Studio:
@@ -83,10 +87,12 @@ def test_a_flash_that_lights_nothing_is_noticed(clock: Clock) -> None:
 
 class Relay(http.server.BaseHTTPRequestHandler):
     told: list[str]
+    orders: int  # that are obeyed
 
     def do_GET(self) -> None:
         self.told.append(self.path)
-        self.send_response(200 if "turn" in self.path else 500)
+        obeys = "turn" in self.path and len(self.told) <= self.orders
+        self.send_response(200 if obeys else 500)
         self.end_headers()
 
     def log_message(self, *_: object) -> None: ...
@@ -94,7 +100,7 @@ class Relay(http.server.BaseHTTPRequestHandler):
 
 @pytest.fixture
 def relay() -> Iterator[tuple[str, list[str]]]:
-    Relay.told = []
+    Relay.told, Relay.orders = [], 1000
     server = http.server.HTTPServer(("127.0.0.1", 0), Relay)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     yield f"http://127.0.0.1:{server.server_port}", Relay.told
@@ -161,3 +167,64 @@ def test_orders_that_nothing_obeys_are_errors(clock: Clock, order: str, complain
 def test_a_relay_that_refuses_is_an_error(clock: Clock, relay: tuple[str, list[str]]) -> None:
     with pytest.raises(FlashError, match="switch of the flash answers 500: check its URL"):
         switched(ExternalFlash(relay[0] + "/{state}", brightness), clock)
+
+
+ORDERS = ["/turn=off", "/turn=on", "/turn=off"]
+
+
+def taken(clock: Clock, camera: FakeCamera, url: str) -> CapturedPair:
+    """A pair whose flash the camera does not know of, and which is there in its photographs."""
+    brightness = iter((2.0, 1.0))
+    flash = ExternalFlash(url + "/turn={state}", lambda _: next(brightness), settle_s=2)
+    return capture_pair(camera, clock=clock, flash=flash)
+
+
+def unlit() -> FakeCamera:
+    return FakeCamera(shots=[{"jpeg": NO_FLASH}, {"jpeg": NO_FLASH}])
+
+
+def test_a_switch_is_told_off_after_the_pair(clock: Clock, relay: tuple[str, list[str]]) -> None:
+    pair = taken(clock, unlit(), relay[0])
+    assert pair.flash.best == NO_FLASH
+    assert relay[1] == ORDERS
+    assert clock.monotonic() == 2 * 2 + 2 * SETTLE_S  # nothing waits for a flash that goes out
+
+
+@pytest.mark.parametrize("failure", [SettingError("a dial was turned"), KeyboardInterrupt()])
+@pytest.mark.parametrize("orders", [2, 3])
+def test_a_switch_is_told_off_whatever_ends_the_pair(
+    clock: Clock, relay: tuple[str, list[str]], failure: BaseException, orders: int
+) -> None:
+    class Failing(FakeCamera):
+        def trigger(self) -> None:
+            if len(self.shots) == 1:
+                raise failure
+            super().trigger()
+
+    Relay.orders = orders
+    with pytest.raises(type(failure)) as raised:
+        taken(clock, Failing(), relay[0])
+    assert raised.value is failure
+    assert relay[1] == ORDERS
+
+
+def test_a_pair_is_kept_whose_switch_obeys_no_more(
+    clock: Clock, relay: tuple[str, list[str]], caplog: pytest.LogCaptureFixture
+) -> None:
+    Relay.orders = 2
+    assert taken(clock, unlit(), relay[0]).no_flash.best == NO_FLASH
+    assert relay[1] == ORDERS
+    assert caplog.messages == [
+        "The flash was not switched off after the pair. The switch of the flash answers 500: check "
+        "its URL and try again."
+    ]
+
+
+def test_a_switch_is_told_nothing_where_no_pair_is_begun(
+    clock: Clock, relay: tuple[str, list[str]]
+) -> None:
+    camera = FakeCamera()
+    camera.table[SettingName.PROGRAM] = Setting(SettingName.PROGRAM, "auto", (), writable=False)
+    with pytest.raises(SettingError):
+        taken(clock, camera, relay[0])
+    assert relay[1] == []

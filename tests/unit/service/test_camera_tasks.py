@@ -193,7 +193,7 @@ def test_a_switch_is_told_what_the_operator_has_set(
         capture(flash="external", switch=switch, settle_seconds=0)
         relay.shutdown()
         thread.join()
-    assert told == ["/off", "/on"]
+    assert told == ["/off", "/on", "/off"]
 
 
 def test_settings_are_written_in_one_session_and_read_back(camera: Any) -> None:
