@@ -239,8 +239,9 @@ def open_camera(address: str) -> Camera:
     check_address(address)
     if importlib.util.find_spec("gphoto2") is None:
         raise MissingPackageError(
-            "The Python package gphoto2 is missing here: install it by pip install "
-            "'lightlayers[gphoto2]'."
+            "The Python package gphoto2 is missing here: install it by make setup in the folder of "
+            "lightlayers, or by python -m pip install 'gphoto2>=2.6,<3' with the Python that "
+            "lightlayers runs in."
         )
     return GphotoCamera(address, _port(address))
 

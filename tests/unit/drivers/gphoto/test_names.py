@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import errno
 import os
+import tomllib
+from pathlib import Path
 
 import pytest
 
@@ -72,9 +74,12 @@ def test_what_a_missing_package_is_installed_by_is_said(monkeypatch: pytest.Monk
     monkeypatch.setattr("importlib.util.find_spec", lambda _name: None)
     with pytest.raises(MissingPackageError) as refusal:
         open_camera("gphoto2://")
+    project = tomllib.loads((Path(__file__).parents[4] / "pyproject.toml").read_text())["project"]
+    (extra,) = project["optional-dependencies"]["gphoto2"]
     assert str(refusal.value) == (
-        "The Python package gphoto2 is missing here: install it by pip install "
-        "'lightlayers[gphoto2]'."
+        "The Python package gphoto2 is missing here: install it by make setup in the folder of "
+        f"lightlayers, or by python -m pip install '{extra}' with the Python that lightlayers runs "
+        "in."
     )
 
 

@@ -218,6 +218,21 @@ def test_photographs_leave_the_card_only_once_they_are_on_the_disk(
     assert list(shots(out).values()) == [["flash.dng", "no_flash.dng", "recipe.json"]]
 
 
+def test_a_camera_that_answers_nothing_is_waited_for_once(
+    out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    waits = list[float]()
+
+    def silent(_camera: drivers.ReturningCamera, wait_s: float) -> drivers.Camera:
+        waits.append(wait_s)
+        raise drivers.CameraTimeoutError("The camera gave no answer.")
+
+    monkeypatch.setattr(drivers.ReturningCamera, "connected", silent)
+    said = refused(capsys, "capture", "ptp+ip://studio", "-o", str(out), "--wait", "60", code=1)
+    assert said == "The camera gave no answer.\n"
+    assert waits == [60]
+
+
 class TestUnplugged:
     """A USB camera whose cable comes out in the middle of a transfer."""
 
