@@ -183,8 +183,8 @@ def _capture(
     import drivers
 
     for left in reversed(range(_REPEATS)):
+        opened = camera.connected(wait_s)  # which has waited already for what it raises
         try:
-            opened = camera.connected(wait_s)
             taker = opened.info()
             pair = drivers.capture_pair(opened, flash=switch, settings=wanted)
             return opened, taker, pair
