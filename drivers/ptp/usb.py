@@ -46,6 +46,7 @@ _ENDLESS = 0xFFFFFFFF
 _POLL_MS = 10  # the shortest look for an event; 0 would mean for ever
 _HEADER_BYTES = 12
 _LONGEST_EVENT = _HEADER_BYTES + 5 * 4
+_SLICE_MS = 500  # the longest look: while libusb looks, Python handles no Ctrl-C
 _EVENT_REST_MS = 100  # for each further packet of an event that has begun
 _AT_REST_S = 0.1  # a camera that was brought to rest and is silent for so long sends no more
 _MOST_READS = 600  # enough for the largest photograph
@@ -159,17 +160,24 @@ class UsbTransport(Transport):
         return event
 
     def _read_event(self, wait_ms: int) -> bool:
-        """Read packets until an event is whole; what has come of it stays for the next call."""
+        """Read packets until an event is whole; what has come of it stays for the next call.
+
+        wait_ms: how long the first packet may take, in milliseconds.
+        """
         address, most = self._events.bEndpointAddress, self._events.wMaxPacketSize
-        try:
-            while len(self._event) < self._event_length():
-                packet = self._device.read(address, most, wait_ms)
-                if not packet:
+        while len(self._event) < self._event_length():
+            slice_ms = min(wait_ms, _SLICE_MS)
+            try:
+                packet = self._device.read(address, most, slice_ms)
+            except usb.core.USBTimeoutError:
+                wait_ms -= slice_ms
+                if wait_ms <= 0:
                     return False
-                self._event += packet.tobytes()
-                wait_ms = _EVENT_REST_MS
-        except usb.core.USBTimeoutError:
-            return False
+                continue
+            if not packet:
+                return False
+            self._event += packet.tobytes()
+            wait_ms = _EVENT_REST_MS
         return True
 
     def _event_length(self) -> int:

@@ -21,6 +21,7 @@ from drivers.errors import (
     CameraTimeoutError,
     ProtocolError,
 )
+from drivers.ptp import containers
 from drivers.ptp import usb as driver
 from drivers.ptp.camera import PtpCamera, open_awake
 from drivers.ptp.codes import ContainerType, Operation
@@ -310,14 +311,26 @@ def test_events_are_put_together_from_small_packets(clock: Clock) -> None:
     packets = (ADDED[:8], ADDED[8:16], ADDED[16:], COMPLETE[:8], COMPLETE[8:])
     bus = TellingBus(clock, *packets)
     transport = driver.connect("", bus, clock)
-    added = transport.receive_event(2)
+    added = transport.receive_event(0.25)
     assert added is not None
     assert (added.code, added.parameters) == (0x4002, (9, 8, 7))
     complete = transport.receive_event(0)
     assert complete is not None
     assert (complete.code, complete.parameters) == (0x400D, ())
     assert transport.receive_event(0) is None
-    assert bus.waited == [2000, 100, 100, 10, 100, 10]
+    assert bus.waited == [250, 100, 100, 10, 100, 10]
+
+
+def test_a_long_wait_for_an_event_is_of_short_looks(clock: Clock) -> None:
+    """While libusb looks, Python handles no Ctrl-C."""
+    bus = TellingBus(clock, b"", b"", COMPLETE, b"", ADDED[:8], ADDED[8:])
+    transport = driver.connect("", bus, clock)
+    complete, added = (transport.receive_event(1.2) for _ in range(2))
+    assert (complete, added) == (containers.decode(COMPLETE), containers.decode(ADDED))
+    assert bus.waited == [500, 500, 200, 500, 500, 100]
+    bus.waited.clear()
+    assert transport.receive_event(1.2) is None
+    assert bus.waited == [500, 500, 200]
 
 
 def test_an_event_that_comes_with_a_pause_is_whole_in_the_end(clock: Clock) -> None:
