@@ -16,7 +16,7 @@ import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
 
 import drivers
-from service import jobs, queues
+from service import heartbeats, jobs, queues
 from service.database import cameras, may_be_id, now
 from service.database import jobs as rows
 from service.states import ENDED
@@ -145,11 +145,41 @@ def take(connection: sa.Connection, camera: str, seconds: float) -> bool:
 
 
 def give_back(
-    connection: sa.Connection, camera: str, info: drivers.CameraInfo | None, answered: bool
+    connection: sa.Connection,
+    camera: str,
+    info: drivers.CameraInfo | None,
+    answered: bool,
+    host: str | None = None,
 ) -> None:
-    """End take(). info: what the camera told of itself; answered: whether it answered at all."""
+    """End take(). info: what the camera told of itself; answered: whether it answered at all.
+
+    host: where that was, as service.host names it.
+    """
     connection.execute(sa.update(cameras).where(cameras.c.id == camera).values(taken_until=0.0))
     note(connection, camera, info, answered)
+    if answered and host is not None and _is_on_usb(address_of(connection, camera) or ""):
+        _note_host(connection, camera, host)
+
+
+def _note_host(connection: sa.Connection, camera: str, host: str) -> None:
+    """Write on whose USB a camera is; None where no worker ever was there, so that any may try."""
+    this = sa.update(cameras).where(cameras.c.id == camera)
+    if heartbeats.live_on(connection, host):
+        connection.execute(this.values(host=host))
+    else:  # a worker of this host that starts anew is waited for
+        connection.execute(this.where(cameras.c.host != host).values(host=None))
+
+
+def host_of(connection: sa.Connection, camera: str) -> str | None:
+    """Find the host whose workers alone can use a camera; None where any worker may.
+
+    Whichever camera is on USB is the one that was looked at last.
+    """
+    place = (address_of(connection, camera) or "").rstrip("/")
+    ids = _same(connection, camera) if f"{place}//" in (_USB, _GPHOTO) else [camera]
+    noted = sa.and_(cameras.c.id.in_(ids), cameras.c.host.is_not(None))
+    query = sa.select(cameras.c.host).where(noted).order_by(cameras.c.looked.desc()).limit(1)
+    return connection.execute(query).scalar()
 
 
 def note(

@@ -31,7 +31,10 @@ JOBS = "jobs"
 """The queue of jobs."""
 
 CAPTURES = "captures"
-"""The queues of cameras, one each: jobs wait here until theirs has taken their pair."""
+"""The queues of cameras, one each: jobs wait here until theirs has taken their pair.
+
+Those that hang on a host's USB have theirs in a queue of that host, see captures_on.
+"""
 
 _WORKFLOW = "run_job"
 _CAPTURE = "capture_pair"
@@ -101,12 +104,16 @@ class Queue:
         job_id: str,
         rank: int,
         camera: str,
+        host: str | None,
         delay_seconds: float = 0.0,
     ) -> None:
-        """Enqueue a job for its camera, within a transaction; one job at a time has each camera."""
+        """Enqueue a job for its camera, within a transaction; one job at a time has each camera.
+
+        host: whose workers alone can use it; None for any.
+        """
         options = EnqueueOptions(
             workflow_name=_CAPTURE,
-            queue_name=CAPTURES,
+            queue_name=captures_on(host),
             workflow_id=capture_id(job_id),
             app_version=_VERSION,
             priority=rank,
@@ -141,7 +148,7 @@ class Queue:
         """List what workers have taken out of the queues and not done yet."""
         held = self._client.list_workflows(
             status="PENDING",
-            queue_name=[JOBS, CAPTURES, _TELLING_QUEUE, _UPKEEP],
+            queues_only=True,  # all of them, also those of other hosts
             load_input=False,
             load_output=False,
         )
@@ -171,6 +178,11 @@ class Queue:
         self._client.destroy()
 
 
+def captures_on(host: str | None) -> str:
+    """Name the queue of the cameras on a host's USB; None: of those that any worker can use."""
+    return CAPTURES if host is None else f"{CAPTURES}@{host}"
+
+
 def capture_id(job_id: str) -> str:
     """Give the id that a job has in its camera's queue."""
     return f"{job_id}-capture"
@@ -184,6 +196,7 @@ def telling_id(job_id: str, number: int) -> str:
 def launch(
     engine: sa.Engine,
     worker: str,
+    host: str | None,
     run: Callable[[str], None],
     capture: Callable[[str], None],
     tell: Callable[[str, int], None],
@@ -194,9 +207,10 @@ def launch(
 ) -> None:
     """Have this process call run and capture(job id), tell(job id, number) in threads, and sweep.
 
-    worker: unique among all workers ever. run: must return only when the job has ended, since a
-    return takes the job out of the queue for good; capture: when its pair is taken; tell: when
-    what came of it is written. sweep(its id in the queue, thorough): called in one worker at a
+    worker: unique among all workers ever. host: on whose USB it uses cameras, beside those that any
+    worker can; None where there is no other host. run: must return only when the job has ended,
+    since a return takes the job out of the queue for good; capture: when its pair is taken; tell:
+    when what came of it is written. sweep(its id in the queue, thorough): called in one worker at a
     time, every sweep_seconds (1…60) with false, every hour with true. Raises StartError.
     """
     _silence_dbos()
@@ -220,7 +234,8 @@ def launch(
     def run_sweep(_scheduled: object, thorough: bool) -> None:
         sweep(str(DBOS.workflow_id), thorough)
 
-    DBOS.listen_queues([JOBS, CAPTURES, _TELLING_QUEUE, _UPKEEP])
+    captures = {captures_on(None), captures_on(host)}
+    DBOS.listen_queues([JOBS, *captures, _TELLING_QUEUE, _UPKEEP])
     try:
         DBOS.launch()
     except error.DBOSInitializationError as fault:
@@ -233,13 +248,14 @@ def launch(
         polling_interval_sec=poll_seconds,
         on_conflict="always_update",
     )
-    DBOS.register_queue(
-        CAPTURES,
-        worker_concurrency=_CAPTURERS,
-        partition_concurrency=1,
-        polling_interval_sec=poll_seconds,
-        on_conflict="always_update",
-    )
+    for queue in captures:
+        DBOS.register_queue(
+            queue,
+            worker_concurrency=_CAPTURERS,
+            partition_concurrency=1,
+            polling_interval_sec=poll_seconds,
+            on_conflict="always_update",
+        )
     DBOS.register_queue(
         _TELLING_QUEUE,
         worker_concurrency=_TELLERS,

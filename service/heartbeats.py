@@ -19,6 +19,12 @@ def leave(connection: sa.Connection, worker: str) -> None:
     connection.execute(sa.delete(workers).where(workers.c.id == worker))
 
 
+def live_on(connection: sa.Connection, host: str) -> bool:
+    """Whether there are workers on a host, by service.host's name; their ids begin with it."""
+    ids = connection.execute(sa.select(workers.c.id)).scalars()
+    return any(worker.rsplit("-", 2)[0] == host for worker in ids)
+
+
 def living(connection: sa.Connection, silence_seconds: float) -> set[str]:
     """Workers heard of lately. Forgets the others."""
     connection.execute(sa.delete(workers).where(workers.c.seen < now() - silence_seconds))

@@ -10,7 +10,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from service import jobs, steering
+from service import cameras, jobs, steering
 from service.copy_pair import copy_pair
 from service.dbos_queue import Queue
 from service.errors import NotReadyError, QuotaError, StoredQuotaError, UnknownJobError
@@ -77,7 +77,8 @@ class OperatorActions:
             with self.engine.begin() as connection:
                 rank = jobs.add(connection, values)
                 if job.camera and not job.inputs:
-                    self.queue.submit_capture(connection, new_id, rank, job.camera)
+                    on = cameras.host_of(connection, job.camera)
+                    self.queue.submit_capture(connection, new_id, rank, job.camera, on)
                 else:
                     self.queue.submit(connection, new_id, rank)
         except (QuotaError, StoredQuotaError):

@@ -10,7 +10,6 @@ import contextlib
 import logging
 import os
 import signal
-import socket
 import sys
 import threading
 import uuid
@@ -23,6 +22,7 @@ from service import (
     database,
     dbos_queue,
     heartbeats,
+    host,
     jobs,
     logs,
     metrics,
@@ -57,7 +57,7 @@ class Worker:
 
     def __init__(self, settings: Settings) -> None:
         """Open database and store. Raises StartError."""
-        self.id = f"{socket.gethostname()[:32]}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
+        self.id = f"{host.name()}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
         self._settings = settings
         self._engine = open_database(settings)
         self._storage = open_storage(settings)
@@ -87,6 +87,7 @@ class Worker:
         dbos_queue.launch(
             self._engine,
             self.id,
+            host.of_usb(self._engine),
             lambda job_id: self.run(job_id),
             lambda job_id: self.capture(job_id),
             lambda job_id, number: self.tell(job_id, number),

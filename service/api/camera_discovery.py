@@ -14,7 +14,7 @@ from typing import Any
 import sqlalchemy as sa
 
 import drivers
-from service import cameras, sandbox, scratch
+from service import cameras, host, sandbox, scratch
 from service.capture import CaptureSettings
 from service.errors import AttemptError, ForeignCameraError, StorageFullError
 from service.forkserver import ForkServer
@@ -40,6 +40,7 @@ class CameraDiscovery:
         self._engine = engine
         self._settings = settings
         self._server = server
+        self._host = host.of_usb(engine)
         self._pool = ThreadPoolExecutor(1 + _AT_ONCE, "cameras")  # one waits for the others
         self._lock = threading.Lock()
         self._running: Future[None] | None = None
@@ -86,7 +87,7 @@ class CameraDiscovery:
             raise
         finally:
             with self._engine.begin() as connection:
-                cameras.give_back(connection, camera, info, answered)
+                cameras.give_back(connection, camera, info, answered, self._host)
         found: dict[str, Any] = told["settings"]
         return found
 
@@ -121,7 +122,7 @@ class CameraDiscovery:
                 info = drivers.CameraInfo(**self._run("camera", LookAt(address)))
         finally:
             with self._engine.begin() as connection:
-                cameras.give_back(connection, camera, info, answered=info is not None)
+                cameras.give_back(connection, camera, info, info is not None, self._host)
 
     def _run(self, kind: Kind, order: CameraOrder, trace_id: str = "") -> Any:
         with scratch.folder(self._settings.data_dir) as folder:

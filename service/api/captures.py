@@ -158,7 +158,9 @@ def _add(
 ) -> None:
     deadline = wanted.handling.deadline_seconds
     rank = jobs.add(connection, row, None if deadline is None else deadline + delay_seconds)
-    context.queue.submit_capture(connection, row["id"], rank, row["camera"], delay_seconds)
+    camera = row["camera"]
+    on = cameras.host_of(connection, camera)
+    context.queue.submit_capture(connection, row["id"], rank, camera, on, delay_seconds)
 
 
 def _refuse_when_held(connection: sa.Connection, caller: Caller, camera: str) -> None:

@@ -1,4 +1,4 @@
-"""A worker that only writes down what the queue gives it: python noting_worker.py URL NAME.
+"""A worker that only writes down what the queue gives it: python noting_worker.py URL NAME [HOST].
 
 It holds each job until a line "go" comes, all later ones at once; "take over" has it take over the
 jobs of every other worker.
@@ -13,17 +13,17 @@ import threading
 from service import database, dbos_queue
 
 
-def main(url: str, name: str) -> None:
+def main(url: str, name: str, host: str | None = None) -> None:
     go = threading.Event()
 
     def run(job_id: str) -> None:
-        print(job_id, flush=True)  # noqa: T201  what this program is for
+        print(f"{job_id}\n", end="", flush=True)  # noqa: T201  what this program is for
         go.wait()
 
     connected = database.connect(url)
     queue = dbos_queue.Queue(connected)
     dbos_queue.launch(
-        connected, name, run, run, lambda *_telling: None, 1, 0.05, lambda *_sweep: None, 60
+        connected, name, host, run, run, lambda *_telling: None, 1, 0.05, lambda *_sweep: None, 60
     )
     for line in sys.stdin:
         if line == "go\n":

@@ -12,7 +12,7 @@ import sqlalchemy as sa
 
 from service import database, dbos_queue
 
-Start = Callable[[str], subprocess.Popen[str]]
+Start = Callable[..., subprocess.Popen[str]]
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
@@ -32,14 +32,14 @@ def url(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
 
 @pytest.fixture
 def start(url: str) -> Iterator[Start]:
-    """Start a noting_worker of a name."""
+    """Start a noting_worker of a name, on a host."""
     started: list[subprocess.Popen[str]] = []
 
-    def run(name: str) -> subprocess.Popen[str]:
+    def run(*named: str) -> subprocess.Popen[str]:
         program = Path(__file__).with_name("noting_worker.py")
         started.append(
             subprocess.Popen(
-                [sys.executable, str(program), url, name],
+                [sys.executable, str(program), url, *named],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 text=True,
@@ -86,6 +86,30 @@ def test_low_ranks_go_first_also_after_a_takeover(url: str, start: Start) -> Non
     assert _said(alive) == "taken over"
     _tell(alive, "go")
     assert [_said(alive) for _ in range(5)] == ["first", "held", "third", "fourth", "last"]
+    queue.close()
+    connected.dispose()
+
+
+def test_what_hangs_on_a_host_waits_for_its_workers(url: str, start: Start) -> None:
+    connected = database.connect(url)
+    dbos_queue.migrate(connected)
+    queue = dbos_queue.Queue(connected)
+    other = start("other", "b")
+    with connected.begin() as connection:
+        for job_id, camera, host in (("on a", "1", "a"), ("on b", "2", "b"), ("on any", "3", None)):
+            queue.submit_capture(connection, job_id, 1, camera, host)
+    assert {_said(other), _said(other)} == {"on b", "on any"}
+    dead = start("dead", "a")
+    assert _said(dead) == "on a"
+    dead.kill()
+    dead.wait()
+    _tell(other, "take over")
+    assert _said(other) == "taken over"
+    _tell(other, "go")
+    with connected.begin() as connection:
+        queue.submit_capture(connection, "also on b", 1, "1", "b")
+    assert _said(other) == "also on b"  # in the camera's queue, were it the same
+    assert _said(start("alive", "a")) == "on a"
     queue.close()
     connected.dispose()
 

@@ -253,6 +253,59 @@ def test_ports_of_usb_are_used_at_once(engine: sa.Engine) -> None:
     assert _claim(engine, "c") is None
 
 
+def _see(engine: sa.Engine, address: str, host: str | None, answered: bool = True) -> str:
+    """Have an API on a host look at a camera; its id."""
+    with engine.begin() as connection:
+        camera = cameras.add(connection, address)
+        cameras.give_back(connection, camera, INFO if answered else None, answered, host)
+    return camera
+
+
+def _work_on(engine: sa.Engine, *hosts: str) -> None:
+    """Have a worker live on each of these hosts, and no other."""
+    with engine.begin() as connection:
+        connection.execute(sa.delete(database.workers))
+        for host in hosts:
+            heartbeats.beat(connection, f"{host}-123-0a1b2c3d")
+
+
+def _host(engine: sa.Engine, address: str) -> str | None:
+    with engine.begin() as connection:
+        return cameras.host_of(connection, cameras.add(connection, address))
+
+
+def test_a_camera_on_usb_is_left_to_workers_of_the_host_that_saw_it(engine: sa.Engine) -> None:
+    _work_on(engine, "studio", "studio-b")
+    assert _host(engine, f"{USB}1") is None
+    _see(engine, f"{USB}1", "studio")
+    _see(engine, f"{USB}2", "studio-b")
+    _see(engine, ADDRESS, "studio")
+    hosts = [_host(engine, address) for address in (f"{USB}1", f"{USB}2", f"{USB}3", ADDRESS)]
+    assert hosts == ["studio", "studio-b", None, None]
+    assert _host(engine, USB) == _host(engine, "gphoto2://") == "studio-b"  # seen last
+    _see(engine, f"{USB}2", "studio")  # it was carried there
+    assert _host(engine, f"{USB}2") == "studio"
+
+
+def test_a_worker_that_starts_anew_is_waited_for(engine: sa.Engine) -> None:
+    _work_on(engine, "studio")
+    _see(engine, f"{USB}1", "studio")
+    _work_on(engine, "other")
+    _see(engine, f"{USB}1", "studio")
+    _see(engine, f"{USB}1", "elsewhere", answered=False)
+    _see(engine, f"{USB}1", None)
+    assert _host(engine, f"{USB}1") == "studio"
+
+
+def test_where_no_worker_has_been_any_may_try(engine: sa.Engine) -> None:
+    _work_on(engine, "studio")
+    _see(engine, f"{USB}1", "container-of-the-api")
+    assert _host(engine, f"{USB}1") is None
+    _see(engine, f"{USB}1", "studio")
+    _see(engine, f"{USB}1", "container-of-the-api")
+    assert _host(engine, f"{USB}1") is None
+
+
 def test_a_camera_on_usb_is_listed_alone(engine: sa.Engine) -> None:
     with engine.begin() as connection:
         cameras.add(connection, f"{USB}1")

@@ -20,6 +20,7 @@ from service import (
     database,
     dbos_queue,
     heartbeats,
+    host,
     jobs,
     metrics,
     presence,
@@ -107,6 +108,13 @@ def test_whatever_cuts_an_attempt_short_another_follows(
     one.run("a")
     job = _find(one)
     assert (job.state, job.attempt, job.lost) == (State.SUCCEEDED, 2, lost)
+
+
+def test_a_worker_is_known_to_live_on_its_host(one: Worker) -> None:
+    one._beat()
+    with one._engine.connect() as connection:
+        assert heartbeats.live_on(connection, host.name())
+        assert not heartbeats.live_on(connection, host.name()[:-1])
 
 
 def test_a_stop_waits_for_a_job_that_is_just_being_claimed(

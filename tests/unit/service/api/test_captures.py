@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any, NoReturn
 
 import httpx
 import pytest
+import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
-from service import cameras
+import drivers
+from service import cameras, dbos_queue, heartbeats
+from service.api.camera_discovery import CameraDiscovery
 from service.api.context import Context
 from service.api.idempotency import digest
 from service.settings import Settings
@@ -23,6 +27,29 @@ pytestmark = pytest.mark.usefixtures("cameras_in_process")
 @pytest.fixture
 def settings(settings: Settings) -> Settings:
     return with_cameras(settings)
+
+
+class TestOnUsb:
+    @pytest.fixture
+    def settings(self, settings: Settings) -> Settings:
+        return settings.model_copy(update={"cameras": "ptp+usb://"})
+
+    def test_a_camera_on_usb_is_left_to_the_workers_of_the_host_that_saw_it(
+        self, http: httpx.Client, context: Context, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        address = "ptp+usb://1"
+        info = drivers.CameraInfo(address, "Make", "Model", "1", 80, 10**9)
+        told = {"cameras": [address], "camera": asdict(info)}
+        monkeypatch.setattr(CameraDiscovery, "_run", lambda _self, kind, _order: told[kind])
+        context.camera_discovery._host = "studio"
+        with context.engine.begin() as connection:
+            heartbeats.beat(connection, "studio-1-0a1b2c3d")
+        assert [one["address"] for one in http.get("/cameras").json()] == [address]
+        made = http.post("/jobs", json={"capture": {"camera": address}}).raise_for_status().json()
+        with context.engine.connect() as connection:
+            query = sa.text("SELECT queue_name FROM workflow_status WHERE workflow_uuid = :id")
+            queue = connection.execute(query, {"id": dbos_queue.capture_id(made["id"])}).scalar()
+        assert queue == dbos_queue.captures_on("studio") == "captures@studio"
 
 
 class TestCaptures:

@@ -231,8 +231,9 @@ def test_what_a_job_asks_for_is_shown_and_confirmed(
     assert "it asks for nothing" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("host", [None, "studio"])
 def test_a_capture_that_failed_waits_for_its_camera_again(
-    context: Context, capsys: pytest.CaptureFixture[str]
+    host: str | None, context: Context, capsys: pytest.CaptureFixture[str]
 ) -> None:
     row = {"id": "c", "options": {}, "trace_id": "1" * 32, "request_hash": ""}
     with context.engine.begin() as connection:
@@ -241,13 +242,14 @@ def test_a_capture_that_failed_waits_for_its_camera_again(
         held = cameras.claim(connection, "c", "w")
         assert held is not None
         jobs.fail(connection, held, {"type": "urn:lightlayers:problem:camera-failed"})
+        connection.execute(sa.update(database.cameras).values(host=host))
     assert run(["jobs", "retry", "c"]) == 0
     new_id = capsys.readouterr().out.strip()
     with context.engine.connect() as connection:
         assert cameras.count_waiting(connection, camera) == 1
         queue = sa.text("SELECT queue_name FROM workflow_status WHERE workflow_uuid = :id")
         found = connection.execute(queue, {"id": dbos_queue.capture_id(new_id)}).scalar()
-    assert found == dbos_queue.CAPTURES
+    assert found == dbos_queue.captures_on(host)
 
 
 def test_jobs_are_looked_at_and_stopped_while_the_store_is_away(
