@@ -35,7 +35,7 @@ class Relay:
     def mend(self) -> None:
         """Let connections pass again."""
         with self._lock:
-            self._up = True
+            self._up, self._left = True, None
 
     def _accept(self) -> None:
         while True:
