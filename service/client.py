@@ -296,6 +296,11 @@ def _told_by_status(status: int) -> dict[str, Any]:
 
 
 def _stranger(response: httpx.Response) -> ServiceAwayError:
+    if response.status_code == 413:
+        return ServiceAwayError(
+            "A proxy before the service takes no request as large as this one (status 413): raise "
+            "its limit, like client_max_body_size of nginx, to LIGHTLAYERS_UPLOAD_BYTES."
+        )
     return ServiceAwayError(
         f"What answers is no lightlayers service (status {response.status_code})."
     )

@@ -303,6 +303,14 @@ def test_another_server_is_not_ready(status: int, body: bytes) -> None:
         client.check_ready()
 
 
+def test_a_size_that_a_proxy_refuses_is_told_as_such() -> None:
+    told = r"A proxy before the service .* \(status 413\): raise its limit, .*UPLOAD_BYTES\."
+    refused = pytest.raises(ServiceAwayError, match=told)
+    with _server(413, b"<html>") as url, Client(url) as client, refused as away:
+        client.create_upload(5)
+    assert (away.value.status, away.value.passes) == (413, False)
+
+
 def test_a_file_goes_up_in_pieces_and_becomes_a_job(
     client: Client, png: Png, context: Context
 ) -> None:
