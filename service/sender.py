@@ -98,13 +98,19 @@ class Sender:
         """Tell why nothing goes, once for each reason."""
         if reason != self._held and not self._stopped.is_set():
             self._held = reason
-            try:
-                count = self._spool.count()
-            except OSError:  # it may be why nothing goes
-                self._tell("held", reason, reason=reason)
+            place = str(self._spool.folder)
+            facts: dict[str, Any] = {"reason": reason, "spool": place, **self._waiting()}
+            if (count := facts.get("waiting")) is None:  # that may be why nothing goes
+                self._tell("held", reason, **facts)
                 return
             waiting = f"{count} pair{'' if count == 1 else 's'} wait{'s' if count == 1 else ''}"
-            self._tell("held", f"{reason} {waiting} in the spool.", reason=reason, waiting=count)
+            self._tell("held", f"{reason} {waiting} in the spool {place}.", **facts)
+
+    def _waiting(self) -> dict[str, int]:
+        """Tell how many pairs wait, where the spool can be read."""
+        with contextlib.suppress(OSError):
+            return {"waiting": self._spool.count()}
+        return {}
 
     def _send(self, pair: SpooledPair) -> None:
         """Send a pair, or put it aside. Raises what is worth another try."""
@@ -150,10 +156,8 @@ class Sender:
             )
             return
         self._spool.remove(pair)
-        waiting = self._spool.count()
-        self._tell(
-            "sent", f"{pair.shot}: job {job['id']}", shot=pair.shot, job=job["id"], waiting=waiting
-        )
+        facts = {"shot": pair.shot, "job": job["id"], **self._waiting()}
+        self._tell("sent", f"{pair.shot}: job {job['id']}", **facts)
 
     def _put_aside(self, pair: SpooledPair, reason: str, **facts: Any) -> None:
         place = self._spool.put_aside(pair, reason)

@@ -10,6 +10,7 @@ in `waiting` is whole. It goes when the service has said that it has the same by
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import hashlib
 import json
@@ -86,10 +87,14 @@ class SpooledPair:
 
 
 class Spool:
-    """The folder. One agent at a time uses it; its methods raise OSError where the disk fails."""
+    """The folder, an absolute path. One agent at a time uses it.
+
+    Its methods raise OSError where the disk fails.
+    """
 
     def __init__(self, folder: Path) -> None:
         """Open the folder, or make it. Raises InputError where that cannot be."""
+        self.folder = folder = folder.absolute()
         self._waiting, self._aside = folder / "waiting", folder / "aside"
         try:
             for each in (self._waiting, self._aside):
@@ -181,8 +186,9 @@ class Spool:
         """Take out a pair that the service has."""
         gone = self._waiting / f"{_PARTIAL}{pair.folder.name}"
         pair.folder.rename(gone)
-        durable.flush(self._waiting)
-        shutil.rmtree(gone)
+        with contextlib.suppress(OSError):  # it waits no more, and the next start clears it
+            durable.flush(self._waiting)
+            shutil.rmtree(gone)
 
     def put_aside(self, pair: SpooledPair, reason: str) -> Path:
         """Keep a pair that the service will never take out of the way of the others; where."""

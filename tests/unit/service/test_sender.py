@@ -398,7 +398,11 @@ def test_what_may_pass_later_is_held_and_told_once(
     for _ in range(4):
         assert service.tries.acquire(timeout=60)
     assert told.events == [
-        ("held", f"{error} 2 pairs wait in the spool.", {"reason": str(error), "waiting": 2})
+        (
+            "held",
+            f"{error} 2 pairs wait in the spool {spool.folder}.",
+            {"reason": str(error), "spool": str(spool.folder), "waiting": 2},
+        )
     ]
     service.error = None
     sender.finish()
@@ -470,7 +474,31 @@ def test_a_spool_that_cannot_be_read_is_told_and_outlived(
     away.rename(waiting)
     sender.finish()
     assert service.stored == [pair.sha256]
-    assert told.events[0] == ("held", reason, {"reason": reason})
+    assert told.events[0] == ("held", reason, {"reason": reason, "spool": str(spool.folder)})
+
+
+@pytest.mark.parametrize("broken", ["shutil.rmtree", "durable.flush", "Spool.count"])
+def test_a_pair_that_has_gone_is_told_as_sent_whatever_its_folder_does(
+    broken: str,
+    service: FakeService,
+    spool: Spool,
+    told: Told,
+    pairs: list[dict[str, tuple[str, bytes]]],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fails(*_: object) -> None:
+        raise OSError(5, "Input/output error")
+
+    spool.add("shot", pairs[0], {})
+    with monkeypatch.context() as patched:
+        patched.setattr(f"service.spool.{broken}", fails)
+        patched.setattr(Spool, "note_uploads", lambda *_: None)  # which flushes, too
+        assert Sender(spool, service, told).finish()
+    waiting = {} if broken == "Spool.count" else {"waiting": 0}
+    assert told.events == [("sent", "shot: job job0", {"shot": "shot", "job": "job0", **waiting})]
+    spool.close()
+    Spool(spool.folder).close()
+    assert list((spool.folder / "waiting").iterdir()) == []
 
 
 def test_a_sender_that_is_stopped_begins_nothing_more(
