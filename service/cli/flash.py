@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import select
-import sys
+from collections.abc import Callable
 
 import drivers
+from service.cli.enter import await_enter, forget_typed
+from service.cli.shooting import say
 
 
-def flash_switch(text: str, settle_s: float) -> drivers.Flash:
+def flash_switch(text: str, settle_s: float, tell: Callable[[str], None] = say) -> drivers.Flash:
     """Read --flash: "property", "operator", or a command or URL with {state} in it.
 
+    settle_s: how long a flash takes to obey, in seconds. tell: says what the operator is to do.
     Raises pipeline.errors.OptionError.
     """
     from pipeline.errors import OptionError
@@ -19,7 +21,13 @@ def flash_switch(text: str, settle_s: float) -> drivers.Flash:
     if text == "property":
         return drivers.PropertyFlash()
     if text == "operator":
-        return drivers.OperatorFlash(_ask, brightness)
+
+        def ask(request: str, timeout_s: float) -> bool:
+            forget_typed()
+            tell(f"{request.removesuffix(', then confirm.')}, then press Enter.")
+            return await_enter(timeout_s)
+
+        return drivers.OperatorFlash(ask, brightness)
     try:
         drivers.check_flash_order(text)
     except ValueError as error:
@@ -28,10 +36,3 @@ def flash_switch(text: str, settle_s: float) -> drivers.Flash:
             f"{error}."
         ) from error
     return drivers.ExternalFlash(text, brightness, settle_s)
-
-
-def _ask(request: str, timeout_s: float) -> bool:
-    """Ask on the terminal; Enter confirms."""
-    print(f"{request.removesuffix(', then confirm.')}, then press Enter.", file=sys.stderr)
-    ready, _, _ = select.select([sys.stdin], [], [], timeout_s)
-    return bool(ready and sys.stdin.readline())

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from service.cli import keys
+from service.cli.enter import await_enter
 from service.cli.files import read_file
 from service.cli.parameters import (
     FlashSwitch,
@@ -49,7 +49,7 @@ def tether(
         typer.Option(
             metavar="DIR",
             help="Folder of the pairs that are still to be sent. Default: spool in the folder of "
-            "LIGHTLAYERS_DATA_DIR.",
+            "LIGHTLAYERS_DATA_DIR, which is .lightlayers where the command is started.",
         ),
     ] = None,
     key_file: KeyFile = None,
@@ -83,7 +83,7 @@ def tether(
 
     Each press of Enter takes a pair; Ctrl-D, or the end of stdin, ends that, and what is left is
     sent. A pair goes to the disk first and stays there until the service has it, so that neither a
-    cut network nor a crash loses one: the next start sends it.
+    cut network nor a crash loses one: the next start with the same spool sends it.
     """
     import drivers
     from service.cli.flash import flash_switch
@@ -92,10 +92,11 @@ def tether(
     from service.settings import Settings
     from service.spool import Spool
 
-    wanted, switch = wanted_settings(settings, recipe), flash_switch(flash, settle)
+    told = _Told(as_json)
+    wanted = wanted_settings(settings, recipe)
+    switch = flash_switch(flash, settle, lambda text: told("operator", text))
     asked = _options(options)
     key = keys.key_of_requests(key_file)
-    told = _Told(as_json)
     with contextlib.ExitStack() as stack:
         opened = drivers.ReturningCamera(camera, lambda text: told("camera", text))
         stack.callback(opened.close)
@@ -108,7 +109,9 @@ def tether(
 
         def tell_left() -> None:
             with contextlib.suppress(OSError):  # a spool that cannot be read hides no other error
-                told("ended", f"Pairs in the spool, which the next start sends: {pool.count()}.")
+                waiting, place = pool.count(), str(pool.folder)
+                sentence = f"Pairs in the spool {place}, which the next start with it sends"
+                told("ended", f"{sentence}: {waiting}.", waiting=waiting, spool=place)
 
         try:
             for _ in taking.presses(pairs, interval):
@@ -173,7 +176,7 @@ class _Taking:
         while count is None or number < count:
             self._camera.connected(wait_s=math.inf)
             self._told("ready", "Press Enter to take a pair.")
-            if not sys.stdin.readline():
+            if not await_enter():
                 return
             number += 1
             yield number

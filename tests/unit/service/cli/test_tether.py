@@ -1,7 +1,9 @@
 from __future__ import annotations
 
-import io
+import errno
 import json
+import os
+import sys
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -45,9 +47,13 @@ def tether(folder: Path, http: httpx.Client, monkeypatch: pytest.MonkeyPatch) ->
     """Run the command with these lines on its stdin."""
 
     def run_it(*arguments: str, lines: str = "", server: str = str(http.base_url)) -> int:
-        monkeypatch.setattr("sys.stdin", io.StringIO(lines))
+        reader, writer = os.pipe()
+        os.write(writer, lines.encode())
+        os.close(writer)
         where = ["--server", server, "--camera", ADDRESS, "--spool", str(folder)]
-        return run(["tether", *where, *arguments])
+        with os.fdopen(reader) as stdin, monkeypatch.context() as patched:
+            patched.setattr("sys.stdin", stdin)
+            return run(["tether", *where, *arguments])
 
     return run_it
 
@@ -67,6 +73,10 @@ def waiting(folder: Path) -> Callable[[], int]:
 
 def told(capsys: pytest.CaptureFixture[str]) -> list[dict[str, Any]]:
     return [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+
+
+def left_in(spool: Path) -> str:
+    return f"Pairs in the spool {spool}, which the next start with it sends"
 
 
 def jobs_of(http: httpx.Client) -> list[dict[str, Any]]:
@@ -110,9 +120,32 @@ def test_programs_are_told_in_lines_of_json(
     ]
 
 
+def test_a_program_is_told_of_each_line_that_is_waited_for(
+    tether: Callable[..., int],
+    http: httpx.Client,
+    bus: Bus,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    brightness = [1.0, 2.0]
+    decoded = SimpleNamespace(pixels=np.array([0.0]))
+    monkeypatch.setattr(camera_tasks, "decode", lambda _photograph: decoded)
+    monkeypatch.setattr(camera_tasks, "brightness", lambda _photograph: brightness.pop())
+    bus.body.flash = "external"
+    assert tether("--flash", "operator", "--json", "--pairs", "1", lines="\n\n\n") == 0
+    asked = [(event["event"], event["detail"]) for event in told(capsys)][:3]
+    assert asked == [
+        ("ready", "Press Enter to take a pair."),
+        ("operator", "Switch the flash off, then press Enter."),
+        ("operator", "Switch the flash on, then press Enter."),
+    ]
+    assert len(jobs_of(http)) == 1
+
+
 def test_it_captures_while_the_service_is_away_and_the_next_start_sends(
     tether: Callable[..., int],
     http: httpx.Client,
+    folder: Path,
     waiting: Callable[[], int],
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -126,7 +159,7 @@ def test_it_captures_while_the_service_is_away_and_the_next_start_sends(
     events = told(capsys)
     assert [event["event"] for event in events].count("spooled") == 3
     assert [event["event"] for event in events].count("held") == 1
-    assert events[-1]["detail"] == "Pairs in the spool, which the next start sends: 3."
+    assert events[-1]["detail"] == f"{left_in(folder)}: 3."
     assert (waiting(), jobs_of(http)) == (3, [])
     assert tether("--pairs", "0", "--json") == 0
     sent = [event["shot"] for event in told(capsys)]
@@ -186,14 +219,11 @@ def test_a_strange_answer_of_the_camera_is_waited_out(
     assert len(jobs_of(http)) == 1
 
 
-@pytest.mark.parametrize(
-    ("broken", "ended"),
-    [([], ["Pairs in the spool, which the next start sends: 1."]), ([OSError(5, "broken")], [])],
-)
+@pytest.mark.parametrize(("broken", "ended"), [([], [1]), ([OSError(5, "broken")], [])])
 def test_whatever_ends_it_what_waits_in_the_spool_is_told(
     tether: Callable[..., int],
     broken: list[OSError],
-    ended: list[str],
+    ended: list[int],
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -212,12 +242,13 @@ def test_whatever_ends_it_what_waits_in_the_spool_is_told(
     assert tether("--pairs", "1", "--interval", "0", "--json", server=AWAY) == 1
     said = capsys.readouterr()
     events = [json.loads(line) for line in said.out.splitlines()]
-    assert [event["detail"] for event in events if event["event"] == "ended"] == ended
+    assert [event["waiting"] for event in events if event["event"] == "ended"] == ended
     assert "RuntimeError" in said.err and "the cause" in said.err
 
 
 def test_pairs_that_are_left_in_the_spool_are_a_failure_that_is_told(
     tether: Callable[..., int],
+    folder: Path,
     waiting: Callable[[], int],
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -232,9 +263,27 @@ def test_pairs_that_are_left_in_the_spool_are_a_failure_that_is_told(
     assert tether("--pairs", "1", "--interval", "0", "--json", server=AWAY) == 1
     assert told(capsys)[-1] == {
         "event": "ended",
-        "detail": "Pairs in the spool, which the next start sends: 1.",
+        "detail": f"{left_in(folder)}: 1.",
+        "waiting": 1,
+        "spool": str(folder),
     }
     assert waiting() == 1
+
+
+def test_it_ends_in_silence_where_nobody_reads_what_it_tells(
+    tether: Callable[..., int],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def unheard(*_: object, **_layout: object) -> None:
+        raise BrokenPipeError(errno.EPIPE, "Broken pipe")
+
+    monkeypatch.setattr("service.cli.display.print_json", unheard)
+    for stream in ("stdout", "stderr"):  # typer covers them for the rest of the process
+        monkeypatch.setattr(f"sys.{stream}", getattr(sys, stream))
+    with pytest.raises(SystemExit) as ended:
+        tether("--json", lines="\n", server=AWAY)
+    assert (ended.value.code, capsys.readouterr().err) == (1, "")
 
 
 def test_a_photograph_that_cannot_be_decoded_fails_its_pair_alone(
