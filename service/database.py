@@ -188,6 +188,14 @@ keys = sa.Table(
     sa.Column("used", sa.Double),  # to the hour, so that requests do not write
 )
 
+# One row: which database this is, and since when it has a name; its store has the id, too.
+identity = sa.Table(
+    "identity",
+    metadata,
+    sa.Column("id", sa.String(32), primary_key=True),
+    sa.Column("created", sa.Double, nullable=False),
+)
+
 # Photographs that come piece by piece (tus), until a job takes them over.
 uploads = sa.Table(
     "uploads",

@@ -25,8 +25,9 @@ from pydantic import ValidationError
 
 from pipeline import compiling
 from pipeline.errors import reason_of
-from service import census, database, keys, migrations
+from service import belonging, census, database, keys, migrations
 from service.errors import StartError
+from service.object_keys import DATABASE_ID
 from service.opening import WRONG_ADDRESS, cause_of, open_storage
 from service.sentences import sentence_of
 from service.settings import Settings
@@ -59,7 +60,7 @@ def examine() -> Iterator[Finding]:
     except ValidationError as error:
         yield Finding("wrong", "settings", sentence_of(error))
         return
-    for look in (_folder, _database, _store, _disk, _memory, _files, _kernels, _ports):
+    for look in (_folder, _database, _store, _belonging, _disk, _memory, _files, _kernels, _ports):
         yield from look(settings)
 
 
@@ -208,6 +209,33 @@ def _store(settings: Settings) -> Iterator[Finding]:
     grade: Literal["ok", "wrong"] = "ok" if read == b"light" else "wrong"
     yield Finding(grade, "store", "what is written can be read, listed and deleted.")
     yield from _room(storage, settings)
+
+
+def _belonging(settings: Settings) -> Iterator[Finding]:
+    """Whose the store is; nothing where database or store do not answer, which is told already."""
+    if _is_missing_file(settings.database_url):
+        return
+    try:
+        storage, engine = open_storage(settings), database.connect(settings.database_url)
+    except (StartError, sa.exc.SQLAlchemyError, ValueError, OSError, ImportError):
+        return
+    try:
+        migrations.check(engine)
+        if belonging.standing(engine, storage) == "foreign":
+            yield Finding(
+                "wrong",
+                "store's database",
+                "the store has files of another database, or of one that is lost, so no file "
+                "without a job is removed: correct LIGHTLAYERS_STORE_URL, or, where no other "
+                f"service uses the store, write {belonging.id_of(engine)} into its object "
+                f"`{DATABASE_ID}`, and files of jobs that are not in this database are removed.",
+            )
+        else:
+            yield Finding("ok", "store's database", "it is this one.")
+    except (migrations.SchemaError, sa.exc.SQLAlchemyError, BaseError, OSError):
+        return
+    finally:
+        engine.dispose()
 
 
 def _room(storage: Storage, settings: Settings) -> Iterator[Finding]:

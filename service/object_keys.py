@@ -9,6 +9,12 @@ from service.frames import FRAMES
 JOBS = "jobs/"
 """What the keys of all jobs' objects begin with."""
 
+UPLOADS = "uploads/"
+"""What the keys of all pieces of uploads begin with."""
+
+DATABASE_ID = "database-id"
+"""The object that names the database whose store this is."""
+
 
 def job_key(job_id: str) -> str:
     """Where everything of a job lies: the prefix of its objects."""

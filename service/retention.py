@@ -8,7 +8,7 @@ import time
 
 import sqlalchemy as sa
 
-from service import cameras, jobs, uploads
+from service import belonging, cameras, jobs, uploads
 from service.dbos_queue import Queue
 from service.object_keys import JOBS, job_key
 from service.settings import Settings
@@ -36,7 +36,8 @@ class Sweep:
     def run(self, thorough: bool) -> None:
         """Remove what is due.
 
-        thorough: also remove expired uploads, and look through the store for files without a job.
+        thorough: also remove expired uploads, and look through the store for files without a job,
+        which stay where the store is another database's.
         A job whose files cannot be deleted stays, and keeps no other from going.
         Raises sqlalchemy.exc.DBAPIError or obstore.exceptions.BaseError when one is away.
         """
@@ -44,10 +45,9 @@ class Sweep:
         self._limit_keeping()
         self._remove_due()
         if thorough:
-            self._remove_strays()
+            self._look_through()
             with self._engine.begin() as connection:
                 cameras.forget_unused(connection)
-            uploads.remove_expired(self._engine, self._storage)
 
     def make_room(self) -> None:
         """Remove files, and no rows, of what is due: for a full disk that takes no row's change.
@@ -63,8 +63,7 @@ class Sweep:
         gone = (job_id for job_id in stored if self._delete_files(job_id))
         for job_id in itertools.islice(gone, _BATCH):
             log.info("files removed", extra={"job": job_id})
-        self._remove_strays()
-        uploads.remove_expired(self._engine, self._storage)
+        self._look_through()
 
     def _limit_keeping(self) -> None:
         keep_seconds = self._settings.retention_seconds
@@ -93,6 +92,12 @@ class Sweep:
         if not deleted:
             log.warning("the files cannot be deleted: %s", uploads.ADVICE, extra={"job": job_id})
         return deleted
+
+    def _look_through(self) -> None:
+        ours = belonging.claim(self._engine, self._storage)
+        if ours:
+            self._remove_strays()
+        uploads.remove_expired(self._engine, self._storage, strays=ours)
 
     def _remove_strays(self) -> None:
         stored = self._storage.folders(JOBS)

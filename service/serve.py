@@ -19,7 +19,7 @@ import uvicorn
 from obstore.exceptions import BaseError
 
 from pipeline.errors import reason_of
-from service import keys, logs, metrics, processes, tracing, uploads
+from service import belonging, keys, logs, metrics, processes, tracing, uploads
 from service.api import create_app
 from service.api.context import Context, open_context
 from service.connections import PatientProtocol
@@ -121,7 +121,8 @@ def _check_keys(context: Context) -> None:
 
 def _remove_expired(context: Context) -> None:
     try:
-        uploads.remove_expired(context.engine, context.storage)
+        ours = belonging.claim(context.engine, context.storage)  # before its first job is stored
+        uploads.remove_expired(context.engine, context.storage, strays=ours)
     except (*AWAY, BaseError) as error:
         # The sweep of each hour does it, too; on a full disk it takes this API to delete jobs.
         log.warning("uploads that have expired stay until the next sweep: %s", cause_of(error))

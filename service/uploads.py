@@ -17,12 +17,12 @@ from typing import Any
 import sqlalchemy as sa
 
 from service.database import may_be_id, now, uploads
+from service.object_keys import UPLOADS
 from service.storage import Storage
 
 MAX_PARTS = 10_000
 """Pieces that one upload may come in."""
 
-_PREFIX = "uploads/"
 _LONG_OVER_SECONDS = 3600.0
 """Longer than any transaction takes, so that none goes on with an upload whose pieces are going."""
 
@@ -71,7 +71,7 @@ def part_name(upload: Upload) -> str:
 
 def part_key(upload: Upload, part: str) -> str:
     """Where a piece lies."""
-    return f"{_PREFIX}{upload.id}/{part}"
+    return f"{UPLOADS}{upload.id}/{part}"
 
 
 def append(connection: sa.Connection, upload: Upload, part: str, size: int, seconds: float) -> bool:
@@ -111,7 +111,7 @@ def remove(connection: sa.Connection, owner: str, upload_ids: Collection[str]) -
 
 def delete_parts(storage: Storage, upload_id: str) -> None:
     """Delete the pieces of an upload that has no row any more."""
-    storage.delete_below(f"{_PREFIX}{upload_id}/")
+    storage.delete_below(f"{UPLOADS}{upload_id}/")
 
 
 def assemble(storage: Storage, upload: Upload, path: Path) -> str:
@@ -125,18 +125,20 @@ def assemble(storage: Storage, upload: Upload, path: Path) -> str:
     return digest.hexdigest()
 
 
-def remove_expired(engine: sa.Engine, storage: Storage) -> None:
-    """Delete uploads whose time is long over, and pieces without an upload. May run at any time.
+def remove_expired(engine: sa.Engine, storage: Storage, strays: bool) -> None:
+    """Delete uploads whose time is long over. May run at any time.
 
+    strays: also delete pieces without an upload, which in another database's store are its own.
     Pieces go first, since on a full disk no row can. Those that cannot be deleted stay.
     """
     over = uploads.c.expires <= now() - _LONG_OVER_SECONDS
     # In this order: what has a piece now, if a half-stored one, had its row before.
-    stored = storage.folders(_PREFIX)
+    stored = set(storage.folders(UPLOADS))
     with engine.connect() as connection:
-        known = set(connection.execute(sa.select(uploads.c.id).where(~over)).scalars())
-    for upload_id in sorted(set(stored) - known):
-        if not storage.try_delete_below(f"{_PREFIX}{upload_id}/"):
+        kept = set(connection.execute(sa.select(uploads.c.id).where(~over)).scalars())
+        gone = set(connection.execute(sa.select(uploads.c.id).where(over)).scalars())
+    for upload_id in sorted(stored - kept if strays else stored & gone):
+        if not storage.try_delete_below(f"{UPLOADS}{upload_id}/"):
             log.warning("the pieces of upload %s cannot be deleted: %s", upload_id, ADVICE)
     with engine.begin() as connection:
         connection.execute(sa.delete(uploads).where(over))

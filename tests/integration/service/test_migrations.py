@@ -12,7 +12,7 @@ import sqlalchemy as sa
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 
-from service import database, dbos_queue, jobs, migrations
+from service import belonging, database, dbos_queue, jobs, migrations
 from service.cli import run
 from service.states import State
 
@@ -207,6 +207,19 @@ def settings(url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LIGHTLAYERS_DATABASE_URL", url)
     monkeypatch.setenv("LIGHTLAYERS_DATA_DIR", str(tmp_path))
     monkeypatch.setenv("LIGHTLAYERS_PORT", "0")
+
+
+def test_an_older_database_is_named_once(empty: sa.Engine) -> None:
+    migrations.upgrade(empty, "0006")
+    with empty.begin() as connection:
+        _add_old_jobs(connection)
+        started = connection.execute(sa.select(database.now())).scalar_one()
+    migrations.upgrade(empty)
+    with empty.connect() as connection:
+        row = connection.execute(sa.select(database.identity)).one()
+    assert len(row.id) == 32 and started <= row.created < started + 60
+    migrations.upgrade(empty)
+    assert belonging.id_of(empty) == row.id
 
 
 @pytest.mark.usefixtures("settings")

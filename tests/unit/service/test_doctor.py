@@ -12,7 +12,7 @@ import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
 from pipeline import compiling
-from service import database, heartbeats, keys, migrations
+from service import belonging, database, heartbeats, keys, migrations
 from service.api.context import Context
 from service.cli import run
 from service.doctor import Finding, examine
@@ -322,3 +322,24 @@ def test_a_port_of_something_else_is_told_that_the_worker_of_serve_would_take(
     assert found.grade == "wrong"
     assert found.sentence.startswith(f"{port} of 127.0.0.1 cannot be listened on")
     assert found.sentence.endswith("set another LIGHTLAYERS_METRICS_PORT.")
+
+
+def test_a_store_of_another_database_is_told_with_the_way_out(look: Look, context: Context) -> None:
+    assert look()["store's database"] == Finding("ok", "store's database", "it is this one.")
+    context.storage.put("database-id", b"another")
+    found = look()["store's database"]
+    name = belonging.id_of(context.engine)
+    assert (found.grade, f"write {name} into its object `database-id`" in found.sentence) == (
+        "wrong",
+        True,
+    )
+    context.storage.put("database-id", name.encode())
+    assert look()["store's database"].grade == "ok"
+
+
+@pytest.mark.usefixtures("context")
+def test_whose_a_store_is_that_does_not_answer_is_not_told(
+    look: Look, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LIGHTLAYERS_STORE_URL", "file:///dev/null/x")
+    assert "store's database" not in look()

@@ -9,7 +9,7 @@ import pytest
 import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
-from service import database, deliveries, heartbeats, jobs, uploads
+from service import belonging, database, deliveries, heartbeats, jobs, uploads
 from service.api.context import Context
 from service.frames import FRAMES
 from service.object_keys import inputs_key, results_key
@@ -30,6 +30,8 @@ def settings(settings: Settings) -> Settings:
 
 @pytest.fixture
 def sweep(context: Context) -> Sweep:
+    """Of a store that is its database's, as a service's is from its first start."""
+    assert belonging.claim(context.engine, context.storage)
     return Sweep(context.engine, context.storage, context.queue, context.settings)
 
 
@@ -43,6 +45,11 @@ def finished(context: Context, finish: Finish) -> Callable[[], str]:
         return job_id
 
     return make
+
+
+def _files(context: Context) -> list[str]:
+    """Keys of all files of jobs and uploads."""
+    return [*context.storage.list("jobs/"), *context.storage.list("uploads/")]
 
 
 def _expires(context: Context, job_id: str, when: float | None) -> None:
@@ -63,7 +70,7 @@ def test_a_job_past_its_time_goes_with_its_files_and_no_other(
     assert {job.id for job in rows_of(context)} == {new, waiting}
     kept = [results_key(new, 1, "manifest.json")]
     kept += [inputs_key(new, frame) for frame in sorted(FRAMES)]
-    assert context.storage.list("") == kept
+    assert _files(context) == kept
     assert http.get(f"/jobs/{old}").status_code == 404
 
 
@@ -122,7 +129,7 @@ def test_without_the_setting_jobs_stay(
     Sweep(context.engine, context.storage, context.queue, endless).run(thorough=True)
     (job,) = rows_of(context)
     assert (job.state, job.expires) == (State.SUCCEEDED, None)
-    assert len(context.storage.list("")) == 3
+    assert len(_files(context)) == 3
 
 
 @pytest.mark.parametrize("killed", ["before its files are gone", "before its row is gone"])
@@ -152,7 +159,7 @@ def test_a_removal_that_was_cut_short_is_finished(
         assert http.get(f"/jobs/{job_id}/{path}").status_code == 410
     sweep.run(thorough=False)
     assert rows_of(context) == []
-    assert context.storage.list("") == []
+    assert _files(context) == []
 
 
 @pytest.fixture
@@ -274,7 +281,7 @@ def test_a_delete_that_was_cut_short_is_finished(
             assert jobs.acknowledge_cancel(connection, held, 1000)
     sweep.run(thorough=False)
     assert rows_of(context) == []
-    assert context.storage.list("") == []
+    assert _files(context) == []
 
 
 def test_on_a_full_disk_files_that_are_due_make_room_for_what_is_written(
@@ -290,10 +297,10 @@ def test_on_a_full_disk_files_that_are_due_make_room_for_what_is_written(
     with full_disk(context.engine):
         with pytest.raises(sa.exc.OperationalError):
             sweep.run(thorough=True)
-        assert len(context.storage.list("")) == 3 + 3 + 2 + 1
+        assert len(_files(context)) == 3 + 3 + 2 + 1
         with pytest.raises(sa.exc.OperationalError):  # the upload's row, once its piece is gone
             sweep.make_room()
-    left = {key.rpartition("/")[0] for key in context.storage.list("")}
+    left = {key.rpartition("/")[0] for key in _files(context)}
     assert left == {f"jobs/{new}/1", f"jobs/{new}/inputs", f"jobs/{waiting}/inputs"}
     assert {job.id for job in rows_of(context)} == {old, new, waiting}
     for path in ("results", "results.zip", "results/manifest.json"):
@@ -314,7 +321,7 @@ def test_room_is_made_of_what_a_removal_that_was_cut_short_has_left(
         assert jobs.expire(connection, 1) == [job_id]
     with full_disk(context.engine), pytest.raises(sa.exc.OperationalError):
         sweep.make_room()
-    assert context.storage.list("") == []
+    assert _files(context) == []
 
 
 @pytest.mark.parametrize("delivery", [None, "pending"])
@@ -330,7 +337,7 @@ def test_a_full_disk_takes_no_files_of_a_job_whose_webhook_is_to_be_told(
         if delivery:
             deliveries.write(connection, job_id, {"state": delivery, "attempts": 1})
     sweep.make_room()
-    assert len(context.storage.list("")) == 3
+    assert len(_files(context)) == 3
 
 
 def test_a_heartbeat_makes_room_by_a_batch_of_jobs(
@@ -340,9 +347,9 @@ def test_a_heartbeat_makes_room_by_a_batch_of_jobs(
     for job_id in (finished(), finished()):
         _expires(context, job_id, 1.0)
     sweep.make_room()
-    assert len(context.storage.list("")) == 3
+    assert len(_files(context)) == 3
     sweep.make_room()
-    assert context.storage.list("") == []
+    assert _files(context) == []
 
 
 def test_a_store_elsewhere_has_no_room_to_make(
@@ -351,7 +358,7 @@ def test_a_store_elsewhere_has_no_room_to_make(
     _expires(context, finished(), 1.0)
     monkeypatch.setattr(Storage, "free_bytes", lambda _storage: None)
     sweep.make_room()
-    assert len(context.storage.list("")) == 3
+    assert len(_files(context)) == 3
 
 
 def test_room_is_made_of_old_files_without_a_job(sweep: Sweep, context: Context) -> None:
@@ -361,7 +368,7 @@ def test_room_is_made_of_old_files_without_a_job(sweep: Sweep, context: Context)
     for path in (folder, *folder.rglob("*")):
         os.utime(path, (time.time() - 90_000,) * 2)
     sweep.make_room()
-    assert context.storage.list("") == ["jobs/young/inputs/flash"]
+    assert _files(context) == ["jobs/young/inputs/flash"]
 
 
 def test_old_files_without_a_job_go(
@@ -412,3 +419,27 @@ def test_uploads_whose_time_is_over_go(sweep: Sweep, context: Context) -> None:
     with context.engine.connect() as connection:
         assert uploads.find(connection, "", "over") is None
         assert uploads.find(connection, "", "under-way") is not None
+
+
+def test_files_without_a_row_stay_in_the_store_of_another_database(
+    sweep: Sweep,
+    finished: Callable[[], str],
+    context: Context,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    due = finished()
+    _expires(context, due, time.time() - 1)
+    for key in ("jobs/old/inputs/flash", "uploads/anothers/000-x"):
+        context.storage.put(key, b"light")
+    folder = context.settings.data_dir / "store" / "jobs" / "old"
+    for path in (folder, *folder.rglob("*")):
+        os.utime(path, (time.time() - 90_000,) * 2)
+    context.storage.put("database-id", b"another")
+    sweep.run(thorough=True)
+    sweep.make_room()
+    assert _files(context) == ["jobs/old/inputs/flash", "uploads/anothers/000-x"]
+    assert rows_of(context) == []  # what is due goes as ever
+    assert "the store has files of another database" in caplog.text
+    context.storage.put("database-id", belonging.id_of(context.engine).encode() + b"\n")
+    sweep.run(thorough=True)
+    assert _files(context) == []

@@ -93,10 +93,21 @@ def test_what_is_expired_and_what_is_nobodys_goes(engine: sa.Engine, storage: St
         connection.execute(
             sa.update(database.uploads).where(database.uploads.c.id == "over").values(expires=1.0)
         )
-    uploads.remove_expired(engine, storage)
+    uploads.remove_expired(engine, storage, strays=True)
     upload = _find(engine, "kept")
     kept = ["jobs/1/inputs/flash", uploads.part_key(upload, upload.parts[0])]
     assert storage.list("") == kept
+    with engine.connect() as connection:
+        assert uploads.find(connection, "a", "over") is None
+
+
+def test_pieces_of_another_databases_uploads_stay(engine: sa.Engine, storage: Storage) -> None:
+    for name, seconds in (("kept", 60), ("over", -3601)):
+        _add(engine, name, 6, seconds=seconds)
+    for name in ("kept", "over", "anothers"):
+        storage.put(f"uploads/{name}/000-x", b"abc")
+    uploads.remove_expired(engine, storage, strays=False)
+    assert storage.folders("uploads/") == ["anothers", "kept"]
     with engine.connect() as connection:
         assert uploads.find(connection, "a", "over") is None
 
@@ -107,7 +118,7 @@ def test_an_upload_that_is_over_just_now_stays(engine: sa.Engine, storage: Stora
     assert _append(engine, storage, _find(engine, "1"), b"abc")
     with engine.begin() as connection:
         connection.execute(sa.update(database.uploads).values(expires=time.time() - 60))
-    uploads.remove_expired(engine, storage)
+    uploads.remove_expired(engine, storage, strays=True)
     assert _find(engine, "1").expired
     assert len(storage.list("uploads/1/")) == 1
 
@@ -117,10 +128,10 @@ def test_on_a_full_disk_pieces_go_where_rows_cannot(engine: sa.Engine, storage: 
     for name in ("over", "nobodys"):
         storage.put(f"uploads/{name}/000-x", b"abc")
     with full_disk(engine), pytest.raises(sa.exc.OperationalError):
-        uploads.remove_expired(engine, storage)
+        uploads.remove_expired(engine, storage, strays=True)
     assert storage.list("") == []
     assert _find(engine, "over").expired
-    uploads.remove_expired(engine, storage)
+    uploads.remove_expired(engine, storage, strays=True)
     with engine.connect() as connection:
         assert uploads.find(connection, "a", "over") is None
 
@@ -135,7 +146,7 @@ def test_pieces_that_were_half_stored_go_with_their_upload(
         folder.mkdir(parents=True)
         (folder / "000-x#1").write_bytes(b"abc")  # no object: its name is one of the store's own
     assert storage.list("") == []
-    uploads.remove_expired(engine, storage)
+    uploads.remove_expired(engine, storage, strays=True)
     assert [path.name for path in (tmp_path / "store" / "uploads").iterdir()] == ["kept"]
 
 
