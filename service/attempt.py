@@ -25,6 +25,7 @@ from service.errors import (
     AttemptError,
     DeadlineError,
     LayersGoneError,
+    NoProcessError,
     StorageFullError,
     problem_of,
 )
@@ -32,7 +33,7 @@ from service.forkserver import ForkServer
 from service.frames import FRAMES
 from service.media import headers_of, media_type
 from service.object_keys import captured_key, job_key, results_key
-from service.patience import FULL, patiently
+from service.patience import FULL, passes, patiently
 from service.settings import Settings
 from service.stages import Stages
 from service.states import State
@@ -297,7 +298,7 @@ class Attempt:
             return sandbox.run(task, seconds, self._report, self._must_stop, server, ask)
 
         # A pair that was kept already must not be taken again over it.
-        return run() if kind == "capture" else self._patiently(run)
+        return self._patiently(run, _has_not_begun if kind == "capture" else passes)
 
     def _pair_to_take(self) -> TakePair:
         assert self._job.capture is not None
@@ -332,9 +333,12 @@ class Attempt:
 
         return self._patiently(put)
 
-    def _patiently(self, work: Callable[[], Result]) -> Result:
-        """Wait while store or disk are away, but not when the job is to stop."""
-        return patiently(work, self._settings.patience_seconds, self._pause, self._log)
+    def _patiently(
+        self, work: Callable[[], Result], may_pass: Callable[[Exception], bool] = passes
+    ) -> Result:
+        """Wait for what may pass, like a store that is away, but not when the job is to stop."""
+        seconds = self._settings.patience_seconds
+        return patiently(work, seconds, self._pause, self._log, may_pass)
 
     def _pause(self, seconds: float) -> None:
         deadline = time.monotonic() + seconds
@@ -440,3 +444,7 @@ class Attempt:
             self._storage.delete_below(results_key(self._job.id, self._job.attempt))
             if self._job.capture and not row.has_pair_of(self._job.attempt):
                 self._storage.delete_below(captured_key(self._job.id, self._job.attempt))
+
+
+def _has_not_begun(error: Exception) -> bool:
+    return isinstance(error, NoProcessError)

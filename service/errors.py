@@ -31,6 +31,7 @@ ServiceError
 ├── ChecksumError            the bytes of an upload are not those that were sent
 ├── UnreadyError             the service lacks what it needs to work
 ├── StorageFullError         too little space is left for another job
+├── NoProcessError           the machine has no process left for a task
 ├── StartError               the service cannot start with its settings
 └── AttemptError             what a job's process can die of
     ├── CrashError           it crashed
@@ -193,6 +194,16 @@ class UnreadyError(ServiceError):
     """The service lacks what it needs to work, or stops."""
 
 
+class NoProcessError(ServiceError):
+    """The machine has no process, memory or open file left to begin a task with."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "The machine has too few processes, memory or open files to begin with these "
+            "photographs; send them again in a minute."
+        )
+
+
 class StartError(ServiceError):
     """The service cannot start with its settings. No request ever meets it."""
 
@@ -350,6 +361,7 @@ KINDS: dict[type[Exception], Kind] = {
     BusyError: Kind("busy", 503, "Too many requests at a time", retryable=True),
     UnreadyError: Kind("service-not-ready", 503, "The service is not ready", retryable=True),
     StorageFullError: Kind("storage-full", 507, "Too little space is left", retryable=True),
+    NoProcessError: Kind("no-process", 503, "The machine is out of processes", retryable=True),
     CrashError: Kind("crashed", 500, "The job crashed"),
     MemoryLimitError: Kind("out-of-memory", 500, "The job ran out of memory"),
     TimeLimitError: Kind("timed-out", 500, "The job took too long"),

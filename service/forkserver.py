@@ -9,6 +9,7 @@ and whatever it has started are killed.
 from __future__ import annotations
 
 import contextlib
+import errno
 import gc
 import os
 import selectors
@@ -17,12 +18,14 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
-from service.processes import die_with_parent
+from service.errors import NoProcessError
+from service.processes import NO_PROCESS, die_with_parent
 
 _FORKED = b"+"
-_NO_PROCESS = 71  # exit code of a child for which the system had no process (EX_OSERR)
+_SHORT = (errno.EAGAIN, errno.ENOMEM, errno.EMFILE, errno.ENFILE)
+"""What the system says when it has no process, memory or descriptor left."""
 
 
 class Child:
@@ -74,12 +77,16 @@ class ForkServer:
         self._running: tuple[subprocess.Popen[bytes], socket.socket] | None = None
 
     def start(self) -> None:
-        """Have it import before the first task comes; returns at once."""
-        with self._lock:
+        """Have it import before the first task comes, if it can be; returns at once."""
+        with self._lock, contextlib.suppress(NoProcessError):  # the first task tries again
             self._control()
 
     def fork(self) -> Child:
-        """Fork a child, whose program goes on after serve(). Raises ChildProcessError."""
+        """Fork a child, whose program goes on after serve(); one without a process ends at once.
+
+        Its exit code is NO_PROCESS then. Raises ChildProcessError, and NoProcessError where the
+        system does not let this process ask for a child.
+        """
         with self._lock:
             for _ in range(2):  # it may have died since the last time
                 child = _ask(self._control())
@@ -95,16 +102,19 @@ class ForkServer:
 
     def _control(self) -> socket.socket:
         if self._running is None:
-            ours, theirs = socket.socketpair()
-            with theirs:
-                # A session of its own: Ctrl-C on the service's terminal is not for it.
-                process = subprocess.Popen(
-                    self._command,
-                    env={**os.environ, **self._environment},
-                    stdin=theirs.fileno(),
-                    start_new_session=True,
-                )
-            self._running = process, ours
+            with _told(), contextlib.ExitStack() as ours:
+                control, theirs = socket.socketpair()
+                ours.callback(control.close)
+                with theirs:
+                    # A session of its own: Ctrl-C on the service's terminal is not for it.
+                    process = subprocess.Popen(
+                        self._command,
+                        env={**os.environ, **self._environment},
+                        stdin=theirs.fileno(),
+                        start_new_session=True,
+                    )
+                ours.pop_all()
+            self._running = process, control
         return self._running[1]
 
     def _end(self) -> None:
@@ -116,22 +126,37 @@ class ForkServer:
 
 
 def _ask(control: socket.socket) -> Child | None:
-    """Send a request; None when the server is dead."""
-    child_stdin, stdin = os.pipe()
-    stdout, child_stdout = os.pipe()
-    life, child_life = socket.socketpair()
-    child = Child(stdin, stdout, life)
-    theirs = [child_stdin, child_stdout, child_life.detach()]
-    try:
+    """Send a request; None when the server is dead. Raises NoProcessError."""
+    # What is open is closed again where the next is not to be had: whoever waits asks often.
+    with _told(), contextlib.ExitStack() as theirs, contextlib.ExitStack() as ours:
+        child_stdin, stdin = os.pipe()
+        theirs.callback(os.close, child_stdin)
+        ours.callback(os.close, stdin)
+        stdout, child_stdout = os.pipe()
+        theirs.callback(os.close, child_stdout)
+        ours.callback(os.close, stdout)
+        life, child_life = socket.socketpair()
+        theirs.callback(child_life.close)
+        child = Child(stdin, stdout, life)
+        ours.pop_all()
         with contextlib.suppress(ConnectionError):
-            socket.send_fds(control, [b"."], theirs)
-    finally:
-        for descriptor in theirs:
-            os.close(descriptor)
+            descriptors = [child_stdin, child_stdout, child_life.fileno()]
+            socket.send_fds(control, [b"."], descriptors)
     if life.recv(len(_FORKED)):
         return child
     child.close()
     return None
+
+
+@contextlib.contextmanager
+def _told() -> Iterator[None]:
+    """Tell a system that has nothing left from what is wrong with us."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno in _SHORT:
+            raise NoProcessError from error
+        raise
 
 
 def serve() -> None:
@@ -191,7 +216,7 @@ class _Server:
         try:
             pid = os.fork()
         except OSError:
-            told.sendall(_FORKED + str(_NO_PROCESS).encode())
+            told.sendall(_FORKED + str(NO_PROCESS).encode())
             told.close()
             pid = -1
         if pid == 0:

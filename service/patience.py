@@ -1,4 +1,7 @@
-"""Does a thing again for as long as what hinders it may pass: a store that is away, a full disk."""
+"""Does a thing again for as long as what hinders it may pass.
+
+A store that is away, a full disk, a machine that is out of processes.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from typing import TypeVar
 from obstore.exceptions import BaseError
 
 from service.database import AWAY
-from service.errors import StorageFullError
+from service.errors import NoProcessError, StorageFullError
 
 _FIRST_PAUSE_SECONDS = 0.5
 _LONGEST_PAUSE_SECONDS = 15.0
@@ -26,15 +29,20 @@ def passes(error: Exception) -> bool:
     """Whether an error may be over in a moment, through no doing of ours."""
     if isinstance(error, OSError):
         return error.errno in FULL
-    return isinstance(error, (BaseError, StorageFullError, *AWAY))
+    return isinstance(error, (BaseError, StorageFullError, NoProcessError, *AWAY))
 
 
 def patiently(
-    work: Callable[[], Result], seconds: float, pause: Callable[[float], None], log: Log
+    work: Callable[[], Result],
+    seconds: float,
+    pause: Callable[[float], None],
+    log: Log,
+    may_pass: Callable[[Exception], bool] = passes,
 ) -> Result:
     """Do it until it works, ever more seldom, for so many seconds; then raise what hinders it.
 
-    pause: waits for so many seconds, and raises what is to end the waiting before.
+    pause: waits for so many seconds, and raises what is to end the waiting before. may_pass: tells
+    what is waited for; anything else is raised at once.
     """
     deadline = time.monotonic() + seconds
     wait = _FIRST_PAUSE_SECONDS
@@ -42,7 +50,7 @@ def patiently(
         try:
             return work()
         except Exception as error:
-            if not passes(error) or time.monotonic() + wait > deadline:
+            if not may_pass(error) or time.monotonic() + wait > deadline:
                 raise
             log.warning("hindered, tries again in %s s: %s", wait, type(error).__name__)
         pause(wait)

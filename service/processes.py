@@ -16,6 +16,9 @@ OUT_OF_FILES = 4
 DISK_FULL = 5
 """Exit code of a task that found no room for what it writes."""
 
+NO_PROCESS = 71
+"""Exit code of a task for which the system had no process (EX_OSERR)."""
+
 _PR_SET_PDEATHSIG = 1
 _M_ARENA_MAX = -8
 

@@ -20,12 +20,13 @@ from service.errors import (
     FileLimitError,
     KilledError,
     MemoryLimitError,
+    NoProcessError,
     OutputLimitError,
     StorageFullError,
     TimeLimitError,
 )
 from service.forkserver import ForkServer
-from service.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
+from service.processes import DISK_FULL, NO_PROCESS, OUT_OF_FILES, OUT_OF_MEMORY
 from service.tasks import Task
 
 _COMMAND = (sys.executable, "-m", "service.child")
@@ -76,7 +77,7 @@ def run(
     Gives what it answers with. ask: called with its questions; the time it takes does not count,
     and it may raise StoppedError. Raises TaskError, StoppedError, CrashError, MemoryLimitError,
     KilledError, TimeLimitError, FileLimitError, OutputLimitError, ChildProcessError, or, when the
-    disk is full, StorageFullError.
+    disk is full, StorageFullError; NoProcessError where the task has not begun.
     """
     deadline = time.monotonic() + seconds
     too_long = _CAPTURE_TOO_LONG if task.kind == "capture" else _TOO_LONG
@@ -176,6 +177,8 @@ _CAPTURE_TOO_LONG = (
 def _raise_for_exit(code: int, too_long: str) -> None:
     if code == 0:
         return
+    if code == NO_PROCESS:
+        raise NoProcessError
     if code == -signal.SIGXCPU:
         raise TimeLimitError(too_long)
     if code == OUT_OF_MEMORY:

@@ -197,8 +197,9 @@ class Settings(BaseSettings):
         default=300,
         ge=0,
         le=86400,
-        description="How long a job waits for a store that is away or a disk that is full, and "
-        "tries again, before it fails (retry limit), in seconds.",
+        description="How long a job waits for a store that is away, a disk that is full or a "
+        "machine that is out of processes, and tries again, before it fails (retry limit), in "
+        "seconds.",
     )
     poll_seconds: float = Field(
         default=0.5, gt=0, le=86400, description="How often a worker looks for a job, in seconds."

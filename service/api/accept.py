@@ -64,7 +64,8 @@ def accept(submission: Submission, wanted: Intake) -> Accepted:
     makes it. Raises ForbiddenError when the key is not for it, OptionError and
     UnfinishedUploadError for uploads that cannot be used, what complete and check_spectra raise,
     TaskError or UnreadableImageError when the headers of the pair cannot be, UnreadyError when they
-    were not read for want of time or memory, and what refuse_when_full, replay and commit raise.
+    were not read for want of time or memory, NoProcessError, and what refuse_when_full, replay and
+    commit raise.
     """
     context, caller = submission.context, submission.caller
     caller.need(Scope.SUBMIT)

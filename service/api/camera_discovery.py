@@ -16,7 +16,7 @@ import sqlalchemy as sa
 import drivers
 from service import cameras, host, sandbox, scratch
 from service.capture import CaptureSettings
-from service.errors import AttemptError, ForeignCameraError, StorageFullError
+from service.errors import AttemptError, ForeignCameraError, NoProcessError, StorageFullError
 from service.forkserver import ForkServer
 from service.settings import Settings
 from service.tasks import Adjust, CameraOrder, FindCameras, Kind, Limits, LookAt, Task
@@ -28,6 +28,7 @@ _UNANSWERED = (
     sandbox.TaskError,
     drivers.DriverError,
     StorageFullError,
+    NoProcessError,
     OSError,
 )  # a full disk, too
 _NETWORK = "ptp+ip://"  # where the operator allows just this, cameras there announce themselves

@@ -35,6 +35,7 @@ from service.database import AWAY
 from service.errors import (
     CameraHeldError,
     ForeignCameraError,
+    NoProcessError,
     NotReadyError,
     SlowRequestError,
     UnknownCameraError,
@@ -62,6 +63,7 @@ _PROBLEMS = (
     drivers.CameraNotFoundError,
     drivers.SettingError,
     drivers.DriverError,
+    NoProcessError,
 )
 
 

@@ -10,7 +10,7 @@ from pipeline.errors import (
     UnreadableImageError,
     UnusablePairError,
 )
-from service.errors import UnfinishedUploadError, UnreadyError
+from service.errors import NoProcessError, UnfinishedUploadError, UnreadyError
 from service.frames import FRAMES
 
 PROBLEMS = (
@@ -20,6 +20,7 @@ PROBLEMS = (
     UnusablePairError,
     UnfinishedUploadError,
     UnreadyError,
+    NoProcessError,
 )
 """What a pair may be refused for."""
 

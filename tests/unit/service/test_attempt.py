@@ -16,7 +16,7 @@ from obstore.exceptions import GenericError
 from service import database, jobs, sandbox
 from service.api.context import Context
 from service.attempt import Attempt
-from service.errors import CrashError, StorageFullError
+from service.errors import CrashError, NoProcessError, StorageFullError
 from service.frames import FRAMES
 from service.object_keys import describe_inputs, inputs_key, results_key
 from service.settings import Settings
@@ -323,6 +323,26 @@ def test_a_disk_that_has_no_room_for_a_folder_for_a_moment_costs_no_job(
     job = run()
     assert job is not None
     assert (job.state, job.attempt) == (State.SUCCEEDED, 1)
+
+
+@pytest.mark.usefixtures("patient")
+def test_a_machine_without_processes_for_a_moment_costs_no_job(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sandbox, "run", at_first(NoProcessError(), separates))
+    job = run()
+    assert job is not None
+    assert (job.state, job.attempt) == (State.SUCCEEDED, 1)
+
+
+def test_a_machine_that_stays_without_processes_fails_the_job_with_that_reason(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sandbox, "run", raising(NoProcessError()))
+    job = run()
+    assert job is not None and job.error is not None
+    assert job.error["type"] == "urn:lightlayers:problem:no-process"
+    assert job.error["retryable"] is True
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import pytest
 from service import cameras, heartbeats, jobs, sandbox
 from service.api.context import Context
 from service.attempt import Attempt
-from service.errors import CrashError
+from service.errors import CrashError, NoProcessError, StorageFullError
 from service.states import State
 from service.tasks import Task
 
@@ -128,6 +128,38 @@ def test_a_pair_is_taken_once(
     monkeypatch.setattr(sandbox, "run", _taken_again)
     capture().capture(lambda _connection: None)
     assert _job(context).state == State.QUEUED
+
+
+def test_a_capture_that_no_process_has_begun_is_begun_again(
+    capture: Callable[[], Attempt], context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refusals: list[Exception] = [NoProcessError(), NoProcessError()]
+
+    def run(task: Task, *_rest: object) -> dict[str, Any]:
+        if refusals:
+            raise refusals.pop()
+        return takes(task)
+
+    monkeypatch.setattr(sandbox, "run", run)
+    monkeypatch.setattr(Attempt, "_pause", lambda _attempt, _seconds: None)
+    capture().capture(lambda _connection: None)
+    job = _job(context)
+    assert (job.state, job.attempt, refusals) == (State.QUEUED, 1, [])
+    assert job.inputs and context.storage.get(job.inputs["flash"]["key"]) == PAIR["flash"]
+
+
+def test_a_capture_that_was_begun_is_not(
+    capture: Callable[[], Attempt], context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def run(*_arguments: object) -> None:
+        monkeypatch.setattr(sandbox, "run", _taken_again)
+        raise StorageFullError("The disk is full.")
+
+    monkeypatch.setattr(sandbox, "run", run)
+    capture().capture(lambda _connection: None)
+    job = _job(context)
+    assert job.state == State.FAILED and job.error
+    assert job.error["type"] == "urn:lightlayers:problem:storage-full"
 
 
 def test_a_request_waits_in_the_row(

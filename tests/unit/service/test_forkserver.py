@@ -1,18 +1,20 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import os
 import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from service.errors import NoProcessError
 from service.forkserver import Child, ForkServer
 from tests.unit.service.forked import fork_server, wait_until_gone
 
@@ -165,6 +167,56 @@ os.fork = refuse
         with _forked(server) as child:
             assert (child.stdout.read(), child.wait(60)) == (b"", 71)
         assert _said(server) > 0
+
+
+def _refusing(number: int) -> Callable[..., Any]:
+    def refuse(*_arguments: object, **_named: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    return refuse
+
+
+def _open_files() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+@pytest.mark.parametrize("number", [errno.EAGAIN, errno.ENOMEM, errno.EMFILE])
+def test_a_system_that_starts_no_server_is_asked_again(
+    number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = _open_files()
+    with contextlib.closing(fork_server("print(os.getpid())")) as server:
+        with monkeypatch.context() as short:
+            short.setattr(subprocess, "Popen", _refusing(number))
+            server.start()
+            with pytest.raises(NoProcessError):
+                server.fork()
+            assert _open_files() == before
+        assert _said(server) > 0
+
+
+@pytest.mark.parametrize("allowed", [0, 1])
+def test_a_process_without_descriptors_leaves_none_open(
+    allowed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with contextlib.closing(fork_server("print(os.getpid())")) as server:
+        assert _said(server) > 0
+        before = _open_files()
+        pipes = [os.pipe] * allowed + [_refusing(errno.EMFILE)]
+        with monkeypatch.context() as short:
+            short.setattr(os, "pipe", lambda: pipes.pop(0)())
+            with pytest.raises(NoProcessError):
+                server.fork()
+        assert (pipes, _open_files()) == ([], before)
+        assert _said(server) > 0
+
+
+def test_a_program_that_is_not_there_is_no_want_of_processes() -> None:
+    with (
+        contextlib.closing(ForkServer(["/no/such/program"], {})) as server,
+        pytest.raises(FileNotFoundError),
+    ):
+        server.fork()
 
 
 def test_a_program_that_ends_at_once_is_told() -> None:

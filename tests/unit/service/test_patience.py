@@ -9,7 +9,7 @@ import pytest
 import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
-from service.errors import CrashError, StorageFullError
+from service.errors import CrashError, NoProcessError, StorageFullError
 from service.patience import passes, patiently
 
 log = logging.getLogger("test")
@@ -53,6 +53,17 @@ def test_what_does_not_pass_is_raised_at_once() -> None:
     assert waited == []
 
 
+def test_what_may_pass_can_be_told() -> None:
+    def may_pass(error: Exception) -> bool:
+        return isinstance(error, KeyError)
+
+    waited: list[float] = []
+    assert patiently(_failing(2, KeyError()), 300, waited.append, log, may_pass) == "done"
+    with pytest.raises(GenericError):
+        patiently(_failing(1, GenericError("away")), 300, waited.append, log, may_pass)
+    assert waited == [0.5, 1]
+
+
 def test_waiting_may_be_ended() -> None:
     def stop(_seconds: float) -> None:
         raise KeyError("stopped")
@@ -66,6 +77,8 @@ def test_waiting_may_be_ended() -> None:
     [
         (GenericError("no answer"), True),
         (StorageFullError("full"), True),
+        (NoProcessError(), True),
+        (BlockingIOError(errno.EAGAIN, "of something else"), False),
         (OSError(errno.ENOSPC, "full"), True),
         (sa.exc.OperationalError("SELECT 1", None, sqlite3.OperationalError("full")), True),
         (sa.exc.InterfaceError("SELECT 1", None, sqlite3.InterfaceError("gone")), True),

@@ -15,6 +15,7 @@ from service.errors import (
     CrashError,
     FileLimitError,
     KilledError,
+    NoProcessError,
     OutputLimitError,
     StorageFullError,
     TimeLimitError,
@@ -139,6 +140,20 @@ time.sleep(600)
         _run(code, stop=(tmp_path / "pids").exists)
     pids = (tmp_path / "pids").read_text().split()
     assert [wait_until_gone(pid) for pid in pids] in (["gone", "gone"], ["gone", "Z"])
+
+
+def test_a_system_without_processes_is_no_crash() -> None:
+    first = """
+fork = os.fork
+def refuse():
+    os.fork = fork
+    raise BlockingIOError
+os.fork = refuse
+"""
+    with contextlib.closing(fork_server("sys.exit(0)", first)) as server:
+        with pytest.raises(NoProcessError):
+            _reports(server)
+        assert _reports(server) == []
 
 
 def test_a_process_that_reads_nothing_is_no_trouble() -> None:

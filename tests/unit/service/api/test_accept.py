@@ -17,6 +17,7 @@ from service.errors import (
     FileLimitError,
     KilledError,
     MemoryLimitError,
+    NoProcessError,
     OutputLimitError,
     TimeLimitError,
 )
@@ -101,6 +102,17 @@ def test_a_check_that_an_overloaded_machine_ends_is_asked_for_again(
     status, kind, detail = problem_of(answer)
     assert (status, kind, answer.json()["retryable"]) == (503, "service-not-ready", True)
     assert said in detail and "overloaded, or they are damaged" in detail
+    assert context.storage.list("") == []
+    assert post_pair(http, png(64, 48), png(64, 48, True)).status_code == 202
+
+
+def test_a_machine_without_processes_is_no_fault_of_the_photographs(
+    checked: Checked, context: Context, http: httpx.Client, png: Png
+) -> None:
+    answer = checked(NoProcessError())
+    status, kind, detail = problem_of(answer)
+    assert (status, kind, answer.json()["retryable"]) == (503, "no-process", True)
+    assert "send them again in a minute" in detail
     assert context.storage.list("") == []
     assert post_pair(http, png(64, 48), png(64, 48, True)).status_code == 202
 

@@ -16,7 +16,7 @@ import drivers
 from service import camera_tasks, cameras, jobs
 from service.api.camera_discovery import CameraDiscovery
 from service.api.context import Context
-from service.errors import StorageFullError
+from service.errors import NoProcessError, StorageFullError
 from service.settings import Settings
 from service.tasks import FindCameras
 from tests.unit.service.asking import bearing, owner_of, problem_of
@@ -73,9 +73,10 @@ class TestList:
         assert asked[0] == ("cameras", FindCameras(network=allowed == "ptp+ip://"))
 
     @pytest.mark.parametrize(
-        "error", [OSError(errno.ENOSPC, "full"), StorageFullError("The disk is full.")]
+        "error",
+        [OSError(errno.ENOSPC, "full"), StorageFullError("The disk is full."), NoProcessError()],
     )
-    def test_a_full_disk_leaves_looks_unanswered(
+    def test_a_machine_that_has_nothing_left_leaves_looks_unanswered(
         self, error: Exception, http: httpx.Client, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         def run(*_arguments: object) -> None:
