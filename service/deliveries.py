@@ -11,13 +11,20 @@ from typing import Any
 import sqlalchemy as sa
 
 from service.database import jobs
+from service.states import State
 
 
 def news(connection: sa.Connection, limit: int) -> list[str]:
-    """Ended jobs with a webhook for which no delivery is queued yet, up to `limit`."""
+    """Ended jobs with a webhook for which no delivery is queued yet, up to `limit`.
+
+    Without those that were deleted, before their end or after it, and whose removal goes on.
+    """
     # Spelt as the index has it, so that it is used; the rows are held until the transaction ends.
     untold = sa.and_(jobs.c.webhook.is_not(None), jobs.c.delivery.is_(None), jobs.c.finished > 0)
-    query = sa.select(jobs.c.id).where(untold).limit(limit).with_for_update(skip_locked=True)
+    # A job whose time is over does not expire untold, so one that has expired was deleted.
+    deleted_before = sa.and_(jobs.c.expires.is_not(None), jobs.c.expires <= jobs.c.finished)
+    kept = sa.and_(jobs.c.state != State.EXPIRED, ~deleted_before)
+    query = sa.select(jobs.c.id).where(untold, kept).limit(limit).with_for_update(skip_locked=True)
     return list(connection.execute(query).scalars())
 
 

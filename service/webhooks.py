@@ -27,6 +27,7 @@ from service.database import AWAY
 from service.dbos_queue import Queue
 from service.outgoing import Answer, UnansweredError, post
 from service.settings import Settings
+from service.states import State
 
 _GROWTH = 2.5
 _LONGEST_SECONDS = 86400.0
@@ -121,9 +122,13 @@ class Teller:
 
 
 def _awaits(job: jobs.Job, number: int) -> bool:
-    """Whether this telling is still to be done: another copy may have been quicker."""
-    delivery = job.delivery
-    return delivery is not None and delivery["state"] == "pending" and delivery["attempts"] < number
+    """Whether this telling is still to be done.
+
+    Another copy may have been quicker, or the job deleted and its removal not be over.
+    """
+    if job.state == State.EXPIRED or job.delivery is None:
+        return False
+    return job.delivery["state"] == "pending" and bool(job.delivery["attempts"] < number)
 
 
 def retry_after(header: str) -> float:

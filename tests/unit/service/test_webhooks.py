@@ -315,6 +315,45 @@ def test_a_deleted_job_is_not_told(engine: sa.Engine, queue: Any) -> None:
     assert queue.queued == []
 
 
+@pytest.mark.parametrize("moment", ["it waits", "it runs", "it has ended"])
+def test_a_job_whose_removal_hangs_is_no_news(
+    moment: str, engine: sa.Engine, queue: FakeQueue
+) -> None:
+    (_ended if moment == "it has ended" else _add)(engine, "a")
+    with engine.begin() as connection:
+        held = jobs.claim(connection, "a", "w1") if moment == "it runs" else None
+        jobs.request_cancel(connection, "a")
+        jobs.condemn(connection, "a")
+    if held:
+        with engine.begin() as connection:
+            assert jobs.acknowledge_cancel(connection, held, 86400)
+    assert stored(engine, "a").finished
+    assert _news(engine, queue) == 0
+
+
+def test_a_job_that_is_kept_for_a_time_is_news(engine: sa.Engine, queue: FakeQueue) -> None:
+    _add(engine, "a")
+    with engine.begin() as connection:
+        held = jobs.claim(connection, "a", "w1")
+        assert held is not None
+        assert jobs.succeed(connection, held, [], keep_seconds=0.001)
+    time.sleep(0.01)
+    assert _news(engine, queue) == 1
+
+
+def test_a_job_that_is_deleted_between_two_tellings_is_not_told_again(
+    engine: sa.Engine, queue: FakeQueue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _ended(engine, "a")
+    assert _news(engine, queue) == 1
+    with engine.begin() as connection:
+        jobs.condemn(connection, "a")
+    monkeypatch.setattr(webhooks, "post", lambda *_arguments: pytest.fail("it was told"))
+    assert _tell(engine, queue) == {"state": "pending", "attempts": 0, "last_status": None}
+    assert stored(engine, "a").state == State.EXPIRED
+    assert len(queue.queued) == 1
+
+
 def test_a_private_address_is_not_told_where_none_is_allowed(
     engine: sa.Engine, queue: FakeQueue
 ) -> None:
