@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ipaddress
 import socket
+from concurrent.futures import ThreadPoolExecutor
 from urllib.parse import urlsplit
 
 Address = ipaddress.IPv4Address | ipaddress.IPv6Address
@@ -21,6 +22,10 @@ _REFUSAL = (
     "this service calls no addresses of private networks; its operator may allow some with "
     "LIGHTLAYERS_WEBHOOK_PRIVATE"
 )
+
+
+_LOOKUPS = ThreadPoolExecutor(32, "lookup")
+"""Threads that look names up: the system sets no limit to it that we could choose."""
 
 
 class ForbiddenAddressError(Exception):
@@ -103,12 +108,17 @@ def _literal(host: str) -> Address | None:
         return None
 
 
-def resolve(host: str, port: int, private: Networks) -> list[str]:
-    """Look a host up; its addresses, which are all allowed.
+def resolve(host: str, port: int, private: Networks, seconds: float) -> list[str]:
+    """Look a host up, for so many seconds at most; its addresses, which are all allowed.
 
-    Raises ForbiddenAddressError, and OSError or UnicodeError when the name is not known.
+    Raises ForbiddenAddressError, TimeoutError, and OSError or UnicodeError when the name is not
+    known.
     """
-    found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+    looked_up = _LOOKUPS.submit(socket.getaddrinfo, host, port, type=socket.SOCK_STREAM)
+    try:
+        found = looked_up.result(seconds)
+    finally:
+        looked_up.cancel()  # where it still waits for a thread; one that has begun goes on
     addresses = list(dict.fromkeys(str(entry[4][0]) for entry in found))
     if not all(is_allowed(ipaddress.ip_address(address), private) for address in addresses):
         raise ForbiddenAddressError(_REFUSAL)

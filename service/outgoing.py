@@ -77,7 +77,7 @@ class _CheckedBackend(httpcore.NetworkBackend):
         socket_options: Iterable[Any] | None = None,
     ) -> httpcore.NetworkStream:
         failure: Exception = httpcore.ConnectError("the name has no address")
-        for address in resolve(host, port, self._private):
+        for address in resolve(host, port, self._private, _left(self._deadline, None)):
             try:
                 left = _left(self._deadline, timeout)
                 stream = self._sockets.connect_tcp(

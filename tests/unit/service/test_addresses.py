@@ -2,10 +2,13 @@ from __future__ import annotations
 
 import ipaddress
 import socket
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import pytest
 
+from service import addresses
 from service.addresses import (
     ForbiddenAddressError,
     check_url,
@@ -110,7 +113,7 @@ def _names(monkeypatch: pytest.MonkeyPatch, *addresses: str) -> None:
 
 def test_a_name_gives_all_its_addresses_once(monkeypatch: pytest.MonkeyPatch) -> None:
     _names(monkeypatch, "8.8.8.8", "2606:4700:4700::1111", "8.8.8.8")
-    assert resolve("example.org", 443, ()) == ["8.8.8.8", "2606:4700:4700::1111"]
+    assert resolve("example.org", 443, (), 60) == ["8.8.8.8", "2606:4700:4700::1111"]
 
 
 def test_a_name_with_one_private_address_among_others_is_refused(
@@ -118,8 +121,8 @@ def test_a_name_with_one_private_address_among_others_is_refused(
 ) -> None:
     _names(monkeypatch, "8.8.8.8", "10.0.0.1")
     with pytest.raises(ForbiddenAddressError):
-        resolve("example.org", 443, ())
-    assert resolve("example.org", 443, parse_networks("10.0.0.0/8")) == ["8.8.8.8", "10.0.0.1"]
+        resolve("example.org", 443, (), 60)
+    assert resolve("example.org", 443, parse_networks("10.0.0.0/8"), 60) == ["8.8.8.8", "10.0.0.1"]
 
 
 @pytest.mark.parametrize(
@@ -142,3 +145,38 @@ def test_a_name_with_one_private_address_among_others_is_refused(
 )
 def test_only_names_of_this_machine_are_loopback(name: str, expected: bool) -> None:
     assert is_loopback(name) is expected
+
+
+def test_a_name_that_is_looked_up_for_too_long_holds_nobody_up(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    over = threading.Event()
+    asked: list[str] = []
+
+    def look_up(host: str, port: int, **_rest: Any) -> list[Any]:
+        asked.append(host)
+        if host == "slow.example":
+            over.wait(60)
+        return [(0, 0, 0, "", ("8.8.8.8", port))]
+
+    monkeypatch.setattr(socket, "getaddrinfo", look_up)
+    with ThreadPoolExecutor(2) as lookups:
+        monkeypatch.setattr(addresses, "_LOOKUPS", lookups)
+        with pytest.raises(TimeoutError):
+            resolve("slow.example", 443, (), 0.05)
+        assert resolve("example.org", 443, (), 60) == ["8.8.8.8"]
+        with pytest.raises(TimeoutError):
+            resolve("slow.example", 443, (), 0.05)
+        with pytest.raises(TimeoutError):  # no thread is left, and no further one is made
+            resolve("late.example", 443, (), 0.05)
+        over.set()
+    assert asked == ["slow.example", "example.org", "slow.example"]
+
+
+def test_a_name_that_is_not_known_is_no_want_of_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    def unknown(*_arguments: object, **_rest: object) -> None:
+        raise socket.gaierror(socket.EAI_NONAME, "unknown")
+
+    monkeypatch.setattr(socket, "getaddrinfo", unknown)
+    with pytest.raises(socket.gaierror):
+        resolve("example.org", 443, (), 60)

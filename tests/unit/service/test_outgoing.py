@@ -4,6 +4,7 @@ import contextlib
 import socket
 import ssl
 import threading
+import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -112,7 +113,7 @@ def test_a_name_is_looked_up_once_and_what_was_checked_is_connected_to(
     looked_up: list[str] = []
     seen: list[bytes] = []
 
-    def resolve(host: str, _port: int, _private: object) -> list[str]:
+    def resolve(host: str, _port: int, _private: object, _seconds: float) -> list[str]:
         looked_up.append(host)
         return ["127.0.0.1"]
 
@@ -129,6 +130,16 @@ def test_the_next_address_is_tried_when_one_does_not_answer(
     monkeypatch.setattr(outgoing, "resolve", lambda *_args: ["127.0.0.9", "127.0.0.1"])
     with _server(_answering("HTTP/1.1 200 OK\r\n\r\n", [])) as port:
         assert _post(port, "hook.example").status == 200
+
+
+def test_a_name_whose_look_up_hangs_is_no_answer_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    over = threading.Event()
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_args, **_more: over.wait(60))
+    started = time.monotonic()
+    with pytest.raises(UnansweredError, match="too long"):
+        _post(80, "hook.example", seconds=0.2)
+    assert time.monotonic() - started < 10
+    over.set()
 
 
 def test_an_unknown_name_is_no_answer_and_is_not_told(monkeypatch: pytest.MonkeyPatch) -> None:
