@@ -53,8 +53,9 @@ def serve(settings: Settings, worker: bool) -> None:
         _remove_expired(context)
         # uvicorn raises the signal again once it has stopped; the default would end us on the spot.
         signal.signal(signal.SIGTERM, lambda _number, _frame: sys.exit(0))
+        stopping = threading.Event()
         if worker:
-            stack.enter_context(_worker(settings))
+            stack.enter_context(_worker(settings, stopping))
         app = create_app(settings.origins.split())
         app.state.context = context
         config = uvicorn.Config(
@@ -71,19 +72,23 @@ def serve(settings: Settings, worker: bool) -> None:
         )
         host, port = listener.getsockname()[:2]
         log.info("listening on http://%s:%s", f"[{host}]" if ":" in host else host, port)
-        _Server(config, context, settings.drain_seconds).run(sockets=[listener])
+        _Server(config, context, settings.drain_seconds, stopping).run(sockets=[listener])
 
 
 class _Server(uvicorn.Server):
     """Goes on for a while after the first signal; the second one ends that.
 
-    At the end it sends those away who watch jobs, for whom it would wait for ever.
+    At the end it sends those away who watch jobs, for whom it would wait for ever, and says that it
+    stops: a worker ends while the last requests are finished.
     """
 
-    def __init__(self, config: uvicorn.Config, context: Context, seconds: float) -> None:
+    def __init__(
+        self, config: uvicorn.Config, context: Context, seconds: float, stopping: threading.Event
+    ) -> None:
         super().__init__(config)
         self._context = context
         self._seconds = seconds
+        self._stopping = stopping
         self._end: float | None = None
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
@@ -102,7 +107,8 @@ class _Server(uvicorn.Server):
         return await super().on_tick(counter)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """End, watchers first."""
+        """End, worker and watchers first."""
+        self._stopping.set()
         self._context.job_updates.close()
         await super().shutdown(sockets)
 
@@ -144,8 +150,7 @@ def _listener(settings: Settings) -> socket.socket:
 
 
 @contextlib.contextmanager
-def _worker(settings: Settings) -> Iterator[None]:
-    stop = threading.Event()
+def _worker(settings: Settings, stop: threading.Event) -> Iterator[None]:
     # The kernel ends the worker with the thread that started it, so this one stays to the end.
     keeper = threading.Thread(target=_keep_worker, args=(settings, stop), name="worker-keeper")
     keeper.start()

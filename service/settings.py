@@ -62,8 +62,9 @@ def _check_silence(seconds: float, info: ValidationInfo) -> float:
 class Settings(BaseSettings):
     """Settings of API and worker processes; every process of one service needs the same ones.
 
-    The defaults are the embedded service: SQLite and a folder, both under data_dir. An S3 store
-    takes its endpoint and credentials from the usual AWS_… variables.
+    Only ports differ, where processes share a host. The defaults are the embedded service: SQLite
+    and a folder, both under data_dir. An S3 store takes its endpoint and credentials from the usual
+    AWS_… variables.
     """
 
     model_config = SettingsConfigDict(env_prefix="LIGHTLAYERS_", frozen=True)
@@ -123,7 +124,7 @@ class Settings(BaseSettings):
         ge=1,
         le=65534,
         description="Port of Prometheus metrics, of API and worker; the worker that `serve` starts "
-        "takes the next one. None without it.",
+        "takes the next one. Each further process on a host needs one of its own. None without it.",
     )
     cameras: str = Field(
         default="sim:// ptp+usb:// gphoto2://usb",
@@ -257,7 +258,9 @@ class Settings(BaseSettings):
         gt=0,
         le=36500,
         description="How long jobs that have ended are kept with their photographs and results; "
-        "without it, until they are deleted, as calibrations are that are kept for a set-up.",
+        "without it, until they are deleted, as calibrations are that are kept for a set-up. The "
+        "time is set when a job ends: a later change is for jobs that end after it, and for those "
+        "that were to be kept until they are deleted.",
     )
     sweep_seconds: int = Field(
         default=60,

@@ -1,19 +1,24 @@
 from __future__ import annotations
 
+import asyncio
+import signal
 import socket
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
 import pytest
+import uvicorn
 from obstore.exceptions import GenericError
 
-from service import keys
+from service import belonging, keys
+from service.api import create_app
 from service.api.context import Context
 from service.errors import StartError
 from service.opening import open_database
-from service.serve import _remove_expired, serve
+from service.serve import _remove_expired, _Server, serve
 from service.settings import Settings
 from service.storage import Storage
 from tests.unit.service.full_disk import full_disk
@@ -71,6 +76,35 @@ def test_uploads_that_cannot_be_removed_keep_no_service_from_starting(
         _remove_expired(context)
     (record,) = caplog.records
     assert record.getMessage().startswith("uploads that have expired stay until the next sweep: ")
+
+
+def test_a_store_is_its_databases_from_the_first_start(context: Context) -> None:
+    _remove_expired(context)
+    assert context.storage.list("") == ["database-id"]
+    assert belonging.standing(context.engine, context.storage) == "ours"
+
+
+def test_a_start_beside_the_store_of_another_database_removes_nothing(context: Context) -> None:
+    context.storage.put("uploads/anothers/000-x", b"light")
+    _remove_expired(context)
+    assert context.storage.list("") == ["uploads/anothers/000-x"]
+
+
+def test_a_worker_is_told_to_stop_before_the_last_requests_are_waited_for(
+    context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stopping = threading.Event()
+    told: list[bool] = []
+
+    async def wait(*_arguments: object) -> None:
+        told.append(stopping.is_set())
+
+    monkeypatch.setattr(uvicorn.Server, "shutdown", wait)
+    server = _Server(uvicorn.Config(create_app()), context, 5.0, stopping)
+    server.handle_exit(signal.SIGTERM, None)
+    assert not stopping.is_set()  # it goes on while it drains
+    asyncio.run(server.shutdown())
+    assert told == [True]
 
 
 def test_the_api_loads_nothing_that_decodes() -> None:
