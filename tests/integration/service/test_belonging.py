@@ -1,0 +1,71 @@
+"""Two databases and one bucket."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+import sqlalchemy as sa
+
+from service import belonging, database, migrations, uploads
+from service.storage import Storage
+
+
+@pytest.fixture
+def storage(s3: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> Storage:
+    for name, value in s3.items():
+        monkeypatch.setenv(name, value)
+    return Storage("s3://photographs/of/two")
+
+
+@pytest.fixture
+def databases(postgresql: str) -> Iterator[list[sa.Engine]]:
+    """Two on one server, both migrated."""
+    root = sa.create_engine(
+        postgresql.replace("postgresql:", "postgresql+psycopg:"), isolation_level="AUTOCOMMIT"
+    )
+    names = ("production", "staging")
+    with root.connect() as connection:
+        for name in names:
+            connection.exec_driver_sql(f"CREATE DATABASE {name}")
+    engines = [database.connect(f"{postgresql.rpartition('/')[0]}/{name}") for name in names]
+    for engine in engines:
+        migrations.upgrade(engine)
+    yield engines
+    for engine in engines:
+        engine.dispose()
+    with root.connect() as connection:
+        for name in names:
+            connection.exec_driver_sql(f"DROP DATABASE {name} WITH (FORCE)")
+    root.dispose()
+
+
+def test_the_second_database_leaves_the_bucket_of_the_first_alone(
+    databases: list[sa.Engine], storage: Storage
+) -> None:
+    production, staging = databases
+    assert belonging.claim(production, storage)
+    with production.begin() as connection:
+        uploads.add(connection, {"id": "a", "owner": "", "length": 9}, 60)
+    storage.put("uploads/a/000-x", b"light")
+    storage.put("uploads/nobodys/000-x", b"light")
+    uploads.remove_expired(staging, storage, strays=belonging.claim(staging, storage))
+    assert storage.folders("uploads/") == ["a", "nobodys"]
+    uploads.remove_expired(production, storage, strays=belonging.claim(production, storage))
+    assert storage.folders("uploads/") == ["a"]
+
+
+def test_a_bucket_from_before_names_goes_to_the_database_that_has_its_jobs(
+    databases: list[sa.Engine], storage: Storage
+) -> None:
+    production, staging = databases
+    storage.delete("database-id")
+    storage.put("jobs/a/inputs/flash", b"light")
+    row = {"id": "a", "state": "queued", "options": {}, "trace_id": "1", "request_hash": ""}
+    with production.begin() as connection:
+        connection.execute(sa.insert(database.jobs).values(created=1000.0, **row))
+    assert belonging.standing(staging, storage) == "foreign"
+    assert belonging.standing(production, storage) == "free"
+    assert belonging.claim(production, storage)
+    assert belonging.standing(production, storage) == "ours"
+    assert belonging.standing(staging, storage) == "foreign"
