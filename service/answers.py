@@ -9,7 +9,7 @@ import sqlalchemy as sa
 from pydantic import BaseModel, Field
 
 from pipeline.calibration.taken_with import TakenWith
-from service import eta, jobs, kept
+from service import eta, jobs, kept, waiting
 from service.capture import Capture
 from service.errors import Problem
 from service.settings import Settings
@@ -231,7 +231,7 @@ def of_jobs(
 
     They have their places in the queue, and when they are likely to end.
     """
-    places = jobs.positions(connection, found)
+    places = waiting.positions(connection, found)
     ends = eta.etas(connection, settings, found, places)
     return [(job, JobAnswer.of(job, places.get(job.id), ends.get(job.id))) for job in found]
 

@@ -60,6 +60,11 @@ def _postgresql_now(_element: now, _compiler: Any, **_options: Any) -> str:
     return "CAST(EXTRACT(EPOCH FROM clock_timestamp()) AS DOUBLE PRECISION)"
 
 
+def moment() -> sa.ScalarSelect[float]:
+    """The same clock as one value, which PostgreSQL looks up in an index."""
+    return sa.select(now()).scalar_subquery()
+
+
 jobs = sa.Table(
     "jobs",
     metadata,

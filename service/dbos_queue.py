@@ -140,9 +140,9 @@ class Queue:
             options["delay_seconds"] = delay_seconds
         self._client.enqueue_in_transaction(connection, options, job_id, number)
 
-    def withdraw(self, job_id: str) -> None:
-        """Take a job that waits out of its queue."""
-        self._client.cancel_workflows([job_id, capture_id(job_id)])
+    def withdraw(self, *job_ids: str) -> None:
+        """Take jobs that wait out of their queues."""
+        self._client.cancel_workflows([*job_ids, *map(capture_id, job_ids)])
 
     def held(self) -> list[Held]:
         """List what workers have taken out of the queues and not done yet."""

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import sqlalchemy as sa
 
 from service import bursts, fairness, metrics, queues, quotas
-from service.database import CALIBRATES, jobs, may_be_id, now, once_committed, workers
+from service.database import CALIBRATES, jobs, may_be_id, moment, now, once_committed, workers
 from service.frames import FRAMES
 from service.object_keys import captured_key
 from service.states import ENDED, HELD, State, before
@@ -169,31 +169,6 @@ def newest(connection: sa.Connection, state: State | None, limit: int) -> list[J
     return [_job(row) for row in connection.execute(query)]
 
 
-def count_queued(connection: sa.Connection, owner: str | None = None) -> int:
-    """How many jobs wait, of an owner or in all."""
-    query = sa.select(sa.func.count()).select_from(jobs).where(jobs.c.state == State.QUEUED)
-    if owner is not None:
-        query = query.where(jobs.c.owner == owner)
-    return connection.execute(query).scalar_one()
-
-
-def positions(connection: sa.Connection, waiting: list[Job]) -> dict[str, int]:
-    """Place in its queue, from 1, of every job of `waiting` that is queued."""
-    queued = [job for job in waiting if job.state == State.QUEUED]
-    return {
-        job.id: connection.execute(
-            sa.select(sa.func.count())
-            .select_from(jobs)
-            .where(
-                queues.waits_for_camera(None if job.inputs else job.camera),
-                sa.tuple_(jobs.c.rank, jobs.c.created, jobs.c.id)
-                <= (job.rank, job.created, job.id),
-            )
-        ).scalar_one()
-        for job in queued
-    }
-
-
 def request_cancel(
     connection: sa.Connection, job_id: str, keep_seconds: float | None = None
 ) -> None:
@@ -206,12 +181,6 @@ def request_cancel(
     connection.execute(sa.select(jobs.c.id).where(this).with_for_update())
     _end(connection, sa.and_(this, jobs.c.worker.is_(None)), State.CANCELED, keep_seconds)
     _move(connection, State.CANCELING, this)
-
-
-def overdue(connection: sa.Connection) -> list[Job]:
-    """Jobs that wait past their deadlines."""
-    late = sa.and_(jobs.c.state == State.QUEUED, jobs.c.deadline < _moment())
-    return [_job(row) for row in connection.execute(sa.select(jobs).where(late))]
 
 
 def fail_waiting(
@@ -262,7 +231,7 @@ def _due() -> sa.ColumnElement[bool]:
         jobs.c.delivery["state"].as_string() != "pending",
         jobs.c.expires <= jobs.c.finished,
     )
-    return sa.and_(jobs.c.state.in_(before(State.EXPIRED)), jobs.c.expires <= _moment(), told)
+    return sa.and_(jobs.c.state.in_(before(State.EXPIRED)), jobs.c.expires <= moment(), told)
 
 
 def condemn(connection: sa.Connection, job_id: str) -> None:
@@ -489,11 +458,6 @@ def _move(
         count = partial(metrics.FINISHED.labels(state.value).inc, moved.rowcount)
         once_committed(connection, count)
     return moved.rowcount == 1
-
-
-def _moment() -> sa.ScalarSelect[float]:
-    """The database's clock as one value, which PostgreSQL looks up in an index."""
-    return sa.select(now()).scalar_subquery()
 
 
 def _update(which: sa.ColumnElement[bool]) -> sa.Update:

@@ -30,6 +30,7 @@ from service import (
     sandbox,
     scratch,
     tracing,
+    waiting,
     webhooks,
 )
 from service.attempt import Attempt
@@ -42,6 +43,7 @@ from service.retention import Sweep
 from service.settings import Settings
 from service.states import State
 
+_OVERDUE_AT_ONCE = 100  # the rest can wait for the next heartbeat, which must not be late
 _RETRY_SECONDS = 1.0
 _STOP_SECONDS = 5.0
 
@@ -283,16 +285,17 @@ class Worker:
             attempt.run()
 
     def _fail_overdue(self) -> None:
-        """End the jobs that wait past their deadlines; their attempts end those that run."""
-        with self._engine.connect() as connection:
-            late = jobs.overdue(connection)
-        for job in late:
-            problem = problem_of(DeadlineError(), job.trace_id).model_dump()
-            with self._engine.begin() as connection:
-                failed = jobs.fail_waiting(connection, job.id, problem, self._keep_seconds)
-            if failed:
-                log.info("failed: %s", problem["type"], extra={"job": job.id})
-                self._queue.withdraw(job.id)
+        """End jobs that wait past their deadlines; their attempts end those that run."""
+        failed: dict[str, str] = {}
+        with self._engine.begin() as connection:
+            for job_id, trace_id in waiting.overdue(connection, _OVERDUE_AT_ONCE):
+                problem = problem_of(DeadlineError(), trace_id)
+                if jobs.fail_waiting(connection, job_id, problem.model_dump(), self._keep_seconds):
+                    failed[job_id] = problem.type
+        for job_id, problem_type in failed.items():
+            log.info("failed: %s", problem_type, extra={"job": job_id})
+        if failed:
+            self._queue.withdraw(*failed)
 
     def _sweep(self, thorough: bool) -> None:
         try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from service import jobs, quotas
+from service import quotas, waiting
 from service.api.context import Context
 from service.api.idempotency import find_earlier
 from service.api.submission import Submission
@@ -21,13 +21,13 @@ def refuse_when_full(submission: Submission, coming: int = 1) -> None:
     context, owner = submission.context, submission.caller.owner
     with context.engine.connect() as connection:
         quotas.check(connection, owner, coming)
-        own = jobs.count_queued(connection, owner)
-        waiting = jobs.count_queued(connection)
+        own = waiting.count_queued(connection, owner)
+        total = waiting.count_queued(connection)
     of_key, in_all = context.settings.queued_jobs_per_key, context.settings.queued_jobs
     if own + coming > of_key:
         raise QueueFullError(_full(f"{own} jobs of yours wait already", coming, of_key))
-    if waiting + coming > in_all:
-        raise QueueFullError(_full(f"{waiting} jobs wait already", coming, in_all))
+    if total + coming > in_all:
+        raise QueueFullError(_full(f"{total} jobs wait already", coming, in_all))
     refuse_when_disk_full(context)
 
 

@@ -2,7 +2,8 @@
 
 Two databases, one with 1,000 rows of jobs and one with 1,000,000, as many of them waiting in both;
 everything that the service does with rows is done in both by turns, and the medians and their
-ratio are printed. Without --url it measures SQLite in a temporary folder; with the URL of a
+ratio are printed. The bytes of a key are added up anew for its quota, so that may grow with a key's
+jobs; nothing else may. Without --url it measures SQLite in a temporary folder; with the URL of a
 PostgreSQL database it makes two others beside that one and drops them afterwards.
 """
 
@@ -20,14 +21,17 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from service import database, dbos_queue, jobs, migrations
+from service import answers, database, dbos_queue, jobs, migrations, quotas, waiting
 from service.dbos_queue import Queue
+from service.settings import Settings
 
 _SMALL, _LARGE = 1_000, 1_000_000
 _WAITING = 500
 _OWNERS = 10
 _ROUNDS = 200
 _DAY = 86400.0
+_LIKENESS = "best-best bytes-44"
+_QUOTA_OF_BYTES = "quota of bytes"
 _RANDOM_ID = {
     "sqlite": "lower(hex(randomblob(16)))",
     "postgresql": "replace(gen_random_uuid()::text, '-', '')",
@@ -43,6 +47,8 @@ class Rows:
         dbos_queue.migrate(self.engine)
         migrations.upgrade(self.engine)
         self.queue = Queue(self.engine)
+        self._settings = Settings()
+        self._live()
         self._fill(count - _WAITING)
         for number in range(_WAITING):
             self.accept(f"owner{number % _OWNERS}")
@@ -53,11 +59,22 @@ class Rows:
             self._middle = middle.created, middle.id
             self._last = jobs.page(connection, "owner1", 1, None)[0]
 
+    def _live(self) -> None:
+        """Have a worker live throughout, without which no job has an end, and a key."""
+        key = {"id": "owner1", "digest": "", "name": "", "scopes": [], "stored_bytes": 2**62}
+        with self.engine.begin() as connection:
+            worker = {"id": "worker", "seen": time.time() + _DAY}
+            connection.execute(sa.insert(database.workers), worker)
+            connection.execute(sa.insert(database.keys), key | {"created": time.time()})
+
     def _fill(self, count: int) -> None:
         """Insert jobs that have ended, of _OWNERS owners; those that were there, doubled."""
         ended = {
             "state": "succeeded",
             "options": {"lights": 2},
+            "likeness": _LIKENESS,
+            "stage_seconds": {"layers": 10.0, "store": 1.0},
+            "stored_bytes": 1,
             "inputs": {frame: {"key": "", "sha256": "0" * 64} for frame in ("no_flash", "flash")},
             "results": [_RESULT] * 2,
             "trace_id": "0" * 32,
@@ -93,10 +110,11 @@ class Rows:
         """Add a job, with all that is asked before."""
         with self.engine.connect() as connection:
             jobs.find_by_key(connection, owner, "no such key")
-            jobs.count_queued(connection, owner)
-            jobs.count_queued(connection)
+            waiting.count_queued(connection, owner)
+            waiting.count_queued(connection)
         job_id = uuid.uuid4().hex
         row = {"options": {}, "trace_id": "0" * 32, "request_hash": "0" * 64}
+        row |= {"likeness": _LIKENESS}
         with self.engine.begin() as connection:
             rank = jobs.add(connection, {"id": job_id, "owner": owner, **row})
             self.queue.submit(connection, job_id, rank)
@@ -124,20 +142,30 @@ class Rows:
         with self.engine.connect() as connection:
             jobs.find(connection, self._new)
 
-    def position(self) -> None:
-        """Read the place of a job in the queue."""
+    def answer(self) -> None:
+        """Tell of a job that waits, with its place in the queue and its end."""
         with self.engine.connect() as connection:
-            assert jobs.positions(connection, [self._last])[self._last.id] > 1
+            ((_, told),) = answers.of_jobs(connection, self._settings, [self._last])
+        assert told.position is not None and told.position > 1
+        assert told.eta is not None
 
     def first_page(self) -> None:
-        """List an owner's newest jobs, with their places."""
-        with self.engine.connect() as connection:
-            jobs.positions(connection, jobs.page(connection, "owner1", 51, None))
+        """List an owner's newest jobs, with their places and ends."""
+        self._page(None)
 
     def later_page(self) -> None:
         """List an owner's jobs from the middle on."""
+        self._page(self._middle)
+
+    def _page(self, after: tuple[float, str] | None) -> None:
         with self.engine.connect() as connection:
-            jobs.positions(connection, jobs.page(connection, "owner1", 51, self._middle))
+            found = jobs.page(connection, "owner1", 51, after)
+            assert answers.of_jobs(connection, self._settings, found)
+
+    def bytes_of_key(self) -> None:
+        """Add up what a key's jobs have stored."""
+        with self.engine.connect() as connection:
+            quotas.check(connection, "owner1")
 
     def calibrations(self) -> None:
         """Look for an owner's calibrations, as a separation does."""
@@ -147,7 +175,7 @@ class Rows:
     def upkeep(self) -> None:
         """Look for what is late, is to be dated, or is kept no longer."""
         with self.engine.begin() as connection:
-            jobs.overdue(connection)
+            assert waiting.overdue(connection, 100) == []
             jobs.limit_keeping(connection, _DAY, 500)
             assert jobs.expire(connection, 500) == []
 
@@ -163,11 +191,12 @@ OPERATIONS: dict[str, Callable[[Rows], None]] = {
     "look": Rows.look,
     "state": Rows.state,
     "end": Rows.end,
-    "position": Rows.position,
+    "answer": Rows.answer,
     "list, first page": Rows.first_page,
     "list, a page in the middle": Rows.later_page,
     "calibrations": Rows.calibrations,
     "upkeep": Rows.upkeep,
+    _QUOTA_OF_BYTES: Rows.bytes_of_key,
 }
 
 
@@ -211,8 +240,8 @@ def databases(url: str | None) -> Iterator[tuple[str, str]]:
 
 
 def bears(measured: dict[str, tuple[float, float]]) -> bool:
-    """Whether nothing costs more than twice as much with many rows."""
-    return all(many <= 2 * few for few, many in measured.values())
+    """Whether nothing that may not grow costs more than twice as much with many rows."""
+    return all(many <= 2 * few for name, (few, many) in measured.items() if name != _QUOTA_OF_BYTES)
 
 
 def report(measured: dict[str, tuple[float, float]], few: int, many: int) -> str:

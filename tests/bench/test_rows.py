@@ -29,6 +29,10 @@ def test_twice_as_much_is_borne(many: float, borne: bool) -> None:
     assert bears({"claim": (0.001, 0.001), "accept": (0.001, many)}) is borne
 
 
+def test_a_quota_of_bytes_alone_may_grow() -> None:
+    assert bears({"claim": (0.001, 0.001), "quota of bytes": (0.001, 1.0)})
+
+
 def test_the_table_has_milliseconds_and_ratios() -> None:
     assert report({"claim": (0.0105, 0.0126)}, 1000, 1_000_000).splitlines() == [
         "| | 1,000 rows, ms | 1,000,000 rows, ms | ratio |",

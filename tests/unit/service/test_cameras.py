@@ -8,7 +8,7 @@ import pytest
 import sqlalchemy as sa
 
 import drivers
-from service import cameras, database, heartbeats, jobs, queues
+from service import cameras, database, heartbeats, jobs, queues, waiting
 from service.states import State
 
 ADDRESS = "ptp+ip://192.168.1.20"
@@ -331,8 +331,8 @@ def test_places_in_the_queue_are_those_of_the_jobs_own_queue(engine: sa.Engine) 
     _add(engine, "c", OTHER)
     _add(engine, "d", inputs={"flash": {}})
     with engine.connect() as connection:
-        waiting = [job for job in (jobs.find(connection, one) for one in "abcd") if job]
-        assert jobs.positions(connection, waiting) == {"a": 1, "b": 2, "c": 1, "d": 1}
+        shown = [job for job in (jobs.find(connection, one) for one in "abcd") if job]
+        assert waiting.positions(connection, shown) == {"a": 1, "b": 2, "c": 1, "d": 1}
 
 
 def test_cameras_that_nobody_uses_are_forgotten(engine: sa.Engine) -> None:

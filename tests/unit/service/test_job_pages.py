@@ -1,13 +1,13 @@
 from __future__ import annotations
 
-from typing import Any
-
 import pytest
 import sqlalchemy as sa
 
 from service import database, jobs
+from service.states import State
+from tests.plans import plans
 from tests.unit.service.asking import stored
-from tests.unit.service.job_rows import added, claimed
+from tests.unit.service.job_rows import added
 
 
 def test_pages_go_from_new_to_old_and_meet_every_job_once(engine: sa.Engine) -> None:
@@ -25,37 +25,23 @@ def test_pages_go_from_new_to_old_and_meet_every_job_once(engine: sa.Engine) -> 
     assert len(first) == 4
 
 
+@pytest.mark.parametrize("state", [None, State.FAILED])
+def test_the_newest_jobs_of_a_state_are_found_by_an_index(
+    state: State | None, engine: sa.Engine
+) -> None:
+    with engine.connect() as connection, plans(engine) as found:
+        assert jobs.newest(connection, state, 100) == []
+    (plan,) = found
+    assert f"USING INDEX {'jobs_by_state' if state else 'jobs_by_time'}" in plan
+    assert "TEMP B-TREE" not in plan
+
+
 @pytest.mark.parametrize("owner", [None, "x"])
 def test_pages_of_jobs_are_found_by_an_index(engine: sa.Engine, owner: str | None) -> None:
     last = added(engine, "a")
-    plans = []
-
-    @sa.event.listens_for(engine, "before_cursor_execute")
-    def explain(_c: object, cursor: Any, query: str, values: Any, *_more: object) -> None:
-        plans.append(cursor.execute(f"EXPLAIN QUERY PLAN {query}", values).fetchall())
-
-    with engine.connect() as connection:
+    with engine.connect() as connection, plans(engine) as found:
         jobs.page(connection, owner, 2, None)
         jobs.page(connection, owner, 2, (last.created, last.id))
     index = "jobs_by_age" if owner else "jobs_by_time"
-    assert [len(plan) for plan in plans] == [1, 1]  # neither a sort
-    assert all(f"USING INDEX {index}" in str(plan) for plan in plans)
-
-
-def test_places_in_the_queue_count_from_one_and_skip_what_runs(engine: sa.Engine) -> None:
-    queue = [added(engine, job_id) for job_id in "abcd"]
-    assert [job.rank for job in queue] == [4, 8, 12, 16]
-    claimed(engine, queue[0].id, "w1")
-    with engine.connect() as connection:
-        places = jobs.positions(connection, [stored(engine, job.id) for job in queue])
-        assert jobs.count_queued(connection) == jobs.count_queued(connection, "") == 3
-        assert jobs.count_queued(connection, "another") == 0
-    assert places == {queue[1].id: 1, queue[2].id: 2, queue[3].id: 3}
-
-
-def test_a_place_in_the_queue_is_that_of_the_rank(engine: sa.Engine) -> None:
-    names = {"a": "one", "b": "one", "c": "one", "d": "another"}
-    queue = [added(engine, job_id, owner=owner) for job_id, owner in names.items()]
-    with engine.connect() as connection:
-        places = jobs.positions(connection, queue)
-    assert places == {"a": 1, "d": 2, "b": 3, "c": 4}
+    assert [len(plan.splitlines()) for plan in found] == [1, 1]  # neither a sort
+    assert all(f"USING INDEX {index}" in plan for plan in found)

@@ -302,25 +302,6 @@ def test_a_job_has_a_deadline_from_now(engine: sa.Engine) -> None:
     assert job.deadline == pytest.approx(job.created + 50, abs=0.1)
 
 
-def test_late_is_what_waits_past_its_deadline(engine: sa.Engine) -> None:
-    added(engine, "early", deadline=9e9)
-    added(engine, "late", deadline=1.0)
-    added(engine, "endless")
-    added(engine, "running", deadline=1.0)
-    held = claimed(engine, "running", "w1")
-    with engine.begin() as connection:
-        assert [job.id for job in jobs.overdue(connection)] == ["late"]
-        assert jobs.is_late(connection, held)
-        assert not jobs.is_late(connection, stored(engine, "early"))
-        assert not jobs.is_late(connection, stored(engine, "endless"))
-        assert jobs.fail_waiting(connection, "late", {"detail": "too late"}, 10)
-        assert jobs.overdue(connection) == []
-        assert not jobs.fail_waiting(connection, "running", {})
-    job = stored(engine, "late")
-    assert (job.state, job.error) == (State.FAILED, {"detail": "too late"})
-    assert job.finished is not None and job.expires == pytest.approx(job.finished + 10, abs=0.1)
-
-
 def _cancel_running(connection: sa.Connection, held: jobs.Job, keep: float | None) -> None:
     jobs.request_cancel(connection, held.id, keep)
     assert jobs.acknowledge_cancel(connection, held, keep)

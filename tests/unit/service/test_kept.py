@@ -12,6 +12,7 @@ from pipeline.calibration.taken_with import TakenWith
 from pipeline.options import Spectrum
 from service import database, jobs, kept
 from service.jobs import Job
+from tests.plans import plans
 
 TAKEN = {"make": "NIKON", "model": "D5100", "body": "", "rendered": False}
 Make = Callable[..., Job]
@@ -126,16 +127,11 @@ def test_without_any_there_is_no_file(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("setup", [None, "default"])
 def test_calibrations_are_found_by_their_index(engine: sa.Engine, setup: str | None) -> None:
-    plans = []
-
-    @sa.event.listens_for(engine, "before_cursor_execute")
-    def explain(_c: object, cursor: Any, query: str, values: Any, *_more: object) -> None:
-        plans.append(cursor.execute(f"EXPLAIN QUERY PLAN {query}", values).fetchall())
-
-    with engine.connect() as connection:
+    with engine.connect() as connection, plans(engine) as found:
         assert jobs.kept_calibrations(connection, "a", setup) == []
-    ((plan,),) = plans  # and no sort
-    assert "USING INDEX jobs_that_calibrate" in str(plan)
+    (plan,) = found
+    assert len(plan.splitlines()) == 1  # no sort
+    assert "USING INDEX jobs_that_calibrate" in plan
 
 
 def test_the_camera_of_a_calibration_is_found_where_it_was_noted(make: Make) -> None:

@@ -205,6 +205,38 @@ def test_a_job_that_waits_past_its_deadline_fails(seen: str, one: Worker) -> Non
     assert (job.error["retryable"], job.error["trace_id"]) == (True, "1" * 32)
 
 
+def test_a_heartbeat_fails_some_of_many_late_jobs_at_once_and_the_next_one_goes_on(
+    one: Worker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(worker, "_OVERDUE_AT_ONCE", 2)
+    withdrawn: list[tuple[str, ...]] = []
+    monkeypatch.setattr(one._queue, "withdraw", lambda *job_ids: withdrawn.append(job_ids))
+    for number, job_id in enumerate(("a", "b", "c", "in time")):
+        _add(one, id=job_id, deadline=9e9 if job_id == "in time" else 1.0 + number)
+    for _ in range(3):
+        one.keep()
+    assert withdrawn == [("a", "b"), ("c",)]
+    with one._engine.connect() as connection:
+        found = {job.id: job.state for job in jobs.newest(connection, None, 10)}
+    assert found == dict.fromkeys("abc", State.FAILED) | {"in time": State.QUEUED}
+
+
+def test_late_jobs_fail_in_one_transaction(one: Worker) -> None:
+    for job_id in "abc":
+        _add(one, id=job_id, deadline=1.0)
+    writes: list[int] = []
+
+    def count(_c: object, _cursor: object, query: str, *_more: object) -> None:
+        if query.startswith("UPDATE jobs"):
+            writes.append(len(commits))
+
+    commits: list[None] = []
+    sa.event.listen(one._engine, "before_cursor_execute", count)
+    sa.event.listen(one._engine, "commit", lambda _connection: commits.append(None))
+    one.keep()
+    assert writes == [writes[0]] * 3
+
+
 def test_a_heartbeat_outlives_what_breaks_it(
     one: Worker, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

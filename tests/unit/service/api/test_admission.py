@@ -6,7 +6,7 @@ from collections.abc import Callable
 import httpx
 import pytest
 
-from service import jobs
+from service import waiting
 from service.api.context import Context
 from service.settings import Settings
 from service.storage import Storage
@@ -42,7 +42,7 @@ class TestFullQueue:
         self, http: httpx.Client, png: Png, context: Context, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         counts = iter([1, 1, 2, 2])  # of the caller and in all, twice
-        monkeypatch.setattr(jobs, "count_queued", lambda _connection, _owner=None: next(counts))
+        monkeypatch.setattr(waiting, "count_queued", lambda _connection, _owner=None: next(counts))
         answer = post_pair(http, png(64, 48), png(64, 48, True))
         assert problem_of(answer)[:2] == (429, "queue-full")
         assert context.storage.list("") == []
