@@ -116,7 +116,9 @@ jobs = sa.Table(
     sa.UniqueConstraint("owner", "idempotency_key", name="jobs_by_idempotency_key"),
     sa.Index("jobs_by_age", "owner", "created", "id"),
     sa.Index("jobs_by_time", "created", "id"),  # those of all owners
+    sa.Index("jobs_by_bytes", "owner", "stored_bytes"),  # added up without a look at the rows
     # Whatever looks at waiting or ended jobs reads as much of an index as it finds, and no more.
+    sa.Index("jobs_by_state", "state", "created", "id"),
     sa.Index("jobs_by_rank", "state", "rank", "created", "id"),
     sa.Index("jobs_by_flow", "state", "owner", "priority", "rank"),
     sa.Index("jobs_by_deadline", "state", "deadline"),

@@ -12,9 +12,11 @@ import sqlalchemy as sa
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 
-from service import belonging, database, dbos_queue, jobs, migrations
+from service import belonging, database, dbos_queue, jobs, migrations, quotas, waiting
 from service.cli import run
+from service.errors import StoredQuotaError
 from service.states import State
+from tests.plans import plans
 
 _OLD_STATES = ("queued", "running", "canceling", "succeeded", "failed", "canceled")
 
@@ -89,16 +91,35 @@ def test_calibrations_are_found_by_their_index(empty: sa.Engine) -> None:
         kept = {"id": "kept", "likeness": "calibrate-flash", **row, "options": {"setup": "default"}}
         connection.execute(sa.insert(database.jobs), [*many, kept])
         connection.exec_driver_sql("ANALYZE")
-    word = "EXPLAIN QUERY PLAN" if empty.dialect.name == "sqlite" else "EXPLAIN"
-    plans = []
-
-    @sa.event.listens_for(empty, "before_cursor_execute")
-    def explain(_c: object, cursor: Any, query: str, values: Any, *_more: object) -> None:
-        plans.append(str(cursor.execute(f"{word} {query}", values).fetchall()))
-
-    with empty.connect() as connection:
+    with empty.connect() as connection, plans(empty) as found:
         assert [job.id for job in jobs.kept_calibrations(connection, "", "default")] == ["kept"]
-    assert ["jobs_that_calibrate" in plan for plan in plans] == [True]
+    assert ["jobs_that_calibrate" in plan for plan in found] == [True]
+
+
+def test_waiting_jobs_and_bytes_are_found_by_indexes(empty: sa.Engine) -> None:
+    migrations.upgrade(empty)
+    row = {"options": {"": "x" * 1000}, "trace_id": "1", "request_hash": "", "created": 1.0}
+    key = {"id": "a", "digest": "", "name": "", "scopes": [], "created": 1.0, "stored_bytes": 199}
+    with empty.begin() as connection:
+        connection.execute(sa.insert(database.keys), key)
+        for owner, count in (("", 1900), ("a", 100)):
+            done = {"owner": owner, "state": "succeeded", "stored_bytes": 2, **row}
+            many = [{"id": f"{owner}{number}", **done} for number in range(count)]
+            connection.execute(sa.insert(database.jobs), many)
+        for job_id in ("first", "second"):
+            jobs.add(connection, {**_values(job_id), "deadline": 1.0})
+    with empty.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+        connection.exec_driver_sql("VACUUM")
+        connection.exec_driver_sql("ANALYZE")
+    with empty.begin() as connection, plans(empty) as found:
+        with pytest.raises(StoredQuotaError):
+            quotas.check(connection, "a")
+        shown = [job for job in [jobs.find(connection, "second")] if job]
+        assert waiting.positions(connection, shown) == {"second": 2}
+        assert [job_id for job_id, _ in waiting.overdue(connection, 1)] == ["first"]
+    used = {word.strip(",()") for plan in found for word in plan.split() if "jobs_by" in word}
+    assert "jobs_by_bytes" in used
+    assert not any("Seq Scan on jobs" in plan or "SCAN jobs" in plan for plan in found)
 
 
 def test_what_the_older_program_writes_meanwhile_is_complete(empty: sa.Engine) -> None:

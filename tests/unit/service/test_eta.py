@@ -6,8 +6,9 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
-from service import database, eta, heartbeats, jobs
+from service import database, eta, heartbeats, jobs, waiting
 from service.settings import Settings
+from tests.plans import plans
 
 CAPTURE = {"camera": "sim://studio"}
 
@@ -115,7 +116,7 @@ def test_what_is_left_of_an_unknown_pace_is_unknown() -> None:
 
 def _etas(connection: sa.Connection, *shown: str, **settings: Any) -> dict[str, float]:
     found = [_job(connection, job_id) for job_id in shown]
-    places = jobs.positions(connection, found)
+    places = waiting.positions(connection, found)
     moment: float = connection.execute(sa.select(database.now())).scalar_one()
     ends = eta.etas(connection, Settings(**settings), found, places)
     return {job_id: end - moment for job_id, end in ends.items()}
@@ -167,11 +168,12 @@ def test_without_a_living_worker_nothing_is_promised(connection: sa.Connection) 
     assert _etas(connection, "a") == {}
 
 
-def test_the_last_jobs_are_found_by_an_index(connection: sa.Connection) -> None:
-    query = (
-        "EXPLAIN QUERY PLAN SELECT stage_seconds FROM jobs WHERE likeness = 'x' "
-        "AND state = 'succeeded' ORDER BY created DESC LIMIT 20"
-    )
-    plan = " ".join(row[3] for row in connection.exec_driver_sql(query))
-    assert "USING INDEX jobs_by_likeness" in plan
-    assert "TEMP B-TREE" not in plan
+def test_the_last_jobs_are_found_by_an_index(engine: sa.Engine, connection: sa.Connection) -> None:
+    heartbeats.beat(connection, "w1")
+    _done(connection, "0", {"layers": 100.0})
+    _add(connection, "a")
+    with plans(engine) as found:
+        assert _etas(connection, "a") == {"a": pytest.approx(100, abs=5)}
+    for index in ("jobs_by_state (state=?)", "jobs_by_likeness (likeness=? AND state=?)"):
+        (plan,) = (plan for plan in found if index in plan)
+        assert "TEMP B-TREE" not in plan
