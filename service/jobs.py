@@ -106,14 +106,31 @@ def add(
 
     Raises sqlalchemy.exc.IntegrityError on a used idempotency key, and what quotas.charge raises.
     """
+    return add_burst(connection, [(values, deadline_seconds)])[0]
+
+
+def add_burst(
+    connection: sa.Connection, burst: Sequence[tuple[Mapping[str, Any], float | None]]
+) -> list[int]:
+    """Insert queued jobs of one owner, one or more, and charge it once for all; their ranks.
+
+    burst: values and deadline_seconds of each, as for add, which raises the same.
+    """
+    ranks = [_insert(connection, values, seconds) for values, seconds in burst]
+    quotas.charge(connection, burst[0][0].get("owner", ""), len(burst))
+    once_committed(connection, partial(metrics.ACCEPTED.inc, len(burst)))
+    return ranks
+
+
+def _insert(
+    connection: sa.Connection, values: Mapping[str, Any], deadline_seconds: float | None
+) -> int:
     owner, priority = values.get("owner", ""), values.get("priority", "normal")
     camera = None if values.get("inputs") else values.get("camera")
     rank = fairness.next_rank(connection, owner, priority, camera)
     deadline = None if deadline_seconds is None else now() + deadline_seconds
     row = sa.insert(jobs).values(state=State.QUEUED, rank=rank, created=now(), deadline=deadline)
     connection.execute(row.values(**values))
-    quotas.charge(connection, owner)
-    once_committed(connection, metrics.ACCEPTED.inc)
     return rank
 
 

@@ -46,13 +46,13 @@ def check(connection: sa.Connection, key_id: str, coming: int = 1) -> None:
         _check_stored(connection, key_id, coming, key.stored_bytes)
 
 
-def charge(connection: sa.Connection, key_id: str) -> None:
-    """Count a job that was inserted in this transaction. Raises what check() raises."""
+def charge(connection: sa.Connection, key_id: str, count: int = 1) -> None:
+    """Count jobs that were inserted in this transaction. Raises what check() raises."""
     day = int(_now(connection) // _DAY_SECONDS)
     so_far = sa.case((keys.c.day == day, keys.c.jobs_of_day), else_=0)
     # Locks the row until the end, so that jobs of the same key are counted one after the other.
     connection.execute(
-        sa.update(keys).where(keys.c.id == key_id).values(day=day, jobs_of_day=so_far + 1)
+        sa.update(keys).where(keys.c.id == key_id).values(day=day, jobs_of_day=so_far + count)
     )
     check(connection, key_id, coming=0)
 

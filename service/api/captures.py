@@ -137,10 +137,7 @@ def _commit(submission: Submission, wanted: Pairs, request_hash: str) -> Accepte
             row["camera"] = cameras.add(connection, wanted.capture.camera)
             if wanted.capture.when_busy == "refuse":
                 _refuse_when_held(connection, submission.caller, row["camera"])
-            for number, job_id in enumerate(ids):
-                key = submission.idempotency_key if number == 0 else None
-                one = row | {"id": job_id, "idempotency_key": key}
-                _add(context, connection, wanted, one, number * wanted.interval_seconds)
+            _add(context, connection, wanted, row, ids)
     except sa.exc.IntegrityError:
         earlier = replay(submission, request_hash)
         if earlier is None:
@@ -154,13 +151,19 @@ def _add(
     connection: sa.Connection,
     wanted: Pairs,
     row: dict[str, Any],
-    delay_seconds: float,
+    ids: list[str],
 ) -> None:
+    """Add rows and queue entries of a burst, whose first job alone bears the idempotency key."""
     deadline = wanted.handling.deadline_seconds
-    rank = jobs.add(connection, row, None if deadline is None else deadline + delay_seconds)
+    delays = [number * wanted.interval_seconds for number in range(len(ids))]
+    rows = [row | {"id": ids[0]}]
+    rows += [row | {"id": job_id, "idempotency_key": None} for job_id in ids[1:]]
+    deadlines = [None if deadline is None else deadline + delay for delay in delays]
+    ranks = jobs.add_burst(connection, list(zip(rows, deadlines, strict=True)))
     camera = row["camera"]
     on = cameras.host_of(connection, camera)
-    context.queue.submit_capture(connection, row["id"], rank, camera, on, delay_seconds)
+    for job_id, rank, delay in zip(ids, ranks, delays, strict=True):
+        context.queue.submit_capture(connection, job_id, rank, camera, on, delay)
 
 
 def _refuse_when_held(connection: sa.Connection, caller: Caller, camera: str) -> None:

@@ -78,6 +78,15 @@ def test_jobs_count_when_they_come_and_when_they_end(engine: sa.Engine) -> None:
     assert _count("lightlayers_jobs_finished_total", outcome="failed") == failed + 1
 
 
+def test_each_job_of_a_burst_counts(engine: sa.Engine) -> None:
+    accepted = _count("lightlayers_jobs_accepted_total")
+    row = {"options": {}, "trace_id": "1" * 32, "request_hash": ""}
+    with engine.begin() as connection:
+        ranks = jobs.add_burst(connection, [({"id": job_id, **row}, None) for job_id in "abc"])
+    assert ranks == [4, 8, 12]
+    assert _count("lightlayers_jobs_accepted_total") == accepted + 3
+
+
 def test_what_is_rolled_back_does_not_count(engine: sa.Engine) -> None:
     _add(engine, "a")
     names = "lightlayers_jobs_accepted_total", "lightlayers_jobs_finished_total"

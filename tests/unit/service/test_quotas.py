@@ -58,10 +58,46 @@ def test_a_burst_that_a_quota_has_no_room_for_is_refused_at_once(
     burst = f"/cameras/{cameras.id_of('sim://studio')}/captures"
     post_capture(http, **key)
     with monkeypatch.context() as begun:
-        begun.setattr(jobs, "add", pytest.fail)
+        begun.setattr(jobs, "add_burst", pytest.fail)
         refused = http.post(burst, json={"pairs": 3}, headers=key)
     assert problem_of(refused) == (429, "quota-exceeded", expected)
     assert http.post(burst, json={"pairs": 2}, headers=key).status_code == 202
+
+
+def test_a_burst_is_charged_once(http: httpx.Client, context: Context) -> None:
+    key = bearing(context, "capture", jobs_per_day=5, waiting_jobs=5, stored_bytes=1000)
+    burst = f"/cameras/{cameras.id_of('sim://studio')}/captures"
+    post_capture(http, **key)  # since when the service knows the camera
+    sums: list[str] = []
+
+    def note(_c: object, _cursor: object, query: str, *_more: object) -> None:
+        if "sum(jobs.stored_bytes)" in query:
+            sums.append(query)
+
+    sa.event.listen(context.engine, "before_cursor_execute", note)
+    assert http.post(burst, json={"pairs": 3}, headers=key).status_code == 202
+    assert len(sums) == 3  # before the body is read, once it is, and with all the rows
+    with context.engine.connect() as connection:
+        assert connection.execute(sa.select(database.keys.c.jobs_of_day)).scalar_one() == 4
+    refused = http.post(burst, json={"pairs": 2}, headers=key)
+    assert problem_of(refused)[:2] == (429, "quota-exceeded")
+
+
+@pytest.mark.parametrize("quota", ["waiting_jobs", "jobs_per_day"])
+def test_bursts_at_once_do_not_get_past_a_quota(
+    quota: str, http: httpx.Client, context: Context
+) -> None:
+    key = bearing(context, "capture", **{quota: 8})
+    burst = f"/cameras/{cameras.id_of('sim://studio')}/captures"
+    post_capture(http, **key)
+
+    def ask(_number: int) -> int:
+        return http.post(burst, json={"pairs": 3}, headers=key).status_code
+
+    with ThreadPoolExecutor(4) as pool:
+        assert sorted(pool.map(ask, range(4))) == [202] * 2 + [429] * 2
+    with context.engine.connect() as connection:
+        assert connection.execute(sa.select(database.keys.c.jobs_of_day)).scalar_one() == 7
 
 
 def test_jobs_of_a_day_count_even_if_they_are_deleted(http: httpx.Client, context: Context) -> None:
