@@ -31,6 +31,7 @@ _OWNERS = 10
 _ROUNDS = 200
 _DAY = 86400.0
 _LIKENESS = "best-best bytes-44"
+_SECONDS = {"layers": 10.0, "store": 1.0}
 _QUOTA_OF_BYTES = "quota of bytes"
 _RANDOM_ID = {
     "sqlite": "lower(hex(randomblob(16)))",
@@ -73,7 +74,7 @@ class Rows:
             "state": "succeeded",
             "options": {"lights": 2},
             "likeness": _LIKENESS,
-            "stage_seconds": {"layers": 10.0, "store": 1.0},
+            "stage_seconds": _SECONDS,
             "stored_bytes": 1,
             "inputs": {frame: {"key": "", "sha256": "0" * 64} for frame in ("no_flash", "flash")},
             "results": [_RESULT] * 2,
@@ -135,7 +136,7 @@ class Rows:
         """Make the held job succeed."""
         assert self._held is not None
         with self.engine.begin() as connection:
-            assert jobs.succeed(connection, self._held, [_RESULT] * 2, keep_seconds=_DAY)
+            assert jobs.succeed(connection, self._held, [_RESULT] * 2, _SECONDS, _DAY)
 
     def state(self) -> None:
         """Read one job."""
