@@ -32,6 +32,7 @@ _ROUNDS = 200
 _DAY = 86400.0
 _LIKENESS = "best-best bytes-44"
 _SECONDS = {"layers": 10.0, "store": 1.0}
+_LIMITED = "owner2"  # the one with a quota of bytes
 _QUOTA_OF_BYTES = "quota of bytes"
 _RANDOM_ID = {
     "sqlite": "lower(hex(randomblob(16)))",
@@ -61,8 +62,8 @@ class Rows:
             self._last = jobs.page(connection, "owner1", 1, None)[0]
 
     def _live(self) -> None:
-        """Have a worker live throughout, without which no job has an end, and a key."""
-        key = {"id": "owner1", "digest": "", "name": "", "scopes": [], "stored_bytes": 2**62}
+        """Have a worker that lives throughout, without which no job has an end, and a key."""
+        key = {"id": _LIMITED, "digest": "", "name": "", "scopes": [], "stored_bytes": 2**62}
         with self.engine.begin() as connection:
             worker = {"id": "worker", "seen": time.time() + _DAY}
             connection.execute(sa.insert(database.workers), worker)
@@ -166,7 +167,7 @@ class Rows:
     def bytes_of_key(self) -> None:
         """Add up what a key's jobs have stored."""
         with self.engine.connect() as connection:
-            quotas.check(connection, "owner1")
+            quotas.check(connection, _LIMITED)
 
     def calibrations(self) -> None:
         """Look for an owner's calibrations, as a separation does."""
