@@ -57,6 +57,13 @@ Lights = Annotated[
 """Number of lamps that is asked for."""
 
 
+MOST_ROWS = 2000
+"""Of a spectral table: of 0.2 nm where the light is visible. Whatever asks for a job is kept and
+told with it, and many jobs are told at once."""
+SpectrumName = Annotated[str, Field(max_length=200)]
+"""Name of a camera or a light."""
+
+
 class Strict(BaseModel):
     """What is asked for: no unknown names, no infinite numbers."""
 
@@ -75,8 +82,12 @@ FoundWith = Annotated[
 class Spectrum(Strict):
     """A spectral power distribution."""
 
-    wavelength_nm: list[float] = Field(min_length=2, description="Ascending, in nanometres.")
-    power: list[_NotNegative] = Field(description="Relative power per wavelength.")
+    wavelength_nm: list[float] = Field(
+        min_length=2, max_length=MOST_ROWS, description="Ascending, in nanometres."
+    )
+    power: list[_NotNegative] = Field(
+        max_length=MOST_ROWS, description="Relative power per wavelength."
+    )
     taken_with: FoundWith = None
 
     @model_validator(mode="after")
@@ -88,10 +99,18 @@ class Spectrum(Strict):
 class Sensitivities(Strict):
     """A camera's spectral sensitivities."""
 
-    wavelength_nm: list[float] = Field(min_length=2, description="Ascending, in nanometres.")
-    r: list[float] = Field(description="Relative response of the red channel per wavelength.")
-    g: list[float] = Field(description="Relative response of the green channel per wavelength.")
-    b: list[float] = Field(description="Relative response of the blue channel per wavelength.")
+    wavelength_nm: list[float] = Field(
+        min_length=2, max_length=MOST_ROWS, description="Ascending, in nanometres."
+    )
+    r: list[float] = Field(
+        max_length=MOST_ROWS, description="Relative response of the red channel per wavelength."
+    )
+    g: list[float] = Field(
+        max_length=MOST_ROWS, description="Relative response of the green channel per wavelength."
+    )
+    b: list[float] = Field(
+        max_length=MOST_ROWS, description="Relative response of the blue channel per wavelength."
+    )
     taken_with: FoundWith = None
 
     @model_validator(mode="after")
@@ -144,7 +163,7 @@ def _kind_of_lamp(value: Any) -> str:
 KnownLamp = Annotated[
     Annotated[Circle, Tag("area")]
     | Annotated[Spectrum, Tag("table")]
-    | Annotated[str, Tag("name")],
+    | Annotated[SpectrumName, Tag("name")],
     Discriminator(_kind_of_lamp),
 ]
 """A lamp by the light of an area, which is its alone, or by its spectrum."""
@@ -192,13 +211,13 @@ class Options(PairOptions):
     basis: Literal["wpca", "pca", "joint"] = Field(
         default="wpca", description="How the bases of reflectances and lights are learnt."
     )
-    camera: str | Sensitivities | None = Field(
+    camera: SpectrumName | Sensitivities | None = Field(
         default=None, description="Name of a measured camera, or its table; default from EXIF."
     )
-    flash_spectrum: str | Spectrum = Field(
+    flash_spectrum: SpectrumName | Spectrum = Field(
         default="xenon", description="Name of a flash or light source, or its table."
     )
-    neutral: str | Spectrum = Field(
+    neutral: SpectrumName | Spectrum = Field(
         default="D65", description="The light white-balanced pictures are shown under."
     )
     light_directions: list[DirectedLight] | None = Field(
@@ -219,7 +238,7 @@ class Options(PairOptions):
         max_length=10,
         description="Lights that none of the other lamps may come near, as pinned_lamps are given.",
     )
-    response: str | Sensitivities | None = Field(
+    response: SpectrumName | Sensitivities | None = Field(
         default=None,
         description="Camera through which the photograph and each layer are shown anew.",
     )
@@ -232,7 +251,7 @@ class Options(PairOptions):
         description="Where y of written normals points: gl up, as OpenGL has it, dx down, as "
         "DirectX has it.",
     )
-    outputs: Literal["default", "all"] | list[str] = Field(
+    outputs: Literal["default", "all"] | Annotated[list[str], Field(max_length=100)] = Field(
         default="default", description=f"Files to write: {', '.join(OUTPUT_NAMES)}."
     )
 

@@ -15,6 +15,7 @@ from pipeline.options import (
     Sensitivities,
     SetUp,
     Spectrum,
+    SpectrumName,
 )
 
 Point = tuple[float, float]
@@ -58,7 +59,7 @@ class FlashCalibration(KeptOptions):
         "ColorChecker is looked for.",
     )
     chart: Corners | None = None
-    camera: str | Sensitivities | None = Field(
+    camera: SpectrumName | Sensitivities | None = Field(
         default=None, description="Name of a measured camera, or its table; default from EXIF."
     )
 
@@ -74,7 +75,7 @@ class CameraCalibration(KeptOptions):
 
     kind: Literal["camera"]
     chart: Corners | None = Field(default=None, description="When missing, it is looked for.")
-    flash_spectrum: str | Spectrum | None = Field(
+    flash_spectrum: SpectrumName | Spectrum | None = Field(
         default=None,
         description="Name of a flash or light source, or its table; when missing, the likeliest.",
     )

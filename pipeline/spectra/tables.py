@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from pipeline.errors import OptionError, own_words
-from pipeline.options import Sensitivities, Spectrum
+from pipeline.options import MOST_ROWS, Sensitivities, Spectrum
 
 CAMERA_COLUMNS = ("r", "g", "b")
 LIGHT_COLUMNS = ("power",)
@@ -135,6 +135,11 @@ def _sentence(what: str, error: ValidationError) -> str:
         return (
             f"The {what} does not say in {_TAKEN_WITH} what it was found with, as a calibration "
             "writes it: calibrate anew, or remove that."
+        )
+    if first["type"] == "too_long":
+        return (
+            f"The {what} has {first['ctx']['actual_length']:,} rows: send at most {MOST_ROWS:,}, "
+            "in wider steps."
         )
     if first["loc"]:
         column, row = first["loc"]

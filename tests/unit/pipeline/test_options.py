@@ -11,6 +11,8 @@ from pipeline.output_names import OUTPUT_NAMES
 DIRECTION = {"direction": [0, 0, 1]}
 AREA = {"x": 10, "y": 20, "radius": 5}
 RANGE: list[float] = [400, 500, 600, 700]
+LONG = {"wavelength_nm": [400 + row / 5 for row in range(2001)], "power": [1] * 2001}
+SENSOR = {"wavelength_nm": RANGE, "r": [1] * 4, "g": [1] * 4, "b": [1] * 4}
 
 
 def reason(options: dict[str, Any]) -> str:
@@ -97,6 +99,19 @@ def test_more_than_three_lamps_are_refused_with_the_reason(lights: int) -> None:
         ({"pinned_lamps": [{**AREA, "y": float("inf")}]}, "pinned_lamps.0.area.y"),
         ({"pinned_lamps": [{**AREA, "z": 1}]}, "pinned_lamps.0.area.z"),
         ({"forbidden_lamps": [{"wavelength_nm": RANGE, "power": [1]}]}, "forbidden_lamps.0.table"),
+        ({"flash_spectrum": LONG}, "Spectrum].wavelength_nm"),
+        ({"flash_spectrum": LONG | {"wavelength_nm": RANGE}}, "Spectrum].power"),
+        ({"pinned_lamps": [LONG]}, "pinned_lamps.0.table.power"),
+        ({"camera": SENSOR | {"r": [1] * 2001}}, "Sensitivities].r"),
+        ({"camera": SENSOR | {"g": [1] * 2001}}, "Sensitivities].g"),
+        ({"response": SENSOR | {"b": [1] * 2001}}, "Sensitivities].b"),
+        ({"response": SENSOR | {"wavelength_nm": [1] * 2001}}, "Sensitivities].wavelength_nm"),
+        ({"camera": "x" * 201}, "camera"),
+        ({"response": "x" * 201}, "response"),
+        ({"flash_spectrum": "x" * 201}, "flash_spectrum"),
+        ({"neutral": "x" * 201}, "neutral"),
+        ({"forbidden_lamps": ["x" * 201]}, "forbidden_lamps.0.name"),
+        ({"outputs": ["layers.exr"] * 101}, "at most 100"),
         ({"pinned_lamps": ["A", "B", "C", "E"]}, "at most 3"),
         ({"forbidden_lamps": [f"D{k}" for k in range(40, 51)]}, "at most 10"),
         ({"pinned_lamps": [AREA, AREA]}, "the same lamp is pinned twice"),
@@ -113,6 +128,12 @@ def test_more_than_three_lamps_are_refused_with_the_reason(lights: int) -> None:
 )
 def test_what_cannot_be_is_refused_by_name(options: dict[str, Any], part: str) -> None:
     assert part in reason(options)
+
+
+def test_a_table_of_a_fifth_of_a_nanometre_is_taken() -> None:
+    wavelengths = [380 + row / 5 for row in range(2000)]
+    table = Spectrum(wavelength_nm=wavelengths, power=[1.0] * 2000)
+    assert Options(flash_spectrum=table, camera="x" * 200).flash_spectrum == table
 
 
 @pytest.mark.parametrize(

@@ -95,6 +95,11 @@ def test_ampas_json_of_a_light() -> None:
         (b"wavelength_nm,power\n400,0\n700,0\n", "must not be all zero"),
         (b"wavelength_nm,power\n400,1\n", "has one row: send two or more, one per wavelength"),
         (b'wavelength_nm,power\n"400,1\n700,1', "has not 2 numbers|no CSV|not a number"),
+        (
+            b"wavelength_nm,power\n"
+            + b"".join(b"%.1f,1\n" % (380 + row / 10) for row in range(4001)),
+            "has 4,001 rows: send at most 2,000, in wider steps",
+        ),
         (b"{", "is no AMPAS JSON"),
         (b"{}", "is no AMPAS JSON"),
         (b'{"spectral_data": []}', "is no AMPAS JSON"),

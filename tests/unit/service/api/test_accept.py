@@ -5,6 +5,7 @@ import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
@@ -142,6 +143,26 @@ def _raising(error: Exception) -> Callable[..., None]:
         raise error
 
     return fail
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (
+            {"flash_spectrum": {"wavelength_nm": [1] * 2001, "power": [1] * 2001}},
+            "options.flash_spectrum.wavelength_nm: List should have at most 2000 items, not 2001.",
+        ),
+        (
+            {"neutral": "D65" + "-" * 198},
+            "options.neutral: String should have at most 200 characters or an object.",
+        ),
+    ],
+)
+def test_tables_and_names_of_any_length_are_refused(
+    options: dict[str, Any], words: str, http: httpx.Client
+) -> None:
+    wanted = {"capture": {"camera": "sim://studio"}, "options": options}
+    assert problem_of(http.post("/jobs", json=wanted)) == (422, "invalid-option", words)
 
 
 class TestHandling:
