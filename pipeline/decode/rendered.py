@@ -14,7 +14,15 @@ import simplejpeg
 from pipeline.decode.jpeg_header import plain_header
 from pipeline.decode.png_colours import png_profile, png_transfer, refuse_limited_range
 from pipeline.decode.profiles import embedded_profile, nclx_profile
-from pipeline.decode.samples import Samples, UnsuitableError, inverse, refuse_hdr, to_rgb, upright
+from pipeline.decode.samples import (
+    CMYK,
+    Samples,
+    UnsuitableError,
+    inverse,
+    refuse_hdr,
+    to_rgb,
+    upright,
+)
 
 _PNG_END = b"IEND\xaeB`\x82"
 _EXIF_MARK = b"Exif\0\0"
@@ -30,7 +38,7 @@ def jpeg_size(data: bytes) -> tuple[int, int]:
     """
     height, width, colours, _sampling = simplejpeg.decode_jpeg_header(plain_header(data))
     if colours in ("CMYK", "YCCK"):
-        raise UnsuitableError("is in CMYK, the colours of print: save it in RGB.")
+        raise UnsuitableError(CMYK)
     if colours == "Gray":
         to_rgb(np.empty((height, width, 1)))
     return width, height

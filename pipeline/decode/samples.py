@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 _PQ, _HLG = 16, 18
 """Transfer characteristics of Rec. ITU-T H.273."""
+CMYK = "is in CMYK, the colours of print: save it in RGB."
+"""What UnsuitableError says of such files."""
 
 
 class UnsuitableError(ValueError):

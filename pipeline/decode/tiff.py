@@ -13,13 +13,18 @@ from typing import Any
 import numpy as np
 from tifffile import TiffFile, TiffPage
 
-from pipeline.decode.samples import Samples, UnsuitableError, to_rgb
+from pipeline.decode.samples import CMYK, Samples, UnsuitableError, to_rgb
 from pipeline.frames import Matrix
 
 logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # it tells the terminal of odd tags
 
+_PHOTOMETRIC = 262
 _GREY, _RGB, _YCBCR = 1, 2, 6
 _CFA, _LINEAR_RAW = 32803, 34892
+_CMYK = 5
+_NO_SENSOR = (0, 3, 4, _CMYK, 8, 9, 10, 32844, 32845)
+"""White as 0, palette, mask, CMYK, three kinds of Lab, and LogLuv with and without its colours."""
+_SIGNED = 2
 _DNG_VERSION = 50706
 _COLOR_MATRICES = ((50721, 50778), (50722, 50779))
 """Tags of the two matrices and of the lights they are for, the second nearer to daylight."""
@@ -45,13 +50,22 @@ def holds_raw(data: bytes) -> bool:
     """Whether a file with a TIFF header is a RAW or DNG file, by its directories.
 
     A DNGVersion tag, a colour filter array or linear raw samples in any directory say so, and so
-    does a file without any picture of a kind that TIFF readers show. Raises what tifffile raises.
+    does a file without any picture of a kind that TIFF readers show. Raises UnsuitableError where
+    a full one is of a kind that no sensor gives, which LibRaw would take for a mosaic, and what
+    tifffile raises.
     """
     with _opened(data) as file:
         pages = list(_pages(file))
-        return any(
+        if any(
             page.photometric in (_CFA, _LINEAR_RAW) or _DNG_VERSION in page.tags for page in pages
-        ) or not any(_shows(page) for page in pages)
+        ):
+            return True
+        if any(_shows(page) for page in pages):
+            return False
+        for page in pages:
+            if not page.subfiletype & _REDUCED:
+                _refuse_no_sensor(page)
+        return True
 
 
 def tiff_size(data: bytes) -> tuple[int, int]:
@@ -201,6 +215,17 @@ def _shows(page: TiffPage) -> bool:
     if page.imagedepth != 1 or page.samplesperpixel > 4:
         return False
     return page.dtype.kind == "f" or page.dtype in (np.uint8, np.uint16)
+
+
+def _refuse_no_sensor(page: TiffPage) -> None:
+    """Raise UnsuitableError for a picture whose tags say that it is of no sensor."""
+    kind = page.tags.valueof(_PHOTOMETRIC)  # tifffile itself takes white as 0 where it is missing
+    if kind == _CMYK:
+        raise UnsuitableError(CMYK)
+    if kind in _NO_SENSOR or page.sampleformat == _SIGNED:
+        raise UnsuitableError(
+            "is a TIFF of a kind that is not read: send one with 8-bit, 16-bit or float RGB values."
+        )
 
 
 def _full(file: TiffFile) -> TiffPage:

@@ -197,26 +197,69 @@ def test_cmyk_is_refused_with_the_reason(codes: Codes, pillow_file: Write) -> No
     assert "CMYK" in refusal(pillow_file(codes, "JPEG", "CMYK"))
 
 
+@pytest.mark.parametrize("size", [(16, 16), (200, 300)])  # LibRaw takes no tiny ones
 @pytest.mark.parametrize(
     ("dtype", "planes", "options"),
     [
-        (np.uint8, 4, {"photometric": "separated"}),
         (np.uint8, 3, {"photometric": "cielab"}),
         (np.uint8, 3, {"photometric": "ycbcr"}),
         (np.uint8, 1, {"photometric": "miniswhite"}),
         (np.uint32, 3, {}),
         (np.int16, 3, {}),
         (np.uint8, 5, {}),
+        (np.uint16, 1, {"photometric": "miniswhite"}),
+        (np.uint16, 3, {"photometric": "cielab"}),
+        (np.uint16, 1, {"photometric": "mask"}),
+        (np.uint16, 1, {"photometric": 32844}),
+        (np.uint16, 1, {"photometric": "palette", "colormap": np.zeros((3, 65536), np.uint16)}),
+        (np.int16, 1, {"photometric": "minisblack"}),
+        (np.float16, 1, {"photometric": "miniswhite"}),
     ],
-    ids=["CMYK", "Lab", "YCbCr", "MinIsWhite", "32 bits", "signed", "five channels"],
+    ids=[
+        "Lab",
+        "YCbCr",
+        "MinIsWhite",
+        "32 bits",
+        "signed",
+        "five channels",
+        "16-bit MinIsWhite",
+        "16-bit Lab",
+        "mask",
+        "LogL",
+        "16-bit palette",
+        "signed grey",
+        "half MinIsWhite",
+    ],
 )
 def test_tiffs_of_other_kinds_are_refused(
-    tiff_file: Write, dtype: type[Any], planes: int, options: dict[str, Any]
+    tiff_file: Write,
+    dtype: type[Any],
+    planes: int,
+    options: dict[str, Any],
+    size: tuple[int, int],
 ) -> None:
-    values = np.ones((16, 16, planes), dtype)
+    """LibRaw would take those of 16 bits for the mosaic of a sensor."""
+    values = np.ones((*size, planes), dtype)
     if planes == 1:
         values = values[..., 0]
     assert "a TIFF of a kind that is not read" in refusal(tiff_file(values, **options))
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.int16, np.float16, np.float32])
+def test_a_tiff_in_cmyk_is_refused_with_the_reason(tiff_file: Write, dtype: type[Any]) -> None:
+    data = tiff_file(np.full((200, 300, 4), 9, dtype), photometric="separated")
+    with pytest.raises(UnreadableImageError, match="is in CMYK, the colours of print: save it in"):
+        read_header(data)
+    assert "is in CMYK" in refusal(data)
+
+
+def test_a_mosaic_that_says_nothing_of_its_samples_is_taken_as_raw(tiff_file: Write) -> None:
+    """As old RAW files do; tifffile alone would call it white as 0."""
+    data = bytearray(tiff_file(np.full((200, 300), 900, np.uint16), photometric="minisblack"))
+    entry = data.index(struct.pack("<HHI", 262, 3, 1))
+    struct.pack_into("<H", data, entry, 261)  # a tag that nobody knows, in its place
+
+    assert read_header(bytes(data)).kind == "RAW"
 
 
 def test_a_palette_tiff_is_refused(codes: Codes, pillow_file: Write) -> None:
