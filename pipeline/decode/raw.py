@@ -13,7 +13,7 @@ from pipeline.decode.demosaic import demosaic
 from pipeline.decode.linear import clipped, clipped_photosites, to_linear
 from pipeline.decode.metadata import Metadata, read_metadata
 from pipeline.decode.quiet import muted
-from pipeline.decode.samples import Samples, refuse_grey
+from pipeline.decode.samples import Samples, UnsuitableError, refuse_grey
 from pipeline.decode.tiff import black_repeats, dng_matrix, linear_raw_channels
 from pipeline.frames import Mask, Matrix, Photograph
 
@@ -56,13 +56,14 @@ def read_raw(data: bytes, orientation: int | None = None) -> RawPicture:
     has a choice by DHT, which does not suffer from channels without white balance either.
     adjust_maximum_thr must be 0: LibRaw otherwise scales every frame by its own maximum, which
     gives the two frames of a pair two gains. Raises UnsuitableError for a linear DNG of one
-    channel, and rawpy's errors.
+    channel and for a compression that LibRaw does not know, and rawpy's errors.
     """
     channels = linear_raw_channels(data)
     if channels is not None:
         refuse_grey(channels)
     metadata = read_metadata(data)
     with muted(), rawpy.imread(io.BytesIO(data)) as raw:
+        _unpack(raw)
         known = np.asarray(raw.rgb_xyz_matrix, dtype=np.float64)[:3]
         if metadata == Metadata():  # no EXIF where it is looked for, as in CRW
             metadata = preview_metadata(raw)
@@ -89,6 +90,16 @@ def read_raw(data: bytes, orientation: int | None = None) -> RawPicture:
     if matrix is not None and not _tells_colours(matrix):
         matrix = None
     return RawPicture(pixels, saturated, metadata, matrix)
+
+
+def _unpack(raw: rawpy.RawPy) -> None:
+    try:
+        raw.unpack()
+    except rawpy.LibRawFileUnsupportedError as error:  # of damaged data it raises others
+        raise UnsuitableError(
+            "is a RAW file of a kind or compression that is not read: convert it to an "
+            "uncompressed or lossless DNG."
+        ) from error
 
 
 def _tells_colours(matrix: Matrix) -> bool:

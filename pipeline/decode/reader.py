@@ -260,8 +260,9 @@ def _unopened(data: bytes, kind: Kind) -> str:
         return f"is of a kind that is not read: send {FORMATS}."
     if signature == "TIFF" and kind == "RAW":
         return (
-            "is a damaged RAW file or a TIFF of a kind that is not read: send the RAW file again, "
-            "or a TIFF with 8-bit, 16-bit or float RGB values."
+            "is a damaged RAW file, or one or a TIFF of a kind that is not read: send the RAW file "
+            "again, an uncompressed or lossless DNG of it, or a TIFF with 8-bit, 16-bit or float "
+            "RGB values."
         )
     return _damaged(kind)
 

@@ -6,7 +6,10 @@ from typing import Literal
 
 Kind = Literal["JPEG", "PNG", "TIFF", "EXR", "HEIF", "RAW"]
 
-_HEIF_BRANDS = {b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"}
+_HEIC_BRANDS = {b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx"}
+_AVIF_BRANDS = {b"avif", b"avis"}
+_ANY_BRANDS = {b"mif1", b"msf1"}
+"""Brands of ISO/IEC 23008-12 that leave the compression open."""
 _PREFIXES: tuple[tuple[bytes, Kind], ...] = (
     (b"\xff\xd8\xff", "JPEG"),
     (b"\x89PNG\r\n\x1a\n", "PNG"),
@@ -40,6 +43,13 @@ def kind_of(data: bytes) -> Kind | None:
     if data[4:8] == b"ftyp":
         if data[8:12] == b"crx ":  # Canon CR3
             return "RAW"
-        if data[8:12] in _HEIF_BRANDS:
+        if data[8:12] in _HEIC_BRANDS or (data[8:12] in _ANY_BRANDS and not _is_avif(data)):
             return "HEIF"
     return None
+
+
+def _is_avif(data: bytes) -> bool:
+    """Whether a file names AVIF among the brands that it is compatible with, and no HEIC."""
+    end = int.from_bytes(data[:4], "big")
+    brands = {data[at : at + 4] for at in range(16, min(end, len(data)), 4)}
+    return bool(brands & _AVIF_BRANDS) and not brands & _HEIC_BRANDS

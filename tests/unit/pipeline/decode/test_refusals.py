@@ -295,6 +295,40 @@ def test_hdr_heif_is_refused_with_the_reason(transfer: int) -> None:
     assert "HDR" in refusal(file.getvalue())
 
 
+def test_an_avif_that_leaves_its_compression_open_is_of_no_known_kind() -> None:
+    data = imagecodecs.avif_encode(np.full((64, 96, 3), 90, np.uint8))
+    open_brand = data[:8] + b"mif1" + data[12:]
+
+    assert "of a kind that is not read: send a JPEG" in refusal(open_brand)
+
+
+@pytest.mark.parametrize("compression", [9, 52546], ids=["VC-5", "JPEG XL"])
+def test_a_dng_of_a_compression_that_is_not_read_is_not_called_damaged(
+    dng_file: Write, compression: int
+) -> None:
+    data = bytearray(dng_file(np.full((200, 300), 3000, np.uint16)))
+    entry = data.index(struct.pack("<HHI", 259, 3, 1))
+    struct.pack_into("<H", data, entry + 8, compression)
+
+    sentence = refusal(bytes(data))
+
+    assert read_header(bytes(data)).kind == "RAW"
+    assert "a kind or compression that is not read: convert it to an uncompressed or" in sentence
+    assert "damaged" not in sentence
+
+
+def test_a_dng_that_cannot_even_be_opened_may_be_of_another_compression(tiff_file: Write) -> None:
+    """LibRaw knows deflated floats alone."""
+    tags = [(50706, "B", 4, (1, 4, 0, 0), True), (50708, "s", 0, "Unheard Of One", True)]
+    values = np.full((200, 300), 3000, np.uint16)
+    data = tiff_file(values, photometric="cfa", compression="deflate", extratags=tags)
+
+    sentence = refusal(data)
+
+    assert "is a damaged RAW file, or one or a TIFF of a kind that is not read" in sentence
+    assert "an uncompressed or lossless DNG of it" in sentence
+
+
 def test_a_raw_file_cannot_be_srgb(dng_file: Write) -> None:
     data = dng_file(np.full((32, 32), 3000, np.uint16))
     with pytest.raises(OptionError, match="RAW file, which holds linear values"):

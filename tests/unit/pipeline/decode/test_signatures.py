@@ -21,6 +21,12 @@ from pipeline.decode.signatures import Kind, kind_of
         (b"FUJIFILMCCD-RAW 0201", "RAW"),
         (b"IIU\x00\x18\x00\x00\x00", "RAW"),
         (b"IIRO\x08\x00\x00\x00", "RAW"),
+        (b"\x00\x00\x00\x18ftypmif1\0\0\0\0mif1heic", "HEIF"),
+        (b"\x00\x00\x00\x1cftypmif1\0\0\0\0mif1avifheic", "HEIF"),
+        (b"\x00\x00\x00\x14ftypmif1\0\0\0\0miafavif", "HEIF"),  # which is of the next box
+        (b"\xff\xff\xff\xffftypmif1", "HEIF"),
+        (b"\x00\x00\x00\x18ftypmif1\0\0\0\0avifmif1", None),
+        (b"\x00\x00\x00\x18ftypmsf1\0\0\0\0msf1avis", None),
         (b"\x00\x00\x00\x18ftypavif", None),
         (b"\x00\x00\x00\x18ftypmp42", None),
         (b"GIF89a", None),
