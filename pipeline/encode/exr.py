@@ -3,7 +3,7 @@ from __future__ import annotations
 import errno
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import Imath
@@ -11,11 +11,26 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
+from pipeline.decode.quiet import muted
 from pipeline.encode.half_floats import to_half
 from pipeline.errors import InputError
 
 _FLOAT = Imath.Channel(Imath.PixelType(Imath.PixelType.FLOAT))
 _HALF = Imath.Channel(Imath.PixelType(Imath.PixelType.HALF))
+_TOLD = (
+    errno.ENOSPC,
+    errno.EDQUOT,
+    errno.EFBIG,
+    errno.EMFILE,
+    errno.ENOENT,
+    errno.EACCES,
+    errno.EPERM,
+    errno.EISDIR,
+    errno.ENOTDIR,
+    errno.EROFS,
+    errno.ENAMETOOLONG,
+)
+"""What OpenEXR may tell in words of a place that cannot be written."""
 
 
 class ExrFile:
@@ -56,9 +71,10 @@ class ExrFile:
             self._file.writePixels(lines, rows)
 
     def close(self) -> None:
-        """End the file."""
+        """End the file, of which all rows are written. Raises OSError where it is not whole."""
         if self._file is not None:
             self._file.close()
+            _check_whole(self._name, self._size[1])
 
 
 def name_of(path: Path) -> str:
@@ -93,14 +109,30 @@ def _errors_numbered() -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        for number in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EMFILE):
+        for number in _TOLD:
             if error.errno is None and os.strerror(number) in str(error):
                 raise OSError(number, os.strerror(number)) from error
         raise
 
 
+def _check_whole(name: str, height: int) -> None:
+    """Raise OSError for a file without its table of rows or its last row.
+
+    OpenEXR says nothing where it cannot write at last what its buffer still holds.
+    """
+    try:
+        with muted(), closing(OpenEXR.InputFile(name)) as file:
+            whole = file.isComplete()
+            one, kind = next(iter(file.header()["channels"].items()))
+            file.channel(one, kind.type, height - 1, height - 1)
+    except Exception:  # OpenEXR raises what it likes
+        whole = False
+    if not whole:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), name)
+
+
 def write_exr(path: Path, pictures: dict[str, NDArray[np.float32]]) -> None:
-    """Write whole pictures, as ExrFile does."""
+    """Write whole pictures, as ExrFile does. Raises what it raises."""
     height, width = next(iter(pictures.values())).shape[:2]
     file = ExrFile(path, (width, height))
     file.write(pictures)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import hashlib
 import io
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -379,6 +381,81 @@ def test_a_full_disk_is_told_by_its_errno(picture: Picture) -> None:
     assert raised.value.errno == errno.ENOSPC
 
 
+SHORT_OF_ROOM = """
+import resource, sys
+from pathlib import Path
+import numpy as np
+from pipeline.encode.exr import write_exr
+
+width, height, path = int(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3])
+planes = {"Z": np.ones((height, width), np.float32)}
+write_exr(path, planes)
+needed = path.stat().st_size
+_, most = resource.getrlimit(resource.RLIMIT_FSIZE)
+for missing in (0, *map(int, sys.argv[4:])):
+    path.unlink()
+    resource.setrlimit(resource.RLIMIT_FSIZE, (needed - missing, most))
+    try:
+        write_exr(path, planes)
+        print(missing, "whole")
+    except OSError as error:
+        print(missing, error.errno)
+"""
+
+
+@pytest.mark.parametrize(
+    ("size", "missing"),
+    [((20, 300), [1, 2, 100, 1000, 2000, 5000, 20_000]), ((20, 10), [1, 100, 880, 1000])],
+    ids=["more than a buffer", "less than a buffer"],
+)
+def test_an_exr_whose_last_bytes_cannot_be_written_is_an_os_error(
+    tmp_path: Path, size: tuple[int, int], missing: list[int]
+) -> None:
+    """OpenEXR itself says nothing of them; rows, their table and the header wait in its buffer."""
+    told = [str(errno.ENOSPC), str(errno.EFBIG)]
+
+    run = subprocess.run(
+        [sys.executable, "-c", SHORT_OF_ROOM, *map(str, (*size, tmp_path / "a.exr", *missing))],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+
+    first, *others = (line.split() for line in run.stdout.splitlines())
+    assert first == ["0", "whole"]
+    assert [int(found) for found, _ in others] == missing
+    assert all(number in told for _, number in others)
+    assert run.stderr == ""
+
+
+def test_an_exr_that_is_ended_before_its_last_row_is_an_os_error(tmp_path: Path) -> None:
+    file = ExrFile(tmp_path / "a.exr", (20, 30))
+    file.write({"Z": np.ones((29, 20), np.float32)})
+    with pytest.raises(OSError, match="No space left on device"):
+        file.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "number"),
+    [
+        ("nowhere/a.exr", errno.ENOENT),
+        ("folder", errno.EISDIR),
+        ("file/a.exr", errno.ENOTDIR),
+        (f"{'x' * 300}.exr", errno.ENAMETOOLONG),
+    ],
+)
+def test_where_an_exr_cannot_be_written_is_told_by_its_errno(
+    tmp_path: Path, picture: Picture, name: str, number: int
+) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").touch()
+    with pytest.raises(OSError) as raised:
+        write_exr(tmp_path / name, {"RGB": picture})
+    assert raised.value.errno == number
+
+
 def test_other_faults_of_an_exr_stay_as_they_are(tmp_path: Path, picture: Picture) -> None:
-    with pytest.raises(OSError, match="No such file or directory"):
-        write_exr(tmp_path / "nowhere" / "layers.exr", {"RGB": picture})
+    loop = tmp_path / "loop.exr"
+    loop.symlink_to(loop)
+    with pytest.raises(OSError, match="Too many levels of symbolic links"):
+        write_exr(loop, {"RGB": picture})

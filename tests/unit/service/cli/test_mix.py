@@ -115,13 +115,23 @@ def test_bad_presets_are_one_sentence(
     assert words in said and said.count("\n") == 1
 
 
-@pytest.mark.parametrize("name", ["mix.gif", "nowhere/mix.jpg", f"{'x' * 300}.jpg"])
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("mix.gif", " as mix.gif: its name has to end in .jpg, .tif or .exr."),
+        ("nowhere/mix.jpg", ": no such file or directory."),
+        ("nowhere/mix.exr", ": no such file or directory."),
+        (f"{'x' * 300}.jpg", ": file name too long."),
+        (f"{'x' * 300}.exr", ": file name too long."),
+    ],
+)
 def test_places_that_cannot_be_written_are_one_sentence(
-    results: Path, name: str, capsys: pytest.CaptureFixture[str]
+    results: Path, name: str, reason: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     target = results.parent / name
     assert run(["mix", str(results), "-o", str(target)]) == 2
-    assert "cannot be written" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert f"cannot be written{reason}" in said and said.count("\n") == 1
     assert [path.name for path in results.parent.iterdir()] == ["results"]
 
 
