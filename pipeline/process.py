@@ -23,6 +23,7 @@ from pipeline.pair_checks import FLASH, NO_FLASH, check_pair
 from pipeline.pictures import overview, render
 from pipeline.progress import Progress
 from pipeline.reduced import ReducedPair, reduce_pair
+from pipeline.result_names import MANIFEST
 from pipeline.spectra.cameras import Camera, find_camera
 from pipeline.spectra.lights import find_light
 from pipeline.strips import STRIP_ROWS
@@ -46,7 +47,9 @@ def separate_files(
     """Separate a pair of files and write the results; returns the manifest.
 
     no_flash, flash: whole files of any format that decode reads. directory: made if missing;
-    manifest.json is written last. strip_rows: rows worked on at a time, which changes memory and
+    manifest.json is written last. An earlier run's files there are written over or, where this run
+    fails or is canceled while it writes, lost, its manifest.json with them; where it is refused
+    before, they stay. strip_rows: rows worked on at a time, which changes memory and
     not the result. kept: calibrations that stand in for options left out. Raises InputError for
     what the user can mend, Canceled, OSError.
     """
@@ -146,6 +149,7 @@ def _write_outputs(
     """
     small = overview(pair, estimate, options.method, wanted)
     tally = Tally(len(estimate.lamps), *pair.unusable.shape)
+    (directory / MANIFEST).unlink(missing_ok=True)  # an earlier run's, whose files are lost now
     with Outputs(pair.no_flash, small, estimate, wanted, directory, options.normals) as outputs:
         for pictures in render(pair, estimate, options, wanted, progress, strip_rows):
             tally.add(pictures.rows, pictures.layers, pictures.confidence)

@@ -183,6 +183,62 @@ def test_a_canceled_run_does_not_begin(files: Callable[..., Files], tmp_path: Pa
     assert not (tmp_path / "out").exists()
 
 
+def _contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_a_run_that_ends_while_it_writes_leaves_no_manifest_of_the_run_before(
+    files: Callable[..., Files], tmp_path: Path
+) -> None:
+    """It would name files that are gone."""
+    separated(files(), tmp_path, outputs=["lamps.tif", "confidence.tif"])
+    stages: list[str] = []
+    progress = Progress(lambda stage, _: stages.append(stage), lambda: "layers" in stages)
+
+    with pytest.raises(Canceled):
+        separated(files(), tmp_path, progress, rows=16, outputs=["confidence.tif"])
+
+    assert _contents(tmp_path).keys() == {"lamp1.tif", "lamp2.tif"}
+
+
+def test_files_of_a_run_before_are_written_over(
+    files: Callable[..., Files], tmp_path: Path
+) -> None:
+    separated(files(), tmp_path, outputs=["confidence.tif", "gamma.png"])
+    manifest = separated(files(1), tmp_path, outputs=["gamma.png"])
+
+    assert json.loads((tmp_path / "manifest.json").read_text(encoding="utf-8")) == manifest
+    (entry,) = manifest["files"]
+    assert entry["sha256"] == hashlib.sha256(_contents(tmp_path)["gamma.png"]).hexdigest()
+
+
+@pytest.mark.parametrize(
+    ("options", "stage", "error"),
+    [
+        ({"camera": "Nikon D5"}, None, OptionError),
+        ({"exposure_ratio": 500.0}, None, UnusablePairError),
+        ({}, "lamps", Canceled),
+    ],
+    ids=["an option", "a pair", "canceled"],
+)
+def test_a_run_that_writes_nothing_leaves_the_results_of_the_run_before(
+    files: Callable[..., Files],
+    tmp_path: Path,
+    options: dict[str, Any],
+    stage: str | None,
+    error: type[Exception],
+) -> None:
+    separated(files(), tmp_path, outputs=["gamma.png"])
+    before = _contents(tmp_path)
+    stages: list[str] = []
+    progress = Progress(lambda name, _: stages.append(name), lambda: stage in stages)
+
+    with pytest.raises(error):
+        separated(files(), tmp_path, progress, outputs=["gamma.png"], **options)
+
+    assert _contents(tmp_path) == before
+
+
 # bad input
 
 

@@ -296,7 +296,7 @@ def test_hdr_heif_is_refused_with_the_reason(transfer: int) -> None:
 
 
 def test_an_avif_that_leaves_its_compression_open_is_of_no_known_kind() -> None:
-    data = imagecodecs.avif_encode(np.full((64, 96, 3), 90, np.uint8))
+    data = bytes(imagecodecs.avif_encode(np.full((64, 96, 3), 90, np.uint8)))
     open_brand = data[:8] + b"mif1" + data[12:]
 
     assert "of a kind that is not read: send a JPEG" in refusal(open_brand)
