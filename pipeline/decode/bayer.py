@@ -9,11 +9,8 @@ import rawpy
 from numpy.typing import NDArray
 
 from pipeline.decode.demosaic import is_bayer
+from pipeline.decode.dng_crop import Part
 from pipeline.decode.samples import upright
-
-ORIENTATIONS = {0: 1, 1: 2, 2: 4, 3: 3, 4: 5, 5: 8, 6: 6, 7: 7}
-"""EXIF orientation by LibRaw's `flip`: mirrored across (1), down (2), rows and columns changed (4).
-"""
 
 
 @dataclass(frozen=True)
@@ -33,14 +30,14 @@ class Mosaic:
 
 
 def bayer_mosaic(
-    raw: rawpy.RawPy, black_repeats: int, orientation: int | None = None
+    raw: rawpy.RawPy, black_repeats: int, part: Part | None = None, orientation: int = 1
 ) -> Mosaic | None:
     """Mosaic of an unpacked file; None where only LibRaw knows how to make a picture of it.
 
     Those are sensors of other patterns, of more colours, with pixels that are not square, or that
     stand on a corner, files of pictures, and levels of black that repeat after more than
-    two photosites (black_repeats), of which rawpy tells nothing. orientation: EXIF's, by
-    which to turn it; None for the file's own. Raises rawpy's errors.
+    two photosites (black_repeats), of which rawpy tells nothing. part: what is taken of it, before
+    it is turned, all where None. orientation: EXIF's, by which to turn it. Raises rawpy's errors.
     """
     if raw.raw_type != rawpy.RawType.Flat or raw.num_colors != 3 or raw.color_desc != b"RGBG":
         return None
@@ -50,16 +47,16 @@ def bayer_mosaic(
     on_a_corner = width == height + 1  # as LibRaw lays Fuji's sensors that stand on one
     if not plain or on_a_corner or black_repeats > 2 or not _repeats_after_two(raw):
         return None
+    rows, columns = part or (slice(0, height), slice(0, width))
+    values = values[rows, columns]
+    height, width = values.shape
+    top, left = sizes.top_margin + rows.start, sizes.left_margin + columns.start
     filters = np.array(
         [
-            [
-                raw.raw_color(sizes.top_margin + y % 2, sizes.left_margin + x % 2)
-                for x in range(2 + width % 2)
-            ]
+            [raw.raw_color(top + y % 2, left + x % 2) for x in range(2 + width % 2)]
             for y in range(2 + height % 2)
         ]
     )
-    orientation = orientation or ORIENTATIONS[sizes.flip]
     filters = upright(filters, orientation)[:2, :2]
     colours = np.where(filters == 3, 1, filters)  # both greens
     levels = np.asarray(raw.black_level_per_channel, np.float64)

@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 import rawpy
 
-from pipeline.decode.bayer import ORIENTATIONS, bayer_mosaic
+from pipeline.decode.bayer import bayer_mosaic
 from pipeline.decode.demosaic import demosaic
+from pipeline.decode.dng_crop import shown_part
 from pipeline.decode.linear import clipped, clipped_photosites, to_linear
 from pipeline.decode.metadata import Metadata, read_metadata
 from pipeline.decode.quiet import muted
@@ -17,8 +18,9 @@ from pipeline.decode.samples import Samples, UnsuitableError, refuse_grey
 from pipeline.decode.tiff import black_repeats, dng_matrix, linear_raw_channels
 from pipeline.frames import Mask, Matrix, Photograph
 
-_FLIPS = {orientation: flip for flip, orientation in ORIENTATIONS.items()}
-"""LibRaw's `flip` by EXIF orientation."""
+_ORIENTATIONS = {0: 1, 1: 2, 2: 4, 3: 3, 4: 5, 5: 8, 6: 6, 7: 7}
+"""EXIF orientation by LibRaw's `flip`: mirrored across (1), down (2), rows and columns changed (4).
+"""
 _CORRECTED = ("phase one",)
 """Makers whose sensors' faults LibRaw corrects after it has unpacked the file."""
 _MOST_CONDITION = 1e4
@@ -42,14 +44,19 @@ class RawPicture(NamedTuple):
 def raw_header(data: bytes) -> tuple[tuple[int, int], int]:
     """(width, height) before EXIF orientation, and that, without unpacking. Raises rawpy's errors.
 
-    LibRaw knows the orientation of files whose EXIF nothing else finds.
+    Of a DNG they are those of the part that it has shown. LibRaw knows the orientation of files
+    whose EXIF nothing else finds.
     """
     with rawpy.imread(io.BytesIO(data)) as raw:
-        return (raw.sizes.iwidth, raw.sizes.iheight), ORIENTATIONS.get(raw.sizes.flip, 1)
+        part = shown_part(raw, data)
+        width, height = raw.sizes.iwidth, raw.sizes.iheight
+        if part is not None:
+            height, width = (side.stop - side.start for side in part)
+        return (width, height), _ORIENTATIONS.get(raw.sizes.flip, 1)
 
 
 def read_raw(data: bytes, orientation: int | None = None) -> RawPicture:
-    """Read sensor values, without white balance, as light.
+    """Read sensor values, without white balance, as light; of a DNG the part that it has shown.
 
     orientation: by which to turn them, as EXIF has it; None for the file's own.
     Mosaics of Bayer sensors are made pictures of by demosaic, all others by LibRaw: where that
@@ -68,7 +75,9 @@ def read_raw(data: bytes, orientation: int | None = None) -> RawPicture:
         if metadata == Metadata():  # no EXIF where it is looked for, as in CRW
             metadata = preview_metadata(raw)
         corrected = metadata.make.lower().startswith(_CORRECTED)
-        mosaic = None if corrected else bayer_mosaic(raw, black_repeats(data), orientation)
+        part = shown_part(raw, data)
+        turn = orientation or _ORIENTATIONS.get(raw.sizes.flip, 1)
+        mosaic = None if corrected else bayer_mosaic(raw, black_repeats(data), part, turn)
         if mosaic is not None:
             pixels: Photograph = demosaic(mosaic.values, mosaic.colours, mosaic.black, mosaic.white)
             saturated = clipped_photosites(mosaic.values, mosaic.black, mosaic.white)
@@ -81,10 +90,10 @@ def read_raw(data: bytes, orientation: int | None = None) -> RawPicture:
                 gamma=(1, 1),
                 no_auto_bright=True,
                 adjust_maximum_thr=0.0,
-                user_flip=None if orientation is None else _FLIPS[orientation],
+                user_flip=0,
             )
     if mosaic is None:
-        samples = Samples(values, 65535.0)
+        samples = Samples(values if part is None else values[part], 65535.0, turn)
         pixels, saturated = to_linear(samples, srgb=False), clipped(samples, raw=True)
     matrix = known if _tells_colours(known) else dng_matrix(data)
     if matrix is not None and not _tells_colours(matrix):

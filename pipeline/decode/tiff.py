@@ -30,6 +30,7 @@ _COLOR_MATRICES = ((50721, 50778), (50722, 50779))
 """Tags of the two matrices and of the lights they are for, the second nearer to daylight."""
 _D65 = 21
 _BLACK_REPEATS = 50713
+_CROP_SIZE = 50720
 _REDUCED = 1
 _PREMULTIPLIED = 1
 """ExtraSamples of an alpha channel by which the colours have been multiplied."""
@@ -151,6 +152,15 @@ def dng_matrix(data: bytes) -> Matrix | None:
     rationals = np.array(values, dtype=np.float64).reshape(9, 2)
     with np.errstate(divide="ignore", invalid="ignore"):
         return rationals[:, 0].reshape(3, 3) / rationals[:, 1].reshape(3, 3)
+
+
+def names_crop(data: bytes) -> bool:
+    """Whether a DNG says which part of it is shown: DefaultCropSize, DNG specification 1.4."""
+    try:
+        with _opened(data) as file:
+            return any(_CROP_SIZE in page.tags for page in _pages(file))
+    except Exception:  # not a TIFF, or one that only LibRaw understands
+        return False
 
 
 def linear_raw_channels(data: bytes) -> int | None:
