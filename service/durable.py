@@ -24,9 +24,15 @@ def write(path: Path, data: bytes) -> None:
 
 
 def replace(path: Path, data: bytes) -> None:
-    """Write a file in place of what is there: the old one or the new one, never half of it."""
+    """Write a file in place of what is there: the old one or the new one, never half of it.
+
+    Raises OSError.
+    """
     new = path.with_name(f".{path.name}.new")
     new.unlink(missing_ok=True)
-    write(new, data)
-    new.replace(path)
+    try:
+        write(new, data)
+        new.replace(path)
+    finally:
+        new.unlink(missing_ok=True)  # half of it, on a disk that is full
     flush(path.parent)

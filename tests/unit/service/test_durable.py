@@ -24,6 +24,21 @@ def test_a_file_is_replaced_at_once(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 
+def test_on_a_full_disk_the_old_file_stays_and_nothing_beside_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    durable.replace(tmp_path / "a", b"first")
+
+    def write_some(path: Path, data: bytes) -> None:
+        path.write_bytes(data[:3])
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(durable, "write", write_some)
+    with pytest.raises(OSError, match="No space left"):
+        durable.replace(tmp_path / "a", b"second")
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("a", b"first")]
+
+
 def test_what_is_not_there_is_not_flushed(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         durable.flush(tmp_path / "a")
