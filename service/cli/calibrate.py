@@ -173,8 +173,9 @@ def _calibrate(
     from pipeline.calibration.options import CALIBRATION_OPTIONS, FILES
     from pipeline.errors import OptionError
     from pipeline.progress import Progress
+    from service.cli import calibration_file
     from service.cli.display import print_json, stage_bar
-    from service.cli.keeping import keep, marks_beside
+    from service.cli.keeping import keep
     from service.sentences import sentence_of
 
     try:
@@ -184,18 +185,19 @@ def _calibrate(
         raise OptionError(sentence_of(error).removeprefix(f"{kind}.")) from error
     if output is None and options.setup is None:
         raise OptionError("Name a file with --output, or keep it for a set-up with --setup.")
-    if output is not None and output.suffix.lower() != ".json":  # perhaps a photograph
-        raise OptionError(
-            f"A calibration cannot be written as {output.name}: its name has to end in .json."
-        )
+    if output is not None:
+        if output.suffix.lower() != ".json":  # perhaps a photograph
+            raise OptionError(
+                f"A calibration cannot be written as {output.name}: its name has to end in .json."
+            )
+        calibration_file.check_target(kind, output)
     before, after = flags.photographs()
     with tempfile.TemporaryDirectory(prefix="lightlayers-") as name:
         with stage_bar() as report:
             manifest = calibrate_files(before, after, options, Path(name), Progress(report))
         content, marks = ((Path(name) / file).read_bytes() for file in (FILES[kind], MARKS))
     if output is not None:
-        _write(output, content)
-        _write(marks_beside(output), marks)
+        calibration_file.write(output, content, marks)
     if options.setup is not None:
         path = keep(kind, options.setup, manifest, content, marks)
         output = output or path
@@ -204,15 +206,6 @@ def _calibrate(
         print_json(manifest)
     else:
         _print_found(kind, manifest, output)
-
-
-def _write(path: Path, content: bytes) -> None:
-    from pipeline.errors import InputError, reason_of
-
-    try:
-        path.write_bytes(content)
-    except OSError as error:
-        raise InputError(f"The file {path} cannot be written: {reason_of(error)}.") from error
 
 
 def _print_found(kind: str, manifest: Mapping[str, Any], output: Path) -> None:

@@ -96,10 +96,11 @@ def test_tables_are_read_from_files(pair: list[str], asked: list[Any], tmp_path:
     camera, light = tmp_path / "camera.csv", tmp_path / "light.csv"
     camera.write_text("wavelength_nm,R,G,B\n400,0.1,0.2,0.3\n700,0.5,0.1,0\n")
     light.write_text("wavelength_nm,power\n400,0.5\n700,1\n")
-    out = ["-o", str(tmp_path / "found.json")]
-    run(["calibrate", "flash", *pair, *out, "--card", "5,6,3", "--camera", str(camera)])
+    marks = ["--card", "5,6,3", "--camera", str(camera)]
+    run(["calibrate", "flash", *pair, *marks, "-o", str(tmp_path / "found.json")])
     assert asked[2].camera.g == [0.2, 0.1]
-    run(["calibrate", "camera", *pair, *out, "--chart", CHART, "--flash-spectrum", str(light)])
+    marks = ["--chart", CHART, "--flash-spectrum", str(light)]
+    run(["calibrate", "camera", *pair, *marks, "-o", str(tmp_path / "another.json")])
     assert asked[2].flash_spectrum.power == [0.5, 1.0]
 
 
@@ -256,6 +257,17 @@ def test_a_photograph_is_not_written_over(
     assert Path(pair[1]).read_bytes() == before
 
 
+@pytest.mark.parametrize("name", ["found.json", "found_marks.jpg"])
+def test_another_file_is_not_lost_and_no_photograph_is_taken_for_it(
+    name: str, asked: list[Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / name).write_bytes(b"mine")
+    out = ["--camera-address", "nowhere://", "-o", str(tmp_path / "found.json")]
+    assert run(["calibrate", "flash", *out]) == 2
+    assert f"{name} would be lost" in capsys.readouterr().err
+    assert (asked, (tmp_path / name).read_bytes()) == ([], b"mine")
+
+
 def test_what_cannot_be_read_written_or_used_is_told(
     pair: list[str],
     tmp_path: Path,
@@ -272,6 +284,7 @@ def test_what_cannot_be_read_written_or_used_is_told(
     said = capsys.readouterr()
     assert said.err.endswith(f"The file {nowhere} cannot be written: no such file or directory.\n")
     assert said.out == ""
+    assert not asked
 
     def unlit(*_: object) -> None:
         raise UnusablePairError("The flash does not reach the card.")
