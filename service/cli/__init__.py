@@ -6,6 +6,7 @@ Ctrl-C, 143 and 129 for SIGTERM and SIGHUP. Whatever goes wrong is one sentence 
 
 from __future__ import annotations
 
+import codecs
 import io
 import os
 import sys
@@ -28,8 +29,17 @@ def main() -> None:
     if sys.stdin is None:  # it was closed: that is its end, too
         sys.stdin = Path(os.devnull).open()  # noqa: SIM115
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="surrogateescape")  # paths that are not UTF-8, as they are
+        codecs.register_error("escape-or-replace", _escape_or_replace)
+        sys.stdout.reconfigure(errors="escape-or-replace")  # stderr never fails by itself
     sys.exit(run(sys.argv[1:]))
+
+
+def _escape_or_replace(error: UnicodeError) -> tuple[str | bytes, int]:
+    """Give bytes of paths as they are, and ? for what the encoding of a stream does not have."""
+    try:
+        return codecs.lookup_error("surrogateescape")(error)
+    except UnicodeError:
+        return codecs.lookup_error("replace")(error)
 
 
 def run(arguments: Sequence[str]) -> int:

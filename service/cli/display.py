@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import json
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -56,8 +58,12 @@ def stage_bar(lines: bool = False) -> Iterator[Report]:
 
 
 def print_json(value: object, indent: int | None = 2) -> None:
-    """Print JSON on stdout, names as they are; without indent it is one line."""
-    print(json.dumps(value, indent=indent, ensure_ascii=False), flush=True)
+    """Print JSON on stdout; without indent it is one line.
+
+    Names are as they are in UTF-8, which JSON is; in other encodings they are escaped.
+    """
+    escaped = sys.stdout is not None and codecs.lookup(sys.stdout.encoding).name != "utf-8"
+    print(json.dumps(value, indent=indent, ensure_ascii=escaped), flush=True)
 
 
 def print_results(manifest: Mapping[str, Any], folder: Path, as_json: bool) -> None:

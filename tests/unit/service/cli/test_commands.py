@@ -390,3 +390,14 @@ def test_a_closed_stdin_is_at_its_end(
         env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
     )
     assert (done.returncode, said in done.stderr) == (code, True), done.stderr
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "ascii", "iso8859-5:strict"])
+def test_a_character_that_stdout_does_not_have_ends_no_command(encoding: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "service.cli", "separate", "--help"],
+        env=os.environ | {"PYTHONIOENCODING": encoding},
+        capture_output=True,
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert b"X,Y,RADIUS|NAME|FILE" in done.stdout

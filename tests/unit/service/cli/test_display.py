@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import io
 import json
+import sys
 
 import pytest
 
@@ -19,6 +21,18 @@ def test_json_has_names_as_they_are(
     assert "Küche" in said
     assert json.loads(said) == {"name": "Küche"}
     assert len(said.splitlines()) == lines
+
+
+def test_json_is_ascii_where_stdout_is_not_utf_8(monkeypatch: pytest.MonkeyPatch) -> None:
+    written = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, "latin-1"))
+    print_json({"name": "Küche …"}, None)
+    assert written.getvalue() == b'{"name": "K\\u00fcche \\u2026"}\n'
+
+
+def test_json_goes_nowhere_where_stdout_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdout", None)
+    print_json({"name": "Küche"})
 
 
 def test_white_lights_have_a_temperature_and_a_distance_from_the_black_body() -> None:

@@ -132,17 +132,27 @@ def test_a_picture_is_not_written_over(results: Path, capsys: pytest.CaptureFixt
     assert picture.read_bytes() == before
 
 
-def test_a_folder_that_is_not_utf_8_is_printed_as_it_is(results: Path) -> None:
-    folder = results / "r\udcff"
+@pytest.mark.parametrize(
+    ("encoding", "printed"),
+    [
+        ("utf-8:strict", b"K\xc3\xbcche\xe2\x80\xa6 \xff"),
+        ("latin-1", b"K\xfcche? \xff"),
+        ("ascii", b"K?che? \xff"),
+    ],
+)
+def test_a_folder_is_printed_as_it_is_as_far_as_the_encoding_goes(
+    encoding: str, printed: bytes, results: Path
+) -> None:
+    folder = results / "Küche… \udcff"  # the last byte of which is not UTF-8
     folder.mkdir()
     (folder / "manifest.json").write_text(json.dumps(MANIFEST | {"files": []}))
     done = subprocess.run(
         [sys.executable, "-m", "service.cli", "report", folder],
-        env={**os.environ, "PYTHONIOENCODING": "utf-8:strict"},
+        env={**os.environ, "PYTHONIOENCODING": encoding},
         capture_output=True,
     )
     assert (done.returncode, done.stderr) == (0, b"")
-    assert done.stdout == os.fsencode(folder / "report.html") + b"\n"
+    assert done.stdout == os.fsencode(results) + b"/" + printed + b"/report.html\n"
 
 
 @pytest.mark.parametrize("missing", ["manifest.json", "lamp1.jpg"])
