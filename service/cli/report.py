@@ -16,6 +16,7 @@ import numpy as np
 
 from pipeline.errors import InputError, reason_of
 from pipeline.result_names import MANIFEST
+from service import durable
 from service.cli.display import duv_of, temperature_of
 from service.cli.files import read_file
 
@@ -39,12 +40,14 @@ Html = str
 def write_report(folder: Path, target: Path) -> Path:
     """Write the page of the results in a folder; its path.
 
-    Raises InputError where the folder holds no results or the page cannot be written.
+    A report that is there is replaced. Raises InputError where the folder holds no results, and
+    where the page cannot be written or another one would be lost.
     """
     if target.suffix.lower() not in (".html", ".htm"):  # perhaps a picture of the results
         raise InputError(
             f"A page cannot be written as {target.name}: its name has to end in .html."
         )
+    _check_lost(target)
     manifest = _manifest(folder)
     page = Template(_template())
     try:
@@ -62,10 +65,26 @@ def write_report(folder: Path, target: Path) -> Path:
             f"The manifest in {folder} is not that of a separation, or of another version."
         ) from error
     try:
-        target.write_text(page.substitute(values), encoding="utf-8")
+        durable.replace(target, page.substitute(values).encode())
     except OSError as error:
-        raise InputError(f"The page {target} cannot be written: {reason_of(error)}.") from error
+        raise _unwritable(target, error) from error
     return target
+
+
+def _check_lost(target: Path) -> None:
+    try:
+        lost = target.exists() and not is_report(target)
+    except OSError as error:
+        raise _unwritable(target, error) from error
+    if lost:
+        raise InputError(
+            f"The page {target} would be lost, which is no report of this program: give another "
+            "name, or move it first."
+        )
+
+
+def _unwritable(target: Path, error: OSError) -> InputError:
+    return InputError(f"The page {target} cannot be written: {reason_of(error)}.")
 
 
 def is_report(path: Path) -> bool:

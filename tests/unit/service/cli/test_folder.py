@@ -125,10 +125,11 @@ def test_photographs_that_come_without_a_manifest_replace_no_results(tmp_path: P
 @pytest.mark.parametrize("own", [True, False])
 def test_the_page_of_earlier_results_goes_with_them(own: bool, tmp_path: Path) -> None:
     page = tmp_path / "report.html"
-    page.write_text("<!doctype html>\nmine")
     (tmp_path / "manifest.json").write_text(json.dumps(MANIFEST))
     if own:
         write_report(tmp_path, page)
+    else:
+        page.write_text("<!doctype html>\nmine")
     _write(tmp_path, "lamp1.jpg")
     assert page.exists() is not own
 

@@ -18,6 +18,7 @@ import tifffile
 from PIL import Image
 
 from pipeline.normals import CONVENTIONS
+from service import durable
 from service.cli import run
 
 LAMP = {
@@ -130,6 +131,48 @@ def test_a_picture_is_not_written_over(results: Path, capsys: pytest.CaptureFixt
     assert run(["report", str(results), "-o", str(picture)]) == 2
     assert "lamp1.jpg: its name has to end in .html." in capsys.readouterr().err
     assert picture.read_bytes() == before
+
+
+def test_a_report_is_replaced_by_the_next(results: Path) -> None:
+    page = results / "report.html"
+    assert run(["report", str(results)]) == 0
+    first = page.read_bytes()
+    page.write_bytes(first + b"changed")
+    assert run(["report", str(results)]) == 0
+    assert page.read_bytes() == first
+
+
+@pytest.mark.parametrize("text", ["", "<!doctype html>\nmine"])
+@pytest.mark.parametrize("name", ["report.html", "mine.htm"])
+def test_another_page_is_not_lost(
+    name: str, text: str, results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (results / name).write_text(text)
+    assert run(["report", str(results), "-o", str(results / name)]) == 2
+    assert f"{name} would be lost, which is no report" in capsys.readouterr().err
+    assert (results / name).read_text() == text
+
+
+def test_on_a_full_disk_the_earlier_report_stays(
+    results: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert run(["report", str(results)]) == 0
+    before = {path.name: path.read_bytes() for path in results.iterdir()}
+
+    def write_some(path: Path, data: bytes) -> None:
+        path.write_bytes(data[:9])
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(durable, "write", write_some)
+    assert run(["report", str(results)]) == 2
+    assert "report.html cannot be written: no space left on device." in capsys.readouterr().err
+    assert {path.name: path.read_bytes() for path in results.iterdir()} == before
+
+
+def test_a_folder_is_no_page(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (results / "report.html").mkdir()
+    assert run(["report", str(results)]) == 2
+    assert "report.html cannot be written: is a directory." in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
