@@ -31,15 +31,14 @@ from pipeline.process import separate_files
 from pipeline.progress import Progress
 from service import camera_tasks, errors, forkserver, kept, logs
 from service.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
+from service.shortage import wants_memory
 from service.tasks import RESULTS, Kind, Limits, Task
 
 _CODES = {
-    errno.ENOMEM: OUT_OF_MEMORY,
     errno.EMFILE: OUT_OF_FILES,
     errno.ENOSPC: DISK_FULL,
     errno.EDQUOT: DISK_FULL,
 }
-_CV_NO_MEMORY = -4  # cv::Error::StsNoMem
 
 log = logging.getLogger("service.child")
 
@@ -54,7 +53,7 @@ def main() -> int:
         _limit(task.limits)
         _WORK[task.kind](task, tell)
     except Exception as error:
-        if isinstance(error, MemoryError) or getattr(error, "code", None) == _CV_NO_MEMORY:
+        if wants_memory(error):
             return OUT_OF_MEMORY
         if isinstance(error, OSError) and error.errno in _CODES:
             return _CODES[error.errno]

@@ -15,6 +15,7 @@ from typing import IO, Any
 
 import cv2
 
+from service import shortage
 from service.errors import (
     CrashError,
     FileLimitError,
@@ -182,9 +183,7 @@ def _raise_for_exit(code: int, too_long: str) -> None:
     if code == -signal.SIGXCPU:
         raise TimeLimitError(too_long)
     if code == OUT_OF_MEMORY:
-        raise MemoryLimitError(
-            "The photographs need more memory than a job may have; send smaller ones."
-        )
+        raise MemoryLimitError(shortage.TOLD)
     if code == -signal.SIGXFSZ:
         raise OutputLimitError(_TOO_MUCH)
     if code == OUT_OF_FILES:

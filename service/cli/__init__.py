@@ -10,7 +10,6 @@ import codecs
 import io
 import os
 import sys
-import traceback
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -51,7 +50,9 @@ def run(arguments: Sequence[str]) -> int:
     except Exception as error:
         if ended := signals.exit_code():
             return ended
-        sentence, code = _explain(error)
+        from service.cli.explain import explain
+
+        sentence, code = explain(error)
         print(sentence, file=sys.stderr)
         return code
 
@@ -72,32 +73,3 @@ def _run(arguments: Sequence[str]) -> int:
         return error.exit_code
     except typer.Abort:
         return 130
-
-
-def _explain(error: Exception) -> tuple[str, int]:
-    # Imported only when something went wrong, so that the command starts quickly.
-    from pydantic import ValidationError
-
-    from drivers import BadAddressError, CameraNotFoundError, DriverError
-    from pipeline.errors import InputError
-    from service.client import RefusedError, ServiceAwayError
-    from service.errors import DATABASE_AWAY, DATABASE_FULL, STORE_AWAY, ServiceError, kind_of
-    from service.sentences import sentence_of
-
-    if isinstance(
-        error, InputError | BadAddressError | CameraNotFoundError | RefusedError | ServiceError
-    ):
-        return str(error), 2
-    if (kind := kind_of(error)) in (DATABASE_AWAY, DATABASE_FULL, STORE_AWAY):
-        return str(kind.detail), 1
-    if isinstance(error, DriverError | ServiceAwayError):
-        return str(error), 1
-    if isinstance(error, ValidationError):  # of the settings: options were refused by their command
-        name, colon, rest = sentence_of(error).partition(":")
-        return f"LIGHTLAYERS_{name.upper()}{colon}{rest}", 2
-    *_, place = traceback.extract_tb(error.__traceback__)
-    return (
-        f"Something broke inside lightlayers, please report it: {type(error).__name__} in "
-        f"{Path(place.filename).name}, line {place.lineno}: {' '.join(str(error).split())}",
-        1,
-    )

@@ -17,7 +17,9 @@ from pipeline.options import Options
 from pipeline.pairs import Pairs, find_pairs, read_shot
 from pipeline.process import separate_files
 from pipeline.progress import Progress
+from service.cli import signals
 from service.cli.display import chip_of, print_json, stage_bar, temperature_of
+from service.cli.explain import explain
 from service.cli.files import read_file
 from service.cli.folder import new_results
 from service.cli.keeping import kept_for
@@ -33,8 +35,8 @@ _DAMAGED = "it is a photograph that cannot be read, damaged or too large"
 def separate_folder(folder: Path, output: Path, options: Options, as_json: bool) -> int:
     """Separate every pair of a folder into a folder of its own in `output`; the exit code.
 
-    A pair that cannot be separated does not keep the others from it. Raises InputError where the
-    folder cannot be read or has no pair.
+    A pair that cannot be separated, whatever the reason, does not keep the others from it. Raises
+    InputError where the folder cannot be read or has no pair.
     """
     pairs = _pairs_of(folder, output)
     if not pairs.found:
@@ -46,8 +48,10 @@ def separate_folder(folder: Path, output: Path, options: Options, as_json: bool)
         result: dict[str, Any] = {"no_flash": no_flash, "flash": flash, "folder": str(target)}
         try:
             result |= {"manifest": _separate(folder, no_flash, flash, target, options)}
-        except InputError as error:
-            result |= {"error": str(error)}
+        except Exception as error:
+            if signals.exit_code():  # of which compiled loops make another error
+                raise
+            result |= {"error": explain(error)[0]}
         results.append(result)
     if as_json:
         print_json({"pairs": results, "left": pairs.left})

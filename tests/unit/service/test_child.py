@@ -76,7 +76,7 @@ def test_want_of_memory_is_told(server: ForkServer, kind: Kind, tmp_path: Path) 
     with (tmp_path / "no_flash").open("wb") as sparse:
         sparse.truncate(2 * GIB)
     (tmp_path / "flash").write_bytes(b"")
-    with pytest.raises(MemoryLimitError, match="more memory than a job may have"):
+    with pytest.raises(MemoryLimitError, match="more memory than there is for them"):
         _run(server, kind, tmp_path, memory=1 * GIB)
 
 

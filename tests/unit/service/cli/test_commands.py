@@ -16,6 +16,7 @@ from pipeline.errors import UnusablePairError
 from service.api.context import Context
 from service.cli import run
 from service.client import Client, ServiceAwayError
+from service.shortage import TOLD
 from tests.unit.service.asking import rows_of
 
 
@@ -230,6 +231,7 @@ def test_an_address_that_is_no_services_is_told(
             r".*please report it: ZeroDivisionError in test_commands\.py.*",
         ),
         (UnusablePairError("The pair is black."), 2, r"The pair is black\."),
+        (MemoryError(), 1, re.escape(TOLD)),
     ],
 )
 def test_a_fault_of_the_program_is_told_from_bad_input_without_a_trace(

@@ -12,7 +12,8 @@ import pytest
 from PIL import Image
 
 from pipeline.errors import UnusablePairError
-from service.cli import run, session
+from service.cli import run, session, signals
+from service.shortage import TOLD
 
 Photograph = Callable[..., None]
 
@@ -134,6 +135,59 @@ def test_a_damaged_photograph_is_a_failure_and_another_file_is_not(
     assert _separate(tmp_path) == code
     assert separated == [(True, True)]
     assert f"Left out: g.jpg: {reason}." in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (MemoryError(), TOLD),
+        (OSError(28, "No space left on device"), "0n cannot be written: no space left on device."),
+        (ZeroDivisionError("Light."), "please report it: ZeroDivisionError in test_session.py"),
+    ],
+)
+def test_whatever_ends_one_pair_the_others_are_separated_and_told(
+    error: Exception,
+    told: str,
+    photograph: Photograph,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for number in range(2):
+        photograph(f"{number}n.jpg", 20 * number, False)
+        photograph(f"{number}f.jpg", 20 * number + 1, True)
+
+    def separate(
+        _no_flash: bytes, _flash: bytes, _options: Any, folder: Path, *_: Any, **__: Any
+    ) -> Any:
+        if folder.parent.name == "0n":
+            raise error
+        return MANIFEST
+
+    monkeypatch.setattr(session, "separate_files", separate)
+    assert _separate(tmp_path, "--json") == 2
+    first, second = json.loads(capsys.readouterr().out)["pairs"]
+    assert told in first["error"]
+    assert second["manifest"] == MANIFEST
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["1n"]
+
+
+def test_a_signal_that_a_loop_made_an_error_of_ends_all(
+    photograph: Photograph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number in range(2):
+        photograph(f"{number}n.jpg", 20 * number, False)
+        photograph(f"{number}f.jpg", 20 * number + 1, True)
+    tried: list[str] = []
+
+    def separate(*_: Any, **__: Any) -> None:
+        tried.append("a pair")
+        monkeypatch.setattr(signals, "_received", [15])
+        raise SystemError("a loop returned a result with an exception set")
+
+    monkeypatch.setattr(session, "separate_files", separate)
+    assert _separate(tmp_path) == 143
+    assert tried == ["a pair"]
 
 
 def test_of_two_files_of_one_name_the_jpeg_is_left(

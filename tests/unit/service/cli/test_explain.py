@@ -1,0 +1,50 @@
+from __future__ import annotations
+
+import errno
+
+import pytest
+from sqlalchemy.exc import OperationalError
+
+from drivers import BadAddressError, DriverError
+from pipeline.errors import OptionError
+from service.cli.explain import explain
+from service.client import RefusedError, ServiceAwayError
+from service.errors import DATABASE_AWAY, UnknownJobError
+from service.shortage import TOLD
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        OptionError("Give another number."),
+        BadAddressError("No address."),
+        RefusedError("The job was canceled."),
+        UnknownJobError("a"),
+    ],
+)
+def test_what_the_user_can_mend_is_the_errors_own_sentence(error: Exception) -> None:
+    assert explain(error) == (str(error), 2)
+
+
+@pytest.mark.parametrize(
+    ("error", "sentence"),
+    [
+        (MemoryError(), TOLD),
+        (OSError(errno.ENOMEM, "Cannot allocate memory"), TOLD),
+        (DriverError("The camera is gone."), "The camera is gone."),
+        (ServiceAwayError("It does not answer."), "It does not answer."),
+        (OperationalError("SELECT 1", None, OSError("secret")), DATABASE_AWAY.detail),
+    ],
+)
+def test_what_the_user_cannot_mend_is_told_by_the_exit_code(
+    error: Exception, sentence: str
+) -> None:
+    assert explain(error) == (sentence, 1)
+
+
+def test_a_fault_of_the_program_is_told_with_its_place() -> None:
+    with pytest.raises(ZeroDivisionError) as caught:
+        _ = 1 // 0
+    sentence, code = explain(caught.value)
+    assert sentence.startswith("Something broke inside lightlayers, please report it: ZeroDivision")
+    assert (" in test_explain.py, line " in sentence, code) == (True, 1)
