@@ -5,13 +5,13 @@ from __future__ import annotations
 import contextlib
 import json
 import re
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 from pipeline.errors import InputError, reason_of
 from pipeline.output_names import OUTPUT_NAMES
 from pipeline.result_names import MANIFEST
+from service.cli.partial import partial_folder
 
 REPORT = "report.html"
 """What `report` writes beside the results, unless told otherwise."""
@@ -25,15 +25,15 @@ def new_results(target: Path) -> Iterator[Path]:
     """Make a folder whose files move to `target` once the block ends without an error.
 
     With a manifest, which moves last, they replace an earlier run's outputs and report; anything
-    else in `target` is left alone. Raises InputError where `target` cannot be written, and where
-    a file that is no result of an earlier run would be lost.
+    else in `target` is left alone, but what killed runs have left half written. Raises InputError
+    where `target` cannot be written, and where a file that is no result of an earlier run would be
+    lost.
     """
     is_new = False
     try:
         is_new = not target.exists()
         target.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=target, prefix=".partial-") as name:
-            folder = Path(name)
+        with partial_folder(target) as folder:
             yield folder
             files = sorted(folder.iterdir(), key=lambda path: (path.name == MANIFEST, path.name))
             earlier = _earlier_files(target) if (folder / MANIFEST).exists() else []

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -141,6 +143,18 @@ def test_a_failure_leaves_earlier_results_alone(tmp_path: Path) -> None:
         raise KeyError
     assert _names(tmp_path) == ["lamp1.jpg", "manifest.json"]
     assert (tmp_path / "lamp1.jpg").read_text() == "new lamp1.jpg"
+
+
+def test_what_a_killed_run_left_goes_with_the_next(tmp_path: Path) -> None:
+    program = (
+        "import os, sys; from pathlib import Path; from service.cli.folder import new_results\n"
+        "with new_results(Path(sys.argv[1])) as folder:\n"
+        "    (folder / 'lamp1.tif').write_text('half'); os.kill(os.getpid(), 9)"
+    )
+    done = subprocess.run([sys.executable, "-c", program, str(tmp_path)])
+    assert (done.returncode, len(_names(tmp_path))) == (-9, 1)
+    _write(tmp_path, "lamp1.jpg")
+    assert _names(tmp_path) == ["lamp1.jpg", "manifest.json"]
 
 
 def test_a_failure_leaves_no_new_folder(tmp_path: Path) -> None:

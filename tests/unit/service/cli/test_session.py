@@ -157,10 +157,8 @@ def test_whatever_ends_one_pair_the_others_are_separated_and_told(
         photograph(f"{number}n.jpg", 20 * number, False)
         photograph(f"{number}f.jpg", 20 * number + 1, True)
 
-    def separate(
-        _no_flash: bytes, _flash: bytes, _options: Any, folder: Path, *_: Any, **__: Any
-    ) -> Any:
-        if folder.parent.name == "0n":
+    def separate(*arguments: Any, **_: Any) -> Any:
+        if "0n" in arguments[3].parts:
             raise error
         return MANIFEST
 
