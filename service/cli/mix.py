@@ -38,7 +38,8 @@ def mix(
 ) -> None:
     """Mix the lamps of a result, each as bright as you like.
 
-    And of any colour. A lamp that is not named stays as it is; all together are the photograph.
+    And of any colour. A lamp that is not named stays as it is; all together are the photograph, of
+    --method paper nearly.
     """
     from pipeline.errors import InputError, reason_of
     from pipeline.mix_files import check_target, format_of, mix_files, read_manifest
