@@ -244,7 +244,9 @@ class Views {
     view.start = () => {};
     Promise.resolve(start()).catch((error) => {
       view.start = start; // looked at again, it is tried again
-      if (this._place.contains(view.element)) this._place.append(alarm(error));
+      if (!this._place.contains(view.element)) return;
+      const told = alarm(error, () => (told.remove(), this._show(name)));
+      this._place.append(told);
     });
     for (const part of [this._zoom, this._comparison]) if (part) part.hidden = !mixes;
     if (mixes) this.shown(name);

@@ -7,6 +7,8 @@ from typing import Any
 
 from playwright.sync_api import FilePayload, Locator, Page, Route, expect
 
+from tests.integration.service.page.looking import open_mixer
+
 NO_KEY = {"type": "x", "title": "A key is needed", "detail": "Send a key.", "status": 401}
 
 
@@ -79,3 +81,22 @@ def test_photographs_can_be_sent_after_the_dialog_was_left(page: Page) -> None:
     send.click()
     expect(alert).to_contain_text("It is gone.")
     assert page.url.endswith("#/jobs/made")
+
+
+def test_a_picture_comes_with_the_key_that_is_entered_at_its_place(
+    page: Page, done: dict[str, Any]
+) -> None:
+    def guard(route: Route) -> None:
+        if not refused(route):
+            headers = route.request.headers
+            headers.pop("authorization")  # which the service itself refuses
+            route.continue_(headers=headers)
+
+    page.route("**/gamma.png", guard)
+    open_mixer(page, done)
+    page.get_by_role("radio", name="Why these lamps").check(force=True)
+    leave(page, "Escape")
+    alert = page.locator(".picture").get_by_role("alert")
+    enter_key(page, alert)
+    expect(page.locator(".picture img")).not_to_have_js_property("naturalWidth", 0)
+    expect(alert).to_have_count(0)
