@@ -97,11 +97,19 @@ export function bytes(size) {
   return `${(size / unit).toLocaleString("en", { maximumFractionDigits: size < 10 * unit ? 1 : 0 })} ${name}`;
 }
 
-/** Wait for so many ms, or until the user leaves. */
+/** Wait for so many ms, or until the tab is hidden or seen again, or the user leaves. */
 export function pause(time, signal) {
+  const over = new AbortController();
   return new Promise((resolve) => {
-    setTimeout(resolve, time);
-    signal.addEventListener("abort", resolve, { once: true });
+    const end = () => {
+      over.abort();
+      clearTimeout(timer);
+      resolve();
+    };
+    const timer = setTimeout(end, time);
+    for (const [target, type] of [[signal, "abort"], [document, "visibilitychange"]]) {
+      target.addEventListener(type, end, { signal: over.signal });
+    }
   });
 }
 

@@ -7,13 +7,17 @@ const SILENCE_MS = 25000; // the service says something every 15 s
 
 /** Read the events of a path until they end or break off; tell(data) is called with each.
  *
+ * A hidden tab lets go of them: without TLS a browser has six connections to a service, for all its tabs.
  * Gives false where something on the way holds them back, so that asking again is better.
  * Throws the service's Problem where it has no such events.
  */
 export async function follow(path, signal, tell) {
+  if (document.hidden) return true;
   const control = new AbortController();
   const stop = () => control.abort();
-  signal.addEventListener("abort", stop, { once: true });
+  for (const [target, type] of [[signal, "abort"], [document, "visibilitychange"]]) {
+    target.addEventListener(type, stop, { once: true, signal: control.signal });
+  }
   let late = false;
   const patience = (time) =>
     setTimeout(() => {
@@ -36,7 +40,6 @@ export async function follow(path, signal, tell) {
     if (error.status) throw error;
   } finally {
     clearTimeout(timer);
-    signal.removeEventListener("abort", stop);
     stop();
   }
   return !late;

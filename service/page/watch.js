@@ -1,10 +1,11 @@
-// A job from its first moment to its last: by its events, and by asking where those do not come.
+// A job from its first moment to its last: by its events, and by asking where those do not come or the tab is hidden.
 
 import { get } from "./api.js";
 import { pause } from "./dom.js";
 import { follow } from "./events.js";
 
 const ASK_MS = 1000;
+const HIDDEN_MS = 5000; // in a tab of which nobody sees more than the title
 export const AWAY = [0, 502, 503, 504]; // no answer, or one of a proxy or service that is about to come back
 const ENDED = ["succeeded", "failed", "canceled", "expired"];
 
@@ -30,7 +31,7 @@ export async function watch(id, signal, show) {
       if (!job || !AWAY.includes(error.status)) throw error;
       show(job, true);
     }
-    await pause(ASK_MS, signal);
+    await pause(document.hidden ? HIDDEN_MS : ASK_MS, signal);
   }
   return signal.aborted ? null : job;
 }

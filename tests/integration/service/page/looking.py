@@ -45,6 +45,12 @@ PATIENT = """
 """
 """A page that waits for ever: it neither takes a slow answer for none nor asks again."""
 
+HIDE = """(hidden) => {
+  Object.defineProperty(document, "hidden", { value: hidden, configurable: true });
+  document.dispatchEvent(new Event("visibilitychange"));
+}"""
+"""Tells a page that its tab is hidden, or seen again: a browser without a screen hides none."""
+
 COUNT_KEPT = """
   const kept = new Set();
   const make = URL.createObjectURL.bind(URL);
