@@ -3,6 +3,7 @@
 import { newOnce, upload } from "./api.js";
 import { showCameras } from "./cameras.js";
 import { alarm, bytes, h, say, single } from "./dom.js";
+import { goTo, tellProblem } from "./notes.js";
 
 const FRAMES = [
   ["no_flash", "Without the flash", "Only the lamps of the room light it."],
@@ -50,10 +51,9 @@ export function showAdd(main, signal) {
     single(async () => {
       problems.replaceChildren();
       try {
-        const job = await work();
-        if (!signal.aborted) location.hash = `#/jobs/${job.id}`;
+        goTo(await work(), signal);
       } catch (error) {
-        problems.replaceChildren(alarm(error));
+        tellProblem(error, problems, signal);
         sent.hidden = true;
         enable();
       }
@@ -69,7 +69,7 @@ export function showAdd(main, signal) {
         go.disabled = swap.disabled = true;
         sent.hidden = false;
         say("The photographs are being sent.");
-        return upload("/jobs", body, once, (fraction) => (sent.value = fraction));
+        return staying(upload("/jobs", body, once, (fraction) => (sent.value = fraction)));
       }),
     },
     h("div", { className: "zones" }, ...zones.map((one) => one.element)),
@@ -83,6 +83,17 @@ export function showAdd(main, signal) {
     form,
   );
   showCameras(main, signal, attempt, options);
+}
+
+/** Wait for what would be lost with the page, which the browser asks about meanwhile. */
+async function staying(work) {
+  const ask = (event) => event.preventDefault();
+  addEventListener("beforeunload", ask);
+  try {
+    return await work;
+  } finally {
+    removeEventListener("beforeunload", ask);
+  }
 }
 
 /** Two files, the one without the flash first as far as their names tell, as those of a capture do. */

@@ -1,0 +1,81 @@
+"""Views that are left before what was asked for there is answered, in a real browser."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import pytest
+from playwright.sync_api import FilePayload, Locator, Page, Route, expect
+
+from tests.integration.service.page.looking import check_access
+
+PROBLEM = {"type": "x", "title": "Too much", "detail": "Come back tomorrow.", "status": 429}
+
+
+def send_pair(page: Page) -> None:
+    """Add two photographs of nothing, and send them."""
+    page.goto("/")
+    files: list[FilePayload] = [
+        {"name": name, "mimeType": "image/jpeg", "buffer": b"x"} for name in ("a.jpg", "b.jpg")
+    ]
+    page.get_by_label("Choose a file: Without the flash").set_input_files(files)
+    with page.expect_request(re.compile(r"/jobs$")):
+        page.get_by_role("button", name="Separate the light").click()
+
+
+@pytest.fixture
+def held(page: Page) -> list[Route]:
+    """Photographs that are on their way, which the test answers."""
+    held: list[Route] = []
+    page.route(re.compile(r"/jobs$"), lambda route: held.append(route))
+    send_pair(page)
+    return held
+
+
+def leave(page: Page) -> Locator:
+    """Go to the jobs; what is told there above them."""
+    page.get_by_role("link", name="Jobs").click()
+    expect(page.get_by_role("heading", name="Jobs")).to_be_visible()
+    return page.locator("#notes")
+
+
+def test_a_job_that_was_made_meanwhile_takes_nobody_to_it(
+    page: Page, held: list[Route], done: dict[str, Any]
+) -> None:
+    notes = leave(page)
+    held[0].fulfill(status=202, json=done)
+    expect(notes).to_contain_text("The job that you asked for is made.")
+    assert page.url.endswith("#/jobs")
+    check_access(page, "made")
+    notes.get_by_role("link", name="Show it").click()
+    page.wait_for_url(re.compile(done["id"]))
+    expect(notes).to_be_empty()
+
+
+def test_photographs_that_fail_after_their_view_was_left_are_told_of(
+    page: Page, held: list[Route]
+) -> None:
+    notes = leave(page)
+    held[0].fulfill(status=429, json=PROBLEM)
+    expect(notes.get_by_role("alert")).to_contain_text("Come back tomorrow.")
+    check_access(page, "not_sent")
+    page.get_by_role("link", name="New").click()
+    expect(page.get_by_role("button", name="Separate the light")).to_be_visible()
+    expect(notes.get_by_role("alert")).to_be_visible()  # until it is answered
+    notes.get_by_role("button", name="Close").click()
+    expect(notes).to_be_empty()
+    expect(page.locator("main")).to_be_focused()
+
+
+def test_the_browser_asks_before_photographs_are_lost_that_are_being_sent(
+    page: Page, held: list[Route]
+) -> None:
+    with page.expect_event("dialog") as asked:
+        page.close(run_before_unload=True)
+    assert asked.value.type == "beforeunload"
+    asked.value.dismiss()
+    held[0].fulfill(status=429, json=PROBLEM)
+    expect(page.get_by_role("alert")).to_contain_text("Come back tomorrow.")
+    with page.expect_event("close"):  # which it does not ask about any more
+        page.close(run_before_unload=True)
