@@ -2,7 +2,7 @@
 
 import { newOnce, upload } from "./api.js";
 import { showCameras } from "./cameras.js";
-import { alarm, bytes, h, say, single } from "./dom.js";
+import { alarm, bytes, h, hold, say, single } from "./dom.js";
 import { goTo, tellProblem } from "./notes.js";
 
 const FRAMES = [
@@ -36,6 +36,7 @@ export function showAdd(main, signal) {
   });
   const zones = FRAMES.map(([, title, hint], index) =>
     zone(title, hint, (chosen) => {
+      if (pair.disabled) return; // dropped
       problems.replaceChildren(...(chosen.length > 2 ? [alarm(LEFT_OUT)] : []));
       if (chosen.length > 1) put(inOrder(chosen.slice(0, 2)), 0);
       else put(chosen, index);
@@ -47,6 +48,13 @@ export function showAdd(main, signal) {
     ...[["auto", "Find out"], ["1", "1"], ["2", "2"], ["3", "3"]].map(([value, textContent]) => h("option", { value, textContent })),
   );
   const options = () => (lamps.value === "auto" ? {} : { lights: Number(lamps.value) });
+  const pair = h("fieldset", { className: "zones" }, ...zones.map((one) => one.element));
+  const choices = h("fieldset", { className: "row" }, h("label", {}, "Lamps ", lamps), swap);
+  const occupy = (sending) => {
+    pair.disabled = choices.disabled = sending; // what is on its way does not change any more
+    hold(go, sending);
+    sent.hidden = !sending;
+  };
   const attempt = (work) =>
     single(async () => {
       problems.replaceChildren();
@@ -54,8 +62,6 @@ export function showAdd(main, signal) {
         goTo(await work(), signal);
       } catch (error) {
         tellProblem(error, problems, signal);
-        sent.hidden = true;
-        enable();
       }
     });
   const form = h(
@@ -66,14 +72,13 @@ export function showAdd(main, signal) {
         const body = new FormData();
         for (const [frame] of FRAMES) body.append(frame, files[frame]);
         body.append("options", JSON.stringify(options()));
-        go.disabled = swap.disabled = true;
-        sent.hidden = false;
+        occupy(true);
         say("The photographs are being sent.");
-        return staying(upload("/jobs", body, once, (fraction) => (sent.value = fraction)));
+        return staying(upload("/jobs", body, once, (fraction) => (sent.value = fraction))).finally(() => occupy(false));
       }),
     },
-    h("div", { className: "zones" }, ...zones.map((one) => one.element)),
-    h("p", { className: "row" }, h("label", {}, "Lamps ", lamps), swap, go, sent),
+    pair,
+    h("div", { className: "row" }, choices, go, sent),
     problems,
   );
   main.classList.add("narrow");

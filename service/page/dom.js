@@ -59,6 +59,11 @@ export function single(work) {
   };
 }
 
+/** Have a button do nothing for a while, or again; disabled it would lose the keyboard. */
+export function hold(button, held) {
+  button.setAttribute("aria-disabled", String(held));
+}
+
 /** Whether a key is meant for the browser or the system, like those that enlarge the page. */
 export function isShortcut(event) {
   return event.ctrlKey || event.metaKey || event.altKey;

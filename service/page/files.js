@@ -1,7 +1,7 @@
 // The files of a job, one by one or all at once.
 
 import { download } from "./api.js";
-import { alarm, bytes, h, say, single } from "./dom.js";
+import { alarm, bytes, h, hold, say, single } from "./dom.js";
 
 const WORDS = {
   "manifest.json": "What was found, as JSON",
@@ -67,7 +67,7 @@ export function save(path, name, failed, direct) {
     const wait = h("span", { textContent: " – on its way …" });
     failed.replaceChildren();
     button.append(wait);
-    button.setAttribute("aria-disabled", "true"); // disabled it would lose the keyboard
+    hold(button, true);
     say(`${name} is on its way.`);
     try {
       await download(path, name, direct);
@@ -75,7 +75,7 @@ export function save(path, name, failed, direct) {
       failed.append(alarm(error));
     }
     wait.remove();
-    button.removeAttribute("aria-disabled");
+    hold(button, false);
     say("");
   });
 }

@@ -132,6 +132,20 @@ def tab_to(page: Page, wanted: Locator) -> None:
     pytest.fail("no way there by the tab key")
 
 
+def drop(page: Page, zone: str, *names: str) -> None:
+    """Drop files of these names at a place for a photograph."""
+    dropped = page.evaluate_handle(
+        """(names) => {
+          const data = new DataTransfer();
+          for (const name of names) data.items.add(new File(["?"], name));
+          return data;
+        }""",
+        names,
+    )
+    region = page.get_by_role("region", name=zone, exact=True)
+    region.dispatch_event("drop", {"dataTransfer": dropped})
+
+
 def result(service: Any, job: dict[str, Any], name: str) -> bytes:
     found: bytes = service.http.get(f"/jobs/{job['id']}/results/{name}").raise_for_status().content
     return found

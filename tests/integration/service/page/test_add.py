@@ -15,6 +15,7 @@ from tests.integration.service.page.looking import (
     PATIENT,
     TWO_FRAMES,
     check_access,
+    drop,
 )
 
 
@@ -95,19 +96,6 @@ def test_a_double_click_takes_one_pair(page: Page, done: dict[str, Any]) -> None
     page.wait_for_url(re.compile(done["id"]))
 
 
-def _drop(page: Page, zone: str, *names: str) -> None:
-    dropped = page.evaluate_handle(
-        """(names) => {
-          const data = new DataTransfer();
-          for (const name of names) data.items.add(new File(["?"], name));
-          return data;
-        }""",
-        names,
-    )
-    region = page.get_by_role("region", name=zone, exact=True)
-    region.dispatch_event("drop", {"dataTransfer": dropped})
-
-
 def _expect_added(page: Page, no_flash: str, flash: str) -> None:
     for zone, name in (("Without the flash", no_flash), ("With the flash", flash)):
         shown = page.get_by_role("region", name=zone, exact=True).locator(".name")
@@ -129,7 +117,7 @@ def test_two_files_are_dropped_at_once(
     page: Page, names: tuple[str, str], no_flash: str, flash: str
 ) -> None:
     page.goto("/")
-    _drop(page, "With the flash", *names)
+    drop(page, "With the flash", *names)
     _expect_added(page, no_flash, flash)
     expect(page.get_by_role("button", name="Separate the light")).to_be_enabled()
     expect(page.get_by_role("alert")).to_have_count(0)
@@ -137,11 +125,11 @@ def test_two_files_are_dropped_at_once(
 
 def test_a_third_file_is_told_of(page: Page) -> None:
     page.goto("/")
-    _drop(page, "Without the flash", "1.dng", "2.dng", "3.dng")
+    drop(page, "Without the flash", "1.dng", "2.dng", "3.dng")
     _expect_added(page, "1.dng", "2.dng")
     expect(page.get_by_role("alert")).to_contain_text("The others were left out.")
     check_access(page, "third")
-    _drop(page, "With the flash", "3.dng")
+    drop(page, "With the flash", "3.dng")
     _expect_added(page, "1.dng", "3.dng")
     expect(page.get_by_role("alert")).to_have_count(0)
 
@@ -178,7 +166,7 @@ def test_a_pair_whose_answer_got_lost_is_sent_again_as_the_same(page: Page) -> N
 
     page.route(re.compile(r"/jobs$"), jobs)
     page.goto("/")
-    _drop(page, "Without the flash", "1.dng", "2.dng")
+    drop(page, "Without the flash", "1.dng", "2.dng")
     for change in (None, None, "Swap", "Lamps"):
         if change == "Swap":
             page.get_by_role("button", name="Swap").click()

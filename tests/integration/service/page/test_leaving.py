@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import FilePayload, Locator, Page, Route, expect
 
-from tests.integration.service.page.looking import check_access
+from tests.integration.service.page.looking import TWO_FRAMES, check_access, drop
 
 PROBLEM = {"type": "x", "title": "Too much", "detail": "Come back tomorrow.", "status": 429}
 
@@ -66,6 +66,32 @@ def test_photographs_that_fail_after_their_view_was_left_are_told_of(
     notes.get_by_role("button", name="Close").click()
     expect(notes).to_be_empty()
     expect(page.locator("main")).to_be_focused()
+
+
+def test_what_is_being_sent_cannot_be_changed(page: Page, held: list[Route]) -> None:
+    """A camera that fails meanwhile does not change that."""
+    send = page.get_by_role("button", name="Separate the light")
+    expect(send).to_be_focused()
+    page.route("**/captures", lambda route: route.fulfill(status=429, json=PROBLEM))
+    page.get_by_role("button", name="Capture with NIKON D5100").click()
+    expect(page.get_by_role("alert")).to_contain_text("Come back tomorrow.")
+    expect(page.get_by_role("progressbar", name="Sent")).to_be_visible()
+    expect(page.get_by_label("Lamps")).to_be_disabled()
+    expect(page.get_by_role("button", name="Swap")).to_be_disabled()
+    for zone in ("Without the flash", "With the flash"):
+        expect(page.get_by_label(f"Choose a file: {zone}")).to_be_disabled()
+        expect(page.get_by_label(f"Take it with this device: {zone}")).to_be_disabled()
+    drop(page, "Without the flash", "c.jpg")
+    expect(page.locator(".chosen .name").first).to_contain_text("a.jpg")
+    check_access(page, "sending")
+    send.press("Enter")
+    page.evaluate(TWO_FRAMES)
+    assert len(held) == 1
+    held[0].fulfill(status=429, json=PROBLEM)
+    expect(page.get_by_label("Lamps")).to_be_enabled()
+    expect(page.get_by_role("progressbar", name="Sent")).to_be_hidden()
+    with page.expect_request(re.compile(r"/jobs$")):
+        page.keyboard.press("Enter")
 
 
 def test_the_browser_asks_before_photographs_are_lost_that_are_being_sent(
