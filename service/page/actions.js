@@ -1,22 +1,25 @@
 // What can be done with a job that has ended: run it again, or delete it.
 
 import { remove, sender } from "./api.js";
-import { alarm, h, single } from "./dom.js";
+import { h, single } from "./dom.js";
+import { goTo, tellProblem } from "./notes.js";
 
-export function actionsOf(job) {
+export function actionsOf(job, signal) {
   const problems = h("div");
   const send = sender();
   const attempt = (work) =>
     single(async () => {
       problems.replaceChildren();
       try {
-        location.hash = await work();
+        await work();
       } catch (error) {
-        problems.replaceChildren(alarm(error));
+        tellProblem(error, problems, signal);
       }
     });
-  const again = async () => `#/jobs/${(await runAgain(send, job)).id}`;
-  const gone = async () => ((await deleteJob(job)) ? "#/jobs" : location.hash);
+  const again = async () => goTo(await runAgain(send, job), signal);
+  const gone = async () => {
+    if ((await deleteJob(job)) && !signal.aborted) location.hash = "#/jobs";
+  };
   const row = h("p", { className: "row actions" });
   if (job.options.kind === "mix") row.append(h("a", { className: "button", href: `#/jobs/${job.options.of}`, textContent: "Back to the mixer" }));
   else if (job.state !== "expired") row.append(button("Run again", attempt(again)));

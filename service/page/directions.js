@@ -1,13 +1,14 @@
 // Where the lamps stand, told on balls that they light: another job finds the surface's normals.
 
 import { get, sender } from "./api.js";
-import { alarm, h, single } from "./dom.js";
+import { h, single } from "./dom.js";
+import { goTo, tellProblem } from "./notes.js";
 
 const FARTHEST = 0.95; // of the ball's radius: a lamp behind the surface lights nothing
 const FIRST = [[-0.5, 0.5], [0.5, 0.5], [0, 0.7]];
 
-/** A form for a separation with two or three lamps. */
-export function normalsForm(job, manifest) {
+/** A form for a separation with two or three lamps; signal: ends with the view. */
+export function normalsForm(job, manifest, signal) {
   const problems = h("div");
   const send = sender();
   const places = manifest.lamps.map((_, index) => [...FIRST[index]]);
@@ -26,10 +27,9 @@ export function normalsForm(job, manifest) {
   const submit = single(async () => {
     problems.replaceChildren();
     try {
-      const made = await send(`/jobs/${job.id}/rerun`, { options: withNormals(job.options, told()) });
-      location.hash = `#/jobs/${made.id}`;
+      goTo(await send(`/jobs/${job.id}/rerun`, { options: withNormals(job.options, told()) }), signal);
     } catch (error) {
-      problems.replaceChildren(alarm(error));
+      tellProblem(error, problems, signal);
     }
   });
   const element = h(

@@ -19,7 +19,7 @@ export async function showJob(main, id, signal) {
   if (job.state === "succeeded" && !job.options.kind) {
     await showResult(main, job, signal);
   } else {
-    main.append(h("h1", { textContent: kindOf(job) }), job.state === "succeeded" ? filesOf(job) : reasonOf(job), actionsOf(job));
+    main.append(h("h1", { textContent: kindOf(job) }), job.state === "succeeded" ? filesOf(job) : reasonOf(job), actionsOf(job, signal));
   }
   say(`${kindOf(job)}: ${stateOf(job)}`);
 }

@@ -56,9 +56,9 @@ export async function showResult(main, job, signal) {
   };
   desk.append(
     ...warningsOf(manifest.warnings, show),
-    ...(manifest.lamps.length > 1 && !has("normals.png") ? [normalsForm(job, manifest)] : []),
+    ...(manifest.lamps.length > 1 && !has("normals.png") ? [normalsForm(job, manifest, signal)] : []),
     h("details", {}, h("summary", { textContent: "Files" }), filesOf(job)),
-    actionsOf(job),
+    actionsOf(job, signal),
   );
 }
 

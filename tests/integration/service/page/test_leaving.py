@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import FilePayload, Locator, Page, Route, expect
 
-from tests.integration.service.page.looking import TWO_FRAMES, check_access, drop
+from tests.integration.service.page.looking import TWO_FRAMES, check_access, drop, open_mixer
 
 PROBLEM = {"type": "x", "title": "Too much", "detail": "Come back tomorrow.", "status": 429}
 
@@ -105,3 +105,46 @@ def test_the_browser_asks_before_photographs_are_lost_that_are_being_sent(
     expect(page.get_by_role("alert")).to_contain_text("Come back tomorrow.")
     with page.expect_event("close"):  # which it does not ask about any more
         page.close(run_before_unload=True)
+
+
+@pytest.mark.parametrize("name", ["Run again", "Find normals"])
+def test_a_late_answer_takes_nobody_from_another_view(
+    page: Page, done: dict[str, Any], name: str
+) -> None:
+    held: list[Route] = []
+    page.route("**/rerun", lambda route: held.append(route))
+    open_mixer(page, done)
+    page.get_by_text("Find the surface").click()
+    with page.expect_request("**/rerun"):
+        page.get_by_role("button", name=name).click()
+    page.get_by_role("link", name="New").click()
+    drop(page, "Without the flash", "1.dng", "2.dng")
+    held[0].fulfill(status=202, json={**done, "id": "made"})
+    made = page.locator("#notes").get_by_role("link", name="Show it")
+    expect(made).to_have_attribute("href", "#/jobs/made")
+    expect(page.locator(".chosen .name")).to_have_count(2)
+    assert page.url.endswith("#/")
+
+
+def test_a_deletion_that_is_late_takes_nobody_from_another_view(
+    page: Page, done: dict[str, Any]
+) -> None:
+    held: list[Route] = []
+    expired = {**done, "state": "expired", "files": []}
+
+    def job(route: Route) -> None:
+        if route.request.method == "DELETE":
+            held.append(route)
+        else:
+            route.fulfill(json=expired)
+
+    page.route(f"**/jobs/{done['id']}", job)
+    page.on("dialog", lambda dialog: dialog.accept())
+    page.goto(f"/#/jobs/{done['id']}")
+    with page.expect_request(lambda one: one.method == "DELETE"):
+        page.get_by_role("button", name="Delete").click()
+    page.locator("nav").get_by_role("link", name="New").click()
+    with page.expect_response(lambda one: one.request.method == "DELETE"):
+        held[0].fulfill(status=204)
+    page.evaluate(TWO_FRAMES)
+    assert page.url.endswith("#/")
