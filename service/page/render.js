@@ -1,52 +1,58 @@
 // The mix as a picture of full size, made by a job of its own.
 
 import { sender } from "./api.js";
-import { alarm, bytes, h, say } from "./dom.js";
+import { bytes, h, hold, say, single } from "./dom.js";
 import { save } from "./files.js";
+import { tellProblem } from "./notes.js";
 import { watch } from "./watch.js";
 
 const FORMATS = [["jpeg", "JPEG"], ["tiff", "TIFF, 16 bits"], ["exr", "EXR, linear"]];
 
+/** The form, and what is to be called with every change of the mix. current(): its settings. */
 export function renderForm(job, current, problems, signal) {
   const send = sender();
   const format = h("select", { "aria-label": "Format" }, ...FORMATS.map(([value, textContent]) => h("option", { value, textContent })));
   const button = h("button", { className: "main", textContent: "Render full size" });
   const bar = h("progress", { max: 1, hidden: true, "aria-label": "Rendering" });
-  const done = h("span", { className: "rendered" });
-  const form = h("form", { className: "row render" }, format, button, bar, done);
-  form.addEventListener("submit", async (event) => {
-    event.preventDefault();
+  const done = h("div", { className: "rendered" });
+  let compare = () => {};
+  const render = async () => {
+    const lamps = current();
+    const made = await send(`/jobs/${job.id}/mix`, { lamps, format: format.value });
+    const ended = await watch(made.id, signal, (now) => (bar.value = now.fraction));
+    if (!ended) return;
+    const file = downloadOf(ended, problems);
+    const older = h("p", {}, "The mix has changed since: ", h("a", { href: `#/jobs/${ended.id}`, textContent: `${file.name} as it was` }));
+    compare = () => {
+      older.hidden = JSON.stringify(lamps) === JSON.stringify(current());
+      file.button.hidden = !older.hidden;
+    };
+    compare();
+    done.append(file.button, older);
+    say("The picture of full size is ready.");
+  };
+  const submit = single(async () => {
     problems.replaceChildren();
     done.replaceChildren();
-    button.disabled = true;
+    hold(button, true);
     bar.hidden = false;
     bar.removeAttribute("value");
-    try {
-      const made = await send(`/jobs/${job.id}/mix`, { lamps: current(), format: format.value });
-      const ended = await watch(made.id, signal, (now) => (bar.value = now.fraction));
-      if (ended) finish(ended, done, problems);
-    } catch (error) {
-      problems.append(alarm(error));
-    }
-    button.disabled = false;
+    await render().catch((error) => tellProblem(error, problems, signal));
+    hold(button, false);
     bar.hidden = true;
   });
-  return form;
+  const form = h("form", { className: "row render", onsubmit: submit }, format, button, bar, done);
+  return { form, changed: () => compare() };
 }
 
-function finish(job, done, problems) {
+/** The picture of a job that has ended: its name, and a button that saves it. */
+function downloadOf(job, problems) {
   if (job.state !== "succeeded") {
     const error = new Error(job.error?.detail ?? "The rendering was stopped.");
     error.title = job.error?.title;
     throw error;
   }
-  const file = job.files.find((one) => one.name.startsWith("mix."));
-  done.append(
-    h("button", {
-      type: "button",
-      textContent: `Download ${file.name} (${bytes(file.size)})`,
-      onclick: save(file.href, file.name, problems),
-    }),
-  );
-  say("The picture of full size is ready.");
+  const { name, size, href } = job.files.find((one) => one.name.startsWith("mix."));
+  const button = h("button", { type: "button", textContent: `Download ${name} (${bytes(size)})`, onclick: save(href, name, problems) });
+  return { name, button };
 }

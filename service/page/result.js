@@ -84,6 +84,7 @@ function mixer(views, desk, preview, job, manifest, signal) {
   const changed = () => {
     const shown = alone === null ? current() : neutral.map((one, lamp) => ({ ...one, on: lamp === alone }));
     light.show(matrices(shown), matrices(neutral));
+    rendering.changed();
   };
   const strips = manifest.lamps.map((lamp, index) => new Strip(lamp, index + 1, changed));
   manifest.lamps.forEach((_, lamp) => views.add(`lamp${lamp + 1}`, `Lamp ${lamp + 1}`, canvas));
@@ -93,6 +94,7 @@ function mixer(views, desk, preview, job, manifest, signal) {
   };
   views.zoomable(light, comparison(light));
   const problems = h("div");
+  const rendering = renderForm(job, current, problems, signal);
   const replace = (settings) => {
     strips.forEach((strip, index) => {
       strip.solo = false;
@@ -103,7 +105,7 @@ function mixer(views, desk, preview, job, manifest, signal) {
   desk.append(
     h("div", { className: "strips" }, ...strips.map((strip) => strip.element)),
     presets(current, replace, problems),
-    renderForm(job, current, problems, signal),
+    rendering.form,
     problems,
   );
   changed();
