@@ -2,6 +2,8 @@
 
 import { remove, sender } from "./api.js";
 import { h, single } from "./dom.js";
+import { keepMix, keptMix } from "./kept.js";
+import { untouched } from "./mix.js";
 import { goTo, tellProblem } from "./notes.js";
 
 export function actionsOf(job, signal) {
@@ -21,10 +23,17 @@ export function actionsOf(job, signal) {
     if ((await deleteJob(job)) && !signal.aborted) location.hash = "#/jobs";
   };
   const row = h("p", { className: "row actions" });
-  if (job.options.kind === "mix") row.append(h("a", { className: "button", href: `#/jobs/${job.options.of}`, textContent: "Back to the mixer" }));
+  if (job.options.kind === "mix") row.append(mixerOf(job.options));
   else if (job.state !== "expired") row.append(button("Run again", attempt(again)));
   row.append(button("Delete", attempt(gone)), h("a", { className: "button", href: "#/", textContent: "Add two photographs" }));
   return h("div", {}, row, problems);
+}
+
+/** A way to the mixer, which shows this mix unless it was left with another one. */
+function mixerOf({ of, mix }) {
+  const lamps = mix.lamps.map((lamp) => ({ ...untouched(), ...lamp }));
+  const show = () => keptMix(of) ?? keepMix(of, lamps, lamps.map(() => false));
+  return h("a", { className: "button", href: `#/jobs/${of}`, textContent: "Back to the mixer", onclick: show });
 }
 
 /** Delete a job if the user agrees to that; whether it is gone. */

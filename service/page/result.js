@@ -7,6 +7,7 @@ import { normalsForm } from "./directions.js";
 import { alarm, choice, h, isShortcut, say } from "./dom.js";
 import { readExr } from "./exr.js";
 import { filesOf } from "./files.js";
+import { keepMix, keptMix } from "./kept.js";
 import { Light } from "./light.js";
 import { lampMatrix, readPreset, untouched } from "./mix.js";
 import { relight } from "./relight.js";
@@ -86,7 +87,13 @@ function mixer(views, desk, preview, job, manifest, signal) {
     light.show(matrices(shown), matrices(neutral));
     rendering.changed();
   };
-  const strips = manifest.lamps.map((lamp, index) => new Strip(lamp, index + 1, changed));
+  const edited = () => {
+    keepMix(job.id, strips.map((strip) => strip.settings), strips.map((strip) => strip.solo));
+    changed();
+  };
+  const strips = manifest.lamps.map((lamp, index) => new Strip(lamp, index + 1, edited));
+  const kept = keptMix(job.id);
+  if (kept) strips.forEach((strip, index) => strip.set(kept.lamps[index], kept.solos[index]));
   manifest.lamps.forEach((_, lamp) => views.add(`lamp${lamp + 1}`, `Lamp ${lamp + 1}`, canvas));
   views.shown = (name) => {
     alone = name.startsWith("lamp") ? Number(name.slice(4)) - 1 : null;
@@ -96,11 +103,8 @@ function mixer(views, desk, preview, job, manifest, signal) {
   const problems = h("div");
   const rendering = renderForm(job, current, problems, signal);
   const replace = (settings) => {
-    strips.forEach((strip, index) => {
-      strip.solo = false;
-      strip.set(settings[index]);
-    });
-    changed();
+    strips.forEach((strip, index) => strip.set(settings[index]));
+    edited();
   };
   desk.append(
     h("div", { className: "strips" }, ...strips.map((strip) => strip.element)),

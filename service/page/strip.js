@@ -6,7 +6,7 @@ import { TINT_PER_DUV, gelOf, hexOf, untouched } from "./mix.js";
 const MIRED = [1e6 / 12000, 1e6 / 1500]; // the ends of the slider, which feels even in mired
 const DAYLIGHT = 6504;
 
-/** A strip; lamp: its entry in the manifest. changed() is called with every change of settings. */
+/** A strip; lamp: its entry in the manifest. changed() is called with every change that its user makes. */
 export class Strip {
   constructor(lamp, number, changed) {
     this.settings = untouched();
@@ -19,8 +19,9 @@ export class Strip {
   }
 
   /** Take other settings, of a preset. */
-  set(settings) {
+  set(settings, solo = false) {
     this.settings = settings;
+    this.solo = solo;
     this._build();
   }
 
