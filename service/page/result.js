@@ -82,14 +82,14 @@ function mixer(views, desk, preview, job, manifest, signal) {
     const soloed = strips.some((strip) => strip.solo);
     return strips.map((strip) => ({ ...strip.settings, on: strip.settings.on && (!soloed || strip.solo) }));
   };
-  const changed = () => {
+  const draw = () => {
     const shown = alone === null ? current() : neutral.map((one, lamp) => ({ ...one, on: lamp === alone }));
     light.show(matrices(shown), matrices(neutral));
-    rendering.changed();
   };
   const edited = () => {
     keepMix(job.id, strips.map((strip) => strip.settings), strips.map((strip) => strip.solo));
-    changed();
+    rendering.changed();
+    views.choose("mix"); // which shows what was changed
   };
   const strips = manifest.lamps.map((lamp, index) => new Strip(lamp, index + 1, edited));
   const kept = keptMix(job.id);
@@ -97,11 +97,12 @@ function mixer(views, desk, preview, job, manifest, signal) {
   manifest.lamps.forEach((_, lamp) => views.add(`lamp${lamp + 1}`, `Lamp ${lamp + 1}`, canvas));
   views.shown = (name) => {
     alone = name.startsWith("lamp") ? Number(name.slice(4)) - 1 : null;
-    changed();
+    draw();
   };
   views.zoomable(light, comparison(light));
   const problems = h("div");
   const rendering = renderForm(job, current, problems, signal);
+  rendering.form.addEventListener("submit", () => views.choose("mix")); // which is what is rendered
   const replace = (settings) => {
     strips.forEach((strip, index) => strip.set(settings[index]));
     edited();
@@ -112,7 +113,7 @@ function mixer(views, desk, preview, job, manifest, signal) {
     rendering.form,
     problems,
   );
-  changed();
+  draw();
   return (on) => {
     light.marked = on;
     light.draw();

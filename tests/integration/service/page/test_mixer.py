@@ -9,8 +9,9 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from PIL import Image
-from playwright.sync_api import Locator, Page, expect
+from playwright.sync_api import FilePayload, Locator, Page, expect
 
 from tests.integration.service.page.looking import (
     TWO_FRAMES,
@@ -167,3 +168,35 @@ def test_a_lamp_that_is_off_can_be_read(page: Page, done: dict[str, Any]) -> Non
         contrasts = strip(page, 1).evaluate(CONTRASTS)
         assert len(contrasts) == 4
         assert min(contrasts) >= 4.5  # AA
+
+
+def pixels(element: Locator) -> NDArray[np.int64]:
+    """Codes of an element on the screen."""
+    return np.asarray(Image.open(io.BytesIO(element.screenshot())).convert("RGB")).astype(int)
+
+
+@pytest.mark.parametrize("change", ["Exposure", "Solo", "Reset", "preset", "Render full size"])
+@pytest.mark.parametrize("view", ["Lamp 2", "Unexplained"])
+def test_whatever_is_looked_at_a_change_shows_the_mix(
+    page: Page, done: dict[str, Any], view: str, change: str
+) -> None:
+    page.route("**/mix", lambda route: route.abort())
+    open_mixer(page, done)
+    look = page.get_by_role("radio", name=view, exact=True)
+    look.check(force=True)
+    if change == "Exposure":
+        strip(page, 1).get_by_role("slider", name="Exposure").fill("-1")
+    elif change == "Solo":
+        page.get_by_role("button", name="Solo Lamp 1").click()
+    elif change == "preset":
+        preset = json.dumps({"lamps": [{"ev": 1}, {"ev": -1}]}).encode()
+        file: FilePayload = {"name": "a.json", "mimeType": "", "buffer": preset}
+        page.get_by_label("Load a preset").set_input_files(file)
+    else:
+        page.get_by_role("button", name=change, exact=True).click()
+    expect(page.get_by_role("radio", name="Mix", exact=True)).to_be_checked()
+    found = pixels(drawn(page))
+    look.check(force=True)
+    page.get_by_role("radio", name="Mix", exact=True).check(force=True)
+    # without a graphics card the lamp that changed last is added last: sums differ by rounding
+    assert np.abs(found - pixels(drawn(page))).max() <= 1
