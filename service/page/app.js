@@ -1,7 +1,7 @@
 // Which part of the page is shown: #/ adds photographs, #/jobs lists jobs, #/jobs/ID is one of them.
 
 import { showAdd } from "./add.js";
-import { alarm, entitle, h, say } from "./dom.js";
+import { alarm, entitle, h, isShortcut, say } from "./dom.js";
 import { showJob } from "./job.js";
 import { showJobs } from "./jobs.js";
 
@@ -26,8 +26,10 @@ async function route() {
     if (signal.aborted) return;
     console.error(error);
     entitle(error.title ?? "That did not work");
-    main.append(alarm(error, route));
-    if (part) main.append(h("p", { className: "row" }, h("a", { className: "button", href: "#/", textContent: "Add two photographs" })));
+    const ways = [];
+    if (error.status === 0 || error.status >= 500) ways.push(h("button", { type: "button", textContent: "Try again", onclick: arrive }));
+    if (part) ways.push(h("a", { className: "button", href: "#/", textContent: "Add two photographs" }));
+    main.append(alarm(error, route), h("p", { className: "row" }, ...ways));
   }
 }
 
@@ -47,10 +49,19 @@ function mark(current) {
   }
 }
 
-addEventListener("hashchange", () => {
+function arrive() {
   main.focus();
   route();
-});
+}
+
+addEventListener("hashchange", arrive);
+for (const link of document.querySelectorAll(".top a")) {
+  link.addEventListener("click", (event) => {
+    if (link.hash !== (location.hash || "#/") || isShortcut(event) || event.shiftKey) return;
+    event.preventDefault(); // no hash may change there, which were told
+    arrive();
+  });
+}
 for (const type of ["dragover", "drop"]) {
   addEventListener(type, (event) => event.preventDefault()); // else a file beside its place were opened instead of the page
 }

@@ -3,10 +3,10 @@
 import { alarm, entitle, h, say } from "./dom.js";
 import { actionsOf } from "./actions.js";
 import { filesOf } from "./files.js";
-import { kindOf, stateOf, titleOf } from "./jobs.js";
 import { progressOf } from "./progress.js";
 import { showResult } from "./result.js";
 import { watch } from "./watch.js";
+import { kindOf, stateOf, titleOf } from "./words.js";
 
 export async function showJob(main, id, signal) {
   const clear = () => {

@@ -1,104 +1,80 @@
-// The list of jobs.
+// The list of jobs, kept as they are.
 
-import { get, showIn } from "./api.js";
-import { deleteJob } from "./actions.js";
-import { alarm, h, single } from "./dom.js";
+import { get } from "./api.js";
+import { cardOf } from "./card.js";
+import { h, pause, single } from "./dom.js";
+import { tellProblem } from "./notes.js";
+import { ENDED } from "./watch.js";
 
-const STATES = {
-  queued: "Waits",
-  waiting_for_operator: "Waits for you",
-  running: "Runs",
-  canceling: "Stops",
-  succeeded: "Done",
-  failed: "Failed",
-  canceled: "Canceled",
-  expired: "Expired",
-};
+const FIRST = 48; // jobs that are shown at first
+const MOST = 200; // that may be asked for at once
+const AGAIN_MS = 10000; // until jobs of which some are under way are asked for again
 
 export async function showJobs(main, signal) {
   const list = h("ul", { className: "jobs" });
-  const more = h("p");
+  const none = h("p", { hidden: true }, "There are none yet. ", h("a", { href: "#/", textContent: "Add two photographs." }));
   const problems = h("div");
-  main.append(h("h1", { textContent: "Jobs" }), problems, list, more);
-  const gone = (card) => {
-    ((card.nextElementSibling ?? card.previousElementSibling)?.querySelector("a") ?? main).focus();
-    card.remove();
+  const cards = new Map();
+  let next = `/jobs?limit=${FIRST}`;
+  let newest = 0; // when that was made
+  const drop = ({ element, job }) => {
+    const beside = element.nextElementSibling ?? element.previousElementSibling;
+    if (element.contains(document.activeElement)) (beside?.querySelector("a") ?? main).focus(); // else its keyboard were lost
+    element.remove();
+    cards.delete(job.id);
+    none.hidden = cards.size > 0;
   };
-  let next = "/jobs?limit=48";
-  const older = single(async () => {
-    problems.replaceChildren();
-    await load().catch((error) => problems.replaceChildren(alarm(error)));
-  });
+  const make = (job) => {
+    const card = cardOf(job, () => drop(card), signal);
+    cards.set(job.id, card);
+    newest = Math.max(newest, timeOf(job));
+    return card.element;
+  };
   const load = async () => {
     const page = await get(next);
     if (signal.aborted) return;
-    const held = more.contains(document.activeElement); // else its keyboard were lost with the button
-    const cards = page.jobs.map((job) => card(job, gone, problems));
-    list.append(...cards);
-    if (held) cards[0]?.querySelector("a").focus();
+    const held = document.activeElement === older; // else its keyboard were lost with the button
+    const made = page.jobs.map(make);
+    list.append(...made);
+    if (held) made[0]?.querySelector("a").focus();
     next = page.next;
-    more.replaceChildren(
-      ...(next ? [h("button", { type: "button", textContent: "Older jobs", onclick: older })] : []),
-    );
-    if (!list.children.length) more.append("There are none yet. ", h("a", { href: "#/", textContent: "Add two photographs." }));
+    older.hidden = !next;
+    none.hidden = cards.size > 0;
   };
-  await load();
-}
-
-/** Its state in a word. */
-export function stateOf(job) {
-  return STATES[job.state] ?? job.state;
-}
-
-/** What it does, in a word. */
-export function kindOf(job) {
-  const { kind } = job.options;
-  if (kind === "mix") return "Full-size mix";
-  return kind ? `Calibration of ${kind === "lamps" ? "lamps" : `a ${kind}`}` : "Separation";
-}
-
-/** Its state, and which job it is, for the browser's tab. */
-export function titleOf(job) {
-  return `${stateOf(job)}: ${kindOf(job)} ${job.id.slice(0, 8)}`;
-}
-
-function card(job, gone, problems) {
-  const shown = new Date(job.created).toLocaleString([], { dateStyle: "medium", timeStyle: "short" });
-  const picture = h("div", { className: "thumb" });
-  addThumbnail(picture, job);
-  const remove = async () => {
+  const attempt = single(async () => {
     problems.replaceChildren();
-    try {
-      if (await deleteJob(job)) gone(item);
-    } catch (error) {
-      problems.replaceChildren(alarm(error));
+    await load().catch((error) => tellProblem(error, problems, signal));
+  });
+  const older = h("button", { type: "button", textContent: "Older jobs", hidden: true, onclick: attempt });
+  /** Show how jobs are now, those that were made meanwhile, and no longer those that are gone. */
+  const refresh = async () => {
+    const page = await get(`/jobs?limit=${Math.min(MOST, Math.max(FIRST, cards.size))}`);
+    if (signal.aborted) return;
+    const now = new Map(page.jobs.map((job) => [job.id, job]));
+    const oldest = page.next ? timeOf(page.jobs.at(-1)) : 0;
+    for (const card of [...cards.values()]) {
+      const { id } = card.job;
+      if (now.has(id)) card.show(now.get(id));
+      else if (timeOf(card.job) > oldest) drop(card);
     }
+    list.prepend(...page.jobs.filter((job) => timeOf(job) > newest).map(make));
+    none.hidden = cards.size > 0;
   };
-  const item = h(
-    "li",
-    {},
-    h(
-      "a",
-      { href: `#/jobs/${job.id}` },
-      picture,
-      h("strong", { textContent: kindOf(job) }),
-      h("span", { className: `state ${job.state}`, textContent: stateOf(job) }),
-      h("time", { dateTime: job.created, textContent: shown }),
-    ),
-    h("button", { type: "button", className: "link", textContent: "Delete", "aria-label": `Delete ${kindOf(job)} of ${shown}`, onclick: remove }),
-  );
-  return item;
+  main.append(h("h1", { textContent: "Jobs" }), list, none, h("p", {}, older), problems);
+  await load();
+  keepUp(refresh, () => [...cards.values()].some(({ job }) => !ENDED.includes(job.state)), signal);
 }
 
-async function addThumbnail(place, job) {
-  const of = job.options.kind === "mix" ? job.options.of : job.id;
-  const has = job.files.some((file) => file.name === "thumbnail.jpg") || of !== job.id;
-  if (!has) return;
-  const image = h("img", { alt: "", onerror: () => image.remove() });
-  try {
-    await showIn(image, `/jobs/${of}/results/thumbnail.jpg`);
-    place.append(image);
-  } catch {
-    // the photograph may have been deleted: the card does without
+/** Refresh what is shown whenever the tab is seen again, and in between as long as something is under way. */
+async function keepUp(refresh, isUnderWay, signal) {
+  while (!signal.aborted) {
+    const unseen = document.hidden;
+    await pause(AGAIN_MS, signal);
+    if (signal.aborted || document.hidden || !(unseen || isUnderWay())) continue;
+    await refresh().catch(console.error); // it is asked for again
   }
+}
+
+function timeOf(job) {
+  return new Date(job.created).getTime();
 }

@@ -14,10 +14,14 @@ export function goTo(job, signal) {
   say(words);
 }
 
-/** Tell a problem at its place. */
+/** Tell a problem at its place, where it is seen. */
 export function tellProblem(error, place, signal) {
-  if (!signal.aborted) place.replaceChildren(alarm(error));
-  else note(alarm({ title: `What you asked for before was not done: ${error.title ?? "it failed"}`, message: error.message }));
+  if (!signal.aborted) {
+    place.replaceChildren(alarm(error));
+    place.scrollIntoView({ block: "nearest" });
+    return;
+  }
+  note(alarm({ title: `What you asked for before was not done: ${error.title ?? "it failed"}`, message: error.message }));
 }
 
 /** Show elements above every view until they are answered. */

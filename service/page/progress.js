@@ -2,7 +2,7 @@
 
 import { post } from "./api.js";
 import { alarm, entitle, h, say, single } from "./dom.js";
-import { kindOf, stateOf, titleOf } from "./jobs.js";
+import { kindOf, stateOf, titleOf } from "./words.js";
 
 const STAGES = {
   capture: "Take both photographs",

@@ -7,7 +7,7 @@ import { follow } from "./events.js";
 const ASK_MS = 1000;
 const HIDDEN_MS = 5000; // in a tab of which nobody sees more than the title
 export const AWAY = [0, 502, 503, 504]; // no answer, or one of a proxy or service that is about to come back
-const ENDED = ["succeeded", "failed", "canceled", "expired"];
+export const ENDED = ["succeeded", "failed", "canceled", "expired"];
 
 /** Watch a job until it ends, and give it back; null where the user has left.
  *

@@ -1,0 +1,124 @@
+"""The list of jobs as time goes by, in a real browser."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import pytest
+from playwright.sync_api import Locator, Page, Route, expect
+
+from tests.integration.service.page.looking import HIDE, check_access
+
+AWAY = {"type": "x", "title": "Away", "detail": "Back in a minute.", "status": 503}
+
+
+class Listed:
+    """Jobs that the service tells of; `failing`: it does not."""
+
+    def __init__(self, page: Page, done: dict[str, Any]) -> None:
+        self.done = {**done, "files": []}
+        self.jobs = [self.job(1, state="running"), self.job(0)]
+        self.failing = False
+        page.route(re.compile(r"/jobs\?"), self._answer)
+
+    def job(self, number: int, **more: Any) -> dict[str, Any]:
+        """The job of this number, which is that of the second when it was made."""
+        created = f"2030-01-01T12:00:0{number}Z"
+        return {**self.done, "id": f"{number:032x}", "created": created, **more}
+
+    def _answer(self, route: Route) -> None:
+        if self.failing:
+            route.fulfill(status=503, json=AWAY)
+        elif "after=" in route.request.url:
+            route.abort()
+        else:
+            after = f"/jobs?limit=48&after=1764085200.5-{self.jobs[-1]['id']}"
+            route.fulfill(json={"jobs": self.jobs, "next": after})
+
+
+@pytest.fixture
+def listed(page: Page, done: dict[str, Any]) -> Listed:
+    """The list is shown."""
+    listed = Listed(page, done)
+    page.goto("/#/jobs")
+    expect(states(page)).to_have_text(["Runs", "Done"])
+    return listed
+
+
+def states(page: Page) -> Locator:
+    return page.locator(".jobs .state")
+
+
+def test_jobs_under_way_are_shown_as_they_become(page: Page, listed: Listed) -> None:
+    page.get_by_role("button", name=re.compile("^Delete")).last.focus()
+    listed.failing = True
+    with page.expect_response(re.compile(r"/jobs\?")):
+        pass  # which is told of nowhere: it is asked for again
+    listed.failing = False
+    listed.jobs = [listed.job(2, state="queued"), listed.job(1, state="failed"), listed.job(0)]
+    expect(states(page)).to_have_text(["Waits", "Failed", "Done"])
+    expect(page.get_by_role("alert")).to_have_count(0)
+    expect(page.get_by_role("button", name=re.compile("^Delete")).last).to_be_focused()
+    listed.jobs = [listed.job(2), listed.job(0)]
+    expect(states(page)).to_have_text(["Done", "Done"])
+
+
+def test_a_list_that_is_seen_again_is_that_of_now(page: Page, listed: Listed) -> None:
+    """Even where nothing was under way."""
+    listed.jobs = [listed.job(1), listed.job(0)]
+    expect(states(page)).to_have_text(["Done", "Done"])
+    page.evaluate(HIDE, True)
+    listed.jobs = [listed.job(2, state="queued"), *listed.jobs]
+    with page.expect_request(re.compile(r"/jobs\?")):
+        page.evaluate(HIDE, False)
+    expect(states(page)).to_have_text(["Waits", "Done", "Done"])
+
+
+def test_the_link_to_where_one_is_shows_it_anew(page: Page, listed: Listed) -> None:
+    listed.jobs = [listed.job(2), listed.job(1), listed.job(0)]
+    page.get_by_role("link", name="Jobs").click()
+    expect(states(page)).to_have_text(["Done", "Done", "Done"])
+    expect(page.locator("main")).to_be_focused()
+    for name in ("New", "lightlayers"):
+        page.goto("/")
+        page.get_by_label("Lamps").select_option("2")
+        page.get_by_role("link", name=name).click()
+        expect(page.get_by_label("Lamps")).to_have_value("auto")
+
+
+def test_jobs_that_cannot_be_listed_are_tried_again(page: Page, listed: Listed) -> None:
+    listed.failing = True
+    page.get_by_role("link", name="Jobs").click()
+    expect(page.get_by_role("alert")).to_contain_text("Back in a minute.")
+    check_access(page, "no_jobs")
+    listed.failing = False
+    page.get_by_role("button", name="Try again").click()
+    expect(states(page)).to_have_text(["Runs", "Done"])
+    expect(page.get_by_role("alert")).to_have_count(0)
+    expect(page.locator("main")).to_be_focused()
+
+
+def test_what_cannot_come_back_is_not_tried_again(page: Page) -> None:
+    page.goto("/#/jobs/gone")
+    expect(page.get_by_role("alert")).to_contain_text("No such job")
+    expect(page.get_by_role("button", name="Try again")).to_have_count(0)
+
+
+def test_problems_are_told_beside_their_buttons(page: Page, listed: Listed) -> None:
+    """Of which there may be many screens of jobs."""
+    listed.jobs = [listed.job(9 - number) for number in range(10)] * 4
+    page.reload()
+    expect(states(page)).to_have_count(40)
+    page.get_by_role("button", name="Older jobs").click()
+    alert = page.get_by_role("alert")
+    expect(alert).to_contain_text("No connection")
+    expect(alert).to_be_in_viewport()
+    page.reload()
+    expect(states(page)).to_have_count(40)
+    page.route(re.compile(r"/jobs/0+"), lambda route: route.fulfill(status=503, json=AWAY))
+    page.on("dialog", lambda dialog: dialog.accept())
+    last = page.locator(".jobs li").last
+    last.get_by_role("button", name=re.compile("^Delete")).click()
+    expect(last.get_by_role("alert")).to_contain_text("Back in a minute.")
+    expect(alert).to_be_in_viewport()
