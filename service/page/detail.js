@@ -1,5 +1,7 @@
 // What the preview lacks: the area that is on the screen in the photograph's own pixels.
 
+import { key } from "./api.js";
+
 const MOST_PIXELS = 2 ** 21; // of an area that is asked for at once, as of a preview
 const AGAIN_MS = 5000; // until what failed for now is asked for again
 
@@ -11,6 +13,7 @@ export class Detail {
     this._shown = null; // left, top, right, bottom in pixels of the photograph
     this._asked = null; // the same, of what is on its way, with the promise of it
     this._refused = false;
+    this._refusedKey = undefined; // the one that was not taken
     this._pauses = false; // after what failed for now
   }
 
@@ -20,7 +23,7 @@ export class Detail {
    */
   look(room, corner, scale) {
     const { step, size } = this._light;
-    if (step === 1 || scale <= 1 || this._refused) return null;
+    if (step === 1 || scale <= 1 || this._refused || this._refusedKey === key()) return null;
     const full = scale / step;
     const area = [0, 1].map((axis) => Math.max(0, Math.floor(-corner[axis] / full)));
     const ends = [0, 1].map((axis) => Math.min(step * size[axis], Math.ceil((room[axis] - corner[axis]) / full)));
@@ -65,10 +68,11 @@ export class Detail {
     return this._asked?.shown ?? false;
   }
 
-  /** Ask no more where the service refuses; else again in a while. */
-  _fail({ status }) {
-    this._refused = status >= 400 && status < 500;
-    if (this._refused) return;
+  /** Ask no more where the service refuses, but with another key; of what fails for now again in a while. */
+  _fail({ status, ofKey }) {
+    if (ofKey) this._refusedKey = key();
+    else this._refused = status >= 400 && status < 500;
+    if (ofKey || this._refused) return;
     this._pauses = true;
     setTimeout(() => {
       this._pauses = false;

@@ -129,3 +129,28 @@ def test_an_area_that_is_wanted_no_longer_may_fail(page: Page) -> None:
     page.goto("/")
     found = page.evaluate(SUPERSEDE)
     assert found == {"first": [True, True], "third": True, "shown": [[500, 0], [1000, 0]]}
+
+
+REFUSE = """async () => {
+  const { Detail } = await import("/page/detail.js");
+  const { Problem } = await import("/page/api.js");
+  const told = [];
+  const light = { step: 2, size: [300, 200], showDetail: () => told.push("shown") };
+  const detail = new Detail(light, async (left, top, width, height) => {
+    const key = sessionStorage.getItem("lightlayers-key");
+    told.push(key);
+    if (key !== "good") throw new Problem({ title: "x", detail: "x", status: 401 });
+    return { width, height, channels: new Map() };
+  });
+  for (const key of [null, "bad", "good"]) {
+    if (key) sessionStorage.setItem("lightlayers-key", key);
+    for (let time = 0; time < 2; time++) await detail.look([200, 200], [0, 0], 2);
+  }
+  return told;
+}"""
+"""A Detail looks twice with each key, of which the last is good."""
+
+
+def test_after_a_key_was_refused_another_is_tried_and_the_same_is_not(page: Page) -> None:
+    page.goto("/")
+    assert page.evaluate(REFUSE) == [None, "bad", "good", "shown"]
