@@ -110,9 +110,22 @@ function send(path, form, once, sent) {
     if (key()) call.setRequestHeader("Authorization", `Bearer ${key()}`);
     call.upload.onprogress = (event) => sent(event.loaded / event.total);
     call.onload = () => resolve(call);
-    call.onerror = () => reject(new Problem(AWAY));
+    call.onerror = async () => reject(new Problem((await changedIn(form)) ?? AWAY));
     call.send(form);
   });
+}
+
+/** The problem of a file that can be read no longer, since it is not what was chosen; null where all can. */
+async function changedIn(form) {
+  for (const file of form.values()) {
+    if (!(file instanceof File)) continue;
+    try {
+      await file.slice(0, 1).arrayBuffer();
+    } catch {
+      return { title: "A photograph has changed", detail: `${file.name} was changed or removed after it was chosen: choose it again.`, status: 0 };
+    }
+  }
+  return null;
 }
 
 function parsed(call) {

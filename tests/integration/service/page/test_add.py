@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import os
 import re
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -229,6 +231,22 @@ def test_photographs_that_were_shown_are_not_held_on_to(page: Page) -> None:
     expect(page.locator("html")).to_have_attribute("data-kept", "0")
     expect(page.locator(".chosen img")).to_have_count(1)
     expect(page.locator(".chosen img")).to_have_js_property("naturalWidth", 3)
+
+
+def test_a_file_that_changes_after_it_was_chosen_is_named(page: Page, tmp_path: Path) -> None:
+    page.goto("/")
+    files = [tmp_path / "a.jpg", tmp_path / "b.jpg"]
+    for file in files:
+        file.write_bytes(b"no picture")
+    page.get_by_label("Choose a file: Without the flash").set_input_files(files)
+    files[1].write_bytes(b"another one, edited")
+    os.utime(files[1], (0, 0))  # another second: the browser looks no closer
+    page.get_by_role("button", name="Separate the light").click()
+    alert = page.get_by_role("alert")
+    expect(alert).to_contain_text("b.jpg was changed or removed after it was chosen")
+    page.get_by_label("Choose a file: With the flash").set_input_files(files[1])
+    page.get_by_role("button", name="Separate the light").click()
+    expect(alert).to_contain_text("photograph without the flash")  # of what was sent
 
 
 def test_a_bad_file_is_told_in_words(page: Page) -> None:
