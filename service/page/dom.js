@@ -44,12 +44,12 @@ export function choice(label, options, chosen, change) {
   );
 }
 
-/** A listener that does nothing while its work is under way: else a double click were two. */
+/** A listener that does nothing while its work is under way or its button is held: else a double click were two. */
 export function single(work) {
   let busy = false;
   return async (event) => {
     event.preventDefault();
-    if (busy) return;
+    if (busy || event.currentTarget.getAttribute("aria-disabled") === "true") return;
     busy = true;
     try {
       await work(event);

@@ -1,7 +1,7 @@
 // How far a job is, stage by stage, and what it asks its operator to do.
 
 import { post } from "./api.js";
-import { alarm, entitle, h, say, single } from "./dom.js";
+import { alarm, entitle, h, hold, say, single } from "./dom.js";
 import { kindOf, stateOf, titleOf } from "./words.js";
 
 const STAGES = {
@@ -36,7 +36,7 @@ export function progressOf(main, id) {
     heading.textContent = `${kindOf(job)}: ${stateOf(job).toLowerCase()}`;
     entitle(titleOf(job));
     when.textContent = away ? "The service does not answer just now; it is asked again." : whenOf(job);
-    cancel.disabled = job.state === "canceling";
+    hold(cancel, job.state === "canceling");
     steps.replaceChildren(...stepsOf(job));
     const link = job.operator ? job.links.confirm : ""; // of this request alone, whatever its words
     const held = request.contains(document.activeElement); // else its keyboard were lost with the button

@@ -7,7 +7,7 @@ from typing import Any
 
 from playwright.sync_api import Page, Route, expect
 
-from tests.integration.service.page.looking import tab_to
+from tests.integration.service.page.looking import TWO_FRAMES, tab_to
 
 
 def test_the_keyboard_goes_on_at_the_first_of_older_jobs(page: Page, done: dict[str, Any]) -> None:
@@ -57,3 +57,30 @@ def test_the_keyboard_stays_with_a_job_that_goes_on(page: Page, done: dict[str, 
     job |= {"state": "canceled"}
     expect(page.get_by_role("alert")).to_contain_text("Canceled")
     expect(page.locator("main")).to_be_focused()
+
+
+def test_the_keyboard_stays_at_a_job_that_is_being_stopped(
+    page: Page, done: dict[str, Any]
+) -> None:
+    here = f"/jobs/{done['id']}"
+    job = {**done, "state": "running", "stage": "lamps", "fraction": 0.5}
+    canceled: list[str] = []
+
+    def cancel(route: Route) -> None:
+        canceled.append(route.request.method)
+        job["state"] = "canceling"
+        route.fulfill(status=202, json=job)
+
+    page.route(f"**{here}", lambda route: route.fulfill(json=job))
+    page.route(f"**{here}/events", lambda route: route.abort())
+    page.route(f"**{here}/cancel", cancel)
+    page.goto(f"/#{here}")
+    button = page.get_by_role("button", name="Cancel")
+    tab_to(page, button)
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("heading", name="Separation: stops")).to_be_visible()
+    expect(button).to_be_disabled()
+    expect(button).to_be_focused()
+    page.keyboard.press("Enter")
+    page.evaluate(TWO_FRAMES)
+    assert canceled == ["POST"]
