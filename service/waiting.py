@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterable
 
 import sqlalchemy as sa
@@ -23,25 +24,19 @@ def count_queued(connection: sa.Connection, owner: str | None = None) -> int:
 
 
 def positions(connection: sa.Connection, shown: Iterable[Job]) -> dict[str, int]:
-    """Place in its queue, from 1, of every job of `shown` that waits."""
+    """Place in its queue, from 1, of every job of `shown` that waits, or did when it was read."""
     queued: dict[str | None, list[Job]] = {}
     for job in shown:
         if job.state == State.QUEUED:
             queued.setdefault(None if job.inputs else job.camera, []).append(job)
-    return {
-        job_id: place
-        for camera, those in queued.items()
-        for job_id, place in connection.execute(_places(camera, those))
-    }
-
-
-def _places(camera: str | None, those: list[Job]) -> sa.Select[str, int]:
-    """Select ids and places of jobs in one queue, which is read as far as the last of them."""
-    last = max((job.rank, job.created, job.id) for job in those)
-    place = sa.func.row_number().over(order_by=_ORDER).label("place")
-    ahead = sa.and_(queues.waits_for_camera(camera), sa.tuple_(*_ORDER) <= last)
-    queue = sa.select(jobs.c.id, place).where(ahead).subquery()
-    return sa.select(queue.c.id, queue.c.place).where(queue.c.id.in_([job.id for job in those]))
+    places: dict[str, int] = {}
+    for camera, those in queued.items():
+        keys = {job.id: (job.rank, job.created, job.id) for job in those}
+        ahead = sa.and_(queues.waits_for_camera(camera), sa.tuple_(*_ORDER) <= max(keys.values()))
+        # as far as the last of them; one may have left since it was read, which has a place, too
+        queue = sorted(map(tuple, connection.execute(sa.select(*_ORDER).where(ahead))))
+        places |= {job_id: bisect_left(queue, key) + 1 for job_id, key in keys.items()}
+    return places
 
 
 def overdue(connection: sa.Connection, limit: int) -> list[tuple[str, str]]:

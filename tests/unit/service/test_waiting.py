@@ -40,11 +40,14 @@ def test_the_places_of_a_queue_are_told_by_one_query_by_its_index(engine: sa.Eng
     assert not any("TEMP B-TREE" in plan for plan in found)
 
 
-def test_a_job_that_was_begun_meanwhile_has_no_place(engine: sa.Engine) -> None:
+def test_a_job_that_was_begun_since_it_was_read_has_the_place_that_it_had(
+    engine: sa.Engine,
+) -> None:
     first, second = (added(engine, job_id) for job_id in "ab")
     claimed(engine, first.id, "w1")
     with engine.connect() as connection:
-        assert waiting.positions(connection, [first, second]) == {second.id: 1}
+        assert waiting.positions(connection, [first, second]) == {first.id: 1, second.id: 1}
+        assert waiting.positions(connection, [first]) == {first.id: 1}
 
 
 def test_late_is_what_waits_past_its_deadline(engine: sa.Engine) -> None:
