@@ -9,6 +9,15 @@ from pathlib import Path
 
 from service.forkserver import ForkServer
 
+NO_PROCESS_ONCE = """
+fork = os.fork
+def refuse():
+    os.fork = fork
+    raise BlockingIOError
+os.fork = refuse
+"""
+"""What a server runs first so that it cannot make the process of its first task."""
+
 
 def fork_server(code: str, first: str = "") -> ForkServer:
     """Make a server whose children run Python code; `first` runs once, in the server."""

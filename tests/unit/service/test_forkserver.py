@@ -16,7 +16,7 @@ import pytest
 
 from service.errors import NoProcessError
 from service.forkserver import Child, ForkServer
-from tests.unit.service.forked import fork_server, wait_until_gone
+from tests.unit.service.forked import NO_PROCESS_ONCE, fork_server, wait_until_gone
 
 
 @contextlib.contextmanager
@@ -78,7 +78,7 @@ def test_a_server_that_is_closed_ends_its_children() -> None:
 def test_nothing_outlives_a_killed_owner() -> None:
     owner = """
 import sys
-from tests.unit.service.forked import fork_server
+from tests.unit.service.forked import NO_PROCESS_ONCE, fork_server
 server = fork_server('''
 import subprocess
 other = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
@@ -156,14 +156,7 @@ def test_a_child_that_still_runs_is_waited_for_in_vain() -> None:
 
 
 def test_a_system_without_processes_costs_one_task_and_not_the_server() -> None:
-    first = """
-fork = os.fork
-def refuse():
-    os.fork = fork
-    raise BlockingIOError
-os.fork = refuse
-"""
-    with contextlib.closing(fork_server("print(os.getpid())", first)) as server:
+    with contextlib.closing(fork_server("print(os.getpid())", NO_PROCESS_ONCE)) as server:
         with _forked(server) as child:
             assert (child.stdout.read(), child.wait(60)) == (b"", 71)
         assert _said(server) > 0

@@ -22,7 +22,7 @@ from service.errors import (
 )
 from service.forkserver import ForkServer
 from service.tasks import Kind, Limits, Task
-from tests.unit.service.forked import fork_server, wait_until_gone
+from tests.unit.service.forked import NO_PROCESS_ONCE, fork_server, wait_until_gone
 
 LIMITS = Limits(memory_bytes=2**30, cpu_seconds=10, open_files=64, output_bytes=1_000_000)
 
@@ -143,14 +143,7 @@ time.sleep(600)
 
 
 def test_a_system_without_processes_is_no_crash() -> None:
-    first = """
-fork = os.fork
-def refuse():
-    os.fork = fork
-    raise BlockingIOError
-os.fork = refuse
-"""
-    with contextlib.closing(fork_server("sys.exit(0)", first)) as server:
+    with contextlib.closing(fork_server("sys.exit(0)", NO_PROCESS_ONCE)) as server:
         with pytest.raises(NoProcessError):
             _reports(server)
         assert _reports(server) == []
