@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import errno
 import json
-import os
 import sys
 import threading
 from collections.abc import Callable
@@ -17,58 +16,13 @@ import pytest
 
 import drivers
 from drivers.errors import ProtocolError
-from drivers.ptp import usb as driver
 from drivers.ptp.camera import PtpCamera
 from pipeline.errors import UnreadableImageError
-from service import camera_tasks, keys, sender
-from service.api.context import Context
-from service.cli import run
+from service import camera_tasks, sender
 from service.spool import Spool, SpooledPair
-from tests.unit.service.usb_bus import ADDRESS, Bus
+from tests.unit.service.usb_bus import Bus
 
 AWAY = "http://127.0.0.1:9"
-
-
-@pytest.fixture(autouse=True)
-def bus(monkeypatch: pytest.MonkeyPatch) -> Bus:
-    bus = Bus(away_for=3)
-    monkeypatch.setattr(driver, "_libusb", lambda: bus)
-    monkeypatch.setattr(sender, "PAUSES_S", (0.01,))
-    return bus
-
-
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    return tmp_path / "spool"
-
-
-@pytest.fixture
-def tether(folder: Path, http: httpx.Client, monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
-    """Run the command with these lines on its stdin."""
-
-    def run_it(*arguments: str, lines: str = "", server: str = str(http.base_url)) -> int:
-        reader, writer = os.pipe()
-        os.write(writer, lines.encode())
-        os.close(writer)
-        where = ["--server", server, "--camera", ADDRESS, "--spool", str(folder)]
-        with os.fdopen(reader) as stdin, monkeypatch.context() as patched:
-            patched.setattr("sys.stdin", stdin)
-            return run(["tether", *where, *arguments])
-
-    return run_it
-
-
-@pytest.fixture
-def waiting(folder: Path) -> Callable[[], int]:
-    """Count what is left in the spool."""
-
-    def count() -> int:
-        spool = Spool(folder)
-        found = spool.count()
-        spool.close()
-        return found
-
-    return count
 
 
 def told(capsys: pytest.CaptureFixture[str]) -> list[dict[str, Any]]:
@@ -381,51 +335,6 @@ def test_a_pair_that_the_service_refuses_for_good_ends_as_a_failure(
     (aside,) = (folder / "aside").iterdir()
     assert f"put aside in {aside}" in said
     assert jobs_of(http) == []
-
-
-class TestKeys:
-    """A service that wants a key; it comes from the environment or a file, and stays hidden."""
-
-    def test_a_key_that_may_submit_is_enough(
-        self,
-        tether: Callable[..., int],
-        context: Context,
-        monkeypatch: pytest.MonkeyPatch,
-        capsys: pytest.CaptureFixture[str],
-    ) -> None:
-        with context.engine.begin() as connection:
-            key = keys.create(connection, "agent", {keys.Scope.SUBMIT}, keys.Quotas(), None)
-        monkeypatch.setenv("LIGHTLAYERS_KEY", key)
-        assert tether(lines="\n") == 0
-        said = capsys.readouterr()
-        assert key.rpartition("_")[2] not in said.out + said.err
-
-    def test_without_one_all_pairs_wait(
-        self,
-        tether: Callable[..., int],
-        context: Context,
-        waiting: Callable[[], int],
-        monkeypatch: pytest.MonkeyPatch,
-        capsys: pytest.CaptureFixture[str],
-    ) -> None:
-        with context.engine.begin() as connection:
-            keys.create(connection, "somebody", {keys.Scope.SUBMIT}, keys.Quotas(), None)
-        held = threading.Event()
-        hold_up = sender.Sender._hold_up
-
-        def noted(own: sender.Sender, reason: str) -> None:
-            hold_up(own, reason)
-            held.set()
-
-        def interrupted(_own: sender.Sender) -> None:
-            assert held.wait(60)
-            raise KeyboardInterrupt
-
-        monkeypatch.setattr(sender.Sender, "_hold_up", noted)
-        monkeypatch.setattr(sender.Sender, "finish", interrupted)
-        assert tether(lines="\n") == 130
-        assert "This service needs a key" in capsys.readouterr().err
-        assert waiting() == 1
 
 
 @pytest.mark.parametrize(
