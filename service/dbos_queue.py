@@ -11,6 +11,7 @@ import logging
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from functools import partial
 
 import sqlalchemy as sa
 from dbos import (
@@ -44,6 +45,7 @@ _TELLING_WORKFLOW = "tell_webhook"
 _TELLERS = 8  # webhooks a worker tells at once: it waits for them most of the time
 _TELLING_SECONDS = 2.0  # each look at a queue costs every worker 10 ms of its processor
 _UPKEEP = "upkeep"
+_LONGEST_UPKEEP_SECONDS = 5  # between two looks at its queue
 _SWEEP = "sweep"
 _HOURLY = "0 0 * * * *"  # the first field of six is that of seconds
 _DONE = ["SUCCESS", "ERROR", "CANCELLED"]
@@ -193,25 +195,39 @@ def telling_id(job_id: str, number: int) -> str:
     return f"{job_id}-webhook-{number}"
 
 
-def launch(
-    engine: sa.Engine,
-    worker: str,
-    host: str | None,
-    run: Callable[[str], None],
-    capture: Callable[[str], None],
-    tell: Callable[[str, int], None],
-    concurrency: int,
-    poll_seconds: float,
-    sweep: Callable[[str, bool], None],
-    sweep_seconds: int,
-) -> None:
-    """Have this process call run and capture(job id), tell(job id, number) in threads, and sweep.
+@dataclass(frozen=True)
+class Duties:
+    """What a worker does, in threads, with what comes out of the queues.
+
+    run(job id): must return only when the job has ended, since a return takes the job out of the
+    queue for good. capture(job id): when its pair is taken. tell(job id, number): when what came of
+    it is written. sweep(its id in the queue, thorough): called in one worker at a time, often with
+    false, every hour with true.
+    """
+
+    run: Callable[[str], None]
+    capture: Callable[[str], None]
+    tell: Callable[[str, int], None]
+    sweep: Callable[[str, bool], None]
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How much a worker does at once, and how often it looks.
+
+    concurrency: jobs at a time. poll_seconds: between two looks at a queue. sweep_seconds: 1…60.
+    """
+
+    concurrency: int
+    poll_seconds: float
+    sweep_seconds: int
+
+
+def launch(engine: sa.Engine, worker: str, host: str | None, duties: Duties, pace: Pace) -> None:
+    """Have this process do its duties from now on.
 
     worker: unique among all workers ever. host: on whose USB it uses cameras, beside those that any
-    worker can; None where there is no other host. run: must return only when the job has ended,
-    since a return takes the job out of the queue for good; capture: when its pair is taken; tell:
-    when what came of it is written. sweep(its id in the queue, thorough): called in one worker at a
-    time, every sweep_seconds (1…60) with false, every hour with true. Raises StartError.
+    worker can; None where there is no other host. Raises StartError.
     """
     _silence_dbos()
     DBOS(
@@ -226,13 +242,15 @@ def launch(
         )
     )
     # An attempt count of our own is in the job's row: a takeover resets the one of DBOS.
-    DBOS.workflow(name=_WORKFLOW, max_recovery_attempts=None)(run)
-    DBOS.workflow(name=_CAPTURE, max_recovery_attempts=None)(capture)
-    DBOS.workflow(name=_TELLING_WORKFLOW, max_recovery_attempts=None)(tell)
+    workflow = partial(DBOS.workflow, max_recovery_attempts=None)
+    # DBOS marks the functions that it is given, and bound methods cannot be marked.
+    workflow(name=_WORKFLOW)(lambda job_id: duties.run(job_id))
+    workflow(name=_CAPTURE)(lambda job_id: duties.capture(job_id))
+    workflow(name=_TELLING_WORKFLOW)(lambda job_id, number: duties.tell(job_id, number))
 
-    @DBOS.workflow(name=_SWEEP, max_recovery_attempts=None)
+    @workflow(name=_SWEEP)
     def run_sweep(_scheduled: object, thorough: bool) -> None:
-        sweep(str(DBOS.workflow_id), thorough)
+        duties.sweep(str(DBOS.workflow_id), thorough)
 
     captures = {captures_on(None), captures_on(host)}
     DBOS.listen_queues([JOBS, *captures, _TELLING_QUEUE, _UPKEEP])
@@ -242,34 +260,36 @@ def launch(
         raise StartError(
             "The queue's tables are older than this lightlayers needs: run `lightlayers migrate`."
         ) from fault
-    DBOS.register_queue(
-        JOBS,
-        worker_concurrency=concurrency,
-        polling_interval_sec=poll_seconds,
-        on_conflict="always_update",
-    )
+    _register_queues(captures, pace)
+    _schedule(run_sweep, pace.sweep_seconds)
+
+
+def _register_queues(captures: Iterable[str], pace: Pace) -> None:
+    register = partial(DBOS.register_queue, on_conflict="always_update")
+    poll = pace.poll_seconds
+    register(JOBS, worker_concurrency=pace.concurrency, polling_interval_sec=poll)
     for queue in captures:
-        DBOS.register_queue(
+        register(
             queue,
             worker_concurrency=_CAPTURERS,
             partition_concurrency=1,
-            polling_interval_sec=poll_seconds,
-            on_conflict="always_update",
+            polling_interval_sec=poll,
         )
-    DBOS.register_queue(
+    register(
         _TELLING_QUEUE,
         worker_concurrency=_TELLERS,
-        polling_interval_sec=max(poll_seconds, _TELLING_SECONDS),
-        on_conflict="always_update",
+        polling_interval_sec=max(poll, _TELLING_SECONDS),
     )
-    DBOS.register_queue(
+    register(
         _UPKEEP,
         global_concurrency=1,
-        polling_interval_sec=min(sweep_seconds, 5),
-        on_conflict="always_update",
+        polling_interval_sec=min(pace.sweep_seconds, _LONGEST_UPKEEP_SECONDS),
     )
-    often = "0 * * * * *" if sweep_seconds == 60 else f"*/{sweep_seconds} * * * * *"
-    # However many workers there are, each time brings one sweep into the queue.
+
+
+def _schedule(run_sweep: Callable[[object, bool], None], seconds: int) -> None:
+    """Bring one sweep into the queue at each time, however many workers there are."""
+    often = "0 * * * * *" if seconds == 60 else f"*/{seconds} * * * * *"
     DBOS.apply_schedules(
         [
             ScheduleInput(

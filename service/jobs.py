@@ -1,7 +1,7 @@
 """The rows of jobs: the only truth about a job's state.
 
-Every change of state goes through the table in service.states, as one compare-and-set. Every write
-of an attempt names its number, so that an attempt that was taken over writes nothing.
+Every change of state but a takeover's is one of service.moves. Every write of an attempt names its
+number, so that an attempt that was taken over writes nothing.
 """
 
 from __future__ import annotations
@@ -13,11 +13,12 @@ from typing import Any, Literal
 
 import sqlalchemy as sa
 
-from service import bursts, fairness, metrics, queues, quotas
-from service.database import CALIBRATES, jobs, may_be_id, moment, now, once_committed, workers
+from service import fairness, metrics, queues, quotas
+from service.database import CALIBRATES, jobs, may_be_id, now, once_committed, workers
 from service.frames import FRAMES
+from service.moves import NO_REQUEST, end, move, update
 from service.object_keys import captured_key
-from service.states import ENDED, HELD, State, before
+from service.states import ENDED, HELD, State
 
 Priority = Literal["high", "normal", "low"]
 
@@ -92,7 +93,8 @@ class Job:
         )
 
 
-_KEPT = sa.and_(CALIBRATES, jobs.c.options["setup"].as_string().is_not(None))
+KEPT_FOR_SETUP = sa.and_(CALIBRATES, jobs.c.options["setup"].as_string().is_not(None))
+"""Whether a job is a calibration that is kept for a set-up."""
 
 
 def _job(row: sa.Row[Any]) -> Job:
@@ -173,7 +175,7 @@ def page(
 def kept_calibrations(connection: sa.Connection, owner: str, setup: str | None) -> list[Job]:
     """Calibrations of an owner that are kept for a set-up, or for any, newest first."""
     named = sa.true() if setup is None else jobs.c.options["setup"].as_string() == setup
-    own = sa.and_(jobs.c.owner == owner, jobs.c.state == State.SUCCEEDED, named, _KEPT)
+    own = sa.and_(jobs.c.owner == owner, jobs.c.state == State.SUCCEEDED, named, KEPT_FOR_SETUP)
     rows = connection.execute(sa.select(jobs).where(own).order_by(jobs.c.created.desc()))
     return [_job(row) for row in rows]
 
@@ -196,8 +198,8 @@ def request_cancel(
     this = jobs.c.id == job_id
     # Else a job that is claimed or put back between the two moves would slip through.
     connection.execute(sa.select(jobs.c.id).where(this).with_for_update())
-    _end(connection, sa.and_(this, jobs.c.worker.is_(None)), State.CANCELED, keep_seconds)
-    _move(connection, State.CANCELING, this)
+    end(connection, sa.and_(this, jobs.c.worker.is_(None)), State.CANCELED, keep_seconds)
+    move(connection, State.CANCELING, this)
 
 
 def fail_waiting(
@@ -208,62 +210,7 @@ def fail_waiting(
 ) -> bool:
     """End a queued job with a problem; false when it waits no more."""
     waits = sa.and_(jobs.c.id == job_id, jobs.c.state == State.QUEUED)
-    return _end(connection, waits, State.FAILED, keep_seconds, error=error)
-
-
-def limit_keeping(connection: sa.Connection, keep_seconds: float, limit: int) -> int:
-    """Set when up to `limit` ended jobs expire that were to be kept for ever; how many it were.
-
-    Calibrations that are kept for a set-up are not among them.
-    """
-    dateless, kept = jobs.c.expires.is_(None), (jobs.c.state == State.SUCCEEDED) & _KEPT
-    endless = sa.and_(jobs.c.state.in_(before(State.EXPIRED)), dateless, ~kept)
-    some = sa.select(jobs.c.id).where(endless).limit(limit)
-    dated = _update(jobs.c.id.in_(some)).values(expires=jobs.c.finished + keep_seconds)
-    return connection.execute(dated).rowcount
-
-
-def expire(connection: sa.Connection, limit: int) -> list[str]:
-    """Up to `limit` jobs that are to be removed now, all of them in the state `expired`."""
-    # In the order of an index: PostgreSQL guesses that many are due, and would read the table.
-    first = sa.select(jobs.c.id).where(_due()).order_by(jobs.c.state, jobs.c.expires).limit(limit)
-    found = connection.execute(first).scalars().all()
-    if found:
-        _move(connection, State.EXPIRED, jobs.c.id.in_(found))
-    # Those of a removal that was cut short are among them.
-    expired = sa.select(jobs.c.id).where(jobs.c.state == State.EXPIRED).limit(limit)
-    return list(connection.execute(expired).scalars())
-
-
-def due(connection: sa.Connection) -> set[str]:
-    """Ids of all jobs that are to be removed now, in the state `expired` or not yet."""
-    found = sa.select(jobs.c.id).where(sa.or_(_due(), jobs.c.state == State.EXPIRED))
-    return set(connection.execute(found).scalars())
-
-
-def _due() -> sa.ColumnElement[bool]:
-    # A webhook is told of an end first, unless the job was deleted before it came to that.
-    told = sa.or_(
-        jobs.c.webhook.is_(None),
-        jobs.c.delivery["state"].as_string() != "pending",
-        jobs.c.expires <= jobs.c.finished,
-    )
-    return sa.and_(jobs.c.state.in_(before(State.EXPIRED)), jobs.c.expires <= moment(), told)
-
-
-def condemn(connection: sa.Connection, job_id: str) -> None:
-    """Have a job expire now, or as soon as it has ended, so that it is removed in any case."""
-    this = jobs.c.id == job_id
-    connection.execute(_update(this).values(expires=now()))
-    _move(connection, State.EXPIRED, this)
-
-
-def remove(connection: sa.Connection, job_id: str) -> None:
-    """Delete the row; a job of the same burst inherits its idempotency key."""
-    this = sa.delete(jobs).where(jobs.c.id == job_id)
-    key = connection.execute(this.returning(jobs.c.idempotency_key)).scalar()
-    if key is not None:
-        bursts.hand_on(connection, job_id, key)
+    return end(connection, waits, State.FAILED, keep_seconds, error=error)
 
 
 def known(connection: sa.Connection, job_ids: Sequence[str]) -> set[str]:
@@ -293,14 +240,14 @@ def claim(
         "started": sa.func.coalesce(jobs.c.started, now()),
     }
     asked = jobs.c.state == State.WAITING_FOR_OPERATOR
-    if not _move(connection, State.RUNNING, sa.and_(this, ~asked), **attempt):
+    if not move(connection, State.RUNNING, sa.and_(this, ~asked), **attempt):
         held, own = jobs.c.state.in_(HELD), jobs.c.worker == worker
         orphan = ~sa.exists().where(workers.c.id == jobs.c.worker)
         taken = connection.execute(
-            _update(sa.and_(this, held, sa.or_(own, orphan))).values(
+            update(sa.and_(this, held, sa.or_(own, orphan))).values(
                 lost=jobs.c.lost + sa.case((own, 0), else_=1),
                 state=sa.case((asked, State.RUNNING), else_=jobs.c.state),
-                **_NO_REQUEST,
+                **NO_REQUEST,
                 **attempt,
             )
         )
@@ -328,7 +275,7 @@ def report(
     """Write how far the attempt is: `fraction` (0…1) of `stage`, `progress` (0…1) of the whole."""
     eta = None if seconds_left is None else now() + seconds_left
     told = {"stage": stage, "fraction": fraction, "progress": progress, "eta": eta}
-    connection.execute(_update(_of_attempt(job)).values(told))
+    connection.execute(update(_of_attempt(job)).values(told))
 
 
 def must_stop(connection: sa.Connection, job: Job) -> bool:
@@ -356,13 +303,13 @@ def set_inputs(
     counts no more.
     """
     values = {"inputs": inputs, "stored_bytes": size, "camera_settings": camera_settings}
-    return connection.execute(_update(_of_attempt(job)).values(values)).rowcount == 1
+    return connection.execute(update(_of_attempt(job)).values(values)).rowcount == 1
 
 
 def ask_operator(connection: sa.Connection, job: Job, request: str, seconds: float) -> None:
     """Ask whoever runs the camera for something, and wait for so many seconds."""
     asking = {"request": request, "requests": jobs.c.requests + 1, "request_until": now() + seconds}
-    _move(connection, State.WAITING_FOR_OPERATOR, _of_attempt(job), **asking)
+    move(connection, State.WAITING_FOR_OPERATOR, _of_attempt(job), **asking)
 
 
 def confirm(connection: sa.Connection, job_id: str, number: int | None = None) -> bool:
@@ -373,13 +320,13 @@ def confirm(connection: sa.Connection, job_id: str, number: int | None = None) -
     asked = sa.and_(jobs.c.id == job_id, jobs.c.state == State.WAITING_FOR_OPERATOR)
     if number is not None:
         asked = sa.and_(asked, jobs.c.requests == number)
-    return _move(connection, State.RUNNING, asked)
+    return move(connection, State.RUNNING, asked)
 
 
 def confirmed(connection: sa.Connection, job: Job) -> bool | None:
     """Whether what the attempt asked for is done; false when time is up, None while it waits."""
     asked = sa.and_(_of_attempt(job), jobs.c.state == State.WAITING_FOR_OPERATOR)
-    if _move(connection, State.RUNNING, sa.and_(asked, jobs.c.request_until < now())):
+    if move(connection, State.RUNNING, sa.and_(asked, jobs.c.request_until < now())):
         return False
     state = connection.execute(sa.select(jobs.c.state).where(_of_attempt(job))).scalar()
     return True if state == State.RUNNING else None
@@ -398,7 +345,7 @@ def succeed(
     """
     done = {"results": results, "stage_seconds": stage_seconds, "fraction": 1.0, "progress": 1.0}
     stored = jobs.c.stored_bytes + sum(result["size"] for result in results)
-    return _end(
+    return end(
         connection,
         _of_attempt(job),
         State.SUCCEEDED,
@@ -415,14 +362,14 @@ def fail(
     keep_seconds: float | None = None,
 ) -> bool:
     """End the job with a problem; false when the attempt counts no more."""
-    return _end(connection, _of_attempt(job), State.FAILED, keep_seconds, error=error)
+    return end(connection, _of_attempt(job), State.FAILED, keep_seconds, error=error)
 
 
 def acknowledge_cancel(
     connection: sa.Connection, job: Job, keep_seconds: float | None = None
 ) -> bool:
     """End a job that was asked to stop; false when it was not, or the attempt counts no more."""
-    return _end(connection, _of_attempt(job), State.CANCELED, keep_seconds)
+    return end(connection, _of_attempt(job), State.CANCELED, keep_seconds)
 
 
 def release(connection: sa.Connection, job: Job) -> bool:
@@ -430,12 +377,12 @@ def release(connection: sa.Connection, job: Job) -> bool:
 
     False when the attempt counts no more.
     """
-    return _move(connection, State.QUEUED, _of_attempt(job), **_WAITS_ANEW)
+    return move(connection, State.QUEUED, _of_attempt(job), **_WAITS_ANEW)
 
 
 def lose(connection: sa.Connection, job: Job) -> None:
     """Put back a job whose attempt was cut short though its worker lives."""
-    _move(connection, State.QUEUED, _of_attempt(job), lost=jobs.c.lost + 1, **_WAITS_ANEW)
+    move(connection, State.QUEUED, _of_attempt(job), lost=jobs.c.lost + 1, **_WAITS_ANEW)
 
 
 _WAITS_ANEW: dict[str, float | None] = {
@@ -446,36 +393,3 @@ _WAITS_ANEW: dict[str, float | None] = {
     "eta": None,
 }
 """What becomes of a job's progress when it is put back."""
-
-_NO_REQUEST: dict[str, None] = {"request": None, "request_until": None}
-"""Whatever follows a request ends it."""
-
-
-def _end(
-    connection: sa.Connection,
-    which: sa.ColumnElement[bool],
-    state: State,
-    keep_seconds: float | None,
-    **values: Any,
-) -> bool:
-    """The one way in which jobs end."""
-    if keep_seconds is not None:  # a job that was condemned stays so
-        values["expires"] = sa.func.coalesce(jobs.c.expires, now() + keep_seconds)
-    return _move(connection, state, which, worker=None, eta=None, finished=now(), **values)
-
-
-def _move(
-    connection: sa.Connection, state: State, which: sa.ColumnElement[bool], **values: Any
-) -> bool:
-    values = {"state": state, **_NO_REQUEST, **values}
-    moved = connection.execute(
-        _update(sa.and_(which, jobs.c.state.in_(before(state)))).values(values)
-    )
-    if state in ENDED and state != State.EXPIRED:
-        count = partial(metrics.FINISHED.labels(state.value).inc, moved.rowcount)
-        once_committed(connection, count)
-    return moved.rowcount == 1
-
-
-def _update(which: sa.ColumnElement[bool]) -> sa.Update:
-    return sa.update(jobs).where(which).values(revision=jobs.c.revision + 1)

@@ -8,7 +8,7 @@ import time
 
 import sqlalchemy as sa
 
-from service import belonging, cameras, jobs, uploads
+from service import belonging, cameras, expiry, jobs, uploads
 from service.dbos_queue import Queue
 from service.object_keys import JOBS, job_key
 from service.settings import Settings
@@ -58,7 +58,7 @@ class Sweep:
         if self._storage.free_bytes() is None:  # on no disk that a database could be on
             return
         with self._engine.connect() as connection:
-            due = jobs.due(connection)
+            due = expiry.due(connection)
         stored = sorted(due.intersection(self._storage.folders(JOBS)))
         gone = (job_id for job_id in stored if self._delete_files(job_id))
         for job_id in itertools.islice(gone, _BATCH):
@@ -69,14 +69,14 @@ class Sweep:
         keep_seconds = self._settings.retention_seconds
         while keep_seconds is not None:
             with self._engine.begin() as connection:
-                if not jobs.limit_keeping(connection, keep_seconds, _BATCH):
+                if not expiry.limit_keeping(connection, keep_seconds, _BATCH):
                     return
 
     def _remove_due(self) -> None:
         stuck: set[str] = set()
         while True:
             with self._engine.begin() as connection:
-                found = set(jobs.expire(connection, _BATCH + len(stuck))) - stuck
+                found = set(expiry.expire(connection, _BATCH + len(stuck))) - stuck
             if not found:
                 return
             for job_id in found:
@@ -84,7 +84,7 @@ class Sweep:
                     stuck.add(job_id)
                     continue
                 with self._engine.begin() as connection:
-                    jobs.remove(connection, job_id)
+                    expiry.remove(connection, job_id)
                 log.info("removed", extra={"job": job_id})
 
     def _delete_files(self, job_id: str) -> bool:
@@ -115,4 +115,4 @@ def remove(engine: sa.Engine, storage: Storage, job_id: str) -> None:
     """Remove a job for good. The row goes last, so that a removal cut short is done again."""
     storage.delete_below(job_key(job_id))
     with engine.begin() as connection:
-        jobs.remove(connection, job_id)
+        expiry.remove(connection, job_id)

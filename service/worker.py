@@ -34,7 +34,7 @@ from service import (
     webhooks,
 )
 from service.attempt import Attempt
-from service.dbos_queue import Held
+from service.dbos_queue import Duties, Held, Pace
 from service.errors import AbandonedError, DeadlineError, StartError, problem_of
 from service.opening import cause_of, open_database, open_storage
 from service.patience import passes
@@ -86,18 +86,10 @@ class Worker:
         scratch.clear(self._settings.data_dir)
         presence.enter(self._settings.data_dir, self.id)
         self._enter()
-        dbos_queue.launch(
-            self._engine,
-            self.id,
-            host.of_usb(self._engine),
-            lambda job_id: self.run(job_id),
-            lambda job_id: self.capture(job_id),
-            lambda job_id, number: self.tell(job_id, number),
-            self._settings.worker_concurrency,
-            self._settings.poll_seconds,
-            self.sweep,
-            self._settings.sweep_seconds,
-        )
+        duties = Duties(self.run, self.capture, self.tell, self.sweep)
+        settings = self._settings
+        pace = Pace(settings.worker_concurrency, settings.poll_seconds, settings.sweep_seconds)
+        dbos_queue.launch(self._engine, self.id, host.of_usb(self._engine), duties, pace)
         log.info("ready", extra={"worker": self.id})
         self.keep()
         while not stop.wait(self._settings.heartbeat_seconds):

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field
 from sqlalchemy.exc import DBAPIError
 
 from pipeline.options import Options
-from service import answers, jobs, steering
+from service import answers, expiry, jobs, steering
 from service.answers import JobAnswer, JobPage
 from service.api import captures, intake, pair_form
 from service.api.accepted import accepted
@@ -193,7 +193,7 @@ def _condemn(context: Context, caller: Caller, job_id: str) -> bool:
     with context.engine.begin() as connection:
         waited = not find(connection, caller, job_id).ended
         jobs.request_cancel(connection, job_id)
-        jobs.condemn(connection, job_id)
+        expiry.condemn(connection, job_id)
         return waited and find(connection, caller, job_id).ended
 
 

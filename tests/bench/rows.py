@@ -21,7 +21,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from service import answers, database, dbos_queue, jobs, migrations, quotas, waiting
+from service import answers, database, dbos_queue, expiry, jobs, migrations, quotas, waiting
 from service.dbos_queue import Queue
 from service.settings import Settings
 
@@ -178,8 +178,8 @@ class Rows:
         """Look for what is late, is to be dated, or is kept no longer."""
         with self.engine.begin() as connection:
             assert waiting.overdue(connection, 100) == []
-            jobs.limit_keeping(connection, _DAY, 500)
-            assert jobs.expire(connection, 500) == []
+            expiry.limit_keeping(connection, _DAY, 500)
+            assert expiry.expire(connection, 500) == []
 
     def close(self) -> None:
         """Stop using the database."""

@@ -11,6 +11,7 @@ import sys
 import threading
 
 from service import database, dbos_queue
+from service.dbos_queue import Duties, Pace
 
 
 def main(url: str, name: str, host: str | None = None) -> None:
@@ -22,9 +23,9 @@ def main(url: str, name: str, host: str | None = None) -> None:
 
     connected = database.connect(url)
     queue = dbos_queue.Queue(connected)
-    dbos_queue.launch(
-        connected, name, host, run, run, lambda *_telling: None, 1, 0.05, lambda *_sweep: None, 60
-    )
+    duties = Duties(run, run, tell=lambda *_telling: None, sweep=lambda *_sweep: None)
+    pace = Pace(concurrency=1, poll_seconds=0.05, sweep_seconds=60)
+    dbos_queue.launch(connected, name, host, duties, pace)
     for line in sys.stdin:
         if line == "go\n":
             go.set()

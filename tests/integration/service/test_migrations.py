@@ -12,7 +12,7 @@ import sqlalchemy as sa
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 
-from service import belonging, database, dbos_queue, jobs, migrations, quotas, waiting
+from service import belonging, database, dbos_queue, expiry, jobs, migrations, quotas, waiting
 from service.cli import run
 from service.errors import StoredQuotaError
 from service.states import State
@@ -188,7 +188,7 @@ def test_rows_that_refer_to_jobs_stay_when_the_table_is_made_anew(empty: sa.Engi
     migrations.upgrade(empty)
     with empty.begin() as connection:
         assert connection.exec_driver_sql("SELECT job FROM notes").scalars().all() == ["queued"]
-        jobs.remove(connection, "queued")
+        expiry.remove(connection, "queued")
         assert connection.exec_driver_sql("SELECT job FROM notes").scalars().all() == []
 
 

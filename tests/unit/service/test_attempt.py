@@ -13,7 +13,7 @@ import pytest
 import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
-from service import database, jobs, sandbox
+from service import database, expiry, jobs, sandbox
 from service.api.context import Context
 from service.attempt import Attempt
 from service.errors import CrashError, NoProcessError, StorageFullError
@@ -213,7 +213,7 @@ def test_a_job_that_was_deleted_leaves_nothing_at_all(
 ) -> None:
     def separate(*_arguments: object) -> None:
         with context.engine.begin() as connection:
-            jobs.remove(connection, "a")
+            expiry.remove(connection, "a")
         raise sandbox.StoppedError
 
     monkeypatch.setattr(sandbox, "run", separate)
@@ -229,7 +229,7 @@ def test_a_job_that_is_deleted_while_it_begins_is_no_fault(
 ) -> None:
     def gone(*_arguments: object) -> None:
         with context.engine.begin() as connection:
-            jobs.remove(connection, "a")
+            expiry.remove(connection, "a")
         raise FileNotFoundError
 
     monkeypatch.setattr(Storage, "get_file", gone)

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 import sqlalchemy as sa
 
-from service import bursts, jobs
+from service import bursts, expiry, jobs
 
 
 def _add(connection: sa.Connection, ids: list[str], key: str) -> None:
@@ -36,7 +36,7 @@ def test_the_key_stays_with_the_burst_until_all_of_it_is_gone(
         for number in gone:
             assert bursts.kept(connection, ids[1]) == left
             assert _bearer(connection, "key") == left[0]
-            jobs.remove(connection, ids[number])
+            expiry.remove(connection, ids[number])
             left.remove(ids[number])
         assert bursts.kept(connection, ids[1]) == []
         assert _bearer(connection, "key") is None

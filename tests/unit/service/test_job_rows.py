@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
-from service import database, heartbeats, jobs
+from service import database, expiry, heartbeats, jobs
 from service.states import NEXT, State
 from tests.unit.service.asking import stored
 from tests.unit.service.job_rows import added, claim, claimed
@@ -183,7 +183,7 @@ def _in_state(engine: sa.Engine, state: State) -> jobs.Job:
             jobs.fail(connection, held, {})
         if state == State.EXPIRED:
             jobs.succeed(connection, held, [])
-            jobs.condemn(connection, "a")
+            expiry.condemn(connection, "a")
     assert stored(engine, "a").state == state
     return held
 
@@ -224,7 +224,7 @@ WRITES: dict[str, tuple[Callable[[sa.Connection, jobs.Job], object], dict[State,
     "report": (lambda connection, held: jobs.report(connection, held, "layers", 0.5), {}),
     "set_inputs": (lambda connection, held: jobs.set_inputs(connection, held, {}, 0, {}), {}),
     "condemn": (
-        lambda connection, _held: jobs.condemn(connection, "a"),
+        lambda connection, _held: expiry.condemn(connection, "a"),
         dict.fromkeys([State.SUCCEEDED, State.FAILED, State.CANCELED], State.EXPIRED),
     ),
 }
@@ -263,7 +263,7 @@ def test_a_removed_job_tells_its_attempt_to_stop(engine: sa.Engine) -> None:
     added(engine, "a")
     held = claimed(engine, "a", "w1")
     with engine.begin() as connection:
-        jobs.remove(connection, "a")
+        expiry.remove(connection, "a")
         assert jobs.must_stop(connection, held)
         assert not jobs.succeed(connection, held, [])
         assert jobs.find(connection, "a") is None
@@ -347,7 +347,7 @@ def test_only_ended_jobs_past_their_time_expire(engine: sa.Engine) -> None:
         with engine.begin() as connection:
             jobs.succeed(connection, held, [])
     with engine.begin() as connection:
-        assert jobs.expire(connection, 10) == ["a"]
+        assert expiry.expire(connection, 10) == ["a"]
     assert [stored(engine, job_id).state for job_id in "abcde"] == [
         State.EXPIRED,
         State.SUCCEEDED,
@@ -356,9 +356,9 @@ def test_only_ended_jobs_past_their_time_expire(engine: sa.Engine) -> None:
         State.RUNNING,
     ]
     with engine.begin() as connection:  # until its row is gone, it is still to be removed
-        assert jobs.expire(connection, 10) == ["a"]
-        jobs.remove(connection, "a")
-        assert jobs.expire(connection, 10) == []
+        assert expiry.expire(connection, 10) == ["a"]
+        expiry.remove(connection, "a")
+        assert expiry.expire(connection, 10) == []
 
 
 def test_a_condemned_job_expires_once_it_has_ended(engine: sa.Engine) -> None:
@@ -366,10 +366,10 @@ def test_a_condemned_job_expires_once_it_has_ended(engine: sa.Engine) -> None:
     held = claimed(engine, "a", "w1")
     with engine.begin() as connection:
         jobs.request_cancel(connection, "a", 100)
-        jobs.condemn(connection, "a")
-        assert jobs.expire(connection, 10) == []
+        expiry.condemn(connection, "a")
+        assert expiry.expire(connection, 10) == []
         assert jobs.acknowledge_cancel(connection, held, 100)
-        assert jobs.expire(connection, 10) == ["a"]
+        assert expiry.expire(connection, 10) == ["a"]
 
 
 def test_what_was_to_be_kept_for_ever_is_dated_from_its_end(engine: sa.Engine) -> None:
@@ -380,7 +380,7 @@ def test_what_was_to_be_kept_for_ever_is_dated_from_its_end(engine: sa.Engine) -
         with engine.begin() as connection:
             jobs.succeed(connection, held, [])
     with engine.begin() as connection:
-        assert [jobs.limit_keeping(connection, 60, 1) for _ in range(3)] == [1, 1, 0]
+        assert [expiry.limit_keeping(connection, 60, 1) for _ in range(3)] == [1, 1, 0]
     for job_id in "ab":
         job = stored(engine, job_id)
         assert job.finished is not None and job.expires == pytest.approx(job.finished + 60)

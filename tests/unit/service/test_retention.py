@@ -9,7 +9,7 @@ import pytest
 import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
-from service import belonging, database, deliveries, heartbeats, jobs, uploads
+from service import belonging, database, deliveries, expiry, heartbeats, jobs, uploads
 from service.api.context import Context
 from service.frames import FRAMES
 from service.object_keys import inputs_key, results_key
@@ -151,7 +151,7 @@ def test_a_removal_that_was_cut_short_is_finished(
         if killed == "before its files are gone":
             dying.setattr(Storage, "delete_below", die)
         else:
-            dying.setattr(jobs, "remove", die)
+            dying.setattr(expiry, "remove", die)
         with pytest.raises(SystemExit):
             sweep.run(thorough=False)
     assert [job.state for job in rows_of(context)] == [State.EXPIRED]
@@ -318,7 +318,7 @@ def test_room_is_made_of_what_a_removal_that_was_cut_short_has_left(
     job_id = finished()
     _expires(context, job_id, 1.0)
     with context.engine.begin() as connection:
-        assert jobs.expire(connection, 1) == [job_id]
+        assert expiry.expire(connection, 1) == [job_id]
     with full_disk(context.engine), pytest.raises(sa.exc.OperationalError):
         sweep.make_room()
     assert _files(context) == []

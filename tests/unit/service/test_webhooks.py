@@ -12,7 +12,7 @@ import pytest
 import sqlalchemy as sa
 from standardwebhooks import Webhook
 
-from service import deliveries, jobs, webhooks
+from service import deliveries, expiry, jobs, webhooks
 from service.api.context import Context
 from service.outgoing import Answer, UnansweredError
 from service.settings import Settings
@@ -323,7 +323,7 @@ def test_a_job_whose_removal_hangs_is_no_news(
     with engine.begin() as connection:
         held = jobs.claim(connection, "a", "w1") if moment == "it runs" else None
         jobs.request_cancel(connection, "a")
-        jobs.condemn(connection, "a")
+        expiry.condemn(connection, "a")
     if held:
         with engine.begin() as connection:
             assert jobs.acknowledge_cancel(connection, held, 86400)
@@ -347,7 +347,7 @@ def test_a_job_that_is_deleted_between_two_tellings_is_not_told_again(
     _ended(engine, "a")
     assert _news(engine, queue) == 1
     with engine.begin() as connection:
-        jobs.condemn(connection, "a")
+        expiry.condemn(connection, "a")
     monkeypatch.setattr(webhooks, "post", lambda *_arguments: pytest.fail("it was told"))
     assert _tell(engine, queue) == {"state": "pending", "attempts": 0, "last_status": None}
     assert stored(engine, "a").state == State.EXPIRED

@@ -10,7 +10,7 @@ import httpx
 import pytest
 import sqlalchemy as sa
 
-from service import database, deliveries, jobs
+from service import database, deliveries, expiry, jobs
 from service.api import events as route
 from service.api import job_updates
 from service.api.callers import Caller, Standing
@@ -228,7 +228,7 @@ def test_a_job_deleted_while_a_poll_waits_is_a_problem(
         while not context.job_updates._watched:
             threading.Event().wait(0.01)
         with context.engine.begin() as connection:
-            jobs.remove(connection, job["id"])
+            expiry.remove(connection, job["id"])
         assert problem_of(waiting.result())[:2] == (404, "unknown-job")
 
 

@@ -11,7 +11,7 @@ import psycopg
 import pytest
 import sqlalchemy as sa
 
-from service import jobs
+from service import expiry, jobs
 from service.api.context import Context
 from service.settings import Settings
 from tests.png_bombs import png_of
@@ -348,7 +348,7 @@ def test_on_a_full_disk_files_of_a_job_that_has_ended_make_room_for_its_deletion
     monkeypatch: pytest.MonkeyPatch,
     state: str,
 ) -> None:
-    condemn = jobs.condemn
+    condemn = expiry.condemn
 
     def write(connection: sa.Connection, job_id: str) -> None:
         if context.storage.list(""):
@@ -358,7 +358,7 @@ def test_on_a_full_disk_files_of_a_job_that_has_ended_make_room_for_its_deletion
     job = post_pair(http, png(64, 48), png(64, 48, True)).json()
     if state == "canceled":
         http.post(job["links"]["cancel"])
-    monkeypatch.setattr(jobs, "condemn", write)
+    monkeypatch.setattr(expiry, "condemn", write)
     answer = http.delete(job["links"]["self"])
     if state == "canceled":
         assert answer.status_code == 204

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pipeline.colour.spaces import XYZ_TO_SRGB
-from service import jobs
+from service import expiry, jobs
 from service.api.context import Context
 from service.attempt import Attempt
 from tests.unit.service.asking import ended_while_waiting, post_capture, problem_of
@@ -125,7 +125,7 @@ def test_jobs_without_layers_are_refused(
     ended = http.post(f"/jobs/{early}/mix", json=TWO)
     assert problem_of(ended)[:2] == (409, "ended")
     with context.engine.begin() as connection:
-        jobs.condemn(connection, early)
+        expiry.condemn(connection, early)
     expired = http.post(f"/jobs/{early}/mix", json=TWO)
     assert problem_of(expired) == (410, "gone", "The results of the job are removed; run it again.")
     bare = http.post(f"/jobs/{separated({'manifest.json': b'{}'})}/mix", json=TWO)

@@ -9,7 +9,7 @@ import httpx
 import pytest
 from obstore.exceptions import GenericError
 
-from service import jobs
+from service import expiry, jobs
 from service.api.context import Context
 from service.api.idempotency import digest
 from service.settings import Settings
@@ -199,7 +199,7 @@ def test_a_job_that_is_being_removed_is_gone(
 ) -> None:
     with context.engine.begin() as connection:
         jobs.request_cancel(connection, job["id"])
-        jobs.condemn(connection, job["id"])
+        expiry.condemn(connection, job["id"])
     assert http.get(job["links"]["self"]).json()["state"] == "expired"
     assert problem_of(_rerun(http, job))[:2] == (410, "gone")
 
