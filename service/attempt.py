@@ -23,7 +23,6 @@ from service.capture import Capture
 from service.database import AWAY
 from service.errors import (
     AttemptError,
-    DeadlineError,
     LayersGoneError,
     NoProcessError,
     StorageFullError,
@@ -37,11 +36,11 @@ from service.patience import FULL, passes, patiently
 from service.settings import Settings
 from service.stages import Stages
 from service.states import State
+from service.stopping import ASK_SECONDS, Stopping
 from service.storage import Storage
 from service.tasks import RESULTS, Kind, Limits, TakePair, Task, results_of
 
 _REPORT_SECONDS = 0.5
-_ASK_SECONDS = 0.25
 
 Result = TypeVar("Result")
 
@@ -49,7 +48,7 @@ log = logging.getLogger("service.attempt")
 
 
 class Attempt:
-    """Runs one claimed job to its end, or until `stopping` says that the worker ends."""
+    """Runs one claimed job to its end, or until `ending` says that the worker ends."""
 
     def __init__(
         self,
@@ -58,7 +57,7 @@ class Attempt:
         storage: Storage,
         settings: Settings,
         fork_server: ForkServer,
-        stopping: Callable[[], bool],
+        ending: Callable[[], bool],
     ) -> None:
         self._job = job
         self._engine = engine
@@ -67,10 +66,7 @@ class Attempt:
         self._fork_server = fork_server
         kept_on = job.task == "calibrate" and job.options.get("setup")
         self._keep_seconds = None if kept_on else settings.retention_seconds
-        self._stopping = stopping
-        self._asked = 0.0
-        self._stop = False
-        self._heard = time.monotonic()
+        self._stopping = Stopping(job, engine, ending, settings.silence_seconds)
         self._reported: tuple[str, float] = ("", 0.0)
         self._track: eta.Track
         self._stages = Stages()
@@ -112,7 +108,7 @@ class Attempt:
         except (*AWAY, ChildProcessError):  # another follows
             raise
         except Exception as error:
-            if isinstance(error, FileNotFoundError) and self._is_void():
+            if isinstance(error, FileNotFoundError) and self._stopping.is_void():
                 counts = False  # its photographs were deleted with it
             else:
                 counts = self._fail(self._problem_of(error))
@@ -143,7 +139,7 @@ class Attempt:
         return self._patiently(write)
 
     def _begin(self) -> None:
-        self._check()
+        self._stopping.check()
         with self._engine.connect() as connection:
             self._track = eta.Track(eta.pace_of(connection, self._job))
 
@@ -244,7 +240,7 @@ class Attempt:
 
         self._patiently(ask)
         while (done := self._patiently(look)) is None and not is_void():
-            self._pause(_ASK_SECONDS)
+            self._stopping.pause(ASK_SECONDS)
         return bool(done)
 
     def _bring_kept(self, directory: Path) -> None:
@@ -295,7 +291,7 @@ class Attempt:
         def run() -> Any:
             shutil.rmtree(directory / RESULTS, ignore_errors=True)
             seconds, server = self._settings.job_seconds, self._fork_server
-            return sandbox.run(task, seconds, self._report, self._must_stop, server, ask)
+            return sandbox.run(task, seconds, self._report, self._stopping.is_due, server, ask)
 
         # A pair that was kept already must not be taken again over it.
         return self._patiently(run, _has_not_begun if kind == "capture" else passes)
@@ -314,7 +310,7 @@ class Attempt:
         )
 
     def _store(self, path: Path) -> dict[str, Any]:
-        self._check()
+        self._stopping.check()
         key = results_key(self._job.id, self._job.attempt, path.name)
         return {
             "name": path.name,
@@ -338,14 +334,7 @@ class Attempt:
     ) -> Result:
         """Wait for what may pass, like a store that is away, but not when the job is to stop."""
         seconds = self._settings.patience_seconds
-        return patiently(work, seconds, self._pause, self._log, may_pass)
-
-    def _pause(self, seconds: float) -> None:
-        deadline = time.monotonic() + seconds
-        while (left := deadline - time.monotonic()) > 0:
-            if self._must_stop():
-                raise sandbox.StoppedError
-            time.sleep(min(left, _ASK_SECONDS))
+        return patiently(work, seconds, self._stopping.pause, self._log, may_pass)
 
     def _report(self, stage: str, fraction: float) -> None:
         self._track.reach(stage, fraction)
@@ -363,37 +352,6 @@ class Attempt:
                 self._track.progress,
                 self._track.seconds_left,
             )
-
-    def _must_stop(self) -> bool:
-        if self._stopping():
-            return True
-        if time.monotonic() - self._asked > _ASK_SECONDS:
-            self._asked = time.monotonic()
-            try:
-                self._stop = self._is_over()
-                self._heard = time.monotonic()
-            except AWAY:
-                # Others take the job over after so long a silence.
-                if time.monotonic() - self._heard > self._settings.silence_seconds:
-                    raise
-        return self._stop
-
-    def _is_void(self) -> bool:
-        with self._engine.connect() as connection:
-            return jobs.must_stop(connection, self._job)
-
-    def _is_over(self) -> bool:
-        with self._engine.connect() as connection:
-            stop = jobs.must_stop(connection, self._job)
-            late = self._job.deadline is not None and jobs.is_late(connection, self._job)
-        if late and not stop:
-            raise DeadlineError
-        return stop
-
-    def _check(self) -> None:
-        """Raise sandbox.StoppedError or DeadlineError where there is no point in going on."""
-        if self._must_stop():
-            raise sandbox.StoppedError
 
     def _fail(self, problem: dict[str, Any]) -> bool:
         counts = self._end(jobs.fail, problem)

@@ -21,6 +21,7 @@ from service.frames import FRAMES
 from service.object_keys import describe_inputs, inputs_key, results_key
 from service.settings import Settings
 from service.states import State
+from service.stopping import Stopping
 from service.storage import Storage
 from service.tasks import RESULTS, Task
 
@@ -241,7 +242,7 @@ def test_a_job_that_is_deleted_while_it_begins_is_no_fault(
 def patient(context: Context, monkeypatch: pytest.MonkeyPatch) -> None:
     """Have attempts try again, at once."""
     monkeypatch.setitem(context.settings.__dict__, "patience_seconds", 300.0)
-    monkeypatch.setattr(Attempt, "_pause", lambda _attempt, _seconds: None)
+    monkeypatch.setattr(Stopping, "pause", lambda _stopping, _seconds: None)
 
 
 def separates(task: Task, *_rest: object) -> None:
@@ -472,7 +473,7 @@ def test_work_goes_on_without_a_database_until_others_take_it_over(
         separates(task)
 
     monkeypatch.setitem(context.settings.__dict__, "silence_seconds", silence)
-    monkeypatch.setattr("service.attempt._ASK_SECONDS", -1.0)
+    monkeypatch.setattr("service.stopping.ASK_SECONDS", -1.0)
     monkeypatch.setattr(sandbox, "run", separate)
     if not goes_on:
         with pytest.raises(type(error)):

@@ -14,6 +14,7 @@ from service.api.context import Context
 from service.attempt import Attempt
 from service.errors import CrashError, NoProcessError, StorageFullError
 from service.states import State
+from service.stopping import Stopping
 from service.tasks import Task
 
 PAIR = {"no_flash": b"lamps", "flash": b"lamps and flash"}
@@ -141,7 +142,7 @@ def test_a_capture_that_no_process_has_begun_is_begun_again(
         return takes(task)
 
     monkeypatch.setattr(sandbox, "run", run)
-    monkeypatch.setattr(Attempt, "_pause", lambda _attempt, _seconds: None)
+    monkeypatch.setattr(Stopping, "pause", lambda _stopping, _seconds: None)
     capture().capture(lambda _connection: None)
     job = _job(context)
     assert (job.state, job.attempt, refusals) == (State.QUEUED, 1, [])
@@ -173,7 +174,7 @@ def test_a_request_waits_in_the_row(
         with context.engine.begin() as connection:
             assert jobs.confirm(connection, "a")
 
-    monkeypatch.setattr(attempt, "_pause", confirm)
+    monkeypatch.setattr(attempt._stopping, "pause", confirm)
     assert attempt._ask_operator("Switch it off.", 60, lambda: False) is True
     assert _job(context).state == State.RUNNING
 
