@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.compiling import njit
+from pipeline.compiling import exact
 from pipeline.frames import Mask
 
 
@@ -37,7 +37,7 @@ def blocks_within(width: int, height: int, longest: int) -> Blocks:
     return Blocks(side, (max(width // side, 1), max(height // side, 1)))
 
 
-@njit(cache=True)
+@exact
 def any_in_blocks(mask: Mask, block: int) -> Mask:
     """Whether a block of so many pixels to a side holds a marked one, (H // block, W // block).
 

@@ -1,4 +1,4 @@
-"""njit, for every module with loops to compile, and where their code is kept.
+"""How modules with loops have them compiled, and where their code is kept.
 
 Numba keeps code, and reads what is kept, only where it may write; where that is nowhere, modules
 with loops cannot even be imported. A process that may only read what was compiled, like one in an
@@ -24,8 +24,6 @@ from numba import njit
 from numba.core.registry import cpu_target
 
 from pipeline.sources import digest
-
-__all__ = ["CACHE", "Cache", "compiled", "inlined", "njit", "settle", "summing"]
 
 _config: Any = numba.config  # which has what the variables NUMBA_… said
 
@@ -103,11 +101,17 @@ def _remove(folder: Path, owner: int) -> None:
 
 CACHE = settle()
 
+exact = njit(cache=True, error_model="numpy")
+"""For loops whose operations are to be those that are written; division by 0 raises nothing."""
+
+spliced = njit(cache=True, error_model="numpy", inline="always")
+"""For what loops call, as if written there: under the loop's own rules, whichever they are."""
+
 compiled = njit(cache=True, error_model="numpy", fastmath={"contract"})
-"""For loops over pixels: multiplications and additions in one, nothing raised for division by 0."""
+"""For loops over pixels: as exact, but multiplications and additions in one."""
 
 inlined = njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
-"""The same for what such loops call, as part of them, so that they become vector code."""
+"""The same for what these loops call, as part of them, so that they become vector code."""
 
 summing = njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc"})
 """For sums, in any order, since in the order written no two can be added at once."""

@@ -10,7 +10,7 @@ from pipeline.matrixfit.fit import MOST_LAMPS, Fit
 from pipeline.matrixfit.known import Known, Pin
 from pipeline.matrixfit.unexplained import unexplained
 from pipeline.reduced import ReducedPair
-from pipeline.remarks import Code, Remark
+from pipeline.run_warnings import Code, RunWarning
 from pipeline.vectors import angles_deg, unit
 
 Array = NDArray[np.float64]
@@ -23,13 +23,13 @@ _OTHER_LIGHT, _QUANTILE = 0.02, 0.8  # chromaticity, beyond the noise, in a fift
 
 def contradictions(
     reduced: ReducedPair, evidence: Evidence, known: Known, found: Fit, free: Fit
-) -> list[Remark]:
+) -> list[RunWarning]:
     """Warnings, none where all agrees.
 
     found: the fit with what is known. free: that of as many lamps without it.
     """
     said = [
-        Remark(
+        RunWarning(
             Code.PIN_NOT_PURE,
             f"The area of pinned lamp {number} seems to be lit by more than this lamp: choose a "
             "place, best in the shadow of the other lamps, that none of them reaches.",
@@ -45,7 +45,7 @@ def contradictions(
             "The photograph looks as if a forbidden lamp were there: without it, the lamps found "
             "explain the light much worse. Check what is forbidden."
         )
-        return [Remark(Code.FORBIDDEN_LAMP_SHOWS, message)]
+        return [RunWarning(Code.FORBIDDEN_LAMP_SHOWS, message)]
     off = [
         _angles(pin.matrix, free.matrices, known.flash_white).min()
         # a spectrum is regressed on other surfaces than the scene's, and never fits as well
@@ -59,7 +59,7 @@ def contradictions(
         f"The photograph speaks against pinned lamp {number}: with it, the lamps explain the light "
         "much worse than without. Check its area or spectrum, and the number of lamps."
     )
-    return [Remark(Code.PIN_CONTRADICTED, message, {"pin": number})]
+    return [RunWarning(Code.PIN_CONTRADICTED, message, {"pin": number})]
 
 
 def _worse(reduced: ReducedPair, evidence: Evidence, found: Fit, free: Fit) -> bool:

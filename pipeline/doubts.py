@@ -13,9 +13,9 @@ from pipeline.options import Method
 from pipeline.pair import Pair
 from pipeline.pure_light import without_pure_light
 from pipeline.reduced import ReducedPair
-from pipeline.remarks import Code, Remark
 from pipeline.residual_map import MARKED, relative_residual
 from pipeline.result_names import lamp_name
+from pipeline.run_warnings import Code, RunWarning
 
 # Chosen on development scenes (docs/decisions/0009-warnings.md)
 _UNSURE = 0.6
@@ -27,7 +27,7 @@ _MUCH_MARKED = 0.015
 _LEAST_ERROR, _ERROR_OF_LAMPS, _NOISE_COUNTS, _WORST_DB = 0.045, 0.01, 0.5, 4.0
 
 
-def doubts(pair: Pair, reduced: ReducedPair, lamps: Lamps, method: Method) -> list[Remark]:
+def doubts(pair: Pair, reduced: ReducedPair, lamps: Lamps, method: Method) -> list[RunWarning]:
     """Warnings of the flash, the lamps and the light; none where layers can be relied on.
 
     method: which found the lamps; only fitted ones tell where one is alone.
@@ -61,7 +61,7 @@ def relative_noise(reduced: ReducedPair) -> float:
     return float(np.sqrt(np.median(squared[0] + squared[1])))
 
 
-def _of_photographs(pair: Pair, reduced: ReducedPair) -> Iterator[Remark]:
+def _of_photographs(pair: Pair, reduced: ReducedPair) -> Iterator[RunWarning]:
     reach = flash_reach(pair, reduced)
     if reach.weak > _MUCH_WEAK:
         most = "at least " if reach.stops >= MOST_STOPS else ""
@@ -72,23 +72,23 @@ def _of_photographs(pair: Pair, reduced: ReducedPair) -> Iterator[Remark]:
             "nearer; a wider aperture with a shorter exposure helps, too."
         )
         figures = {"share": reach.weak, "usable_share": 1 - reach.weak, "stops": reach.stops}
-        yield Remark(Code.FLASH_TOO_WEAK, message, figures)
+        yield RunWarning(Code.FLASH_TOO_WEAK, message, figures)
     if pair.clipped > _MUCH_CLIPPED:
         message = (
             f"A photograph is clipped in {pair.clipped:.0%} of the picture, where the layers are "
             "filled in from their surroundings: expose both shorter."
         )
-        yield Remark(Code.CLIPPED, message, {"share": pair.clipped})
+        yield RunWarning(Code.CLIPPED, message, {"share": pair.clipped})
 
 
-def _of_lamps(reduced: ReducedPair, lamps: Lamps, hidden: list[int]) -> Iterator[Remark]:
+def _of_lamps(reduced: ReducedPair, lamps: Lamps, hidden: list[int]) -> Iterator[RunWarning]:
     if lamps.more:
         message = (
             "Three lamps do not explain the light at all shadow edges: there may be four or more, "
             "which three colour channels cannot tell apart. Switch some off, or photograph them "
             "in groups."
         )
-        yield Remark(Code.FOUR_OR_MORE, message)
+        yield RunWarning(Code.FOUR_OR_MORE, message)
     elif lamps.unexplained:
         number = "One lamp does" if len(lamps) == 1 else f"{len(lamps)} lamps do"
         message = (
@@ -96,7 +96,7 @@ def _of_lamps(reduced: ReducedPair, lamps: Lamps, hidden: list[int]) -> Iterator
             "in a tenth of it. Ask for more lamps, or check camera and flash spectrum; "
             "residual.png shows where."
         )
-        yield Remark(Code.UNEXPLAINED, message, {"left_over": lamps.left_over})
+        yield RunWarning(Code.UNEXPLAINED, message, {"left_over": lamps.left_over})
     else:
         yield from _of_reflections(reduced, lamps)
     yield from lamps.contradictions
@@ -107,7 +107,7 @@ def _of_lamps(reduced: ReducedPair, lamps: Lamps, hidden: list[int]) -> Iterator
             "those found, so the layers may be wrong. Check camera, encoding and flash spectrum; "
             "if they are right, pin a lamp by a place that it lights alone."
         )
-        yield Remark(Code.LAMPS_AMBIGUOUS, message, {"angle_deg": lamps.rival_deg})
+        yield RunWarning(Code.LAMPS_AMBIGUOUS, message, {"angle_deg": lamps.rival_deg})
     if hidden:
         by = " alone or by ".join(lamp_name(index) for index in hidden)
         message = (
@@ -116,16 +116,16 @@ def _of_lamps(reduced: ReducedPair, lamps: Lamps, hidden: list[int]) -> Iterator
             "layer is, is a guess. Show some place that the other lamps do not reach, such as the "
             "shadow of a thing put into the picture."
         )
-        yield Remark(Code.NO_PURE_LIGHT, message, {"lamps": len(hidden)})
+        yield RunWarning(Code.NO_PURE_LIGHT, message, {"lamps": len(hidden)})
     if lamps.confidence < _UNSURE:
         message = (
             f"It is not certain that the number of lamps is {len(lamps)}; if you know it, ask for "
             "it. A stronger flash and a hard shadow of each lamp make it plainer."
         )
-        yield Remark(Code.NUMBER_UNCERTAIN, message, {"confidence": lamps.confidence})
+        yield RunWarning(Code.NUMBER_UNCERTAIN, message, {"confidence": lamps.confidence})
 
 
-def _of_reflections(reduced: ReducedPair, lamps: Lamps) -> Iterator[Remark]:
+def _of_reflections(reduced: ReducedPair, lamps: Lamps) -> Iterator[RunWarning]:
     marked = relative_residual(reduced, lamps) > MARKED
     spots = ndimage.binary_opening(marked, np.ones((2, 2)))  # lines are the demosaicing's
     share = float(np.mean(spots[reduced.usable]))
@@ -136,10 +136,10 @@ def _of_reflections(reduced: ReducedPair, lamps: Lamps) -> Iterator[Remark]:
             "approximate there; residual.png shows where. Turn shiny things away from the lamps, "
             "and check camera and flash spectrum if it is all over the picture."
         )
-        yield Remark(Code.REFLECTIONS, message, {"share": share})
+        yield RunWarning(Code.REFLECTIONS, message, {"share": share})
 
 
-def _of_likeness(reduced: ReducedPair, lamps: Lamps) -> Iterator[Remark]:
+def _of_likeness(reduced: ReducedPair, lamps: Lamps) -> Iterator[RunWarning]:
     if lamps.least_angle_deg >= _SIMILAR_DEGREES:
         return
     snr = expected_snr_db(lamps.least_angle_deg, relative_noise(reduced))
@@ -148,6 +148,6 @@ def _of_likeness(reduced: ReducedPair, lamps: Lamps) -> Iterator[Remark]:
         f"each other's light: expect a signal-to-noise ratio of about {snr:.0f} dB. A coloured "
         "filter on one of the lamps helps."
     )
-    yield Remark(
+    yield RunWarning(
         Code.LAMPS_ALIKE, message, {"angle_deg": lamps.least_angle_deg, "expected_snr_db": snr}
     )

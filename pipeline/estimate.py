@@ -19,8 +19,8 @@ from pipeline.output_names import outputs_with
 from pipeline.pair import Pair
 from pipeline.progress import Progress
 from pipeline.reduced import ReducedPair
-from pipeline.remarks import Remark
 from pipeline.response import camera_changes
+from pipeline.run_warnings import RunWarning
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Estimate:
     lamps: Lamps
     facing: Facing | None = None
     changes: NDArray[np.float64] | None = None
-    warnings: tuple[Remark, ...] = ()
+    warnings: tuple[RunWarning, ...] = ()
 
 
 def make_estimate(

@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.errors import OptionError
 from pipeline.frames import Frame
 from pipeline.options import PairOptions
-from pipeline.remarks import Code, Remark
+from pipeline.run_warnings import Code, RunWarning
 from pipeline.steadiness import Ratios, brightening, darker_share, ratio_without_flash
 
 _MAX_PLAUSIBLE = 1000.0
@@ -55,7 +55,7 @@ def written_ratio(no_flash: Frame, flash: Frame, options: PairOptions) -> Exposu
 
 def settled_ratio(
     ratio: ExposureRatio, ratios: Ratios, rendered: bool
-) -> tuple[ExposureRatio, list[Remark]]:
+) -> tuple[ExposureRatio, list[RunWarning]]:
     """Hold a ratio against the pixels; returns the one to use and what to warn of.
 
     ratios: of the pair on the scale of that ratio. rendered: a camera made pictures of it. A
@@ -69,13 +69,13 @@ def settled_ratio(
                 f"granted{_unless_darker(ratio, ratios, rendered)}. Pass the exposure ratio if "
                 "they differ."
             )
-            return ratio, [Remark(Code.EXPOSURE_ASSUMED, message)]
+            return ratio, [RunWarning(Code.EXPOSURE_ASSUMED, message)]
         found = ExposureRatio(ratio.value * peak, "pixels")
         message = (
             "The files do not say how they were exposed; what the flash does not reach shows a "
             f"ratio of {found.value:.3g}, which was taken. Pass the exposure ratio if you know it."
         )
-        return found, [Remark(Code.EXPOSURE_ESTIMATED, message, {"ratio": found.value})]
+        return found, [RunWarning(Code.EXPOSURE_ESTIMATED, message, {"ratio": found.value})]
     if peak is not None:
         if abs(np.log(peak)) < (_AGREES_RENDERED if rendered else _AGREES):
             return ratio, []
@@ -85,14 +85,14 @@ def settled_ratio(
             f"{shown:.3g}. {_ADVICE}"
         )
         figures = {"ratio": ratio.value, "ratio_shown": shown}
-        return ratio, [Remark(Code.EXPOSURE_MISMATCH, message, figures)]
+        return ratio, [RunWarning(Code.EXPOSURE_MISMATCH, message, figures)]
     share = darker_share(ratios, rendered)
     if share < _MANY_DARKER:
         return ratio, []
     return ratio, [darkening(ratio, ratios, share)]
 
 
-def darkening(ratio: ExposureRatio, ratios: Ratios, share: float) -> Remark:
+def darkening(ratio: ExposureRatio, ratios: Ratios, share: float) -> RunWarning:
     """Warn of a given or written ratio that makes a share of the picture darker with the flash.
 
     ratios: of the pair on the scale of that ratio.
@@ -103,7 +103,7 @@ def darkening(ratio: ExposureRatio, ratios: Ratios, share: float) -> Remark:
         f"flash than without: it can be {most:.3g} at most. {_ADVICE}"
     )
     figures = {"ratio": ratio.value, "ratio_at_most": most, "share": share}
-    return Remark(Code.EXPOSURE_MISMATCH, message, figures)
+    return RunWarning(Code.EXPOSURE_MISMATCH, message, figures)
 
 
 def _said(ratio: ExposureRatio) -> str:

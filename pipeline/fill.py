@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.compiling import njit
+from pipeline.compiling import exact
 from pipeline.frames import by_planes, channels_first
 from pipeline.lamps import Lamps
 from pipeline.proportions import model_proportions
@@ -46,7 +46,7 @@ class Surroundings:
         return first.astype(np.int64), np.clip(place - first, 0.0, 1.0).astype(np.float32)
 
 
-@njit(cache=True, error_model="numpy")
+@exact
 def _enlarge(
     blocks: Array,
     x: NDArray[np.int64],

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pipeline.frames import Frame
-from pipeline.remarks import Code, Remark
+from pipeline.run_warnings import Code, RunWarning
 
 _NORMAL_LENS = 50.0 / 36.0  # of the longer side
 
 
-def focal_length_px(frame: Frame, given: float | None) -> tuple[float, list[Remark]]:
+def focal_length_px(frame: Frame, given: float | None) -> tuple[float, list[RunWarning]]:
     """Focal length in pixels: the given one, else the file's, else a normal lens's with a warning.
 
     Returns the warning as a list, which is empty where there is none.
@@ -21,4 +21,4 @@ def focal_length_px(frame: Frame, given: float | None) -> tuple[float, list[Rema
         "focal length in pixels for exact normals."
     )
     focal_px = _NORMAL_LENS * max(frame.size)
-    return focal_px, [Remark(Code.FOCAL_LENGTH_ASSUMED, message, {"focal_px": focal_px})]
+    return focal_px, [RunWarning(Code.FOCAL_LENGTH_ASSUMED, message, {"focal_px": focal_px})]

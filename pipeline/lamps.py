@@ -22,7 +22,7 @@ from pipeline.matrixfit.unexplained import left_over, places_alone
 from pipeline.model import Model
 from pipeline.options import Lights, Method
 from pipeline.reduced import ReducedPair
-from pipeline.remarks import Remark
+from pipeline.run_warnings import RunWarning
 from pipeline.vectors import angles_deg, unit
 
 Array = NDArray[np.float64]
@@ -68,7 +68,7 @@ class Lamps:
     more: bool
     left_over: float
     alone: Array
-    contradictions: tuple[Remark, ...]
+    contradictions: tuple[RunWarning, ...]
     rival_deg: float = 0.0
 
     def __len__(self) -> int:
@@ -133,7 +133,7 @@ def estimate_lamps(
         number = count.number
         found = _fitted(reduced, evidence, model, first(number), fit(number), weights)
     coefficients, matrices = found.coefficients, found.matrices
-    against: list[Remark] = []
+    against: list[RunWarning] = []
     if known.pinned or len(known.forbidden):
         nothing = nothing_known(model.flash_white)
         free = fit_matrices(reduced, evidence, model, count.number, nothing)

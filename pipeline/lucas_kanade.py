@@ -8,17 +8,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.compiling import njit
+from pipeline.compiling import exact, summing
 
 Array = NDArray[np.float32]
 Doubles = NDArray[np.float64]
 
-_compiled = njit(cache=True, error_model="numpy")
-_summing = njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz"})
-"""Allows sums in another order, several terms at a time."""
 
-
-@_compiled
+@exact
 def span(
     matrix: Doubles, y: int, size: tuple[int, int], margin: int, inset: int
 ) -> tuple[int, int]:
@@ -47,7 +43,7 @@ def span(
     return first, max(first, end)
 
 
-@_summing
+@summing
 def _slopes(first: Array, second: Array, y: int, out: Array) -> None:
     """Sobel's gradient of the pictures' mean in row y and its square, (3, 3·w), overwritten."""
     count = first.shape[1]
@@ -64,7 +60,7 @@ def _slopes(first: Array, second: Array, y: int, out: Array) -> None:
         out[0, i], out[1, i], out[2, i] = gx, gy, gx * gx + gy * gy
 
 
-@_compiled
+@exact
 def sampled(
     first: Array, second: Array, matrix: Doubles, margin: int, inset: int, step: int
 ) -> tuple[Array, Array]:
@@ -91,7 +87,7 @@ def sampled(
     return strengths[:, :count], differences[:, :count]
 
 
-@_summing
+@summing
 def equations(
     first: Array,
     second: Array,
@@ -151,7 +147,7 @@ def equations(
     return sums
 
 
-@_summing
+@summing
 def add_products(
     first: Array, second: Array, matrix: Doubles, top: int, height: int, inset: int, sums: Doubles
 ) -> None:

@@ -19,8 +19,8 @@ from pipeline.model import Model
 from pipeline.normals import CONVENTIONS, Facing
 from pipeline.options import Options
 from pipeline.pair import Pair
-from pipeline.remarks import Remark
 from pipeline.result_names import lamp_name
+from pipeline.run_warnings import RunWarning
 
 
 def lamp_entries(
@@ -80,7 +80,7 @@ def make_manifest(
     files: list[dict[str, Any]],
     mix: MixBasis,
     calibrations: list[dict[str, str]],
-    warnings: list[Remark],
+    warnings: list[RunWarning],
 ) -> dict[str, Any]:
     """Build the manifest; equal input and options give equal bytes.
 

@@ -19,7 +19,7 @@ from pipeline.photometric_stereo.responses import LampBank
 from pipeline.photometric_stereo.solve import Surface, solve_surface
 from pipeline.progress import Progress
 from pipeline.reduced import ReducedPair
-from pipeline.remarks import Code, Remark
+from pipeline.run_warnings import Code, RunWarning
 from pipeline.separation import Strip
 
 CONVENTIONS = {
@@ -43,7 +43,7 @@ class Facing:
     of: Callable[[Strip], Image]
     strengths: NDArray[np.float64]
     surface: Surface | None
-    warnings: tuple[Remark, ...] = ()
+    warnings: tuple[RunWarning, ...] = ()
 
 
 def find_facing(
@@ -70,7 +70,7 @@ def find_facing(
     return Facing(of, surface.strengths, surface, _warnings(surface))
 
 
-def _warnings(surface: Surface) -> tuple[Remark, ...]:
+def _warnings(surface: Surface) -> tuple[RunWarning, ...]:
     if surface.misfit >= _MUCH_LEFT:
         why = f"{surface.misfit:.0%} of it is left over in half the picture"
     elif not (surface.strengths > 0).all():
@@ -82,4 +82,4 @@ def _warnings(surface: Surface) -> tuple[Remark, ...]:
         f"doubtful: {why}. Check the directions, the focal length, and that the flash sits at the "
         "camera."
     )
-    return (Remark(Code.NORMALS_DOUBTFUL, message, {"left_over": surface.misfit}),)
+    return (RunWarning(Code.NORMALS_DOUBTFUL, message, {"left_over": surface.misfit}),)

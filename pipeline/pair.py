@@ -27,7 +27,7 @@ from pipeline.pair_warnings import (
     unsteady_warnings,
 )
 from pipeline.progress import Progress
-from pipeline.remarks import Remark
+from pipeline.run_warnings import RunWarning
 from pipeline.steadiness import block_ratios, brightening, darker_share
 
 _PARALLAX_PX = 0.5
@@ -71,7 +71,7 @@ class Pair:
     moved: float
     clipped: float
     white: float
-    warnings: tuple[Remark, ...]
+    warnings: tuple[RunWarning, ...]
 
     def flash_part(self) -> Image:
         """Light of the flash alone, (H, W, 3); noise makes some of it negative."""
@@ -165,7 +165,7 @@ class _Held:
     ratio: ExposureRatio
     unusable: Mask
     moved: float = 0.0
-    warnings: tuple[Remark, ...] = ()
+    warnings: tuple[RunWarning, ...] = ()
 
 
 def _held_against(

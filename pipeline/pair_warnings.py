@@ -11,7 +11,7 @@ from pipeline.align import Alignment
 from pipeline.area_means import area_means
 from pipeline.exposure import ExposureRatio, darkening
 from pipeline.frames import Frame, Photograph
-from pipeline.remarks import Code, Remark
+from pipeline.run_warnings import Code, RunWarning
 from pipeline.steadiness import Ratios, bands
 
 NOTABLE_MOTION = 0.002
@@ -24,7 +24,7 @@ _COPY_COLOUR_SPREAD = 1.0  # the same over all channels: lamp and flash differ i
 _NOTABLE_DIMMING, _NOTABLE_DARKENING = 0.01, 0.002
 
 
-def orientation_warnings(no_flash: Frame, flash: Frame) -> list[Remark]:
+def orientation_warnings(no_flash: Frame, flash: Frame) -> list[RunWarning]:
     """Tell of a flash photograph that was not turned as its file says, but as the other."""
     if flash.orientation == flash.written_orientation:
         return []
@@ -36,10 +36,10 @@ def orientation_warnings(no_flash: Frame, flash: Frame) -> list[Remark]:
         "the pair again."
     )
     figures = {"no_flash": no_flash.orientation, "flash": flash.written_orientation}
-    return [Remark(Code.ORIENTATIONS_DIFFER, message, figures)]
+    return [RunWarning(Code.ORIENTATIONS_DIFFER, message, figures)]
 
 
-def rendering_warnings(no_flash: Frame, flash: Frame, ratio: float) -> list[Remark]:
+def rendering_warnings(no_flash: Frame, flash: Frame, ratio: float) -> list[RunWarning]:
     """What a camera's rendering to sRGB may have done to one photograph and not to the other."""
     warnings = []
     if no_flash.auto_white_balance and flash.auto_white_balance:
@@ -47,23 +47,23 @@ def rendering_warnings(no_flash: Frame, flash: Frame, ratio: float) -> list[Rema
             "The camera balanced the white of each photograph by itself, so their colours may "
             "differ by more than the flash: lock the white balance, or send RAW files."
         )
-        warnings.append(Remark(Code.AUTO_WHITE_BALANCE, message))
+        warnings.append(RunWarning(Code.AUTO_WHITE_BALANCE, message))
     if abs(np.log2(ratio)) > _EXPOSURES_DIFFER:
         message = (
             f"The photographs were exposed differently ({ratio:.3g} times) and rendered to sRGB, "
             "so they compare only as far as the camera kept to the sRGB curve: expose both alike, "
             "or send RAW files."
         )
-        warnings.append(Remark(Code.RENDERED_EXPOSURES_DIFFER, message, {"ratio": ratio}))
+        warnings.append(RunWarning(Code.RENDERED_EXPOSURES_DIFFER, message, {"ratio": ratio}))
     return warnings
 
 
-def alignment_warnings(alignment: Alignment) -> list[Remark]:
+def alignment_warnings(alignment: Alignment) -> list[RunWarning]:
     """Why the flash photograph could not be laid on the other."""
-    return [Remark(Code.NOT_ALIGNED, alignment.problem)] if alignment.problem else []
+    return [RunWarning(Code.NOT_ALIGNED, alignment.problem)] if alignment.problem else []
 
 
-def darkening_warnings(ratio: ExposureRatio, ratios: Ratios, share: float) -> list[Remark]:
+def darkening_warnings(ratio: ExposureRatio, ratios: Ratios, share: float) -> list[RunWarning]:
     """Why a share of the picture is darker with the flash than without, though nothing moved."""
     if ratio.source == "option":  # people err more often than cameras
         return [darkening(ratio, ratios, share)] if share > _NOTABLE_DARKENING else []
@@ -74,10 +74,10 @@ def darkening_warnings(ratio: ExposureRatio, ratios: Ratios, share: float) -> li
         "than in the other: wait for steady light, and under lamps on the mains expose for a "
         "multiple of 1/100 s (1/120 s where the mains has 60 Hz)."
     )
-    return [Remark(Code.LIGHT_CHANGED, message, {"share": share})]
+    return [RunWarning(Code.LIGHT_CHANGED, message, {"share": share})]
 
 
-def unsteady_warnings(ratios: Ratios, moved: float) -> list[Remark]:
+def unsteady_warnings(ratios: Ratios, moved: float) -> list[RunWarning]:
     """What moved or flickered between the photographs, and how to shoot without it."""
     warnings = []
     if moved > NOTABLE_MOTION:
@@ -86,7 +86,7 @@ def unsteady_warnings(ratios: Ratios, moved: float) -> list[Remark]:
             "are filled in there from their surroundings. Keep people and things still, and take "
             "the two photographs in quick succession."
         )
-        warnings.append(Remark(Code.MOVED, message, {"share": moved}))
+        warnings.append(RunWarning(Code.MOVED, message, {"share": moved}))
     height = bands(ratios)
     if height is not None:
         message = (
@@ -94,11 +94,11 @@ def unsteady_warnings(ratios: Ratios, moved: float) -> list[Remark]:
             "mains. Expose for a multiple of 1/100 s (1/120 s where the mains has 60 Hz), or use "
             "the mechanical shutter."
         )
-        warnings.append(Remark(Code.FLICKER, message, {"height": height}))
+        warnings.append(RunWarning(Code.FLICKER, message, {"height": height}))
     return warnings
 
 
-def copy_warnings(no_flash: Photograph, flash: Photograph, flash_only: bool) -> list[Remark]:
+def copy_warnings(no_flash: Photograph, flash: Photograph, flash_only: bool) -> list[RunWarning]:
     """Notice a flash part that is the no-flash photograph over again."""
     height, width = no_flash.shape[:2]
     size = (max(width // _COPY_BLOCK, 1), max(height // _COPY_BLOCK, 1))
@@ -117,7 +117,7 @@ def copy_warnings(no_flash: Photograph, flash: Photograph, flash_only: bool) -> 
         "flash may not reach that far, or the exposure ratio is wrong. Bring the flash nearer or "
         "raise its power, or pass the right exposure ratio."
     )
-    return [Remark(Code.FLASH_LIKE_LAMPS, message)]
+    return [RunWarning(Code.FLASH_LIKE_LAMPS, message)]
 
 
 def _spread(ratio: NDArray[Any]) -> float:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.compiling import njit
+from pipeline.compiling import exact, spliced
 from pipeline.frames import (
     Image,
     Numbers,
@@ -125,7 +125,7 @@ def _kernel() -> Array:
     return np.outer(line, line).astype(np.float32)
 
 
-@njit(cache=True, error_model="numpy")
+@exact
 def _regress(
     guide: Planes, flash: Planes, placed: Plane, confidence: Plane, kernel: Array, out: Planes
 ) -> None:
@@ -195,7 +195,7 @@ def _regress(
             out[2][y, x] += share * (max(r, 0.0) - out[2][y, x])
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@spliced
 def _solved(c: Numbers, g: Colour) -> tuple[float, float, float]:
     """C⁻¹ g of a positive definite C, its upper triangle row by row, by Cholesky's factors."""
     l00 = np.sqrt(c[0])
@@ -211,7 +211,7 @@ def _solved(c: Numbers, g: Colour) -> tuple[float, float, float]:
     return (z0 - l10 * s1 - l20 * s2) / l00, s1, s2
 
 
-@njit(cache=True, error_model="numpy")
+@exact
 def _average(
     proportions: tuple[Planes, ...],
     photograph: Planes,

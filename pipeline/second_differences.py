@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.compiling import njit
+from pipeline.compiling import exact
 from pipeline.frames import Image, Mask
 
 Array = NDArray[np.float32]
@@ -23,7 +23,7 @@ _KEPT = 0.8
 """Share of white noise that is left by a regression on three others."""
 
 
-@njit(cache=True)
+@exact
 def _row(pixels: Image, y: int, along: Array, out: Array) -> None:
     """Second differences (W, 3) around row y, overwritten; along: scratch."""
     two, sixth = np.float32(2.0), np.float32(1.0 / 6.0)
@@ -41,7 +41,7 @@ def _row(pixels: Image, y: int, along: Array, out: Array) -> None:
             out[x, k] = sixth * (along[x, k] - two * along[x + 1, k] + along[x + 2, k])
 
 
-@njit(cache=True)
+@exact
 def block_squares(pixels: Image) -> tuple[Array, Array]:
     """Mean (3, n) and squared second differences (3, n, 48) of all blocks, row by row."""
     height, width = pixels.shape[:2]
@@ -68,7 +68,7 @@ def block_squares(pixels: Image) -> tuple[Array, Array]:
     return means, squares
 
 
-@njit(cache=True)
+@exact
 def unshared_squares(pixels: Image, other: Image) -> tuple[Array, Array]:
     """As block_squares, of what another picture of the same things (H, W, 3) does not explain.
 
@@ -99,7 +99,7 @@ def unshared_squares(pixels: Image, other: Image) -> tuple[Array, Array]:
     return means, squares
 
 
-@njit(cache=True)
+@exact
 def _regress(line: Array, other: Array, squares: Array) -> None:
     """Squares (3, 48) of what the regression of (6, 8, 3) on (6, 8, 3) leaves, overwritten."""
     gram, cross = np.zeros((3, 3), np.float32), np.zeros((3, 3), np.float32)
@@ -122,7 +122,7 @@ def _regress(line: Array, other: Array, squares: Array) -> None:
                 squares[k, y * BLOCK + x] = left * left / np.float32(_KEPT)
 
 
-@njit(cache=True)
+@exact
 def block_variances(pixels: Image) -> tuple[Array, Array]:
     """Means (H // 8, W // 8, 3) of all blocks, and of their squared second differences."""
     height, width = pixels.shape[:2]
@@ -146,7 +146,7 @@ def block_variances(pixels: Image) -> tuple[Array, Array]:
     return means, variances
 
 
-@njit(cache=True)
+@exact
 def relative_squares(
     pixels: Image, inside: Mask, gain: NDArray[np.float64], floor: NDArray[np.float64]
 ) -> Array:
@@ -171,7 +171,7 @@ def relative_squares(
     return out
 
 
-@njit(cache=True)
+@exact
 def squares_within(squares: Array, limit: Array) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """How many of each row (n, m) are below its limit (n,), and their sums."""
     counts, totals = np.zeros(len(squares), np.int64), np.zeros(len(squares))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline import placing, registration, smoothing
 from pipeline.area_means import area_means
-from pipeline.compiling import njit
+from pipeline.compiling import exact, spliced
 from pipeline.fill import Surroundings
 from pipeline.frames import (
     Image,
@@ -194,7 +194,7 @@ def _reliability(
     return confidence, placed, uncertainty
 
 
-@njit(cache=True, error_model="numpy")
+@exact
 def _weigh_noise(
     no_flash: Planes,
     flash: Planes,
@@ -234,13 +234,13 @@ def _weigh_noise(
             uncertainty[y, x] = min(np.sqrt(max(noise, 0.0)), 1.0)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@spliced
 def _total(a: Colour) -> float:
     """In double precision: a sum of what hardly differs may be taken from another."""
     return np.float64(a[0]) + np.float64(a[1]) + np.float64(a[2])
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@spliced
 def _variance(a: Colour, noise: tuple[Numbers, Numbers]) -> float:
     """Of a pixel's sum."""
     gain, floor = noise
@@ -252,7 +252,7 @@ def _variance(a: Colour, noise: tuple[Numbers, Numbers]) -> float:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@exact
 def _deal_out(
     photograph: Planes,
     confidence: Plane,

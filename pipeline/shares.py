@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.compiling import njit
+from pipeline.compiling import exact, spliced
 
 Array = NDArray[np.float32]
 Colour = tuple[Any, Any, Any]
@@ -38,7 +38,7 @@ def shares(no_flash: Array, predictions: Array) -> Array:
     return found.reshape(count, *shape)
 
 
-@njit(cache=True, error_model="numpy")
+@exact
 def _shares(light: Array, predictions: Array, found: Array) -> None:
     """Write shares (N, n) of n pixels."""
     for i in range(light.shape[0]):
@@ -60,29 +60,29 @@ def _shares(light: Array, predictions: Array, found: Array) -> None:
         )
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@spliced
 def _dot(a: Colour, b: Colour) -> Any:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@spliced
 def _double(a: Colour) -> Colour:
     """In double precision: lamps that look alike at a pixel need it."""
     return np.float64(a[0]), np.float64(a[1]), np.float64(a[2])
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@spliced
 def _cross(a: Colour, b: Colour) -> Colour:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@spliced
 def _alone(seen: float, power: float) -> float:
     share = seen / power
     return share if (power > 0) & (seen > 0) else 0.0
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@spliced
 def _together(
     s0: float, s1: float, g00: float, g01: float, g11: float
 ) -> tuple[float, float, float]:
@@ -95,14 +95,14 @@ def _together(
     return z0, z1, explained if there else -1.0
 
 
-@njit(cache=True, error_model="numpy")
+@exact
 def share_of_one(seen: Colour, first: Colour) -> float:
     """Share of one pixel, as shares defines it; for other compiled loops."""
     seen, first = _double(seen), _double(first)
     return _alone(_dot(first, seen), _dot(first, first))
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@spliced
 def shares_of_two(seen: Colour, first: Colour, second: Colour) -> tuple[Any, Any, Any]:
     """Shares of one pixel, as shares defines them, times a scale > 0, and the scale.
 
@@ -128,7 +128,7 @@ def shares_of_two(seen: Colour, first: Colour, second: Colour) -> tuple[Any, Any
     return (z0 if both else one), (z1 if both else other), scale
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@spliced
 def shares_of_three(
     seen: Colour, first: Colour, second: Colour, third: Colour
 ) -> tuple[float, float, float]:

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.compiling import njit
+from pipeline.compiling import exact
 from pipeline.frames import Image, Plane, Planes, by_planes, channels_first, planes_of
 
 Array = NDArray[np.float32]
@@ -74,7 +74,7 @@ def _box(plane: Plane) -> Plane:
     return np.asarray(mean, dtype=np.float32)
 
 
-@njit(cache=True, error_model="numpy")
+@exact
 def _write_guide(
     no_flash: Planes,
     flash: Planes,
@@ -95,7 +95,7 @@ def _write_guide(
             guided[y, x], squared[y, x] = sure * edge, sure * edge * edge
 
 
-@njit(cache=True, error_model="numpy")
+@exact
 def _to_variance(total: Plane, mean: Plane, variance: Plane) -> None:
     """Turn means of weight, of weighted guide and of its square into mean and variance."""
     for y in range(total.shape[0]):
@@ -105,7 +105,7 @@ def _to_variance(total: Plane, mean: Plane, variance: Plane) -> None:
             mean[y, x], variance[y, x] = middle, max(spread, np.float32(0.0))
 
 
-@njit(cache=True, error_model="numpy")
+@exact
 def _weigh(part: Plane, weight: Plane, guide: Plane, weighed: Plane, guided: Plane) -> None:
     """Write a lamp's proportion of a channel, weighed, and times the guide."""
     for y in range(weight.shape[0]):
@@ -114,7 +114,7 @@ def _weigh(part: Plane, weight: Plane, guide: Plane, weighed: Plane, guided: Pla
             weighed[y, x], guided[y, x] = one, one * guide[y, x]
 
 
-@njit(cache=True, error_model="numpy")
+@exact
 def _to_line(
     offset: Plane, slope: Plane, total: Plane, mean: Plane, variance: Plane, weight: Plane
 ) -> None:
@@ -129,14 +129,14 @@ def _to_line(
             offset[y, x] = weight[y, x] * (p_mean - steep * mean[y, x])
 
 
-@njit(cache=True, error_model="numpy")
+@exact
 def _fit(slope: Plane, offset: Plane, guide: Plane, total: Plane, fitted: Plane) -> None:
     for y in range(total.shape[0]):
         for x in range(total.shape[1]):
             fitted[y, x] = (slope[y, x] * guide[y, x] + offset[y, x]) / total[y, x]
 
 
-@njit(cache=True, error_model="numpy")
+@exact
 def _blend(proportions: Array, first: int, uncertainty: Plane, smooth: Array) -> None:
     """Complete the fitted proportions, and go from the given ones as far as noise allows.
 

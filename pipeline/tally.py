@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.compiling import njit
+from pipeline.compiling import summing
 from pipeline.frames import Plane, Planes, planes_of
 
 _FILLED = 0.5  # confidence below which a pixel counts as filled in
@@ -37,7 +37,7 @@ class Tally:
         return np.asarray(self._sure.sum(axis=1) / np.maximum(self._light.sum(axis=1), 1e-12))
 
 
-@njit(cache=True, fastmath={"reassoc"})
+@summing
 def _sum_rows(
     layer: Planes, confidence: Plane, light: NDArray[np.float64], sure: NDArray[np.float64]
 ) -> None:

@@ -9,12 +9,12 @@ from pipeline.encode.psd_size import check_psd_size, psd_excess
 from pipeline.errors import OptionError
 from pipeline.options import Options
 from pipeline.output_names import DEFAULT_OUTPUTS, FULL_SIZE_JPEGS, OUTPUT_NAMES, outputs_with
-from pipeline.remarks import Code, Remark
+from pipeline.run_warnings import Code, RunWarning
 
 _PSD = "layers.psd"
 
 
-def wanted_outputs(options: Options, left_out: Sequence[Remark] = ()) -> frozenset[str]:
+def wanted_outputs(options: Options, left_out: Sequence[RunWarning] = ()) -> frozenset[str]:
     """Names out of OUTPUT_NAMES that the options ask for.
 
     left_out: why kept calibrations do not stand in for options, which refusals repeat.
@@ -31,7 +31,7 @@ def wanted_outputs(options: Options, left_out: Sequence[Remark] = ()) -> frozens
         raise OptionError(
             f"The output {min(facing)} needs the lamps' directions: give light "
             "directions, or calibrate the lamps of this camera and set-up with photographs of this "
-            "kind and way up first." + "".join(f" {remark.message}" for remark in left_out)
+            "kind and way up first." + "".join(f" {warning.message}" for warning in left_out)
         )
     if surface and options.method == "paper":
         raise OptionError(
@@ -56,7 +56,7 @@ def check_outputs(wanted: frozenset[str], size: tuple[int, int], options: Option
 
 def held_outputs(
     wanted: frozenset[str], size: tuple[int, int], lamps: int, options: Options
-) -> tuple[frozenset[str], list[Remark]]:
+) -> tuple[frozenset[str], list[RunWarning]]:
     """Pass over what nobody named and cannot hold the layers, now that their number is known.
 
     wanted, size: as in check_outputs. lamps: those found. Returns the rest, and a warning for what
@@ -66,4 +66,4 @@ def held_outputs(
     if _PSD not in wanted or options.outputs != "all" or excess is None:
         return wanted, []
     message = f"{excess}, and was left out: the layers are in layers.exr and the TIFF files."
-    return wanted - {_PSD}, [Remark(Code.OUTPUT_LEFT_OUT, message)]
+    return wanted - {_PSD}, [RunWarning(Code.OUTPUT_LEFT_OUT, message)]

@@ -17,7 +17,7 @@ from pipeline.matrixfit.known import nothing_known
 from pipeline.model import Model
 from pipeline.options import Lights
 from pipeline.reduced import ReducedPair
-from pipeline.remarks import Code, Remark
+from pipeline.run_warnings import Code, RunWarning
 from pipeline.spectra.cameras import Camera, balanced, find_camera, srgb_stand_in, typical_sensor
 from pipeline.spectra.lights import reflectance_spectra
 
@@ -84,7 +84,7 @@ def likely_camera(
     return fits.much_likelier(values, [(srgb_stand_in(), _SRGB_LIKELIER)]) or values
 
 
-def camera_warnings(frame: Frame, camera: Camera, named: bool) -> list[Remark]:
+def camera_warnings(frame: Frame, camera: Camera, named: bool) -> list[RunWarning]:
     """Warn of a camera that is a guess, and of one that was named for what no sensor gives.
 
     frame: one of the files. camera: what was taken. named: whether the user named it.
@@ -94,14 +94,14 @@ def camera_warnings(frame: Frame, camera: Camera, named: bool) -> list[Remark]:
             "The photographs are rendered to sRGB, which bends colours and brightness: the "
             "separation is approximate. Send RAW or linear files for exact work."
         )
-        return [Remark(Code.RENDERED_SRGB, message + (NOT_ITS_VALUES if named else ""))]
+        return [RunWarning(Code.RENDERED_SRGB, message + (NOT_ITS_VALUES if named else ""))]
     if frame.profiled:
         message = (
             "The photographs hold linear values in the colours that their profile says, not those "
             "of a sensor: the camera's spectral sensitivities were approximated. Send RAW files "
             "for exact work."
         )
-        return [Remark(Code.CAMERA_APPROXIMATE, message + (NOT_ITS_VALUES if named else ""))]
+        return [RunWarning(Code.CAMERA_APPROXIMATE, message + (NOT_ITS_VALUES if named else ""))]
     if not camera.approximate:
         return []
     taken = f"{camera.name} explains the pair best and was taken"
@@ -111,14 +111,14 @@ def camera_warnings(frame: Frame, camera: Camera, named: bool) -> list[Remark]:
             f"The photographs do not hold what the sensor of the {by_exif.name} gives, which they "
             f"name: {taken}. Send RAW files for exact work, or name the camera if they do."
         )
-        return [Remark(Code.CAMERA_APPROXIMATE, message)]
+        return [RunWarning(Code.CAMERA_APPROXIMATE, message)]
     message = (
         "The camera's spectral sensitivities are not known and were approximated: name a "
         "measured camera or send its table for exact work."
     )
     if frame.encoding == "linear":
         message += f" The files do not say whose colours they hold: {taken}."
-    return [Remark(Code.CAMERA_APPROXIMATE, message)]
+    return [RunWarning(Code.CAMERA_APPROXIMATE, message)]
 
 
 def camera_doubts(
@@ -128,7 +128,7 @@ def camera_doubts(
     camera: Camera,
     frame: Frame,
     build: Callable[[Camera], Model],
-) -> list[Remark]:
+) -> list[RunWarning]:
     """Warn of a named camera that explains a pair much worse than a typical sensor, or than sRGB.
 
     lamps: how many were found. frame: one of the files, of which RAW ones may say that the camera
@@ -159,7 +159,7 @@ def camera_doubts(
             "layers may be wrong: check its name or table, and whether the files hold its own "
             "colours. If you do not know the camera, leave it out."
         )
-    return [Remark(Code.CAMERA_DOUBTFUL, message)]
+    return [RunWarning(Code.CAMERA_DOUBTFUL, message)]
 
 
 @dataclass(frozen=True)

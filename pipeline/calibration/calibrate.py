@@ -38,7 +38,7 @@ from pipeline.pair import Pair, make_pair
 from pipeline.pair_checks import FLASH, NO_FLASH, check_pair
 from pipeline.photometric_stereo.responses import floored
 from pipeline.progress import Progress
-from pipeline.remarks import Code, Remark
+from pipeline.run_warnings import Code, RunWarning
 from pipeline.spectra.cameras import Camera, find_camera, measured_cameras
 from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light, packaged_light
@@ -60,7 +60,7 @@ class _Found:
     file: bytes
     said: dict[str, Any]
     marks: bytes
-    warnings: list[Remark]
+    warnings: list[RunWarning]
 
 
 def calibrate_files(
@@ -157,7 +157,7 @@ def _flash(pair: Pair, frame: Frame, options: FlashCalibration) -> _Found:
     return _Found(write_spectrum(table), said, draw_marks(pair, chart, card), warnings)
 
 
-def _camera_warnings(frame: Frame, camera: Camera, named: bool) -> list[Remark]:
+def _camera_warnings(frame: Frame, camera: Camera, named: bool) -> list[RunWarning]:
     """Warn of a camera that is a guess or does not fit, whose error goes to the flash's spectrum.
 
     named: whether the user named it.
@@ -167,13 +167,13 @@ def _camera_warnings(frame: Frame, camera: Camera, named: bool) -> list[Remark]:
             "The photographs are rendered to sRGB, which hides what the sensor saw: the spectrum "
             "of the flash is approximate. Send RAW or linear files for exact work."
         )
-        return [Remark(Code.RENDERED_SRGB, message + (NOT_ITS_VALUES if named else ""))]
+        return [RunWarning(Code.RENDERED_SRGB, message + (NOT_ITS_VALUES if named else ""))]
     if frame.profiled:
         message = (
             "The photographs hold the colours that their profile says, not what the sensor saw: "
             "the spectrum of the flash is approximate. Send RAW files for exact work."
         )
-        return [Remark(Code.CAMERA_APPROXIMATE, message + (NOT_ITS_VALUES if named else ""))]
+        return [RunWarning(Code.CAMERA_APPROXIMATE, message + (NOT_ITS_VALUES if named else ""))]
     if not camera.approximate:
         if named or not undeclared(frame):
             return []
@@ -182,7 +182,7 @@ def _camera_warnings(frame: Frame, camera: Camera, named: bool) -> list[Remark]:
             "gives, as was assumed, or what a converter made of that: the spectrum of the flash "
             "may be wrong. Send RAW files, or name the camera with --camera if they do."
         )
-        return [Remark(Code.CAMERA_APPROXIMATE, message)]
+        return [RunWarning(Code.CAMERA_APPROXIMATE, message)]
     message = (
         "The camera's spectral sensitivities are not known and were approximated, and so is the "
         "spectrum of the flash"
@@ -194,7 +194,7 @@ def _camera_warnings(frame: Frame, camera: Camera, named: bool) -> list[Remark]:
         )
     else:
         message += ": name a measured camera or send its table for exact work."
-    return [Remark(Code.CAMERA_APPROXIMATE, message)]
+    return [RunWarning(Code.CAMERA_APPROXIMATE, message)]
 
 
 def _strength(patches: Patches) -> float:
@@ -251,7 +251,7 @@ def _lamps(pair: Pair, frame: Frame, options: LampsCalibration) -> _Found:
             "are exact only with a flash at the camera: move it nearer to the lens, or step back."
         )
         figures = {"angle_deg": aside_deg}
-        warnings.append(Remark(Code.FLASH_ASIDE, message, figures))
+        warnings.append(RunWarning(Code.FLASH_ASIDE, message, figures))
     lights: list[dict[str, Any]] = [
         {"direction": [round(float(c), 5) for c in direction]} for direction in lamps.directions
     ]
@@ -262,13 +262,13 @@ def _lamps(pair: Pair, frame: Frame, options: LampsCalibration) -> _Found:
             f"{options.setup!r} will be left out: calibrate with all lamps, or put those of "
             "several calibrations together into one file of --light-directions."
         )
-        warnings.append(Remark(Code.KEPT_UNUSABLE, message))
+        warnings.append(RunWarning(Code.KEPT_UNUSABLE, message))
     if np.isnan(lamps.colours).any():
         message = (
             "A highlight of a lamp is clipped, so that only the lamps' directions are known: "
             "expose shorter for their strengths and colours, and for dimmer lamps beside them."
         )
-        warnings.append(Remark(Code.HIGHLIGHT_CLIPPED, message))
+        warnings.append(RunWarning(Code.HIGHLIGHT_CLIPPED, message))
     else:
         # a strength is of green, which normals take as no less of a lamp that has none
         colours = floored(lamps.colours)

@@ -13,7 +13,7 @@ from pipeline.directions import unit_directions
 from pipeline.errors import OptionError, own_words
 from pipeline.frames import Frame
 from pipeline.options import NO_SETUP, DirectedLight, Options, Sensitivities, Spectrum
-from pipeline.remarks import Code, Remark
+from pipeline.run_warnings import Code, RunWarning
 from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
 
 OPTION_OF: dict[Kind, str] = {
@@ -85,7 +85,7 @@ def _reason(error: ValidationError) -> str:
 
 def with_kept(
     options: Options, kept: Sequence[Kept], frame: Frame
-) -> tuple[Options, list[dict[str, str]], list[Remark]]:
+) -> tuple[Options, list[dict[str, str]], list[RunWarning]]:
     """Fill in what options leave out by the newest fitting calibration of each kind.
 
     Gives the options, for the manifest what was used, and warnings. Lamps are left out where there
@@ -171,33 +171,33 @@ def _fix_normals(lights: list[DirectedLight]) -> bool:
     return True
 
 
-def _unusable(kept: Kept) -> Remark:
+def _unusable(kept: Kept) -> RunWarning:
     message = (
         f"The lamps kept as {kept.name!r} for the set-up {kept.setup!r} are nearly alike, lie "
         "nearly in one plane, or all behind the surface, which fixes no normals, so that they were "
         f"left out: calibrate them anew, or separate with --setup {NO_SETUP}."
     )
-    return Remark(Code.KEPT_UNUSABLE, message)
+    return RunWarning(Code.KEPT_UNUSABLE, message)
 
 
-def _left_out(kept: Kept, why: str) -> Remark:
+def _left_out(kept: Kept, why: str) -> RunWarning:
     message = (
         f"The lamps kept as {kept.name!r} for the set-up {kept.setup!r} were left out, since {why}"
     )
-    return Remark(Code.KEPT_UNUSABLE, message)
+    return RunWarning(Code.KEPT_UNUSABLE, message)
 
 
-def _does_not_fit(kept: Kept, here: TakenWith) -> Remark:
+def _does_not_fit(kept: Kept, here: TakenWith) -> RunWarning:
     what, verb = _LEFT_OUT[kept.kind]
     message = (
         f"The {what} kept as {kept.name!r} for the set-up {kept.setup!r} {verb} left out, since "
         f"found with {kept.taken_with.obstacle(here, kept.kind)}: send photographs like those of "
         "the calibration, or calibrate with such as these."
     )
-    return Remark(Code.KEPT_UNUSABLE, message)
+    return RunWarning(Code.KEPT_UNUSABLE, message)
 
 
-def setup_warnings(options: Options, kept: Sequence[Kept], frame: Frame) -> list[Remark]:
+def setup_warnings(options: Options, kept: Sequence[Kept], frame: Frame) -> list[RunWarning]:
     """Warn of a set-up that is named, and of what is kept for it and does not fit the frame.
 
     Of each kind the newest is told of that is of the frame's camera, where none fits and no option
@@ -222,4 +222,4 @@ def setup_warnings(options: Options, kept: Sequence[Kept], frame: Frame) -> list
         "files and, of lamps, the way up of pictures, so that the pair was separated without "
         "calibrations: check the name, or calibrate for it with such photographs."
     )
-    return [Remark(Code.NOTHING_KEPT, message)]
+    return [RunWarning(Code.NOTHING_KEPT, message)]

@@ -8,7 +8,7 @@ from pipeline.calibration.options import Kind
 from pipeline.calibration.taken_with import TakenWith
 from pipeline.frames import Frame
 from pipeline.options import Circle, DirectedLight, PairOptions
-from pipeline.remarks import Code, Remark
+from pipeline.run_warnings import Code, RunWarning
 from pipeline.spectra.cameras import find_camera
 from pipeline.spectra.lights import light_table
 
@@ -27,7 +27,7 @@ Of each its kind, for a spectrum is as certain as that of a flash, and how a sen
 _WRONG: dict[Kind, str] = {"camera": "colours", "flash": "colours", "lamps": "normals"}
 
 
-def named_warnings(options: PairOptions, frame: Frame) -> list[Remark]:
+def named_warnings(options: PairOptions, frame: Frame) -> list[RunWarning]:
     """Warn of calibrations that options name and that were found with other photographs.
 
     options: of a separation or a calibration. frame: a photograph of the pair. Of what does not
@@ -41,7 +41,7 @@ def named_warnings(options: PairOptions, frame: Frame) -> list[Remark]:
         values = given if isinstance(given, list) else [given]
         obstacles = [_obstacle(kind, value, frame, here) for value in values if value is not None]
         warnings += [
-            Remark(
+            RunWarning(
                 Code.CALIBRATION_UNFIT,
                 f"{subject} found with {obstacle}. Used as asked, that may give wrong "
                 f"{_WRONG[kind]}: send photographs like those of the calibration, calibrate with "

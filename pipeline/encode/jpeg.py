@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline.colour.curves import linear_to_srgb
 from pipeline.colour.icc import srgb_profile
 from pipeline.colour.spaces import SRGB_PRIMARIES, rgb_to_xyz
-from pipeline.compiling import njit
+from pipeline.compiling import exact, spliced
 from pipeline.errors import OptionError
 from pipeline.frames import Image, Matrix, Numbers, Planes, numbers_of, planes_of
 
@@ -148,7 +148,7 @@ def _write_codes(linear: Image, to_srgb: Matrix, codes: NDArray[np.uint8]) -> No
     _encode(planes_of(linear), matrix, _LUMINANCE, _codes(), codes)
 
 
-@njit(cache=True)
+@exact
 def _encode(
     linear: Planes,
     m: Numbers,
@@ -179,7 +179,7 @@ def _encode(
             out[y, x, 2] = codes[steps[2, x]]
 
 
-@njit(cache=True, inline="always")
+@spliced
 def _luminance(
     weights: Numbers, red: np.float32, green: np.float32, blue: np.float32
 ) -> np.float32:
@@ -187,7 +187,7 @@ def _luminance(
     return light + np.float32(weights[2]) * blue
 
 
-@njit(cache=True, inline="always")
+@spliced
 def _share(away: np.float32, grey: np.float32) -> np.float32:
     """How far a channel may lie away from grey, against how far it does; at most 1."""
     room = np.float32(1.0) - grey if away > np.float32(0.0) else grey
@@ -195,7 +195,7 @@ def _share(away: np.float32, grey: np.float32) -> np.float32:
     return min(share, np.float32(1.0))
 
 
-@njit(cache=True, inline="always")
+@spliced
 def _step(light: np.float32, most: np.float32) -> np.uint16:
     light = light if light > np.float32(0.0) else np.float32(0.0)  # nor is NaN
     return np.uint16(np.rint(min(light, np.float32(1.0)) * most))

@@ -8,7 +8,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from pipeline.colour.icc import linear_rec2020_profile
-from pipeline.compiling import njit
+from pipeline.compiling import exact, spliced
 from pipeline.frames import Image, Matrix, Numbers, Plane, Planes, numbers_of, planes_of
 from pipeline.strips import STRIP_ROWS
 
@@ -84,7 +84,7 @@ def codes_of(linear: Image, matrix: Numbers) -> NDArray[np.uint16]:
     return codes
 
 
-@njit(cache=True)
+@exact
 def _encode(linear: Planes, m: Numbers, codes: NDArray[np.uint16]) -> None:
     """Take pixels through a matrix and round them to 16 bits."""
     for y in range(codes.shape[0]):
@@ -101,7 +101,7 @@ def _encode(linear: Planes, m: Numbers, codes: NDArray[np.uint16]) -> None:
             )
 
 
-@njit(cache=True, inline="always")
+@spliced
 def _code(light: np.float32) -> np.int32:
     inside = min(max(light, np.float32(0.0)), np.float32(1.0))
     return np.int32(np.rint(inside * np.float32(_WHITE)))

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.compiling import compiled, inlined, njit, summing
+from pipeline.compiling import compiled, exact, inlined, summing
 from pipeline.matrixfit.elementary import exp, log, ndtr
 
 Array = NDArray[np.float64]
@@ -217,7 +217,7 @@ def _pull(data: Array, lamp: Array, scale: Array, gradient: Array) -> None:
     gradient[2, 2] += g22
 
 
-@njit(cache=True)
+@exact
 def mixture(
     matrices: Array,
     data: Array,

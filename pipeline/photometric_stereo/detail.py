@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.compiling import njit
+from pipeline.compiling import exact
 from pipeline.frames import Image
 from pipeline.photometric_stereo.solve import Surface
 from pipeline.separation import Strip
@@ -89,7 +89,7 @@ def _around(places: NDArray[np.floating], size: int) -> slice:
     return slice(int(first), int(np.floor(places[-1])) + 2)
 
 
-@njit(cache=True)
+@exact
 def _add_detail(
     w: Array,
     error: NDArray[np.float64],

@@ -54,16 +54,11 @@ def look_up_light(
 
     Daylight, for which colour-science may have to be imported, is made only when that is called.
     """
+    if isinstance(request, Spectrum):
+        return _given(request, purpose)
     table = light_table(request)
     if table is not None:
-        if sum(table.power) > _MOST_POWER:
-            raise OptionError(
-                f"The {purpose} spectrum is too large to be added up: give its power relative to "
-                "its largest."
-            )
-        spectrum = _normalised(on_grid(table.wavelength_nm, table.power, "hold"), purpose)
-        return lambda: spectrum
-    assert isinstance(request, str)  # since it is no table
+        return _given(table, purpose)
     found = _look_up_packaged(request)
     if found is not None:
         return found
@@ -81,6 +76,16 @@ def light_table(request: str | Spectrum) -> Spectrum | None:
     own = {key_of(name): paths for name, paths in folder_spectra().items()}
     paths = own.get(key_of(request))
     return None if paths is None else read_spectrum(paths, parse_spectrum)
+
+
+def _given(table: Spectrum, purpose: str) -> Callable[[], NDArray[np.float64]]:
+    if sum(table.power) > _MOST_POWER:
+        raise OptionError(
+            f"The {purpose} spectrum is too large to be added up: give its power relative to its "
+            "largest."
+        )
+    spectrum = _normalised(on_grid(table.wavelength_nm, table.power, "hold"), purpose)
+    return lambda: spectrum
 
 
 def packaged_light(name: str) -> NDArray[np.float64]:

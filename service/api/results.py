@@ -11,8 +11,8 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse, Response, StreamingResponse
 from pydantic import WithJsonSchema
 
-from pipeline.remarks import Code
 from pipeline.result_names import MANIFEST
+from pipeline.run_warnings import Code
 from service import jobs
 from service.api.callers import Calling
 from service.api.context import Context, Parts

@@ -7,7 +7,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from pipeline.remarks import Code
+from pipeline.run_warnings import Code
 from tests.evaluation.results import Result
 from tests.evaluation.scenes import Scene
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.remarks import Code, Remark
+from pipeline.run_warnings import Code, RunWarning
 from tests.evaluation import __main__ as program
 from tests.evaluation import tables
 from tests.evaluation.experiments import EXPERIMENTS
@@ -29,7 +29,7 @@ FIGURES = dict.fromkeys(METHODS, 10.0) | {
     **dict.fromkeys(BALANCES, 35.0),
 }
 
-_FOUR = Remark(Code.FOUR_OR_MORE, "It looks like four lamps or more.").entry()
+_FOUR = RunWarning(Code.FOUR_OR_MORE, "It looks like four lamps or more.").entry()
 _ERRORS = {"paper": 1.5, "best": 1.5, **dict.fromkeys(BALANCES, 0.2)}
 
 
@@ -184,7 +184,7 @@ def test_some_kinds_of_scenes_have_a_least_figure(experiment: str, least: float)
 
 def test_one_degree_is_a_failure_unless_it_is_said() -> None:
     silent, honest = good(), good()
-    warning = Remark(Code.LAMPS_ALIKE, "Two lamps are alike.").entry()
+    warning = RunWarning(Code.LAMPS_ALIKE, "Two lamps are alike.").entry()
     scene = changed(silent, "angle", 0, snr_db=3.0)
     changed(honest, "angle", 0, snr_db=3.0, warnings=(warning,))
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.remarks import Code, Remark
+from pipeline.run_warnings import Code, RunWarning
 from tests.evaluation.conditions import Condition, make_shot
 from tests.evaluation.results import Result
 from tests.evaluation.scenes import render_scene, scenes
@@ -33,7 +33,7 @@ def result() -> Callable[..., Result]:
     """A result with warnings of some codes."""
 
     def build(scene: str, *codes: Code, **more: Any) -> Result:
-        warnings = tuple(Remark(code, "Something.").entry() for code in codes)
+        warnings = tuple(RunWarning(code, "Something.").entry() for code in codes)
         plain = Result(scene, "best", 20.0, None, 2, 2, 1.0, warnings, "", 1.0)
         return replace(plain, **more)
 
@@ -80,7 +80,7 @@ def test_the_table_shows_every_warning_that_came(
 def test_expected_snr_is_compared_with_the_true_one(result: Callable[..., Result]) -> None:
     def alike(expected: float, true: float | None) -> Result:
         figures = {"angle_deg": 2.0, "expected_snr_db": expected}
-        warning = Remark(Code.LAMPS_ALIKE, "Alike.", figures).entry()
+        warning = RunWarning(Code.LAMPS_ALIKE, "Alike.", figures).entry()
         return result("a", warnings=(warning,), snr_db=true)
 
     found = [alike(10.0, 12.0), alike(14.0, 9.0), alike(16.0, 15.0), alike(3.0, None)]

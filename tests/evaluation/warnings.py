@@ -15,7 +15,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import get_args
 
-from pipeline.remarks import Code
+from pipeline.run_warnings import Code
 from tests.evaluation.conditions import Condition
 from tests.evaluation.environment import settle
 from tests.evaluation.figures import codes

@@ -12,7 +12,7 @@ import pytest
 from numba.core.registry import cpu_target
 
 from pipeline import compiling, sources
-from pipeline.compiling import Cache, njit, settle
+from pipeline.compiling import Cache, exact, settle
 
 
 def _double(number: int) -> int:
@@ -28,7 +28,7 @@ def given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """What NUMBA_CACHE_DIR names, with a compiled function."""
     monkeypatch.setattr(compiling._config, "CACHE_DIR", str(tmp_path / "given"))
     settle()
-    assert njit(cache=True)(_double)(2) == 4
+    assert exact(_double)(2) == 4
     monkeypatch.setattr(compiling._config, "CACHE_DIR", str(tmp_path / "given"))
     return tmp_path / "given"
 
@@ -66,7 +66,7 @@ def test_code_is_kept_in_the_folder_that_is_given(given: Path) -> None:
     cache = settle()
     assert cache.folder.parent.parent == given
     assert cache.unwritable is None
-    kernel: Any = njit(cache=True)(_double)
+    kernel: Any = exact(_double)
     assert kernel(3) == 6
     assert kernel.stats.cache_hits.total() == 1
 
@@ -97,8 +97,8 @@ def package(tmp_path: Path) -> Path:
     (package / "callee.py").write_text("NUMBER = 42\n")
     (package / "caller.py").write_text(
         "from pipeline.callee import NUMBER\n"
-        "from pipeline.compiling import CACHE, njit\n"
-        "@njit(cache=True)\n"
+        "from pipeline.compiling import CACHE, exact\n"
+        "@exact\n"
         "def answer():\n"
         "    return NUMBER\n"
     )
@@ -145,7 +145,7 @@ def test_what_may_only_be_read_is_read(
     cache = settle()
     assert cache.unwritable == given
     assert cache.folder.is_relative_to(tmp_path / "own")
-    kernel: Any = njit(cache=True)(_double)
+    kernel: Any = exact(_double)
     assert kernel(3) == 6
     assert kernel.stats.cache_hits.total() == 1
     kept = {path: path.read_bytes() for path in given.rglob("*.nb?")}
@@ -179,7 +179,7 @@ def test_where_nothing_can_be_kept_code_is_compiled_all_the_same(
 
 def test_code_of_another_processor_is_none(given: Path) -> None:
     settle()
-    cache = Cache(_folder_of(njit(cache=True)(_double)))
+    cache = Cache(_folder_of(exact(_double)))
     assert cache.is_filled()
     (index,) = cache.folder.glob("*.nbi")
     processor = cpu_target.target_context.codegen().magic_tuple()[1].encode()

@@ -15,7 +15,7 @@ from pipeline.matrixfit.fit import Fit, fit_pin
 from pipeline.matrixfit.known import Known, Pin, nothing_known
 from pipeline.model import Model
 from pipeline.reduced import ReducedPair, reduce_pair
-from pipeline.remarks import Code
+from pipeline.run_warnings import Code
 
 Array = NDArray[np.float64]
 Seen = tuple[ReducedPair, Evidence]

@@ -12,7 +12,7 @@ from pipeline import doubts as doubts_module
 from pipeline.doubts import doubts, expected_snr_db, relative_noise
 from pipeline.flash_reach import FlashReach
 from pipeline.reduced import reduce_pair
-from pipeline.remarks import Code, Remark
+from pipeline.run_warnings import Code, RunWarning
 
 Array = NDArray[np.float64]
 Build = Callable[..., Any]
@@ -21,7 +21,7 @@ Build = Callable[..., Any]
 @pytest.fixture
 def said(
     exact: Build, lamps_of: Build, warm_to_cool: Array, monkeypatch: pytest.MonkeyPatch
-) -> Callable[..., list[Remark]]:
+) -> Callable[..., list[RunWarning]]:
     """Doubts of a clean pair of two lamps, but for what is given of pair, lamps or light."""
 
     def find(
@@ -33,7 +33,7 @@ def said(
         usable: Any = True,
         method: Literal["best", "paper"] = "best",
         **lamps: Any,
-    ) -> list[Remark]:
+    ) -> list[RunWarning]:
         colours = warm_to_cool[[0, 2]] if coefficients is None else coefficients
         pair, _ = exact(warm_to_cool[[0, 2]], clipped=clipped)
         if residual is not None:
@@ -49,40 +49,40 @@ def said(
     return find
 
 
-def test_a_clean_pair_has_none(said: Callable[..., list[Remark]]) -> None:
+def test_a_clean_pair_has_none(said: Callable[..., list[RunWarning]]) -> None:
     assert said() == []
 
 
 def test_four_lamps_are_told_instead_of_what_they_leave(
-    said: Callable[..., list[Remark]],
+    said: Callable[..., list[RunWarning]],
 ) -> None:
-    (remark,) = said(more=True, left_over=0.2)
+    (warning,) = said(more=True, left_over=0.2)
 
-    assert remark.code == Code.FOUR_OR_MORE
-    assert "four or more" in remark.message
+    assert warning.code == Code.FOUR_OR_MORE
+    assert "four or more" in warning.message
 
 
 def test_what_lamps_leave_everywhere_is_not_called_a_reflection(
-    said: Callable[..., list[Remark]],
+    said: Callable[..., list[RunWarning]],
 ) -> None:
-    (remark,) = said(left_over=0.09, residual=np.full((64, 96), 0.15))
+    (warning,) = said(left_over=0.09, residual=np.full((64, 96), 0.15))
 
-    assert remark.code == Code.UNEXPLAINED
-    assert remark.figures == {"left_over": 0.09}
-    assert remark.message.startswith("2 lamps do not explain the photograph: 9%")
+    assert warning.code == Code.UNEXPLAINED
+    assert warning.figures == {"left_over": 0.09}
+    assert warning.message.startswith("2 lamps do not explain the photograph: 9%")
 
 
 def test_one_lamp_that_does_not_explain_the_photograph_is_told(
-    said: Callable[..., list[Remark]], warm_to_cool: Array
+    said: Callable[..., list[RunWarning]], warm_to_cool: Array
 ) -> None:
-    (remark,) = said(left_over=0.09, coefficients=warm_to_cool[:1])
+    (warning,) = said(left_over=0.09, coefficients=warm_to_cool[:1])
 
-    assert remark.message.startswith("One lamp does not explain the photograph: 9%")
+    assert warning.message.startswith("One lamp does not explain the photograph: 9%")
 
 
 @pytest.mark.parametrize(("columns", "warned"), [(28, False), (29, True)])
 def test_reflections_are_told_from_a_share_of_the_usable_picture_on(
-    said: Callable[..., list[Remark]], columns: int, warned: bool
+    said: Callable[..., list[RunWarning]], columns: int, warned: bool
 ) -> None:
     """1.5 %; what is not usable has no layers to doubt."""
     residual, usable = np.zeros((64, 96)), np.ones((64, 96), bool)
@@ -98,20 +98,20 @@ def test_reflections_are_told_from_a_share_of_the_usable_picture_on(
 
 @pytest.mark.parametrize(("rows", "warned"), [(0, False), (8, True)])
 def test_what_lamps_leave_in_places_is_a_reflection(
-    said: Callable[..., list[Remark]], rows: int, warned: bool
+    said: Callable[..., list[RunWarning]], rows: int, warned: bool
 ) -> None:
     residual = np.full((64, 96), 0.09)
     residual[:rows] = 0.11
 
     found = said(residual=residual)
 
-    assert [remark.code for remark in found] == [Code.REFLECTIONS] * warned
+    assert [warning.code for warning in found] == [Code.REFLECTIONS] * warned
     if warned:
         assert found[0].figures["share"] == pytest.approx(rows / 64)
         assert "residual.png" in found[0].message
 
 
-def test_lines_along_edges_are_no_reflections(said: Callable[..., list[Remark]]) -> None:
+def test_lines_along_edges_are_no_reflections(said: Callable[..., list[RunWarning]]) -> None:
     residual = np.zeros((64, 96))
     residual[::3], residual[:, ::48] = 0.3, 0.3
 
@@ -120,7 +120,7 @@ def test_lines_along_edges_are_no_reflections(said: Callable[..., list[Remark]])
 
 @pytest.mark.parametrize(("degrees", "warned"), [(5.9, True), (6.1, False)])
 def test_lamps_that_are_alike_come_with_angle_and_expectation(
-    said: Callable[..., list[Remark]], warm_to_cool: Array, degrees: float, warned: bool
+    said: Callable[..., list[RunWarning]], warm_to_cool: Array, degrees: float, warned: bool
 ) -> None:
     warm, _, cool = warm_to_cool
     aside = cool - (cool @ warm) * warm
@@ -129,7 +129,7 @@ def test_lamps_that_are_alike_come_with_angle_and_expectation(
 
     found = said(coefficients=np.stack([warm, other]), hidden=[], residual=np.zeros((64, 96)))
 
-    assert [remark.code for remark in found] == [Code.LAMPS_ALIKE] * warned
+    assert [warning.code for warning in found] == [Code.LAMPS_ALIKE] * warned
     if warned:
         figures = found[0].figures
         assert figures["angle_deg"] == pytest.approx(degrees, abs=0.01)
@@ -138,27 +138,27 @@ def test_lamps_that_are_alike_come_with_angle_and_expectation(
 
 
 def test_what_is_expected_of_lamps_that_are_alike_falls_with_noise(
-    said: Callable[..., list[Remark]], warm_to_cool: Array, monkeypatch: pytest.MonkeyPatch
+    said: Callable[..., list[RunWarning]], warm_to_cool: Array, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(doubts_module, "relative_noise", lambda _: 0.02)
     near = np.stack([warm_to_cool[0], 0.99 * warm_to_cool[0] + 0.01 * warm_to_cool[2]])
 
-    (remark,) = said(coefficients=near, hidden=[], residual=np.zeros((64, 96)))
+    (warning,) = said(coefficients=near, hidden=[], residual=np.zeros((64, 96)))
 
-    expected = expected_snr_db(remark.figures["angle_deg"], 0.02)
-    assert remark.figures["expected_snr_db"] == expected
-    assert expected < expected_snr_db(remark.figures["angle_deg"], 0.0) - 1
+    expected = expected_snr_db(warning.figures["angle_deg"], 0.02)
+    assert warning.figures["expected_snr_db"] == expected
+    assert expected < expected_snr_db(warning.figures["angle_deg"], 0.0) - 1
 
 
-def test_what_speaks_against_known_lamps_is_told(said: Callable[..., list[Remark]]) -> None:
-    against = Remark(Code.PIN_CONTRADICTED, "The photograph speaks against it.", {"pin": 1})
+def test_what_speaks_against_known_lamps_is_told(said: Callable[..., list[RunWarning]]) -> None:
+    against = RunWarning(Code.PIN_CONTRADICTED, "The photograph speaks against it.", {"pin": 1})
 
     assert said(contradictions=(against,)) == [against]
 
 
 @pytest.mark.parametrize(("rival_deg", "warned"), [(5.0, False), (5.1, True), (25.0, True)])
 def test_other_lamps_nearly_as_likely_are_told(
-    said: Callable[..., list[Remark]], rival_deg: float, warned: bool
+    said: Callable[..., list[RunWarning]], rival_deg: float, warned: bool
 ) -> None:
     found = said(rival_deg=rival_deg)
 
@@ -167,18 +167,18 @@ def test_other_lamps_nearly_as_likely_are_told(
     ] * warned
 
 
-def test_lamps_never_seen_alone_are_named(said: Callable[..., list[Remark]]) -> None:
-    (remark,) = said(hidden=[0, 1])
+def test_lamps_never_seen_alone_are_named(said: Callable[..., list[RunWarning]]) -> None:
+    (warning,) = said(hidden=[0, 1])
 
-    assert remark.code == Code.NO_PURE_LIGHT
-    assert "lit by lamp1 alone or by lamp2 alone" in remark.message
-    assert remark.figures == {"lamps": 2}
+    assert warning.code == Code.NO_PURE_LIGHT
+    assert "lit by lamp1 alone or by lamp2 alone" in warning.message
+    assert warning.figures == {"lamps": 2}
     assert said(hidden=[0, 1], method="paper") == []
 
 
 @pytest.mark.parametrize(("confidence", "warned"), [(0.59, True), (0.6, False)])
 def test_an_uncertain_number_is_told(
-    said: Callable[..., list[Remark]], confidence: float, warned: bool
+    said: Callable[..., list[RunWarning]], confidence: float, warned: bool
 ) -> None:
     found = said(confidence=confidence)
 
@@ -192,24 +192,26 @@ def test_an_uncertain_number_is_told(
     [(0.4, 2.26, "flash 2.3 stops stronger"), (1.0, 6.0, "at least 6.0 stops")],
 )
 def test_a_weak_flash_comes_with_what_to_do(
-    said: Callable[..., list[Remark]], weak: float, stops: float, words: str
+    said: Callable[..., list[RunWarning]], weak: float, stops: float, words: str
 ) -> None:
-    (remark,) = said(reach=FlashReach(weak, stops))
+    (warning,) = said(reach=FlashReach(weak, stops))
 
-    assert remark.code == Code.FLASH_TOO_WEAK
-    assert remark.figures == {"share": weak, "usable_share": 1 - weak, "stops": stops}
-    assert words in remark.message
+    assert warning.code == Code.FLASH_TOO_WEAK
+    assert warning.figures == {"share": weak, "usable_share": 1 - weak, "stops": stops}
+    assert words in warning.message
 
 
 @pytest.mark.parametrize(("weak", "warned"), [(0.05, False), (0.09, False), (0.11, True)])
 def test_a_flash_that_misses_little_is_strong_enough(
-    said: Callable[..., list[Remark]], weak: float, warned: bool
+    said: Callable[..., list[RunWarning]], weak: float, warned: bool
 ) -> None:
     assert [one.code for one in said(reach=FlashReach(weak, 3.0))] == [Code.FLASH_TOO_WEAK] * warned
 
 
 @pytest.mark.parametrize(("clipped", "warned"), [(0.04, False), (0.06, True)])
-def test_clipping_is_told(said: Callable[..., list[Remark]], clipped: float, warned: bool) -> None:
+def test_clipping_is_told(
+    said: Callable[..., list[RunWarning]], clipped: float, warned: bool
+) -> None:
     found = said(clipped=clipped)
 
     assert [(one.code, one.figures) for one in found] == [

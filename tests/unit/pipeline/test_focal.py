@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.focal import focal_length_px
 from pipeline.frames import Frame
-from pipeline.remarks import Code
+from pipeline.run_warnings import Code
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from pipeline.matrixfit.fit import Fit, fit_pin
 from pipeline.matrixfit.known import Known, nothing_known
 from pipeline.model import Model
 from pipeline.reduced import reduce_pair
-from pipeline.remarks import Code
+from pipeline.run_warnings import Code
 from tests.angles import angles
 
 Array = NDArray[np.float64]
@@ -449,8 +449,8 @@ def test_pins_that_the_photograph_contradicts_are_doubted(
     found = estimate_lamps(reduced, model, 2, "best", False, pinned(warm_to_cool[[1]]))
 
     assert 0 in found.pinned
-    (remark,) = found.contradictions
-    assert (remark.code, remark.figures) == (Code.PIN_CONTRADICTED, {"pin": 1})
+    (warning,) = found.contradictions
+    assert (warning.code, warning.figures) == (Code.PIN_CONTRADICTED, {"pin": 1})
 
 
 def test_a_forbidden_lamp_that_is_missed_is_told(
@@ -466,8 +466,8 @@ def test_a_forbidden_lamp_that_is_missed_is_told(
 
     reduced = reduce_pair(shadowed(warm_to_cool[:2]))
 
-    (remark,) = estimate_lamps(reduced, model, 2, "best", False, known).contradictions
-    assert remark.code == Code.FORBIDDEN_LAMP_SHOWS
+    (warning,) = estimate_lamps(reduced, model, 2, "best", False, known).contradictions
+    assert warning.code == Code.FORBIDDEN_LAMP_SHOWS
     assert estimate_lamps(reduced, model, 2, "best", False).contradictions == ()
 
 

@@ -19,7 +19,7 @@ from pipeline.model import Model
 from pipeline.normals import Facing
 from pipeline.options import DirectedLight, Options
 from pipeline.reduced import reduce_pair
-from pipeline.remarks import Code, Remark
+from pipeline.run_warnings import Code, RunWarning
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light
@@ -64,7 +64,7 @@ def manifest_of(
             "files": [{"name": "layers.exr", "sha256": "cc"}],
             "mix": mix_basis(pair.no_flash, lamps, model),
             "calibrations": [{"kind": "flash", "name": "a"}],
-            "warnings": [Remark(Code.FLICKER, "Something is odd.", {"height": 0.123456})],
+            "warnings": [RunWarning(Code.FLICKER, "Something is odd.", {"height": 0.123456})],
         }
         given.update({key: value for key, value in more.items() if key in given})
         given["pair"] = replace(given["pair"], **more.get("pair_with", {}))

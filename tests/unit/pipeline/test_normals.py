@@ -98,8 +98,8 @@ def test_a_warning_says_what_is_wrong(
 
     warned = found.__wrapped__("best")[0].warnings
 
-    assert [remark.figures for remark in warned] == [{"left_over": misfit}] * (why is not None)
-    assert all(str(why) in remark.message for remark in warned)
+    assert [warning.figures for warning in warned] == [{"left_over": misfit}] * (why is not None)
+    assert all(str(why) in warning.message for warning in warned)
 
 
 def test_a_surface_is_fitted_by_best_alone(found: Callable[..., Any]) -> None:

@@ -10,12 +10,12 @@ from pipeline.frames import Exposure, Frame
 from pipeline.options import Options
 from pipeline.pair import make_pair
 from pipeline.progress import Progress
-from pipeline.remarks import Remark
+from pipeline.run_warnings import RunWarning
 
 EXPOSURE = Exposure(time_s=1 / 60, iso=200, f_number=4)
 
 
-def warned(frames: tuple[Frame, Frame], ratio: float | None = None) -> tuple[Remark, ...]:
+def warned(frames: tuple[Frame, Frame], ratio: float | None = None) -> tuple[RunWarning, ...]:
     return make_pair(*frames, Options(exposure_ratio=ratio), Progress()).warnings
 
 

@@ -20,7 +20,7 @@ from pipeline.errors import (
 from pipeline.options import Options, Sensitivities, Spectrum
 from pipeline.process import separate_files
 from pipeline.progress import Progress
-from pipeline.remarks import Code, Remark
+from pipeline.run_warnings import Code, RunWarning
 from pipeline.spectra.cameras import Camera, srgb_stand_in
 from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.tables import write_spectrum
@@ -190,9 +190,9 @@ def test_a_camera_that_is_named_may_be_doubted(
 ) -> None:
     given: list[tuple[Any, ...]] = []
 
-    def doubt(*those: Any) -> list[Remark]:
+    def doubt(*those: Any) -> list[RunWarning]:
         given.append(those)
-        return [Remark(Code.CAMERA_DOUBTFUL, "Check the camera.")]
+        return [RunWarning(Code.CAMERA_DOUBTFUL, "Check the camera.")]
 
     monkeypatch.setattr("pipeline.process.camera_doubts", doubt)
     camera = "Sigma SD1 Merrill" if named else None

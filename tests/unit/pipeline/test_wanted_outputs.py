@@ -7,7 +7,7 @@ import pytest
 from pipeline.errors import OptionError
 from pipeline.options import Options
 from pipeline.output_names import OUTPUT_NAMES, outputs_with
-from pipeline.remarks import Code, Remark
+from pipeline.run_warnings import Code, RunWarning
 from pipeline.wanted_outputs import check_outputs, held_outputs, wanted_outputs
 
 
@@ -40,7 +40,7 @@ def test_normals_by_name_need_directions(name: str) -> None:
 
 
 def test_why_kept_lamps_are_left_out_is_told_where_they_are_needed() -> None:
-    left_out = [Remark(Code.KEPT_UNUSABLE, "The lamps kept as 'a' were left out.")]
+    left_out = [RunWarning(Code.KEPT_UNUSABLE, "The lamps kept as 'a' were left out.")]
 
     with pytest.raises(OptionError, match=r"way up first\. The lamps kept as 'a' were left out\.$"):
         wanted_outputs(Options(outputs=["normals.png"]), left_out)

@@ -14,7 +14,7 @@ from pipeline.matrixfit.fit import first_fit
 from pipeline.model import Model, build_model
 from pipeline.pair import Pair
 from pipeline.reduced import reduce_pair
-from pipeline.remarks import Code
+from pipeline.run_warnings import Code
 from pipeline.spectra.cameras import Camera, find_camera, srgb_stand_in, typical_sensor
 from pipeline.spectra.colorimetry import camera_to_xyz
 from pipeline.spectra.grid import WAVELENGTHS_NM
@@ -84,9 +84,9 @@ def chosen_for(
 
 def doubts_of(pair: Any, lamps: int, camera: Camera, frame: Frame) -> list[str]:
     """Messages of the warnings."""
-    remarks = camera_doubts(reduce_pair(pair), lamps, False, camera, frame, build)
-    assert {remark.code for remark in remarks} <= {Code.CAMERA_DOUBTFUL}
-    return [remark.message for remark in remarks]
+    warnings = camera_doubts(reduce_pair(pair), lamps, False, camera, frame, build)
+    assert {warning.code for warning in warnings} <= {Code.CAMERA_DOUBTFUL}
+    return [warning.message for warning in warnings]
 
 
 @pytest.mark.parametrize("to", ["sensor", "balanced", "sRGB"])

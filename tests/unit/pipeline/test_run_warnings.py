@@ -3,11 +3,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from pipeline.remarks import Code, Remark
+from pipeline.run_warnings import Code, RunWarning
 
 
 def test_an_entry_is_plain_json_with_rounded_figures() -> None:
-    entry = Remark(Code.LAMPS_ALIKE, "Too alike.", {"angle_deg": 3.123456, "count": 2}).entry()
+    entry = RunWarning(Code.LAMPS_ALIKE, "Too alike.", {"angle_deg": 3.123456, "count": 2}).entry()
 
     assert json.loads(json.dumps(entry)) == {
         "code": "lamps_alike",

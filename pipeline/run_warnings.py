@@ -54,7 +54,7 @@ class Code(StrEnum):
 
 
 @dataclass(frozen=True)
-class Remark:
+class RunWarning:
     """One warning.
 
     message: what, where and what to do, one or two sentences. figures: what the message is based
