@@ -29,8 +29,8 @@ _XENON = "xenon"
 _DAYLIGHT = re.compile(r"d(\d{2,3})", re.IGNORECASE)
 _DAYLIGHT_RANGE_K = (4000, 25000)
 
-_NO_LAMPS = ("ISO 7589", "E", "B")
-"""Not lamps: curves of film sensitometry, the equal-energy spectrum, an obsolete filter."""
+_SENSITOMETRY = "ISO 7589"  # begins names of curves for tests of film, which are no lamps
+_NO_LAMPS = ("E", "B")  # nor are the equal-energy spectrum and an obsolete filter
 _MOST_POWER = 1e300  # what is more may have no finite sum
 _NARROWEST_NM = 65.0
 _TWIN_COSINE = 0.9995
@@ -120,7 +120,7 @@ def lamp_spectra() -> NDArray[np.float64]:
     candidates = [
         spectrum
         for name, spectrum in packaged_lights().items()
-        if not name.startswith("ISO 7589") and name not in _NO_LAMPS
+        if not name.startswith(_SENSITOMETRY) and name not in _NO_LAMPS
     ]
     candidates += [black_body(kelvin) for kelvin in range(2000, 4000, 300)]
     candidates += [daylight(kelvin) for kelvin in range(4000, 10001, 1000)]

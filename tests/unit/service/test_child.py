@@ -12,11 +12,12 @@ from typing import Any, Literal
 import pytest
 
 import drivers
-from service import sandbox
+from pipeline.calibration.options import FlashCalibration
+from service import child, sandbox
 from service.errors import FileLimitError, MemoryLimitError, OutputLimitError, TimeLimitError
 from service.forkserver import ForkServer
 from service.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
-from service.tasks import Limits, TakePair, Task
+from service.tasks import RESULTS, Limits, TakePair, Task
 from tests.unit.service.forked import fork_server
 
 GIB = 2**30
@@ -240,3 +241,20 @@ def test_a_child_has_as_much_of_its_limits_as_the_system_allows() -> None:
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     done = _in_a_child("tell({'files': resource.getrlimit(resource.RLIMIT_NOFILE)})", 2**31)
     assert (done.returncode, json.loads(done.stdout)) == (0, {"files": [most, most]})
+
+
+def test_a_calibration_reads_its_photographs_and_writes_where_results_are_looked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: list[Any] = []
+    monkeypatch.setattr(child, "calibrate_files", lambda *arguments: given.extend(arguments))
+    _photographs(tmp_path, b"dark", b"lit")
+    limits = Limits(8 * GIB, 60, 256, 4 * GIB)
+    told: list[dict[str, Any]] = []
+    task = Task("calibrate", "7", "f" * 32, str(tmp_path), limits, {"kind": "flash"})
+    child._calibrate(task, told.append)
+    assert given[:2] == [b"dark", b"lit"]
+    assert isinstance(given[2], FlashCalibration)
+    assert given[3] == tmp_path / RESULTS
+    given[4].report("calibrate", 0.5)
+    assert told == [{"stage": "calibrate", "fraction": 0.5}]

@@ -26,7 +26,10 @@ def test_jobs_that_wait_are_counted_per_key(http: httpx.Client, context: Context
     refused = http.post("/jobs", json=CAPTURE, headers=few)
     status, kind, detail = problem_of(refused)
     assert (status, kind) == (429, "quota-exceeded")
-    assert "2 jobs wait" in detail
+    assert detail == (
+        "This key may have 2 jobs wait at a time, and has; send this one again when one has "
+        "started."
+    )
     assert int(refused.headers["retry-after"]) > 0
     http.post(first["links"]["cancel"], headers=few)
     post_capture(http, **few)

@@ -4,6 +4,7 @@ import contextlib
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -221,6 +222,14 @@ def test_files_that_are_small_alone_are_too_large_together(tmp_path: Path, then:
         pytest.raises(OutputLimitError, match="larger than a job's may be"),
     ):
         sandbox.run(task, 60, lambda _stage, _fraction: None, lambda: False, server)
+
+
+def test_files_may_take_up_all_of_the_limit_and_folders_none(tmp_path: Path) -> None:
+    task = Task("separate", "7", "trace", str(tmp_path), replace(LIMITS, output_bytes=400_000), {})
+    then = 'os.mkdir(os.path.join(task["directory"], "results"))'
+    with contextlib.closing(fork_server(_FILES.format(count=1, then=then))) as server:
+        sandbox.run(task, 60, lambda _stage, _fraction: None, lambda: False, server)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["0", "results"]
 
 
 def test_files_within_the_limit_are_let_be(tmp_path: Path) -> None:

@@ -90,6 +90,29 @@ def test_a_setting_out_of_range_is_refused(
 
 
 @pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("QUEUED_JOBS", 1),
+        ("QUEUED_JOBS_PER_KEY", 1),
+        ("REQUESTS", 1),
+        ("UPLOAD_BYTES", 1),
+        ("JOB_MEMORY_BYTES", 1),
+        ("JOB_OUTPUT_BYTES", 1),
+        ("WORKER_CONCURRENCY", 1),
+        ("FREE_BYTES", 0),
+        ("SWEEP_SECONDS", 1),
+        ("SWEEP_SECONDS", 60),
+        ("PORT", 65535),
+    ],
+)
+def test_a_setting_may_be_as_small_or_large_as_its_bound(
+    name: str, value: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(f"LIGHTLAYERS_{name}", str(value))
+    assert getattr(Settings(), name.lower()) == value
+
+
+@pytest.mark.parametrize(
     ("heartbeat", "silence", "needed"),
     [("7.6", None, "15.2"), ("20", "20", "40"), ("3", "5.9", "6"), (None, "1", "6")],
 )

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.calibration.find_chart import find_charts
+from pipeline.calibration.find_chart import _colours, find_charts
 from tests.cluttered import Plan, Room, photograph_room
 
 
@@ -36,3 +36,14 @@ def test_what_is_no_whole_chart_is_not_taken_for_one(target: str, plan: Plan) ->
 
 def test_a_black_picture_holds_nothing() -> None:
     assert find_charts(np.zeros((60, 90, 3))) == []
+
+
+@pytest.mark.parametrize(("x", "inside"), [(8.0, True), (7.9, False), (52.0, True), (52.1, False)])
+def test_patches_whose_frames_leave_the_picture_are_not_read(x: float, inside: bool) -> None:
+    light = np.full((40, 60, 3), 0.5, np.float32)
+    grid = np.full((24, 2), 20.0)
+    grid[7, 0] = x
+    colours = _colours(light, grid, pitch=20.0)
+    assert (colours is not None) == inside
+    if colours is not None:
+        np.testing.assert_array_equal(colours, np.full((24, 3), 0.5))

@@ -233,3 +233,21 @@ def test_a_view_of_an_outline_moved_by_radii(moved: tuple[float, float, float]) 
     inside = np.hypot(x, y) < 0.9
     assert view.normals[inside, 0] == pytest.approx(x[inside], abs=1e-3)
     assert view.normals[inside, 1] == pytest.approx(y[inside], abs=1e-3)
+
+
+def test_errors_of_the_flash_scale_with_its_light() -> None:
+    bright = seen(LAMPS, COLOURS, flash_noise=0.02)
+    lights = bright.lights
+    dark = replace(
+        bright,
+        lights=Lights(
+            0.01 * lights.lamps,
+            0.01 * lights.flash,
+            1e-4 * lights.lamps_variance,
+            1e-4 * lights.flash_variance,
+        ),
+    )
+    deviations = [
+        module._Problem(one, one.view(np.zeros(3)))._flash_deviation for one in (bright, dark)
+    ]
+    np.testing.assert_allclose(deviations[1], 0.01 * deviations[0])

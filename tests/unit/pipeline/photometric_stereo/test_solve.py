@@ -16,7 +16,7 @@ from pipeline.photometric_stereo import solve as solve_module
 from pipeline.photometric_stereo.fit import fit
 from pipeline.photometric_stereo.responses import LampBank
 from pipeline.photometric_stereo.scene import Scene, State
-from pipeline.photometric_stereo.solve import Surface, solve_surface
+from pipeline.photometric_stereo.solve import Surface, _finer, solve_surface
 from pipeline.progress import Progress
 from pipeline.reduced import reduce_pair
 
@@ -301,3 +301,10 @@ def test_a_stray_speck_is_left_out_where_a_seam_is_cut(
     assert rest.sum() > 0.85 * one.lit.sum()
     normals = surface.w / np.linalg.norm(surface.w, axis=2, keepdims=True).clip(min=1e-9)
     assert one.error(normals, rest) < 2
+
+
+def test_a_mask_on_a_finer_view_covers_the_same_places() -> None:
+    mask = np.array([[True, False, False], [False, True, True]])
+    finer = _finer(mask, 4, 2, (5, 6))
+    expected = np.repeat(np.repeat(mask, 2, axis=0), 2, axis=1)
+    np.testing.assert_array_equal(finer, np.vstack([expected, expected[-1]]))  # the last goes on

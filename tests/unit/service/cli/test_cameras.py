@@ -218,6 +218,18 @@ def test_photographs_leave_the_card_only_once_they_are_on_the_disk(
     assert list(shots(out).values()) == [["flash.dng", "no_flash.dng", "recipe.json"]]
 
 
+def test_photographs_stay_on_the_card_while_their_names_may_be_lost(
+    out: Path, simcam: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(_path: Path) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(durable, "flush", fail)
+    assert "no space left" in refused(capsys, "capture", simcam, "-o", str(out), "--delete")
+    with drivers.open_camera(simcam) as camera:
+        assert len(camera.objects()) == 3  # with the folder
+
+
 def test_a_camera_that_answers_nothing_is_waited_for_once(
     out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
