@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -21,6 +22,19 @@ from pipeline.options import Options
 from pipeline.pair import Pair
 from pipeline.result_names import lamp_name
 from pipeline.run_warnings import RunWarning
+
+
+@dataclass(frozen=True)
+class Written:
+    """What came of working through a pair.
+
+    lamps: from lamp_entries. filled: share of pixels whose layers are filled in from their
+    surroundings. files: from describe.
+    """
+
+    lamps: list[dict[str, Any]]
+    filled: float
+    files: list[dict[str, Any]]
 
 
 def lamp_entries(
@@ -75,18 +89,15 @@ def make_manifest(
     options: Options,
     pair: Pair,
     estimate: Estimate,
-    entries: list[dict[str, Any]],
-    filled: float,
-    files: list[dict[str, Any]],
+    written: Written,
     mix: MixBasis,
     calibrations: list[dict[str, str]],
     warnings: list[RunWarning],
 ) -> dict[str, Any]:
     """Build the manifest; equal input and options give equal bytes.
 
-    entries: from lamp_entries. filled: share of pixels whose layers are filled in from their
-    surroundings. files: from describe. mix: what mixing the layers starts from. calibrations: from
-    with_kept, those that stood in for options.
+    mix: what mixing the layers starts from. calibrations: from with_kept, those that stood in for
+    options.
     """
     no_flash, flash = frames
     given = options.flash_spectrum
@@ -116,10 +127,10 @@ def make_manifest(
             "found": len(lamps),
             "confidence": round(lamps.confidence, 3),
         },
-        "lamps": entries,
+        "lamps": written.lamps,
         "normals": None if facing is None else _normals(facing, options.normals),
-        "filled": round(filled, 4),
-        "files": files,
+        "filled": round(written.filled, 4),
+        "files": written.files,
         "mix": mix.model_dump(mode="json"),
         "calibrations": calibrations,
         "warnings": [warning.entry() for warning in warnings],

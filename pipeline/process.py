@@ -11,7 +11,7 @@ from pipeline.calibration.named import named_warnings
 from pipeline.decode import decode
 from pipeline.estimate import Estimate, make_estimate
 from pipeline.frames import Frame, release_photograph
-from pipeline.manifest import lamp_entries, make_manifest
+from pipeline.manifest import Written, lamp_entries, make_manifest
 from pipeline.manifest_parts import write_manifest
 from pipeline.memory import release_rows, trim_memory
 from pipeline.mix import mix_basis
@@ -94,20 +94,9 @@ def separate_files(
 
     basis = mix_basis(pair.no_flash, lamps, model)
     directory.mkdir(parents=True, exist_ok=True)
-    entries, filled, files = _write_outputs(
-        pair, estimate, options, wanted, directory, progress, strip_rows
-    )
+    written = _write_outputs(pair, estimate, options, wanted, directory, progress, strip_rows)
     manifest = make_manifest(
-        (before, after),
-        options,
-        pair,
-        estimate,
-        entries,
-        filled,
-        files,
-        basis,
-        used,
-        warnings,
+        (before, after), options, pair, estimate, written, basis, used, warnings
     )
     progress.report("encode", 1.0)  # before the manifest, which only a finished run has
     write_manifest(directory, manifest)
@@ -141,12 +130,8 @@ def _write_outputs(
     directory: Path,
     progress: Progress,
     strip_rows: int,
-) -> tuple[list[dict[str, Any]], float, list[dict[str, Any]]]:
-    """Separate strip by strip, giving back what memory of the pair that takes.
-
-    Returns what the manifest says of the lamps, the share of pixels filled in, and what it says of
-    the files.
-    """
+) -> Written:
+    """Separate strip by strip, giving back what memory of the pair that takes."""
     small = overview(pair, estimate, options.method, wanted)
     tally = Tally(len(estimate.lamps), *pair.unusable.shape)
     (directory / MANIFEST).unlink(missing_ok=True)  # an earlier run's, whose files are lost now
@@ -160,4 +145,4 @@ def _write_outputs(
                 release_photograph(photograph, done)
         entries = lamp_entries(estimate.lamps, estimate.model, tally.separated)
         files = outputs.finish(entries, progress)
-    return entries, tally.filled, files
+    return Written(entries, tally.filled, files)

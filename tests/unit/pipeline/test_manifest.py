@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline.align import Alignment
 from pipeline.estimate import Estimate
 from pipeline.frames import Exposure, Frame
-from pipeline.manifest import lamp_entries, make_manifest
+from pipeline.manifest import Written, lamp_entries, make_manifest
 from pipeline.mix import mix_basis
 from pipeline.model import Model
 from pipeline.normals import Facing
@@ -59,9 +59,11 @@ def manifest_of(
             "options": Options(),
             "pair": pair,
             "estimate": Estimate(reduce_pair(pair), model, lamps, more.get("facing")),
-            "entries": lamp_entries(lamps, model, np.array([1.0, 0.25])),
-            "filled": 0.123456,
-            "files": [{"name": "layers.exr", "sha256": "cc"}],
+            "written": Written(
+                lamp_entries(lamps, model, np.array([1.0, 0.25])),
+                filled=0.123456,
+                files=[{"name": "layers.exr", "sha256": "cc"}],
+            ),
             "mix": mix_basis(pair.no_flash, lamps, model),
             "calibrations": [{"kind": "flash", "name": "a"}],
             "warnings": [RunWarning(Code.FLICKER, "Something is odd.", {"height": 0.123456})],
