@@ -140,6 +140,7 @@ def _take(
     wanted: dict[drivers.SettingName, drivers.SettingValue],
 ) -> tuple[dict[str, Any], Callable[[], None]]:
     """Take and save one pair; its name and its files, and what takes it off the card."""
+    from pipeline.errors import InputError, reason_of
     from service import durable
     from service.cli.folder import new_results
     from service.recipe import Recipe
@@ -155,7 +156,10 @@ def _take(
         recipe = f"{shot}{RECIPE}"
         made = Recipe.of(pair, taker)
         durable.write(folder / recipe, f"{made.model_dump_json(indent=2)}\n".encode())
-    durable.flush(output)
+    try:
+        durable.flush(output)
+    except OSError as error:
+        raise InputError(f"The folder {output} cannot be written: {reason_of(error)}.") from error
     paths = [str(output / name) for name in names]
     about = {"shot": shot, "files": paths, "recipe": str(output / recipe)}
     return about, partial(_clear, opened, pair)
