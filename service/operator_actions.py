@@ -14,8 +14,11 @@ from service import cameras, jobs, steering
 from service.copy_pair import copy_pair
 from service.dbos_queue import Queue
 from service.errors import NotReadyError, QuotaError, StoredQuotaError, UnknownJobError
+from service.job_options import check_options
+from service.mixing import MixOptions, check_mix
 from service.object_keys import job_key
 from service.opening import open_database, open_storage
+from service.room import check_room
 from service.settings import Settings
 from service.states import State
 
@@ -49,9 +52,10 @@ class OperatorActions:
     def retry(self, job_id: str) -> str:
         """Make a job like this one, which has failed or was canceled; the id of the new one.
 
-        Raises UnknownJobError, NotReadyError, GoneError for photographs that are removed,
-        QuotaError and StoredQuotaError by the quotas of its owner, and StartError or BaseError
-        while the store is away.
+        It is checked as a new one. Raises UnknownJobError, NotReadyError, GoneError for photographs
+        or layers that are removed, OptionError for options that it cannot have any more,
+        QueueFullError, StorageFullError, QuotaError and StoredQuotaError where there is no room for
+        it, and StartError or BaseError while the store is away.
         """
         job = self.find(job_id)
         if job.state not in _RETRIED:
@@ -60,6 +64,10 @@ class OperatorActions:
             )
         # Opened here alone: where the store is away, the jobs can be looked at all the same.
         storage = open_storage(self.settings)
+        check_room(self.engine, self.settings, storage, job.owner)
+        options = check_options(job.task, job.options)
+        if isinstance(options, MixOptions):
+            check_mix(storage, self.find(options.of), options.mix)
         new_id = uuid.uuid4().hex
         untaken = {"capture": job.capture, "camera": job.camera}
         pair = copy_pair(storage, job, new_id) if job.inputs else untaken
@@ -67,7 +75,7 @@ class OperatorActions:
             "id": new_id,
             "owner": job.owner,
             "priority": job.priority,
-            "options": job.options,
+            "options": options.model_dump(mode="json", exclude_unset=True),
             "likeness": job.likeness,
             "webhook": job.webhook,
             "trace_id": uuid.uuid4().hex,

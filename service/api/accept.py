@@ -22,7 +22,6 @@ from service.api.context import Context
 from service.api.idempotency import hash_of, replay
 from service.api.intake import Intake
 from service.api.models import Handling
-from service.api.spectra import check_spectra
 from service.api.submission import Submission
 from service.api.uploaded import bring_uploaded, take_over
 from service.errors import (
@@ -41,6 +40,7 @@ from service.errors import (
 from service.frames import FRAMES
 from service.keys import Scope
 from service.object_keys import describe_inputs, inputs_key, job_key
+from service.spectra import check_spectra
 from service.tasks import Limits, Task
 
 _CHECK_SECONDS = 30.0

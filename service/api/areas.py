@@ -16,9 +16,10 @@ from pipeline.result_names import LAYERS, layer_channels
 from pipeline.scan_lines import ScanLines
 from service.api.callers import Calling
 from service.api.context import Parts
-from service.api.finished import deleted_meanwhile, find_result, find_succeeded
+from service.api.finished import find_result, find_succeeded
 from service.api.problems import responses
 from service.errors import GoneError, NotReadyError, UnknownJobError, UnknownResultError
+from service.finished import deleted_meanwhile
 from service.jobs import Job
 from service.object_keys import results_key
 from service.storage import Storage

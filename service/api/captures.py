@@ -22,12 +22,12 @@ from service.api.context import Context
 from service.api.idempotency import as_asked, digest, hash_of, replay
 from service.api.intake import Intake, handling_of
 from service.api.models import CameraCapture, Handling
-from service.api.spectra import check_spectra
 from service.api.submission import Submission
 from service.capture import Capture, Taking
 from service.errors import CameraHeldError, EndedError, ForeignCameraError, NotReadyError
 from service.keys import Scope
 from service.sentences import in_words
+from service.spectra import check_spectra
 
 PROBLEMS = (
     drivers.BadAddressError,

@@ -32,7 +32,6 @@ from service.api.models import (
     CaptureRequest,
     Handling,
     MixJob,
-    MixOptions,
     RerunRequest,
     SettingsRequest,
     UploadsRequest,
@@ -41,6 +40,7 @@ from service.calibration_names import take_out
 from service.capture import Capture, CaptureSettings
 from service.errors import MalformedRequestError, UnsupportedMediaError, UploadTooLargeError
 from service.frames import FRAMES
+from service.mixing import MixOptions
 from service.sentences import in_words
 from service.settings import Settings
 

@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-import json
-
 from fastapi import APIRouter, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
-from pipeline.errors import InputError, OptionError
-from pipeline.mix_options import Mix, check_lamps, read_basis
-from pipeline.result_names import LAYERS, MANIFEST
+from pipeline.errors import InputError
 from service.answers import JobAnswer
 from service.api import intake
 from service.api.accept import accept
 from service.api.accepted import Accepted, accepted
 from service.api.admission import refuse_when_full
-from service.api.callers import Caller
-from service.api.context import Context
-from service.api.finished import deleted_meanwhile, find_succeeded
+from service.api.finished import find_succeeded
 from service.api.idempotency import hash_of, replay
 from service.api.job_answers import answer_made
-from service.api.models import MixJob, MixOptions
+from service.api.models import MixJob
 from service.api.prefer import APPLIED, Wait
 from service.api.submission import Submission, Submitting
 from service.errors import GoneError, NotReadyError, UnknownJobError
-from service.object_keys import results_key
+from service.mixing import MixOptions, check_mix
 
 router = APIRouter(tags=["mixes"])
 
@@ -66,15 +60,7 @@ def _accept(submission: Submission, wanted: intake.Intake) -> Accepted:
     # Before the job is looked at, which may have been deleted since the first answer got lost.
     if earlier := replay(submission, hash_of(wanted)):
         return earlier
-    _check(submission.context, submission.caller, wanted.options.of, wanted.options.mix)
+    context, options = submission.context, wanted.options
+    source = find_succeeded(context, submission.caller, options.of)
+    check_mix(context.storage, source, options.mix)
     return accept(submission, wanted)
-
-
-def _check(context: Context, caller: Caller, job_id: str, mix: Mix) -> None:
-    """Refuse what could never be mixed."""
-    job = find_succeeded(context, caller, job_id)
-    if not {LAYERS, MANIFEST} <= {result["name"] for result in job.results or []}:
-        raise OptionError(f"The job has no {LAYERS} to mix; separate the pair with that output.")
-    with deleted_meanwhile():
-        manifest = context.storage.get(results_key(job.id, job.attempt, MANIFEST))
-    check_lamps(read_basis(json.loads(manifest)), mix)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, RootModel, field_validator
 
@@ -88,16 +88,6 @@ class SettingsRequest(RootModel[Annotated[CaptureSettings, Field(min_length=1)]]
 
 class MixJob(MixRequest, Handling):
     """A job that mixes the layers of another one into a picture of full size."""
-
-
-class MixOptions(BaseModel):
-    """The options of a mix, as its job shows them."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    kind: Literal["mix"]
-    of: str = Field(description="Id of the job whose layers are mixed.")
-    mix: MixRequest
 
 
 class UploadedPair(BaseModel):

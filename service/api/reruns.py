@@ -3,32 +3,25 @@
 from __future__ import annotations
 
 import uuid
-from typing import Any
 
 from fastapi import APIRouter, Request, Response
-from pydantic import BaseModel
 
-from pipeline.calibration.options import CALIBRATION_OPTIONS
 from pipeline.errors import OptionError
-from pipeline.options import Options
-from service import jobs
 from service.answers import JobAnswer
 from service.api import intake
 from service.api.accept import check_webhook, commit
 from service.api.accepted import Accepted, accepted
 from service.api.admission import refuse_when_full
 from service.api.calibrated import fill_in
-from service.api.callers import Caller, find
-from service.api.context import Context
+from service.api.callers import find
 from service.api.idempotency import as_asked, digest, replay
 from service.api.job_answers import answer_made
 from service.api.models import RerunRequest
 from service.api.prefer import APPLIED, Wait
-from service.api.spectra import check_spectra
 from service.api.submission import Submission, Submitting
 from service.copy_pair import copy_pair
 from service.errors import GoneError, NotReadyError, UnknownJobError
-from service.sentences import in_words
+from service.job_options import check_options
 
 router = APIRouter(tags=["jobs"])
 
@@ -79,21 +72,12 @@ def _accept(submission: Submission, job_id: str, wanted: RerunRequest) -> Accept
             "The job is a mix, which has no photographs of its own; mix the layers again, or run "
             "the job again that they are of."
         )
-    options = _options(context, caller, source, wanted.options)
-    check_spectra(options)
+    given = wanted.options
+    asked = source.options if given is None else fill_in(context, caller, given)
+    options = check_options(source.task, asked)
     new_id = uuid.uuid4().hex
     values = copy_pair(context.storage, source, new_id) | {
         "id": new_id,
         "request_hash": request_hash,
     }
     return commit(submission, values, options, wanted, taken={})
-
-
-def _options(
-    context: Context, caller: Caller, source: jobs.Job, wanted: dict[str, Any] | None
-) -> BaseModel:
-    options = source.options if wanted is None else fill_in(context, caller, wanted)
-    with in_words():
-        if source.task == "calibrate":
-            return CALIBRATION_OPTIONS.validate_python(options)
-        return Options.model_validate(options)

@@ -16,7 +16,7 @@ from pipeline.run_warnings import Code
 from service import jobs
 from service.api.callers import Calling
 from service.api.context import Context, Parts
-from service.api.finished import deleted_meanwhile, find_result, find_succeeded
+from service.api.finished import find_result, find_succeeded
 from service.api.prefer import preferences
 from service.api.problems import responses
 from service.api.ranges import parse_range
@@ -28,6 +28,7 @@ from service.errors import (
     UnknownJobError,
     UnknownResultError,
 )
+from service.finished import deleted_meanwhile
 from service.media import headers_of
 from service.object_keys import results_key
 

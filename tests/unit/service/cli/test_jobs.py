@@ -273,3 +273,89 @@ def test_a_number_of_jobs_that_cannot_be_is_told(
 def test_a_state_that_there_is_not_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["jobs", "list", "--state", "bad"]) == 2
     assert capsys.readouterr().err.startswith("Invalid value for '--state': 'bad' is not one of ")
+
+
+def _ids(context: Context) -> list[str]:
+    with context.engine.connect() as connection:
+        return sorted(job.id for job in jobs.newest(connection, None, 10))
+
+
+def _refused(context: Context, capsys: pytest.CaptureFixture[str]) -> str:
+    """Retry the job in vain; what is said. Nothing is stored for the job that was not made."""
+    assert run(["jobs", "retry", "a"]) == 2
+    assert _ids(context) == ["a"]
+    assert context.storage.list("jobs/") == [inputs_key("a", frame) for frame in sorted(FRAMES)]
+    return capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (
+            {"neutral": "D655"},
+            "neutral: No neutral light spectrum is called 'D655': near names are D65, D55, ID65, "
+            "D75.\n",
+        ),
+        ({"lights": 7}, "lights: more than three lamps have no unique answer"),
+        ({"of_old": 1}, "of_old: this name is not known.\n"),
+        ({"kind": "camera", "flash_spectrum": "xenonn"}, "flash_spectrum: No flash spectrum is"),
+    ],
+)
+def test_options_that_a_job_cannot_have_any_more_are_told_at_once(
+    options: dict[str, Any],
+    said: str,
+    context: Context,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delenv("LIGHTLAYERS_SPECTRA", raising=False)
+    with context.engine.begin() as connection:
+        connection.execute(sa.update(database.jobs).values(options=options))
+    _fail(context)
+    assert _refused(context, capsys).startswith(said)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("QUEUED_JOBS", "1", "1 jobs wait already"),
+        ("QUEUED_JOBS_PER_KEY", "1", "1 jobs of yours wait already"),
+        ("FREE_BYTES", str(10**18), "The store of photographs is nearly full"),
+    ],
+)
+def test_a_job_for_which_there_is_no_room_is_not_made_anew(
+    name: str,
+    value: str,
+    said: str,
+    context: Context,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    _fail(context)
+    other = {"id": "b", "owner": "key1", "options": {}, "trace_id": "1" * 32, "request_hash": ""}
+    with context.engine.begin() as connection:
+        jobs.add(connection, other)
+    monkeypatch.setenv(f"LIGHTLAYERS_{name}", value)
+    assert run(["jobs", "retry", "a"]) == 2
+    assert said in capsys.readouterr().err
+    assert _ids(context) == ["a", "b"]
+
+
+def test_a_mix_of_what_cannot_be_mixed_is_not_made_anew(
+    context: Context, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = {"kind": "mix", "of": "a", "mix": {"lamps": [{}]}}
+    mix = {"id": "m", "options": options, "trace_id": "1" * 32, "request_hash": ""}
+    with context.engine.begin() as connection:
+        jobs.add(connection, mix)
+        jobs.request_cancel(connection, "m")
+    assert run(["jobs", "retry", "m"]) == 2
+    assert "The job is queued; results are there once it is succeeded." in capsys.readouterr().err
+    _fail(context)
+    assert run(["jobs", "retry", "m"]) == 2
+    assert "The job is failed; there will be no results" in capsys.readouterr().err
+    with context.engine.begin() as connection:
+        connection.execute(sa.delete(database.jobs).where(database.jobs.c.id == "a"))
+    assert run(["jobs", "retry", "m"]) == 2
+    assert "There is no job 'a'" in capsys.readouterr().err
+    assert _ids(context) == ["m"]

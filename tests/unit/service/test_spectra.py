@@ -20,9 +20,9 @@ from pipeline.options import Options
 from pipeline.process import separate_files
 from pipeline.progress import Progress
 from service.api.context import Context
-from service.api.models import MixOptions
-from service.api.spectra import check_spectra
+from service.mixing import MixOptions
 from service.settings import Settings
+from service.spectra import check_spectra
 from tests.unit.service.asking import problem_of, rows_of, stored_job
 from tests.unit.service.studio import PATH, SIM, take, with_cameras
 
@@ -191,7 +191,7 @@ def test_the_api_loads_no_library_for_a_name(tmp_path: Path) -> None:
     program = (
         "import sys, service.serve;"
         "from pipeline.options import Options;"
-        "from service.api.spectra import check_spectra;"
+        "from service.spectra import check_spectra;"
         "check_spectra(Options(camera='Nikon D5100', neutral=sys.argv[1], pinned_lamps=['FL2']));"
         "print(*sys.modules)"
     )

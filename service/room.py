@@ -1,0 +1,45 @@
+"""Whether there is room for another job."""
+
+from __future__ import annotations
+
+import sqlalchemy as sa
+
+from service import quotas, waiting
+from service.errors import QueueFullError, StorageFullError
+from service.settings import Settings
+from service.storage import Storage
+
+
+def check_room(
+    engine: sa.Engine, settings: Settings, storage: Storage, owner: str, coming: int = 1
+) -> None:
+    """Refuse new jobs of an owner where there is no room for them. coming: how many.
+
+    Raises QueueFullError when as many jobs wait as may, of this owner or in all, and what
+    quotas.check and check_disk raise.
+    """
+    with engine.connect() as connection:
+        quotas.check(connection, owner, coming)
+        own = waiting.count_queued(connection, owner)
+        total = waiting.count_queued(connection)
+    of_key, in_all = settings.queued_jobs_per_key, settings.queued_jobs
+    if own + coming > of_key:
+        raise QueueFullError(_full(f"{own} jobs of yours wait already", coming, of_key))
+    if total + coming > in_all:
+        raise QueueFullError(_full(f"{total} jobs wait already", coming, in_all))
+    check_disk(settings, storage)
+
+
+def check_disk(settings: Settings, storage: Storage) -> None:
+    """Raise StorageFullError when the store's disk is nearly full."""
+    free = storage.free_bytes()
+    if free is not None and free < settings.free_bytes:
+        raise StorageFullError(
+            "The store of photographs is nearly full; delete jobs, or send this one again later."
+        )
+
+
+def _full(said: str, coming: int, limit: int) -> str:
+    if coming == 1:
+        return f"{said}; send this one again later."
+    return f"{said}, and {limit} may; ask for fewer than these {coming}, or later."
