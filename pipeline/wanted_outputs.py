@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from pipeline.encode.jpeg import check_jpeg_size
 from pipeline.encode.psd_size import check_psd_size, psd_excess
 from pipeline.errors import OptionError
-from pipeline.options import Options
+from pipeline.matrixfit.fit import MOST_LAMPS
+from pipeline.options import Lights, Options
 from pipeline.output_names import DEFAULT_OUTPUTS, FULL_SIZE_JPEGS, OUTPUT_NAMES, outputs_with
 from pipeline.run_warnings import Code, RunWarning
 
@@ -45,13 +46,12 @@ def check_outputs(wanted: frozenset[str], size: tuple[int, int], options: Option
     """Refuse outputs that cannot hold a picture, (width, height) in pixels, before any work.
 
     wanted: names out of OUTPUT_NAMES, of these options. Of layers.psd as many layers count as
-    lamps are asked for, one where their number is to be found. Raises OptionError.
+    lamps are asked for, and as there may be where their number is to be found. Raises OptionError.
     """
     if wanted & FULL_SIZE_JPEGS:
         check_jpeg_size(size)
     if _PSD in wanted and options.outputs != "all":
-        lamps = options.number_of_lamps
-        check_psd_size(size, 1 if lamps == "auto" else lamps)
+        _check_psd(size, options.number_of_lamps)
 
 
 def held_outputs(
@@ -59,11 +59,24 @@ def held_outputs(
 ) -> tuple[frozenset[str], list[RunWarning]]:
     """Pass over what nobody named and cannot hold the layers, now that their number is known.
 
-    wanted, size: as in check_outputs. lamps: those found. Returns the rest, and a warning for what
-    is passed over; what was named stays, for its writer to refuse.
+    wanted, size: as in check_outputs, which has refused what was named. lamps: those found.
+    Returns the rest, and a warning for what is passed over.
     """
     excess = psd_excess(size, lamps)
     if _PSD not in wanted or options.outputs != "all" or excess is None:
         return wanted, []
     message = f"{excess}, and was left out: the layers are in layers.exr and the TIFF files."
     return wanted - {_PSD}, [RunWarning(Code.OUTPUT_LEFT_OUT, message)]
+
+
+def _check_psd(size: tuple[int, int], lamps: Lights) -> None:
+    if lamps != "auto":
+        check_psd_size(size, lamps)
+        return
+    check_psd_size(size, 1)
+    excess = psd_excess(size, MOST_LAMPS)
+    if excess is not None:
+        fewer = "2 or 1" if psd_excess(size, 2) is None else "1"
+        raise OptionError(
+            f"{excess}, and as many may be found: ask for {fewer}, or leave it out of the outputs."
+        )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -15,15 +15,18 @@ _FILES = {"raw": "RAW files", "linear": "linear files", "srgb": "sRGB files"}
 _OF_COLOURS: tuple[Kind, ...] = ("camera", "lamps")
 _NAME_LENGTH = 80  # of a camera in a sentence: files may say anything
 
+_Name = Annotated[str, Field(max_length=200)]
+"""Longer than what is read of a photograph, as are names of cameras and lights."""
+
 
 class TakenWith(BaseModel):
     """Camera, kind of file and way up of a photograph; "" and null where that is not known."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    make: str = Field(default="", description="Of the camera, as its photographs say.")
-    model: str = Field(default="", description="The same.")
-    body: str = Field(default="", description="A digest of the camera's serial number.")
+    make: _Name = Field(default="", description="Of the camera, as its photographs say.")
+    model: _Name = Field(default="", description="The same.")
+    body: _Name = Field(default="", description="A digest of the camera's serial number.")
     rendered: bool = Field(
         default=False,
         description="Values are bent by a rendering, or brought to the colours of a profile.",

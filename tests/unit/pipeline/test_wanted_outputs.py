@@ -89,7 +89,7 @@ PSD = frozenset({"layers.exr", "layers.psd"})
 @pytest.mark.parametrize(
     ("lights", "holds", "beyond", "layers"),
     [
-        ("auto", (14_000, 12_774), (14_000, 12_777), "a layer"),
+        ("auto", (10_000, 8_943), (14_000, 12_777), "a layer"),
         (1, (14_000, 12_774), (14_000, 12_777), "a layer"),
         (2, (12_000, 9_937), (12_000, 9_938), "2 layers"),
         (3, (10_000, 8_943), (10_000, 8_944), "3 layers"),
@@ -110,6 +110,24 @@ def test_layers_by_name_that_can_be_held_by_no_means_are_refused_before_any_work
     check_outputs(frozenset({"layers.exr"}), beyond, options)
 
 
+@pytest.mark.parametrize(
+    ("size", "fewer"),
+    [((10_000, 8_944), "2 or 1"), ((12_000, 9_937), "2 or 1"), ((12_000, 9_938), "1")],
+)
+def test_more_layers_by_name_than_can_be_held_are_refused_before_they_are_found(
+    size: tuple[int, int], fewer: str
+) -> None:
+    width, height = size
+    words = (
+        rf"^layers\.psd cannot hold 3 layers of {width} × {height} pixels, .* 2 GB, and as many "
+        rf"may be found: ask for {fewer}, or leave it out of the outputs\.$"
+    )
+    with pytest.raises(OptionError, match=words):
+        check_outputs(PSD, size, Options(outputs=sorted(PSD)))
+    check_outputs(PSD, size, Options(outputs=sorted(PSD), lights=1))
+    check_outputs(PSD, size, Options(outputs="all"))
+
+
 def test_layers_that_nobody_named_are_passed_over_with_a_warning() -> None:
     options, size = Options(outputs="all", lights=3), (12_000, 9_000)
     check_outputs(PSD, size, options)
@@ -124,7 +142,7 @@ def test_layers_that_nobody_named_are_passed_over_with_a_warning() -> None:
 
 
 def test_layers_by_name_are_not_passed_over() -> None:
-    """Where only the number of lamps found is too much; their writer refuses them."""
+    """They are refused before, when they may be too many."""
     options = Options(outputs=sorted(PSD))
 
     assert held_outputs(PSD, (12_000, 9_000), 3, options) == (PSD, [])

@@ -118,7 +118,7 @@ def test_another_model_is_an_obstacle_where_both_are_known(kind: Any) -> None:
 
 
 def test_a_name_in_a_sentence_is_no_longer_than_names_are() -> None:
-    told = TakenWith(model=1000 * "x").obstacle(CAMERA, "camera")
+    told = TakenWith(model=200 * "x").obstacle(CAMERA, "camera")
     assert told == f"the camera {80 * 'x'}, and these are of NIKON D5100"
 
 
@@ -131,6 +131,9 @@ def test_a_name_in_a_sentence_is_no_longer_than_names_are() -> None:
         ("orientation", 9),
         ("upright", "perhaps"),
         ("model", None),
+        ("make", 201 * "x"),
+        ("model", 201 * "x"),
+        ("body", 201 * "x"),
         ("lens", "50 mm"),
     ],
 )
