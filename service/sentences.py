@@ -34,20 +34,23 @@ _WORDS = (
 
 
 @contextlib.contextmanager
-def in_words() -> Iterator[None]:
-    """Raise OptionError, with the sentence, where pydantic refuses what is read in the block."""
+def in_words(whole: str = "") -> Iterator[None]:
+    """Raise OptionError, with the sentence, where pydantic refuses what is read in the block.
+
+    whole: what that is, to be named where the fault is of all of it.
+    """
     try:
         yield
     except ValidationError as error:
-        raise OptionError(sentence_of(error)) from error
+        raise OptionError(sentence_of(error, whole)) from error
 
 
-def sentence_of(error: ValidationError) -> str:
-    """Tell the first fault that pydantic found in one sentence that names the place."""
-    return sentence_of_faults(error.errors(include_url=False, include_input=False))
+def sentence_of(error: ValidationError, whole: str = "") -> str:
+    """Tell the first fault that pydantic found in one sentence that names the place, or whole."""
+    return sentence_of_faults(error.errors(include_url=False, include_input=False), whole)
 
 
-def sentence_of_faults(faults: Sequence[Mapping[str, Any]]) -> str:
+def sentence_of_faults(faults: Sequence[Mapping[str, Any]], whole: str = "") -> str:
     """Tell the first of pydantic's faults, not empty, in one sentence that names the place.
 
     A value that may be of several kinds has a fault as each: those farthest within it are told.
@@ -56,10 +59,11 @@ def sentence_of_faults(faults: Sequence[Mapping[str, Any]]) -> str:
     same = [fault for fault in faults if _place(fault)[: len(first)] == first]
     told = same if len(faults[0]["loc"]) > len(first) else same[:1]
     place = max(map(_place, told), key=len)
+    shown = place or ((whole,) if whole else ())
     messages = dict.fromkeys(_message(fault) for fault in told if _place(fault) == place)
     start, *others = messages
     *more, last = [start, *(other.removeprefix("Input should be ") for other in others)]
-    return describe_fault(place, f"{', '.join(more)} or {last}" if more else last)
+    return describe_fault(shown, f"{', '.join(more)} or {last}" if more else last)
 
 
 def _place(fault: Mapping[str, Any]) -> tuple[int | str, ...]:

@@ -101,6 +101,7 @@ def create_app(origins: Sequence[str] = ()) -> FastAPI:
             schemas[model.__name__] = schema
         allow_calibrations(schemas)
         callers.describe(document["paths"])
+        tus.describe(document["paths"])
         # Never sent: a validation fault is a Problem like any other.
         schemas.pop("HTTPValidationError", None)
         schemas.pop("ValidationError", None)

@@ -268,10 +268,11 @@ def _sent(
     form: Form, text: str, options_of: Callable[[str], AnyOptions], directory: Path
 ) -> Intake:
     text, named = _taken_out(text)
-    with in_words():
+    with in_words("handling"):
         handling = Handling.model_validate_json(form.texts.get("handling", "{}"))
+    with in_words("options"):
         options = options_of(text)
-        return Intake(options, handling, directory, sha256=form.sha256, calibrations=named)
+    return Intake(options, handling, directory, sha256=form.sha256, calibrations=named)
 
 
 def _taken_out(text: str) -> tuple[str, dict[str, Any]]:

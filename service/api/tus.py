@@ -87,6 +87,18 @@ def _check_version(
         raise TusVersionError(f"Send the header Tus-Resumable: {VERSION}, as clients of tus do.")
 
 
+def describe(paths: dict[str, Any]) -> None:
+    """Say in the OpenAPI document that the header of the version is needed.
+
+    It is no such parameter of the routes, as what is missing is answered with 412 by tus.
+    """
+    for operations in paths.values():
+        for operation in operations.values():
+            for parameter in operation.get("parameters", []):
+                if parameter["name"] == "tus-resumable":
+                    parameter |= {"required": True, "schema": {"type": "string", "const": VERSION}}
+
+
 router = APIRouter(tags=["uploads"])
 _tus = [Depends(_check_version)]
 Offset = Annotated[str, Header(description="The byte at which this piece begins.")]

@@ -170,6 +170,25 @@ def test_every_parameter_has_an_example(paths: dict[str, dict[str, Any]]) -> Non
         assert validator_for(one["schema"]).is_valid(one["example"]), (path, one["name"])
 
 
+def test_what_uploads_are_refused_without_is_required(paths: dict[str, dict[str, Any]]) -> None:
+    """By 412, so that it is none of the parameters that the routes themselves require."""
+    told = [
+        (method, path, parameter["required"], parameter["schema"])
+        for path, operations in paths.items()
+        for method, operation in operations.items()
+        for parameter in operation.get("parameters", [])
+        if parameter["name"] == "tus-resumable"
+    ]
+    version = {"type": "string", "const": "1.0.0"}
+    one = "/uploads/{upload_id}"
+    assert sorted(told, key=lambda of: of[:2]) == [
+        ("delete", one, True, version),
+        ("head", one, True, version),
+        ("patch", one, True, version),
+        ("post", "/uploads", True, version),
+    ]
+
+
 def test_examples_of_requests_are_taken(paths: dict[str, dict[str, Any]]) -> None:
     """By the models themselves, which know more than their schemas."""
     models = (CaptureRequest, UploadsRequest, CalibrationRequest, MixJob, RerunRequest, Handling)

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import httpx
 import pytest
 
@@ -20,3 +22,32 @@ def test_an_idempotency_key_that_cannot_be_is_refused(key: bytes, http: httpx.Cl
 def test_an_idempotency_key_may_be_any_visible_text(key: str, http: httpx.Client) -> None:
     made = [post_capture(http, **{"idempotency-key": key})["id"] for _ in range(2)]
     assert made[0] == made[1]
+
+
+@pytest.mark.parametrize("part", ["options", "handling"])
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "Invalid JSON: EOF while parsing a value at line 1 column 0."),
+        ("{", "Invalid JSON: EOF while parsing an object at line 1 column 1."),
+        ("[]", "Input should be an object."),
+    ],
+)
+def test_a_text_of_a_form_that_cannot_be_read_is_named(
+    part: str, text: str, said: str, http: httpx.Client, png: Callable[..., bytes]
+) -> None:
+    files = {"no_flash": png(64, 48), "flash": png(64, 48, True)}
+    answer = http.post("/jobs", files=files, data={part: text})
+    assert problem_of(answer) == (422, "invalid-option", f"{part}: {said}")
+
+
+def test_a_fault_within_a_text_of_a_form_is_told_by_its_place(
+    http: httpx.Client, png: Callable[..., bytes]
+) -> None:
+    files = {"no_flash": png(64, 48), "flash": png(64, 48, True)}
+    for texts, said in (
+        ({"options": '{"outputs": ["x"]}'}, "options: unknown output x; known are layers.exr"),
+        ({"options": '{"normals": "x"}'}, "normals: Input should be 'gl' or 'dx'."),
+        ({"handling": '{"priority": "x"}'}, "priority: Input should be 'high', 'normal' or 'low'."),
+    ):
+        assert problem_of(http.post("/jobs", files=files, data=texts))[2].startswith(said)
