@@ -55,7 +55,7 @@ def make_estimate(
     names of outputs (pipeline.output_names). Raises InputError for what the user can mend
     (find_known, estimate_lamps, find_facing), Canceled.
     """
-    known = find_known(options, frame.size, reduced, model)
+    known = find_known(options, reduced, model)
     lamps = estimate_lamps(
         reduced, model, options.number_of_lamps, options.method, options.flash_only, known
     )

@@ -27,16 +27,26 @@ _SAME_DEGREES = 1.0
 _LEAST_SEEN = 1e-3  # of what the camera sees of the flash: less is noise of its measurement
 
 
-def find_known(
-    options: Options, size: tuple[int, int], reduced: ReducedPair, model: Model
-) -> Known:
+def check_places(options: Options, size: tuple[int, int]) -> None:
+    """Refuse areas outside of a photograph, (width, height) in pixels, before any work.
+
+    Raises OptionError.
+    """
+    for kind, lamps in (("pinned", options.pinned_lamps), ("forbidden", options.forbidden_lamps)):
+        for number, lamp in enumerate(lamps, start=1):
+            if isinstance(lamp, Circle) and not (0 <= lamp.x < size[0] and 0 <= lamp.y < size[1]):
+                raise OptionError(
+                    f"The area of {kind} lamp {number} has its middle at {lamp.x:g}, {lamp.y:g}, "
+                    f"outside of the photograph's {size[0]} × {size[1]} pixels."
+                )
+
+
+def find_known(options: Options, reduced: ReducedPair, model: Model) -> Known:
     """Find what areas and spectra say of lamps.
 
-    size: (width, height) of the photograph. Raises OptionError for an area outside of it or
-    without usable pixels, an unknown name, a spectrum that the camera hardly sees, pinned lamps
-    that are one, and a pinned lamp that is forbidden.
+    Raises OptionError for an area without usable pixels, an unknown name, a spectrum that the
+    camera hardly sees, pinned lamps that are one, and a pinned lamp that is forbidden.
     """
-    _check_places(options, size)
 
     def shown_by(lamp: KnownLamp, what: str) -> Data:
         if isinstance(lamp, Circle):
@@ -69,16 +79,6 @@ def _check_seen(model: Model, light: Array, what: str) -> None:
             f"The camera {camera.name!r} sees hardly anything of {what}: check the wavelengths of "
             "both."
         )
-
-
-def _check_places(options: Options, size: tuple[int, int]) -> None:
-    for kind, lamps in (("pinned", options.pinned_lamps), ("forbidden", options.forbidden_lamps)):
-        for number, lamp in enumerate(lamps, start=1):
-            if isinstance(lamp, Circle) and not (0 <= lamp.x < size[0] and 0 <= lamp.y < size[1]):
-                raise OptionError(
-                    f"The area of {kind} lamp {number} has its middle at {lamp.x:g}, {lamp.y:g}, "
-                    f"outside of the photograph's {size[0]} × {size[1]} pixels."
-                )
 
 
 def _inside(area: Circle, what: str, reduced: ReducedPair) -> Mask:

@@ -11,6 +11,7 @@ from pipeline.calibration.named import named_warnings
 from pipeline.decode import decode
 from pipeline.estimate import Estimate, make_estimate
 from pipeline.frames import Frame, release_photograph
+from pipeline.known_lamps import check_places
 from pipeline.manifest import Written, lamp_entries, make_manifest
 from pipeline.manifest_parts import write_manifest
 from pipeline.memory import release_rows, trim_memory
@@ -61,13 +62,14 @@ def separate_files(
     progress.report("decode", 0.5)
     after = decode(flash, options.encoding, FLASH, orientation)
     del flash
-    # first what costs little and may be refused: outputs, names of cameras and lights
+    # first what costs little and may be refused: outputs, areas, names of cameras and lights
     named = options.camera is not None  # calibrated ones were checked by their targets
     warnings = [*setup_warnings(options, kept, before), *named_warnings(options, before)]
     options, used, left_out = with_kept(options, kept, before)
     warnings += left_out
     wanted = wanted_outputs(options, warnings)
     check_outputs(wanted, before.size, options)
+    check_places(options, before.size)
     camera = find_camera(options.camera, before)
     build = _models(before, options)
     model = build(camera)

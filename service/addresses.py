@@ -83,7 +83,12 @@ def check_url(url: str, private: Networks, https_only: bool) -> None:
         host, port = parts.hostname, parts.port
     except ValueError:
         host, port = None, None
-    plain = url.isascii() and url.isprintable() and not set(url) & set(' \\"<>^`{|}')
+    if not url.isascii():
+        raise ForbiddenAddressError(
+            "write other letters than those of ASCII as in requests: those of the host as xn--…, "
+            "the rest as %…"
+        )
+    plain = url.isprintable() and not set(url) & set(' \\"<>^`{|}')
     if not host or "%" in host or port == 0 or not plain:
         raise ForbiddenAddressError("this is no URL; write one like https://example.org/hook")
     if parts.scheme not in (("https",) if https_only else ("https", "http")):

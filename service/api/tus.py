@@ -96,7 +96,7 @@ def describe(paths: dict[str, Any]) -> None:
         for operation in operations.values():
             for parameter in operation.get("parameters", []):
                 if parameter["name"] == "tus-resumable":
-                    parameter |= {"required": True, "schema": {"type": "string", "const": VERSION}}
+                    parameter |= {"required": True, "schema": {"type": "string", "enum": [VERSION]}}
 
 
 router = APIRouter(tags=["uploads"])

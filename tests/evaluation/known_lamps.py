@@ -146,9 +146,8 @@ def measure(scene: Scene) -> tuple[list[Named], list[Pinned]]:
     pinned = []
     for kind, pin in pins:
         options = Options.model_validate({**shot.options, "pinned_lamps": [pin]})
-        size = shot.photograph.shape[1], shot.photograph.shape[0]
         try:
-            known = find_known(options, size, shot.reduced, model)
+            known = find_known(options, shot.reduced, model)
         except InputError:
             continue  # the area is dark, or clipped
         found, after, _ = fit(known)

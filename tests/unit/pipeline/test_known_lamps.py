@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.errors import OptionError
-from pipeline.known_lamps import find_known
+from pipeline.known_lamps import check_places, find_known
 from pipeline.matrixfit.known import Known
 from pipeline.model import Model
 from pipeline.options import Options, Spectrum
@@ -31,7 +31,6 @@ def find(exact: Callable[..., Any], warm_to_cool: Array, model: Model) -> Find:
     def of_options(
         pinned: Any = (),
         forbidden: Any = (),
-        size: Any = SIZE,
         flash_only: bool = False,
         **changes: Any,
     ) -> Known:
@@ -39,7 +38,7 @@ def find(exact: Callable[..., Any], warm_to_cool: Array, model: Model) -> Find:
         options = Options(
             pinned_lamps=list(pinned), forbidden_lamps=list(forbidden), flash_only=flash_only
         )
-        return find_known(options, size, reduced, model)
+        return find_known(options, reduced, model)
 
     return of_options
 
@@ -106,7 +105,7 @@ def test_forbidden_areas_are_told_like_pinned_ones(find: Find, model: Model) -> 
 def test_an_area_is_given_in_pixels_of_the_photograph(find: Find) -> None:
     """Blocks of four pixels lie in a disc four times as wide."""
     fine = find([LEFT])
-    coarse = find([{name: 4 * value for name, value in LEFT.items()}], block=4, size=(384, 256))
+    coarse = find([{name: 4 * value for name, value in LEFT.items()}], block=4)
     np.testing.assert_array_equal(fine.matrices, coarse.matrices)
 
 
@@ -115,7 +114,7 @@ def test_an_area_holds_the_blocks_whose_middles_it_holds(find: Find) -> None:
     usable = np.zeros((64, 96), dtype=bool)
     usable[[30, 33], 19:21] = usable[31:33, [18, 21]] = True
     area = {"x": 4 * 20, "y": 4 * 32, "radius": 4 * 1.6}
-    assert len(find([area], usable=usable, block=4, size=(384, 256)).pinned) == 1
+    assert len(find([area], usable=usable, block=4).pinned) == 1
 
 
 def test_five_blocks_tell_a_light(find: Find) -> None:
@@ -128,17 +127,21 @@ def test_five_blocks_tell_a_light(find: Find) -> None:
 
 @pytest.mark.parametrize("place", [{"x": 0, "y": 32}, {"x": 48, "y": 0}, {"x": 95.9, "y": 63.9}])
 def test_areas_at_the_border_are_inside(find: Find, place: dict[str, float]) -> None:
-    assert len(find([{**place, "radius": 5}]).pinned) == 1
+    area = {**place, "radius": 5}
+    check_places(Options.model_validate({"pinned_lamps": [area]}), SIZE)
+    assert len(find([area]).pinned) == 1
 
 
 @pytest.mark.parametrize(
     "place", [{"x": 96, "y": 3}, {"x": 3, "y": 64}, {"x": 1e9, "y": 3}, {"x": -1, "y": 3}]
 )
-def test_areas_outside_are_refused(find: Find, place: dict[str, float]) -> None:
-    said = refusal(find, ["A", {**place, "radius": 5}])
-    assert "The area of pinned lamp 2 has its middle at" in said
-    assert "outside of the photograph's 96 × 64 pixels" in said
-    assert "forbidden lamp 1" in refusal(find, (), [{**place, "radius": 5}])
+def test_areas_outside_are_refused(place: dict[str, float]) -> None:
+    area = {**place, "radius": 5}
+    where = "has its middle at .*, outside of the photograph's 96 × 64 pixels"
+    with pytest.raises(OptionError, match=f"^The area of pinned lamp 2 {where}"):
+        check_places(Options.model_validate({"pinned_lamps": ["A", area]}), SIZE)
+    with pytest.raises(OptionError, match=f"^The area of forbidden lamp 1 {where}"):
+        check_places(Options.model_validate({"forbidden_lamps": [area]}), SIZE)
 
 
 def test_tiny_areas_are_refused_with_a_radius_that_will_do(find: Find) -> None:

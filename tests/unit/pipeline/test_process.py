@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tifffile
 from numpy.typing import NDArray
 
 from pipeline.errors import (
@@ -314,3 +316,29 @@ def test_pixels_that_are_no_numbers_are_refused(
         separated((no_flash, tiff(flash)), tmp_path / "out")
 
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"pinned_lamps": [{"x": 5000, "y": 5, "radius": 9}]}, "pinned lamp 1 has its middle at"),
+        ({"outputs": ["layers.psd"]}, r"layers\.psd cannot hold 3 layers"),
+    ],
+)
+def test_what_the_size_tells_is_refused_before_the_photographs_are_laid_together(
+    files: Callable[..., Files],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    options: dict[str, Any],
+    said: str,
+) -> None:
+    both = files()
+    height, width = tifffile.imread(io.BytesIO(both[0])).shape[:2]
+    # room for two layers beside the photograph
+    monkeypatch.setattr("pipeline.encode.psd_size._LARGEST_BYTES", 3 * 6 * width * height)
+    stages: list[str] = []
+
+    with pytest.raises(OptionError, match=said):
+        separated(both, tmp_path, Progress(lambda stage, _: stages.append(stage)), **options)
+
+    assert set(stages) == {"decode"}

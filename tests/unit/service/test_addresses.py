@@ -60,7 +60,9 @@ def test_what_may_be_public_is_taken(host: str) -> None:
         ("https://exam ple.org/", "no URL"),
         ("https://example.org/\r\nHost: a", "no URL"),
         ("https://example.org\\@127.0.0.1/", "no URL"),
-        ("https://①②⑦.0.0.1/", "no URL"),
+        ("https://①②⑦.0.0.1/", "as xn--"),
+        ("https://bücher.example/", "as xn--…, the rest as %"),
+        ("https://example.org/größe", "as xn--…, the rest as %"),
         ("https://[fe80::1%25eth0]/", "no URL"),
     ],
 )
