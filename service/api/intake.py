@@ -167,6 +167,12 @@ async def _form(request: Request, limit: int, directory: Path) -> Form:
 
 
 def _limited(request: Request, limit: int) -> Request:
+    """Have a request's body end in an error beyond so many bytes, and at once where it is packed.
+
+    Raises UnsupportedMediaError, UploadTooLargeError.
+    """
+    if request.headers.get("content-encoding", "identity").strip().lower() != "identity":
+        raise UnsupportedMediaError("Send the body as it is, without a Content-Encoding.")
     too_large = UploadTooLargeError(
         f"The request is larger than {limit:,} bytes, which is all this service takes."
     )

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import gzip
 from collections.abc import Callable
 
 import httpx
@@ -51,3 +52,13 @@ def test_a_fault_within_a_text_of_a_form_is_told_by_its_place(
         ({"handling": '{"priority": "x"}'}, "priority: Input should be 'high', 'normal' or 'low'."),
     ):
         assert problem_of(http.post("/jobs", files=files, data=texts))[2].startswith(said)
+
+
+@pytest.mark.parametrize("path", ["/jobs", "/calibrations", "/jobs/a/mix", "/jobs/a/rerun"])
+def test_a_packed_body_is_told_from_one_that_cannot_be_read(path: str, http: httpx.Client) -> None:
+    headers = {"content-encoding": "GZIP", "content-type": "application/json"}
+    answer = http.post(path, content=gzip.compress(b"{}"), headers=headers)
+    said = "Send the body as it is, without a Content-Encoding."
+    assert problem_of(answer) == (415, "unsupported-media-type", said)
+    plain = http.post(path, content=b"{", headers=headers | {"content-encoding": "identity"})
+    assert problem_of(plain)[:2] == (422, "invalid-option")
