@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -51,82 +51,107 @@ def make_mesh(
     for rows in strips(len(depth), _ROWS):
         known[rows] = np.isfinite(depth[rows]) & np.isfinite(normals[rows]).all(axis=2)
     step = max(1, int(np.ceil(np.sqrt(known.sum() / most))))
-    while True:
-        height, width = (side // step for side in depth.shape)
-        share = _means(lambda rows: known[rows].astype(np.float32), (height, width), step)
-        use = share >= _KNOWN
-        if use.sum() <= most:
-            break
+    while len((blocks := _known_blocks(known, step))[0]) > most:
         step += 1
-    weight = np.where(use, share, 1.0)
-    z = _means(lambda rows: np.where(known[rows], depth[rows], 0), (height, width), step) / weight
-    mean = unit(
-        _means(
-            lambda rows: np.where(known[rows][..., None], normals[rows], 0), (height, width), step
-        )
-    )
-    row, column = (np.mgrid[:height, :width] + 0.5) * step
+    number, share = blocks
+    means = _means(depth, normals, known, number, step)
+    z, normal = means[:, 0] / share, unit(means[:, 1:])
+    width = depth.shape[1] // step
+    row, column = (np.stack(np.divmod(number, width)) + 0.5) * step
     x = (column - depth.shape[1] / 2) / focal_px
     y = -(row - depth.shape[0] / 2) / focal_px
-    places = np.stack([x * z, y * z, -z], axis=2)
-    faces = _faces(places, mean, use)
-    used, index = np.unique(faces, return_inverse=True)
-    uv = np.stack([column / depth.shape[1], row / depth.shape[0]], axis=2)
-    return Mesh(
-        places.reshape(-1, 3)[used],
-        mean.reshape(-1, 3)[used],
-        uv.reshape(-1, 2)[used],
-        index.reshape(-1, 3),
-    )
+    places = np.stack([x * z, y * z, -z], axis=1)
+    used, index = np.unique(_faces(places, normal, number, width), return_inverse=True)
+    uv = np.stack([column / depth.shape[1], row / depth.shape[0]], axis=1)
+    return Mesh(places[used], normal[used], uv[used], index.reshape(-1, 3))
+
+
+def _known_blocks(
+    known: NDArray[np.bool_], step: int
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Blocks that are known (b,), numbered row by row, and which share of each is."""
+    numbers, shares = [], []
+    for first, rows in _block_rows(known.shape, step):
+        share = _shrunk(known[rows].astype(np.float32), step).reshape(-1)
+        inside = np.flatnonzero(share >= _KNOWN)
+        numbers.append(first + inside)
+        shares.append(share[inside])
+    return np.concatenate(numbers), np.concatenate(shares, dtype=np.float64)
 
 
 def _means(
-    picture: Callable[[slice], NDArray[np.floating]], shape: tuple[int, int], step: int
+    depth: NDArray[np.float32],
+    normals: Image | CodedNormals,
+    known: NDArray[np.bool_],
+    number: NDArray[np.int64],
+    step: int,
 ) -> NDArray[np.float64]:
-    """Means (h, w) or (h, w, C) of blocks of step × step pixels, some rows at a time.
+    """Means (b, 4) of depth and normals in blocks of these numbers, what is not known as 0."""
+    means = np.empty((len(number), 4))
+    for first, rows in _block_rows(known.shape, step):
+        values = np.dstack([depth[rows], normals[rows]])
+        values[~known[rows]] = 0
+        shrunk = _shrunk(values, step).reshape(-1, 4)
+        here = slice(*np.searchsorted(number, (first, first + len(shrunk))))
+        means[here] = shrunk[number[here] - first]
+    return means
 
-    picture: its rows, of which those beyond the blocks are left out. shape: (h, w).
+
+def _block_rows(shape: tuple[int, ...], step: int) -> Iterator[tuple[int, slice]]:
+    """Rows of pixels that are looked at together, and the number of their first block.
+
+    Those beyond the last whole block are left out.
     """
-    height, width = shape
-    means = [
-        cv2.resize(
-            np.ascontiguousarray(picture(slice(rows.start * step, rows.stop * step)))[
-                :, : width * step
-            ],
-            (width, rows.stop - rows.start),
-            interpolation=cv2.INTER_AREA,
-        )
-        for rows in strips(height, max(1, _ROWS // step))
-    ]
-    return np.concatenate(means, dtype=np.float64)
+    for rows in strips(shape[0] // step, max(1, _ROWS // step)):
+        yield rows.start * (shape[1] // step), slice(rows.start * step, rows.stop * step)
+
+
+def _shrunk(rows: NDArray[np.float32], step: int) -> NDArray[np.float32]:
+    """Means of blocks of step × step pixels."""
+    height, width = (side // step for side in rows.shape[:2])
+    whole = np.ascontiguousarray(rows[:, : width * step])
+    return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
 
 
 def _faces(
-    places: NDArray[np.float64], normals: NDArray[np.float64], use: NDArray[np.bool_]
+    places: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    number: NDArray[np.int64],
+    width: int,
 ) -> NDArray[np.int64]:
-    """Two triangles (t, 3) for each square of known neighbours that no jump parts."""
-    across = _joined(places, normals, use, np.s_[:, :-1], np.s_[:, 1:])
-    down = _joined(places, normals, use, np.s_[:-1], np.s_[1:])
-    square = across[:-1] & across[1:] & down[:, :-1] & down[:, 1:]
-    index = np.arange(use.size).reshape(use.shape)
-    a, b = index[:-1, :-1][square], index[:-1, 1:][square]
-    c, d = index[1:, :-1][square], index[1:, 1:][square]
+    """Two triangles (t, 3) for each square of known neighbours that no jump parts.
+
+    number: of the blocks (b,), ascending. width: blocks in a row.
+    """
+    a = np.flatnonzero(number % width < width - 1)
+    corners = np.stack([a] + [_at(number, number[a] + away) for away in (1, width, width + 1)])
+    a, b, c, d = corners[:, (corners >= 0).all(axis=0)]
+    sides = ((a, b), (c, d), (a, c), (b, d))
+    square = np.logical_and.reduce([_joined(places, normals, *side) for side in sides])
+    a, b, c, d = a[square], b[square], c[square], d[square]
     return np.concatenate([np.stack([a, c, b], axis=1), np.stack([b, c, d], axis=1)])
+
+
+def _at(number: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Where blocks lie among those of these numbers, ascending; -1 for those that do not."""
+    at = np.searchsorted(number, wanted)
+    at[at == len(number)] = -1
+    at[number[at] != wanted] = -1
+    return at
 
 
 def _joined(
     places: NDArray[np.float64],
     normals: NDArray[np.float64],
-    use: NDArray[np.bool_],
-    one: tuple[slice, ...] | slice,
-    other: tuple[slice, ...] | slice,
+    one: NDArray[np.int64],
+    other: NDArray[np.int64],
 ) -> NDArray[np.bool_]:
     """Whether neighbours lie on one surface: the way between them goes along it."""
     way = places[other] - places[one]
-    depth, across = np.abs(way[..., 2]), np.hypot(way[..., 0], way[..., 1])
+    depth, across = np.abs(way[:, 2]), np.hypot(way[:, 0], way[:, 1])
     along = unit(way)
     off = np.maximum(
-        np.abs((along * normals[one]).sum(axis=2)), np.abs((along * normals[other]).sum(axis=2))
+        np.abs((along * normals[one]).sum(axis=1)), np.abs((along * normals[other]).sum(axis=1))
     )
     jump = (depth > _SHEER * across) | ((depth > _STEEP * across) & (off > _OFF_SURFACE))
-    return np.asarray(use[one] & use[other] & ~jump)
+    return np.asarray(~jump)

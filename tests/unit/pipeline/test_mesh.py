@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import tracemalloc
 from typing import Any
 
 import numpy as np
@@ -193,3 +194,29 @@ def test_of_nothing_there_is_no_triangle() -> None:
 
     assert mesh.faces.shape == (0, 3)
     assert mesh.vertices.shape == (0, 3)
+
+
+def test_a_small_surface_takes_little_memory_in_a_large_picture() -> None:
+    """Strips of the picture and one byte per pixel; whole grids would take 200 bytes of each."""
+    height, width = 2000, 1000
+    depth, normals = plane(height, width)
+    depth[:, 20:] = depth[:-10] = np.nan
+
+    tracemalloc.start()
+    try:
+        mesh = make_mesh(depth, normals, FOCAL)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+
+    assert peak < 20 * height * width
+    assert len(mesh.faces) == 2 * 9 * 19
+    np.testing.assert_allclose(mesh.uv[[0, -1]], [[5e-4, 0.99525], [0.0195, 0.99975]])
+
+
+def test_blocks_at_the_edges_are_no_neighbours() -> None:
+    """Of the last column and of the first of the row below."""
+    depth, normals = plane(6, 5)
+    depth[:, 1:4] = np.nan
+
+    assert make_mesh(depth, normals, FOCAL).faces.shape == (0, 3)
