@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import json
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from pipeline.errors import InputError, OptionError, reason_of
 from pipeline.options import DirectedLight, Sensitivities, Spectrum
-from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
+from pipeline.spectra.grid import WAVELENGTHS_NM
+from pipeline.spectra.tables import (
+    parse_sensitivities,
+    parse_spectrum,
+    write_sensitivities,
+    write_spectrum,
+)
 from service import durable
 from service.cli.files import read_file
 from service.cli.keeping import marks_beside
@@ -20,6 +28,7 @@ if TYPE_CHECKING:
     from pipeline.calibration.options import Kind
 
 _LIGHTS = TypeAdapter(dict[str, list[DirectedLight]])
+_ROUNDING = 2e-5  # of the length of a direction whose three parts have five digits
 
 
 def check_target(kind: Kind, path: Path) -> None:
@@ -53,16 +62,32 @@ def write(path: Path, content: bytes, marks: bytes) -> None:
 
 
 def _is_calibration(kind: Kind, data: bytes) -> bool:
-    """Whether it is of this kind, and says with what it was found: tables of others do not."""
-    found: Sequence[DirectedLight | Spectrum | Sensitivities]
+    """Whether it is of this kind, and of this program: tables of others are not."""
+    table: Spectrum | Sensitivities
     try:
         if kind == "lamps":
-            found = _LIGHTS.validate_json(data)["lights"]
+            lights = _LIGHTS.validate_json(data)["lights"]
+            told = all(light.taken_with for light in lights)
+            return bool(lights) and (told or _is_older(lights, data))
+        if kind == "flash":
+            table = parse_spectrum(data)
+            older = write_spectrum(table)
         else:
-            found = [parse_spectrum(data) if kind == "flash" else parse_sensitivities(data)]
+            table = parse_sensitivities(data)
+            older = write_sensitivities(table)
     except (OptionError, ValidationError, KeyError):
         return False
-    return bool(found) and all(one.taken_with for one in found)
+    # before calibrations said what they were found with, they were written in this very form
+    return bool(table.taken_with) or (
+        data == older and table.wavelength_nm == WAVELENGTHS_NM.tolist()
+    )
+
+
+def _is_older(lights: Sequence[DirectedLight], data: bytes) -> bool:
+    """Whether lamps stand in the very form of calibrations that did not say with what."""
+    written = (json.dumps(json.loads(data), indent=1) + "\n").encode()
+    lengths = np.linalg.norm([light.direction for light in lights], axis=1)
+    return data == written and bool(np.allclose(lengths, 1.0, rtol=0, atol=_ROUNDING))
 
 
 def _unwritable(path: Path, error: OSError) -> InputError:

@@ -40,6 +40,33 @@ def test_an_earlier_calibration_and_its_marks_are_replaced(
     }
 
 
+GRID = [380.0 + 5 * i for i in range(81)]
+OLDER_FLASH = write_spectrum(Spectrum(wavelength_nm=GRID, power=[i / 7 for i in range(81)]))
+OLDER_CAMERA = write_sensitivities(
+    Sensitivities(wavelength_nm=GRID, r=GRID, g=[1 / 3] * 81, b=[1e-7] * 81)
+)
+OLDER_LIGHT = {"direction": [-0.69038, 0.40893, 0.59679], "strength": 1.0, "rgb": [1.0, 0.9, 0.4]}
+OLDER_LAMPS = (json.dumps({"lights": [OLDER_LIGHT]}, indent=1) + "\n").encode()
+
+
+@pytest.mark.parametrize(
+    ("kind", "earlier"),
+    [("flash", OLDER_FLASH), ("camera", OLDER_CAMERA), ("lamps", OLDER_LAMPS)],
+)
+def test_a_calibration_from_before_they_said_with_what_is_replaced(
+    kind: Kind, earlier: bytes, tmp_path: Path
+) -> None:
+    path = tmp_path / "found.json"
+    write(path, earlier, b"marks")
+
+    check_target(kind, path)
+
+    changed = json.dumps(json.loads(earlier), indent=2).encode()  # by an editor: somebody's own
+    path.write_bytes(changed)
+    with pytest.raises(InputError, match=r"found\.json would be lost"):
+        check_target(kind, path)
+
+
 @pytest.mark.parametrize(
     ("kind", "other"),
     [
@@ -53,6 +80,8 @@ def test_an_earlier_calibration_and_its_marks_are_replaced(
         ("camera", FLASH),
         ("lamps", FLASH),
         ("lamps", b'{"lights": []}'),
+        ("lamps", b'{\n "lights": []\n}\n'),
+        ("lamps", OLDER_LAMPS.replace(b"0.59679", b"0.6")),
         ("lamps", json.dumps({"lights": [LIGHT, {"direction": [0, 1, 1]}]}).encode()),
         ("lamps", json.dumps({"lights": [LIGHT], "notes": "mine"}).encode()),
     ],
