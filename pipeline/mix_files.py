@@ -48,14 +48,25 @@ def mix_files(folder: Path, mix: Mix, target: Path, progress: Progress) -> None:
     that is there is written over but where layers.exr breaks off; Canceled, OSError. A file that is
     not whole is not left behind, nor is what it was written over: name one beside it to keep that.
     """
+    _write_mix(folder, mix, target, progress)
+
+
+def _write_mix(
+    folder: Path, mix: Mix, target: Path, progress: Progress, replaced: Path | None = None
+) -> None:
+    """Do what mix_files does; replaced: the manifest of a mix before, which is lost with it."""
     manifest = read_manifest(folder)
     matrices = mix_matrices(read_basis(manifest), mix)
     format_of(target)
-    check_target(folder, manifest, target)
+    for lost in (target, replaced):
+        if lost is not None:
+            check_target(folder, manifest, lost)
     with closing(_open(folder, len(matrices))) as source:
         size = _size(source)
         _check_layers(manifest, size)
         file = _target(target, size)
+        if replaced is not None:
+            replaced.unlink(missing_ok=True)
         try:
             for rows in progress.strips("mix", size[1], STRIP_ROWS, 0.0, 0.9):
                 file.write(_as_rows(file, mixed(_layers(source, len(matrices), rows), matrices)))
@@ -69,12 +80,13 @@ def mix_files(folder: Path, mix: Mix, target: Path, progress: Progress) -> None:
 def mix_results(folder: Path, wanted: MixRequest, results: Path, progress: Progress) -> None:
     """Mix the layers of a folder of results into another one: mix.jpg, .tif or .exr, and manifest.
 
-    results: made if missing. Raises what mix_files raises.
+    results: made if missing; that of a mix before is written over. Its manifest goes before its
+    picture does, and stays where the mix is refused. Raises what mix_files raises.
     """
     ending, encoding, colour_space = ENCODINGS[wanted.format]
     results.mkdir(parents=True, exist_ok=True)
     target = results / f"mix.{ending}"
-    mix_files(folder, wanted, target, progress)
+    _write_mix(folder, wanted, target, progress, replaced=results / MANIFEST)
     manifest = {
         "mix": wanted.model_dump(mode="json"),
         "files": [describe(target, encoding, colour_space)],
@@ -96,13 +108,13 @@ def format_of(target: Path) -> str:
 
 
 def check_target(folder: Path, manifest: dict[str, Any], target: Path) -> None:
-    """Refuse to write over the layers, or over what the manifest of their folder names.
+    """Refuse to write over the layers, over their manifest, or over what that names.
 
     Raises InputError.
     """
     named = {folder.resolve() / str(entry["name"]) for entry in _files(manifest) or []}
-    if target.resolve() in named | {(folder / LAYERS).resolve()}:
-        raise InputError(f"The result {target} would be lost: give the mix another name.")
+    if target.resolve() in named | {(folder / name).resolve() for name in (LAYERS, MANIFEST)}:
+        raise InputError(f"The result {target} would be lost: give the mix another place.")
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:

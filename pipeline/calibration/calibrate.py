@@ -38,6 +38,7 @@ from pipeline.pair import Pair, make_pair
 from pipeline.pair_checks import FLASH, NO_FLASH, check_pair
 from pipeline.photometric_stereo.responses import floored
 from pipeline.progress import Progress
+from pipeline.result_names import MANIFEST
 from pipeline.run_warnings import Code, RunWarning
 from pipeline.spectra.cameras import Camera, find_camera, measured_cameras
 from pipeline.spectra.grid import WAVELENGTHS_NM
@@ -75,8 +76,9 @@ def calibrate_files(
     What it found is the file of FILES; the manifest is returned. Marks that the options leave out
     are looked for.
 
-    no_flash, flash: whole files of any format that decode reads. directory: made if missing.
-    Raises InputError for what the user can mend, Canceled, OSError.
+    no_flash, flash: whole files of any format that decode reads. directory: made if missing; an
+    earlier run's files there are written over, its manifest before them, and stay where this run
+    is refused. Raises InputError for what the user can mend, Canceled, OSError.
     """
     progress.report("decode", 0.0)
     orientation = check_pair(no_flash, flash)
@@ -108,6 +110,7 @@ def calibrate_files(
     directory.mkdir(parents=True, exist_ok=True)
     name = FILES[options.kind]
     contents = {name: found.file, MARKS: found.marks}
+    (directory / MANIFEST).unlink(missing_ok=True)  # an earlier run's, whose files are lost now
     for file, content in contents.items():
         (directory / file).write_bytes(content)
     manifest = {

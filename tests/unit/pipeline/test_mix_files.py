@@ -189,3 +189,37 @@ def test_a_canceled_mix_leaves_no_picture(folder: Path) -> None:
     with pytest.raises(Canceled):
         mix_files(folder, TWO, folder / "mix.tif", progress)
     assert not (folder / "mix.tif").exists()
+
+
+def test_a_mix_that_breaks_off_leaves_no_manifest_of_the_mix_before(folder: Path) -> None:
+    results = folder / "out"
+    wanted = MixRequest(lamps=TWO.lamps, format="tiff")
+    mix_results(folder, wanted, results, Progress())
+    told: list[float] = []
+    progress = Progress(lambda _stage, part: told.append(part), lambda: len(told) > 1)
+
+    with pytest.raises(Canceled):
+        mix_results(folder, wanted, results, progress)
+
+    assert list(results.iterdir()) == []
+
+
+def test_a_mix_that_is_refused_leaves_the_mix_before(folder: Path) -> None:
+    results = folder / "out"
+    mix_results(folder, MixRequest(lamps=TWO.lamps, format="exr"), results, Progress())
+    before = {path.name: path.read_bytes() for path in results.iterdir()}
+
+    with pytest.raises(InputError):
+        mix_results(folder, MixRequest(lamps=TWO.lamps[:1], format="exr"), results, Progress())
+
+    assert {path.name: path.read_bytes() for path in results.iterdir()} == before
+
+
+def test_results_of_a_mix_do_not_replace_what_was_mixed(folder: Path) -> None:
+    manifest = (folder / "manifest.json").read_bytes()
+
+    with pytest.raises(InputError, match=r"manifest\.json would be lost"):
+        mix_results(folder, MixRequest(lamps=TWO.lamps, format="jpeg"), folder, Progress())
+
+    assert (folder / "manifest.json").read_bytes() == manifest
+    assert not (folder / "mix.jpg").exists()

@@ -462,6 +462,22 @@ def test_a_named_camera_that_does_not_fit_is_used_and_told(
     assert ("calibration_unfit" in codes) is warned
 
 
+@pytest.mark.parametrize("full", ["flash.json", "marks.jpg"])
+def test_a_run_that_fails_while_it_writes_leaves_no_manifest_of_the_run_before(
+    chart: Shot, tmp_path: Path, full: str
+) -> None:
+    card = {"x": 14, "y": 120, "radius": 12}
+    _run(chart, tmp_path, kind="flash", card=card)
+    with pytest.raises(OptionError):  # refused: what was found before is whole
+        _run(chart, tmp_path, kind="flash", card={**card, "x": 9000})
+    assert (tmp_path / "manifest.json").exists()
+    (tmp_path / full).unlink()
+    (tmp_path / full).mkdir()  # cannot be written
+    with pytest.raises(OSError, match="directory"):
+        _run(chart, tmp_path, kind="flash", card=card)
+    assert not (tmp_path / "manifest.json").exists()
+
+
 def test_progress_tells_its_stages_and_may_stop(chart: Shot, tmp_path: Path) -> None:
     told: list[tuple[str, float]] = []
     options = CALIBRATION_OPTIONS.validate_python(
