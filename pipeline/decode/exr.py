@@ -11,7 +11,7 @@ import OpenEXR
 from pipeline.data_window import size_of_window
 from pipeline.decode.profiles import profile_of_chromaticities
 from pipeline.decode.quiet import muted
-from pipeline.decode.samples import Samples, UnsuitableError
+from pipeline.decode.samples import Samples, UnsuitableError, refuse_premultiplied
 
 _EXIF_NAMES = {
     "expTime": "EXIF ExposureTime",
@@ -34,7 +34,8 @@ def exr_exposure(data: bytes) -> dict[str, float]:
 def read_exr(data: bytes) -> Samples:
     """Read R, G and B of the first part; its chromaticities, where it has any, as a profile.
 
-    Raises UnsuitableError without colours or with integers, ValueError and what OpenEXR raises.
+    Raises UnsuitableError without colours, with integers, or where a transparency has darkened
+    colours; ValueError and what OpenEXR raises.
     """
     with muted():
         file = OpenEXR.File(io.BytesIO(data), separate_channels=True)
@@ -44,6 +45,8 @@ def read_exr(data: bytes) -> Samples:
     planes = [channels[name].pixels for name in "RGB"]
     if any(plane.dtype.kind != "f" for plane in planes):
         raise UnsuitableError("is an EXR of integers: save it with half or float channels.")
+    if "A" in channels:
+        refuse_premultiplied(channels["A"].pixels, 1.0)
     values = np.stack(planes, axis=-1).astype(np.float32, copy=False)
     told = header.get("chromaticities")
     profile = None if told is None else profile_of_chromaticities("EXR", told, "linear")

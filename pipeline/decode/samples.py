@@ -50,6 +50,15 @@ def refuse_grey(channels: int) -> None:
         )
 
 
+def refuse_premultiplied(alpha: NDArray[Any], opaque: float) -> None:
+    """Raise UnsuitableError where an alpha (H, W) that colours are multiplied by is not opaque."""
+    if (alpha != opaque).any():
+        raise UnsuitableError(
+            "is transparent in places, and its colours are multiplied by that: save it without an "
+            "alpha channel."
+        )
+
+
 def to_rgb(values: NDArray[Any]) -> NDArray[Any]:
     """(H, W, 3 or 4) → (H, W, 3), a view without alpha.
 

@@ -13,7 +13,13 @@ from typing import Any
 import numpy as np
 from tifffile import TiffFile, TiffPage
 
-from pipeline.decode.samples import CMYK, Samples, UnsuitableError, to_rgb
+from pipeline.decode.samples import (
+    CMYK,
+    Samples,
+    UnsuitableError,
+    refuse_premultiplied,
+    to_rgb,
+)
 from pipeline.frames import Matrix
 
 logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # it tells the terminal of odd tags
@@ -95,11 +101,8 @@ def read_tiff(data: bytes, orientation: int) -> Samples:
         bits, profile = page.bitspersample, page.iccprofile
         premultiplied = _PREMULTIPLIED in page.extrasamples
     white = 1.0 if values.dtype.kind == "f" else float(2**bits - 1)
-    if premultiplied and values.ndim == 3 and (values[..., -1] != white).any():
-        raise UnsuitableError(
-            "is transparent in places, and its colours are multiplied by that: save it without an "
-            "alpha channel."
-        )
+    if premultiplied and values.ndim == 3:
+        refuse_premultiplied(values[..., -1], white)
     values = to_rgb(values)
     if values.dtype.kind == "f":
         with np.errstate(over="ignore"):  # beyond float32 becomes infinite and is refused

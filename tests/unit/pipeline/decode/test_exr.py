@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.decode import decode
+from pipeline.errors import UnreadableImageError
 from pipeline.frames import Exposure
 
 SRGB = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
@@ -91,3 +92,21 @@ def test_the_exposure_is_read(exr_file: Callable[..., bytes], light: NDArray[np.
     assert exposure.time_s == pytest.approx(0.0125)
     assert (exposure.iso, exposure.f_number) == (200, 4)
     assert decode(exr_file(light)).exposure == Exposure()
+
+
+@pytest.mark.parametrize("opaque", [True, False])
+def test_colours_that_a_transparency_has_darkened_are_refused(
+    tmp_path: Path, light: NDArray[np.float32], opaque: bool
+) -> None:
+    """OpenEXR multiplies colours by alpha; opaque ones are those of the light."""
+    alpha = np.ones(light.shape[:2], np.float16)
+    alpha[3, 5] = 1.0 if opaque else 0.999
+    path = tmp_path / "picture.exr"
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {"RGBA": np.dstack([light.astype(np.float16), alpha])}).write(str(path))
+
+    if opaque:
+        np.testing.assert_array_equal(decode(path.read_bytes()).pixels, light.astype(np.float16))
+        return
+    with pytest.raises(UnreadableImageError, match="is transparent in places, and its colours"):
+        decode(path.read_bytes())
