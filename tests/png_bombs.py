@@ -8,7 +8,7 @@ import zlib
 _ROWS = 100  # of one deflated block
 
 
-def png_of(width: int, height: int, body: bytes = b"") -> bytes:
+def png_of(width: int, height: int, body: bytes = b"", interlaced: bool = False) -> bytes:
     """A PNG of 8-bit RGB; body: its image data as they are deflated, which need not be sound."""
 
     def chunk(kind: bytes, data: bytes) -> bytes:
@@ -17,7 +17,7 @@ def png_of(width: int, height: int, body: bytes = b"") -> bytes:
 
     return (
         b"\x89PNG\r\n\x1a\n"
-        + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
+        + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, interlaced))
         + chunk(b"IDAT", body)
         + chunk(b"IEND", b"")
     )

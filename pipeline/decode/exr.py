@@ -13,6 +13,7 @@ from pipeline.decode.profiles import profile_of_chromaticities
 from pipeline.decode.quiet import muted
 from pipeline.decode.samples import Samples, UnsuitableError, refuse_premultiplied
 
+_COLOURS = ("R", "G", "B")
 _EXIF_NAMES = {
     "expTime": "EXIF ExposureTime",
     "isoSpeed": "EXIF PhotographicSensitivity",
@@ -21,8 +22,21 @@ _EXIF_NAMES = {
 
 
 def exr_size(data: bytes) -> tuple[int, int]:
-    """(width, height) of the data window of the first part. Raises what OpenEXR raises."""
-    return size_of_window(*_header(data)["dataWindow"])
+    """(width, height) of the data window of the first part.
+
+    Raises UnsuitableError where its colours have fewer pixels; what OpenEXR raises.
+    """
+    header = _header(data)
+    if any(
+        one.name in _COLOURS and (one.xSampling, one.ySampling) != (1, 1)
+        for one in header["channels"]
+    ):
+        # whose reader leaves what is not there as it finds it in memory
+        raise UnsuitableError(
+            "is an EXR whose colours have fewer pixels than the picture: save it with whole "
+            "channels R, G and B."
+        )
+    return size_of_window(*header["dataWindow"])
 
 
 def exr_exposure(data: bytes) -> dict[str, float]:
@@ -40,9 +54,11 @@ def read_exr(data: bytes) -> Samples:
     with muted():
         file = OpenEXR.File(io.BytesIO(data), separate_channels=True)
         channels, header = file.channels(), file.header()
-    if not {"R", "G", "B"} <= channels.keys():
-        raise UnsuitableError("is an EXR without channels R, G and B: save it with those.")
-    planes = [channels[name].pixels for name in "RGB"]
+    if not set(_COLOURS) <= channels.keys():
+        raise UnsuitableError(
+            "is an EXR without channels R, G and B in its first part: save it with those."
+        )
+    planes = [channels[name].pixels for name in _COLOURS]
     if any(plane.dtype.kind != "f" for plane in planes):
         raise UnsuitableError("is an EXR of integers: save it with half or float channels.")
     if "A" in channels:

@@ -1,9 +1,18 @@
-"""Headers of sound JPEGs that are odd in a way that says nothing of the picture."""
+"""Headers of sound JPEGs: odd in a way that says nothing of the picture, or of no use here."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
+from pipeline.decode.samples import UnsuitableError
+
 _APP0, _APP14, _START_OF_SCAN = 0xE0, 0xEE, 0xDA
 _SEQUENTIAL = (0xC0, 0xC1)
+_FRAMES = (*_SEQUENTIAL, 0xC2, 0xC9, 0xCA)
+"""Sequential and progressive, in Huffman and arithmetic coding."""
+_OTHER_FRAMES = (0xC3, 0xC5, 0xC6, 0xC7, 0xCB, 0xCD, 0xCE, 0xCF, 0xF7)
+"""Without loss, hierarchical, and JPEG-LS."""
+_BITS = 8
 _JFIF, _JFIF_VERSION = b"JFIF\0", 5
 _ADOBE, _ADOBE_TRANSFORM = b"Adobe", 11
 _RGB, _YCBCR = 0, 1
@@ -20,13 +29,8 @@ def plain_header(data: bytes) -> bytes:
     """
     plain = bytearray(data)
     sequential = False
-    position = 2
-    while plain[position : position + 1] == b"\xff":
-        start = position + 4
-        end = position + 2 + int.from_bytes(plain[position + 2 : start], "big")
-        if not start < end <= len(plain):  # cut off, or fill bytes, for the decoder to judge
-            break
-        kind, length = plain[position + 1], end - start
+    for kind, start, end in _segments(data):
+        length = end - start
         if kind in _SEQUENTIAL:
             sequential = True
         elif kind == _APP0 and data.startswith(_JFIF, start) and length > _JFIF_VERSION:
@@ -34,9 +38,29 @@ def plain_header(data: bytes) -> bytes:
         elif kind == _APP14 and data.startswith(_ADOBE, start) and length > _ADOBE_TRANSFORM:
             if plain[start + _ADOBE_TRANSFORM] != _RGB:
                 plain[start + _ADOBE_TRANSFORM] = _YCBCR
-        elif kind == _START_OF_SCAN:
-            if sequential and length > len(_WHOLE_BLOCKS):
-                plain[end - len(_WHOLE_BLOCKS) : end] = _WHOLE_BLOCKS
-            break
-        position = end
+        elif kind == _START_OF_SCAN and sequential and length > len(_WHOLE_BLOCKS):
+            plain[end - len(_WHOLE_BLOCKS) : end] = _WHOLE_BLOCKS
     return bytes(plain)
+
+
+def refuse_other_processes(data: bytes) -> None:
+    """Raise UnsuitableError for a JPEG of more than 8 bits, or one without loss."""
+    for kind, start, _ in _segments(data):
+        if kind in _OTHER_FRAMES or (kind in _FRAMES and data[start] != _BITS):
+            raise UnsuitableError(
+                "is a JPEG of more than 8 bits, or one without loss, which are not read: save it "
+                "as a usual JPEG, or as a TIFF of 16 bits."
+            )
+
+
+def _segments(data: bytes) -> Iterator[tuple[int, int, int]]:
+    """Walk the header to the first scan: the marker's kind, where its data start, and end."""
+    position, kind = 2, None
+    while kind != _START_OF_SCAN and data[position : position + 1] == b"\xff":
+        start = position + 4
+        end = position + 2 + int.from_bytes(data[position + 2 : start], "big")
+        if not start < end <= len(data):  # cut off, or fill bytes, for the decoder to judge
+            break
+        kind = data[position + 1]
+        yield kind, start, end
+        position = end

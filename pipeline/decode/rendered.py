@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 import struct
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 import pillow_heif
 import simplejpeg
 
-from pipeline.decode.jpeg_header import plain_header
+from pipeline.decode.jpeg_header import plain_header, refuse_other_processes
 from pipeline.decode.png_colours import png_profile, png_transfer, refuse_limited_range
 from pipeline.decode.profiles import embedded_profile, nclx_profile
 from pipeline.decode.samples import (
@@ -24,6 +25,8 @@ from pipeline.decode.samples import (
     upright,
 )
 
+logging.getLogger("imagecodecs").setLevel(logging.CRITICAL)  # it tells of interlaced PNGs
+
 _PNG_END = b"IEND\xaeB`\x82"
 _EXIF_MARK = b"Exif\0\0"
 _STRAY_BYTES = re.compile(r"(\d+) extraneous bytes")
@@ -34,8 +37,9 @@ _KNOWN_BOXES = (b"ftyp", b"meta", b"mdat", b"free")
 def jpeg_size(data: bytes) -> tuple[int, int]:
     """(width, height) from the header, before orientation.
 
-    Raises ValueError; UnsuitableError for grey pictures and CMYK.
+    Raises ValueError; UnsuitableError for grey pictures, CMYK, more than 8 bits and without loss.
     """
+    refuse_other_processes(data)
     height, width, colours, _sampling = simplejpeg.decode_jpeg_header(plain_header(data))
     if colours in ("CMYK", "YCCK"):
         raise UnsuitableError(CMYK)

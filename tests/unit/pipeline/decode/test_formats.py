@@ -6,6 +6,7 @@ import gc
 import hashlib
 import io
 import sys
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from PIL import ImageOps
 
 from pipeline.decode import decode, read_header
 from pipeline.decode.samples import upright
+from tests.png_bombs import png_of
 
 Codes = NDArray[np.uint8]
 Write = Callable[..., bytes]
@@ -64,6 +66,24 @@ def test_png_of_8_bits_is_srgb_to_the_last_bit(
 
     assert frame.encoding == "srgb"
     np.testing.assert_allclose(frame.pixels, linear(codes), atol=1e-6)
+
+
+def test_an_interlaced_png_is_read_in_silence(
+    codes: Codes, caplog: pytest.LogCaptureFixture
+) -> None:
+    """libpng would tell the terminal of it. The passes are those of the PNG specification, 8.2."""
+    passes = ((0, 0, 8, 8), (0, 4, 8, 8), (4, 0, 8, 4), (0, 2, 4, 4), (2, 0, 4, 2), (0, 1, 2, 2))
+    rows = b"".join(
+        b"\0" + row.tobytes()
+        for top, left, down, across in (*passes, (1, 0, 2, 1))
+        for row in codes[top::down, left::across]
+    )
+    height, width = codes.shape[:2]
+
+    frame = decode(png_of(width, height, zlib.compress(rows), interlaced=True))
+
+    np.testing.assert_allclose(frame.pixels, linear(codes), atol=1e-6)
+    assert caplog.records == []
 
 
 def test_a_palette_is_looked_up(codes: Codes) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import imagecodecs
+import Imath
 import numpy as np
 import OpenEXR
 import pillow_heif
@@ -25,6 +26,7 @@ from tests.png_bombs import png_bomb, png_of
 
 Codes = NDArray[np.uint8]
 Write = Callable[..., bytes]
+FLOAT = Imath.PixelType(Imath.PixelType.FLOAT)
 
 
 def refusal(data: bytes, **options: Any) -> str:
@@ -155,6 +157,44 @@ def test_grey_tiff_and_exr_are_refused(codes: Codes, tiff_file: Write, exr_file:
     grey = tiff_file(codes[..., 0], photometric="minisblack")
     assert "is grey" in refusal(grey)
     assert "without channels R, G and B" in refusal(exr_file(Y=np.ones((8, 8), np.float32)))
+
+
+def test_an_exr_whose_colours_are_in_another_part_is_refused(tmp_path: Path) -> None:
+    path, plane = tmp_path / "parts.exr", np.ones((8, 8), np.float32)
+    kinds = [{"type": OpenEXR.scanlineimage, "name": name} for name in ("depth", "colours")]
+    depth = OpenEXR.Part(kinds[0], {"Z": plane}, "depth")
+    colours = OpenEXR.Part(kinds[1], dict.fromkeys("RGB", plane), "colours")
+    OpenEXR.File([depth, colours]).write(str(path))
+
+    assert "without channels R, G and B in its first part" in refusal(path.read_bytes())
+
+
+@pytest.mark.parametrize("sampled", ["RB", "RGB"])
+def test_an_exr_of_fewer_pixels_of_colours_is_refused(tmp_path: Path, sampled: str) -> None:
+    """What its reader gives for them is whatever lies in memory."""
+    header = OpenEXR.Header(8, 8)
+    steps = {name: 2 if name in sampled else 1 for name in "RGB"}
+    header["channels"] = {name: Imath.Channel(FLOAT, step, step) for name, step in steps.items()}
+    path = tmp_path / "sampled.exr"
+    file = OpenEXR.OutputFile(str(path), header)
+    file.writePixels(
+        {name: np.ones((8 // n, 8 // n), np.float32).tobytes() for name, n in steps.items()}
+    )
+    file.close()
+
+    assert "whose colours have fewer pixels than the picture" in refusal(path.read_bytes())
+
+
+@pytest.mark.parametrize("kind", ["12 bits", "without loss", "JPEG-LS"])
+def test_jpegs_of_kinds_that_are_not_read_are_not_called_damaged(codes: Codes, kind: str) -> None:
+    if kind == "JPEG-LS":
+        data = imagecodecs.jpegls_encode(codes)
+    elif kind == "12 bits":
+        data = imagecodecs.jpeg8_encode(codes.astype(np.uint16) << 4, bitspersample=12)
+    else:
+        data = imagecodecs.jpeg8_encode(codes, lossless=True)
+
+    assert "is a JPEG of more than 8 bits, or one without loss" in refusal(bytes(data))
 
 
 def test_a_linear_dng_of_one_channel_is_grey(tiff_file: Write) -> None:
