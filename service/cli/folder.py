@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import json
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -35,13 +37,8 @@ def new_results(target: Path) -> Iterator[Path]:
         target.mkdir(parents=True, exist_ok=True)
         with partial_folder(target) as folder:
             yield folder
-            files = sorted(folder.iterdir(), key=lambda path: (path.name == MANIFEST, path.name))
-            earlier = _earlier_files(target) if (folder / MANIFEST).exists() else []
-            _check_lost(target, {path.name for path in files} - set(earlier))
-            for old in earlier:
-                (target / old).unlink(missing_ok=True)
-            for path in files:
-                path.replace(target / path.name)
+            with _alone(target):
+                _move(folder, target)
     except BaseException as error:
         if is_new:
             with contextlib.suppress(OSError):
@@ -51,6 +48,28 @@ def new_results(target: Path) -> Iterator[Path]:
                 f"The folder {target} cannot be written: {reason_of(error)}."
             ) from error
         raise
+
+
+@contextlib.contextmanager
+def _alone(target: Path) -> Iterator[None]:
+    """Hold a folder, so that files of two runs that end at once do not mix."""
+    descriptor = os.open(target, os.O_RDONLY)
+    try:
+        with contextlib.suppress(OSError):  # a file system without locks
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _move(folder: Path, target: Path) -> None:
+    files = sorted(folder.iterdir(), key=lambda path: (path.name == MANIFEST, path.name))
+    earlier = _earlier_files(target) if (folder / MANIFEST).exists() else []
+    _check_lost(target, {path.name for path in files} - set(earlier))
+    for old in earlier:
+        (target / old).unlink(missing_ok=True)
+    for path in files:
+        path.replace(target / path.name)
 
 
 def _check_lost(target: Path, new: set[str]) -> None:

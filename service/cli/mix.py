@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import codecs
-import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,6 +10,7 @@ import typer
 
 from service.cli.files import read_file
 from service.cli.parameters import output
+from service.cli.partial import partial_folder
 
 if TYPE_CHECKING:
     from pipeline.mix_options import Mix
@@ -58,21 +58,19 @@ def mix(
         check_target(output.parent, beside, output)
     count = len(read_basis(manifest).lamps)
     settings = _settings(preset, lamp or [], count)
-    partial = output.with_name(f".partial-{output.name}")
     try:
-        with stage_bar() as report:
-            mix_files(results, settings, partial, Progress(report))
-        if output.exists() and _head(output) != _head(partial):  # perhaps a photograph
-            raise InputError(
-                f"The picture {output} would be lost, which is no mix of these layers: give "
-                "another name, or remove it first."
-            )
-        partial.replace(output)
+        with partial_folder(output.parent) as folder:
+            partial = folder / output.name
+            with stage_bar() as report:
+                mix_files(results, settings, partial, Progress(report))
+            if output.exists() and _head(output) != _head(partial):  # perhaps a photograph
+                raise InputError(
+                    f"The picture {output} would be lost, which is no mix of these layers: give "
+                    "another name, or remove it first."
+                )
+            partial.replace(output)
     except OSError as error:
         raise InputError(f"The picture {output} cannot be written: {reason_of(error)}.") from error
-    finally:
-        with contextlib.suppress(OSError):
-            partial.unlink()
     print(output)
 
 

@@ -3,6 +3,8 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -186,3 +188,25 @@ def test_what_cannot_be_replaced_is_told(tmp_path: Path) -> None:
     (tmp_path / "lamp1.jpg").mkdir()
     with pytest.raises(InputError, match="cannot be written: is a directory"):
         _write(tmp_path, "lamp1.jpg")
+
+
+def test_files_of_two_runs_that_end_at_once_do_not_mix(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While the one moves its files, the other waits; then it replaces them all."""
+    moving, move = threading.Event(), Path.replace
+
+    def replace(path: Path, target: Path) -> Path:
+        moving.set()
+        time.sleep(0.05)
+        return move(path, target)
+
+    monkeypatch.setattr(Path, "replace", replace)
+    first = threading.Thread(target=_write, args=(tmp_path, "lamp1.jpg", "lamp1.tif"))
+    first.start()
+    moving.wait()
+    _write(tmp_path, "gamma.png", "lamp1.jpg")
+    first.join()
+
+    assert _names(tmp_path) == ["gamma.png", "lamp1.jpg", "manifest.json"]
+    assert (tmp_path / "manifest.json").read_text() == _manifest("gamma.png", "lamp1.jpg")

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
+import pipeline.mix_files
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.decode.exr import read_exr
 from pipeline.encode.exr import write_exr
@@ -223,3 +224,22 @@ def test_a_name_that_is_no_utf_8_is_told(results: Path, capsys: pytest.CaptureFi
         assert run(["mix", str(source), "-o", str(target)]) == 2
         assert "is not UTF-8" in capsys.readouterr().err
     assert sorted(path.name for path in folder.iterdir()) == ["layers.exr", "manifest.json"]
+
+
+def test_two_mixes_of_one_name_at_once_are_both_whole(
+    results: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second runs while the first has written its picture, and not yet moved it."""
+    mix_files, codes = pipeline.mix_files.mix_files, []
+
+    def mix_twice(*given: Any) -> None:
+        mix_files(*given)
+        monkeypatch.setattr(pipeline.mix_files, "mix_files", mix_files)
+        second = ["mix", str(results), "-o", str(results.parent / "mix.exr"), "--lamp", "1:off"]
+        codes.append(run(second))
+
+    monkeypatch.setattr(pipeline.mix_files, "mix_files", mix_twice)
+
+    np.testing.assert_allclose(mixed(results), 0.75, atol=1e-6)
+    assert codes == [0]
+    assert sorted(path.name for path in results.parent.iterdir()) == ["mix.exr", "results"]
