@@ -30,7 +30,8 @@ _CFA, _LINEAR_RAW = 32803, 34892
 _CMYK = 5
 _NO_SENSOR = (0, 3, 4, _CMYK, 8, 9, 10, 32844, 32845)
 """White as 0, palette, mask, CMYK, three kinds of Lab, and LogLuv with and without its colours."""
-_SIGNED = 2
+_SIGNED, _FLOATS = 2, 3
+_WHITE_LEVEL = 50717
 _DNG_VERSION = 50706
 _COLOR_MATRICES = ((50721, 50778), (50722, 50779))
 """Tags of the two matrices and of the lights they are for, the second nearer to daylight."""
@@ -176,6 +177,23 @@ def linear_raw_channels(data: bytes) -> int | None:
     except Exception:  # not a TIFF, or one that only LibRaw understands
         return None
     return None
+
+
+def exceeds_white(data: bytes) -> bool:
+    """Whether the full picture of a DNG of floats has values above its white level, else above 1.
+
+    False for any other file, without a look at its pixels.
+    """
+    try:
+        with _opened(data) as file:
+            for page in _pages(file):
+                is_raw = page.photometric in (_CFA, _LINEAR_RAW)
+                if is_raw and page.sampleformat == _FLOATS and not page.subfiletype & _REDUCED:
+                    white = np.max(page.tags.valueof(_WHITE_LEVEL, 1))
+                    return bool(page.asarray(maxworkers=1).max() > white)
+    except Exception:  # not a TIFF, or one that only LibRaw understands
+        return False
+    return False
 
 
 def black_repeats(data: bytes) -> int:

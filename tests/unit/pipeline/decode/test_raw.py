@@ -17,6 +17,7 @@ from pipeline.decode import decode, read_header
 from pipeline.decode.metadata import Metadata
 from pipeline.decode.raw import preview_metadata
 from pipeline.decode.tiff import dng_matrix
+from pipeline.errors import UnreadableImageError
 from pipeline.spectra.cameras import find_camera
 
 BLACK, WHITE = 600, 15892
@@ -133,6 +134,23 @@ def test_linear_dngs_are_read(tiff_file: Callable[..., bytes]) -> None:
 
     assert frame.encoding == "raw"
     np.testing.assert_allclose(frame.pixels, truth, atol=2e-4)
+
+
+@pytest.mark.parametrize("white", [None, 1, 2])
+def test_floats_above_white_are_refused(tiff_file: Callable[..., bytes], white: int | None) -> None:
+    """LibRaw would give each of such files a scale of its own."""
+    levels = [] if white is None else [(50717, "H", 1, white, True)]
+    tags = [(50706, "B", 4, (1, 4, 0, 0), True), (50708, "s", 0, "Unheard Of One", True), *levels]
+    limit = white or 1
+
+    def file(brightest: float) -> bytes:
+        values = np.full((64, 96, 3), 0.25 * limit, np.float32)
+        values[5, 6, 1] = brightest
+        return tiff_file(values, photometric=34892, extratags=tags)
+
+    np.testing.assert_allclose(decode(file(limit)).pixels[20:, 20:], 0.25, atol=2e-4)
+    with pytest.raises(UnreadableImageError, match="floats with values above its white level"):
+        decode(file(1.5 * limit))
 
 
 def test_the_preview_gives_the_facts_that_the_raw_file_lacks(
