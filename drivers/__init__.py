@@ -16,7 +16,14 @@ from drivers.errors import (
     DriverError,
     SettingError,
 )
-from drivers.flash import ExternalFlash, Flash, OperatorFlash, PropertyFlash, check_flash_order
+from drivers.flash import (
+    ExternalFlash,
+    Flash,
+    OperatorFlash,
+    PropertyFlash,
+    check_flash_order,
+    leave_flash_off,
+)
 from drivers.pair import CapturedPair
 from drivers.registry import (
     announce_simulated,
@@ -58,6 +65,7 @@ __all__ = [
     "check_address",
     "check_flash_order",
     "check_settings",
+    "leave_flash_off",
     "list_cameras",
     "listen_to_network",
     "names_one_camera",

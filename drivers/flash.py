@@ -112,53 +112,64 @@ class ExternalFlash(Flash):
 
     def switch(self, camera: Camera, state: State, clock: Clock) -> None:  # noqa: ARG002
         """Give the order and let the flash settle."""
-        self._give(state)
+        _give(self.order, state)
         clock.sleep(self.settle_s)
 
     def leave_off(self) -> None:
         """Order it off. Neither the pair nor what it failed by is lost where that fails."""
-        try:
-            self._give("off")
-        except FlashError as error:
-            log.warning("The flash was not switched off after the pair. %s", error)
+        leave_flash_off(self.order)
 
-    def _give(self, state: State) -> None:
-        if self.order.startswith(("http://", "https://")):
-            self._fetch(self.order.replace("{state}", state))
-        else:
-            self._run([part.replace("{state}", state) for part in shlex.split(self.order)])
 
-    def _fetch(self, url: str) -> None:
-        try:
-            httpx.get(url, timeout=SWITCH_S, follow_redirects=False).raise_for_status()
-        except httpx.HTTPStatusError as error:
-            raise FlashError(
-                f"The switch of the flash answers {error.response.status_code}: check its URL and "
-                "try again."
-            ) from error
-        except (httpx.HTTPError, httpx.InvalidURL, UnicodeError) as error:  # the last: of a host
-            raise FlashError(
-                "The switch of the flash does not answer: check that it is on, and its URL, and "
-                "try again."
-            ) from error
+def leave_flash_off(order: str) -> None:
+    """Give an order of ExternalFlash for "off", also for a capture that was cut short.
 
-    def _run(self, command: list[str]) -> None:
-        try:
-            # To no pipe: what the command leaves running would hold it, and be waited for.
-            nowhere = subprocess.DEVNULL
-            subprocess.run(
-                command,
-                check=True,
-                timeout=SWITCH_S,
-                stdin=nowhere,
-                stdout=nowhere,
-                stderr=nowhere,
-            )
-        except (OSError, ValueError, subprocess.SubprocessError) as error:
-            raise FlashError(
-                f"The command that switches the flash failed, {_reason(error)}: run it by hand, "
-                "mend it and try again."
-            ) from error
+    A failure is told to the log alone.
+    """
+    try:
+        _give(order, "off")
+    except FlashError as error:
+        log.warning("The flash was not switched off after the pair. %s", error)
+
+
+def _give(order: str, state: State) -> None:
+    if order.startswith(("http://", "https://")):
+        _fetch(order.replace("{state}", state))
+    else:
+        _run([part.replace("{state}", state) for part in shlex.split(order)])
+
+
+def _fetch(url: str) -> None:
+    try:
+        httpx.get(url, timeout=SWITCH_S, follow_redirects=False).raise_for_status()
+    except httpx.HTTPStatusError as error:
+        raise FlashError(
+            f"The switch of the flash answers {error.response.status_code}: check its URL and "
+            "try again."
+        ) from error
+    except (httpx.HTTPError, httpx.InvalidURL, UnicodeError) as error:  # the last: of a host
+        raise FlashError(
+            "The switch of the flash does not answer: check that it is on, and its URL, and "
+            "try again."
+        ) from error
+
+
+def _run(command: list[str]) -> None:
+    try:
+        # To no pipe: what the command leaves running would hold it, and be waited for.
+        nowhere = subprocess.DEVNULL
+        subprocess.run(
+            command,
+            check=True,
+            timeout=SWITCH_S,
+            stdin=nowhere,
+            stdout=nowhere,
+            stderr=nowhere,
+        )
+    except (OSError, ValueError, subprocess.SubprocessError) as error:
+        raise FlashError(
+            f"The command that switches the flash failed, {_reason(error)}: run it by hand, "
+            "mend it and try again."
+        ) from error
 
 
 def _reason(error: Exception) -> str:

@@ -7,7 +7,7 @@ import json
 import logging
 import shutil
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import sqlalchemy as sa
 from obstore.exceptions import BaseError
 
-from drivers import CameraInfo
+from drivers import CameraInfo, leave_flash_off
 from pipeline.calibration.options import FILES
 from pipeline.result_names import LAYERS, MANIFEST
 from service import cameras, eta, jobs, kept, metrics, sandbox, scratch, tracing
@@ -124,10 +124,11 @@ class Attempt:
         return problem_of(error, self._job.trace_id).model_dump()
 
     def _take(self, pass_on: Callable[[sa.Connection], None]) -> bool:
-        self._begin()
-        if not self._job.inputs:
-            with contextlib.ExitStack() as stack:
-                self._capture(self._folder(stack))
+        with self._flash_left_off():
+            self._begin()
+            if not self._job.inputs:
+                with contextlib.ExitStack() as stack:
+                    self._capture(self._folder(stack))
 
         def write() -> bool:
             with self._engine.begin() as connection:
@@ -151,7 +152,8 @@ class Attempt:
         with contextlib.ExitStack() as stack:
             directory = self._folder(stack)
             if self._job.capture and not self._job.inputs:  # queued before cameras had queues
-                self._capture(directory)
+                with self._flash_left_off():
+                    self._capture(directory)
             elif self._job.task == "mix":
                 self._fetch_layers(directory)
             else:
@@ -209,6 +211,23 @@ class Attempt:
         if self._job.camera and told["info"]:
             with contextlib.suppress(*AWAY), self._engine.begin() as connection:
                 cameras.note(connection, self._job.camera, CameraInfo(**told["info"]))
+
+    @contextlib.contextmanager
+    def _flash_left_off(self) -> Iterator[None]:
+        """Have the flash off where a process ends that had no time to see to it, or was lost."""
+        try:
+            yield
+        except sandbox.TaskError:  # its process has seen to it
+            raise
+        except Exception:
+            self.leave_flash_off()
+            raise
+
+    def leave_flash_off(self) -> None:
+        """Switch off the flash that a capture of this job may have left on, if it has a switch."""
+        wanted = self._pair_to_take()
+        if wanted.flash == "external" and wanted.switch is not None:
+            leave_flash_off(wanted.switch)
 
     def _keep_pair(self, directory: Path, settings: dict[str, Any]) -> bool:
         """Store a pair for good and write that the job has it; false when this counts no more."""

@@ -260,6 +260,9 @@ class Worker:
         )
 
     def _finish(self, job: jobs.Job, attempt: Attempt) -> None:
+        ends = job.state == State.CANCELING or job.lost >= jobs.LOST_ATTEMPTS
+        if ends and job.captures:  # the attempt before this one died, perhaps between photographs
+            attempt.leave_flash_off()
         if job.state == State.CANCELING:
             attempt.give_up()
         elif job.lost >= jobs.LOST_ATTEMPTS:

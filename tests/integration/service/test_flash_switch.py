@@ -1,0 +1,105 @@
+"""A flash on a relay is off once a job has ended, however that came about."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+CAMERA = "sim://studio?width=64&height=64"
+
+
+class Relay(ThreadingHTTPServer):
+    """A relay that takes its time to answer that it is on."""
+
+    def __init__(self) -> None:
+        super().__init__(("127.0.0.1", 0), _Answer)
+        self.told: list[str] = []
+        self.let_go = threading.Event()
+        self.order = f"http://127.0.0.1:{self.server_port}/{{state}}"
+
+
+class _Answer(BaseHTTPRequestHandler):
+    server: Relay
+
+    def do_GET(self) -> None:
+        self.server.told.append(self.path)
+        if self.path == "/on":
+            self.server.let_go.wait(60)
+        self.send_response(204)
+        self.end_headers()
+
+    def log_message(self, format: str, *arguments: object) -> None:
+        """Stay quiet."""
+
+
+@pytest.fixture
+def relay() -> Iterator[Relay]:
+    with Relay() as served:
+        thread = threading.Thread(target=served.serve_forever)
+        thread.start()
+        yield served
+        served.let_go.set()
+        served.shutdown()
+        thread.join()
+
+
+def _cancel(service: Any, job: dict[str, Any]) -> None:
+    service.http.post(f"/jobs/{job['id']}/cancel").raise_for_status()
+
+
+def _freeze(service: Any, _job: dict[str, Any]) -> None:
+    """Have the job run out of time."""
+    for pid in service.find("child"):
+        os.kill(pid, signal.SIGSTOP)
+
+
+def _kill(service: Any, _job: dict[str, Any]) -> None:
+    for pid in service.find("child"):
+        os.kill(pid, signal.SIGKILL)
+
+
+def _kill_worker_and_cancel(service: Any, job: dict[str, Any]) -> None:
+    for pid in service.find("worker"):
+        os.kill(pid, signal.SIGKILL)
+    _cancel(service, job)
+
+
+@pytest.mark.parametrize(
+    ("ends", "outcome"),
+    [
+        (_cancel, None),
+        (_freeze, "timed-out"),
+        (_kill, "out-of-memory"),
+        (_kill_worker_and_cancel, None),
+    ],
+)
+def test_a_flash_on_a_relay_is_off_when_its_job_has_ended(
+    ends: Callable[[Any, dict[str, Any]], None],
+    outcome: str | None,
+    make_service: Callable[..., Any],
+    relay: Relay,
+    tmp_path: Path,
+) -> None:
+    service = make_service(
+        tmp_path / "service",
+        cameras=CAMERA,
+        flash_switch=relay.order,
+        flash_settle_seconds=0,
+        job_seconds=20,
+    )
+    service.start()
+    job = service.capture(CAMERA, flash="external")
+    service.await_that("the relay is on", lambda: "/on" in relay.told or service.look(job)["error"])
+    ends(service, job)
+    done = service.await_end(job)
+    assert relay.told == ["/off", "/on", "/off"]
+    assert done["state"] == ("failed" if outcome else "canceled")
+    if outcome:
+        assert done["error"]["type"] == f"urn:lightlayers:problem:{outcome}"
