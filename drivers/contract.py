@@ -46,5 +46,10 @@ def not_offered(
     name: SettingName, value: SettingValue, offered: Iterable[SettingValue]
 ) -> SettingError:
     """Make the error of a value that is none of those that the camera offers."""
-    known = ", ".join(map(str, offered))
-    return SettingError(f"The camera offers no {name} of {value}; it offers {known}.")
+    known = ", ".join(map(_said, offered))
+    return SettingError(f"The camera offers no {name} of {_said(value)}; it offers {known}.")
+
+
+def _said(value: SettingValue) -> str:
+    """Write a value for people, a time that was asked for as 1/60 in a few digits."""
+    return f"{value:.4g}" if isinstance(value, float) and abs(value) < 1 else str(value) or "''"

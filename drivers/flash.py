@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import shlex
 import subprocess
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,6 +24,8 @@ from drivers.errors import FlashError, SettingError
 log = logging.getLogger("drivers.flash")
 
 State = Literal["off", "on"]
+
+_URLS = ("http://", "https://")
 
 SWITCH_S = 10.0
 """How long a switch outside the camera may take to obey."""
@@ -41,9 +44,11 @@ def check_flash_order(order: str) -> None:
     if "{state}" not in order:
         raise ValueError("write {state} where on or off is to stand")
     try:
-        shlex.split(order)
+        words = shlex.split(order)
     except ValueError as error:
         raise ValueError(f"the command cannot be read ({str(error).lower()})") from error
+    if "://" in words[0] and not order.startswith(_URLS):
+        raise ValueError("a URL begins with http:// or https://")
 
 
 class Flash(ABC):
@@ -132,21 +137,31 @@ def leave_flash_off(order: str) -> None:
 
 
 def _give(order: str, state: State) -> None:
-    if order.startswith(("http://", "https://")):
+    if order.startswith(_URLS):
         _fetch(order.replace("{state}", state))
     else:
         _run([part.replace("{state}", state) for part in shlex.split(order)])
 
 
 def _fetch(url: str) -> None:
+    deadline = time.monotonic() + SWITCH_S
     try:
-        httpx.get(url, timeout=SWITCH_S, follow_redirects=False).raise_for_status()
+        with httpx.stream("GET", url, timeout=SWITCH_S, follow_redirects=False) as answer:
+            answer.raise_for_status()
+            for _ in answer.iter_raw():  # it may have obeyed at the end alone
+                if time.monotonic() > deadline:
+                    raise httpx.ReadTimeout("The answer does not end.")
     except httpx.HTTPStatusError as error:
         raise FlashError(
             f"The switch of the flash answers {error.response.status_code}: check its URL and "
             "try again."
         ) from error
     except (httpx.HTTPError, httpx.InvalidURL, UnicodeError) as error:  # the last: of a host
+        if "CERTIFICATE_VERIFY_FAILED" in str(error):
+            raise FlashError(
+                "The certificate of the flash's switch is none that this computer trusts: have it "
+                "trusted (SSL_CERT_FILE), or use http:// where the network is your own."
+            ) from error
         raise FlashError(
             "The switch of the flash does not answer: check that it is on, and its URL, and "
             "try again."

@@ -157,7 +157,11 @@ class PtpCamera(Camera):
             number = codec.encode(wanted)
             raw = uint(number, description.width)
         except (ValueError, OverflowError, struct.error) as error:
-            raise SettingError(f"{value!r} is not a value that {name} can have.") from error
+            if choices:
+                raise not_offered(name, value, map(codec.decode, choices)) from error
+            raise SettingError(
+                f"{value!r} is not a value that {name} can have: set it on the camera itself."
+            ) from error
         if choices and number not in choices:
             raise not_offered(name, value, map(codec.decode, choices))
         self._session.request(Operation.SET_DEVICE_PROP_VALUE, codec.code, data=raw)

@@ -1,11 +1,20 @@
 from __future__ import annotations
 
+import contextlib
 import http.server
+import ssl
 import sys
 import threading
+import time
 from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.hashes import SHA256
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 
 from drivers.camera import Setting, SettingName
 from drivers.capture import capture_pair
@@ -94,6 +103,10 @@ class Relay(http.server.BaseHTTPRequestHandler):
         obeys = "turn" in self.path and len(self.told) <= self.orders
         self.send_response(200 if obeys else 500)
         self.end_headers()
+        with contextlib.suppress(OSError):
+            while "endless" in self.path:
+                self.wfile.write(b".")
+                time.sleep(0.02)
 
     def log_message(self, *_: object) -> None: ...
 
@@ -157,6 +170,8 @@ def test_a_command_that_does_not_end_is_an_error(
         ("http://127.0.0.1:1/{state}", "does not answer: check that it is on, and its URL, and"),
         ("http://[{state}", "does not answer: check"),
         ("http://a..b/{state}", "does not answer: check"),
+        ("HTTP://127.0.0.1/{state}", "a URL begins with http:// or https://"),
+        ("ftp://127.0.0.1/{state}", "a URL begins with http:// or https://"),
     ],
 )
 def test_orders_that_nothing_obeys_are_errors(clock: Clock, order: str, complaint: str) -> None:
@@ -167,6 +182,39 @@ def test_orders_that_nothing_obeys_are_errors(clock: Clock, order: str, complain
 def test_a_relay_that_refuses_is_an_error(clock: Clock, relay: tuple[str, list[str]]) -> None:
     with pytest.raises(FlashError, match="switch of the flash answers 500: check its URL"):
         switched(ExternalFlash(relay[0] + "/{state}", brightness), clock)
+
+
+def test_a_relay_whose_answer_does_not_end_is_an_error(
+    clock: Clock, relay: tuple[str, list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("drivers.flash.SWITCH_S", 0.3)
+    with pytest.raises(FlashError, match="does not answer: check that it is on"):
+        switched(ExternalFlash(relay[0] + "/endless?turn={state}", brightness), clock)
+
+
+def test_a_certificate_that_nobody_vouches_for_is_told_as_such(
+    clock: Clock, tmp_path: Path
+) -> None:
+    key = ec.generate_private_key(ec.SECP256R1())
+    name = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "relay")])
+    today = datetime.now(UTC)
+    made = x509.CertificateBuilder(name, name, key.public_key(), 1, today, today + timedelta(1))
+    certificate = tmp_path / "certificate"
+    certificate.write_bytes(
+        key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+        + made.sign(key, SHA256()).public_bytes(Encoding.PEM)
+    )
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(certificate)
+    with http.server.HTTPServer(("127.0.0.1", 0), Relay) as server:
+        server.socket = context.wrap_socket(server.socket, server_side=True)
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        order = f"https://127.0.0.1:{server.server_port}/turn={{state}}"
+        with pytest.raises(FlashError, match=r"certificate .* is none that this computer trusts"):
+            switched(ExternalFlash(order, brightness), clock)
+        server.shutdown()
+        thread.join()
 
 
 ORDERS = ["/turn=off", "/turn=on", "/turn=off"]
