@@ -194,8 +194,9 @@ class CameraAnswer(BaseModel):
     make: str
     model: str
     serial: str
-    state: Literal["idle", "capturing", "waiting_for_operator", "away"] = Field(
-        description="away: it did not answer when it was last looked for."
+    state: Literal["idle", "capturing", "waiting_for_operator", "away", "unable"] = Field(
+        description="away: it did not answer when it was last looked for. unable: it answered, and "
+        "takes no order to release by this address."
     )
     battery_percent: int | None = Field(description="Null where it does not tell.")
     free_bytes: int | None = Field(

@@ -55,10 +55,16 @@ def find(task: Task, tell: Tell) -> None:
 
 
 def describe(task: Task, tell: Tell) -> None:
-    """Answer with what a camera tells of itself."""
+    """Answer with what a camera tells of itself, and whether it can be released."""
     assert isinstance(task.camera, LookAt)
     with drivers.open_camera(task.camera.camera) as camera:
-        tell({"answer": asdict(camera.info())})
+        info = asdict(camera.info())
+        try:
+            camera.check_release()
+        except drivers.SettingError:
+            tell({"answer": {"info": info, "releases": False}})
+        else:
+            tell({"answer": {"info": info, "releases": True}})
 
 
 def adjust(task: Task, tell: Tell) -> None:

@@ -97,7 +97,8 @@ class Task:
     kind "capture": TakePair → directory/no_flash and directory/flash; asks the questions of
         service.camera_tasks, and answers with what the camera was set to.
     kind "cameras": FindCameras; answers with the addresses of all that are found.
-    kind "camera": LookAt; answers with what the camera tells of itself.
+    kind "camera": LookAt; answers with what the camera tells of itself, and whether it can be
+        released.
     kind "camera_settings": Adjust; answers with all settings that the camera has.
     """
 

@@ -147,6 +147,10 @@ class GphotoCamera(Camera):
         """Delete an object from the card."""
         self._call("delete", handle)
 
+    def check_release(self) -> None:
+        """Look whether libgphoto2 can release this camera. Raises SettingError."""
+        self._call("check_release")
+
     def trigger(self) -> None:
         """Press the release; returns at once, the photograph comes later."""
         self._call("trigger")

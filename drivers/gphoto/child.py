@@ -191,6 +191,15 @@ class Calls:
         """Delete a file."""
         self._camera.file_delete(*self._place(handle))
 
+    def check_release(self) -> None:
+        """Look whether libgphoto2 can release it: of many cameras it only fetches photographs."""
+        releases = gp.GP_OPERATION_CAPTURE_IMAGE | gp.GP_OPERATION_TRIGGER_CAPTURE
+        if not self._camera.get_abilities().operations & releases:
+            raise SettingError(
+                "libgphoto2 cannot release this camera, it only fetches its photographs: take the "
+                "pair by hand and send its files, or use another camera."
+            )
+
     def trigger(self) -> None:
         """Press the release."""
         self._camera.trigger_capture()

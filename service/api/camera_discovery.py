@@ -47,6 +47,7 @@ class CameraDiscovery:
         self._running: Future[None] | None = None
         self._refreshed = 0.0
         self._found: list[str] = []
+        self._unable: set[str] = set()  # addresses
         self._closed = False
 
     def close(self) -> None:
@@ -57,6 +58,10 @@ class CameraDiscovery:
     def addresses(self) -> list[str]:
         """Addresses of the cameras that were found last, and of those that the operator names."""
         return [*self._found, *configured(self._settings)]
+
+    def is_unable(self, address: str) -> bool:
+        """Whether the camera took no order to release when this process last looked at it."""
+        return address in self._unable
 
     def refresh(self) -> Future[None]:
         """Look at all cameras, unless that is done already or was just now.
@@ -120,7 +125,9 @@ class CameraDiscovery:
         info = None
         try:
             with contextlib.suppress(*_UNANSWERED):
-                info = drivers.CameraInfo(**self._run("camera", LookAt(address)))
+                told = self._run("camera", LookAt(address))
+                info = drivers.CameraInfo(**told["info"])
+                (self._unable.discard if told["releases"] else self._unable.add)(address)
         finally:
             with self._engine.begin() as connection:
                 cameras.give_back(connection, camera, info, info is not None, self._host)

@@ -177,10 +177,11 @@ def _jobs(context: Context, job_id: str) -> JobList:
 def _list(context: Context, caller: Caller) -> list[CameraAnswer]:
     with context.engine.connect() as connection:
         found = cameras.find_all(connection, context.camera_discovery.addresses())
-    return [_answer(camera, caller) for camera in found]
+    is_unable = context.camera_discovery.is_unable
+    return [_answer(camera, caller, is_unable(camera.address)) for camera in found]
 
 
-def _answer(camera: cameras.Camera, caller: Caller) -> CameraAnswer:
+def _answer(camera: cameras.Camera, caller: Caller, unable: bool) -> CameraAnswer:
     holder = camera.holder
     return CameraAnswer(
         id=camera.id,
@@ -188,7 +189,7 @@ def _answer(camera: cameras.Camera, caller: Caller) -> CameraAnswer:
         make=camera.make,
         model=camera.model,
         serial=camera.serial,
-        state=_state(camera),
+        state=_state(camera, unable),
         battery_percent=camera.battery_percent,
         free_bytes=camera.free_bytes,
         holder=holder.id if holder and caller.may_see(holder) else None,
@@ -196,11 +197,13 @@ def _answer(camera: cameras.Camera, caller: Caller) -> CameraAnswer:
     )
 
 
-def _state(camera: cameras.Camera) -> Any:
+def _state(camera: cameras.Camera, unable: bool) -> Any:
     if camera.holder:
         waits = camera.holder.state == State.WAITING_FOR_OPERATOR
         return "waiting_for_operator" if waits else "capturing"
-    return "idle" if camera.answered else "away"
+    if not camera.answered:
+        return "away"
+    return "unable" if unable else "idle"
 
 
 async def _events(context: Context, caller: Caller) -> AsyncIterator[bytes]:

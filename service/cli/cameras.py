@@ -41,7 +41,7 @@ _REPEATS = 3
 def list_cameras(
     as_json: AsJson = False,
 ) -> None:
-    """List the cameras that can take a pair.
+    """List the cameras that are there, and which of them cannot take a pair.
 
     On the network these are the ones that announce themselves (mDNS), and those that
     LIGHTLAYERS_CAMERAS names. Canon EOS, Sony, Fuji, Panasonic and Olympus take pairs by
@@ -58,20 +58,39 @@ def list_cameras(
         if each.startswith("ptp+ip://") and drivers.names_one_camera(each)
     ]
     drivers.listen_to_network()
-    found = drivers.list_cameras()
-    for address in named:
-        if address not in [camera.address for camera in found]:
+    seen = {camera.address: camera for camera in drivers.list_cameras()}
+    found = []
+    for address in dict.fromkeys((*seen, *named)):
+        info, refusal = seen.get(address), None
+        # one on the network that was not named may be in use, and drop that for another's look
+        if address.startswith("ptp+usb://") or address in named:
             try:
-                with drivers.open_camera(address) as camera:
-                    found.append(camera.info())
+                info, refusal = _look(address)
             except drivers.DriverError as error:
-                say(str(error))
+                say(str(error) if address in named else f"{address}: {error}")
+        if info:
+            found.append((info, refusal))
     if as_json:
-        print_json([asdict(camera) for camera in found])
+        print_json([asdict(info) | {"unable": refusal} for info, refusal in found])
         return
-    for info in found:
+    for info, refusal in found:
         battery = "" if info.battery_percent is None else f", battery {info.battery_percent} %"
         print(f"{info.address}  {f'{info.make} {info.model}'.strip()}{battery}")
+        if refusal:
+            print(f"  {refusal}")
+
+
+def _look(address: str) -> tuple[drivers.CameraInfo, str | None]:
+    """What a camera tells of itself, and why it cannot take a pair."""
+    import drivers
+
+    with drivers.open_camera(address) as camera:
+        info = camera.info()
+        try:
+            camera.check_release()
+        except drivers.SettingError as error:
+            return info, str(error)
+        return info, None
 
 
 def capture(

@@ -6,7 +6,7 @@ import { bytes, h, otherKey, pause } from "./dom.js";
 import { follow } from "./events.js";
 import { AWAY } from "./watch.js";
 
-const STATES = { idle: "Ready", capturing: "Takes photographs", waiting_for_operator: "Waits for somebody", away: "Not connected" };
+const STATES = { idle: "Ready", capturing: "Takes photographs", waiting_for_operator: "Waits for somebody", away: "Not connected", unable: "Cannot be released from here" };
 const FLASH = [["", "The camera switches the flash"], ["external", "A relay or trigger switches it"], ["operator", "I switch it myself"]];
 
 /** List the cameras below the form, and keep the list as they are; or tell why there is none.
@@ -93,7 +93,7 @@ function rowOf(camera, attempt, options) {
   );
   const show = (now) => {
     how.replaceChildren(...wordsOf(now));
-    button.disabled = now.state === "away";
+    button.disabled = now.state === "away" || now.state === "unable";
   };
   return { element, show };
 }

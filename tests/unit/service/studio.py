@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 import drivers
+from drivers.ptp.datasets import DeviceInfo
+from drivers.sim.responder import RELEASES
 from service import camera_tasks, cameras, jobs, sandbox
 from service.api.camera_discovery import CameraDiscovery
 from service.api.context import Context
@@ -44,6 +47,17 @@ def ask_in_process(monkeypatch: pytest.MonkeyPatch) -> None:
         return json.loads(json.dumps(told[-1]["answer"]))
 
     monkeypatch.setattr(CameraDiscovery, "_run", run)
+
+
+def take_release_away(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have simulated cameras take no order to release."""
+    encode = DeviceInfo.encode
+
+    def without(info: DeviceInfo) -> bytes:
+        offered = tuple(code for code in info.operations if code not in RELEASES)
+        return encode(replace(info, operations=offered))
+
+    monkeypatch.setattr(DeviceInfo, "encode", without)
 
 
 def hold(context: Context, job_id: str) -> jobs.Job:

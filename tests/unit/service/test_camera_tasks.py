@@ -232,12 +232,15 @@ def test_a_camera_tells_of_itself(camera: Any) -> None:
     assert told == [
         {
             "answer": {
-                "address": address,
-                "make": "NIKON CORPORATION",
-                "model": "NIKON D5100",
-                "serial": "0000001",
-                "battery_percent": 87,
-                "free_bytes": 2 * 10**9,
+                "info": {
+                    "address": address,
+                    "make": "NIKON CORPORATION",
+                    "model": "NIKON D5100",
+                    "serial": "0000001",
+                    "battery_percent": 87,
+                    "free_bytes": 2 * 10**9,
+                },
+                "releases": True,
             }
         }
     ]

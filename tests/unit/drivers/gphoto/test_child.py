@@ -22,6 +22,7 @@ from drivers.errors import (
 TIMEOUT, FILE_ADDED, CAPTURE_COMPLETE, UNKNOWN = range(4)
 BAD_PARAMETERS, NOT_SUPPORTED, IO, BUSY = -2, -6, -7, -110
 FREE, RADIO = 64, 5
+IMAGE, TRIGGER, DELETE = 1, 32, 2
 
 Store = SimpleNamespace
 
@@ -89,6 +90,7 @@ class Device:
         self.obedience: int | None = 0
         self.refuses = False
         self.open = False
+        self.operations = 0
         self.stores: list[Any] | int = [Store(fields=FREE, freekbytes=3), Store(fields=0)]
 
     def init(self) -> None:
@@ -108,6 +110,9 @@ class Device:
             raise LibraryError(IO)
         if self.obedience is not None:
             self.settings[name] = Late(self.settings[name].value, widget, self.obedience)
+
+    def get_abilities(self) -> SimpleNamespace:
+        return SimpleNamespace(operations=self.operations)
 
     def get_storageinfo(self) -> list[Any]:
         if isinstance(self.stores, int):
@@ -144,6 +149,8 @@ def calls(device: Device, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
         GP_ERROR_IO_LOCK=-60,
         GP_ERROR_NOT_SUPPORTED=NOT_SUPPORTED,
         GP_STORAGEINFO_FREESPACEKBYTES=FREE,
+        GP_OPERATION_CAPTURE_IMAGE=IMAGE,
+        GP_OPERATION_TRIGGER_CAPTURE=TRIGGER,
         GP_WIDGET_RADIO=RADIO,
         GP_WIDGET_MENU=RADIO + 1,
         GP_EVENT_TIMEOUT=TIMEOUT,
@@ -274,3 +281,19 @@ def test_a_camera_that_does_not_answer_is_not_taken_for_one_that_lacks_something
 def test_a_setting_that_a_camera_lacks_is_told(calls: Any) -> None:
     with pytest.raises(SettingError, match="The camera has no setting iso"):
         calls.read(SettingName.ISO)
+
+
+@pytest.mark.parametrize("operations", [IMAGE, TRIGGER | DELETE])
+def test_a_camera_that_libgphoto2_releases_is_taken(
+    calls: Any, device: Device, operations: int
+) -> None:
+    device.operations = operations
+    calls.check_release()
+
+
+def test_a_camera_whose_photographs_libgphoto2_only_fetches_is_refused(
+    calls: Any, device: Device
+) -> None:
+    device.operations = DELETE
+    with pytest.raises(SettingError, match="libgphoto2 cannot release this camera"):
+        calls.check_release()

@@ -21,7 +21,7 @@ from service.settings import Settings
 from service.tasks import FindCameras
 from tests.unit.service.asking import bearing, owner_of, problem_of
 from tests.unit.service.streams import events
-from tests.unit.service.studio import AWAY, PATH, SIM, hold, with_cameras
+from tests.unit.service.studio import AWAY, PATH, SIM, hold, take_release_away, with_cameras
 
 FOREIGN = "ptp+ip://192.168.1.99"
 
@@ -51,6 +51,15 @@ class TestList:
         }
         assert (away["address"], away["state"], away["model"]) == (AWAY, "away", "")
         assert (away["battery_percent"], away["free_bytes"]) == (None, None)
+
+    def test_a_camera_that_no_order_releases_is_told_from_those_that_are_ready(
+        self, http: httpx.Client, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr("service.api.camera_discovery._FRESH_SECONDS", -1.0)
+        with monkeypatch.context() as other:
+            take_release_away(other)
+            assert [one["state"] for one in http.get("/cameras").json()] == ["away", "unable"]
+        assert [one["state"] for one in http.get("/cameras").json()] == ["away", "idle"]
 
     @pytest.mark.parametrize("allowed", [AWAY, "ptp+ip://"])
     def test_announcements_are_listened_to_where_all_cameras_of_the_network_are_allowed(

@@ -12,6 +12,7 @@ import drivers
 from drivers.ptp import usb as driver
 from service import durable
 from service.cli import run
+from tests.unit.service.studio import take_release_away
 from tests.unit.service.usb_bus import ADDRESS, Bus
 
 CAMERA = "sim://studio?width=64&height=64"
@@ -55,7 +56,38 @@ def test_cameras_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     line = capsys.readouterr().out
     assert line.startswith(f"sim://studio  {camera.make} {camera.model}")
     assert run(["cameras", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == [asdict(camera)]
+    assert json.loads(capsys.readouterr().out) == [asdict(camera) | {"unable": None}]
+
+
+def test_a_camera_that_no_order_releases_is_listed_as_such(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("drivers.ptp.usb._libusb", lambda: Bus(away_for=0))
+    assert run(["cameras"]) == 0
+    usable = capsys.readouterr()
+    assert f"{ADDRESS}  NIKON CORPORATION NIKON D5100, battery 87 %\n" in usable.out
+    take_release_away(monkeypatch)
+    assert run(["cameras"]) == 0
+    said = capsys.readouterr().out.partition(ADDRESS)[2].splitlines()
+    assert said[0] == "  NIKON CORPORATION NIKON D5100, battery 87 %"
+    assert said[1].startswith("  The camera takes no order to release over PTP: have libgphoto2")
+    assert run(["cameras", "--json"]) == 0
+    (told,) = (one for one in json.loads(capsys.readouterr().out) if one["address"] == ADDRESS)
+    assert told["unable"] == said[1].strip()
+
+
+def test_a_camera_on_usb_that_does_not_open_is_listed_all_the_same(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def held(_address: str) -> None:
+        raise drivers.CameraTimeoutError("It gave no answer.")
+
+    monkeypatch.setattr("drivers.ptp.usb._libusb", lambda: Bus(away_for=0))
+    monkeypatch.setattr("drivers.ptp.usb.open_camera", held)
+    assert run(["cameras"]) == 0
+    said = capsys.readouterr()
+    assert f"{ADDRESS}  " in said.out
+    assert said.err == f"{ADDRESS}: It gave no answer.\n"
 
 
 @pytest.fixture
