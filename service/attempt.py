@@ -15,10 +15,10 @@ from typing import Any, TypeVar
 import sqlalchemy as sa
 from obstore.exceptions import BaseError
 
-from drivers import CameraInfo, leave_flash_off
+from drivers import CameraInfo, CameraNotFoundError, leave_flash_off
 from pipeline.calibration.options import FILES
 from pipeline.result_names import LAYERS, MANIFEST
-from service import cameras, eta, jobs, kept, metrics, sandbox, scratch, tracing
+from service import cameras, eta, host, jobs, kept, metrics, sandbox, scratch, tracing
 from service.capture import Capture
 from service.database import AWAY
 from service.errors import (
@@ -41,6 +41,11 @@ from service.storage import Storage
 from service.tasks import RESULTS, Kind, Limits, TakePair, Task, results_of
 
 _REPORT_SECONDS = 0.5
+_ELSEWHERE = (
+    " It was looked for on the worker's host alone, as no API with a worker beside it had seen it "
+    "when the capture was sent: if it hangs on another host, run `lightlayers serve` there, ask it "
+    "for GET /cameras, and send the capture again."
+)
 
 Result = TypeVar("Result")
 
@@ -203,6 +208,8 @@ class Attempt:
             told = self._run_task("capture", directory, ask)
         except (sandbox.TaskError, AttemptError) as error:
             if not kept:
+                if isinstance(error, sandbox.TaskError) and self._is_elsewhere_perhaps(error):
+                    error.problem["detail"] += _ELSEWHERE
                 raise
             self._log.warning("cut short after the pair was kept: %s", type(error).__name__)
             return
@@ -211,6 +218,15 @@ class Attempt:
         if self._job.camera and told["info"]:
             with contextlib.suppress(*AWAY), self._engine.begin() as connection:
                 cameras.note(connection, self._job.camera, CameraInfo(**told["info"]))
+
+    def _is_elsewhere_perhaps(self, error: sandbox.TaskError) -> bool:
+        """Whether a camera was not found, and that on the USB of one of several hosts."""
+        here, camera = host.of_usb(self._engine), self._job.camera
+        not_found = error.problem["type"] == problem_of(CameraNotFoundError(), "").type
+        if not (not_found and here and camera):
+            return False
+        with self._engine.connect() as connection:
+            return cameras.may_be_elsewhere(connection, camera, here)
 
     @contextlib.contextmanager
     def _flash_left_off(self) -> Iterator[None]:

@@ -182,6 +182,12 @@ def host_of(connection: sa.Connection, camera: str) -> str | None:
     return connection.execute(query).scalar()
 
 
+def may_be_elsewhere(connection: sa.Connection, camera: str, host: str) -> bool:
+    """Whether a camera that was not found on a host's USB may hang on that of another host."""
+    on_usb = _is_on_usb(address_of(connection, camera) or "")
+    return on_usb and host_of(connection, camera) != host
+
+
 def note(
     connection: sa.Connection, camera: str, info: drivers.CameraInfo | None, answered: bool = True
 ) -> None:

@@ -9,10 +9,11 @@ from typing import Any
 
 import pytest
 
-from service import cameras, heartbeats, jobs, sandbox
+from drivers import CameraNotFoundError
+from service import cameras, heartbeats, host, jobs, sandbox
 from service.api.context import Context
 from service.attempt import Attempt
-from service.errors import CrashError, NoProcessError, StorageFullError
+from service.errors import CrashError, NoProcessError, StorageFullError, problem_of
 from service.states import State
 from service.stopping import Stopping
 from service.tasks import Task
@@ -196,3 +197,76 @@ def test_a_request_ends_when_the_job_is_canceled(
 
 def test_a_request_ends_with_the_process_that_made_it(capture: Callable[[], Attempt]) -> None:
     assert capture()._ask_operator("Switch it off.", 60, lambda: True) is False
+
+
+@pytest.mark.parametrize(
+    ("address", "here", "told"),
+    [
+        ("ptp+usb://1", "studio", True),
+        ("ptp+usb://1", None, False),  # there is no other host
+        ("sim://studio", "studio", False),
+    ],
+)
+def test_a_camera_on_usb_that_is_sought_on_the_wrong_host_is_told_with_what_to_do(
+    address: str,
+    here: str | None,
+    told: bool,
+    context: Context,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    row = {"id": "a", "options": {}, "trace_id": "1" * 32, "request_hash": ""}
+    with context.engine.begin() as connection:
+        camera = cameras.add(connection, address)
+        jobs.add(connection, row | {"camera": camera, "capture": {"camera": address}})
+        held = cameras.claim(connection, "a", "w")
+    assert held is not None
+
+    def run(*_arguments: object) -> None:
+        error = CameraNotFoundError("No camera is on USB.")
+        raise sandbox.TaskError(problem_of(error, "").model_dump())
+
+    monkeypatch.setattr(sandbox, "run", run)
+    monkeypatch.setattr(host, "of_usb", lambda _engine: here)
+    settings, server = context.settings, context.fork_server
+    Attempt(held, context.engine, context.storage, settings, server, lambda: False).capture(
+        lambda _connection: None
+    )
+    failed = _job(context)
+    assert failed.state == State.FAILED and failed.error
+    sentence, _, advice = failed.error["detail"].partition(
+        " It was looked for on the worker's host"
+    )
+    assert sentence == "No camera is on USB."
+    assert ("run `lightlayers serve` there, ask it for GET /cameras" in advice) is told
+
+
+@pytest.mark.parametrize(
+    ("error", "orders"),
+    [
+        (CrashError("It crashed."), ["relay {state}"]),
+        (sandbox.StoppedError(), ["relay {state}"]),
+        (sandbox.TaskError(problem_of(CameraNotFoundError("Away."), "").model_dump()), []),
+    ],
+)
+def test_the_switch_of_a_flash_is_told_off_where_the_process_of_a_capture_could_not(
+    error: Exception, orders: list[str], context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    row = {"id": "a", "options": {}, "trace_id": "1" * 32, "request_hash": ""}
+    asked = {"camera": "sim://studio", "flash": "external"}
+    with context.engine.begin() as connection:
+        camera = cameras.add(connection, "sim://studio")
+        jobs.add(connection, row | {"camera": camera, "capture": asked})
+        held = cameras.claim(connection, "a", "w")
+    assert held is not None
+
+    def run(*_arguments: object) -> None:
+        raise error
+
+    told: list[str] = []
+    monkeypatch.setattr(sandbox, "run", run)
+    monkeypatch.setattr("service.attempt.leave_flash_off", told.append)
+    settings = context.settings.model_copy(update={"flash_switch": "relay {state}"})
+    Attempt(
+        held, context.engine, context.storage, settings, context.fork_server, lambda: False
+    ).capture(lambda _connection: None)
+    assert told == orders

@@ -306,6 +306,20 @@ def test_where_no_worker_has_been_any_may_try(engine: sa.Engine) -> None:
     assert _host(engine, f"{USB}1") is None
 
 
+def test_a_camera_may_hang_on_another_host_unless_this_one_has_seen_it(engine: sa.Engine) -> None:
+    _work_on(engine, "studio", "other")
+    seen = _see(engine, f"{USB}1", "studio")
+    with engine.begin() as connection:
+        unseen = cameras.add(connection, f"{USB}2")
+        network = cameras.add(connection, "ptp+ip://192.168.1.20")
+        found = [
+            cameras.may_be_elsewhere(connection, camera, host)
+            for camera, host in ((seen, "studio"), (seen, "other"), (unseen, "studio"))
+        ]
+        assert found == [False, True, True]
+        assert not cameras.may_be_elsewhere(connection, network, "studio")
+
+
 def test_a_camera_on_usb_is_listed_alone(engine: sa.Engine) -> None:
     with engine.begin() as connection:
         cameras.add(connection, f"{USB}1")
