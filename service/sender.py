@@ -101,7 +101,9 @@ class Sender:
             place = str(self._spool.folder)
             facts: dict[str, Any] = {"reason": reason, "spool": place, **self._waiting()}
             if (count := facts.get("waiting")) is None:  # that may be why nothing goes
-                self._tell("held", reason, **facts)
+                self._tell(
+                    "held", f"{reason} See to {place} and its disk, then it goes on.", **facts
+                )
                 return
             waiting = f"{count} pair{'' if count == 1 else 's'} wait{'s' if count == 1 else ''}"
             self._tell("held", f"{reason} {waiting} in the spool {place}.", **facts)

@@ -167,14 +167,23 @@ def _take(
     with new_results(output) as folder:
         opened, taker, pair = _capture(camera, wait_s, switch, wanted)
         shot = new_shot()
-        names = []
-        for frame, photographs in {"no_flash": pair.no_flash, "flash": pair.flash}.items():
-            for kind, data in photographs.files.items():
-                names.append(f"{shot}_{frame}.{ending(kind)}")
-                durable.write(folder / names[-1], data)
-        recipe = f"{shot}{RECIPE}"
-        made = Recipe.of(pair, taker)
-        durable.write(folder / recipe, f"{made.model_dump_json(indent=2)}\n".encode())
+        recipe, made = f"{shot}{RECIPE}", Recipe.of(pair, taker)
+        frames = {"no_flash": pair.no_flash, "flash": pair.flash}
+        photographs = {
+            f"{shot}_{frame}.{ending(kind)}": data
+            for frame, taken in frames.items()
+            for kind, data in taken.files.items()
+        }
+        names = list(photographs)
+        try:
+            for name, data in photographs.items():
+                durable.write(folder / name, data)
+            durable.write(folder / recipe, f"{made.model_dump_json(indent=2)}\n".encode())
+        except OSError as error:
+            raise InputError(
+                f"The folder {output} cannot be written: {reason_of(error)}. See to it and its "
+                "disk: the pair is on the camera's card alone."
+            ) from error
     try:
         durable.flush(output)
     except OSError as error:

@@ -199,8 +199,8 @@ class _Taking:
             self._fail(str(error))
         except OSError as error:
             self._fail(
-                f"The spool cannot be written: {reason_of(error)}. The pair is on the camera's "
-                "card alone."
+                f"The spool {self._spool.folder} cannot be written: {reason_of(error)}. See to the "
+                "folder and its disk: the pair is on the camera's card alone."
             )
         else:
             facts: dict[str, Any] = {"shot": shot, "sha256": spooled.sha256}

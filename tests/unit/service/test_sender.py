@@ -425,11 +425,12 @@ def test_a_spool_that_cannot_be_read_is_told_and_outlived(
     waiting.rename(away)
     sender = Sender(spool, service, told)
     reason = "The spool cannot be read or written: no such file or directory."
-    assert told.await_event("held") == reason
+    said = f"{reason} See to {spool.folder} and its disk, then it goes on."
+    assert told.await_event("held") == said
     away.rename(waiting)
     sender.finish()
     assert service.stored == [pair.sha256]
-    assert told.events[0] == ("held", reason, {"reason": reason, "spool": str(spool.folder)})
+    assert told.events[0] == ("held", said, {"reason": reason, "spool": str(spool.folder)})
 
 
 @pytest.mark.parametrize("broken", ["shutil.rmtree", "durable.flush", "Spool.count"])

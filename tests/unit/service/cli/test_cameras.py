@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import json
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -382,3 +383,17 @@ def test_the_service_lists_what_was_heard_and_waits_for_nothing(
     assert drivers.CameraInfo("ptp+ip://192.0.2.7", "", "Studio camera", "", None) in (
         drivers.list_cameras()
     )
+
+
+def test_a_pair_for_which_there_is_no_room_is_told_with_where_it_is_left(
+    out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(*_arguments: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("service.durable.write", full)
+    assert refused(capsys, "capture", CAMERA, "-o", str(out)) == (
+        f"The folder {out} cannot be written: no space left on device. See to it and its disk: the "
+        "pair is on the camera's card alone.\n"
+    )
+    assert not out.exists()

@@ -267,6 +267,7 @@ def test_a_photograph_that_cannot_be_decoded_fails_its_pair_alone(
 def test_a_disk_without_room_is_told_and_the_card_has_the_pair(
     tether: Callable[..., int],
     bus: Bus,
+    tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -276,7 +277,11 @@ def test_a_disk_without_room_is_told_and_the_card_has_the_pair(
     monkeypatch.setattr(Spool, "add", full)
     assert tether(lines="\n") == 1
     said = capsys.readouterr().err
-    assert "cannot be written: no space left on device. The pair is on the camera's card" in said
+    assert (
+        "cannot be written: no space left on device. See to the folder and its disk: the pair is "
+        "on the camera's card alone.\n"
+    ) in said
+    assert f"The spool {tmp_path}" in said
     assert len(bus.body.objects) == 3  # with the folder
 
 
