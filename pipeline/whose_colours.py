@@ -29,7 +29,7 @@ _PRIOR_WEIGHT = 0.2  # the prior is narrower than measured, for other reasons
 _MANY_DIFFERENCES = 600
 _SENSOR_LIKELIER, _SRGB_LIKELIER = 60.0, 90.0
 _LIKELIER_UNDER_ONE = 200.0
-NOT_ITS_VALUES = (
+_NOT_ITS_VALUES = (
     " The camera named describes the values of its sensor, which these are not: leave it out."
 )
 """What a warning of files that hold no sensor's values goes on with where a camera was named."""
@@ -89,19 +89,8 @@ def camera_warnings(frame: Frame, camera: Camera, named: bool) -> list[RunWarnin
 
     frame: one of the files. camera: what was taken. named: whether the user named it.
     """
-    if frame.encoding == "srgb":
-        message = (
-            "The photographs are rendered to sRGB, which bends colours and brightness: the "
-            "separation is approximate. Send RAW or linear files for exact work."
-        )
-        return [RunWarning(Code.RENDERED_SRGB, message + (NOT_ITS_VALUES if named else ""))]
-    if frame.profiled:
-        message = (
-            "The photographs hold linear values in the colours that their profile says, not those "
-            "of a sensor: the camera's spectral sensitivities were approximated. Send RAW files "
-            "for exact work."
-        )
-        return [RunWarning(Code.CAMERA_APPROXIMATE, message + (NOT_ITS_VALUES if named else ""))]
+    if frame.in_srgb:
+        return [no_sensors_values(frame, named, "the separation")]
     if not camera.approximate:
         return []
     taken = f"{camera.name} explains the pair best and was taken"
@@ -119,6 +108,21 @@ def camera_warnings(frame: Frame, camera: Camera, named: bool) -> list[RunWarnin
     if frame.encoding == "linear":
         message += f" The files do not say whose colours they hold: {taken}."
     return [RunWarning(Code.CAMERA_APPROXIMATE, message)]
+
+
+def no_sensors_values(frame: Frame, named: bool, result: str) -> RunWarning:
+    """Warn of files that are rendered or profiled, which hold no sensor's values.
+
+    named: whether the user named a camera. result: what is approximate for it, in words.
+    """
+    if frame.encoding == "srgb":
+        code, what = Code.RENDERED_SRGB, "are rendered to sRGB, which bends colours and brightness"
+        files = "RAW or linear"
+    else:
+        code, files = Code.CAMERA_APPROXIMATE, "RAW"
+        what = "hold linear values in the colours that their profile says, not those of a sensor"
+    message = f"The photographs {what}: {result} is approximate. Send {files} files for exact work."
+    return RunWarning(code, message + (_NOT_ITS_VALUES if named else ""))
 
 
 def camera_doubts(

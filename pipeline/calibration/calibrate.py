@@ -45,7 +45,7 @@ from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light, packaged_light
 from pipeline.spectra.observer import cie_1931
 from pipeline.spectra.tables import write_sensitivities, write_spectrum
-from pipeline.whose_colours import NOT_ITS_VALUES, names_no_camera, undeclared
+from pipeline.whose_colours import names_no_camera, no_sensors_values, undeclared
 
 _FAR_ASIDE_DEG = 5.0
 _GREY_CARD = 0.18
@@ -165,18 +165,8 @@ def _camera_warnings(frame: Frame, camera: Camera, named: bool) -> list[RunWarni
 
     named: whether the user named it.
     """
-    if frame.encoding == "srgb":
-        message = (
-            "The photographs are rendered to sRGB, which hides what the sensor saw: the spectrum "
-            "of the flash is approximate. Send RAW or linear files for exact work."
-        )
-        return [RunWarning(Code.RENDERED_SRGB, message + (NOT_ITS_VALUES if named else ""))]
-    if frame.profiled:
-        message = (
-            "The photographs hold the colours that their profile says, not what the sensor saw: "
-            "the spectrum of the flash is approximate. Send RAW files for exact work."
-        )
-        return [RunWarning(Code.CAMERA_APPROXIMATE, message + (NOT_ITS_VALUES if named else ""))]
+    if frame.in_srgb:
+        return [no_sensors_values(frame, named, "the spectrum of the flash")]
     if not camera.approximate:
         if named or not undeclared(frame):
             return []

@@ -24,7 +24,6 @@ from pipeline.spectra.lights import find_light
 from pipeline.spectra.observer import cie_1931
 from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
 from pipeline.vectors import unit
-from pipeline.whose_colours import NOT_ITS_VALUES
 from tests.evaluation.spectra import sensitivities
 from tests.targets import (
     CIRCLE,
@@ -135,7 +134,7 @@ def test_a_rendered_picture_may_tell_the_flash(
     (warning,) = _of_the_camera(manifest)
     assert warning["code"] == "rendered_srgb"
     assert "the spectrum of the flash is approximate" in warning["message"]
-    assert warning["message"].endswith(NOT_ITS_VALUES) is (camera is not None)
+    assert ("The camera named describes" in warning["message"]) is (camera is not None)
 
 
 def test_a_file_that_names_no_camera_may_tell_the_flash(chart: Shot, tmp_path: Path) -> None:
@@ -416,8 +415,11 @@ def test_the_colours_of_a_profile_may_tell_the_flash(
     manifest = _run(chart, tmp_path, kind="flash", card=card, camera=camera)
     (warning,) = _of_the_camera(manifest)
     assert warning["code"] == "camera_approximate"
-    assert "the colours that their profile says" in warning["message"]
-    assert warning["message"].endswith(NOT_ITS_VALUES) is (camera is not None)
+    assert warning["message"].startswith(
+        "The photographs hold linear values in the colours that their profile says, not those of a "
+        "sensor: the spectrum of the flash is approximate. Send RAW files for exact work."
+    )
+    assert ("The camera named describes" in warning["message"]) is (camera is not None)
 
 
 def test_a_wrong_camera_is_noticed(chart: Shot, tmp_path: Path) -> None:
