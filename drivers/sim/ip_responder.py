@@ -44,15 +44,16 @@ class IpResponder:
     """
 
     def __init__(self, body: Body, host: str = "127.0.0.1", port: int = 0) -> None:
-        body.prepare()
         self.body, self.model = body, body.model.model
         self._guid = secrets.token_bytes(GUID_BYTES)
         try:
             self._listener = socket.create_server((host, port))
         except (OSError, OverflowError) as error:
             raise BadAddressError(
-                f"The simulated camera cannot listen on {host}:{port}: choose another --port."
+                f"The simulated camera cannot listen on {host}:{port}: choose another --port or "
+                "--host."
             ) from error
+        body.prepare()  # which takes long, so that a place that is taken is told first
         self.address: str = "{}:{}".format(*self._listener.getsockname()[:2])
         self._lock = threading.Lock()  # of the two below
         self._client: _Client | None = None
