@@ -81,7 +81,8 @@ def run(
     disk is full, StorageFullError; NoProcessError where the task has not begun.
     """
     deadline = time.monotonic() + seconds
-    too_long = _CAPTURE_TOO_LONG if task.kind == "capture" else _TOO_LONG
+    captures = task.kind == "capture"
+    too_long = _CAPTURE_TOO_LONG if captures else _TOO_LONG
 
     def is_over() -> bool:
         _check_output(task)
@@ -113,7 +114,7 @@ def run(
             raise TimeLimitError(too_long) from error
     if problem is not None:
         raise TaskError(problem)
-    _raise_for_exit(code, too_long)
+    _raise_for_exit(code, too_long, captures)
     _check_output(task)
     return answer
 
@@ -175,7 +176,7 @@ _CAPTURE_TOO_LONG = (
 )
 
 
-def _raise_for_exit(code: int, too_long: str) -> None:
+def _raise_for_exit(code: int, too_long: str, captures: bool) -> None:
     if code == 0:
         return
     if code == NO_PROCESS:
@@ -193,9 +194,14 @@ def _raise_for_exit(code: int, too_long: str) -> None:
     if code == -signal.SIGKILL:
         raise KilledError(
             "The system killed the program, most likely for want of memory; "
-            "send smaller photographs."
+            + ("take the pair again." if captures else "send smaller photographs.")
         )
     how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+    if captures:
+        raise CrashError(
+            f"The program crashed over the camera ({how}); switch that off and on and take the "
+            "pair again, and if it crashes anew report it with this job's trace_id."
+        )
     raise CrashError(
         f"The program crashed on these photographs ({how}); "
         "if both open elsewhere, report it with this job's trace_id."

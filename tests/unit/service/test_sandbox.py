@@ -118,6 +118,24 @@ def test_what_takes_too_long_is_named(
         sandbox.run(task, seconds, lambda _stage, _fraction: None, lambda: False, server)
 
 
+@pytest.mark.parametrize(
+    ("name", "error", "sentence"),
+    [
+        ("SIGSEGV", CrashError, r"crashed over the camera \(SIGSEGV\); switch that off and on and"),
+        ("SIGKILL", KilledError, r"for want of memory; take the pair again\.$"),
+    ],
+)
+def test_what_breaks_a_capture_is_not_put_down_to_photographs(
+    name: str, error: type[Exception], sentence: str
+) -> None:
+    task = Task("capture", "7", "trace", "folder", LIMITS, {})
+    with (
+        contextlib.closing(fork_server(f"os.kill(os.getpid(), signal.{name})")) as server,
+        pytest.raises(error, match=sentence),
+    ):
+        sandbox.run(task, 60, lambda _stage, _fraction: None, lambda: False, server)
+
+
 def test_a_process_that_does_not_end_is_ended() -> None:
     with pytest.raises(TimeLimitError):
         _run("import time; time.sleep(600)", seconds=0.1)
