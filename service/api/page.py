@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
+from typing import Annotated
 
-from fastapi import APIRouter
-from fastapi.responses import FileResponse
+from fastapi import APIRouter, Header, Response
 from starlette.exceptions import HTTPException
 
 router = APIRouter(include_in_schema=False)
@@ -29,24 +30,31 @@ _HEADERS = {
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-cache",
 }
+_Known = Annotated[str | None, Header(alias="If-None-Match")]
 
 
 @router.head("/")
 @router.get("/")
-def get_page() -> FileResponse:
+def get_page(known: _Known = None) -> Response:
     """Get the page."""
-    return _answer("index.html")
+    return _answer("index.html", known)
 
 
 @router.head("/page/{name}")
 @router.get("/page/{name}")
-def get_page_file(name: str) -> FileResponse:
+def get_page_file(name: str, known: _Known = None) -> Response:
     """Get a file of the page."""
     if name not in _FILES:
         raise HTTPException(404, "Not Found")
-    return _answer(name)
+    return _answer(name, known)
 
 
-def _answer(name: str) -> FileResponse:
+def _answer(name: str, known: str | None) -> Response:
     path = _FILES[name]
-    return FileResponse(path, media_type=_TYPES[path.suffix], headers=_HEADERS)
+    data = path.read_bytes()
+    # of what is in it: files of two images may well have the same size and time
+    etag = f'"{hashlib.sha256(data).hexdigest()}"'
+    headers = {**_HEADERS, "ETag": etag}
+    if known and etag in known:
+        return Response(status_code=304, headers=headers)
+    return Response(data, media_type=_TYPES[path.suffix], headers=headers)
