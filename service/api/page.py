@@ -18,7 +18,10 @@ _TYPES = {
     ".js": "text/javascript",
     ".svg": "image/svg+xml",
 }
-_FILES = {path.name: path for path in _FOLDER.iterdir() if path.suffix in _TYPES}
+# read once: the page belongs to this process, under which an upgrade may replace the files
+_FILES = {path.name: path.read_bytes() for path in _FOLDER.iterdir() if path.suffix in _TYPES}
+# of what is in them: files of two images may well have the same size and time
+_ETAGS = {name: f'"{hashlib.sha256(data).hexdigest()}"' for name, data in _FILES.items()}
 # blob: pictures that were fetched with headers, which no <img> could send
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; "
@@ -50,11 +53,7 @@ def get_page_file(name: str, known: _Known = None) -> Response:
 
 
 def _answer(name: str, known: str | None) -> Response:
-    path = _FILES[name]
-    data = path.read_bytes()
-    # of what is in it: files of two images may well have the same size and time
-    etag = f'"{hashlib.sha256(data).hexdigest()}"'
-    headers = {**_HEADERS, "ETag": etag}
-    if known and etag in known:
+    headers = {**_HEADERS, "ETag": _ETAGS[name]}
+    if known and _ETAGS[name] in known:
         return Response(status_code=304, headers=headers)
-    return Response(data, media_type=_TYPES[path.suffix], headers=headers)
+    return Response(_FILES[name], media_type=_TYPES[Path(name).suffix], headers=headers)
