@@ -1,6 +1,7 @@
 // Which part of the page is shown: #/ adds photographs, #/jobs lists jobs, #/jobs/ID is one of them.
 
 import { showAdd } from "./add.js";
+import { key } from "./api.js";
 import { alarm, entitle, h, isShortcut, say } from "./dom.js";
 import { showJob } from "./job.js";
 import { showJobs } from "./jobs.js";
@@ -16,20 +17,18 @@ async function route() {
   main.className = "";
   main.replaceChildren();
   say("");
-  mark(part ? "#/jobs" : "#/");
+  mark(part === "jobs" ? "#/jobs" : "#/");
   entitle(part !== "jobs" ? "Add two photographs" : id ? "Job" : "Jobs");
   try {
-    if (part === "jobs" && id) await showJob(main, decoded(id), signal);
+    if (part === "jobs" && id) await showJob(main, decoded(id), signal, arrive);
     else if (part === "jobs") await showJobs(main, signal);
     else showAdd(main, signal);
   } catch (error) {
     if (signal.aborted) return;
     console.error(error);
     entitle(error.title ?? "That did not work");
-    const ways = [];
-    if (error.status === 0 || error.status >= 500) ways.push(h("button", { type: "button", textContent: "Try again", onclick: arrive }));
-    if (part) ways.push(h("a", { className: "button", href: "#/", textContent: "Add two photographs" }));
-    main.append(alarm(error, route), h("p", { className: "row" }, ...ways));
+    if (error.status === 404 && key()) error.ofKey = true; // of jobs of other keys the service tells no more
+    main.append(alarm(error, arrive), h("p", {}, h("a", { className: "button", href: "#/", textContent: "Add two photographs" })));
   }
 }
 
@@ -59,7 +58,8 @@ for (const link of document.querySelectorAll(".top a")) {
   link.addEventListener("click", (event) => {
     if (link.hash !== (location.hash || "#/") || isShortcut(event) || event.shiftKey) return;
     event.preventDefault(); // no hash may change there, which were told
-    arrive();
+    if (link.hash === "#/") main.focus(); // what is filled in there stays
+    else arrive();
   });
 }
 for (const type of ["dragover", "drop"]) {

@@ -2,11 +2,12 @@
 
 import { get, sender } from "./api.js";
 import { settingsOf } from "./camera_settings.js";
-import { bytes, h, otherKey, pause } from "./dom.js";
+import { bytes, h, isUsed, otherKey, pause } from "./dom.js";
 import { follow } from "./events.js";
 import { AWAY } from "./watch.js";
 
 const STATES = { idle: "Ready", capturing: "Takes photographs", waiting_for_operator: "Waits for somebody", away: "Not connected", unable: "Cannot be released from here" };
+const AGAIN_MS = 5000; // until what did not come is asked for again
 const FLASH = [["", "The camera switches the flash"], ["external", "A relay or trigger switches it"], ["operator", "I switch it myself"]];
 
 /** List the cameras below the form, and keep the list as they are; or tell why there is none.
@@ -35,10 +36,10 @@ export function showCameras(main, signal, attempt, options) {
     section.hidden = !cameras.length;
   };
   const begin = async () => {
-    refused.replaceChildren();
     try {
       const found = await get("/cameras");
       if (signal.aborted) return;
+      refused.replaceChildren();
       show(found);
       await keepUp(signal, show);
     } catch (error) {
@@ -47,24 +48,28 @@ export function showCameras(main, signal, attempt, options) {
       const words = h("p", { className: "how", textContent: `No cameras are shown. ${error.message}` });
       refused.replaceChildren(words, ...(error.ofKey ? [otherKey(begin)] : []));
       section.hidden = false;
+      if (!AWAY.includes(error.status)) return;
+      await pause(AGAIN_MS, signal);
+      if (!signal.aborted) begin();
     }
   };
   main.append(section);
   begin(); // for as long as the user stays
 }
 
-/** Show the cameras as they become, by their events, and by asking where those are held back.
+/** Show the cameras as they become, by their events, and by asking where those are held back or another window is used.
  *
  * Throws the service's Problem where it does not show them any more.
  */
 async function keepUp(signal, show) {
   while (!signal.aborted) {
     try {
-      if (!(await follow("/cameras/events", signal, show)) && !signal.aborted) show(await get("/cameras"));
+      const streams = isUsed() && (await follow("/cameras/events", signal, show));
+      if (!streams && !document.hidden && !signal.aborted) show(await get("/cameras"));
     } catch (error) {
       if (!AWAY.includes(error.status)) throw error;
     }
-    await pause(5000, signal);
+    await pause(AGAIN_MS, signal);
   }
 }
 

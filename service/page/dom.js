@@ -85,14 +85,16 @@ export function otherKey(again) {
   return h("button", { type: "button", textContent: key() ? "Use another key" : "Enter a key", onclick: change });
 }
 
-/** A problem as people see it. again(): as of otherKey; else the problem goes, and they try it again themselves. */
+/** A problem as people see it. again(): as of otherKey, and for what may well work later; else the problem goes, and they try it again themselves. */
 export function alarm(error, again) {
+  const later = again && (error.status === 0 || error.status >= 500);
   const element = h(
     "div",
     { className: "alarm", role: "alert" },
     h("strong", { textContent: error.title ?? "That did not work" }),
     h("p", { textContent: error.message }),
     error.ofKey ? h("p", {}, otherKey(again ?? (() => element.remove()))) : null,
+    later ? h("p", {}, h("button", { type: "button", textContent: "Try again", onclick: again })) : null,
   );
   return element;
 }
@@ -102,7 +104,17 @@ export function bytes(size) {
   return `${(size / unit).toLocaleString("en", { maximumFractionDigits: size < 10 * unit ? 1 : 0 })} ${name}`;
 }
 
-/** Wait for so many ms, or until the tab is hidden or seen again, or the user leaves. */
+/** Whether this is the window that is used. A browser without TLS has six connections to a service, for
+ * all its windows, which their streams of events would take: the one that is used has one, others ask.
+ */
+export function isUsed() {
+  return !document.hidden && document.hasFocus();
+}
+
+/** What tells that isUsed may have changed, as targets and types of events. */
+export const USE = [[document, "visibilitychange"], [window, "focus"], [window, "blur"]];
+
+/** Wait for so many ms, or until the window is used or no longer, or the user leaves. */
 export function pause(time, signal) {
   const over = new AbortController();
   return new Promise((resolve) => {
@@ -112,7 +124,7 @@ export function pause(time, signal) {
       resolve();
     };
     const timer = setTimeout(end, time);
-    for (const [target, type] of [[signal, "abort"], [document, "visibilitychange"]]) {
+    for (const [target, type] of [[signal, "abort"], ...USE]) {
       target.addEventListener(type, end, { signal: over.signal });
     }
   });

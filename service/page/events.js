@@ -1,21 +1,21 @@
 // Server-sent events. EventSource could not send a key, so the stream is read by fetch.
 
 import { fetchFrom } from "./api.js";
+import { USE } from "./dom.js";
 
 const FIRST_MS = 5000; // the first event comes at once; where it does not, something holds it back
 const SILENCE_MS = 25000; // the service says something every 15 s
 
 /** Read the events of a path until they end or break off; tell(data) is called with each.
  *
- * A hidden tab lets go of them: without TLS a browser has six connections to a service, for all its tabs.
+ * A window that is used no longer lets go of them: see isUsed.
  * Gives false where something on the way holds them back, so that asking again is better.
  * Throws the service's Problem where it has no such events.
  */
 export async function follow(path, signal, tell) {
-  if (document.hidden) return true;
   const control = new AbortController();
   const stop = () => control.abort();
-  for (const [target, type] of [[signal, "abort"], [document, "visibilitychange"]]) {
+  for (const [target, type] of [[signal, "abort"], ...USE]) {
     target.addEventListener(type, stop, { once: true, signal: control.signal });
   }
   let late = false;

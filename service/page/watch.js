@@ -1,7 +1,7 @@
-// A job from its first moment to its last: by its events, and by asking where those do not come or the tab is hidden.
+// A job from its first moment to its last: by its events, and by asking where those do not come or another window is used.
 
 import { get } from "./api.js";
-import { pause } from "./dom.js";
+import { isUsed, pause } from "./dom.js";
 import { follow } from "./events.js";
 
 const ASK_MS = 1000;
@@ -11,12 +11,12 @@ export const ENDED = ["succeeded", "failed", "canceled", "expired"];
 
 /** Watch a job until it ends, and give it back; null where the user has left.
  *
- * show(job, away): the job as it is known, and whether the service is away just now.
+ * show(job, away): the job as it is known, and whether the service is away just now. job: as it is known
+ * before; without one, a service that is away at first throws its Problem.
  */
-export async function watch(id, signal, show) {
+export async function watch(id, signal, show, job = null) {
   const path = `/jobs/${encodeURIComponent(id)}`;
   let streams = true;
-  let job = null;
   const told = (now) => {
     job = now;
     if (!signal.aborted && !ENDED.includes(job.state)) show(job, false);
@@ -24,7 +24,7 @@ export async function watch(id, signal, show) {
   while (!signal.aborted) {
     try {
       told(await get(path));
-      if (streams && !ENDED.includes(job.state)) streams = await follow(`${path}/events`, signal, (now) => now.state && told(now));
+      if (streams && isUsed() && !ENDED.includes(job.state)) streams = await follow(`${path}/events`, signal, (now) => now.state && told(now));
       if (ENDED.includes(job.state)) break;
     } catch (error) {
       if (signal.aborted) break;

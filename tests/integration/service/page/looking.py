@@ -51,6 +51,13 @@ HIDE = """(hidden) => {
 }"""
 """Tells a page that its tab is hidden, or seen again: a browser without a screen hides none."""
 
+USE = """(used) => {
+  document.hasFocus = () => used;
+  dispatchEvent(new Event(used ? "focus" : "blur"));
+}"""
+"""Tells a page that its window is used, or another one: to each of a browser without a screen
+it is its own."""
+
 COUNT_KEPT = """
   const kept = new Set();
   const make = URL.createObjectURL.bind(URL);

@@ -157,6 +157,16 @@ def test_cameras_are_kept_up_with_through_trouble(page: Page, trouble: str) -> N
     expect(row).to_contain_text("Ready")
 
 
+def test_cameras_of_a_service_that_starts_anew_are_shown_once_it_has(page: Page) -> None:
+    page.route("**/cameras", lambda route: route.abort())
+    page.goto("/")
+    told = page.locator(".cameras")
+    expect(told).to_contain_text("No cameras are shown. The service does not answer")
+    page.unroute("**/cameras")
+    expect(page.get_by_role("button", name="Capture with NIKON D5100")).to_be_visible()
+    expect(told).not_to_contain_text("No cameras are shown")
+
+
 def test_a_camera_that_is_connected_while_the_page_is_open_is_shown(page: Page) -> None:
     camera = {"id": "c1", "address": "ptp+usb://", "make": "Nikon", "model": "D5100"}
     waits: list[Route] = []
