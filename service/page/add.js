@@ -9,22 +9,33 @@ const FRAMES = [
   ["no_flash", "Without the flash", "Only the lamps of the room light it."],
   ["flash", "With the flash", "From the same place, nothing moved, the same exposure."],
 ];
-const KINDS = "image/*,.dng,.nef,.cr2,.cr3,.arw,.raf,.orf,.rw2,.pef,.tif,.tiff,.exr,.heic";
+const KINDS =
+  "image/*,.dng,.nef,.nrw,.cr2,.cr3,.crw,.arw,.sr2,.srw,.raf,.orf,.rw2,.rwl,.pef,.3fr,.iiq,.gpr,.tif,.tiff,.exr,.heic,.heif,.hif";
 const LEFT_OUT = { title: "Two photographs make a pair", message: "The others were left out." };
+const NO_FILES = { title: "No photographs there", message: "Folders, and pictures out of other pages, cannot be taken: drop the files themselves." };
+
+/** What is filled in; once: its Idempotency-Key, the same for what is sent again after its answer got lost. */
+const empty = () => ({ files: {}, lamps: "auto", once: newOnce() });
+
+let draft = empty(); // as the view was left: a photograph that a phone took for it is nowhere else
 
 export function showAdd(main, signal) {
-  const files = {};
-  let once = newOnce(); // the same for what is sent again after its answer got lost
+  const mine = draft;
+  const { files } = mine;
   const problems = h("div");
   const go = h("button", { className: "main", textContent: "Separate the light", disabled: true });
   const sent = h("progress", { max: 1, value: 0, hidden: true, "aria-label": "Sent" });
   const enable = () => (go.disabled = swap.disabled = FRAMES.some(([frame]) => !files[frame]));
+  const changed = () => {
+    mine.once = newOnce();
+    draft = mine;
+  };
   const put = (chosen, first) => {
     chosen.forEach((file, index) => {
       files[FRAMES[first + index][0]] = file;
       zones[first + index].show(file);
     });
-    once = newOnce();
+    changed();
     enable();
   };
   const swap = h("button", {
@@ -35,18 +46,20 @@ export function showAdd(main, signal) {
     onclick: () => put([files.flash, files.no_flash], 0),
   });
   const zones = FRAMES.map(([, title, hint], index) =>
-    zone(title, hint, (chosen) => {
+    zone(title, hint, (chosen, folders) => {
       if (pair.disabled) return; // dropped
-      problems.replaceChildren(...(chosen.length > 2 ? [alarm(LEFT_OUT)] : []));
+      const problem = !chosen.length ? NO_FILES : folders || chosen.length > 2 ? LEFT_OUT : null;
+      problems.replaceChildren(...(problem ? [alarm(problem)] : []));
       if (chosen.length > 1) put(inOrder(chosen.slice(0, 2)), 0);
-      else put(chosen, index);
+      else if (chosen.length) put(chosen, index);
     }),
   );
   const lamps = h(
     "select",
-    { onchange: () => (once = newOnce()) },
+    { onchange: () => ((mine.lamps = lamps.value), changed()) },
     ...[["auto", "Find out"], ["1", "1"], ["2", "2"], ["3", "3"]].map(([value, textContent]) => h("option", { value, textContent })),
   );
+  lamps.value = mine.lamps;
   const options = () => (lamps.value === "auto" ? {} : { lights: Number(lamps.value) });
   const pair = h("fieldset", { className: "zones" }, ...zones.map((one) => one.element));
   const choices = h("fieldset", { className: "row" }, h("label", {}, "Lamps ", lamps), swap);
@@ -74,7 +87,13 @@ export function showAdd(main, signal) {
         body.append("options", JSON.stringify(options()));
         occupy(true);
         say("The photographs are being sent.");
-        return staying(upload("/jobs", body, once, (fraction) => (sent.value = fraction))).finally(() => occupy(false));
+        draft = empty();
+        return staying(upload("/jobs", body, mine.once, (fraction) => (sent.value = fraction)))
+          .catch((error) => {
+            if (!Object.keys(draft.files).length) draft = mine;
+            throw error;
+          })
+          .finally(() => occupy(false));
       }),
     },
     pair,
@@ -87,6 +106,8 @@ export function showAdd(main, signal) {
     h("p", { className: "lead", textContent: "Two photographs from the same place: one without the flash, one with it." }),
     form,
   );
+  FRAMES.forEach(([frame], index) => files[frame] && zones[index].show(files[frame]));
+  enable();
   showCameras(main, signal, attempt, options);
 }
 
@@ -107,7 +128,14 @@ function inOrder(two) {
   return two.sort((a, b) => tells(a) - tells(b)); // stable: where names tell nothing, as they came
 }
 
-/** A place for one photograph; chosen(files) is called with what was dropped or picked. */
+/** Files among what was dropped, and whether there were folders besides. */
+function droppedOf({ items }) {
+  const all = [...items].filter((item) => item.kind === "file");
+  const files = all.filter((item) => !item.webkitGetAsEntry()?.isDirectory);
+  return [files.map((item) => item.getAsFile()), files.length < all.length];
+}
+
+/** A place for one photograph; chosen(files, folders) is called with what was dropped or picked, and whether folders were. */
 function zone(title, hint, chosen) {
   const picture = h("div", { className: "chosen" });
   const input = (more) =>
@@ -116,7 +144,7 @@ function zone(title, hint, chosen) {
       className: "unseen",
       ...more,
       onchange: ({ target }) => {
-        chosen([...target.files]);
+        if (target.files.length) chosen([...target.files], false);
         target.value = ""; // else the same file, replaced meanwhile, could not be chosen again
       },
     });
@@ -139,11 +167,11 @@ function zone(title, hint, chosen) {
     element.addEventListener(type, (event) => {
       event.preventDefault();
       element.classList.toggle("over", over);
-      if (type === "drop" && event.dataTransfer.files.length) chosen([...event.dataTransfer.files]);
+      if (type === "drop") chosen(...droppedOf(event.dataTransfer));
     });
   }
   const show = (file) => {
-    const name = h("span", { className: "name", textContent: `${file.name} · ${bytes(file.size)}` });
+    const name = h("span", { className: "name" }, h("bdi", { textContent: file.name }), ` · ${bytes(file.size)}`);
     const src = URL.createObjectURL(file);
     const free = () => URL.revokeObjectURL(src); // else the file stays in memory while the page is open
     const image = h("img", { alt: "", src, onload: free, onerror: () => (free(), image.remove()) });

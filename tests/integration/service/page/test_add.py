@@ -136,6 +136,54 @@ def test_a_third_file_is_told_of(page: Page) -> None:
     expect(page.get_by_role("alert")).to_have_count(0)
 
 
+def test_what_is_no_file_is_told_of(page: Page, tmp_path: Path) -> None:
+    """As the browser itself drops it."""
+    page.goto("/")
+    alert = page.get_by_role("alert")
+    devtools = page.context.new_cdp_session(page)
+    folder, file = tmp_path / "folder", tmp_path / "a.dng"
+    folder.mkdir()
+    file.write_bytes(b"x")
+
+    def drop_really(**what: Any) -> None:
+        box = page.get_by_role("region", name="Without the flash", exact=True).bounding_box()
+        assert box is not None
+        where = {"x": box["x"] + 40, "y": box["y"] + 40}
+        data = {"items": [], "dragOperationsMask": 1, **what}
+        for step in ("dragEnter", "dragOver", "drop"):
+            devtools.send("Input.dispatchDragEvent", {"type": step, **where, "data": data})
+
+    drop_really(files=[str(folder)])
+    expect(alert).to_contain_text("Folders, and pictures out of other pages, cannot be taken")
+    expect(page.locator(".chosen .name")).to_have_count(0)
+    drop_really(files=[str(folder), str(file)])
+    expect(alert).to_contain_text("The others were left out.")
+    expect(page.locator(".chosen .name")).to_have_text(["a.dng · 0 kB"])
+    drop_really(files=[str(file)])
+    expect(alert).to_have_count(0)
+    drop_really(items=[{"mimeType": "text/plain", "data": "a link"}], files=[])
+    expect(alert).to_contain_text("drop the files themselves")
+    expect(page.locator(".chosen .name")).to_have_text(["a.dng · 0 kB"])
+
+
+def test_what_is_chosen_stays_where_its_view_is_wanted_again(page: Page) -> None:
+    page.goto("/")
+    drop(page, "Without the flash", "1.dng", "2.dng")
+    page.get_by_label("Lamps").select_option("2")
+    for name in ("New", "lightlayers"):
+        page.get_by_role("link", name=name).click()
+        expect(page.locator("main")).to_be_focused()
+        _expect_added(page, "1.dng", "2.dng")
+        expect(page.get_by_label("Lamps")).to_have_value("2")
+
+
+def test_a_name_from_right_to_left_stays_apart_from_its_size(page: Page) -> None:
+    page.goto("/")
+    drop(page, "Without the flash", "חדר.png")
+    expect(page.locator(".chosen bdi")).to_have_text("חדר.png")
+    expect(page.locator(".chosen .name")).to_have_text("חדר.png · 0 kB")
+
+
 def test_two_files_are_swapped_and_sent_so(page: Page, done: dict[str, Any]) -> None:
     sent: list[str] = []
 

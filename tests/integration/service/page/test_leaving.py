@@ -68,6 +68,48 @@ def test_photographs_that_fail_after_their_view_was_left_are_told_of(
     expect(page.locator("main")).to_be_focused()
 
 
+def test_photographs_that_failed_after_their_view_was_left_are_found_there(
+    page: Page, held: list[Route], done: dict[str, Any]
+) -> None:
+    """And sent again as the same, for their answer may have got lost."""
+    names = page.locator(".chosen .name")
+    send = page.get_by_role("button", name="Separate the light")
+    notes = leave(page)
+    new = page.get_by_role("link", name="New")
+    new.click()
+    expect(send).to_be_disabled()  # what is under way is not sent twice
+    expect(names).to_have_count(0)
+    leave(page)
+    held[0].abort()
+    expect(notes.get_by_role("alert")).to_contain_text("No connection")
+    new.click()
+    expect(names).to_have_text([re.compile("a.jpg"), re.compile("b.jpg")])
+    with page.expect_request(re.compile(r"/jobs$")):
+        send.click()
+    again, first = (one.request.headers["idempotency-key"] for one in (held[1], held[0]))
+    assert again == first
+    held[1].fulfill(status=202, json=done)
+    page.wait_for_url(re.compile(done["id"]))
+    new.click()
+    expect(send).to_be_disabled()
+    expect(names).to_have_count(0)
+
+
+def test_what_is_chosen_stays_until_it_is_sent(page: Page) -> None:
+    page.goto("/")
+    drop(page, "With the flash", "2.dng")
+    page.get_by_label("Lamps").select_option("2")
+    leave(page)
+    page.go_back()
+    drop(page, "Without the flash", "1.dng")
+    leave(page)
+    page.get_by_role("link", name="New").click()
+    expect(page.locator(".chosen .name")).to_have_text([re.compile("1.dng"), re.compile("2.dng")])
+    expect(page.get_by_label("Lamps")).to_have_value("2")
+    expect(page.get_by_role("button", name="Swap")).to_be_enabled()
+    expect(page.get_by_role("button", name="Separate the light")).to_be_enabled()
+
+
 def test_what_is_being_sent_cannot_be_changed(page: Page, held: list[Route]) -> None:
     """A camera that fails meanwhile does not change that."""
     send = page.get_by_role("button", name="Separate the light")
