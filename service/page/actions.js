@@ -39,7 +39,9 @@ function mixerOf({ of, mix }) {
 /** Delete a job if the user agrees to that; whether it is gone. */
 export async function deleteJob(job) {
   if (!confirm("Delete this job with its photographs and results? They cannot be brought back.")) return false;
-  await remove(`/jobs/${job.id}`);
+  await remove(`/jobs/${job.id}`).catch((error) => {
+    if (error.status !== 404) throw error; // else it is gone: another tab was first, or an answer got lost
+  });
   return true;
 }
 

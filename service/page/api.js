@@ -1,4 +1,6 @@
-// Requests to the service. A key, where it asks for one, is kept in sessionStorage alone.
+// Requests to the service. A key, where it asks for one, is kept in the tab alone.
+
+import { keep, kept } from "./tab.js";
 
 const KEY = "lightlayers-key";
 
@@ -18,8 +20,18 @@ const AWAY = {
   status: 0,
 };
 
+let ahead = 0; // of this device's clock, in ms
+
 export async function get(path) {
-  return bodyOf(await request(path), "json");
+  const answer = await request(path);
+  const sent = Date.parse(answer.headers.get("date"));
+  if (sent) ahead = Date.now() - sent;
+  return bodyOf(answer, "json");
+}
+
+/** A moment that the service tells, as this device's clock shows it, which may be wrong. */
+export function hereAt(moment) {
+  return new Date(Date.parse(moment) + ahead);
 }
 
 /** An Idempotency-Key: whatever is sent with the same one makes one job. */
@@ -60,25 +72,36 @@ export function fetchFrom(path, signal) {
 }
 
 /** A result from the service itself: the page may load nothing from a store that it redirects to. */
-function fetchResult(path) {
-  return request(path, { headers: { Prefer: "no-redirect" } });
+function fetchResult(path, signal) {
+  return request(path, { headers: { Prefer: "no-redirect" }, signal });
 }
 
-/** Bytes of a result. */
-export async function fetchBytes(path) {
-  return bodyOf(await fetchResult(path), "arrayBuffer");
+/** Bytes of a result. signal: ends with the view, lest what nobody waits for holds up what the next one needs.
+ *
+ * came(fraction): called with each piece, where it is known how many there are.
+ */
+export async function fetchBytes(path, signal, came = () => {}) {
+  const answer = await fetchResult(path, signal);
+  const size = Number(answer.headers.get("content-length"));
+  let sum = 0;
+  const count = (piece, out) => {
+    sum += piece.length;
+    if (size) came(Math.min(1, sum / size)); // less than is read where a proxy has packed it
+    out.enqueue(piece);
+  };
+  return bodyOf(new Response(answer.body.pipeThrough(new TransformStream({ transform: count }))), "arrayBuffer");
 }
 
-/** Show a result in an <img>, which could send neither a key nor a wish. */
-export async function showIn(image, path) {
-  const src = await source(path);
+/** Show a result in an <img>, which could send neither a key nor a wish. signal: as of fetchBytes. */
+export async function showIn(image, path, signal) {
+  const src = await source(path, signal);
   const free = () => URL.revokeObjectURL(src); // else the picture stays in memory while the page is open
   for (const end of ["load", "error"]) image.addEventListener(end, free, { once: true });
   image.src = src;
 }
 
-async function source(path) {
-  return URL.createObjectURL(await bodyOf(await fetchResult(path), "blob"));
+async function source(path, signal) {
+  return URL.createObjectURL(await bodyOf(await fetchResult(path, signal), "blob"));
 }
 
 /** Save a result as a file, which is fetched first: a store that it redirects to might show it in place of the page.
@@ -172,7 +195,7 @@ function unknown(status) {
 }
 
 export function key() {
-  return sessionStorage.getItem(KEY);
+  return kept(KEY);
 }
 
 let asking = null;
@@ -204,7 +227,7 @@ function askKey(refused = true) {
       () => {
         const typed = text.value.replace(/[^ -~]/g, "").trim(); // what no header can carry is in no key
         const given = dialog.returnValue === "ok" && typed !== ""; // else the dialog was left
-        if (given) sessionStorage.setItem(KEY, typed);
+        if (given) keep(KEY, typed);
         text.value = "";
         asking = null;
         resolve(given);

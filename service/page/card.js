@@ -40,7 +40,7 @@ export function cardOf(job, gone, signal) {
     card.job = now;
     state.className = `state ${now.state}`;
     state.textContent = stateOf(now);
-    if (!thumbnail && (thumbnail = thumbnailOf(now))) addPicture(picture, thumbnail);
+    if (!thumbnail && (thumbnail = thumbnailOf(now))) addPicture(picture, thumbnail, signal);
   };
   card.show(job);
   return card;
@@ -53,10 +53,10 @@ function thumbnailOf({ id, options, files }) {
   return files.some((file) => file.name === "thumbnail.jpg") ? `/jobs/${id}/${name}` : null;
 }
 
-async function addPicture(place, path) {
+async function addPicture(place, path, signal) {
   const image = h("img", { alt: "", onerror: () => image.remove() });
   try {
-    await showIn(image, path);
+    await showIn(image, path, signal);
     place.append(image);
   } catch {
     // the photograph may have been deleted: the card does without

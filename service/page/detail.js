@@ -44,6 +44,11 @@ export class Detail {
     this._shown = null;
   }
 
+  /** Nobody looks any more: what is on its way may fail unheard. */
+  leave() {
+    this._asked = null;
+  }
+
   async _show(asked) {
     const [left, top] = asked.area;
     const { step } = this._light;

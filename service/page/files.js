@@ -1,7 +1,8 @@
 // The files of a job, one by one or all at once.
 
 import { download } from "./api.js";
-import { alarm, bytes, h, hold, say, single } from "./dom.js";
+import { bytes, h, hold, say, single } from "./dom.js";
+import { tellProblem } from "./notes.js";
 
 const WORDS = {
   "manifest.json": "What was found, as JSON",
@@ -33,14 +34,14 @@ const WORDS = {
   "mix.exr": "The mix, linear sRGB",
 };
 
-/** A table of files with a button for each. */
-export function filesOf(job) {
+/** A table of files with a button for each; signal: ends with the view. */
+export function filesOf(job, signal) {
   const failed = h("div");
   const row = (file) =>
     h(
       "li",
       {},
-      h("button", { type: "button", className: "link", textContent: file.name, onclick: save(file.href, file.name, failed) }),
+      h("button", { type: "button", className: "link", textContent: file.name, onclick: save(file.href, file.name, failed, signal) }),
       h("span", { className: "what", textContent: WORDS[file.name] ?? wordsOf(file.name) }),
       h("span", { className: "size", textContent: bytes(file.size) }),
     );
@@ -51,7 +52,7 @@ export function filesOf(job) {
     h("button", {
       type: "button",
       textContent: `Download all (${all})`,
-      onclick: save(job.links.zip, `${job.id}.zip`, failed, true),
+      onclick: save(job.links.zip, `${job.id}.zip`, failed, signal, true),
     }),
     h("ul", {}, ...job.files.map(row)),
     failed,
@@ -60,9 +61,9 @@ export function filesOf(job) {
 
 /** A listener of a button that saves a result once at a time, and tells in an element where that fails.
  *
- * direct: as of download.
+ * signal: ends with the view. direct: as of download.
  */
-export function save(path, name, failed, direct) {
+export function save(path, name, failed, signal, direct) {
   return single(async ({ currentTarget: button }) => {
     const wait = h("span", { textContent: " – on its way …" });
     failed.replaceChildren();
@@ -72,7 +73,7 @@ export function save(path, name, failed, direct) {
     try {
       await download(path, name, direct);
     } catch (error) {
-      failed.append(alarm(error));
+      tellProblem(error, failed, signal);
     }
     wait.remove();
     hold(button, false);

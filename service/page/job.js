@@ -8,7 +8,8 @@ import { showResult } from "./result.js";
 import { watch } from "./watch.js";
 import { kindOf, stateOf, titleOf } from "./words.js";
 
-export async function showJob(main, id, signal) {
+/** again(): shows it anew. */
+export async function showJob(main, id, signal, again) {
   const clear = () => {
     if (main.contains(document.activeElement)) main.focus(); // else the keyboard were lost with the button it was at
     main.replaceChildren();
@@ -17,9 +18,9 @@ export async function showJob(main, id, signal) {
   if (!job) return;
   entitle(titleOf(job));
   if (job.state === "succeeded" && !job.options.kind) {
-    await showResult(main, job, signal);
+    await showResult(main, job, signal, again);
   } else {
-    main.append(h("h1", { textContent: kindOf(job) }), job.state === "succeeded" ? filesOf(job) : reasonOf(job), actionsOf(job, signal));
+    main.append(h("h1", { textContent: kindOf(job) }), job.state === "succeeded" ? filesOf(job, signal) : reasonOf(job), actionsOf(job, signal));
   }
   say(`${kindOf(job)}: ${stateOf(job)}`);
 }

@@ -1,6 +1,6 @@
 // The list of jobs, kept as they are.
 
-import { get } from "./api.js";
+import { get, key } from "./api.js";
 import { cardOf } from "./card.js";
 import { h, pause, single } from "./dom.js";
 import { tellProblem } from "./notes.js";
@@ -62,16 +62,24 @@ export async function showJobs(main, signal) {
   };
   main.append(h("h1", { textContent: "Jobs" }), list, none, h("p", {}, older), problems);
   await load();
-  keepUp(refresh, () => [...cards.values()].some(({ job }) => !ENDED.includes(job.state)), signal);
+  keepUp(refresh, () => [...cards.values()].some(({ job }) => !ENDED.includes(job.state)), problems, signal);
 }
 
-/** Refresh what is shown whenever the tab is seen again, and in between as long as something is under way. */
-async function keepUp(refresh, isUnderWay, signal) {
+/** Refresh what is shown whenever the tab is seen again, and in between as long as something is under way.
+ *
+ * A key that is refused is told of in an element, once: that it was asked for, and not given, is an answer.
+ */
+async function keepUp(refresh, isUnderWay, problems, signal) {
+  let refused; // the key that was not taken
   while (!signal.aborted) {
     const unseen = document.hidden;
     await pause(AGAIN_MS, signal);
-    if (signal.aborted || document.hidden || !(unseen || isUnderWay())) continue;
-    await refresh().catch(console.error); // it is asked for again
+    if (signal.aborted || document.hidden || !(unseen || isUnderWay()) || refused === key()) continue;
+    await refresh().catch((error) => {
+      if (!error.ofKey) return console.error(error); // it is asked for again
+      refused = key();
+      tellProblem(error, problems, signal);
+    });
   }
 }
 

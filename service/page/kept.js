@@ -1,13 +1,26 @@
 // The mix of each job as it was left, for as long as the tab is open.
 
+import { keep, kept } from "./tab.js";
+
 const nameOf = (id) => `lightlayers-mix-${id}`;
+const splitOf = (id) => `lightlayers-split-${id}`;
 
 /** Keep a mix of a job: the settings of its lamps, and which are soloed. */
 export function keepMix(id, lamps, solos) {
-  sessionStorage.setItem(nameOf(id), JSON.stringify({ lamps, solos }));
+  keep(nameOf(id), JSON.stringify({ lamps, solos }));
 }
 
 /** The mix that was kept of a job; null where there is none. */
 export function keptMix(id) {
-  return JSON.parse(sessionStorage.getItem(nameOf(id)));
+  return JSON.parse(kept(nameOf(id)));
+}
+
+/** Keep how much of a job's picture is shown as photographed, in percent from the left. */
+export function keepSplit(id, percent) {
+  keep(splitOf(id), String(percent));
+}
+
+/** The percentage that was kept of a job; 0 where there is none. */
+export function keptSplit(id) {
+  return Number(kept(splitOf(id)));
 }

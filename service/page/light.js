@@ -33,6 +33,7 @@ export class Light {
       ? new Graphics(open(canvas), preview, this.lamps)
       : new Processor(canvas.getContext("2d", { alpha: false, willReadFrequently: true }), preview, this.lamps);
     this._detail = new Detail(this, fetchArea);
+    signal.addEventListener("abort", () => this._detail.leave());
     this._zoom = null; // null: the whole picture
     this._middle = [preview.width / 2, preview.height / 2];
     this._budget = Infinity; // pixels that can be drawn quickly enough

@@ -1,6 +1,6 @@
 // How far a job is, stage by stage, and what it asks its operator to do.
 
-import { post } from "./api.js";
+import { hereAt, post } from "./api.js";
 import { alarm, entitle, h, hold, say, single } from "./dom.js";
 import { kindOf, stateOf, titleOf } from "./words.js";
 
@@ -73,7 +73,7 @@ function whenOf(job) {
   if (job.position) parts.push(`Place ${job.position} in the queue`);
   const tries = job.attempt - (job.capture && job.inputs ? 1 : 0); // the first start took the pair, and did not fail
   if (tries > 1) parts.push(`Attempt ${tries}`);
-  const seconds = job.eta ? (new Date(job.eta) - Date.now()) / 1000 : 0;
+  const seconds = job.eta ? (hereAt(job.eta) - Date.now()) / 1000 : 0;
   if (seconds > 90) parts.push(`about ${Math.round(seconds / 60)} minutes left`);
   else if (seconds > 5) parts.push(`about ${Math.ceil(seconds / 5) * 5} seconds left`);
   return parts.join(" · ");
@@ -82,7 +82,7 @@ function whenOf(job) {
 /** What somebody is asked to do at the camera, with a button for when it is done. */
 function requestOf(job, ask) {
   if (!job.operator) return [];
-  const until = job.operator.until && new Date(job.operator.until).toLocaleTimeString([], { timeStyle: "short" });
+  const until = job.operator.until && hereAt(job.operator.until).toLocaleTimeString([], { timeStyle: "short" });
   return [
     h(
       "section",

@@ -19,9 +19,9 @@ export function renderForm(job, current, problems, signal) {
   const render = async () => {
     const lamps = current();
     const made = await send(`/jobs/${job.id}/mix`, { lamps, format: format.value });
-    const ended = await watch(made.id, signal, (now) => (bar.value = now.fraction));
+    const ended = await watch(made.id, signal, (now) => (bar.value = now.fraction), made);
     if (!ended) return;
-    const file = downloadOf(ended, problems);
+    const file = downloadOf(ended, problems, signal);
     const older = h("p", {}, "The mix has changed since: ", h("a", { href: `#/jobs/${ended.id}`, textContent: `${file.name} as it was` }));
     compare = () => {
       older.hidden = JSON.stringify(lamps) === JSON.stringify(current());
@@ -46,13 +46,13 @@ export function renderForm(job, current, problems, signal) {
 }
 
 /** The picture of a job that has ended: its name, and a button that saves it. */
-function downloadOf(job, problems) {
+function downloadOf(job, problems, signal) {
   if (job.state !== "succeeded") {
     const error = new Error(job.error?.detail ?? "The rendering was stopped.");
     error.title = job.error?.title;
     throw error;
   }
   const { name, size, href } = job.files.find((one) => one.name.startsWith("mix."));
-  const button = h("button", { type: "button", textContent: `Download ${name} (${bytes(size)})`, onclick: save(href, name, problems) });
+  const button = h("button", { type: "button", textContent: `Download ${name} (${bytes(size)})`, onclick: save(href, name, problems, signal) });
   return { name, button };
 }

@@ -7,7 +7,7 @@ import { normalsForm } from "./directions.js";
 import { alarm, choice, h, isShortcut, say } from "./dom.js";
 import { readExr } from "./exr.js";
 import { filesOf } from "./files.js";
-import { keepMix, keptMix } from "./kept.js";
+import { keepMix, keepSplit, keptMix, keptSplit } from "./kept.js";
 import { Light } from "./light.js";
 import { lampMatrix, readPreset, untouched } from "./mix.js";
 import { relight } from "./relight.js";
@@ -15,7 +15,8 @@ import { renderForm } from "./render.js";
 import { Strip } from "./strip.js";
 import { warningsOf } from "./warnings.js";
 
-export async function showResult(main, job, signal) {
+/** again(): shows them anew. */
+export async function showResult(main, job, signal, again) {
   const manifest = await get(job.links.results);
   if (signal.aborted) return;
   const has = (name) => job.files.some((file) => file.name === name);
@@ -29,26 +30,28 @@ export async function showResult(main, job, signal) {
     h("section", { className: "stage", "aria-label": "Picture" }, bar, picture, foot),
     h("section", { className: "controls", "aria-label": "Lamps and files" }, desk),
   );
-  const views = new Views(picture, bar, foot, job);
+  const views = new Views(picture, bar, foot, job, signal);
   let marks = null;
   if (manifest.mix && has("preview.exr")) {
     const wait = h("p", { className: "wait", textContent: "Loading the layers …" });
     picture.append(wait);
+    const came = (fraction) => (wait.textContent = `Loading the layers … ${Math.floor(100 * fraction)} %`);
     // a thumbnail that does not come, or too late, is done without
-    if (has("thumbnail.jpg")) thumbnail(job).then((image) => wait.before(image), console.error);
+    if (has("thumbnail.jpg")) thumbnail(job, signal).then((image) => wait.before(image), console.error);
     try {
-      const preview = readExr(await fetchBytes(`/jobs/${job.id}/results/preview.exr`));
+      const preview = readExr(await fetchBytes(`/jobs/${job.id}/results/preview.exr`, signal, came));
       if (signal.aborted) return;
       marks = mixer(views, desk, preview, job, manifest, signal);
     } catch (error) {
-      views.add("mix", "Mix", alarm(error)); // where the picture would be, beside the other views
+      if (signal.aborted) return;
+      views.add("mix", "Mix", alarm(error, again)); // where the picture would be, beside the other views
     }
   } else {
     const message = "This job has no preview.exr, which the mixer needs; its files are below.";
     desk.append(alarm({ title: "No mixer", message }));
   }
   for (const [name, text] of pictures(manifest)) if (has(name)) views.addImage(name, text);
-  if (has("normals.png")) views.addNormals(manifest.options.normals, signal);
+  if (has("normals.png")) views.addNormals(manifest.options.normals);
   views.start();
   const show = {
     filled: marks && ((on) => (views.choose("mix"), marks(on))),
@@ -58,7 +61,7 @@ export async function showResult(main, job, signal) {
   desk.append(
     ...warningsOf(manifest.warnings, show),
     ...(manifest.lamps.length > 1 && !has("normals.png") ? [normalsForm(job, manifest, signal)] : []),
-    h("details", {}, h("summary", { textContent: "Files" }), filesOf(job)),
+    h("details", {}, h("summary", { textContent: "Files" }), filesOf(job, signal)),
     actionsOf(job, signal),
   );
 }
@@ -72,7 +75,7 @@ function mixer(views, desk, preview, job, manifest, signal) {
     "aria-label": "The mix. Plus and minus enlarge it, 0 shows all of it, arrow keys move it.",
   });
   views.add("mix", "Mix", canvas);
-  const { step, fetchArea } = fullSize(job, manifest, preview);
+  const { step, fetchArea } = fullSize(job, manifest, preview, signal);
   const light = new Light(canvas, preview, step, fetchArea, signal);
   const basis = manifest.mix;
   const neutral = manifest.lamps.map(() => untouched());
@@ -99,7 +102,7 @@ function mixer(views, desk, preview, job, manifest, signal) {
     alone = name.startsWith("lamp") ? Number(name.slice(4)) - 1 : null;
     draw();
   };
-  views.zoomable(light, comparison(light));
+  views.zoomable(light, comparison(light, job));
   const problems = h("div");
   const rendering = renderForm(job, current, problems, signal);
   rendering.form.addEventListener("submit", () => views.choose("mix")); // which is what is rendered
@@ -120,13 +123,19 @@ function mixer(views, desk, preview, job, manifest, signal) {
   };
 }
 
-function comparison(light) {
-  const slider = h("input", { type: "range", min: 0, max: 100, step: 0.5, value: 0, id: "compare" });
-  slider.addEventListener("input", () => {
-    light.split = slider.value / 100;
-    slider.setAttribute("aria-valuetext", `${slider.value} % of the picture as photographed`);
+function comparison(light, job) {
+  const slider = h("input", { type: "range", min: 0, max: 100, step: 0.5, id: "compare" });
+  const compare = (percent) => {
+    light.split = percent / 100;
+    slider.setAttribute("aria-valuetext", `${percent} % of the picture as photographed`);
     light.draw();
+  };
+  slider.addEventListener("input", () => {
+    keepSplit(job.id, slider.value);
+    compare(slider.value);
   });
+  slider.value = keptSplit(job.id); // after its limits
+  compare(slider.value);
   return h("label", { className: "compare" }, h("span", { textContent: "Before" }), slider, h("span", { textContent: "After" }));
 }
 
@@ -166,20 +175,21 @@ function pictures(manifest) {
   ];
 }
 
-async function thumbnail(job) {
+async function thumbnail(job, signal) {
   const image = h("img", { alt: "", className: "early" });
-  await showIn(image, `/jobs/${job.id}/results/thumbnail.jpg`);
+  await showIn(image, `/jobs/${job.id}/results/thumbnail.jpg`, signal);
   return image;
 }
 
 /** The pictures that can be looked at, one at a time. */
 class Views {
-  constructor(place, bar, foot, job) {
+  constructor(place, bar, foot, job, signal) {
     this.shown = () => {};
     this._place = place;
     this._bar = bar;
     this._foot = foot;
     this._job = job;
+    this._signal = signal;
     this._views = new Map();
     this._light = null;
   }
@@ -192,14 +202,14 @@ class Views {
     const image = h("img", { className: "plain", alt: text });
     const path = this._path(name);
     this.add(name, text, image, async () => {
-      await showIn(image, path);
+      await showIn(image, path, this._signal);
       await image.decode().catch(() => {
         throw new Error("This browser cannot show the picture; it is among the files.");
       });
     });
   }
 
-  addNormals(convention, signal) {
+  addNormals(convention) {
     const canvas = h("canvas", {
       id: "normals",
       tabIndex: 0,
@@ -207,8 +217,8 @@ class Views {
       "aria-label": "The normals under a light that follows the pointer or the arrow keys.",
     });
     this.add("normals.png", "Normals", canvas, async () => {
-      const picture = new Blob([await fetchBytes(this._path("normals.png"))]);
-      await relight(canvas, picture, convention, signal);
+      const picture = new Blob([await fetchBytes(this._path("normals.png"), this._signal)]);
+      await relight(canvas, picture, convention, this._signal);
     });
   }
 
@@ -252,7 +262,11 @@ class Views {
     Promise.resolve(start()).catch((error) => {
       view.start = start; // looked at again, it is tried again
       if (!this._place.contains(view.element)) return;
-      const told = alarm(error, () => (told.remove(), this._show(name)));
+      const told = alarm(error, () => {
+        this._choice.querySelector(":checked").focus(); // else the keyboard were lost with the button
+        told.remove();
+        this._show(name);
+      });
       this._place.append(told);
     });
     for (const part of [this._zoom, this._comparison]) if (part) part.hidden = !mixes;
@@ -280,6 +294,7 @@ function moveBy(light) {
     fingers.set(event.pointerId, [event.offsetX, event.offsetY]);
   });
   canvas.addEventListener("pointermove", (event) => {
+    if (!event.buttons) fingers.delete(event.pointerId); // a menu may have taken its end
     const held = fingers.get(event.pointerId);
     if (!held) return;
     const before = fingers.size === 2 ? apart() : null;

@@ -50,6 +50,26 @@ def test_events_carry_the_key(page: Page, keyed_queue: tuple[Any, str]) -> None:
     assert not any(key in address for address in (page.url, page.content()))
 
 
+def test_a_link_to_a_job_of_another_key_is_followed_with_that(
+    page: Page, keyed_queue: tuple[Any, str], pair: drivers.CapturedPair
+) -> None:
+    """The service does not tell that there is such a job."""
+    service, key = keyed_queue
+    job = service.upload(pair)
+    mine = service.make_key("visitor", "--scopes", "read")
+    page.goto(f"{service.url}/")
+    page.evaluate("(key) => sessionStorage.setItem('lightlayers-key', key)", mine)
+    page.goto(f"{service.url}/#/jobs/{job['id']}")
+    page.reload()
+    alert = page.get_by_role("alert")
+    expect(alert).to_contain_text("No such job")
+    alert.get_by_role("button", name="Use another key").click()
+    page.get_by_role("textbox", name="Key").fill(key)
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("heading", name="Separation: waits")).to_be_visible()
+    expect(page.locator("main")).to_be_focused()
+
+
 def test_what_the_browser_keeps_of_results_still_needs_the_key(
     page: Page, keyed_service: tuple[Any, str], pair: drivers.CapturedPair
 ) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 from playwright.sync_api import Page, expect
 
-from tests.integration.service.page.looking import open_mixer, strip
+from tests.integration.service.page.looking import drawn, open_mixer, strip
 
 
 def leave(page: Page) -> None:
@@ -31,6 +31,39 @@ def test_a_mix_that_was_left_is_found_again(page: Page, done: dict[str, Any]) ->
     page.reload()
     expect(strip(page, 1).get_by_role("slider", name="Exposure")).to_have_value("0")
     expect(solo).to_have_attribute("aria-pressed", "false")
+
+
+def test_how_much_is_compared_is_found_again(page: Page, done: dict[str, Any]) -> None:
+    open_mixer(page, done)
+    compare = page.get_by_role("slider", name="Before")
+    expect(compare).to_have_value("0")
+    compare.fill("62.5")
+    seen = drawn(page).screenshot()
+    leave(page)
+    open_mixer(page, done)
+    for _ in range(2):
+        expect(compare).to_have_value("62.5")
+        words = "62.5 % of the picture as photographed"
+        expect(compare).to_have_attribute("aria-valuetext", words)
+        assert drawn(page).screenshot() == seen
+        page.reload()
+
+
+def test_a_browser_that_keeps_no_data_of_sites_has_all_of_the_page(
+    page: Page, done: dict[str, Any]
+) -> None:
+    page.add_init_script(
+        """Object.defineProperty(window, "sessionStorage", {
+          get() { throw new DOMException("Access is denied for this document.", "SecurityError"); },
+        });"""
+    )
+    open_mixer(page, done)
+    exposure = strip(page, 1).get_by_role("slider", name="Exposure")
+    exposure.fill("-1.5")
+    leave(page)
+    page.go_back()
+    expect(exposure).to_have_value("-1.5")
+    expect(page.get_by_role("alert")).to_have_count(0)
 
 
 def test_the_way_back_from_a_rendered_mix_shows_it(

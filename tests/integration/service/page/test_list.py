@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Locator, Page, Route, expect
 
-from tests.integration.service.page.looking import HIDE, check_access
+from tests.integration.service.page.looking import HIDE, TWO_FRAMES, check_access
 
 AWAY = {"type": "x", "title": "Away", "detail": "Back in a minute.", "status": 503}
 
@@ -50,6 +50,12 @@ def states(page: Page) -> Locator:
     return page.locator(".jobs .state")
 
 
+def look_away_and_back(page: Page) -> None:
+    """Which refreshes the list."""
+    for hidden in (True, False):
+        page.evaluate(HIDE, hidden)
+
+
 def test_jobs_under_way_are_shown_as_they_become(page: Page, listed: Listed) -> None:
     page.get_by_role("button", name=re.compile("^Delete")).last.focus()
     listed.failing = True
@@ -80,11 +86,6 @@ def test_the_link_to_where_one_is_shows_it_anew(page: Page, listed: Listed) -> N
     page.get_by_role("link", name="Jobs").click()
     expect(states(page)).to_have_text(["Done", "Done", "Done"])
     expect(page.locator("main")).to_be_focused()
-    for name in ("New", "lightlayers"):
-        page.goto("/")
-        page.get_by_label("Lamps").select_option("2")
-        page.get_by_role("link", name=name).click()
-        expect(page.get_by_label("Lamps")).to_have_value("auto")
 
 
 def test_jobs_that_cannot_be_listed_are_tried_again(page: Page, listed: Listed) -> None:
@@ -103,6 +104,60 @@ def test_what_cannot_come_back_is_not_tried_again(page: Page) -> None:
     page.goto("/#/jobs/gone")
     expect(page.get_by_role("alert")).to_contain_text("No such job")
     expect(page.get_by_role("button", name="Try again")).to_have_count(0)
+
+
+def test_a_key_that_is_refused_meanwhile_is_asked_for_once(page: Page, listed: Listed) -> None:
+    page.add_init_script("sessionStorage.setItem('lightlayers-key', 'revoked')")
+    page.reload()
+    expect(states(page)).to_have_text(["Runs", "Done"])
+    asked: list[str | None] = []
+
+    def refuse(route: Route) -> None:
+        asked.append(route.request.headers.get("authorization"))
+        if asked[-1] == "Bearer another":
+            route.fallback()
+        else:
+            route.fulfill(status=401, json={**AWAY, "detail": "Send a key.", "status": 401})
+
+    page.route(re.compile(r"/jobs\?"), refuse)
+    look_away_and_back(page)
+    page.get_by_role("button", name="Not now").click()
+    alert = page.get_by_role("alert")
+    expect(alert).to_contain_text("Send a key.")
+    for _ in range(3):
+        look_away_and_back(page)
+    page.evaluate(TWO_FRAMES)
+    expect(page.locator("#key")).to_be_hidden()
+    assert asked == ["Bearer revoked"]
+    alert.get_by_role("button", name="Use another key").click()
+    page.get_by_role("textbox", name="Key").fill("another")
+    page.keyboard.press("Enter")
+    expect(alert).to_have_count(0)
+    listed.jobs = [listed.job(1, state="failed"), listed.job(0)]
+    look_away_and_back(page)
+    expect(states(page)).to_have_text(["Failed", "Done"])
+
+
+@pytest.mark.usefixtures("listed")
+def test_a_job_that_another_tab_has_deleted_is_gone_here_too(page: Page) -> None:
+    gone = {"type": "x", "title": "No such job", "detail": "It is gone.", "status": 404}
+    page.route(re.compile(r"/jobs/0+$"), lambda route: route.fulfill(status=404, json=gone))
+    page.on("dialog", lambda dialog: dialog.accept())
+    page.get_by_role("button", name=re.compile("^Delete")).last.click()
+    expect(states(page)).to_have_text(["Runs"])
+    expect(page.get_by_role("alert")).to_have_count(0)
+
+
+def test_pictures_of_a_list_that_is_left_are_waited_for_no_longer(
+    page: Page, listed: Listed, done: dict[str, Any]
+) -> None:
+    """They would hold up what is looked at instead."""
+    listed.jobs = [{**one, "files": done["files"]} for one in listed.jobs]
+    page.route("**/thumbnail.jpg", lambda _: None)
+    with page.expect_request("**/thumbnail.jpg"):
+        page.get_by_role("link", name="Jobs").click()
+    with page.expect_event("requestfailed", lambda one: one.url.endswith("/thumbnail.jpg")):
+        page.get_by_role("link", name="New").click()
 
 
 def test_problems_are_told_beside_their_buttons(page: Page, listed: Listed) -> None:
