@@ -200,3 +200,24 @@ def test_whatever_is_looked_at_a_change_shows_the_mix(
     page.get_by_role("radio", name="Mix", exact=True).check(force=True)
     # without a graphics card the lamp that changed last is added last: sums differ by rounding
     assert np.abs(found - pixels(drawn(page))).max() <= 1
+
+
+def test_a_menu_that_takes_the_end_of_a_drag_leaves_the_picture(
+    page: Page, done: dict[str, Any]
+) -> None:
+    canvas = open_mixer(page, done)
+    for _ in range(6):
+        page.get_by_role("button", name="Larger").click()
+    seen = drawn(page).screenshot()
+    box = canvas.bounding_box()
+    assert box is not None
+    page.evaluate(
+        """() => document.querySelector("#mix").addEventListener(
+          "pointerup", (event) => event.stopImmediatePropagation(), { capture: true })"""
+    )
+    page.mouse.move(box["x"] + 200, box["y"] + 200)
+    page.mouse.down(button="right")
+    page.mouse.up(button="right")
+    page.mouse.move(box["x"] + 240, box["y"] + 230)
+    page.evaluate(TWO_FRAMES)
+    assert drawn(page).screenshot() == seen

@@ -9,7 +9,7 @@ from typing import Any
 
 from playwright.sync_api import Page, Route, expect
 
-from tests.integration.service.page.looking import TWO_FRAMES, drawn, open_mixer
+from tests.integration.service.page.looking import drawn, open_mixer
 
 AWAY = {"type": "x", "title": "Away", "detail": "Back in a minute.", "status": 503}
 
@@ -140,29 +140,3 @@ def test_what_is_left_of_a_job_is_told_though_the_clock_here_is_wrong(
           new Date(Date.now() + 60000 * minutes).toLocaleTimeString([], { timeStyle: "short" }))"""
     )
     assert any(f"The job waits until {time}." in told for time in here)
-
-
-def test_a_menu_that_takes_the_end_of_a_drag_leaves_the_picture(
-    page: Page, done: dict[str, Any]
-) -> None:
-    canvas = open_mixer(page, done)
-    page.get_by_role("button", name="pixel by pixel").click()
-    seen = drawn(page).screenshot()
-    box = canvas.bounding_box()
-    assert box is not None
-    page.evaluate(
-        """() => document.querySelector("#mix").addEventListener(
-          "pointerup", (event) => event.stopImmediatePropagation(), { capture: true })"""
-    )
-    page.mouse.move(box["x"] + 200, box["y"] + 200)
-    page.mouse.down(button="right")
-    page.mouse.up(button="right")
-    page.mouse.move(box["x"] + 240, box["y"] + 230)
-    page.evaluate(TWO_FRAMES)
-    assert drawn(page).screenshot() == seen
-
-
-def test_an_address_of_nothing_adds_photographs(page: Page) -> None:
-    page.goto("/#/nothing")
-    expect(page.get_by_role("button", name="Separate the light")).to_be_visible()
-    expect(page.locator("nav a[aria-current]")).to_have_text(re.compile("New"))

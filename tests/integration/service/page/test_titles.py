@@ -32,3 +32,9 @@ def test_the_title_of_a_job_follows_its_state(page: Page, done: dict[str, Any]) 
     expect(page).to_have_title("Waits for you: Separation 01234567 · lightlayers")
     job["state"] = "canceled"
     expect(page).to_have_title("Canceled: Separation 01234567 · lightlayers")
+
+
+def test_an_address_of_nothing_adds_photographs(page: Page) -> None:
+    page.goto("/#/nothing")
+    expect(page.get_by_role("button", name="Separate the light")).to_be_visible()
+    expect(page.locator("nav a[aria-current]")).to_have_text("New")

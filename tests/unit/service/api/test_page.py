@@ -8,6 +8,7 @@ import httpx
 import pytest
 
 import service
+from drivers.camera import RAW_KINDS
 from pipeline.calibration.find_marks import MARKS
 from pipeline.calibration.options import FILES
 from pipeline.mix_files import ENCODINGS
@@ -67,6 +68,14 @@ def test_there_is_nothing_else(http: httpx.Client, path: str) -> None:
     answer = http.get(path)
     assert answer.status_code == 404
     assert answer.headers["content-type"] == "application/problem+json"
+
+
+def test_photographs_of_every_camera_can_be_chosen() -> None:
+    """Those of which systems do not know that they are pictures."""
+    kinds = re.search(r'"image/\*,([^"]+)"', (FOLDER / "add.js").read_text(encoding="utf-8"))
+    assert kinds is not None
+    raw = {f".{kind}" for kind in RAW_KINDS}
+    assert {*raw, ".exr", ".heic", ".heif", ".hif"} <= {*kinds[1].split(",")}
 
 
 def test_every_file_of_a_result_has_words() -> None:

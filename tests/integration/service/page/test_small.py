@@ -1,0 +1,60 @@
+"""The page where there is little room, in a real browser on a real service."""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import Any
+
+import pytest
+from playwright.sync_api import Locator, Page, expect
+
+from tests.integration.service.page.looking import CAMERA, check_access, drawn, open_mixer, result
+
+
+def inside(part: Locator, whole: Locator) -> bool:
+    inner, outer = part.bounding_box(), whole.bounding_box()
+    assert inner is not None and outer is not None
+    return all(
+        outer[start] <= inner[start] and inner[start] + inner[size] <= outer[start] + outer[size]
+        for start, size in (("x", "width"), ("y", "height"))
+    )
+
+
+@pytest.mark.parametrize("size", [(320, 256), (568, 320)], ids=["enlarged", "small phone across"])
+def test_a_mixer_of_little_height_has_a_picture_and_all_buttons(
+    page: Page, done: dict[str, Any], size: tuple[int, int]
+) -> None:
+    """A window of 1280 × 1024 that is enlarged four times, and a phone that is held across."""
+    page.set_viewport_size({"width": size[0], "height": size[1]})
+    picture = open_mixer(page, done)
+    box = picture.bounding_box()
+    assert box is not None and box["height"] > 150
+    for name in ("Show all", "pixel by pixel", "Smaller", "Larger"):
+        assert inside(page.get_by_role("button", name=name), page.locator(".picture")), name
+    lamp = page.get_by_role("group", name="Lamp 2")
+    lamp.get_by_role("slider", name="Exposure").scroll_into_view_if_needed()
+    expect(picture).not_to_be_in_viewport(ratio=0.5)  # nor in the way of the lamps
+    check_access(page, f"mixer_{size[0]}")
+
+
+def test_long_words_stay_within_their_boxes(page: Page, done: dict[str, Any], service: Any) -> None:
+    page.set_viewport_size({"width": 320, "height": 640})
+    word = "w" * 90
+    page.route("**/cameras/events", lambda route: route.abort())
+    page.route("**/cameras", lambda route: route.fulfill(json=[{**CAMERA, "address": word}]))
+    problem = {"type": "x", "title": word, "detail": f"{word}.dng", "status": 422}
+    page.route("**/captures", lambda route: route.fulfill(status=422, json=problem))
+    page.goto("/")
+    page.get_by_role("button", name="Capture").click()
+    expect(page.get_by_role("alert")).to_contain_text(word)
+    flash, row = page.get_by_label(re.compile("^Flash of")), page.locator(".cameras li")
+    assert inside(flash, row)
+    assert page.evaluate("document.documentElement.scrollWidth") == 320
+    manifest = json.loads(result(service, done, "manifest.json"))
+    manifest["warnings"] = [{"code": "clipped", "message": word, "figures": {}}]
+    page.route("**/results", lambda route: route.fulfill(json=manifest))
+    open_mixer(page, done)
+    drawn(page)
+    expect(page.get_by_text(word, exact=True)).to_be_attached()
+    assert page.evaluate("document.documentElement.scrollWidth") == 320
