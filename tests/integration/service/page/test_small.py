@@ -58,3 +58,22 @@ def test_long_words_stay_within_their_boxes(page: Page, done: dict[str, Any], se
     drawn(page)
     expect(page.get_by_text(word, exact=True)).to_be_attached()
     assert page.evaluate("document.documentElement.scrollWidth") == 320
+
+
+def test_what_the_keyboard_is_at_does_not_hide_behind_the_picture(
+    phone: Page, done: dict[str, Any]
+) -> None:
+    open_mixer(phone, done)
+    phone.evaluate("scrollTo(0, document.documentElement.scrollHeight)")
+    exposure = phone.get_by_role("group", name="Lamp 1").get_by_role("slider", name="Exposure")
+    exposure.focus()
+    stage, focused = phone.locator(".stage").bounding_box(), exposure.bounding_box()
+    assert stage is not None and focused is not None
+    assert focused["y"] >= stage["y"] + stage["height"]
+
+
+def test_folds_are_large_enough_for_fingers(phone: Page) -> None:
+    phone.goto("/")
+    fold = phone.get_by_text("Settings", exact=True)
+    box = fold.bounding_box()
+    assert box is not None and box["height"] >= 24
