@@ -15,10 +15,10 @@ from tests.integration.service.page.looking import CAMERA, check_access, drawn, 
 def inside(part: Locator, whole: Locator) -> bool:
     inner, outer = part.bounding_box(), whole.bounding_box()
     assert inner is not None and outer is not None
-    return all(
-        outer[start] <= inner[start] and inner[start] + inner[size] <= outer[start] + outer[size]
-        for start, size in (("x", "width"), ("y", "height"))
-    )
+    beside = outer["x"] <= inner["x"]
+    beside &= inner["x"] + inner["width"] <= outer["x"] + outer["width"]
+    above = outer["y"] <= inner["y"]
+    return beside and above and inner["y"] + inner["height"] <= outer["y"] + outer["height"]
 
 
 @pytest.mark.parametrize("size", [(320, 256), (568, 320)], ids=["enlarged", "small phone across"])
