@@ -29,6 +29,14 @@ def _database_in(data: dict[str, Any]) -> str:
     return f"sqlite:///{path.replace('%', '%25').replace('?', '%3F')}"
 
 
+def _check_host(host: str) -> str:
+    try:
+        host.encode("idna")  # as the system's look-up does, whose error is no OSError
+    except UnicodeError as error:
+        raise ValueError(f"{host!r} is neither an address nor a name of this machine") from error
+    return host
+
+
 def _check_networks(text: str) -> str:
     parse_networks(text)
     return text
@@ -91,7 +99,9 @@ class Settings(BaseSettings):
         description="Answer for a result in S3 with a redirect to a URL that is good for five "
         "minutes, in place of its bytes; clients must reach AWS_ENDPOINT_URL.",
     )
-    host: str = Field(default="127.0.0.1", description="Address the API listens on.")
+    host: Annotated[str, AfterValidator(_check_host)] = Field(
+        default="127.0.0.1", description="Address the API listens on."
+    )
     port: int = Field(default=8000, ge=0, le=65535, description="Port of the API; 0 takes any.")
     keys: Literal["loopback", "required"] = Field(
         default="loopback",
@@ -116,7 +126,7 @@ class Settings(BaseSettings):
         description="Longest pause within a request or an answer before the connection is given "
         "up (idle timeout), in seconds.",
     )
-    metrics_host: str = Field(
+    metrics_host: Annotated[str, AfterValidator(_check_host)] = Field(
         default="127.0.0.1", description="Address that Prometheus metrics are served on."
     )
     metrics_port: int | None = Field(

@@ -4,6 +4,7 @@ import re
 import resource
 import shutil
 import socket
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -309,6 +310,39 @@ def test_a_port_of_something_else_is_told(
         ours = {"port": '{"status":"ok"}', "metrics_port": "lightlayers_database_up 1.0"}
         monkeypatch.setattr("service.doctor._asked", lambda _url: ours[name])
         assert look()[name].grade == "ok"
+
+
+@pytest.mark.parametrize("host", ["[::1", "0.0.0.0:1", "300.1.1.1", "a\x7fb"])
+def test_an_address_that_is_none_is_told(
+    host: str, look: Look, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LIGHTLAYERS_HOST", host)
+    monkeypatch.setenv("LIGHTLAYERS_KEYS", "loopback")
+    found = look()["port"]
+    assert found.grade == "wrong"
+    assert f" of {host} cannot be listened on (" in found.sentence
+    assert found.sentence.endswith("set another LIGHTLAYERS_PORT.")
+
+
+def test_a_service_of_this_machine_is_asked_without_the_proxy(
+    look: Look, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("http_proxy", "HTTP_PROXY"):
+        monkeypatch.setenv(name, f"http://127.0.0.1:{free_port()}")
+    answer = b"HTTP/1.1 200 OK\r\nConnection: close\r\n\r\n" + b'{"status":"ok"}'
+    with socket.create_server(("127.0.0.1", 0)) as service:
+
+        def serve() -> None:
+            connection, _ = service.accept()
+            with connection:
+                connection.recv(65536)
+                connection.sendall(answer)
+
+        threading.Thread(target=serve, daemon=True).start()
+        port = service.getsockname()[1]
+        monkeypatch.setenv("LIGHTLAYERS_PORT", str(port))
+        found = look()["port"]
+    assert found == Finding("ok", "port", f"lightlayers answers at {port} of 127.0.0.1.")
 
 
 def test_a_port_of_something_else_is_told_that_the_worker_of_serve_would_take(

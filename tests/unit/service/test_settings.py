@@ -69,6 +69,7 @@ def test_jobs_are_kept_for_ever_unless_the_operator_says_how_long(
         ("RETENTION_DAYS", "0"),
         ("RETENTION_DAYS", "inf"),
         ("SWEEP_SECONDS", "61"),
+        *((name, host) for name in ("HOST", "METRICS_HOST") for host in ("a..b", "x" * 64)),
         *(
             (name.upper(), value)
             for name, field in Settings.model_fields.items()
