@@ -43,7 +43,8 @@ _CAPTURERS = 16  # cameras that a worker has take pairs at once: it waits for th
 _TELLING_QUEUE = "webhooks"
 _TELLING_WORKFLOW = "tell_webhook"
 _TELLERS = 8  # webhooks a worker tells at once: it waits for them most of the time
-_TELLING_SECONDS = 2.0  # each look at a queue costs every worker 10 ms of its processor
+_TELLING_SECONDS = 2.0  # each look at a queue costs every worker some 5 ms of its processor
+_CAPTURE_SECONDS = 1.0  # a look at cameras costs more than one at jobs, and there are two of them
 _UPKEEP = "upkeep"
 _LONGEST_UPKEEP_SECONDS = 5  # between two looks at its queue
 _SWEEP = "sweep"
@@ -239,6 +240,7 @@ def launch(engine: sa.Engine, worker: str, host: str | None, duties: Duties, pac
             serializer=DBOSPortableJSONSerializer(),
             log_level="WARNING",
             run_migrations=False,  # a command does that, see service.opening
+            notification_coalesce_sec=1.0,  # nothing is sent, and it woke a hundred times a second
         )
     )
     # An attempt count of our own is in the job's row: a takeover resets the one of DBOS.
@@ -273,7 +275,7 @@ def _register_queues(captures: Iterable[str], pace: Pace) -> None:
             queue,
             worker_concurrency=_CAPTURERS,
             partition_concurrency=1,
-            polling_interval_sec=poll,
+            polling_interval_sec=max(poll, _CAPTURE_SECONDS),
         )
     register(
         _TELLING_QUEUE,
