@@ -226,6 +226,8 @@ def connect(url: str) -> sa.Engine:
     ValueError or sqlalchemy's ArgumentError for an address that is none of either database.
     """
     parsed = sa.make_url(url)
+    if "@" in (parsed.host or ""):
+        raise ValueError("The host has a part of the password, which errors of its look-up tell.")
     if parsed.get_backend_name() == "postgresql":
         here = parsed.set(drivername="postgresql+psycopg")
         arguments = {name: _POSTGRESQL[name] for name in _POSTGRESQL if name not in parsed.query}
@@ -236,9 +238,10 @@ def connect(url: str) -> sa.Engine:
         return engine
     if parsed.get_backend_name() != "sqlite":
         raise ValueError("The address is neither of SQLite nor of PostgreSQL.")
-    if parsed.database:
-        # Secrets of webhooks are in it; what is there already is its owner's to close.
-        Path(parsed.database).parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if parsed.database in (None, "", ":memory:"):
+        raise ValueError("A database in memory is no other process's, and ends with its own.")
+    # Secrets of webhooks are in it; what is there already is its owner's to close.
+    Path(str(parsed.database)).parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     engine = sa.create_engine(parsed, hide_parameters=True)
     _watch_ends(engine)
 

@@ -181,7 +181,10 @@ class Settings(BaseSettings):
         "less they are refused with 507.",
     )
     worker_concurrency: int = Field(
-        default=1, ge=1, description="Jobs a worker runs at a time; they share the processors."
+        default=1,
+        ge=1,
+        le=1000,
+        description="Jobs a worker runs at a time; they share the processors.",
     )
     job_memory_bytes: int = Field(
         default=8192 * MIB,

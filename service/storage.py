@@ -33,10 +33,16 @@ class Storage:
     """Objects by key. Keys are paths with forward slashes; puts are atomic."""
 
     def __init__(self, url: str) -> None:
-        """Open the store at file:///folder (created when missing) or s3://bucket/prefix."""
+        """Open the store at file:///folder (created when missing) or s3://bucket/prefix.
+
+        Raises ValueError for any other address: other stores would differ in what is promised.
+        """
         parts = urlsplit(url)
+        is_folder = (parts.scheme, parts.netloc) == ("file", "") and url.startswith("file:///")
+        if not (is_folder or (parts.scheme == "s3" and parts.netloc)):
+            raise ValueError("it is like file:///folder or s3://bucket/prefix")
         self._puts = threading.Semaphore(_PUTS)
-        self._folder = Path(url2pathname(parts.path)) if parts.scheme == "file" else None
+        self._folder = Path(url2pathname(parts.path)) if is_folder else None
         self._store: ObjectStore = (
             LocalStore(self._folder, mkdir=True, automatic_cleanup=True)
             if self._folder

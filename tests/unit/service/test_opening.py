@@ -41,7 +41,15 @@ def test_a_database_that_cannot_be_opened_is_told(url: str, tmp_path: Path) -> N
 
 @pytest.mark.parametrize(
     "url",
-    ["nonsense", "mysql://x", "sqlite+nothing:///x", "postgresql://user:secret@127.0.0.1:port/x"],
+    [
+        "nonsense",
+        "mysql://x",
+        "sqlite+nothing:///x",
+        "sqlite://",
+        "sqlite:///:memory:",
+        "postgresql://user:secret@127.0.0.1:port/x",
+        "postgresql://user:a@secret@127.0.0.1/x",
+    ],
 )
 def test_an_address_of_no_database_that_is_known_says_what_one_is_like(
     url: str, tmp_path: Path
@@ -62,6 +70,23 @@ def test_a_store_that_cannot_be_opened_is_told(url: str, tmp_path: Path) -> None
         open_storage(Settings(data_dir=tmp_path, store_url=url))
     assert "secret" not in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "url",
+    ["", "memory:///", "gs://bucket", "s3:///x", "file:folder", "file://folder/store", "/folder"],
+)
+def test_a_store_of_another_kind_says_what_one_is_like(
+    url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(StartError) as caught:
+        open_storage(Settings(data_dir=tmp_path, store_url=url))
+    assert str(caught.value) == (
+        "The store of photographs cannot be opened: check LIGHTLAYERS_STORE_URL and the AWS_ "
+        "variables (it is like file:///folder or s3://bucket/prefix)."
+    )
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("name", ["AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"])

@@ -62,6 +62,7 @@ def test_jobs_are_kept_for_ever_unless_the_operator_says_how_long(
         ("PORT", "70000"),
         ("PORT", "http"),
         ("WORKER_CONCURRENCY", "0"),
+        ("WORKER_CONCURRENCY", str(2**63)),  # more than the queue's table takes
         ("JOB_SECONDS", "-1"),
         ("FREE_BYTES", "-1"),
         ("QUEUED_JOBS", "0"),
