@@ -8,6 +8,7 @@ and forget the ones that are done, so forget_done() does.
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -49,6 +50,7 @@ _UPKEEP = "upkeep"
 _LONGEST_UPKEEP_SECONDS = 5  # between two looks at its queue
 _SWEEP = "sweep"
 _HOURLY = "0 0 * * * *"  # the first field of six is that of seconds
+_OF_A_JOB = re.compile(r"-(capture|webhook-\d+)$")  # as capture_id and telling_id make them
 _DONE = ["SUCCESS", "ERROR", "CANCELLED"]
 _BATCH = 500
 
@@ -71,6 +73,16 @@ class Held:
     id: str
     worker: str
     queue: str
+
+    @property
+    def job(self) -> str:
+        """Id of the job that it is about; of a sweep, its own."""
+        return _OF_A_JOB.sub("", self.id)
+
+    @property
+    def runs(self) -> bool:
+        """Whether it is a job itself, or its capture."""
+        return self.queue not in (_TELLING_QUEUE, _UPKEEP)
 
 
 class Queue:

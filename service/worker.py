@@ -112,10 +112,10 @@ class Worker:
             forgotten = self._forgotten(held)
             self._queue.put_back(dead | forgotten)
             for one in dead:
-                log.warning("taken over", extra={"job": one.id, "worker": self.id})
-                metrics.TAKEOVERS.inc()
+                log.warning("taken over", extra={"job": one.job, "worker": self.id})
+                metrics.TAKEOVERS.inc(one.runs)
             for one in forgotten:
-                log.warning("put back", extra={"job": one.id, "worker": self.id})
+                log.warning("put back", extra={"job": one.job, "worker": self.id})
             self._fail_overdue()
             self._queue_news()
         except Exception as error:  # the next heartbeat may find the database there again

@@ -335,6 +335,24 @@ def test_what_the_queues_forgot_to_bring_is_put_back(
     assert put_back == [{"dead"}, {"dead", "mine", "a telling", "a sweep"}]
 
 
+def test_what_is_taken_over_is_logged_as_its_job_and_counted_if_it_is_one(
+    one: Worker, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    held = [
+        Held("a", "another", "jobs"),
+        Held(dbos_queue.capture_id("b"), "another", dbos_queue.captures_on("host")),
+        Held(dbos_queue.telling_id("c", 12), "another", "webhooks"),
+        Held("sched-often-1", "another", "upkeep"),
+    ]
+    monkeypatch.setattr(one._queue, "held", lambda: held)
+    monkeypatch.setattr(one._queue, "put_back", lambda _found: None)
+    before = metrics.TAKEOVERS._value.get()
+    one.keep()
+    logged = {vars(line)["job"] for line in caplog.records if line.message == "taken over"}
+    assert logged == {"a", "b", "c", "sched-often-1"}
+    assert metrics.TAKEOVERS._value.get() - before == 2
+
+
 def test_tellings_and_sweeps_that_take_long_are_not_put_back(
     one: Worker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
