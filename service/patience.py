@@ -13,8 +13,10 @@ from typing import TypeVar
 
 from obstore.exceptions import BaseError
 
+from pipeline.errors import reason_of
+from service import metrics
 from service.database import AWAY
-from service.errors import NoProcessError, StorageFullError
+from service.errors import NoProcessError, StorageFullError, kind_of
 
 _FIRST_PAUSE_SECONDS = 0.5
 _LONGEST_PAUSE_SECONDS = 15.0
@@ -52,6 +54,13 @@ def patiently(
         except Exception as error:
             if not may_pass(error) or time.monotonic() + wait > deadline:
                 raise
-            log.warning("hindered, tries again in %s s: %s", wait, type(error).__name__)
+            metrics.count_fault(error)
+            log.warning("hindered, tries again in %s s: %s", wait, _name(error))
         pause(wait)
         wait = min(2 * wait, _LONGEST_PAUSE_SECONDS)
+
+
+def _name(error: Exception) -> str:
+    if isinstance(error, OSError):
+        return reason_of(error)
+    return f"{kind_of(error).name} ({type(error).__name__})"

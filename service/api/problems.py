@@ -39,6 +39,7 @@ from service.errors import (
     make_problem,
     problem_of,
 )
+from service.opening import cause_of
 from service.patience import FULL
 from service.sandbox import TaskError
 from service.sentences import sentence_of_faults
@@ -143,8 +144,9 @@ def answer_of(error: Exception, request: Request) -> Response:
         log.warning("too many requests", extra={"trace_id": request.state.trace_id})
     elif isinstance(error, UnreadyError):  # balancers ask all the time, and a stop is no fault
         log.info("%s", error, extra={"trace_id": request.state.trace_id})
-    elif kind_of(error).status >= 500:
-        log.error("request failed", exc_info=error, extra={"trace_id": request.state.trace_id})
+    elif kind_of(error).status >= 500:  # while store or database is away, so does every request
+        said = f"{kind_of(error).name}: {cause_of(error)}"
+        log.error("request failed, %s", said, extra={"trace_id": request.state.trace_id})
     return _answer(problem_of(error, request.state.trace_id), headers)
 
 

@@ -9,6 +9,7 @@ import pytest
 import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
+from service import metrics
 from service.errors import CrashError, NoProcessError, StorageFullError
 from service.patience import passes, patiently
 
@@ -31,6 +32,24 @@ def test_what_passes_is_waited_for_ever_longer() -> None:
     done = patiently(_failing(7, GenericError("away")), 300, waited.append, log)
     assert done == "done"
     assert waited == [0.5, 1, 2, 4, 8, 15, 15]
+
+
+@pytest.mark.parametrize(
+    ("error", "words", "counted"),
+    [
+        (GenericError("away"), "store-unavailable (GenericError)", 2),
+        (NoProcessError(), "no-process (NoProcessError)", 0),
+        (OSError(errno.ENOSPC, "No space left on device", "name"), "no space left on device", 0),
+    ],
+)
+def test_what_hinders_is_named_and_the_stores_faults_are_counted(
+    error: Exception, words: str, counted: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    before = metrics.STORE_ERRORS._value.get()
+    patiently(_failing(2, error), 300, lambda _seconds: None, log)
+    said = [one.getMessage() for one in caplog.records]
+    assert said == [f"hindered, tries again in {wait} s: {words}" for wait in (0.5, 1.0)]
+    assert metrics.STORE_ERRORS._value.get() - before == counted
 
 
 @pytest.mark.parametrize(

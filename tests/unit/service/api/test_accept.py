@@ -45,7 +45,11 @@ def test_photographs_are_on_the_disk_before_their_job_is(
 
 
 def test_photographs_that_the_disk_does_not_keep_make_no_job(
-    http: httpx.Client, png: Png, context: Context, monkeypatch: pytest.MonkeyPatch
+    http: httpx.Client,
+    png: Png,
+    context: Context,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     def fail(_descriptor: int) -> None:
         raise OSError(errno.EIO, "Input/output error")
@@ -55,6 +59,9 @@ def test_photographs_that_the_disk_does_not_keep_make_no_job(
     assert problem_of(answer)[:2] == (503, "store-unavailable")
     assert rows_of(context) == []
     assert context.storage.list("") == []
+    said = "request failed, store-unavailable: the disk does not keep what was stored"
+    told = [(one.getMessage(), one.exc_info, vars(one)["trace_id"]) for one in caplog.records]
+    assert told == [(said, None, answer.json()["trace_id"])]
 
 
 @pytest.fixture
