@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterable, Iterator
 
 import sqlalchemy as sa
 
+from pipeline.errors import reason_of
 from service import (
     cameras,
     database,
@@ -35,6 +36,8 @@ from service import (
 )
 from service.attempt import Attempt
 from service.dbos_queue import Duties, Held, Pace
+from service.dbos_queue import Held
+from service.errors import AbandonedError, DeadlineError, StartError, kind_of, problem_of
 from service.errors import AbandonedError, DeadlineError, StartError, problem_of
 from service.opening import cause_of, open_database, open_storage
 from service.patience import passes
@@ -86,10 +89,7 @@ class Worker:
         scratch.clear(self._settings.data_dir)
         presence.enter(self._settings.data_dir, self.id)
         self._enter()
-        duties = Duties(self.run, self.capture, self.tell, self.sweep)
-        settings = self._settings
-        pace = Pace(settings.worker_concurrency, settings.poll_seconds, settings.sweep_seconds)
-        dbos_queue.launch(self._engine, self.id, host.of_usb(self._engine), duties, pace)
+        self._launch()
         log.info("ready", extra={"worker": self.id})
         self.keep()
         while not stop.wait(self._settings.heartbeat_seconds):
@@ -99,6 +99,18 @@ class Worker:
             self._idle.wait_for(lambda: self._busy == 0, timeout=_STOP_SECONDS)
         self._leave()
         log.info("stopped", extra={"worker": self.id})
+
+    def _launch(self) -> None:
+        duties = Duties(self.run, self.capture, self.tell, self.sweep)
+        settings = self._settings
+        pace = Pace(settings.worker_concurrency, settings.poll_seconds, settings.sweep_seconds)
+        try:
+            dbos_queue.launch(self._engine, self.id, host.of_usb(self._engine), duties, pace)
+        except sa.exc.DBAPIError as error:
+            raise StartError(
+                "The database of jobs went away while the worker started: start it, or check "
+                f"LIGHTLAYERS_DATABASE_URL ({cause_of(error)})."
+            ) from error
 
     def keep(self) -> None:
         """One heartbeat, the jobs of dead workers back into the queue, and webhooks to be told."""
@@ -119,7 +131,7 @@ class Worker:
             self._fail_overdue()
             self._queue_news()
         except Exception as error:  # the next heartbeat may find the database there again
-            log.exception("the heartbeat was cut short", extra={"worker": self.id})
+            _tell("the heartbeat was cut short", error, worker=self.id)
             self._make_room(error)
 
     def _enter(self) -> None:
@@ -224,7 +236,7 @@ class Worker:
             except Exception as error:
                 # Raised to the queue, it would end the job there and nowhere else.
                 lost = not passes(error)
-                log.exception("cut short", extra={"job": job_id, "worker": self.id})
+                _tell("cut short", error, job=job_id, worker=self.id)
             # Another worker that lives has it: stay by, in case that it dies. Or its camera is in
             # use, which takes no longer.
             self._stopping.wait(_RETRY_SECONDS)
@@ -296,7 +308,7 @@ class Worker:
         try:
             self._sweeping.run(thorough)
         except Exception as error:  # the next one does what this one has left
-            log.exception("the sweep was cut short", extra={"worker": self.id})
+            _tell("the sweep was cut short", error, worker=self.id)
             self._make_room(error)
 
     def _make_room(self, error: Exception) -> None:
@@ -315,6 +327,15 @@ class Worker:
 
 def _has_ended(_connection: sa.Connection, job: jobs.Job) -> bool:
     return job.ended
+
+
+def _tell(what: str, error: Exception, **of: str) -> None:
+    """Log a line for what may pass, like a database that is away, and a trace for anything else."""
+    if passes(error):
+        cause = reason_of(error) if isinstance(error, OSError) else cause_of(error)
+        log.error("%s, %s: %s", what, kind_of(error).name, cause, extra=of)
+    else:
+        log.error("%s", what, exc_info=error, extra=of)
 
 
 def main() -> None:
