@@ -216,7 +216,11 @@ class Settings(BaseSettings):
         "seconds.",
     )
     poll_seconds: float = Field(
-        default=0.5, gt=0, le=86400, description="How often a worker looks for a job, in seconds."
+        default=0.5,
+        gt=0,
+        le=86400,
+        description="How often a worker looks for a job, in seconds; for one of a camera, no more "
+        "than once a second.",
     )
     heartbeat_seconds: float = Field(
         default=3, gt=0, le=86400, description="How often a worker says that it lives, in seconds."
