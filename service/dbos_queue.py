@@ -45,7 +45,7 @@ _TELLING_QUEUE = "webhooks"
 _TELLING_WORKFLOW = "tell_webhook"
 _TELLERS = 8  # webhooks a worker tells at once: it waits for them most of the time
 _TELLING_SECONDS = 2.0  # each look at a queue costs every worker some 5 ms of its processor
-_CAPTURE_SECONDS = 1.0  # a look at cameras costs more than one at jobs, and there are two of them
+_CAPTURE_SECONDS = 1.0  # a look at cameras costs more than one at jobs
 _UPKEEP = "upkeep"
 _LONGEST_UPKEEP_SECONDS = 5  # between two looks at its queue
 _SWEEP = "sweep"
@@ -274,11 +274,12 @@ def launch(engine: sa.Engine, worker: str, host: str | None, duties: Duties, pac
         raise StartError(
             "The queue's tables are older than this lightlayers needs: run `lightlayers migrate`."
         ) from fault
-    _register_queues(captures, pace)
+    _register_queues(captures, captures_on(host), pace)
     _schedule(run_sweep, pace.sweep_seconds)
 
 
-def _register_queues(captures: Iterable[str], pace: Pace) -> None:
+def _register_queues(captures: Iterable[str], own: str, pace: Pace) -> None:
+    """Register the queues. own: of those of captures, that of this worker's USB."""
     register = partial(DBOS.register_queue, on_conflict="always_update")
     poll = pace.poll_seconds
     register(JOBS, worker_concurrency=pace.concurrency, polling_interval_sec=poll)
@@ -287,7 +288,8 @@ def _register_queues(captures: Iterable[str], pace: Pace) -> None:
             queue,
             worker_concurrency=_CAPTURERS,
             partition_concurrency=1,
-            polling_interval_sec=max(poll, _CAPTURE_SECONDS),
+            # Somebody stands at a camera on USB, and waits for it; others are seldom used.
+            polling_interval_sec=poll if queue == own else max(poll, _CAPTURE_SECONDS),
         )
     register(
         _TELLING_QUEUE,

@@ -219,8 +219,8 @@ class Settings(BaseSettings):
         default=0.5,
         gt=0,
         le=86400,
-        description="How often a worker looks for a job, in seconds; for one of a camera, no more "
-        "than once a second.",
+        description="How often a worker looks for a job, in seconds; on PostgreSQL, for one of a "
+        "camera that is on no host's USB, no more than once a second.",
     )
     heartbeat_seconds: float = Field(
         default=3, gt=0, le=86400, description="How often a worker says that it lives, in seconds."
