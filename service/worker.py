@@ -36,9 +36,7 @@ from service import (
 )
 from service.attempt import Attempt
 from service.dbos_queue import Duties, Held, Pace
-from service.dbos_queue import Held
 from service.errors import AbandonedError, DeadlineError, StartError, kind_of, problem_of
-from service.errors import AbandonedError, DeadlineError, StartError, problem_of
 from service.opening import cause_of, open_database, open_storage
 from service.patience import passes
 from service.processes import die_with_parent
