@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.compiling import exact
+from pipeline.enlarge import enlarge
 from pipeline.frames import by_planes, channels_first
 from pipeline.lamps import Lamps
 from pipeline.proportions import model_proportions
@@ -33,38 +33,8 @@ class Surroundings:
 
     def rows(self, rows: slice, width: int) -> Array:
         """Proportions (N, h, width, 3) for some rows of the full-size picture, bilinear."""
-        around = by_planes(self._count, rows.stop - rows.start, width, 3)
-        x, right = self._between(0, width, self._map.shape[1])
-        y, lower = self._between(rows.start, rows.stop, self._map.shape[0])
-        _enlarge(self._map, x, right, y, lower, channels_first(around))
+        height = rows.stop - rows.start
+        around = by_planes(self._count, height, width, 3)
+        planes = channels_first(around).reshape(-1, height, width)
+        enlarge(self._map, self._block, rows, planes)
         return around
-
-    def _between(self, start: int, stop: int, blocks: int) -> tuple[NDArray[np.int64], Array]:
-        """First of the two blocks beside each pixel start…stop of an axis, the second's weight."""
-        place = (np.arange(start, stop) + 0.5) / self._block - 0.5
-        first = np.clip(np.floor(place), 0, max(blocks - 2, 0))
-        return first.astype(np.int64), np.clip(place - first, 0.0, 1.0).astype(np.float32)
-
-
-@exact
-def _enlarge(
-    blocks: Array,
-    x: NDArray[np.int64],
-    right: Array,
-    y: NDArray[np.int64],
-    lower: Array,
-    around: Array,
-) -> None:
-    """Write blocks (h, w, 3N) between which pixels lie into (N, 3, H, W)."""
-    one = np.float32(1.0)
-    height, width, planes = blocks.shape
-    row = np.empty(width, np.float32)
-    for i in range(len(y)):
-        for p in range(planes):
-            top, bottom = blocks[y[i], :, p], blocks[min(y[i] + 1, height - 1), :, p]
-            for c in range(width):
-                row[c] = (one - lower[i]) * top[c] + lower[i] * bottom[c]
-            written = around[p // 3, p % 3, i]
-            for j in range(len(x)):
-                second = row[min(x[j] + 1, width - 1)]
-                written[j] = (one - right[j]) * row[x[j]] + right[j] * second

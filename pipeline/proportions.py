@@ -82,7 +82,7 @@ def _light_row(m: Numbers, where: Numbers, terms: Numbers, flash: Planes, lit: P
     red, green, blue = lit
     for x in range(len(red)):
         f = flash[0][x], flash[1][x], flash[2][x]
-        red[x], green[x], blue[x] = _lit(m, terms, f, _colour(where, f))
+        red[x], green[x], blue[x] = light_of(m, terms, f, colour_of(where, f))
 
 
 @compiled
@@ -93,9 +93,7 @@ def _share_row(
     for x in range(len(z0)):
         seen = no_flash[0][x], no_flash[1][x], no_flash[2][x]
         a, b = (first[0][x], first[1][x], first[2][x]), (second[0][x], second[1][x], second[2][x])
-        z0[x], z1[x], _ = shares_of_two(
-            _times(seen, weights), _times(a, weights), _times(b, weights)
-        )
+        z0[x], z1[x], _ = shares_of_two(times(seen, weights), times(a, weights), times(b, weights))
 
 
 @compiled
@@ -106,7 +104,7 @@ def _part_row(
     one, half = np.float32(1.0), np.float32(0.5)
     for x in range(len(z0)):
         a, b = (first[0][x], first[1][x], first[2][x]), (second[0][x], second[1][x], second[2][x])
-        a, b = _scaled(a, z0[x]), _scaled(b, z1[x])
+        a, b = scaled(a, z0[x]), scaled(b, z1[x])
         total = a[0] + b[0], a[1] + b[1], a[2] + b[2]
         overall = _part(_sum(a), _sum(total), half)
         p, q = _part(a[0], total[0], overall), _part(a[1], total[1], overall)
@@ -128,14 +126,14 @@ def _three(
     third = np.float32(1.0 / 3.0)
     for y in range(flash[0].shape[0]):
         for x in range(flash[0].shape[1]):
-            seen, f = _pixel(no_flash, y, x), _pixel(flash, y, x)
-            q = _colour(where, f)
-            a, b = _lit(matrices[0], terms[0], f, q), _lit(matrices[1], terms[1], f, q)
-            c = _lit(matrices[2], terms[2], f, q)
+            seen, f = pixel(no_flash, y, x), pixel(flash, y, x)
+            q = colour_of(where, f)
+            a, b = light_of(matrices[0], terms[0], f, q), light_of(matrices[1], terms[1], f, q)
+            c = light_of(matrices[2], terms[2], f, q)
             z0, z1, z2 = shares_of_three(
-                _times(seen, weights), _times(a, weights), _times(b, weights), _times(c, weights)
+                times(seen, weights), times(a, weights), times(b, weights), times(c, weights)
             )
-            a, b, c = _scaled(a, z0), _scaled(b, z1), _scaled(c, z2)
+            a, b, c = scaled(a, z0), scaled(b, z1), scaled(c, z2)
             whole = _sum(a) + _sum(b) + _sum(c)
             total = a[0] + b[0] + c[0], a[1] + b[1] + c[1], a[2] + b[2] + c[2]
             _write(parts[0], y, x, a, total, _part(_sum(a), whole, third))
@@ -144,7 +142,8 @@ def _three(
 
 
 @inlined
-def _pixel(planes: Planes, y: int, x: int) -> Colour:
+def pixel(planes: Planes, y: int, x: int) -> Colour:
+    """All channels of one pixel."""
     return planes[0][y, x], planes[1][y, x], planes[2][y, x]
 
 
@@ -168,7 +167,7 @@ def _write(planes: Planes, y: int, x: int, light: Colour, total: Colour, otherwi
 
 
 @inlined
-def _colour(where: Numbers, f: Colour) -> Colour:
+def colour_of(where: Numbers, f: Colour) -> Colour:
     """Sum of the flash's channels, 0 without light, and its chromaticity as polynomials take it."""
     total = max(_sum(f), np.float32(0.0))
     inverse = np.float32(1.0) / max(total, np.float32(1e-30))
@@ -205,8 +204,8 @@ def _cubic(terms: Numbers, i: int, a: Any) -> Any:
 
 
 @inlined
-def _lit(m: Numbers, terms: Numbers, f: Colour, q: Colour) -> Colour:
-    """What a lamp of matrix m, row by row, gives where the flash gives f; q: its _colour."""
+def light_of(m: Numbers, terms: Numbers, f: Colour, q: Colour) -> Colour:
+    """What a lamp of matrix m, row by row, gives where the flash gives f; q: its colour_of."""
     return _channel(m, terms, 0, f, q), _channel(m, terms, 1, f, q), _channel(m, terms, 2, f, q)
 
 
@@ -218,10 +217,12 @@ def _channel(m: Numbers, terms: Numbers, k: int, f: Colour, q: Colour) -> Any:
 
 
 @inlined
-def _times(a: Colour, b: Numbers) -> Colour:
+def times(a: Colour, b: Numbers) -> Colour:
+    """Light with each channel weighed."""
     return a[0] * np.float32(b[0]), a[1] * np.float32(b[1]), a[2] * np.float32(b[2])
 
 
 @inlined
-def _scaled(a: Colour, z: float) -> Colour:
+def scaled(a: Colour, z: float) -> Colour:
+    """Light so many times as bright."""
     return a[0] * np.float32(z), a[1] * np.float32(z), a[2] * np.float32(z)

@@ -23,6 +23,7 @@ from pipeline.frames import (
     planes_of,
     rows_by_planes,
 )
+from pipeline.highlights import find_highlights
 from pipeline.hui2018.separation import published_layers
 from pipeline.lamps import Lamps
 from pipeline.model import Model
@@ -78,6 +79,7 @@ def separate(
     """
     height, width = pair.unusable.shape
     surroundings = Surroundings(reduced, lamps)
+    highlights = find_highlights(reduced, lamps, model.flash_white)
     noise_filter = _filter(pair, _ROUNDS[options.quality])
     for rows in progress.strips("layers", height, strip_rows):
         if options.method == "paper":
@@ -112,6 +114,8 @@ def separate(
                 inner,
             )
         no_flash, flash, confidence = no_flash[inner], flash[inner], confidence[inner]
+        if highlights:
+            highlights.deal_out(rows, no_flash, flash, lamps, smooth)
         layers = surroundings.rows(rows, width)
         _deal_out(
             planes_of(rows_by_planes(pair.no_flash, rows)),

@@ -1,0 +1,348 @@
+"""Highlights: light that a glossy surface mirrors, which does not have the surface's colour.
+
+The light of a surface is matt light, which has its colour, and mirrored light, which has that of
+the lamp (Shafer 1985, the dichromatic model). In the proportions of matt lamps alone a highlight
+is dealt out to the wrong ones. Where there are two lamps, all that a coloured surface gives of them
+matt lies in a plane, the colours of both lamps beside it; so highlights are told there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.compiling import compiled, inlined
+from pipeline.enlarge import enlarge
+from pipeline.frames import Image, Mask, Numbers, Plane, Planes, numbers_of, planes_of
+from pipeline.lamps import Lamps
+from pipeline.proportions import colour_of, light_of, pixel, scaled, times
+from pipeline.reduced import ReducedPair
+from pipeline.shares import Colour, shares_of_two
+
+Array = NDArray[np.float32]
+
+_MODEL = 0.017  # relative: what matrices leave over of matt light
+_SHADING = 0.5  # relative: how far shares change about a place
+_LEAST_SHADING = 0.1  # of both lamps' shares, to which a shadow's are nothing
+_MOST_UNUSUAL = 3.0  # shares that are not like those around do not tell a highlight alone
+_WORTH, _MOST_WORTH = 6.0, 12.0  # of a highlight: the least, and the most of a block
+_AGREEING = 5  # blocks across that are to agree
+_REACH = 0.047  # of the longer side: where the neighbours lie
+_STEPS = 4  # of neighbours on each side
+_ALIKE = 0.015  # chromaticity
+_LEAST_ALIKE = 2.0  # neighbours of like colour
+_MIRRORED = 3  # kinds: the first lamp, the second, the flash
+_TINY = np.float32(1e-12)
+
+
+@dataclass(frozen=True)
+class Highlights:
+    """Highlights of two lamps and of the flash.
+
+    blocks: (h, w, 5) of a reduced pair: 0…1, how far the first lamp is mirrored, the second, the
+    flash; shares of both lamps in the matt light there. side: of a block in pixels. colours:
+    (2, 3) camera RGB of what mirrors the light of either lamp.
+    """
+
+    blocks: Array
+    side: int
+    colours: NDArray[np.float64]
+
+    def deal_out(
+        self, rows: slice, no_flash: Image, flash: Image, lamps: Lamps, proportions: Array
+    ) -> None:
+        """Change proportions (2, h, W, 3) of some rows where there are highlights.
+
+        no_flash, flash: (h, W, 3) of these rows, flash the flash part alone, noise filtered.
+        """
+        near = self.blocks[max(rows.start // self.side - 1, 0) : rows.stop // self.side + 2]
+        if not near[..., :_MIRRORED].any():
+            return
+        planes = np.empty((self.blocks.shape[2], *no_flash.shape[:2]), np.float32)
+        enlarge(self.blocks, self.side, rows, planes)
+        where, terms = lamps.deviations.numbers()
+        _deal_out(
+            planes_of(no_flash),
+            planes_of(flash),
+            tuple(numbers_of(matrix) for matrix in lamps.matrices),
+            where,
+            terms,
+            numbers_of(lamps.channel_weights),
+            tuple(numbers_of(one) for one in self.colours),
+            planes,
+            planes_of(proportions[0]),
+            planes_of(proportions[1]),
+        )
+
+
+def find_highlights(
+    reduced: ReducedPair, lamps: Lamps, flash_white: NDArray[np.float64]
+) -> Highlights | None:
+    """Find the highlights of two lamps; None where there are none, or not two lamps.
+
+    flash_white: (3,) camera RGB of a white card under the flash. A block is a highlight where
+    light of like neighbours in any strength and that of one lamp, or without that of the flash,
+    explain it much better than matt light of both lamps does, and those around it agree.
+    """
+    if len(lamps) != 2:
+        return None
+    colours = lamps.matrices @ flash_white
+    height, width = reduced.usable.shape
+    step = max(round(_REACH * max(height, width) / _STEPS), 1)
+    where, terms = lamps.deviations.numbers()
+    seen, flash = planes_of(reduced.no_flash), planes_of(reduced.flash)
+    numbers = (
+        tuple(numbers_of(matrix) for matrix in lamps.matrices),
+        where,
+        terms,
+        numbers_of(lamps.channel_weights),
+    )
+    matt = np.empty((3, height, width), np.float32)
+    variances = planes_of(reduced.no_flash_variance), planes_of(reduced.flash_variance)
+    _fit_matt(seen, flash, *variances, *numbers, matt)
+    around = np.zeros((2, height, width), np.float32)
+    kind, worth = np.full((height, width), -1), np.full((height, width), -_MOST_WORTH, np.float32)
+    _weigh(
+        seen,
+        flash,
+        reduced.usable,
+        matt,
+        *numbers,
+        tuple(numbers_of(one) for one in colours),
+        step,
+        around,
+        kind,
+        worth,
+    )
+    found = (kind >= 0) & (cv2.blur(worth, (_AGREEING, _AGREEING)) > _WORTH)
+    if not found.any():
+        return None
+    weights = [(found & (kind == one)).astype(np.float32) for one in range(_MIRRORED)]
+    # beside the last blocks of a highlight pixels lie between them and what has no shares
+    count = np.maximum(cv2.blur(found.astype(np.float32), (3, 3)), np.float32(_TINY))
+    shares = [np.where(found, one, cv2.blur(one * found, (3, 3)) / count) for one in around]
+    return Highlights(np.stack([*weights, *shares], axis=2), reduced.block, colours)
+
+
+@compiled
+def _fit_matt(
+    no_flash: Planes,
+    flash: Planes,
+    no_flash_variance: Planes,
+    flash_variance: Planes,
+    matrices: tuple[Numbers, ...],
+    where: Numbers,
+    terms: tuple[Numbers, ...],
+    weights: Numbers,
+    matt: Array,
+) -> None:
+    """Write shares of both lamps, and what they leave over of the light, relative, less noise."""
+    for y in range(matt.shape[1]):
+        for x in range(matt.shape[2]):
+            seen = times(pixel(no_flash, y, x), weights)
+            f = pixel(flash, y, x)
+            q = colour_of(where, f)
+            first = times(light_of(matrices[0], terms[0], f, q), weights)
+            second = times(light_of(matrices[1], terms[1], f, q), weights)
+            z0, z1, scale = shares_of_two(seen, first, second)
+            z0, z1 = z0 / scale, z1 / scale
+            left = np.float32(0.0)
+            for k in range(3):
+                off = seen[k] - z0 * first[k] - z1 * second[k]
+                variance = no_flash_variance[k][y, x]
+                for c in range(3):
+                    mixed = z0 * matrices[0][3 * k + c] + z1 * matrices[1][3 * k + c]
+                    variance += mixed * mixed * flash_variance[c][y, x]
+                left += off * off - weights[k] * weights[k] * variance
+            whole = max(_squared(seen), np.float32(_TINY))
+            matt[0, y, x], matt[1, y, x] = z0, z1
+            matt[2, y, x] = np.sqrt(max(left, np.float32(0.0)) / whole)
+
+
+@compiled
+def _weigh(
+    no_flash: Planes,
+    flash: Planes,
+    usable: Mask,
+    matt: Array,
+    matrices: tuple[Numbers, ...],
+    where: Numbers,
+    terms: tuple[Numbers, ...],
+    weights: Numbers,
+    colours: tuple[Numbers, ...],
+    step: int,
+    around: Array,
+    kind: NDArray[np.int64],
+    worth: Plane,
+) -> None:
+    """Write of blocks that matt light leaves over what neighbours have, which highlight, its worth.
+
+    The worth is how much further from the light matt light is, squared, in units of _MODEL.
+    """
+    most = (2 * _STEPS + 1) ** 2
+    shares, like = np.empty((2, most)), np.empty(most)
+    for y in range(usable.shape[0]):
+        for x in range(usable.shape[1]):
+            if not usable[y, x] or not matt[2, y, x] > _MODEL:
+                continue
+            count = _neighbours(flash, usable, matt, y, x, step, shares, like)
+            if like[:count].sum() < _LEAST_ALIKE:
+                continue
+            s0, s1 = (
+                _median(shares[0, :count], like[:count]),
+                _median(shares[1, :count], like[:count]),
+            )
+            around[0, y, x], around[1, y, x] = s0, s1
+            shading = _LEAST_SHADING * (s0 + s1) + _TINY
+            unusual = ((matt[0, y, x] - s0) / (s0 + shading)) ** 2
+            unusual += ((matt[1, y, x] - s1) / (s1 + shading)) ** 2
+            cost = (matt[2, y, x] / _MODEL) ** 2 + _bounded(unusual)
+            seen, f = pixel(no_flash, y, x), pixel(flash, y, x)
+            q = colour_of(where, f)
+            first = scaled(light_of(matrices[0], terms[0], f, q), s0)
+            second = scaled(light_of(matrices[1], terms[1], f, q), s1)
+            whole = max(_squared(times(seen, weights)), _TINY)
+            least = np.inf
+            for one in range(_MIRRORED):
+                a, b = _explain(seen, first, second, _mirrored(colours, one, s0, s1), weights)
+                if not b > 0:
+                    continue
+                mirrored = _mirrored(colours, one, s0, s1)
+                left = 0.0
+                for k in range(3):
+                    off = seen[k] - a * (first[k] + second[k]) - b * mirrored[k]
+                    left += (off * weights[k]) ** 2
+                other = left / whole / _MODEL**2 + _bounded((a - 1.0) ** 2)
+                if other < least:
+                    least, kind[y, x] = other, one
+            if kind[y, x] >= 0:
+                worth[y, x] = min(max(cost - least, -_MOST_WORTH), _MOST_WORTH)
+
+
+@compiled
+def _neighbours(
+    flash: Planes,
+    usable: Mask,
+    matt: Array,
+    y: int,
+    x: int,
+    step: int,
+    shares: NDArray[np.float64],
+    like: NDArray[np.float64],
+) -> int:
+    """Write shares of the usable blocks around one, and how like its colour theirs is: how many."""
+    own, count = _chromaticity(pixel(flash, y, x)), 0
+    for i in range(max(y - _STEPS * step, y % step), min(y + _STEPS * step + 1, len(usable)), step):
+        for j in range(
+            max(x - _STEPS * step, x % step), min(x + _STEPS * step + 1, usable.shape[1]), step
+        ):
+            if usable[i, j]:
+                other = _chromaticity(pixel(flash, i, j))
+                off = (other[0] - own[0]) ** 2 + (other[1] - own[1]) ** 2
+                like[count] = np.exp(-off / (2.0 * _ALIKE**2))
+                shares[0, count], shares[1, count] = matt[0, i, j], matt[1, i, j]
+                count += 1
+    return count
+
+
+@compiled
+def _deal_out(
+    no_flash: Planes,
+    flash: Planes,
+    matrices: tuple[Numbers, ...],
+    where: Numbers,
+    terms: tuple[Numbers, ...],
+    weights: Numbers,
+    colours: tuple[Numbers, ...],
+    highlights: Array,
+    own: Planes,
+    rest: Planes,
+) -> None:
+    """Blend proportions of matt and mirrored light into those of matt light alone."""
+    one, zero = np.float32(1.0), np.float32(0.0)
+    for y in range(highlights.shape[1]):
+        for x in range(highlights.shape[2]):
+            s0, s1 = highlights[_MIRRORED, y, x], highlights[_MIRRORED + 1, y, x]
+            for kind in range(_MIRRORED):
+                weight = highlights[kind, y, x]
+                if not weight > 0:
+                    continue
+                seen, f = pixel(no_flash, y, x), pixel(flash, y, x)
+                q = colour_of(where, f)
+                first = scaled(light_of(matrices[0], terms[0], f, q), s0)
+                second = scaled(light_of(matrices[1], terms[1], f, q), s1)
+                a, b = _explain(seen, first, second, _mirrored(colours, kind, s0, s1), weights)
+                for k in range(3):
+                    light, other = a * first[k], a * second[k]
+                    if kind == 0:
+                        light += b * np.float32(colours[0][k])
+                    elif kind == 1:
+                        other += b * np.float32(colours[1][k])
+                    else:
+                        light = max(light - b * s0 * np.float32(colours[0][k]), zero)
+                        other = max(other - b * s1 * np.float32(colours[1][k]), zero)
+                    total = light + other
+                    change = light / total - own[k][y, x] if total > 0 else zero
+                    own[k][y, x] += weight * change
+                    rest[k][y, x] = one - own[k][y, x]
+
+
+@inlined
+def _explain(
+    seen: Colour, first: Colour, second: Colour, mirrored: Colour, weights: Numbers
+) -> tuple[Any, Any]:
+    """How often the matt light of two lamps, and mirrored light, are in what is seen, ≥ 0."""
+    matt = first[0] + second[0], first[1] + second[1], first[2] + second[2]
+    a, b, scale = shares_of_two(
+        times(seen, weights), times(matt, weights), times(mirrored, weights)
+    )
+    return a / scale, b / scale
+
+
+@inlined
+def _mirrored(colours: tuple[Numbers, ...], kind: int, s0: Any, s1: Any) -> Colour:
+    """Light of a lamp as it is mirrored; of the flash, what its part pretends that lamps give."""
+    p, q = _single(colours[0]), _single(colours[1])
+    if kind == 0:
+        return p
+    if kind == 1:
+        return q
+    return -(s0 * p[0] + s1 * q[0]), -(s0 * p[1] + s1 * q[1]), -(s0 * p[2] + s1 * q[2])
+
+
+@inlined
+def _single(a: Numbers) -> Colour:
+    return np.float32(a[0]), np.float32(a[1]), np.float32(a[2])
+
+
+@inlined
+def _bounded(unusual: Any) -> Any:
+    """What shares that are unlike those around count, in squares of _SHADING: at most so much."""
+    squared = unusual / (_SHADING * _SHADING)
+    return _MOST_UNUSUAL * squared / (_MOST_UNUSUAL + squared)
+
+
+@compiled
+def _median(values: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
+    order = np.argsort(values)
+    half, total = 0.5 * weights.sum(), 0.0
+    for i in order:
+        total += weights[i]
+        if total >= half:
+            return float(values[i])
+    return float(values[order[-1]])
+
+
+@inlined
+def _chromaticity(f: Colour) -> tuple[Any, Any]:
+    total = max(f[0] + f[1] + f[2], _TINY)
+    return f[0] / total, f[1] / total
+
+
+@inlined
+def _squared(a: Colour) -> Any:
+    return a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
