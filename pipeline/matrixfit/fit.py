@@ -167,7 +167,7 @@ def _problem(
     pure_share: float,
     known: Known,
 ) -> Problem:
-    terms = make_terms(evidence, lamps, outline, pure_share)
+    terms = make_terms(evidence, lamps, outline, pure_share, known.flash_white)
     if not outline:
         return Problem(lamps, terms, prior, LEVELS, known)
     wide = replace(prior, deviations=_OUTLINE_WIDENED * prior.deviations)

@@ -1,4 +1,4 @@
-"""The mixture of corners, edges, interior and outliers, compiled: value, gradient and counts.
+"""The mixture of corners, edges, mirrors, interior and outliers, compiled: value, gradient, counts.
 
 Data go through it in blocks of a fixed size, and each component through a block in a loop of its
 own, simple enough to become vector code. What these loops read and write are rows of a block in
@@ -78,6 +78,17 @@ def _corner(data: Array, matrix: Array, weight: float, lamp: Array) -> None:
         lamp[_PART + i], lamp[_BY0 + i], lamp[_BY1 + i] = p, p * o0, p * o1
         lamp[_C0 + i], lamp[_C1 + i] = c0, c1
         lamp[_P0 + i], lamp[_P1 + i], lamp[_INVERSE + i] = p0, p1, inverse
+
+
+@compiled
+def _mirror(data: Array, red: float, green: float, weight: float, lamp: Array) -> None:
+    """The density of light that is mirrored: normal about the lamp's own chromaticity."""
+    share = weight * _PEAK * _PEAK
+    for i in range(_BLOCK):
+        o0 = data[_U0 + i] - (data[_W00 + i] * red + data[_W01 + i] * green)
+        o1 = data[_U1 + i] - (data[_W10 + i] * red + data[_W11 + i] * green)
+        p = share * data[_DENSITY + i] * exp(-0.5 * (o0 * o0 + o1 * o1))
+        lamp[_PART + i], lamp[_BY0 + i], lamp[_BY1 + i] = p, p * o0, p * o1
 
 
 @compiled
@@ -217,6 +228,17 @@ def _pull(data: Array, lamp: Array, scale: Array, gradient: Array) -> None:
     gradient[2, 2] += g22
 
 
+@summing
+def _pull_of_mirror(data: Array, lamp: Array, scale: Array) -> tuple[float, float]:
+    """How a lamp's own chromaticity is pulled."""
+    red = green = 0.0
+    for i in range(_BLOCK):
+        by0, by1 = lamp[_BY0 + i], lamp[_BY1 + i]
+        red += (data[_W00 + i] * by0 + data[_W10 + i] * by1) * scale[i]
+        green += (data[_W01 + i] * by0 + data[_W11 + i] * by1) * scale[i]
+    return red, green
+
+
 @exact
 def mixture(
     matrices: Array,
@@ -226,6 +248,7 @@ def mixture(
     outlier: float,
     area_power: float,
     interior: bool,
+    mirrored: Array,
 ) -> tuple[float, Array, Array]:
     """−Σ worth · log density of the mixture, its gradient (N, 3, 3), counts (K,).
 
@@ -233,10 +256,13 @@ def mixture(
     ----------
     matrices : (N, 3, 3) T_j
     data : blocks
-    weights : (K,) of the components: N corners, the edges 01, 02, 12, the interior, outliers
+    weights : (K,) of the components: N corners, the edges 01, 02, 12, N mirrors, the interior,
+        outliers
     extension : how far edges reach beyond their ends, in lengths; outlier : their density
     area_power : exponent of the interior's density in its area, that of the blocks
     interior : whether there is one (three lamps)
+    mirrored : (3,) chromaticity of the flash, summing to 1, on what mirrors light, which has no
+        colour of its own; zeros where there are no mirrors
 
     The counts are Σ worth · responsibility.
     """
@@ -245,6 +271,14 @@ def mixture(
     lamps = np.empty((count, _LAMP))
     edges = np.empty((count * (count - 1) // 2, _EDGE))
     inside, scale = np.empty(_BLOCK), np.empty(_BLOCK)
+    mirrors, own = np.empty((count, _LAMP)), np.empty((count, 3))
+    has_mirrors = mirrored[0] > 0.0
+    for j in range(count):
+        light = matrices[j] @ mirrored
+        total = light.sum()
+        least = -_MIN_TOTAL if total < 0.0 else _MIN_TOTAL
+        total = least if abs(total) < _MIN_TOTAL else total
+        own[j, 0], own[j, 1], own[j, 2] = light[0] / total, light[1] / total, 1.0 / total
     value = 0.0
     for k in range(data.shape[0]):
         block = data[k]
@@ -258,6 +292,10 @@ def mixture(
                 _edge(block, lamps[a], lamps[c], weights[count + e], extension, edges[e])
                 _add(edges[e], scale)
                 e += 1
+        if has_mirrors:
+            for j in range(count):
+                _mirror(block, own[j, 0], own[j, 1], weights[count + e + j], mirrors[j])
+                _add(mirrors[j], scale)
         if interior:
             _interior(block, lamps.ravel(), edges.ravel(), weights[-2], area_power, inside)
             _add(inside, scale)
@@ -265,8 +303,17 @@ def mixture(
         for j in range(count):
             counts[j] += _dot(lamps[j], scale)
             _pull(block, lamps[j], scale, gradient[j])
-        for e in range(edges.shape[0]):
-            counts[count + e] += _dot(edges[e], scale)
+        for k_edge in range(edges.shape[0]):
+            counts[count + k_edge] += _dot(edges[k_edge], scale)
+        if has_mirrors:
+            for j in range(count):
+                counts[count + e + j] += _dot(mirrors[j], scale)
+                red, green = _pull_of_mirror(block, mirrors[j], scale)
+                red, green = red * own[j, 2], green * own[j, 2]
+                drift = red * own[j, 0] + green * own[j, 1]
+                gradient[j, 0] -= (red - drift) * mirrored
+                gradient[j, 1] -= (green - drift) * mirrored
+                gradient[j, 2] += drift * mirrored
         if interior:
             counts[-2] += _dot(inside, scale)
         counts[-1] += weights[-1] * outlier * scale.sum()

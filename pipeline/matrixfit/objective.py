@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from pipeline.matrixfit.prior import MatrixPrior
 Array = NDArray[np.float64]
 
 _EM_ROUNDS = 3
+_MIRRORED = 0.15  # of the differences, at first; where nothing is glossy the rounds take it away
 
 
 @dataclass(frozen=True)
@@ -39,15 +40,17 @@ class Shape:
 class Term:
     """One kind of data with its mixture.
 
-    weights: (K,) of the components at the start: corners, edges, for three lamps the interior,
-    outliers. pseudo_count: of the Dirichlet prior that keeps them near, None where they stay as
-    they are.
+    weights: (K,) of the components at the start: corners, edges, mirrors, for three lamps the
+    interior, outliers. pseudo_count: of the Dirichlet prior that keeps them near, None where they
+    stay as they are. mirrored: (3,) chromaticity of the flash on what mirrors light, zeros where
+    nothing is expected to.
     """
 
     data: Data
     shape: Shape
     weights: Array
     pseudo_count: float | None
+    mirrored: Array = field(default_factory=lambda: np.zeros(3))
 
 
 class Whitened:
@@ -79,6 +82,7 @@ class Whitened:
             shape.outlier,
             shape.area_power,
             shape.interior and len(matrices) == 3,
+            self.term.mirrored,
         )
         return found
 
@@ -121,9 +125,12 @@ def posterior(
     return value, gradient + by_matrix.reshape(-1, 9) @ prior.basis
 
 
-def make_terms(evidence: Evidence, lamps: int, outline: bool, pure_share: float) -> list[Term]:
+def make_terms(
+    evidence: Evidence, lamps: int, outline: bool, pure_share: float, flash_white: Array
+) -> list[Term]:
     """The mixtures for a number of lamps.
 
+    flash_white: (3,) camera RGB of a white card under the flash.
     pure_share: of three lamps, the share of pixels that each lights alone.
     outline: there are no shadow edges, so that pixels speak by their cloud's outline alone.
     """
@@ -143,7 +150,8 @@ def make_terms(evidence: Evidence, lamps: int, outline: bool, pure_share: float)
     }
     # re-estimated, the weights of pixels give way until a corner sits in a cluster of them
     shown = Term(evidence.pixels, Shape(True, 0.0, 1.5, 1.0), np.array(inside[lamps]), None)
-    return [shown, difference_term(evidence.differences, lamps)]
+    differences = difference_term(evidence.differences, lamps)
+    return [shown, _with_mirrors(differences, flash_white) if lamps == 2 else differences]
 
 
 def alone_term(data: Data) -> Term:
@@ -158,6 +166,16 @@ def difference_term(differences: Data, lamps: int) -> Term:
     weights = np.array([corners / lamps] * lamps + [edges / max(pairs, 1)] * pairs + [0.0])
     weights[-1] = 1.0 - weights.sum()
     return Term(differences, Shape(False, 0.5, 6.0, 1.5), weights, 25.0)
+
+
+def _with_mirrors(term: Term, flash_white: Array) -> Term:
+    """The mixture of differences of two lamps of which some are the borders of highlights.
+
+    Light that a surface mirrors has the lamp's colour and not the surface's (Shafer 1985).
+    """
+    corners, rest = term.weights[:-1] * (1.0 - _MIRRORED), term.weights[-1:] * (1.0 - _MIRRORED)
+    weights = np.concatenate([corners, np.full(2, _MIRRORED / 2), rest])
+    return replace(term, weights=weights, mirrored=flash_white / flash_white.sum())
 
 
 def _terminator_term(terminators: Data, lamps: int) -> Term:

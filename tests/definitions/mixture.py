@@ -32,6 +32,7 @@ def plain_mixture(
     outlier: float,
     area_power: float,
     interior: bool,
+    mirrored: Array,
 ) -> tuple[float, Array, Array]:
     """−Σ worth · log density of the mixture, its gradient (N, 3, 3), counts (K,).
 
@@ -42,6 +43,12 @@ def plain_mixture(
     pairs = lamps * (lamps - 1) // 2
     gradient, counts = np.zeros_like(matrices), np.zeros_like(weights)
     value = 0.0
+    own = np.empty((lamps, 3))  # chromaticity of what is mirrored, and its sum
+    for j in range(lamps):
+        light = matrices[j] @ mirrored
+        t = float(light.sum())
+        t = math.copysign(max(abs(t), _MIN_TOTAL), t)
+        own[j] = light[0] / t, light[1] / t, t
     corner = np.empty((lamps, 2))
     plain = np.empty((lamps, 2))
     total = np.empty(lamps)
@@ -69,6 +76,15 @@ def plain_mixture(
                 by_corner[j, k] = 0.0
         mixed = weights[-1] * outlier
         part[-1] = mixed
+        by_own = np.zeros((lamps, 2))
+        if mirrored.any():
+            for j in range(lamps):
+                seen = whitener[i] @ own[j, :2]
+                o0, o1 = (u[i] - seen) / s
+                p = math.exp(-0.5 * (o0 * o0 + o1 * o1)) / (2.0 * math.pi * s * s)
+                part[lamps + pairs + j] = weights[lamps + pairs + j] * p
+                mixed += part[lamps + pairs + j]
+                by_own[j] = part[lamps + pairs + j] * np.array([o0, o1]) / s
         for j in range(lamps):
             o0, o1 = (u[i, 0] - corner[j, 0]) / s, (u[i, 1] - corner[j, 1]) / s
             p = weights[j] * math.exp(-0.5 * (o0 * o0 + o1 * o1)) / (2.0 * math.pi * s * s)
@@ -149,6 +165,9 @@ def plain_mixture(
         for k in range(part.shape[0]):
             counts[k] += scale * part[k]
         for j in range(lamps):
+            v0, v1 = whitener[i].T @ by_own[j] * scale
+            drift = v0 * own[j, 0] + v1 * own[j, 1]
+            gradient[j] -= np.outer([v0 - drift, v1 - drift, -drift], mirrored / own[j, 2])
             v0 = (whitener[i, 0, 0] * by_corner[j, 0] + whitener[i, 1, 0] * by_corner[j, 1]) * scale
             v1 = (whitener[i, 0, 1] * by_corner[j, 0] + whitener[i, 1, 1] * by_corner[j, 1]) * scale
             drift = v0 * plain[j, 0] + v1 * plain[j, 1]

@@ -32,6 +32,7 @@ def arguments(matrices: Array, x: Array, **more: Any) -> dict[str, Any]:
         "outlier": 1.5,
         "area_power": 0.5,
         "interior": len(matrices) == 3,
+        "mirrored": np.zeros(3),
     }
     return given | more
 
@@ -43,9 +44,8 @@ def evaluate(
     given = arguments(matrices, x, **more)
     power = given["area_power"]
     data = blocks(x, u, given["whitener"], given["sigma"], given["worth"], power)
-    value, gradient, counts = mixture(
-        matrices, data, weights, given["extension"], given["outlier"], power, given["interior"]
-    )
+    shape = given["extension"], given["outlier"], power, given["interior"]
+    value, gradient, counts = mixture(matrices, data, weights, *shape, given["mirrored"])
     return value, gradient, counts
 
 
@@ -178,9 +178,11 @@ def test_a_line_and_corners_integrate_to_one() -> None:
     assert total * (axis[1] - axis[0]) ** 2 == pytest.approx(1, rel=1e-3)
 
 
-def random_case(lamps: int, interior: bool, n: int = 30) -> tuple[Array, Array, dict[str, Any]]:
+def random_case(
+    lamps: int, interior: bool, mirrors: bool, n: int = 30
+) -> tuple[Array, Array, dict[str, Any]]:
     rng = np.random.default_rng(10 * lamps + interior)
-    size = lamps + lamps * (lamps - 1) // 2 + interior + 1
+    size = lamps + lamps * (lamps - 1) // 2 + mirrors * lamps + interior + 1
     skew = rng.normal(0, 0.2, (n, 2, 2))
     weights = rng.dirichlet(np.ones(size))
     given: dict[str, Any] = {
@@ -191,13 +193,24 @@ def random_case(lamps: int, interior: bool, n: int = 30) -> tuple[Array, Array, 
         "sigma": rng.uniform(0.02, 0.1, n),
         "worth": rng.uniform(0.5, 2, n),
         "interior": interior,
+        "mirrored": mirrors * np.array([0.25, 0.4, 0.35]),
     }
     matrices = np.array([lamp(corner) for corner in (*CORNERS, (0.4, 0.45))[:lamps]])
     return matrices + rng.normal(0, 0.1, matrices.shape), weights, given
 
 
 MIXTURES = pytest.mark.parametrize(
-    ("lamps", "interior"), [(1, False), (2, False), (3, False), (3, True), (4, False)]
+    ("lamps", "interior", "mirrors"),
+    [
+        (1, False, False),
+        (1, False, True),
+        (2, False, False),
+        (2, False, True),
+        (3, False, False),
+        (3, True, False),
+        (3, True, True),
+        (4, False, False),
+    ],
 )
 
 
@@ -205,9 +218,9 @@ MIXTURES = pytest.mark.parametrize(
 @pytest.mark.parametrize("extension", [0.0, 0.5])
 @pytest.mark.parametrize("n", [1, 300])
 def test_the_compiled_mixture_is_that_of_the_definition(
-    lamps: int, interior: bool, extension: float, n: int
+    lamps: int, interior: bool, mirrors: bool, extension: float, n: int
 ) -> None:
-    matrices, _, given = random_case(lamps, interior, n)
+    matrices, _, given = random_case(lamps, interior, mirrors, n)
 
     assert_as_defined(matrices, extension=extension, area_power=0.2, **given)
 
@@ -215,17 +228,19 @@ def test_the_compiled_mixture_is_that_of_the_definition(
 @MIXTURES
 @pytest.mark.parametrize("factor", [1e-4, 0.01, 30.0])
 def test_small_and_large_deviations_are_those_of_the_definition(
-    lamps: int, interior: bool, factor: float
+    lamps: int, interior: bool, mirrors: bool, factor: float
 ) -> None:
-    matrices, _, given = random_case(lamps, interior, 200)
+    matrices, _, given = random_case(lamps, interior, mirrors, 200)
     given["sigma"] *= factor
 
     assert_as_defined(matrices, extension=0.5, **given)
 
 
 @MIXTURES
-def test_far_outliers_are_those_of_the_definition(lamps: int, interior: bool) -> None:
-    matrices, weights, given = random_case(lamps, interior, 40)
+def test_far_outliers_are_those_of_the_definition(
+    lamps: int, interior: bool, mirrors: bool
+) -> None:
+    matrices, weights, given = random_case(lamps, interior, mirrors, 40)
     given["u"][::2] += 100.0
 
     assert_as_defined(matrices, **given)
@@ -234,16 +249,16 @@ def test_far_outliers_are_those_of_the_definition(lamps: int, interior: bool) ->
 
 
 @MIXTURES
-def test_lamps_alike_are_those_of_the_definition(lamps: int, interior: bool) -> None:
-    matrices, _, given = random_case(lamps, interior, 40)
+def test_lamps_alike_are_those_of_the_definition(lamps: int, interior: bool, mirrors: bool) -> None:
+    matrices, _, given = random_case(lamps, interior, mirrors, 40)
     matrices[-1] = matrices[0]
 
     assert_as_defined(matrices, **given)
 
 
 @MIXTURES
-def test_no_data_are_worth_nothing(lamps: int, interior: bool) -> None:
-    matrices, _, given = random_case(lamps, interior, 0)
+def test_no_data_are_worth_nothing(lamps: int, interior: bool, mirrors: bool) -> None:
+    matrices, _, given = random_case(lamps, interior, mirrors, 0)
 
     value, gradient, counts = evaluate(matrices, **given)
 
@@ -254,8 +269,10 @@ def test_no_data_are_worth_nothing(lamps: int, interior: bool) -> None:
 
 @MIXTURES
 @pytest.mark.parametrize("extension", [0.0, 0.5])
-def test_the_gradient_is_that_of_differences(lamps: int, interior: bool, extension: float) -> None:
-    matrices, _, given = random_case(lamps, interior)
+def test_the_gradient_is_that_of_differences(
+    lamps: int, interior: bool, mirrors: bool, extension: float
+) -> None:
+    matrices, _, given = random_case(lamps, interior, mirrors)
     _, gradient, _ = evaluate(matrices, extension=extension, **given)
 
     for place in np.ndindex(matrices.shape):
@@ -268,14 +285,27 @@ def test_the_gradient_is_that_of_differences(lamps: int, interior: bool, extensi
 
 
 @MIXTURES
-def test_counts_sum_to_the_weights_of_the_data(lamps: int, interior: bool) -> None:
-    matrices, weights, given = random_case(lamps, interior)
+def test_counts_sum_to_the_weights_of_the_data(lamps: int, interior: bool, mirrors: bool) -> None:
+    matrices, weights, given = random_case(lamps, interior, mirrors)
 
     _, _, counts = evaluate(matrices, **given)
 
     assert counts.shape == weights.shape
     assert (counts > 0).all()
     assert counts.sum() == pytest.approx(given["worth"].sum())
+
+
+@pytest.mark.parametrize("lamp_of_two", [0, 1])
+def test_a_mirror_has_the_colour_of_its_lamp_whatever_the_surface(lamp_of_two: int) -> None:
+    matrices = np.array([lamp(corner) for corner in CORNERS[:2]])
+    point = np.array([CORNERS[lamp_of_two]])
+    weights = np.eye(6)[3 + lamp_of_two]
+
+    for surface in ([0.7, 0.2, 0.1], [0.1, 0.3, 0.6]):
+        value, _, counts = evaluate(matrices, np.array([surface]), point, weights, mirrored=GREY)
+
+        assert value == pytest.approx(math.log(2 * math.pi * S**2))
+        assert counts[3 + lamp_of_two] == pytest.approx(1)
 
 
 @pytest.mark.parametrize("lamps", [2, 3])

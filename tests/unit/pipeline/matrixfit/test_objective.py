@@ -39,6 +39,9 @@ def drawn(model: Model, count: int, seed: int, lamps: int = 2, noise: float = 0.
     return Data(x, u, covariance, np.full(count, 400.0 / count))
 
 
+WHITE = np.array([0.6, 1.0, 0.9])
+
+
 def seen(pixels: Data = EMPTY, differences: Data = EMPTY, terminators: Data = EMPTY) -> Evidence:
     return Evidence(pixels, differences, terminators, 0.1, 0.0)
 
@@ -62,7 +65,7 @@ def test_the_gradient_is_that_of_differences(
     model: Model, lamps: int, outline: bool, pinned: int
 ) -> None:
     evidence = seen(*(drawn(model, n, i, lamps) for i, n in enumerate((60, 40, 30), 1)))
-    made = make_terms(evidence, lamps, outline, PURE)
+    made = make_terms(evidence, lamps, outline, PURE, WHITE)
     terms = [Whitened(term, 0.01) for term in made]
     weights = [term.weights for term in made]
     shown = pure(drawn(model, 30, 5), model.lamp_matrix(LIGHTS[2]))
@@ -86,7 +89,7 @@ def test_the_gradient_is_that_of_differences(
 
 
 def test_without_data_the_prior_is_left(model: Model) -> None:
-    terms = [Whitened(term, 0.01) for term in make_terms(seen(), 2, False, PURE)]
+    terms = [Whitened(term, 0.01) for term in make_terms(seen(), 2, False, PURE, WHITE)]
     weights = [term.term.weights for term in terms]
     theta = np.random.default_rng(0).normal(0, 0.3, (2, 9))
 
@@ -98,7 +101,7 @@ def test_without_data_the_prior_is_left(model: Model) -> None:
 
 
 def test_the_true_lamps_explain_the_data_best(model: Model) -> None:
-    made = make_terms(seen(drawn(model, 300, 3), drawn(model, 9, 4)), 2, False, PURE)
+    made = make_terms(seen(drawn(model, 300, 3), drawn(model, 9, 4)), 2, False, PURE, WHITE)
     terms = [Whitened(term, 0.005) for term in made]
     weights = [term.weights for term in made]
 
@@ -159,7 +162,7 @@ def test_reweighting_finds_how_much_is_pure(model: Model) -> None:
     """Differences of which all lie at the first corner."""
     matrices = model.lamp_matrix(LIGHTS[:2])
     data = pure(drawn(model, 400, 6), matrices[0])
-    term = Whitened(make_terms(seen(differences=data), 2, False, PURE)[1], 0.004)
+    term = Whitened(make_terms(seen(differences=data), 2, False, PURE, WHITE)[1], 0.004)
 
     found = term.reweighted(matrices, term.term.weights)
 
@@ -169,10 +172,27 @@ def test_reweighting_finds_how_much_is_pure(model: Model) -> None:
     assert found[1] < term.term.weights[1]
 
 
+def test_borders_of_highlights_are_told_from_those_of_shadows(model: Model) -> None:
+    """Differences that all have the first lamp's own colour, on surfaces of many."""
+    matrices = model.lamp_matrix(LIGHTS[:2])
+    own = matrices[0] @ model.flash_white
+    data = drawn(model, 400, 6)
+    data = replace(data, u=np.tile(own[:2] / own.sum(), (400, 1)))
+    made = make_terms(seen(differences=data), 2, False, PURE, model.flash_white)[1]
+    term = Whitened(made, 0.004)
+    matt = replace(made, weights=made.weights[[0, 1, 2, 5]], mirrored=np.zeros(3))
+
+    found = term.reweighted(matrices, made.weights)
+
+    assert found[3] > 0.7
+    assert found[4] < made.weights[4]
+    assert term.value(matrices, found)[0] < Whitened(matt, 0.004).value(matrices, matt.weights)[0]
+
+
 def test_a_pseudo_count_keeps_weights_near_where_they_began(model: Model) -> None:
     matrices = model.lamp_matrix(LIGHTS[:2])
     data = pure(drawn(model, 400, 6), matrices[0])
-    made = make_terms(seen(differences=data), 2, False, PURE)[1]
+    made = make_terms(seen(differences=data), 2, False, PURE, WHITE)[1]
     firm = Term(made.data, made.shape, made.weights, 1e9)
 
     found = Whitened(firm, 0.004).reweighted(matrices, made.weights)
@@ -183,7 +203,7 @@ def test_a_pseudo_count_keeps_weights_near_where_they_began(model: Model) -> Non
 @pytest.mark.parametrize("outline", [False, True])
 def test_weights_of_pixels_stay(model: Model, outline: bool) -> None:
     matrices = model.lamp_matrix(LIGHTS[:2])
-    term = make_terms(seen(pure(drawn(model, 400, 6), matrices[0])), 2, outline, PURE)[0]
+    term = make_terms(seen(pure(drawn(model, 400, 6), matrices[0])), 2, outline, PURE, WHITE)[0]
 
     found = Whitened(term, 0.004).reweighted(matrices, term.weights)
 
@@ -191,7 +211,7 @@ def test_weights_of_pixels_stay(model: Model, outline: bool) -> None:
 
 
 def test_no_differences_leave_their_weights(model: Model) -> None:
-    term = make_terms(seen(), 2, False, PURE)[1]
+    term = make_terms(seen(), 2, False, PURE, WHITE)[1]
 
     found = Whitened(term, 0.004).reweighted(model.lamp_matrix(LIGHTS[:2]), term.weights)
 
@@ -201,26 +221,28 @@ def test_no_differences_leave_their_weights(model: Model) -> None:
 @pytest.mark.parametrize("lamps", [1, 2, 3])
 @pytest.mark.parametrize("outline", [False, True])
 def test_weights_begin_as_shares_of_all_components(lamps: int, outline: bool) -> None:
-    terms = make_terms(seen(), lamps, outline, PURE)
+    terms = make_terms(seen(), lamps, outline, PURE, WHITE)
 
     assert len(terms) == 2
     for term in terms:
         interior = lamps == 3 and term.shape.interior
-        assert len(term.weights) == {1: 2, 2: 4, 3: 7}[lamps] + interior
+        mirrors = 2 * bool(term.mirrored.any())
+        assert mirrors == (2 if lamps == 2 and term is terms[1] and not outline else 0)
+        assert len(term.weights) == {1: 2, 2: 4, 3: 7}[lamps] + interior + mirrors
         assert term.weights.sum() == pytest.approx(1)
 
 
 def test_the_share_of_pure_pixels_is_that_of_three_lamps_alone() -> None:
-    pixels, differences = make_terms(seen(), 3, False, 0.03)
+    pixels, differences = make_terms(seen(), 3, False, 0.03, WHITE)
 
     np.testing.assert_allclose(pixels.weights[:3], 0.03)
     assert pixels.weights.sum() == pytest.approx(1)
     np.testing.assert_array_equal(
-        differences.weights, make_terms(seen(), 3, False, 0.01)[1].weights
+        differences.weights, make_terms(seen(), 3, False, 0.01, WHITE)[1].weights
     )
     np.testing.assert_array_equal(
-        make_terms(seen(), 2, False, 0.03)[0].weights,
-        make_terms(seen(), 2, False, 0.01)[0].weights,
+        make_terms(seen(), 2, False, 0.03, WHITE)[0].weights,
+        make_terms(seen(), 2, False, 0.01, WHITE)[0].weights,
     )
 
 
@@ -230,7 +252,7 @@ def test_terminators_show_lamps_alone(model: Model) -> None:
     mixed, first = drawn(model, 400, 6), pure(drawn(model, 400, 6), matrices[0])
     costs = []
     for data in (mixed, first):
-        term = Whitened(make_terms(seen(terminators=data), 2, True, PURE)[-1], 0.004)
+        term = Whitened(make_terms(seen(terminators=data), 2, True, PURE, WHITE)[-1], 0.004)
         costs.append(term.value(matrices, term.term.weights)[0])
 
     # a corner of density 0.425 / (2π √det), and outliers of 6
