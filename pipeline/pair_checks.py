@@ -36,6 +36,12 @@ def check_pair(no_flash: bytes, flash: bytes) -> int:
     before = read_header(no_flash, NO_FLASH)
     after = read_alike(before, read_header(flash, FLASH))
     check_sizes(before.size, after.size)
+    if before.place != after.place:
+        raise PairMismatchError(
+            f"The photographs are EXRs whose data windows lie at different places, {before.place} "
+            f"without the flash and {after.place} with it: save both with the whole picture as "
+            "data window."
+        )
     if no_flash == flash:
         raise UnusablePairError(_IDENTICAL)
     return after.orientation

@@ -39,6 +39,14 @@ def exr_size(data: bytes) -> tuple[int, int]:
     return size_of_window(*header["dataWindow"])
 
 
+def exr_place(data: bytes) -> tuple[int, int]:
+    """(x, y) of the first part's data window in what is shown. Raises what OpenEXR raises."""
+    header = _header(data)
+    first, _ = header["dataWindow"]
+    origin, _ = header["displayWindow"]
+    return int(first[0]) - int(origin[0]), int(first[1]) - int(origin[1])
+
+
 def exr_exposure(data: bytes) -> dict[str, float]:
     """Exposure that the first part tells, by exifread's names. Raises what OpenEXR raises."""
     header = _header(data)

@@ -13,11 +13,13 @@ class Header:
     """kind: of file. size: (width, height) after orientation, in pixels.
 
     orientation: 1–8 as EXIF 2.32 defines it, by which the sensor's picture is turned upright.
+    place: (x, y) of the first pixel within what is shown, for an EXR may hold a part of it alone.
     """
 
     kind: Kind
     size: tuple[int, int]
     orientation: int = 1
+    place: tuple[int, int] = (0, 0)
 
     @property
     def stored(self) -> tuple[int, int]:

@@ -13,7 +13,7 @@ from functools import partial
 
 from pipeline.colour.icc import adobe_rgb_profile
 from pipeline.compression_noise import compression_noise
-from pipeline.decode.exr import exr_size, read_exr
+from pipeline.decode.exr import exr_place, exr_size, read_exr
 from pipeline.decode.header import Header
 from pipeline.decode.linear import clipped, to_linear
 from pipeline.decode.metadata import Metadata, read_metadata
@@ -184,12 +184,15 @@ def _kind(data: bytes, name: str) -> Kind:
 
 
 def _header(data: bytes, kind: Kind, name: str) -> Header:
+    place = (0, 0)
     with _readable(name, _unopened(data, kind)):
         if kind == "RAW":
             (width, height), orientation = raw_header(data)
         else:
             width, height = _SIZES[kind](data)
             orientation = 1 if kind == "EXR" else read_metadata(data).orientation
+        if kind == "EXR":
+            place = exr_place(data)
         if width < 1 or height < 1:
             raise ValueError("no pixels")
     if width * height > max_pixels():
@@ -198,7 +201,7 @@ def _header(data: bytes, kind: Kind, name: str) -> Header:
             f"{max_pixels() / 1e6:g} million: send a smaller one."
         )
     turned = kind != "HEIF" and turns_sides(orientation)
-    return Header(kind, (height, width) if turned else (width, height), orientation)
+    return Header(kind, (height, width) if turned else (width, height), orientation, place)
 
 
 _SIZES: dict[Kind, Callable[[bytes], tuple[int, int]]] = {

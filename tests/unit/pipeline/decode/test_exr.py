@@ -12,8 +12,9 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.decode import decode
-from pipeline.errors import UnreadableImageError
+from pipeline.errors import PairMismatchError, UnreadableImageError
 from pipeline.frames import Exposure
+from pipeline.pair_checks import check_pair
 
 SRGB = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 P3 = (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290)
@@ -110,3 +111,34 @@ def test_colours_that_a_transparency_has_darkened_are_refused(
         return
     with pytest.raises(UnreadableImageError, match="is transparent in places, and its colours"):
         decode(path.read_bytes())
+
+
+def window(x: int, y: int, width: int = 48, height: int = 36) -> tuple[Any, Any]:
+    first = np.array([x, y], np.int32)
+    return first, first + np.array([width - 1, height - 1], np.int32)
+
+
+@pytest.mark.parametrize("place", [(20, 10), (0, 1), (-3, 0)])
+def test_data_windows_at_different_places_are_no_pair(
+    exr_file: Callable[..., bytes], place: tuple[int, int]
+) -> None:
+    light = np.random.default_rng(2).uniform(0, 1, (36, 48, 3)).astype(np.float32)
+    shown = window(0, 0, 80, 60)
+    no_flash = exr_file(light, dataWindow=window(0, 0), displayWindow=shown)
+    aside = exr_file(2 * light, dataWindow=window(*place), displayWindow=shown)
+
+    with pytest.raises(PairMismatchError) as caught:
+        check_pair(no_flash, aside)
+    assert f"data windows lie at different places, (0, 0) without the flash and {place}" in str(
+        caught.value
+    )
+
+
+def test_data_windows_at_one_place_of_what_is_shown_are_a_pair(
+    exr_file: Callable[..., bytes],
+) -> None:
+    light = np.random.default_rng(2).uniform(0, 1, (36, 48, 3)).astype(np.float32)
+    no_flash = exr_file(light, dataWindow=window(5, 7), displayWindow=window(0, 0, 80, 60))
+    flash = exr_file(2 * light, dataWindow=window(15, 27), displayWindow=window(10, 20, 80, 60))
+
+    assert check_pair(no_flash, flash) == 1
