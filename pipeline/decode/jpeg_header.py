@@ -13,6 +13,8 @@ _FRAMES = (*_SEQUENTIAL, 0xC2, 0xC9, 0xCA)
 _OTHER_FRAMES = (0xC3, 0xC5, 0xC6, 0xC7, 0xCB, 0xCD, 0xCE, 0xCF, 0xF7)
 """Without loss, hierarchical, and JPEG-LS."""
 _BITS = 8
+_COMPONENTS = 5
+"""Where a frame's header counts the components; a scan's does so first. ITU-T T.81, B.2.2."""
 _JFIF, _JFIF_VERSION = b"JFIF\0", 5
 _ADOBE, _ADOBE_TRANSFORM = b"Adobe", 11
 _RGB, _YCBCR = 0, 1
@@ -41,6 +43,21 @@ def plain_header(data: bytes) -> bytes:
         elif kind == _START_OF_SCAN and sequential and length > len(_WHOLE_BLOCKS):
             plain[end - len(_WHOLE_BLOCKS) : end] = _WHOLE_BLOCKS
     return bytes(plain)
+
+
+def tells_its_end(data: bytes) -> bool:
+    """Whether a decoder notices by the data alone that some of a JPEG's picture is missing.
+
+    So it does of a sequential one in Huffman coding with all components in its first scan. Of
+    others whole scans may be missing, or arithmetic coding goes on with zeros.
+    """
+    components = None
+    for kind, start, _ in _segments(data):
+        if kind in _SEQUENTIAL:
+            components = data[start + _COMPONENTS]
+        elif kind == _START_OF_SCAN:
+            return components == data[start]
+    return False
 
 
 def refuse_other_processes(data: bytes) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import pillow_heif
 import simplejpeg
 
-from pipeline.decode.jpeg_header import plain_header, refuse_other_processes
+from pipeline.decode.jpeg_header import plain_header, refuse_other_processes, tells_its_end
 from pipeline.decode.png_colours import png_profile, png_transfer, refuse_limited_range
 from pipeline.decode.profiles import embedded_profile, nclx_profile
 from pipeline.decode.samples import (
@@ -31,6 +31,7 @@ _PNG_END = b"IEND\xaeB`\x82"
 _EXIF_MARK = b"Exif\0\0"
 _STRAY_BYTES = re.compile(r"(\d+) extraneous bytes")
 _HARMLESS_BYTES = 64
+_NO_END, _JPEG_END = "Premature end of JPEG file", b"\xff\xd9"
 _KNOWN_BOXES = (b"ftyp", b"meta", b"mdat", b"free")
 
 
@@ -49,16 +50,19 @@ def jpeg_size(data: bytes) -> tuple[int, int]:
 
 
 def read_jpeg(data: bytes, orientation: int) -> Samples:
-    """Read a whole JPEG; a truncated or damaged one raises ValueError."""
+    """Read a whole JPEG, with its end marker or without; a truncated or damaged one: ValueError."""
     plain = plain_header(data)
     try:
         values = simplejpeg.decode_jpeg(plain, "RGB", strict=True)
     except ValueError as error:
-        # some phones fill up the end of a sound picture; more than that is damage
-        stray = _STRAY_BYTES.search(str(error))
-        if stray is None or int(stray[1]) > _HARMLESS_BYTES:
-            raise
-        values = simplejpeg.decode_jpeg(plain, "RGB", strict=False)
+        if _NO_END in str(error) and tells_its_end(plain):  # raises again where more is missing
+            values = simplejpeg.decode_jpeg(plain + _JPEG_END, "RGB", strict=True)
+        else:
+            # some phones fill up the end of a sound picture; more than that is damage
+            stray = _STRAY_BYTES.search(str(error))
+            if stray is None or int(stray[1]) > _HARMLESS_BYTES:
+                raise
+            values = simplejpeg.decode_jpeg(plain, "RGB", strict=False)
     return Samples(values, 255.0, orientation, embedded_profile(data))
 
 

@@ -64,6 +64,30 @@ def test_damage_behind_an_odd_header_is_refused(
             decode(damaged)
 
 
+@pytest.mark.parametrize("lost", [1, 2])
+@pytest.mark.parametrize("options", [{}, {"keep_rgb": True}, {"restart_marker_rows": 1}])
+def test_without_its_end_marker_a_whole_picture_is_read(
+    codes: Codes, pillow_file: Write, options: dict[str, bool], lost: int
+) -> None:
+    data = pillow_file(codes, "JPEG", **options)
+
+    frame = decode(data[:-lost])
+
+    np.testing.assert_array_equal(frame.pixels, decode(data).pixels)
+
+
+def test_a_picture_that_lacks_more_than_its_end_marker_is_refused(
+    codes: Codes, pillow_file: Write
+) -> None:
+    data = pillow_file(codes, "JPEG")
+    progressive = pillow_file(codes, "JPEG", progressive=True)
+    without_a_scan = progressive[: progressive.rindex(b"\xff\xc4")]
+
+    for damaged in (data[:-3], data[:-4], data[:-30], progressive[:-2], without_a_scan):
+        with pytest.raises(UnreadableImageError, match="damaged or incomplete JPEG"):
+            decode(damaged)
+
+
 @pytest.mark.parametrize("options", [{}, {"progressive": True}, {"keep_rgb": True}])
 def test_a_plain_header_stays_as_it_is(
     codes: Codes, pillow_file: Write, options: dict[str, bool]
