@@ -29,7 +29,7 @@ from pipeline.spectra.cameras import Camera, find_camera
 from pipeline.spectra.lights import find_light
 from pipeline.strips import STRIP_ROWS
 from pipeline.tally import Tally
-from pipeline.wanted_outputs import check_outputs, held_outputs, wanted_outputs
+from pipeline.wanted_outputs import check_outputs, held_outputs, wanted_outputs, white_warnings
 from pipeline.whose_colours import camera_doubts, camera_warnings, likely_camera, undeclared
 
 _LOOKED_BACK = 64
@@ -90,7 +90,7 @@ def separate_files(
         )
     warnings += estimate.warnings
     wanted, passed_over = held_outputs(wanted, before.size, len(lamps), options)
-    warnings += passed_over
+    warnings += [*passed_over, *white_warnings(pair.no_flash, pair.white, wanted)]
     trim_memory()  # what the estimation took would add to what strips take
     progress.report("lamps", 1.0)
 

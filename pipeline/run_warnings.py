@@ -51,6 +51,7 @@ class Code(StrEnum):
     HIGHLIGHT_CLIPPED = "highlight_clipped"
     # the files
     OUTPUT_LEFT_OUT = "output_left_out"
+    ABOVE_WHITE = "above_white"
 
 
 @dataclass(frozen=True)

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from pipeline.encode.jpeg import check_jpeg_size
 from pipeline.encode.psd_size import check_psd_size, psd_excess
 from pipeline.errors import OptionError
+from pipeline.frames import Photograph
 from pipeline.matrixfit.fit import MOST_LAMPS
 from pipeline.options import Lights, Options
 from pipeline.output_names import DEFAULT_OUTPUTS, FULL_SIZE_JPEGS, OUTPUT_NAMES, outputs_with
+from pipeline.quantiles import quantile
 from pipeline.run_warnings import Code, RunWarning
 
 _PSD = "layers.psd"
+_OF_INTEGERS = {"lamps.tif", "white_balanced_1.tif", "white_balanced_2.tif", _PSD}
+"""Outputs on the photograph's scale that end at white."""
+_NOTABLE, _BRIGHTEST = 0.01, 0.995  # share of the picture; quantile
+_SAMPLES = 1000  # pixels looked at along the longer side, or twice as many
 
 
 def wanted_outputs(options: Options, left_out: Sequence[RunWarning] = ()) -> frozenset[str]:
@@ -67,6 +75,29 @@ def held_outputs(
         return wanted, []
     message = f"{excess}, and was left out: the layers are in layers.exr and the TIFF files."
     return wanted - {_PSD}, [RunWarning(Code.OUTPUT_LEFT_OUT, message)]
+
+
+def white_warnings(
+    photograph: Photograph, white: float, wanted: frozenset[str]
+) -> list[RunWarning]:
+    """Tell that much of a photograph (H, W, 3) lies above where some of the wanted files end.
+
+    white: where the photograph itself ends, infinite for floats that go on.
+    """
+    if np.isfinite(white) or not wanted & _OF_INTEGERS:
+        return []
+    step = max(1, max(photograph.shape[:2]) // _SAMPLES)
+    brightest = photograph[::step, ::step].max(axis=2)
+    share = float(np.mean(brightest > 1.0))
+    if share < _NOTABLE:
+        return []
+    most = quantile(brightest, _BRIGHTEST)
+    message = (
+        f"In {share:.0%} of the picture the photograph without the flash is brighter than white "
+        "(1.0), where TIFF and PSD files end; layers.exr holds all of it. To have it in every "
+        f"file, divide both photographs by {most:.3g} first."
+    )
+    return [RunWarning(Code.ABOVE_WHITE, message, {"share": share, "brightest": most})]
 
 
 def _check_psd(size: tuple[int, int], lamps: Lights) -> None:

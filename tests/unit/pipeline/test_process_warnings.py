@@ -276,3 +276,17 @@ def test_what_was_filled_in_is_warned_of(
 
     assert manifest["filled"] == pytest.approx(0.5, abs=0.05)
     assert "flash_too_weak" in codes(manifest)
+
+
+def test_a_photograph_on_a_scale_of_255_is_told_of(
+    files: Callable[..., Files], tmp_path: Path
+) -> None:
+    """Only its layers.exr holds the layers: lampI.tif is white."""
+    scaled = files(write=lambda values: tiff(255 * values))
+
+    told = separated(scaled, tmp_path / "tiff", outputs=["lamps.tif"])
+    silent = separated(scaled, tmp_path / "exr", outputs=["layers.exr"])
+
+    assert "above_white" in codes(told)
+    assert "above_white" not in codes(silent)
+    assert "above_white" not in codes(separated(files(), tmp_path / "one"))

@@ -2,13 +2,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 from pipeline.errors import OptionError
 from pipeline.options import Options
 from pipeline.output_names import OUTPUT_NAMES, outputs_with
 from pipeline.run_warnings import Code, RunWarning
-from pipeline.wanted_outputs import check_outputs, held_outputs, wanted_outputs
+from pipeline.wanted_outputs import check_outputs, held_outputs, wanted_outputs, white_warnings
 
 
 def test_default_leaves_out_what_is_made_on_request() -> None:
@@ -146,3 +147,26 @@ def test_layers_by_name_are_not_passed_over() -> None:
     options = Options(outputs=sorted(PSD))
 
     assert held_outputs(PSD, (12_000, 9_000), 3, options) == (PSD, [])
+
+
+def test_what_files_of_integers_cut_off_is_told_with_what_to_divide_by() -> None:
+    photograph = np.full((100, 100, 3), 0.5, np.float32)
+    photograph[:98, :, 1] = 200.0
+    tiffs = frozenset({"lamps.tif"})
+
+    (warning,) = white_warnings(photograph, np.inf, tiffs)
+
+    assert warning.code == "above_white"
+    assert warning.figures == {"share": pytest.approx(0.98), "brightest": 200.0}
+    assert "In 98% of the picture" in warning.message
+    assert "divide both photographs by 200 first" in warning.message
+    assert white_warnings(photograph, np.inf, frozenset({"layers.exr", "lamps.jpg"})) == []
+    assert white_warnings(photograph / 200, np.inf, tiffs) == []
+    assert white_warnings(photograph, 1.0, tiffs) == []
+
+
+def test_a_few_highlights_above_white_are_not_told_of() -> None:
+    photograph = np.full((100, 100, 3), 0.5, np.float32)
+    photograph[0, :99] = 3.0
+
+    assert white_warnings(photograph, np.inf, frozenset({"layers.psd"})) == []
