@@ -51,9 +51,10 @@ def run(arguments: Sequence[str]) -> int:
         if ended := signals.exit_code():
             return ended
         from service.cli.explain import explain
+        from service.cli.files import shown
 
         sentence, code = explain(error)
-        print(sentence, file=sys.stderr)
+        print(shown(sentence), file=sys.stderr)
         return code
 
 
@@ -63,13 +64,14 @@ def _run(arguments: Sequence[str]) -> int:
 
     from pipeline.errors import own_words
     from service.cli.commands import app
+    from service.cli.files import shown
 
-    shown = [*arguments, "--help"] if tuple(arguments) in _GROUPS else list(arguments)
+    given = [*arguments, "--help"] if tuple(arguments) in _GROUPS else list(arguments)
     try:
-        return app(shown, prog_name="lightlayers", standalone_mode=False) or 0
+        return app(given, prog_name="lightlayers", standalone_mode=False) or 0
     except typer.TyperException as error:
         message = own_words(error.format_message())
-        print(" ".join(message.split()).rstrip(".") + ".", file=sys.stderr)
+        print(shown(" ".join(message.split()).rstrip(".") + "."), file=sys.stderr)
         return error.exit_code
     except typer.Abort:
         return 130

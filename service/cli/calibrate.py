@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from service.cli.files import read_file, read_table
+from service.cli.files import read_file, read_table, shown
 from service.cli.numbers import circle, read_numbers
 from service.cli.options import MaybeFlash, PairFlags, with_flags
 from service.cli.parameters import AsJson, output
@@ -228,8 +228,8 @@ def _print_found(kind: str, manifest: Mapping[str, Any], output: Path) -> None:
         if "flash_aside_deg" in found:
             print(f"The flash is {found['flash_aside_deg']:.1f}° beside the camera.")
     for warning in manifest["warnings"]:
-        print(f"Warning: {warning['message']}")
-    print(output)
+        print(shown(f"Warning: {warning['message']}"))
+    print(shown(output))
 
 
 def _seer(camera: Mapping[str, str]) -> str:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from service.cli.files import shown
 from service.cli.parameters import (
     AsJson,
     FlashSwitch,
@@ -143,7 +144,7 @@ def capture(
                 about, clear = _take(camera, wait, output, switch, wanted)
                 saved.append(about)
                 if not as_json:
-                    print(*about["files"], sep="\n", flush=True)
+                    print(*map(shown, about["files"]), sep="\n", flush=True)
                 if delete:  # the card's copy goes only now that there is another
                     clear()
     finally:

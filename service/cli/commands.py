@@ -11,7 +11,7 @@ import typer
 
 from pipeline.result_names import MANIFEST
 from service.cli import calibrate, cameras, examples, jobs, keys, mix, tether
-from service.cli.files import read_file
+from service.cli.files import read_file, shown
 from service.cli.options import (
     Flags,
     Flash,
@@ -205,7 +205,7 @@ def report(
     from service.cli.folder import REPORT
     from service.cli.report import write_report
 
-    print(write_report(folder, output or folder / REPORT))
+    print(shown(write_report(folder, output or folder / REPORT)))
 
 
 app.command("cameras")(cameras.list_cameras)

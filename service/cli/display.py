@@ -23,8 +23,12 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from pipeline.result_names import MANIFEST
+from service.cli.files import shown
 
 Report = Callable[[str, float], None]
+
+_UNLIMITED = 1000
+"""Columns of a terminal in which every table has room."""
 
 
 @contextlib.contextmanager
@@ -72,26 +76,42 @@ def print_results(manifest: Mapping[str, Any], folder: Path, as_json: bool) -> N
         print_json(manifest)
         return
     console = Console(highlight=False)
-    console.print(_lamps(manifest["lamps"]))
+    _print_lamps(console, manifest["lamps"])
     for file in [*manifest["files"], {"name": MANIFEST}]:
-        console.print(Text(str(folder / file["name"])), soft_wrap=True)
+        console.print(Text(shown(folder / file["name"])), soft_wrap=True)
     for warning in manifest["warnings"]:
-        console.print(Text(f"Warning: {warning['message']}"), soft_wrap=True)
+        console.print(Text(shown(f"Warning: {warning['message']}")), soft_wrap=True)
 
 
-def _lamps(lamps: list[Mapping[str, Any]]) -> Table:
-    table = Table(
-        *(Column(name, no_wrap=True) for name in ("lamp", "", "colour", "CCT", "Duv")),
-        "family",
-        "confidence",
+def _print_lamps(console: Console, lamps: list[Mapping[str, Any]]) -> None:
+    """Print a table, or where its columns do not fit a list."""
+    facts = ("colour", "CCT", "Duv", "family", "confidence")
+    rows = [_facts(lamp) for lamp in lamps]
+    whole = (
+        Column(name, no_wrap=True, min_width=max(map(len, values)))
+        for name, *values in list(zip(facts, *rows, strict=True))[:3]
     )
-    for lamp in lamps:
-        colour = " ".join(f"{value:.3f}" for value in lamp["rgb"])
-        family = f"{lamp['family']} {lamp['family_confidence']:.2f}"
-        confidence = f"{lamp['confidence']:.2f}"
-        whites = temperature_of(lamp), duv_of(lamp)
-        table.add_row(Text(lamp["name"]), chip_of(lamp), colour, *whites, family, confidence)
-    return table
+    table = Table(Column("lamp", no_wrap=True), Column("", no_wrap=True), *whole, *facts[3:])
+    for lamp, row in zip(lamps, rows, strict=True):
+        table.add_row(Text(lamp["name"]), chip_of(lamp), *row)
+    unlimited = console.options.update(max_width=_UNLIMITED)  # measured is what is not cut
+    if console.measure(table, options=unlimited).minimum <= console.width:
+        console.print(table)
+        return
+    for lamp, row in zip(lamps, rows, strict=True):
+        console.print(Text.assemble(lamp["name"], " ", chip_of(lamp)))
+        for name, value in zip(facts, row, strict=True):
+            console.print(Text(f"  {name} {value}"))
+
+
+def _facts(lamp: Mapping[str, Any]) -> tuple[str, ...]:
+    return (
+        " ".join(f"{value:.3f}" for value in lamp["rgb"]),
+        temperature_of(lamp),
+        duv_of(lamp),
+        f"{lamp['family']} {lamp['family_confidence']:.2f}",
+        f"{lamp['confidence']:.2f}",
+    )
 
 
 def chip_of(lamp: Mapping[str, Any]) -> Text:

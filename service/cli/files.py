@@ -1,13 +1,24 @@
-"""Files that people name: read, and where one is to be written."""
+"""Files that people name: read, shown, and where one is to be written."""
 
 from __future__ import annotations
 
 import contextlib
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
 Table = TypeVar("Table")
+
+_CONTROLS = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")
+
+
+def shown(text: object) -> str:
+    """Give a name, or a sentence with names, on one line: controls act on a terminal, so escaped.
+
+    What is no UTF-8 stays as it is.
+    """
+    return _CONTROLS.sub(lambda found: found[0].encode("unicode_escape").decode(), str(text))
 
 
 def read_file(path: Path, what: str) -> bytes:

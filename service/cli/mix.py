@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from service.cli.files import read_file
+from service.cli.files import read_file, shown
 from service.cli.parameters import output
 from service.cli.partial import partial_folder
 
@@ -71,7 +71,7 @@ def mix(
             partial.replace(output)
     except OSError as error:
         raise InputError(f"The picture {output} cannot be written: {reason_of(error)}.") from error
-    print(output)
+    print(shown(output))
 
 
 def _head(picture: Path) -> bytes:

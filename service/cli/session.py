@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -20,10 +19,10 @@ from pipeline.progress import Progress
 from service.cli import signals
 from service.cli.display import chip_of, print_json, stage_bar, temperature_of
 from service.cli.explain import explain
-from service.cli.files import read_file
+from service.cli.files import read_file, shown
 from service.cli.folder import new_results
 from service.cli.keeping import kept_for
-from service.cli.shooting import RECIPE
+from service.cli.shooting import RECIPE, say
 
 _LARGEST = 2**30  # bytes; the largest cameras write a third of that
 REFUSED = 2
@@ -43,7 +42,7 @@ def separate_folder(folder: Path, output: Path, options: Options, as_json: bool)
         raise InputError(_no_pair(folder, pairs))
     results: list[dict[str, Any]] = []
     for number, (no_flash, flash) in enumerate(pairs.found, 1):
-        print(f"Pair {number} of {len(pairs.found)}: {no_flash}, {flash}", file=sys.stderr)
+        say(f"Pair {number} of {len(pairs.found)}: {no_flash}, {flash}")
         target = output / _own_name(no_flash, [first for first, _ in pairs.found])
         result: dict[str, Any] = {"no_flash": no_flash, "flash": flash, "folder": str(target)}
         try:
@@ -63,7 +62,7 @@ def separate_folder(folder: Path, output: Path, options: Options, as_json: bool)
 
 def _pairs_of(folder: Path, output: Path) -> Pairs:
     try:
-        shown = sorted(
+        listed = sorted(
             path
             for path in folder.iterdir()
             # hidden ones, and what lies beside a captured pair
@@ -78,7 +77,7 @@ def _pairs_of(folder: Path, output: Path) -> Pairs:
     shots = {}
     unreadable: dict[str, str] = {}
     jpegs: set[str] = set()
-    for path in shown:
+    for path in listed:
         printable = path.name.encode(errors="backslashreplace").decode()
         if printable != path.name:  # their results could not be named after them
             unreadable[printable] = "its name is not UTF-8, so rename it"
@@ -156,16 +155,16 @@ def _print(results: list[dict[str, Any]], left: Mapping[str, str]) -> None:
     )
     table = Table(*columns)
     for result in results:
-        names = Text(f"{result['no_flash']}\n{result['flash']}")
+        names = Text(f"{shown(result['no_flash'])}\n{shown(result['flash'])}")
         if "error" in result:
-            table.add_row(names, "", "", Text(result["error"]))
+            table.add_row(names, "", "", Text(shown(result["error"])))
             continue
         manifest = result["manifest"]
         codes = "\n".join(warning["code"] for warning in manifest["warnings"])
-        table.add_row(names, _lamps(manifest["lamps"]), codes, Text(result["folder"]))
+        table.add_row(names, _lamps(manifest["lamps"]), codes, Text(shown(result["folder"])))
     console.print(table)
     for name, reason in left.items():
-        console.print(Text(f"Left out: {name}: {reason}."), soft_wrap=True)
+        console.print(Text(shown(f"Left out: {name}: {reason}.")), soft_wrap=True)
 
 
 def _lamps(lamps: list[Mapping[str, Any]]) -> Text:

@@ -11,7 +11,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from service.cli.files import read_file
+from service.cli.files import read_file, shown
 
 if TYPE_CHECKING:
     import drivers
@@ -92,4 +92,4 @@ def paced(count: int | None, interval_s: float) -> Iterator[int]:
 
 def say(sentence: str) -> None:
     """Tell the person at the terminal."""
-    print(sentence, file=sys.stderr, flush=True)
+    print(shown(sentence), file=sys.stderr, flush=True)

@@ -15,7 +15,7 @@ import typer
 
 from service.cli import keys
 from service.cli.enter import await_enter
-from service.cli.files import read_file
+from service.cli.files import read_file, shown
 from service.cli.parameters import (
     FlashSwitch,
     KeyFile,
@@ -141,7 +141,7 @@ class _Told:
             if self._as_json:
                 print_json({"event": event, "detail": sentence, **facts}, indent=None)
             elif event in ("spooled", "sent"):
-                print(sentence, flush=True)
+                print(shown(sentence), flush=True)
             else:
                 say(sentence)
 

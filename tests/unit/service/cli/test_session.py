@@ -321,3 +321,33 @@ def test_names_that_are_not_utf_8_keep_nobody_back(
     assert len(separated) == 1
     said = capsys.readouterr().out
     assert r"Left out: c\udcff.jpg: its name is not UTF-8, so rename it." in said
+
+
+def test_names_with_controls_do_not_act_on_the_terminal(
+    photograph: Photograph,
+    separated: list[tuple[bool, bool]],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    photograph("a\n\x1b[2J.jpg", 0, fired=False)
+    photograph("b\r.jpg", 5, fired=True)
+    (tmp_path / "session" / "c\x1b]0;title\x07.txt").write_text("")
+
+    assert run(["separate", str(tmp_path / "session"), "-o", str(tmp_path / "out")]) == 0
+
+    assert len(separated) == 1
+    said, errors = capsys.readouterr()
+    assert not {"\x1b", "\r", "\x07"} & {*said, *errors}
+    assert r"Pair 1 of 1: a\n\x1b[2J.jpg, b\r.jpg" in errors
+    assert r"Left out: c\x1b]0;title\x07.txt: it is no photograph." in said
+    assert (tmp_path / "out" / "a\n\x1b[2J" / "manifest.json").exists()
+
+
+def test_an_error_names_a_file_with_controls_on_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["separate", "a\n\x1b[2J.jpg", "b.jpg", "-o", str(tmp_path / "out")]) == 2
+
+    assert capsys.readouterr().err.splitlines() == [
+        r"The photograph a\n\x1b[2J.jpg cannot be read: no such file or directory."
+    ]
