@@ -11,6 +11,9 @@ from pipeline.decode.metadata import Metadata, read_metadata
 LONGEST_GAP_S = 120.0
 """Between the two photographs of a pair; a person may have to switch the flash by hand."""
 
+_BURST_S = 10.0
+"""Within it photographs of several pairs may come in any order."""
+
 
 @dataclass(frozen=True)
 class Shot:
@@ -45,13 +48,14 @@ def read_shot(data: bytes) -> Shot:
 def find_pairs(shots: Mapping[str, Shot]) -> Pairs:
     """Pair photographs of one camera and size, one with the flash and one without.
 
-    The nearest in time belong together, at most LONGEST_GAP_S apart; each is in one pair.
+    The nearest in time belong together, at most LONGEST_GAP_S apart; each is in one pair. What is
+    left over of two bursts is none: between its photographs the camera took a pair.
     """
     usable = {name: shot for name, shot in shots.items() if shot.lack is None}
     pairs: list[tuple[str, str]] = []
     taken: set[str] = set()
     for _, no_flash, flash in sorted(_candidates(usable)):
-        if taken.isdisjoint((no_flash, flash)):
+        if taken.isdisjoint((no_flash, flash)) and not _encloses(no_flash, flash, pairs, usable):
             pairs.append((no_flash, flash))
             taken |= {no_flash, flash}
     alone = "no photograph with the other state of the flash belongs to it"
@@ -70,10 +74,28 @@ def _candidates(shots: Mapping[str, Shot]) -> Iterable[tuple[float, str, str]]:
                 yield (gap, second, first) if _fired(one) else (gap, first, second)
 
 
+def _encloses(
+    no_flash: str, flash: str, pairs: Iterable[tuple[str, str]], shots: Mapping[str, Shot]
+) -> bool:
+    """Whether the camera took one of these pairs between two photographs further apart."""
+    begin, end = sorted(_time(shots[name]) for name in (no_flash, flash))
+    if end - begin <= _BURST_S:
+        return False
+    return any(
+        all(begin <= _time(shots[name]) <= end for name in pair)
+        and _camera(shots[pair[0]]) == _camera(shots[no_flash])
+        for pair in pairs
+    )
+
+
 def _alike(one: Shot, other: Shot) -> bool:
     """Whether two are of one camera and size, whichever of them was taken with the flash."""
-    cameras = {(shot.metadata.make, shot.metadata.model) for shot in (one, other)}
-    return len(cameras) == 1 and one.header.size == read_alike(one.header, other.header).size
+    same_size = one.header.size == read_alike(one.header, other.header).size
+    return _camera(one) == _camera(other) and same_size
+
+
+def _camera(shot: Shot) -> tuple[str, str]:
+    return shot.metadata.make, shot.metadata.model
 
 
 def _fired(shot: Shot) -> bool:

@@ -24,6 +24,7 @@ from service.cli.folder import new_results
 from service.cli.keeping import kept_for
 from service.cli.shooting import RECIPE, say
 
+_NO_FLASH, _FLASH = "_no_flash.", "_flash."
 _LARGEST = 2**30  # bytes; the largest cameras write a third of that
 REFUSED = 2
 """Exit code when a pair could not be separated, or a photograph is not in one as it is damaged."""
@@ -90,9 +91,9 @@ def _pairs_of(folder: Path, output: Path) -> Pairs:
             if not path.is_file() or path.stat().st_size > _LARGEST:
                 unreadable[path.name] = "it is no photograph"
                 continue
-            data = read_file(path, "photograph")
-        except (InputError, OSError):
-            unreadable[path.name] = "it is no photograph that can be read"
+            data = path.read_bytes()
+        except OSError as error:
+            unreadable[path.name] = f"it cannot be read: {reason_of(error)}"
             continue
         try:
             shots[path.name] = read_shot(data)
@@ -114,8 +115,16 @@ def _pairs_of(folder: Path, output: Path) -> Pairs:
 def _pairs_by_name(names: Iterable[str]) -> list[tuple[str, str]]:
     """Find what `lightlayers capture` took; in a burst, times do not tell what belongs together."""
     known = set(names)
-    pairs = [(name, name.replace("_no_flash.", "_flash.")) for name in sorted(known)]
-    return [(first, second) for first, second in pairs if first != second and second in known]
+    spelt = {name.casefold(): name for name in known}
+    pairs: dict[str, str] = {}  # by the second, which is in one pair
+    for first in sorted(known):
+        second = first.replace(_NO_FLASH, _FLASH)
+        if second == first or second not in known:
+            # cards and programs change the case, of one file at times
+            second = spelt.get(first.casefold().replace(_NO_FLASH, _FLASH), first)
+        if _NO_FLASH in first.casefold() and second != first:
+            pairs.setdefault(second, first)
+    return [(first, second) for second, first in pairs.items()]
 
 
 def _no_pair(folder: Path, pairs: Pairs) -> str:
@@ -124,7 +133,8 @@ def _no_pair(folder: Path, pairs: Pairs) -> str:
     name, reason = next(iter(pairs.left.items()))
     return (
         f"The folder {folder} has no pair, taken with and without the flash shortly after each "
-        f"other: {name}, for one: {reason}."
+        f"other: {name}, for one: {reason}. Where EXIF does not tell, call the two …_no_flash and "
+        "…_flash."
     )
 
 

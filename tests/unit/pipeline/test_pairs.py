@@ -92,3 +92,28 @@ def test_a_long_session_of_pairs_of_three_seconds() -> None:
         shots[f"{number}n"] = _shot(10 * number, False)
         shots[f"{number}f"] = _shot(10 * number + 3, True)
     assert find_pairs(shots).found == [(f"{n}n", f"{n}f") for n in range(200)]
+
+
+def test_what_two_bursts_leave_over_is_no_pair() -> None:
+    """One without and two with the flash, then one with and two without of something else."""
+    shots = {"a1": _shot(10.1, False), "a2": _shot(10.5, True), "a3": _shot(10.9, True)}
+    shots |= {"b1": _shot(100, True), "b2": _shot(100, False), "b3": _shot(100, False)}
+
+    found = find_pairs(shots)
+
+    assert found.found == [("a1", "a2"), ("b2", "b1")]
+    assert found.left == {"a3": ALONE, "b3": ALONE}
+
+
+def test_pairs_of_a_burst_may_lie_within_each_other() -> None:
+    shots = {"a": _shot(10, False), "b": _shot(11, False), "c": _shot(12, True)}
+    shots["d"] = _shot(20, True)
+
+    assert find_pairs(shots).found == [("a", "d"), ("b", "c")]
+
+
+def test_a_pair_of_another_camera_may_lie_between() -> None:
+    shots = {"a": _shot(10, False), "b": _shot(60, True)}
+    shots |= {"c": _shot(30, False, model="D850"), "d": _shot(31, True, model="D850")}
+
+    assert find_pairs(shots).found == [("a", "b"), ("c", "d")]

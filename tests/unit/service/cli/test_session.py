@@ -304,7 +304,7 @@ def test_what_is_no_file_of_the_folder_keeps_nobody_back(
     said = capsys.readouterr().out
     for name in ("c.jpg", "d", "e.mp4"):
         assert f"Left out: {name}: it is no photograph." in said
-    assert "Left out: f.jpg: it is no photograph that can be read." in said
+    assert "Left out: f.jpg: it cannot be read: file name too long." in said
 
 
 def test_names_that_are_not_utf_8_keep_nobody_back(
@@ -351,3 +351,23 @@ def test_an_error_names_a_file_with_controls_on_one_line(
     assert capsys.readouterr().err.splitlines() == [
         r"The photograph a\n\x1b[2J.jpg cannot be read: no such file or directory."
     ]
+
+
+@pytest.mark.parametrize(
+    ("no_flash", "flash"),
+    [("a_no_flash.jpg", "a_flash.JPG"), ("A_No_Flash.JPG", "A_Flash.JPG")],
+)
+def test_the_case_of_names_does_not_keep_a_pair_apart(
+    photograph: Photograph,
+    separated: list[tuple[bool, bool]],
+    tmp_path: Path,
+    no_flash: str,
+    flash: str,
+) -> None:
+    """Their EXIF alone would not do: both say that the flash did not fire."""
+    photograph(no_flash, 0, fired=False)
+    photograph(flash, 5, fired=False)
+
+    assert run(["separate", str(tmp_path / "session"), "-o", str(tmp_path / "out")]) == 0
+    assert len(separated) == 1
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [Path(no_flash).stem]
