@@ -23,8 +23,9 @@ from service.cli.files import read_file
 _MOST_SIDE = 1400
 _JPEG_QUALITY = 88
 _CAPTIONS = {
-    "white_balanced_1.jpg": "Every lamp replaced by the neutral light",
-    "white_balanced_2.jpg": "All light replaced by the neutral light",
+    "white_balanced_1.jpg": "White balanced: every lamp replaced by the neutral light",
+    "white_balanced_2.jpg": "White balanced as a whole: all light, also what no lamp "
+    "explains, replaced by the neutral light",
     "response.jpg": "As the other camera would have seen it",
     "normals.png": "Surface normals, their x, y and z in red, green and blue",
     "gamma.png": "The light of every pixel without its surface, and the lamps found in it",
@@ -182,7 +183,7 @@ def _facts(manifest: Mapping[str, Any]) -> Html:
     rows = []
     for name, words in {"no_flash": "without the flash", "flash": "with the flash"}.items():
         photograph = manifest["inputs"][name]
-        facts = ", ".join(f"{key} {value}" for key, value in photograph.items() if value)
+        facts = ", ".join(f"{key} {_short(value)}" for key, value in photograph.items() if value)
         rows.append([words, escape(facts)])
     options = {key: value for key, value in manifest["options"].items() if value not in (None, [])}
     short = {key: _short(value) for key, value in options.items()}
@@ -193,6 +194,8 @@ def _facts(manifest: Mapping[str, Any]) -> Html:
 
 
 def _short(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
     text = value if isinstance(value, str) else json.dumps(value)
     return text if len(text) <= 80 else f"{text[:79]}…"
 

@@ -252,3 +252,17 @@ def test_no_warning_is_said_as_well(results: Path) -> None:
     (results / "manifest.json").write_text(json.dumps(calm))
     assert run(["report", str(results)]) == 0
     assert "No warnings." in Page((results / "report.html").read_text()).texts
+
+
+def test_figures_of_a_camera_are_short_and_those_of_lamps_explained(results: Path) -> None:
+    manifest = copy.deepcopy(MANIFEST)
+    manifest["inputs"]["flash"] |= {"exposure_time_s": 1 / 30, "iso": 102400.0}
+    (results / "manifest.json").write_text(json.dumps(manifest))
+
+    assert run(["report", str(results)]) == 0
+
+    text = " ".join(Page((results / "report.html").read_text()).texts)
+    assert "exposure_time_s 0.0333333" in text
+    assert "iso 102400," in text
+    for word in ("Temperature:", "Duv:", "Family:", "Confidence:", "Light separated:"):
+        assert word in text
