@@ -9,7 +9,7 @@ matt lies in a plane, the colours of both lamps beside it; so highlights are tol
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -34,8 +34,8 @@ _AGREEING = 5  # blocks across that are to agree
 _REACH = 0.047  # of the longer side: where the neighbours lie
 _STEPS = 4  # of neighbours on each side
 _ALIKE = 0.015  # chromaticity
-_LEAST_ALIKE = 2.0  # neighbours of like colour
-_MIRRORED = 3  # kinds: the first lamp, the second, the flash
+_LEAST_ALIKE = 2.0  # blocks of like colour, a block itself among its neighbours
+_KINDS = 3  # what is mirrored: the first lamp, the second, the flash
 _TINY = np.float32(1e-12)
 
 
@@ -43,8 +43,8 @@ _TINY = np.float32(1e-12)
 class Highlights:
     """Highlights of two lamps and of the flash.
 
-    blocks: (h, w, 5) of a reduced pair: 0…1, how far the first lamp is mirrored, the second, the
-    flash; shares of both lamps in the matt light there. side: of a block in pixels. colours:
+    blocks: (h, w, 5) of a reduced pair: 0 or 1, whether the first lamp is mirrored, the second,
+    the flash; shares of both lamps in the matt light there. side: of a block in pixels. colours:
     (2, 3) camera RGB of what mirrors the light of either lamp.
     """
 
@@ -60,23 +60,43 @@ class Highlights:
         no_flash, flash: (h, W, 3) of these rows, flash the flash part alone, noise filtered.
         """
         near = self.blocks[max(rows.start // self.side - 1, 0) : rows.stop // self.side + 2]
-        if not near[..., :_MIRRORED].any():
+        if not near[..., :_KINDS].any():
             return
         planes = np.empty((self.blocks.shape[2], *no_flash.shape[:2]), np.float32)
         enlarge(self.blocks, self.side, rows, planes)
-        where, terms = lamps.deviations.numbers()
         _deal_out(
             planes_of(no_flash),
             planes_of(flash),
-            tuple(numbers_of(matrix) for matrix in lamps.matrices),
-            where,
-            terms,
-            numbers_of(lamps.channel_weights),
-            tuple(numbers_of(one) for one in self.colours),
+            _light_of_lamps(lamps, self.colours),
             planes,
             planes_of(proportions[0]),
             planes_of(proportions[1]),
         )
+
+
+class _Light(NamedTuple):
+    """What two lamps give, as compiled loops take it: matt light as in Lamps, and mirrored light.
+
+    matrices: (3, 3) of each lamp, row by row. where, terms: Deviations.numbers. weights: (3,) of
+    the channels. colours: (3,) of each lamp, as a mirror shows it.
+    """
+
+    matrices: tuple[Numbers, ...]
+    where: Numbers
+    terms: tuple[Numbers, ...]
+    weights: Numbers
+    colours: tuple[Numbers, ...]
+
+
+def _light_of_lamps(lamps: Lamps, colours: NDArray[np.float64]) -> _Light:
+    where, terms = lamps.deviations.numbers()
+    return _Light(
+        tuple(numbers_of(matrix) for matrix in lamps.matrices),
+        where,
+        terms,
+        numbers_of(lamps.channel_weights),
+        tuple(numbers_of(one) for one in colours),
+    )
 
 
 def find_highlights(
@@ -91,39 +111,22 @@ def find_highlights(
     if len(lamps) != 2:
         return None
     colours = lamps.matrices @ flash_white
-    height, width = reduced.usable.shape
-    step = max(round(_REACH * max(height, width) / _STEPS), 1)
-    where, terms = lamps.deviations.numbers()
+    light = _light_of_lamps(lamps, colours)
     seen, flash = planes_of(reduced.no_flash), planes_of(reduced.flash)
-    numbers = (
-        tuple(numbers_of(matrix) for matrix in lamps.matrices),
-        where,
-        terms,
-        numbers_of(lamps.channel_weights),
-    )
-    matt = np.empty((3, height, width), np.float32)
     variances = planes_of(reduced.no_flash_variance), planes_of(reduced.flash_variance)
-    _fit_matt(seen, flash, *variances, *numbers, matt)
+    height, width = reduced.usable.shape
+    matt = np.empty((3, height, width), np.float32)
+    _fit_matt(seen, flash, *variances, light, matt)
+    step = max(round(_REACH * max(height, width) / _STEPS), 1)
     around = np.zeros((2, height, width), np.float32)
     kind, worth = np.full((height, width), -1), np.full((height, width), -_MOST_WORTH, np.float32)
-    _weigh(
-        seen,
-        flash,
-        reduced.usable,
-        matt,
-        *numbers,
-        tuple(numbers_of(one) for one in colours),
-        step,
-        around,
-        kind,
-        worth,
-    )
+    _weigh(seen, flash, reduced.usable, matt, light, step, around, kind, worth)
     found = (kind >= 0) & (cv2.blur(worth, (_AGREEING, _AGREEING)) > _WORTH)
     if not found.any():
         return None
-    weights = [(found & (kind == one)).astype(np.float32) for one in range(_MIRRORED)]
+    weights = [(found & (kind == one)).astype(np.float32) for one in range(_KINDS)]
     # beside the last blocks of a highlight pixels lie between them and what has no shares
-    count = np.maximum(cv2.blur(found.astype(np.float32), (3, 3)), np.float32(_TINY))
+    count = np.maximum(cv2.blur(found.astype(np.float32), (3, 3)), _TINY)
     shares = [np.where(found, one, cv2.blur(one * found, (3, 3)) / count) for one in around]
     return Highlights(np.stack([*weights, *shares], axis=2), reduced.block, colours)
 
@@ -134,20 +137,16 @@ def _fit_matt(
     flash: Planes,
     no_flash_variance: Planes,
     flash_variance: Planes,
-    matrices: tuple[Numbers, ...],
-    where: Numbers,
-    terms: tuple[Numbers, ...],
-    weights: Numbers,
+    lamps: _Light,
     matt: Array,
 ) -> None:
     """Write shares of both lamps, and what they leave over of the light, relative, less noise."""
+    weights, one = lamps.weights, np.float32(1.0)
     for y in range(matt.shape[1]):
         for x in range(matt.shape[2]):
             seen = times(pixel(no_flash, y, x), weights)
-            f = pixel(flash, y, x)
-            q = colour_of(where, f)
-            first = times(light_of(matrices[0], terms[0], f, q), weights)
-            second = times(light_of(matrices[1], terms[1], f, q), weights)
+            first, second = _matt_light(lamps, pixel(flash, y, x), one, one)
+            first, second = times(first, weights), times(second, weights)
             z0, z1, scale = shares_of_two(seen, first, second)
             z0, z1 = z0 / scale, z1 / scale
             left = np.float32(0.0)
@@ -155,10 +154,11 @@ def _fit_matt(
                 off = seen[k] - z0 * first[k] - z1 * second[k]
                 variance = no_flash_variance[k][y, x]
                 for c in range(3):
-                    mixed = z0 * matrices[0][3 * k + c] + z1 * matrices[1][3 * k + c]
+                    i = 3 * k + c
+                    mixed = z0 * lamps.matrices[0][i] + z1 * lamps.matrices[1][i]
                     variance += mixed * mixed * flash_variance[c][y, x]
                 left += off * off - weights[k] * weights[k] * variance
-            whole = max(_squared(seen), np.float32(_TINY))
+            whole = max(_squared(seen), _TINY)
             matt[0, y, x], matt[1, y, x] = z0, z1
             matt[2, y, x] = np.sqrt(max(left, np.float32(0.0)) / whole)
 
@@ -169,11 +169,7 @@ def _weigh(
     flash: Planes,
     usable: Mask,
     matt: Array,
-    matrices: tuple[Numbers, ...],
-    where: Numbers,
-    terms: tuple[Numbers, ...],
-    weights: Numbers,
-    colours: tuple[Numbers, ...],
+    lamps: _Light,
     step: int,
     around: Array,
     kind: NDArray[np.int64],
@@ -192,35 +188,50 @@ def _weigh(
             count = _neighbours(flash, usable, matt, y, x, step, shares, like)
             if like[:count].sum() < _LEAST_ALIKE:
                 continue
-            s0, s1 = (
-                _median(shares[0, :count], like[:count]),
-                _median(shares[1, :count], like[:count]),
-            )
+            s0 = _median(shares[0, :count], like[:count])
+            s1 = _median(shares[1, :count], like[:count])
             around[0, y, x], around[1, y, x] = s0, s1
-            shading = _LEAST_SHADING * (s0 + s1) + _TINY
-            unusual = ((matt[0, y, x] - s0) / (s0 + shading)) ** 2
-            unusual += ((matt[1, y, x] - s1) / (s1 + shading)) ** 2
-            cost = (matt[2, y, x] / _MODEL) ** 2 + _bounded(unusual)
-            seen, f = pixel(no_flash, y, x), pixel(flash, y, x)
-            q = colour_of(where, f)
-            first = scaled(light_of(matrices[0], terms[0], f, q), s0)
-            second = scaled(light_of(matrices[1], terms[1], f, q), s1)
-            whole = max(_squared(times(seen, weights)), _TINY)
+            seen = pixel(no_flash, y, x)
+            first, second = _matt_light(lamps, pixel(flash, y, x), s0, s1)
             least = np.inf
-            for one in range(_MIRRORED):
-                a, b = _explain(seen, first, second, _mirrored(colours, one, s0, s1), weights)
-                if not b > 0:
-                    continue
-                mirrored = _mirrored(colours, one, s0, s1)
-                left = 0.0
-                for k in range(3):
-                    off = seen[k] - a * (first[k] + second[k]) - b * mirrored[k]
-                    left += (off * weights[k]) ** 2
-                other = left / whole / _MODEL**2 + _bounded((a - 1.0) ** 2)
-                if other < least:
-                    least, kind[y, x] = other, one
+            for one in range(_KINDS):
+                cost = _cost_of_mirrored(lamps, one, seen, first, second, s0, s1)
+                if cost < least:
+                    least, kind[y, x] = cost, one
             if kind[y, x] >= 0:
+                cost = _cost_of_matt(matt[0, y, x], matt[1, y, x], matt[2, y, x], s0, s1)
                 worth[y, x] = min(max(cost - least, -_MOST_WORTH), _MOST_WORTH)
+
+
+@inlined
+def _cost_of_matt(z0: Any, z1: Any, left: Any, s0: Any, s1: Any) -> Any:
+    """How far light is from that of a matt surface: what is left, and shares unlike those around.
+
+    z0, z1, left: what _fit_matt writes; s0, s1: shares around.
+    """
+    shading = _LEAST_SHADING * (s0 + s1) + _TINY
+    unusual = ((z0 - s0) / (s0 + shading)) ** 2
+    unusual += ((z1 - s1) / (s1 + shading)) ** 2
+    return (left / _MODEL) ** 2 + _bounded(unusual)
+
+
+@inlined
+def _cost_of_mirrored(
+    lamps: _Light, kind: int, seen: Colour, first: Colour, second: Colour, s0: Any, s1: Any
+) -> Any:
+    """How far light is from a highlight of that kind; infinite where nothing is mirrored.
+
+    first, second: matt light of the lamps with the shares around, s0 and s1.
+    """
+    mirrored = _mirrored(lamps.colours, kind, s0, s1)
+    a, b = _explain(seen, first, second, mirrored, lamps.weights)
+    left = 0.0
+    for k in range(3):
+        off = seen[k] - a * (first[k] + second[k]) - b * mirrored[k]
+        left += (off * lamps.weights[k]) ** 2
+    whole = max(_squared(times(seen, lamps.weights)), _TINY)
+    cost = left / whole / _MODEL**2 + _bounded((a - 1.0) ** 2)
+    return cost if b > 0 else np.inf
 
 
 @compiled
@@ -234,12 +245,13 @@ def _neighbours(
     shares: NDArray[np.float64],
     like: NDArray[np.float64],
 ) -> int:
-    """Write shares of the usable blocks around one, and how like its colour theirs is: how many."""
-    own, count = _chromaticity(pixel(flash, y, x)), 0
-    for i in range(max(y - _STEPS * step, y % step), min(y + _STEPS * step + 1, len(usable)), step):
-        for j in range(
-            max(x - _STEPS * step, x % step), min(x + _STEPS * step + 1, usable.shape[1]), step
-        ):
+    """Write shares of the usable blocks around one, itself among them, and how like its colour.
+
+    Returns how many they are.
+    """
+    own, count, reach = _chromaticity(pixel(flash, y, x)), 0, _STEPS * step
+    for i in range(max(y - reach, y % step), min(y + reach + 1, usable.shape[0]), step):
+        for j in range(max(x - reach, x % step), min(x + reach + 1, usable.shape[1]), step):
             if usable[i, j]:
                 other = _chromaticity(pixel(flash, i, j))
                 off = (other[0] - own[0]) ** 2 + (other[1] - own[1]) ** 2
@@ -253,11 +265,7 @@ def _neighbours(
 def _deal_out(
     no_flash: Planes,
     flash: Planes,
-    matrices: tuple[Numbers, ...],
-    where: Numbers,
-    terms: tuple[Numbers, ...],
-    weights: Numbers,
-    colours: tuple[Numbers, ...],
+    lamps: _Light,
     highlights: Array,
     own: Planes,
     rest: Planes,
@@ -266,29 +274,36 @@ def _deal_out(
     one, zero = np.float32(1.0), np.float32(0.0)
     for y in range(highlights.shape[1]):
         for x in range(highlights.shape[2]):
-            s0, s1 = highlights[_MIRRORED, y, x], highlights[_MIRRORED + 1, y, x]
-            for kind in range(_MIRRORED):
+            s0, s1 = highlights[_KINDS, y, x], highlights[_KINDS + 1, y, x]
+            for kind in range(_KINDS):
                 weight = highlights[kind, y, x]
                 if not weight > 0:
                     continue
-                seen, f = pixel(no_flash, y, x), pixel(flash, y, x)
-                q = colour_of(where, f)
-                first = scaled(light_of(matrices[0], terms[0], f, q), s0)
-                second = scaled(light_of(matrices[1], terms[1], f, q), s1)
-                a, b = _explain(seen, first, second, _mirrored(colours, kind, s0, s1), weights)
+                first, second = _matt_light(lamps, pixel(flash, y, x), s0, s1)
+                mirrored = _mirrored(lamps.colours, kind, s0, s1)
+                a, b = _explain(pixel(no_flash, y, x), first, second, mirrored, lamps.weights)
                 for k in range(3):
                     light, other = a * first[k], a * second[k]
                     if kind == 0:
-                        light += b * np.float32(colours[0][k])
+                        light += b * np.float32(lamps.colours[0][k])
                     elif kind == 1:
-                        other += b * np.float32(colours[1][k])
+                        other += b * np.float32(lamps.colours[1][k])
                     else:
-                        light = max(light - b * s0 * np.float32(colours[0][k]), zero)
-                        other = max(other - b * s1 * np.float32(colours[1][k]), zero)
+                        light = max(light - b * s0 * np.float32(lamps.colours[0][k]), zero)
+                        other = max(other - b * s1 * np.float32(lamps.colours[1][k]), zero)
                     total = light + other
                     change = light / total - own[k][y, x] if total > 0 else zero
                     own[k][y, x] += weight * change
                     rest[k][y, x] = one - own[k][y, x]
+
+
+@inlined
+def _matt_light(lamps: _Light, f: Colour, s0: Any, s1: Any) -> tuple[Colour, Colour]:
+    """What each lamp gives of its share matt where the flash gives f."""
+    q = colour_of(lamps.where, f)
+    first = light_of(lamps.matrices[0], lamps.terms[0], f, q)
+    second = light_of(lamps.matrices[1], lamps.terms[1], f, q)
+    return scaled(first, s0), scaled(second, s1)
 
 
 @inlined
