@@ -17,7 +17,16 @@ from numpy.typing import NDArray
 
 from pipeline.compiling import compiled, inlined
 from pipeline.enlarge import enlarge
-from pipeline.frames import Image, Mask, Numbers, Plane, Planes, numbers_of, planes_of
+from pipeline.frames import (
+    Image,
+    Mask,
+    Numbers,
+    Plane,
+    Planes,
+    channels_first,
+    numbers_of,
+    planes_of,
+)
 from pipeline.lamps import Lamps
 from pipeline.proportions import colour_of, light_of, pixel, scaled, times
 from pipeline.reduced import ReducedPair
@@ -54,24 +63,21 @@ class Highlights:
 
     def deal_out(
         self, rows: slice, no_flash: Image, flash: Image, lamps: Lamps, proportions: Array
-    ) -> None:
-        """Change proportions (2, h, W, 3) of some rows where there are highlights.
+    ) -> Array:
+        """Return proportions (2, h, W, 3) of some rows, changed where there are highlights.
 
         no_flash, flash: (h, W, 3) of these rows, flash the flash part alone, noise filtered.
+        proportions: of matt light alone; those that lie in memory by planes are changed in place.
         """
         near = self.blocks[max(rows.start // self.side - 1, 0) : rows.stop // self.side + 2]
         if not near[..., :_KINDS].any():
-            return
+            return proportions
         planes = np.empty((self.blocks.shape[2], *no_flash.shape[:2]), np.float32)
         enlarge(self.blocks, self.side, rows, planes)
-        _deal_out(
-            planes_of(no_flash),
-            planes_of(flash),
-            _light_of_lamps(lamps, self.colours),
-            planes,
-            planes_of(proportions[0]),
-            planes_of(proportions[1]),
-        )
+        light, parts = _light_of_lamps(lamps, self.colours), channels_first(proportions)
+        own, rest = ((one[0], one[1], one[2]) for one in parts)
+        _deal_out(planes_of(no_flash), planes_of(flash), light, planes, own, rest)
+        return np.moveaxis(parts, -3, -1)
 
 
 class _Light(NamedTuple):
@@ -275,6 +281,7 @@ def _deal_out(
     for y in range(highlights.shape[1]):
         for x in range(highlights.shape[2]):
             s0, s1 = highlights[_KINDS, y, x], highlights[_KINDS + 1, y, x]
+            matt = pixel(own, y, x)
             for kind in range(_KINDS):
                 weight = highlights[kind, y, x]
                 if not weight > 0:
@@ -292,7 +299,7 @@ def _deal_out(
                         light = max(light - b * s0 * np.float32(lamps.colours[0][k]), zero)
                         other = max(other - b * s1 * np.float32(lamps.colours[1][k]), zero)
                     total = light + other
-                    change = light / total - own[k][y, x] if total > 0 else zero
+                    change = light / total - matt[k] if total > 0 else zero
                     own[k][y, x] += weight * change
                     rest[k][y, x] = one - own[k][y, x]
 

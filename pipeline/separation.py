@@ -79,7 +79,9 @@ def separate(
     """
     height, width = pair.unusable.shape
     surroundings = Surroundings(reduced, lamps)
-    highlights = find_highlights(reduced, lamps, model.flash_white)
+    highlights = None
+    if options.method == "best":
+        highlights = find_highlights(reduced, lamps, model.flash_white)
     noise_filter = _filter(pair, _ROUNDS[options.quality])
     for rows in progress.strips("layers", height, strip_rows):
         if options.method == "paper":
@@ -115,7 +117,7 @@ def separate(
             )
         no_flash, flash, confidence = no_flash[inner], flash[inner], confidence[inner]
         if highlights:
-            highlights.deal_out(rows, no_flash, flash, lamps, smooth)
+            smooth = highlights.deal_out(rows, no_flash, flash, lamps, smooth)
         layers = surroundings.rows(rows, width)
         _deal_out(
             planes_of(rows_by_planes(pair.no_flash, rows)),

@@ -11,18 +11,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.fill import Surroundings
 from pipeline.frames import Image
 from pipeline.hui2018.invariant import light_coefficients
 from pipeline.lamps import Lamps
 from pipeline.matrixfit.deviations import Deviations, monomials
 from pipeline.model import Model
-from pipeline.pair import Pair
 from pipeline.proportions import predictions
-from pipeline.reduced import ReducedPair
-from pipeline.registration import registration_variance, softened
 from pipeline.separation import Strip
-from pipeline.sigma_filter import sigma_filter
 
 Array = NDArray[np.float32]
 Doubles = NDArray[np.float64]
@@ -30,13 +25,11 @@ Floats = NDArray[np.floating]
 
 _REGULAR = 1e-6
 _RADIUS, _EPSILON, _TOLERANCE = 4, 1e-4, 0.25
-_DOUBT = 1.5
-_INVISIBLE = 0.002
-_MISPLACED, _WELL, _KNOWN = 0.03, 0.7, 0.2
+_WELL, _KNOWN = 0.7, 0.2
 _BRIGHTEST = 4.0
 
 
-def shares(no_flash: Array, predictions: Array) -> Array:
+def shares(no_flash: Floats, predictions: Floats) -> Array:
     """pipeline.shares.shares: the best of every subset's solution that has z ≥ 0, (N, ...)."""
     count = len(predictions)
     gram = {
@@ -93,7 +86,7 @@ def _solve(
     ]
 
 
-def _dot(a: Array, b: Array) -> Doubles:
+def _dot(a: Floats, b: Floats) -> Doubles:
     """Sum over the channels, in double precision: lamps that look alike at a pixel need it."""
     red, green, blue = (np.multiply(a[..., k], b[..., k], dtype=np.float64) for k in range(3))
     return red + green + blue
@@ -105,12 +98,18 @@ def _divide(numerator: Doubles, denominator: Doubles, regular: NDArray[np.bool_]
 
 def model_proportions(no_flash: Image, flash: Image, lamps: Lamps) -> Array:
     """pipeline.proportions.model_proportions, (N, h, W, 3)."""
-    by_matrix = np.einsum("nkl,hwl->nhwk", lamps.matrices.astype(np.float32), flash)
-    predicted = np.maximum(by_matrix + deviating_light(flash, lamps.deviations), np.float32(0.0))
+    predicted = light_of_lamps(flash, lamps)
     weights = lamps.channel_weights.astype(np.float32)
     z = shares(no_flash * weights, predicted * weights)
     parts = predicted * z[..., None]
     return normalised(parts)
+
+
+def light_of_lamps(flash: Image, lamps: Lamps) -> Array:
+    """What lamps give where they shine like the flash, with their deviations, (N, h, W, 3), ≥ 0."""
+    by_matrix = np.einsum("nkl,hwl->nhwk", lamps.matrices.astype(np.float32), flash)
+    lit = by_matrix + deviating_light(flash, lamps.deviations)
+    return np.asarray(np.maximum(lit, np.float32(0.0)))
 
 
 def deviating_light(flash: Floats, deviations: Deviations) -> Array:
@@ -225,63 +224,6 @@ def _around(
     columns = slice(max(x - reach, 0), min(x + reach + 1, shape[1]))
     down, right = np.arange(rows.start, rows.stop) - y, np.arange(columns.start, columns.stop) - x
     return (rows, columns), np.add.outer(down**2, right**2).astype(np.float64)
-
-
-def separate(pair: Pair, reduced: ReducedPair, lamps: Lamps) -> tuple[Array, Doubles]:
-    """pipeline.separation.separate by "best", in one piece: layers, confidence."""
-    pictures = pair.no_flash[:], pair.flash[:]
-    if pair.registration > 0:
-        pictures = softened(pair.no_flash[:]), softened(pair.flash[:])
-    no_flash, flash, _ = sigma_filter(pictures, (pair.no_flash_noise, pair.flash_noise))
-    if not pair.flash_only:
-        flash = flash - no_flash
-    confidence, placed, uncertainty = _reliability(pair, lamps.contrast)
-    near = cv2.dilate(pair.unusable.astype(np.uint8), np.ones((3, 3), np.uint8))
-    confidence = np.where(near > 0, 0.0, confidence)
-    if pair.registration > 0:
-        flash = place_flash(no_flash, flash, placed, confidence)
-    proportions = model_proportions(no_flash, flash, lamps)
-    parts = smooth_proportions(
-        proportions,
-        no_flash,
-        flash,
-        (confidence * placed).astype(np.float32),
-        uncertainty.astype(np.float32),
-        slice(None),
-    )
-    trust = confidence
-    if pair.registration > 0:
-        photograph = pair.no_flash[:]
-        variance = pair.no_flash_noise.variance(photograph).sum(axis=2)
-        parts, trust = mend_proportions(
-            parts, proportions, photograph, variance, placed, confidence
-        )
-    height, width = confidence.shape
-    around = Surroundings(reduced, lamps).rows(slice(0, height), width)
-    trust = trust[..., None]
-    layers = (trust * parts + (1.0 - trust) * around) * pair.no_flash
-    return layers.astype(np.float32), confidence
-
-
-def _reliability(pair: Pair, contrast: float) -> tuple[Doubles, Doubles, Doubles]:
-    """Confidence, unusable pixels or not, how well placed they are, and uncertainty (H, W)."""
-    light, part = pair.no_flash[:].sum(axis=2), pair.flash[:].sum(axis=2)
-    variance = pair.no_flash_noise.variance(pair.no_flash[:]).sum(axis=2)
-    part_variance = pair.flash_noise.variance(pair.flash[:]).sum(axis=2)
-    beside = np.zeros(light.shape)
-    if pair.registration > 0:
-        beside += registration_variance(pair.flash[:], pair.registration).sum(axis=2)
-    part_variance = part_variance + beside
-    if not pair.flash_only:
-        part, part_variance = part - light, part_variance + variance
-    certain, relative = np.ones(light.shape), np.zeros(light.shape)
-    for value, noise in ((part, part_variance), (light, variance)):
-        squared = np.square(np.maximum(value, 0.0))
-        certain *= squared / (squared + _DOUBT**2 * noise)
-        relative += noise / np.maximum(np.square(value), noise)
-    placed = 1.0 / (1.0 + beside / np.maximum(_MISPLACED * part, 1e-15) ** 2)
-    visible = np.maximum(relative / contrast**2 - _INVISIBLE**2, 0.0)
-    return certain, placed, np.minimum(np.sqrt(visible), 1.0)
 
 
 def approach_1(strip: Strip, lamps: Lamps, greens: Doubles, to_neutral: Doubles) -> Image:

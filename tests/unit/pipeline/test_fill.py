@@ -46,17 +46,6 @@ def test_surroundings_fill_a_hole_with_the_light_around_it(
     assert found[0, 30, 32, 1] > found[0, 30, 57, 1] + 0.2
 
 
-def test_surroundings_do_not_depend_on_the_rows_asked_for(
-    surroundings: tuple[Surroundings, NDArray[np.float32]],
-) -> None:
-    around, _ = surroundings
-
-    whole = around.rows(slice(0, 64), 96)
-
-    cut = [around.rows(slice(top, min(top + 7, 64)), 96) for top in range(0, 64, 7)]
-    np.testing.assert_array_equal(np.concatenate(cut, axis=1), whole)
-
-
 def test_surroundings_reach_the_full_size_of_a_reduced_pair(
     exact: Callable[..., tuple[Any, Array]],
     pair_of: Callable[..., Any],

@@ -15,7 +15,7 @@ from pipeline.progress import Progress
 from pipeline.reduced import reduce_pair
 from pipeline.separation import Strip, separate, separate_reduced
 from pipeline.sigma_filter import sigma_filter
-from tests.definitions import pixels
+from tests.definitions import separation as definition
 
 Array = NDArray[np.float64]
 Exact = Callable[..., tuple[Any, Array]]
@@ -294,6 +294,7 @@ def test_cancel_stops_between_strips(
 @pytest.mark.parametrize("more", [{}, {"flash_only": True}, {"registration": 0.35}], ids=str)
 def test_best_is_what_it_is_defined_to_be(
     grainy: Callable[..., Any],
+    model: Model,
     separated: Callable[..., Strip],
     lamps_of: Callable[..., Any],
     warm_to_cool: Array,
@@ -305,7 +306,8 @@ def test_best_is_what_it_is_defined_to_be(
 
     found = separated(pair, lamps, rows=13)
 
-    layers, confidence = pixels.separate(pair, reduce_pair(pair), lamps)
+    reduced = reduce_pair(pair)
+    layers, confidence = definition.separate(pair, reduced, lamps, model.flash_white)
     # where the flash does not reach, rounding decides between lamps, and smoothing spreads it
     reached = (slice(None), slice(20, None), slice(20, None))
     np.testing.assert_allclose(found.layers[reached], layers[reached], atol=3e-6)
