@@ -72,10 +72,10 @@ def separate(
 
     The method "paper" gives eq. 3 of Hui et al. 2018 as it is. "best" takes shares by non-negative
     least squares in the image, on the pair with its noise filtered, and deals the unfiltered
-    photograph out in the proportions of the model's layers: the layers add up to the photograph
-    and its noise is not amplified. Pixels without a usable flash part take the proportions of
-    their surroundings. The quality says how widely noise is averaged. The result does not depend
-    on strip_rows.
+    photograph out in the proportions of the model's layers, highlights in those of what is
+    mirrored: the layers add up to the photograph and its noise is not amplified. Pixels without a
+    usable flash part take the proportions of their surroundings. The quality says how widely noise
+    is averaged. The result does not depend on strip_rows.
     """
     height, width = pair.unusable.shape
     surroundings = Surroundings(reduced, lamps)
