@@ -11,7 +11,7 @@ from pydantic import BaseModel, Field
 from pipeline.calibration.taken_with import TakenWith
 from service import eta, jobs, kept, waiting
 from service.capture import Capture
-from service.errors import Problem
+from service.problems import Problem
 from service.settings import Settings
 from service.states import State
 

@@ -21,18 +21,13 @@ from pipeline.result_names import LAYERS, MANIFEST
 from service import cameras, eta, host, jobs, kept, metrics, sandbox, scratch, tracing
 from service.capture import Capture
 from service.database import AWAY
-from service.errors import (
-    AttemptError,
-    LayersGoneError,
-    NoProcessError,
-    StorageFullError,
-    problem_of,
-)
+from service.errors import AttemptError, LayersGoneError, NoProcessError, StorageFullError
 from service.forkserver import ForkServer
 from service.frames import FRAMES
 from service.media import headers_of, media_type
 from service.object_keys import captured_key, job_key, results_key
 from service.patience import FULL, passes, patiently
+from service.problems import problem_of
 from service.settings import Settings
 from service.stages import Stages
 from service.states import State

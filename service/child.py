@@ -29,7 +29,7 @@ from pipeline.options import Options
 from pipeline.pair_checks import check_pair
 from pipeline.process import separate_files
 from pipeline.progress import Progress
-from service import camera_tasks, errors, forkserver, kept, logs
+from service import camera_tasks, forkserver, kept, logs, problems
 from service.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
 from service.shortage import wants_memory
 from service.tasks import RESULTS, Kind, Limits, Task
@@ -86,13 +86,13 @@ def _set(limit: int, soft: int, hard: int) -> None:
 
 
 def _explain(error: Exception, task: Task) -> dict[str, Any]:
-    if errors.kind_of(error) is errors.INTERNAL:
+    if problems.kind_of(error) is problems.INTERNAL:
         log.error(
             "task failed",
             exc_info=error,
             extra={"job": task.job, "trace_id": task.trace_id},
         )
-    return errors.problem_of(error, task.trace_id).model_dump()
+    return problems.problem_of(error, task.trace_id).model_dump()
 
 
 def _take_stdout() -> Tell:

@@ -16,7 +16,8 @@ from obstore.exceptions import BaseError
 from pipeline.errors import reason_of
 from service import metrics
 from service.database import AWAY
-from service.errors import NoProcessError, StorageFullError, kind_of
+from service.errors import NoProcessError, StorageFullError
+from service.problems import kind_of
 
 _FIRST_PAUSE_SECONDS = 0.5
 _LONGEST_PAUSE_SECONDS = 15.0

@@ -18,8 +18,8 @@ from pydantic_core import PydanticUndefined
 import service.cli
 from pipeline.options import Options
 from service.cli.commands import app
-from service.errors import INTERNAL, INVALID, KINDS
 from service.openapi import document
+from service.problems import INTERNAL, INVALID, KINDS
 from service.settings import Settings
 
 _WIDTH = 80  # what terminals of help pages are at most

@@ -32,13 +32,8 @@ from service.api.hosts import check_host
 from service.api.limits import Limits
 from service.api.queries import check_query
 from service.api.trace_ids import TraceIds
-from service.errors import (
-    ForbiddenError,
-    ForeignHostError,
-    ForeignOriginError,
-    Problem,
-    UnauthorizedError,
-)
+from service.errors import ForbiddenError, ForeignHostError, ForeignOriginError, UnauthorizedError
+from service.problems import Problem
 
 
 def create_app(origins: Sequence[str] = ()) -> FastAPI:

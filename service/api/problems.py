@@ -14,20 +14,13 @@ from starlette.requests import ClientDisconnect
 from service import metrics
 from service.api.headers import DEFAULTS
 from service.errors import (
-    DATABASE_AWAY,
-    INTERNAL,
-    INVALID,
-    KINDS,
-    STORE_AWAY,
     BusyError,
     EndedError,
     ForbiddenError,
     ForeignHostError,
     ForeignOriginError,
-    Kind,
     MalformedRequestError,
     NotReadyError,
-    Problem,
     QueueFullError,
     QuotaError,
     RangeError,
@@ -35,12 +28,21 @@ from service.errors import (
     StorageFullError,
     UnauthorizedError,
     UnreadyError,
+)
+from service.opening import cause_of
+from service.patience import FULL
+from service.problems import (
+    DATABASE_AWAY,
+    INTERNAL,
+    INVALID,
+    KINDS,
+    STORE_AWAY,
+    Kind,
+    Problem,
     kind_of,
     make_problem,
     problem_of,
 )
-from service.opening import cause_of
-from service.patience import FULL
 from service.sandbox import TaskError
 from service.sentences import sentence_of_faults
 

@@ -21,13 +21,7 @@ from service.api.prefer import preferences
 from service.api.problems import responses
 from service.api.ranges import parse_range
 from service.api.zips import Member, stored_zip
-from service.errors import (
-    GoneError,
-    NotReadyError,
-    RangeError,
-    UnknownJobError,
-    UnknownResultError,
-)
+from service.errors import GoneError, NotReadyError, RangeError, UnknownJobError, UnknownResultError
 from service.finished import deleted_meanwhile
 from service.media import headers_of
 from service.object_keys import results_key

@@ -20,7 +20,8 @@ def explain(error: Exception) -> tuple[str, int]:
 
     from drivers import BadAddressError, CameraNotFoundError, DriverError
     from service.client import RefusedError, ServiceAwayError
-    from service.errors import DATABASE_AWAY, DATABASE_FULL, STORE_AWAY, ServiceError, kind_of
+    from service.errors import ServiceError
+    from service.problems import DATABASE_AWAY, DATABASE_FULL, STORE_AWAY, kind_of
     from service.sentences import sentence_of
 
     if isinstance(error, BadAddressError | CameraNotFoundError | RefusedError | ServiceError):

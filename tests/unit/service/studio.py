@@ -15,7 +15,7 @@ from drivers.sim.responder import RELEASES
 from service import camera_tasks, cameras, jobs, sandbox
 from service.api.camera_discovery import CameraDiscovery
 from service.api.context import Context
-from service.errors import problem_of
+from service.problems import problem_of
 from service.settings import Settings
 from service.tasks import CameraOrder, Kind, Limits, Task
 

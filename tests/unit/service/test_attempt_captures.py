@@ -13,7 +13,8 @@ from drivers import CameraNotFoundError
 from service import cameras, heartbeats, host, jobs, sandbox
 from service.api.context import Context
 from service.attempt import Attempt
-from service.errors import CrashError, NoProcessError, StorageFullError, problem_of
+from service.errors import CrashError, NoProcessError, StorageFullError
+from service.problems import problem_of
 from service.states import State
 from service.stopping import Stopping
 from service.tasks import Task

@@ -9,7 +9,8 @@ from drivers import BadAddressError, DriverError
 from pipeline.errors import OptionError
 from service.cli.explain import explain
 from service.client import RefusedError, ServiceAwayError
-from service.errors import DATABASE_AWAY, UnknownJobError
+from service.errors import UnknownJobError
+from service.problems import DATABASE_AWAY
 from service.shortage import TOLD
 
 

@@ -8,15 +8,15 @@ from obstore import exceptions as obstore_errors
 import drivers
 from drivers.errors import FocusError
 from pipeline import errors as pipeline_errors
-from service import errors
-from service.errors import KINDS, kind_of, problem_of
+from service import errors, problems
+from service.problems import KINDS, kind_of, problem_of
 
 TRACE = "0123456789abcdef0123456789abcdef"
 
 
 def test_names_of_kinds_are_the_contract() -> None:
-    statuses = {kind.name: kind.status for kind in [*KINDS.values(), errors.INVALID]}
-    assert statuses | {errors.INTERNAL.name: errors.INTERNAL.status} == {
+    statuses = {kind.name: kind.status for kind in [*KINDS.values(), problems.INVALID]}
+    assert statuses | {problems.INTERNAL.name: problems.INTERNAL.status} == {
         "abandoned": 500,
         "bad-camera-address": 422,
         "busy": 503,
