@@ -9,11 +9,15 @@ from __future__ import annotations
 
 import logging
 import re
+import sys
+import threading
+import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from functools import partial
 
+import psycopg
 import sqlalchemy as sa
 from dbos import (
     DBOS,
@@ -25,7 +29,9 @@ from dbos import (
     error,
 )
 
+from service.database import AWAY
 from service.errors import StartError
+from service.problems import DATABASE_AWAY, cause_of
 
 _APPLICATION = "lightlayers"
 _VERSION = "1"  # pinned: a job of an older program may be run by a newer one
@@ -51,6 +57,8 @@ _LONGEST_UPKEEP_SECONDS = 5  # between two looks at its queue
 _SWEEP = "sweep"
 _HOURLY = "0 0 * * * *"  # the first field of six is that of seconds
 _OF_A_JOB = re.compile(r"-(capture|webhook-\d+)$")  # as capture_id and telling_id make them
+_HINDERED = (sa.exc.DBAPIError, psycopg.Error, *AWAY)  # it waits for notifications by itself
+_OUTAGE_SECONDS = 10.0  # between two lines on what hinders the queue
 _DONE = ["SUCCESS", "ERROR", "CANCELLED"]
 _BATCH = 500
 
@@ -236,13 +244,45 @@ class Pace:
     sweep_seconds: int
 
 
+def _listen_to_dbos(worker: str) -> None:
+    _silence_dbos()
+    logging.getLogger("dbos").addFilter(_Outages(worker))
+
+
+class _Outages(logging.Filter):
+    """Makes one line each some seconds of what DBOS says of a database that is away.
+
+    It says so at each look at each queue, in the words of sqlalchemy, with the statement.
+    """
+
+    def __init__(self, worker: str) -> None:
+        super().__init__()
+        self._worker = worker
+        self._lock = threading.Lock()
+        self._silent_until = 0.0
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether to write it. It is looked at where the error is handled that it tells of."""
+        error = sys.exc_info()[1]
+        if not isinstance(error, _HINDERED):
+            return True
+        with self._lock:
+            if time.monotonic() < self._silent_until:
+                return False
+            self._silent_until = time.monotonic() + _OUTAGE_SECONDS
+        said = f"the queue is hindered, {DATABASE_AWAY.name}: {cause_of(error)}"
+        record.msg, record.args, record.exc_info = said, (), None
+        record.worker = self._worker
+        return True
+
+
 def launch(engine: sa.Engine, worker: str, host: str | None, duties: Duties, pace: Pace) -> None:
     """Have this process do its duties from now on.
 
     worker: unique among all workers ever. host: on whose USB it uses cameras, beside those that any
     worker can; None where there is no other host. Raises StartError.
     """
-    _silence_dbos()
+    _listen_to_dbos(worker)
     DBOS(
         config=DBOSConfig(
             name=_APPLICATION,

@@ -28,7 +28,8 @@ from pipeline.errors import reason_of
 from service import belonging, census, database, keys, migrations
 from service.errors import StartError
 from service.object_keys import DATABASE_ID
-from service.opening import WRONG_ADDRESS, cause_of, open_storage
+from service.opening import WRONG_ADDRESS, open_storage
+from service.problems import cause_of
 from service.sentences import sentence_of
 from service.settings import Settings
 from service.storage import Storage

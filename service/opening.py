@@ -10,6 +10,7 @@ from obstore.exceptions import BaseError
 
 from service import database, dbos_queue, migrations
 from service.errors import StartError
+from service.problems import cause_of
 from service.settings import Settings
 from service.storage import Storage
 
@@ -102,9 +103,3 @@ def _check_signing(storage: Storage) -> None:
             "URLs of the store cannot be signed: set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, "
             "or leave LIGHTLAYERS_STORE_PRESIGN out."
         ) from error
-
-
-def cause_of(error: Exception) -> str:
-    """Give the first line of what went wrong; no library puts a password there."""
-    original = getattr(error, "orig", None) or error
-    return str(original).strip().partition("\n")[0].rstrip(".")

@@ -198,3 +198,9 @@ def problem_of(error: Exception, trace_id: str) -> Problem:
     """Make the problem that an exception is. What is in no table keeps its details in the log."""
     kind = kind_of(error)
     return make_problem(kind, kind.detail or str(error), trace_id)
+
+
+def cause_of(error: Exception) -> str:
+    """Give the first line of what went wrong; no library puts a password there."""
+    original = getattr(error, "orig", None) or error
+    return str(original).strip().partition("\n")[0].rstrip(".")

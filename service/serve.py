@@ -25,7 +25,7 @@ from service.api.context import Context, open_context
 from service.connections import PatientProtocol
 from service.database import AWAY
 from service.errors import StartError
-from service.opening import cause_of
+from service.problems import cause_of
 from service.settings import Settings
 
 _RESTART_SECONDS = 1.0

@@ -37,9 +37,9 @@ from service import (
 from service.attempt import Attempt
 from service.dbos_queue import Duties, Held, Pace
 from service.errors import AbandonedError, DeadlineError, StartError
-from service.opening import cause_of, open_database, open_storage
+from service.opening import open_database, open_storage
 from service.patience import passes
-from service.problems import kind_of, problem_of
+from service.problems import cause_of, kind_of, problem_of
 from service.processes import die_with_parent
 from service.retention import Sweep
 from service.settings import Settings

@@ -29,7 +29,6 @@ from service.errors import (
     UnauthorizedError,
     UnreadyError,
 )
-from service.opening import cause_of
 from service.patience import FULL
 from service.problems import (
     DATABASE_AWAY,
@@ -39,6 +38,7 @@ from service.problems import (
     STORE_AWAY,
     Kind,
     Problem,
+    cause_of,
     kind_of,
     make_problem,
     problem_of,
