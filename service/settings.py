@@ -6,13 +6,15 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, ValidationInfo
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from service.addresses import parse_networks
 
 MIB = 1024 * 1024
 _MOST = 2**62  # that the database and the system take, of bytes and files
+_SHORTEST = 0.01
+"""Of what takes seconds: a worker that looks more often does nothing else."""
 TELLINGS = 20
 """How often a webhook may be told at most."""
 
@@ -29,7 +31,14 @@ def _database_in(data: dict[str, Any]) -> str:
     return f"sqlite:///{path.replace('%', '%25').replace('?', '%3F')}"
 
 
+def _check_given(value: Any) -> Any:
+    if isinstance(value, str) and not value.strip():
+        raise ValueError("it is empty: name one, or leave the variable out")
+    return value
+
+
 def _check_host(host: str) -> str:
+    _check_given(host)  # which would be every network
     try:
         host.encode("idna")  # as the system's look-up does, whose error is no OSError
     except UnicodeError as error:
@@ -77,21 +86,21 @@ class Settings(BaseSettings):
 
     model_config = SettingsConfigDict(env_prefix="LIGHTLAYERS_", frozen=True)
 
-    data_dir: Annotated[Path, AfterValidator(Path.absolute)] = Field(
+    data_dir: Annotated[Path, BeforeValidator(_check_given), AfterValidator(Path.absolute)] = Field(
         default=Path(".lightlayers"),
         validate_default=True,
         description="Folder of the embedded database and store and of running jobs.",
     )
-    calibrations_dir: Path | None = Field(
+    calibrations_dir: Annotated[Path | None, BeforeValidator(_check_given)] = Field(
         default=None,
         description="Folder in which the command line keeps calibrations of a set-up; default: "
         "one of the user's own.",
     )
-    database_url: str = Field(
+    database_url: Annotated[str, BeforeValidator(_check_given)] = Field(
         default_factory=_database_in,
         description="sqlite:///… or postgresql://… of jobs and queue.",
     )
-    store_url: str = Field(
+    store_url: Annotated[str, BeforeValidator(_check_given)] = Field(
         default_factory=_store_in, description="file:///… or s3://bucket/prefix of photographs."
     )
     store_presign: bool = Field(
@@ -117,11 +126,12 @@ class Settings(BaseSettings):
     requests: int = Field(
         default=400,
         gt=0,
+        le=_MOST,
         description="Requests answered at a time (concurrent requests); more are refused with 503.",
     )
     pause_seconds: float = Field(
         default=30,
-        gt=0,
+        ge=_SHORTEST,
         le=86400,
         description="Longest pause within a request or an answer before the connection is given "
         "up (idle timeout), in seconds.",
@@ -152,7 +162,7 @@ class Settings(BaseSettings):
     )
     operator_seconds: float = Field(
         default=300,
-        gt=0,
+        ge=_SHORTEST,
         le=86400,
         description="How long a job waits for its operator to switch the flash, in seconds.",
     )
@@ -164,19 +174,26 @@ class Settings(BaseSettings):
     )
     upload_seconds: float = Field(
         default=86400,
-        gt=0,
+        ge=_SHORTEST,
         le=31536000,
         description="How long an upload that no job has used is kept after its last byte came.",
     )
     queued_jobs: int = Field(
-        default=4000, gt=0, description="Jobs that may wait in all; more are refused with 429."
+        default=4000,
+        gt=0,
+        le=_MOST,
+        description="Jobs that may wait in all; more are refused with 429.",
     )
     queued_jobs_per_key: int = Field(
-        default=1000, gt=0, description="Jobs of one key that may wait; more are refused with 429."
+        default=1000,
+        gt=0,
+        le=_MOST,
+        description="Jobs of one key that may wait; more are refused with 429.",
     )
     free_bytes: int = Field(
         default=1024 * MIB,
         ge=0,
+        le=_MOST,
         description="Space that new jobs leave free on the disk of a local store, in bytes; with "
         "less they are refused with 507.",
     )
@@ -205,7 +222,7 @@ class Settings(BaseSettings):
         description="What one job may write: all of its photographs and results, in bytes.",
     )
     job_seconds: float = Field(
-        default=900, gt=0, le=86400, description="Longest run of one job, in seconds."
+        default=900, ge=_SHORTEST, le=86400, description="Longest run of one job, in seconds."
     )
     patience_seconds: float = Field(
         default=300,
@@ -217,13 +234,16 @@ class Settings(BaseSettings):
     )
     poll_seconds: float = Field(
         default=0.5,
-        gt=0,
+        ge=_SHORTEST,
         le=86400,
         description="How often a worker looks for a job, in seconds; on PostgreSQL, for one of a "
         "camera that is on no host's USB, no more than once a second.",
     )
     heartbeat_seconds: float = Field(
-        default=3, gt=0, le=86400, description="How often a worker says that it lives, in seconds."
+        default=3,
+        ge=_SHORTEST,
+        le=86400,
+        description="How often a worker says that it lives, in seconds.",
     )
     drain_seconds: float = Field(
         default=0,
@@ -234,13 +254,13 @@ class Settings(BaseSettings):
     )
     stop_seconds: float = Field(
         default=30,
-        gt=0,
+        ge=_SHORTEST,
         le=86400,
         description="How long requests may still take once the port is closed, in seconds.",
     )
     silence_seconds: Annotated[float, AfterValidator(_check_silence)] = Field(
         default=15,
-        gt=0,
+        ge=_SHORTEST,
         le=86400,
         description="Silence after which others take a worker's jobs over (heartbeat timeout), in "
         "seconds: two heartbeats at least.",
@@ -253,13 +273,13 @@ class Settings(BaseSettings):
     webhook_https: bool = Field(default=False, description="Refuse webhooks without https.")
     webhook_seconds: float = Field(
         default=15,
-        gt=0,
+        ge=_SHORTEST,
         le=86400,
         description="What telling a webhook may take in all, in seconds.",
     )
     webhook_retry_seconds: float = Field(
         default=5,
-        gt=0,
+        ge=_SHORTEST,
         le=86400,
         description="Wait before a webhook that did not take what it was told is told again; "
         "each further one is 2.5 times as long.",
@@ -272,7 +292,7 @@ class Settings(BaseSettings):
     )
     retention_days: float | None = Field(
         default=None,
-        gt=0,
+        ge=0.001,
         le=36500,
         description="How long jobs that have ended are kept with their photographs and results; "
         "without it, until they are deleted, as calibrations are that are kept for a set-up. The "

@@ -78,6 +78,14 @@ def test_jobs_are_kept_for_ever_unless_the_operator_says_how_long(
             for value in ("inf", "nan", "1e300")
         ),
         *(
+            (name.upper(), "1e-320")  # which is no time at all
+            for name, field in Settings.model_fields.items()
+            if field.annotation is float
+            and name not in ("flash_settle_seconds", "patience_seconds", "drain_seconds")
+        ),
+        ("RETENTION_DAYS", "1e-320"),
+        *((name, str(2**63)) for name in ("REQUESTS", "QUEUED_JOBS", "FREE_BYTES")),
+        *(
             (name, str(2**63))
             for name in ("UPLOAD_BYTES", "JOB_MEMORY_BYTES", "JOB_OUTPUT_BYTES", "JOB_OPEN_FILES")
         ),
@@ -91,9 +99,28 @@ def test_a_setting_out_of_range_is_refused(
         Settings()
 
 
+_PLACES = ("DATA_DIR", "CALIBRATIONS_DIR", "DATABASE_URL", "STORE_URL", "HOST", "METRICS_HOST")
+
+
+@pytest.mark.parametrize("value", ["", " "])
+@pytest.mark.parametrize("name", _PLACES)
+def test_a_place_that_is_empty_is_none(
+    name: str, value: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(f"LIGHTLAYERS_{name}", value)
+    with pytest.raises(ValidationError) as caught:
+        Settings()
+    told = f"{name.lower()}: it is empty: name one, or leave the variable out."
+    assert sentence_of(caught.value) == told
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
     [
+        ("POLL_SECONDS", 0.01),
+        ("PATIENCE_SECONDS", 0),
+        ("DRAIN_SECONDS", 0),
+        ("RETENTION_DAYS", 0.001),
         ("QUEUED_JOBS", 1),
         ("QUEUED_JOBS_PER_KEY", 1),
         ("REQUESTS", 1),
@@ -108,7 +135,7 @@ def test_a_setting_out_of_range_is_refused(
     ],
 )
 def test_a_setting_may_be_as_small_or_large_as_its_bound(
-    name: str, value: int, monkeypatch: pytest.MonkeyPatch
+    name: str, value: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(f"LIGHTLAYERS_{name}", str(value))
     assert getattr(Settings(), name.lower()) == value
