@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any, Literal
 
 from pydantic import BaseModel
@@ -21,14 +22,14 @@ def check_options(
     They may be of a row that an earlier release wrote, when other things were allowed or known.
     """
     with in_words():
-        checked = _read(task, options)
+        checked = _read(task, json.dumps(options))
     check_spectra(checked)
     return checked
 
 
-def _read(task: Literal["separate", "calibrate", "mix"], options: dict[str, Any]) -> BaseModel:
+def _read(task: Literal["separate", "calibrate", "mix"], options: str) -> BaseModel:
     if task == "mix":
-        return MixOptions.model_validate(options)
+        return MixOptions.model_validate_json(options, strict=True)
     if task == "calibrate":
-        return CALIBRATION_OPTIONS.validate_python(options)
-    return Options.model_validate(options)
+        return CALIBRATION_OPTIONS.validate_json(options, strict=True)
+    return Options.model_validate_json(options, strict=True)

@@ -1,4 +1,7 @@
-"""Reads a request for a job without ever holding more than a part of it, up to a limit."""
+"""Reads a request for a job without ever holding more than a part of it, up to a limit.
+
+JSON is taken at its word, in bodies and in parts of forms: "2" is no number, and 1 is no yes.
+"""
 
 from __future__ import annotations
 
@@ -107,14 +110,14 @@ async def read_rerun(request: Request, limit: int) -> RerunRequest:
     """
     body = await _json_body(request, limit, "what the rerun is to do", may_be_empty=True)
     with in_words():
-        return RerunRequest.model_validate_json(body)
+        return RerunRequest.model_validate_json(body, strict=True)
 
 
 async def read_mix(request: Request, limit: int, job_id: str) -> Intake:
     """Read a request to mix the layers of a job; raises what `read` raises."""
     body = await _json_body(request, limit, "the settings of the lamps")
     with in_words():
-        wanted = MixJob.model_validate_json(body)
+        wanted = MixJob.model_validate_json(body, strict=True)
     mix = wanted.model_dump(exclude=set(Handling.model_fields), exclude_unset=True)
     options = MixOptions(kind="mix", of=job_id, mix=MixRequest.model_validate(mix))
     return Intake(options, handling_of(wanted), Path())
@@ -129,14 +132,14 @@ async def read_captures(request: Request, limit: int) -> tuple[CameraCapture, di
     body = await _json_body(request, limit, "what the camera is to do", may_be_empty=True)
     _, body, named = await run_in_threadpool(_json, body)
     with in_words():
-        return CameraCapture.model_validate_json(body), named
+        return CameraCapture.model_validate_json(body, strict=True), named
 
 
 async def read_settings(request: Request, limit: int) -> CaptureSettings:
     """Read which settings of a camera to write. Raises what `read_rerun` raises."""
     body = await _json_body(request, limit, "the settings of the camera")
     with in_words():
-        return SettingsRequest.model_validate_json(body).root
+        return SettingsRequest.model_validate_json(body, strict=True).root
 
 
 async def _json_body(request: Request, limit: int, what: str, may_be_empty: bool = False) -> bytes:
@@ -207,7 +210,7 @@ def _captured(
     named: dict[str, Any],
 ) -> Intake:
     with in_words():
-        wanted = model.model_validate_json(body)
+        wanted = model.model_validate_json(body, strict=True)
     drivers.check_address(wanted.capture.camera)
     handling = handling_of(wanted)
     return Intake(wanted.options, handling, directory, capture=wanted.capture, calibrations=named)
@@ -247,7 +250,7 @@ def _uploaded(
     named: dict[str, Any],
 ) -> Intake:
     with in_words():
-        wanted = model.model_validate_json(body)
+        wanted = model.model_validate_json(body, strict=True)
     ids = wanted.uploads.model_dump()
     handling = handling_of(wanted)
     return Intake(wanted.options, handling, directory, uploads=ids, calibrations=named)
@@ -270,14 +273,12 @@ def _calibration_pair(form: Form, directory: Path) -> Intake:
     return _sent(form, form.texts["options"], CALIBRATION_OPTIONS.validate_json, directory)
 
 
-def _sent(
-    form: Form, text: str, options_of: Callable[[str], AnyOptions], directory: Path
-) -> Intake:
+def _sent(form: Form, text: str, options_of: Callable[..., AnyOptions], directory: Path) -> Intake:
     text, named = _taken_out(text)
     with in_words("handling"):
-        handling = Handling.model_validate_json(form.texts.get("handling", "{}"))
+        handling = Handling.model_validate_json(form.texts.get("handling", "{}"), strict=True)
     with in_words("options"):
-        options = options_of(text)
+        options = options_of(text, strict=True)
     return Intake(options, handling, directory, sha256=form.sha256, calibrations=named)
 
 

@@ -39,7 +39,7 @@ class TestOnUsb:
     ) -> None:
         address = "ptp+usb://1"
         info = drivers.CameraInfo(address, "Make", "Model", "1", 80, 10**9)
-        told = {"cameras": [address], "camera": asdict(info)}
+        told = {"cameras": [address], "camera": {"info": asdict(info), "releases": True}}
         monkeypatch.setattr(CameraDiscovery, "_run", lambda _self, kind, _order: told[kind])
         context.camera_discovery._host = "studio"
         with context.engine.begin() as connection:
