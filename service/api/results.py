@@ -157,6 +157,7 @@ async def get_result(
     )
 
 
+@router.head("/jobs/{job_id}/results.zip", include_in_schema=False)
 @router.get(
     "/jobs/{job_id}/results.zip",
     response_class=Response,
@@ -165,18 +166,15 @@ async def get_result(
         **responses(UnknownJobError, NotReadyError, GoneError, status=(503,)),
     },
 )
-async def get_zip(context: Parts, caller: Calling, job_id: str) -> Response:
+async def get_zip(request: Request, context: Parts, caller: Calling, job_id: str) -> Response:
     """Get all results in one ZIP file."""
     job = await run_in_threadpool(find_succeeded, context, caller, job_id)
-    members = [_member(context, job, result) for result in job.results or []]
     headers = {"Content-Disposition": f'attachment; filename="{job_id}.zip"'}
-    chunks = stored_zip(members)
-    first = await context.fetch(next, chunks)
-    return StreamingResponse(
-        context.stream(itertools.chain([first], chunks)),
-        headers=headers,
-        media_type="application/zip",
-    )
+    chunks: Iterator[bytes] = iter(())
+    if request.method != "HEAD":
+        chunks = stored_zip([_member(context, job, result) for result in job.results or []])
+        chunks = itertools.chain([await context.fetch(next, chunks)], chunks)
+    return StreamingResponse(context.stream(chunks), headers=headers, media_type="application/zip")
 
 
 def _member(context: Context, job: jobs.Job, result: dict[str, Any]) -> Member:

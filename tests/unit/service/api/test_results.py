@@ -130,6 +130,20 @@ def test_all_results_come_in_one_zip(http: httpx.Client, job: str) -> None:
         assert {name: archive.read(name) for name in archive.namelist()} == FILES
 
 
+def test_the_head_of_a_zip_is_told_without_its_files(
+    http: httpx.Client, job: str, context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = http.get(f"{job}/results.zip")
+    monkeypatch.delattr(type(context.storage), "stream")
+    head = http.head(f"{job}/results.zip")
+    assert (head.status_code, head.content) == (200, b"")
+    apart = {"date", "trace-id"}
+    assert {name: head.headers[name] for name in head.headers if name not in apart} == {
+        name: whole.headers[name] for name in whole.headers if name not in apart
+    }
+    assert http.head(f"/jobs/{'0' * 32}/results.zip").status_code == 404
+
+
 @pytest.mark.parametrize(
     "name",
     [
