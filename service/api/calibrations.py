@@ -14,6 +14,7 @@ from service.answers import JobAnswer, KeptCalibration, KeptCalibrations, Links
 from service.api import captures, intake, pair_form
 from service.api.accepted import accepted
 from service.api.admission import refuse_when_full
+from service.api.bodies import json_content, schema_of
 from service.api.callers import Calling
 from service.api.context import Parts
 from service.api.dispatch import make_job
@@ -33,18 +34,11 @@ _BODY = {
     "required": True,
     "content": {
         **pair_form.describe(
-            {"oneOf": [{"$ref": f"#/components/schemas/{one.__name__}"} for one in _KIND_SCHEMAS]},
+            schema_of(*_KIND_SCHEMAS),
             "What to calibrate, and the marks, as JSON text.",
             required=True,
         ),
-        "application/json": {
-            "schema": {
-                "oneOf": [
-                    {"$ref": "#/components/schemas/CalibrationCaptureRequest"},
-                    {"$ref": "#/components/schemas/CalibrationRequest"},
-                ]
-            }
-        },
+        **json_content(CalibrationCaptureRequest, CalibrationRequest),
     },
 }
 

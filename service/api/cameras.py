@@ -21,6 +21,7 @@ from service.answers import CameraAnswer, CameraSettings, JobList, SettingAnswer
 from service.api import intake
 from service.api.accepted import accepted
 from service.api.admission import refuse_when_full
+from service.api.bodies import json_content
 from service.api.callers import Caller, Calling, Standing
 from service.api.camera_discovery import check_camera
 from service.api.captures import accept_captures, told_of
@@ -50,10 +51,7 @@ router = APIRouter(tags=["cameras"])
 SCHEMAS = (CameraCapture, SettingsRequest)
 """Models that the OpenAPI document names only in bodies."""
 
-_BODY, _SETTINGS_BODY = (
-    {"content": {"application/json": {"schema": {"$ref": f"#/components/schemas/{one.__name__}"}}}}
-    for one in SCHEMAS
-)
+_BODY, _SETTINGS_BODY = ({"content": json_content(one)} for one in SCHEMAS)
 _PATIENCE_SECONDS = 10.0  # a request waits so long for cameras that are slow to answer
 _LOOK_SECONDS = 0.5
 _PROBLEMS = (

@@ -16,6 +16,7 @@ from service.answers import JobAnswer, JobPage
 from service.api import captures, intake, pair_form
 from service.api.accepted import accepted
 from service.api.admission import refuse_when_full
+from service.api.bodies import json_content, schema_of
 from service.api.callers import Caller, Calling, find
 from service.api.context import Context, Parts
 from service.api.dispatch import make_job
@@ -34,15 +35,8 @@ router = APIRouter(tags=["jobs"])
 _BODY = {
     "required": True,
     "content": {
-        **pair_form.describe({"$ref": "#/components/schemas/Options"}, "Options as JSON text."),
-        "application/json": {
-            "schema": {
-                "oneOf": [
-                    {"$ref": "#/components/schemas/CaptureRequest"},
-                    {"$ref": "#/components/schemas/UploadsRequest"},
-                ]
-            }
-        },
+        **pair_form.describe(schema_of(Options), "Options as JSON text."),
+        **json_content(CaptureRequest, UploadsRequest),
     },
 }
 SCHEMAS = (Options, CaptureRequest, UploadsRequest, Handling)

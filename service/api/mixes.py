@@ -11,6 +11,7 @@ from service.api import intake
 from service.api.accept import accept
 from service.api.accepted import Accepted, accepted
 from service.api.admission import refuse_when_full
+from service.api.bodies import json_content
 from service.api.finished import find_succeeded
 from service.api.idempotency import hash_of, replay
 from service.api.job_answers import answer_made
@@ -25,12 +26,7 @@ router = APIRouter(tags=["mixes"])
 SCHEMAS = (MixJob, MixOptions)
 """Models that the OpenAPI document names only in bodies."""
 
-_BODY = {
-    "required": True,
-    "content": {
-        "application/json": {"schema": {"$ref": f"#/components/schemas/{MixJob.__name__}"}}
-    },
-}
+_BODY = {"required": True, "content": json_content(MixJob)}
 
 
 @router.post(

@@ -12,6 +12,7 @@ from service.api import intake
 from service.api.accept import check_webhook, commit
 from service.api.accepted import Accepted, accepted
 from service.api.admission import refuse_when_full
+from service.api.bodies import json_content
 from service.api.calibrated import fill_in
 from service.api.callers import find
 from service.api.idempotency import as_asked, digest, replay
@@ -28,11 +29,7 @@ router = APIRouter(tags=["jobs"])
 SCHEMAS = (RerunRequest,)
 """Models that the OpenAPI document names only in bodies."""
 
-_BODY = {
-    "content": {
-        "application/json": {"schema": {"$ref": f"#/components/schemas/{RerunRequest.__name__}"}}
-    }
-}
+_BODY = {"content": json_content(RerunRequest)}
 
 
 @router.post(
