@@ -19,7 +19,7 @@ import drivers
 from service import heartbeats, jobs, queues
 from service.database import cameras, may_be_id, now
 from service.database import jobs as rows
-from service.states import ENDED
+from service.states import ENDED, HELD
 
 _UNUSED_SECONDS = 86400.0
 _USB = "ptp+usb://"
@@ -125,6 +125,13 @@ def claim(connection: sa.Connection, job_id: str, worker: str) -> jobs.Job | Non
     if job is None or is_past_capture(job):
         return None
     return jobs.claim(connection, job_id, worker, queues.CAPTURE)
+
+
+def is_switch_in_use(connection: sa.Connection) -> bool:
+    """Whether a job has a pair taken with the flash on the operator's switch."""
+    takes = sa.and_(rows.c.state.in_(HELD), rows.c.stage == queues.CAPTURE)
+    switches = rows.c.capture["flash"].as_string() == "external"
+    return connection.execute(sa.select(rows.c.id).where(takes, switches)).first() is not None
 
 
 def is_past_capture(job: jobs.Job) -> bool:

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterable, Iterator
 
 import sqlalchemy as sa
 
+from drivers import leave_flash_off
 from pipeline.errors import reason_of
 from service import (
     cameras,
@@ -180,7 +181,7 @@ class Worker:
         The rest of the job waits in the queue of jobs then, and the camera is free.
         """
         queued = dbos_queue.capture_id(job_id)
-        self._alone(queued, lambda: self._run(job_id, cameras.claim, self._is_passed_on))
+        self._alone(queued, lambda: self._capture(job_id))
 
     def tell(self, job_id: str, number: int) -> None:
         """Tell a job's webhook for the `number`th time. Returns only when it is written."""
@@ -191,7 +192,7 @@ class Worker:
         """Remove what is due, or as much as can be; queued: id of the sweep in its queue."""
         self._alone(queued, lambda: self._sweep(thorough))
 
-    def _alone(self, queued: str, work: Callable[[], None]) -> None:
+    def _alone(self, queued: str, work: Callable[[], object]) -> None:
         with self._idle:
             # A job that was taken over while this worker was frozen may come back to it.
             self._idle.wait_for(lambda: queued not in self._runs)
@@ -203,6 +204,21 @@ class Worker:
                 self._runs.remove(queued)
                 self._idle.notify_all()
 
+    def _capture(self, job_id: str) -> None:
+        if not self._run(job_id, cameras.claim, self._is_passed_on):
+            self._leave_flash_off()  # a worker that died with it on has nobody else to do so
+
+    def _leave_flash_off(self) -> None:
+        """Switch off the flash for a job whose row is gone, unless another job has the switch."""
+        switch = self._settings.flash_switch
+        if switch is None:
+            return
+        with contextlib.suppress(*database.AWAY):
+            with self._engine.connect() as connection:
+                in_use = cameras.is_switch_in_use(connection)
+            if not in_use:
+                leave_flash_off(switch)
+
     def _is_passed_on(self, connection: sa.Connection, job: jobs.Job) -> bool:
         """Whether the camera's part of a job is done; the rest of it waits in its queue then."""
         over = cameras.is_past_capture(job)
@@ -211,7 +227,8 @@ class Worker:
             self._queue.submit(connection, job.id, job.rank)
         return over
 
-    def _run(self, job_id: str, claim: Claim, is_over: IsOver) -> None:
+    def _run(self, job_id: str, claim: Claim, is_over: IsOver) -> bool:
+        """Do what a queue has for a job, until it is over; whether there is such a job."""
         attempt: Attempt | None = None
         lost = False
         while True:
@@ -225,7 +242,7 @@ class Worker:
                         known = held or jobs.find(connection, job_id)
                         over = known is None or is_over(connection, known)
                     if over:
-                        return
+                        return known is not None
                     if held:
                         attempt = self._start(held)
                         self._finish(held, attempt)

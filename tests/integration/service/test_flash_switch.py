@@ -103,3 +103,19 @@ def test_a_flash_on_a_relay_is_off_when_its_job_has_ended(
     assert done["state"] == ("failed" if outcome else "canceled")
     if outcome:
         assert done["error"]["type"] == f"urn:lightlayers:problem:{outcome}"
+
+
+def test_a_flash_is_off_when_a_job_is_deleted_whose_worker_has_died(
+    make_service: Callable[..., Any], relay: Relay, tmp_path: Path
+) -> None:
+    service = make_service(
+        tmp_path / "service", cameras=CAMERA, flash_switch=relay.order, flash_settle_seconds=0
+    )
+    service.start()
+    job = service.capture(CAMERA, flash="external")
+    service.await_that("the relay is on", lambda: "/on" in relay.told or service.look(job)["error"])
+    for pid in service.find("worker"):
+        os.kill(pid, signal.SIGKILL)
+    service.http.delete(f"/jobs/{job['id']}").raise_for_status()
+    service.await_that("the relay is off", lambda: relay.told[-1] == "/off")
+    assert relay.told == ["/off", "/on", "/off"]
