@@ -29,6 +29,8 @@ connections to it are in use."""
 _CALLS = "once committed"
 
 _DISK_FULL = "53100"  # PostgreSQL's code
+# The second, "disk I/O error" in words, is of the file beside it that whoever opens it needs.
+_SQLITE_FULL = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR_SHMSIZE)
 
 _POSTGRESQL = {
     # A host that is cut off is noticed, whichever of the two has something to say.
@@ -292,7 +294,7 @@ def is_full(error: sa.exc.DBAPIError) -> bool:
     """Whether a statement failed because the database's disk has no room."""
     cause = error.orig
     return (
-        getattr(cause, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
+        getattr(cause, "sqlite_errorcode", None) in _SQLITE_FULL
         or getattr(cause, "sqlstate", None) == _DISK_FULL
     )
 

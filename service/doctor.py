@@ -26,9 +26,9 @@ from pydantic import ValidationError
 from pipeline import compiling
 from pipeline.errors import reason_of
 from service import belonging, census, database, keys, migrations
-from service.errors import StartError
+from service.errors import StartError, StorageFullError
 from service.object_keys import DATABASE_ID
-from service.opening import WRONG_ADDRESS, open_storage
+from service.opening import DATABASE_FULL, WRONG_ADDRESS, open_storage
 from service.problems import cause_of
 from service.sentences import sentence_of
 from service.settings import Settings
@@ -148,6 +148,8 @@ def _is_missing_file(url: str) -> bool:
 
 
 def _no_database(error: Exception) -> Finding:
+    if isinstance(error, sa.exc.DBAPIError) and database.is_full(error):
+        return Finding("wrong", "database", DATABASE_FULL)
     return Finding(
         "wrong",
         "database",
@@ -198,6 +200,10 @@ def _store(settings: Settings) -> Iterator[Finding]:
         storage.delete_below("health/")
     except StartError as error:
         yield Finding("wrong", "store", str(error))
+        return
+    except StorageFullError as error:
+        yield Finding("wrong", "store", str(error))
+        yield from _room(storage, settings)
         return
     except (BaseError, OSError) as error:
         yield Finding(

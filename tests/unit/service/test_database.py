@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import sqlite3
 from pathlib import Path
 
 import psycopg.errors
@@ -42,6 +43,9 @@ def test_a_full_disk_is_told_from_a_database_that_is_away(tmp_path: Path) -> Non
     assert database.is_full(caught.value)
     assert database.is_full(sa.exc.OperationalError("x", None, psycopg.errors.DiskFull()))
     assert not database.is_full(sa.exc.OperationalError("x", None, psycopg.OperationalError()))
+    opening = sqlite3.OperationalError("disk I/O error")
+    opening.sqlite_errorcode = sqlite3.SQLITE_IOERR_SHMSIZE
+    assert database.is_full(sa.exc.OperationalError("x", None, opening))
 
 
 @pytest.mark.parametrize("fault", ["a commit that fails", "a connection that is lost"])

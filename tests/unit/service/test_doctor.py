@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
+import psycopg.errors
 import pytest
 import sqlalchemy as sa
 from obstore.exceptions import GenericError
@@ -17,6 +18,7 @@ from service import belonging, database, heartbeats, keys, migrations
 from service.api.context import Context
 from service.cli import run
 from service.doctor import Finding, examine
+from service.errors import StorageFullError
 from service.opening import WRONG_ADDRESS, open_database
 from service.settings import Settings
 from service.storage import Storage
@@ -227,6 +229,28 @@ def test_a_full_disk_is_told_of_the_store_as_of_where_requests_are_received(
     monkeypatch.setenv("LIGHTLAYERS_FREE_BYTES", "400")
     assert _disks(look) == {"disk": "note", "store's disk": "ok"}
     assert "large requests" in look()["disk"].sentence
+
+
+def test_full_disks_are_findings_among_others(look: Look, monkeypatch: pytest.MonkeyPatch) -> None:
+    full = sa.exc.OperationalError("x", None, psycopg.errors.DiskFull("no space"))
+
+    def fail(error: Exception) -> Callable[..., None]:
+        def failing(*_arguments: object) -> None:
+            raise error
+
+        return failing
+
+    look()
+    monkeypatch.setattr("service.doctor._is_missing_file", lambda _url: False)
+    monkeypatch.setattr("service.doctor.migrations.check", fail(full))
+    monkeypatch.setattr("service.storage.Storage.put", fail(StorageFullError("It is full.")))
+    found = look()
+    assert (found["database"].grade, found["database"].sentence) == (
+        "wrong",
+        "The disk of the database of jobs is full: make room on it.",
+    )
+    assert (found["store"].grade, found["store"].sentence) == ("wrong", "It is full.")
+    assert found["memory"].grade == "ok"
 
 
 def test_a_store_on_no_disk_of_this_machine_has_no_room_to_tell(

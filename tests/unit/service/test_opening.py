@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import psycopg.errors
 import pytest
 import sqlalchemy as sa
 from obstore.exceptions import GenericError
@@ -39,6 +40,20 @@ def test_a_database_that_cannot_be_opened_is_told(url: str, tmp_path: Path) -> N
     assert "\n" not in str(caught.value)
 
 
+def test_a_database_whose_disk_is_full_is_told_as_such(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    full = sa.exc.OperationalError("x", None, psycopg.errors.DiskFull("no space"))
+
+    def connect(_url: str) -> sa.Engine:
+        raise full
+
+    monkeypatch.setattr("service.opening.database.connect", connect)
+    with pytest.raises(StartError) as caught:
+        open_database(Settings(data_dir=tmp_path))
+    assert str(caught.value) == "The disk of the database of jobs is full: make room on it."
+
+
 @pytest.mark.parametrize(
     "url",
     [
@@ -74,7 +89,7 @@ def test_a_store_that_cannot_be_opened_is_told(url: str, tmp_path: Path) -> None
 
 @pytest.mark.parametrize(
     "url",
-    ["", "memory:///", "gs://bucket", "s3:///x", "file:folder", "file://folder/store", "/folder"],
+    ["memory:///", "gs://bucket", "s3:///x", "file:folder", "file://folder/store", "/folder"],
 )
 def test_a_store_of_another_kind_says_what_one_is_like(
     url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
