@@ -39,6 +39,7 @@ _SHADING = 0.5  # relative: how far shares change about a place
 _LEAST_SHADING = 0.1  # of both lamps' shares, to which a shadow's are nothing
 _MOST_UNUSUAL = 3.0  # shares that are not like those around do not tell a highlight alone
 _WORTH, _MOST_WORTH = 6.0, 12.0  # of a highlight: the least, and the most of a block
+_WORTH_OF_RIM = 3.0
 _AGREEING = 5  # blocks across that are to agree
 _REACH = 0.047  # of the longer side: where the neighbours lie
 _STEPS = 4  # of neighbours on each side
@@ -112,7 +113,8 @@ def find_highlights(
 
     flash_white: (3,) camera RGB of a white card under the flash. A block is a highlight where
     light of like neighbours in any strength and that of one lamp, or without that of the flash,
-    explain it much better than matt light of both lamps does, and those around it agree.
+    explain it much better than matt light of both lamps does, and those around it agree; at the
+    rim of such blocks, half as much better is enough.
     """
     if len(lamps) != 2:
         return None
@@ -130,6 +132,9 @@ def find_highlights(
     found = (kind >= 0) & (cv2.blur(worth, (_AGREEING, _AGREEING)) > _WORTH)
     if not found.any():
         return None
+    # at the rim of a highlight half of those around cannot agree
+    beside = cv2.dilate(found.astype(np.uint8), np.ones((_AGREEING, _AGREEING), np.uint8)) > 0
+    found |= beside & (kind >= 0) & (worth > _WORTH_OF_RIM)
     weights = [(found & (kind == one)).astype(np.float32) for one in range(_KINDS)]
     # beside the last blocks of a highlight pixels lie between them and what has no shares
     count = np.maximum(cv2.blur(found.astype(np.float32), (3, 3)), _TINY)

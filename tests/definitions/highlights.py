@@ -15,7 +15,7 @@ from tests.definitions.pixels import light_of_lamps, shares
 Doubles = NDArray[np.float64]
 
 _MODEL, _SHADING, _LEAST_SHADING = 0.017, 0.5, 0.1
-_MOST_UNUSUAL, _WORTH, _MOST_WORTH = 3.0, 6.0, 12.0
+_MOST_UNUSUAL, _WORTH, _WORTH_OF_RIM, _MOST_WORTH = 3.0, 6.0, 3.0, 12.0
 _AGREEING, _REACH, _STEPS = 5, 0.047, 4
 _ALIKE, _LEAST_ALIKE = 0.015, 2.0
 
@@ -44,7 +44,11 @@ def find_highlights(reduced: ReducedPair, lamps: Lamps, flash_white: Doubles) ->
         if np.isfinite(min(of_kinds)):
             kind[y, x] = int(np.argmin(of_kinds))
             worth[y, x] = np.clip(of_matt - min(of_kinds), -_MOST_WORTH, _MOST_WORTH)
-    found = (kind >= 0) & (_mean(worth, _AGREEING) > _WORTH)
+    found, rim = (kind >= 0) & (_mean(worth, _AGREEING) > _WORTH), np.zeros(size, np.bool_)
+    for y, x in np.argwhere(found):
+        rows, columns = slice(max(y - 2, 0), y + 3), slice(max(x - 2, 0), x + 3)
+        rim[rows, columns] = True
+    found |= rim & (kind >= 0) & (worth > _WORTH_OF_RIM)
     if not found.any():
         return None
     beside = np.array([_mean(one * found, 3) for one in around])
