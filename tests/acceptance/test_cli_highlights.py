@@ -77,7 +77,7 @@ def test_highlights_are_light_of_the_lamp_that_is_mirrored(
 ) -> None:
     """In proportions of matt light alone layers come to 14.4 dB, highlights to −2.3 and 4.2 dB.
 
-    21.1, 4.6 and 11.1 dB are reached; what is left lies at the rims of the highlights.
+    33.7, 34.9 and 34.4 dB are reached.
     """
     results = separated(glossy.pair, "--camera", CAMERA, "--lights", 2, "--outputs", "layers.exr")
 
@@ -86,8 +86,8 @@ def test_highlights_are_light_of_the_lamp_that_is_mirrored(
         (found[list(order)] for order in itertools.permutations(range(2))),
         key=lambda layers: snr_db(layers, true),
     )
-    assert snr_db(found, true) > 19.5
-    for mirror, least in zip(glossy.mirrors, (3.5, 9.5), strict=True):
-        assert snr_db(found[:, mirror], true[:, mirror]) > least
+    assert snr_db(found, true) > 32
+    for mirror in glossy.mirrors:
+        assert snr_db(found[:, mirror], true[:, mirror]) > 32
     matt = ~glossy.mirrors.any(axis=0)
     assert snr_db(found[:, matt], true[:, matt]) > 33
