@@ -98,8 +98,8 @@ def test_directions_for_pictures_alone_are_not_looked_at(
     assert found.facing is None
 
 
-def test_a_pinned_area_outside_of_the_photograph_is_refused(
+def test_a_pinned_area_that_shows_nothing_is_refused(
     estimated: Callable[..., Estimate],
 ) -> None:
-    with pytest.raises(OptionError, match="96 × 64 pixels"):
-        estimated(pinned_lamps=[{"x": 200, "y": 10, "radius": 5}])
+    with pytest.raises(OptionError, match="area of pinned lamp 1 is too small to tell a light"):
+        estimated(pinned_lamps=[{"x": 20, "y": 10, "radius": 0.5}])
