@@ -303,8 +303,8 @@ def mixture(
         for j in range(count):
             counts[j] += _dot(lamps[j], scale)
             _pull(block, lamps[j], scale, gradient[j])
-        for k_edge in range(edges.shape[0]):
-            counts[count + k_edge] += _dot(edges[k_edge], scale)
+        for pair in range(edges.shape[0]):
+            counts[count + pair] += _dot(edges[pair], scale)
         if has_mirrors:
             for j in range(count):
                 counts[count + e + j] += _dot(mirrors[j], scale)

@@ -355,6 +355,30 @@ def test_on_grey_a_highlight_is_the_light_of_its_lamp_as_it_is(
     assert off(layers_by(grey), grey, np.ones(SIZE, bool)) < 1e-3
 
 
+@pytest.mark.parametrize(("across", "told"), [(6, False), (16, True)])
+def test_a_colour_that_nothing_around_has_tells_no_highlight(
+    model: Model,
+    paints: Array,
+    pair_of: Callable[..., Pair],
+    lamps_of: Callable[..., Lamps],
+    warm_to_cool: Array,
+    across: int,
+    told: bool,
+) -> None:
+    """A square of another paint, all of it mirroring a lamp: blocks six apart are compared."""
+    matrices = model.lamp_matrix(warm_to_cool[[0, 2]])
+    square = slice(100, 100 + across), slice(200, 200 + across)
+    flash = np.tile(0.7 * paints[0], (320, 480, 1))
+    flash[square] = 0.7 * paints[5]
+    light = np.einsum("kl,hwl->hwk", 0.4 * matrices[0] + 0.3 * matrices[1], flash)
+    light[square] += 0.1 * matrices[0] @ model.flash_white
+    lamps = lamps_of(warm_to_cool[[0, 2]], **balanced(light))
+
+    found = find_highlights(reduce_pair(pair_of(light, flash)), lamps, model.flash_white)
+
+    assert (found is not None) == told
+
+
 @pytest.mark.parametrize("chosen", [[0], [0, 1, 2]], ids=["one lamp", "three lamps"])
 def test_of_another_number_of_lamps_no_highlights_are_found(
     scene: Callable[..., Scene],

@@ -13,6 +13,7 @@ from pipeline.matrixfit import fit
 from pipeline.matrixfit.evidence import gather_evidence
 from pipeline.matrixfit.fit import Fit, first_fit, fit_matrices
 from pipeline.matrixfit.known import nothing_known
+from pipeline.matrixfit.objective import Term, make_terms
 from pipeline.model import Model
 from pipeline.reduced import reduce_pair
 
@@ -56,6 +57,31 @@ def test_matrices_are_recovered(
     assert found.matrices.shape == (len(which), 3, 3)
     np.testing.assert_allclose(np.linalg.norm(found.matrices, axis=(1, 2)), 1)
     assert off(found.matrices, model.lamp_matrix(true)) < limit
+
+
+@pytest.mark.parametrize("scale", [1.0, 3.0])
+def test_what_is_mirrored_has_the_colour_of_the_flash_on_white(
+    shadowed: Callable[[Array], Any],
+    model: Model,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+    scale: float,
+) -> None:
+    made: list[Array] = []
+
+    def noting(*given: Any) -> list[Term]:
+        terms = make_terms(*given)
+        made.append(terms[1].mirrored)
+        return terms
+
+    monkeypatch.setattr(fit, "make_terms", noting)
+    reduced = reduce_pair(shadowed(warm_to_cool[:2]))
+
+    known = nothing_known(scale * model.flash_white)
+    first_fit(reduced, gather_evidence(reduced, False), model, 2, known)
+
+    white = model.flash_white / model.flash_white.sum()
+    np.testing.assert_allclose(made, [white])
 
 
 @pytest.mark.parametrize(
