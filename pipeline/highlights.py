@@ -38,12 +38,17 @@ _MODEL = 0.017  # relative: what matrices leave over of matt light
 _SHADING = 0.5  # relative: how far shares change about a place
 _LEAST_SHADING = 0.1  # of both lamps' shares, to which a shadow's are nothing
 _MOST_UNUSUAL = 3.0  # shares that are not like those around do not tell a highlight alone
+_BRIGHT = 0.85  # of those around that shares brighter than any may be are above
+_NOTABLE = 1.2  # times the mean around: with less of either lamp, matt light is believed
+_BRIGHTER = 0.2  # relative: how far matt light goes beyond that
+_MOST_BRIGHT = 12.0  # no shadow makes shares brighter, as it makes them unusual
 _WORTH, _MOST_WORTH = 6.0, 12.0  # of a highlight: the least, and the most of a block
-_WORTH_OF_RIM = 3.0
+_WORTH_OF_RIM = 1.0
 _AGREEING = 5  # blocks across that are to agree
 _REACH = 0.047  # of the longer side: where the neighbours lie
 _STEPS = 4  # of neighbours on each side
 _ALIKE = 0.015  # chromaticity
+_UNLIKE = 4.0  # of that: beyond it nothing is alike
 _LEAST_ALIKE = 2.0  # blocks of like colour, a block itself among its neighbours
 _KINDS = 3  # what is mirrored: the first lamp, the second, the flash
 _TINY = np.float32(1e-12)
@@ -112,9 +117,9 @@ def find_highlights(
     """Find the highlights of two lamps; None where there are none, or not two lamps.
 
     flash_white: (3,) camera RGB of a white card under the flash. A block is a highlight where
-    light of like neighbours in any strength and that of one lamp, or without that of the flash,
-    explain it much better than matt light of both lamps does, and those around it agree; at the
-    rim of such blocks, half as much better is enough.
+    light of like neighbours in much the same strength and that of one lamp, or without that of the
+    flash, explain it much better than matt light of both lamps does, and those around it agree; at
+    the rim of such blocks, a little better is enough.
     """
     if len(lamps) != 2:
         return None
@@ -128,7 +133,8 @@ def find_highlights(
     step = max(round(_REACH * max(height, width) / _STEPS), 1)
     around = np.zeros((2, height, width), np.float32)
     kind, worth = np.full((height, width), -1), np.full((height, width), -_MOST_WORTH, np.float32)
-    _weigh(seen, flash, reduced.usable, matt, light, step, around, kind, worth)
+    asked = _unlike_matt(matt, reduced.usable, 2 * _STEPS * step + 1)
+    _weigh(seen, flash, reduced.usable, asked, matt, light, step, around, kind, worth)
     found = (kind >= 0) & (cv2.blur(worth, (_AGREEING, _AGREEING)) > _WORTH)
     if not found.any():
         return None
@@ -174,11 +180,24 @@ def _fit_matt(
             matt[2, y, x] = np.sqrt(max(left, np.float32(0.0)) / whole)
 
 
+def _unlike_matt(matt: Array, usable: Mask, side: int) -> Mask:
+    """Blocks worth a look: matt light leaves something over, or is brighter than the mean around.
+
+    matt: as _fit_matt writes it. side: of what is around, in blocks.
+    """
+    count = np.maximum(cv2.blur(usable.astype(np.float32), (side, side)), _TINY)
+    unlike: Mask = matt[2] > _MODEL
+    for one in matt[:2]:
+        unlike |= one > _NOTABLE / count * cv2.blur(one * usable, (side, side))
+    return unlike & usable
+
+
 @compiled
 def _weigh(
     no_flash: Planes,
     flash: Planes,
     usable: Mask,
+    asked: Mask,
     matt: Array,
     lamps: _Light,
     step: int,
@@ -186,7 +205,7 @@ def _weigh(
     kind: NDArray[np.int64],
     worth: Plane,
 ) -> None:
-    """Write of blocks that matt light leaves over what neighbours have, which highlight, its worth.
+    """Write of the blocks asked for what neighbours have, which highlight it would be, its worth.
 
     The worth is how much further from the light matt light is, squared, in units of _MODEL.
     """
@@ -194,13 +213,13 @@ def _weigh(
     shares, like = np.empty((2, most)), np.empty(most)
     for y in range(usable.shape[0]):
         for x in range(usable.shape[1]):
-            if not usable[y, x] or not matt[2, y, x] > _MODEL:
+            if not asked[y, x]:
                 continue
             count = _neighbours(flash, usable, matt, y, x, step, shares, like)
             if like[:count].sum() < _LEAST_ALIKE:
                 continue
-            s0 = _median(shares[0, :count], like[:count])
-            s1 = _median(shares[1, :count], like[:count])
+            s0, bright0 = _usual(shares[0, :count], like[:count])
+            s1, bright1 = _usual(shares[1, :count], like[:count])
             around[0, y, x], around[1, y, x] = s0, s1
             seen = pixel(no_flash, y, x)
             first, second = _matt_light(lamps, pixel(flash, y, x), s0, s1)
@@ -210,20 +229,27 @@ def _weigh(
                 if cost < least:
                     least, kind[y, x] = cost, one
             if kind[y, x] >= 0:
-                cost = _cost_of_matt(matt[0, y, x], matt[1, y, x], matt[2, y, x], s0, s1)
+                z0, z1 = matt[0, y, x], matt[1, y, x]
+                cost = (matt[2, y, x] / _MODEL) ** 2 + _cost_of_shares(z0, z1, s0, s1)
+                cost += _cost_of_brightness(z0, z1, bright0, bright1)
                 worth[y, x] = min(max(cost - least, -_MOST_WORTH), _MOST_WORTH)
 
 
 @inlined
-def _cost_of_matt(z0: Any, z1: Any, left: Any, s0: Any, s1: Any) -> Any:
-    """How far light is from that of a matt surface: what is left, and shares unlike those around.
-
-    z0, z1, left: what _fit_matt writes; s0, s1: shares around.
-    """
+def _cost_of_shares(z0: Any, z1: Any, s0: Any, s1: Any) -> Any:
+    """What it counts that shares z are unlike those around, s: shadows and edges do that, too."""
     shading = _LEAST_SHADING * (s0 + s1) + _TINY
-    unusual = ((z0 - s0) / (s0 + shading)) ** 2
-    unusual += ((z1 - s1) / (s1 + shading)) ** 2
-    return (left / _MODEL) ** 2 + _bounded(unusual)
+    off = ((z0 - s0) / (s0 + shading)) ** 2 + ((z1 - s1) / (s1 + shading)) ** 2
+    return _bounded(off / _SHADING**2, _MOST_UNUSUAL)
+
+
+@inlined
+def _cost_of_brightness(z0: Any, z1: Any, bright0: Any, bright1: Any) -> Any:
+    """What it counts that a lamp's share is beyond the brightest around."""
+    shading = _LEAST_SHADING * (bright0 + bright1) + _TINY
+    off = max((z0 - bright0) / (bright0 + shading), 0.0) ** 2
+    off += max((z1 - bright1) / (bright1 + shading), 0.0) ** 2
+    return _bounded(off / _BRIGHTER**2, _MOST_BRIGHT)
 
 
 @inlined
@@ -241,7 +267,7 @@ def _cost_of_mirrored(
         off = seen[k] - a * (first[k] + second[k]) - b * mirrored[k]
         left += (off * lamps.weights[k]) ** 2
     whole = max(_squared(times(seen, lamps.weights)), _TINY)
-    cost = left / whole / _MODEL**2 + _bounded((a - 1.0) ** 2)
+    cost = left / whole / _MODEL**2 + _bounded(((a - 1.0) / _SHADING) ** 2, _MOST_UNUSUAL)
     return cost if b > 0 else np.inf
 
 
@@ -256,7 +282,7 @@ def _neighbours(
     shares: NDArray[np.float64],
     like: NDArray[np.float64],
 ) -> int:
-    """Write shares of the usable blocks around one, itself among them, and how like its colour.
+    """Write shares of usable blocks of like colour around one, itself among them, and how like.
 
     Returns how many they are.
     """
@@ -265,10 +291,11 @@ def _neighbours(
         for j in range(max(x - reach, x % step), min(x + reach + 1, usable.shape[1]), step):
             if usable[i, j]:
                 other = _chromaticity(pixel(flash, i, j))
-                off = (other[0] - own[0]) ** 2 + (other[1] - own[1]) ** 2
-                like[count] = np.exp(-off / (2.0 * _ALIKE**2))
-                shares[0, count], shares[1, count] = matt[0, i, j], matt[1, i, j]
-                count += 1
+                off = ((other[0] - own[0]) ** 2 + (other[1] - own[1]) ** 2) / _ALIKE**2
+                if off < _UNLIKE**2:
+                    like[count] = np.exp(-0.5 * off)
+                    shares[0, count], shares[1, count] = matt[0, i, j], matt[1, i, j]
+                    count += 1
     return count
 
 
@@ -322,11 +349,22 @@ def _matt_light(lamps: _Light, f: Colour, s0: Any, s1: Any) -> tuple[Colour, Col
 def _explain(
     seen: Colour, first: Colour, second: Colour, mirrored: Colour, weights: Numbers
 ) -> tuple[Any, Any]:
-    """How often the matt light of two lamps, and mirrored light, are in what is seen, ≥ 0."""
+    """How often the matt light of two lamps, and mirrored light, are in what is seen, ≥ 0.
+
+    Matt light is there about once: the less it is beside a strong highlight, the less it tells.
+    """
     matt = first[0] + second[0], first[1] + second[1], first[2] + second[2]
-    a, b, scale = shares_of_two(
-        times(seen, weights), times(matt, weights), times(mirrored, weights)
-    )
+    seen, matt = _doubles(times(seen, weights)), _doubles(times(matt, weights))
+    mirrored = _doubles(times(mirrored, weights))
+    once = (_MODEL / _SHADING) ** 2 * max(_squared(seen), _TINY)
+    s0, s1 = _dot(matt, seen) + once, _dot(mirrored, seen)
+    g00, g01, g11 = _squared(matt) + once, _dot(matt, mirrored), _squared(mirrored)
+    a, b = g11 * s0 - g01 * s1, g00 * s1 - g01 * s0
+    if not b > 0:
+        return s0 / g00, 0.0
+    if a < 0:
+        return 0.0, s1 / g11
+    scale = g00 * g11 - g01 * g01
     return a / scale, b / scale
 
 
@@ -347,21 +385,23 @@ def _single(a: Numbers) -> Colour:
 
 
 @inlined
-def _bounded(unusual: Any) -> Any:
-    """What shares that are unlike those around count, in squares of _SHADING: at most so much."""
-    squared = unusual / (_SHADING * _SHADING)
-    return _MOST_UNUSUAL * squared / (_MOST_UNUSUAL + squared)
+def _bounded(squared: Any, most: float) -> Any:
+    """The square where it is small, at most so much where it is large (Geman and McClure 1985)."""
+    return most * squared / (most + squared)
 
 
 @compiled
-def _median(values: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
-    order = np.argsort(values)
-    half, total = 0.5 * weights.sum(), 0.0
+def _usual(values: NDArray[np.float64], weights: NDArray[np.float64]) -> tuple[float, float]:
+    """Weighted median, and what only the brightest are above."""
+    order, whole, total = np.argsort(values), weights.sum(), 0.0
+    median, is_below = 0.0, True
     for i in order:
         total += weights[i]
-        if total >= half:
-            return float(values[i])
-    return float(values[order[-1]])
+        if is_below and total >= 0.5 * whole:
+            median, is_below = values[i], False
+        if total >= _BRIGHT * whole:
+            return float(median), float(values[i])
+    return float(median), float(values[order[-1]])
 
 
 @inlined
@@ -372,4 +412,14 @@ def _chromaticity(f: Colour) -> tuple[Any, Any]:
 
 @inlined
 def _squared(a: Colour) -> Any:
-    return a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
+    return _dot(a, a)
+
+
+@inlined
+def _dot(a: Colour, b: Colour) -> Any:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inlined
+def _doubles(a: Colour) -> Colour:
+    return np.float64(a[0]), np.float64(a[1]), np.float64(a[2])

@@ -15,9 +15,10 @@ from tests.definitions.pixels import light_of_lamps, shares
 Doubles = NDArray[np.float64]
 
 _MODEL, _SHADING, _LEAST_SHADING = 0.017, 0.5, 0.1
-_MOST_UNUSUAL, _WORTH, _WORTH_OF_RIM, _MOST_WORTH = 3.0, 6.0, 3.0, 12.0
+_MOST_UNUSUAL, _WORTH, _WORTH_OF_RIM, _MOST_WORTH = 3.0, 6.0, 1.0, 12.0
+_BRIGHT, _NOTABLE, _BRIGHTER, _MOST_BRIGHT = 0.85, 1.2, 0.2, 12.0
 _AGREEING, _REACH, _STEPS = 5, 0.047, 4
-_ALIKE, _LEAST_ALIKE = 0.015, 2.0
+_ALIKE, _UNLIKE, _LEAST_ALIKE = 0.015, 4.0, 2.0
 
 
 def find_highlights(reduced: ReducedPair, lamps: Lamps, flash_white: Doubles) -> Highlights | None:
@@ -29,14 +30,18 @@ def find_highlights(reduced: ReducedPair, lamps: Lamps, flash_white: Doubles) ->
     seen, light = reduced.no_flash * weights, light_of_lamps(reduced.flash, lamps) * weights
     matt, left = _matt(reduced, lamps, seen, light)
     around, kind, worth = np.zeros((2, *size)), np.full(size, -1), np.full(size, -_MOST_WORTH)
-    for y, x in np.argwhere(reduced.usable & (left > _MODEL)):
+    notable = (matt > _NOTABLE * _mean_around(matt, reduced.usable)).any(axis=0)
+    for y, x in np.argwhere(reduced.usable & (notable | (left > _MODEL))):
         like, shares_there = _neighbours(reduced, matt, y, x)
         if like.sum() < _LEAST_ALIKE:
             continue
-        s = np.array([_median(one, like) for one in shares_there])
+        s = np.array([_quantile(one, like, 0.5) for one in shares_there])
         around[:, y, x] = s
-        unusual = np.square((matt[:, y, x] - s) / (s + _LEAST_SHADING * s.sum() + 1e-12)).sum()
-        of_matt = (left[y, x] / _MODEL) ** 2 + _bounded(unusual)
+        of_matt = (left[y, x] / _MODEL) ** 2
+        of_matt += _bounded(_off(matt[:, y, x], s) / _SHADING**2, _MOST_UNUSUAL)
+        bright = np.array([_quantile(one, like, _BRIGHT) for one in shares_there])
+        beyond = _off(np.maximum(matt[:, y, x], bright), bright)
+        of_matt += _bounded(beyond / _BRIGHTER**2, _MOST_BRIGHT)
         of_kinds = [
             _cost_of_mirrored(seen[y, x], s @ light[:, y, x], mirrored * weights)
             for mirrored in _mirrored(colours, s)
@@ -73,27 +78,61 @@ def _matt(
 
 def _neighbours(reduced: ReducedPair, matt: Doubles, y: int, x: int) -> tuple[Doubles, Doubles]:
     """How like a block those around it are (n,), and their shares (2, n)."""
-    step = max(round(_REACH * max(reduced.usable.shape) / _STEPS), 1)
     rows, columns = (
-        [i for i in middle + step * np.arange(-_STEPS, _STEPS + 1) if 0 <= i < size]
+        [
+            i
+            for i in middle + _step(reduced.usable) * np.arange(-_STEPS, _STEPS + 1)
+            if 0 <= i < size
+        ]
         for middle, size in zip((y, x), reduced.usable.shape, strict=True)
     )
     near = np.ix_(rows, columns)
     usable = reduced.usable[near]
     flash = reduced.flash[near][usable].astype(np.float64)
     off = _chromaticity(flash) - _chromaticity(reduced.flash[y, x].astype(np.float64))
-    like = np.exp(-np.square(off).sum(axis=-1) / (2 * _ALIKE**2))
+    off = np.square(off).sum(axis=-1) / _ALIKE**2
+    like = np.where(off < _UNLIKE**2, np.exp(-off / 2), 0.0)
     return like, np.array([one[near][usable] for one in matt])
+
+
+def _mean_around(matt: Doubles, usable: NDArray[np.bool_]) -> Doubles:
+    side = 2 * _STEPS * _step(usable) + 1
+    count = np.maximum(_mean(usable.astype(np.float64), side), 1e-12)
+    return np.stack([_mean(one * usable, side) / count for one in matt])
+
+
+def _step(usable: NDArray[np.bool_]) -> int:
+    height, width = usable.shape
+    return int(max(round(_REACH * max(height, width) / _STEPS), 1))
+
+
+def _off(z: Doubles, s: Doubles) -> float:
+    """How far shares (2,) are from others, relative to these, squared."""
+    return float(np.square((z - s) / (s + _LEAST_SHADING * s.sum() + 1e-12)).sum())
 
 
 def _cost_of_mirrored(seen: Doubles, matt: Doubles, mirrored: Doubles) -> float:
     """How far weighed light (3,) is from the highlight; infinite where nothing is mirrored."""
-    a, b = shares(seen, np.stack([matt, mirrored])).astype(np.float64)
+    a, b = _explain(seen, matt, mirrored)
     if not b > 0:
         return np.inf
     left = np.square(seen - a * matt - b * mirrored).sum()
     whole = max(np.square(seen).sum(), 1e-12)
-    return float(left / whole / _MODEL**2 + _bounded((a - 1.0) ** 2))
+    unusual = float(np.square((a - 1.0) / _SHADING))
+    return float(left / whole / _MODEL**2 + _bounded(unusual, _MOST_UNUSUAL))
+
+
+def _explain(seen: Doubles, matt: Doubles, mirrored: Doubles) -> Doubles:
+    """How often matt and mirrored light (…, 3) are in what is seen, (2, …).
+
+    Least squares with a fourth equation: that matt light is there once, to _SHADING of it, as light
+    is that of the model to _MODEL.
+    """
+    whole = np.maximum(np.square(seen).sum(axis=-1, keepdims=True), 1e-12)
+    once = _MODEL / _SHADING * np.sqrt(whole)
+    seen, matt = (np.concatenate([one, once], axis=-1) for one in (seen, matt))
+    mirrored = np.concatenate([mirrored, np.zeros_like(once)], axis=-1)
+    return shares(seen, np.stack([matt, mirrored])).astype(np.float64)
 
 
 def _mirrored(colours: Doubles, s: Doubles) -> tuple[Doubles, Doubles, Doubles]:
@@ -101,16 +140,15 @@ def _mirrored(colours: Doubles, s: Doubles) -> tuple[Doubles, Doubles, Doubles]:
     return colours[0], colours[1], -np.einsum("n...,nk->...k", s, colours)
 
 
-def _bounded(unusual: float) -> float:
-    squared = unusual / _SHADING**2
-    return _MOST_UNUSUAL * squared / (_MOST_UNUSUAL + squared)
+def _bounded(squared: float, most: float) -> float:
+    return most * squared / (most + squared)
 
 
-def _median(values: Doubles, weights: Doubles) -> float:
-    """The least value with half of the weight at or below it."""
+def _quantile(values: Doubles, weights: Doubles, part: float) -> float:
+    """The least value with that part of the weight at or below it."""
     order = np.argsort(values)
     total = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(total, 0.5 * weights.sum())])
+    return float(values[order][np.searchsorted(total, part * weights.sum())])
 
 
 def _chromaticity(flash: Doubles) -> Doubles:
@@ -134,8 +172,9 @@ def deal_out(
     lamp_or_not = np.array([[1, 0], [0, 1], [0, 0]])
     out = proportions.astype(np.float64)
     for kind, mirrored in enumerate(_mirrored(c, s)):
-        columns = np.stack([matt.sum(axis=0), np.broadcast_to(mirrored, flash.shape)])
-        a, b = shares(no_flash * channels, columns * channels)[..., None].astype(np.float64)
+        mirrored = np.broadcast_to(mirrored, flash.shape)
+        a, b = _explain(no_flash * channels, matt.sum(axis=0) * channels, mirrored * channels)
+        a, b = a[..., None], b[..., None]
         of_lamps = lamp_or_not[kind][:, None, None] if kind < 2 else -s
         light = np.maximum(a * matt + b * of_lamps[..., None] * c[:, None, None], 0.0)
         total = light.sum(axis=0)

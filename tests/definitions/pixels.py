@@ -88,8 +88,7 @@ def _solve(
 
 def _dot(a: Floats, b: Floats) -> Doubles:
     """Sum over the channels, in double precision: lamps that look alike at a pixel need it."""
-    red, green, blue = (np.multiply(a[..., k], b[..., k], dtype=np.float64) for k in range(3))
-    return red + green + blue
+    return np.asarray(np.multiply(a, b, dtype=np.float64).sum(axis=-1))
 
 
 def _divide(numerator: Doubles, denominator: Doubles, regular: NDArray[np.bool_]) -> Doubles:

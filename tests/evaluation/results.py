@@ -31,6 +31,7 @@ _ESTIMATOR = (
     "contradictions.py",
     "count.py",
     "families.py",
+    "highlights.py",
     "known_lamps.py",
     "lamps.py",
     "manifest.py",
