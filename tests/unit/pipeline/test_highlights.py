@@ -91,7 +91,8 @@ def scene(
     """Make red paint in even light, with patches that mirror one lamp, the other, and the flash.
 
     Below the middle the paint is paler, but for the last patch, which looks as pale under the flash
-    since it mirrors that. gloss, of_flash: how much is mirrored of lamps, and of the flash.
+    since it mirrors that. gloss, of_flash: how much is mirrored of lamps, and of the flash. radius:
+    of the patches.
     """
 
     def build(
@@ -100,9 +101,10 @@ def scene(
         size: tuple[int, int] = SIZE,
         noise: Noise | None = None,
         paint: Array = paints[0],
+        radius: float = RADIUS,
         **more: Any,
     ) -> Scene:
-        chosen, mirrors = warm_to_cool[[0, 2]], discs(size)
+        chosen, mirrors = warm_to_cool[[0, 2]], discs(size, radius)
         matrices, white = model.lamp_matrix(chosen), model.flash_white
         v, u = np.mgrid[: size[0], : size[1]] / np.array(size)[:, None, None]
         shading = (0.8 - 0.6 * ((u - 0.5) ** 2 + (v - 0.5) ** 2))[..., None]
@@ -353,6 +355,32 @@ def test_on_grey_a_highlight_is_the_light_of_its_lamp_as_it_is(
 
     assert find_highlights(grey.reduced, grey.lamps, model.flash_white) is None
     assert off(layers_by(grey), grey, np.ones(SIZE, bool)) < 1e-3
+
+
+@pytest.mark.parametrize("index", [24, 39, 59])
+@pytest.mark.parametrize(("radius", "told"), [(0.025, True), (RADIUS, False)])
+def test_a_highlight_that_paint_could_have_the_colour_of_is_told_by_its_brightness(
+    scene: Callable[..., Scene],
+    model: Model,
+    layers_by: Callable[..., NDArray[np.float32]],
+    paints: Array,
+    index: int,
+    radius: float,
+    told: bool,
+) -> None:
+    """Both lamps together make the first one's white on these paints, out of shares around.
+
+    Where the highlight is more than a seventh of what lies around, it is not brighter than that.
+    """
+    glossy = scene(0.3, 0.0, paint=paints[index], radius=radius)
+    first = glossy.mirrors[0]
+
+    found = find_highlights(glossy.reduced, glossy.lamps, model.flash_white)
+
+    assert found is not None
+    assert (found.blocks[..., 0] > 0)[first].mean() == told
+    assert off(layers_by(glossy, highlights=False), glossy, first) > 0.5
+    assert (off(layers_by(glossy), glossy, first) < 0.02) == told
 
 
 @pytest.mark.parametrize(("across", "told"), [(6, False), (16, True)])
