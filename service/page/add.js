@@ -25,6 +25,7 @@ export function showAdd(main, signal) {
   const problems = h("div");
   const go = h("button", { className: "main", textContent: "Separate the light", disabled: true });
   const sent = h("progress", { max: 1, value: 0, hidden: true, "aria-label": "Sent" });
+  const cancel = h("button", { type: "button", textContent: "Cancel", hidden: true });
   const enable = () => (go.disabled = swap.disabled = FRAMES.some(([frame]) => !files[frame]));
   const changed = () => {
     mine.once = newOnce();
@@ -66,7 +67,12 @@ export function showAdd(main, signal) {
   const occupy = (sending) => {
     pair.disabled = choices.disabled = sending; // what is on its way does not change any more
     hold(go, sending);
-    sent.hidden = !sending;
+    if (document.activeElement === cancel) go.focus(); // else its keyboard were lost
+    sent.hidden = cancel.hidden = !sending;
+  };
+  const progress = (fraction) => {
+    sent.value = fraction;
+    cancel.hidden ||= fraction === 1; // a job may have been made of it, which has a button of its own
   };
   const attempt = (work) =>
     single(async () => {
@@ -74,7 +80,8 @@ export function showAdd(main, signal) {
       try {
         goTo(await work(), signal);
       } catch (error) {
-        tellProblem(error, problems, signal);
+        if (error.name === "AbortError") say("The photographs were not sent.");
+        else tellProblem(error, problems, signal);
       }
     });
   const form = h(
@@ -85,10 +92,13 @@ export function showAdd(main, signal) {
         const body = new FormData();
         for (const [frame] of FRAMES) body.append(frame, files[frame]);
         body.append("options", JSON.stringify(options()));
+        const canceled = new AbortController();
+        cancel.onclick = () => canceled.abort();
+        progress(0);
         occupy(true);
         say("The photographs are being sent.");
         draft = empty();
-        return staying(upload("/jobs", body, mine.once, (fraction) => (sent.value = fraction)))
+        return staying(upload("/jobs", body, mine.once, progress, canceled.signal))
           .catch((error) => {
             if (!Object.keys(draft.files).length) draft = mine;
             throw error;
@@ -97,7 +107,7 @@ export function showAdd(main, signal) {
       }),
     },
     pair,
-    h("div", { className: "row" }, choices, go, sent),
+    h("div", { className: "row" }, choices, go, sent, cancel),
     problems,
   );
   main.classList.add("narrow");

@@ -116,16 +116,16 @@ export async function download(path, name, direct = false) {
   if (link.href.startsWith("blob:")) setTimeout(() => URL.revokeObjectURL(link.href), 60000);
 }
 
-/** Send a form; once: its Idempotency-Key. sent(fraction) is called while it is on its way. */
-export async function upload(path, form, once, sent) {
+/** Send a form; once: its Idempotency-Key. sent(fraction) is called while it is on its way. signal: gives it up, with an AbortError. */
+export async function upload(path, form, once, sent, signal) {
   for (;;) {
     const tried = key();
-    const answer = await send(path, form, once, sent);
+    const answer = await send(path, form, once, sent, signal);
     if (answer.status !== 401 || !(await otherKey(tried))) return parsed(answer);
   }
 }
 
-function send(path, form, once, sent) {
+function send(path, form, once, sent, signal) {
   return new Promise((resolve, reject) => {
     const call = new XMLHttpRequest();
     call.open("POST", path);
@@ -134,6 +134,7 @@ function send(path, form, once, sent) {
     call.upload.onprogress = (event) => sent(event.loaded / event.total);
     call.onload = () => resolve(call);
     call.onerror = async () => reject(new Problem((await changedIn(form)) ?? AWAY));
+    signal.onabort = () => (call.abort(), reject(signal.reason));
     call.send(form);
   });
 }

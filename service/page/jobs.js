@@ -11,11 +11,14 @@ const MOST = 200; // that may be asked for at once
 const AGAIN_MS = 10000; // until jobs of which some are under way are asked for again
 
 export async function showJobs(main, signal) {
-  const list = h("ul", { className: "jobs" });
+  const left = history.state; // where it was, if the user comes back
+  history.replaceState(null, "");
+  const keepPlace = () => history.replaceState({ jobs: cards.size, y: scrollY }, "");
+  const list = h("ul", { className: "jobs", onclick: keepPlace });
   const none = h("p", { hidden: true }, "There are none yet. ", h("a", { href: "#/", textContent: "Add two photographs." }));
   const problems = h("div");
   const cards = new Map();
-  let next = `/jobs?limit=${FIRST}`;
+  let next = `/jobs?limit=${Math.min(MOST, Math.max(FIRST, left?.jobs ?? 0))}`;
   let newest = 0; // when that was made
   const drop = ({ element, job }) => {
     const beside = element.nextElementSibling ?? element.previousElementSibling;
@@ -62,6 +65,7 @@ export async function showJobs(main, signal) {
   };
   main.append(h("h1", { textContent: "Jobs" }), list, none, h("p", {}, older), problems);
   await load();
+  if (left && !signal.aborted) scrollTo(0, left.y);
   keepUp(refresh, () => [...cards.values()].some(({ job }) => !ENDED.includes(job.state)), problems, signal);
 }
 

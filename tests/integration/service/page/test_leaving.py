@@ -136,6 +136,37 @@ def test_what_is_being_sent_cannot_be_changed(page: Page, held: list[Route]) -> 
         page.keyboard.press("Enter")
 
 
+def test_what_is_being_sent_can_be_canceled(page: Page, service: Any, done: dict[str, Any]) -> None:
+    """And sent again as it is. Over a line of 100 kB a second, without an answer made up."""
+    before = service.http.get("/jobs").json()["jobs"]
+    network = page.context.new_cdp_session(page)
+    line = {"offline": False, "latency": 0, "downloadThroughput": -1}
+    page.goto("/")
+    network.send("Network.enable")
+    network.send("Network.emulateNetworkConditions", {**line, "uploadThroughput": 100_000})
+    files: list[FilePayload] = [
+        {"name": name, "mimeType": "image/jpeg", "buffer": bytes(10**7)}
+        for name in ("a.jpg", "b.jpg")
+    ]
+    page.get_by_label("Choose a file: Without the flash").set_input_files(files)
+    send, cancel = (page.get_by_role("button", name=name) for name in ("Separate", "Cancel"))
+    expect(cancel).to_be_hidden()
+    send.click()
+    check_access(page, "cancel")
+    with page.expect_event("requestfailed", lambda one: one.url.endswith("/jobs")):
+        cancel.press("Enter")
+    expect(send).to_be_focused()
+    expect(cancel).to_be_hidden()
+    expect(page.get_by_role("progressbar", name="Sent")).to_be_hidden()
+    expect(page.locator("#said")).to_have_text("The photographs were not sent.")
+    expect(page.get_by_role("alert")).to_have_count(0)
+    assert service.http.get("/jobs").json()["jobs"] == before
+    network.send("Network.emulateNetworkConditions", {**line, "uploadThroughput": -1})
+    page.route(re.compile(r"/jobs$"), lambda route: route.fulfill(status=202, json=done))
+    send.press("Enter")
+    page.wait_for_url(re.compile(done["id"]))
+
+
 def test_the_browser_asks_before_photographs_are_lost_that_are_being_sent(
     page: Page, held: list[Route]
 ) -> None:

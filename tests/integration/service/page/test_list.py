@@ -88,6 +88,29 @@ def test_the_link_to_where_one_is_shows_it_anew(page: Page, listed: Listed) -> N
     expect(page.locator("main")).to_be_focused()
 
 
+def test_a_list_that_one_comes_back_to_is_where_it_was(page: Page, listed: Listed) -> None:
+    """With as many jobs as were shown; the link to it begins at the newest."""
+    listed.jobs = [listed.job(number) for number in range(60)]
+    asked: list[str] = []
+    page.on("request", lambda one: asked.append(one.url) if "/jobs?" in one.url else None)
+    page.reload()
+    expect(states(page)).to_have_count(60)
+    chosen = page.locator(".jobs a").nth(55)
+    chosen.scroll_into_view_if_needed()
+    place = page.evaluate("scrollY")
+    assert place > 500
+    chosen.click()
+    page.wait_for_url(re.compile(r"#/jobs/0+"))
+    page.go_back()
+    expect(states(page)).to_have_count(60)
+    page.wait_for_function("place => Math.abs(scrollY - place) < 2", arg=place)
+    assert [url.partition("?")[2] for url in asked] == ["limit=48", "limit=60"]
+    page.get_by_role("link", name="Jobs").click()
+    page.wait_for_function("scrollY === 0")
+    expect(states(page)).to_have_count(60)
+    assert page.evaluate("scrollY") == 0
+
+
 def test_jobs_that_cannot_be_listed_are_tried_again(page: Page, listed: Listed) -> None:
     listed.failing = True
     page.get_by_role("link", name="Jobs").click()
