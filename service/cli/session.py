@@ -27,8 +27,9 @@ from service.cli.shooting import RECIPE, say
 _NO_FLASH, _FLASH = "_no_flash.", "_flash."
 _LARGEST = 2**30  # bytes; the largest cameras write a third of that
 REFUSED = 2
-"""Exit code when a pair could not be separated, or a photograph is not in one as it is damaged."""
+"""Exit code when a pair could not be separated, or a file is in none as it could not be read."""
 
+_UNREAD = "it cannot be read"
 _DAMAGED = "it is a photograph that cannot be read, damaged or too large"
 
 
@@ -57,8 +58,9 @@ def separate_folder(folder: Path, output: Path, options: Options, as_json: bool)
         print_json({"pairs": results, "left": pairs.left})
     else:
         _print(results, pairs.left)
-    failed = any("error" in result for result in results) or _DAMAGED in pairs.left.values()
-    return REFUSED if failed else 0
+    failed = any("error" in result for result in results)
+    unread = any(reason.startswith((_UNREAD, _DAMAGED)) for reason in pairs.left.values())
+    return REFUSED if failed or unread else 0
 
 
 def _pairs_of(folder: Path, output: Path) -> Pairs:
@@ -93,7 +95,7 @@ def _pairs_of(folder: Path, output: Path) -> Pairs:
                 continue
             data = path.read_bytes()
         except OSError as error:
-            unreadable[path.name] = f"it cannot be read: {reason_of(error)}"
+            unreadable[path.name] = f"{_UNREAD}: {reason_of(error)}"
             continue
         try:
             shots[path.name] = read_shot(data)

@@ -284,27 +284,42 @@ def test_what_is_no_photograph_of_the_folder_is_told_or_passed_over(
     assert told["left"] == {"raw": "it is a folder of its own, to be named alone"}
 
 
+@pytest.mark.parametrize(
+    ("target", "reason", "code"),
+    [
+        ("nowhere", "it is no photograph", 0),
+        # not even asked about, as in a forbidden folder
+        ("f" * 300, "it cannot be read: file name too long", 2),
+    ],
+    ids=["gone", "forbidden"],
+)
 def test_what_is_no_file_of_the_folder_keeps_nobody_back(
     photograph: Photograph,
     separated: list[tuple[bool, bool]],
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
+    target: str,
+    reason: str,
+    code: int,
 ) -> None:
-    """Links to nowhere, a pipe that nobody writes to, and a film that no memory holds."""
+    """Links to nowhere, a pipe that nobody writes to, and a film that no memory holds.
+
+    What could not be read at all is a failure nevertheless: it may have been a photograph.
+    """
     photograph("a.jpg", 0, fired=False)
     photograph("b.jpg", 5, fired=True)
     folder = tmp_path / "session"
     (folder / "c.jpg").symlink_to(tmp_path / "nowhere")
     os.mkfifo(folder / "d")
-    (folder / "f.jpg").symlink_to("f" * 300)  # not even asked about, as in a forbidden folder
+    (folder / "f.jpg").symlink_to(target)
     with (folder / "e.mp4").open("wb") as film:
         film.truncate(60 * 2**30)
-    assert run(["separate", str(folder), "-o", str(tmp_path / "out")]) == 0
+    assert run(["separate", str(folder), "-o", str(tmp_path / "out")]) == code
     assert len(separated) == 1
     said = capsys.readouterr().out
     for name in ("c.jpg", "d", "e.mp4"):
         assert f"Left out: {name}: it is no photograph." in said
-    assert "Left out: f.jpg: it cannot be read: file name too long." in said
+    assert f"Left out: f.jpg: {reason}." in said
 
 
 def test_names_that_are_not_utf_8_keep_nobody_back(
