@@ -50,15 +50,17 @@ export class Processor {
     const preview = this._level(level);
     const area = areaOf(view, preview, corner, scale);
     const seen = emptied(area, this._lamps, this._context);
-    const smooth = view.smooth && !view.moving;
-    sample(seen, preview, corner, scale, smooth);
+    sample(seen, preview, corner, scale, view.smooth && !view.moving);
+    let halves = view.smooth;
     if (this._detail && detailed) {
       const { part, level: found } = this._detail;
       const from = corner.map((side, axis) => side + scale * part.corner[axis]);
       const full = scale * part.step;
-      sample(seen, found, from, full, !view.moving && full < 2 && full !== 1);
+      const smooth = full < 2 && full !== 1; // also where the preview is not
+      sample(seen, found, from, full, smooth && !view.moving);
+      halves ||= smooth;
     }
-    this._seen = { ...seen, place, halves: view.smooth && view.moving, others: "", old: "" };
+    this._seen = { ...seen, place, halves: halves && view.moving, others: "", old: "" };
   }
 
   /** Make the codes of the picture, from the lamp that was changed and the sum of the others. */

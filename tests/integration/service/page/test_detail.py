@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 from playwright.sync_api import Page
+
+from pipeline.encode.jpeg import to_srgb8
 
 LOOK = """async ({ size, room, corner, scale }) => {
   const { Detail } = await import("/page/detail.js");
@@ -154,3 +157,46 @@ REFUSE = """async () => {
 def test_after_a_key_was_refused_another_is_tried_and_the_same_is_not(page: Page) -> None:
     page.goto("/")
     assert page.evaluate(REFUSE) == [None, "bad", "good", "shown"]
+
+
+DRAW = """async ({ preview, photograph, scale, size }) => {
+  const { Processor } = await import("/page/processor.js");
+  const light = (bits, width) => ({
+    width,
+    height: bits.length / width,
+    channels: new Map(["R", "G", "B"].map((name) => [`lamp1.${name}`, Uint16Array.from(bits)])),
+  });
+  const context = new OffscreenCanvas(size, size).getContext("2d");
+  const processor = new Processor(context, light(preview, 4), 1);
+  processor.showDetail({ picture: light(photograph, 8), step: 1 / 2, corner: [0, 0] });
+  const identity = [[1, 0, 0, 0, 1, 0, 0, 0, 1]];
+  const view = {
+    width: size, height: size, corner: [0, 0], scale, level: 0, smooth: false, detailed: true,
+    split: 0, marked: false, around: [0, 0, 0], now: identity, before: identity,
+  };
+  return [true, false].map((moving) => {
+    const sharp = processor.draw({ ...view, moving });
+    return [sharp, [...context.getImageData(0, 0, size, 1).data].filter((_, at) => at % 4 === 0)];
+  });
+}"""
+"""The first row that the processor draws, while a picture moves and at rest, and whether that is
+all: a preview of 4 pixels to a side, larger than the screen's, and its photograph of 8."""
+
+
+@pytest.mark.parametrize(("scale", "waits"), [(3, True), (4, False), (2, False)])
+def test_at_rest_the_processor_draws_between_the_pixels_of_the_photograph(
+    page: Page, scale: int, waits: bool
+) -> None:
+    """Of which each takes 1.5 pixels of the screen, or whole ones, between which nothing is."""
+    size, full = 4 * scale, scale / 2
+    row = np.tile(np.array([0.0, 0.5], np.float16), 4)
+    page.goto("/")
+    bits = [np.full((4, 4), 0.25, np.float16), np.tile(row, (8, 1))]
+    preview, photograph = (one.view(np.uint16).ravel().tolist() for one in bits)
+    draw = {"preview": preview, "photograph": photograph, "scale": scale, "size": size}
+    (settled, _), (sharp, codes) = page.evaluate(DRAW, draw)
+    points = (np.arange(size) + 0.5) / full
+    light = np.interp(points - 0.5, np.arange(8), row) if waits else row[points.astype(int)]
+    wanted = to_srgb8(np.repeat(light.astype(np.float32)[None, :, None], 3, axis=2))[0, :, 0]
+    assert (settled, sharp) == (not waits, True)
+    assert np.abs(np.array(codes) - wanted).max() <= 1
