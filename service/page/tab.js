@@ -14,8 +14,8 @@ export function keep(name, text) {
 /** The text that was kept; null where there is none. */
 export function kept(name) {
   try {
-    return sessionStorage.getItem(name) ?? here.get(name) ?? null;
+    return here.get(name) ?? sessionStorage.getItem(name); // which may be full, and hold what was before
   } catch {
-    return here.get(name) ?? null;
+    return null;
   }
 }

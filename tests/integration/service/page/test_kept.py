@@ -82,3 +82,15 @@ def test_the_way_back_from_a_rendered_mix_shows_it(
         expect(exposure).to_have_value(found)
         expect(strip(page, 2).get_by_label("Kelvin")).to_be_checked()
         exposure.fill(left)
+
+
+def test_what_a_full_store_does_not_take_is_not_what_it_was_before(page: Page) -> None:
+    page.goto("/")
+    kept = """async () => {
+      const { keep, kept } = await import("/page/tab.js");
+      keep("a", "1");
+      Storage.prototype.setItem = () => { throw new DOMException("", "QuotaExceededError"); };
+      keep("a", "2");
+      return kept("a");
+    }"""
+    assert page.evaluate(kept) == "2"
