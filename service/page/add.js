@@ -18,10 +18,11 @@ const NO_FILES = { title: "No photographs there", message: "Folders, and picture
 const empty = () => ({ files: {}, lamps: "auto", once: newOnce() });
 
 let draft = empty(); // as the view was left: a photograph that a phone took for it is nowhere else
+let refill = () => {}; // has the view that is shown, in which nothing is filled in, show the draft
 
 export function showAdd(main, signal) {
-  const mine = draft;
-  const { files } = mine;
+  let mine = draft;
+  let { files } = mine;
   const problems = h("div");
   const go = h("button", { className: "main", textContent: "Separate the light", disabled: true });
   const sent = h("progress", { max: 1, value: 0, hidden: true, "aria-label": "Sent" });
@@ -60,19 +61,22 @@ export function showAdd(main, signal) {
     { onchange: () => ((mine.lamps = lamps.value), changed()) },
     ...[["auto", "Find out"], ["1", "1"], ["2", "2"], ["3", "3"]].map(([value, textContent]) => h("option", { value, textContent })),
   );
-  lamps.value = mine.lamps;
   const options = () => (lamps.value === "auto" ? {} : { lights: Number(lamps.value) });
   const pair = h("fieldset", { className: "zones" }, ...zones.map((one) => one.element));
   const choices = h("fieldset", { className: "row" }, h("label", {}, "Lamps ", lamps), swap);
   const occupy = (sending) => {
     pair.disabled = choices.disabled = sending; // what is on its way does not change any more
     hold(go, sending);
-    if (document.activeElement === cancel) go.focus(); // else its keyboard were lost
-    sent.hidden = cancel.hidden = !sending;
+    sent.hidden = !sending;
+    offerCancel(sending);
+  };
+  const offerCancel = (offered) => {
+    if (!offered && document.activeElement === cancel) go.focus(); // else its keyboard were lost
+    cancel.hidden = !offered;
   };
   const progress = (fraction) => {
     sent.value = fraction;
-    cancel.hidden ||= fraction === 1; // a job may have been made of it, which has a button of its own
+    offerCancel(fraction < 1); // then a job may have been made of it, which has a button of its own
   };
   const attempt = (work) =>
     single(async () => {
@@ -100,7 +104,10 @@ export function showAdd(main, signal) {
         draft = empty();
         return staying(upload("/jobs", body, mine.once, progress, canceled.signal))
           .catch((error) => {
-            if (!Object.keys(draft.files).length) draft = mine;
+            if (!Object.keys(draft.files).length) {
+              draft = mine;
+              refill();
+            }
             throw error;
           })
           .finally(() => occupy(false));
@@ -116,8 +123,18 @@ export function showAdd(main, signal) {
     h("p", { className: "lead", textContent: "Two photographs from the same place: one without the flash, one with it." }),
     form,
   );
-  FRAMES.forEach(([frame], index) => files[frame] && zones[index].show(files[frame]));
-  enable();
+  const fill = () => {
+    lamps.value = mine.lamps;
+    FRAMES.forEach(([frame], index) => files[frame] && zones[index].show(files[frame]));
+    enable();
+  };
+  refill = () => {
+    if (signal.aborted || pair.disabled) return; // what is being sent is what is shown
+    mine = draft;
+    files = mine.files;
+    fill();
+  };
+  fill();
   showCameras(main, signal, attempt, options);
 }
 

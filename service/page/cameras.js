@@ -2,7 +2,7 @@
 
 import { get, sender } from "./api.js";
 import { settingsOf } from "./camera_settings.js";
-import { bytes, h, isUsed, otherKey, pause } from "./dom.js";
+import { bytes, h, hold, isUsed, otherKey, pause } from "./dom.js";
 import { follow } from "./events.js";
 import { AWAY } from "./watch.js";
 
@@ -98,7 +98,7 @@ function rowOf(camera, attempt, options) {
   );
   const show = (now) => {
     how.replaceChildren(...wordsOf(now));
-    button.disabled = now.state === "away" || now.state === "unable";
+    hold(button, now.state === "away" || now.state === "unable");
   };
   return { element, show };
 }

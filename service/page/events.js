@@ -13,6 +13,7 @@ const SILENCE_MS = 25000; // the service says something every 15 s
  * Throws the service's Problem where it has no such events.
  */
 export async function follow(path, signal, tell) {
+  if (signal.aborted) return true; // what listens to it from now on hears nothing
   const control = new AbortController();
   const stop = () => control.abort();
   for (const [target, type] of [[signal, "abort"], ...USE]) {

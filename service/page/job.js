@@ -14,7 +14,7 @@ export async function showJob(main, id, signal, again) {
     if (main.contains(document.activeElement)) main.focus(); // else the keyboard were lost with the button it was at
     main.replaceChildren();
   };
-  const job = await watch(id, signal, progressOf(main, id)).finally(() => signal.aborted || clear());
+  const job = await watch(id, signal, progressOf(main, id, signal)).finally(() => signal.aborted || clear());
   if (!job) return;
   entitle(titleOf(job));
   if (job.state === "succeeded" && !job.options.kind) {
@@ -22,7 +22,7 @@ export async function showJob(main, id, signal, again) {
   } else {
     main.append(h("h1", { textContent: kindOf(job) }), job.state === "succeeded" ? filesOf(job, signal) : reasonOf(job), actionsOf(job, signal));
   }
-  say(`${kindOf(job)}: ${stateOf(job)}`);
+  if (!signal.aborted) say(`${kindOf(job)}: ${stateOf(job)}`);
 }
 
 function reasonOf(job) {

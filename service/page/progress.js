@@ -1,7 +1,8 @@
 // How far a job is, stage by stage, and what it asks its operator to do.
 
 import { hereAt, post } from "./api.js";
-import { alarm, entitle, h, hold, say, single } from "./dom.js";
+import { entitle, h, hold, say, single } from "./dom.js";
+import { tellProblem } from "./notes.js";
 import { kindOf, stateOf, titleOf } from "./words.js";
 
 const STAGES = {
@@ -15,8 +16,8 @@ const STAGES = {
   mix: "Mix the layers",
 };
 
-/** Gives a function that shows a job, and whether the service is away just now. */
-export function progressOf(main, id) {
+/** Gives a function that shows a job, and whether the service is away just now. signal: ends with the view. */
+export function progressOf(main, id, signal) {
   const heading = h("h1");
   const when = h("p", { className: "lead" });
   const request = h("div");
@@ -25,7 +26,7 @@ export function progressOf(main, id) {
   const ask = (path) =>
     single(async () => {
       problems.replaceChildren();
-      await post(path, {}).catch((error) => problems.replaceChildren(alarm(error)));
+      await post(path, {}).catch((error) => tellProblem(error, problems, signal));
     });
   const cancel = h("button", { type: "button", textContent: "Cancel", onclick: ask(`/jobs/${id}/cancel`) });
   const parts = [heading, when, request, steps, h("p", {}, cancel), problems];

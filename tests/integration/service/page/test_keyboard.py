@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import re
 from typing import Any
 
 from playwright.sync_api import Page, Route, expect
 
-from tests.integration.service.page.looking import TWO_FRAMES, tab_to
+from tests.integration.service.page.looking import CAMERA, PATIENT, TWO_FRAMES, drop, tab_to
 
 
 def test_the_keyboard_goes_on_at_the_first_of_older_jobs(page: Page, done: dict[str, Any]) -> None:
@@ -84,3 +85,47 @@ def test_the_keyboard_stays_at_a_job_that_is_being_stopped(
     page.keyboard.press("Enter")
     page.evaluate(TWO_FRAMES)
     assert canceled == ["POST"]
+
+
+def test_the_keyboard_stays_with_photographs_that_can_be_canceled_no_longer(page: Page) -> None:
+    """All of them are sent; or sent anew, as with another key."""
+    page.add_init_script(
+        """const send = XMLHttpRequest.prototype.send;
+        XMLHttpRequest.prototype.send = function (body) {
+          window.sent = (loaded) => this.upload.onprogress({ loaded, total: 2 });
+          send.call(this, body);
+        };"""
+    )
+    page.route(re.compile(r"/jobs$"), lambda _: None)
+    page.goto("/")
+    drop(page, "Without the flash", "1.dng", "2.dng")
+    send, cancel = (page.get_by_role("button", name=name) for name in ("Separate", "Cancel"))
+    send.click()
+    cancel.focus()
+    page.evaluate("window.sent(2)")
+    page.evaluate(TWO_FRAMES)
+    expect(cancel).to_be_hidden()
+    expect(send).to_be_focused()
+    page.evaluate("window.sent(1)")
+    expect(cancel).to_be_visible()
+
+
+def test_the_keyboard_stays_at_a_camera_that_goes_away(page: Page) -> None:
+    waits: list[Route] = []
+    captured: list[Route] = []
+    page.add_init_script(PATIENT)
+    page.route("**/cameras", lambda route: route.fulfill(json=[{**CAMERA, "state": "idle"}]))
+    page.route("**/cameras/events", lambda route: waits.append(route))
+    page.route("**/captures", lambda route: captured.append(route))
+    with page.expect_request("**/cameras/events"):
+        page.goto("/")
+    capture = page.get_by_role("button", name="Capture with Nikon D5100")
+    tab_to(page, capture)
+    body = f"data: {json.dumps([{**CAMERA, 'state': 'away'}])}\n\n"
+    waits[0].fulfill(content_type="text/event-stream", body=body)
+    expect(capture).to_be_disabled()
+    page.evaluate(TWO_FRAMES)
+    expect(capture).to_be_focused()
+    page.keyboard.press("Enter")
+    page.evaluate(TWO_FRAMES)
+    assert captured == []

@@ -95,6 +95,25 @@ def test_photographs_that_failed_after_their_view_was_left_are_found_there(
     expect(names).to_have_count(0)
 
 
+def test_photographs_that_fail_are_found_in_the_view_that_was_gone_to_meanwhile(
+    page: Page, held: list[Route]
+) -> None:
+    """Of which nothing is filled in; else what is chosen there would take their place."""
+    names = page.locator(".chosen .name")
+    notes = leave(page)
+    page.get_by_role("link", name="New").click()
+    expect(names).to_have_count(0)
+    held[0].abort()
+    expect(notes.get_by_role("alert")).to_contain_text("No connection")
+    expect(names).to_have_text([re.compile("a.jpg"), re.compile("b.jpg")])
+    page.get_by_role("button", name="Swap").click()
+    expect(names).to_have_text([re.compile("b.jpg"), re.compile("a.jpg")])
+    with page.expect_request(re.compile(r"/jobs$")) as sent:
+        page.get_by_role("button", name="Separate the light").click()
+    body = sent.value.post_data_buffer or b""
+    assert re.findall(rb'filename="(.*?)"', body) == [b"b.jpg", b"a.jpg"]
+
+
 def test_what_is_chosen_stays_until_it_is_sent(page: Page) -> None:
     page.goto("/")
     drop(page, "With the flash", "2.dng")
@@ -221,3 +240,45 @@ def test_a_deletion_that_is_late_takes_nobody_from_another_view(
         held[0].fulfill(status=204)
     page.evaluate(TWO_FRAMES)
     assert page.url.endswith("#/")
+
+
+def test_a_job_that_is_told_of_too_late_is_not_followed(page: Page, done: dict[str, Any]) -> None:
+    """A stream of its events would take one of six connections from what is looked at."""
+    here = f"/jobs/{done['id']}"
+    held: list[Route] = []
+    followed: list[Route] = []
+    page.route(f"**{here}", lambda route: held.append(route))
+    page.route(f"**{here}/events", lambda route: followed.append(route))
+    with page.expect_request(f"**{here}"):
+        page.goto(f"/#{here}")
+    leave(page)
+    with page.expect_response(f"**{here}"):
+        held[0].fulfill(json={**done, "state": "running"})
+    page.evaluate(TWO_FRAMES)
+    assert followed == []
+
+
+def test_a_result_that_is_left_is_not_said_to_be_there(page: Page, done: dict[str, Any]) -> None:
+    page.route("**/preview.exr", lambda _: None)
+    with page.expect_request("**/preview.exr"):
+        page.goto(f"/#/jobs/{done['id']}")
+    leave(page)
+    page.evaluate(TWO_FRAMES)
+    expect(page.locator("#said")).to_have_text("")
+
+
+def test_a_job_that_could_not_be_canceled_is_told_of_in_another_view(
+    page: Page, done: dict[str, Any]
+) -> None:
+    here = f"/jobs/{done['id']}"
+    held: list[Route] = []
+    running = {**done, "state": "running", "stage": "lamps", "fraction": 0.5}
+    page.route(f"**{here}", lambda route: route.fulfill(json=running))
+    page.route(f"**{here}/events", lambda route: route.abort())
+    page.route(f"**{here}/cancel", lambda route: held.append(route))
+    page.goto(f"/#{here}")
+    with page.expect_request(f"**{here}/cancel"):
+        page.get_by_role("button", name="Cancel").click()
+    notes = leave(page)
+    held[0].fulfill(status=429, json=PROBLEM)
+    expect(notes.get_by_role("alert")).to_contain_text("Come back tomorrow.")
