@@ -7,18 +7,21 @@ void main() {
 
 const SOFTWARE = /swiftshader|llvmpipe|softpipe|basic render|software/i;
 
-/** WebGL 2 of a canvas, null where the browser has none. */
-export function open(canvas) {
-  return canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false, stencil: false });
+/** WebGL 2 of a canvas, null where the browser has none. signal: ends with the view, and gives back what it takes of the graphics card. */
+export function open(canvas, signal) {
+  const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false, stencil: false });
+  signal.addEventListener("abort", () => gl?.getExtension("WEBGL_lose_context")?.loseContext());
+  return gl;
 }
 
-/** Whether there is WebGL 2 done by a graphics card, as far as the browser tells. */
-export function hasGraphicsCard() {
+/** Whether there is WebGL 2 done by a graphics card, as far as the browser tells, for pictures of so many pixels to a side. */
+export function hasGraphicsCard(side) {
   const gl = document.createElement("canvas").getContext("webgl2");
   const told = gl?.getExtension("WEBGL_debug_renderer_info");
   const software = told && SOFTWARE.test(gl.getParameter(told.UNMASKED_RENDERER_WEBGL));
+  const large = side <= gl?.getParameter(gl.MAX_TEXTURE_SIZE); // else nothing were drawn
   gl?.getExtension("WEBGL_lose_context")?.loseContext();
-  return Boolean(gl) && !software;
+  return large && !software;
 }
 
 /** A program that runs a fragment shader for every pixel of the canvas. */
@@ -63,6 +66,19 @@ vec3 encoded(vec3 light) {
 /** The colour around a picture, 0…255. */
 export function surroundings(canvas) {
   return getComputedStyle(canvas).backgroundColor.match(/[\d.]+/g).slice(0, 3).map(Number);
+}
+
+/** Call draw() where colours change, or how many pixels of the screen one of the page takes, as on another screen. signal: ends it. */
+export function followScreen(draw, signal) {
+  matchMedia("(prefers-color-scheme: light)").addEventListener("change", draw, { signal }); // else it were kept in memory
+  const followRatio = () => {
+    const again = () => {
+      followRatio();
+      draw();
+    };
+    matchMedia(`(resolution: ${devicePixelRatio}dppx)`).addEventListener("change", again, { once: true, signal });
+  };
+  followRatio();
 }
 
 /** Give a canvas as many pixels as the screen shows of it, or fewer by the square of a factor; whether it had others. */

@@ -1,7 +1,7 @@
 // A picture of layers on a canvas: what of it is shown, and when it is drawn.
 
 import { Detail } from "./detail.js";
-import { fit, hasGraphicsCard, open, surroundings } from "./gl.js";
+import { fit, followScreen, hasGraphicsCard, open, surroundings } from "./gl.js";
 import { Graphics } from "./graphics.js";
 import { Processor } from "./processor.js";
 
@@ -29,8 +29,9 @@ export class Light {
     this.lamps = [...preview.channels.keys()].filter((name) => name.endsWith(".R")).length;
     this.split = 0;
     this.marked = false;
-    this._painter = hasGraphicsCard()
-      ? new Graphics(open(canvas), preview, this.lamps)
+    const gl = hasGraphicsCard(Math.max(...this.size)) ? open(canvas, signal) : null;
+    this._painter = gl
+      ? new Graphics(gl, preview, this.lamps)
       : new Processor(canvas.getContext("2d", { alpha: false, willReadFrequently: true }), preview, this.lamps);
     this._detail = new Detail(this, fetchArea);
     signal.addEventListener("abort", () => this._detail.leave());
@@ -48,7 +49,7 @@ export class Light {
     new ResizeObserver(() => this.draw()).observe(canvas);
     canvas.addEventListener("webglcontextlost", (event) => event.preventDefault()); // else it never came back
     canvas.addEventListener("webglcontextrestored", () => this._restore());
-    matchMedia("(prefers-color-scheme: light)").addEventListener("change", () => this.draw(), { signal }); // else it were kept in memory
+    followScreen(() => this.draw(), signal);
   }
 
   /** Show the layers through these matrices; before: those left of the split. */
@@ -81,7 +82,9 @@ export class Light {
     const point = [x * devicePixelRatio, y * devicePixelRatio];
     const held = point.map((value, axis) => (value - corner[axis]) / old);
     const wanted = Math.min(LARGEST * this.step, old * factor);
-    this._zoom = wanted <= this._whole(room) ? null : wanted;
+    const whole = this._whole(room);
+    // a small picture is smaller than that pixel by pixel, and no smaller yet
+    this._zoom = old >= whole && wanted <= whole ? null : Math.max(wanted, Math.min(old, this.step, whole));
     const scale = this._scale(room);
     this._middle = held.map((value, axis) => value - (point[axis] - room[axis] / 2) / scale);
     this.draw();

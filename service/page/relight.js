@@ -1,7 +1,7 @@
 // The normals under a light that follows the pointer.
 
 import { isShortcut } from "./dom.js";
-import { SRGB, build, fit, open, surroundings, texture } from "./gl.js";
+import { SRGB, build, fit, followScreen, open, surroundings, texture } from "./gl.js";
 
 const SHADER = `#version 300 es
 precision highp float;
@@ -46,7 +46,7 @@ export async function relight(canvas, blob, convention, signal) {
 }
 
 async function prepare(canvas, blob, convention, signal) {
-  const gl = open(canvas);
+  const gl = open(canvas, signal);
   if (!gl) throw new Error("This browser cannot show normals: it has no WebGL 2.");
   const whole = await createImageBitmap(blob, {
     colorSpaceConversion: "none",
@@ -55,6 +55,9 @@ async function prepare(canvas, blob, convention, signal) {
   const scale = Math.min(1, LONGEST / Math.max(whole.width, whole.height));
   const size = [Math.round(whole.width * scale), Math.round(whole.height * scale)];
   const picture = await createImageBitmap(whole, { resizeWidth: size[0], resizeHeight: size[1] });
+  whole.close();
+  if (signal.aborted) return picture.close();
+  signal.addEventListener("abort", () => picture.close());
   let place;
   const load = () => {
     place = build(gl, SHADER);
@@ -96,5 +99,5 @@ async function prepare(canvas, blob, convention, signal) {
     draw();
   });
   new ResizeObserver(draw).observe(canvas);
-  matchMedia("(prefers-color-scheme: light)").addEventListener("change", draw, { signal }); // else it were kept in memory
+  followScreen(draw, signal);
 }

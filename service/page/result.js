@@ -192,6 +192,7 @@ class Views {
     this._signal = signal;
     this._views = new Map();
     this._light = null;
+    this._told = null; // why a picture did not come
   }
 
   add(name, text, element, start = () => {}) {
@@ -257,17 +258,17 @@ class Views {
     const view = this._views.get(name);
     const mixes = view.element === this._light?.canvas;
     if (view.element.parentNode !== this._place) this._place.replaceChildren(view.element);
+    this._told?.remove(); // it is tried again
     const { start } = view;
     view.start = () => {};
     Promise.resolve(start()).catch((error) => {
       view.start = start; // looked at again, it is tried again
       if (!this._place.contains(view.element)) return;
-      const told = alarm(error, () => {
+      this._told = alarm(error, () => {
         this._choice.querySelector(":checked").focus(); // else the keyboard were lost with the button
-        told.remove();
         this._show(name);
       });
-      this._place.append(told);
+      this._place.append(this._told);
     });
     for (const part of [this._zoom, this._comparison]) if (part) part.hidden = !mixes;
     if (mixes) this.shown(name);

@@ -34,6 +34,9 @@ CAMERA: dict[str, Any] = {
 }
 """A busy camera as the service tells it."""
 
+FACING = np.tile(np.array([0, 0, 1], np.float32), (60, 90, 1))
+"""Surface normals (h, W, 3) that all look at the camera."""
+
 TWO_FRAMES = """() => new Promise((done) => {
   requestAnimationFrame(() => requestAnimationFrame(() => done(true)));
 })"""

@@ -144,3 +144,17 @@ def test_without_webgl_there_is_a_mixer(page: Page, done: dict[str, Any]) -> Non
     drawn(page)
     assert canvas.screenshot() != before
     expect(page.get_by_role("alert")).to_have_count(0)
+
+
+def test_a_picture_too_long_for_the_card_is_drawn_by_the_processor(
+    page: Page, done: dict[str, Any]
+) -> None:
+    """Which would draw nothing of it, and say nothing: a preview may be of any length."""
+    page.add_init_script(f"({UNTOLD})()")
+    page.add_init_script(
+        """const ask = WebGL2RenderingContext.prototype.getParameter;
+        WebGL2RenderingContext.prototype.getParameter = function (name) {
+          return name === this.MAX_TEXTURE_SIZE ? 299 : ask.call(this, name);
+        };"""
+    )
+    assert open_mixer(page, done).evaluate(KIND) == "processor"

@@ -14,6 +14,7 @@ from PIL import Image
 from playwright.sync_api import FilePayload, Locator, Page, expect
 
 from tests.integration.service.page.looking import (
+    FACING,
     TWO_FRAMES,
     choose_normals,
     drawn,
@@ -33,8 +34,7 @@ COUNT_DRAWN = """(canvas) => {
 @pytest.fixture
 def normals(page: Page, done: dict[str, Any], tmp_path: Path) -> Locator:
     """The canvas, drawn, of a job as if it had found normals, all of which look at the camera."""
-    facing = np.broadcast_to(np.array([0, 0, 1], np.float32), (60, 90, 3))
-    return open_normals(page, done, np.ascontiguousarray(facing), tmp_path)
+    return open_normals(page, done, FACING, tmp_path)
 
 
 def leave_and_change_colours(page: Page) -> int:
@@ -221,3 +221,98 @@ def test_a_menu_that_takes_the_end_of_a_drag_leaves_the_picture(
     page.mouse.move(box["x"] + 240, box["y"] + 230)
     page.evaluate(TWO_FRAMES)
     assert drawn(page).screenshot() == seen
+
+
+NOTE_ASKED = """
+  const ask = matchMedia;
+  window.asked = [];
+  matchMedia = (query) => {
+    asked.push(ask(query));
+    return asked.at(-1);
+  };
+"""
+"""Notes in window.asked what the page asks of the screen."""
+TELL_CHANGED = """() => {
+  for (const one of asked.filter(({ media }) => media.includes("resolution"))) {
+    if (!one.matches) one.dispatchEvent(new Event("change"));
+  }
+}"""
+"""Tells a page that its screen has other pixels, which a browser without a screen does not."""
+
+
+@pytest.mark.parametrize("view", ["#mix", "#normals"])
+def test_a_screen_of_finer_pixels_shows_them(
+    page: Page, done: dict[str, Any], tmp_path: Path, view: str
+) -> None:
+    """As after a window has moved to another screen, where its size on the page stays."""
+    page.add_init_script(NOTE_ASKED)
+    open_normals(page, done, FACING, tmp_path)
+    if view == "#mix":
+        page.get_by_role("radio", name="Mix", exact=True).check(force=True)
+    drawn(page, view)
+    devtools = page.context.new_cdp_session(page)
+    screen = {"width": 1280, "height": 800, "mobile": False}
+    for ratio in (2, 1.5, 1):
+        devtools.send("Emulation.setDeviceMetricsOverride", {**screen, "deviceScaleFactor": ratio})
+        page.evaluate(TELL_CHANGED)
+        width = page.locator(view).evaluate("(canvas) => canvas.clientWidth")
+        expect(page.locator(view)).to_have_js_property("width", round(ratio * width))
+
+
+COUNT_CLOSED = """
+  window.freed = 0;
+  const close = ImageBitmap.prototype.close;
+  ImageBitmap.prototype.close = function () {
+    window.freed++;
+    close.call(this);
+  };
+"""
+"""Counts in window.freed the pictures of which the memory was given back."""
+
+
+def test_pictures_of_normals_are_given_back(
+    page: Page, done: dict[str, Any], tmp_path: Path
+) -> None:
+    """That of full size once there is a smaller one, and that with the view."""
+    page.add_init_script(COUNT_CLOSED)
+    open_normals(page, done, FACING, tmp_path)
+    assert page.evaluate("window.freed") == 1
+    page.get_by_role("link", name="Jobs").click()
+    expect(page.get_by_role("heading", name="Jobs")).to_be_visible()
+    assert page.evaluate("window.freed") == 2
+
+
+def test_a_small_picture_pixel_by_pixel_does_not_become_larger_by_the_button_for_smaller(
+    page: Page, done: dict[str, Any]
+) -> None:
+    canvas = open_mixer(page, done)
+    whole = canvas.screenshot()
+    page.get_by_role("button", name="pixel by pixel").click()
+    seen = drawn(page).screenshot()
+    assert seen != whole
+    page.get_by_role("button", name="Smaller").click()
+    assert drawn(page).screenshot() == seen
+    page.get_by_role("button", name="Larger").click()
+    assert drawn(page).screenshot() not in (seen, whole)
+    page.get_by_role("button", name="Show all").click()
+    assert drawn(page).screenshot() == whole
+
+
+def test_a_picture_that_comes_at_last_is_without_the_alarm_before_it(
+    page: Page, done: dict[str, Any], service: Any
+) -> None:
+    manifest = json.loads(result(service, done, "manifest.json"))
+    manifest["warnings"] = [{"code": "unexplained", "message": "Look there.", "figures": {}}]
+    page.route("**/results", lambda route: route.fulfill(json=manifest))
+    page.route("**/residual.png", lambda route: route.abort())
+    open_mixer(page, done)
+    where = page.get_by_role("button", name="Show where: Look there.")
+    alerts = page.get_by_role("alert")
+    for _ in range(2):
+        with page.expect_event("requestfailed", lambda one: one.url.endswith("/residual.png")):
+            where.click()
+        expect(alerts).to_have_count(1)
+    page.unroute("**/residual.png")
+    where.click()
+    expect(page.locator(".picture img")).not_to_have_js_property("naturalWidth", 0)
+    expect(alerts).to_have_count(0)
