@@ -69,6 +69,7 @@ _WORDS: dict[SettingName, dict[str, str]] = {
         "raw + large fine jpeg": "raw+jpeg_fine",
     },
 }
+_NUMBER = r"\d+(?:\.\d+)?"  # below the line, too: 1/2.5
 _NUMBERS = (SettingName.SHUTTER_S, SettingName.F_NUMBER, SettingName.ISO)
 
 
@@ -78,8 +79,9 @@ def decode(name: SettingName, text: str) -> SettingValue:
     plain = text.strip().lower()
     if name not in _NUMBERS:
         return _WORDS[name].get(plain, text)
-    found = re.fullmatch(r"(?:f/|iso )?(\d+/\d+|\d+(?:\.\d+)?)\s*(?:s|sec)?", plain)
-    if not found or found[1].endswith("/0"):
+    found = re.fullmatch(rf"(?:f/|iso )?({_NUMBER})(?:/({_NUMBER}))?\s*(?:s|sec)?", plain)
+    divisor = Fraction(found[2] or 1) if found else Fraction(0)
+    if not found or not divisor:
         return "auto" if "auto" in plain else text
-    value = float(Fraction(found[1]))
+    value = float(Fraction(found[1]) / divisor)
     return int(value) if value.is_integer() else round(value, 6)
