@@ -59,6 +59,8 @@ class GphotoCamera(Camera):
     def __init__(self, address: str, port: str, call_s: float = CALL_S) -> None:
         self._address, self._call_s = address, call_s
         self._child: subprocess.Popen[bytes] | None = None
+        self._owed = False  # whether the answer to an interrupted call is still to come
+        self._received = bytearray()  # of the answer under way
         self._listed = set[str]()
         self._told: list[Event] = []
         try:
@@ -186,21 +188,26 @@ class GphotoCamera(Camera):
 
     def close(self) -> None:
         """Give the camera back. Closing twice is fine."""
-        if self._child:
-            with contextlib.suppress(errors.DriverError):
-                self._call("close")
+        try:
+            if self._child:
+                with contextlib.suppress(errors.DriverError):
+                    self._call("close")
+        finally:
             self._end()
 
     def _call(self, method: str, *arguments: Any, patience_s: float = 0.0) -> Any:
         child = self._child
         if child is None or child.stdin is None or child.stdout is None:
             raise CameraDisconnectedError("The camera was closed: open it again.")
+        deadline = time.monotonic() + self._call_s + patience_s
         try:
+            if self._owed:
+                child.stdin.flush()
+                self._answer(deadline)
+            self._owed = True
             child.stdin.write(packed((method, arguments)))
             child.stdin.flush()
-            deadline = time.monotonic() + self._call_s + patience_s
-            (length,) = LENGTH.unpack(self._read(LENGTH.size, deadline))
-            kind, answer = pickle.loads(self._read(length, deadline))  # from our own child
+            kind, answer = self._answer(deadline)
         except (OSError, EOFError) as error:
             self._end()
             raise CameraDisconnectedError(
@@ -210,8 +217,20 @@ class GphotoCamera(Camera):
             raise getattr(errors, answer[0])(answer[1])
         return answer
 
-    def _read(self, count: int, deadline: float) -> bytes:
-        child, data = self._child, b""
+    def _answer(self, deadline: float) -> tuple[str, Any]:
+        """Take the next answer; what came of one is kept where this is interrupted."""
+        self._read(LENGTH.size, deadline)
+        (length,) = LENGTH.unpack_from(self._received)
+        self._read(LENGTH.size + length, deadline)
+        raw = bytes(self._received[LENGTH.size :])
+        self._owed = False
+        self._received.clear()
+        answer: tuple[str, Any] = pickle.loads(raw)  # from our own child
+        return answer
+
+    def _read(self, count: int, deadline: float) -> None:
+        """Have so many bytes of the answer."""
+        child, data = self._child, self._received
         assert child is not None and child.stdout is not None
         while len(data) < count:
             left = deadline - time.monotonic()
@@ -225,7 +244,6 @@ class GphotoCamera(Camera):
             if not part:
                 raise EOFError
             data += part
-        return data
 
     def _end(self) -> None:
         child, self._child = self._child, None

@@ -6,10 +6,13 @@ may print, so that stdout is taken away from it.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import pickle
+import signal
 import sys
 import time
+from collections.abc import Iterator
 from typing import Any
 
 import gphoto2 as gp
@@ -159,7 +162,8 @@ class Calls:
             offered = (names.decode(name, text) for text in widget.get_choices())
             raise not_offered(name, value, offered)
         widget.set_value(texts[0])
-        self._camera.set_single_config(widget.get_name(), widget)
+        with self._not_gone():
+            self._camera.set_single_config(widget.get_name(), widget)
 
     def _widget(self, name: SettingName) -> Any:
         for candidate in names.WIDGETS[name]:
@@ -169,6 +173,15 @@ class Calls:
                 continue
         self._free_bytes()  # a camera that is gone seems to lack its settings, too
         raise lacking(name)
+
+    @contextlib.contextmanager
+    def _not_gone(self) -> Iterator[None]:
+        """Let an error stand as a refusal only where the camera still answers."""
+        try:
+            yield
+        except gp.GPhoto2Error:
+            self._free_bytes()
+            raise
 
     def list_folder(self, folder: str) -> tuple[set[int], list[str]]:
         """Handles of the files in a folder, and the folders in it; a path keeps its handle."""
@@ -202,7 +215,8 @@ class Calls:
 
     def trigger(self) -> None:
         """Press the release."""
-        self._camera.trigger_capture()
+        with self._not_gone():
+            self._camera.trigger_capture()
 
     def events(self, timeout_s: float) -> list[Event]:
         """Everything told; libgphoto2 gives one event at a time."""
@@ -258,6 +272,7 @@ def explain(error: gp.GPhoto2Error, method: str) -> DriverError:
 
 def main() -> None:
     """Answer calls until stdin ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a Ctrl-C is for the driver, which then closes
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     calls = Calls()

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -140,3 +144,52 @@ def test_events_that_a_list_has_asked_for_are_told_to_whoever_waits_for_them() -
     assert camera.events(timeout_s=7) == [ADDED, COMPLETE]
     assert camera.events(timeout_s=7) == []
     assert camera.waits == [(0, 0), (7, 7)]  # nothing more is waited for where something is told
+
+
+LIBRARY = """
+import pathlib, time
+GP_EVENT_TIMEOUT, GP_EVENT_FILE_ADDED, GP_EVENT_CAPTURE_COMPLETE = range(3)
+class GPhoto2Error(Exception):
+    code, string = -2, "Bad parameters"
+class Camera:
+    def init(self): pass
+    def get_single_config(self, name): raise GPhoto2Error
+    def get_storageinfo(self): return []
+    def wait_for_event(self, wait_ms):
+        time.sleep(wait_ms / 1000)
+        return GP_EVENT_TIMEOUT, None
+    def exit(self):
+        time.sleep(0.2)
+        pathlib.Path(__file__).with_name("given_back").touch()
+"""
+
+
+@pytest.fixture
+def interrupted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[GphotoCamera]:
+    """A camera of a library made here, where a Ctrl-C has cut a call."""
+    (tmp_path / "gphoto2.py").write_text(LIBRARY)
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{os.environ.get('PYTHONPATH', '')}")
+    camera = GphotoCamera("gphoto2://", "", call_s=60)
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("select.select", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            camera.events(0.3)
+    yield camera
+    camera.close()
+
+
+def test_an_interrupted_camera_is_given_back(interrupted: GphotoCamera, tmp_path: Path) -> None:
+    assert interrupted._child is not None
+    os.kill(interrupted._child.pid, signal.SIGINT)  # a terminal's Ctrl-C is for both processes
+    interrupted.close()
+    assert (tmp_path / "given_back").exists()
+
+
+def test_the_answer_to_an_interrupted_call_is_taken_for_no_other(
+    interrupted: GphotoCamera,
+) -> None:
+    assert interrupted.info().address == "gphoto2://"

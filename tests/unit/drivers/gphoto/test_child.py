@@ -111,6 +111,9 @@ class Device:
         if self.obedience is not None:
             self.settings[name] = Late(self.settings[name].value, widget, self.obedience)
 
+    def trigger_capture(self) -> None:
+        raise LibraryError(IO)
+
     def get_abilities(self) -> SimpleNamespace:
         return SimpleNamespace(operations=self.operations)
 
@@ -276,6 +279,20 @@ def test_a_camera_that_does_not_answer_is_not_taken_for_one_that_lacks_something
     for call in (calls.info, lambda: calls.read(SettingName.ISO), calls.settings):
         with pytest.raises(error):
             call()
+
+
+@pytest.mark.parametrize(
+    ("method", "arguments"), [("write", (SettingName.SHUTTER_S, 0.1)), ("trigger", ())]
+)
+def test_a_refusal_of_a_camera_that_is_gone_is_none(
+    calls: Any, device: Device, method: str, arguments: tuple[Any, ...]
+) -> None:
+    device.refuses = True
+    with pytest.raises(LibraryError):
+        getattr(calls, method)(*arguments)
+    device.stores = IO
+    with pytest.raises(CameraDisconnectedError):
+        getattr(calls, method)(*arguments)
 
 
 def test_a_setting_that_a_camera_lacks_is_told(calls: Any) -> None:
