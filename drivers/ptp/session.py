@@ -5,6 +5,7 @@ from __future__ import annotations
 from drivers.clock import Clock
 from drivers.errors import (
     CameraBusyError,
+    CaptureError,
     DriverError,
     FocusError,
     ProtocolError,
@@ -23,6 +24,9 @@ _READY = (
     Response.OK,
     Response.NIKON_SILENT_RELEASE_BUSY,
 )  # as libgphoto2 has it: the second may last
+
+_RELEASES = (Operation.INITIATE_CAPTURE, Operation.NIKON_CAPTURE_TO_CARD)
+_UNREASONED = (Response.GENERAL_ERROR, Response.ACCESS_DENIED)
 
 _REFUSED_VALUE = "The camera refused the value of a setting: set it on the camera itself."
 
@@ -170,6 +174,11 @@ def _check(container: Container, code: int, transaction: int, kind: ContainerTyp
 
 
 def _refusal(operation: Operation, code: int) -> DriverError:
+    if operation in _RELEASES and code in _UNREASONED:
+        return CaptureError(
+            "The camera did not release and does not say why: check focus, card and flash and try "
+            "again."
+        )
     if code in _REFUSALS:
         kind, sentence = _REFUSALS[code]
         return kind(sentence)

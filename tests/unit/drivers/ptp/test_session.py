@@ -8,6 +8,7 @@ from drivers.clock import Clock
 from drivers.errors import (
     CameraBusyError,
     CameraDisconnectedError,
+    CaptureError,
     DriverError,
     FocusError,
     ProtocolError,
@@ -129,8 +130,9 @@ def test_data_twice_are_refused(clock: Clock) -> None:
         (Response.INVALID_OBJECT_HANDLE, TransferError, "no longer on the camera's card"),
         (Response.INVALID_PROP_VALUE, SettingError, "refused the value"),
         (Response.INVALID_PROP_FORMAT, SettingError, "refused the value"),
-        (Response.ACCESS_DENIED, SettingError, "keeps a setting to itself"),
         (Response.DEVICE_PROP_NOT_SUPPORTED, SettingError, "lacks a setting"),
+        (Response.ACCESS_DENIED, CaptureError, "did not release"),
+        (Response.GENERAL_ERROR, CaptureError, "did not release"),
         (Response.SESSION_NOT_OPEN, ProtocolError, "INITIATE_CAPTURE with the response 0x2003"),
         (0xBEEF, ProtocolError, "response 0xbeef"),
     ],
@@ -143,6 +145,21 @@ def test_refusals_become_errors_of_their_kind(
         session.request(Operation.INITIATE_CAPTURE)
     assert len(script.sent) == 2  # asked once, not again
     assert clock.monotonic() == 0
+
+
+@pytest.mark.parametrize(
+    ("code", "error", "sentence"),
+    [
+        (Response.ACCESS_DENIED, SettingError, "keeps a setting to itself"),
+        (Response.GENERAL_ERROR, ProtocolError, "SET_DEVICE_PROP_VALUE with the response 0x2002"),
+    ],
+)
+def test_what_is_refused_without_a_reason_is_said_by_what_was_asked(
+    clock: Clock, code: int, error: type[DriverError], sentence: str
+) -> None:
+    session, _ = opened(clock, response(1, code))
+    with pytest.raises(error, match=sentence):
+        session.request(Operation.SET_DEVICE_PROP_VALUE, 0x500C, data=b"\2\0")
 
 
 def test_a_busy_camera_is_asked_again(clock: Clock) -> None:
