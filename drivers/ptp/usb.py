@@ -167,8 +167,9 @@ class UsbTransport(Transport):
         address, most = self._events.bEndpointAddress, self._events.wMaxPacketSize
         while len(self._event) < self._event_length():
             slice_ms = min(wait_ms, _SLICE_MS)
+            read = partial(self._device.read, address, most, slice_ms)
             try:
-                packet = self._device.read(address, most, slice_ms)
+                packet = self._unstalled(self._events, read)
             except usb.core.USBTimeoutError:
                 wait_ms -= slice_ms
                 if wait_ms <= 0:

@@ -341,6 +341,22 @@ def test_an_event_that_comes_with_a_pause_is_whole_in_the_end(clock: Clock) -> N
     assert added.parameters == (9, 8, 7)
 
 
+def test_a_stall_before_an_event_is_cleared(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    bus = TellingBus(clock, ADDED)
+    cleared, read = list[int](), bus.intr_read
+
+    def halted(*arguments: Any) -> int:
+        if not cleared:
+            raise usb.core.USBError("Pipe error", errno=errno.EPIPE)
+        return read(*arguments)
+
+    monkeypatch.setattr(bus, "intr_read", halted)
+    monkeypatch.setattr(bus, "clear_halt", lambda _handle, endpoint: cleared.append(endpoint))
+    added = driver.connect("", bus, clock).receive_event(0)
+    assert added is not None
+    assert (added.code, added.parameters, cleared) == (0x4002, (9, 8, 7), [0x83])
+
+
 @pytest.mark.parametrize("event", [b"\x21\0\0\0" + ADDED[4:8], ADDED + b"\0", b"\7" + ADDED[1:]])
 def test_after_an_event_that_cannot_be_the_next_one_is_taken(clock: Clock, event: bytes) -> None:
     transport = driver.connect("", TellingBus(clock, event, COMPLETE), clock)
