@@ -97,16 +97,21 @@ class Setting:
 
 _LONGEST_S = 1e9  # no camera offers more; a whole number of any size is compared, not converted
 _ALIKE = 0.01  # cameras round 1/60 s to 0.0166 or 0.0167; their steps are a quarter apart
+_TICK_S, _NEAR = 1e-4, 0.1  # many tell no more digits, and cut 1/640 s to 0.0015
 
 
 def meant(name: SettingName, value: SettingValue, offered: Iterable[SettingValue]) -> SettingValue:
-    """Give the offered exposure time that a value stands for, within 1 %; else the value itself."""
+    """Give the offered exposure time that a value stands for; else the value itself.
+
+    It may be 1 % off, below 10 ms as much as 0.1 ms but no more than a tenth.
+    """
     # by value: the names of settings out of JSON are plain text
     if name != SettingName.SHUTTER_S or isinstance(value, str) or not abs(value) < _LONGEST_S:
         return value
     numbers = [each for each in offered if not isinstance(each, str)]
     nearest = min(numbers, key=lambda each: abs(each - value), default=value)
-    return nearest if abs(nearest - value) <= _ALIKE * abs(value) else value
+    slack = max(_ALIKE * abs(value), min(_TICK_S, _NEAR * abs(value)))
+    return nearest if abs(nearest - value) <= slack else value
 
 
 @dataclass(frozen=True)

@@ -66,8 +66,8 @@ def capture_pair(
     check_settings(wanted)
     progress("prepare", 0.0)
     camera.check_release()
-    flash.check(camera)
     frozen = _fix_everything(camera, wanted)
+    flash.check(camera)  # what modes it has can depend on the exposure program
     progress("prepare", 1.0)
     taking = _Taking(camera, flash, clock, progress, frozen)
     try:
@@ -114,6 +114,7 @@ def _fix_everything(
         if name in offered:
             _ensure(camera, name, value)
     write_settings(camera, wanted)
+    offered = {setting.name for setting in camera.settings()}  # others come and go with these
     if SettingName.ISO in offered:
         _ensure(camera, SettingName.ISO, _fixed_iso(camera))
     if SettingName.WHITE_BALANCE in offered:

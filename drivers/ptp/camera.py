@@ -127,10 +127,12 @@ class PtpCamera(Camera):
         return sum(known) if known or not told else None
 
     def settings(self) -> list[Setting]:
-        """Every setting of SettingName that this camera has."""
-        return [
-            self.read(name) for name in SettingName if CODECS[name].code in self._device.properties
-        ]
+        """Every setting of SettingName that this camera has, and tells of as it stands now."""
+        told = []
+        for name in SettingName:
+            with contextlib.suppress(SettingError):  # many are named, but of one mode alone
+                told.append(self.read(name))
+        return told
 
     def read(self, name: SettingName) -> Setting:
         """Read one setting. Raises SettingError where the camera has none of that name."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
-from drivers.errors import ProtocolError
+from drivers.errors import ProtocolError, SettingError
 from drivers.ptp.codes import DataType
 from drivers.ptp.containers import Bytes
 from drivers.ptp.wire import Reader, string, uint, uints
@@ -207,7 +207,7 @@ class PropertyDescription:
 
     @classmethod
     def decode(cls, data: Bytes) -> PropertyDescription:
-        """Read it. Raises ProtocolError for bytes that describe no property that is a number."""
+        """Read it. Raises ProtocolError for bytes that describe no property, else like width_of."""
         reader = Reader(data)
         code, type_code, writable = reader.uint(2), reader.uint(2), reader.uint(1)
         width = width_of(type_code)
@@ -224,8 +224,11 @@ class PropertyDescription:
 
 
 def width_of(type_code: int) -> int:
-    """Bytes of a property value. Raises ProtocolError for types that no setting here has."""
+    """Bytes of a property value. Raises SettingError for types that no setting here has."""
     try:
         return _WIDTHS[DataType(type_code)]
     except ValueError as error:
-        raise ProtocolError(f"PTP data type {type_code:#06x} is not one a setting has") from error
+        raise SettingError(
+            f"The camera has a setting of the PTP data type {type_code:#06x}, which is not known "
+            "here: set it on the camera itself."
+        ) from error

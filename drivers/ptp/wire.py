@@ -41,10 +41,13 @@ class Reader:
         return struct.unpack(f"<{count}{_FORMATS[width][1]}", data)
 
     def string(self) -> str:
-        """Read a string: u8 count of UTF-16 units with the closing zero, then the units."""
+        """Read a string: u8 count of UTF-16 units with the closing zero, then the units.
+
+        It ends at its first zero: what a camera leaves behind that is none of it.
+        """
         data = self.take(2 * self.uint(1))
         try:
-            return data.decode("utf-16-le").rstrip("\0")
+            return data.decode("utf-16-le").partition("\0")[0]
         except UnicodeDecodeError as error:
             raise ProtocolError("A PTP string is not valid UTF-16") from error
 

@@ -90,6 +90,27 @@ def test_settings_that_make_no_pair_are_refused_before_anything_is_written(
     assert (camera.written, len(camera.shots)) == ([], 2)
 
 
+class Modal(FakeCamera):
+    """A camera that offers its flash and its exposure time in manual exposure alone."""
+
+    def write(self, name: SettingName, value: SettingValue) -> Setting:
+        setting = super().write(name, value)
+        if (name, value) == (SettingName.PROGRAM, "manual"):
+            self.set(SettingName.FLASH, "off", "off", "fill")
+            self.set(SettingName.SHUTTER_S, 0.02)
+        return setting
+
+
+def test_what_a_camera_offers_in_manual_exposure_counts(clock: Clock) -> None:
+    camera = Modal()
+    camera.set(SettingName.PROGRAM, "auto")
+    camera.set(SettingName.FLASH, "auto", "auto", "off")
+    del camera.table[SettingName.SHUTTER_S]
+    pair = capture_pair(camera, clock=clock)
+    assert pair.flash.best == FLASH
+    assert pair.settings[SettingName.SHUTTER_S] == 0.02
+
+
 def test_no_number_is_refused_in_words(clock: Clock) -> None:
     with (
         drivers.open_camera("sim://studio?width=64&height=64") as camera,
@@ -120,9 +141,13 @@ def test_a_wanted_setting_that_only_a_dial_changes_may_stand_right_already(clock
         (10**400, (30, 0.02), 10**400),
         (-(10**400), (30,), -(10**400)),
         (0, (0.0001,), 0),
+        (1 / 640, (0.0012, 0.0015, 0.002), 0.0015),  # cut to tenths of a millisecond
+        (1 / 640, (1 / 500, 1 / 800), 1 / 640),
+        (1 / 4000, (1 / 3200, 1 / 5000), 1 / 4000),
+        (0.0003, (0.0002, 0.0004), 0.0003),
     ],
 )
-def test_a_time_means_the_offered_one_within_a_hundredth(
+def test_a_time_means_the_offered_one_that_cameras_round_it_to(
     value: SettingValue, offered: tuple[SettingValue, ...], taken: SettingValue
 ) -> None:
     assert meant(SettingName.SHUTTER_S, value, offered) == taken

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from drivers.camera import SettingName, SettingValue
+from drivers.capture import capture_pair
 from drivers.clock import Clock
 from drivers.errors import (
     CameraDisconnectedError,
@@ -135,6 +136,31 @@ def test_settings_are_listed_in_units_for_people(clock: Clock) -> None:
     assert all(setting.writable for setting in settings.values())
 
 
+def test_a_setting_that_is_named_but_not_told_now_is_none(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = Responder._get_device_prop_desc
+
+    def told(responder: Responder, code: int, *more: int) -> Any:
+        if code == Property.EXPOSURE_TIME:
+            raise Refusal(Response.DEVICE_PROP_NOT_SUPPORTED)
+        data, parameters = whole(responder, code, *more)
+        if code == Property.EXPOSURE_INDEX and data is not None:
+            data = bytes(data[:2]) + uint(5, 2) + bytes(data[4:])  # of another type, with a sign
+        return data, parameters
+
+    monkeypatch.setattr(Responder, "_get_device_prop_desc", told)
+    camera = opened(clock)
+    lacking = {SettingName.SHUTTER_S, SettingName.ISO}
+    assert {setting.name for setting in camera.settings()} == set(SettingName) - lacking
+    for name in lacking:
+        with pytest.raises(SettingError, match="set it on the camera itself"):
+            camera.write(name, 1)
+    assert capture_pair(camera, clock=clock).settings.keys() == (
+        set(SettingName) - lacking - {SettingName.FLASH}
+    )
+
+
 def _described(maker: str, form: Form, values: tuple[int, ...], current: int) -> dict[int, Tamper]:
     """Tampers that make the camera another maker's, with other numbers of formats."""
 
@@ -245,6 +271,8 @@ def test_settings_are_written_and_read_back(
         ((166, 167), 1 / 60, 167),
         ((156, 200), 1 / 64, 156),
         ((79, 80), 1 / 125, 80),
+        ((12, 15, 20), 1 / 640, 15),
+        ((2, 3, 4), 1 / 4000, 2),
         ((300_000, 310_000), 30, 300_000),
     ],
 )

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.errors import ProtocolError
+from drivers.errors import ProtocolError, SettingError
 from drivers.ptp.codes import DataType, Property
 from drivers.ptp.datasets import DeviceInfo, Form, ObjectInfo, PropertyDescription, StorageInfo
 from drivers.ptp.wire import Reader, string, uint, uints
@@ -39,6 +39,10 @@ def test_arrays_are_counted() -> None:
 def test_a_string_that_ends_too_early_is_refused(raw: bytes) -> None:
     with pytest.raises(ProtocolError, match="ends too early"):
         Reader(raw).string()
+
+
+def test_a_string_ends_at_its_first_zero() -> None:
+    assert Reader(b"\x05A\0B\0\0\0x\0y\0").string() == "AB"
 
 
 def test_a_string_of_broken_surrogates_is_refused() -> None:
@@ -90,7 +94,7 @@ def test_an_unknown_form_is_refused() -> None:
 
 
 def test_a_property_that_is_no_number_is_refused() -> None:
-    with pytest.raises(ProtocolError, match="data type 0xffff"):
+    with pytest.raises(SettingError, match=r"data type 0xffff.*: set it on the camera itself"):
         PropertyDescription.decode(b"\x07\x50\xff\xff\x01" + bytes(8))
 
 
