@@ -129,19 +129,24 @@ def remove_expired(engine: sa.Engine, storage: Storage, strays: bool) -> None:
     """Delete uploads whose time is long over. May run at any time.
 
     strays: also delete pieces without an upload, which in another database's store are its own.
-    Pieces go first, since on a full disk no row can. Those that cannot be deleted stay.
+    Pieces go first, since on a full disk no row can. Those that cannot be deleted stay, with their
+    row.
     """
-    over = uploads.c.expires <= now() - _LONG_OVER_SECONDS
     # In this order: what has a piece now, if a half-stored one, had its row before.
     stored = set(storage.folders(UPLOADS))
     with engine.connect() as connection:
+        moment = connection.execute(sa.select(now() - _LONG_OVER_SECONDS)).scalar_one()
+        over = uploads.c.expires <= moment  # the same ones each time
         kept = set(connection.execute(sa.select(uploads.c.id).where(~over)).scalars())
         gone = set(connection.execute(sa.select(uploads.c.id).where(over)).scalars())
+    stuck = []
     for upload_id in sorted(stored - kept if strays else stored & gone):
         if not storage.try_delete_below(f"{UPLOADS}{upload_id}/"):
             log.warning("the pieces of upload %s cannot be deleted: %s", upload_id, ADVICE)
+            stuck.append(upload_id)
+    # Nothing else tells whose the pieces are where another database's lie beside them.
     with engine.begin() as connection:
-        connection.execute(sa.delete(uploads).where(over))
+        connection.execute(sa.delete(uploads).where(over, uploads.c.id.not_in(stuck)))
 
 
 def _one(owner: str, upload_id: str) -> sa.ColumnElement[bool]:

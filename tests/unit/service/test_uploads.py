@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import sqlalchemy as sa
+from obstore.exceptions import GenericError
 
 from service import database, uploads
 from service.storage import Storage
@@ -134,6 +135,34 @@ def test_on_a_full_disk_pieces_go_where_rows_cannot(engine: sa.Engine, storage: 
     uploads.remove_expired(engine, storage, strays=True)
     with engine.connect() as connection:
         assert uploads.find(connection, "a", "over") is None
+
+
+@pytest.mark.parametrize("strays", [True, False])
+def test_pieces_that_cannot_be_deleted_go_with_a_later_sweep(
+    strays: bool, engine: sa.Engine, storage: Storage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the store of another database nothing but their row tells whose they are."""
+    for name in ("stuck", "over"):
+        _add(engine, name, 6, seconds=-3601)
+        storage.put(f"uploads/{name}/000-x", b"abc")
+    delete = Storage.delete_below
+
+    def refuse(storage: Storage, prefix: str) -> None:
+        if "stuck" in prefix:
+            raise GenericError("not yours")
+        delete(storage, prefix)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Storage, "delete_below", refuse)
+        uploads.remove_expired(engine, storage, strays)
+    assert storage.folders("uploads/") == ["stuck"]
+    assert _find(engine, "stuck").expired
+    with engine.connect() as connection:
+        assert uploads.find(connection, "a", "over") is None
+    uploads.remove_expired(engine, storage, strays)
+    assert storage.list("") == []
+    with engine.connect() as connection:
+        assert uploads.find(connection, "a", "stuck") is None
 
 
 def test_pieces_that_were_half_stored_go_with_their_upload(
