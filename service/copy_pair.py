@@ -7,7 +7,7 @@ from typing import Any
 from obstore.exceptions import BaseError
 
 from service import jobs
-from service.errors import EndedError, GoneError, NotReadyError
+from service.errors import EndedError, GoneError, NotReadyError, StorageFullError
 from service.frames import FRAMES
 from service.object_keys import describe_inputs, inputs_key, job_key
 from service.states import State
@@ -20,7 +20,8 @@ def copy_pair(storage: Storage, source: jobs.Job, new_id: str) -> dict[str, Any]
     """Copy the photographs of a job for good; all that the new job's row says of them, by column.
 
     Raises NotReadyError where a camera has not taken them yet, EndedError where it never will,
-    GoneError where they are removed, BaseError while the store is away.
+    GoneError where they are removed, StorageFullError, BaseError while the store is away. Nothing
+    is left of the copies then.
     """
     if source.state == State.EXPIRED:
         raise GoneError(_GONE)
@@ -34,7 +35,7 @@ def copy_pair(storage: Storage, source: jobs.Job, new_id: str) -> dict[str, Any]
             storage.copy(source.inputs[frame]["key"], key)
         storage.flush(keys.values())
         size = sum(storage.size(key) for key in keys.values())
-    except (BaseError, FileNotFoundError) as error:
+    except (BaseError, FileNotFoundError, StorageFullError) as error:
         storage.delete_below(job_key(new_id))
         if isinstance(error, FileNotFoundError):  # it was deleted at this moment
             raise GoneError(_GONE) from error

@@ -12,6 +12,7 @@ from obstore.exceptions import GenericError
 from service import expiry, jobs
 from service.api.context import Context
 from service.api.idempotency import digest
+from service.errors import StorageFullError
 from service.settings import Settings
 from service.storage import Storage
 from tests.unit.service.asking import (
@@ -109,6 +110,22 @@ def test_copies_that_cannot_be_stored_make_no_job(
 
     monkeypatch.setattr(Storage, "flush", fail)
     assert problem_of(_rerun(http, job))[:2] == (503, "store-unavailable")
+    assert [row.id for row in rows_of(context)] == [job["id"]]
+    assert len(context.storage.list("")) == 2
+
+
+def test_a_disk_that_fills_up_between_two_copies_keeps_neither(
+    http: httpx.Client, job: Job, context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    copy = Storage.copy
+
+    def fill_up(storage: Storage, key: str, other: str) -> None:
+        if len(storage.list("")) > 2:
+            raise StorageFullError("The disk is full.")
+        copy(storage, key, other)
+
+    monkeypatch.setattr(Storage, "copy", fill_up)
+    assert problem_of(_rerun(http, job))[:2] == (507, "storage-full")
     assert [row.id for row in rows_of(context)] == [job["id"]]
     assert len(context.storage.list("")) == 2
 
