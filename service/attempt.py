@@ -285,12 +285,16 @@ class Attempt:
 
     def _note_camera(self, directory: Path) -> None:
         manifest = json.loads((directory / RESULTS / MANIFEST).read_bytes())
-        with self._engine.begin() as connection:
-            row = jobs.find(connection, self._job.id)
-            if row and row.inputs:
-                inputs = kept.with_camera(row.inputs, manifest["taken_with"])
-                size, settings = row.stored_bytes, row.camera_settings
-                jobs.set_inputs(connection, self._job, inputs, size, settings)
+
+        def write() -> None:
+            with self._engine.begin() as connection:
+                row = jobs.find(connection, self._job.id)
+                if row and row.inputs:
+                    inputs = kept.with_camera(row.inputs, manifest["taken_with"])
+                    size, settings = row.stored_bytes, row.camera_settings
+                    jobs.set_inputs(connection, self._job, inputs, size, settings)
+
+        self._patiently(write)
 
     def _fetch_layers(self, directory: Path) -> None:
         self._stages.enter("fetch")
@@ -415,6 +419,7 @@ class Attempt:
         """End an attempt that was canceled, taken over, deleted, or put back by a worker's end.
 
         One that has ended the job stays as it is. lost: whether it counts as one that the job lost.
+        Files of it that are not ours to delete stay: a worker tries again whatever is raised.
         """
         with self._engine.begin() as connection:
             canceled = jobs.acknowledge_cancel(connection, self._job, self._keep_seconds)
@@ -427,11 +432,15 @@ class Attempt:
             self._log.info("canceled")
             tracing.note("outcome", "canceled")
         if row is None:
-            self._storage.delete_below(job_key(self._job.id))
+            self._clear(job_key(self._job.id))
         elif row.attempt != self._job.attempt or row.state != State.SUCCEEDED:
-            self._storage.delete_below(results_key(self._job.id, self._job.attempt))
+            self._clear(results_key(self._job.id, self._job.attempt))
             if self._job.capture and not row.has_pair_of(self._job.attempt):
-                self._storage.delete_below(captured_key(self._job.id, self._job.attempt))
+                self._clear(captured_key(self._job.id, self._job.attempt))
+
+    def _clear(self, prefix: str) -> None:
+        if not self._storage.try_delete_below(prefix):
+            self._log.warning("files of an attempt that does not count cannot be deleted")
 
 
 def _has_not_begun(error: Exception) -> bool:
