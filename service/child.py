@@ -19,10 +19,11 @@ import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pipeline.calibration.calibrate import calibrate_files
 from pipeline.calibration.options import CALIBRATION_OPTIONS
+from pipeline.errors import OptionError
 from pipeline.mix_files import mix_results
 from pipeline.mix_options import MixRequest
 from pipeline.options import Options
@@ -31,6 +32,7 @@ from pipeline.process import separate_files
 from pipeline.progress import Progress
 from service import camera_tasks, forkserver, kept, logs, problems
 from service.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
+from service.sentences import in_words
 from service.shortage import wants_memory
 from service.tasks import RESULTS, Kind, Limits, Task
 
@@ -42,6 +44,7 @@ _CODES = {
 
 log = logging.getLogger("service.child")
 
+Read = TypeVar("Read")
 Tell = Callable[[dict[str, Any]], None]
 
 
@@ -114,7 +117,7 @@ def _separate(task: Task, tell: Tell) -> None:
     separate_files(
         _photograph(task, "no_flash"),
         _photograph(task, "flash"),
-        Options.model_validate(task.options),
+        _read(Options.model_validate, task.options),
         Path(task.directory) / RESULTS,
         Progress(lambda stage, fraction: tell({"stage": stage, "fraction": fraction})),
         kept=kept.read(Path(task.directory)),
@@ -125,7 +128,7 @@ def _calibrate(task: Task, tell: Tell) -> None:
     calibrate_files(
         _photograph(task, "no_flash"),
         _photograph(task, "flash"),
-        CALIBRATION_OPTIONS.validate_python(task.options),
+        _read(CALIBRATION_OPTIONS.validate_python, task.options),
         Path(task.directory) / RESULTS,
         Progress(lambda stage, fraction: tell({"stage": stage, "fraction": fraction})),
     )
@@ -135,10 +138,22 @@ def _mix(task: Task, tell: Tell) -> None:
     directory = Path(task.directory)
     mix_results(
         directory,
-        MixRequest.model_validate(task.options["mix"]),
+        _read(MixRequest.model_validate, task.options["mix"]),
         directory / RESULTS,
         Progress(lambda stage, fraction: tell({"stage": stage, "fraction": fraction})),
     )
+
+
+def _read(validate: Callable[[Any], Read], options: Any) -> Read:
+    """Read options that the API has found good. Raises OptionError where this program does not."""
+    try:
+        with in_words():
+            return validate(options)
+    except OptionError as error:
+        raise OptionError(
+            f"{str(error).rstrip('.')}; the worker is of another version than what took the job, "
+            "so run it again once all of the service is of one."
+        ) from error
 
 
 def _photograph(task: Task, name: str) -> bytes:

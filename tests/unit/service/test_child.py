@@ -13,6 +13,7 @@ import pytest
 
 import drivers
 from pipeline.calibration.options import FlashCalibration
+from pipeline.errors import OptionError
 from service import child, sandbox
 from service.errors import FileLimitError, MemoryLimitError, OutputLimitError, TimeLimitError
 from service.forkserver import ForkServer
@@ -47,6 +48,36 @@ def _run(
     reports: list[Report] = []
     sandbox.run(task, 100, lambda *report: reports.append(report), lambda: False, server)
     return reports
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "place"),
+    [
+        ("separate", {"of_tomorrow": 1}, "of_tomorrow"),
+        (
+            "calibrate",
+            {"kind": "flash", "card": {"x": 1, "y": 1, "radius": 5}, "of_tomorrow": 1},
+            "flash.of_tomorrow",
+        ),
+        ("mix", {"mix": {"lamps": [{}], "of_tomorrow": 1}}, "of_tomorrow"),
+    ],
+)
+def test_options_of_another_version_are_told(
+    kind: Literal["separate", "calibrate", "mix"],
+    options: dict[str, Any],
+    place: str,
+    tmp_path: Path,
+) -> None:
+    """An API that was upgraded before its workers takes what they do not know yet."""
+    _photographs(tmp_path, b"", b"")
+    task = Task(kind, "7", "f" * 32, str(tmp_path), Limits(GIB, 60, 256, GIB), options)
+    with pytest.raises(OptionError) as caught:
+        child._WORK[kind](task, lambda _message: None)
+    assert str(caught.value) == (
+        f"{place}: this name is not known; the worker is of another version than what took the "
+        "job, so run it again once all of the service is of one."
+    )
+    assert child._explain(caught.value, task)["type"] == "urn:lightlayers:problem:invalid-option"
 
 
 def _photographs(directory: Path, no_flash: bytes, flash: bytes) -> None:
