@@ -165,6 +165,12 @@ def is_usable(connection: sa.Connection, key_id: str) -> bool:
     return connection.execute(query).first() is not None
 
 
+def has_ended(connection: sa.Connection, key_id: str) -> bool:
+    """Whether there is a key of this id that is revoked or expired."""
+    query = sa.select(keys.c.id).where(keys.c.id == key_id, ~_USABLE)
+    return connection.execute(query).first() is not None
+
+
 def any_usable(connection: sa.Connection) -> bool:
     """Whether there is a key that requests can be made with."""
     return connection.execute(sa.select(keys.c.id).where(_USABLE).limit(1)).first() is not None

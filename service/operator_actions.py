@@ -10,15 +10,23 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from service import cameras, jobs, steering
+from service import allowed, cameras, jobs, keys, steering
+from service.capture import Capture
 from service.copy_pair import copy_pair
 from service.dbos_queue import Queue
-from service.errors import NotReadyError, QuotaError, StoredQuotaError, UnknownJobError
+from service.errors import (
+    ForbiddenError,
+    NotReadyError,
+    QuotaError,
+    StoredQuotaError,
+    UnknownJobError,
+)
 from service.job_options import check_options
 from service.mixing import MixOptions, check_mix
 from service.object_keys import job_key
 from service.opening import open_database, open_storage
 from service.room import check_room
+from service.sentences import in_words
 from service.settings import Settings
 from service.states import State
 
@@ -53,15 +61,18 @@ class OperatorActions:
         """Make a job like this one, which has failed or was canceled; the id of the new one.
 
         It is checked as a new one. Raises UnknownJobError, NotReadyError, GoneError for photographs
-        or layers that are removed, OptionError for options that it cannot have any more,
-        QueueFullError, StorageFullError, QuotaError and StoredQuotaError where there is no room for
-        it, and StartError or BaseError while the store is away.
+        or layers that are removed, OptionError for options, a webhook or a flash that it cannot
+        have any more, ForeignCameraError for such a camera, ForbiddenError for a webhook or a
+        camera of a key that is not good any more, QueueFullError, StorageFullError, QuotaError and
+        StoredQuotaError where there is no room for it, and StartError or BaseError while the store
+        is away.
         """
         job = self.find(job_id)
         if job.state not in _RETRIED:
             raise NotReadyError(
                 f"The job is {job.state}; one that is failed or canceled can be made anew."
             )
+        self._check_reach(job)
         # Opened here alone: where the store is away, the jobs can be looked at all the same.
         storage = open_storage(self.settings)
         check_room(self.engine, self.settings, storage, job.owner)
@@ -93,6 +104,27 @@ class OperatorActions:
             storage.delete_below(job_key(new_id))
             raise
         return new_id
+
+    def _check_reach(self, job: jobs.Job) -> None:
+        """Refuse what a job like this one reaches for, a webhook or a camera, if it may no more."""
+        untaken = None if job.inputs else job.capture
+        if job.webhook is not None:
+            allowed.check_webhook(self.settings, job.webhook["url"])
+        if untaken is not None:
+            with in_words():
+                asked = Capture.model_validate(untaken)
+            allowed.check_camera(self.settings, asked.camera)
+            allowed.check_flash(self.settings, asked.flash)
+        if job.webhook is None and untaken is None:
+            return
+        with self.engine.connect() as connection:
+            ended = keys.has_ended(connection, job.owner)
+        if ended:
+            what = "have its webhook told" if untaken is None else "use its camera"
+            raise ForbiddenError(
+                f"The key that made the job is revoked or expired, so none like it may {what}; "
+                "make one with a key that is good."
+            )
 
     def confirm(self, job_id: str) -> None:
         """Say that what a job asks for is done.

@@ -13,8 +13,7 @@ from obstore.exceptions import BaseError
 from pydantic import BaseModel
 
 from pipeline.errors import OptionError, UnreadableImageError
-from service import eta, jobs, sandbox, tracing, uploads
-from service.addresses import ForbiddenAddressError, check_url, parse_networks
+from service import allowed, eta, jobs, sandbox, tracing, uploads
 from service.api.accepted import Accepted
 from service.api.admission import refuse_when_full
 from service.api.calibrated import complete
@@ -70,10 +69,10 @@ def accept(submission: Submission, wanted: Intake) -> Accepted:
     context, caller = submission.context, submission.caller
     caller.need(Scope.SUBMIT)
     refuse_when_full(submission)  # an upload may have taken long
-    check_webhook(context, wanted.handling)
     request_hash = hash_of(wanted)
     if earlier := replay(submission, request_hash):
         return earlier
+    check_webhook(context, wanted.handling)  # which settings may have allowed the first time
     options = complete(context, caller, wanted.options, wanted.calibrations)
     check_spectra(options)
     job_id = uuid.uuid4().hex
@@ -148,13 +147,8 @@ def make_row(
 
 def check_webhook(context: Context, handling: Handling) -> None:
     """Refuse a webhook that is not called. Raises OptionError."""
-    if handling.webhook is None:
-        return
-    allowed = parse_networks(context.settings.webhook_private)
-    try:
-        check_url(handling.webhook.url, allowed, context.settings.webhook_https)
-    except ForbiddenAddressError as error:
-        raise OptionError(f"webhook.url: {error}.") from error
+    if handling.webhook is not None:
+        allowed.check_webhook(context.settings, handling.webhook.url)
 
 
 def _store_pair(submission: Submission, job_id: str, wanted: Intake) -> dict[str, str]:

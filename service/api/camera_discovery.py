@@ -15,8 +15,9 @@ import sqlalchemy as sa
 
 import drivers
 from service import cameras, host, sandbox, scratch
+from service.allowed import is_camera_allowed
 from service.capture import CaptureSettings
-from service.errors import AttemptError, ForeignCameraError, NoProcessError, StorageFullError
+from service.errors import AttemptError, NoProcessError, StorageFullError
 from service.forkserver import ForkServer
 from service.settings import Settings
 from service.tasks import Adjust, CameraOrder, FindCameras, Kind, Limits, LookAt, Task
@@ -108,7 +109,7 @@ class CameraDiscovery:
                 cameras.add(connection, address)
         with contextlib.suppress(*_UNANSWERED):
             found = self._run("cameras", FindCameras(_NETWORK in self._settings.cameras.split()))
-            self._found = [one for one in found if is_allowed(self._settings, one)]
+            self._found = [one for one in found if is_camera_allowed(self._settings, one)]
         by_id = {cameras.id_of(address): address for address in self.addresses()}
         for look in [self._pool.submit(self._look, address) for address in by_id.values()]:
             look.result()
@@ -156,25 +157,6 @@ class CameraDiscovery:
                     f"The camera gave no answer for {_LOOK_SECONDS:.0f} s: switch it off and on "
                     "and try again."
                 ) from error
-
-
-def is_allowed(settings: Settings, address: str) -> bool:
-    """Whether the operator allows a camera: by its address, or its beginning up to :, / or ?."""
-    for allowed in settings.cameras.split():
-        rest = address.removeprefix(allowed)
-        whole = rest == "" or allowed.endswith("://") or rest[0] in ":/?"
-        if address.startswith(allowed) and whole:
-            return True
-    return False
-
-
-def check_camera(settings: Settings, address: str) -> None:
-    """Refuse a camera that the operator has not allowed. Raises ForeignCameraError."""
-    if not is_allowed(settings, address):
-        raise ForeignCameraError(
-            "This camera is none that jobs of this service may name; its operator can allow it in "
-            "LIGHTLAYERS_CAMERAS."
-        )
 
 
 def configured(settings: Settings) -> list[str]:

@@ -17,13 +17,13 @@ from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 import drivers
 from pipeline.errors import OptionError
 from service import answers, bursts, cameras, jobs
+from service.allowed import check_camera
 from service.answers import CameraAnswer, CameraSettings, JobList, SettingAnswer
 from service.api import intake
 from service.api.accepted import accepted
 from service.api.admission import refuse_when_full
 from service.api.bodies import json_content
 from service.api.callers import Caller, Calling, Standing
-from service.api.camera_discovery import check_camera
 from service.api.captures import accept_captures, told_of
 from service.api.context import Context, Parts, TraceId
 from service.api.dispatch import queue_captures
@@ -223,7 +223,7 @@ async def _events(context: Context, caller: Caller) -> AsyncIterator[bytes]:
 
 
 def _address(context: Context, camera_id: str) -> str:
-    """Address of a camera that may be used. Raises UnknownCameraError, ForeignCameraError."""
+    """Address of a camera, which may be one that is not allowed. Raises UnknownCameraError."""
     known = {cameras.id_of(address): address for address in context.camera_discovery.addresses()}
     if camera_id not in known:
         with context.engine.connect() as connection:
@@ -233,7 +233,6 @@ def _address(context: Context, camera_id: str) -> str:
                 f"There is no camera {camera_id[:32]!r}; GET /cameras lists those that there are."
             )
         known[camera_id] = address
-    check_camera(context.settings, known[camera_id])
     return known[camera_id]
 
 
@@ -259,6 +258,7 @@ def _adjust_by(
     deadline: float,
 ) -> CameraSettings:
     address = _address(context, camera_id)
+    check_camera(context.settings, address)
     while (found := context.camera_discovery.adjust(address, settings, trace_id)) is None:
         with context.engine.connect() as connection:
             holder = cameras.holder(connection, camera_id)

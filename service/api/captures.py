@@ -12,12 +12,12 @@ import drivers
 from pipeline.errors import OptionError
 from pipeline.options import Options
 from service import bursts, cameras, jobs
+from service.allowed import check_camera, check_flash
 from service.api.accept import check_webhook, make_row
 from service.api.accepted import Accepted
 from service.api.admission import refuse_when_full
 from service.api.calibrated import complete
 from service.api.callers import Caller, find
-from service.api.camera_discovery import check_camera
 from service.api.context import Context
 from service.api.idempotency import as_asked, digest, hash_of, replay
 from service.api.intake import Intake, handling_of
@@ -123,11 +123,7 @@ def _commit(submission: Submission, wanted: Pairs, request_hash: str) -> Accepte
     check_spectra(wanted.options)
     check_camera(context.settings, wanted.capture.camera)
     drivers.check_settings(wanted.capture.settings)
-    if wanted.capture.flash == "external" and context.settings.flash_switch is None:
-        raise OptionError(
-            "flash: this service has no switch for a flash; its operator can name one in "
-            "LIGHTLAYERS_FLASH_SWITCH."
-        )
+    check_flash(context.settings, wanted.capture.flash)
     check_webhook(context, wanted.handling)
     ids = bursts.new_ids(wanted.count)
     values = {"request_hash": request_hash, "capture": _row_of(wanted.capture)}

@@ -57,11 +57,11 @@ def _accept(submission: Submission, job_id: str, wanted: RerunRequest) -> Accept
     """Copy the pair for good, then commit row and queue entry together."""
     context, caller = submission.context, submission.caller
     refuse_when_full(submission)
-    check_webhook(context, wanted)
     request_hash = digest({"rerun": job_id, "wanted": as_asked(wanted)})
     # Before the job is looked at, which may have been deleted since the first answer got lost.
     if earlier := replay(submission, request_hash):
         return earlier
+    check_webhook(context, wanted)
     with context.engine.connect() as connection:
         source = find(connection, caller, job_id)
     if source.task == "mix":

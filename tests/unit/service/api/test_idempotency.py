@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import socket
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -9,15 +10,16 @@ from typing import Any
 
 import httpx
 import pytest
+from fastapi import FastAPI
 
 from pipeline.options import Options
-from service import jobs
+from service import cameras, jobs
 from service.api.context import Context
 from service.api.idempotency import hash_of
 from service.api.intake import Intake
 from service.api.models import Handling
 from service.capture import Capture
-from tests.unit.service.asking import post_capture, post_pair, problem_of, rows_of
+from tests.unit.service.asking import post_capture, post_pair, problem_of, rows_of, stored_job
 
 Png = Callable[..., bytes]
 
@@ -83,6 +85,36 @@ def test_a_job_that_is_deleted_while_its_key_is_sent_again_asks_for_another_try(
     wanted = {"capture": {"camera": "sim://studio"}}
     answer = http.post("/jobs", json=wanted, headers={"idempotency-key": "once"})
     assert (answer.status_code, answer.json()["retryable"]) == (503, True)
+
+
+@pytest.mark.parametrize("way", ["a pair", "a rerun", "a camera's capture", "a burst"])
+def test_a_request_that_settings_have_come_to_forbid_gives_its_job_again(
+    way: str, http: httpx.Client, png: Png, context: Context, server: tuple[FastAPI, str]
+) -> None:
+    webhook = {"url": "http://example.org/done", "secret": "whsec_" + "a" * 32}
+    camera = {"camera": "sim://studio"}
+    source = post_capture(http)["id"] if way == "a burst" else stored_job(context)
+
+    def send(headers: dict[str, str]) -> httpx.Response:
+        handling: dict[str, Any] = {"webhook": webhook}
+        if way == "a pair":
+            data = {"handling": json.dumps(handling)}
+            return post_pair(http, png(64, 48), png(64, 48, True), headers=headers, data=data)
+        path, body = {
+            "a rerun": (f"/jobs/{source}/rerun", {}),
+            "a camera's capture": ("/jobs", {"capture": camera}),
+            "a burst": (f"/cameras/{cameras.id_of('sim://studio')}/captures", {"pairs": 2}),
+        }[way]
+        return http.post(path, json=body | handling, headers=headers)
+
+    first = send({"idempotency-key": "once"})
+    narrow = {"webhook_https": True, "cameras": "ptp+usb://"}
+    settings = context.settings.model_copy(update=narrow)
+    server[0].state.context = replace(context, settings=settings)
+    again = send({"idempotency-key": "once"})
+    assert (first.status_code, again.status_code) == (202, 202)
+    assert again.headers["location"] == first.headers["location"]
+    assert problem_of(send({"idempotency-key": "another"}))[0] in (403, 422)
 
 
 class _LaterOptions(Options):

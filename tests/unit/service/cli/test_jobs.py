@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
-from service import cameras, database, dbos_queue, jobs
+from service import cameras, database, dbos_queue, jobs, keys
 from service.api.context import Context
 from service.cli import run
 from service.frames import FRAMES
@@ -359,3 +359,60 @@ def test_a_mix_of_what_cannot_be_mixed_is_not_made_anew(
     assert run(["jobs", "retry", "m"]) == 2
     assert "There is no job 'a'" in capsys.readouterr().err
     assert _ids(context) == ["m"]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "row", "said"),
+    [
+        ("WEBHOOK_HTTPS", "true", {"webhook": {"url": "http://example.org/"}}, "webhook.url: "),
+        ("CAMERAS", "ptp+usb://", {"capture": {"camera": "sim://studio"}}, "This camera is none"),
+        (
+            "CAMERAS",
+            "sim://",
+            {"capture": {"camera": "sim://studio", "flash": "external"}},
+            "flash: this service has no switch for a flash",
+        ),
+    ],
+)
+def test_what_settings_have_come_to_forbid_is_not_reached_by_a_job_made_anew(
+    name: str,
+    value: str,
+    row: dict[str, Any],
+    said: str,
+    context: Context,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    untaken = {"inputs": None} if "capture" in row else {}
+    with context.engine.begin() as connection:
+        connection.execute(sa.update(database.jobs).values(row | untaken))
+    _fail(context)
+    monkeypatch.setenv(f"LIGHTLAYERS_{name}", value)
+    assert _refused(context, capsys).startswith(said)
+
+
+@pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        ({}, "none like it may have its webhook told; make one with a key that is good.\n"),
+        (
+            {"webhook": None, "inputs": None, "capture": {"camera": "sim://studio"}},
+            "none like it may use its camera; make one with a key that is good.\n",
+        ),
+        ({"webhook": None}, None),
+    ],
+)
+def test_a_key_that_has_ended_reaches_nothing_by_a_job_made_anew(
+    row: dict[str, Any], said: str | None, context: Context, capsys: pytest.CaptureFixture[str]
+) -> None:
+    owner = owner_of(bearing(context, "submit", "capture"))
+    with context.engine.begin() as connection:
+        connection.execute(sa.update(database.jobs).values(row | {"owner": owner}))
+        assert not keys.has_ended(connection, owner)
+        keys.revoke(connection, owner)
+        assert keys.has_ended(connection, owner)
+    _fail(context)
+    if said is None:
+        assert run(["jobs", "retry", "a"]) == 0
+    else:
+        assert _refused(context, capsys).endswith(said)
