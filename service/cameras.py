@@ -139,30 +139,32 @@ def is_past_capture(job: jobs.Job) -> bool:
     return job.ended or (job.inputs is not None and not job.captures)
 
 
-def take(connection: sa.Connection, camera: str, seconds: float) -> bool:
-    """Have the camera for oneself for so long at most, without a job; whether it was free.
+def take(connection: sa.Connection, camera: str, seconds: float) -> float | None:
+    """Have the camera for oneself for so long at most, without a job; until when, if it was free.
 
     camera: as add() gave it in this transaction.
     """
     if _is_taken(connection, camera) or holder(connection, camera):
-        return False
+        return None
     until = sa.update(cameras).where(cameras.c.id == camera).values(taken_until=now() + seconds)
-    connection.execute(until)
-    return True
+    return connection.execute(until.returning(cameras.c.taken_until)).scalar_one()
 
 
 def give_back(
     connection: sa.Connection,
     camera: str,
+    until: float,
     info: drivers.CameraInfo | None,
     answered: bool,
     host: str | None = None,
 ) -> None:
-    """End take(). info: what the camera told of itself; answered: whether it answered at all.
+    """End take(), which gave `until`, unless somebody else has taken the camera since.
 
-    host: where that was, as service.host names it.
+    info: what the camera told of itself; answered: whether it answered at all. host: where that
+    was, as service.host names it.
     """
-    connection.execute(sa.update(cameras).where(cameras.c.id == camera).values(taken_until=0.0))
+    own = sa.and_(cameras.c.id == camera, cameras.c.taken_until == until)
+    connection.execute(sa.update(cameras).where(own).values(taken_until=0.0))
     note(connection, camera, info, answered)
     if answered and host is not None and _is_on_usb(address_of(connection, camera) or ""):
         _note_host(connection, camera, host)

@@ -82,8 +82,8 @@ class CameraDiscovery:
 
         Raises sandbox.TaskError for what the driver says, and CameraTimeoutError.
         """
-        camera = self._take(address)
-        if camera is None:
+        taken = self._take(address)
+        if taken is None:
             return None
         info, answered = None, False
         try:
@@ -94,14 +94,16 @@ class CameraDiscovery:
             raise
         finally:
             with self._engine.begin() as connection:
-                cameras.give_back(connection, camera, info, answered, self._host)
+                cameras.give_back(connection, *taken, info, answered, self._host)
         found: dict[str, Any] = told["settings"]
         return found
 
-    def _take(self, address: str) -> str | None:
+    def _take(self, address: str) -> tuple[str, float] | None:
+        """Have a camera for a look, where it is free: its id, and until when."""
         with self._engine.begin() as connection:
             camera = cameras.add(connection, address)
-            return camera if cameras.take(connection, camera, 2 * _LOOK_SECONDS) else None
+            until = cameras.take(connection, camera, 2 * _LOOK_SECONDS)
+        return None if until is None else (camera, until)
 
     def _look_everywhere(self) -> None:
         with self._engine.begin() as connection:  # they are listed whatever comes of it
@@ -120,8 +122,8 @@ class CameraDiscovery:
             known = cameras.find(connection, cameras.id_of(address))
         if known and known.seconds_ago < _FRESH_SECONDS:
             return  # another process has, or a job
-        camera = self._take(address)
-        if camera is None:
+        taken = self._take(address)
+        if taken is None:
             return
         info = None
         try:
@@ -131,7 +133,7 @@ class CameraDiscovery:
                 (self._unable.discard if told["releases"] else self._unable.add)(address)
         finally:
             with self._engine.begin() as connection:
-                cameras.give_back(connection, camera, info, info is not None, self._host)
+                cameras.give_back(connection, *taken, info, info is not None, self._host)
 
     def _run(self, kind: Kind, order: CameraOrder, trace_id: str = "") -> Any:
         with scratch.folder(self._settings.data_dir) as folder:

@@ -157,7 +157,8 @@ def test_of_two_names_of_one_camera_on_usb_one_is_used_at_a_time(postgresql: str
     def use(address: str) -> bool:
         with engine.begin() as connection:
             both.wait(60)
-            return cameras.take(connection, cameras.add(connection, address), 60)
+            camera = cameras.add(connection, address)
+            return cameras.take(connection, camera, 60) is not None
 
     def free() -> None:
         with engine.begin() as connection:

@@ -178,11 +178,11 @@ def test_a_pair_that_a_dead_worker_has_kept_is_only_passed_on(engine: sa.Engine)
 def test_a_look_and_a_job_never_have_a_camera_at_once(engine: sa.Engine, camera: str) -> None:
     _add(engine, "a")
     with engine.begin() as connection:
-        assert cameras.take(connection, camera, 60)
-        assert not cameras.take(connection, camera, 60)
+        until = cameras.take(connection, camera, 60)
+        assert until and not cameras.take(connection, camera, 60)
     assert _claim(engine, "a") is None
     with engine.begin() as connection:
-        cameras.give_back(connection, camera, INFO, answered=True)
+        cameras.give_back(connection, camera, until, INFO, answered=True)
     assert _claim(engine, "a")
     with engine.begin() as connection:
         assert not cameras.take(connection, camera, 60)
@@ -192,6 +192,19 @@ def test_a_look_that_died_does_not_keep_the_camera_for_ever(engine: sa.Engine, c
     with engine.begin() as connection:
         assert cameras.take(connection, camera, -1)
         assert cameras.take(connection, camera, 60)
+
+
+def test_a_look_that_took_too_long_takes_the_camera_from_nobody_else(
+    engine: sa.Engine, camera: str
+) -> None:
+    _add(engine, "a")
+    with engine.begin() as connection:
+        late = cameras.take(connection, camera, -1)
+        assert late and cameras.take(connection, camera, 60)
+    with engine.begin() as connection:
+        cameras.give_back(connection, camera, late, INFO, answered=True)
+    assert _claim(engine, "a") is None
+    assert _look(engine, camera).answered
 
 
 USB = "ptp+usb://"
@@ -215,11 +228,12 @@ def test_whichever_camera_is_on_usb_is_used_by_one_at_a_time(
 ) -> None:
     with engine.begin() as connection:
         looked_at = cameras.add(connection, one)
-        assert cameras.take(connection, looked_at, 60)
+        until = cameras.take(connection, looked_at, 60)
+        assert until
     _add(engine, "a", other)
     assert _claim(engine, "a") is None
     with engine.begin() as connection:
-        cameras.give_back(connection, looked_at, None, answered=False)
+        cameras.give_back(connection, looked_at, until, None, answered=False)
     _add(engine, "b", one)
     found = _look(engine, looked_at)
     assert (found.holder, found.waiting) == (None, 2)
@@ -257,7 +271,7 @@ def _see(engine: sa.Engine, address: str, host: str | None, answered: bool = Tru
     """Have an API on a host look at a camera; its id."""
     with engine.begin() as connection:
         camera = cameras.add(connection, address)
-        cameras.give_back(connection, camera, INFO if answered else None, answered, host)
+        cameras.give_back(connection, camera, 0.0, INFO if answered else None, answered, host)
     return camera
 
 
