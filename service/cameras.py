@@ -147,7 +147,7 @@ def take(connection: sa.Connection, camera: str, seconds: float) -> float | None
     if _is_taken(connection, camera) or holder(connection, camera):
         return None
     until = sa.update(cameras).where(cameras.c.id == camera).values(taken_until=now() + seconds)
-    return connection.execute(until.returning(cameras.c.taken_until)).scalar_one()
+    return float(connection.execute(until.returning(cameras.c.taken_until)).scalar_one())
 
 
 def give_back(

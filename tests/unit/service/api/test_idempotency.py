@@ -106,11 +106,12 @@ def test_a_request_that_settings_have_come_to_forbid_gives_its_job_again(
         if way == "a pair":
             data = {"handling": json.dumps(handling)}
             return post_pair(http, b"no flash", b"flash", headers=headers, data=data)
-        path, body = {
+        ways: dict[str, tuple[str, dict[str, Any]]] = {
             "a rerun": (f"/jobs/{source}/rerun", {}),
             "a camera's capture": ("/jobs", {"capture": camera}),
             "a burst": (f"/cameras/{cameras.id_of('sim://studio')}/captures", {"pairs": 2}),
-        }[way]
+        }
+        path, body = ways[way]
         return http.post(path, json=body | handling, headers=headers)
 
     first = send({"idempotency-key": "once"})
