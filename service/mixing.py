@@ -29,8 +29,9 @@ class MixOptions(BaseModel):
 def check_mix(storage: Storage, source: jobs.Job, mix: Mix) -> None:
     """Refuse what could never be mixed of the layers of a job.
 
-    Raises OptionError where it has no layers, or other lamps, GoneError, BaseError while the store
-    is away, and what check_succeeded raises.
+    Raises OptionError where it has no layers, or other lamps, InputError where its manifest is of
+    an earlier version, GoneError, BaseError while the store is away, and what check_succeeded
+    raises.
     """
     check_succeeded(source)
     if not {LAYERS, MANIFEST} <= {result["name"] for result in source.results or []}:

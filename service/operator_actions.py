@@ -62,10 +62,10 @@ class OperatorActions:
 
         It is checked as a new one. Raises UnknownJobError, NotReadyError, GoneError for photographs
         or layers that are removed, OptionError for options, a webhook or a flash that it cannot
-        have any more, ForeignCameraError for such a camera, ForbiddenError for a webhook or a
-        camera of a key that is not good any more, QueueFullError, StorageFullError, QuotaError and
-        StoredQuotaError where there is no room for it, and StartError or BaseError while the store
-        is away.
+        have any more, what check_mix raises of the job that a mix is of, ForeignCameraError for
+        such a camera, ForbiddenError for a webhook or a camera of a key that is not good any more,
+        QueueFullError, StorageFullError, QuotaError and StoredQuotaError where there is no room for
+        it, and StartError or BaseError while the store is away.
         """
         job = self.find(job_id)
         if job.state not in _RETRIED:

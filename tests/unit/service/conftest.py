@@ -24,6 +24,7 @@ from service.forkserver import ForkServer
 from service.media import media_type
 from service.object_keys import results_key
 from service.settings import Settings
+from service.storage import Storage
 from tests.unit.service.contract import check_described, described
 from tests.unit.service.studio import PATH, ask_in_process
 
@@ -45,6 +46,12 @@ def engine(tmp_path: Path) -> Iterator[sa.Engine]:
     database.metadata.create_all(engine)
     yield engine
     engine.dispose()
+
+
+@pytest.fixture
+def storage(tmp_path: Path) -> Storage:
+    """A store in a folder."""
+    return Storage((tmp_path / "a store").as_uri())
 
 
 @pytest.fixture(scope="session")

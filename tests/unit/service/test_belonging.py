@@ -14,11 +14,6 @@ Open = Callable[[str], sa.Engine]
 
 
 @pytest.fixture
-def storage(tmp_path: Path) -> Storage:
-    return Storage((tmp_path / "store").as_uri())
-
-
-@pytest.fixture
 def open_one(tmp_path: Path) -> Iterator[Open]:
     """Open a migrated database of this name."""
     opened = []

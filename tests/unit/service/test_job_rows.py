@@ -336,57 +336,6 @@ def test_a_job_that_ends_knows_how_long_it_is_kept(end: str, engine: sa.Engine) 
     assert endless.expires is None
 
 
-def test_only_ended_jobs_past_their_time_expire(engine: sa.Engine) -> None:
-    for job_id, expires in (("a", 1.0), ("b", 9e9), ("c", None), ("d", 1.0), ("e", 1.0)):
-        added(engine, job_id, expires=expires)
-        if job_id == "d":
-            continue
-        held = claimed(engine, job_id, "w1")
-        if job_id == "e":
-            continue
-        with engine.begin() as connection:
-            jobs.succeed(connection, held, [])
-    with engine.begin() as connection:
-        assert expiry.expire(connection, 10) == ["a"]
-    assert [stored(engine, job_id).state for job_id in "abcde"] == [
-        State.EXPIRED,
-        State.SUCCEEDED,
-        State.SUCCEEDED,
-        State.QUEUED,
-        State.RUNNING,
-    ]
-    with engine.begin() as connection:  # until its row is gone, it is still to be removed
-        assert expiry.expire(connection, 10) == ["a"]
-        expiry.remove(connection, "a")
-        assert expiry.expire(connection, 10) == []
-
-
-def test_a_condemned_job_expires_once_it_has_ended(engine: sa.Engine) -> None:
-    added(engine, "a")
-    held = claimed(engine, "a", "w1")
-    with engine.begin() as connection:
-        jobs.request_cancel(connection, "a", 100)
-        expiry.condemn(connection, "a")
-        assert expiry.expire(connection, 10) == []
-        assert jobs.acknowledge_cancel(connection, held, 100)
-        assert expiry.expire(connection, 10) == ["a"]
-
-
-def test_what_was_to_be_kept_for_ever_is_dated_from_its_end(engine: sa.Engine) -> None:
-    for job_id in "abc":
-        added(engine, job_id)
-    for job_id in "ab":
-        held = claimed(engine, job_id, "w1")
-        with engine.begin() as connection:
-            jobs.succeed(connection, held, [])
-    with engine.begin() as connection:
-        assert [expiry.limit_keeping(connection, 60, 1) for _ in range(3)] == [1, 1, 0]
-    for job_id in "ab":
-        job = stored(engine, job_id)
-        assert job.finished is not None and job.expires == pytest.approx(job.finished + 60)
-    assert stored(engine, "c").expires is None
-
-
 def test_ids_of_jobs_are_told_from_others(engine: sa.Engine) -> None:
     added(engine, "a")
     with engine.connect() as connection:

@@ -19,11 +19,6 @@ from service.storage import Storage
 from tests.stores import check_copy, check_folders
 
 
-@pytest.fixture
-def storage(tmp_path: Path) -> Storage:
-    return Storage((tmp_path / "a store").as_uri())
-
-
 def test_bytes_come_back(storage: Storage) -> None:
     storage.put("jobs/1/inputs/flash", b"light")
     assert storage.get("jobs/1/inputs/flash") == b"light"

@@ -13,11 +13,6 @@ from service.storage import Storage
 from tests.unit.service.full_disk import full_disk
 
 
-@pytest.fixture
-def storage(tmp_path: Path) -> Storage:
-    return Storage((tmp_path / "store").as_uri())
-
-
 def _add(
     engine: sa.Engine, upload_id: str, length: int, owner: str = "a", seconds: float = 60
 ) -> None:
@@ -171,12 +166,12 @@ def test_pieces_that_were_half_stored_go_with_their_upload(
     for name, seconds in (("kept", 60), ("over", -3601)):
         _add(engine, name, 6, seconds=seconds)
     for name in ("kept", "over", "nobodys"):
-        folder = tmp_path / "store" / "uploads" / name
+        folder = tmp_path / "a store" / "uploads" / name
         folder.mkdir(parents=True)
         (folder / "000-x#1").write_bytes(b"abc")  # no object: its name is one of the store's own
     assert storage.list("") == []
     uploads.remove_expired(engine, storage, strays=True)
-    assert [path.name for path in (tmp_path / "store" / "uploads").iterdir()] == ["kept"]
+    assert [path.name for path in (tmp_path / "a store" / "uploads").iterdir()] == ["kept"]
 
 
 def test_an_upload_without_its_objects_cannot_be_read(

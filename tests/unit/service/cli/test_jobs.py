@@ -288,31 +288,16 @@ def _refused(context: Context, capsys: pytest.CaptureFixture[str]) -> str:
     return capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (
-            {"neutral": "D655"},
-            "neutral: No neutral light spectrum is called 'D655': near names are D65, D55, ID65, "
-            "D75.\n",
-        ),
-        ({"lights": 7}, "lights: more than three lamps have no unique answer"),
-        ({"of_old": 1}, "of_old: this name is not known.\n"),
-        ({"kind": "camera", "flash_spectrum": "xenonn"}, "flash_spectrum: No flash spectrum is"),
-    ],
-)
 def test_options_that_a_job_cannot_have_any_more_are_told_at_once(
-    options: dict[str, Any],
-    said: str,
-    context: Context,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    context: Context, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("LIGHTLAYERS_SPECTRA", raising=False)
     with context.engine.begin() as connection:
-        connection.execute(sa.update(database.jobs).values(options=options))
+        connection.execute(sa.update(database.jobs).values(options={"neutral": "D655"}))
     _fail(context)
-    assert _refused(context, capsys).startswith(said)
+    assert _refused(context, capsys) == (
+        "neutral: No neutral light spectrum is called 'D655': near names are D65, D55, ID65, D75.\n"
+    )
 
 
 @pytest.mark.parametrize(
