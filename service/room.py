@@ -24,9 +24,9 @@ def check_room(
         total = waiting.count_queued(connection)
     of_key, in_all = settings.queued_jobs_per_key, settings.queued_jobs
     if own + coming > of_key:
-        raise QueueFullError(_full(f"{own} jobs of yours wait already", coming, of_key))
+        raise QueueFullError(_full(f"{own} jobs of yours wait already", own, coming, of_key))
     if total + coming > in_all:
-        raise QueueFullError(_full(f"{total} jobs wait already", coming, in_all))
+        raise QueueFullError(_full(f"{total} jobs wait already", total, coming, in_all))
     check_disk(settings, storage)
 
 
@@ -39,7 +39,9 @@ def check_disk(settings: Settings, storage: Storage) -> None:
         )
 
 
-def _full(said: str, coming: int, limit: int) -> str:
+def _full(said: str, queued: int, coming: int, limit: int) -> str:
     if coming == 1:
         return f"{said}; send this one again later."
+    if queued >= limit:  # not even one of them has room
+        return f"{said}; ask for these {coming} again later."
     return f"{said}, and {limit} may; ask for fewer than these {coming}, or later."

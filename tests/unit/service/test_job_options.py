@@ -33,7 +33,8 @@ def test_the_options_of_each_kind_of_job_are_read_as_its_own() -> None:
 @pytest.mark.parametrize(
     ("task", "options", "said"),
     [
-        ("separate", {"lights": "2"}, "lights: "),  # a text is no number, as in a request
+        # a text is no number, as in a request
+        ("separate", {"focal_px": "5000"}, "focal_px: Input should be a valid number."),
         ("separate", {"lights": 7}, "lights: more than three lamps have no unique answer"),
         ("separate", {"of_old": 1}, "of_old: this name is not known."),
         ("separate", {"kind": "flash"}, "kind: this name is not known."),

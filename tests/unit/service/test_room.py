@@ -58,7 +58,7 @@ def test_as_many_jobs_come_as_there_is_room_for(
     assert str(refused.value) == told
 
 
-def test_one_job_too_many_is_to_be_sent_later(
+def test_where_not_one_more_has_room_nobody_is_told_to_ask_for_fewer(
     engine: sa.Engine, settings: Settings, storage: Storage
 ) -> None:
     for job_id, owner in (("a", MINE), ("b", MINE), ("c", MINE), ("d", OTHERS)):
@@ -66,6 +66,9 @@ def test_one_job_too_many_is_to_be_sent_later(
     with pytest.raises(QueueFullError) as mine:
         check_room(engine, settings, storage, MINE)
     assert str(mine.value) == "3 jobs of yours wait already; send this one again later."
+    with pytest.raises(QueueFullError) as several:
+        check_room(engine, settings, storage, MINE, 2)
+    assert str(several.value) == "3 jobs of yours wait already; ask for these 2 again later."
     with pytest.raises(QueueFullError) as others:
         check_room(engine, settings, storage, OTHERS)
     assert str(others.value) == "4 jobs wait already; send this one again later."
