@@ -37,7 +37,7 @@ def test_answers_are_those_of_the_document(
         f"--checks={','.join(_CHECKS)}",
         "--phases=fuzzing",
         "--exclude-path=/jobs/{job_id}/events",  # a stream, which ends with the job
-        "--max-examples=7",
+        "--max-examples=10",
         "--request-timeout=120",
         "--suppress-health-check=all",  # that examples are slow to make
         f"--seed={_SEED}",
