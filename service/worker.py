@@ -117,9 +117,9 @@ class Worker:
         try:
             self._beat()
             self._bury()
+            held = self._queue.held()  # first: whoever holds something has beaten before
             with self._engine.begin() as connection:
                 living = heartbeats.living(connection, self._settings.silence_seconds)
-            held = self._queue.held()
             dead = {one for one in held if one.worker not in living}
             forgotten = self._forgotten(held)
             self._queue.put_back(dead | forgotten)

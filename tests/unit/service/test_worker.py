@@ -323,13 +323,17 @@ def test_what_the_queues_forgot_to_bring_is_put_back(
         Held("dead", "another", "jobs"),
         Held("living", "neighbour", "jobs"),
     ]
-    monkeypatch.setattr(one._queue, "held", lambda: held)
+
+    def look() -> list[Held]:
+        with one._engine.begin() as connection:
+            heartbeats.beat(connection, "neighbour")  # which may just have come
+        return held
+
+    monkeypatch.setattr(one._queue, "held", look)
     monkeypatch.setattr(
         one._queue, "put_back", lambda found: put_back.append({held.id for held in found})
     )
     one._runs.add("running")
-    with one._engine.begin() as connection:
-        heartbeats.beat(connection, "neighbour")
     one.keep()
     one.keep()
     assert put_back == [{"dead"}, {"dead", "mine", "a telling", "a sweep"}]
