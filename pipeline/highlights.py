@@ -30,7 +30,7 @@ from pipeline.frames import (
 from pipeline.lamps import Lamps
 from pipeline.proportions import colour_of, light_of, pixel, scaled, times
 from pipeline.reduced import ReducedPair
-from pipeline.shares import Colour, shares_of_two
+from pipeline.shares import Colour, dot, doubles, shares_of_two
 
 Array = NDArray[np.float32]
 
@@ -354,11 +354,11 @@ def _explain(
     Matt light is there about once: the less it is beside a strong highlight, the less it tells.
     """
     matt = first[0] + second[0], first[1] + second[1], first[2] + second[2]
-    seen, matt = _doubles(times(seen, weights)), _doubles(times(matt, weights))
-    mirrored = _doubles(times(mirrored, weights))
+    seen, matt = doubles(times(seen, weights)), doubles(times(matt, weights))
+    mirrored = doubles(times(mirrored, weights))
     once = (_MODEL / _SHADING) ** 2 * max(_squared(seen), _TINY)
-    s0, s1 = _dot(matt, seen) + once, _dot(mirrored, seen)
-    g00, g01, g11 = _squared(matt) + once, _dot(matt, mirrored), _squared(mirrored)
+    s0, s1 = dot(matt, seen) + once, dot(mirrored, seen)
+    g00, g01, g11 = _squared(matt) + once, dot(matt, mirrored), _squared(mirrored)
     a, b = g11 * s0 - g01 * s1, g00 * s1 - g01 * s0
     if not b > 0:
         return s0 / g00, 0.0
@@ -392,7 +392,7 @@ def _bounded(squared: Any, most: float) -> Any:
 
 @compiled
 def _usual(values: NDArray[np.float64], weights: NDArray[np.float64]) -> tuple[float, float]:
-    """Weighted median, and what only the brightest are above."""
+    """Weighted median, and the quantile that _BRIGHT is."""
     order, whole, total = np.argsort(values), weights.sum(), 0.0
     median, is_below = 0.0, True
     for i in order:
@@ -412,14 +412,4 @@ def _chromaticity(f: Colour) -> tuple[Any, Any]:
 
 @inlined
 def _squared(a: Colour) -> Any:
-    return _dot(a, a)
-
-
-@inlined
-def _dot(a: Colour, b: Colour) -> Any:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@inlined
-def _doubles(a: Colour) -> Colour:
-    return np.float64(a[0]), np.float64(a[1]), np.float64(a[2])
+    return dot(a, a)

@@ -61,13 +61,14 @@ def _shares(light: Array, predictions: Array, found: Array) -> None:
 
 
 @spliced
-def _dot(a: Colour, b: Colour) -> Any:
+def dot(a: Colour, b: Colour) -> Any:
+    """Sum over the channels, for other compiled loops, too, in the precision of its arguments."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @spliced
-def _double(a: Colour) -> Colour:
-    """In double precision: lamps that look alike at a pixel need it."""
+def doubles(a: Colour) -> Colour:
+    """In double precision, for other compiled loops, too: what looks alike at a pixel needs it."""
     return np.float64(a[0]), np.float64(a[1]), np.float64(a[2])
 
 
@@ -98,8 +99,8 @@ def _together(
 @exact
 def share_of_one(seen: Colour, first: Colour) -> float:
     """Share of one pixel, as shares defines it; for other compiled loops."""
-    seen, first = _double(seen), _double(first)
-    return _alone(_dot(first, seen), _dot(first, first))
+    seen, first = doubles(seen), doubles(first)
+    return _alone(dot(first, seen), dot(first, first))
 
 
 @spliced
@@ -110,11 +111,11 @@ def shares_of_two(seen: Colour, first: Colour, second: Colour) -> tuple[Any, Any
     branches, so that loops over pixels become vector instructions, and in the precision of its
     arguments: cross products keep what a difference of squares would lose.
     """
-    s0, s1 = _dot(first, seen), _dot(second, seen)
-    g00, g11 = _dot(first, first), _dot(second, second)
+    s0, s1 = dot(first, seen), dot(second, seen)
+    g00, g11 = dot(first, first), dot(second, second)
     normal = _cross(first, second)
-    determinant = _dot(normal, normal)  # g00 · g11 − g01², by Lagrange's identity
-    z0, z1 = _dot(normal, _cross(seen, second)), _dot(normal, _cross(first, seen))
+    determinant = dot(normal, normal)  # g00 · g11 − g01², by Lagrange's identity
+    z0, z1 = dot(normal, _cross(seen, second)), dot(normal, _cross(first, seen))
     zero, least = np.float32(0.0), np.float32(_LEAST)
     # no solution on the border is better than one inside
     both = (determinant > np.float32(_REGULAR) * g00 * g11) & (z0 >= 0) & (z1 >= 0)
@@ -133,10 +134,10 @@ def shares_of_three(
     seen: Colour, first: Colour, second: Colour, third: Colour
 ) -> tuple[float, float, float]:
     """Shares of one pixel, as shares defines them; for other compiled loops, without branches."""
-    seen, first, second, third = _double(seen), _double(first), _double(second), _double(third)
-    s0, s1, s2 = _dot(first, seen), _dot(second, seen), _dot(third, seen)
-    g00, g01, g02 = _dot(first, first), _dot(first, second), _dot(first, third)
-    g11, g12, g22 = _dot(second, second), _dot(second, third), _dot(third, third)
+    seen, first, second, third = doubles(seen), doubles(first), doubles(second), doubles(third)
+    s0, s1, s2 = dot(first, seen), dot(second, seen), dot(third, seen)
+    g00, g01, g02 = dot(first, first), dot(first, second), dot(first, third)
+    g11, g12, g22 = dot(second, second), dot(second, third), dot(third, third)
     c00, c01, c02 = g11 * g22 - g12 * g12, g02 * g12 - g01 * g22, g01 * g12 - g02 * g11
     c11, c12, c22 = g00 * g22 - g02 * g02, g01 * g02 - g00 * g12, g00 * g11 - g01 * g01
     determinant = g00 * c00 + g01 * c01 + g02 * c02
