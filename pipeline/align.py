@@ -33,7 +33,7 @@ from pipeline.refine import (
     shrinking,
 )
 
-_LONG_SIDES = (1600, 800)  # the second for pairs whose noise drowns fine edges
+_LONG_SIDES = (1400, 800)  # the second for pairs whose noise drowns fine edges
 _EDGES_LONG_SIDE = 800  # where edges are taken, and are to correlate
 _SEARCH_SIZE = 400  # where they are searched for a motion that is then refined
 _SEARCHED = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-4)  # refined afterwards

@@ -28,6 +28,7 @@ _TUKEY = 4.685  # standard deviations at which a difference counts for nothing
 _MAD = 1.4826
 _EDGES = 0.85  # quantile of the gradient above which pixels tell of motion
 _FEW = 50  # pixels that still tell
+_SAMPLED = 30_000  # pixels by which a round tells quantiles
 _NEAR = (12, 0.05, cv2.INTER_LINEAR)  # rounds at most, last step in pixels, and interpolation
 _EXACT = (2, 0.005, cv2.INTER_CUBIC)  # a third round changes less than photographs tell
 _FARTHEST = 3.0  # times as far as a round would go alone
@@ -214,7 +215,7 @@ def _step(
     """One round: the small motion, in unit coordinates, that takes away most of the difference."""
     first, second = _rows(reference), _rows(_warped(sample, matrix, interpolation))
     where = (matrix, _MARGIN, _REACH)
-    strengths, differences = sampled(first, second, *where, max(1, first.size // (3 * ENOUGH)))
+    strengths, differences = sampled(first, second, *where, max(1, first.size // (3 * _SAMPLED)))
     if strengths.shape[1] < _FEW:
         return None
     least, scales = np.empty((2, 3), np.float32)
