@@ -13,7 +13,14 @@ from pipeline.hui2018.lights import lights_of_pair
 from pipeline.matrixfit.data import Data
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.known import Known, Pin, nothing_known
-from pipeline.matrixfit.objective import Term, Whitened, alone_term, make_terms
+from pipeline.matrixfit.objective import (
+    Term,
+    Whitened,
+    alone_term,
+    make_terms,
+    most_mirrored,
+    without_mirrors,
+)
 from pipeline.matrixfit.prior import MatrixPrior
 from pipeline.matrixfit.search import LEVELS, Problem, follow, search
 from pipeline.matrixfit.starts import invariants, start_points
@@ -31,6 +38,7 @@ _PURE_SHARE, _OTHER_PURE_SHARES = 0.02, (0.03, 0.01)
 _LITTLE = 0.6  # unexplained by three lamps
 _NOTHING = 1e-6  # of the light
 _AGAINST = 0.2  # of the terminators' weight: so much likelier are lamps that they speak for
+_MOST_MIRRORED = 0.35  # of the differences: no lamp is mirrored so much more than it shines
 _OUTLINE_LEVELS = (*LEVELS, (0.001, 1))
 _OUTLINE_WIDENED = 3**0.5  # with one kind of data instead of two, the prior would weigh too much
 _COST_LEVEL, _RENDERED_COST_LEVEL = 0.004, 0.008  # a camera's rendering bends chromaticities
@@ -83,17 +91,30 @@ def first_fit(
         exact = Fit(published, _cost(published, problem.terms, level))
         if not len(evidence.terminators):
             return exact
-    matrices, cost = search(problem, _candidates(evidence, model))
-    passed_over: tuple[Array, ...] = ()
-    if searched_too and published is not None:
-        other, other_cost = follow(problem, [known.completed(published)])
-        if other_cost < cost and not reduced.rendered:
-            matrices, other = other, matrices
-        passed_over = (other,)
+    candidates, also = _candidates(evidence, model), published if searched_too else None
+    matrices, *passed_over = _likeliest(problem, candidates, also, not reduced.rendered)
+    if any(most_mirrored(one, matrices, level) > _MOST_MIRRORED for one in problem.terms):
+        # a mirror has taken the place of its lamp, as light bounced off a wall can make it
+        problem = replace(problem, terms=[without_mirrors(one) for one in problem.terms])
+        matrices, *passed_over = _likeliest(problem, candidates, also, not reduced.rendered)
     cost = np.inf if known.rejects(matrices) else _cost(matrices, problem.terms, level)
     if exact is not None and cost > exact.cost - _AGAINST * evidence.terminators.weight.sum():
         return exact
-    return Fit(matrices, cost, passed_over)
+    return Fit(matrices, cost, tuple(passed_over))
+
+
+def _likeliest(
+    problem: Problem, candidates: Array, published: Array | None, may_win: bool
+) -> list[Array]:
+    """What the search comes to, and what it comes to from the published lamps, if there are any.
+
+    The likelier comes first where published lamps may win.
+    """
+    matrices, cost = search(problem, candidates)
+    if published is None:
+        return [matrices]
+    other, other_cost = follow(problem, [problem.known.completed(published)])
+    return [other, matrices] if may_win and other_cost < cost else [matrices, other]
 
 
 def fit_matrices(

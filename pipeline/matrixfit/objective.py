@@ -168,6 +168,21 @@ def difference_term(differences: Data, lamps: int) -> Term:
     return Term(differences, Shape(False, 0.5, 6.0, 1.5), weights, 25.0)
 
 
+def without_mirrors(term: Term) -> Term:
+    """The same mixture, if it has mirrors, without them."""
+    if not term.mirrored.any():
+        return term
+    weights = np.concatenate([term.weights[:-3], term.weights[-1:]])
+    return replace(term, weights=weights / weights.sum(), mirrored=np.zeros(3))
+
+
+def most_mirrored(term: Term, matrices: Array, s0: float) -> float:
+    """Share of the data that the mirror of one of two lamps (2, 3, 3) explains at a level s0."""
+    if not term.mirrored.any():
+        return 0.0
+    return float(Whitened(term, s0).reweighted(matrices, term.weights)[-3:-1].max())
+
+
 def _with_mirrors(term: Term, flash_white: Array) -> Term:
     """The mixture of differences of two lamps of which some are the borders of highlights.
 

@@ -84,6 +84,31 @@ def test_what_is_mirrored_has_the_colour_of_the_flash_on_white(
     np.testing.assert_allclose(made, [white])
 
 
+@pytest.mark.parametrize("mirrored", [0.0, 0.2, 0.8])
+def test_no_mirror_takes_the_place_of_its_lamp(
+    shadowed: Callable[[Array], Any],
+    model: Model,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+    mirrored: float,
+) -> None:
+    """A share of the differences has a lamp's own colour, on surfaces of many."""
+    pair = shadowed(warm_to_cool[[0, 2]])
+    reduced, known = reduce_pair(pair), nothing_known(model.flash_white)
+    evidence = gather_evidence(reduced, False)
+    own = model.lamp_matrix(warm_to_cool[2]) @ model.flash_white
+    data = evidence.differences
+    some = np.arange(len(data)) % 10 < 10 * mirrored
+    u = np.where(some[:, None], own[:2] / own.sum(), data.u)
+    evidence = replace(evidence, differences=replace(data, u=u))
+
+    found = first_fit(reduced, evidence, model, 2, known)
+
+    monkeypatch.setattr(fit, "most_mirrored", lambda *_: 1.0)
+    matt = first_fit(reduced, evidence, model, 2, known)
+    assert np.array_equal(found.matrices, matt.matrices) == (mirrored > 0.5)
+
+
 @pytest.mark.parametrize(
     ("which", "outside", "limit"),
     [((0, 2), 0.0, 0.004), ((0, 1), 0.0, 0.002), ((1, 2), 0.0, 0.009), ((0, 1, 2), 0.1, 0.06)],

@@ -15,7 +15,9 @@ from pipeline.matrixfit.objective import (
     Whitened,
     alone_term,
     make_terms,
+    most_mirrored,
     posterior,
+    without_mirrors,
 )
 from pipeline.model import Model
 from pipeline.vectors import unit
@@ -180,13 +182,33 @@ def test_borders_of_highlights_are_told_from_those_of_shadows(model: Model) -> N
     data = replace(data, u=np.tile(own[:2] / own.sum(), (400, 1)))
     made = make_terms(seen(differences=data), 2, False, PURE, model.flash_white)[1]
     term = Whitened(made, 0.004)
-    matt = replace(made, weights=made.weights[[0, 1, 2, 5]], mirrored=np.zeros(3))
+    matt = without_mirrors(made)
 
     found = term.reweighted(matrices, made.weights)
 
     assert found[3] > 0.7
     assert found[4] < made.weights[4]
+    assert most_mirrored(made, matrices, 0.004) == found[3:5].max()
     assert term.value(matrices, found)[0] < Whitened(matt, 0.004).value(matrices, matt.weights)[0]
+
+
+def test_without_mirrors_weights_keep_their_proportions() -> None:
+    made = make_terms(seen(), 2, False, PURE, WHITE)[1]
+
+    matt = without_mirrors(made)
+
+    np.testing.assert_allclose(matt.weights, made.weights[[0, 1, 2, 5]] / 0.85)
+    np.testing.assert_array_equal(matt.mirrored, np.zeros(3))
+    assert without_mirrors(matt) is matt
+
+
+def test_matt_differences_are_mirrored_by_none(model: Model) -> None:
+    matrices = model.lamp_matrix(LIGHTS[:2])
+    data = pure(drawn(model, 400, 6), matrices[0])
+    made = make_terms(seen(differences=data), 2, False, PURE, model.flash_white)[1]
+
+    assert most_mirrored(made, matrices, 0.004) < 0.1
+    assert most_mirrored(without_mirrors(made), matrices, 0.004) == 0.0
 
 
 def test_a_pseudo_count_keeps_weights_near_where_they_began(model: Model) -> None:
