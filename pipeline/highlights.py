@@ -133,8 +133,11 @@ def find_highlights(
     step = max(round(_REACH * max(height, width) / _STEPS), 1)
     around = np.zeros((2, height, width), np.float32)
     kind, worth = np.full((height, width), -1), np.full((height, width), -_MOST_WORTH, np.float32)
+    brighter = np.zeros((height, width), np.float32)
     asked = _unlike_matt(matt, reduced.usable, 2 * _STEPS * step + 1)
-    _weigh(seen, flash, reduced.usable, asked, matt, light, step, around, kind, worth)
+    _weigh(seen, flash, reduced.usable, asked, matt, light, step, around, kind, worth, brighter)
+    worth += _trust_in_brightness(worth, brighter) * brighter
+    np.clip(worth, -_MOST_WORTH, _MOST_WORTH, out=worth)
     found = (kind >= 0) & (cv2.blur(worth, (_AGREEING, _AGREEING)) > _WORTH)
     if not found.any():
         return None
@@ -192,6 +195,20 @@ def _unlike_matt(matt: Array, usable: Mask, side: int) -> Mask:
     return unlike & usable
 
 
+def _trust_in_brightness(worth: Array, brighter: Array) -> float:
+    """Share of what is brighter than all around that colour tells to be a highlight, 0…1.
+
+    The rest is matt by its colour: sunlight through leaves or blinds, or a lamp that throws a
+    pattern, and brightness tells nothing in such a picture. 1 where colour tells nothing.
+
+    worth, brighter: (h, w) of blocks, as _weigh writes them.
+    """
+    bright = brighter > _MOST_BRIGHT / 2
+    mirrored, matt = (bright & (one > _WORTH) for one in (worth, -worth))
+    told = np.count_nonzero(mirrored) + np.count_nonzero(matt)
+    return np.count_nonzero(mirrored) / told if told else 1.0
+
+
 @compiled
 def _weigh(
     no_flash: Planes,
@@ -204,10 +221,12 @@ def _weigh(
     around: Array,
     kind: NDArray[np.int64],
     worth: Plane,
+    brighter: Plane,
 ) -> None:
     """Write of the blocks asked for what neighbours have, which highlight it would be, its worth.
 
-    The worth is how much further from the light matt light is, squared, in units of _MODEL.
+    The worth is how much further from the light matt light is, squared, in units of _MODEL;
+    brighter is what it counts besides that matt light is brighter than around.
     """
     most = (2 * _STEPS + 1) ** 2
     shares, like = np.empty((2, most)), np.empty(most)
@@ -225,14 +244,16 @@ def _weigh(
             first, second = _matt_light(lamps, pixel(flash, y, x), s0, s1)
             least = np.inf
             for one in range(_KINDS):
-                cost = _cost_of_mirrored(lamps, one, seen, first, second, s0, s1)
+                cost = _cost_of_mirrored(
+                    lamps, one, seen, (first, second), (s0, s1), (bright0, bright1)
+                )
                 if cost < least:
                     least, kind[y, x] = cost, one
+            z0, z1 = matt[0, y, x], matt[1, y, x]
+            brighter[y, x] = _cost_of_brightness(z0, z1, bright0, bright1)
             if kind[y, x] >= 0:
-                z0, z1 = matt[0, y, x], matt[1, y, x]
                 cost = (matt[2, y, x] / _MODEL) ** 2 + _cost_of_shares(z0, z1, s0, s1)
-                cost += _cost_of_brightness(z0, z1, bright0, bright1)
-                worth[y, x] = min(max(cost - least, -_MOST_WORTH), _MOST_WORTH)
+                worth[y, x] = max(cost - least, -2 * _MOST_WORTH)
 
 
 @inlined
@@ -254,12 +275,19 @@ def _cost_of_brightness(z0: Any, z1: Any, bright0: Any, bright1: Any) -> Any:
 
 @inlined
 def _cost_of_mirrored(
-    lamps: _Light, kind: int, seen: Colour, first: Colour, second: Colour, s0: Any, s1: Any
+    lamps: _Light,
+    kind: int,
+    seen: Colour,
+    around: tuple[Colour, Colour],
+    shares: tuple[Any, Any],
+    bright: tuple[Any, Any],
 ) -> Any:
     """How far light is from a highlight of that kind; infinite where nothing is mirrored.
 
-    first, second: matt light of the lamps with the shares around, s0 and s1.
+    around: matt light of the lamps with the shares around. bright: the brightest of these, beyond
+    which the matt light beneath a highlight is no likelier than matt light alone.
     """
+    (first, second), (s0, s1) = around, shares
     mirrored = _mirrored(lamps.colours, kind, s0, s1)
     a, b = _explain(seen, first, second, mirrored, lamps.weights)
     left = 0.0
@@ -268,6 +296,7 @@ def _cost_of_mirrored(
         left += (off * lamps.weights[k]) ** 2
     whole = max(_squared(times(seen, lamps.weights)), _TINY)
     cost = left / whole / _MODEL**2 + _bounded(((a - 1.0) / _SHADING) ** 2, _MOST_UNUSUAL)
+    cost += _cost_of_brightness(a * s0, a * s1, bright[0], bright[1])
     return cost if b > 0 else np.inf
 
 

@@ -30,6 +30,7 @@ def find_highlights(reduced: ReducedPair, lamps: Lamps, flash_white: Doubles) ->
     seen, light = reduced.no_flash * weights, light_of_lamps(reduced.flash, lamps) * weights
     matt, left = _matt(reduced, lamps, seen, light)
     around, kind, worth = np.zeros((2, *size)), np.full(size, -1), np.full(size, -_MOST_WORTH)
+    brighter = np.zeros(size)
     notable = (matt > _NOTABLE * _mean_around(matt, reduced.usable)).any(axis=0)
     for y, x in np.argwhere(reduced.usable & (notable | (left > _MODEL))):
         like, shares_there = _neighbours(reduced, matt, y, x)
@@ -40,15 +41,18 @@ def find_highlights(reduced: ReducedPair, lamps: Lamps, flash_white: Doubles) ->
         of_matt = (left[y, x] / _MODEL) ** 2
         of_matt += _bounded(_off(matt[:, y, x], s) / _SHADING**2, _MOST_UNUSUAL)
         bright = np.array([_quantile(one, like, _BRIGHT) for one in shares_there])
-        beyond = _off(np.maximum(matt[:, y, x], bright), bright)
-        of_matt += _bounded(beyond / _BRIGHTER**2, _MOST_BRIGHT)
+        brighter[y, x] = _cost_of_brightness(matt[:, y, x], bright)
         of_kinds = [
-            _cost_of_mirrored(seen[y, x], s @ light[:, y, x], mirrored * weights)
+            _cost_of_mirrored(seen[y, x], s @ light[:, y, x], mirrored * weights, s, bright)
             for mirrored in _mirrored(colours, s)
         ]
         if np.isfinite(min(of_kinds)):
             kind[y, x] = int(np.argmin(of_kinds))
-            worth[y, x] = np.clip(of_matt - min(of_kinds), -_MOST_WORTH, _MOST_WORTH)
+            worth[y, x] = max(of_matt - min(of_kinds), -2 * _MOST_WORTH)
+    bright_ones = worth[brighter > _MOST_BRIGHT / 2]
+    mirrors, matts = (bright_ones > _WORTH).sum(), (bright_ones < -_WORTH).sum()
+    trust = mirrors / (mirrors + matts) if mirrors + matts else 1.0
+    worth = np.clip(worth + trust * brighter, -_MOST_WORTH, _MOST_WORTH)
     found, rim = (kind >= 0) & (_mean(worth, _AGREEING) > _WORTH), np.zeros(size, np.bool_)
     for y, x in np.argwhere(found):
         rows, columns = slice(max(y - 2, 0), y + 3), slice(max(x - 2, 0), x + 3)
@@ -111,7 +115,14 @@ def _off(z: Doubles, s: Doubles) -> float:
     return float(np.square((z - s) / (s + _LEAST_SHADING * s.sum() + 1e-12)).sum())
 
 
-def _cost_of_mirrored(seen: Doubles, matt: Doubles, mirrored: Doubles) -> float:
+def _cost_of_brightness(z: Doubles, bright: Doubles) -> float:
+    beyond = _off(np.maximum(z, bright), bright)
+    return _bounded(beyond / _BRIGHTER**2, _MOST_BRIGHT)
+
+
+def _cost_of_mirrored(
+    seen: Doubles, matt: Doubles, mirrored: Doubles, s: Doubles, bright: Doubles
+) -> float:
     """How far weighed light (3,) is from the highlight; infinite where nothing is mirrored."""
     a, b = _explain(seen, matt, mirrored)
     if not b > 0:
@@ -119,7 +130,8 @@ def _cost_of_mirrored(seen: Doubles, matt: Doubles, mirrored: Doubles) -> float:
     left = np.square(seen - a * matt - b * mirrored).sum()
     whole = max(np.square(seen).sum(), 1e-12)
     unusual = float(np.square((a - 1.0) / _SHADING))
-    return float(left / whole / _MODEL**2 + _bounded(unusual, _MOST_UNUSUAL))
+    cost = float(left / whole / _MODEL**2 + _bounded(unusual, _MOST_UNUSUAL))
+    return cost + _cost_of_brightness(a * s, bright)
 
 
 def _explain(seen: Doubles, matt: Doubles, mirrored: Doubles) -> Doubles:
