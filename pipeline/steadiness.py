@@ -26,6 +26,7 @@ _ALIKE = 0.03  # natural logarithms; channels of blocks without flash differ by 
 _BIN = 0.02
 _PEAK = 0.04  # half width of the peak that blocks without flash make
 _PEAK_SHARE = 0.02
+_PEAK_COLOUR = 0.02  # by which its channels differ at most: all its blocks average their noise
 _BELOW = 0.1  # of the blocks may lie below the peak: what moved
 _VALLEY = (0.06, 0.14, 0.5)  # above the peak from, to; share of the peak's blocks there at most
 _FLASH_COLOUR = 0.12  # by which channels of blocks with flash differ, or colour tells nothing
@@ -120,6 +121,7 @@ def ratio_without_flash(ratios: Ratios) -> float | None:
         np.mean(peak & alike) < _PEAK_SHARE
         or np.mean(middle < mode - _VALLEY[0]) > _BELOW
         or np.count_nonzero(valley) > _VALLEY[2] * np.count_nonzero(peak)
+        or np.ptp(np.median(logs[peak & alike], axis=0)) > _PEAK_COLOUR
         or not lit.any()
         or np.median(spread[lit]) < max(_FLASH_COLOUR, 2 * float(np.median(spread[peak])))
     ):

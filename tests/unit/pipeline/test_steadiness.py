@@ -110,6 +110,17 @@ def test_a_wall_that_the_flash_lights_evenly_shows_no_ratio() -> None:
     assert ratio_without_flash(found) is None
 
 
+def test_a_lamp_nearly_of_the_colour_of_the_flash_shows_no_ratio_in_noise() -> None:
+    """Blocks agree within their noise, their means do not: a lamp in patches, brighter than all."""
+    rng = np.random.default_rng(5)
+    logs = np.tile([0.14, 0.155, 0.17], (60, 60, 1))
+    logs[:, 6:] = [0.4, 0.6, 0.8] + 0.3 * rng.random((60, 54, 1))
+    logs += 0.025 * rng.normal(size=logs.shape)
+    noise = np.full_like(logs, 0.025)
+
+    assert ratio_without_flash(Ratios(logs, noise, np.ones((60, 60), bool), 1)) is None
+
+
 def test_a_lamp_of_the_colour_of_the_flash_shows_no_ratio() -> None:
     """Channels agree everywhere, so that agreement tells nothing."""
     u = np.linspace(0, 1, WIDTH)[None, :, None]
