@@ -205,7 +205,7 @@ class Settings(BaseSettings):
     )
     job_memory_bytes: int = Field(
         default=8192 * MIB,
-        gt=0,
+        ge=1024 * MIB,  # small pairs take 0.75 to 1, libraries included: with less, all fail
         le=_MOST,
         description="Address space of one job's process, in bytes.",
     )

@@ -65,6 +65,7 @@ def test_jobs_are_kept_for_ever_unless_the_operator_says_how_long(
         ("WORKER_CONCURRENCY", str(2**63)),  # more than the queue's table takes
         ("JOB_SECONDS", "-1"),
         ("FREE_BYTES", "-1"),
+        ("JOB_MEMORY_BYTES", str(2**30 - 1)),  # less than any job takes
         ("QUEUED_JOBS", "0"),
         ("QUEUED_JOBS_PER_KEY", "0"),
         ("RETENTION_DAYS", "0"),
@@ -125,7 +126,7 @@ def test_a_place_that_is_empty_is_none(
         ("QUEUED_JOBS_PER_KEY", 1),
         ("REQUESTS", 1),
         ("UPLOAD_BYTES", 1),
-        ("JOB_MEMORY_BYTES", 1),
+        ("JOB_MEMORY_BYTES", 2**30),
         ("JOB_OUTPUT_BYTES", 1),
         ("WORKER_CONCURRENCY", 1),
         ("FREE_BYTES", 0),
