@@ -29,7 +29,7 @@ def check(connection: sa.Connection, key_id: str, coming: int = 1) -> None:
             if coming > 1:
                 has = f" {waiting}; ask for fewer than these {coming}, or wait till some have begun"
             raise QuotaError(
-                f"This key may have {key.waiting_jobs} jobs wait at a time, and has{has}.",
+                f"This key may have {_jobs(key.waiting_jobs)} wait at a time, and has{has}.",
                 _WAITING_RETRY_SECONDS,
             )
     if key.jobs_per_day is not None:
@@ -38,7 +38,7 @@ def check(connection: sa.Connection, key_id: str, coming: int = 1) -> None:
         if made + coming > key.jobs_per_day:
             has = f" made {made}; ask for fewer than these {coming}" if coming > 1 else ""
             raise QuotaError(
-                f"This key may make {key.jobs_per_day} jobs a day, and has{has}; the next day "
+                f"This key may make {_jobs(key.jobs_per_day)} a day, and has{has}; the next day "
                 "begins at midnight UTC.",
                 int(_DAY_SECONDS - second) + 1,
             )
@@ -94,3 +94,7 @@ def _of_jobs(
 
 def _now(connection: sa.Connection) -> float:
     return connection.execute(sa.select(now())).scalar_one()
+
+
+def _jobs(count: int) -> str:
+    return "1 job" if count == 1 else f"{count} jobs"

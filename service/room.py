@@ -24,9 +24,9 @@ def check_room(
         total = waiting.count_queued(connection)
     of_key, in_all = settings.queued_jobs_per_key, settings.queued_jobs
     if own + coming > of_key:
-        raise QueueFullError(_full(f"{own} jobs of yours wait already", own, coming, of_key))
+        raise QueueFullError(_full(f"{_wait(own, ' of yours')} already", own, coming, of_key))
     if total + coming > in_all:
-        raise QueueFullError(_full(f"{total} jobs wait already", total, coming, in_all))
+        raise QueueFullError(_full(f"{_wait(total)} already", total, coming, in_all))
     check_disk(settings, storage)
 
 
@@ -37,6 +37,10 @@ def check_disk(settings: Settings, storage: Storage) -> None:
         raise StorageFullError(
             "The store of photographs is nearly full; delete jobs, or send this one again later."
         )
+
+
+def _wait(count: int, whose: str = "") -> str:
+    return f"1 job{whose} waits" if count == 1 else f"{count} jobs{whose} wait"
 
 
 def _full(said: str, queued: int, coming: int, limit: int) -> str:

@@ -32,7 +32,7 @@ def _waiting(engine: sa.Engine) -> None:
     [
         (MINE, 1, None),
         (MINE, 2, None),  # as many then wait as may, of this owner and in all
-        (MINE, 3, "1 jobs of yours wait already, and 3 may; ask for fewer than these 3, or later."),
+        (MINE, 3, "1 job of yours waits already, and 3 may; ask for fewer than these 3, or later."),
         ("new", 2, None),
         ("new", 3, "2 jobs wait already, and 4 may; ask for fewer than these 3, or later."),
         (

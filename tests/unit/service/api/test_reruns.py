@@ -264,7 +264,7 @@ class TestFullQueue:
     def test_refuses_reruns(self, http: httpx.Client, job: Job, context: Context) -> None:
         status, kind, detail = problem_of(_rerun(http, job))
         assert (status, kind) == (429, "queue-full")
-        assert detail == "1 jobs of yours wait already; send this one again later."
+        assert detail == "1 job of yours waits already; send this one again later."
         assert len(context.storage.list("")) == 2
 
 
