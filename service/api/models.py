@@ -5,13 +5,18 @@ from __future__ import annotations
 import base64
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, RootModel, field_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, RootModel, field_validator
 
 from pipeline.calibration.options import CalibrationOptions
 from pipeline.mix_options import MixRequest
 from pipeline.options import Options
 from service import jobs
 from service.capture import Capture, CaptureSettings, Taking
+
+
+def _whole(value: Any) -> Any:
+    # JSON has one kind of number, and its schemas take 2.0 for an integer.
+    return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 class Webhook(BaseModel):
@@ -70,7 +75,9 @@ class CameraCapture(Taking, Handling):
         description="Id of a job whose pair a camera took: the same flash, `keep`, options and "
         "settings of the camera, unless they are given here.",
     )
-    pairs: int = Field(default=1, ge=1, le=1000, description="How many pairs.")
+    pairs: Annotated[int, BeforeValidator(_whole)] = Field(
+        default=1, ge=1, le=1000, description="How many pairs."
+    )
     interval_seconds: float = Field(
         default=0,
         ge=0,

@@ -135,7 +135,7 @@ class TestCaptures:
     ) -> None:
         assert capture is not None
         key = {"idempotency-key": "burst-1"}
-        body = {"pairs": 3}
+        body = {"pairs": 3.0}  # a whole number, as JSON has it
         first, again = (http.post(f"{PATH}/captures", json=body, headers=key) for _ in range(2))
         assert first.json() == again.json()
         assert again.headers["idempotency-replayed"] == "true"
