@@ -17,6 +17,7 @@ from drivers.errors import (
     SettingError,
 )
 from drivers.flash import (
+    SWITCH_S,
     ExternalFlash,
     Flash,
     OperatorFlash,
@@ -41,6 +42,7 @@ from drivers.shot import Shot
 
 __all__ = [
     "CAPTURE_STAGES",
+    "SWITCH_S",
     "BadAddressError",
     "Camera",
     "CameraDisconnectedError",

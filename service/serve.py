@@ -29,7 +29,7 @@ from service.problems import cause_of
 from service.settings import Settings
 
 _RESTART_SECONDS = 1.0
-_STOP_SECONDS = 10.0
+_STOP_SECONDS = 20.0  # a worker takes up to 15
 _HEAD_BYTES = 32 * 1024
 _MEMORY_POOLS = 2
 

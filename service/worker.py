@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Iterator
 
 import sqlalchemy as sa
 
-from drivers import leave_flash_off
+from drivers import SWITCH_S, leave_flash_off
 from pipeline.errors import reason_of
 from service import (
     cameras,
@@ -48,7 +48,7 @@ from service.states import State
 
 _OVERDUE_AT_ONCE = 100  # the rest can wait for the next heartbeat, which must not be late
 _RETRY_SECONDS = 1.0
-_STOP_SECONDS = 5.0
+_STOP_SECONDS = SWITCH_S + 5.0  # of captures, for their flash to be left off, too
 
 log = logging.getLogger("service.worker")
 
