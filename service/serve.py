@@ -46,6 +46,8 @@ def serve(settings: Settings, worker: bool) -> None:
     tracing.configure("api")
     with contextlib.ExitStack() as stack:
         listener = stack.enter_context(_listener(settings))
+        if worker:
+            _check_metrics(settings, listener)
         context = stack.enter_context(open_context(settings))
         _check_keys(context)
         metrics.serve(settings, context.engine)
@@ -123,6 +125,17 @@ def _check_keys(context: Context) -> None:
         "This service needs keys, and there is none that is good: make one with `lightlayers keys "
         "create NAME` and the same LIGHTLAYERS_ settings, or listen on 127.0.0.1 alone."
     )
+
+
+def _check_metrics(settings: Settings, listener: socket.socket) -> None:
+    if settings.metrics_port is None:
+        return
+    port = settings.metrics_port + 1
+    if port == listener.getsockname()[1]:
+        raise StartError(
+            f"The worker's metrics take port {port}, one above LIGHTLAYERS_METRICS_PORT, which is "
+            "that of the service; set another."
+        )
 
 
 def _remove_expired(context: Context) -> None:

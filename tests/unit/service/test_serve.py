@@ -32,6 +32,15 @@ def test_a_port_in_use_is_told(tmp_path: Path) -> None:
     assert not (tmp_path / "data").exists()
 
 
+def test_a_worker_has_a_port_of_its_own_for_metrics(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    settings = Settings(data_dir=tmp_path, port=port, metrics_port=port - 1)
+
+    with pytest.raises(StartError, match=f"port {port}, one above"):
+        serve(settings, worker=True)
+
+
 @pytest.mark.parametrize("host", ["300.1.1.1", "no host", "192.0.2.1", "2001:db8::1"])
 def test_an_address_that_is_not_this_machines_is_told(host: str, tmp_path: Path) -> None:
     with pytest.raises(StartError, match="give another --port or --host"):
