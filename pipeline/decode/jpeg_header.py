@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from pipeline.decode.samples import UnsuitableError
 
-_APP0, _APP14, _START_OF_SCAN = 0xE0, 0xEE, 0xDA
+_APP0, _APP1, _APP14, _START_OF_SCAN = 0xE0, 0xE1, 0xEE, 0xDA
 _SEQUENTIAL = (0xC0, 0xC1)
 _FRAMES = (*_SEQUENTIAL, 0xC2, 0xC9, 0xCA)
 """Sequential and progressive, in Huffman and arithmetic coding."""
@@ -18,6 +18,8 @@ _COMPONENTS = 5
 _JFIF, _JFIF_VERSION = b"JFIF\0", 5
 _ADOBE, _ADOBE_TRANSFORM = b"Adobe", 11
 _RGB, _YCBCR = 0, 1
+_EXIF = b"Exif\0\0"
+_FILL = 0xFF
 _WHOLE_BLOCKS = b"\0\x3f\0"
 """Ss, Se and Ah/Al, the end of a scan's header where it is not progressive; ITU-T T.81, B.2.3."""
 
@@ -43,6 +45,17 @@ def plain_header(data: bytes) -> bytes:
         elif kind == _START_OF_SCAN and sequential and length > len(_WHOLE_BLOCKS):
             plain[end - len(_WHOLE_BLOCKS) : end] = _WHOLE_BLOCKS
     return bytes(plain)
+
+
+def exif_block(data: bytes) -> bytes:
+    """EXIF block of a JPEG, which starts with a TIFF header, wherever it is among what comes first.
+
+    Editors and phones put XMP, MPF or profiles before it. Empty where there is none.
+    """
+    for kind, start, end in _segments(data):
+        if kind == _APP1 and data.startswith(_EXIF, start):
+            return data[start + len(_EXIF) : end]
+    return b""
 
 
 def tells_its_end(data: bytes) -> bool:
@@ -74,9 +87,12 @@ def _segments(data: bytes) -> Iterator[tuple[int, int, int]]:
     """Walk the header to the first scan: the marker's kind, where its data start, and end."""
     position, kind = 2, None
     while kind != _START_OF_SCAN and data[position : position + 1] == b"\xff":
+        if data[position + 1 : position + 2] == bytes([_FILL]):  # ITU-T T.81, B.1.1.2
+            position += 1
+            continue
         start = position + 4
         end = position + 2 + int.from_bytes(data[position + 2 : start], "big")
-        if not start < end <= len(data):  # cut off, or fill bytes, for the decoder to judge
+        if not start < end <= len(data):  # cut off, for the decoder to judge
             break
         kind = data[position + 1]
         yield kind, start, end

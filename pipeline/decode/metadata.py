@@ -13,6 +13,7 @@ from typing import Any
 import exifread
 
 from pipeline.decode.exr import exr_exposure
+from pipeline.decode.jpeg_header import exif_block
 from pipeline.decode.raw_exif import cr3_directories, raf_jpeg
 from pipeline.decode.rendered import heif_exif
 from pipeline.decode.signatures import kind_of
@@ -26,11 +27,20 @@ _FULL_FRAME_DIAGONAL_MM = math.hypot(36.0, 24.0)
 
 _UNCALIBRATED, _ADOBE_RGB = 0xFFFF, "R03"
 _LONGEST_TEXT = 64
+_ISO_NAMES = ("EXIF ISOSpeedRatings", "EXIF PhotographicSensitivity", "Image ISOSpeedRatings")
+_ISO_FURTHER_NAMES = (
+    "EXIF RecommendedExposureIndex",
+    "EXIF StandardOutputSensitivity",
+    "EXIF Tag 0x8831",  # the same, which exifread has no name for
+    "EXIF ISOSpeed",
+)
 _TIME_S = (1e-6, 1e5)
 _ISO = (1.0, 1e8)
+_ISO_BEYOND = 65535
 _F_NUMBER = (0.3, 1000.0)
 _FOCAL_MM = (0.5, 10_000.0)
 _FOCAL_SHARE = (0.05, 200.0)
+_MOST_APEX = 64.0
 """What a camera can have written; anything else is a broken block and counts as unknown."""
 
 
@@ -82,15 +92,11 @@ def read_metadata(data: bytes) -> Metadata:
     white_balance = _number(tags, "EXIF WhiteBalance")
     return Metadata(
         exposure=Exposure(
-            time_s=_within(_TIME_S, tags, "EXIF ExposureTime", "Image ExposureTime"),
-            iso=_within(
-                _ISO,
-                tags,
-                "EXIF ISOSpeedRatings",
-                "EXIF PhotographicSensitivity",
-                "Image ISOSpeedRatings",
-            ),
-            f_number=_within(_F_NUMBER, tags, "EXIF FNumber", "Image FNumber"),
+            time_s=_within(_TIME_S, tags, "EXIF ExposureTime", "Image ExposureTime")
+            or _of_apex(_TIME_S, tags, "EXIF ShutterSpeedValue", -1.0),
+            iso=_iso(tags),
+            f_number=_within(_F_NUMBER, tags, "EXIF FNumber", "Image FNumber")
+            or _of_apex(_F_NUMBER, tags, "EXIF ApertureValue", 0.5),
         ),
         make=_text(tags, "Image Make"),
         model=_text(tags, "Image Model"),
@@ -115,8 +121,12 @@ def _tags(data: bytes) -> dict[str, Any]:
     if directories := cr3_directories(data):
         image, exif = map(_read, directories)
         return image | {name.replace("Image ", "EXIF "): tag for name, tag in exif.items()}
-    # exifread itself finds the block of hardly any HEIF but that of phones
-    return _read(heif_exif(data) if kind == "HEIF" else raf_jpeg(data) or data)
+    # exifread itself finds the block of hardly any HEIF but that of phones, and in a JPEG only one
+    # that comes first
+    if kind == "HEIF":
+        return _read(heif_exif(data))
+    jpeg = data if kind == "JPEG" else raf_jpeg(data)
+    return _read(data if jpeg is None else exif_block(jpeg))
 
 
 def _read(block: bytes) -> dict[str, Any]:
@@ -158,9 +168,29 @@ def _number(tags: dict[str, Any], *names: str) -> float | None:
     return None
 
 
+def _iso(tags: dict[str, Any]) -> float | None:
+    """ISO speed; 65535 stands for all above it, which other tags tell (EXIF 2.32, 4.6.5)."""
+    iso = _within(_ISO, tags, *_ISO_NAMES)
+    if iso is None or iso >= _ISO_BEYOND:
+        return _within(_ISO, tags, *_ISO_FURTHER_NAMES)
+    return iso
+
+
+def _of_apex(
+    limits: tuple[float, float], tags: dict[str, Any], name: str, stops: float
+) -> float | None:
+    """What an APEX value means, 2 to the power of it times stops; 0 is written for not known."""
+    value = _number(tags, name)
+    if not value or abs(value) > _MOST_APEX:
+        return None
+    meant = 2.0 ** (stops * value)
+    return meant if limits[0] <= meant <= limits[1] else None
+
+
 def _within(limits: tuple[float, float], tags: dict[str, Any], *names: str) -> float | None:
-    value = _number(tags, *names)
-    return value if value is not None and limits[0] <= value <= limits[1] else None
+    """Give the first number of these tags within limits; a 0 in one says nothing of the others."""
+    values = (_number(tags, name) for name in names)
+    return next((v for v in values if v is not None and limits[0] <= v <= limits[1]), None)
 
 
 def _text(tags: dict[str, Any], name: str) -> str:

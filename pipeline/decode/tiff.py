@@ -43,7 +43,14 @@ _PREMULTIPLIED = 1
 """ExtraSamples of an alpha channel by which the colours have been multiplied."""
 _JPEG_IN_TIFF = (6, 7)
 _EXIF = 34665
-_RATIONALS = ("ExposureTime", "FNumber", "FocalLength", "FocalPlaneXResolution")
+_RATIONALS = (
+    "ExposureTime",
+    "FNumber",
+    "ShutterSpeedValue",
+    "ApertureValue",
+    "FocalLength",
+    "FocalPlaneXResolution",
+)
 _NAMES = {
     "PixelXDimension": "ExifImageWidth",
     "PixelYDimension": "ExifImageLength",

@@ -357,3 +357,71 @@ def test_the_moment_is_that_of_the_cameras_clock(
     with_exif: Callable[..., Metadata], photo: dict[int, Any], seconds: float | None
 ) -> None:
     assert with_exif(photo).taken_s == seconds
+
+
+@pytest.mark.parametrize(
+    ("photo", "expected"),
+    [
+        ({0x9201: IFDRational(7, 1), 0x9202: IFDRational(5, 1)}, Exposure(1 / 128, None, 2**2.5)),
+        ({0x829A: IFDRational(0, 1), 0x9201: IFDRational(-2, 1)}, Exposure(4.0)),
+        ({0x829A: IFDRational(1, 60), 0x9201: IFDRational(7, 1)}, Exposure(1 / 60)),
+        ({0x9201: IFDRational(0, 1), 0x9202: IFDRational(0, 1)}, Exposure()),
+        ({0x9201: IFDRational(-1000, 1), 0x9202: IFDRational(10**6, 1)}, Exposure()),
+        ({0x8827: 65535, 0x8832: 102400}, Exposure(iso=102400)),
+        ({0x8827: 65535, 0x8831: 204800}, Exposure(iso=204800)),
+        ({0x8827: 65535}, Exposure()),
+        ({0x8827: 0, 0x8833: 400}, Exposure(iso=400)),
+        ({0x8827: 200, 0x8832: 400}, Exposure(iso=200)),
+    ],
+)
+def test_the_exposure_is_found_in_the_tags_that_stand_in_for_the_usual(
+    with_exif: Callable[..., Metadata], photo: dict[int, Any], expected: Exposure
+) -> None:
+    found = with_exif(photo).exposure
+
+    assert (found.iso, found.f_number) == (expected.iso, expected.f_number)
+    assert found.time_s == (expected.time_s and pytest.approx(expected.time_s))
+
+
+def test_tiff_may_tell_its_exposure_in_apex_values(
+    codes: NDArray[np.uint8], tiff_file: Write
+) -> None:
+    directory = [
+        (0x9201, 10, 1, struct.pack("<ii", 7, 1)),
+        (0x9202, 5, 1, struct.pack("<II", 4, 1)),
+    ]
+    data = tiff_file(codes, byteorder="<", extratags=[EXIF_PLACE])
+
+    assert read_metadata(with_directory(data, directory, False)).exposure == Exposure(
+        1 / 128, None, 4.0
+    )
+
+
+def segment(kind: int, payload: bytes) -> bytes:
+    return struct.pack(">BBH", 0xFF, kind, len(payload) + 2) + payload
+
+
+@pytest.mark.parametrize(
+    "before",
+    [
+        segment(0xE1, b"http://ns.adobe.com/xap/1.0/\0<x/>")
+        + segment(0xE1, b"http://ns.adobe.com/xmp/extension/\0" + bytes(60000)) * 3,
+        segment(0xE2, b"MPF\0" + bytes(6000)),
+        b"".join(
+            segment(0xE2, b"ICC_PROFILE\0" + bytes([number, 12]) + bytes(500))
+            for number in range(1, 13)
+        ),
+        b"\xff\xff",
+    ],
+    ids=["XMP", "MPF", "ICC", "fill bytes"],
+)
+def test_the_facts_of_a_jpeg_are_found_behind_other_segments(
+    codes: NDArray[np.uint8], pillow_file: Write, exif_of: Exif, before: bytes
+) -> None:
+    block = b"Exif\0\0" + exif_of({274: 6}, PHOTO).tobytes().removeprefix(b"Exif\0\0")
+    plain = pillow_file(codes, "JPEG")
+
+    frame = decode(plain[:2] + before + segment(0xE1, block) + plain[2:])
+
+    assert frame.exposure == Exposure(0.008, 400, 5.6)
+    assert frame.size == (48, 64)
