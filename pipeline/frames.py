@@ -117,6 +117,7 @@ class Frame:
     focal_px: focal length in pixels of this frame, None where unknown.
     xyz_to_camera: (3, 3) matrix from CIE XYZ to camera RGB as LibRaw knows it, None for others.
     compression: the noise that the file's compression added, None where that is not known.
+    empty: bool (H, W), true where the file is transparent and shows nothing; None where nowhere.
     profiled: the file says by a linear profile what colours it holds; they became linear sRGB.
     orientation: EXIF's, 1–8, by which the sensor's picture was turned.
     written_orientation: what the file says of it, which is another where it was read as the other
@@ -137,6 +138,7 @@ class Frame:
     xyz_to_camera: Matrix | None = None
     compression: Noise | None = None
     profiled: bool = False
+    empty: Mask | None = None
     orientation: int = 1
     written_orientation: int = 1
 
@@ -150,10 +152,16 @@ class Frame:
         """Whether the file says that its colours are those of a space, not of a sensor."""
         return self.encoding == "srgb" or self.profiled
 
+    @property
+    def unusable(self) -> Mask:
+        """Pixels (H, W) whose values tell nothing of light: saturated or empty."""
+        return self.saturated if self.empty is None else self.saturated | self.empty
+
     def facts(self) -> Frame:
         """The frame with black pixels that take no memory, for what is known about it."""
         return replace(
             self,
             pixels=np.broadcast_to(np.float32(0.0), self.pixels.shape),
             saturated=np.broadcast_to(np.False_, self.saturated.shape),
+            empty=None,
         )

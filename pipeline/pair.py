@@ -42,8 +42,8 @@ class Pair:
     no_flash, flash: (H, W, 3) linear camera RGB, 1.0 = white level of the no-flash
         photograph as given. flash is the flash photograph, laid on the other and divided by
         exposure_ratio, or the flash part alone when flash_only.
-    unusable: bool (H, W), saturated in either, without counterpart, or showing something that
-        moved.
+    unusable: bool (H, W), saturated or transparent in either, without counterpart, or showing
+        something that moved.
     exposure_source: where exposure_ratio comes from, see ExposureRatio.
     rendered: whether a camera's rendering to sRGB has bent the values.
     no_flash_noise, flash_noise: the noise of each.
@@ -91,7 +91,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
     check_colours(no_flash, flash)
     white = _white(no_flash, flash, options.flash_only)
     progress.report("align", 0.0)
-    laid = _Laid(flash.pixels, flash.saturated, NOT_ATTEMPTED, 0.0)
+    laid = _Laid(flash.pixels, flash.unusable, NOT_ATTEMPTED, 0.0)
     if options.align:
         laid = _laid_on(no_flash.pixels, flash, progress)
     progress.report("align", 0.6)
@@ -130,7 +130,7 @@ class _Laid:
     """The flash frame's pixels and mask on the no-flash frame's, and the share with parallax."""
 
     pixels: Photograph
-    saturated: Mask
+    unusable: Mask
     alignment: Alignment
     parallax: float
 
@@ -139,18 +139,18 @@ def _laid_on(no_flash: Photograph, flash: Frame, progress: Progress) -> _Laid:
     """Lay the flash frame on the other, or leave it where no alignment is found."""
     alignment = estimate_alignment(no_flash, flash.pixels)
     progress.report("align", 0.4)
-    pixels, saturated = flash.pixels, flash.saturated
+    pixels, unusable = flash.pixels, flash.unusable
     if alignment.problem:
-        return _Laid(pixels, saturated, alignment, 0.0)
+        return _Laid(pixels, unusable, alignment, 0.0)
     if alignment.applied:
-        pixels, saturated = warp(pixels, saturated, alignment)
+        pixels, unusable = warp(pixels, unusable, alignment)
     flow = residual_flow(no_flash, pixels)
     if flow is None:
-        return _Laid(pixels, saturated, alignment, 0.0)
-    del pixels, saturated  # not one more photograph in memory
-    pixels, saturated = warp_along(flash.pixels, flash.saturated, alignment, flow)
+        return _Laid(pixels, unusable, alignment, 0.0)
+    del pixels, unusable  # not one more photograph in memory
+    pixels, unusable = warp_along(flash.pixels, flash.unusable, alignment, flow)
     parallax = float(np.mean(np.abs(flow).max(axis=2) > _PARALLAX_PX))
-    return _Laid(pixels, saturated, alignment, parallax)
+    return _Laid(pixels, unusable, alignment, parallax)
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,7 @@ def _held_against(
     if ratio.value != 1.0:
         after = _divided(after, ratio.value, after is not flash.pixels)
     noises = _noise(before, after, no_flash), _noise(after, before, flash, ratio.value)
-    unusable = no_flash.saturated | laid.saturated
+    unusable = no_flash.unusable | laid.unusable
     if options.flash_only:
         return _Held(after, noises, ratio, unusable)
     progress.report("align", 0.7)

@@ -15,7 +15,13 @@ from pipeline.decode.linear import clipped, clipped_photosites, to_linear
 from pipeline.decode.metadata import Metadata, read_metadata
 from pipeline.decode.quiet import muted
 from pipeline.decode.samples import Samples, UnsuitableError, refuse_grey
-from pipeline.decode.tiff import black_repeats, dng_matrix, exceeds_white, linear_raw_channels
+from pipeline.decode.tiff import (
+    black_repeats,
+    dng_matrix,
+    exceeds_white,
+    in_planes,
+    linear_raw_channels,
+)
 from pipeline.frames import Mask, Matrix, Photograph
 
 _ORIENTATIONS = {0: 1, 1: 2, 2: 4, 3: 3, 4: 5, 5: 8, 6: 6, 7: 7}
@@ -63,12 +69,17 @@ def read_raw(data: bytes, orientation: int | None = None) -> RawPicture:
     has a choice by DHT, which does not suffer from channels without white balance either.
     adjust_maximum_thr must be 0: LibRaw otherwise scales every frame by its own maximum, which
     gives the two frames of a pair two gains. Raises UnsuitableError for a linear DNG of one
-    channel, for floats above the white level and for a compression that LibRaw does not know, and
-    rawpy's errors.
+    channel or in planes, for floats above the white level and for a compression that LibRaw does
+    not know, and rawpy's errors.
     """
     channels = linear_raw_channels(data)
     if channels is not None:
         refuse_grey(channels)
+    if in_planes(data):  # LibRaw takes them for pixels of three colours one after another
+        raise UnsuitableError(
+            "is a linear DNG with each colour in a plane of its own, which is not read: save it as "
+            "a DNG of whole pixels, or as a TIFF."
+        )
     if exceeds_white(data):  # LibRaw scales each of such files by its own maximum
         raise UnsuitableError(
             "is a DNG of floats with values above its white level: save it as a TIFF or an "

@@ -28,7 +28,7 @@ from pipeline.decode.rendered import (
     read_jpeg,
     read_png,
 )
-from pipeline.decode.samples import Samples, UnsuitableError, turns_sides
+from pipeline.decode.samples import Samples, UnsuitableError, turns_sides, upright
 from pipeline.decode.signatures import Kind, kind_of
 from pipeline.decode.tiff import holds_raw, read_tiff, tiff_size
 from pipeline.errors import ImageTooLargeError, OptionError, PipelineError, UnreadableImageError
@@ -108,6 +108,7 @@ def decode(
         xyz_to_camera=read.xyz_to_camera,
         compression=read.compression,
         profiled=read.profiled,
+        empty=read.empty,
         orientation=orientation or header.orientation,
         written_orientation=header.orientation,
     )
@@ -124,6 +125,7 @@ class _Read:
     xyz_to_camera: Matrix | None = None
     compression: Noise | None = None
     profiled: bool = False
+    empty: Mask | None = None
 
 
 def _raw(data: bytes, orientation: int | None) -> _Read:
@@ -153,6 +155,7 @@ def _picture(data: bytes, kind: Kind, encoding: str, orientation: int | None) ->
         metadata,
         compression=_compression(data, kind, samples, linear),
         profiled=straight,
+        empty=None if samples.empty is None else upright(samples.empty, samples.orientation),
     )
 
 

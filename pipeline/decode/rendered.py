@@ -22,6 +22,7 @@ from pipeline.decode.samples import (
     inverse,
     refuse_hdr,
     to_rgb,
+    transparent,
     upright,
 )
 
@@ -80,12 +81,16 @@ def png_size(data: bytes) -> tuple[int, int]:
 
 
 def read_png(data: bytes, orientation: int) -> Samples:
-    """Read an 8- or 16-bit PNG: palette or RGB, without its alpha; the first of animated ones."""
+    """Read an 8- or 16-bit PNG: palette or RGB, without its alpha; the first of animated ones.
+
+    What is wholly transparent is empty.
+    """
     if _PNG_END not in data:
         raise ValueError("no end chunk")
-    values = to_rgb(imagecodecs.png_decode(data))
+    decoded = imagecodecs.png_decode(data)
+    values = to_rgb(decoded)
     white = float(np.iinfo(values.dtype).max)
-    return Samples(values, white, orientation, png_profile(data))
+    return Samples(values, white, orientation, png_profile(data), transparent(decoded))
 
 
 def heif_size(data: bytes) -> tuple[int, int]:
@@ -114,14 +119,17 @@ def read_heif(data: bytes, own: int = 1, orientation: int | None = None) -> Samp
     Raises ValueError and what libheif raises.
     """
     image = _open_heif(data)
-    values = to_rgb(np.asarray(image))
+    decoded = np.asarray(image)
+    values, empty = to_rgb(decoded), transparent(decoded)
     if values.dtype != np.uint8:  # 10 and 12 bits come shifted up to 16: fill the rest
         values = values | values >> image.info["bit_depth"]
     white = float(np.iinfo(values.dtype).max)
     profile = image.info.get("icc_profile") or nclx_profile(image.info.get("nclx_profile") or {})
     if orientation is not None and orientation != own:
-        return Samples(upright(values, inverse(own)), white, orientation, profile)
-    return Samples(values, white, profile=profile)
+        back = inverse(own)
+        empty = None if empty is None else upright(empty, back)
+        return Samples(upright(values, back), white, orientation, profile, empty)
+    return Samples(values, white, profile=profile, empty=empty)
 
 
 def _open_heif(data: bytes) -> Any:

@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
+
+from pipeline.frames import Mask
 
 _PQ, _HLG = 16, 18
 """Transfer characteristics of Rec. ITU-T H.273."""
@@ -25,12 +28,14 @@ class Samples:
     white: the code value that means 1.0.
     orientation: EXIF orientation (1–8) still to be applied.
     profile: ICC profile of the values, None where the file has none.
+    empty: (H, W) as the values lie, true where they show nothing; None where all show something.
     """
 
     values: NDArray[Any]
     white: float
     orientation: int = 1
     profile: bytes | None = None
+    empty: Mask | None = None
 
 
 def refuse_hdr(transfer: int | None) -> None:
@@ -57,6 +62,17 @@ def refuse_premultiplied(alpha: NDArray[Any], opaque: float) -> None:
             "is transparent in places, and its colours are multiplied by that: save it without an "
             "alpha channel."
         )
+
+
+def transparent(values: NDArray[Any]) -> Mask | None:
+    """Pixels (H, W) whose alpha, the fourth channel that colours are not multiplied by, is 0.
+
+    None where there are none, and where all are: whoever wrote that gave it no meaning.
+    """
+    if values.ndim != 3 or values.shape[2] != 4:
+        return None
+    nothing = np.asarray(values[..., 3] == 0)
+    return nothing if nothing.any() and not nothing.all() else None
 
 
 def to_rgb(values: NDArray[Any]) -> NDArray[Any]:

@@ -19,6 +19,7 @@ from pipeline.decode.samples import (
     UnsuitableError,
     refuse_premultiplied,
     to_rgb,
+    transparent,
 )
 from pipeline.frames import Matrix
 
@@ -39,8 +40,10 @@ _D65 = 21
 _BLACK_REPEATS = 50713
 _CROP_SIZE = 50720
 _REDUCED = 1
-_PREMULTIPLIED = 1
-"""ExtraSamples of an alpha channel by which the colours have been multiplied."""
+_PLANES = 2
+_PREMULTIPLIED, _ALPHA = 1, 2
+"""ExtraSamples of an alpha channel by which colours have been multiplied, and of one they are not.
+"""
 _JPEG_IN_TIFF = (6, 7)
 _EXIF = 34665
 _RATIONALS = (
@@ -104,18 +107,19 @@ def read_tiff(data: bytes, orientation: int) -> Samples:
         if max(ends, default=0) > len(data):  # which a decoder of JPEG shows in grey
             raise ValueError("a strip goes on beyond the end")
         values = page.asarray(maxworkers=1)
-        if page.planarconfig == 2 and page.samplesperpixel > 1:
+        if page.planarconfig == _PLANES and page.samplesperpixel > 1:
             values = np.moveaxis(values, 0, -1)
         bits, profile = page.bitspersample, page.iccprofile
         premultiplied = _PREMULTIPLIED in page.extrasamples
+        empty = transparent(values) if _ALPHA in page.extrasamples else None
     white = 1.0 if values.dtype.kind == "f" else float(2**bits - 1)
     if premultiplied and values.ndim == 3:
         refuse_premultiplied(values[..., -1], white)
     values = to_rgb(values)
     if values.dtype.kind == "f":
         with np.errstate(over="ignore"):  # beyond float32 becomes infinite and is refused
-            return Samples(values.astype(np.float32), white, orientation, profile)
-    return Samples(values, white, orientation, profile)
+            return Samples(values.astype(np.float32), white, orientation, profile, empty)
+    return Samples(values, white, orientation, profile, empty)
 
 
 @dataclass(frozen=True)
@@ -174,13 +178,25 @@ def names_crop(data: bytes) -> bool:
         return False
 
 
+def in_planes(data: bytes) -> bool:
+    """Whether the full picture of a linear DNG has each colour in a plane of its own."""
+    page = _linear_raw(data)
+    return page is not None and page.planarconfig == _PLANES and page.samplesperpixel > 1
+
+
 def linear_raw_channels(data: bytes) -> int | None:
     """Channels of the full picture of a linear DNG; None for any other file."""
+    page = _linear_raw(data)
+    return None if page is None else int(page.samplesperpixel)
+
+
+def _linear_raw(data: bytes) -> TiffPage | None:
+    """Directory of the full picture of a linear DNG, None for any other file."""
     try:
         with _opened(data) as file:
             for page in _pages(file):
                 if page.photometric == _LINEAR_RAW and not page.subfiletype & _REDUCED:
-                    return int(page.samplesperpixel)
+                    return page
     except Exception:  # not a TIFF, or one that only LibRaw understands
         return None
     return None

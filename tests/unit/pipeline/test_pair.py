@@ -181,6 +181,21 @@ def test_pixels_clipped_in_either_are_marked(
     assert not pair.unusable[10:, 5:].any()
 
 
+def test_pixels_transparent_in_either_are_unusable_but_not_clipped(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    before, after = frames()
+    rows, columns = np.zeros((2, *before.saturated.shape), dtype=bool)
+    rows[:10] = True
+    columns[:, :5] = True
+
+    pair = paired((replace(before, empty=rows), replace(after, empty=columns)))
+
+    assert pair.unusable[rows | columns].all()
+    assert not pair.unusable[10:, 5:].any()
+    assert pair.clipped == 0.0
+
+
 # alignment
 
 

@@ -208,6 +208,15 @@ def test_a_linear_dng_of_one_channel_is_grey(tiff_file: Write) -> None:
     assert "is grey, but lamps are told apart by their colours" in refusal(linear_raw)
 
 
+def test_a_linear_dng_in_planes_is_refused(codes: Codes, tiff_file: Write) -> None:
+    """LibRaw would read the planes as pixels."""
+    tags = [(50706, "B", 4, (1, 4, 0, 0), True), (50708, "s", 0, "Unheard Of One", True)]
+    values = np.moveaxis(codes.astype(np.uint16) * 257, 2, 0)
+    data = tiff_file(values, photometric="linear_raw", planarconfig="separate", extratags=tags)
+
+    assert "is a linear DNG with each colour in a plane of its own" in refusal(data)
+
+
 @pytest.mark.parametrize("full", [255, 65535, 1.0], ids=["8 bits", "16 bits", "floats"])
 @pytest.mark.parametrize("separate", [False, True])
 def test_colours_multiplied_by_their_transparency_are_refused(
