@@ -147,15 +147,19 @@ def _picture(data: bytes, kind: Kind, encoding: str, orientation: int | None) ->
     if encoding == "auto":
         encoding = "srgb" if rendered else "linear"
     linear = partial(to_linear, srgb=encoding == "srgb", profiled=by_profile)
+    empty = None if samples.empty is None else upright(samples.empty, samples.orientation)
     bent = curved or (kind == "HEIF" and encoding == "srgb")
+    saturated = clipped(samples, curved=bent)
+    if empty is not None:
+        saturated &= ~empty  # the white of a cut-out's ground is no light
     return _Read(
         linear(samples),
-        clipped(samples, curved=bent),
+        saturated,
         encoding,
         metadata,
         compression=_compression(data, kind, samples, linear),
         profiled=straight,
-        empty=None if samples.empty is None else upright(samples.empty, samples.orientation),
+        empty=empty,
     )
 
 

@@ -23,6 +23,8 @@ Write = Callable[..., bytes]
 @pytest.fixture
 def cut_out(codes: Codes) -> Codes:
     """The picture (48, 64, 4) without its upper left corner, next to which it is half there."""
+    codes = codes.copy()
+    codes[:24, :32] = 255
     alpha = np.full(codes.shape[:2], 255, np.uint8)
     alpha[:24, :32] = 0
     alpha[:24, 32:40] = 128
