@@ -1,7 +1,8 @@
 """How many lamps a pair needs: by how much better one more explains it.
 
 A second lamp earns its place by the likelihood that it gains, and in photographs that a camera
-rendered not without lessening what one leaves over, where that is much. A third is told by that
+rendered not without lessening what one leaves over, where that is much. In others a small gain is
+none where light that glossy surfaces mirror explains as much. A third is told by that
 gain, too, and by differences across the edges of shadows: with two lamps, nearly all show one of
 them.
 """
@@ -18,6 +19,7 @@ from scipy.special import expit
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.fit import MOST_LAMPS, Fit
 from pipeline.matrixfit.fourth import gain_of_fourth
+from pipeline.matrixfit.gloss import is_gloss
 from pipeline.matrixfit.unexplained import left_over, share_off, unexplained
 from pipeline.model import Model
 from pipeline.reduced import ReducedPair
@@ -34,6 +36,8 @@ DOUBTFUL = 0.5
 # Chosen on development scenes, exact, noisy and JPEGs (docs/decisions/0005-fitted-lamps.md and
 # docs/decisions/0032-compression-noise.md)
 _SECOND_LAMP, _SECOND_LAMP_RENDERED = 300.0, 600.0
+_SURELY_SECOND = 1500.0  # gloss gains less
+_GLOSSY = 0.8  # confidence in one lamp that glossy surfaces mirror
 _STILL_LEFT = 0.62  # by two lamps, of what one leaves
 _THIRD_LAMP, _THIRD_GAIN, _THIRD_OFF = 1.6, 150.0, 0.125
 _SECOND_STEEPNESS, _THIRD_STEEPNESS = 4.0, 3.0
@@ -77,6 +81,10 @@ def count_lamps(
             return Count(1, 1.0 - several, more=False)
         if reduced.rendered and _as_much_left(reduced, fit):
             return Count(1, DOUBTFUL, more=False)
+        if not reduced.rendered and gain < _SURELY_SECOND:
+            one, two = fit(1).matrices, fit(2).matrices
+            if is_gloss(reduced, one, two, model.flash_white):
+                return Count(1, _GLOSSY, more=False)
     if least < 3:
         off = 0.0
         if evidence.has_edges:

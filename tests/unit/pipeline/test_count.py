@@ -175,9 +175,13 @@ def costs(*values: float) -> Callable[[int], Fit]:
 
 @pytest.fixture
 def by_costs(
-    counted: Counting, pair_of: Callable[..., Any], flash_part: NDArray[np.float32]
+    counted: Counting,
+    pair_of: Callable[..., Any],
+    flash_part: NDArray[np.float32],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> Callable[..., Count]:
     """Count by the costs of one to three lamps alone, which leave nothing off."""
+    monkeypatch.setattr(count, "is_gloss", lambda *_: False)
     reduced, evidence = counted.evidence(pair_of(0.5 * flash_part, flash_part))
     assert not len(evidence.differences)
 
@@ -200,6 +204,38 @@ def test_a_lamp_is_counted_by_what_it_gains(
 
     assert found.number == number
     assert 0.5 <= found.confidence < 0.6
+
+
+@pytest.mark.parametrize(
+    ("second", "gloss", "rendered", "found"),
+    [
+        (301, True, False, (1, 0.8)),
+        (301, False, False, (2, 0.5)),
+        (1499, True, False, (1, 0.8)),
+        (1501, True, False, (2, 1.0)),
+        (1499, True, True, (2, 1.0)),
+        (299, False, False, (1, 0.5)),
+    ],
+)
+def test_gloss_that_explains_as_much_is_no_lamp(
+    counted: Counting,
+    pair_of: Callable[..., Any],
+    flash_part: NDArray[np.float32],
+    monkeypatch: pytest.MonkeyPatch,
+    second: float,
+    gloss: bool,
+    rendered: bool,
+    found: tuple[int, float],
+) -> None:
+    """Where the second lamp gains little, and the file's colours are linear."""
+    reduced, evidence = counted.evidence(pair_of(0.5 * flash_part, flash_part))
+    monkeypatch.setattr(count, "is_gloss", lambda *_: gloss)
+    monkeypatch.setattr(count, "left_over", lambda *_: 0.0)
+    fit = costs(0, -second, -second)
+
+    counts = count_lamps(replace(reduced, rendered=rendered), evidence, counted.model, fit, fit)
+
+    assert (counts.number, round(counts.confidence, 1)) == found
 
 
 @pytest.mark.parametrize(("third", "number"), [(119, 2), (121, 3)])

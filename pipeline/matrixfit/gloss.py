@@ -1,0 +1,56 @@
+"""Whether what a second lamp explains is light that surfaces mirror."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.reduced import ReducedPair
+from pipeline.shares import shares
+
+Array = NDArray[np.float32]
+Matrices = NDArray[np.float64]
+
+_AS_MUCH = 0.8  # of what a second lamp explains
+_LITTLE = 2e-4  # of the light, squared: what one lamp and gloss may leave over
+_MOST = 0.0025  # of a pixel's light, squared: what is further off tells of neither
+
+
+def is_gloss(
+    reduced: ReducedPair, one: Matrices, two: Matrices, flash_white: NDArray[np.float64]
+) -> bool:
+    """Whether one lamp (1, 3, 3) and mirrored light explain as much as two lamps (2, 3, 3) do.
+
+    What a surface mirrors has the colour of the lamp and not of the surface (Shafer 1985). Where
+    the flash is mirrored, the lamp seems to give less of it.
+
+    flash_white: (3,) camera RGB of a white card under the flash.
+    """
+    use = reduced.usable
+    light, flash = reduced.no_flash[use], reduced.flash[use]
+    weights = (1.0 / light.mean(axis=0)).astype(np.float32)
+    light = light * weights
+    matt, first, second = (flash @ (m.T * weights).astype(np.float32) for m in (*one, *two))
+    mirrored = np.broadcast_to((one[0] @ flash_white * weights).astype(np.float32), light.shape)
+    share = shares(light, matt[None])[0][:, None]
+    variance = np.square(share) * (reduced.flash_variance[use] @ np.square(one[0]).T)
+    variance += reduced.no_flash_variance[use]
+    noise = (np.square(weights) * variance).sum(axis=1)
+    alone = _left_over(light, matt[None], noise)
+    with_second = _left_over(light, np.stack([first, second]), noise)
+    with_gloss = np.minimum(
+        _left_over(light, np.stack([matt, mirrored]), noise),
+        _left_over(light, np.stack([matt, -mirrored]), noise),
+    )
+    worth = np.linalg.norm(light, axis=1)
+    worth = worth / worth.sum()
+    explained = worth @ (alone - with_gloss) >= _AS_MUCH * (worth @ (alone - with_second))
+    return bool(explained and worth @ with_gloss < _LITTLE)
+
+
+def _left_over(light: Array, colours: Array, noise: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Light (n,) that mixtures of colours (k, n, 3) leave over, squared, less noise, of its own."""
+    explained = (shares(light, colours)[..., None] * colours).sum(axis=0)
+    # each colour follows the noise of one of three channels
+    left = np.square(light - explained).sum(axis=1) - (3 - len(colours)) / 3 * noise
+    return np.asarray(np.clip(left / np.square(light).sum(axis=1), -_MOST, _MOST))

@@ -1,0 +1,88 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.matrixfit.gloss import is_gloss
+from pipeline.model import Model
+from pipeline.reduced import ReducedPair, reduce_pair
+
+Array = NDArray[np.float64]
+Seen = Callable[..., ReducedPair]
+
+
+@pytest.fixture
+def lamps(model: Model, warm_to_cool: Array) -> Array:
+    matrices = model.lamp_matrix(warm_to_cool[[0, 2]])
+    return np.asarray(matrices / np.linalg.norm(matrices, axis=(1, 2), keepdims=True))
+
+
+@pytest.fixture
+def seen(
+    pair_of: Callable[..., Any], flash_part: Array, shares_of: Callable[[int], Array], model: Model
+) -> Seen:
+    """Light of lamps, some of it mirrored, and some of the flash's beside it."""
+
+    def of(matrices: Array, gloss: float, of_flash: float = 0.0, noise: float = 0.0) -> ReducedPair:
+        height, width = flash_part.shape[:2]
+        shine = np.zeros((height, width, 1))
+        shine[::4, ::4] = gloss
+        flash = flash_part.astype(float)
+        z = 0.4 + shares_of(2)[: len(matrices)]
+        light = np.einsum("nhw,nkl,hwl->hwk", z, matrices, flash)
+        light += shine * (matrices[0] @ model.flash_white)
+        flash[2::4, 2::4] += of_flash * model.flash_white
+        if noise:
+            random = np.random.default_rng(5)
+            light += random.normal(0, noise, light.shape)
+            flash += random.normal(0, noise, flash.shape)
+        reduced = reduce_pair(pair_of(light, flash))
+        variance = np.full_like(reduced.no_flash, noise**2)
+        return replace(reduced, no_flash_variance=variance, flash_variance=variance)
+
+    return of
+
+
+@pytest.mark.parametrize("gloss", [0.02, 0.1])
+@pytest.mark.parametrize("of_flash", [0.0, 0.05])
+@pytest.mark.parametrize("noise", [0.0, 0.003])
+def test_mirrored_light_of_one_lamp_is_gloss(
+    seen: Seen, lamps: Array, model: Model, gloss: float, of_flash: float, noise: float
+) -> None:
+    reduced = seen(lamps[:1], gloss, of_flash, noise)
+
+    assert is_gloss(reduced, lamps[:1], lamps, model.flash_white)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.003])
+@pytest.mark.parametrize("gloss", [0.0, 0.02])
+def test_light_of_two_lamps_is_none(
+    seen: Seen, lamps: Array, model: Model, noise: float, gloss: float
+) -> None:
+    reduced = seen(lamps, gloss, 0.0, noise)
+    mean = lamps.mean(axis=0, keepdims=True)
+
+    for one in (lamps[:1], lamps[1:], mean):
+        assert not is_gloss(reduced, one, lamps, model.flash_white)
+
+
+def test_what_gloss_leaves_over_is_no_gloss(seen: Seen, lamps: Array, model: Model) -> None:
+    """Two lamps neither of which is there explain nothing better."""
+    reduced = seen(lamps, 0.0)
+    wrong = np.stack([lamps[0], lamps[0]])
+
+    assert not is_gloss(reduced, lamps[:1], wrong, model.flash_white)
+
+
+def test_the_strength_of_the_flash_on_white_tells_nothing(
+    seen: Seen, lamps: Array, model: Model
+) -> None:
+    reduced = seen(lamps[:1], 0.1)
+
+    assert is_gloss(reduced, lamps[:1], lamps, 7.0 * model.flash_white)
+    assert not is_gloss(reduced, lamps[:1], lamps, model.flash_white * [1.0, 0.5, 1.0])
