@@ -18,7 +18,12 @@ def _send(service: Any, no_flash: bytes, flash: bytes) -> Any:
 @pytest.mark.parametrize(
     ("settings", "size", "kind", "words"),
     [
-        ({"job_memory_bytes": 900 * MIB}, "width=1500&height=1000", "out-of-memory", "more memory"),
+        (
+            {"job_memory_bytes": 1024 * MIB},
+            "width=3000&height=2000",
+            "out-of-memory",
+            "more memory",
+        ),
         ({"job_seconds": 1.5}, "width=1500&height=1000", "timed-out", "took longer than"),
         ({"job_output_bytes": 100_000}, "width=128&height=96", "output-too-large", "are larger"),
     ],

@@ -56,4 +56,4 @@ def test_a_busy_service_that_is_given_up_is_no_bad_input(
 ) -> None:
     monkeypatch.setattr("service.client._PATIENCE_SECONDS", RETRY_SECONDS - 1.0)
     assert run(["submit", *pair, "-o", str(tmp_path / "out"), "--url", str(http.base_url)]) == 1
-    assert "wait already; send this one again later" in capsys.readouterr().err
+    assert "waits already; send this one again later" in capsys.readouterr().err

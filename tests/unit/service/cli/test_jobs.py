@@ -303,8 +303,8 @@ def test_options_that_a_job_cannot_have_any_more_are_told_at_once(
 @pytest.mark.parametrize(
     ("name", "value", "said"),
     [
-        ("QUEUED_JOBS", "1", "1 jobs wait already"),
-        ("QUEUED_JOBS_PER_KEY", "1", "1 jobs of yours wait already"),
+        ("QUEUED_JOBS", "1", "1 job waits already"),
+        ("QUEUED_JOBS_PER_KEY", "1", "1 job of yours waits already"),
         ("FREE_BYTES", str(10**18), "The store of photographs is nearly full"),
     ],
 )
