@@ -20,7 +20,7 @@ def _send(service: Any, no_flash: bytes, flash: bytes) -> Any:
     [
         (
             {"job_memory_bytes": 1024 * MIB},
-            "width=3000&height=2000",
+            "width=4000&height=3000",
             "out-of-memory",
             "more memory",
         ),
