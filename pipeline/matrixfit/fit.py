@@ -93,7 +93,8 @@ def first_fit(
             return exact
     candidates, also = _candidates(evidence, model), published if searched_too else None
     matrices, *passed_over = _likeliest(problem, candidates, also, not reduced.rendered)
-    if any(most_mirrored(one, matrices, level) > _MOST_MIRRORED for one in problem.terms):
+    mirrored = max(most_mirrored(one, matrices, level) for one in problem.terms)
+    if mirrored > _MOST_MIRRORED and not reduced.rendered:
         # a mirror has taken the place of its lamp, as light bounced off a wall can make it
         problem = replace(problem, terms=[without_mirrors(one) for one in problem.terms])
         matrices, *passed_over = _likeliest(problem, candidates, also, not reduced.rendered)
