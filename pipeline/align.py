@@ -199,13 +199,13 @@ def _correlation(reference: Image, sample: Image, matrix: NDArray[np.float64]) -
     return float(cv2.computeECC(reference, warped, covered))
 
 
-def warp(image: Photograph, saturated: Mask, alignment: Alignment) -> tuple[Image, Mask]:
+def warp(image: Photograph, unusable: Mask, alignment: Alignment) -> tuple[Image, Mask]:
     """Resample the flash frame on the no-flash frame's pixels.
 
-    Returns the warped (H, W, 3) image and the (H, W) mask of pixels that are saturated or have
+    Returns the warped (H, W, 3) image and the (H, W) mask of pixels that are unusable or have
     no counterpart.
     """
-    height, width = saturated.shape
+    height, width = unusable.shape
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
     warped = empty_image(*image.shape)
     cv2.warpPerspective(
@@ -217,7 +217,7 @@ def warp(image: Photograph, saturated: Mask, alignment: Alignment) -> tuple[Imag
         borderMode=cv2.BORDER_REPLICATE,  # black would reach into usable pixels
     )
     bad = cv2.warpPerspective(
-        np.multiply(saturated, np.uint8(255)),
+        np.multiply(unusable, np.uint8(255)),
         alignment.matrix,
         (width, height),
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,

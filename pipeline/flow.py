@@ -72,19 +72,19 @@ def residual_flow(no_flash: Photograph, flash: Photograph) -> Array | None:
 
 
 def warp_along(
-    image: Photograph, saturated: Mask, alignment: Alignment, flow: Array
+    image: Photograph, unusable: Mask, alignment: Alignment, flow: Array
 ) -> tuple[Image, Mask]:
     """Resample the flash frame on the no-flash frame's pixels, by homography and flow in one.
 
-    image: (H, W, 3), at most 32,766 pixels a side, saturated: (H, W), as they were taken. flow:
+    image: (H, W, 3), at most 32,766 pixels a side, unusable: (H, W), as they were taken. flow:
     from residual_flow, of the aligned frame. Returns the image and the mask of pixels that are
-    saturated or have no counterpart.
+    unusable or have no counterpart.
     """
-    height, width = saturated.shape
+    height, width = unusable.shape
     linear = image[:]
     warped = empty_image(*image.shape)
-    bad = np.empty_like(saturated)
-    sources = np.multiply(saturated, np.uint8(255))
+    bad = np.empty_like(unusable)
+    sources = np.multiply(unusable, np.uint8(255))
     matrix = alignment.matrix.astype(np.float32)
     for rows in strips(height, STRIP_ROWS):
         x, y = (_rows_of(flow[..., axis], rows, (width, height)) for axis in (0, 1))
