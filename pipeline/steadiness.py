@@ -40,6 +40,8 @@ _ROWS_KNOWN = 0.5
 _LINE = 2  # cycles on either side that a wave leaks to
 _BAND_HEIGHT = 0.02
 _STANDS_OUT = 3.5  # times all other waves, and those across the rows
+_IN_FLASH = 0.15  # of bands' height in the ratio, at least, is in the flash's own light
+_FLASH_KNOWN = 5.0  # standard deviations of a ratio that the flash adds
 _TOGETHER = 0.25  # of the mean wave must be in every channel
 
 
@@ -47,10 +49,12 @@ _TOGETHER = 0.25  # of the mean wave must be in every channel
 class Ratios:
     """Flash photograph ÷ no-flash photograph in blocks of the pair.
 
-    logs: float64 (h, w, 3), natural logarithms. noise: (h, w, 3), standard deviations.
-    usable: bool (h, w), bright and unclipped in both. block: side of a block in pixels.
+    no_flash: float64 (h, w, 3) > 0, light of that photograph. logs: (h, w, 3), natural logarithms
+    of the ratios. noise: (h, w, 3), their standard deviations. usable: bool (h, w), bright and
+    unclipped in both. block: side of a block in pixels.
     """
 
+    no_flash: Array
     logs: Array
     noise: Array
     usable: Mask
@@ -92,7 +96,8 @@ def block_ratios(
         noise.of_means(blocks.side).variance(image) / np.square(image)
         for noise, image in zip(noises, (first, second), strict=True)
     ]
-    return Ratios(np.log(second / first), np.sqrt(relative[0] + relative[1]), usable, blocks.side)
+    deviation = np.sqrt(relative[0] + relative[1])
+    return Ratios(first, np.log(second / first), deviation, usable, blocks.side)
 
 
 def ratio_without_flash(ratios: Ratios) -> float | None:
@@ -158,7 +163,8 @@ def bands(ratios: Ratios) -> float | None:
     """Height of periodic bands along the rows, relative to the light; None where there are none.
 
     A lamp that flickers with the mains, read out row by row, leaves them in the ratio of two
-    photographs, in all channels at once; stripes of a surface differ in colour. Fewer than five to
+    photographs, in all channels at once, and in their difference; stripes of a surface differ in
+    colour, and those of light behind a blind are not in what the flash added. Fewer than five to
     the picture cannot be told from the fall-off of the flash.
     """
     logs = np.where(ratios.usable[..., None], ratios.logs, np.nan)
@@ -175,7 +181,21 @@ def bands(ratios: Ratios) -> float | None:
     if strongest == 0 or height < max(_BAND_HEIGHT, _STANDS_OUT * others, _STANDS_OUT * across):
         return None
     together = (rows[strongest] / rows[strongest].mean()).real.min()
-    return height if together >= _TOGETHER else None
+    if together < _TOGETHER or _of_steady_light(ratios, strongest, height):
+        return None
+    return height
+
+
+def _of_steady_light(ratios: Ratios, line: int, height: float) -> bool:
+    """Whether the flash's own light lacks the wave: then the lamps' is the same in both."""
+    more = np.expm1(ratios.logs)
+    known = ratios.usable & (more > _FLASH_KNOWN * ratios.noise).all(axis=2)
+    rows = _waves(np.log(np.where(known[..., None], more * ratios.no_flash, np.nan)))
+    if rows is None:
+        return False
+    # of lamps that flicker, what the ratio holds is lessened by the flash, and this by the lamps
+    in_both = np.abs(rows[line].mean()) * np.median(more[known] / (1 + more[known]))
+    return bool(in_both < _IN_FLASH * height)
 
 
 def _waves(planes: Array) -> NDArray[np.complex128] | None:

@@ -23,7 +23,7 @@ def ratios(reached: float, unreached: float | None) -> Ratios:
     logs = np.log(reached) + RNG.uniform(0, 1, (60, 60, 1)) + np.array([0.0, 0.2, 0.4])
     if unreached is not None:
         logs[:20] = np.log(unreached) + RNG.normal(0, 0.003, (20, 60, 3))
-    return Ratios(logs, np.full_like(logs, 0.003), np.ones((60, 60), bool), 1)
+    return Ratios(np.ones_like(logs), logs, np.full_like(logs, 0.003), np.ones((60, 60), bool), 1)
 
 
 def photograph(frame: Callable[..., Frame], **exposure: float) -> Frame:
