@@ -1,9 +1,9 @@
 """Warp the flash frame onto the no-flash frame.
 
-Source: Evangelidis & Psarakis, "Parametric Image Alignment Using Enhanced Correlation Coefficient
-Maximization", PAMI 2008, in OpenCV's multi-scale form. It runs on a normalised gradient image,
-because flash and no-flash pictures share edges, not brightness; least squares on steps of
-reflectance then make it exact.
+Source: phase correlation, Kuglin & Hines, "The Phase Correlation Image Alignment Method", 1975. It
+runs on a normalised gradient image, because flash and no-flash pictures share edges, not
+brightness, and on turns of it; least squares on steps of reflectance then make it exact. Edges are
+compared by the enhanced correlation coefficient of Evangelidis & Psarakis, PAMI 2008.
 """
 
 from __future__ import annotations
@@ -36,19 +36,15 @@ from pipeline.refine import (
 _LONG_SIDES = (1400, 800)  # the second for pairs whose noise drowns fine edges
 _EDGES_LONG_SIDE = 800  # where edges are taken, and are to correlate
 _SEARCH_SIZE = 400  # where they are searched for a motion that is then refined
-_SEARCHED = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-4)  # refined afterwards
+_TURNS = (-3, -2, -1, 0, 1, 2, 3)  # degrees; more is no hand
+_BACKWARDS = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 _LOCAL = 16.0
 _LOCAL_SIZE = 4  # pixels averaged where the local mean is taken
 _FIRST = 0.02  # what the first motion taken must gain in agreement; tripod pairs gain up to .018
 _FIRST_PART = 0.12  # of the agreement, which noise lowers: a turn then need not gain more
-_MOTIONS = (  # of OpenCV, if it is to search; what the refinement may change; what it must gain
-    (cv2.MOTION_TRANSLATION, SHIFT, _FIRST),  # in agreement, over the motion taken before
-    (cv2.MOTION_EUCLIDEAN, TURN, 0.006),
-    (None, HOMOGRAPHY, 0.01),  # a search would bend it to shadows where there are few edges
-)
 _MOSTLY = 0.6  # share of the picture's blocks that must agree better
 _PLAIN_PX = 1.0  # shadows are taken for shorter shifts; longer ones need to gain half as much
-_MAX_TURN = 0.03  # of the diagonal: what three degrees do to a corner, more is no hand
+_MAX_BEND = 0.03  # of the diagonal, at a corner
 _MIN_CORRELATION = 0.25  # related pairs reach 0.4 to 0.9, unrelated ones at most 0.1
 _MAX_MOTION = 0.15  # of the diagonal; a hand-held pair moves less
 
@@ -133,24 +129,20 @@ def _estimate(
     height, width = reference_steps[0].shape[:2]
     known = products(reference_steps[0], sample_steps[0], found)
     best = agreement(known)
-    for motion, freedoms, worth_it in _MOTIONS:
+    small = _shrunk(reference, _SEARCH_SIZE), _shrunk(sample, _SEARCH_SIZE)
+    for search, freedoms, worth_it in _MOTIONS:
         start = found
-        if motion is not None:
-            try:
-                start = _search(reference, sample, found, motion, (width, height))
-            except cv2.error:
-                if motion == cv2.MOTION_TRANSLATION:
-                    raise
-                continue  # too few edges for so rich a motion
+        if search is not None:
+            start = _to_size(search(*small), small[0].shape[::-1], (width, height))
         candidate = refine_motion(reference_steps, sample_steps, start, freedoms)
         moves = _corner_motion(candidate @ np.linalg.inv(found), width, height)
-        if motion != cv2.MOTION_TRANSLATION and moves > _MAX_TURN * np.hypot(width, height):
+        if search is None and moves > _MAX_BEND * np.hypot(width, height):
             continue
         there = products(reference_steps[0], sample_steps[0], candidate)
         if better_share(there, known) < _MOSTLY:
             continue  # a few strong edges of shadows move, the rest of the picture does not
         agrees = agreement(there)
-        if motion == cv2.MOTION_TRANSLATION:
+        if search is _shift:
             worth_it = _FIRST / 2 if moves > _PLAIN_PX else _FIRST
         elif chosen is None:
             worth_it = min(_FIRST, _FIRST_PART * agrees)
@@ -162,29 +154,35 @@ def _estimate(
     return finish_motion(reference_steps, sample_steps, found, chosen)
 
 
-def _search(
-    reference: Image,
-    sample: Image,
-    start: NDArray[np.float64],
-    motion: int,
-    size: tuple[int, int],
-) -> NDArray[np.float64]:
-    """Motion of OpenCV's kinds that correlates edges best, as near as the refinement needs it.
+def _shift(reference: Image, sample: Image) -> NDArray[np.float64]:
+    """Shift (3, 3) between edges, within a pixel or two of them, however far it goes."""
+    window = cv2.createHanningWindow(reference.shape[::-1], cv2.CV_32F)
+    (x, y), _ = cv2.phaseCorrelate(reference - reference.mean(), sample - sample.mean(), window)
+    return np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])
 
-    start, and what is returned: in pixels of a picture of (width, height). Raises cv2.error where
-    there are too few edges.
-    """
-    reference, sample = _shrunk(reference, _SEARCH_SIZE), _shrunk(sample, _SEARCH_SIZE)
-    parameters = cv2.ECCParameters()
-    parameters.motionType = motion
-    parameters.nlevels = int(np.clip(np.log2(min(reference.shape) / 16), 1, 5))
-    parameters.criteria = _SEARCHED
-    small = _to_size(start, size, reference.shape[::-1])
-    rows = cv2.findTransformECCMultiScale(
-        reference, sample, small[:2].astype(np.float32), parameters
-    )[1]
-    found = np.vstack([rows, small[2:]]).astype(np.float64)
-    return _to_size(found, reference.shape[::-1], size)
+
+def _turn(reference: Image, sample: Image) -> NDArray[np.float64]:
+    """Turn and shift (3, 3) between edges that correlates them best, within half a degree."""
+    height, width = reference.shape
+    middle = (width - 1) / 2, (height - 1) / 2
+    found, best = np.eye(3), -1.0
+    for degrees in _TURNS:
+        rows = cv2.getRotationMatrix2D(middle, degrees, 1.0)
+        turned = np.asarray(
+            cv2.warpAffine(sample, rows, (width, height), flags=_BACKWARDS), np.float32
+        )
+        matrix = np.vstack([rows, [0.0, 0.0, 1.0]]) @ _shift(reference, turned)
+        correlation = _correlation(reference, sample, matrix)
+        if correlation > best:
+            found, best = matrix, correlation
+    return found
+
+
+_MOTIONS = (  # where it is searched; what the refinement may change; what it must gain in agreement
+    (_shift, SHIFT, _FIRST),
+    (_turn, TURN, 0.006),
+    (None, HOMOGRAPHY, 0.01),  # a search would bend it to shadows where there are few edges
+)
 
 
 def _correlation(reference: Image, sample: Image, matrix: NDArray[np.float64]) -> float:
