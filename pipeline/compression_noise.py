@@ -15,7 +15,7 @@ from pipeline.noise import GRAIN_SCALES, Noise, line_through
 BLOCK = 8
 """Side in pixels of the blocks that JPEG compresses."""
 
-_BINS = 12
+_BINS = 12  # of brightness, through whose points the line is laid
 _UNEVEN = 1.5  # edges and texture, which lamps are read off, change more than the mean
 
 

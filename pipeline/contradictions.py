@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 # Chosen on development scenes (docs/decisions/0008-known-lamps.md)
 _WORSE, _UNEXPLAINED = 20.0, 0.5  # log likelihood; of unexplained
-_NEAR_DEGREES = 3.0
+_NEAR_DEGREES = 3.0  # between the colours of a spectrum's lamp and of the one found
 _OTHER_LIGHT, _QUANTILE = 0.02, 0.8  # chromaticity, beyond the noise, in a fifth of the area
 
 

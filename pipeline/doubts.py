@@ -18,12 +18,12 @@ from pipeline.result_names import lamp_name
 from pipeline.run_warnings import Code, RunWarning
 
 # Chosen on development scenes (docs/decisions/0009-warnings.md)
-_UNSURE = 0.6
+_UNSURE = 0.6  # confidence in the number of lamps
 _SIMILAR_DEGREES = 6.0
 _RIVAL_DEGREES = 5.0
-_MUCH_WEAK = 0.1
-_MUCH_CLIPPED = 0.05
-_MUCH_MARKED = 0.015
+_MUCH_WEAK = 0.1  # share of what the lamps light
+_MUCH_CLIPPED = 0.05  # share of the picture
+_MUCH_MARKED = 0.015  # the same
 _LEAST_ERROR, _ERROR_OF_LAMPS, _NOISE_COUNTS, _WORST_DB = 0.045, 0.01, 0.5, 4.0
 
 

@@ -20,8 +20,9 @@ from pipeline.second_differences import (
 )
 from pipeline.tiles import TILE_ROWS, tiles
 
-_BINS = 24
-_SMALLEST, _SPARSE = 32, 8
+_BINS = 24  # of brightness, through whose points the line is laid
+_SMALLEST = 32  # times the side of a grain that is looked for, of the shorter side
+_SPARSE = 8  # pixels between those that tell the typical colour
 _ENOUGH = 2_000_000  # pixels to tell the noise by
 _FEW = 50  # second differences that still give a quantile
 _QUIET = 0.25  # quantile of the blocks' variances, below most texture
@@ -30,7 +31,7 @@ _QUIET_OF_MEAN = 0.735
 
 So many have the 6 × 8 second differences of a block, n²/Σρ² with ρ = 1, −2/3, 1/6 along each axis.
 """
-_ROUNDS = 5
+_ROUNDS = 5  # of laying the line anew by the differences within
 _WITHIN, _WITHIN_OF_ALL = 2.5, 0.911  # standard deviations; variance of what lies within them
 _MOST = 0.45  # share that lies within, or the quieter blocks are not like the others
 _LESS = 0.5  # of its own; few independent pixels, as compression leaves, explain more by chance

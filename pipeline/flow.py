@@ -21,7 +21,7 @@ from pipeline.strips import STRIP_ROWS, strips
 
 Array = NDArray[np.float32]
 
-_LONG_SIDE = 1000
+_LONG_SIDE = 1000  # pixels at which the flow is searched
 _MOST_SIDE = 32766  # above which OpenCV does not resample by a map
 _NARROWEST = 16  # shorter side, below which the search has no patches
 _WINDOW = 5.0  # standard deviation of the window of local correlations, pixels

@@ -23,7 +23,7 @@ from pipeline.vectors import unit
 Array = NDArray[np.float64]
 
 _FEWEST = 5  # blocks of the reduced pair that tell a light
-_SAME_DEGREES = 1.0
+_SAME_DEGREES = 1.0  # between colours of two lamps that cannot be told apart
 _LEAST_SEEN = 1e-3  # of what the camera sees of the flash: less is noise of its measurement
 
 

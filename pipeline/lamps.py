@@ -33,7 +33,7 @@ MIN_PIXELS = 200
 LEAST_CONTRAST = 1e-3
 """Sine of the least angle that is told from none."""
 
-_ALONE_DEGREES = 10.0
+_ALONE_DEGREES = 10.0  # to a lamp that might be beside the only one
 _TYPICAL_SCATTER_DEGREES = 1.7  # median over lamps and reflectances, weighted PCA
 
 

@@ -19,7 +19,7 @@ from pipeline.noise import Noise
 
 Array = NDArray[np.float32]
 
-_LONG_SIDE = 1000
+_LONG_SIDE = 1000  # pixels at which motion is looked for
 _SIGNIFICANT = 5.0  # standard deviations
 _LOST = 0.08  # part of its light that a pixel must lose
 _LOST_RENDERED = 0.25  # the same where a camera rendered the photographs, each in its own way

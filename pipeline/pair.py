@@ -30,7 +30,7 @@ from pipeline.progress import Progress
 from pipeline.run_warnings import RunWarning
 from pipeline.steadiness import block_ratios, brightening, darker_share
 
-_PARALLAX_PX = 0.5
+_PARALLAX_PX = 0.5  # beside where the homography lays a pixel; less is the flow's error
 _REGISTRATION_PX = 0.35  # of alignment and interpolation, measured
 _STILL = 0.25  # of what seems to have moved may be left in a brighter photograph
 

@@ -20,10 +20,10 @@ NO_FLASH, FLASH = "photograph without the flash", "photograph with the flash"
 
 _IDENTICAL = "The two photographs are identical: send one without the flash and one with it."
 _BLACK = 2e-4  # of the white level; an 8-bit sRGB code of 1 is 3e-4
-_MIN_USABLE = 0.02
+_MIN_USABLE = 0.02  # share of the pixels that the flash must reach
 _ALIKE = (2.5 / 65535, 2.5 / 255)  # code values of 16 bits linear and of 8 bits rendered
 _DARKER = 0.6  # share of lit pixels that lose light with the flash on: the frames are swapped
-_SMALLEST = 32
+_SMALLEST = 32  # pixels, of the shorter side
 _MOST_RATIO = 100  # times the shorter side, into which blocks must fit; no photograph is longer
 _SAMPLES, _LEAST_STEP = 200_000, 4  # pixels looked at, and the step between them at least
 

@@ -12,8 +12,8 @@ from pipeline.reduced import ReducedPair
 _OUTERMOST = 0.995  # quantile: where a lamp shines alone, found a little off as it may be
 _ALONE, _NEARLY = 0.01, 0.05  # below it
 _GATHERED = 0.45  # of the pixels nearly of one lamp are of it alone where it shines alone
-_LEAST_AREA = 0.015
-_LEAST_PLACES = 0.001
+_LEAST_AREA = 0.015  # share of the usable pixels
+_LEAST_PLACES = 0.001  # the same, see Lamps.alone
 
 
 def without_pure_light(reduced: ReducedPair, lamps: Lamps) -> list[int]:

@@ -17,7 +17,7 @@ from pipeline.registration import SOFTENED_HALO, registration_variance, softened
 from pipeline.sigma_filter import ROUNDS, sigma_filter
 from pipeline.strips import strips, widened
 
-_LONG_SIDE = 512
+_LONG_SIDE = 512  # blocks at most
 _BLOCK_ROWS = 16  # worked on at a time
 _MIN_OPEN = 0.5  # share of a block's pixels that must be usable
 _SIGNIFICANT = 4.0  # standard deviations

@@ -21,11 +21,11 @@ Pyramid = list[Image]
 Products = NDArray[np.float64]
 """Sums (rows, columns, 3) over blocks: squares of either photograph's steps, and their products."""
 
-_BLUR = 0.5
+_BLUR = 0.5  # pixels; what is finer is noise
 _LOCAL = 2.0  # what is smoother than this is light, not reflectance
 _DARK = 0.01  # of the 95th percentile; the logarithm bends there
 _TUKEY = 4.685  # standard deviations at which a difference counts for nothing
-_MAD = 1.4826
+_MAD = 1.4826  # a Gaussian's standard deviation by its median absolute deviation
 _EDGES = 0.85  # quantile of the gradient above which pixels tell of motion
 _FEW = 50  # pixels that still tell
 _SAMPLED = 30_000  # pixels by which a round tells quantiles
@@ -39,7 +39,7 @@ TURN = np.concatenate([SHIFT, [HOMOGRAPHY[1] - HOMOGRAPHY[3], HOMOGRAPHY[0] + HO
 
 _LEVELS = 3
 _LARGE = 800  # longer side
-_SMALLEST = 48
+_SMALLEST = 48  # shorter side of a level of the pyramid
 _BLOCKS = (6, 8)  # rows and columns of blocks in which photographs are compared
 _STRONG = 0.01  # of the most telling block's squares: blocks with less tell nothing
 _BAND, _BANDS_APART = 24, 3  # rows compared at a time, and of how many bands one

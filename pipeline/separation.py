@@ -36,8 +36,8 @@ from pipeline.shares import Colour
 from pipeline.sigma_filter import ROUNDS, SigmaFilter
 from pipeline.strips import widened
 
-_ROUNDS: dict[Quality, int] = {"best": ROUNDS, "balanced": 3, "fast": 2}
-_UNUSABLE_REACH = 1
+_ROUNDS: dict[Quality, int] = {"best": ROUNDS, "balanced": 3, "fast": 2}  # of the noise filter
+_UNUSABLE_REACH = 1  # pixels around unusable ones that demosaicing has mixed with them
 _INVISIBLE = 0.002  # standard deviation of a proportion that is not worth averaging
 _DOUBT = 1.5  # standard deviations of a pixel's light at which it counts for a little less
 

@@ -7,7 +7,7 @@ import numpy as np
 from pipeline.frames import Matrix, Photograph
 from pipeline.quantiles import quantile
 
-_MOST = 8.0
+_MOST = 8.0  # three stops; what is darker stays dark
 _WHITE = 0.995  # quantile of a picture's brightest channel that becomes white
 _SAMPLES = 1000  # pixels looked at along the longer side, or twice as many
 

@@ -11,7 +11,7 @@ from pipeline.frames import Image, Plane, Planes, by_planes, channels_first, pla
 
 Array = NDArray[np.float32]
 
-_RADIUS = 4
+_RADIUS = 4  # pixels, of the guided filter's windows
 _TOLERANCE = 0.25  # a change of four standard deviations is made by half
 _EPSILON = 1e-4  # (0.01)², steps of the guide smaller than this are noise
 _KERNEL = np.full(2 * _RADIUS + 1, 1 / (2 * _RADIUS + 1), dtype=np.float32)

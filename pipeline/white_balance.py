@@ -28,7 +28,7 @@ from pipeline.separation import Strip
 from pipeline.shares import Colour
 from pipeline.spectra.matrices import best_matrix
 
-_BRIGHTEST = 4.0
+_BRIGHTEST = 4.0  # times the pixel's light
 _FAINTEST = 0.02  # of a lamp's strongest channel, so that no ratio explodes
 _LACKING = (0.06, 0.2)  # of the strongest channel, between which a lamp comes to have a colour
 _CLIPPING = (0.9, 0.99)  # of white, between which a channel comes to count as clipped

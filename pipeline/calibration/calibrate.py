@@ -47,8 +47,8 @@ from pipeline.spectra.observer import cie_1931
 from pipeline.spectra.tables import write_sensitivities, write_spectrum
 from pipeline.whose_colours import names_no_camera, no_sensors_values, undeclared
 
-_FAR_ASIDE_DEG = 5.0
-_GREY_CARD = 0.18
+_FAR_ASIDE_DEG = 5.0  # of the flash beside the lens, seen from the sphere
+_GREY_CARD = 0.18  # reflectance
 
 
 @dataclass(frozen=True)

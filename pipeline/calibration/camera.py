@@ -16,11 +16,12 @@ from pipeline.spectra.grid import STEP_NM
 
 Array = NDArray[np.float64]
 
-_GAIN, _TINT, _TINT_REACH_NM = 0.2, 0.4, 40.0
+# standard deviations from a known camera (docs/decisions/0007-calibration.md)
+_GAIN, _TINT, _TINT_REACH_NM = 0.2, 0.4, 40.0  # relative: of a whole channel, and along it
 _TAIL, _TAIL_REACH_NM = 0.02, 30.0  # of the channel's peak
 _SHIFT_NM = 2.0
-_ROUNDS = 3
-_NO_CHART = 0.15
+_ROUNDS = 3  # of finding curves and the flash's fall-off by turns
+_NO_CHART = 0.15  # relative error of the patches' light
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,8 @@ from pipeline.pair import Pair
 MARKS = "marks.jpg"
 """The file that shows what was read."""
 
-_LONG_SIDE = 1600
-_COLOUR = (255, 0, 200)
+_LONG_SIDE = 1600  # pixels of the picture with the marks
+_COLOUR = (255, 0, 200)  # RGB that few scenes hold
 
 
 def find_chart(pair: Pair) -> Corners:

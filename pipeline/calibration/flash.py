@@ -27,9 +27,10 @@ FAMILY = (
 )
 """Measured lights that flashes are like: xenon tubes and lamps, daylight, white LEDs."""
 
-_TINT, _REACH_NM, _STRENGTH = 0.15, 60.0, 0.5
-_ROUNDS = 3
-_NO_CHART = 0.15
+# relative standard deviations from a known light (docs/decisions/0007-calibration.md)
+_TINT, _REACH_NM, _STRENGTH = 0.15, 60.0, 0.5  # along the spectrum, and of the whole
+_ROUNDS = 3  # of finding the spectrum and the flash's fall-off by turns
+_NO_CHART = 0.15  # relative error of the patches' light
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,8 @@ from pipeline.pair import Pair
 Array = NDArray[np.float64]
 
 _INNER = 0.9  # of the radius: beyond, the outline that was marked may miss the sphere
-_SMALLEST_PX = 12.0
-_MOST_UNUSABLE = 0.2
+_SMALLEST_PX = 12.0  # radius
+_MOST_UNUSABLE = 0.2  # share of the sphere
 _BLOCKS = 4_000  # at least, of a large sphere
 _LEAST_BLOCKS = 100  # that are wholly usable: fewer hardly fix the twelve unknowns of three lamps
 _CLIPPED = (
@@ -35,7 +35,7 @@ _NO_SPHERE = 0.12  # relative error of the flash part as that of a matt sphere
 _ELSEWHERE = 0.1  # of the radius: no mark is so wrong
 _NO_LAMPS = 0.08  # the same of the lamps' light
 _ONE_MORE = 0.03  # what one more lamp must explain, in squares of what paint and noise allow
-_UNSURE_DEG = 3.0
+_UNSURE_DEG = 3.0  # standard deviation of a direction
 
 
 @dataclass(frozen=True)

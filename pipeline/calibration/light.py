@@ -14,7 +14,7 @@ from pipeline.pair import Pair
 Array = NDArray[np.float64]
 
 _MOST_UNUSABLE = 0.1  # share of an area
-_LEAST_PIXELS = 9
+_LEAST_PIXELS = 9  # of an area: fewer hardly tell a mean
 _UNLIT = 4.0  # standard deviations
 
 

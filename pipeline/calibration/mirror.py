@@ -29,8 +29,8 @@ _SURROUNDED = 4.0  # times what the sphere shows elsewhere
 _ELSEWHERE = 0.8  # quantile of the sphere's light: beside dim lamps, walls and noise count more
 _LEAST_FACING = 0.05  # squared cosine to the viewer: at the rim a deviation has no end
 _OUTLINE = 0.01  # standard deviation of the outline by the radius, assumed
-_MOST = 3
-_CLIPPED = 0.97
+_MOST = 3  # lamps: more are not separated
+_CLIPPED = 0.97  # of white
 _GLOW_PX = 2  # how far lenses spread a highlight
 
 _Spot = tuple[NDArray[np.int64], NDArray[np.int64]]  # rows and columns (n,) of pixels

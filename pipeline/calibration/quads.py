@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 _WINDOWS = (0.03, 0.08, 0.2)  # of the long side, about which a pixel counts as bright or dark
 _STEP = 6  # of 255, by which it must be so
-_CANNY = ((20, 60), (60, 160))
+_CANNY = ((20, 60), (60, 160))  # thresholds for faint edges and for strong ones
 _ROUGH = 0.05  # of the outline's length, by which it may miss four straight sides
 _FULL = 0.9  # least share that the outline's area has of its hull
 _SAME = 0.4  # of a side: nearer middles are those of the same area

@@ -25,7 +25,7 @@ _UNEVEN = 0.01  # relative variation of paint
 _MARK = 0.02  # standard deviation of the marked outline, of the radius
 _ASIDE = 0.05  # the same of the flash's place, of the distance
 _GRID = 90  # directions among which lamps are first looked for
-_STARTS = 3
+_STARTS = 3  # sets of such directions that are followed to the end
 _BEHIND = 0.5  # how far behind the sphere a lamp may be that lights its visible side
 _COMMON = 6  # unknowns of outline and flash
 

@@ -8,6 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 from pipeline.frames import Matrix
 
 CCT_RANGE_K = (1000.0, 15000.0)
+"""Where Krystek's approximation of the locus holds."""
+
 _MAX_DUV = 0.05
 """Farther than this from the Planckian locus a colour has no CCT (CIE 15:2018)."""
 

@@ -26,7 +26,7 @@ NO_AGREEMENT = (
 )
 """What is said where invariants show no lights."""
 
-_FEWEST = 3
+_FEWEST = 3  # invariants: a triangle needs as many
 
 
 def lights_of_pair(reduced: ReducedPair, model: Model, count: int) -> Array:

@@ -24,11 +24,12 @@ from pipeline.vectors import unit
 
 Array = NDArray[np.float64]
 
-_MIN_PIXELS = 50
-_HELD, _HARDLY_HELD, _MIN_GAIN = 0.002, 0.001, 0.05
+_MIN_PIXELS = 50  # that tell strengths
+_HELD, _HARDLY_HELD = 0.002, 0.001  # how firmly strengths given, or not, are where they start
+_MIN_GAIN = 0.05  # on a lamp's column: less, and no strengths explain the light
 _MIN_LIT = 0.02  # of a lamp's strong pixels: darker ones are in its shadow
 _MIN_SHARE = 0.01  # of a pixel's strongest lamp: less is what noise leaves of a lamp's shadow
-_MIN_CONFIDENCE = 0.2
+_MIN_CONFIDENCE = 0.2  # see Strip
 _MIN_FACING = 0.05  # n·v of a visible surface
 
 

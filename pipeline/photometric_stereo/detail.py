@@ -15,7 +15,7 @@ from pipeline.strips import strips
 Array = NDArray[np.float32]
 
 _KNOWN = 0.3  # share of the surroundings in which the surface is known
-_MIN_CONFIDENCE = 0.2
+_MIN_CONFIDENCE = 0.2  # see Strip
 _LIGHT_ERROR = 0.01  # of a pixel's light, and of its channels' mean
 _NORMAL_ERROR, _CUT_ERROR = 0.05, 0.5  # of the surface at a reduced size, and where it was cut
 _ROWS = 256  # of a depth map at a time

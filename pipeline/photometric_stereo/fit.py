@@ -14,13 +14,16 @@ from pipeline.progress import Tick
 
 Array = NDArray[np.float64]
 
-_SCALES = (0.3, 0.2, 0.1, 0.05, 0.03, 0.02, 0.01, 0.005, 0.003, 0.003)
+# Chosen on development objects (docs/decisions/0006-normals-by-a-surface.md)
+_SCALES = (0.3, 0.2, 0.1, 0.05, 0.03, 0.02, 0.01, 0.005, 0.003, 0.003)  # see Objective
 _SCALES_AGAIN, _ROUNDS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.003, 0.003), 2
-_STEPS = 3
-_LENGTHS = (1.0, 0.5, 0.25, 0.1)
+_STEPS = 3  # at each scale
+_LENGTHS = (1.0, 0.5, 0.25, 0.1)  # of a step, tried until one makes things better
 _FINE_SCALE, _FINE_STEPS, _FINE_STIFFNESS = 0.01, 3, 10.0
-_SHADOWS_FROM, _SHADOW_CHI2, _SHADOW_GAIN = 0.02, 50.0, 10.0
-_UNEXPLAINED, _LIGHT_SCALE, _LIGHT_CHI2 = (0.01, 0.3), 0.02, 10.0
+_SHADOWS_FROM = 0.02  # scale from which on shadows are told from bends
+_SHADOW_CHI2, _SHADOW_GAIN = 50.0, 10.0  # of a pixel's light, and times less without the lamp
+_UNEXPLAINED = (0.01, 0.3)  # share of the pixels between which shadows are to blame
+_LIGHT_SCALE, _LIGHT_CHI2 = 0.02, 10.0  # at and above which light is unexplained
 _DARK = 0.06  # l·w of a lamp that does not shine, of the median squared depth
 _LEAST_DEPTH = 1e-3  # squared, of the median
 

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_SHIFTS = 5
-_FEWEST, _MOST = 15, 60
-_NEAREST = 3
-_SMALLEST_SEGMENT = 12
+_SHIFTS = 5  # of the mean to where most colours are
+_FEWEST = 15  # pixels of a material
+_MOST = 60  # materials
+_NEAREST = 3  # materials that a pixel may be of
+_SMALLEST_SEGMENT = 12  # pixels
 
 
 @dataclass(frozen=True)

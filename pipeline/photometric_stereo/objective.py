@@ -19,11 +19,12 @@ Array = NDArray[np.float64]
 
 _FREEDOM = 9.0  # squared standard deviations beyond which a pixel's light counts less
 _FLOOR = 0.002  # of the 99th percentile of the light
-_ALBEDO_FREEDOM = 4.0
-_ALBEDO_FLOOR, _ALBEDO_SCALE = 0.01, 0.02
+_ALBEDO_FREEDOM = 4.0  # the same of log albedo
+_ALBEDO_FLOOR = 0.01  # least standard deviation of log albedo
+_ALBEDO_SCALE = 0.02  # scale of the light beyond which albedo may be as far off
 _TINT_SLOPE = 5.0  # standard deviation of log albedo by chromaticity
 _BEND, _BEND_WEIGHT = 0.1, 0.36  # slope per pixel
-_MEDIAN_TO_SIGMA = 1.48
+_MEDIAN_TO_SIGMA = 1.48  # of a Gaussian's absolute deviations
 _TINTS = (0.0, _TINT_SLOPE**-2, _TINT_SLOPE**-2)  # how surely albedo is so by chromaticity
 
 

@@ -16,15 +16,15 @@ from pipeline.vectors import unit
 
 Array = NDArray[np.float64]
 
-_BROAD = ("D50", "D65", "D75", "A", "E", "FL7", "LED-B1", "LED-B5")
+_BROAD = ("D50", "D65", "D75", "A", "E", "FL7", "LED-B1", "LED-B5")  # lights put behind filters
 _FILTERED = ((1, 0.05), (2, 0.025))  # passes through a reflectance as a filter, weight
-_BANDWIDTHS = tuple(np.geomspace(0.01, 0.3, 18))
+_BANDWIDTHS = tuple(np.geomspace(0.01, 0.3, 18))  # distances of unit colours, until there are
 _ENOUGH = 12.0  # lamps of like colour
-_GREY_CARD = 30.0
-_SLACK = 0.03
-_WIDER, _MATERIAL_WIDER = 3.0, 10.0
+_GREY_CARD = 30.0  # times the weight of a reflectance, as the colour is known on it
+_SLACK = 0.03  # relative: by which a lamp may be unlike all of the bank
+_WIDER, _MATERIAL_WIDER = 3.0, 10.0  # times the deviations within the bank
 _STRENGTH, _COLOUR = 0.5, 0.1  # relative: what is given may be off by so much
-_MODES = 6
+_MODES = 6  # the strongest of nine
 _LEAST = 1e-3  # of the strongest channel
 
 

@@ -26,8 +26,8 @@ from pipeline.reduced import ReducedPair
 Array = NDArray[np.float64]
 
 _TRIAL, _COARSE, _FINE = 1_200, 5_000, 60_000  # pixels at most
-_MIN_PIXELS = 100
-_MOST_CORRECTION = 2.0
+_MIN_PIXELS = 100  # that tell a surface
+_MOST_CORRECTION = 2.0  # factor on the light of a lamp
 
 
 @dataclass(frozen=True)

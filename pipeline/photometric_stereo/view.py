@@ -17,8 +17,8 @@ from pipeline.reduced import ReducedPair
 
 Array = NDArray[np.float64]
 
-_MIN_OPEN = 0.5
-_MOST_GAIN = 5.0
+_MIN_OPEN = 0.5  # share of a block's pixels that must be usable
+_MOST_GAIN = 5.0  # times the flash part that the lamps give
 _RADIUS, _RADIUS_BY_NOISE = 0.008, 0.5  # of a material in chromaticity
 
 

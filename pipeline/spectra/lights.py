@@ -27,13 +27,13 @@ _FLASHES = {"led": "LED-B5"}
 
 _XENON = "xenon"
 _DAYLIGHT = re.compile(r"d(\d{2,3})", re.IGNORECASE)
-_DAYLIGHT_RANGE_K = (4000, 25000)
+_DAYLIGHT_RANGE_K = (4000, 25000)  # for which CIE 015 defines daylight
 
 _SENSITOMETRY = "ISO 7589"  # begins names of curves for tests of film, which are no lamps
 _NO_LAMPS = ("E", "B")  # nor are the equal-energy spectrum and an obsolete filter
 _MOST_POWER = 1e300  # what is more may have no finite sum
-_NARROWEST_NM = 65.0
-_TWIN_COSINE = 0.9995
+_NARROWEST_NM = 65.0  # width of an even spectrum as concentrated; narrower is near-monochromatic
+_TWIN_COSINE = 0.9995  # between spectra that count as one
 
 
 def find_light(request: str | Spectrum, purpose: str = "flash") -> NDArray[np.float64]:
