@@ -6,6 +6,7 @@ import sqlalchemy as sa
 
 from service.database import jobs, keys, now, uploads
 from service.errors import QuotaError, StoredQuotaError
+from service.sentences import counted
 from service.states import State
 
 _DAY_SECONDS = 86400
@@ -29,7 +30,8 @@ def check(connection: sa.Connection, key_id: str, coming: int = 1) -> None:
             if coming > 1:
                 has = f" {waiting}; ask for fewer than these {coming}, or wait till some have begun"
             raise QuotaError(
-                f"This key may have {_jobs(key.waiting_jobs)} wait at a time, and has{has}.",
+                f"This key may have {counted(key.waiting_jobs, 'job', 'jobs')} wait at a time, and "
+                f"has{has}.",
                 _WAITING_RETRY_SECONDS,
             )
     if key.jobs_per_day is not None:
@@ -38,8 +40,8 @@ def check(connection: sa.Connection, key_id: str, coming: int = 1) -> None:
         if made + coming > key.jobs_per_day:
             has = f" made {made}; ask for fewer than these {coming}" if coming > 1 else ""
             raise QuotaError(
-                f"This key may make {_jobs(key.jobs_per_day)} a day, and has{has}; the next day "
-                "begins at midnight UTC.",
+                f"This key may make {counted(key.jobs_per_day, 'job', 'jobs')} a day, and "
+                f"has{has}; the next day begins at midnight UTC.",
                 int(_DAY_SECONDS - second) + 1,
             )
     if key.stored_bytes is not None:
@@ -94,7 +96,3 @@ def _of_jobs(
 
 def _now(connection: sa.Connection) -> float:
     return connection.execute(sa.select(now())).scalar_one()
-
-
-def _jobs(count: int) -> str:
-    return "1 job" if count == 1 else f"{count} jobs"

@@ -6,6 +6,7 @@ import sqlalchemy as sa
 
 from service import quotas, waiting
 from service.errors import QueueFullError, StorageFullError
+from service.sentences import counted
 from service.settings import Settings
 from service.storage import Storage
 
@@ -24,9 +25,11 @@ def check_room(
         total = waiting.count_queued(connection)
     of_key, in_all = settings.queued_jobs_per_key, settings.queued_jobs
     if own + coming > of_key:
-        raise QueueFullError(_full(f"{_wait(own, ' of yours')} already", own, coming, of_key))
+        wait = counted(own, "job of yours waits", "jobs of yours wait")
+        raise QueueFullError(_full(wait, own, coming, of_key))
     if total + coming > in_all:
-        raise QueueFullError(_full(f"{_wait(total)} already", total, coming, in_all))
+        wait = counted(total, "job waits", "jobs wait")
+        raise QueueFullError(_full(wait, total, coming, in_all))
     check_disk(settings, storage)
 
 
@@ -39,13 +42,9 @@ def check_disk(settings: Settings, storage: Storage) -> None:
         )
 
 
-def _wait(count: int, whose: str = "") -> str:
-    return f"1 job{whose} waits" if count == 1 else f"{count} jobs{whose} wait"
-
-
-def _full(said: str, queued: int, coming: int, limit: int) -> str:
+def _full(wait: str, queued: int, coming: int, limit: int) -> str:
     if coming == 1:
-        return f"{said}; send this one again later."
+        return f"{wait} already; send this one again later."
     if queued >= limit:  # not even one of them has room
-        return f"{said}; ask for these {coming} again later."
-    return f"{said}, and {limit} may; ask for fewer than these {coming}, or later."
+        return f"{wait} already; ask for these {coming} again later."
+    return f"{wait} already, and {limit} may; ask for fewer than these {coming}, or later."

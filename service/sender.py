@@ -10,6 +10,7 @@ from typing import Any, Literal
 from pipeline.errors import reason_of
 from service.client import Client, Job, RefusedError, ServiceAwayError
 from service.frames import FRAMES
+from service.sentences import counted
 from service.spool import DamagedPairError, Spool, SpooledPair
 
 PAUSES_S = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 30.0)
@@ -105,7 +106,7 @@ class Sender:
                     "held", f"{reason} See to {place} and its disk, then it goes on.", **facts
                 )
                 return
-            waiting = f"{count} pair{'' if count == 1 else 's'} wait{'s' if count == 1 else ''}"
+            waiting = counted(count, "pair waits", "pairs wait")
             self._tell("held", f"{reason} {waiting} in the spool {place}.", **facts)
 
     def _waiting(self) -> dict[str, int]:

@@ -19,6 +19,7 @@ from pipeline.result_names import MANIFEST
 from service import durable
 from service.cli.display import duv_of, temperature_of
 from service.cli.files import read_file
+from service.sentences import counted
 
 _MOST_SIDE = 1400
 _JPEG_QUALITY = 88
@@ -53,7 +54,7 @@ def write_report(folder: Path, target: Path) -> Path:
     page = Template(_template())
     try:
         values = {
-            "title": escape(f"Light of {_count(len(manifest['lamps']), 'lamp')}"),
+            "title": escape(f"Light of {counted(len(manifest['lamps']), 'lamp', 'lamps')}"),
             "summary": _summary(manifest),
             "warnings": _warnings(manifest["warnings"]),
             "pictures": "\n".join(_pictures(folder, manifest)),
@@ -115,7 +116,7 @@ def _summary(manifest: Mapping[str, Any]) -> Html:
     asked = "" if lights["requested"] == "auto" else f" ({lights['requested']} asked for)"
     filled = 100 * manifest["filled"]
     return escape(
-        f"{_count(lights['found'], 'lamp')} found{asked}, number certain to "
+        f"{counted(lights['found'], 'lamp', 'lamps')} found{asked}, number certain to "
         f"{100 * lights['confidence']:.0f} %. {filled:.1f} % of the picture is filled in from its "
         f"surroundings. Camera: {manifest['camera']['name']} ({manifest['camera']['source']}); "
         f"flash: {manifest['flash']['name']} ({manifest['flash']['source']})."
@@ -212,7 +213,3 @@ def _table(heads: Sequence[Html], rows: Iterable[Sequence[Html]]) -> Html:
     head = "".join(f"<th>{cell}</th>" for cell in heads)
     body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
