@@ -35,7 +35,7 @@ from service.stopping import ASK_SECONDS, Stopping
 from service.storage import Storage
 from service.tasks import RESULTS, Kind, Limits, TakePair, Task, results_of
 
-_REPORT_SECONDS = 0.5
+_REPORT_SECONDS = 0.5  # between two writes of a fraction of one stage
 _ELSEWHERE = (
     " It was looked for on the worker's host alone, as no API with a worker beside it had seen it "
     "when the capture was sent: if it hangs on another host, run `lightlayers serve` there, ask it "

@@ -17,7 +17,7 @@ from service.errors import StorageFullError
 from service.object_keys import DATABASE_ID, JOBS, UPLOADS
 from service.storage import Storage
 
-_BATCH = 500
+_BATCH = 500  # ids in a statement
 
 Standing = Literal["ours", "free", "foreign"]
 

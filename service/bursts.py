@@ -11,7 +11,7 @@ import sqlalchemy as sa
 
 from service.database import jobs
 
-_DIGITS = 3
+_DIGITS = 3  # hexadecimal: 4096 ids
 
 
 def new_ids(count: int) -> list[str]:

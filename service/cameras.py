@@ -21,7 +21,7 @@ from service.database import cameras, may_be_id, now
 from service.database import jobs as rows
 from service.states import ENDED, HELD
 
-_UNUSED_SECONDS = 86400.0
+_UNUSED_SECONDS = 86400.0  # after which a camera that nobody looks for is forgotten
 _USB = "ptp+usb://"
 _GPHOTO = "gphoto2://"
 

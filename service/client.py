@@ -20,8 +20,8 @@ from pipeline.options import Options
 from service.states import ENDED
 
 _POLL_SECONDS = 0.3
-_TIMEOUT_SECONDS = 60.0
-_PATIENCE_SECONDS = 300.0
+_TIMEOUT_SECONDS = 60.0  # without a byte
+_PATIENCE_SECONDS = 300.0  # with a service that is away, as while it starts anew
 _FIRST_PAUSE_SECONDS = 1.0
 _LONGEST_PAUSE_SECONDS = 15.0
 _PIECE_BYTES = 1 << 16

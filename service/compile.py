@@ -22,7 +22,7 @@ from pipeline.progress import Progress
 from pipeline.strips import STRIP_ROWS
 
 _SIZE = "width=96&height=64&noise=off"
-_MOTION_PX = 3
+_MOTION_PX = 3  # enough for the flash photograph to be laid on the other
 
 
 def main() -> None:

@@ -15,7 +15,7 @@ from sqlalchemy.sql.functions import FunctionElement
 metadata = sa.MetaData()
 """Where the steps of service.migrations lead."""
 
-_PATIENCE_SECONDS = 30
+_PATIENCE_SECONDS = 30  # with SQLite that others write to
 
 AWAY = (
     sa.exc.OperationalError,

@@ -60,7 +60,7 @@ _OF_A_JOB = re.compile(r"-(capture|webhook-\d+)$")  # as capture_id and telling_
 _HINDERED = (sa.exc.DBAPIError, psycopg.Error, *AWAY)  # it waits for notifications by itself
 _OUTAGE_SECONDS = 10.0  # between two lines on what hinders the queue
 _DONE = ["SUCCESS", "ERROR", "CANCELLED"]
-_BATCH = 500
+_BATCH = 500  # forgotten in a transaction
 
 
 def migrate(engine: sa.Engine) -> None:

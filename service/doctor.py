@@ -38,8 +38,8 @@ _PREFIX = "LIGHTLAYERS_"
 _NOT_SETTINGS = ("LIGHTLAYERS_SPECTRA", "LIGHTLAYERS_MAX_PIXELS", "LIGHTLAYERS_KEY")
 """Variables that are read elsewhere."""
 
-_CLOCKS_APART_SECONDS = 5
-_OPEN_FILES = 1024
+_CLOCKS_APART_SECONDS = 5  # this machine's and the database's
+_OPEN_FILES = 1024  # each connection and photograph takes one
 _LIBRARIES = ("lightlayers", "dbos", "fastapi", "numpy", "obstore", "opencv-python-headless")
 
 

@@ -23,7 +23,7 @@ from service.jobs import Job
 from service.settings import Settings
 from service.states import HELD, State
 
-_RECENT = 20
+_RECENT = 20  # jobs like one that its pace is told by
 _ORDER = ("fetch", "capture", *STAGES, "calibrate", "mix", "store")
 """Everything that attempts do, in order: photographs fetched, the stages, results stored."""
 
@@ -32,10 +32,10 @@ _FIRST_SHARES = {
     "calibrate": {"decode": 45, "align": 30, "calibrate": 24, "store": 1},
     "mix": {"mix": 90, "store": 10},
 }
-"""Of the time, in hundredths, while no job like this one has succeeded: of a separation the mean of
-the three pairs in docs/performance.md, imports aside; of the others a guess."""
+"""Of the time, in hundredths, while no job like this one has succeeded: of a separation near what
+the three pairs in docs/performance.md take, imports aside; of the others a guess."""
 
-_CAPTURE_SHARE = 10
+_CAPTURE_SHARE = 10  # in the same hundredths, which then add up to more: a guess
 
 
 def likeness(options: Mapping[str, Any], size: int, capture: Mapping[str, Any] | None) -> str:

@@ -12,7 +12,7 @@ import httpcore
 
 from service.addresses import ForbiddenAddressError, Networks, resolve
 
-_CONNECT_SECONDS = 5.0
+_CONNECT_SECONDS = 5.0  # of those that an answer may take
 
 
 class UnansweredError(Exception):

@@ -14,8 +14,8 @@ from service.object_keys import JOBS, job_key
 from service.settings import Settings
 from service.storage import Storage
 
-_BATCH = 500
-_QUEUE_SECONDS = 3600.0
+_BATCH = 500  # jobs in a transaction or statement
+_QUEUE_SECONDS = 3600.0  # that the queue remembers what is done, for whoever looks into it
 _STRAY_SECONDS = 86400.0
 """Longer than any request stores files before it commits their job."""
 

@@ -34,7 +34,7 @@ _COMMAND = (sys.executable, "-m", "service.child")
 _THREADS = ("OPENCV_FOR_THREADS_NUM", "OMP_NUM_THREADS")
 """What the libraries of a task with threads of their own read: OpenCV, and LibRaw's OpenMP."""
 
-_LOOK_SECONDS = 0.2
+_LOOK_SECONDS = 0.2  # between two looks whether the task is to stop
 _END_SECONDS = 5.0  # what a process whose work is done may take to end
 
 

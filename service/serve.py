@@ -28,10 +28,10 @@ from service.errors import StartError
 from service.problems import cause_of
 from service.settings import Settings
 
-_RESTART_SECONDS = 1.0
+_RESTART_SECONDS = 1.0  # before a worker that has ended is started again
 _STOP_SECONDS = 20.0  # a worker takes up to 15
-_HEAD_BYTES = 32 * 1024
-_MEMORY_POOLS = 2
+_HEAD_BYTES = 32 * 1024  # of a request
+_MEMORY_POOLS = 2  # see share_memory
 
 log = logging.getLogger("service.serve")
 

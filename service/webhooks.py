@@ -29,10 +29,10 @@ from service.outgoing import Answer, UnansweredError, post
 from service.settings import Settings
 from service.states import State
 
-_GROWTH = 2.5
-_LONGEST_SECONDS = 86400.0
-_AT_ONCE = 100
-_OPTION_BYTES = 1000
+_GROWTH = 2.5  # of each pause over the one before
+_LONGEST_SECONDS = 86400.0  # of a pause
+_AT_ONCE = 100  # enqueued in a transaction
+_OPTION_BYTES = 1000  # of JSON; longer ones, such as tables of spectra, are left out
 _RETRY_SECONDS = 1.0  # when the database is away
 
 T = TypeVar("T")

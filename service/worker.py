@@ -47,7 +47,7 @@ from service.settings import Settings
 from service.states import State
 
 _OVERDUE_AT_ONCE = 100  # the rest can wait for the next heartbeat, which must not be late
-_RETRY_SECONDS = 1.0
+_RETRY_SECONDS = 1.0  # between two looks at a job that another worker has
 _STOP_SECONDS = SWITCH_S + 5.0  # of captures, for their flash to be left off, too
 
 log = logging.getLogger("service.worker")

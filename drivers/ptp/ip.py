@@ -38,7 +38,7 @@ ANNOUNCED: dict[str, CameraInfo] = {}
 
 _CONNECT_S = 5.0
 _MOST_WAITING = 1000  # events; of more that come while an answer is waited for, the oldest go
-_LEAVING_PAUSES_S = (0.1, 0.3, 0.6)
+_LEAVING_PAUSES_S = (0.1, 0.3, 0.6)  # before tries, while a camera lets go of who left
 _NO_DATA, _DATA_OUT = 1, 2  # data phases of an operation request
 
 _FAILURES = {

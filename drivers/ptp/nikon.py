@@ -14,10 +14,11 @@ from drivers.ptp.properties import Codec
 from drivers.ptp.session import Session
 from drivers.ptp.wire import Reader
 
+# parameters of a release: as it is focused, and onto the card
 _NO_FOCUSING = 0xFFFFFFFF
 _TO_CARD = 0
 _POLL_S = 0.1
-_MOST_EVENTS = 1000
+_MOST_EVENTS = 1000  # in an answer: more is no list of events
 
 _JPEGS = {0: "jpeg_basic", 1: "jpeg_normal", 2: "jpeg_fine"}
 _FORMATS = Codec(

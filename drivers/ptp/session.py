@@ -17,8 +17,8 @@ from drivers.ptp.codes import ContainerType, Operation, Response
 from drivers.ptp.containers import Bytes, Container
 from drivers.ptp.transport import DATASET_BYTES, Transport
 
-_LAST_TRANSACTION = 0xFFFFFFFE
-_BUSY_PAUSES_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
+_LAST_TRANSACTION = 0xFFFFFFFE  # 1 follows: PTP reserves 0 and 0xFFFFFFFF
+_BUSY_PAUSES_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)  # between tries while a camera is busy
 _BUSY = (Response.DEVICE_BUSY, Response.NIKON_BULB_RELEASE_BUSY)
 _READY = (
     Response.OK,

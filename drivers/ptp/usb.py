@@ -38,14 +38,14 @@ from drivers.ptp.transport import ANSWER_S, DATASET_BYTES, SLOWEST_BYTES_PER_S, 
 
 _ANY = "ptp+usb://"  # the address of the only camera on USB
 _CLASS = (6, 1, 1)  # still image, capture, PTP
-_CANCEL, _RESET = 0x64, 0x66
+_CANCEL, _RESET = 0x64, 0x66  # requests of the class
 _TO_INTERFACE = 0x21  # class request from host to interface
-_CANCEL_CODE = 0x4001
+_CANCEL_CODE = 0x4001  # in the data of that request
 _BLOCK_BYTES = (1 << 20) + 4096  # read at once; a multiple of every packet size
-_ENDLESS = 0xFFFFFFFF
+_ENDLESS = 0xFFFFFFFF  # length of a container of 4 GiB or more
 _POLL_MS = 10  # the shortest look for an event; 0 would mean for ever
 _HEADER_BYTES = 12
-_LONGEST_EVENT = _HEADER_BYTES + 5 * 4
+_LONGEST_EVENT = _HEADER_BYTES + 5 * 4  # with all five parameters
 _SLICE_MS = 500  # the longest look: while libusb looks, Python handles no Ctrl-C
 _EVENT_REST_MS = 100  # for each further packet of an event that has begun
 _AT_REST_S = 0.1  # a camera that was brought to rest and is silent for so long sends no more

@@ -27,8 +27,8 @@ from drivers.sim.body import Body, FlashSwitch
 from drivers.sim.faults import Fault
 from drivers.sim.responder import Responder
 
-_GREETING_S = 5.0
-_IDLE_S = 3600.0
+_GREETING_S = 5.0  # for an initiator to introduce itself, or to send the data it announced
+_IDLE_S = 3600.0  # without a request, after which an initiator is gone
 _LONGEST_VALUE = 1 << 16  # of a property that an initiator sets
 _SLOW_BYTES_PER_S = 4_000_000
 _BLOCK_BYTES = 1 << 16

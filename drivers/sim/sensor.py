@@ -14,6 +14,7 @@ FULL_WELL_E = 40_000
 """Electrons that fill a photosite; at base ISO that is the white level."""
 
 READ_NOISE_E = 3.0
+"""Standard deviation of reading out, in electrons."""
 
 
 def digitise(

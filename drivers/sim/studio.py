@@ -16,8 +16,8 @@ from drivers.truth import SimulatedTruth
 Array = NDArray[np.float64]
 
 _ROWS = 64  # rendered at once
-_METER_WIDTH = 150
-_GREY_CARD = 0.18
+_METER_WIDTH = 150  # pixels of the rendering that exposure is metered on
+_GREY_CARD = 0.18  # reflectance
 
 
 class Studio:

@@ -24,7 +24,7 @@ from service.tasks import Adjust, CameraOrder, FindCameras, Kind, Limits, LookAt
 
 _FRESH_SECONDS = 15.0  # so long a look is good
 _LOOK_SECONDS = 15.0  # what one may take
-_AT_ONCE = 4
+_AT_ONCE = 4  # cameras looked at
 _UNANSWERED = (
     sandbox.TaskError,
     drivers.DriverError,

@@ -23,7 +23,7 @@ from service.opening import open_database, open_storage
 from service.settings import Settings
 from service.storage import Storage
 
-_STORING_THREADS = 40
+_STORING_THREADS = 40  # as many as Starlette has for all else, and so the next
 _READING_THREADS = 40
 _CAMERA_THREADS = 8
 

@@ -15,7 +15,7 @@ from python_multipart.multipart import MultipartParser, parse_options_header
 
 from service.errors import MalformedRequestError
 
-_TEXT_BYTES = 1024 * 1024
+_TEXT_BYTES = 1024 * 1024  # of a part; options with tables of spectra take some kilobytes
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from service.api.context import Context, Parts
 from service.api.problems import responses
 from service.errors import UnreadyError
 
-_STORE_SECONDS = 5.0
+_STORE_SECONDS = 5.0  # for the store to answer: who asks for readiness waits seldom longer
 
 router = APIRouter(tags=["health"])
 

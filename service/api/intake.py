@@ -47,7 +47,7 @@ from service.mixing import MixOptions
 from service.sentences import in_words
 from service.settings import Settings
 
-_JSON_BYTES = 1024 * 1024
+_JSON_BYTES = 1024 * 1024  # of a body, as of a part of a form that is text
 _TEXTS = ("options", "handling")
 
 AnyOptions = Options | FlashCalibration | CameraCalibration | LampsCalibration

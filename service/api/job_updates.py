@@ -18,9 +18,9 @@ from service.database import jobs as rows
 from service.settings import Settings
 from service.states import State
 
-_LOOK_SECONDS = 0.25
+_LOOK_SECONDS = 0.25  # between two looks at the rows, one for all who watch
 _PLACES_SECONDS = 2.0  # how often places in the queue are counted anew
-_AT_ONCE = 500
+_AT_ONCE = 500  # ids in a statement
 
 log = logging.getLogger("service.api")
 

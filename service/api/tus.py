@@ -41,7 +41,7 @@ from service.uploads import Upload
 VERSION = "1.0.0"
 _EXTENSIONS = "creation,creation-with-upload,expiration,checksum,termination"
 _PIECE = "application/offset+octet-stream"
-_METADATA_CHARACTERS = 4096
+_METADATA_CHARACTERS = 4096  # told again as they came, as tus asks; nothing here reads them
 _NUMBER = re.compile(r"[0-9]{1,15}")
 
 _INTEGER = {"schema": {"type": "integer"}}
