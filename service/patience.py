@@ -17,7 +17,7 @@ from pipeline.errors import reason_of
 from service import metrics
 from service.database import AWAY
 from service.errors import NoProcessError, StorageFullError
-from service.problems import kind_of
+from service.problems import cause_of, kind_of
 
 _FIRST_PAUSE_SECONDS = 0.5
 _LONGEST_PAUSE_SECONDS = 15.0
@@ -33,6 +33,18 @@ def passes(error: Exception) -> bool:
     if isinstance(error, OSError):
         return error.errno in FULL
     return isinstance(error, (BaseError, StorageFullError, NoProcessError, *AWAY))
+
+
+def note(log: Log, what: str, error: Exception, **of: str) -> None:
+    """Log a line for what may pass, like a database that is away, and a trace for anything else.
+
+    what: was hindered. of: fields of the line.
+    """
+    if passes(error):
+        cause = reason_of(error) if isinstance(error, OSError) else cause_of(error)
+        log.error("%s, %s: %s", what, kind_of(error).name, cause, extra=of)
+    else:
+        log.error("%s", what, exc_info=error, extra=of)
 
 
 def patiently(

@@ -26,6 +26,7 @@ from service.answers import JobAnswer
 from service.database import AWAY
 from service.dbos_queue import Queue
 from service.outgoing import Answer, UnansweredError, post
+from service.patience import note
 from service.settings import Settings
 from service.states import State
 
@@ -77,12 +78,15 @@ class Teller:
 
     def _patiently(self, job_id: str, work: Callable[[sa.Connection], T]) -> T:
         """Do it in a transaction, however long the database is away: a return would end it."""
+        hindered = False
         while True:
             try:
                 with self._engine.begin() as connection:
                     return work(connection)
-            except (sa.exc.DBAPIError, *AWAY):
-                log.exception("the database did not answer", extra={"job": job_id})
+            except (sa.exc.DBAPIError, *AWAY) as error:
+                if not hindered:  # one line, not one for each try
+                    note(log, "the telling of a webhook is hindered", error, job=job_id)
+                hindered = True
                 time.sleep(_RETRY_SECONDS)
 
     def _post(self, job: jobs.Job) -> Answer | None:

@@ -18,7 +18,6 @@ from collections.abc import Callable, Iterable, Iterator
 import sqlalchemy as sa
 
 from drivers import SWITCH_S, leave_flash_off
-from pipeline.errors import reason_of
 from service import (
     cameras,
     database,
@@ -39,8 +38,8 @@ from service.attempt import Attempt
 from service.dbos_queue import Duties, Held, Pace
 from service.errors import AbandonedError, DeadlineError, StartError
 from service.opening import open_database, open_storage
-from service.patience import passes
-from service.problems import cause_of, kind_of, problem_of
+from service.patience import note, passes
+from service.problems import cause_of, problem_of
 from service.processes import die_with_parent
 from service.retention import Sweep
 from service.settings import Settings
@@ -131,7 +130,7 @@ class Worker:
             self._fail_overdue()
             self._queue_news()
         except Exception as error:  # the next heartbeat may find the database there again
-            _tell("the heartbeat was cut short", error, worker=self.id)
+            note(log, "the heartbeat was cut short", error, worker=self.id)
             self._make_room(error)
 
     def _enter(self) -> None:
@@ -150,8 +149,8 @@ class Worker:
             with self._engine.begin() as connection:
                 heartbeats.leave(connection, self.id)
             presence.leave(self._settings.data_dir, self.id)
-        except Exception:  # others find out by the lock that goes with the process, or its silence
-            log.exception("left without a word", extra={"worker": self.id})
+        except Exception as error:  # others find out by the process's lock, or its silence
+            note(log, "left without a word", error, worker=self.id)
 
     def _bury(self) -> None:
         """Forget the workers of this machine that have died."""
@@ -252,7 +251,7 @@ class Worker:
             except Exception as error:
                 # Raised to the queue, it would end the job there and nowhere else.
                 lost = not passes(error)
-                _tell("cut short", error, job=job_id, worker=self.id)
+                note(log, "cut short", error, job=job_id, worker=self.id)
             # Another worker that lives has it: stay by, in case that it dies. Or its camera is in
             # use, which takes no longer.
             self._stopping.wait(_RETRY_SECONDS)
@@ -324,7 +323,7 @@ class Worker:
         try:
             self._sweeping.run(thorough)
         except Exception as error:  # the next one does what this one has left
-            _tell("the sweep was cut short", error, worker=self.id)
+            note(log, "the sweep was cut short", error, worker=self.id)
             self._make_room(error)
 
     def _make_room(self, error: Exception) -> None:
@@ -333,8 +332,8 @@ class Worker:
             return
         try:
             self._sweeping.make_room()
-        except Exception:  # the next heartbeat tries again
-            log.exception("making room was cut short", extra={"worker": self.id})
+        except Exception as failure:  # the next heartbeat tries again
+            note(log, "making room was cut short", failure, worker=self.id)
 
     def _beat(self) -> None:
         with self._engine.begin() as connection:
@@ -343,15 +342,6 @@ class Worker:
 
 def _has_ended(_connection: sa.Connection, job: jobs.Job) -> bool:
     return job.ended
-
-
-def _tell(what: str, error: Exception, **of: str) -> None:
-    """Log a line for what may pass, like a database that is away, and a trace for anything else."""
-    if passes(error):
-        cause = reason_of(error) if isinstance(error, OSError) else cause_of(error)
-        log.error("%s, %s: %s", what, kind_of(error).name, cause, extra=of)
-    else:
-        log.error("%s", what, exc_info=error, extra=of)
 
 
 def main() -> None:

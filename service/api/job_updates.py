@@ -15,6 +15,7 @@ from fastapi.concurrency import run_in_threadpool
 from service import answers, jobs
 from service.answers import JobAnswer
 from service.database import jobs as rows
+from service.patience import note
 from service.settings import Settings
 from service.states import State
 
@@ -122,9 +123,9 @@ class JobUpdates:
                 try:
                     self._take(seen, await run_in_threadpool(self.look, seen))
                     failed = False
-                except Exception:  # they wait on: the database may come back
+                except Exception as error:  # they wait on: the database may come back
                     if not failed:  # one line, not one for each look
-                        log.exception("jobs that are watched could not be looked at")
+                        note(log, "jobs that are watched could not be looked at", error)
                     failed = True
                 with contextlib.suppress(TimeoutError):
                     await asyncio.wait_for(self._hurry.wait(), _LOOK_SECONDS)

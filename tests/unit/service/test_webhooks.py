@@ -99,17 +99,23 @@ def test_a_job_canceled_while_it_waits_is_news(engine: sa.Engine, queue: FakeQue
 
 
 @pytest.mark.parametrize(
-    "error", [sa.exc.OperationalError("", None, Exception("away")), sa.exc.TimeoutError("busy")]
+    ("error", "cause"),
+    [
+        (sa.exc.OperationalError("", None, Exception("away")), "away"),
+        (sa.exc.TimeoutError("busy"), "busy"),
+    ],
 )
 def test_a_telling_outlasts_a_database_that_is_away_or_busy(
     error: Exception,
+    cause: str,
     engine: sa.Engine,
     queue: Any,
     settings: Settings,
     monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
-    """Raised to the queue, it would be the last one."""
-    errors, find = [error], jobs.find
+    """Raised to the queue, it would be the last one. The log has a line of it, not one a try."""
+    errors, find = [error, error], jobs.find
     _ended(engine, "a")
     _news(engine, queue)
 
@@ -124,6 +130,9 @@ def test_a_telling_outlasts_a_database_that_is_away_or_busy(
     Teller(engine, queue, settings).tell("a", 1)
     delivery = stored(engine, "a").delivery
     assert delivery == {"state": "delivered", "attempts": 1, "last_status": 204}
+    assert [(line.getMessage(), line.exc_info) for line in caplog.records] == [
+        (f"the telling of a webhook is hindered, database-unavailable: {cause}", None)
+    ]
 
 
 def test_an_end_that_was_rolled_back_is_no_news(engine: sa.Engine, queue: FakeQueue) -> None:
