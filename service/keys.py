@@ -50,7 +50,7 @@ class Quotas:
     jobs_per_day: int | None = None
     """Jobs made between midnight and midnight, UTC, deleted ones among them."""
     stored_bytes: int | None = None
-    """Photographs and results of the key's jobs."""
+    """Photographs and results of the key's jobs, and its uploads."""
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,11 @@ def create(
     ] = None,
     stored_bytes: Annotated[
         int | None,
-        typer.Option(min=1, max=_MOST_BYTES, help="Bytes of its jobs' photographs and results."),
+        typer.Option(
+            min=1,
+            max=_MOST_BYTES,
+            help="Bytes of its jobs' photographs and results, and of its uploads.",
+        ),
     ] = None,
     days: Annotated[float | None, typer.Option(help="Expires after so many days.")] = None,
 ) -> None:
