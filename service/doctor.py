@@ -276,7 +276,7 @@ def _disk(settings: Settings) -> Iterator[Finding]:
 def _memory(settings: Settings) -> Iterator[Finding]:
     _, most = resource.getrlimit(resource.RLIMIT_AS)
     needed = settings.job_memory_bytes
-    if most not in (resource.RLIM_INFINITY,) and most < needed:
+    if most != resource.RLIM_INFINITY and most < needed:
         yield Finding(
             "wrong",
             "memory",

@@ -83,26 +83,26 @@ def create_app(origins: Sequence[str] = ()) -> FastAPI:
             responses=problems.responses(*refusals, status=(422,)),
         )
     make_document = app.openapi
-
-    def openapi() -> dict[str, Any]:
-        document = make_document()
-        schemas = document["components"]["schemas"]
-        named = [
-            model for part in (jobs, reruns, calibrations, mixes, cameras) for model in part.SCHEMAS
-        ]
-        for model in (*named, Problem):
-            schema = model.model_json_schema(ref_template="#/components/schemas/{model}")
-            schemas |= schema.pop("$defs", {})
-            schemas[model.__name__] = schema
-        allow_calibrations(schemas)
-        callers.describe(document["paths"])
-        tus.describe(document["paths"])
-        # Never sent: a validation fault is a Problem like any other.
-        schemas.pop("HTTPValidationError", None)
-        schemas.pop("ValidationError", None)
-        document["components"]["examples"] = problems.examples()
-        examples.add(document)
-        return document
-
-    app.openapi = openapi  # type: ignore[method-assign]  # FastAPI's documented way
+    app.openapi = lambda: _completed(make_document())  # type: ignore[method-assign]  # documented
     return app
+
+
+def _completed(document: dict[str, Any]) -> dict[str, Any]:
+    """Add to FastAPI's OpenAPI document what it cannot know; the document."""
+    schemas = document["components"]["schemas"]
+    named = [
+        model for part in (jobs, reruns, calibrations, mixes, cameras) for model in part.SCHEMAS
+    ]
+    for model in (*named, Problem):
+        schema = model.model_json_schema(ref_template="#/components/schemas/{model}")
+        schemas |= schema.pop("$defs", {})
+        schemas[model.__name__] = schema
+    allow_calibrations(schemas)
+    callers.describe(document["paths"])
+    tus.describe(document["paths"])
+    # Never sent: a validation fault is a Problem like any other.
+    schemas.pop("HTTPValidationError", None)
+    schemas.pop("ValidationError", None)
+    document["components"]["examples"] = problems.examples()
+    examples.add(document)
+    return document

@@ -224,8 +224,7 @@ def _but(doubt: str | None) -> str:
 
 def _best(shot: drivers.Shot) -> tuple[str, bytes]:
     """How the file to be separated ends, and its bytes; what else there is stays on the card."""
-    kind = next(kind for kind, data in shot.files.items() if data is shot.best)
-    return ending(kind), shot.best
+    return ending(shot.best_kind), shot.best
 
 
 def _options(path: Path | None) -> dict[str, Any]:
