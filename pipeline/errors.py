@@ -60,3 +60,8 @@ def own_words(message: str) -> str:
 def reason_of(error: OSError) -> str:
     """Say in a few words why a file, a folder or a port cannot be used."""
     return (error.strerror or "unknown reason").lower()
+
+
+def counted(count: int, one: str, more: str) -> str:
+    """Say how many there are: "1 job waits" of "job waits" and "jobs wait"."""
+    return f"{count} {one if count == 1 else more}"

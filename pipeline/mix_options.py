@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from pipeline.colour.temperature import CCT_RANGE_K
-from pipeline.errors import InputError, OptionError
+from pipeline.errors import InputError, OptionError, counted
 from pipeline.options import Strict, Vector
 
 Rows = tuple[Vector, Vector, Vector]
@@ -104,7 +104,8 @@ def read_basis(manifest: dict[str, Any]) -> MixBasis:
 def check_lamps(basis: MixBasis, mix: Mix) -> None:
     """Raise OptionError where the mix is one of another number of lamps."""
     if len(mix.lamps) != len(basis.lamps):
+        lamps = counted(len(mix.lamps), "lamp", "lamps")
         raise OptionError(
-            f"The mix has settings for {len(mix.lamps)} lamps, and the photograph has "
+            f"The mix has settings for {lamps}, and the photograph has "
             f"{len(basis.lamps)}: give as many."
         )

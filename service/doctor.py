@@ -24,7 +24,7 @@ from obstore.exceptions import BaseError
 from pydantic import ValidationError
 
 from pipeline import compiling
-from pipeline.errors import reason_of
+from pipeline.errors import counted, reason_of
 from service import belonging, census, database, keys, migrations
 from service.errors import StartError, StorageFullError
 from service.object_keys import DATABASE_ID
@@ -286,7 +286,8 @@ def _memory(settings: Settings) -> Iterator[Finding]:
         return
     there = _memory_bytes()
     wanted = needed * settings.worker_concurrency
-    said = f"{there / 2**30:.1f} GiB for {settings.worker_concurrency} job(s) at a time"
+    at_once = counted(settings.worker_concurrency, "job", "jobs")
+    said = f"{there / 2**30:.1f} GiB for {at_once} at a time"
     if there < wanted:
         yield Finding(
             "note",

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import sqlalchemy as sa
 
+from pipeline.errors import counted
 from service.database import jobs, keys, now, uploads
 from service.errors import QuotaError, StoredQuotaError
-from service.sentences import counted
 from service.states import State
 
 _DAY_SECONDS = 86400

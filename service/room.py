@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import sqlalchemy as sa
 
+from pipeline.errors import counted
 from service import quotas, waiting
 from service.errors import QueueFullError, StorageFullError
-from service.sentences import counted
 from service.settings import Settings
 from service.storage import Storage
 

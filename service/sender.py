@@ -7,10 +7,9 @@ import threading
 from collections.abc import Callable
 from typing import Any, Literal
 
-from pipeline.errors import reason_of
+from pipeline.errors import counted, reason_of
 from service.client import Client, Job, RefusedError, ServiceAwayError
 from service.frames import FRAMES
-from service.sentences import counted
 from service.spool import DamagedPairError, Spool, SpooledPair
 
 PAUSES_S = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 30.0)

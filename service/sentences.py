@@ -1,4 +1,4 @@
-"""Sentences for people: of values that cannot be used, and of how many there are.
+"""Sentences for people about values that cannot be used.
 
 A module of its own, since commands start quickly that import this alone.
 """
@@ -97,11 +97,6 @@ def describe_fault(location: tuple[int | str, ...], message: str) -> str:
     message = own_words(message).rstrip(".")
     place = _in_words(location)
     return f"{place}: {message}." if place else f"{message[:1].upper()}{message[1:]}."
-
-
-def counted(count: int, one: str, more: str) -> str:
-    """Say how many there are: "1 job waits" of "job waits" and "jobs wait"."""
-    return f"{count} {one if count == 1 else more}"
 
 
 def _in_words(location: tuple[int | str, ...]) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.calibration.lamps import LampsEstimate, inside_sphere
 from pipeline.calibration.sphere import view_sphere
-from pipeline.errors import UnusablePairError
+from pipeline.errors import UnusablePairError, counted
 from pipeline.frames import Image, Mask
 from pipeline.options import Circle, Lights
 from pipeline.pair import Pair
@@ -86,13 +86,13 @@ def mirror_lamps(pair: Pair, sphere: Circle, count: Lights, focal_px: float) -> 
 
 def _unlike(shown: int, count: Lights) -> str:
     """Sentence on a number of highlights other than what was asked for."""
-    highlights = "1 highlight of a lamp" if shown == 1 else f"{shown} highlights of lamps"
+    highlights = counted(shown, "highlight of a lamp", "highlights of lamps")
     if count == "auto":
         return (
             f"The sphere shows {highlights}, where one to three were looked for: check that the "
             "sphere is a mirror, switch off other lamps, or tell their number."
         )
-    wanted = "1 was" if count == 1 else f"{count} were"
+    wanted = counted(count, "was", "were")
     return (
         f"The sphere shows {highlights}, where {wanted} looked for: check that the sphere is a "
         "mirror and reflects every lamp, or tell another number."

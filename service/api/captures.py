@@ -9,7 +9,7 @@ import sqlalchemy as sa
 from pydantic import BaseModel
 
 import drivers
-from pipeline.errors import OptionError
+from pipeline.errors import OptionError, counted
 from pipeline.options import Options
 from service import bursts, cameras, jobs
 from service.allowed import check_camera, check_flash
@@ -167,7 +167,8 @@ def _refuse_when_held(connection: sa.Connection, caller: Caller, camera: str) ->
     if holder:
         raise CameraHeldError(f"{told_of(holder, caller)} has the camera; try again when it ends.")
     if waiting := cameras.count_waiting(connection, camera):
-        raise CameraHeldError(f"{waiting} captures wait for the camera; try again later.")
+        wait = counted(waiting, "capture waits", "captures wait")
+        raise CameraHeldError(f"{wait} for the camera; try again later.")
 
 
 def told_of(holder: jobs.Job, caller: Caller) -> str:

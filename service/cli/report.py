@@ -14,12 +14,11 @@ from typing import Any
 import cv2
 import numpy as np
 
-from pipeline.errors import InputError, reason_of
+from pipeline.errors import InputError, counted, reason_of
 from pipeline.result_names import MANIFEST
 from service import durable
 from service.cli.display import duv_of, temperature_of
 from service.cli.files import read_file
-from service.sentences import counted
 
 _MOST_SIDE = 1400
 _JPEG_QUALITY = 88

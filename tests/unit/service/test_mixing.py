@@ -49,14 +49,14 @@ def test_a_mix_of_as_many_lamps_is_taken(separated: Separated, storage: Storage)
     check_mix(storage, separated(), TWO)
 
 
-@pytest.mark.parametrize("lamps", [1, 3])
+@pytest.mark.parametrize(("lamps", "told_of"), [(1, "1 lamp"), (3, "3 lamps")])
 def test_a_mix_of_other_lamps_is_refused(
-    lamps: int, separated: Separated, storage: Storage
+    lamps: int, told_of: str, separated: Separated, storage: Storage
 ) -> None:
     with pytest.raises(OptionError) as told:
         check_mix(storage, separated(), Mix(lamps=[LampMix()] * lamps))
     assert str(told.value) == (
-        f"The mix has settings for {lamps} lamps, and the photograph has 2: give as many."
+        f"The mix has settings for {told_of}, and the photograph has 2: give as many."
     )
 
 

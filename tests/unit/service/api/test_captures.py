@@ -79,7 +79,7 @@ class TestCaptures:
         assert problem_of(refused) == (
             409,
             "camera-held",
-            "1 captures wait for the camera; try again later.",
+            "1 capture waits for the camera; try again later.",
         )
 
     def test_an_empty_body_asks_for_a_pair_as_the_camera_is_set(
