@@ -233,8 +233,8 @@ def edges(image: Image) -> Image:
     slopes = cv2.Scharr(gray, -1, 1, 0), cv2.Scharr(gray, -1, 0, 1)
     magnitude = np.asarray(cv2.magnitude(*slopes), np.float32)
     local = _local_mean(magnitude)
-    edges = magnitude / (local + 0.2 * local.mean() + 1e-9)
-    return np.asarray(edges / (1.0 + edges / 2.0), dtype=np.float32)
+    relative = magnitude / (local + 0.2 * local.mean() + 1e-9)
+    return np.asarray(relative / (1.0 + relative / 2.0), dtype=np.float32)
 
 
 def _local_mean(plane: Image) -> Image:

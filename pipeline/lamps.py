@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.contradictions import contradictions
 from pipeline.count import DOUBTFUL, MUCH_LEFT, Count, count_lamps, signs_of_fourth
-from pipeline.errors import OptionError, UnusablePairError
+from pipeline.errors import OptionError, UnusablePairError, counted
 from pipeline.frames import Matrix
 from pipeline.hui2018.lights import NO_AGREEMENT, invariants_of_pair, lights_of_pair
 from pipeline.hui2018.pruning import prune
@@ -80,7 +80,7 @@ class Lamps:
         return 90.0 if len(self) == 1 else float(_angles(self.coefficients).min())
 
     @property
-    def contrast(self) -> float:
+    def least_sine(self) -> float:
         """Sine of the least angle between two lamps: how little noise it takes to mix them up."""
         return max(float(np.sin(np.radians(self.least_angle_deg))), LEAST_CONTRAST)
 
@@ -187,8 +187,9 @@ def _fitted(
 ) -> _Found:
     """The lamps of a fit. first: the one that its search began from. weights: of the channels."""
     if fit.cost == np.inf:
+        explain = counted(len(fit.matrices), "lamp explains", "lamps explain")
         raise OptionError(
-            f"Whatever {len(fit.matrices)} lamps explain the photograph, one of them is less than "
+            f"Whatever {explain} the photograph, one of them is less than "
             f"{FORBIDDEN_DEGREES:g}° in colour from a forbidden one: forbid fewer, or ask for "
             "another number of lamps."
         )

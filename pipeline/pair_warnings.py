@@ -21,7 +21,7 @@ _EXPOSURES_DIFFER = 0.15  # in stops
 _COPY_BLOCK = 8  # pixels averaged, against noise
 _COPY_SPREAD = 0.4  # stops between the quartiles of flash part ÷ no-flash light
 _COPY_COLOUR_SPREAD = 1.0  # the same over all channels: lamp and flash differ in colour
-_NOTABLE_DIMMING, _NOTABLE_DARKENING = 0.01, 0.002
+_NOTABLE_DIMMING, _NOTABLE_DARKENING = 0.01, 0.002  # shares of the picture that are told of
 
 
 def orientation_warnings(no_flash: Frame, flash: Frame) -> list[RunWarning]:

@@ -97,7 +97,7 @@ def separate(
         no_flash, flash, _ = noise_filter.rows(wide)
         if not pair.flash_only:
             flash = flash - no_flash
-        confidence, placed, uncertainty = _reliability(pair, wide, lamps.contrast)
+        confidence, placed, uncertainty = _reliability(pair, wide, lamps.least_sine)
         if pair.registration > 0:
             flash = placing.place_flash(no_flash, flash, placed, confidence)
         proportions = model_proportions(no_flash, flash, lamps)
@@ -167,7 +167,7 @@ def _open(pair: Pair, rows: slice) -> NDArray[np.float32]:
 
 
 def _reliability(
-    pair: Pair, rows: slice, contrast: float
+    pair: Pair, rows: slice, least_sine: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """Confidence, placement and uncertainty (h, W), each 0…1.
 
@@ -193,7 +193,7 @@ def _reliability(
         (numbers_of(pair.no_flash_noise.gain), numbers_of(pair.no_flash_noise.floor)),
         (numbers_of(pair.flash_noise.gain), numbers_of(pair.flash_noise.floor)),
         pair.flash_only,
-        contrast,
+        least_sine,
         confidence,
         uncertainty,
     )
@@ -208,7 +208,7 @@ def _weigh_noise(
     no_flash_noise: tuple[Numbers, Numbers],
     flash_noise: tuple[Numbers, Numbers],
     flash_only: bool,
-    contrast: float,
+    least_sine: float,
     confidence: Plane,
     uncertainty: Plane,
 ) -> None:
@@ -236,7 +236,7 @@ def _weigh_noise(
             relative = variance / max(squared, variance)
             relative += part_variance / max(part_squared, part_variance)
             confidence[y, x] *= certain
-            noise = relative / (contrast * contrast) - _INVISIBLE * _INVISIBLE
+            noise = relative / (least_sine * least_sine) - _INVISIBLE * _INVISIBLE
             uncertainty[y, x] = min(np.sqrt(max(noise, 0.0)), 1.0)
 
 

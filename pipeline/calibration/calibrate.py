@@ -86,17 +86,8 @@ def calibrate_files(
     progress.report("decode", 0.5)
     after = decode(flash, options.encoding, FLASH, orientation)
     progress.report("decode", 1.0)
-    if isinstance(options, CameraCalibration) and before.encoding == "srgb":
-        raise OptionError(
-            "The photographs are rendered to sRGB, which hides what the sensor saw: calibrate a "
-            "camera with RAW or linear files."
-        )
-    if isinstance(options, CameraCalibration) and before.profiled:
-        raise OptionError(
-            "The photographs hold the colours that their profile says, not what the sensor saw: "
-            "calibrate a camera with RAW files, or set the encoding to linear if the profile is "
-            "wrong."
-        )
+    if isinstance(options, CameraCalibration):
+        _check_sensor(before)
     unfit = named_warnings(options, before)
     pair = make_pair(before, after, options, progress)
     progress.report("calibrate", 0.0)
@@ -127,6 +118,21 @@ def calibrate_files(
     }
     write_manifest(directory, manifest)
     return manifest
+
+
+def _check_sensor(frame: Frame) -> None:
+    """Refuse files that do not hold what a sensor saw. Raises OptionError."""
+    if frame.encoding == "srgb":
+        raise OptionError(
+            "The photographs are rendered to sRGB, which hides what the sensor saw: calibrate a "
+            "camera with RAW or linear files."
+        )
+    if frame.profiled:
+        raise OptionError(
+            "The photographs hold the colours that their profile says, not what the sensor saw: "
+            "calibrate a camera with RAW files, or set the encoding to linear if the profile is "
+            "wrong."
+        )
 
 
 def _flash(pair: Pair, frame: Frame, options: FlashCalibration) -> _Found:

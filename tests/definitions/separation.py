@@ -38,7 +38,7 @@ def separate(
     no_flash, flash, _ = sigma_filter(pictures, (pair.no_flash_noise, pair.flash_noise))
     if not pair.flash_only:
         flash = flash - no_flash
-    confidence, placed, uncertainty = _reliability(pair, lamps.contrast)
+    confidence, placed, uncertainty = _reliability(pair, lamps.least_sine)
     near = cv2.dilate(pair.unusable.astype(np.uint8), np.ones((3, 3), np.uint8))
     confidence = np.where(near > 0, 0.0, confidence)
     if pair.registration > 0:
@@ -69,7 +69,7 @@ def separate(
     return layers.astype(np.float32), confidence
 
 
-def _reliability(pair: Pair, contrast: float) -> tuple[Doubles, Doubles, Doubles]:
+def _reliability(pair: Pair, least_sine: float) -> tuple[Doubles, Doubles, Doubles]:
     """Confidence, unusable pixels or not, how well placed they are, and uncertainty (H, W)."""
     light, part = pair.no_flash[:].sum(axis=2), pair.flash[:].sum(axis=2)
     variance = pair.no_flash_noise.variance(pair.no_flash[:]).sum(axis=2)
@@ -86,5 +86,5 @@ def _reliability(pair: Pair, contrast: float) -> tuple[Doubles, Doubles, Doubles
         certain *= squared / (squared + _DOUBT**2 * noise)
         relative += noise / np.maximum(np.square(value), noise)
     placed = 1.0 / (1.0 + beside / np.maximum(_MISPLACED * part, 1e-15) ** 2)
-    visible = np.maximum(relative / contrast**2 - _INVISIBLE**2, 0.0)
+    visible = np.maximum(relative / least_sine**2 - _INVISIBLE**2, 0.0)
     return certain, placed, np.minimum(np.sqrt(visible), 1.0)

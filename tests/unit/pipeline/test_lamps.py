@@ -161,7 +161,7 @@ def test_the_least_angle_is_that_of_similar_lamps(
     mixed = 0.92 * warm + 0.08 * cool
     true = np.degrees(np.arccos(warm @ mixed / np.linalg.norm(mixed)))
     assert found.least_angle_deg == pytest.approx(true, abs=0.3)
-    assert found.contrast == pytest.approx(np.sin(np.radians(found.least_angle_deg)))
+    assert found.least_sine == pytest.approx(np.sin(np.radians(found.least_angle_deg)))
 
 
 def test_lamps_that_stand_out_less_are_less_sure(
@@ -352,7 +352,7 @@ def test_one_lamp_is_like_no_other(exact: Exact, model: Model, warm_to_cool: Arr
     found = estimate_lamps(reduce_pair(exact(warm_to_cool[:1])[0]), model, 1, "best", False)
 
     assert found.least_angle_deg == 90.0
-    assert found.contrast == 1.0
+    assert found.least_sine == 1.0
 
 
 def test_edges_tell_which_lamp_casts_a_shadow(
