@@ -21,7 +21,13 @@ from pipeline.result_names import LAYERS, MANIFEST
 from service import cameras, eta, host, jobs, kept, metrics, sandbox, scratch, tracing
 from service.capture import Capture
 from service.database import AWAY
-from service.errors import AttemptError, LayersGoneError, NoProcessError, StorageFullError
+from service.errors import (
+    AttemptError,
+    LayersGoneError,
+    NoProcessError,
+    OlderWorkerError,
+    StorageFullError,
+)
 from service.forkserver import ForkServer
 from service.frames import FRAMES
 from service.media import headers_of, media_type
@@ -43,6 +49,8 @@ _ELSEWHERE = (
 )
 
 Result = TypeVar("Result")
+PassOn = Callable[[sa.Connection], None]
+"""Queues the rest of a job in the transaction that puts it back."""
 
 log = logging.getLogger("service.attempt")
 
@@ -74,37 +82,40 @@ class Attempt:
             log, {"job": job.id, "attempt": job.attempt, "trace_id": job.trace_id}
         )
 
-    def run(self) -> None:
+    def run(self, pass_on: PassOn | None = None) -> bool:
         """Do it. Every end but that of the worker is written to the job's row.
 
-        Whatever else is raised has cut the attempt short: it needs another give_up().
+        pass_on: for a job of a newer service, which fails without. Whether it was passed on.
+        Whatever is raised has cut the attempt short: it needs another give_up().
         """
-        self._trace(self._work)
+        return self._trace(self._work, pass_on)
 
-    def capture(self, pass_on: Callable[[sa.Connection], None]) -> None:
-        """Have the camera take the pair, and put the job back for the rest, as run() does it.
-
-        pass_on: queues the rest in the transaction that puts it back.
-        """
+    def capture(self, pass_on: PassOn) -> None:
+        """Have the camera take the pair, and put the job back for the rest, as run() does it."""
         self._trace(lambda: self._take(pass_on))
 
-    def _trace(self, work: Callable[[], bool]) -> None:
+    def _trace(self, work: Callable[[], bool], pass_on: PassOn | None = None) -> bool:
         job = self._job
         attributes = {"job": job.id, "attempt": job.attempt, "task": job.task, "worker": job.worker}
         with tracing.attempt(job.trace_id, job.span_id, attributes):
             try:
-                self._run(work)
+                return self._run(work, pass_on)
             finally:
                 self._stages.end()
 
-    def _run(self, work: Callable[[], bool]) -> None:
+    def _run(self, work: Callable[[], bool], pass_on: PassOn | None) -> bool:
         self._log.info("started")
+        passed_on = False
         try:
             counts = work()
         except sandbox.StoppedError:
             counts = False
         except sandbox.TaskError as error:
-            counts = self._fail(error.problem)
+            if pass_on and error.problem["type"] == problem_of(OlderWorkerError(""), "").type:
+                self._log.warning("put back for a newer worker")
+                counts = passed_on = self._put_back(pass_on)
+            else:
+                counts = self._fail(error.problem)
         except (*AWAY, ChildProcessError):  # another follows
             raise
         except Exception as error:
@@ -114,6 +125,7 @@ class Attempt:
                 counts = self._fail(self._problem_of(error))
         if not counts:
             self.give_up()
+        return passed_on
 
     def _problem_of(self, error: Exception) -> dict[str, Any]:
         if not isinstance(error, AttemptError):  # a fault of ours, of the store or of the disk
@@ -123,13 +135,15 @@ class Attempt:
             error = StorageFullError(sandbox.DISK_IS_FULL)
         return problem_of(error, self._job.trace_id).model_dump()
 
-    def _take(self, pass_on: Callable[[sa.Connection], None]) -> bool:
+    def _take(self, pass_on: PassOn) -> bool:
         with self._flash_left_off():
             self._begin()
             if not self._job.inputs:
                 with contextlib.ExitStack() as stack:
                     self._capture(self._folder(stack))
+        return self._put_back(pass_on)
 
+    def _put_back(self, pass_on: PassOn) -> bool:
         def write() -> bool:
             with self._engine.begin() as connection:
                 counts = jobs.release(connection, self._job)

@@ -31,6 +31,7 @@ from pipeline.pair_checks import check_pair
 from pipeline.process import separate_files
 from pipeline.progress import Progress
 from service import camera_tasks, forkserver, kept, logs, problems
+from service.errors import OlderWorkerError
 from service.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
 from service.sentences import in_words
 from service.shortage import wants_memory
@@ -145,15 +146,12 @@ def _mix(task: Task, tell: Tell) -> None:
 
 
 def _read(validate: Callable[[Any], Read], options: Any) -> Read:
-    """Read options that the API has found good. Raises OptionError where this program does not."""
+    """Read options that the API has found good. Raises OlderWorkerError where we do not."""
     try:
         with in_words():
             return validate(options)
     except OptionError as error:
-        raise OptionError(
-            f"{str(error).rstrip('.')}; the worker is of another version than what took the job, "
-            "so run it again once all of the service is of one."
-        ) from error
+        raise OlderWorkerError(str(error)) from error
 
 
 def _photograph(task: Task, name: str) -> bytes:

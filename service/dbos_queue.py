@@ -56,7 +56,8 @@ _UPKEEP = "upkeep"
 _LONGEST_UPKEEP_SECONDS = 5  # between two looks at its queue
 _SWEEP = "sweep"
 _HOURLY = "0 0 * * * *"  # the first field of six is that of seconds
-_OF_A_JOB = re.compile(r"-(capture|webhook-\d+)$")  # as capture_id and telling_id make them
+_AGAIN = re.compile(r"-again-(\d+)$")  # as run_id makes them
+_OF_A_JOB = re.compile(r"-(capture|(again|webhook)-\d+)$")  # as capture_id and telling_id do
 _HINDERED = (sa.exc.DBAPIError, psycopg.Error, *AWAY)  # it waits for notifications by itself
 _OUTAGE_SECONDS = 10.0  # between two lines on what hinders the queue
 _DONE = ["SUCCESS", "ERROR", "CANCELLED"]
@@ -76,11 +77,16 @@ def _silence_dbos() -> None:
 
 @dataclass(frozen=True)
 class Held:
-    """What a worker has taken out of a queue; in that of jobs, id is the job's."""
+    """What a worker has taken out of a queue; in that of jobs, id is as run_id makes it."""
 
     id: str
     worker: str
     queue: str
+
+    @property
+    def work(self) -> str:
+        """What is to be done once at a time: its id, of a job that was put back the job's own."""
+        return _AGAIN.sub("", self.id)
 
     @property
     def job(self) -> str:
@@ -107,18 +113,28 @@ class Queue:
             retry_connection_errors=False,
         )
 
-    def submit(self, connection: sa.Connection, job_id: str, rank: int) -> None:
+    def submit(
+        self,
+        connection: sa.Connection,
+        job_id: str,
+        rank: int,
+        again: int = 0,
+        delay_seconds: float = 0.0,
+    ) -> None:
         """Enqueue a job within the caller's transaction; those of low rank (1…2³¹−1) go first.
 
+        again: how many times a worker has put it back for another one.
         One that is enqueued already stays as it is, here and in submit_capture.
         """
         options = EnqueueOptions(
             workflow_name=_WORKFLOW,
             queue_name=JOBS,
-            workflow_id=job_id,
+            workflow_id=run_id(job_id, again),
             app_version=_VERSION,
             priority=rank,
         )
+        if delay_seconds > 0:
+            options["delay_seconds"] = delay_seconds
         self._client.enqueue_in_transaction(connection, options, job_id)
 
     def submit_capture(
@@ -164,7 +180,7 @@ class Queue:
         self._client.enqueue_in_transaction(connection, options, job_id, number)
 
     def withdraw(self, *job_ids: str) -> None:
-        """Take jobs that wait out of their queues."""
+        """Take jobs that wait out of their queues; of those put back, run finds no more to do."""
         self._client.cancel_workflows([*job_ids, *map(capture_id, job_ids)])
 
     def held(self) -> list[Held]:
@@ -206,6 +222,11 @@ def captures_on(host: str | None) -> str:
     return CAPTURES if host is None else f"{CAPTURES}@{host}"
 
 
+def run_id(job_id: str, again: int = 0) -> str:
+    """Give the id that a job has in the queue of jobs: its own, until it is put back."""
+    return f"{job_id}-again-{again}" if again else job_id
+
+
 def capture_id(job_id: str) -> str:
     """Give the id that a job has in its camera's queue."""
     return f"{job_id}-capture"
@@ -220,13 +241,13 @@ def telling_id(job_id: str, number: int) -> str:
 class Duties:
     """What a worker does, in threads, with what comes out of the queues.
 
-    run(job id): must return only when the job has ended, since a return takes the job out of the
-    queue for good. capture(job id): when its pair is taken. tell(job id, number): when what came of
-    it is written. sweep(its id in the queue, thorough): called in one worker at a time, often with
-    false, every hour with true.
+    run(job id, times that it was put back): must return only when the job has ended, or is queued
+    once more, since a return takes the job out of the queue for good. capture(job id): when its
+    pair is taken. tell(job id, number): when what came of it is written. sweep(its id in the queue,
+    thorough): called in one worker at a time, often with false, every hour with true.
     """
 
-    run: Callable[[str], None]
+    run: Callable[[str, int], None]
     capture: Callable[[str], None]
     tell: Callable[[str, int], None]
     sweep: Callable[[str, bool], None]
@@ -298,7 +319,8 @@ def launch(engine: sa.Engine, worker: str, host: str | None, duties: Duties, pac
     # An attempt count of our own is in the job's row: a takeover resets the one of DBOS.
     workflow = partial(DBOS.workflow, max_recovery_attempts=None)
     # DBOS marks the functions that it is given, and bound methods cannot be marked.
-    workflow(name=_WORKFLOW)(lambda job_id: duties.run(job_id))
+    # Its id tells the number: a worker of the version before takes no other argument.
+    workflow(name=_WORKFLOW)(lambda job_id: duties.run(job_id, _again(str(DBOS.workflow_id))))
     workflow(name=_CAPTURE)(lambda job_id: duties.capture(job_id))
     workflow(name=_TELLING_WORKFLOW)(lambda job_id, number: duties.tell(job_id, number))
 
@@ -316,6 +338,12 @@ def launch(engine: sa.Engine, worker: str, host: str | None, duties: Duties, pac
         ) from fault
     _register_queues(captures, captures_on(host), pace)
     _schedule(run_sweep, pace.sweep_seconds)
+
+
+def _again(queued: str) -> int:
+    """How many times the job was put back whose id in its queue this is."""
+    number = _AGAIN.search(queued)
+    return int(number[1]) if number else 0
 
 
 def _register_queues(captures: Iterable[str], own: str, pace: Pace) -> None:

@@ -42,6 +42,7 @@ ServiceError
     ├── OutputLimitError     it wrote more than the limit
     ├── DeadlineError        the job had not ended by its deadline
     ├── AbandonedError       several attempts were cut short
+    ├── OlderWorkerError     a newer service took the job than does it
     └── LayersGoneError      the layers that it was to mix have been deleted
 """
 
@@ -243,6 +244,16 @@ class AbandonedError(AttemptError):
             f"The job was given up because its attempts were cut short {lost} times, each by the "
             "death of the worker or of the process that it works in; these photographs may be "
             "what kills them."
+        )
+
+
+class OlderWorkerError(AttemptError):
+    """A newer service took the job than does it; unknown: what the worker says of its options."""
+
+    def __init__(self, unknown: str) -> None:
+        super().__init__(
+            f"{unknown.rstrip('.')}; the workers are older than the service that took the job: "
+            "have its operator upgrade them, then run the job again."
         )
 
 

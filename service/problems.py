@@ -34,6 +34,7 @@ from service.errors import (
     NoProcessError,
     NotReadyError,
     OffsetError,
+    OlderWorkerError,
     OutputLimitError,
     QueueFullError,
     QuotaError,
@@ -163,6 +164,9 @@ KINDS: dict[type[Exception], Kind] = {
     OutputLimitError: Kind("output-too-large", 500, "The job wrote too much"),
     DeadlineError: Kind("deadline-passed", 500, "The deadline has passed", retryable=True),
     AbandonedError: Kind("abandoned", 500, "The job's attempts were cut short several times"),
+    OlderWorkerError: Kind(
+        "older-worker", 503, "The workers are older than the service", retryable=True
+    ),
     LayersGoneError: Kind("layers-gone", 410, "The layers are gone"),
     obstore_errors.BaseError: STORE_AWAY,
     DBAPIError: DATABASE_AWAY,

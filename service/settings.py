@@ -228,9 +228,9 @@ class Settings(BaseSettings):
         default=300,
         ge=0,
         le=86400,
-        description="How long a job waits for a store that is away, a disk that is full or a "
-        "machine that is out of processes, and tries again, before it fails (retry limit), in "
-        "seconds.",
+        description="How long a job waits for a store that is away, a disk that is full, a machine "
+        "that is out of processes or a worker as new as the service that took it, and tries again, "
+        "before it fails (retry limit), in seconds.",
     )
     poll_seconds: float = Field(
         default=0.5,

@@ -14,6 +14,7 @@ import sys
 import threading
 import uuid
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 
 import sqlalchemy as sa
 
@@ -47,6 +48,7 @@ from service.states import State
 
 _OVERDUE_AT_ONCE = 100  # the rest can wait for the next heartbeat, which must not be late
 _RETRY_SECONDS = 1.0  # between two looks at a job that another worker has
+_AGAIN_SECONDS = 10.0  # between two looks for a worker that knows a job's options
 _STOP_SECONDS = SWITCH_S + 5.0  # of captures, for their flash to be left off, too
 
 log = logging.getLogger("service.worker")
@@ -74,7 +76,7 @@ class Worker:
         self._idle = threading.Condition()
         self._busy = 0
         self._runs: set[str] = set()
-        """What the queues have called this worker for: ids in them."""
+        """What the queues have called this worker for: see Held.work."""
         self._idle_held: set[Held] = set()
         """What the queues have given to this worker, without calling it yet."""
 
@@ -161,18 +163,19 @@ class Worker:
     def _forgotten(self, held: Iterable[Held]) -> set[Held]:
         """What this worker has taken out of the queues, but the answer to that got lost."""
         with self._idle:
-            idle = {one for one in held if one.worker == self.id and one.id not in self._runs}
+            idle = {one for one in held if one.worker == self.id and one.work not in self._runs}
         # What came out just now is called for in a moment.
         forgotten, self._idle_held = idle & self._idle_held, idle
         return forgotten
 
-    def run(self, job_id: str) -> None:
-        """Run a job to its end. Returns only when the job has ended, however.
+    def run(self, job_id: str, again: int = 0) -> None:
+        """Run a job to its end, unless it is for a newer worker and has not waited long for one.
 
-        An attempt that is cut short is followed by another; it counts as lost, unless by what may
-        pass, like a database that is away.
+        Returns only when the job has ended, however, or is queued once more. again: how many times
+        it was. An attempt that is cut short is followed by another; it counts as lost, unless by
+        what may pass, like a database that is away.
         """
-        self._alone(job_id, lambda: self._run(job_id, jobs.claim, _has_ended))
+        self._alone(job_id, lambda: self._run(job_id, jobs.claim, _has_ended, again))
 
     def capture(self, job_id: str) -> None:
         """Have the camera of a job take its pair. Returns only when it has, or the job has ended.
@@ -192,6 +195,7 @@ class Worker:
         self._alone(queued, lambda: self._sweep(thorough))
 
     def _alone(self, queued: str, work: Callable[[], object]) -> None:
+        """Do it once at a time; queued: what it is, as Held.work has it."""
         with self._idle:
             # A job that was taken over while this worker was frozen may come back to it.
             self._idle.wait_for(lambda: queued not in self._runs)
@@ -226,7 +230,7 @@ class Worker:
             self._queue.submit(connection, job.id, job.rank)
         return over
 
-    def _run(self, job_id: str, claim: Claim, is_over: IsOver) -> bool:
+    def _run(self, job_id: str, claim: Claim, is_over: IsOver, again: int = 0) -> bool:
         """Do what a queue has for a job, until it is over; whether there is such a job."""
         attempt: Attempt | None = None
         lost = False
@@ -244,8 +248,10 @@ class Worker:
                         return known is not None
                     if held:
                         attempt = self._start(held)
-                        self._finish(held, attempt)
+                        passed_on = self._finish(held, attempt, again)
                         attempt = None
+                        if passed_on:
+                            return True
                         self._queue_news()
                         continue
             except Exception as error:
@@ -286,7 +292,8 @@ class Worker:
             self._stopping.is_set,
         )
 
-    def _finish(self, job: jobs.Job, attempt: Attempt) -> None:
+    def _finish(self, job: jobs.Job, attempt: Attempt, again: int) -> bool:
+        """Do what is left of a job; whether it was queued once more, for a newer worker."""
         ends = job.state == State.CANCELING or job.lost >= jobs.LOST_ATTEMPTS
         if ends and job.captures:  # the attempt before this one died, perhaps between photographs
             attempt.leave_flash_off()
@@ -298,13 +305,17 @@ class Worker:
             with self._engine.begin() as connection:
                 jobs.fail(connection, job, problem, self._keep_seconds)
         else:
-            self._work(job, attempt)
+            return self._work(job, attempt, again)
+        return False
 
-    def _work(self, job: jobs.Job, attempt: Attempt) -> None:
+    def _work(self, job: jobs.Job, attempt: Attempt, again: int) -> bool:
+        submit = partial(self._queue.submit, job_id=job.id, rank=job.rank)
         if job.captures:
-            attempt.capture(lambda connection: self._queue.submit(connection, job.id, job.rank))
-        else:
-            attempt.run()
+            attempt.capture(submit)
+            return False
+        if again * _AGAIN_SECONDS >= self._settings.patience_seconds:
+            return attempt.run()
+        return attempt.run(partial(submit, again=again + 1, delay_seconds=_AGAIN_SECONDS))
 
     def _fail_overdue(self) -> None:
         """End jobs that wait past their deadlines; their attempts end those that run."""

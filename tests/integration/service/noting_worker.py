@@ -17,7 +17,7 @@ from service.dbos_queue import Duties, Pace
 def main(url: str, name: str, host: str | None = None) -> None:
     go = threading.Event()
 
-    def run(job_id: str) -> None:
+    def run(job_id: str, _again: int = 0) -> None:
         print(f"{job_id}\n", end="", flush=True)  # noqa: T201  what this program is for
         go.wait()
 

@@ -13,9 +13,14 @@ import pytest
 
 import drivers
 from pipeline.calibration.options import FlashCalibration
-from pipeline.errors import OptionError
 from service import child, sandbox
-from service.errors import FileLimitError, MemoryLimitError, OutputLimitError, TimeLimitError
+from service.errors import (
+    FileLimitError,
+    MemoryLimitError,
+    OlderWorkerError,
+    OutputLimitError,
+    TimeLimitError,
+)
 from service.forkserver import ForkServer
 from service.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
 from service.tasks import RESULTS, Limits, TakePair, Task
@@ -62,7 +67,7 @@ def _run(
         ("mix", {"mix": {"lamps": [{}], "of_tomorrow": 1}}, "of_tomorrow"),
     ],
 )
-def test_options_of_another_version_are_told(
+def test_options_of_a_newer_service_are_told(
     kind: Literal["separate", "calibrate", "mix"],
     options: dict[str, Any],
     place: str,
@@ -71,13 +76,14 @@ def test_options_of_another_version_are_told(
     """An API that was upgraded before its workers takes what they do not know yet."""
     _photographs(tmp_path, b"", b"")
     task = Task(kind, "7", "f" * 32, str(tmp_path), Limits(GIB, 60, 256, GIB), options)
-    with pytest.raises(OptionError) as caught:
+    with pytest.raises(OlderWorkerError) as caught:
         child._WORK[kind](task, lambda _message: None)
     assert str(caught.value) == (
-        f"{place}: this name is not known; the worker is of another version than what took the "
-        "job, so run it again once all of the service is of one."
+        f"{place}: this name is not known; the workers are older than the service that took the "
+        "job: have its operator upgrade them, then run the job again."
     )
-    assert child._explain(caught.value, task)["type"] == "urn:lightlayers:problem:invalid-option"
+    problem = child._explain(caught.value, task)
+    assert (problem["type"], problem["retryable"]) == ("urn:lightlayers:problem:older-worker", True)
 
 
 def _photographs(directory: Path, no_flash: bytes, flash: bytes) -> None:

@@ -31,6 +31,16 @@ def dbos_log(monkeypatch: pytest.MonkeyPatch) -> Iterator[logging.Logger]:
     logging.getLogger("service").setLevel(ours)
 
 
+def test_an_id_in_the_queue_of_jobs_tells_the_job_and_how_often_it_was_put_back() -> None:
+    ids = [dbos_queue.run_id("a1", again) for again in (0, 1, 30)]
+    assert ids == ["a1", "a1-again-1", "a1-again-30"]
+    assert [dbos_queue._again(queued) for queued in ids] == [0, 1, 30]
+    held = [dbos_queue.Held(queued, "w", dbos_queue.JOBS) for queued in ids]
+    assert {(one.job, one.work, one.runs) for one in held} == {("a1", "a1", True)}
+    capture = dbos_queue.Held(dbos_queue.capture_id("a1"), "w", dbos_queue.CAPTURES)
+    assert (capture.job, capture.work) == ("a1", "a1-capture")
+
+
 def _start() -> None:
     """Do what a worker does, once what is written is seen."""
     logs.configure()

@@ -73,7 +73,7 @@ def _find(one: Worker) -> jobs.Job:
     return job
 
 
-def _ends(attempt: Attempt) -> None:
+def _ends(attempt: Attempt, *_pass_on: object) -> None:
     with attempt._engine.begin() as connection:
         assert jobs.succeed(connection, attempt._job, [])
 
@@ -161,7 +161,7 @@ def test_attempts_that_are_cut_short_are_bounded(
 ) -> None:
     attempts: list[int] = []
 
-    def work(attempt: Attempt) -> bool:
+    def work(attempt: Attempt, *_pass_on: object) -> bool:
         attempts.append(attempt._job.attempt)
         raise CUT_SHORT[how]
 
@@ -180,7 +180,7 @@ def test_attempts_that_are_cut_short_are_bounded(
 def test_an_attempt_that_is_cut_short_while_it_is_canceled_ends_so(
     one: Worker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def work(_attempt: Attempt) -> None:
+    def work(_attempt: Attempt, *_pass_on: object) -> None:
         with one._engine.begin() as connection:
             jobs.request_cancel(connection, "a")
         raise CUT_SHORT["its process died"]
@@ -292,7 +292,7 @@ def test_one_worker_runs_a_job_once_at_a_time(one: Worker, monkeypatch: pytest.M
     begun, go = threading.Event(), threading.Event()
     runs: list[int] = []
 
-    def run(attempt: Attempt) -> None:
+    def run(attempt: Attempt, *_pass_on: object) -> None:
         runs.append(attempt._job.attempt)
         begun.set()
         assert go.wait(60)
@@ -300,7 +300,7 @@ def test_one_worker_runs_a_job_once_at_a_time(one: Worker, monkeypatch: pytest.M
 
     monkeypatch.setattr(Attempt, "run", run)
     _add(one)
-    threads = [threading.Thread(target=one.run, args=("a",)) for _ in range(2)]
+    threads = [threading.Thread(target=one.run, args=("a", again)) for again in range(2)]
     threads[0].start()
     assert begun.wait(60)
     threads[1].start()
@@ -317,7 +317,7 @@ def test_what_the_queues_forgot_to_bring_is_put_back(
     put_back: list[set[str]] = []
     held = [
         Held("mine", one.id, "jobs"),
-        Held("running", one.id, "jobs"),
+        Held("running-again-1", one.id, "jobs"),
         Held("a telling", one.id, "webhooks"),
         Held("a sweep", one.id, "upkeep"),
         Held("dead", "another", "jobs"),
