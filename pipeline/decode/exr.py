@@ -24,9 +24,13 @@ _EXIF_NAMES = {
 def exr_size(data: bytes) -> tuple[int, int]:
     """(width, height) of the data window of the first part.
 
-    Raises UnsuitableError where its colours have fewer pixels; what OpenEXR raises.
+    Raises UnsuitableError without colours, or where they have fewer pixels; what OpenEXR raises.
     """
     header = _header(data)
+    if not {one.name for one in header["channels"]}.issuperset(_COLOURS):
+        raise UnsuitableError(
+            "is an EXR without channels R, G and B in its first part: save it with those."
+        )
     if any(
         one.name in _COLOURS and (one.xSampling, one.ySampling) != (1, 1)
         for one in header["channels"]
@@ -56,16 +60,12 @@ def exr_exposure(data: bytes) -> dict[str, float]:
 def read_exr(data: bytes) -> Samples:
     """Read R, G and B of the first part; its chromaticities, where it has any, as a profile.
 
-    Raises UnsuitableError without colours, with integers, or where a transparency has darkened
-    colours; ValueError and what OpenEXR raises.
+    data: a file that exr_size takes. Raises UnsuitableError with integers, or where a transparency
+    has darkened colours; ValueError and what OpenEXR raises.
     """
     with muted():
         file = OpenEXR.File(io.BytesIO(data), separate_channels=True)
         channels, header = file.channels(), file.header()
-    if not set(_COLOURS) <= channels.keys():
-        raise UnsuitableError(
-            "is an EXR without channels R, G and B in its first part: save it with those."
-        )
     planes = [channels[name].pixels for name in _COLOURS]
     if any(plane.dtype.kind != "f" for plane in planes):
         raise UnsuitableError("is an EXR of integers: save it with half or float channels.")

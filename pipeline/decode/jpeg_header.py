@@ -73,6 +73,11 @@ def tells_its_end(data: bytes) -> bool:
     return False
 
 
+def tells_its_frame(data: bytes) -> bool:
+    """Whether a JPEG's header has come as far as its size and how its colours are sampled."""
+    return any(kind in _FRAMES for kind, _, _ in _segments(data))
+
+
 def refuse_other_processes(data: bytes) -> None:
     """Raise UnsuitableError for a JPEG of more than 8 bits, or one without loss."""
     for kind, start, _ in _segments(data):

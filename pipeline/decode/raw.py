@@ -48,11 +48,20 @@ class RawPicture(NamedTuple):
 
 
 def raw_header(data: bytes) -> tuple[tuple[int, int], int]:
-    """(width, height) before EXIF orientation, and that, without unpacking. Raises rawpy's errors.
+    """(width, height) before EXIF orientation, and that, without unpacking.
 
     Of a DNG they are those of the part that it has shown. LibRaw knows the orientation of files
-    whose EXIF nothing else finds.
+    whose EXIF nothing else finds. Raises UnsuitableError for a linear DNG of one channel or in
+    planes, and rawpy's errors.
     """
+    channels = linear_raw_channels(data)
+    if channels is not None:
+        refuse_grey(channels)
+    if in_planes(data):  # LibRaw takes them for pixels of three colours one after another
+        raise UnsuitableError(
+            "is a linear DNG with each colour in a plane of its own, which is not read: save it as "
+            "a DNG of whole pixels, or as a TIFF."
+        )
     with rawpy.imread(io.BytesIO(data)) as raw:
         part = shown_part(raw, data)
         width, height = raw.sizes.iwidth, raw.sizes.iheight
@@ -64,22 +73,14 @@ def raw_header(data: bytes) -> tuple[tuple[int, int], int]:
 def read_raw(data: bytes, orientation: int | None = None) -> RawPicture:
     """Read sensor values, without white balance, as light; of a DNG the part that it has shown.
 
+    data: a file that raw_header takes.
     orientation: by which to turn them, as EXIF has it; None for the file's own.
     Mosaics of Bayer sensors are made pictures of by demosaic, all others by LibRaw: where that
     has a choice by DHT, which does not suffer from channels without white balance either.
     adjust_maximum_thr must be 0: LibRaw otherwise scales every frame by its own maximum, which
-    gives the two frames of a pair two gains. Raises UnsuitableError for a linear DNG of one
-    channel or in planes, for floats above the white level and for a compression that LibRaw does
-    not know, and rawpy's errors.
+    gives the two frames of a pair two gains. Raises UnsuitableError for floats above the white
+    level and for a compression that LibRaw does not know, and rawpy's errors.
     """
-    channels = linear_raw_channels(data)
-    if channels is not None:
-        refuse_grey(channels)
-    if in_planes(data):  # LibRaw takes them for pixels of three colours one after another
-        raise UnsuitableError(
-            "is a linear DNG with each colour in a plane of its own, which is not read: save it as "
-            "a DNG of whole pixels, or as a TIFF."
-        )
     if exceeds_white(data):  # LibRaw scales each of such files by its own maximum
         raise UnsuitableError(
             "is a DNG of floats with values above its white level: save it as a TIFF or an "

@@ -12,7 +12,12 @@ import numpy as np
 import pillow_heif
 import simplejpeg
 
-from pipeline.decode.jpeg_header import plain_header, refuse_other_processes, tells_its_end
+from pipeline.decode.jpeg_header import (
+    plain_header,
+    refuse_other_processes,
+    tells_its_end,
+    tells_its_frame,
+)
 from pipeline.decode.png_colours import png_profile, png_transfer, refuse_limited_range
 from pipeline.decode.profiles import embedded_profile, nclx_profile
 from pipeline.decode.samples import (
@@ -20,6 +25,7 @@ from pipeline.decode.samples import (
     Samples,
     UnsuitableError,
     inverse,
+    refuse_grey,
     refuse_hdr,
     to_rgb,
     transparent,
@@ -32,6 +38,10 @@ _PNG_END = b"IEND\xaeB`\x82"
 _EXIF_MARK = b"Exif\0\0"
 _STRAY_BYTES = re.compile(r"(\d+) extraneous bytes")
 _HARMLESS_BYTES = 64
+_SAMPLING, _UNNAMED_SAMPLING = "subsampling", (6,)
+"""What simplejpeg says of a sampling that libjpeg-turbo has no number for, and of its 4:4:1."""
+_GREY_PNGS = (0, 4)
+"""Colour types of a PNG without and with alpha."""
 _NO_END, _JPEG_END = "Premature end of JPEG file", b"\xff\xd9"
 _KNOWN_BOXES = (b"ftyp", b"meta", b"mdat", b"free")
 
@@ -39,14 +49,24 @@ _KNOWN_BOXES = (b"ftyp", b"meta", b"mdat", b"free")
 def jpeg_size(data: bytes) -> tuple[int, int]:
     """(width, height) from the header, before orientation.
 
-    Raises ValueError; UnsuitableError for grey pictures, CMYK, more than 8 bits and without loss.
+    Raises ValueError; UnsuitableError for grey pictures, CMYK, more than 8 bits and without loss,
+    and colours of an unusual sampling, like 4:1:0.
     """
     refuse_other_processes(data)
-    height, width, colours, _sampling = simplejpeg.decode_jpeg_header(plain_header(data))
+    try:
+        height, width, colours, _sampling = simplejpeg.decode_jpeg_header(plain_header(data))
+    except (ValueError, KeyError) as error:
+        unusual = _SAMPLING in str(error) or error.args == _UNNAMED_SAMPLING
+        if not (unusual and tells_its_frame(data)):  # says so, too, where there is none
+            raise
+        raise UnsuitableError(
+            "is a JPEG whose colours are sampled in an unusual way, which is not read: save it "
+            "with 4:4:4, 4:2:2 or 4:2:0, as most programs do, or as a TIFF."
+        ) from error
     if colours in ("CMYK", "YCCK"):
         raise UnsuitableError(CMYK)
     if colours == "Gray":
-        to_rgb(np.empty((height, width, 1)))
+        refuse_grey(1)
     return width, height
 
 
@@ -70,13 +90,16 @@ def read_jpeg(data: bytes, orientation: int) -> Samples:
 def png_size(data: bytes) -> tuple[int, int]:
     """(width, height) from the header, before orientation.
 
-    Raises UnsuitableError for HDR and the limited range of video, ValueError or struct.error.
+    Raises UnsuitableError for grey pictures, HDR and the limited range of video, ValueError or
+    struct.error.
     """
     if data[12:16] != b"IHDR":
         raise ValueError("no IHDR chunk")
     refuse_hdr(png_transfer(data))
     refuse_limited_range(data)
-    width, height = struct.unpack(">II", data[16:24])
+    width, height, _depth, colour_type = struct.unpack(">IIBB", data[16:26])
+    if colour_type in _GREY_PNGS:
+        refuse_grey(1)
     return width, height
 
 
@@ -96,9 +119,13 @@ def read_png(data: bytes, orientation: int) -> Samples:
 def heif_size(data: bytes) -> tuple[int, int]:
     """(width, height) as shown, which is after orientation.
 
-    Raises UnsuitableError for HDR, ValueError and what libheif raises for the rest.
+    Raises UnsuitableError for grey pictures and HDR, ValueError and what libheif raises for the
+    rest.
     """
-    width, height = _open_heif(data).size
+    image = _open_heif(data)
+    if image.mode.startswith(("L", "I")):  # of 8 bits and of more
+        refuse_grey(1)
+    width, height = image.size
     return width, height
 
 

@@ -17,6 +17,7 @@ from pipeline.decode.samples import (
     CMYK,
     Samples,
     UnsuitableError,
+    refuse_grey,
     refuse_premultiplied,
     to_rgb,
     transparent,
@@ -87,16 +88,20 @@ def holds_raw(data: bytes) -> bool:
 
 
 def tiff_size(data: bytes) -> tuple[int, int]:
-    """(width, height) of the first full picture, before orientation. Raises ValueError."""
+    """(width, height) of the first full picture, before orientation.
+
+    Raises UnsuitableError for a grey one, ValueError.
+    """
     with _opened(data) as file:
         page = _full(file)
+        refuse_grey(page.samplesperpixel)
         return int(page.imagewidth), int(page.imagelength)  # a damaged tag makes them tuples
 
 
 def read_tiff(data: bytes, orientation: int) -> Samples:
     """Read the first full picture.
 
-    Raises UnsuitableError for a grey one and for colours that a transparency has darkened,
+    Raises UnsuitableError for colours that a transparency has darkened, and for a grey picture,
     ValueError and what tifffile raises.
     """
     with _opened(data) as file:

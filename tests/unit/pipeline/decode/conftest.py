@@ -2,9 +2,11 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import OpenEXR
 import pytest
 import tifffile
 from numpy.typing import NDArray
@@ -55,6 +57,19 @@ def tiff_file() -> Callable[..., bytes]:
         file = io.BytesIO()
         tifffile.imwrite(file, values, metadata=None, **{"photometric": "rgb", **options})
         return file.getvalue()
+
+    return write
+
+
+@pytest.fixture
+def exr_file(tmp_path: Path) -> Callable[..., bytes]:
+    """Write channels with OpenEXR."""
+
+    def write(**channels: NDArray[Any]) -> bytes:
+        path = tmp_path / "picture.exr"
+        header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+        OpenEXR.File(header, channels).write(str(path))
+        return path.read_bytes()
 
     return write
 
