@@ -115,14 +115,14 @@ class Attempt:
                 self._log.warning("put back for a newer worker")
                 counts = passed_on = self._put_back(pass_on)
             else:
-                counts = self._fail(error.problem)
+                counts = self.fail(error.problem)
         except (*AWAY, ChildProcessError):  # another follows
             raise
         except Exception as error:
             if isinstance(error, FileNotFoundError) and self._stopping.is_void():
                 counts = False  # its photographs were deleted with it
             else:
-                counts = self._fail(self._problem_of(error))
+                counts = self.fail(self._problem_of(error))
         if not counts:
             self.give_up()
         return passed_on
@@ -186,7 +186,6 @@ class Attempt:
         if counts:
             self._log.info("succeeded")
             tracing.note("outcome", "succeeded")
-            self._clear_lost()
         return counts
 
     def _fetch(self, directory: Path) -> None:
@@ -196,6 +195,7 @@ class Attempt:
             self._patiently(partial(self._storage.get_file, key, directory / frame))
 
     def _clear_lost(self) -> None:
+        """Delete what earlier attempts have left, which no quota counts: else it stays for ever."""
         # What is left of them here goes with the job.
         with contextlib.suppress(BaseError):
             for lost in range(1, self._job.attempt):
@@ -401,7 +401,8 @@ class Attempt:
                 self._track.seconds_left,
             )
 
-    def _fail(self, problem: dict[str, Any]) -> bool:
+    def fail(self, problem: dict[str, Any]) -> bool:
+        """End the job with a problem; whether this counts."""
         counts = self._end(jobs.fail, problem)
         if counts:
             self._log.info("failed: %s", problem["type"])
@@ -418,7 +419,10 @@ class Attempt:
                 counts = end(connection, self._job, outcome, keep_seconds=self._keep_seconds)
                 return counts or self._counted(connection)
 
-        return self._patiently(write)
+        counts = self._patiently(write)
+        if counts:
+            self._clear_lost()
+        return counts
 
     def _counted(self, connection: sa.Connection) -> bool:
         """Whether this attempt has ended the job already: the answer to that may have been lost."""
@@ -451,6 +455,7 @@ class Attempt:
             self._clear(results_key(self._job.id, self._job.attempt))
             if self._job.capture and not row.has_pair_of(self._job.attempt):
                 self._clear(captured_key(self._job.id, self._job.attempt))
+            self._clear_lost()
 
     def _clear(self, prefix: str) -> None:
         if not self._storage.try_delete_below(prefix):

@@ -302,8 +302,7 @@ class Worker:
         elif job.lost >= jobs.LOST_ATTEMPTS:
             log.warning("given up", extra={"job": job.id, "trace_id": job.trace_id})
             problem = problem_of(AbandonedError(job.lost), job.trace_id).model_dump()
-            with self._engine.begin() as connection:
-                jobs.fail(connection, job, problem, self._keep_seconds)
+            attempt.fail(problem)
         else:
             return self._work(job, attempt, again)
         return False

@@ -128,9 +128,19 @@ def test_results_are_stored_with_what_an_answer_needs(
     assert context.storage.get(results_key("a", 1, "a.png")) == b"hsalf_on"
 
 
-def test_results_of_lost_attempts_go(
-    run: Run, context: Context, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("end", [State.SUCCEEDED, State.FAILED, State.CANCELED])
+def test_results_of_lost_attempts_go_however_the_job_ends(
+    run: Run, context: Context, end: State, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    def work(task: Task, *_rest: object) -> None:
+        if end == State.FAILED:
+            raise CrashError("It crashed.")
+        if end == State.CANCELED:
+            with context.engine.begin() as connection:
+                jobs.request_cancel(connection, "a")
+            raise sandbox.StoppedError
+        separates(task)
+
     claim = jobs.claim
 
     def third(connection: sa.Connection, job_id: str, worker: str) -> jobs.Job | None:
@@ -139,12 +149,13 @@ def test_results_of_lost_attempts_go(
         return held and replace(held, attempt=3)
 
     monkeypatch.setattr(jobs, "claim", third)
-    monkeypatch.setattr(sandbox, "run", separates)
+    monkeypatch.setattr(sandbox, "run", work)
     for lost in (1, 2):
         context.storage.put(results_key("a", lost, "a.png"), b"half")
     job = run()
-    assert job is not None and job.state == State.SUCCEEDED
-    kept = [results_key("a", 3, "a.png"), *(inputs_key("a", frame) for frame in sorted(FRAMES))]
+    assert job is not None and job.state == end
+    kept = [results_key("a", 3, "a.png")] if end == State.SUCCEEDED else []
+    kept += [inputs_key("a", frame) for frame in sorted(FRAMES)]
     assert context.storage.list("jobs/a/") == kept
 
 

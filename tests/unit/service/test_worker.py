@@ -31,7 +31,7 @@ from service.database import AWAY
 from service.dbos_queue import Held
 from service.errors import StartError
 from service.frames import FRAMES
-from service.object_keys import describe_inputs
+from service.object_keys import describe_inputs, results_key
 from service.settings import Settings
 from service.states import State
 from service.storage import Storage
@@ -167,7 +167,11 @@ def test_attempts_that_are_cut_short_are_bounded(
 
     monkeypatch.setattr(Attempt, "run", work)
     _add(one)
+    for lost in (1, 2, 3):  # whose worker had no time to remove them
+        one._storage.put(results_key("a", lost, "a.png"), b"half")
+    monkeypatch.setattr(Attempt, "_clear", lambda *_arguments: None)
     one.run("a")
+    assert one._storage.list("jobs/") == []
     assert attempts == [1, 2, 3]
     job = _find(one)
     assert (job.state, job.lost) == (State.FAILED, 3)
