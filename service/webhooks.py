@@ -21,7 +21,7 @@ import sqlalchemy as sa
 from standardwebhooks import Webhook
 
 from service import deliveries, jobs
-from service.addresses import parse_networks
+from service.addresses import ForbiddenAddressError, check_url, parse_networks
 from service.answers import JobAnswer
 from service.database import AWAY
 from service.dbos_queue import Queue
@@ -92,13 +92,14 @@ class Teller:
     def _post(self, job: jobs.Job) -> Answer | None:
         fields = {"job": job.id, "trace_id": job.trace_id}
         assert job.webhook is not None
+        url = job.webhook["url"]
         body = _payload(job)
         headers = _headers(f"job_{job.id}", job.webhook["secret"], body)
         try:
-            answer = post(
-                job.webhook["url"], headers, body, self._private, self._settings.webhook_seconds
-            )
-        except UnansweredError as error:
+            # Settings may forbid by now what they allowed when the job was asked for.
+            check_url(url, self._private, self._settings.webhook_https)
+            answer = post(url, headers, body, self._private, self._settings.webhook_seconds)
+        except (UnansweredError, ForbiddenAddressError) as error:
             log.info("webhook not told: %s", error, extra=fields)
             return None
         log.info("webhook answered %s", answer.status, extra=fields)

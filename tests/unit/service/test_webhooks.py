@@ -363,13 +363,14 @@ def test_a_job_that_is_deleted_between_two_tellings_is_not_told_again(
     assert len(queue.queued) == 1
 
 
-def test_a_private_address_is_not_told_where_none_is_allowed(
-    engine: sa.Engine, queue: FakeQueue
+@pytest.mark.parametrize("since", [{"webhook_private": "false"}, {"webhook_https": True}])
+def test_what_settings_forbid_since_the_job_was_asked_for_is_not_told(
+    engine: sa.Engine, queue: FakeQueue, since: dict[str, Any]
 ) -> None:
     with receiving(204) as receiver:
         _ended(engine, "a", receiver.url)
         _news(engine, queue)
-        delivery = _tell(engine, queue, webhook_private="false")
+        delivery = _tell(engine, queue, **since)
         assert receiver.told.empty()
     assert delivery == {"state": "pending", "attempts": 1, "last_status": None}
 
