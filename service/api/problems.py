@@ -10,9 +10,10 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
+from starlette.routing import Match
 
 from service import metrics
-from service.api.headers import DEFAULTS
+from service.api.headers import DEFAULTS, METHODS
 from service.errors import (
     BusyError,
     EndedError,
@@ -173,10 +174,26 @@ async def _on_http(request: Request, error: Exception) -> Response:
     # What the router itself refuses: unknown paths and methods.
     assert isinstance(error, HTTPException)
     kind = Kind(f"http-{error.status_code}", error.status_code, str(error.detail))
-    wrong = f"{request.method} {request.url.path}: {error.detail}."
-    detail = f"{wrong} Check the address; /docs lists what this service answers."
-    headers = dict(error.headers) if error.headers else None
+    headers = dict(error.headers or {})
+    wrong, hint = f"{error.detail}.", "Check the address"
+    if "Allow" in headers:  # with the methods of one route alone, and others may have the address
+        headers["Allow"] = ", ".join(_methods(request))
+        hint = f"This address takes {headers['Allow']}"
+    detail = (
+        f"{request.method} {request.url.path}: {wrong} {hint}; /docs lists what this service "
+        "answers."
+    )
     return _answer(make_problem(kind, detail, request.state.trace_id), headers)
+
+
+def _methods(request: Request) -> list[str]:
+    """What the address of a request may be asked with, by all routes that have it."""
+
+    def is_taken(method: str) -> bool:
+        asked = {**request.scope, "method": method}
+        return any(route.matches(asked)[0] is Match.FULL for route in request.app.routes)
+
+    return [method for method in (*METHODS, "OPTIONS") if is_taken(method)]
 
 
 async def _on_system(request: Request, error: Exception) -> Response:

@@ -375,17 +375,23 @@ def test_waiting_ends_with_its_seconds(http: httpx.Client) -> None:
     assert post_capture(http, prefer="wait=soon")["state"] == "queued"
 
 
+@pytest.mark.parametrize("path", ["/nothing", "/jobs/a/b/c/d"])
+def test_unknown_paths_are_problems(path: str, http: httpx.Client) -> None:
+    detail = f"GET {path}: Not Found. Check the address; /docs lists what this service answers."
+    assert problem_of(http.get(path)) == (404, "http-404", detail)
+
+
 @pytest.mark.parametrize(
-    ("method", "path", "status"),
-    [("GET", "/nothing", 404), ("PATCH", "/jobs", 405), ("GET", "/jobs/a/b/c/d", 404)],
+    ("path", "allowed"),
+    [("/jobs", "GET, POST"), ("/jobs/a", "GET, DELETE"), ("/uploads", "POST, OPTIONS")],
 )
-def test_unknown_paths_and_methods_are_problems(
-    method: str, path: str, status: int, http: httpx.Client
+def test_another_method_is_answered_with_those_there_are(
+    path: str, allowed: str, http: httpx.Client
 ) -> None:
-    answer = http.request(method, path)
-    assert problem_of(answer)[:2] == (status, f"http-{status}")
-    assert answer.json()["detail"].startswith(f"{method} {path}: ")
-    assert "Check the address" in answer.json()["detail"]
+    answer = http.put(path)
+    status, kind, detail = problem_of(answer)
+    assert (status, kind, answer.headers["Allow"]) == (405, "http-405", allowed)
+    assert detail.startswith(f"PUT {path}: Method Not Allowed. This address takes {allowed}; ")
 
 
 def test_cameras_are_listed(http: httpx.Client) -> None:

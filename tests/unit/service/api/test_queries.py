@@ -36,6 +36,13 @@ def test_a_parameter_that_there_is_not_is_refused(
     assert problem_of(http.get(path)) == (422, "invalid-request", f"query: {detail}.")
 
 
+@pytest.mark.parametrize("path", ["/jobs?limit=1&limit=2", "/jobs?limit=1&limit=1"])
+def test_a_parameter_that_comes_twice_is_refused(path: str, http: httpx.Client) -> None:
+    """Without a word, the last one would count."""
+    told = "query.limit: it is there more than once; give it once."
+    assert problem_of(http.get(path)) == (422, "invalid-request", told)
+
+
 def test_what_is_confirmed_is_named_as_it_is_called(http: httpx.Client) -> None:
     path = f"/jobs/{post_capture(http)['id']}/confirm"
     assert problem_of(http.post(path, params={"requests": 2})) == (
