@@ -6,10 +6,11 @@ else must switch it. `check` looks before the first photograph whether that will
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import logging
 import shlex
 import subprocess
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -128,12 +129,16 @@ class ExternalFlash(Flash):
 def leave_flash_off(order: str) -> None:
     """Give an order of ExternalFlash for "off", also for a capture that was cut short.
 
-    A failure is told to the log alone.
+    A failure is told to the log alone. What interrupts it has the order given once more.
     """
     try:
         _give(order, "off")
     except FlashError as error:
         log.warning("The flash was not switched off after the pair. %s", error)
+    except BaseException:  # Ctrl-C: it may have cut off the order
+        with contextlib.suppress(FlashError):
+            _give(order, "off")
+        raise
 
 
 def _give(order: str, state: State) -> None:
@@ -144,19 +149,15 @@ def _give(order: str, state: State) -> None:
 
 
 def _fetch(url: str) -> None:
-    deadline = time.monotonic() + SWITCH_S
     try:
-        with httpx.stream("GET", url, timeout=SWITCH_S, follow_redirects=False) as answer:
-            answer.raise_for_status()
-            for _ in answer.iter_raw():  # it may have obeyed at the end alone
-                if time.monotonic() > deadline:
-                    raise httpx.ReadTimeout("The answer does not end.")
+        asyncio.run(asyncio.wait_for(_fetch_whole(url), SWITCH_S))  # drop by drop is no longer
     except httpx.HTTPStatusError as error:
         raise FlashError(
             f"The switch of the flash answers {error.response.status_code}: check its URL and "
             "try again."
         ) from error
-    except (httpx.HTTPError, httpx.InvalidURL, UnicodeError) as error:  # the last: of a host
+    # the third: of a host
+    except (httpx.HTTPError, httpx.InvalidURL, UnicodeError, TimeoutError) as error:
         if "CERTIFICATE_VERIFY_FAILED" in str(error):
             raise FlashError(
                 "The certificate of the flash's switch is none that this computer trusts: have it "
@@ -166,6 +167,16 @@ def _fetch(url: str) -> None:
             "The switch of the flash does not answer: check that it is on, and its URL, and "
             "try again."
         ) from error
+
+
+async def _fetch_whole(url: str) -> None:
+    async with (
+        httpx.AsyncClient(timeout=SWITCH_S, follow_redirects=False) as client,
+        client.stream("GET", url) as answer,
+    ):
+        answer.raise_for_status()
+        async for _ in answer.aiter_raw():  # it may have obeyed at the end alone
+            pass
 
 
 def _run(command: list[str]) -> None:

@@ -20,7 +20,7 @@ from drivers.camera import Setting, SettingName
 from drivers.capture import capture_pair
 from drivers.clock import Clock
 from drivers.errors import FlashError, NoFlashError, SettingError
-from drivers.flash import ExternalFlash, Flash, OperatorFlash
+from drivers.flash import ExternalFlash, Flash, OperatorFlash, leave_flash_off
 from drivers.pair import CapturedPair
 from drivers.ptp.camera import PtpCamera
 from drivers.shot import SETTLE_S
@@ -100,6 +100,12 @@ class Relay(http.server.BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         self.told.append(self.path)
+        if "dribble" in self.path:
+            with contextlib.suppress(OSError):
+                for byte in b"HTTP/1.1 200 OK\r\nServer: " + b"." * 200 + b"\r\n\r\n":
+                    self.wfile.write(bytes([byte]))
+                    time.sleep(0.02)
+            return
         obeys = "turn" in self.path and len(self.told) <= self.orders
         self.send_response(200 if obeys else 500)
         self.end_headers()
@@ -184,12 +190,15 @@ def test_a_relay_that_refuses_is_an_error(clock: Clock, relay: tuple[str, list[s
         switched(ExternalFlash(relay[0] + "/{state}", brightness), clock)
 
 
+@pytest.mark.parametrize("answer", ["endless", "dribble"])
 def test_a_relay_whose_answer_does_not_end_is_an_error(
-    clock: Clock, relay: tuple[str, list[str]], monkeypatch: pytest.MonkeyPatch
+    clock: Clock, relay: tuple[str, list[str]], monkeypatch: pytest.MonkeyPatch, answer: str
 ) -> None:
     monkeypatch.setattr("drivers.flash.SWITCH_S", 0.3)
+    begun = time.monotonic()
     with pytest.raises(FlashError, match="does not answer: check that it is on"):
-        switched(ExternalFlash(relay[0] + "/endless?turn={state}", brightness), clock)
+        switched(ExternalFlash(f"{relay[0]}/{answer}?turn={{state}}", brightness), clock)
+    assert time.monotonic() - begun < 3
 
 
 def test_a_certificate_that_nobody_vouches_for_is_told_as_such(
@@ -254,6 +263,19 @@ def test_a_switch_is_told_off_whatever_ends_the_pair(
         taken(clock, Failing(), relay[0])
     assert raised.value is failure
     assert relay[1] == ORDERS
+
+
+def test_a_switch_whose_last_order_is_interrupted_is_told_once_more(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    script = tmp_path / "switch"
+    script.write_text(
+        f"#!/bin/sh\nif [ -e {log} ]; then echo $1 >> {log}; else\n"
+        f"touch {log}; kill -INT $PPID; fi\n"
+    )
+    script.chmod(0o700)
+    with pytest.raises(KeyboardInterrupt):
+        leave_flash_off(f"{script} {{state}}")
+    assert log.read_text() == "off\n"
 
 
 def test_a_pair_is_kept_whose_switch_obeys_no_more(
