@@ -59,6 +59,7 @@ LARGEST_CHUNK_BYTES = 1 << 24
 
 _QUICK_S = 0.1  # a chunk that comes so soon is followed by one of twice the size
 
+_CARD_BACK_S = 1.0  # from when a card is gone until it is there again
 _CARD = 0xFFFF  # what of a storage id is 0 where a slot has no card
 _LONGEST_LIST = 1000  # a range with more steps is not spelt out as choices
 
@@ -173,6 +174,13 @@ class PtpCamera(Camera):
 
     def objects(self) -> set[int]:
         """List the handles of everything on the card, folders too."""
+        try:
+            return self._listed()
+        except StoreFullError:  # a card may be taken up anew once a photograph is written
+            self._session.clock.sleep(_CARD_BACK_S)
+            return self._listed()
+
+    def _listed(self) -> set[int]:
         # card by card, since not every responder takes the number that stands for all of them
         return {handle for card in self._cards() for handle in self._objects_in(card)}
 

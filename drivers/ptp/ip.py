@@ -31,7 +31,7 @@ from drivers.ptp.ip_packets import (
     PacketStream,
     PacketType,
 )
-from drivers.ptp.transport import ANSWER_S, DATASET_BYTES, SLOWEST_BYTES_PER_S, Transport
+from drivers.ptp.transport import ANSWER_S, DATASET_BYTES, SLOWEST_BYTES_PER_S, Transport, put
 
 ANNOUNCED: dict[str, CameraInfo] = {}
 """Cameras on the network by what they call themselves; drivers.ptp.mdns fills it, once asked to."""
@@ -40,6 +40,7 @@ _CONNECT_S = 5.0
 _MOST_WAITING = 1000  # events; of more that come while an answer is waited for, the oldest go
 _LEAVING_PAUSES_S = (0.1, 0.3, 0.6)  # before tries, while a camera lets go of who left
 _NO_DATA, _DATA_OUT = 1, 2  # data phases of an operation request
+_UNTOLD = (0xFFFFFFFFFFFFFFFF, 0xFFFFFFFF)  # sizes of data that end where they end
 
 _FAILURES = {
     InitFail.REJECTED: "The camera at {} turned this computer away: let it connect in the "
@@ -85,7 +86,7 @@ class IpTransport(Transport):
                 f"No camera answers at {self._place}: switch it on, connect it to this network "
                 "and try again."
             ) from error
-        self._streams.append(PacketStream(connection))
+        self._streams.append(PacketStream(connection, self._answer_s))
         return self._streams[-1]
 
     def _greeted(self, stream: PacketStream, expected: PacketType) -> bytes:
@@ -126,27 +127,40 @@ class IpTransport(Transport):
 
     def _receive_data(self, most: int, into: memoryview | None, deadline: float) -> Container:
         transaction, size = struct.unpack("<IQ", self._commands.read(12, deadline))
+        if size in _UNTOLD:
+            untold = self._receive_untold(transaction, most, deadline)
+            return Container(ContainerType.DATA, self._operation, transaction, put(untold, into))
         if size > most:
             self._cancel()
             raise ProtocolError(f"The camera wants to send {size} bytes where {most} are the most")
         if into is None or size > len(into):
             into = memoryview(bytearray(size))
         data = into[:size]
-        filled, kind = 0, PacketType.DATA
-        while kind is not PacketType.END_DATA:
-            kind, length = self._commands.header(deadline)
-            if kind not in (PacketType.DATA, PacketType.END_DATA) or not 4 <= length <= (
-                size - filled + 4
-            ):
-                raise ProtocolError(f"The camera's data have a PTP/IP packet {kind.name}")
-            if self._commands.read(4, deadline) != struct.pack("<I", transaction):
-                raise ProtocolError("The camera's data are of two transactions")
-            end = filled + length - 4
-            self._commands.read_into(data[filled:end], deadline)
-            filled = end
+        filled, last = 0, False
+        while not last:
+            last, count = self._next_data(transaction, size - filled, deadline)
+            self._commands.read_into(data[filled : filled + count], deadline)
+            filled += count
         if filled != size:
             raise ProtocolError(f"The camera sent {filled} of {size} bytes of data")
         return Container(ContainerType.DATA, self._operation, transaction, data)
+
+    def _receive_untold(self, transaction: int, most: int, deadline: float) -> bytearray:
+        """Take data of which the camera does not know beforehand how many they are."""
+        data, last = bytearray(), False
+        while not last:
+            last, count = self._next_data(transaction, most - len(data), deadline)
+            data += self._commands.read(count, deadline)
+        return data
+
+    def _next_data(self, transaction: int, most: int, deadline: float) -> tuple[bool, int]:
+        """Take the head of a packet of data; whether it is the last, and its bytes."""
+        kind, length = self._commands.header(deadline)
+        if kind not in (PacketType.DATA, PacketType.END_DATA) or not 4 <= length <= most + 4:
+            raise ProtocolError(f"The camera's data have a PTP/IP packet {kind.name} of {length}")
+        if self._commands.read(4, deadline) != struct.pack("<I", transaction):
+            raise ProtocolError("The camera's data are of two transactions")
+        return kind is PacketType.END_DATA, length - 4
 
     def _cancel(self) -> None:
         """Tell the camera to forget the operation under way; what still comes is not read."""

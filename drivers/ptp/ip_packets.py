@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import socket
 import struct
 import time
@@ -79,10 +80,15 @@ def encode_packet(kind: PacketType, *parts: Bytes) -> bytes:
 
 
 class PacketStream:
-    """Packets over one TCP connection."""
+    """Packets over one TCP connection.
 
-    def __init__(self, connection: socket.socket) -> None:
+    silence_s: how long the other side may send nothing while something is read, in seconds,
+    whatever deadline there is for all of it.
+    """
+
+    def __init__(self, connection: socket.socket, silence_s: float = math.inf) -> None:
         self.socket = connection
+        self._silence_s = silence_s
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def send(self, kind: PacketType, *parts: Bytes) -> None:
@@ -140,7 +146,7 @@ class PacketStream:
             if left <= 0:
                 raise CameraTimeoutError(SILENT)
             try:
-                self.socket.settimeout(left)
+                self.socket.settimeout(min(left, self._silence_s))
                 received = self.socket.recv_into(view)
             except TimeoutError as error:
                 raise CameraTimeoutError(SILENT) from error

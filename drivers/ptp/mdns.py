@@ -30,6 +30,9 @@ from drivers.ptp.ip_packets import PORT
 
 SERVICE = "_ptp._tcp.local."
 
+MOST_CAMERAS = 100
+"""So many announced ones are listed at once; no studio has more, but anybody may announce."""
+
 _RESOLVE_MS = 1000
 _LONGEST_NAME = 60
 _EVERYWHERE = ("", "0.0.0.0")
@@ -49,6 +52,9 @@ class _Ears(ServiceListener):
         port = "" if info.port == PORT else f":{info.port}"
         plain = "".join(filter(str.isprintable, name.removesuffix(f".{SERVICE}")))
         model = plain[:_LONGEST_NAME].strip()
+        if name not in ANNOUNCED and len(ANNOUNCED) >= MOST_CAMERAS:
+            log.info("more cameras are announced than are listed")
+            return
         ANNOUNCED[name] = CameraInfo(f"ptp+ip://{addresses[0]}{port}", "", model, "", None)
 
     def update_service(self, zc: Zeroconf, type_: str, name: str) -> None:

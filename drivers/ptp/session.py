@@ -28,6 +28,7 @@ _READY = (
 _RELEASES = (Operation.INITIATE_CAPTURE, Operation.NIKON_CAPTURE_TO_CARD)
 _UNREASONED = (Response.GENERAL_ERROR, Response.ACCESS_DENIED)
 
+_NO_CARD = "The camera has no memory card it can write to: insert one and try again."
 _REFUSED_VALUE = "The camera refused the value of a setting: set it on the camera itself."
 
 _REFUSALS: dict[int, tuple[type[DriverError], str]] = {
@@ -39,9 +40,11 @@ _REFUSALS: dict[int, tuple[type[DriverError], str]] = {
         StoreFullError,
         "The camera's memory card is full: make room on it and try again.",
     ),
-    Response.STORE_NOT_AVAILABLE: (
+    Response.STORE_NOT_AVAILABLE: (StoreFullError, _NO_CARD),
+    Response.INVALID_STORAGE_ID: (StoreFullError, _NO_CARD),  # it was there a moment ago
+    Response.STORE_READ_ONLY: (
         StoreFullError,
-        "The camera has no memory card it can write to: insert one and try again.",
+        "The camera's memory card is write-protected: move its switch and try again.",
     ),
     Response.NIKON_OUT_OF_FOCUS: (
         FocusError,
@@ -80,11 +83,16 @@ class Session:
 
     def open(self) -> None:
         """Open the session; one that an earlier caller left open is closed first."""
-        code, _, _ = self._once(Operation.OPEN_SESSION, (1,))
-        if code == Response.SESSION_ALREADY_OPEN:
-            self._once(Operation.CLOSE_SESSION, ())
-            self._transaction = 0
+        for pause in (*_BUSY_PAUSES_S, None):
             code, _, _ = self._once(Operation.OPEN_SESSION, (1,))
+            if code == Response.SESSION_ALREADY_OPEN:
+                self._once(Operation.CLOSE_SESSION, ())
+                self._transaction = 0
+                code, _, _ = self._once(Operation.OPEN_SESSION, (1,))
+            if code != Response.DEVICE_BUSY or pause is None:
+                break
+            self._transaction = 0
+            self.clock.sleep(pause)  # it may have been switched on just now
         if code != Response.OK:
             raise _refusal(Operation.OPEN_SESSION, code)
         self._open = True

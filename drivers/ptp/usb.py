@@ -130,9 +130,9 @@ class UsbTransport(Transport):
         left = deadline - self._clock.monotonic()
         if left <= 0:
             raise usb.core.USBTimeoutError("late", errno=errno.ETIMEDOUT)
-        read = partial(
-            self._device.read, self._in.bEndpointAddress, self._block, max(1, round(1000 * left))
-        )
+        # whatever may take long, silence in the middle of it may not
+        wait_ms = max(1, round(1000 * min(left, self._answer_s)))
+        read = partial(self._device.read, self._in.bEndpointAddress, self._block, wait_ms)
         count: int = self._unstalled(self._in, read)
         self._received += memoryview(self._block)[:count]
         return count

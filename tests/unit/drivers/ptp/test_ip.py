@@ -4,6 +4,7 @@ import contextlib
 import socket
 import struct
 import threading
+import time
 from collections.abc import Iterator
 
 import pytest
@@ -28,6 +29,8 @@ EVENT_ACK = encode_packet(PacketType.INIT_EVENT_ACK)
 COMMAND = Container.with_parameters(ContainerType.COMMAND, Operation.GET_DEVICE_INFO, 5, (1, 2))
 RESPONSE = encode_packet(PacketType.RESPONSE, struct.pack("<HI", 0x2001, 5))
 START = encode_packet(PacketType.START_DATA, struct.pack("<IQ", 5, 10))
+
+UNTOLD = encode_packet(PacketType.START_DATA, struct.pack("<IQ", 5, 2**64 - 1))
 
 
 class Peer:
@@ -167,6 +170,64 @@ def test_data_in_several_packets_are_put_together() -> None:
     assert (response.type, response.code) == (ContainerType.RESPONSE, 0x2001)
 
 
+@pytest.mark.parametrize("size", [0xFFFFFFFF, 0xFFFFFFFFFFFFFFFF])
+@pytest.mark.parametrize("room", [None, 10, 12, 4])
+def test_data_of_untold_length_end_where_they_end(size: int, room: int | None) -> None:
+    parts = [
+        encode_packet(PacketType.START_DATA, struct.pack("<IQ", 5, size)),
+        encode_packet(PacketType.DATA, b"\5\0\0\0", b"photo"),
+        encode_packet(PacketType.DATA, b"\5\0\0\0"),
+        encode_packet(PacketType.END_DATA, b"\5\0\0\0", b"graph"),
+    ]
+    transport, peer = meeting(b"".join(parts) + RESPONSE)
+    into = None if room is None else memoryview(bytearray(room))
+    transport.send(COMMAND)
+    data, response = transport.receive(most=10, into=into), transport.receive()
+    transport.close()
+    peer.close()
+    assert bytes(data.payload) == b"photograph"
+    assert response.code == 0x2001
+    if room and room >= 10:
+        assert into is not None and bytes(into[:10]) == b"photograph"
+
+
+def test_packets_that_come_byte_by_byte_are_put_together() -> None:
+    end = encode_packet(PacketType.END_DATA, b"\5\0\0\0", b"photograph")
+    transport, peer = meeting(b"")
+    peer.told(1)
+
+    def drip() -> None:
+        peer.connections[0].setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        for byte in START + end + RESPONSE:
+            peer.connections[0].sendall(bytes([byte]))
+            time.sleep(0.001)
+
+    dripping = threading.Thread(target=drip)
+    dripping.start()
+    transport.send(COMMAND)
+    data, response = transport.receive(), transport.receive()
+    dripping.join()
+    transport.close()
+    peer.close()
+    assert bytes(data.payload) == b"photograph"
+    assert response.code == 0x2001
+
+
+def test_silence_in_the_middle_of_data_is_not_waited_out() -> None:
+    """As of a camera that is switched off, which nothing on the network tells."""
+    most = 1 << 24
+    start = encode_packet(PacketType.START_DATA, struct.pack("<IQ", 5, most))
+    begun_data = struct.pack("<III", most + 12, PacketType.END_DATA, 5) + b"photo"
+    transport, peer = meeting(start + begun_data, answer_s=0.4)
+    transport.send(COMMAND)
+    begun = time.monotonic()
+    with pytest.raises(CameraTimeoutError, match="stopped answering"):
+        transport.receive(most)
+    assert time.monotonic() - begun < 5
+    transport.close()
+    peer.close()
+
+
 @pytest.mark.parametrize(
     ("said", "error"),
     [
@@ -177,6 +238,8 @@ def test_data_in_several_packets_are_put_together() -> None:
         (encode_packet(PacketType.EVENT, bytes(6)), ProtocolError),
         (encode_packet(PacketType.START_DATA, struct.pack("<IQ", 5, 2**63)), ProtocolError),
         (START + RESPONSE, ProtocolError),
+        (UNTOLD + struct.pack("<III", 2**32 - 1, PacketType.DATA, 5), ProtocolError),
+        (UNTOLD + struct.pack("<III", (1 << 20) + 13, PacketType.DATA, 5), ProtocolError),
         (START + encode_packet(PacketType.END_DATA, b"\5\0\0\0", b"too short"), ProtocolError),
         (START + encode_packet(PacketType.END_DATA, b"\5\0\0\0", b"far too long"), ProtocolError),
         (START + encode_packet(PacketType.END_DATA, b"\6\0\0\0", b"photograph"), ProtocolError),

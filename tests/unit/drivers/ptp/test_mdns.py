@@ -57,6 +57,19 @@ def test_cameras_are_listed_by_address(announced: dict[str, CameraInfo]) -> None
     assert [camera.model for camera in ip.list_cameras()] == ["192.0.2.1", "192.0.2.5", "192.0.2.9"]
 
 
+def test_no_more_cameras_are_listed_than_a_studio_has(announced: dict[str, CameraInfo]) -> None:
+    names = [f"{number}.{mdns.SERVICE}" for number in range(mdns.MOST_CAMERAS + 1)]
+    for name in names:
+        mdns._Ears().add_service(network(service(name, "192.0.2.7")), mdns.SERVICE, name)
+    assert list(announced) == names[:-1]
+    first = names[0]
+    mdns._Ears().update_service(network(service(first, "192.0.2.9")), mdns.SERVICE, first)
+    assert announced[first].address == "ptp+ip://192.0.2.9"
+    mdns._Ears().remove_service(network(None), mdns.SERVICE, first)
+    mdns._Ears().add_service(network(service(names[-1], "192.0.2.7")), mdns.SERVICE, names[-1])
+    assert list(announced) == names[1:]
+
+
 @pytest.mark.parametrize(
     "info",
     [None, service(NAME), service(NAME, "fe80::1"), service(NAME, "192.0.2.7", port=0)],

@@ -125,6 +125,8 @@ def test_data_twice_are_refused(clock: Clock) -> None:
     [
         (Response.STORE_FULL, StoreFullError, "memory card is full"),
         (Response.STORE_NOT_AVAILABLE, StoreFullError, "no memory card"),
+        (Response.INVALID_STORAGE_ID, StoreFullError, "no memory card"),
+        (Response.STORE_READ_ONLY, StoreFullError, "is write-protected: move its switch"),
         (Response.NIKON_OUT_OF_FOCUS, FocusError, "could not focus"),
         (Response.INCOMPLETE_TRANSFER, TransferError, "broke off"),
         (Response.INVALID_OBJECT_HANDLE, TransferError, "no longer on the camera's card"),
@@ -182,6 +184,23 @@ def test_a_session_left_open_is_closed_first(clock: Clock) -> None:
     Session(script, clock).open()
     assert [container.code for container in script.sent] == [0x1002, 0x1003, 0x1002]
     assert script.sent[-1].transaction == 0
+
+
+def test_a_camera_that_is_busy_getting_up_is_asked_again_for_a_session(clock: Clock) -> None:
+    busy = response(0, Response.DEVICE_BUSY)
+    open_already = response(0, Response.SESSION_ALREADY_OPEN)
+    script = Script(busy, open_already, response(1), busy, response(0))
+    Session(script, clock).open()
+    assert [container.code for container in script.sent] == [0x1002, 0x1002, 0x1003, 0x1002, 0x1002]
+    assert [container.transaction for container in script.sent] == [0, 0, 1, 0, 0]
+    assert clock.monotonic() == pytest.approx(0.15)
+
+
+def test_a_camera_that_is_too_busy_for_a_session_is_given_up(clock: Clock) -> None:
+    script = Script(*7 * [response(0, Response.DEVICE_BUSY)])
+    with pytest.raises(CameraBusyError, match="kept saying that it is busy"):
+        Session(script, clock).open()
+    assert clock.monotonic() == pytest.approx(3.15)
 
 
 def test_a_session_that_cannot_be_opened_is_an_error(clock: Clock) -> None:

@@ -216,10 +216,11 @@ def test_data_that_fill_packets_are_followed_by_an_empty_one(clock: Clock) -> No
     assert [len(raw) for raw in bus.written] == [16, 512, 0, 513]
 
 
-def test_silence_ends_at_the_deadline(clock: Clock) -> None:
-    transport = asked(ScriptedBus(clock), clock)
+@pytest.mark.parametrize("sent", [(), ((1 << 24).to_bytes(4, "little") + bytes(508),)])
+def test_silence_ends_at_the_deadline(clock: Clock, sent: tuple[bytes, ...]) -> None:
+    transport = asked(ScriptedBus(clock, *sent), clock)
     with pytest.raises(CameraTimeoutError, match="no answer for 10 s"):
-        transport.receive()
+        transport.receive(1 << 24)
     assert clock.monotonic() == pytest.approx(10, abs=0.1)
 
 
