@@ -21,6 +21,7 @@ from pipeline.result_names import LAYERS, MANIFEST
 from service import cameras, eta, host, jobs, kept, metrics, sandbox, scratch, tracing
 from service.capture import Capture
 from service.database import AWAY
+from service.durable import FULL
 from service.errors import (
     AttemptError,
     LayersGoneError,
@@ -32,7 +33,7 @@ from service.forkserver import ForkServer
 from service.frames import FRAMES
 from service.media import headers_of, media_type
 from service.object_keys import captured_key, job_key, results_key
-from service.patience import FULL, passes, patiently
+from service.patience import passes, patiently
 from service.problems import problem_of
 from service.settings import Settings
 from service.stages import Stages

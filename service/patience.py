@@ -5,7 +5,6 @@ A store that is away, a full disk, a machine that is out of processes.
 
 from __future__ import annotations
 
-import errno
 import logging
 import time
 from collections.abc import Callable
@@ -16,13 +15,12 @@ from obstore.exceptions import BaseError
 from pipeline.errors import reason_of
 from service import metrics
 from service.database import AWAY
+from service.durable import FULL
 from service.errors import NoProcessError, StorageFullError
 from service.problems import cause_of, kind_of
 
 _FIRST_PAUSE_SECONDS = 0.5
 _LONGEST_PAUSE_SECONDS = 15.0
-FULL = (errno.ENOSPC, errno.EDQUOT)
-"""What the system says of a disk that takes no more."""
 
 Result = TypeVar("Result")
 Log = logging.Logger | logging.LoggerAdapter[logging.Logger]

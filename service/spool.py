@@ -1,7 +1,7 @@
 """Pairs on their way to a service, in a folder that outlasts crashes and power cuts.
 
 waiting/NUMBER-SHOT/   a pair: its two photographs, pair.json, and uploads.json once it is under way
-aside/NUMBER-SHOT/     one that the service will never take, with reason.txt
+aside/NUMBER-SHOT/     one that the service will never take, with reason.txt if there was room
 lock                   held by the one agent that uses the folder
 
 A pair is made under a name of its own and renamed once all of it is on the disk, so that what is
@@ -17,7 +17,7 @@ import json
 import shutil
 import tempfile
 import uuid
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -95,6 +95,7 @@ class Spool:
     def __init__(self, folder: Path) -> None:
         """Open the folder, or make it. Raises InputError where that cannot be."""
         self.folder = folder = folder.absolute()
+        self._unwritten: dict[Path, dict[str, str]] = {}  # uploads, by the pair's folder
         self._waiting, self._aside = folder / "waiting", folder / "aside"
         try:
             for each in (self._waiting, self._aside):
@@ -172,6 +173,8 @@ class Spool:
 
     def uploads(self, pair: SpooledPair) -> dict[str, str]:
         """Ids of the uploads that were begun for the pair, by frame."""
+        if pair.folder in self._unwritten:
+            return dict(self._unwritten[pair.folder])
         try:
             found = json.loads((pair.folder / _UPLOADS).read_bytes())
         except (FileNotFoundError, ValueError):
@@ -179,13 +182,17 @@ class Spool:
         return {str(frame): str(each) for frame, each in found.items() if frame in FRAMES}
 
     def note_uploads(self, pair: SpooledPair, uploads: Mapping[str, str]) -> None:
-        """Keep the ids of uploads for after a crash."""
-        durable.replace(pair.folder / _UPLOADS, json.dumps(uploads).encode())
+        """Keep the ids of uploads for after a crash, or on a full disk until then."""
+        self._unwritten[pair.folder] = dict(uploads)
+        with _unless_full():
+            durable.replace(pair.folder / _UPLOADS, json.dumps(uploads).encode())
+            del self._unwritten[pair.folder]
 
     def remove(self, pair: SpooledPair) -> None:
         """Take out a pair that the service has."""
         gone = self._waiting / f"{_PARTIAL}{pair.folder.name}"
         pair.folder.rename(gone)
+        self._unwritten.pop(pair.folder, None)
         with contextlib.suppress(OSError):  # it waits no more, and the next start clears it
             durable.flush(self._waiting)
             shutil.rmtree(gone)
@@ -195,11 +202,13 @@ class Spool:
         return self._put_aside(pair.folder, reason)
 
     def _put_aside(self, folder: Path, reason: str) -> Path:
-        durable.replace(folder / _REASON, f"{reason}\n".encode())
+        with _unless_full():
+            durable.replace(folder / _REASON, f"{reason}\n".encode())
         target = self._aside / folder.name
         if target.exists():  # somebody has moved a pair back by hand, and copied it
             target = self._aside / f"{folder.name}-{uuid.uuid4().hex[:8]}"
         folder.rename(target)
+        self._unwritten.pop(folder, None)
         durable.flush(self._aside)
         durable.flush(self._waiting)
         return target
@@ -211,3 +220,13 @@ class Spool:
     def _next_number(self) -> int:
         numbers = [each.name.partition("-")[0] for each in self._folders()]
         return 1 + max((int(number) for number in numbers if number.isdecimal()), default=0)
+
+
+@contextlib.contextmanager
+def _unless_full() -> Iterator[None]:
+    """Do without what a full disk does not take: pairs that leave it are what makes room."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in durable.FULL:
+            raise

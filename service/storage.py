@@ -19,8 +19,8 @@ from obstore.exceptions import BaseError, GenericError
 from obstore.store import LocalStore, ObjectStore, S3Store, from_url
 
 from service import durable
+from service.durable import FULL
 from service.errors import StorageFullError
-from service.patience import FULL
 
 _CHUNK = 1024 * 1024
 _PUTS = 4  # at a time, whatever number of threads stores: each holds pieces in memory

@@ -14,6 +14,7 @@ from starlette.routing import Match
 
 from service import metrics
 from service.api.headers import DEFAULTS, METHODS
+from service.durable import FULL
 from service.errors import (
     BusyError,
     EndedError,
@@ -30,7 +31,6 @@ from service.errors import (
     UnauthorizedError,
     UnreadyError,
 )
-from service.patience import FULL
 from service.problems import (
     DATABASE_AWAY,
     INTERNAL,

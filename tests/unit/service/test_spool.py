@@ -173,6 +173,44 @@ def test_uploads_are_remembered(spool: Spool, folder: Path) -> None:
     again.close()
 
 
+def test_a_full_disk_keeps_no_pair_from_leaving(
+    spool: Spool, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pairs = [spool.add(shot, PAIR, {}) for shot in ("sent", "refused")]
+
+    def replace(_path: Path, _data: bytes) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as full:
+        full.setattr(durable, "replace", replace)
+        for number, pair in enumerate(pairs):
+            spool.note_uploads(pair, {"no_flash": str(number)})
+        assert [spool.uploads(pair) for pair in pairs] == [{"no_flash": "0"}, {"no_flash": "1"}]
+        spool.remove(pairs[0])
+        place = spool.put_aside(pairs[1], "The pair is black.")
+    assert place == folder / "aside" / pairs[1].folder.name
+    assert spool.first() is None
+    again = spool.add("anew", PAIR, {})
+    assert spool.uploads(again) == {}
+    spool.note_uploads(again, {"flash": "2"})
+    assert json.loads((again.folder / "uploads.json").read_bytes()) == {"flash": "2"}
+
+
+@pytest.mark.parametrize("number", [5, 30])
+def test_another_fault_of_the_disk_is_one(
+    spool: Spool, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    def replace(_path: Path, _data: bytes) -> None:
+        raise OSError(number, "fault")
+
+    pair = spool.add("shot", PAIR, {})
+    monkeypatch.setattr(durable, "replace", replace)
+    with pytest.raises(OSError, match="fault"):
+        spool.note_uploads(pair, {"flash": "1"})
+    with pytest.raises(OSError, match="fault"):
+        spool.put_aside(pair, "reason")
+
+
 def test_a_pair_put_aside_stays_with_its_reason(spool: Spool, folder: Path) -> None:
     for _ in range(2):  # the second one as if the first had been copied back
         pair = spool.add("shot", PAIR, {})
