@@ -44,9 +44,14 @@ def _escape_or_replace(error: UnicodeError) -> tuple[str | bytes, int]:
 def run(arguments: Sequence[str]) -> int:
     """Run a command and give its exit code; without arguments, show what there is."""
     try:
-        return _run(arguments)
-    except KeyboardInterrupt:
+        return _run_or_explain(arguments)
+    except KeyboardInterrupt:  # also while a failure is being explained
         return 130
+
+
+def _run_or_explain(arguments: Sequence[str]) -> int:
+    try:
+        return _run(arguments)
     except Exception as error:
         if ended := signals.exit_code():
             return ended

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from service.cli import run
+
 HEARD = """
 import signal
 for number in (signal.SIGTERM, signal.SIGHUP):  # whatever the tests themselves ignore
@@ -109,3 +111,14 @@ def test_signals_that_are_ignored_stay_so(tmp_path: Path) -> None:
         [sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path, check=True
     )
     assert done.stdout == "None\n"
+
+
+def test_ctrl_c_ends_in_silence_also_while_a_failure_is_explained(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    def explain(_error: Exception) -> tuple[str, int]:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("service.cli.explain.explain", explain)
+    assert run(["capture", "nowhere://", "-o", str(tmp_path / "pair")]) == 130
+    assert capsys.readouterr() == ("", "")
