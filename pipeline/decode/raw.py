@@ -11,6 +11,7 @@ import rawpy
 from pipeline.decode.bayer import bayer_mosaic
 from pipeline.decode.demosaic import demosaic
 from pipeline.decode.dng_crop import shown_part
+from pipeline.decode.dng_values import refuse_misread
 from pipeline.decode.linear import clipped, clipped_photosites, to_linear
 from pipeline.decode.metadata import Metadata, read_metadata
 from pipeline.decode.quiet import muted
@@ -79,13 +80,15 @@ def read_raw(data: bytes, orientation: int | None = None) -> RawPicture:
     has a choice by DHT, which does not suffer from channels without white balance either.
     adjust_maximum_thr must be 0: LibRaw otherwise scales every frame by its own maximum, which
     gives the two frames of a pair two gains. Raises UnsuitableError for floats above the white
-    level and for a compression that LibRaw does not know, and rawpy's errors.
+    level, for values that LibRaw would take for others (see refuse_misread) and for a compression
+    that it does not know, and rawpy's errors.
     """
     if exceeds_white(data):  # LibRaw scales each of such files by its own maximum
         raise UnsuitableError(
             "is a DNG of floats with values above its white level: save it as a TIFF or an "
             "OpenEXR of floats."
         )
+    refuse_misread(data)
     metadata = read_metadata(data)
     with muted(), rawpy.imread(io.BytesIO(data)) as raw:
         _unpack(raw)
@@ -110,8 +113,9 @@ def read_raw(data: bytes, orientation: int | None = None) -> RawPicture:
                 adjust_maximum_thr=0.0,
                 user_flip=0,
             )
+            white = 65535.0 if channels is None else _linear_white(raw)
     if mosaic is None:
-        samples = Samples(values if part is None else values[part], 65535.0, turn)
+        samples = Samples(values if part is None else values[part], white, turn)
         pixels, saturated = to_linear(samples, srgb=False), clipped(samples, raw=True)
     matrix = known if _tells_colours(known) else dng_matrix(data)
     if matrix is not None and not _tells_colours(matrix):
@@ -127,6 +131,17 @@ def _unpack(raw: rawpy.RawPy) -> None:
             "is a RAW file of a kind or compression that is not read: convert it to an "
             "uncompressed or lossless DNG."
         ) from error
+
+
+def _linear_white(raw: rawpy.RawPy) -> float:
+    """Return the value of white, where it is least, in LibRaw's 16 bits of a linear DNG.
+
+    It divides by the white level less the least of four levels of black. The fourth may be that of
+    no colour, and 0, while the other three are taken away.
+    """
+    levels = raw.black_level_per_channel
+    most = raw.white_level - max(levels)
+    return 65535.0 * most / (raw.white_level - min(levels)) if most > 0 else 65535.0
 
 
 def _tells_colours(matrix: Matrix) -> bool:

@@ -28,12 +28,12 @@ logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # it tells the termina
 
 _PHOTOMETRIC = 262
 _GREY, _RGB, _YCBCR = 1, 2, 6
-_CFA, _LINEAR_RAW = 32803, 34892
+_CFA, LINEAR_RAW = 32803, 34892
 _CMYK = 5
 _NO_SENSOR = (0, 3, 4, _CMYK, 8, 9, 10, 32844, 32845)
 """White as 0, palette, mask, CMYK, three kinds of Lab, and LogLuv with and without its colours."""
-_SIGNED, _FLOATS = 2, 3
-_WHITE_LEVEL = 50717
+_SIGNED, FLOATS = 2, 3
+WHITE_LEVEL = 50717
 _DNG_VERSION = 50706
 _COLOR_MATRICES = ((50721, 50778), (50722, 50779))
 """Tags of the two matrices and of the lights they are for, the second nearer to daylight."""
@@ -76,7 +76,7 @@ def holds_raw(data: bytes) -> bool:
     with _opened(data) as file:
         pages = list(_pages(file))
         if any(
-            page.photometric in (_CFA, _LINEAR_RAW) or _DNG_VERSION in page.tags for page in pages
+            page.photometric in (_CFA, LINEAR_RAW) or _DNG_VERSION in page.tags for page in pages
         ):
             return True
         if any(_shows(page) for page in pages):
@@ -189,6 +189,20 @@ def in_planes(data: bytes) -> bool:
     return page is not None and page.planarconfig == _PLANES and page.samplesperpixel > 1
 
 
+@contextmanager
+def raw_pages(data: bytes) -> Iterator[list[TiffPage]]:
+    """Open a file for its directories of full pictures of a sensor's or linear raw values.
+
+    Raises what tifffile raises.
+    """
+    with _opened(data) as file:
+        yield [
+            page
+            for page in _pages(file)
+            if page.photometric in (_CFA, LINEAR_RAW) and not page.subfiletype & _REDUCED
+        ]
+
+
 def linear_raw_channels(data: bytes) -> int | None:
     """Channels of the full picture of a linear DNG; None for any other file."""
     page = _linear_raw(data)
@@ -198,13 +212,10 @@ def linear_raw_channels(data: bytes) -> int | None:
 def _linear_raw(data: bytes) -> TiffPage | None:
     """Directory of the full picture of a linear DNG, None for any other file."""
     try:
-        with _opened(data) as file:
-            for page in _pages(file):
-                if page.photometric == _LINEAR_RAW and not page.subfiletype & _REDUCED:
-                    return page
+        with raw_pages(data) as pages:
+            return next((page for page in pages if page.photometric == LINEAR_RAW), None)
     except Exception:  # not a TIFF, or one that only LibRaw understands
         return None
-    return None
 
 
 def exceeds_white(data: bytes) -> bool:
@@ -213,11 +224,10 @@ def exceeds_white(data: bytes) -> bool:
     False for any other file, without a look at its pixels.
     """
     try:
-        with _opened(data) as file:
-            for page in _pages(file):
-                is_raw = page.photometric in (_CFA, _LINEAR_RAW)
-                if is_raw and page.sampleformat == _FLOATS and not page.subfiletype & _REDUCED:
-                    white = np.max(page.tags.valueof(_WHITE_LEVEL, 1))
+        with raw_pages(data) as pages:
+            for page in pages:
+                if page.sampleformat == FLOATS:
+                    white = np.max(page.tags.valueof(WHITE_LEVEL, 1))
                     return bool(page.asarray(maxworkers=1).max() > white)
     except Exception:  # not a TIFF, or one that only LibRaw understands
         return False
