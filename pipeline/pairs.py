@@ -46,7 +46,7 @@ def read_shot(data: bytes) -> Shot:
 
 
 def find_pairs(shots: Mapping[str, Shot]) -> Pairs:
-    """Pair photographs of one camera and size, one with the flash and one without.
+    """Pair photographs of one camera, kind and size, one with the flash and one without.
 
     The nearest in time belong together, at most LONGEST_GAP_S apart; each is in one pair. What is
     left over of two bursts is none: between its photographs the camera took a pair.
@@ -89,13 +89,14 @@ def _encloses(
 
 
 def _alike(one: Shot, other: Shot) -> bool:
-    """Whether two are of one camera and size, whichever of them was taken with the flash."""
+    """Whether two are of one camera, kind and size, whichever was taken with the flash."""
     same_size = one.header.size == read_alike(one.header, other.header).size
-    return _camera(one) == _camera(other) and same_size
+    same_kind = one.header.kind == other.header.kind
+    return _camera(one) == _camera(other) and same_kind and same_size
 
 
-def _camera(shot: Shot) -> tuple[str, str]:
-    return shot.metadata.make, shot.metadata.model
+def _camera(shot: Shot) -> tuple[str, str, str]:
+    return shot.metadata.make, shot.metadata.model, shot.metadata.serial
 
 
 def _fired(shot: Shot) -> bool:

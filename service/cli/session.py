@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
-from pipeline.decode.signatures import kind_of
+from pipeline.decode.signatures import Kind, kind_of
 from pipeline.errors import InputError, reason_of
 from pipeline.options import Options
 from pipeline.pairs import Pairs, find_pairs, read_shot
@@ -25,6 +25,8 @@ from service.cli.keeping import kept_for
 from service.cli.shooting import RECIPE, say
 
 _NO_FLASH, _FLASH = "_no_flash.", "_flash."
+_HOLD_LESS: Mapping[Kind | None, int] = {"JPEG": 0, "HEIF": 1}
+"""Kinds of which cameras write one beside their RAW file, and phones both, by what they hold."""
 _LARGEST = 2**30  # bytes; the largest cameras write a third of that
 REFUSED = 2
 """Exit code when a pair could not be separated, or a file is in none as it could not be read."""
@@ -79,7 +81,7 @@ def _pairs_of(folder: Path, output: Path) -> Pairs:
         raise InputError(f"The folder {folder} cannot be read: {reason_of(error)}.") from error
     shots = {}
     unreadable: dict[str, str] = {}
-    jpegs: set[str] = set()
+    holds: dict[str, int] = {}
     for path in listed:
         printable = path.name.encode(errors="backslashreplace").decode()
         if printable != path.name:  # their results could not be named after them
@@ -103,10 +105,12 @@ def _pairs_of(folder: Path, output: Path) -> Pairs:
             known = kind_of(data) is not None
             unreadable[path.name] = _DAMAGED if known else "it is no photograph"
             continue
-        if kind_of(data) == "JPEG":
-            jpegs.add(path.name)
-    stems = {Path(name).stem for name in shots if name not in jpegs}
-    twins = {name for name in jpegs if Path(name).stem in stems}
+        holds[path.name] = _HOLD_LESS.get(kind_of(data), len(_HOLD_LESS))
+    most: dict[str, int] = {}  # of all files of a name, whose case cards and programs change
+    for name, much in holds.items():
+        stem = Path(name).stem.casefold()
+        most[stem] = max(most.get(stem, 0), much)
+    twins = {name for name, much in holds.items() if much < most[Path(name).stem.casefold()]}
     named = _pairs_by_name(name for name in shots if name not in twins)
     rest = shots.keys() - twins - {name for pair in named for name in pair}
     found = find_pairs({name: shots[name] for name in shots if name in rest})

@@ -7,6 +7,7 @@ import pytest
 from pipeline import pairs
 from pipeline.decode import Header
 from pipeline.decode.metadata import Metadata
+from pipeline.decode.signatures import Kind
 from pipeline.pairs import Shot, find_pairs, read_shot
 from tests.raw_files import cr3
 
@@ -18,11 +19,12 @@ def _shot(
     fired: bool | None,
     size: tuple[int, int] = (60, 40),
     orientation: int = 1,
+    kind: Kind = "JPEG",
     **facts: Any,
 ) -> Shot:
     facts = {"make": "Nikon", "model": "D5100", **facts}
     return Shot(
-        Metadata(taken_s=taken_s, flash_fired=fired, **facts), Header("JPEG", size, orientation)
+        Metadata(taken_s=taken_s, flash_fired=fired, **facts), Header(kind, size, orientation)
     )
 
 
@@ -69,12 +71,24 @@ def test_pairs_are_listed_in_time() -> None:
         (_shot(1, True, (50, 60), 6), False),
         (_shot(1, True, model="D3500"), False),
         (_shot(1, True, make="Canon"), False),
+        (_shot(1, True, serial="2"), False),
+        (_shot(1, True, kind="RAW"), False),
     ],
 )
 def test_what_belongs_together(other: Shot, belongs: bool) -> None:
     found = find_pairs({"a": _shot(0, False), "b": other})
     assert found.found == ([("a", "b")] if belongs else [])
     assert found.left == ({} if belongs else {"a": ALONE, "b": ALONE})
+
+
+def test_two_bodies_of_one_model_are_two_cameras() -> None:
+    shots = {
+        "a1": _shot(30, False, serial="1"),
+        "b1": _shot(31, True, serial="2"),
+        "a2": _shot(34, True, serial="1"),
+    }
+    found = find_pairs(shots)
+    assert (found.found, found.left) == ([("a1", "a2")], {"b1": ALONE})
 
 
 def test_what_says_too_little_is_left() -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pillow_heif
 import pytest
 from PIL import Image
 
@@ -188,21 +189,34 @@ def test_a_signal_that_a_loop_made_an_error_of_ends_all(
     assert tried == ["a pair"]
 
 
-def test_of_two_files_of_one_name_the_jpeg_is_left(
+@pytest.mark.parametrize(
+    ("more", "less"),
+    [
+        (("PNG", "n.png", "f.png"), [("JPEG", "n.jpg", "f.jpg")]),
+        (("PNG", "N.PNG", "F.PNG"), [("JPEG", "n.jpg", "f.jpg")]),
+        (("PNG", "n.png", "f.png"), [("HEIF", "N.HEIC", "F.HEIC"), ("JPEG", "n.jpg", "f.jpg")]),
+        (("HEIF", "n.heic", "f.heic"), [("JPEG", "n.JPG", "f.JPG")]),
+    ],
+    ids=["png and jpeg", "in other case", "png, heif and jpeg", "heif and jpeg"],
+)
+def test_of_files_of_one_name_the_one_that_holds_most_counts(
     photograph: Photograph,
     separated: list[tuple[bool, bool]],
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
+    more: tuple[str, str, str],
+    less: list[tuple[str, str, str]],
 ) -> None:
-    for kind, suffix in (("JPEG", "jpg"), ("PNG", "png")):
-        photograph(f"n.{suffix}", 1, False, kind)
-        photograph(f"f.{suffix}", 2, True, kind)
+    pillow_heif.register_heif_opener()
+    for kind, no_flash, flash in (more, *less):
+        photograph(no_flash, 1, False, kind)
+        photograph(flash, 2, True, kind)
     assert _separate(tmp_path, "--json") == 0
-    assert separated == [(True, True)]
+    assert len(separated) == 1
     told = json.loads(capsys.readouterr().out)
-    assert [(one["no_flash"], one["flash"]) for one in told["pairs"]] == [("n.png", "f.png")]
+    assert [(one["no_flash"], one["flash"]) for one in told["pairs"]] == [more[1:]]
     beside = "another file of this name holds more of the photograph"
-    assert told["left"] == {"f.jpg": beside, "n.jpg": beside}
+    assert told["left"] == {name: beside for _, *names in less for name in names}
 
 
 def test_pairs_of_one_name_keep_their_endings(
