@@ -25,7 +25,7 @@ logging.getLogger("exifread").setLevel(logging.CRITICAL)  # it tells the termina
 _MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 _FULL_FRAME_DIAGONAL_MM = math.hypot(36.0, 24.0)
 
-_UNCALIBRATED, _ADOBE_RGB = 0xFFFF, "R03"
+_ADOBE_RGB, _UNCALIBRATED, _ADOBE_RGB_INDEX = 2, 0xFFFF, "R03"
 _LONGEST_TEXT = 64
 _ISO_NAMES = ("EXIF ISOSpeedRatings", "EXIF PhotographicSensitivity", "Image ISOSpeedRatings")
 _ISO_FURTHER_NAMES = (
@@ -51,7 +51,7 @@ class Metadata:
     orientation: 1–8 as EXIF 2.32 defines it. focal_35mm: equivalent focal length in mm.
     focal_plane: focal length as a share of the picture's long side, from the resolution of the
     focal plane. taken_s: when, in seconds by the camera's own clock, whatever its time zone.
-    adobe_rgb: the values are Adobe RGB, as DCF 2.0 has it.
+    adobe_rgb: the values are Adobe RGB.
     """
 
     exposure: Exposure = field(default_factory=Exposure)
@@ -107,8 +107,7 @@ def read_metadata(data: bytes) -> Metadata:
         focal_35mm=_within(_FOCAL_MM, tags, "EXIF FocalLengthIn35mmFilm"),
         focal_plane=_focal_plane(tags),
         taken_s=_taken(tags),
-        adobe_rgb=_number(tags, "EXIF ColorSpace") == _UNCALIBRATED
-        and _text(tags, "Interoperability InteroperabilityIndex") == _ADOBE_RGB,
+        adobe_rgb=_is_adobe_rgb(tags),
     )
 
 
@@ -133,6 +132,13 @@ def _read(block: bytes) -> dict[str, Any]:
     with io.BytesIO(block) as file:
         tags: dict[str, Any] = exifread.process_file(file, details=False, extract_thumbnail=False)
     return tags
+
+
+def _is_adobe_rgb(tags: dict[str, Any]) -> bool:
+    """Whether values are Adobe RGB: as DCF 2.0 has it, or by a number of no standard."""
+    space = _number(tags, "EXIF ColorSpace")
+    index = _text(tags, "Interoperability InteroperabilityIndex")
+    return space == _ADOBE_RGB or (space == _UNCALIBRATED and index == _ADOBE_RGB_INDEX)
 
 
 def _taken(tags: dict[str, Any]) -> float | None:

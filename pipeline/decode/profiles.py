@@ -31,6 +31,8 @@ _LEAST_AREA = 0.01
 """Twice that of the triangle of primaries in CIE xy; sRGB has 0.22."""
 _UNNAMED_PRIMARIES = (1, 2)
 """Colour primaries of Rec. ITU-T H.273: those of sRGB, and unspecified."""
+_LINEAR_TRANSFER = 8
+"""Of its transfer characteristics."""
 
 
 def embedded_profile(data: bytes) -> bytes | None:
@@ -46,14 +48,17 @@ def embedded_profile(data: bytes) -> bytes | None:
 
 
 def nclx_profile(nclx: Mapping[str, Any]) -> bytes | None:
-    """Build the profile of a HEIF `nclx` description; its curve is taken as that of sRGB."""
+    """Build the profile of a HEIF `nclx` description; a curve is taken as that of sRGB."""
+    curve: Literal["linear", "srgb"] = (
+        "linear" if nclx.get("transfer_characteristics") == _LINEAR_TRANSFER else "srgb"
+    )
     if nclx.get("color_primaries", 2) in _UNNAMED_PRIMARIES:
-        return None
+        return matrix_profile("nclx", SRGB_PRIMARIES, curve) if curve == "linear" else None
     red, green, blue = (
         (nclx[f"color_primary_{name}_x"], nclx[f"color_primary_{name}_y"])
         for name in ("red", "green", "blue")
     )
-    return matrix_profile("nclx", (red, green, blue), "srgb")
+    return matrix_profile("nclx", (red, green, blue), curve)
 
 
 def profile_of_chromaticities(

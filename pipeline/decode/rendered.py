@@ -27,6 +27,7 @@ from pipeline.decode.samples import (
     inverse,
     refuse_grey,
     refuse_hdr,
+    refuse_premultiplied,
     to_rgb,
     transparent,
     upright,
@@ -143,14 +144,17 @@ def read_heif(data: bytes, own: int = 1, orientation: int | None = None) -> Samp
 
     EXIF orientation says nothing here: ISO/IEC 23008-12 turns pictures by `irot` and `imir`.
     But cameras write both alike: own, that of EXIF, is taken back for another orientation.
-    Raises ValueError and what libheif raises.
+    Raises UnsuitableError for a grey picture and for colours that a transparency has darkened,
+    ValueError and what libheif raises.
     """
     image = _open_heif(data)
     decoded = np.asarray(image)
+    if decoded.dtype != np.uint8:  # 10 and 12 bits come shifted up to 16: fill the rest
+        decoded = decoded | decoded >> image.info["bit_depth"]
+    white = float(np.iinfo(decoded.dtype).max)
     values, empty = to_rgb(decoded), transparent(decoded)
-    if values.dtype != np.uint8:  # 10 and 12 bits come shifted up to 16: fill the rest
-        values = values | values >> image.info["bit_depth"]
-    white = float(np.iinfo(values.dtype).max)
+    if image.premultiplied_alpha:
+        refuse_premultiplied(decoded[..., 3], white)
     profile = image.info.get("icc_profile") or nclx_profile(image.info.get("nclx_profile") or {})
     if orientation is not None and orientation != own:
         back = inverse(own)

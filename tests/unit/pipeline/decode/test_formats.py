@@ -211,6 +211,21 @@ def test_heif_of_8_bits_is_srgb(codes: Codes) -> None:
     assert np.abs(frame.pixels - linear(codes)).max() < 0.03
 
 
+@pytest.mark.parametrize("primaries", [1, 2, 9])
+def test_heif_that_names_linear_values_is_linear(codes: Codes, primaries: int) -> None:
+    file = io.BytesIO()
+    told = {"color_primaries": primaries, "transfer_characteristics": 8}
+    image = pillow_heif.from_bytes("RGB", (codes.shape[1], codes.shape[0]), codes.tobytes())
+    image.save(file, quality=100, chroma=444, **told)
+
+    frame = decode(file.getvalue())
+
+    assert (frame.encoding, frame.profiled) == ("linear", True)
+    grey = frame.pixels[:] @ [0.2126, 0.7152, 0.0722]
+    weights = [0.2627, 0.6780, 0.0593] if primaries == 9 else [0.2126, 0.7152, 0.0722]
+    np.testing.assert_allclose(grey, codes / 255 @ weights, atol=0.02)
+
+
 def test_heif_of_10_bits_is_srgb_and_its_white_is_1() -> None:
     values = np.full((64, 64, 3), 65535, np.uint16)
     values[32:] = 65535 // 2

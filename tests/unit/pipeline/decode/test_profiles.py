@@ -125,7 +125,7 @@ ADOBE_TO_SRGB = np.array([[1.3984, -0.3984, 0.0], [0.0, 1.0, 0.0], [0.0, -0.0429
 
 @pytest.mark.parametrize(
     ("color_space", "index", "adobe"),
-    [(0xFFFF, "R03", True), (0xFFFF, "R98", False), (1, "R03", False), (0xFFFF, None, False)],
+    [(0xFFFF, "R03", True), (0xFFFF, "R98", False), (0xFFFF, None, False), (2, None, True)],
 )
 def test_jpeg_of_a_camera_set_to_adobe_rgb_tells_so_by_exif(
     codes: NDArray[np.uint8],

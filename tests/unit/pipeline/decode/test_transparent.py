@@ -15,6 +15,7 @@ from PIL import Image as PillowImage
 
 from pipeline.decode import decode
 from pipeline.decode.samples import upright
+from pipeline.errors import UnreadableImageError
 
 Codes = NDArray[np.uint8]
 Write = Callable[..., bytes]
@@ -38,9 +39,9 @@ def corner() -> NDArray[np.bool_]:
     return mask
 
 
-def heif(values: NDArray[Any], **options: Any) -> bytes:
+def heif(values: NDArray[Any], mode: str = "RGBA", **options: Any) -> bytes:
     file = io.BytesIO()
-    image = pillow_heif.from_bytes("RGBA", (values.shape[1], values.shape[0]), values.tobytes())
+    image = pillow_heif.from_bytes(mode, (values.shape[1], values.shape[0]), values.tobytes())
     image.save(file, quality=-1, chroma=444, **options)
     return file.getvalue()
 
@@ -65,6 +66,22 @@ def test_what_is_transparent_is_empty_in_any_kind_and_depth(
         np.testing.assert_array_equal(frame.empty, corner)
         np.testing.assert_array_equal(frame.unusable, corner | frame.saturated)
         assert not frame.saturated[:24, :32].any()
+
+
+@pytest.mark.parametrize("depth", [8, 10])
+def test_heif_colours_multiplied_by_their_transparency_are_refused(
+    cut_out: Codes, depth: int
+) -> None:
+    """Where nothing is transparent, they are those of the light."""
+    values = cut_out if depth == 8 else cut_out.astype(np.uint16) * 257
+    mode = "RGBa" if depth == 8 else "RGBa;16"
+
+    with pytest.raises(UnreadableImageError, match="its colours are multiplied by that: save it"):
+        decode(heif(values, mode))
+
+    values[..., 3] = values.max()
+    whole = heif(values[..., :3].copy(), mode.replace("a", ""))
+    np.testing.assert_array_equal(decode(heif(values, mode)).pixels[:], decode(whole).pixels[:])
 
 
 def test_the_transparent_colour_of_a_palette_is_empty() -> None:
