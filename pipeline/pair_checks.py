@@ -132,14 +132,14 @@ def check_light(no_flash: Frame, flash: Frame) -> None:
 
 def check_colours(no_flash: Frame, flash: Frame) -> None:
     """Raise UnusablePairError where both photographs are grey, saved in colour though they are."""
-    if _colourless(no_flash) and _colourless(flash):
+    if is_grey(no_flash) and is_grey(flash):
         raise UnusablePairError(
             "The two photographs are grey, but lamps are told apart by their colours: send colour "
             "photographs."
         )
 
 
-def _colourless(frame: Frame) -> bool:
+def is_grey(frame: Frame) -> bool:
     """Whether the channels agree within two code values wherever a file's pixels are not clipped.
 
     Sensor values never do. False where all are clipped, which is told as that.

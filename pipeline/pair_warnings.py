@@ -11,6 +11,7 @@ from pipeline.align import Alignment
 from pipeline.area_means import area_means
 from pipeline.exposure import ExposureRatio, darkening
 from pipeline.frames import Frame, Photograph
+from pipeline.pair_checks import FLASH, NO_FLASH, is_grey
 from pipeline.run_warnings import Code, RunWarning
 from pipeline.steadiness import Ratios, bands
 
@@ -42,10 +43,19 @@ def orientation_warnings(no_flash: Frame, flash: Frame) -> list[RunWarning]:
 def rendering_warnings(no_flash: Frame, flash: Frame, ratio: float) -> list[RunWarning]:
     """What a camera's rendering to sRGB may have done to one photograph and not to the other."""
     warnings = []
-    if no_flash.auto_white_balance and flash.auto_white_balance:
+    grey = [is_grey(no_flash), is_grey(flash)]
+    if any(grey) and not all(grey):
         message = (
-            "The camera balanced the white of each photograph by itself, so their colours may "
-            "differ by more than the flash: lock the white balance, or send RAW files."
+            f"The {NO_FLASH if grey[0] else FLASH} is grey, the other one coloured: if its colours "
+            "were taken out, no layer is right. Send both as the camera made them in colour."
+        )
+        warnings.append(RunWarning(Code.ONE_GREY, message))
+    if no_flash.auto_white_balance or flash.auto_white_balance:
+        both = no_flash.auto_white_balance and flash.auto_white_balance
+        message = (
+            f"The camera balanced the white of {'each' if both else 'one'} photograph by itself, "
+            "so their colours may differ by more than the flash: lock the white balance, or send "
+            "RAW files."
         )
         warnings.append(RunWarning(Code.AUTO_WHITE_BALANCE, message))
     if abs(np.log2(ratio)) > _EXPOSURES_DIFFER:

@@ -21,6 +21,7 @@ class Code(StrEnum):
     EXPOSURE_MISMATCH = "exposure_mismatch"
     RENDERED_SRGB = "rendered_srgb"
     AUTO_WHITE_BALANCE = "auto_white_balance"
+    ONE_GREY = "one_grey"
     RENDERED_EXPOSURES_DIFFER = "rendered_exposures_differ"
     MOVED = "moved"
     LIGHT_CHANGED = "light_changed"

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from pipeline.frames import Exposure, Frame
 from pipeline.options import Options
 from pipeline.pair import make_pair
+from pipeline.pair_warnings import rendering_warnings
 from pipeline.progress import Progress
 from pipeline.run_warnings import RunWarning
 
@@ -49,6 +51,34 @@ def test_rendering_that_may_differ_is_warned_of(
     assert len(warnings) == len(said)
     for warning, start in zip(warnings, said, strict=True):
         assert warning.message.startswith(start)
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_white_that_was_balanced_in_one_alone_is_warned_of(
+    frames: Callable[..., tuple[Frame, Frame]], which: int
+) -> None:
+    both = list(frames(encoding="srgb", auto_white_balance=False))
+    both[which] = replace(both[which], auto_white_balance=True)
+
+    (warning,) = warned((both[0], both[1]), 1.0)
+
+    assert warning.code == "auto_white_balance"
+    assert warning.message.startswith("The camera balanced the white of one photograph by itself")
+
+
+@pytest.mark.parametrize(("which", "name"), [(0, "without"), (1, "with")])
+def test_one_photograph_without_colour_is_told(
+    frames: Callable[..., tuple[Frame, Frame]], which: int, name: str
+) -> None:
+    both = list(frames(encoding="srgb"))
+    green = np.asarray(both[which].pixels[..., 1:2])
+    both[which] = replace(both[which], pixels=np.repeat(green, 3, axis=2))
+
+    warnings = rendering_warnings(both[0], both[1], 1.0)
+
+    assert [warning.code for warning in warnings] == ["one_grey"]
+    assert warnings[0].message.startswith(f"The photograph {name} the flash is grey, the other")
+    assert rendering_warnings(both[which], both[which], 1.0) == []
 
 
 def test_linear_values_may_be_exposed_as_they_like(
