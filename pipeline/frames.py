@@ -120,6 +120,7 @@ class Frame:
     empty: bool (H, W), true where the file is transparent and shows nothing; None where nowhere.
     profiled: the file says by a linear profile what colours it holds; they became linear sRGB.
     orientation: EXIF's, 1–8, by which the sensor's picture was turned.
+    baseline_ev: BaselineExposure of a DNG, by how many stops its values are shown brighter.
     written_orientation: what the file says of it, which is another where it was read as the other
         photograph of its pair.
     """
@@ -138,6 +139,7 @@ class Frame:
     xyz_to_camera: Matrix | None = None
     compression: Noise | None = None
     profiled: bool = False
+    baseline_ev: float = 0.0
     empty: Mask | None = None
     orientation: int = 1
     written_orientation: int = 1

@@ -20,6 +20,7 @@ from pipeline.pair_checks import check_belonging, check_colours, check_flash_add
 from pipeline.pair_warnings import (
     NOTABLE_MOTION,
     alignment_warnings,
+    baseline_warnings,
     copy_warnings,
     darkening_warnings,
     orientation_warnings,
@@ -115,6 +116,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
         white=white,
         warnings=(
             *orientation_warnings(no_flash, flash),
+            *baseline_warnings(no_flash, flash, written),
             *(rendering_warnings(no_flash, flash, written.value) if rendered else ()),
             *alignment_warnings(laid.alignment),
             *held.warnings,

@@ -40,6 +40,21 @@ def orientation_warnings(no_flash: Frame, flash: Frame) -> list[RunWarning]:
     return [RunWarning(Code.ORIENTATIONS_DIFFER, message, figures)]
 
 
+def baseline_warnings(no_flash: Frame, flash: Frame, ratio: ExposureRatio) -> list[RunWarning]:
+    """Tell of two DNGs that may hold their light on two scales, unless a ratio was given."""
+    apart = no_flash.baseline_ev - flash.baseline_ev
+    if ratio.source == "option" or abs(apart) <= _EXPOSURES_DIFFER:
+        return []
+    other = float(ratio.value * 2**apart)
+    message = (
+        f"By their BaselineExposure the two DNGs are shown differently bright by {abs(apart):.2g} "
+        "stops, so that whoever wrote them may have scaled one. A ratio of the exposures of "
+        f"{ratio.value:.3g} was taken: if layers look wrong, pass {other:.3g}."
+    )
+    figures = {"ratio": ratio.value, "ratio_by_baseline": other}
+    return [RunWarning(Code.EXPOSURE_MISMATCH, message, figures)]
+
+
 def rendering_warnings(no_flash: Frame, flash: Frame, ratio: float) -> list[RunWarning]:
     """What a camera's rendering to sRGB may have done to one photograph and not to the other."""
     warnings = []

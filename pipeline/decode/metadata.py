@@ -51,7 +51,7 @@ class Metadata:
     orientation: 1–8 as EXIF 2.32 defines it. focal_35mm: equivalent focal length in mm.
     focal_plane: focal length as a share of the picture's long side, from the resolution of the
     focal plane. taken_s: when, in seconds by the camera's own clock, whatever its time zone.
-    adobe_rgb: the values are Adobe RGB.
+    adobe_rgb: the values are Adobe RGB. baseline_ev: BaselineExposure of a DNG, in stops.
     """
 
     exposure: Exposure = field(default_factory=Exposure)
@@ -65,6 +65,7 @@ class Metadata:
     focal_plane: float | None = None
     taken_s: float | None = None
     adobe_rgb: bool = False
+    baseline_ev: float = 0.0
 
     def focal_px(self, width: int, height: int) -> float | None:
         """Focal length in pixels of a frame of this size, None where unknown.
@@ -108,6 +109,7 @@ def read_metadata(data: bytes) -> Metadata:
         focal_plane=_focal_plane(tags),
         taken_s=_taken(tags),
         adobe_rgb=_is_adobe_rgb(tags),
+        baseline_ev=_number(tags, "Image Tag 0xC62A") or 0.0,  # which exifread has no name for
     )
 
 

@@ -108,6 +108,7 @@ def decode(
         xyz_to_camera=read.xyz_to_camera,
         compression=read.compression,
         profiled=read.profiled,
+        baseline_ev=metadata.baseline_ev,
         empty=read.empty,
         orientation=orientation or header.orientation,
         written_orientation=header.orientation,

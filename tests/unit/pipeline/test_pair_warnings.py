@@ -53,6 +53,21 @@ def test_rendering_that_may_differ_is_warned_of(
         assert warning.message.startswith(start)
 
 
+def test_dngs_that_may_be_scaled_are_warned_of_unless_a_ratio_is_given(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    no_flash, flash = frames(encoding="raw")
+    flash = replace(flash, baseline_ev=1.0)
+
+    (warning,) = warned((no_flash, flash))
+
+    assert warning.code == "exposure_mismatch"
+    assert warning.figures == {"ratio": 1.0, "ratio_by_baseline": 0.5}
+    assert warning.message.startswith("By their BaselineExposure the two DNGs are shown")
+    assert warned((no_flash, flash), 1.0) == ()
+    assert warned((replace(no_flash, baseline_ev=1.0), flash)) == ()
+
+
 @pytest.mark.parametrize("which", [0, 1])
 def test_white_that_was_balanced_in_one_alone_is_warned_of(
     frames: Callable[..., tuple[Frame, Frame]], which: int

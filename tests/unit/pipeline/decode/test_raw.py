@@ -121,6 +121,15 @@ def test_facts_come_from_the_raw_files_own_directories(dng_file: Callable[..., b
     assert (frame.exposure.f_number, frame.exposure.iso) == (4, 200)
 
 
+def test_the_baseline_of_a_dng_is_known_and_not_applied(dng_file: Callable[..., bytes]) -> None:
+    truth = ramp()
+
+    frame = decode(dng_file(mosaic(truth), more=((50730, "2i", 1, (-3, 2)),)))
+
+    assert frame.baseline_ev == -1.5
+    np.testing.assert_array_equal(frame.pixels, decode(dng_file(mosaic(truth))).pixels)
+
+
 def test_linear_dngs_are_read(tiff_file: Callable[..., bytes]) -> None:
     truth = ramp()
     values = np.rint(truth * 65535).astype(np.uint16)
