@@ -113,7 +113,7 @@ def read_raw(data: bytes, orientation: int | None = None) -> RawPicture:
                 adjust_maximum_thr=0.0,
                 user_flip=0,
             )
-            white = 65535.0 if channels is None else _linear_white(raw)
+            white = 65535.0 if linear_raw_channels(data) is None else _linear_white(raw)
     if mosaic is None:
         samples = Samples(values if part is None else values[part], white, turn)
         pixels, saturated = to_linear(samples, srgb=False), clipped(samples, raw=True)
