@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib.metadata
 import os
 import platform
@@ -30,13 +29,11 @@ from service.errors import StartError, StorageFullError
 from service.object_keys import DATABASE_ID
 from service.opening import DATABASE_FULL, WRONG_ADDRESS, open_storage
 from service.problems import cause_of
+from service.room import larger_than_disk
 from service.sentences import sentence_of
 from service.settings import Settings
 from service.storage import Storage
-
-_PREFIX = "LIGHTLAYERS_"
-_NOT_SETTINGS = ("LIGHTLAYERS_SPECTRA", "LIGHTLAYERS_MAX_PIXELS", "LIGHTLAYERS_KEY")
-"""Variables that are read elsewhere."""
+from service.variables import PREFIX, mistyped
 
 _CLOCKS_APART_SECONDS = 5  # this machine's and the database's
 _OPEN_FILES = 1024  # each connection and photograph takes one
@@ -71,15 +68,11 @@ def _versions() -> Finding:
 
 
 def _variables() -> Iterator[Finding]:
-    known = [_PREFIX + name.upper() for name in Settings.model_fields] + [*_NOT_SETTINGS]
-    strange = sorted(name for name in os.environ if name.startswith(_PREFIX) and name not in known)
-    endings = [name.removeprefix(_PREFIX) for name in known]
-    for name in strange:
-        near = difflib.get_close_matches(name.removeprefix(_PREFIX), endings, 1)
-        advice = f"did you mean {_PREFIX}{near[0]}?" if near else "take it out."
-        yield Finding("wrong", "variables", f"{name} is no setting; {advice}")
-    if not strange:
-        yield Finding("ok", "variables", f"every {_PREFIX}… variable is a setting.")
+    sentences = mistyped()
+    for sentence in sentences:
+        yield Finding("wrong", "variables", sentence)
+    if not sentences:
+        yield Finding("ok", "variables", f"every {PREFIX}… variable is a setting.")
 
 
 def _folder(settings: Settings) -> Iterator[Finding]:
@@ -247,11 +240,14 @@ def _belonging(settings: Settings) -> Iterator[Finding]:
 
 def _room(storage: Storage, settings: Settings) -> Iterator[Finding]:
     try:
-        free = storage.free_bytes()
+        free, size = storage.free_bytes(), storage.disk_bytes()
     except BaseError as error:
         yield Finding("wrong", "store's disk", f"{cause_of(error)}: see what lies at its place.")
         return
-    if free is None:  # on no disk of ours
+    if free is None or size is None:  # on no disk of ours
+        return
+    if size < settings.free_bytes:
+        yield Finding("wrong", "store's disk", larger_than_disk(settings, size))
         return
     said = f"{free / 2**30:.1f} GiB are free for photographs and results"
     if free < settings.free_bytes:
@@ -365,7 +361,7 @@ def _port(part: str, host: str, port: int, setting: str, ours: Callable[[str], b
             "wrong",
             part,
             f"{port} of {host} cannot be listened on ({reason_of(error)}): set another "
-            f"{_PREFIX}{setting}.",
+            f"{PREFIX}{setting}.",
         )
 
 

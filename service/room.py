@@ -6,7 +6,7 @@ import sqlalchemy as sa
 
 from pipeline.errors import counted
 from service import quotas, waiting
-from service.errors import QueueFullError, StorageFullError
+from service.errors import QueueFullError, StartError, StorageFullError
 from service.settings import Settings
 from service.storage import Storage
 
@@ -40,6 +40,21 @@ def check_disk(settings: Settings, storage: Storage) -> None:
         raise StorageFullError(
             "The store of photographs is nearly full; delete jobs, or send this one again later."
         )
+
+
+def check_setting(settings: Settings, storage: Storage) -> None:
+    """Raise StartError when no job could ever be taken, be the store's disk as empty as it may."""
+    size = storage.disk_bytes()
+    if size is not None and size < settings.free_bytes:
+        raise StartError(larger_than_disk(settings, size))
+
+
+def larger_than_disk(settings: Settings, size: int) -> str:
+    """Say that a disk of so many bytes never has as much free as is to be left free."""
+    return (
+        f"LIGHTLAYERS_FREE_BYTES is {settings.free_bytes}, and the store's disk has {size} in all, "
+        "so that every job would be refused: write less, or leave the variable out."
+    )
 
 
 def _full(wait: str, queued: int, coming: int, limit: int) -> str:

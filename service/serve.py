@@ -19,7 +19,7 @@ import uvicorn
 from obstore.exceptions import BaseError
 
 from pipeline.errors import reason_of
-from service import belonging, keys, logs, metrics, processes, tracing, uploads
+from service import belonging, keys, logs, metrics, processes, room, tracing, uploads
 from service.api import create_app
 from service.api.context import Context, open_context
 from service.connections import PatientProtocol
@@ -27,8 +27,11 @@ from service.database import AWAY
 from service.errors import StartError
 from service.problems import cause_of
 from service.settings import Settings
+from service.variables import mistyped
 
-_RESTART_SECONDS = 1.0  # before a worker that has ended is started again
+_RESTART_SECONDS = 1.0  # twice as long after each start in vain, up to the second
+_LONGEST_RESTART_SECONDS = 60.0
+_LASTING_SECONDS = 10.0  # a worker that lived for so long had begun
 _STOP_SECONDS = 20.0  # a worker takes up to 15
 _HEAD_BYTES = 32 * 1024  # of a request
 _MEMORY_POOLS = 2  # see share_memory
@@ -43,6 +46,8 @@ def serve(settings: Settings, worker: bool) -> None:
     """
     processes.share_memory(_MEMORY_POOLS)
     logs.configure()
+    for sentence in mistyped():
+        log.warning("%s", sentence)
     tracing.configure("api")
     with contextlib.ExitStack() as stack:
         listener = stack.enter_context(_listener(settings))
@@ -50,6 +55,7 @@ def serve(settings: Settings, worker: bool) -> None:
             _check_metrics(settings, listener)
         context = stack.enter_context(open_context(settings))
         _check_keys(context)
+        _check_room(context)
         metrics.serve(settings, context.engine)
         context.fork_server.start()
         _remove_expired(context)
@@ -138,6 +144,11 @@ def _check_metrics(settings: Settings, listener: socket.socket) -> None:
         )
 
 
+def _check_room(context: Context) -> None:
+    with contextlib.suppress(BaseError):  # a disk that does not tell is the first request's matter
+        room.check_setting(context.settings, context.storage)
+
+
 def _remove_expired(context: Context) -> None:
     try:
         ours = belonging.claim(context.engine, context.storage)  # before its first job is stored
@@ -184,7 +195,9 @@ def _keep_worker(settings: Settings, stop: threading.Event) -> None:
     }
     if settings.metrics_port is not None:  # that one is taken
         environment["LIGHTLAYERS_METRICS_PORT"] = str(settings.metrics_port + 1)
+    pause, told = _RESTART_SECONDS, None
     while not stop.is_set():
+        began = time.monotonic()
         process = subprocess.Popen(
             [sys.executable, "-m", "service.worker", str(os.getpid())],
             env=environment,
@@ -194,7 +207,18 @@ def _keep_worker(settings: Settings, stop: threading.Event) -> None:
         while process.poll() is None and not stop.wait(0.2):
             pass
         if process.returncode is not None:
-            log.error("the worker ended with code %s; starting another", process.returncode)
-            stop.wait(_RESTART_SECONDS)
+            if time.monotonic() - began >= _LASTING_SECONDS:
+                pause, told = _RESTART_SECONDS, None
+            if process.returncode != told:
+                told = process.returncode
+                log.error(
+                    "the worker ended with code %s; starting another in %g s, and ever less often, "
+                    "each %g s at last, while they end so at once",
+                    told,
+                    pause,
+                    _LONGEST_RESTART_SECONDS,
+                )
+            stop.wait(pause)
+            pause = min(2 * pause, _LONGEST_RESTART_SECONDS)
             continue
         processes.end(process, _STOP_SECONDS)

@@ -66,6 +66,19 @@ def _check_switch(text: str | None) -> str | None:
     return text
 
 
+def _at_least(least: float, why: str) -> AfterValidator:
+    """Refuse less, with which the service would start and not work; why: what would not."""
+
+    def check(value: float) -> float:
+        if value < least:
+            raise ValueError(
+                f"{value:g} is too little, {why}: write {least} or more, or leave the variable out"
+            )
+        return value
+
+    return AfterValidator(check)
+
+
 def _check_silence(seconds: float, info: ValidationInfo) -> float:
     heartbeat = info.data.get("heartbeat_seconds", 0.0)
     if seconds < 2 * heartbeat:
@@ -129,12 +142,13 @@ class Settings(BaseSettings):
         le=_MOST,
         description="Requests answered at a time (concurrent requests); more are refused with 503.",
     )
-    pause_seconds: float = Field(
+    pause_seconds: Annotated[
+        float, _at_least(1, "for a network may hold a connection up for as long")
+    ] = Field(
         default=30,
-        ge=_SHORTEST,
         le=86400,
         description="Longest pause within a request or an answer before the connection is given "
-        "up (idle timeout), in seconds.",
+        "up (idle timeout), in seconds: 1 at least.",
     )
     metrics_host: Annotated[str, AfterValidator(_check_host)] = Field(
         default="127.0.0.1", description="Address that Prometheus metrics are served on."
@@ -160,23 +174,24 @@ class Settings(BaseSettings):
     flash_settle_seconds: float = Field(
         default=1, ge=0, le=60, description="How long such a flash takes to obey, in seconds."
     )
-    operator_seconds: float = Field(
+    operator_seconds: Annotated[float, _at_least(1, "for nobody switches a flash in it")] = Field(
         default=300,
-        ge=_SHORTEST,
         le=86400,
-        description="How long a job waits for its operator to switch the flash, in seconds.",
+        description="How long a job waits for its operator to switch the flash, in seconds: 1 at "
+        "least.",
     )
-    upload_bytes: int = Field(
+    upload_bytes: Annotated[int, _at_least(MIB, "for no photograph fits in it")] = Field(
         default=512 * MIB,
-        gt=0,
         le=_MOST,
-        description="Largest accepted request, and largest upload, in bytes.",
+        description="Largest accepted request, and largest upload, in bytes: 1 MiB at least.",
     )
-    upload_seconds: float = Field(
+    upload_seconds: Annotated[
+        float, _at_least(60, "for uploads would be gone before a job names them")
+    ] = Field(
         default=86400,
-        ge=_SHORTEST,
         le=31536000,
-        description="How long an upload that no job has used is kept after its last byte came.",
+        description="How long an upload that no job has used is kept after its last byte came, in "
+        "seconds: 60 at least.",
     )
     queued_jobs: int = Field(
         default=4000,
@@ -215,14 +230,16 @@ class Settings(BaseSettings):
         le=_MOST,
         description="Files that one job's process may have open at a time.",
     )
-    job_output_bytes: int = Field(
+    job_output_bytes: Annotated[
+        int, _at_least(16 * MIB, "for the results of no photograph fit in it")
+    ] = Field(
         default=16384 * MIB,
-        gt=0,
         le=_MOST,
-        description="What one job may write: all of its photographs and results, in bytes.",
+        description="What one job may write: all of its photographs and results, in bytes: 16 MiB "
+        "at least.",
     )
-    job_seconds: float = Field(
-        default=900, ge=_SHORTEST, le=86400, description="Longest run of one job, in seconds."
+    job_seconds: Annotated[float, _at_least(5, "for no job of a camera ends in it")] = Field(
+        default=900, le=86400, description="Longest run of one job, in seconds: 5 at least."
     )
     patience_seconds: float = Field(
         default=300,
@@ -239,11 +256,12 @@ class Settings(BaseSettings):
         description="How often a worker looks for a job, in seconds; on PostgreSQL, for one of a "
         "camera that is on no host's USB, no more than once a second.",
     )
-    heartbeat_seconds: float = Field(
+    heartbeat_seconds: Annotated[
+        float, _at_least(0.1, "for the database would have nothing else to do")
+    ] = Field(
         default=3,
-        ge=_SHORTEST,
         le=86400,
-        description="How often a worker says that it lives, in seconds.",
+        description="How often a worker says that it lives, in seconds: 0.1 at least.",
     )
     drain_seconds: float = Field(
         default=0,
@@ -258,12 +276,15 @@ class Settings(BaseSettings):
         le=86400,
         description="How long requests may still take once the port is closed, in seconds.",
     )
-    silence_seconds: Annotated[float, AfterValidator(_check_silence)] = Field(
+    silence_seconds: Annotated[
+        float,
+        _at_least(1, "for workers that live are silent for as long"),
+        AfterValidator(_check_silence),
+    ] = Field(
         default=15,
-        ge=_SHORTEST,
         le=86400,
         description="Silence after which others take a worker's jobs over (heartbeat timeout), in "
-        "seconds: two heartbeats at least.",
+        "seconds: two heartbeats and 1 at least.",
     )
     webhook_private: Annotated[str, AfterValidator(_check_networks)] = Field(
         default="false",
@@ -271,11 +292,10 @@ class Settings(BaseSettings):
         "all of them.",
     )
     webhook_https: bool = Field(default=False, description="Refuse webhooks without https.")
-    webhook_seconds: float = Field(
+    webhook_seconds: Annotated[float, _at_least(1, "for few servers answer in it")] = Field(
         default=15,
-        ge=_SHORTEST,
         le=86400,
-        description="What telling a webhook may take in all, in seconds.",
+        description="What telling a webhook may take in all, in seconds: 1 at least.",
     )
     webhook_retry_seconds: float = Field(
         default=5,

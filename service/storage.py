@@ -189,12 +189,11 @@ class Storage:
 
     def free_bytes(self) -> int | None:
         """Tell how much more fits on the disk, None for S3. Raises GenericError."""
-        if self._folder is None:
-            return None
-        try:
-            return shutil.disk_usage(self._folder).free
-        except OSError as error:
-            raise GenericError("the disk does not tell its free space") from error
+        return None if self._folder is None else _disk(self._folder)[1]
+
+    def disk_bytes(self) -> int | None:
+        """Tell how large the disk is, None for S3. Raises GenericError."""
+        return None if self._folder is None else _disk(self._folder)[0]
 
     def check(self) -> None:
         """Ask the store for something. Raises what the store's client raises when it is away."""
@@ -231,6 +230,15 @@ def _room() -> Iterator[None]:
                 "The disk that photographs and results are kept on is full; try again later."
             ) from error
         raise
+
+
+def _disk(folder: Path) -> tuple[int, int]:
+    """Size of a folder's disk and what of it is free, in bytes. Raises GenericError."""
+    try:
+        usage = shutil.disk_usage(folder)
+        return usage.total, usage.free
+    except OSError as error:
+        raise GenericError("the disk does not tell its free space") from error
 
 
 def _newest(folder: Path) -> float:

@@ -126,11 +126,15 @@ def worker() -> None:
     from service import logs
     from service.cli import signals
     from service.settings import Settings
-    from service.worker import run_until_signal
+    from service.variables import mistyped
+    from service.worker import log, run_until_signal
 
+    settings = Settings()
     signals.leave_hangup()
     logs.configure()
-    run_until_signal(Settings())
+    for sentence in mistyped():
+        log.warning("%s", sentence)
+    run_until_signal(settings)
 
 
 @app.command()

@@ -24,8 +24,8 @@ def _send(service: Any, no_flash: bytes, flash: bytes) -> Any:
             "out-of-memory",
             "more memory",
         ),
-        ({"job_seconds": 1.5}, "width=1500&height=1000", "timed-out", "took longer than"),
-        ({"job_output_bytes": 100_000}, "width=128&height=96", "output-too-large", "are larger"),
+        ({"job_seconds": 5}, "width=4000&height=3000", "timed-out", "took longer than"),
+        ({"job_output_bytes": 16 * MIB}, "width=900&height=600", "output-too-large", "are larger"),
     ],
 )
 def test_a_job_that_wants_more_than_it_may_have_fails_with_that_reason(

@@ -20,7 +20,7 @@ from service.cli import run
 from service.doctor import Finding, examine
 from service.errors import StorageFullError
 from service.opening import WRONG_ADDRESS, open_database
-from service.settings import Settings
+from service.settings import MIB, Settings
 from service.storage import Storage
 from tests.ports import free_port
 
@@ -33,7 +33,7 @@ def settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Settings:
     monkeypatch.setenv("LIGHTLAYERS_PORT", str(free_port()))
     monkeypatch.setenv("LIGHTLAYERS_DATA_DIR", str(tmp_path / "data"))
     monkeypatch.setenv("LIGHTLAYERS_FREE_BYTES", "0")
-    monkeypatch.setenv("LIGHTLAYERS_UPLOAD_BYTES", "1000")
+    monkeypatch.setenv("LIGHTLAYERS_UPLOAD_BYTES", str(MIB))
     return Settings()
 
 
@@ -216,7 +216,7 @@ def _disks(look: Look) -> dict[str, str | None]:
 def test_a_full_disk_is_told_of_the_store_as_of_where_requests_are_received(
     look: Look, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    free = {tmp_path / "data": 5000, tmp_path / "elsewhere": 500}
+    free = {tmp_path / "data": 5 * MIB, tmp_path / "elsewhere": 500}
     monkeypatch.setenv("LIGHTLAYERS_STORE_URL", (tmp_path / "elsewhere").as_uri())
     monkeypatch.setenv("LIGHTLAYERS_FREE_BYTES", "400")
     usage = shutil.disk_usage("/")
@@ -225,10 +225,21 @@ def test_a_full_disk_is_told_of_the_store_as_of_where_requests_are_received(
     monkeypatch.setenv("LIGHTLAYERS_FREE_BYTES", "600")
     assert _disks(look) == {"disk": "ok", "store's disk": "wrong"}
     assert "new jobs are refused" in look()["store's disk"].sentence
-    monkeypatch.setenv("LIGHTLAYERS_UPLOAD_BYTES", "6000")
+    monkeypatch.setenv("LIGHTLAYERS_UPLOAD_BYTES", str(6 * MIB))
     monkeypatch.setenv("LIGHTLAYERS_FREE_BYTES", "400")
     assert _disks(look) == {"disk": "note", "store's disk": "ok"}
     assert "large requests" in look()["disk"].sentence
+
+
+def test_more_free_space_than_the_disk_has_is_told(
+    look: Look, settings: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings.data_dir.mkdir(mode=0o700)
+    size = shutil.disk_usage(settings.data_dir).total
+    monkeypatch.setenv("LIGHTLAYERS_FREE_BYTES", str(size + 1))
+    found = look()["store's disk"]
+    assert found.grade == "wrong"
+    assert found.sentence.startswith(f"LIGHTLAYERS_FREE_BYTES is {size + 1}, and the store's disk")
 
 
 def test_full_disks_are_findings_among_others(look: Look, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import asyncio
+import json
+import shutil
 import signal
 import socket
 import subprocess
@@ -18,9 +20,10 @@ from service.api import create_app
 from service.api.context import Context
 from service.errors import StartError
 from service.opening import open_database
-from service.serve import _remove_expired, _Server, serve
+from service.serve import _keep_worker, _remove_expired, _Server, serve
 from service.settings import Settings
 from service.storage import Storage
+from tests.ports import free_port
 from tests.unit.service.full_disk import full_disk
 
 
@@ -97,6 +100,92 @@ def test_a_start_beside_the_store_of_another_database_removes_nothing(context: C
     context.storage.put("uploads/anothers/000-x", b"light")
     _remove_expired(context)
     assert context.storage.list("") == ["uploads/anothers/000-x"]
+
+
+def test_a_service_that_would_refuse_every_job_does_not_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    usage = shutil.disk_usage("/")
+    monkeypatch.setattr("shutil.disk_usage", lambda _path: usage._replace(total=10**9))
+    with pytest.raises(StartError) as caught:
+        serve(Settings(data_dir=tmp_path, port=0, free_bytes=10**9 + 1), worker=False)
+    assert str(caught.value) == (
+        "LIGHTLAYERS_FREE_BYTES is 1000000001, and the store's disk has 1000000000 in all, so that "
+        "every job would be refused: write less, or leave the variable out."
+    )
+
+
+class _Stop(threading.Event):
+    """Notes the waits between starts, and is set after so many."""
+
+    def __init__(self, waits: int) -> None:
+        super().__init__()
+        self.seconds: list[float | None] = []
+        self._waits = waits
+
+    def wait(self, timeout: float | None = None) -> bool:
+        self.seconds.append(timeout)
+        if len(self.seconds) == self._waits:
+            self.set()
+        return self.is_set()
+
+
+class _Ended:
+    """A worker that has ended once it is looked at."""
+
+    def __init__(self, code: int) -> None:
+        self.returncode = code
+
+    def poll(self) -> int:
+        return self.returncode
+
+
+def _waits(
+    codes: list[int], lives: list[float], monkeypatch: pytest.MonkeyPatch
+) -> list[float | None]:
+    """Have a worker end with these codes, after so many seconds; what is waited for in between."""
+    ends, stop = iter(codes), _Stop(len(codes))
+    times = iter([time for life in lives for time in (0.0, life)])
+    monkeypatch.setattr("subprocess.Popen", lambda *_call, **_named: _Ended(next(ends)))
+    monkeypatch.setattr("service.serve.time.monotonic", lambda: next(times))
+    _keep_worker(Settings(), stop)
+    return stop.seconds
+
+
+def test_a_worker_that_ends_at_once_is_started_ever_less_often_and_told_once(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    waits = _waits([1] * 9, [0.5] * 9, monkeypatch)
+    assert waits == [1, 2, 4, 8, 16, 32, 60, 60, 60]
+    (record,) = caplog.records
+    assert record.getMessage().startswith("the worker ended with code 1; starting another in 1 s")
+
+
+def test_a_worker_that_had_begun_is_started_anew_within_a_second(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    waits = _waits([1, 1, -9, -9, 1], [0.5, 0.5, 0.5, 3600, 0.5], monkeypatch)
+    assert waits == [1, 2, 4, 1, 2]
+    told = [record.getMessage().partition(";")[0] for record in caplog.records]
+    assert told == [f"the worker ended with code {code}" for code in (1, -9, -9, 1)]
+
+
+def test_a_variable_that_is_no_setting_is_told_at_the_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LIGHTLAYERS_JOB_SECOND", "secret")
+    monkeypatch.setenv("LIGHTLAYERS_DATA_DIR", str(tmp_path / "file"))
+    (tmp_path / "file").write_text("no folder, so that both end at once")
+    for command in (["serve", "--port", str(free_port())], ["worker"]):
+        done = subprocess.run(
+            [sys.executable, "-m", "service.cli", *command], capture_output=True, text=True
+        )
+        line = json.loads(done.stderr.splitlines()[0])
+        assert (line["level"], line["message"]) == (
+            "warning",
+            "LIGHTLAYERS_JOB_SECOND is no setting; did you mean LIGHTLAYERS_JOB_SECONDS?",
+        )
+        assert "secret" not in done.stderr
 
 
 def test_a_worker_is_told_to_stop_before_the_last_requests_are_waited_for(

@@ -100,6 +100,33 @@ def test_a_setting_out_of_range_is_refused(
         Settings()
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "told"),
+    [
+        ("UPLOAD_BYTES", "1", "for no photograph fits in it: write 1048576 or more"),
+        ("JOB_OUTPUT_BYTES", "1", "for the results of no photograph fit in it: write 16777216 or"),
+        ("JOB_SECONDS", "4.9", "for no job of a camera ends in it: write 5 or more"),
+        ("PAUSE_SECONDS", "0.9", "write 1 or more"),
+        ("OPERATOR_SECONDS", "0.9", "write 1 or more"),
+        ("WEBHOOK_SECONDS", "0.9", "write 1 or more"),
+        ("UPLOAD_SECONDS", "59", "write 60 or more"),
+        ("HEARTBEAT_SECONDS", "0.09", "write 0.1 or more"),
+        ("SILENCE_SECONDS", "0.9", "write 1 or more"),
+    ],
+)
+def test_what_could_not_work_is_refused_with_what_can(
+    name: str, value: str, told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LIGHTLAYERS_HEARTBEAT_SECONDS", "0.1")
+    monkeypatch.setenv(f"LIGHTLAYERS_{name}", value)
+    with pytest.raises(ValidationError) as caught:
+        Settings()
+    sentence = sentence_of(caught.value)
+    assert sentence.startswith(f"{name.lower()}: {value} is too little, ")
+    assert told in sentence
+    assert sentence.endswith(", or leave the variable out.")
+
+
 _PLACES = ("DATA_DIR", "CALIBRATIONS_DIR", "DATABASE_URL", "STORE_URL", "HOST", "METRICS_HOST")
 
 
@@ -125,9 +152,10 @@ def test_a_place_that_is_empty_is_none(
         ("QUEUED_JOBS", 1),
         ("QUEUED_JOBS_PER_KEY", 1),
         ("REQUESTS", 1),
-        ("UPLOAD_BYTES", 1),
+        ("UPLOAD_BYTES", 2**20),
         ("JOB_MEMORY_BYTES", 2**30),
-        ("JOB_OUTPUT_BYTES", 1),
+        ("JOB_OUTPUT_BYTES", 2**24),
+        ("JOB_SECONDS", 5),
         ("WORKER_CONCURRENCY", 1),
         ("FREE_BYTES", 0),
         ("SWEEP_SECONDS", 1),
