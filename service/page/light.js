@@ -29,6 +29,7 @@ export class Light {
     this.lamps = [...preview.channels.keys()].filter((name) => name.endsWith(".R")).length;
     this.split = 0;
     this.marked = false;
+    this.drawn = () => {}; // called with every picture that is drawn
     const gl = hasGraphicsCard(Math.max(...this.size)) ? open(canvas, signal) : null;
     this._painter = gl
       ? new Graphics(gl, preview, this.lamps)
@@ -56,6 +57,12 @@ export class Light {
   show(now, before) {
     this._now = now;
     this._before = before;
+    this.draw();
+  }
+
+  /** Mark the places whose layers were filled in, or no longer. */
+  mark(on) {
+    this.marked = on;
     this.draw();
   }
 
@@ -88,6 +95,14 @@ export class Light {
     const scale = this._scale(room);
     this._middle = held.map((value, axis) => value - (point[axis] - room[axis] / 2) / scale);
     this.draw();
+  }
+
+  /** Where the preview lies on the page: its corner from the canvas' one, and how long the side of one of its pixels is. */
+  place() {
+    const room = this._room();
+    const scale = this._scale(room);
+    const corner = this._corner(room, scale);
+    return { corner: corner.map((value) => value / devicePixelRatio), scale: scale / devicePixelRatio };
   }
 
   /** Move the picture by pixels of the page. */
@@ -179,6 +194,7 @@ export class Light {
     });
     this._coarse = coarse || !sharp;
     this._stale = false;
+    this.drawn();
   }
 
   /** Pixels of the screen that the canvas takes. */

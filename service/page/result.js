@@ -8,6 +8,7 @@ import { alarm, choice, h, isShortcut, say } from "./dom.js";
 import { readExr } from "./exr.js";
 import { filesOf } from "./files.js";
 import { keepMix, keepSplit, keptMix, keptSplit } from "./kept.js";
+import { knownForm } from "./known.js";
 import { Light } from "./light.js";
 import { lampMatrix, readPreset, untouched } from "./mix.js";
 import { relight } from "./relight.js";
@@ -31,7 +32,7 @@ export async function showResult(main, job, signal, again) {
     h("section", { className: "controls", "aria-label": "Lamps and files" }, desk),
   );
   const views = new Views(picture, bar, foot, job, signal);
-  let marks = null;
+  let light = null;
   if (manifest.mix && has("preview.exr")) {
     const wait = h("p", { className: "wait", textContent: "Loading the layers …" });
     picture.append(wait);
@@ -41,7 +42,7 @@ export async function showResult(main, job, signal, again) {
     try {
       const preview = readExr(await fetchBytes(`/jobs/${job.id}/results/preview.exr`, signal, came));
       if (signal.aborted) return;
-      marks = mixer(views, desk, preview, job, manifest, signal);
+      light = mixer(views, desk, preview, job, manifest, signal);
     } catch (error) {
       if (signal.aborted) return;
       views.add("mix", "Mix", alarm(error, again)); // where the picture would be, beside the other views
@@ -54,19 +55,20 @@ export async function showResult(main, job, signal, again) {
   if (has("normals.png")) views.addNormals(manifest.options.normals);
   views.start();
   const show = {
-    filled: marks && ((on) => (views.choose("mix"), marks(on))),
+    filled: light && ((on) => (views.choose("mix"), light.mark(on))),
     unexplained: has("residual.png") && (() => views.choose("residual.png")),
     lamps: has("gamma.png") && (() => views.choose("gamma.png")),
   };
   desk.append(
     ...warningsOf(manifest.warnings, show),
+    ...(light ? [knownForm(job, manifest, light, () => views.choose("mix"), signal)] : []),
     ...(manifest.lamps.length > 1 && !has("normals.png") ? [normalsForm(job, manifest, signal)] : []),
     h("details", {}, h("summary", { textContent: "Files" }), filesOf(job, signal)),
     actionsOf(job, signal),
   );
 }
 
-/** Strips, comparison, presets and rendering; gives what marks places that were filled in. */
+/** Strips, comparison, presets and rendering; gives the picture. */
 function mixer(views, desk, preview, job, manifest, signal) {
   const canvas = h("canvas", {
     id: "mix",
@@ -117,10 +119,7 @@ function mixer(views, desk, preview, job, manifest, signal) {
     problems,
   );
   draw();
-  return (on) => {
-    light.marked = on;
-    light.draw();
-  };
+  return light;
 }
 
 function comparison(light, job) {

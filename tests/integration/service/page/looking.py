@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Locator, Page, Route, expect
 
+from pipeline.encode.exr import ExrFile
 from pipeline.encode.png import NormalsPng
+from tests.layers import layers_of, planes_of
 
 SHOTS = Path(__file__).parents[4] / "build" / "page"
 """Where the tests leave what they have seen."""
@@ -109,6 +111,19 @@ def choose_normals(page: Page, job: dict[str, Any], png: bytes) -> None:
     page.route("**/normals.png", lambda route: route.fulfill(body=png))
     open_mixer(page, job)
     page.get_by_role("radio", name="Normals").check(force=True)
+
+
+def halve_preview(page: Page, service: Any, job: dict[str, Any], folder: Path) -> tuple[int, int]:
+    """Give a page a preview half as large as the photograph, whose size; folder: for its file."""
+    layers = layers_of(planes_of(result(service, job, "layers.exr")), 2)
+    size = layers.shape[2], layers.shape[1]
+    halved = layers.reshape(2, size[1] // 2, 2, size[0] // 2, 2, 3).mean((2, 4))
+    file = ExrFile(folder / "preview.exr", (size[0] // 2, size[1] // 2), half=True)
+    sure = np.ones(halved.shape[1:3], np.float32)
+    file.write({"lamp1": halved[0], "lamp2": halved[1], "Y": sure})
+    file.close()
+    page.route("**/preview.exr", lambda route: route.fulfill(path=folder / "preview.exr"))
+    return size
 
 
 def drawn(page: Page, name: str = "#mix") -> Locator:

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
 
-from pipeline.encode.exr import ExrFile
 from tests.integration.service.page.looking import (
     FACING,
     TWO_FRAMES,
     drawn,
+    halve_preview,
     open_mixer,
     open_normals,
     shown,
 )
-from tests.integration.service.page.test_drawing import UNTOLD, layers_of_job
+from tests.integration.service.page.test_drawing import UNTOLD
 
 LOSE = """(canvas) => new Promise((done) => {
   const lose = canvas.getContext("webgl2").getExtension("WEBGL_lose_context");
@@ -43,14 +43,7 @@ def test_the_mixer_comes_back(
     card: Page, done: dict[str, Any], service: Any, tmp_path: Path
 ) -> None:
     """With its detail: the preview is given half as large as the photograph."""
-    layers = layers_of_job(service, done)
-    size = layers.shape[2], layers.shape[1]
-    halved = layers.reshape(2, size[1] // 2, 2, size[0] // 2, 2, 3).mean((2, 4))
-    file = ExrFile(tmp_path / "preview.exr", (size[0] // 2, size[1] // 2), half=True)
-    sure = np.ones(halved.shape[1:3], np.float32)
-    file.write({"lamp1": halved[0], "lamp2": halved[1], "Y": sure})
-    file.close()
-    card.route("**/preview.exr", lambda route: route.fulfill(path=tmp_path / "preview.exr"))
+    size = halve_preview(card, service, done, tmp_path)
     canvas = open_mixer(card, done)
     before = shown(card, size)
     assert before.std() > 1
