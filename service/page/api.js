@@ -106,7 +106,8 @@ async function source(path, signal) {
 
 /** Save a result as a file, which is fetched first: a store that it redirects to might show it in place of the page.
  *
- * direct: what no store gives; without a key the browser fetches it by itself.
+ * direct: what no store gives; without a key the browser fetches it by itself. With one it cannot: a link sends
+ * no header, and a key in its address would stay in histories and logs.
  */
 export async function download(path, name, direct = false) {
   const link = document.createElement("a");

@@ -59,7 +59,10 @@ for (const link of document.querySelectorAll(".top a")) {
     if (link.hash !== (location.hash || "#/") || isShortcut(event) || event.shiftKey) return;
     event.preventDefault(); // no hash may change there, which were told
     if (link.hash === "#/") main.focus(); // what is filled in there stays
-    else arrive();
+    else {
+      history.replaceState(null, ""); // from its beginning
+      arrive();
+    }
   });
 }
 for (const type of ["dragover", "drop"]) {

@@ -9,10 +9,10 @@ import { ENDED } from "./watch.js";
 const FIRST = 48; // jobs that are shown at first
 const MOST = 200; // that may be asked for at once
 const AGAIN_MS = 10000; // until jobs of which some are under way are asked for again
+const STILL_MS = 100; // after it was scrolled; browsers take few notes of that a second
 
 export async function showJobs(main, signal) {
   const left = history.state; // where it was, if the user comes back
-  history.replaceState(null, "");
   const keepPlace = () => history.replaceState({ jobs: cards.size, y: scrollY }, "");
   const list = h("ul", { className: "jobs", onclick: keepPlace });
   const none = h("p", { hidden: true }, "There are none yet. ", h("a", { href: "#/", textContent: "Add two photographs." }));
@@ -44,11 +44,11 @@ export async function showJobs(main, signal) {
     older.hidden = !next;
     none.hidden = cards.size > 0;
   };
-  const attempt = single(async () => {
+  const tried = async () => {
     problems.replaceChildren();
-    await load().catch((error) => tellProblem(error, problems, signal));
-  });
-  const older = h("button", { type: "button", textContent: "Older jobs", hidden: true, onclick: attempt });
+    return load().then(() => true, (error) => tellProblem(error, problems, signal));
+  };
+  const older = h("button", { type: "button", textContent: "Older jobs", hidden: true, onclick: single(tried) });
   /** Show how jobs are now, those that were made meanwhile, and no longer those that are gone. */
   const refresh = async () => {
     const page = await get(`/jobs?limit=${Math.min(MOST, Math.max(FIRST, cards.size))}`);
@@ -65,7 +65,18 @@ export async function showJobs(main, signal) {
   };
   main.append(h("h1", { textContent: "Jobs" }), list, none, h("p", {}, older), problems);
   await load();
-  if (left && !signal.aborted) scrollTo(0, left.y);
+  while (cards.size < left?.jobs && next && !signal.aborted) {
+    if (!(await tried())) break; // those that came are shown
+  }
+  if (signal.aborted) return;
+  if (left) scrollTo(0, left.y);
+  let timer;
+  const scrolled = () => {
+    clearTimeout(timer);
+    timer = setTimeout(keepPlace, STILL_MS);
+  };
+  addEventListener("scroll", scrolled, { signal });
+  signal.addEventListener("abort", () => clearTimeout(timer)); // then it is the place of another view
   keepUp(refresh, () => [...cards.values()].some(({ job }) => !ENDED.includes(job.state)), problems, signal);
 }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from typing import Any
+from urllib.parse import parse_qs, urlsplit
 
 import pytest
 from playwright.sync_api import Locator, Page, Route, expect
@@ -109,6 +110,59 @@ def test_a_list_that_one_comes_back_to_is_where_it_was(page: Page, listed: Liste
     page.wait_for_function("scrollY === 0")
     expect(states(page)).to_have_count(60)
     assert page.evaluate("scrollY") == 0
+
+
+def test_a_list_is_where_it_was_whatever_way_one_comes_back(page: Page, listed: Listed) -> None:
+    """By the ways back and forth, or loaded anew: not by a job that was chosen alone."""
+    listed.jobs = [listed.job(number) for number in range(60)]
+    page.reload()
+    expect(states(page)).to_have_count(60)
+
+    def scroll(place: int) -> None:
+        page.evaluate("place => scrollTo(0, place)", place)
+        page.wait_for_function("place => history.state?.y === place", arg=place)
+
+    def expect_at(place: int) -> None:
+        expect(states(page)).to_have_count(60)
+        page.wait_for_function("place => Math.abs(scrollY - place) < 2", arg=place)
+
+    scroll(400)
+    page.reload()
+    expect_at(400)
+    page.locator(".jobs a").nth(20).click()
+    page.wait_for_url(re.compile(r"#/jobs/0+"))
+    page.go_back()
+    expect_at(page.evaluate("history.state.y"))
+    scroll(600)
+    page.go_forward()
+    page.wait_for_url(re.compile(r"#/jobs/0+"))
+    page.go_back()
+    expect_at(600)
+    page.get_by_role("link", name="Jobs").click()
+    expect_at(0)
+
+
+def test_a_list_that_one_comes_back_to_has_all_jobs_that_it_had(page: Page, listed: Listed) -> None:
+    """More than may be asked for at once."""
+    jobs = [{**listed.job(0), "id": f"{number:032x}"} for number in range(250)]
+
+    def answer(route: Route) -> None:
+        query = parse_qs(urlsplit(route.request.url).query)
+        start = int(query.get("after", ["0"])[0])
+        end = start + int(query["limit"][0])
+        more = f"/jobs?limit={query['limit'][0]}&after={end}" if end < len(jobs) else None
+        route.fulfill(json={"jobs": jobs[start:end], "next": more})
+
+    page.route(re.compile(r"/jobs\?"), answer)
+    page.reload()
+    for count in (48, 96, 144, 192):
+        expect(states(page)).to_have_count(count)
+        page.get_by_role("button", name="Older jobs").click()
+    expect(states(page)).to_have_count(240)
+    page.locator(".jobs a").nth(230).click()
+    page.wait_for_url(re.compile(r"#/jobs/0+"))
+    page.go_back()
+    expect(page.locator(".jobs a").nth(230)).to_be_in_viewport()
 
 
 def test_jobs_that_cannot_be_listed_are_tried_again(page: Page, listed: Listed) -> None:
