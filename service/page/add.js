@@ -1,9 +1,10 @@
 // Two photographs of a job to be: dropped, picked, taken by the phone, or by a connected camera.
 
-import { newOnce, upload } from "./api.js";
+import { newOnce, post } from "./api.js";
 import { showCameras } from "./cameras.js";
 import { alarm, bytes, h, hold, say, single } from "./dom.js";
 import { goTo, tellProblem } from "./notes.js";
+import { forget, sendFiles } from "./uploads.js";
 
 const FRAMES = [
   ["no_flash", "Without the flash", "Only the lamps of the room light it."],
@@ -93,16 +94,15 @@ export function showAdd(main, signal) {
     {
       className: "add",
       onsubmit: attempt(() => {
-        const body = new FormData();
-        for (const [frame] of FRAMES) body.append(frame, files[frame]);
-        body.append("options", JSON.stringify(options()));
+        const photographs = FRAMES.map(([frame]) => files[frame]);
+        const wanted = options();
         const canceled = new AbortController();
         cancel.onclick = () => canceled.abort();
         progress(0);
         occupy(true);
         say("The photographs are being sent.");
         draft = empty();
-        return staying(upload("/jobs", body, mine.once, progress, canceled.signal))
+        return staying(submit(photographs, wanted, mine.once, progress, canceled.signal))
           .catch((error) => {
             if (!Object.keys(draft.files).length) {
               draft = mine;
@@ -136,6 +136,18 @@ export function showAdd(main, signal) {
   };
   fill();
   showCameras(main, signal, attempt, options);
+}
+
+/** Send a pair, without and with the flash, and have a job made of it; gives the job. */
+async function submit(pair, options, once, sent, signal) {
+  const ids = await sendFiles(pair, sent, signal);
+  const uploads = Object.fromEntries(FRAMES.map(([frame], index) => [frame, ids[index]]));
+  try {
+    return await post("/jobs", { uploads, options }, once);
+  } catch (error) {
+    if (error.status === 400 || error.status === 422) forget(pair); // of any other the same may do
+    throw error;
+  }
 }
 
 /** Wait for what would be lost with the page, which the browser asks about meanwhile. */

@@ -117,49 +117,38 @@ export async function download(path, name, direct = false) {
   if (link.href.startsWith("blob:")) setTimeout(() => URL.revokeObjectURL(link.href), 60000);
 }
 
-/** Send a form; once: its Idempotency-Key. sent(fraction) is called while it is on its way. signal: gives it up, with an AbortError. */
-export async function upload(path, form, once, sent, signal) {
+/** Send bytes, as they are in a file. sent(bytes) is called while they are on their way. signal: gives it up, with an AbortError. */
+export async function sendPiece(path, headers, bytes, sent, signal) {
   for (;;) {
     const tried = key();
-    const answer = await send(path, form, once, sent, signal);
-    if (answer.status !== 401 || !(await otherKey(tried))) return parsed(answer);
+    const answer = await send(path, headers, bytes, sent, signal); // fetch would not tell how far it is
+    if (answer.status === 401 && (await otherKey(tried))) continue;
+    if (answer.status >= 400) throw new Problem(asJson(answer.responseText) ?? unknown(answer.status));
+    return;
   }
 }
 
-function send(path, form, once, sent, signal) {
+function send(path, headers, bytes, sent, signal) {
   return new Promise((resolve, reject) => {
     const call = new XMLHttpRequest();
-    call.open("POST", path);
-    call.setRequestHeader("Idempotency-Key", once);
+    call.open("PATCH", path);
+    for (const [name, value] of Object.entries(headers)) call.setRequestHeader(name, value);
     if (key()) call.setRequestHeader("Authorization", `Bearer ${key()}`);
-    call.upload.onprogress = (event) => sent(event.loaded / event.total);
+    call.upload.onprogress = (event) => sent(event.loaded);
     call.onload = () => resolve(call);
-    call.onerror = async () => reject(new Problem((await changedIn(form)) ?? AWAY));
+    call.onerror = () => reject(new Problem(AWAY));
     signal.onabort = () => (call.abort(), reject(signal.reason));
-    call.send(form);
+    call.send(bytes);
   });
 }
 
-/** The problem of a file that can be read no longer, since it is not what was chosen; null where all can. */
-async function changedIn(form) {
-  for (const file of form.values()) {
-    if (!(file instanceof File)) continue;
-    try {
-      await file.slice(0, 1).arrayBuffer();
-    } catch {
-      return { title: "A photograph has changed", detail: `${file.name} was changed or removed after it was chosen: choose it again.`, status: 0 };
-    }
-  }
-  return null;
+/** Whether a file can still be read, since it is what was chosen. */
+export async function isReadable(file) {
+  return file.slice(0, 1).arrayBuffer().then(() => true, () => false);
 }
 
-function parsed(call) {
-  const body = asJson(call.responseText);
-  if (call.status >= 400) throw new Problem(body ?? unknown(call.status));
-  return body;
-}
-
-async function request(path, init = {}) {
+/** Ask for something, with the key; gives the answer, which is no problem. */
+export async function request(path, init = {}) {
   for (;;) {
     const tried = key();
     const headers = { ...init.headers, ...(tried ? { Authorization: `Bearer ${tried}` } : {}) };

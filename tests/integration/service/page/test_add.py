@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 from PIL import Image
-from playwright.sync_api import FilePayload, Page, Route, expect
+from playwright.sync_api import FilePayload, Page, Response, Route, expect
 
 from tests.integration.service.page.looking import (
     COUNT_KEPT,
@@ -185,26 +185,36 @@ def test_a_name_from_right_to_left_stays_apart_from_its_size(page: Page) -> None
 
 
 def test_two_files_are_swapped_and_sent_so(page: Page, done: dict[str, Any]) -> None:
-    sent: list[str] = []
+    lengths: dict[str, str] = {}  # of files, by the ids of their uploads
+    sent: list[dict[str, str]] = []
 
-    def jobs(route: Any) -> None:
-        sent.append(route.request.post_data_buffer.decode())
+    def begun(answer: Response) -> None:
+        if answer.url.endswith("/uploads"):
+            upload = answer.headers["location"].rpartition("/")[2]
+            lengths[upload] = answer.request.headers["upload-length"]
+
+    def jobs(route: Route) -> None:
+        sent.append((route.request.post_data_json or {})["uploads"])
         route.fulfill(status=202, json=done)
 
+    page.on("response", begun)
     page.route(re.compile(r"/jobs$"), jobs)
     page.goto("/")
     swap = page.get_by_role("button", name="Swap")
-    for label, name in (("Without the flash", "1.dng"), ("With the flash", "2.dng")):
+    for label, name in (("Without the flash", "1.dng"), ("With the flash", "longer.dng")):
         expect(swap).to_be_disabled()
         choose = page.get_by_label(f"Choose a file: {label}")
         choose.set_input_files({"name": name, "mimeType": "", "buffer": name.encode()})
         expect(choose).to_have_value("")  # so that the same one can be chosen there again
     swap.click()
-    _expect_added(page, "2.dng", "1.dng")
+    _expect_added(page, "longer.dng", "1.dng")
     page.get_by_role("button", name="Separate the light").click()
     page.wait_for_url(re.compile(done["id"]))
-    parts = re.findall(r'name="(\w+)"; filename="([^"]+)"', sent[0])
-    assert parts == [("no_flash", "2.dng"), ("flash", "1.dng")]
+    (pair,) = sent
+    assert {frame: lengths[upload] for frame, upload in pair.items()} == {
+        "no_flash": str(len("longer.dng")),
+        "flash": str(len("1.dng")),
+    }
 
 
 def test_a_pair_whose_answer_got_lost_is_sent_again_as_the_same(page: Page) -> None:

@@ -96,11 +96,12 @@ def test_the_keyboard_stays_with_photographs_that_can_be_canceled_no_longer(page
           send.call(this, body);
         };"""
     )
-    page.route(re.compile(r"/jobs$"), lambda _: None)
+    page.route("**/uploads/*", lambda _: None)
     page.goto("/")
     drop(page, "Without the flash", "1.dng", "2.dng")
     send, cancel = (page.get_by_role("button", name=name) for name in ("Separate", "Cancel"))
-    send.click()
+    with page.expect_request("**/uploads/*"):
+        send.click()
     cancel.focus()
     page.evaluate("window.sent(2)")
     page.evaluate(TWO_FRAMES)

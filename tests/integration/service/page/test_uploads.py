@@ -1,0 +1,141 @@
+"""Photographs that are sent over a line that breaks, in a real browser on a real service."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from playwright.sync_api import FilePayload, Page, Route, expect
+
+PIECE = 8 * 2**20
+LONG, SHORT = bytes(20 * 2**20), b"x"  # without the flash, and with it
+
+QUICK = """
+  const later = setTimeout;
+  setTimeout = (work, time) => later(work, time / 100);
+"""
+"""A page that waits a hundredth of the time."""
+
+
+class Line:
+    """What lies between the uploads of a page and the service.
+
+    pieces: where those began that were sent. breaks: what becomes of a piece at this number, in
+    place of going through. cut: nothing goes through. uploads: of each request for a job.
+    """
+
+    def __init__(self, page: Page, done: dict[str, Any]) -> None:
+        self.pieces: list[int] = []
+        self.breaks: dict[int, Callable[[Route], None]] = {}
+        self.cut = False
+        self.uploads: list[dict[str, str]] = []
+        self._done = done
+        page.add_init_script(QUICK)
+        page.route("**/uploads/*", self._pass)
+        page.route(re.compile(r"/jobs$"), self._make)
+
+    def _pass(self, route: Route) -> None:
+        if route.request.method == "PATCH" and not self.cut:
+            self.pieces.append(int(route.request.headers["upload-offset"]))
+            if broken := self.breaks.get(len(self.pieces)):
+                broken(route)
+        if self.cut or (len(self.pieces) in self.breaks and route.request.method == "PATCH"):
+            route.abort()
+        else:
+            route.continue_()
+
+    def _make(self, route: Route) -> None:
+        self.uploads.append((route.request.post_data_json or {})["uploads"])
+        route.fulfill(status=202, json=self._done)
+
+
+@pytest.fixture
+def line(page: Page, done: dict[str, Any]) -> Line:
+    """A pair is chosen, of which the photograph without the flash comes in three pieces."""
+    line = Line(page, done)
+    page.goto("/")
+    files: list[FilePayload] = [
+        {"name": name, "mimeType": "image/jpeg", "buffer": data}
+        for name, data in (("a.jpg", LONG), ("b.jpg", SHORT))
+    ]
+    page.get_by_label("Choose a file: Without the flash").set_input_files(files)
+    return line
+
+
+def send(page: Page) -> None:
+    page.get_by_role("button", name="Separate the light").click()
+
+
+def expect_whole(page: Page, line: Line, service: Any, done: dict[str, Any]) -> None:
+    """One job of both photographs, all of which have come."""
+    page.wait_for_url(re.compile(done["id"]))
+    (uploads,) = line.uploads
+    for frame, data in (("no_flash", LONG), ("flash", SHORT)):
+        told = service.http.head(f"/uploads/{uploads[frame]}", headers={"Tus-Resumable": "1.0.0"})
+        assert told.headers["upload-offset"] == told.headers["upload-length"] == str(len(data))
+
+
+def test_a_piece_that_breaks_off_is_sent_again_alone(
+    page: Page, line: Line, service: Any, done: dict[str, Any]
+) -> None:
+    line.breaks[2] = lambda _: None
+    send(page)
+    expect_whole(page, line, service, done)
+    assert line.pieces == [0, PIECE, PIECE, 2 * PIECE, 0]
+
+
+def test_a_piece_whose_answer_got_lost_is_not_sent_again(
+    page: Page, line: Line, service: Any, done: dict[str, Any]
+) -> None:
+    def come(route: Route) -> None:
+        names = ("tus-resumable", "upload-offset", "content-type")
+        headers = {name: route.request.headers[name] for name in names}
+        service.http.patch(route.request.url, headers=headers, content=bytes(PIECE))
+
+    line.breaks[2] = come
+    send(page)
+    expect_whole(page, line, service, done)
+    assert line.pieces == [0, PIECE, 2 * PIECE, 0]
+
+
+@pytest.mark.parametrize("gone", [False, True], ids=["kept", "gone meanwhile"])
+def test_what_has_come_before_a_long_break_stays(
+    page: Page, line: Line, service: Any, done: dict[str, Any], gone: bool
+) -> None:
+    """Until the service removes it, as it does after a day: then it is sent anew."""
+    uploads: list[str] = []
+
+    def cut(route: Route) -> None:
+        uploads.append(route.request.url)
+        line.cut = True
+
+    line.breaks[2] = cut
+    send(page)
+    expect(page.get_by_role("alert")).to_contain_text("No connection")
+    assert line.uploads == []
+    if gone:
+        headers = {"Tus-Resumable": "1.0.0"}
+        service.http.delete(uploads[0], headers=headers).raise_for_status()
+    line.cut = False
+    send(page)
+    expect_whole(page, line, service, done)
+    again = [0, PIECE] if gone else [PIECE]
+    assert line.pieces == [0, PIECE, *again, 2 * PIECE, 0]
+
+
+def test_a_pair_that_is_refused_is_not_kept(page: Page, line: Line, service: Any) -> None:
+    """It would count among the bytes that a key may store."""
+    page.unroute(re.compile(r"/jobs$"))
+    with (
+        page.expect_request(re.compile(r"/jobs$")) as asked,
+        page.expect_response(lambda one: one.request.method == "DELETE"),
+    ):
+        send(page)
+    expect(page.get_by_role("alert")).to_contain_text("photograph without the flash")
+    uploads = (asked.value.post_data_json or {})["uploads"]
+    headers = {"Tus-Resumable": "1.0.0"}
+    told = service.http.head(f"/uploads/{uploads['no_flash']}", headers=headers)
+    assert told.status_code == 404
+    assert line.pieces == [0, PIECE, 2 * PIECE, 0]
