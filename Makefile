@@ -6,8 +6,8 @@ BUILD = buildah bud --isolation chroot --layers
 JOBS = 200
 FAULTS = 60
 SEED = 1
-# tests wait for services at times, so two workers more than processors, up to four
-WORKERS = $(shell n=$$(nproc); echo $$((n < 2 ? n + 2 : 4)))
+# tests wait for services at times, so one worker more than processors, up to four
+WORKERS = $(shell n=$$(nproc); echo $$((n < 3 ? n + 1 : 4)))
 BIN := .venv/bin
 INSTALLED := .venv/installed
 COMPILED := .venv/compiled

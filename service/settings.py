@@ -231,15 +231,15 @@ class Settings(BaseSettings):
         description="Files that one job's process may have open at a time.",
     )
     job_output_bytes: Annotated[
-        int, _at_least(16 * MIB, "for the results of no photograph fit in it")
+        int, _at_least(MIB, "for the results of no photograph fit in it")
     ] = Field(
         default=16384 * MIB,
         le=_MOST,
-        description="What one job may write: all of its photographs and results, in bytes: 16 MiB "
+        description="What one job may write: all of its photographs and results, in bytes: 1 MiB "
         "at least.",
     )
-    job_seconds: Annotated[float, _at_least(5, "for no job of a camera ends in it")] = Field(
-        default=900, le=86400, description="Longest run of one job, in seconds: 5 at least."
+    job_seconds: Annotated[float, _at_least(1, "for no job ends in it")] = Field(
+        default=900, le=86400, description="Longest run of one job, in seconds: 1 at least."
     )
     patience_seconds: float = Field(
         default=300,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import math
 import socket
 import time
 from collections import Counter
@@ -133,7 +134,7 @@ class LyingWire(IpTransport):
         )
         self._tell(far, greeting, 0.02)
         stream = PacketStream.__new__(PacketStream)
-        stream.socket = near
+        stream.socket, stream._silence_s = near, math.inf
         self._streams.append(stream)
         return stream
 

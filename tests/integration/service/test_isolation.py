@@ -5,8 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 
+import drivers
+from pipeline.decode import decode
 from service.settings import MIB
 from tests.png_bombs import png_bomb
 
@@ -18,14 +22,8 @@ def _send(service: Any, no_flash: bytes, flash: bytes) -> Any:
 @pytest.mark.parametrize(
     ("settings", "size", "kind", "words"),
     [
-        (
-            {"job_memory_bytes": 1024 * MIB},
-            "width=4000&height=3000",
-            "out-of-memory",
-            "more memory",
-        ),
-        ({"job_seconds": 5}, "width=4000&height=3000", "timed-out", "took longer than"),
-        ({"job_output_bytes": 16 * MIB}, "width=900&height=600", "output-too-large", "are larger"),
+        ({"job_seconds": 1.5}, "width=1500&height=1000", "timed-out", "took longer than"),
+        ({"job_output_bytes": MIB}, "width=450&height=300", "output-too-large", "are larger"),
     ],
 )
 def test_a_job_that_wants_more_than_it_may_have_fails_with_that_reason(
@@ -40,13 +38,40 @@ def test_a_job_that_wants_more_than_it_may_have_fails_with_that_reason(
     service.start()
     workers = service.find("worker")
     job = service.await_end(service.capture(f"sim://studio?lights=2&{size}"))
-    assert job["state"] == "failed"
     assert job["attempt"] <= 2  # the first one is the capture; none follows the one that failed
+    _check_limited(service, job, workers, kind, words)
+
+
+def test_a_job_that_wants_more_memory_than_it_may_have_fails_with_that_reason(
+    tmp_path: Path, make_service: Any, pair: drivers.CapturedPair
+) -> None:
+    """Of 48 megapixels, which nobody has to render."""
+    service = make_service(tmp_path / "service", job_memory_bytes=1024 * MIB)
+    service.start()
+    workers = service.find("worker")
+    large = [_enlarged(frame.best) for frame in (pair.no_flash, pair.flash)]
+    answer = _send(service, *large)
+    assert answer.status_code == 202, answer.text
+    job = service.await_end(answer.json())
+    assert job["attempt"] == 1
+    _check_limited(service, job, workers, "out-of-memory", "more memory")
+
+
+def _enlarged(data: bytes) -> bytes:
+    """A JPEG of 8000 × 6000 pixels of a photograph."""
+    pixels = decode(data).pixels[:, :, ::-1]
+    small = (255 * np.sqrt(np.clip(pixels / pixels.max(), 0, 1))).astype(np.uint8)
+    return cv2.imencode(".jpg", cv2.resize(small, (8000, 6000)))[1].tobytes()
+
+
+def _check_limited(service: Any, job: Any, workers: Any, kind: str, words: str) -> None:
+    """The job failed for that reason, and its worker goes on."""
+    assert job["state"] == "failed"
     assert job["error"]["type"] == f"urn:lightlayers:problem:{kind}"
     assert words in job["error"]["detail"]
     assert service.find("child") == []
     assert list((service.data / "work").iterdir()) == []
-    # The worker goes on: a camera that fails at once, or too late, tells that it takes jobs.
+    # A camera that fails at once, or too late, tells that it takes jobs.
     next_job = service.await_end(service.capture("sim://studio?fault=store_full"))
     kinds = {f"urn:lightlayers:problem:{each}" for each in ("camera-failed", kind)}
     assert next_job["error"]["type"] in kinds

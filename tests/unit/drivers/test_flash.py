@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import contextlib
 import http.server
+import signal
 import ssl
 import sys
 import threading
@@ -265,7 +266,12 @@ def test_a_switch_is_told_off_whatever_ends_the_pair(
     assert relay[1] == ORDERS
 
 
-def test_a_switch_whose_last_order_is_interrupted_is_told_once_more(tmp_path: Path) -> None:
+def test_a_switch_whose_last_order_is_interrupted_is_told_once_more(
+    tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    # a shell has what it starts in the background ignore it
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
     log = tmp_path / "log"
     script = tmp_path / "switch"
     script.write_text(

@@ -181,7 +181,7 @@ def test_a_lamp_without_a_white_to_adapt_from_gets_the_temperature_of_the_neutra
 
 
 def test_another_number_of_lamps_is_refused(basis: MixBasis) -> None:
-    with pytest.raises(OptionError, match="settings for 1 lamps, and the photograph has 2"):
+    with pytest.raises(OptionError, match="settings for 1 lamp, and the photograph has 2"):
         mix_matrices(basis, Mix(lamps=[LampMix()]))
 
 

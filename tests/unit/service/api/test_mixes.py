@@ -93,7 +93,7 @@ def test_a_key_gives_the_mix_after_its_job_is_gone(
 @pytest.mark.parametrize(
     ("body", "words"),
     [
-        ({"lamps": [{}]}, "settings for 1 lamps, and the photograph has 2"),
+        ({"lamps": [{}]}, "settings for 1 lamp, and the photograph has 2"),
         ({"lamps": []}, "lamps"),
         ({"lamps": [{}, {"ev": 11}]}, "lamp 2, ev: Input should be less than or equal to 10."),
         ({"lamps": [{}, {"gain": 1}]}, "lamp 2, gain: this name is not known."),

@@ -102,7 +102,7 @@ def test_bad_settings_are_one_sentence(
         (b"[]", "is no preset of the page: "),
         (b'{"lamps": [{"ev": "high"}, {}]}', "is no preset of the page: lamp 1, ev: "),
         (b'{"lamps": [{}, {"tint": 100}]}', "page: lamp 2: a tint needs a temperature beside it"),
-        (b'{"lamps": [{}]}', "settings for 1 lamps, and the photograph has 2"),
+        (b'{"lamps": [{}]}', "settings for 1 lamp, and the photograph has 2"),
     ],
 )
 def test_bad_presets_are_one_sentence(
