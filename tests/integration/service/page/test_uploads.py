@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from playwright.sync_api import FilePayload, Page, Route, expect
 
-PIECE = 8 * 2**20
-LONG, SHORT = bytes(20 * 2**20), b"x"  # without the flash, and with it
+PIECE = 8 * 2**10  # the page's own would have to pass through this process
+LONG, SHORT = bytes(20 * 2**10), b"x"  # without the flash, and with it
 
 QUICK = """
   const later = setTimeout;
@@ -33,6 +33,7 @@ class Line:
         self.uploads: list[dict[str, str]] = []
         self._done = done
         page.add_init_script(QUICK)
+        page.route("**/uploads.js", _in_small_pieces)
         page.route("**/uploads/*", self._pass)
         page.route(re.compile(r"/jobs$"), self._make)
 
@@ -49,6 +50,13 @@ class Line:
     def _make(self, route: Route) -> None:
         self.uploads.append((route.request.post_data_json or {})["uploads"])
         route.fulfill(status=202, json=self._done)
+
+
+def _in_small_pieces(route: Route) -> None:
+    answer = route.fetch()
+    script = answer.text()
+    assert script.count("PIECE = 2 ** 23;") == 1
+    route.fulfill(response=answer, body=script.replace("2 ** 23", str(PIECE)))
 
 
 @pytest.fixture
