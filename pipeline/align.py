@@ -45,7 +45,7 @@ _FIRST_PART = 0.12  # of the agreement, which noise lowers: a turn then need not
 _MOSTLY = 0.6  # share of the picture's blocks that must agree better
 _PLAIN_PX = 1.0  # shadows are taken for shorter shifts; longer ones need to gain half as much
 _MAX_BEND = 0.03  # of the diagonal, at a corner
-_MIN_CORRELATION = 0.25  # related pairs reach 0.4 to 0.9, unrelated ones at most 0.1
+_MIN_CORRELATION = 0.25  # related pairs reach 0.4 to 0.9, half of the unrelated ones 0.03
 _MAX_MOTION = 0.15  # of the diagonal; a hand-held pair moves less
 
 
@@ -218,7 +218,7 @@ def warp(image: Photograph, unusable: Mask, alignment: Alignment) -> tuple[Image
         np.multiply(unusable, np.uint8(255)),
         alignment.matrix,
         (width, height),
-        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        flags=_BACKWARDS,
         borderValue=255,
     )
     return warped, bad > 0
