@@ -1,6 +1,7 @@
 """The process of one task of a job, its task as JSON on stdin.
 
-python -m service.child imports once, and forks such a process for every task (service.forkserver).
+python -m service.child imports once, and forks such a process for every task (service.forkserver);
+with the argument PAIRS it imports what separates, calibrates and mixes as well.
 It writes one JSON object per line to stdout: {"stage", "fraction"} while it works, {"question"}
 where it then waits for a line of JSON on stdin, {"answer"} with what it found, {"problem"} before
 it ends with nothing to show, except for want of memory, files or disk, which its exit code tells.
@@ -11,6 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import importlib
 import json
 import logging
 import os
@@ -19,23 +21,13 @@ import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-from pipeline.calibration.calibrate import calibrate_files
-from pipeline.calibration.options import CALIBRATION_OPTIONS
-from pipeline.errors import OptionError
-from pipeline.mix_files import mix_results
-from pipeline.mix_options import MixRequest
-from pipeline.options import Options
 from pipeline.pair_checks import check_pair
-from pipeline.process import separate_files
-from pipeline.progress import Progress
-from service import camera_tasks, forkserver, kept, logs, problems
-from service.errors import OlderWorkerError
+from service import camera_tasks, forkserver, logs, problems
 from service.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
-from service.sentences import in_words
 from service.shortage import wants_memory
-from service.tasks import RESULTS, Kind, Limits, Task
+from service.tasks import PAIRS, Kind, Limits, Task
 
 _CODES = {
     errno.EMFILE: OUT_OF_FILES,
@@ -45,7 +37,6 @@ _CODES = {
 
 log = logging.getLogger("service.child")
 
-Read = TypeVar("Read")
 Tell = Callable[[dict[str, Any]], None]
 
 
@@ -55,7 +46,7 @@ def main() -> int:
     tell = _take_stdout()
     try:
         _limit(task.limits)
-        _WORK[task.kind](task, tell)
+        _work(task.kind)(task, tell)
     except Exception as error:
         if wants_memory(error):
             return OUT_OF_MEMORY
@@ -111,66 +102,30 @@ def _take_stdout() -> Tell:
 
 
 def _check(task: Task, _tell: Tell) -> None:
-    check_pair(_photograph(task, "no_flash"), _photograph(task, "flash"))
+    check_pair(task.photograph("no_flash"), task.photograph("flash"))
 
 
-def _separate(task: Task, tell: Tell) -> None:
-    separate_files(
-        _photograph(task, "no_flash"),
-        _photograph(task, "flash"),
-        _read(Options.model_validate, task.options),
-        Path(task.directory) / RESULTS,
-        Progress(lambda stage, fraction: tell({"stage": stage, "fraction": fraction})),
-        kept=kept.read(Path(task.directory)),
-    )
-
-
-def _calibrate(task: Task, tell: Tell) -> None:
-    calibrate_files(
-        _photograph(task, "no_flash"),
-        _photograph(task, "flash"),
-        _read(CALIBRATION_OPTIONS.validate_python, task.options),
-        Path(task.directory) / RESULTS,
-        Progress(lambda stage, fraction: tell({"stage": stage, "fraction": fraction})),
-    )
-
-
-def _mix(task: Task, tell: Tell) -> None:
-    directory = Path(task.directory)
-    mix_results(
-        directory,
-        _read(MixRequest.model_validate, task.options["mix"]),
-        directory / RESULTS,
-        Progress(lambda stage, fraction: tell({"stage": stage, "fraction": fraction})),
-    )
-
-
-def _read(validate: Callable[[Any], Read], options: Any) -> Read:
-    """Read options that the API has found good. Raises OlderWorkerError where we do not."""
-    try:
-        with in_words():
-            return validate(options)
-    except OptionError as error:
-        raise OlderWorkerError(str(error)) from error
-
-
-def _photograph(task: Task, name: str) -> bytes:
-    return (Path(task.directory) / name).read_bytes()
-
-
-_WORK: dict[Kind, Callable[[Task, Tell], None]] = {
+_QUICK: dict[Kind, Callable[[Task, Tell], None]] = {
     "check": _check,
-    "separate": _separate,
-    "calibrate": _calibrate,
-    "mix": _mix,
     "capture": camera_tasks.capture,
     "cameras": camera_tasks.find,
     "camera": camera_tasks.describe,
     "camera_settings": camera_tasks.adjust,
 }
 
+
+def _work(kind: Kind) -> Callable[[Task, Tell], None]:
+    if kind in _QUICK:
+        return _QUICK[kind]
+    from service import pair_tasks  # where PAIRS was asked for, it is there already
+
+    return pair_tasks.WORK[kind]
+
+
 if __name__ == "__main__":
     logs.configure()  # of the server and of its children
+    if sys.argv[1:] == [PAIRS]:
+        importlib.import_module("service.pair_tasks")
     forkserver.serve()
     code = main()
     sys.stdout.flush()

@@ -28,7 +28,7 @@ from service.errors import (
 )
 from service.forkserver import ForkServer
 from service.processes import DISK_FULL, NO_PROCESS, OUT_OF_FILES, OUT_OF_MEMORY
-from service.tasks import Task
+from service.tasks import PAIRS, Task
 
 _COMMAND = (sys.executable, "-m", "service.child")
 _THREADS = ("OPENCV_FOR_THREADS_NUM", "OMP_NUM_THREADS")
@@ -54,15 +54,16 @@ class TaskError(Exception):
         self.problem = problem
 
 
-def fork_server(at_once: int) -> ForkServer:
+def fork_server(at_once: int, pairs: bool) -> ForkServer:
     """Make the server of the processes that tasks run in, for so many tasks at once.
 
+    pairs: whether tasks separate, calibrate or mix: what that takes is imported first then.
     They share the processors: each has as many threads as there are processors for it. Variables
     that the operator has set stay.
     """
     threads = str(max(cv2.getNumberOfCPUs() // at_once, 1))
     shares = {name: os.environ.get(name, threads) for name in _THREADS}
-    return ForkServer(_COMMAND, shares)
+    return ForkServer((*_COMMAND, PAIRS) if pairs else _COMMAND, shares)
 
 
 def run(

@@ -15,6 +15,9 @@ from service.settings import Settings
 RESULTS = "results"
 """The folder of a task's directory in which it lays what it makes."""
 
+PAIRS = "pairs"
+"""What the server of processes is told where tasks separate, calibrate or mix."""
+
 Kind = Literal[
     "check", "separate", "calibrate", "mix", "capture", "cameras", "camera", "camera_settings"
 ]
@@ -120,6 +123,10 @@ class Task:
     def to_json(self) -> str:
         """Write the task as one line."""
         return json.dumps(asdict(self))
+
+    def photograph(self, name: str) -> bytes:
+        """Read the photograph "no_flash" or "flash" in the directory. Raises OSError."""
+        return (Path(self.directory) / name).read_bytes()
 
 
 def results_of(directory: Path) -> list[Path]:

@@ -71,7 +71,7 @@ class Worker:
         self._teller = webhooks.Teller(self._engine, self._queue, settings)
         self._sweeping = Sweep(self._engine, self._storage, self._queue, settings)
         self._keep_seconds = settings.retention_seconds
-        self._fork_server = sandbox.fork_server(settings.worker_concurrency)
+        self._fork_server = sandbox.fork_server(settings.worker_concurrency, pairs=True)
         self._stopping = threading.Event()
         self._idle = threading.Condition()
         self._busy = 0

@@ -85,7 +85,7 @@ def open_context(settings: Settings) -> Iterator[Context]:
         stack.callback(engine.dispose)
         queue = Queue(engine)
         stack.callback(queue.close)
-        server = sandbox.fork_server(os.cpu_count() or 1)
+        server = sandbox.fork_server(os.cpu_count() or 1, pairs=False)
         stack.callback(server.close)
         storage, job_updates = open_storage(settings), JobUpdates(engine, settings)
         camera_discovery = CameraDiscovery(engine, settings, server)

@@ -52,10 +52,10 @@ def _import() -> None:
     """Import what the command imports only when it works, and have Numba set itself up."""
     import numpy as np
 
-    import service.child
+    import service.pair_tasks
     from pipeline.second_differences import BLOCK, block_squares
 
-    assert service.child
+    assert service.pair_tasks
     block_squares(np.zeros((BLOCK, BLOCK, 3), np.float32))
 
 

@@ -34,7 +34,7 @@ def start(files: Sequence[Path], tasks: int = _TASKS) -> dict[str, float]:
     first.
     """
     firsts, bare = [], []
-    with _inputs(files) as folder, contextlib.closing(sandbox.fork_server(1)) as server:
+    with _inputs(files) as folder, contextlib.closing(sandbox.fork_server(1, pairs=True)) as server:
         _check(server, folder)  # waits until it has imported
         for _ in range(tasks):
             firsts.append(_first_byte(server, folder))
@@ -54,7 +54,7 @@ def two_at_once(files: Sequence[Path], options: dict[str, Any]) -> dict[str, flo
     seconds, cpu = {}, {}
     for at_once in (1, 2):
         before = _cpu_of_ended()
-        with contextlib.closing(sandbox.fork_server(at_once)) as server:
+        with contextlib.closing(sandbox.fork_server(at_once, pairs=True)) as server:
             with _inputs(files) as folder:
                 _check(server, folder)
             begin = time.monotonic()
@@ -88,7 +88,7 @@ def _first_byte(server: ForkServer, folder: Path) -> float:
 def _cpu_of_checks(folder: Path, count: int) -> float:
     """CPU seconds of a fork server and so many tasks, from its start to its end."""
     before = _cpu_of_ended()
-    with contextlib.closing(sandbox.fork_server(1)) as server:
+    with contextlib.closing(sandbox.fork_server(1, pairs=True)) as server:
         for _ in range(count):
             _check(server, folder)
     return _cpu_of_ended() - before

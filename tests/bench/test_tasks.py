@@ -42,7 +42,9 @@ def test_two_at_once_are_compared_with_one_after_the_other(
     moments, used, ran = iter([0.0, 10.0, 20.0, 26.0]), iter([1.0, 9.0, 20.0, 32.0]), []
     monkeypatch.setattr(tasks, "time", SimpleNamespace(monotonic=lambda: next(moments)))
     monkeypatch.setattr(tasks, "_cpu_of_ended", lambda: next(used))
-    monkeypatch.setattr(sandbox, "fork_server", lambda _count: SimpleNamespace(close=lambda: None))
+    monkeypatch.setattr(
+        sandbox, "fork_server", lambda *_, **__: SimpleNamespace(close=lambda: None)
+    )
     monkeypatch.setattr(sandbox, "run", lambda task, *_: ran.append(task.kind))
 
     assert tasks.two_at_once(files, {"lights": 2}) == {"speedup": 10 / 6, "cpu_ratio": 1.5}

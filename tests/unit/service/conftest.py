@@ -69,7 +69,7 @@ def storage(tmp_path: Path) -> Storage:
 @pytest.fixture(scope="session")
 def child_server() -> Iterator[ForkServer]:
     """The fork server of all tests: it takes longer to start than most of them take."""
-    with contextlib.closing(sandbox.fork_server(1)) as server:
+    with contextlib.closing(sandbox.fork_server(1, pairs=True)) as server:
         server.start()
         yield server
 

@@ -12,18 +12,16 @@ from typing import Any, Literal
 import pytest
 
 import drivers
-from pipeline.calibration.options import FlashCalibration
-from service import child, sandbox
+from service import sandbox
 from service.errors import (
     FileLimitError,
     MemoryLimitError,
-    OlderWorkerError,
     OutputLimitError,
     TimeLimitError,
 )
 from service.forkserver import ForkServer
 from service.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
-from service.tasks import RESULTS, Limits, TakePair, Task
+from service.tasks import Limits, TakePair, Task
 from tests.unit.service.forked import fork_server
 
 GIB = 2**30
@@ -53,37 +51,6 @@ def _run(
     reports: list[Report] = []
     sandbox.run(task, 100, lambda *report: reports.append(report), lambda: False, server)
     return reports
-
-
-@pytest.mark.parametrize(
-    ("kind", "options", "place"),
-    [
-        ("separate", {"of_tomorrow": 1}, "of_tomorrow"),
-        (
-            "calibrate",
-            {"kind": "flash", "card": {"x": 1, "y": 1, "radius": 5}, "of_tomorrow": 1},
-            "flash.of_tomorrow",
-        ),
-        ("mix", {"mix": {"lamps": [{}], "of_tomorrow": 1}}, "of_tomorrow"),
-    ],
-)
-def test_options_of_a_newer_service_are_told(
-    kind: Literal["separate", "calibrate", "mix"],
-    options: dict[str, Any],
-    place: str,
-    tmp_path: Path,
-) -> None:
-    """An API that was upgraded before its workers takes what they do not know yet."""
-    _photographs(tmp_path, b"", b"")
-    task = Task(kind, "7", "f" * 32, str(tmp_path), Limits(GIB, 60, 256, GIB), options)
-    with pytest.raises(OlderWorkerError) as caught:
-        child._WORK[kind](task, lambda _message: None)
-    assert str(caught.value) == (
-        f"{place}: this name is not known; the workers are older than the service that took the "
-        "job: have its operator upgrade them, then run the job again."
-    )
-    problem = child._explain(caught.value, task)
-    assert (problem["type"], problem["retryable"]) == ("urn:lightlayers:problem:older-worker", True)
 
 
 def _photographs(directory: Path, no_flash: bytes, flash: bytes) -> None:
@@ -175,7 +142,7 @@ def test_what_a_child_logs_is_json_with_its_job(
 
     with (
         contextlib.closing(camera),
-        contextlib.closing(sandbox.fork_server(1)) as own,  # its stderr is read here
+        contextlib.closing(sandbox.fork_server(1, pairs=True)) as own,  # its stderr is read here
     ):
         sandbox.run(task, 100, lambda *_report: None, lambda: False, own, unplug)
     lines = [json.loads(line) for line in capfd.readouterr().err.splitlines()]
@@ -190,7 +157,7 @@ import os, resource, sys
 from service import child
 def work(task, tell):
     {work}
-child._WORK["check"] = work
+child._QUICK["check"] = work
 sys.exit(child.main())
 """
     limits = Limits(GIB, 60, open_files, GIB)
@@ -223,7 +190,9 @@ def test_a_child_dies_before_the_service_when_the_machine_is_full() -> None:
 def test_what_tasks_need_is_imported_without_starting_a_thread() -> None:
     """A lock that another thread held while a child was forked stays locked in the child."""
     threads = "print(len(os.listdir(f'/proc/{os.getppid()}/task')))"
-    with contextlib.closing(fork_server(threads, "from service import child")) as server:
+    with contextlib.closing(
+        fork_server(threads, "from service import child, pair_tasks")
+    ) as server:
         child = server.fork()
         assert child.stdout.read() == b"1\n"
         child.close()
@@ -278,20 +247,3 @@ def test_a_child_has_as_much_of_its_limits_as_the_system_allows() -> None:
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     done = _in_a_child("tell({'files': resource.getrlimit(resource.RLIMIT_NOFILE)})", 2**31)
     assert (done.returncode, json.loads(done.stdout)) == (0, {"files": [most, most]})
-
-
-def test_a_calibration_reads_its_photographs_and_writes_where_results_are_looked_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    given: list[Any] = []
-    monkeypatch.setattr(child, "calibrate_files", lambda *arguments: given.extend(arguments))
-    _photographs(tmp_path, b"dark", b"lit")
-    limits = Limits(8 * GIB, 60, 256, 4 * GIB)
-    told: list[dict[str, Any]] = []
-    task = Task("calibrate", "7", "f" * 32, str(tmp_path), limits, {"kind": "flash"})
-    child._calibrate(task, told.append)
-    assert given[:2] == [b"dark", b"lit"]
-    assert isinstance(given[2], FlashCalibration)
-    assert given[3] == tmp_path / RESULTS
-    given[4].report("calibrate", 0.5)
-    assert told == [{"stage": "calibrate", "fraction": 0.5}]

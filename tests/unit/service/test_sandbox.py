@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import sys
 import time
 from collections.abc import Callable
@@ -202,8 +203,24 @@ print(json.dumps({"stage": os.environ["OMP_NUM_THREADS"], "fraction": cv2.getNum
         monkeypatch.delenv(name, raising=False)
         if set_by_operator:
             monkeypatch.setenv(name, set_by_operator)
-    with contextlib.closing(sandbox.fork_server(at_once)) as server:
+    with contextlib.closing(sandbox.fork_server(at_once, pairs=True)) as server:
         assert _reports(server) == [(str(threads), threads)]
+
+
+@pytest.mark.parametrize(("pairs", "arguments"), [(True, ["pairs"]), (False, [])])
+def test_what_separates_is_imported_where_tasks_need_it_alone(
+    pairs: bool, arguments: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code = """
+import json, sys
+from service import child, forkserver
+imported = "pipeline.process" in sys.modules
+forkserver.serve()
+print(json.dumps({"stage": json.dumps(sys.argv[1:]), "fraction": imported}))
+"""
+    monkeypatch.setattr(sandbox, "_COMMAND", (sys.executable, "-c", code))
+    with contextlib.closing(sandbox.fork_server(1, pairs)) as server:
+        assert _reports(server) == [(json.dumps(arguments), False)]
 
 
 @pytest.mark.parametrize(
