@@ -11,6 +11,7 @@ import hashlib
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,6 +20,8 @@ import simplejpeg
 from numpy.typing import NDArray
 
 from tests.bench.usage import python, run
+
+Codes = NDArray[np.integer[Any]]
 
 _C_OVER_COPY = 5.0
 _ALIGN_SCALE = 0.25
@@ -31,21 +34,24 @@ def floor(no_flash: Path, flash: Path, lights: int) -> dict[str, float]:
     start = time.process_time()
     pictures = [_decoded(path) for path in (no_flash, flash)]
     seconds = {"decode": time.process_time() - start}
+    before, after = map(_light, pictures)
 
     start = time.process_time()
-    moved = _aligned(*pictures)
+    moved = _aligned(before, after)
     seconds["align"] = time.process_time() - start
 
+    copy = np.copy(moved)  # into memory that is there: strips use the same again and again
     start = time.process_time()
-    copies = [np.copy(moved) for _ in range(lights + 1)]  # two are read, N + 2 written, by halves
+    for _ in range(lights + 1):  # two are read, N + 2 written, by halves
+        np.copyto(copy, moved)
     seconds["layers"] = _C_OVER_COPY * (time.process_time() - start)
 
     codes = np.clip(moved * 255, 0, 255).astype(np.uint8)
-    light = copies[0].astype(np.float16)
+    halves = copy.astype(np.float16)
     start = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         for i in range(lights + 1):
-            _write(Path(folder) / f"{i}.exr", light.data)
+            _write(Path(folder) / f"{i}.exr", halves.data)
             if i < lights:
                 _write(Path(folder) / f"{i}.tif", codes.data)
                 _write(Path(folder) / f"{i}.tif.low", codes.data)  # 16 bits
@@ -57,14 +63,18 @@ def floor(no_flash: Path, flash: Path, lights: int) -> dict[str, float]:
     return seconds
 
 
-def _decoded(path: Path) -> NDArray[np.float32]:
+def _decoded(path: Path) -> Codes:
+    """Code values (H, W, 3) of 8 or 16 bits."""
     if path.suffix == ".jpg":
-        codes = simplejpeg.decode_jpeg(path.read_bytes(), "RGB")
-        return np.asarray(cv2.LUT(codes, np.linspace(0, 1, 256, dtype=np.float32)))
+        return np.asarray(simplejpeg.decode_jpeg(path.read_bytes(), "RGB"))
     with rawpy.imread(str(path)) as raw:
         mosaic = np.array(raw.raw_image_visible)  # else it is gone with the file
-    demosaiced = cv2.demosaicing(mosaic, cv2.COLOR_BayerRG2RGB_EA)
-    return np.asarray(np.multiply(demosaiced, np.float32(1 / 65535), dtype=np.float32))
+    return np.asarray(cv2.demosaicing(mosaic, cv2.COLOR_BayerRG2RGB_EA))
+
+
+def _light(codes: Codes) -> NDArray[np.float32]:
+    """Code values as shares of the largest."""
+    return np.multiply(codes, np.float32(1 / np.iinfo(codes.dtype).max), dtype=np.float32)
 
 
 def _aligned(reference: NDArray[np.float32], sample: NDArray[np.float32]) -> NDArray[np.float32]:

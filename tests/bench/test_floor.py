@@ -32,7 +32,8 @@ def pair(tmp_path: Path) -> list[Path]:
 def test_codes_are_shares_of_white(tmp_path: Path) -> None:
     grey = np.full((16, 16, 3), 128, np.uint8)
     (tmp_path / "a.jpg").write_bytes(simplejpeg.encode_jpeg(grey, 100, "RGB", "444"))
-    assert bench._decoded(tmp_path / "a.jpg") == pytest.approx(128 / 255, abs=0.005)
+    light = bench._light(bench._decoded(tmp_path / "a.jpg"))
+    assert light == pytest.approx(128 / 255, abs=0.005)
 
 
 def test_raw_light_outlives_its_file(tmp_path: Path) -> None:
@@ -41,12 +42,12 @@ def test_raw_light_outlives_its_file(tmp_path: Path) -> None:
     taken = datetime(2026, 1, 2, tzinfo=UTC)
     shooting = Shooting(Fraction(1, 60), Fraction(4), 200, False, 35.0, taken)
     (tmp_path / "a.dng").write_bytes(write_dng(mosaic, shooting))
-    light = bench._decoded(tmp_path / "a.dng")
+    light = bench._light(bench._decoded(tmp_path / "a.dng"))
     assert light[2:-2, 2:-2] == pytest.approx(20000 / 65535, abs=1e-4)
 
 
 def test_the_second_picture_is_laid_upon_the_first(pair: list[Path]) -> None:
-    first, second = map(bench._decoded, pair)
+    first, second = (bench._light(bench._decoded(path)) for path in pair)
     inside = np.s_[40:-40, 40:-40]
     assert np.abs(first - second)[inside].mean() > 0.03
     assert np.abs(first - bench._aligned(first, second))[inside].mean() < 0.01
