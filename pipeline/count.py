@@ -48,11 +48,15 @@ _UNSURE = 0.3
 
 @dataclass(frozen=True)
 class Count:
-    """number: of lamps, 1 to 3. confidence: 0…1 that it is right. more: signs of a fourth."""
+    """How many lamps there are.
+
+    number: 1 to 3. confidence: 0…1 that it is right. four_or_more: whether there are signs of a
+    fourth.
+    """
 
     number: int
     confidence: float
-    more: bool
+    four_or_more: bool
 
 
 def count_lamps(
@@ -71,20 +75,20 @@ def count_lamps(
     can_be = (number for number in range(least, MOST_LAMPS + 1) if fit(number).cost < np.inf)
     least = next(can_be, least)
     if fit(least).cost == np.inf:  # what is forbidden leaves no number, which the caller tells
-        return Count(least, 1.0, more=False)
+        return Count(least, 1.0, four_or_more=False)
     several = three = 1.0
     if least < 2:
         gain = max(fit(1).cost - fit(2).cost, 1.0)
         enough = _SECOND_LAMP_RENDERED if reduced.rendered else _SECOND_LAMP
         several = _logistic(_SECOND_STEEPNESS * np.log(gain / enough))
         if gain < enough:
-            return Count(1, 1.0 - several, more=False)
+            return Count(1, 1.0 - several, four_or_more=False)
         if reduced.rendered and _as_much_left(reduced, fit):
-            return Count(1, DOUBTFUL, more=False)
+            return Count(1, DOUBTFUL, four_or_more=False)
         if not reduced.rendered and gain < _SURELY_SECOND:
             one, two = fit(1).matrices, fit(2).matrices
             if is_gloss(reduced, one, two, model.flash_white):
-                return Count(1, _GLOSSY, more=False)
+                return Count(1, _GLOSSY, four_or_more=False)
     if least < 3:
         off = 0.0
         if evidence.has_edges:
@@ -94,10 +98,10 @@ def count_lamps(
             third = off + (fit(2).cost - fit(3).cost) / _THIRD_GAIN
         three = _logistic(_THIRD_STEEPNESS * (third - _THIRD_LAMP))
         if third < _THIRD_LAMP:
-            return Count(2, min(several, 1.0 - three), more=False)
+            return Count(2, min(several, 1.0 - three), four_or_more=False)
     if signs_of_fourth(reduced, evidence, model, fit(3).matrices):
-        return Count(3, min(three, _UNSURE), more=True)
-    return Count(3, min(several, three), more=False)
+        return Count(3, min(three, _UNSURE), four_or_more=True)
+    return Count(3, min(several, three), four_or_more=False)
 
 
 def signs_of_fourth(

@@ -82,7 +82,7 @@ def _of_photographs(pair: Pair, reduced: ReducedPair) -> Iterator[RunWarning]:
 
 
 def _of_lamps(reduced: ReducedPair, lamps: Lamps, hidden: list[int]) -> Iterator[RunWarning]:
-    if lamps.more:
+    if lamps.four_or_more:
         message = (
             "Three lamps do not explain the light at all shadow edges: there may be four or more, "
             "which three colour channels cannot tell apart. Switch some off, or photograph them "

@@ -49,11 +49,11 @@ class Lamps:
     lamp_confidence: (N,) 0…1, how far each lamp's colour stands out from the scatter.
     pinned: (N,) which pinned lamp each is, counted from 0, −1 for one that was free.
     invariants: (n, 3) the unit Γ they were estimated from, after pruning, for the diagram.
-    more: whether there are signs of a fourth lamp. left_over: relative light that they do not
-    explain in the worst tenth of it. alone: (N,) places where the edge of a shadow or a terminator
-    shows each lamp alone ÷ usable pixels. contradictions: where the photograph speaks against what
-    was pinned or forbidden. rival_deg: largest angle in degrees between lamps that another search
-    came to and the nearest of these, or back; 0 where there was none.
+    four_or_more: whether there are signs of a fourth lamp. left_over: relative light that they do
+    not explain in the worst tenth of it. alone: (N,) places where the edge of a shadow or a
+    terminator shows each lamp alone ÷ usable pixels. contradictions: where the photograph speaks
+    against what was pinned or forbidden. rival_deg: largest angle in degrees between lamps that
+    another search came to and the nearest of these, or back; 0 where there was none.
     """
 
     coefficients: Array
@@ -65,7 +65,7 @@ class Lamps:
     lamp_confidence: Array
     pinned: NDArray[np.int64]
     invariants: Array
-    more: bool
+    four_or_more: bool
     left_over: float
     alone: Array
     contradictions: tuple[RunWarning, ...]
@@ -125,7 +125,7 @@ def estimate_lamps(
     if requested == "auto":
         count = count_lamps(reduced, evidence, model, first, fit, max(1, len(known.pinned)))
     else:
-        count = Count(requested, confidence=1.0, more=False)
+        count = Count(requested, confidence=1.0, four_or_more=False)
     weights = 1.0 / reduced.no_flash[reduced.usable].mean(axis=0, dtype=np.float64)
     if method == "paper":
         found = _published(reduced, model, count.number)
@@ -142,9 +142,9 @@ def estimate_lamps(
     if requested == "auto" and left > MUCH_LEFT:
         count = replace(count, confidence=min(count.confidence, DOUBTFUL))
     order = _warm_first(coefficients)
-    more = count.more
+    four_or_more = count.four_or_more
     if method == "best" and requested == MOST_LAMPS:
-        more = signs_of_fourth(reduced, evidence, model, matrices)
+        four_or_more = signs_of_fourth(reduced, evidence, model, matrices)
     return Lamps(
         coefficients=coefficients[order],
         matrices=matrices[order],
@@ -155,7 +155,7 @@ def estimate_lamps(
         lamp_confidence=_stand_out(coefficients[order], gammas),
         pinned=np.where(order < len(known.pinned), order, -1),
         invariants=gammas,
-        more=more,
+        four_or_more=four_or_more,
         left_over=left,
         alone=places_alone(evidence, matrices[order]),
         contradictions=tuple(against),

@@ -48,8 +48,8 @@ class Pair:
     exposure_source: where exposure_ratio comes from, see ExposureRatio.
     rendered: whether a camera's rendering to sRGB has bent the values.
     no_flash_noise, flash_noise: the noise of each.
-    registration: standard deviation in pixels of what the flash photograph lies beside the other; 0
-        where it was taken as it is.
+    registration_px: standard deviation of what the flash photograph lies beside the other; 0 where
+        it was taken as it is.
     parallax: share of the picture that lies elsewhere than the homography says, 0…1.
     moved: share of the picture in which something moved, 0…1.
     clipped: share of the picture that is clipped in one of the photographs, 0…1.
@@ -67,7 +67,7 @@ class Pair:
     no_flash_noise: Noise
     flash_noise: Noise
     alignment: Alignment
-    registration: float
+    registration_px: float
     parallax: float
     moved: float
     clipped: float
@@ -109,7 +109,7 @@ def make_pair(no_flash: Frame, flash: Frame, options: PairOptions, progress: Pro
         no_flash_noise=held.noises[0],
         flash_noise=held.noises[1],
         alignment=laid.alignment,
-        registration=_REGISTRATION_PX * float(laid.alignment.applied or laid.parallax > 0),
+        registration_px=_REGISTRATION_PX * float(laid.alignment.applied or laid.parallax > 0),
         parallax=laid.parallax,
         moved=held.moved,
         clipped=float(np.mean(no_flash.saturated | flash.saturated)),

@@ -80,8 +80,8 @@ def reduce_pair(pair: Pair) -> ReducedPair:
     no_flash_variance = pair.no_flash_noise.variance(no_flash, count)
     flash_variance = pair.flash_noise.variance(flash, count)
     beside = None
-    if pair.registration > 0:
-        beside = registration_variance(flash, pair.registration / block)
+    if pair.registration_px > 0:
+        beside = registration_variance(flash, pair.registration_px / block)
         flash_variance = flash_variance + _LIKELY_OFFSET**2 * beside
     if not pair.flash_only:
         flash = flash - no_flash
@@ -103,7 +103,7 @@ def reduce_pair(pair: Pair) -> ReducedPair:
         block,
         pair.rendered,
         (width - blocks.crop[0], height - blocks.crop[1]),
-        pair.registration / block,
+        pair.registration_px / block,
     )
 
 
@@ -119,7 +119,7 @@ def _means_of_open(pair: Pair, blocks: Blocks) -> tuple[NDArray[np.float32], Ima
         share[some_rows] = _means(open_, some)
         for picture, means in ((pair.no_flash, no_flash), (pair.flash, flash)):
             light = picture[rows, columns]
-            if pair.registration > 0:
+            if pair.registration_px > 0:
                 wide, inner = widened(rows, SOFTENED_HALO, height * side)
                 light = softened(picture[wide, columns])[inner]
             means[some_rows] = _means(light * open_[..., None], some)

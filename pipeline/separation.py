@@ -92,20 +92,20 @@ def separate(
             )
             yield Strip(rows, layers, no_flash, flash, _open(pair, rows))
             continue
-        halo = smoothing.HALO + (placing.HALO if pair.registration > 0 else 0)
+        halo = smoothing.HALO + (placing.HALO if pair.registration_px > 0 else 0)
         wide, inner = widened(rows, halo, height)
         no_flash, flash, _ = noise_filter.rows(wide)
         if not pair.flash_only:
             flash = flash - no_flash
         confidence, placed, uncertainty = _reliability(pair, wide, lamps.least_sine)
-        if pair.registration > 0:
+        if pair.registration_px > 0:
             flash = placing.place_flash(no_flash, flash, placed, confidence)
         proportions = model_proportions(no_flash, flash, lamps)
         smooth = smoothing.smooth_proportions(
             proportions, no_flash, flash, confidence * placed, uncertainty, inner
         )
         trust = confidence[inner]
-        if pair.registration > 0:
+        if pair.registration_px > 0:
             smooth, trust = placing.mend_proportions(
                 smooth,
                 proportions,
@@ -147,7 +147,7 @@ def _filter(pair: Pair, rounds: int) -> SigmaFilter:
     height, width = pair.unusable.shape
 
     def read(rows: slice) -> tuple[Image, Image]:
-        if not pair.registration > 0:
+        if not pair.registration_px > 0:
             return rows_by_planes(pair.no_flash, rows), rows_by_planes(pair.flash, rows)
         wide, inner = widened(rows, registration.SOFTENED_HALO, height)
         return (
@@ -178,9 +178,9 @@ def _reliability(
     confidence = _open(pair, rows)
     placed, uncertainty = np.ones_like(confidence), np.empty_like(confidence)
     beside = np.zeros_like(confidence)
-    if pair.registration > 0:
+    if pair.registration_px > 0:
         wide, inner = widened(rows, registration.HALO, len(pair.unusable))
-        variance = registration.registration_variance(pair.flash[wide], pair.registration)
+        variance = registration.registration_variance(pair.flash[wide], pair.registration_px)
         beside = variance[inner].sum(axis=2)
         part = pair.flash[rows].sum(axis=2)
         if not pair.flash_only:

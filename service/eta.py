@@ -28,7 +28,7 @@ _ORDER = ("fetch", "capture", *STAGES, "calibrate", "mix", "store")
 """Everything that attempts do, in order: photographs fetched, the stages, results stored."""
 
 _FIRST_SHARES = {
-    "separate": {"decode": 8, "align": 17, "lamps": 13, "layers": 55, "encode": 6, "store": 1},
+    "separate": {"decode": 10, "align": 20, "lamps": 17, "layers": 46, "encode": 6, "store": 1},
     "calibrate": {"decode": 45, "align": 30, "calibrate": 24, "store": 1},
     "mix": {"mix": 90, "store": 10},
 }

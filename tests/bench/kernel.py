@@ -113,7 +113,7 @@ def _lamps(model: Model) -> Lamps:
         lamp_confidence=np.ones(count),
         pinned=np.full(count, -1),
         invariants=coefficients,
-        more=False,
+        four_or_more=False,
         left_over=0.0,
         alone=np.full(count, 0.01),
         contradictions=(),

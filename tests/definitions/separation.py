@@ -33,7 +33,7 @@ def separate(
 ) -> tuple[Array, Doubles]:
     """pipeline.separation.separate by "best", in one piece: layers, confidence."""
     pictures = pair.no_flash[:], pair.flash[:]
-    if pair.registration > 0:
+    if pair.registration_px > 0:
         pictures = softened(pair.no_flash[:]), softened(pair.flash[:])
     no_flash, flash, _ = sigma_filter(pictures, (pair.no_flash_noise, pair.flash_noise))
     if not pair.flash_only:
@@ -41,7 +41,7 @@ def separate(
     confidence, placed, uncertainty = _reliability(pair, lamps.least_sine)
     near = cv2.dilate(pair.unusable.astype(np.uint8), np.ones((3, 3), np.uint8))
     confidence = np.where(near > 0, 0.0, confidence)
-    if pair.registration > 0:
+    if pair.registration_px > 0:
         flash = place_flash(no_flash, flash, placed, confidence)
     proportions = model_proportions(no_flash, flash, lamps)
     parts = smooth_proportions(
@@ -53,7 +53,7 @@ def separate(
         slice(None),
     )
     trust = confidence
-    if pair.registration > 0:
+    if pair.registration_px > 0:
         photograph = pair.no_flash[:]
         variance = pair.no_flash_noise.variance(photograph).sum(axis=2)
         parts, trust = mend_proportions(
@@ -75,8 +75,8 @@ def _reliability(pair: Pair, least_sine: float) -> tuple[Doubles, Doubles, Doubl
     variance = pair.no_flash_noise.variance(pair.no_flash[:]).sum(axis=2)
     part_variance = pair.flash_noise.variance(pair.flash[:]).sum(axis=2)
     beside = np.zeros(light.shape)
-    if pair.registration > 0:
-        beside += registration_variance(pair.flash[:], pair.registration).sum(axis=2)
+    if pair.registration_px > 0:
+        beside += registration_variance(pair.flash[:], pair.registration_px).sum(axis=2)
     part_variance = part_variance + beside
     if not pair.flash_only:
         part, part_variance = part - light, part_variance + variance

@@ -67,7 +67,7 @@ def test_lamps_are_counted(
 
     assert found.number == len(which)
     assert 0.9 < found.confidence <= 1
-    assert not found.more
+    assert not found.four_or_more
 
 
 def test_one_lamp_need_not_fit_the_model(
@@ -84,7 +84,7 @@ def test_four_lamps_are_three_and_more(
     found = counted(shadowed(np.vstack([warm_to_cool, FOURTH])))
 
     assert found.number == 3
-    assert found.more
+    assert found.four_or_more
     assert found.confidence <= 0.3
 
 
@@ -255,7 +255,7 @@ def test_differences_that_two_lamps_leave_off_stand_for_half_of_a_third(
     fit = costs(0, -900, -900 - third)
     found = count_lamps(reduced, evidence, counted.model, fit, fit)
 
-    assert (found.number, found.more) == (number, False)
+    assert (found.number, found.four_or_more) == (number, False)
     assert 0.5 <= found.confidence < 0.55
 
 
@@ -289,7 +289,7 @@ def test_three_lamps_and_more_are_never_certain(
 ) -> None:
     monkeypatch.setattr(count, "signs_of_fourth", lambda *_: True)
 
-    assert by_costs(0, -900, -900 - third) == Count(3, 0.3, more=True)
+    assert by_costs(0, -900, -900 - third) == Count(3, 0.3, four_or_more=True)
 
 
 @pytest.mark.parametrize(
@@ -415,4 +415,4 @@ def test_a_rendering_that_bends_colours_does_not_make_a_lamp(
     found = counted(pair_of(no_flash, flash - no_flash, rendered=rendered))
 
     assert found.number in numbers
-    assert not (rendered and found.more)
+    assert not (rendered and found.four_or_more)

@@ -56,7 +56,7 @@ def test_a_clean_pair_has_none(said: Callable[..., list[RunWarning]]) -> None:
 def test_four_lamps_are_told_instead_of_what_they_leave(
     said: Callable[..., list[RunWarning]],
 ) -> None:
-    (warning,) = said(more=True, left_over=0.2)
+    (warning,) = said(four_or_more=True, left_over=0.2)
 
     assert warning.code == Code.FOUR_OR_MORE
     assert "four or more" in warning.message

@@ -482,7 +482,7 @@ def test_the_published_method_asks_for_no_highlights(
         assert len(asked) == times
 
 
-@pytest.mark.parametrize("more", [{}, {"flash_only": True}, {"registration": 0.35}], ids=str)
+@pytest.mark.parametrize("more", [{}, {"flash_only": True}, {"registration_px": 0.35}], ids=str)
 def test_layers_with_highlights_are_what_they_are_defined_to_be(
     scene: Callable[..., Scene],
     model: Model,

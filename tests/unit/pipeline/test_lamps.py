@@ -56,7 +56,7 @@ def test_lamps_of_the_model_are_found(
     # without shadows only the outline of the pixels' cloud speaks, less plainly of three lamps
     limit = 0.3 if scene == "shadowed" else (0.8 if len(which) < 3 else 2.0)
     assert angles(found.coefficients, whites(model, true)).max() < limit
-    assert not found.more
+    assert not found.four_or_more
     assert not found.unexplained
     assert found.confidence > 0.9 if automatic else found.confidence == 1
 
@@ -314,7 +314,7 @@ def test_signs_of_four_lamps_are_told(
         found = estimate_lamps(reduced, model, requested, "best", False)
 
         assert len(found) == 3
-        assert found.more
+        assert found.four_or_more
 
 
 @pytest.mark.parametrize(("requested", "more"), [(1, False), (2, False), (3, True)])
@@ -332,7 +332,7 @@ def test_fewer_lamps_that_were_asked_for_are_no_sign_of_a_fourth(
 
     found = estimate_lamps(reduce_pair(exact(warm_to_cool)[0]), model, requested, "best", False)
 
-    assert found.more is more
+    assert found.four_or_more is more
 
 
 @pytest.mark.parametrize("scene", ["shadowed", "smooth"])

@@ -363,8 +363,8 @@ def test_a_frame_that_was_moved_lies_beside_by_a_part_of_a_pixel(
 ) -> None:
     before, after = frames()
 
-    assert paired((before, after)).registration == 0
-    assert 0.1 < paired((before, shifted(after))).registration < 1
+    assert paired((before, after)).registration_px == 0
+    assert 0.1 < paired((before, shifted(after))).registration_px < 1
 
 
 @pytest.mark.parametrize(

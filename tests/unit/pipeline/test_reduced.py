@@ -249,7 +249,7 @@ def test_edges_of_a_pair_laid_together_are_less_certain(pair_of: Callable[..., A
     part[:, 30:] = 0.4
     before = even(40, 60, 0.1)
     at_rest, laid = (
-        reduce_pair(pair_of(before, part, registration=deviation)) for deviation in (0.0, 0.35)
+        reduce_pair(pair_of(before, part, registration_px=deviation)) for deviation in (0.0, 0.35)
     )
 
     added = np.sqrt(np.maximum(laid.flash_variance - at_rest.flash_variance, 0.0))
@@ -266,8 +266,8 @@ def test_the_offset_of_a_pair_laid_together_is_told_in_blocks(
 ) -> None:
     light = even(4, width, 0.2)
 
-    assert reduce_pair(pair_of(light, light, registration=0.35)).offset == pytest.approx(offset)
-    assert reduce_pair(pair_of(light, light, registration=0.0)).offset == 0
+    assert reduce_pair(pair_of(light, light, registration_px=0.35)).offset == pytest.approx(offset)
+    assert reduce_pair(pair_of(light, light, registration_px=0.0)).offset == 0
 
 
 def test_edges_of_a_pair_laid_together_lie_where_they_are_without_the_flash(
@@ -280,7 +280,7 @@ def test_edges_of_a_pair_laid_together_lie_where_they_are_without_the_flash(
     before, part = 0.5 * paint, beside
 
     def off(registration: float) -> float:
-        reduced = reduce_pair(pair_of(before, part, registration=registration))
+        reduced = reduce_pair(pair_of(before, part, registration_px=registration))
         return float(np.abs(np.log(reduced.flash / (2 * reduced.no_flash))).max())
 
     assert off(0.35) < 0.4 * off(0.0)

@@ -148,7 +148,7 @@ def test_results_do_not_depend_on_the_strips_by_a_bit(
     rows: int,
     registration: float,
 ) -> None:
-    pair, _ = grainy(3, registration=registration)
+    pair, _ = grainy(3, registration_px=registration)
     lamps = lamps_of(warm_to_cool)
 
     whole, cut = separated(pair, lamps, method), separated(pair, lamps, method, rows)
@@ -291,7 +291,7 @@ def test_cancel_stops_between_strips(
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
-@pytest.mark.parametrize("more", [{}, {"flash_only": True}, {"registration": 0.35}], ids=str)
+@pytest.mark.parametrize("more", [{}, {"flash_only": True}, {"registration_px": 0.35}], ids=str)
 def test_best_is_what_it_is_defined_to_be(
     grainy: Callable[..., Any],
     model: Model,
@@ -337,7 +337,7 @@ def test_edges_that_do_not_quite_fit_take_the_shares_beside_them(
     lamps, truth = lamps_of(chosen), layers[:, 30, 30] / clean.no_flash[30, 30]
 
     def worst(registration: float) -> float:
-        strip = separated(pair_of(before, part, registration=registration), lamps)
+        strip = separated(pair_of(before, part, registration_px=registration), lamps)
         return float(np.abs(strip.layers / before - truth[:, None, None]).max())
 
     assert worst(0.35) < 0.45 * worst(0.0)
