@@ -39,11 +39,15 @@ def main() -> int:
     parser.add_argument("--faults", type=int, default=60)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--setup", choices=list(FAULTS), default="sqlite")
+    parser.add_argument(
+        "--lights", type=int, help="tell jobs, which end sooner, how many there are"
+    )
     wanted = parser.parse_args()
+    options = {} if wanted.lights is None else {"lights": wanted.lights}
     folder = Path(tempfile.mkdtemp(prefix="chaos-"))
     wishes, faults = plan(wanted.setup, wanted.jobs, wanted.faults, wanted.seed)
     with SETUPS[wanted.setup](folder) as service:
-        found, seconds, noticed = _run(service, wishes, faults, f"chaos-{wanted.seed}")
+        found, seconds, noticed = _run(service, wishes, faults, f"chaos-{wanted.seed}", options)
     for kind, sentences in vars(found).items():
         for sentence in sentences:
             print(f"{kind}: {sentence}")
@@ -66,11 +70,15 @@ def main() -> int:
 
 
 def _run(
-    service: Service, wishes: list[Wish], faults: list[Fault], name: str
+    service: Service,
+    wishes: list[Wish],
+    faults: list[Fault],
+    name: str,
+    options: dict[str, int],
 ) -> tuple[accounts.Accounts, list[float], list[float]]:
     engine = database.connect(service.settings.database_url)
     takeovers, ledger, stop = Takeovers(engine), Ledger(), threading.Event()
-    clients = Clients(service.urls, pairs(), ledger, name)
+    clients = Clients(service.urls, pairs(), ledger, name, options)
     watcher = threading.Thread(target=takeovers.watch, args=(stop,), daemon=True)
     try:
         service.start()

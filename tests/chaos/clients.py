@@ -65,12 +65,15 @@ def pairs() -> list[Pair]:
 class Clients:
     """Does wishes on the APIs of a service, and keeps the ledger."""
 
-    def __init__(self, urls: list[str], found: list[Pair], ledger: Ledger, name: str) -> None:
-        """name: makes the keys of this run its own."""
+    def __init__(
+        self, urls: list[str], found: list[Pair], ledger: Ledger, name: str, options: dict[str, int]
+    ) -> None:
+        """name: makes the keys of this run its own; options: of every job."""
         self._urls = urls
         self._pairs = found
         self._ledger = ledger
         self._name = name
+        self._options = options
         self._http = httpx.Client(timeout=_TIMEOUT_SECONDS)
 
     def close(self) -> None:
@@ -103,9 +106,11 @@ class Clients:
     def _send(self, wish: Wish, key: str, first: int) -> str:
         headers = {"idempotency-key": key}
         if wish.pair is None:
-            body: dict[str, Any] = {"json": {"capture": {"camera": CAMERA}}}
+            wanted = {"capture": {"camera": CAMERA}, "options": self._options}
+            body: dict[str, Any] = {"json": wanted}
         else:
-            body = {"files": self._pairs[wish.pair]}
+            data = {"options": json.dumps(self._options)}
+            body = {"files": self._pairs[wish.pair], "data": data}
         answer = self.ask("POST", "/jobs", first, headers=headers, **body)
         if answer.status_code != 202:
             raise GaveUpError(f"status {answer.status_code}: {answer.text[:300]}")
@@ -156,7 +161,11 @@ class Clients:
         url = urlsplit(self._urls[wish.number % len(self._urls)])
         headers = {"idempotency-key": key}
         request = self._http.build_request(
-            "POST", url.geturl() + "/jobs", files=self._pairs[wish.pair], headers=headers
+            "POST",
+            url.geturl() + "/jobs",
+            files=self._pairs[wish.pair],
+            data={"options": json.dumps(self._options)},
+            headers=headers,
         )
         body = request.read()
         head = "".join(f"{name}: {value}\r\n" for name, value in request.headers.items())

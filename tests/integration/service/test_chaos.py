@@ -23,7 +23,7 @@ def test_nothing_is_lost_stuck_doubled_or_left_over(
     environment = {**os.environ, **quick, "TMPDIR": str(tmp_path)}
     command = [sys.executable, "-m", "tests.chaos", "--setup", setup]
     done = subprocess.run(
-        [*command, "--jobs", "7", "--faults", "5", "--seed", str(seed)],
+        [*command, "--jobs", "7", "--faults", "5", "--lights", "2", "--seed", str(seed)],
         env=environment,
         capture_output=True,
         text=True,
