@@ -7,10 +7,11 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tests.integration.service.conftest import Service
 
 CAMERA = "sim://studio?width=64&height=64"
 
@@ -39,15 +40,38 @@ class _Answer(BaseHTTPRequestHandler):
         """Stay quiet."""
 
 
-@pytest.fixture
-def relay() -> Iterator[Relay]:
+@pytest.fixture(scope="module")
+def _relay() -> Iterator[Relay]:
     with Relay() as served:
         thread = threading.Thread(target=served.serve_forever)
         thread.start()
         yield served
-        served.let_go.set()
         served.shutdown()
         thread.join()
+
+
+@pytest.fixture
+def relay(_relay: Relay) -> Iterator[Relay]:
+    """A relay that was told nothing yet."""
+    _relay.told.clear()
+    _relay.let_go = threading.Event()
+    yield _relay
+    _relay.let_go.set()
+
+
+@pytest.fixture(scope="module")
+def service(_relay: Relay, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    """A service whose flash is on the relay."""
+    service = Service(
+        tmp_path_factory.mktemp("service"),
+        cameras=CAMERA,
+        flash_switch=_relay.order,
+        flash_settle_seconds=0,
+        job_seconds=20,
+    )
+    service.start()
+    yield service
+    service.close()
 
 
 def _cancel(service: Any, job: dict[str, Any]) -> None:
@@ -83,18 +107,9 @@ def _kill_worker_and_cancel(service: Any, job: dict[str, Any]) -> None:
 def test_a_flash_on_a_relay_is_off_when_its_job_has_ended(
     ends: Callable[[Any, dict[str, Any]], None],
     outcome: str | None,
-    make_service: Callable[..., Any],
+    service: Service,
     relay: Relay,
-    tmp_path: Path,
 ) -> None:
-    service = make_service(
-        tmp_path / "service",
-        cameras=CAMERA,
-        flash_switch=relay.order,
-        flash_settle_seconds=0,
-        job_seconds=20,
-    )
-    service.start()
     job = service.capture(CAMERA, flash="external")
     service.await_that("the relay is on", lambda: "/on" in relay.told or service.look(job)["error"])
     ends(service, job)
@@ -106,12 +121,8 @@ def test_a_flash_on_a_relay_is_off_when_its_job_has_ended(
 
 
 def test_a_flash_is_off_when_a_job_is_deleted_whose_worker_has_died(
-    make_service: Callable[..., Any], relay: Relay, tmp_path: Path
+    service: Service, relay: Relay
 ) -> None:
-    service = make_service(
-        tmp_path / "service", cameras=CAMERA, flash_switch=relay.order, flash_settle_seconds=0
-    )
-    service.start()
     job = service.capture(CAMERA, flash="external")
     service.await_that("the relay is on", lambda: "/on" in relay.told or service.look(job)["error"])
     for pid in service.find("worker"):
