@@ -8,18 +8,19 @@ import random
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from tests.chaos.relay import Relay
+from tests.integration.service.conftest import Service
 
 _KILLS = 4
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def simcam() -> Iterator[str]:
     """A camera on the network, in a process of its own; its address."""
     command = [sys.executable, "-m", "service.cli", "simcam", "--port", "0"]
@@ -34,12 +35,13 @@ def simcam() -> Iterator[str]:
         process.kill()
 
 
-@pytest.fixture
-def receiving(make_service: Callable[..., Any], tmp_path: Path) -> Any:
+@pytest.fixture(scope="module")
+def receiving(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     """A service that takes jobs and has nobody to do them: all that an agent needs of it."""
-    service = make_service(tmp_path / "service")
+    service = Service(tmp_path_factory.mktemp("service"))
     service.start_without_worker()
-    return service
+    yield service
+    service.close()
 
 
 @pytest.fixture
@@ -107,9 +109,11 @@ class Agent:
         return [event for event in self.events if event["event"] == name]
 
 
-def jobs_of(service: Any) -> list[dict[str, Any]]:
-    """Every job, the oldest first."""
+def take_jobs(service: Any) -> list[dict[str, Any]]:
+    """Every job, the oldest first; they are deleted."""
     found: list[dict[str, Any]] = service.http.get("/jobs", params={"limit": 200}).json()["jobs"]
+    for job in found:
+        service.http.delete(job["links"]["self"]).raise_for_status()
     return found[::-1]
 
 
@@ -136,7 +140,7 @@ def test_killed_and_cut_off_at_random_it_loses_and_doubles_nothing(
     agent.await_events("held", 1)
     receiving.start_without_worker()
     assert agent.await_end() == 0
-    jobs = jobs_of(receiving)
+    jobs = take_jobs(receiving)
     arrived = [{frame: file["sha256"] for frame, file in job["inputs"].items()} for job in jobs]
     spooled = [event["sha256"] for event in agent.told("spooled")]
     assert len(spooled) >= _KILLS
@@ -155,14 +159,14 @@ def test_the_network_goes_while_pairs_are_taken_and_comes_back(
     agent.relay.cut()
     agent.start("--interval", "0", "--pairs", "4")
     agent.await_events("spooled", 4)
-    assert jobs_of(receiving) == []
+    assert take_jobs(receiving) == []
     assert len(agent.told("held")) == 1
     agent.relay.mend()
     assert agent.await_end() == 0
     shots = [event["shot"] for event in agent.told("spooled")]
     assert [event["shot"] for event in agent.told("sent")] == shots
     assert [event["job"] for event in agent.told("sent")] == [
-        job["id"] for job in jobs_of(receiving)
+        job["id"] for job in take_jobs(receiving)
     ]
 
 
