@@ -14,7 +14,7 @@ import drivers
 from tests.integration.service.page.looking import PATIENCE_MS, SHOTS
 
 
-@pytest.fixture(scope="module")  # its event loop would be in the way of other modules' tests
+@pytest.fixture(scope="package")  # its event loop would be in the way of other tests
 def browser(lacking: Callable[[str], NoReturn]) -> Iterator[Browser]:
     program = shutil.which("chromium") or shutil.which("chromium-browser")
     if program is None:
