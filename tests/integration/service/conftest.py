@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import os
 import signal
@@ -16,17 +17,25 @@ from typing import Any, NamedTuple, NoReturn
 
 import httpx
 import pytest
+import sqlalchemy as sa
 from moto.server import ThreadedMotoServer
 
 import drivers
 from pipeline.progress import STAGES
+from service import database
 from service.client import Client, ServiceAwayError
+from tests.chaos.relay import Relay
 from tests.ports import free_port
 from tests.postgresql import PostgreSQL, find_programs
 
 Job = dict[str, Any]
 
 _PATIENCE_SECONDS = 240
+SILENCE_SECONDS = 15
+"""How long a worker may stand still, as on a busy machine; for tests that do not wait for it.
+
+That a process has ended is noticed at once.
+"""
 
 
 def await_that(what: str, happened: Callable[[], Any]) -> Any:
@@ -35,7 +44,7 @@ def await_that(what: str, happened: Callable[[], Any]) -> Any:
     while time.monotonic() < deadline:
         if value := happened():
             return value
-        time.sleep(0.02)
+        time.sleep(0.1)  # each look costs the service a request
     pytest.fail(f"waited in vain until {what}")
 
 
@@ -101,6 +110,11 @@ class Service:
         self._process = self._run("serve", "--no-worker")
         await_that("the service answers", self._listens)
 
+    def ensure_started(self) -> None:
+        """Start it, unless it runs."""
+        if self._process is None or self._process.poll() is not None:
+            self.start()
+
     def _listens(self) -> bool:
         assert self.pid
         with contextlib.suppress(httpx.TransportError):
@@ -122,12 +136,17 @@ class Service:
         self._others.append(self._run("worker"))
         return self._others[-1]
 
-    def await_workers(self, count: int) -> None:
-        """Wait until so many have begun in all, from which on they take jobs."""
-        ready = '"message": "ready"'
-        self.await_that(
-            f"{count} workers are ready", lambda: self.log.read_text().count(ready) == count
-        )
+    def start_ready_worker(self) -> subprocess.Popen[bytes]:
+        """Start another worker, and wait until it takes jobs, too."""
+
+        def count() -> int:
+            return self.log.read_text().count('"message": "ready"')
+
+        self.await_that("its own worker is ready", count)
+        before = count()
+        worker = self.start_worker()
+        self.await_that("the other worker is ready", lambda: count() > before)
+        return worker
 
     def _run(self, *command: str) -> subprocess.Popen[bytes]:
         with self.log.open("ab") as log:
@@ -206,12 +225,19 @@ class Service:
         self._process.terminate()
         return self._process.wait(_PATIENCE_SECONDS)
 
-    def close(self) -> None:
-        self.http.close()
-        for process in filter(None, [self._process, *self._others]):
+    def stop_workers(self) -> None:
+        """Stop those that were started beside the service."""
+        for process in self._others:
             if process.poll() is None:
                 process.terminate()
                 process.wait(_PATIENCE_SECONDS)
+        self._others.clear()
+
+    def close(self) -> None:
+        self.http.close()
+        self.stop_workers()
+        if self._process is not None and self._process.poll() is None:
+            self.stop()
 
     def capture(
         self, camera: str, lights: int | None = None, flash: str = "property", **handling: object
@@ -289,19 +315,25 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     yield from _running(Service(tmp_path_factory.mktemp("service"), heartbeat_seconds=2))
 
 
+@pytest.fixture(scope="package")
+def _breakable(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    """Tells webhooks on this machine, again at once where they do not take it."""
+    service = Service(
+        tmp_path_factory.mktemp("breakable"),
+        silence_seconds=SILENCE_SECONDS,
+        webhook_private="127.0.0.0/8",
+        webhook_retry_seconds=0.05,
+    )
+    yield service
+    service.close()
+
+
 @pytest.fixture
-def silence_seconds() -> float:
-    """How long a worker may stand still, as on a busy machine; for tests that do not wait for it.
-
-    That a process has ended is noticed at once.
-    """
-    return 15
-
-
-@pytest.fixture
-def own_service(tmp_path: Path, silence_seconds: float) -> Iterator[Service]:
-    """A service of the test's own, to be killed."""
-    yield from _running(Service(tmp_path / "service", silence_seconds=silence_seconds))
+def breakable(_breakable: Service) -> Iterator[Service]:
+    """A service to be killed, which runs again for the next test; it calls webhooks at once."""
+    _breakable.ensure_started()
+    yield _breakable
+    _breakable.stop_workers()
 
 
 @pytest.fixture
@@ -317,23 +349,15 @@ def make_service() -> Iterator[Callable[..., Service]]:
         yield make
 
 
-@pytest.fixture
-def sweeping(tmp_path: Path) -> Iterator[Service]:
-    """A service that keeps jobs for a day once they have ended, and often looks for them."""
-    yield from _running(Service(tmp_path / "service", retention_days=1, sweep_seconds=1))
+@pytest.fixture(scope="package")
+def sweeping(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    """A service whose worker runs two jobs at once and often looks for those to be removed.
 
-
-@pytest.fixture
-def wide_service(tmp_path: Path) -> Iterator[Service]:
-    """A service whose worker runs two jobs at once."""
-    yield from _running(Service(tmp_path / "service", worker_concurrency=2))
-
-
-@pytest.fixture
-def telling(tmp_path: Path) -> Iterator[Service]:
-    """A service that tells webhooks on this machine, again at once where they do not take it."""
-    again = {"webhook_private": "127.0.0.0/8", "webhook_retry_seconds": 0.05}
-    yield from _running(Service(tmp_path / "service", **again))
+    Which are those that ended a day ago.
+    """
+    folder = tmp_path_factory.mktemp("sweeping")
+    settings = {"retention_days": 1, "sweep_seconds": 1, "worker_concurrency": 2}
+    yield from _running(Service(folder, **settings))
 
 
 @pytest.fixture
@@ -353,20 +377,52 @@ def keyed_queue(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Serv
     service.close()
 
 
-@pytest.fixture
-def grown_up(
-    tmp_path: Path, postgresql: str, s3: dict[str, str], silence_seconds: float
+@pytest.fixture(scope="module")
+def silence_seconds() -> float:
+    """That of services on PostgreSQL and S3."""
+    return SILENCE_SECONDS
+
+
+@pytest.fixture(scope="module")
+def shared_database(make_database: Callable[[], str]) -> str:
+    """The URL of the database that hosts share."""
+    return make_database()
+
+
+@pytest.fixture(scope="module")
+def store_relay(s3: dict[str, str]) -> Relay:
+    """The way of `grown_up` to its store, which can be cut."""
+    port = httpx.URL(s3["AWS_ENDPOINT_URL"]).port
+    assert port is not None
+    return Relay(port)
+
+
+@pytest.fixture(scope="module")
+def _grown_up(
+    tmp_path_factory: pytest.TempPathFactory,
+    shared_database: str,
+    s3: dict[str, str],
+    store_relay: Relay,
+    silence_seconds: float,
 ) -> Iterator[Service]:
-    """A service on PostgreSQL and S3."""
+    folder = tmp_path_factory.mktemp("grown_up")
     service = Service(
-        tmp_path / "service",
-        database_url=postgresql,
-        store_url="s3://photographs/lightlayers",
+        folder,
+        database_url=shared_database,
+        store_url=f"s3://photographs/{folder.name}",
+        store_presign=True,
         silence_seconds=silence_seconds,
     )
-    service.environment |= s3
+    service.environment |= s3 | {"AWS_ENDPOINT_URL": f"http://127.0.0.1:{store_relay.port}"}
     service.migrate()
     yield from _running(service)
+
+
+@pytest.fixture
+def grown_up(_grown_up: Service) -> Iterator[Service]:
+    """A service on PostgreSQL and S3, which answers for results with the store's URLs."""
+    yield _grown_up
+    _grown_up.stop_workers()
 
 
 def _keyed(folder: Path) -> tuple[Service, str]:
@@ -385,7 +441,17 @@ def _running(service: Service) -> Iterator[Service]:
 @pytest.fixture(scope="session")
 def pair() -> drivers.CapturedPair:
     """A pair that takes some seconds to separate."""
-    with drivers.open_camera("sim://studio?lights=2&width=300&height=200") as camera:
+    return _taken(300, 200)
+
+
+@pytest.fixture(scope="session")
+def small_pair() -> drivers.CapturedPair:
+    """A pair that takes no time to separate, once it is told how many lamps there are."""
+    return _taken(96, 64)
+
+
+def _taken(width: int, height: int) -> drivers.CapturedPair:
+    with drivers.open_camera(f"sim://studio?lights=2&width={width}&height={height}") as camera:
         return drivers.capture_pair(camera)
 
 
@@ -419,3 +485,19 @@ def postgresql(lacking: Callable[[str], NoReturn]) -> Iterator[str]:
         server.create()
         yield server.url()
         server.stop()
+
+
+@pytest.fixture(scope="package")
+def make_database(postgresql: str) -> Iterator[Callable[[], str]]:
+    """Make an empty database on that server; its URL."""
+    root = database.connect(postgresql).execution_options(isolation_level="AUTOCOMMIT")
+    numbers = itertools.count()
+
+    def make() -> str:
+        name = f"made{next(numbers)}"
+        with root.connect() as connection:
+            connection.exec_driver_sql(f"CREATE DATABASE {name}")
+        return sa.make_url(postgresql).set(database=name).render_as_string()
+
+    yield make
+    root.dispose()

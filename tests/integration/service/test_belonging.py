@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 import sqlalchemy as sa
@@ -19,25 +19,14 @@ def storage(s3: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> Storage:
 
 
 @pytest.fixture
-def databases(postgresql: str) -> Iterator[list[sa.Engine]]:
+def databases(make_database: Callable[[], str]) -> Iterator[list[sa.Engine]]:
     """Two on one server, both migrated."""
-    root = sa.create_engine(
-        postgresql.replace("postgresql:", "postgresql+psycopg:"), isolation_level="AUTOCOMMIT"
-    )
-    names = ("production", "staging")
-    with root.connect() as connection:
-        for name in names:
-            connection.exec_driver_sql(f"CREATE DATABASE {name}")
-    engines = [database.connect(f"{postgresql.rpartition('/')[0]}/{name}") for name in names]
+    engines = [database.connect(make_database()) for _ in range(2)]
     for engine in engines:
         migrations.upgrade(engine)
     yield engines
     for engine in engines:
         engine.dispose()
-    with root.connect() as connection:
-        for name in names:
-            connection.exec_driver_sql(f"DROP DATABASE {name} WITH (FORCE)")
-    root.dispose()
 
 
 def test_the_second_database_leaves_the_bucket_of_the_first_alone(

@@ -19,7 +19,7 @@ from service.cli import run
 from service.object_keys import DATABASE_ID
 from service.storage import Storage
 
-SMALL = "sim://studio?lights=2&width=128&height=96"
+SMALL = "sim://studio?lights=2&width=96&height=64"
 
 
 def _stored(service: Any) -> list[str]:
@@ -30,13 +30,14 @@ def _scratch(service: Any) -> list[Path]:
     return list((service.data / "work").iterdir())
 
 
-def test_a_pair_goes_in_and_layers_come_out(service: Any, pair: drivers.CapturedPair) -> None:
+def test_a_pair_goes_in_and_layers_come_out(service: Any, small_pair: drivers.CapturedPair) -> None:
     files = {
-        "no_flash": ("holiday1.dng", pair.no_flash.best),
-        "flash": ("holiday2.dng", pair.flash.best),
+        "no_flash": ("holiday1.dng", small_pair.no_flash.best),
+        "flash": ("holiday2.dng", small_pair.flash.best),
     }
     wish = {"prefer": "wait=60"}
-    job = service.http.post("/jobs", files=files, headers=wish, timeout=180).json()
+    data = {"options": '{"lights": 2}'}
+    job = service.http.post("/jobs", files=files, data=data, headers=wish, timeout=180).json()
     job = service.await_end(job)
     assert (job["state"], job["attempt"], job["error"]) == ("succeeded", 1, None)
     manifest = service.http.get(job["links"]["results"]).json()
@@ -57,25 +58,25 @@ def test_a_pair_goes_in_and_layers_come_out(service: Any, pair: drivers.Captured
     assert "holiday" not in log
 
 
-def test_everything_killed_in_mid_job_is_finished_after_a_start(own_service: Any) -> None:
-    with own_service.held():
-        first = own_service.capture("sim://studio?lights=2&width=300&height=200", lights=2)
-        own_service.await_stage(first, attempt=2)  # the first one took the pair
-        second = own_service.capture(SMALL, lights=2)
+def test_everything_killed_in_mid_job_is_finished_after_a_start(breakable: Any) -> None:
+    with breakable.held():
+        first = breakable.capture(SMALL, lights=2)
+        breakable.await_stage(first, attempt=2)  # the first one took the pair
+        second = breakable.capture(SMALL, lights=2)
         inputs = f"{first['id']}/inputs/"
-        taken = {key: _digest(own_service, key) for key in _stored(own_service) if inputs in key}
+        taken = {key: _digest(breakable, key) for key in _stored(breakable) if inputs in key}
         assert len(taken) == 2
-        own_service.kill()
-    assert _scratch(own_service)
-    own_service.start()
-    done = own_service.await_end(first)
+        breakable.kill()
+    assert _scratch(breakable)
+    breakable.start()
+    done = breakable.await_end(first)
     assert (done["state"], done["attempt"]) == ("succeeded", 3)
-    assert own_service.await_end(second)["state"] == "succeeded"
+    assert breakable.await_end(second)["state"] == "succeeded"
     # The photographs were not taken again, and nothing of the first attempt is left.
-    of_first = [key for key in _stored(own_service) if first["id"] in key]
-    assert {key: _digest(own_service, key) for key in of_first if "/inputs/" in key} == taken
+    of_first = [key for key in _stored(breakable) if first["id"] in key]
+    assert {key: _digest(breakable, key) for key in of_first if "/inputs/" in key} == taken
     assert {key.split("/")[2] for key in of_first} == {"inputs", "3"}
-    assert _scratch(own_service) == []
+    assert _scratch(breakable) == []
 
 
 def _digest(service: Any, key: str) -> str:
@@ -83,26 +84,9 @@ def _digest(service: Any, key: str) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def test_a_stopped_service_puts_its_job_back(own_service: Any, pair: drivers.CapturedPair) -> None:
-    with own_service.held():
-        job = own_service.upload(pair, lights=2)
-        own_service.await_stage(job)
-        processes = own_service.processes()
-        assert own_service.stop() == 0
-    own_service.await_that("all are gone", lambda: not any(map(own_service.lives, processes)))
-    with sqlite3.connect(own_service.data / "lightlayers.sqlite") as database:
-        row = database.execute("SELECT state, attempt, lost, worker FROM jobs").fetchone()
-    database.close()
-    assert row == ("queued", 1, 0, None)
-    assert _scratch(own_service) == []
-    own_service.start()
-    done = own_service.await_end(job)
-    assert (done["state"], done["attempt"]) == ("succeeded", 2)
-
-
-def test_a_running_job_can_be_canceled(service: Any, pair: drivers.CapturedPair) -> None:
+def test_a_running_job_can_be_canceled(service: Any, small_pair: drivers.CapturedPair) -> None:
     with service.held():
-        job = service.upload(pair, lights=2)
+        job = service.upload(small_pair, lights=2)
         service.await_stage(job)
         assert len(service.find("child")) == 1
         asked = service.http.post(job["links"]["cancel"])
@@ -116,9 +100,9 @@ def test_a_running_job_can_be_canceled(service: Any, pair: drivers.CapturedPair)
     ]
 
 
-def test_a_running_job_can_be_deleted(service: Any, pair: drivers.CapturedPair) -> None:
+def test_a_running_job_can_be_deleted(service: Any, small_pair: drivers.CapturedPair) -> None:
     with service.held():
-        job = service.upload(pair, lights=2)
+        job = service.upload(small_pair, lights=2)
         service.await_stage(job)
         assert service.http.delete(job["links"]["self"]).status_code == 204
         assert service.http.get(job["links"]["self"]).status_code == 404
@@ -126,9 +110,9 @@ def test_a_running_job_can_be_deleted(service: Any, pair: drivers.CapturedPair) 
     service.await_that("nothing is stored", lambda: job["id"] not in " ".join(_stored(service)))
 
 
-def test_a_crash_hurts_only_its_job(service: Any, pair: drivers.CapturedPair) -> None:
+def test_a_crash_hurts_only_its_job(service: Any, small_pair: drivers.CapturedPair) -> None:
     with service.held():
-        job = service.upload(pair, lights=2)
+        job = service.upload(small_pair, lights=2)
         service.await_stage(job)
         workers, servers = service.find("worker"), service.find("fork server")
         (child,) = service.find("child")
@@ -139,12 +123,14 @@ def test_a_crash_hurts_only_its_job(service: Any, pair: drivers.CapturedPair) ->
     assert "SIGSEGV" in done["error"]["detail"]
     assert service.find("worker") == workers
     assert service.find("fork server") == servers
-    assert service.await_end(service.upload(pair, lights=2))["state"] == "succeeded"
+    assert service.await_end(service.upload(small_pair, lights=2))["state"] == "succeeded"
 
 
-def test_a_dead_fork_server_costs_an_attempt(service: Any, pair: drivers.CapturedPair) -> None:
+def test_a_dead_fork_server_costs_an_attempt(
+    service: Any, small_pair: drivers.CapturedPair
+) -> None:
     with service.held():
-        job = service.upload(pair, lights=2)
+        job = service.upload(small_pair, lights=2)
         service.await_stage(job)
         workers = service.find("worker")
         (server,) = service.find("fork server")
@@ -157,57 +143,78 @@ def test_a_dead_fork_server_costs_an_attempt(service: Any, pair: drivers.Capture
 
 
 def test_a_killed_worker_takes_its_processes_with_it(
-    own_service: Any, pair: drivers.CapturedPair
+    breakable: Any, small_pair: drivers.CapturedPair
 ) -> None:
-    with own_service.held():
-        job = own_service.upload(pair, lights=2)
-        own_service.await_stage(job)
-        (worker,) = own_service.find("worker")
-        left = [*own_service.find("fork server"), *own_service.find("child")]
+    with breakable.held():
+        job = breakable.upload(small_pair, lights=2)
+        breakable.await_stage(job)
+        (worker,) = breakable.find("worker")
+        left = [*breakable.find("fork server"), *breakable.find("child")]
         assert len(left) == 2
         os.kill(worker, signal.SIGKILL)
-        own_service.await_that("they are gone", lambda: not any(map(own_service.lives, left)))
-    assert own_service.await_end(job)["state"] == "succeeded"
+        breakable.await_that("they are gone", lambda: not any(map(breakable.lives, left)))
+    assert breakable.await_end(job)["state"] == "succeeded"
+
+
+def test_a_stopped_service_puts_its_job_back(
+    breakable: Any, small_pair: drivers.CapturedPair
+) -> None:
+    with breakable.held():
+        job = breakable.upload(small_pair, lights=2)
+        breakable.await_stage(job)
+        processes = breakable.processes()
+        assert breakable.stop() == 0
+    breakable.await_that("all are gone", lambda: not any(map(breakable.lives, processes)))
+    with sqlite3.connect(breakable.data / "lightlayers.sqlite") as database:
+        row = database.execute(
+            "SELECT state, attempt, lost, worker FROM jobs WHERE id = ?", (job["id"],)
+        ).fetchone()
+    database.close()
+    assert row == ("queued", 1, 0, None)
+    assert _scratch(breakable) == []
+    breakable.start()
+    done = breakable.await_end(job)
+    assert (done["state"], done["attempt"]) == ("succeeded", 2)
 
 
 def test_a_job_that_kills_its_workers_is_given_up(
-    own_service: Any, pair: drivers.CapturedPair
+    breakable: Any, small_pair: drivers.CapturedPair
 ) -> None:
     killed: set[int] = set()
-    with own_service.held():
-        job = own_service.upload(pair, lights=2)
+    with breakable.held():
+        job = breakable.upload(small_pair, lights=2)
         for attempt in (1, 2, 3):
-            own_service.await_stage(job, attempt)
-            (worker,) = own_service.find("worker")
+            breakable.await_stage(job, attempt)
+            (worker,) = breakable.find("worker")
             assert worker not in killed
             os.kill(worker, signal.SIGKILL)
             killed.add(worker)
-        done = own_service.await_end(job)
+        done = breakable.await_end(job)
     assert done["state"] == "failed"
     assert done["error"]["type"] == "urn:lightlayers:problem:abandoned"
     assert "3 times" in done["error"]["detail"]
 
 
 def test_a_job_past_its_deadline_fails_running_or_waiting(
-    service: Any, pair: drivers.CapturedPair
+    service: Any, small_pair: drivers.CapturedPair
 ) -> None:
     with service.held():
-        running = service.upload(pair, lights=2)
+        running = service.upload(small_pair, lights=2)
         service.await_stage(running)
-        done = service.await_end(service.upload(pair, deadline_seconds=0.1))
+        done = service.await_end(service.upload(small_pair, deadline_seconds=0.1))
         assert (done["state"], done["attempt"]) == ("failed", 0)
         assert done["error"]["type"] == "urn:lightlayers:problem:deadline-passed"
         service.http.post(running["links"]["cancel"])
-        done = service.await_end(service.upload(pair, lights=2, deadline_seconds=3))
+        done = service.await_end(service.upload(small_pair, lights=2, deadline_seconds=3))
     assert (done["state"], done["files"]) == ("failed", [])
     assert done["error"]["type"] == "urn:lightlayers:problem:deadline-passed"
     service.await_that("its process is gone", lambda: not service.find("child"))
 
 
 def test_a_job_is_run_again_after_its_first_run_is_deleted(
-    service: Any, pair: drivers.CapturedPair
+    service: Any, small_pair: drivers.CapturedPair
 ) -> None:
-    first = service.await_end(service.upload(pair, lights=2))
+    first = service.await_end(service.upload(small_pair, lights=2))
     body = {"options": {"lights": 1}, "priority": "high"}
     again = service.http.post(f"{first['links']['self']}/rerun", json=body)
     assert again.status_code == 202
@@ -219,9 +226,9 @@ def test_a_job_is_run_again_after_its_first_run_is_deleted(
 
 
 def test_jobs_are_removed_once_their_time_is_over(
-    sweeping: Any, pair: drivers.CapturedPair
+    sweeping: Any, small_pair: drivers.CapturedPair
 ) -> None:
-    job = sweeping.upload(pair, lights=2)
+    job = sweeping.upload(small_pair, lights=2)
     assert sweeping.await_end(job)["expires"] is not None
     with sqlite3.connect(sweeping.data / "lightlayers.sqlite", timeout=60) as database:
         database.execute("UPDATE jobs SET expires = 1")
@@ -233,25 +240,28 @@ def test_jobs_are_removed_once_their_time_is_over(
     )
 
 
-def test_two_workers_do_each_job_once(own_service: Any, pair: drivers.CapturedPair) -> None:
-    own_service.start_worker()
-    jobs = [own_service.upload(pair) for _ in range(2)]
-    ends = [own_service.await_end(job) for job in jobs]
+def test_two_workers_do_each_job_once(breakable: Any, small_pair: drivers.CapturedPair) -> None:
+    breakable.start_worker()
+    with breakable.held():
+        jobs = [breakable.upload(small_pair, lights=2) for _ in range(2)]
+        for job in jobs:  # at once, so that each worker has one
+            breakable.await_stage(job)
+    ends = [breakable.await_end(job) for job in jobs]
     assert [(job["state"], job["attempt"]) for job in ends] == [("succeeded", 1)] * 2
 
 
 def test_one_of_two_jobs_at_once_is_canceled_alone(
-    wide_service: Any, pair: drivers.CapturedPair
+    sweeping: Any, small_pair: drivers.CapturedPair
 ) -> None:
-    with wide_service.held():
-        first, second = [wide_service.upload(pair, lights=2) for _ in range(2)]
+    with sweeping.held():
+        first, second = [sweeping.upload(small_pair, lights=2) for _ in range(2)]
         for job in (first, second):
-            wide_service.await_stage(job)
-        assert wide_service.http.post(first["links"]["cancel"]).status_code == 202
-        assert wide_service.await_end(first)["state"] == "canceled"
-    done = wide_service.await_end(second)
+            sweeping.await_stage(job)
+        assert sweeping.http.post(first["links"]["cancel"]).status_code == 202
+        assert sweeping.await_end(first)["state"] == "canceled"
+    done = sweeping.await_end(second)
     assert (done["state"], done["attempt"]) == ("succeeded", 1)
-    assert wide_service.find("child") == []
+    assert sweeping.find("child") == []
 
 
 def test_a_camera_that_fails_fails_the_job(service: Any) -> None:
@@ -262,11 +272,14 @@ def test_a_camera_that_fails_fails_the_job(service: Any) -> None:
 
 
 def test_a_pair_is_submitted_from_the_shell(
-    service: Any, pair: drivers.CapturedPair, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    service: Any,
+    small_pair: drivers.CapturedPair,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     paths = [tmp_path / "a.dng", tmp_path / "b.dng"]
-    paths[0].write_bytes(pair.no_flash.best)
-    paths[1].write_bytes(pair.flash.best)
+    paths[0].write_bytes(small_pair.no_flash.best)
+    paths[1].write_bytes(small_pair.flash.best)
     out = tmp_path / "out"
     command = ["submit", *map(str, paths), "-o", str(out), "--url", service.url, "--json"]
     assert run([*command, "--lights", "2"]) == 0

@@ -18,11 +18,12 @@ import pytest
 import drivers
 
 
-def test_a_dead_hosts_job_is_finished_by_another(grown_up: Any, pair: drivers.CapturedPair) -> None:
-    other = grown_up.start_worker()
-    grown_up.await_workers(2)
+def test_a_dead_hosts_job_is_finished_by_another(
+    grown_up: Any, small_pair: drivers.CapturedPair
+) -> None:
+    other = grown_up.start_ready_worker()
     with grown_up.held():
-        jobs = [grown_up.upload(pair, lights=2) for _ in range(3)]
+        jobs = [grown_up.upload(small_pair, lights=2) for _ in range(3)]
         for job in jobs[:2]:
             grown_up.await_stage(job)
         os.kill(other.pid, signal.SIGKILL)
@@ -32,7 +33,7 @@ def test_a_dead_hosts_job_is_finished_by_another(grown_up: Any, pair: drivers.Ca
     assert sorted(job["attempt"] for job in ends) == [1, 1, 2]
     for job in ends:
         for file in job["files"]:
-            answer = grown_up.http.get(file["href"])
+            answer = grown_up.http.get(file["href"], follow_redirects=True)
             assert (answer.status_code, len(answer.content)) == (200, file["size"])
     assert not (grown_up.data / "lightlayers.sqlite").exists()
     assert not (grown_up.data / "store").exists()
@@ -42,9 +43,9 @@ def test_a_dead_hosts_job_is_finished_by_another(grown_up: Any, pair: drivers.Ca
 
 
 def test_of_requests_with_one_key_one_makes_the_job(
-    grown_up: Any, pair: drivers.CapturedPair
+    grown_up: Any, small_pair: drivers.CapturedPair
 ) -> None:
-    files = {"no_flash": pair.no_flash.best, "flash": pair.flash.best}
+    files = {"no_flash": small_pair.no_flash.best, "flash": small_pair.flash.best}
 
     def send(options: str) -> httpx.Response:
         headers = {"idempotency-key": "once"}
@@ -71,44 +72,40 @@ def test_of_requests_with_one_key_one_makes_the_job(
 
 @pytest.fixture
 def hosts(
-    make_service: Callable[..., Any], tmp_path: Path, postgresql: str, s3: dict[str, str]
+    grown_up: Any, make_service: Callable[..., Any], tmp_path: Path, s3: dict[str, str]
 ) -> list[Any]:
-    """Two hosts of one service, which answer for results with the store's URLs."""
-    found = []
-    for name in ("first", "second"):
-        store = "s3://photographs/hosts"
-        host = make_service(
-            tmp_path / name, database_url=postgresql, store_url=store, store_presign=True
-        )
-        host.environment |= s3
-        found.append(host)
-    found[0].migrate()
-    for host in found:
-        host.start()
-    return found
+    """Two hosts of one service, of which the first one does the jobs."""
+    shared = ("database_url", "store_url", "store_presign")
+    settings = {name: grown_up.environment[f"LIGHTLAYERS_{name.upper()}"] for name in shared}
+    second = make_service(tmp_path / "second", **settings)
+    second.environment |= s3
+    second.start_without_worker()
+    return [grown_up, second]
 
 
 def test_any_host_takes_the_next_piece_and_the_store_gives_the_results(
-    hosts: list[Any], s3: dict[str, str]
+    hosts: list[Any], s3: dict[str, str], small_pair: drivers.CapturedPair
 ) -> None:
-    with drivers.open_camera("sim://studio?lights=2&width=96&height=64") as camera:
-        taken = drivers.capture_pair(camera)
     uploads = {
         frame: _send_by_turns(hosts, data)
-        for frame, data in (("no_flash", taken.no_flash.best), ("flash", taken.flash.best))
+        for frame, data in (
+            ("no_flash", small_pair.no_flash.best),
+            ("flash", small_pair.flash.best),
+        )
     }
     first, second = hosts
+    store = first.environment["LIGHTLAYERS_STORE_URL"].removeprefix("s3://")
     # so small a picture does not tell how many lamps there are
     made = second.http.post("/jobs", json={"uploads": uploads, "options": {"lights": 2}})
     assert made.status_code == 202, made.text
-    assert made.json()["inputs"]["flash"]["sha256"] == _digest(taken.flash.best)
+    assert made.json()["inputs"]["flash"]["sha256"] == _digest(small_pair.flash.best)
     end = first.await_end(made.json())
     assert end["state"] == "succeeded"
     for file in end["files"]:
         answer = second.http.get(file["href"], follow_redirects=False)
         assert (answer.status_code, answer.headers["cache-control"]) == (307, "no-store")
         link = answer.headers["location"]
-        assert link.startswith(f"{s3['AWS_ENDPOINT_URL']}/photographs/hosts/jobs/")
+        assert link.startswith(f"{s3['AWS_ENDPOINT_URL']}/{store}/jobs/")
         assert parse_qs(urlsplit(link).query)["X-Amz-Expires"] == ["300"]
         stored = httpx.get(link, timeout=60).raise_for_status()
         assert _digest(stored.content) == file["sha256"]

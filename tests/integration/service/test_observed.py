@@ -67,13 +67,6 @@ class Receiver:
         self._server.server_close()
 
 
-@pytest.fixture(scope="module")
-def small_pair() -> drivers.CapturedPair:
-    """A pair that takes no time to separate."""
-    with drivers.open_camera("sim://studio?lights=2&width=96&height=64") as camera:
-        return drivers.capture_pair(camera)
-
-
 @pytest.fixture
 def receiver() -> Iterator[Receiver]:
     receiver = Receiver()
@@ -105,6 +98,7 @@ def test_a_job_is_in_the_metrics_and_one_trace(
             "no_flash": ("holiday1.dng", small_pair.no_flash.best),
             "flash": ("holiday2.dng", small_pair.flash.best),
         },
+        data={"options": '{"lights": 2}'},
         headers={"traceparent": f"00-{trace}-{caller}-01"},
     )
     assert (answer.status_code, answer.headers["trace-id"]) == (202, trace)
@@ -153,6 +147,7 @@ def test_a_service_that_is_told_to_stop_says_so_and_finishes_its_uploads(
         "POST",
         "/jobs",
         files={"no_flash": small_pair.no_flash.best, "flash": small_pair.flash.best},
+        data={"options": '{"lights": 2}'},
     )
     body = request.read()
 

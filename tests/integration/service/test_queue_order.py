@@ -16,18 +16,12 @@ Start = Callable[..., subprocess.Popen[str]]
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
-def url(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
+def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     """URL of a database with nothing in its queue."""
     if request.param == "sqlite":
-        yield f"sqlite:///{tmp_path / 'queue.sqlite'}"
-        return
-    server: str = request.getfixturevalue("postgresql")
-    connected = database.connect(server).execution_options(isolation_level="AUTOCOMMIT")
-    with connected.connect() as connection:
-        connection.exec_driver_sql("CREATE DATABASE queue_order")
-        yield sa.make_url(server).set(database="queue_order").render_as_string()
-        connection.exec_driver_sql("DROP DATABASE queue_order WITH (FORCE)")
-    connected.dispose()
+        return f"sqlite:///{tmp_path / 'queue.sqlite'}"
+    made: str = request.getfixturevalue("make_database")()
+    return made
 
 
 @pytest.fixture

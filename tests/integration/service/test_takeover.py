@@ -9,10 +9,8 @@ import signal
 import sqlite3
 import subprocess
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
-import httpx
 import pytest
 import sqlalchemy as sa
 
@@ -20,12 +18,30 @@ import drivers
 from service import database
 from service.storage import Storage
 from tests.chaos.relay import Relay
+from tests.integration.service.conftest import Service
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def silence_seconds() -> float:
     """These wait for it, but until then no worker may seem dead."""
     return 5
+
+
+@pytest.fixture(scope="module")
+def _impatient(
+    tmp_path_factory: pytest.TempPathFactory, silence_seconds: float
+) -> Iterator[Service]:
+    service = Service(tmp_path_factory.mktemp("impatient"), silence_seconds=silence_seconds)
+    service.start()
+    yield service
+    service.close()
+
+
+@pytest.fixture
+def impatient(_impatient: Service) -> Iterator[Service]:
+    """A service that takes the jobs of frozen workers over soon."""
+    yield _impatient
+    _impatient.stop_workers()
 
 
 def _ends(service: Any, job: Any) -> list[str]:
@@ -55,29 +71,29 @@ def _freeze(service: Any, pids: list[int]) -> bool:
 
 @pytest.mark.parametrize("whole", [False, True], ids=["the worker alone", "its whole family"])
 def test_a_frozen_worker_that_comes_back_changes_nothing(
-    own_service: Any, pair: drivers.CapturedPair, whole: bool
+    impatient: Service, small_pair: drivers.CapturedPair, whole: bool
 ) -> None:
-    with own_service.held():
-        job = own_service.upload(pair, lights=2)
-        own_service.await_stage(job)
-        (worker,) = own_service.find("worker")
-        family = own_service.find("fork server") + own_service.find("child") if whole else []
+    with impatient.held():
+        job = impatient.upload(small_pair, lights=2)
+        impatient.await_stage(job)
+        (worker,) = impatient.find("worker")
+        family = impatient.find("fork server") + impatient.find("child") if whole else []
         frozen = [worker, *family]
-        own_service.await_that("they are frozen", lambda: _freeze(own_service, frozen))
-    own_service.start_worker()
-    done = own_service.await_end(job)
+        impatient.await_that("they are frozen", lambda: _freeze(impatient, frozen))
+    impatient.start_worker()
+    done = impatient.await_end(job)
     assert (done["state"], done["attempt"]) == ("succeeded", 2)
-    digests = _digests(own_service, job)
+    digests = _digests(impatient, job)
     for pid in frozen:
         os.kill(pid, signal.SIGCONT)
     # It finds that it counts no more, gives up, and is there for the next job.
-    own_service.await_that("its process is gone", lambda: not own_service.find("child"))
-    after = own_service.await_end(own_service.upload(pair, lights=2))
+    impatient.await_that("its process is gone", lambda: not impatient.find("child"))
+    after = impatient.await_end(impatient.upload(small_pair, lights=2))
     assert after["state"] == "succeeded"
-    now = own_service.look(job)
-    assert (now["state"], now["attempt"], _digests(own_service, job)) == ("succeeded", 2, digests)
-    assert _ends(own_service, job) == ["succeeded"]
-    stored = Storage((own_service.data / "store").as_uri()).list(f"jobs/{job['id']}/")
+    now = impatient.look(job)
+    assert (now["state"], now["attempt"], _digests(impatient, job)) == ("succeeded", 2, digests)
+    assert _ends(impatient, job) == ["succeeded"]
+    stored = Storage((impatient.data / "store").as_uri()).list(f"jobs/{job['id']}/")
     assert {key.split("/")[2] for key in stored} == {"inputs", "2"}
 
 
@@ -115,9 +131,9 @@ def test_a_sweep_of_which_the_worker_never_heard_is_done_again(sweeping: Any) ->
 
 
 @pytest.fixture
-def far_worker(grown_up: Any, postgresql: str) -> Iterator[Relay]:
+def far_worker(grown_up: Service, shared_database: str) -> Iterator[Relay]:
     """A way to the database that can be cut, for workers that are started from now on."""
-    url = sa.make_url(postgresql)
+    url = sa.make_url(shared_database)
     assert url.port is not None
     relay = Relay(url.port)
     there = url.set(port=relay.port).render_as_string(hide_password=False)
@@ -129,16 +145,15 @@ def far_worker(grown_up: Any, postgresql: str) -> Iterator[Relay]:
 
 @pytest.fixture
 def cut_off(
-    grown_up: Any, far_worker: Relay, pair: drivers.CapturedPair
+    grown_up: Service, far_worker: Relay, small_pair: drivers.CapturedPair
 ) -> Iterator[tuple[subprocess.Popen[bytes], list[Any]]]:
     """A worker that has just lost the database, and two jobs, of which it is in one's middle.
 
     They are held there.
     """
-    far = grown_up.start_worker()
-    grown_up.await_workers(2)  # one alone would have both jobs
+    far = grown_up.start_ready_worker()  # one alone would have both jobs
     with grown_up.held():
-        jobs = [grown_up.upload(pair, lights=2) for _ in range(2)]
+        jobs = [grown_up.upload(small_pair, lights=2) for _ in range(2)]
         for job in jobs:
             grown_up.await_stage(job)
         far_worker.cut()
@@ -146,9 +161,9 @@ def cut_off(
 
 
 def test_a_worker_that_is_cut_off_counts_no_more(
-    grown_up: Any,
+    grown_up: Service,
     far_worker: Relay,
-    postgresql: str,
+    shared_database: str,
     cut_off: tuple[subprocess.Popen[bytes], list[Any]],
 ) -> None:
     far, jobs = cut_off
@@ -156,7 +171,7 @@ def test_a_worker_that_is_cut_off_counts_no_more(
     ends = [grown_up.await_end(job) for job in jobs]
     assert [job["state"] for job in ends] == ["succeeded"] * 2
     assert sorted(job["attempt"] for job in ends) == [1, 2]
-    engine = database.connect(postgresql)
+    engine = database.connect(shared_database)
 
     def workers() -> int:
         with engine.connect() as connection:
@@ -174,7 +189,7 @@ def test_a_worker_that_is_cut_off_counts_no_more(
 
 
 def test_a_worker_that_stops_while_the_database_is_away_ends_and_its_job_goes_on(
-    grown_up: Any, cut_off: tuple[subprocess.Popen[bytes], list[Any]]
+    grown_up: Service, cut_off: tuple[subprocess.Popen[bytes], list[Any]]
 ) -> None:
     far, jobs = cut_off
     far.terminate()
@@ -191,21 +206,19 @@ def test_a_worker_that_stops_while_the_database_is_away_ends_and_its_job_goes_on
 
 
 def test_a_job_outlasts_a_store_that_is_away_for_a_moment(
-    tmp_path: Path, pair: drivers.CapturedPair, s3: dict[str, str], make_service: Any
+    grown_up: Service, store_relay: Relay, small_pair: drivers.CapturedPair
 ) -> None:
-    port = httpx.URL(s3["AWS_ENDPOINT_URL"]).port
-    assert port is not None
-    relay = Relay(port)
-    service = make_service(tmp_path / "service", store_url="s3://photographs/away")
-    service.environment |= s3 | {"AWS_ENDPOINT_URL": f"http://127.0.0.1:{relay.port}"}
-    service.start()
-    with service.held():
-        job = service.upload(pair, lights=2)
-        service.await_stage(job)
-        relay.cut()
-    service.await_that("the worker has tried", lambda: "hindered" in service.log.read_text())
-    assert service.http.get("/readyz").status_code == 503
-    assert service.look(job)["state"] == "running"
-    relay.mend()
-    done = service.await_end(job)
+    def hindered() -> int:
+        return grown_up.log.read_text().count("hindered")
+
+    before = hindered()
+    with grown_up.held():
+        job = grown_up.upload(small_pair, lights=2)
+        grown_up.await_stage(job)
+        store_relay.cut()
+    grown_up.await_that("the worker has tried", lambda: hindered() > before)
+    assert grown_up.http.get("/readyz").status_code == 503
+    assert grown_up.look(job)["state"] == "running"
+    store_relay.mend()
+    done = grown_up.await_end(job)
     assert (done["state"], done["attempt"]) == ("succeeded", 1)
