@@ -9,9 +9,8 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -19,11 +18,12 @@ import sqlalchemy as sa
 
 import drivers
 from service import cameras, database
+from tests.integration.service.conftest import Service
 
-FAST = {"quality": "fast"}
+FAST = {"quality": "fast", "lights": 2, "align": False, "outputs": ["layers.exr"]}
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def camera() -> Iterator[Any]:
     """A simulated camera on the network."""
     served = drivers.serve_simulated("sim://studio?width=96&height=64&noise=off", "127.0.0.1", 0)
@@ -31,22 +31,21 @@ def camera() -> Iterator[Any]:
     served.close()
 
 
-@pytest.fixture(params=["sqlite", "postgresql"])
+@pytest.fixture(scope="module", params=["sqlite", "postgresql"])
 def service(
-    request: pytest.FixtureRequest,
-    make_service: Callable[..., Any],
-    tmp_path: Path,
-    camera: Any,
-) -> Any:
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, camera: Any
+) -> Iterator[Service]:
     """A service that may use this camera, with a second worker."""
     settings = {"cameras": f"ptp+ip://{camera.address}"}
     if request.param == "postgresql":
-        settings["database_url"] = request.getfixturevalue("postgresql")
-    service = make_service(tmp_path / "service", **settings)
-    service.migrate()
+        settings["database_url"] = request.getfixturevalue("make_database")()
+    service = Service(tmp_path_factory.mktemp("service"), **settings)
+    if request.param == "postgresql":
+        service.migrate()
     service.start()
     service.start_worker()
-    return service
+    yield service
+    service.close()
 
 
 def _camera(service: Any) -> dict[str, Any]:
@@ -64,14 +63,14 @@ def _capture(service: Any, **wanted: Any) -> list[dict[str, Any]]:
 
 
 def _on_card(camera: Any) -> list[str]:
-    """Digests of the photographs on the card, in the order they were taken."""
+    """Digests of the photographs on the card, in the order they were taken; they are deleted."""
     with drivers.open_camera(f"ptp+ip://{camera.address}") as opened:
         described = [opened.describe(handle) for handle in sorted(opened.objects())]
-        return [
-            hashlib.sha256(b"".join(opened.download(one.handle))).hexdigest()
-            for one in described
-            if one.kind != "folder"
-        ]
+        found = [one.handle for one in described if one.kind != "folder"]
+        digests = [hashlib.sha256(b"".join(opened.download(one))).hexdigest() for one in found]
+        for handle in found:
+            opened.delete(handle)
+        return digests
 
 
 def _digests(job: dict[str, Any]) -> list[str]:
@@ -99,6 +98,7 @@ def _confirm(service: Any, asking: dict[str, Any]) -> None:
 def test_pairs_of_a_camera_are_taken_in_order_by_whichever_worker(
     service: Any, camera: Any
 ) -> None:
+    camera.order("flash mode")
     # Both workers may be about to look at it.
     service.await_that("it was looked at", lambda: _camera(service)["state"] == "idle")
     idle = _camera(service)
