@@ -7,7 +7,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-import pytest
 
 import drivers
 from pipeline.decode import decode
@@ -19,27 +18,27 @@ def _send(service: Any, no_flash: bytes, flash: bytes) -> Any:
     return service.http.post("/jobs", files={"no_flash": no_flash, "flash": flash})
 
 
-@pytest.mark.parametrize(
-    ("settings", "size", "kind", "words"),
-    [
-        ({"job_seconds": 1.5}, "width=1500&height=1000", "timed-out", "took longer than"),
-        ({"job_output_bytes": MIB}, "width=450&height=300", "output-too-large", "are larger"),
-    ],
-)
-def test_a_job_that_wants_more_than_it_may_have_fails_with_that_reason(
-    tmp_path: Path,
-    make_service: Any,
-    settings: dict[str, Any],
-    size: str,
-    kind: str,
-    words: str,
+def test_a_job_that_takes_longer_than_it_may_fails_with_that_reason(
+    tmp_path: Path, make_service: Any, small_pair: drivers.CapturedPair
 ) -> None:
-    service = make_service(tmp_path / "service", **settings)
+    service = make_service(tmp_path / "service", job_seconds=1.5)
     service.start()
     workers = service.find("worker")
-    job = service.await_end(service.capture(f"sim://studio?lights=2&{size}"))
-    assert job["attempt"] <= 2  # the first one is the capture; none follows the one that failed
-    _check_limited(service, job, workers, kind, words)
+    with service.held():
+        job = service.await_end(service.upload(small_pair, lights=2))
+    assert job["attempt"] == 1
+    _check_limited(service, job, workers, "timed-out", "took longer than")
+
+
+def test_a_job_that_writes_more_than_it_may_fails_with_that_reason(
+    tmp_path: Path, make_service: Any, pair: drivers.CapturedPair
+) -> None:
+    service = make_service(tmp_path / "service", job_output_bytes=MIB)
+    service.start()
+    workers = service.find("worker")
+    job = service.await_end(service.upload(pair, lights=2))
+    assert job["attempt"] == 1
+    _check_limited(service, job, workers, "output-too-large", "are larger")
 
 
 def test_a_job_that_wants_more_memory_than_it_may_have_fails_with_that_reason(
