@@ -28,13 +28,13 @@ class _Service(Protocol):
 
 
 def test_the_log_has_traces_and_no_secrets(
-    keyed_service: tuple[_Service, str], pair: drivers.CapturedPair, tmp_path: Path
+    keyed_service: tuple[_Service, str], small_pair: drivers.CapturedPair, tmp_path: Path
 ) -> None:
     service, key = keyed_service
     handling = {"webhook": {"url": "https://hooks.invalid/told?token=hush", "secret": SECRET}}
-    good = {"no_flash": (NAME, pair.no_flash.best), "flash": (NAME, pair.flash.best)}
+    good = {"no_flash": (NAME, small_pair.no_flash.best), "flash": (NAME, small_pair.flash.best)}
     bad = {"no_flash": (NAME, b"\xff\xd8\xff" + NAME.encode()), "flash": (NAME, b"II*\0")}
-    data = {"handling": json.dumps(handling)}
+    data = {"handling": json.dumps(handling), "options": '{"lights": 2}'}
     trace = "0af7651916cd43dd8448eb211c80319c"
     told = {"traceparent": f"00-{trace}-b7ad6b7169203331-01"}
     assert service.http.post("/jobs", files=bad, data=data).status_code == 422
