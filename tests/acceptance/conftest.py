@@ -224,46 +224,65 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Scene]:
 
 
 @pytest.fixture(scope="session")
-def command(
+def lightlayers(
     tmp_path_factory: pytest.TempPathFactory, environment: dict[str, str]
-) -> Callable[..., Run]:
-    """Run `lightlayers separate NO_FLASH FLASH -o DIR` with more flags and environment."""
+) -> Iterator[Callable[..., subprocess.CompletedProcess[str]]]:
+    """Run `lightlayers` with these arguments and more environment.
 
-    def separate(pair: tuple[Path, Path], *flags: object, **also: str) -> Run:
-        folder = tmp_path_factory.mktemp("results") / "out"
-        done = subprocess.run(
-            [COMMAND, "separate", *pair, "-o", folder, *map(str, flags)],
+    In a fork: test_the_same_pair_gives_the_same_bytes holds that it is as the command by itself.
+    """
+    forks = Forks(environment, tmp_path_factory.mktemp("said"))
+    yield forks.run
+    forks.close()
+
+
+@pytest.fixture(scope="session")
+def process(environment: dict[str, str]) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """Run the same in a process of its own."""
+
+    def run(*arguments: object, **also: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [COMMAND, *map(str, arguments)],
             env={**environment, **also},
             capture_output=True,
             text=True,
             timeout=PATIENCE_SECONDS,
             check=False,
         )
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def command(
+    tmp_path_factory: pytest.TempPathFactory, lightlayers: Callable[..., Any]
+) -> Callable[..., Run]:
+    """Run `lightlayers separate NO_FLASH FLASH -o DIR` with more flags and environment."""
+
+    def separate(
+        pair: tuple[Path, Path],
+        *flags: object,
+        run: Callable[..., Any] = lightlayers,
+        **also: str,
+    ) -> Run:
+        folder = tmp_path_factory.mktemp("results") / "out"
+        done = run("separate", *pair, "-o", folder, *flags, **also)
         return Run(done.returncode, done.stdout, done.stderr, Results(folder))
 
     return separate
 
 
 @pytest.fixture(scope="session")
-def separated(
-    tmp_path_factory: pytest.TempPathFactory, environment: dict[str, str]
-) -> Iterator[Callable[..., Results]]:
-    """Results of the command, which must succeed; run once for all that ask for the same.
-
-    In a fork: test_the_same_pair_gives_the_same_bytes holds that it is as the command by itself.
-    """
-    forks = Forks(environment)
+def separated(command: Callable[..., Run]) -> Callable[..., Results]:
+    """Results of the command, which must succeed; run once for all that ask for the same."""
 
     @cache
     def separate(pair: tuple[Path, Path], *flags: object) -> Results:
-        folder = tmp_path_factory.mktemp("results")
-        said, out = folder / "said", folder / "out"
-        arguments = ["separate", *pair, "-o", out, *flags]
-        assert forks.run([str(one) for one in arguments], said) == 0, said.read_text()
-        return Results(out)
+        run = command(pair, *flags)
+        assert run.code == 0, run.stderr
+        return run.results
 
-    yield separate
-    forks.close()
+    return separate
 
 
 @pytest.fixture

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,6 @@ from tests.targets import (
     photograph_sphere,
 )
 
-COMMAND = Path(sys.executable).parent / "lightlayers"
 CAMERA = "Nikon D5100"
 DIRECTIONS = unit(np.array([(-0.9, 0.3, 0.2), (0.2, 0.7, 0.6), (0.7, -0.5, 0.4)]))
 COLOURS = np.array([(0.3, 0.2, 0.1), (0.2, 0.4, 0.3), (0.2, 0.25, 0.35)])
@@ -68,20 +66,9 @@ def sphere(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 @pytest.fixture(scope="module")
-def calibrate(environment: dict[str, str]) -> Callable[..., subprocess.CompletedProcess[str]]:
+def calibrate(lightlayers: Callable[..., Any]) -> Callable[..., Any]:
     """Run `lightlayers calibrate` with these arguments."""
-
-    def run(*arguments: object) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [COMMAND, "calibrate", *map(str, arguments)],
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=PATIENCE_SECONDS,
-            check=False,
-        )
-
-    return run
+    return partial(lightlayers, "calibrate")
 
 
 def test_the_flash_calibrated_is_the_one_that_separate_takes(

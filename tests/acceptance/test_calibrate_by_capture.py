@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,6 @@ from pipeline.spectra.lights import find_light
 from pipeline.spectra.tables import parse_spectrum
 from pipeline.vectors import unit
 
-COMMAND = Path(sys.executable).parent / "lightlayers"
 SIZE = "width=480&height=320"
 CHART = f"sim://studio?scene=chart&{SIZE}"
 MIRROR = f"sim://studio?scene=mirror&{SIZE}"
@@ -32,21 +30,13 @@ def _angle(power: list[float], nm: list[float]) -> float:
 
 
 def test_one_command_calibrates_and_later_separations_use_it(
-    environment: dict[str, str], tmp_path: Path
+    lightlayers: Callable[..., Any], tmp_path: Path
 ) -> None:
-    own = {**environment, "LIGHTLAYERS_CALIBRATIONS_DIR": str(tmp_path / "kept")}
-
-    def run(*arguments: str) -> str:
-        done = subprocess.run(
-            [COMMAND, *arguments],
-            env=own,
-            capture_output=True,
-            text=True,
-            timeout=PATIENCE_SECONDS,
-            check=False,
-        )
+    def run(*arguments: object) -> str:
+        kept = str(tmp_path / "kept")
+        done = lightlayers(*arguments, LIGHTLAYERS_CALIBRATIONS_DIR=kept)
         assert done.returncode == 0, done.stderr
-        return done.stdout
+        return str(done.stdout)
 
     said = run("calibrate", "flash", "--camera-address", CHART, "--setup", "default")
     assert "A flash like xenon" in said
@@ -61,29 +51,21 @@ def test_one_command_calibrates_and_later_separations_use_it(
     for file, shot in zip(files, (pair.no_flash, pair.flash), strict=True):
         file.write_bytes(shot.best)
     more = ("--lights", "2", "--outputs", "lamps.jpg", "--json")
-    names = [str(file) for file in files]
-    manifest = json.loads(run("separate", *names, "-o", str(tmp_path / "r1"), *more))
+    manifest = json.loads(run("separate", *files, "-o", tmp_path / "r1", *more))
     (used,) = manifest["calibrations"]
     assert (used["kind"], used["setup"], used["made"]) == ("flash", "default", kept["made"])
     assert manifest["flash"]["source"] == "file"
     without = ("--setup", "none")
-    manifest = json.loads(run("separate", *names, "-o", str(tmp_path / "r2"), *more, *without))
+    manifest = json.loads(run("separate", *files, "-o", tmp_path / "r2", *more, *without))
     assert manifest["calibrations"] == []
     assert manifest["flash"] == {"name": "xenon", "source": "named", "flash_only": False}
 
 
 def test_a_camera_without_a_chart_in_view_is_said(
-    environment: dict[str, str], tmp_path: Path
+    lightlayers: Callable[..., Any], tmp_path: Path
 ) -> None:
-    flags = ("--camera-address", f"sim://studio?scene=card&{SIZE}", "-o", str(tmp_path / "f.json"))
-    done = subprocess.run(
-        [COMMAND, "calibrate", "flash", *flags],
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_SECONDS,
-        check=False,
-    )
+    flags = ("--camera-address", f"sim://studio?scene=card&{SIZE}", "-o", tmp_path / "f.json")
+    done = lightlayers("calibrate", "flash", *flags)
     assert done.returncode == 2
     assert "No ColorChecker was found" in done.stderr and "give the option chart" in done.stderr
     assert "Traceback" not in done.stderr

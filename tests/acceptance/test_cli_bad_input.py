@@ -50,10 +50,15 @@ def test_a_pair_the_wrong_way_round_is_refused(command: Command, scene: Callable
     refused(command((flash, no_flash)), "swap the two")
 
 
-def test_a_missing_file_is_refused(command: Command, sound: tuple[Path, Path]) -> None:
-    missing = sound[0].with_name("none.png")
+def test_a_missing_file_is_refused(
+    command: Command, process: Callable[..., Any], sound: tuple[Path, Path]
+) -> None:
+    """In a process of its own, as in a fork."""
+    pair = sound[0], sound[0].with_name("none.png")
 
-    refused(command((sound[0], missing)), "none.png", "no such file")
+    sentence = refused(command(pair, run=process), "none.png", "no such file")
+
+    assert refused(command(pair)) == sentence
 
 
 DIRECTIONS = {"lights": [{"direction": [1, 0, 1]}]}

@@ -166,13 +166,16 @@ def test_other_linear_files_give_the_same_layers(
 
 
 def test_the_same_pair_gives_the_same_bytes(
-    scene: Callable[..., Any], separated: Callable[..., Any], command: Callable[..., Any]
+    scene: Callable[..., Any],
+    separated: Callable[..., Any],
+    command: Callable[..., Any],
+    process: Callable[..., Any],
 ) -> None:
     """In a fork and in a process of its own."""
     pair = scene(3).dng
     first = separated(pair, *ALL)
 
-    second = command(pair, *ALL).results
+    second = command(pair, *ALL, run=process).results
 
     assert second.files == first.files
     for name in first.files:
