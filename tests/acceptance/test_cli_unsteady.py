@@ -14,6 +14,8 @@ from PIL import Image as PillowImage
 from PIL.TiffImagePlugin import IFDRational
 
 FLAGS = ("--camera", "Nikon D5100", "--lights", 2, "--outputs", "layers.exr")
+STEADY = (*FLAGS, "--no-align")
+"""Where nothing is to be laid on anything."""
 
 
 def write_pair(folder: Path, no_flash: Any, flash: Any) -> tuple[Path, Path]:
@@ -39,16 +41,25 @@ def write_jpeg(path: Path, light: Any, time_s: float) -> Path:
 
 
 @pytest.fixture(scope="module")
-def light(scene: Callable[..., Any]) -> tuple[Any, Any]:
+def truth(scene: Callable[..., Any]) -> Any:
+    """Of a small scene, on which runs are short."""
+    return scene(2, size=(180, 120)).truth
+
+
+@pytest.fixture(scope="module")
+def light(truth: Any) -> tuple[Any, Any]:
     """What the lamps and what the flash gives."""
-    truth = scene(2).truth
     return truth.layers.sum(0), truth.flash
 
 
 @pytest.fixture(scope="module")
 def short_reach(light: tuple[Any, Any]) -> Any:
-    """A flash that the back of the room gets next to nothing of."""
-    part = light[1].copy()
+    return reaching_no_further(light[1])
+
+
+def reaching_no_further(part: Any) -> Any:
+    """Light of a flash that the back of the room gets next to nothing of."""
+    part = part.copy()
     part[: len(part) // 3] *= 0.01
     return part
 
@@ -58,10 +69,11 @@ def warnings_of(results: Any) -> list[str]:
 
 
 def test_a_still_pair_is_not_warned_of(
-    light: tuple[Any, Any], separated: Callable[..., Any], tmp_path: Path
+    scene: Callable[..., Any], separated: Callable[..., Any], tmp_path: Path
 ) -> None:
-    lamps, part = light
-    pair = write_pair(tmp_path, lamps, lamps + part)
+    truth = scene(2).truth
+    lamps = truth.layers.sum(0)
+    pair = write_pair(tmp_path, lamps, lamps + truth.flash)
 
     results = separated(pair, *FLAGS, "--exposure-ratio", 1)
 
@@ -107,7 +119,7 @@ def test_an_exposure_ratio_that_nobody_wrote_is_found(
     lamps, _ = light
     pair = write_pair(tmp_path, lamps, ratio * (lamps + short_reach))
 
-    results = separated(pair, *FLAGS)
+    results = separated(pair, *STEADY)
 
     assert results.manifest["exposure_ratio"] == pytest.approx(ratio, rel=0.03)
     assert results.manifest["exposure_source"] == "pixels"
@@ -120,7 +132,7 @@ def test_a_wrong_exposure_ratio_given_is_noticed(
     lamps, _ = light
     pair = write_pair(tmp_path, lamps, lamps + short_reach)
 
-    wrong = separated(pair, *FLAGS, "--exposure-ratio", 1.5)
+    wrong = separated(pair, *STEADY, "--exposure-ratio", 1.5)
 
     assert wrong.manifest["exposure_ratio"] == 1.5
     assert any(
@@ -143,8 +155,8 @@ def test_shadows_of_the_flash_tell_of_a_wrong_exposure_ratio(
     pools = cv2.GaussianBlur(pools, (0, 0), height / 60)[..., None]
     pair = write_pair(tmp_path, lamps, lamps + part * (1 - 0.8 * pools))
 
-    wrong = separated(pair, *FLAGS, "--exposure-ratio", 1.5)
-    right = separated(pair, *FLAGS, "--exposure-ratio", 1)
+    wrong = separated(pair, *STEADY, "--exposure-ratio", 1.5)
+    right = separated(pair, *STEADY, "--exposure-ratio", 1)
 
     assert any(
         w.startswith("The exposure ratio given, 1.5, makes ") and "at most" in w
@@ -156,20 +168,22 @@ def test_shadows_of_the_flash_tell_of_a_wrong_exposure_ratio(
 
 
 def test_a_wrong_exposure_in_the_files_is_noticed(
-    light: tuple[Any, Any], short_reach: Any, separated: Callable[..., Any], tmp_path: Path
+    scene: Callable[..., Any], separated: Callable[..., Any], tmp_path: Path
 ) -> None:
-    lamps, _ = light
+    truth = scene(2).truth
+    lamps = truth.layers.sum(0)
+    flash = lamps + reaching_no_further(truth.flash)
     paths = [
         write_jpeg(tmp_path / f"{name}.jpg", values, time_s)
         for name, values, time_s in (
             ("one", lamps, 1 / 60),
-            ("two", lamps + short_reach, 1 / 40),
-            ("right", lamps + short_reach, 1 / 60),
+            ("two", flash, 1 / 40),
+            ("right", flash, 1 / 60),
         )
     ]
 
-    wrong = separated((paths[0], paths[1]), *FLAGS)
-    right = separated((paths[0], paths[2]), *FLAGS)
+    wrong = separated((paths[0], paths[1]), *STEADY)
+    right = separated((paths[0], paths[2]), *STEADY)
 
     assert any(
         w.startswith("The files' exposure ratio, 1.5, does not fit") for w in warnings_of(wrong)
@@ -186,7 +200,7 @@ def test_flicker_is_noticed(
     waves = [1 + 0.15 * np.sin(2 * np.pi * (9 * y + phase)) for phase in (0.1, 0.45)]
     pair = write_pair(tmp_path, lamps * waves[0], lamps * waves[1] + part)
 
-    results = separated(pair, *FLAGS, "--exposure-ratio", 1)
+    results = separated(pair, *STEADY, "--exposure-ratio", 1)
 
     assert any(
         w.startswith("Bands of ") and "multiple of 1/100 s" in w for w in warnings_of(results)
@@ -199,21 +213,17 @@ def test_a_cloud_between_the_photographs_is_noticed(
     lamps, _ = light
     pair = write_pair(tmp_path, lamps, 0.8 * lamps + short_reach)
 
-    results = separated(pair, *FLAGS, "--exposure-ratio", 1)
+    results = separated(pair, *STEADY, "--exposure-ratio", 1)
 
     assert any("steady light" in w for w in warnings_of(results))
     assert results.manifest["moved"] < 0.01
 
 
 def test_a_thing_nearer_than_the_rest_is_followed(
-    light: tuple[Any, Any],
-    scene: Callable[..., Any],
-    separated: Callable[..., Any],
-    tmp_path: Path,
+    truth: Any, light: tuple[Any, Any], separated: Callable[..., Any], tmp_path: Path
 ) -> None:
     """Four pixels of parallax in the lower half."""
     lamps, part = light
-    truth = scene(2).truth
     height, width = lamps.shape[:2]
     near = np.clip((np.arange(height) / height - 0.5) / 0.05, 0, 1)[:, None] * np.ones((1, width))
     x = np.arange(width)[None, :] - 4.0 * near
