@@ -24,6 +24,7 @@ from PIL import Image as PillowImage
 
 NIKON = ("--camera", "Nikon D5100")
 ALL = ("--outputs", "all")
+NORMALS = ("--no-align", "--lights", 3, "--outputs", "normals.exr,normals.png")
 RAW = [(1, 34.0, 0.8, 0.8), (2, 26.5, 0.9, 0.8), (3, 21.5, 1.0, 0.25)]
 """Lamps, mean SNR of the layers in dB, white balance error in degrees, confidence in the number:
 at least, at most, at least. Three lamps on so small a picture are taken for four, perhaps."""
@@ -58,7 +59,7 @@ def test_a_larger_raw_pair(scene: Callable[..., Any], separated: Callable[..., A
     """Lamps are estimated on means of blocks with little noise, which filtering would only bend."""
     found = scene(2, size=(1200, 800))
 
-    results = separated(found.dng, "--lights", 2, "--outputs", "layers.exr")
+    results = separated(found.dng, "--no-align", "--lights", 2, "--outputs", "layers.exr")
 
     assert np.mean(results.layer_snr_db(found.truth)) > 29.2
 
@@ -74,7 +75,8 @@ def test_exact_pairs(
     """Without noise the model of reflectances and lamps alone sets the limit."""
     found = scene(lights)
 
-    results = separated(found.exact, *NIKON, "--lights", lights, *ALL)
+    flags = (*NIKON, "--no-align", "--lights", lights)
+    results = separated(found.exact, *flags, "--outputs", "layers.exr,white_balanced.exr")
 
     assert np.mean(results.layer_snr_db(found.truth)) > snr_db
     assert results.white_balance_error(found.truth) < white_balance
@@ -122,7 +124,7 @@ def test_a_jpeg_pair_is_separated_with_a_warning(
             image.save(tmp_path / path.name, quality=95, subsampling=0, exif=exif)
         pair.append(tmp_path / path.name)
 
-    results = separated(tuple(pair), "--lights", 2)
+    results = separated(tuple(pair), "--no-align", "--lights", 2)
 
     total = results.exr("layers.exr").reshape(-1, 3)
     light = found.truth.layers.sum(0).reshape(-1, 3)
@@ -142,7 +144,7 @@ def test_a_jpeg_pair_is_separated_with_a_warning(
 def test_other_linear_files_give_the_same_layers(
     scene: Callable[..., Any], separated: Callable[..., Any], tmp_path: Path, kind: str
 ) -> None:
-    found = scene(2)
+    found = scene(2, size=(180, 120))
     light = found.truth.layers.sum(0)
     pair = (tmp_path / "a.jpg", tmp_path / "b.jpg")  # names say nothing
     for path, values in zip(pair, (light, light + found.truth.flash), strict=True):
@@ -155,7 +157,7 @@ def test_other_linear_files_give_the_same_layers(
             file = io.BytesIO()
             tifffile.imwrite(file, codes, photometric="rgb", metadata=None)
             path.write_bytes(file.getvalue())
-    flags = (*NIKON, "--lights", 2, *ALL)
+    flags = (*NIKON, "--no-align", "--lights", 2, "--outputs", "layers.exr")
 
     results, float_tiff = separated(pair, *flags), separated(found.exact, *flags)
 
@@ -252,7 +254,7 @@ def test_normals_of_an_exact_pair(
 ) -> None:
     """Directions alone are given: strengths, and which lamp is which, are found."""
     found = scene(3, "objects")
-    flags = (*NIKON, "--lights", 3, "--light-directions", lights_file())
+    flags = (*NIKON, *NORMALS, "--light-directions", lights_file())
 
     results = separated(found.exact, *flags, "--focal-px", found.truth.focal_px)
 
@@ -271,7 +273,7 @@ def test_normals_of_a_raw_pair(
 ) -> None:
     found = scene(3, "objects")
 
-    results = separated(found.dng, "--lights", 3, "--light-directions", lights_file(*also))
+    results = separated(found.dng, *NORMALS, "--light-directions", lights_file(*also))
 
     assert results.normal_error(found.truth) < 2.5
     assert min(likeness(results, found.truth)) > 0.98
@@ -282,9 +284,8 @@ def test_normal_maps_agree(
 ) -> None:
     """The PNG holds (n + 1)/2 of the EXR's unit vectors, and 0 where nothing is known."""
     found = scene(3, "objects")
-    results = separated(
-        found.dng, "--lights", 3, "--light-directions", lights_file("strength", "rgb")
-    )
+    told = lights_file("strength", "rgb")
+    results = separated(found.dng, *NORMALS, "--light-directions", told)
 
     normals = results.exr("normals.exr")
     codes = imagecodecs.png_decode((results.folder / "normals.png").read_bytes())
@@ -301,8 +302,7 @@ def test_normals_need_the_focal_length_or_warn(
 ) -> None:
     """By sixteen degrees, which a small picture shows as well: a wrong guess takes long to fit."""
     found = scene(3, "objects", (120, 80))
-    told = lights_file("strength", "rgb")
-    flags = (*NIKON, "--lights", 3, "--light-directions", told, "--outputs", "normals.exr")
+    flags = (*NIKON, *NORMALS, "--light-directions", lights_file("strength", "rgb"))
 
     guessed = separated(found.exact, *flags)
     known = separated(found.exact, *flags, "--focal-px", found.truth.focal_px)

@@ -37,15 +37,11 @@ def finished(service: httpx.Client, answer: httpx.Response) -> dict[str, Any]:
     pytest.fail("the job did not end")
 
 
-@pytest.mark.parametrize("lights", [1, 2, 3])
 def test_a_pair_gives_what_the_command_line_gives(
-    service: httpx.Client,
-    scene: Callable[..., Any],
-    separated: Callable[..., Any],
-    lights: int,
+    service: httpx.Client, scene: Callable[..., Any], separated: Callable[..., Any]
 ) -> None:
     """To the byte, so everything that is known of those results holds for these."""
-    pair = scene(lights).dng
+    pair = scene(2).dng
     job = finished(service, send(service, pair, outputs="all"))
     assert (job["state"], job["error"]) == ("succeeded", None)
 
@@ -116,7 +112,7 @@ def test_a_bad_pair_is_refused_with_the_reason(service: httpx.Client, bad_pair: 
 def test_bad_options_are_refused_at_once_with_the_reason(
     service: httpx.Client, scene: Callable[..., Any], options: dict[str, Any], word: str
 ) -> None:
-    answer = send(service, scene(1).dng, **options)
+    answer = send(service, scene(2).dng, **options)
 
     assert answer.status_code == 422
     assert word in answer.json()["detail"]

@@ -340,7 +340,7 @@ def test_numbers_that_cannot_be_are_not_counted(
 def test_counting_is_the_same_every_time(
     counted: Counting, shadowed: Shadowed, warm_to_cool: Array
 ) -> None:
-    pair = shadowed(warm_to_cool)
+    pair = shadowed(warm_to_cool[[0, 2]])
 
     assert counted(pair) == counted(pair)
 
