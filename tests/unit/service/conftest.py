@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import logging
 import shutil
 import threading
 import time
@@ -34,6 +35,17 @@ from tests.unit.service.studio import PATH, ask_in_process
 def _no_settings_from_outside(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in Settings.model_fields:
         monkeypatch.delenv(f"LIGHTLAYERS_{name.upper()}", raising=False)
+
+
+@pytest.fixture(autouse=True)
+def _logging_as_it_was() -> Iterator[None]:
+    """What one test sets is not there for the next, which may look at what is logged."""
+    loggers = [logging.getLogger(name) for name in (None, "service")]
+    before = [(logger.level, logger.handlers[:]) for logger in loggers]
+    yield
+    for logger, (level, handlers) in zip(loggers, before, strict=True):
+        logger.setLevel(level)
+        logger.handlers[:] = handlers
 
 
 @pytest.fixture
@@ -83,7 +95,7 @@ def context(
 ) -> Iterator[Context]:
     settings.data_dir.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(empty_database, str(sa.make_url(settings.database_url).database))
-    monkeypatch.setattr(sandbox, "fork_server", lambda _: child_server)
+    monkeypatch.setattr(sandbox, "fork_server", lambda *_, **__: child_server)
     monkeypatch.setattr(child_server, "close", lambda: None)  # other tests go on with it
     with open_context(settings) as context:
         yield context

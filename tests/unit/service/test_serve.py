@@ -198,7 +198,7 @@ def test_a_worker_is_told_to_stop_before_the_last_requests_are_waited_for(
         told.append(stopping.is_set())
 
     monkeypatch.setattr(uvicorn.Server, "shutdown", wait)
-    server = _Server(uvicorn.Config(create_app()), context, 5.0, stopping)
+    server = _Server(uvicorn.Config(create_app(), log_config=None), context, 5.0, stopping)
     server.handle_exit(signal.SIGTERM, None)
     assert not stopping.is_set()  # it goes on while it drains
     asyncio.run(server.shutdown())
