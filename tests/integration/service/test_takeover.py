@@ -18,7 +18,7 @@ import drivers
 from service import database
 from service.storage import Storage
 from tests.chaos.relay import Relay
-from tests.integration.service.conftest import Service
+from tests.integration.service.running import Service
 
 
 @pytest.fixture(scope="module")
