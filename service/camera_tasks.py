@@ -17,9 +17,8 @@ from typing import Any, TypeVar
 
 import drivers
 from pipeline.decode import decode
-from service.tasks import Adjust, FindCameras, LookAt, TakePair, Task
+from service.tasks import Adjust, FindCameras, LookAt, TakePair, Task, Tell
 
-Tell = Callable[[dict[str, Any]], None]
 Result = TypeVar("Result")
 
 log = logging.getLogger("service.camera_tasks")

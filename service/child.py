@@ -27,7 +27,7 @@ from pipeline.pair_checks import check_pair
 from service import camera_tasks, forkserver, logs, problems
 from service.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
 from service.shortage import wants_memory
-from service.tasks import PAIRS, Kind, Limits, Task
+from service.tasks import PAIRS, Kind, Limits, Task, Tell
 
 _CODES = {
     errno.EMFILE: OUT_OF_FILES,
@@ -36,8 +36,6 @@ _CODES = {
 }
 
 log = logging.getLogger("service.child")
-
-Tell = Callable[[dict[str, Any]], None]
 
 
 def main() -> int:

@@ -20,9 +20,8 @@ from pipeline.progress import Progress
 from service import kept
 from service.errors import OlderWorkerError
 from service.sentences import in_words
-from service.tasks import RESULTS, Kind, Task
+from service.tasks import RESULTS, Kind, Task, Tell
 
-Tell = Callable[[dict[str, Any]], None]
 Read = TypeVar("Read")
 
 

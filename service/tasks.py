@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -17,6 +18,9 @@ RESULTS = "results"
 
 PAIRS = "pairs"
 """What the server of processes is told where tasks separate, calibrate or mix."""
+
+Tell = Callable[[dict[str, Any]], None]
+"""Writes a message of a task to the service, as service.child says."""
 
 Kind = Literal[
     "check", "separate", "calibrate", "mix", "capture", "cameras", "camera", "camera_settings"

@@ -17,7 +17,7 @@ from moto.server import ThreadedMotoServer
 import drivers
 from service import database
 from tests.chaos.relay import Relay
-from tests.integration.service.running import Service
+from tests.integration.service.real_service import Service
 from tests.postgresql import PostgreSQL, find_programs
 
 SILENCE_SECONDS = 15

@@ -18,7 +18,7 @@ import sqlalchemy as sa
 
 import drivers
 from service import cameras, database
-from tests.integration.service.running import Service
+from tests.integration.service.real_service import Service
 
 FAST = {"quality": "fast", "lights": 2, "align": False, "outputs": ["layers.exr"]}
 

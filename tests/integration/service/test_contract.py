@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from tests.integration.service.running import Service
+from tests.integration.service.real_service import Service
 
 _CHECKS = (
     "not_a_server_error",

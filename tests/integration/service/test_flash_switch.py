@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from tests.integration.service.running import Service
+from tests.integration.service.real_service import Service
 
 CAMERA = "sim://studio?width=64&height=64"
 

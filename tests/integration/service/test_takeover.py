@@ -18,7 +18,7 @@ import drivers
 from service import database
 from service.storage import Storage
 from tests.chaos.relay import Relay
-from tests.integration.service.running import Service
+from tests.integration.service.real_service import Service
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from tests.chaos.relay import Relay
-from tests.integration.service.running import Service
+from tests.integration.service.real_service import Service
 
 _KILLS = 4
 

@@ -17,7 +17,7 @@ from service.api.camera_discovery import CameraDiscovery
 from service.api.context import Context
 from service.problems import problem_of
 from service.settings import Settings
-from service.tasks import CameraOrder, Kind, Limits, Task
+from service.tasks import CameraOrder, Kind, Limits, Task, Tell
 
 SIM = "sim://studio?width=64&height=64"
 AWAY = "ptp+ip://127.0.0.1:1"
@@ -31,7 +31,7 @@ def with_cameras(settings: Settings) -> Settings:
 
 def ask_in_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Do what the routes ask of a camera in this process."""
-    work: dict[Kind, Callable[[Task, camera_tasks.Tell], None]] = {
+    work: dict[Kind, Callable[[Task, Tell], None]] = {
         "cameras": camera_tasks.find,
         "camera": camera_tasks.describe,
         "camera_settings": camera_tasks.adjust,

@@ -3,6 +3,7 @@ from __future__ import annotations
 import contextlib
 import json
 import resource
+import socket
 import subprocess
 import sys
 from collections.abc import Callable
@@ -185,6 +186,21 @@ def test_a_crash_leaves_no_photograph_in_a_core_dump() -> None:
 def test_a_child_dies_before_the_service_when_the_machine_is_full() -> None:
     done = _in_a_child('tell({"score": open("/proc/self/oom_score_adj").read()})')
     assert json.loads(done.stdout) == {"score": "1000\n"}
+
+
+@pytest.mark.parametrize("arguments", [["pairs"], []])
+def test_what_separates_is_imported_where_pairs_are_taken_alone(arguments: list[str]) -> None:
+    """By the server, which ends when the other side of its socket closes."""
+    ours, theirs = socket.socketpair()
+    with theirs:
+        ours.close()
+        command = [sys.executable, "-X", "importtime", "-m", "service.child", *arguments]
+        done = subprocess.run(
+            command, stdin=theirs.fileno(), stderr=subprocess.PIPE, text=True, check=True
+        )
+    imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
+    assert "pipeline.pair_checks" in imported
+    assert ("pipeline.process" in imported) == bool(arguments)
 
 
 def test_what_tasks_need_is_imported_without_starting_a_thread() -> None:

@@ -208,19 +208,18 @@ print(json.dumps({"stage": os.environ["OMP_NUM_THREADS"], "fraction": cv2.getNum
 
 
 @pytest.mark.parametrize(("pairs", "arguments"), [(True, ["pairs"]), (False, [])])
-def test_what_separates_is_imported_where_tasks_need_it_alone(
+def test_the_server_is_told_whether_tasks_take_pairs(
     pairs: bool, arguments: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     code = """
 import json, sys
-from service import child, forkserver
-imported = "pipeline.process" in sys.modules
+from service import forkserver
 forkserver.serve()
-print(json.dumps({"stage": json.dumps(sys.argv[1:]), "fraction": imported}))
+print(json.dumps({"stage": json.dumps(sys.argv[1:]), "fraction": 1}))
 """
     monkeypatch.setattr(sandbox, "_COMMAND", (sys.executable, "-c", code))
     with contextlib.closing(sandbox.fork_server(1, pairs)) as server:
-        assert _reports(server) == [(json.dumps(arguments), False)]
+        assert _reports(server) == [(json.dumps(arguments), 1)]
 
 
 @pytest.mark.parametrize(
