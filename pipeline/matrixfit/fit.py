@@ -24,7 +24,7 @@ from pipeline.matrixfit.objective import (
 from pipeline.matrixfit.prior import MatrixPrior
 from pipeline.matrixfit.search import LEVELS, Problem, follow, search
 from pipeline.matrixfit.starts import invariants, start_points
-from pipeline.matrixfit.unexplained import mean_left_over, unexplained
+from pipeline.matrixfit.unexplained import left_over, mean_left_over, unexplained
 from pipeline.model import Model
 from pipeline.reduced import ReducedPair
 from pipeline.vectors import unit
@@ -34,8 +34,11 @@ Array = NDArray[np.float64]
 MOST_LAMPS = 3
 """As many as three colour channels tell apart."""
 
-_PURE_SHARE, _OTHER_PURE_SHARES = 0.02, (0.03, 0.01)
+_PURE_SHARES = {1: (1.0,), 2: (0.15, 0.05, 0.02), 3: (0.02, 0.03, 0.01)}
+"""Share of pixels that each of so many lamps lights alone: the usual one, and others."""
+
 _LITTLE = 0.6  # unexplained by three lamps
+_LESS, _LESS_AT_WORST = 0.93, 0.98  # of the light that two lamps leave over, in all and where most
 _NOTHING = 1e-6  # of the light
 _AGAINST = 0.2  # of the terminators' weight: so much likelier are lamps that they speak for
 _MOST_MIRRORED = 0.35  # of the differences: no lamp is mirrored so much more than it shines
@@ -81,7 +84,7 @@ def first_fit(
     lamps are compared.
     """
     outline = not evidence.has_edges
-    problem = _problem(evidence, model.prior, lamps, outline, _PURE_SHARE, known)
+    problem = _problem(evidence, model.prior, lamps, outline, _PURE_SHARES[lamps][0], known)
     level = _cost_level(reduced)
     # of chromaticities that a camera's rendering bent, the likeliest lamps are too often wrong
     searched_too = lamps == MOST_LAMPS or (lamps > 1 and not reduced.rendered)
@@ -129,16 +132,18 @@ def fit_matrices(
     """Fit the matrices of one to three lamps, beside those that are pinned; deterministic.
 
     first: of first_fit, where it is there. How many pixels one lamp lights alone decides where
-    corners come to lie, so three lamps that leave much unexplained are found in other ways, too,
-    and those that leave least are taken.
+    corners come to lie, so two lamps are followed to where fewer do, and three that leave much
+    unexplained are found in other ways, too. Those that leave least are taken.
     """
     first = first or first_fit(reduced, evidence, model, lamps, known)
     # the few differences of an outline are chance, and tell nothing of what is left unexplained
-    if lamps < MOST_LAMPS or not evidence.has_edges:
+    if lamps == 1 or not evidence.has_edges:
         return first
+    if lamps == 2:
+        return _with_fewer_pure(reduced, evidence, model, known, first)
     if unexplained(reduced, evidence, first.matrices) <= _LITTLE:
         return first
-    problem = _problem(evidence, model.prior, lamps, False, _PURE_SHARE, known)
+    problem = _problem(evidence, model.prior, lamps, False, _PURE_SHARES[lamps][0], known)
     others = _otherwise(problem, evidence, _candidates(evidence, model))
     found = [first.matrices, *first.passed_over, *others]
     found = [one for one in found if not known.rejects(one)] or found[:1]
@@ -167,9 +172,33 @@ def _cost_level(reduced: ReducedPair) -> float:
 def _otherwise(problem: Problem, evidence: Evidence, candidates: Array) -> Iterator[Array]:
     """Three lamps (3, 3, 3) by the outline, and by other shares of pure pixels."""
     known = problem.known
-    for outline, share in ((True, _PURE_SHARE), *((False, one) for one in _OTHER_PURE_SHARES)):
+    usual, *others = _PURE_SHARES[MOST_LAMPS]
+    for outline, share in ((True, usual), *((False, one) for one in others)):
         other = _problem(evidence, problem.prior, MOST_LAMPS, outline, share, known)
         yield search(other, candidates)[0]
+
+
+def _with_fewer_pure(
+    reduced: ReducedPair, evidence: Evidence, model: Model, known: Known, usual: Fit
+) -> Fit:
+    """Two lamps as fewer pure pixels make them, where they leave clearly less light over.
+
+    Where hardly a pixel is pure, the usual share of such pixels has corners inside the cloud, at
+    the spots on the walls that the lamps stand before.
+    """
+    level = _cost_level(reduced)
+    mean, worst = (of(reduced, usual.matrices) for of in (mean_left_over, left_over))
+    matrices, best, least = usual.matrices, usual.matrices, _LESS * mean
+    for share in _PURE_SHARES[2][1:]:
+        problem = _problem(evidence, model.prior, 2, False, share, known)
+        matrices, _ = follow(problem, [matrices])
+        mirrored = max(most_mirrored(one, matrices, level) for one in problem.terms)
+        if known.rejects(matrices) or mirrored > _MOST_MIRRORED:
+            break
+        left = mean_left_over(reduced, matrices)
+        if left < least and left_over(reduced, matrices) < _LESS_AT_WORST * worst:
+            best, least = matrices, left
+    return replace(usual, matrices=best)
 
 
 def _published(reduced: ReducedPair, model: Model, lamps: int) -> Array | None:

@@ -131,7 +131,7 @@ def make_terms(
     """The mixtures for a number of lamps.
 
     flash_white: (3,) camera RGB of a white card under the flash.
-    pure_share: of three lamps, the share of pixels that each lights alone.
+    pure_share: of several lamps, the share of pixels that each lights alone.
     outline: there are no shadow edges, so that pixels speak by their cloud's outline alone.
     """
     if outline:
@@ -145,7 +145,7 @@ def make_terms(
         return [shown, _terminator_term(evidence.terminators, lamps)]
     inside = {
         1: (0.97, 0.03),
-        2: (0.15, 0.15, 0.67, 0.03),
+        2: (pure_share, pure_share, 0.97 - 2 * pure_share, 0.03),
         3: (pure_share,) * 3 + (1.5 * pure_share,) * 3 + (0.975 - 7.5 * pure_share, 0.025),
     }
     # re-estimated, the weights of pixels give way until a corner sits in a cluster of them

@@ -188,6 +188,65 @@ def test_terminators_show_lamps_that_the_outline_does_not_reach(
     assert np.degrees(np.arccos(np.clip(cosines.max(axis=0), -1, 1))).max() < 0.5
 
 
+def test_two_lamps_that_stand_within_the_cloud_are_followed_outwards(
+    shadowed: Callable[[Array], Any], model: Model, warm_to_cool: Array, off: Off
+) -> None:
+    """Both lamps hold some of the other's light, as where nearly all light is mixed."""
+    true = model.lamp_matrix(warm_to_cool[[0, 2]])
+    true /= np.linalg.norm(true, axis=(1, 2), keepdims=True)
+    within = 0.9 * true + 0.1 * true[::-1]
+    reduced, nothing = reduce_pair(shadowed(warm_to_cool[[0, 2]])), nothing_known(model.flash_white)
+    evidence = gather_evidence(reduced, False)
+
+    found = fit_matrices(reduced, evidence, model, 2, nothing, Fit(within, 7.0))
+
+    assert off(within, true) > 0.05
+    assert off(found.matrices, true) < 0.006
+    assert found.cost == 7.0  # costs of numbers of lamps are of one share of pure pixels
+
+
+@pytest.mark.parametrize(
+    ("of_mean", "of_worst", "of_mirrors", "forbidden", "taken"),
+    [
+        (0.92, 0.97, 0.35, False, True),
+        (0.94, 0.5, 0.0, False, False),
+        (0.5, 0.99, 0.0, False, False),
+        (0.5, 0.5, 0.36, False, False),
+        (0.5, 0.5, 0.0, True, False),
+    ],
+)
+def test_two_lamps_give_way_to_those_that_leave_clearly_less(
+    shadowed: Callable[[Array], Any],
+    model: Model,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+    of_mean: float,
+    of_worst: float,
+    of_mirrors: float,
+    forbidden: bool,
+    taken: bool,
+) -> None:
+    """In all and where most is left, and neither by a mirror nor by what is forbidden."""
+    usual, other = (model.lamp_matrix(warm_to_cool[lamps]) for lamps in ([0, 1], [0, 2]))
+
+    def left(worse: float, better: float) -> Callable[[Any, Array], float]:
+        return lambda _, matrices: better if np.array_equal(matrices, other) else worse
+
+    monkeypatch.setattr(fit, "follow", lambda *_: (other, 0.0))
+    monkeypatch.setattr(fit, "mean_left_over", left(0.004, 0.004 * of_mean))
+    monkeypatch.setattr(fit, "left_over", left(0.02, 0.02 * of_worst))
+    monkeypatch.setattr(fit, "most_mirrored", lambda *_: of_mirrors)
+    known = nothing_known(model.flash_white)
+    if forbidden:
+        known = replace(known, forbidden=warm_to_cool[2:])
+    reduced = reduce_pair(shadowed(warm_to_cool[[0, 2]]))
+    first = Fit(usual, 1.0)
+
+    found = fit_matrices(reduced, gather_evidence(reduced, False), model, 2, known, first)
+
+    np.testing.assert_array_equal(found.matrices, other if taken else usual)
+
+
 def test_three_lamps_that_leave_much_are_found_otherwise(
     shadowed: Callable[[Array], Any],
     fitted: Fitted,

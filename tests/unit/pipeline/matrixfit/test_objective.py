@@ -254,17 +254,15 @@ def test_weights_begin_as_shares_of_all_components(lamps: int, outline: bool) ->
         assert term.weights.sum() == pytest.approx(1)
 
 
-def test_the_share_of_pure_pixels_is_that_of_three_lamps_alone() -> None:
-    pixels, differences = make_terms(seen(), 3, False, 0.03, WHITE)
+@pytest.mark.parametrize("lamps", [2, 3])
+def test_the_share_of_pure_pixels_is_that_of_every_lamp(lamps: int) -> None:
+    """Differences have shares of their own."""
+    pixels, differences = make_terms(seen(), lamps, False, 0.03, WHITE)
 
-    np.testing.assert_allclose(pixels.weights[:3], 0.03)
+    np.testing.assert_allclose(pixels.weights[:lamps], 0.03)
     assert pixels.weights.sum() == pytest.approx(1)
     np.testing.assert_array_equal(
-        differences.weights, make_terms(seen(), 3, False, 0.01, WHITE)[1].weights
-    )
-    np.testing.assert_array_equal(
-        make_terms(seen(), 2, False, 0.03, WHITE)[0].weights,
-        make_terms(seen(), 2, False, 0.01, WHITE)[0].weights,
+        differences.weights, make_terms(seen(), lamps, False, 0.01, WHITE)[1].weights
     )
 
 
