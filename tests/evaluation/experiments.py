@@ -54,6 +54,8 @@ EXPERIMENTS: dict[str, Experiment] = {
     "roughness": Experiment("roughness"),
     "smooth-two": Experiment("smooth-two", ALL),
     "smooth-three": Experiment("smooth-three", ALL),
+    "wall-two": Experiment("wall-two"),
+    "wall-three": Experiment("wall-three"),
     "two-noise": Experiment("two", FEW, _noisy(1.0)),
     "two-noise-half": Experiment("two", FEW, _noisy(1 / 2)),
     "two-noise-quarter": Experiment("two", FEW, _noisy(1 / 4)),

@@ -14,7 +14,7 @@ from tests.evaluation.geometry import Geometry, Kind, Lamp, Shape, Vector, View
 from tests.evaluation.patterns import Pattern
 
 Array = NDArray[np.float64]
-Layout = Literal["room", "corner", "smooth", "close", "panels"]
+Layout = Literal["room", "corner", "smooth", "close", "panels", "wall"]
 _LAYOUTS = get_args(Layout)
 
 PALETTE = 40
@@ -35,6 +35,7 @@ def make_geometry(layout: Layout, seed: int, lamps: int) -> Geometry:
     around 4 to 7 things, where light bounces. smooth: one to three round things in the dark, none
     of which casts a shadow on another. close: a room whose things fill much of the picture.
     panels: two painted walls that meet, all of which all lamps light, so that none is ever alone.
+    wall: a room whose lamps stand before its back wall, where the camera looks.
     """
     random = np.random.default_rng([seed, _LAYOUTS.index(layout)])
     paints = _paints(random)
@@ -48,9 +49,9 @@ def make_geometry(layout: Layout, seed: int, lamps: int) -> Geometry:
     )
     spread_deg = 200.0
     floor = _plane((0, 0, 0), 6.0, _background(random), tilt=-90)
-    if layout in ("room", "close"):
+    if layout in ("room", "close", "wall"):
         walls = [_plane((0, 0, random.uniform(-2.4, -1.7)), 6.0, _background(random))]
-    if layout == "room":
+    if layout in ("room", "wall"):
         things = _things(random, paints, int(random.integers(5, 13)), 1.3, (-1.3, 1.1))
     elif layout == "close":
         view = replace(view, fov_deg=26.0)
@@ -62,7 +63,10 @@ def make_geometry(layout: Layout, seed: int, lamps: int) -> Geometry:
         ]
         things = _things(random, paints, int(random.integers(4, 8)), 0.9, (-0.9, 0.9))
         spread_deg = 120.0  # in front of both walls
-    around = _lamps_around(random, lamps, spread_deg)
+    if layout == "wall":
+        around = _lamps_before(random, lamps, walls[0].centre[2])
+    else:
+        around = _lamps_around(random, lamps, spread_deg)
     return Geometry((floor, *walls, *things), (*around, _flash(random, view)), view)
 
 
@@ -159,6 +163,15 @@ def _lamps_around(random: np.random.Generator, count: int, spread_deg: float) ->
         centre = (beside * np.sin(turn), 0.4 + away * np.sin(high), beside * np.cos(turn))
         lamps.append(Lamp(_vector(np.array(centre)), random.uniform(0.01, 0.08)))
     return tuple(lamps)
+
+
+def _lamps_before(random: np.random.Generator, count: int, wall: float) -> tuple[Lamp, ...]:
+    """Lamps side by side 0.4 to 1.2 m before a wall at depth z, above the things."""
+    beside = np.linspace(-0.7, 0.7, count) + random.uniform(-0.2, 0.2, count)
+    return tuple(
+        Lamp((float(x), random.uniform(0.6, 1.4), wall + random.uniform(0.4, 1.2)), 0.05)
+        for x in random.permutation(beside)
+    )
 
 
 def _flash(random: np.random.Generator, view: View) -> Lamp:

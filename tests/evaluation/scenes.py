@@ -364,7 +364,9 @@ GROUPS: dict[str, Callable[[str, Split], list[Scene]]] = {
     "smooth-three": _group(6, 3, 15.0, "smooth"),
     "panels-two": _group(12, 2, 10.0, "panels"),
     "panels-three": _group(6, 3, 20.0, "panels"),
+    "wall-two": _group(12, 2, 5.0, "wall"),
+    "wall-three": _group(12, 3, 20.0, "wall"),
 }
 """Groups of scenes. two, three: figures 2, 3 and 9 of Hui et al. 2018; angle: 4; bounces: 15;
 roughness: 16; broad: lamps of broad spectra, as the source's own; led: the flash of a phone;
-panels: no lamp is alone anywhere."""
+panels: no lamp is alone anywhere; wall: lamps stand before a wall, in the picture."""
