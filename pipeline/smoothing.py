@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.compiling import exact
+from pipeline.compiling import compiled, exact
 from pipeline.frames import Image, Plane, Planes, by_planes, channels_first, planes_of
+from pipeline.strips import widened
 
 Array = NDArray[np.float32]
 
 _RADIUS = 4  # pixels, of the guided filter's windows
 _TOLERANCE = 0.25  # a change of four standard deviations is made by half
 _EPSILON = 1e-4  # (0.01)², steps of the guide smaller than this are noise
-_KERNEL = np.full(2 * _RADIUS + 1, 1 / (2 * _RADIUS + 1), dtype=np.float32)
+_COLUMNS = 512  # worked on at a time: with all rows they stay in the processor's cache
 HALO = 2 * _RADIUS
 """Rows that smooth_proportions needs beyond either end of a strip."""
 
@@ -48,92 +48,150 @@ def smooth_proportions(
     """
     if len(proportions) == 1:
         return proportions[:, keep]
-    guide, weight, guided, squared = np.empty((4, *trust.shape), dtype=np.float32)
-    _write_guide(planes_of(no_flash), planes_of(flash), trust, guide, weight, guided, squared)
-    total, mean, variance = _box(weight), _box(guided), _box(squared)
-    _to_variance(total, mean, variance)
+    parts = channels_first(proportions)
+    first, last, _ = keep.indices(len(trust))
     smooth = by_planes(*proportions[:, keep].shape)
-    weighed, guided = np.empty_like(guide), np.empty_like(guide)
-    for lamp in range(len(proportions) - 1):  # the last lamp has what is left
-        for plane, fitted in zip(
-            planes_of(proportions[lamp]), planes_of(smooth[lamp]), strict=True
-        ):
-            _weigh(plane, weight, guide, weighed, guided)
-            offset, slope = _box(weighed), _box(guided)
-            _to_line(offset, slope, total, mean, variance, weight)
-            slope, offset = _box(slope), _box(offset)
-            _fit(slope[keep], offset[keep], guide[keep], total[keep], fitted)
-    first, _, _ = keep.indices(len(trust))
-    _blend(channels_first(proportions), first, uncertainty[keep], channels_first(smooth))
+    found = channels_first(smooth)
+    guide, weight = np.empty((2, *trust.shape), np.float32)
+    _write_guide(planes_of(no_flash), planes_of(flash), trust, guide, weight)
+    width = trust.shape[1]
+    for left in range(0, width, _COLUMNS):
+        columns = slice(left, min(left + _COLUMNS, width))
+        wide, inner = widened(columns, HALO, width)
+        given = parts[:-1, :, :, wide], guide[:, wide], weight[:, wide]
+        fitted = _fit(*map(np.ascontiguousarray, given), first, last)
+        found[:-1, :, :, columns] = fitted[..., inner]
+    _blend(parts, first, uncertainty[keep], found)
     return smooth
-
-
-def _box(plane: Plane) -> Plane:
-    # not cv2.blur, whose running sums round differently in every strip
-    mean = cv2.sepFilter2D(plane, -1, _KERNEL, _KERNEL, borderType=cv2.BORDER_REPLICATE)
-    return np.asarray(mean, dtype=np.float32)
 
 
 @exact
 def _write_guide(
-    no_flash: Planes,
-    flash: Planes,
-    trust: Plane,
-    guide: Plane,
-    weight: Plane,
-    guided: Plane,
-    squared: Plane,
+    no_flash: Planes, flash: Planes, trust: Plane, guide: Plane, weight: Plane
 ) -> None:
-    """Write the guide, the weight, and the weight times the guide and its square."""
+    """Write the guide and the weight."""
     zero, least = np.float32(0.0), np.float32(1e-9)
     for y in range(trust.shape[0]):
         for x in range(trust.shape[1]):
             light = max(no_flash[0][y, x] + no_flash[1][y, x] + no_flash[2][y, x], zero)
             flashed = max(flash[0][y, x] + flash[1][y, x] + flash[2][y, x], zero)
-            edge, sure = light / max(light + flashed, least), trust[y, x] + np.float32(1e-6)
-            guide[y, x], weight[y, x] = edge, sure
-            guided[y, x], squared[y, x] = sure * edge, sure * edge * edge
+            guide[y, x] = light / max(light + flashed, least)
+            weight[y, x] = trust[y, x] + np.float32(1e-6)
 
 
-@exact
-def _to_variance(total: Plane, mean: Plane, variance: Plane) -> None:
-    """Turn means of weight, of weighted guide and of its square into mean and variance."""
-    for y in range(total.shape[0]):
-        for x in range(total.shape[1]):
-            middle = mean[y, x] / total[y, x]
-            spread = variance[y, x] / total[y, x] - middle * middle
-            mean[y, x], variance[y, x] = middle, max(spread, np.float32(0.0))
+@compiled
+def _weigh_guide(guide: Plane, weight: Plane, top: int, lines: Array) -> None:
+    """Write what the lines of all proportions share, for rows of the guide from top on.
+
+    lines: (3, n, W): 1 ÷ the windows' weight, the mean of the guide, 1 ÷ (its variance + ε).
+    """
+    one, zero = np.float32(1.0), np.float32(0.0)
+    height, width = guide.shape
+    guided, squared = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
+    for y in range(height):
+        for x in range(width):
+            guided[y, x] = weight[y, x] * guide[y, x]
+            squared[y, x] = guided[y, x] * guide[y, x]
+    sums, scratch = np.empty((3, width), np.float32), np.empty((2, width + 2 * _RADIUS), np.float32)
+    total, mean, square = sums[0], sums[1], sums[2]
+    for row in range(lines.shape[1]):
+        _window(weight, top + row, scratch, total)
+        _window(guided, top + row, scratch, mean)
+        _window(squared, top + row, scratch, square)
+        inverse, middle, steepness = lines[0, row], lines[1, row], lines[2, row]
+        for x in range(width):
+            share = one / total[x]
+            of_guide = mean[x] * share
+            spread = max(square[x] * share - of_guide * of_guide, zero)
+            inverse[x], middle[x] = share, of_guide
+            steepness[x] = one / (spread + np.float32(_EPSILON))
 
 
-@exact
-def _weigh(part: Plane, weight: Plane, guide: Plane, weighed: Plane, guided: Plane) -> None:
-    """Write a lamp's proportion of a channel, weighed, and times the guide."""
-    for y in range(weight.shape[0]):
-        for x in range(weight.shape[1]):
-            one = weight[y, x] * part[y, x]
-            weighed[y, x], guided[y, x] = one, one * guide[y, x]
+@compiled
+def _fit(parts: Array, guide: Plane, weight: Plane, first: int, last: int) -> Array:
+    """Fit lines to the proportions (N, 3, h, W) around every pixel of the rows first to last.
+
+    Returns what they give there, (N, 3, last - first, W).
+    """
+    height, width = guide.shape
+    top = max(first - _RADIUS, 0)  # rows whose lines those that are asked for look at
+    lines = np.empty((3, min(last + _RADIUS, height) - top, width), np.float32)
+    _weigh_guide(guide, weight, top, lines)
+    weighed, guided = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
+    offset, slope = np.empty(lines.shape[1:], np.float32), np.empty(lines.shape[1:], np.float32)
+    smooth = np.empty((len(parts), 3, last - first, width), np.float32)
+    sums, scratch = np.empty((2, width), np.float32), np.empty((2, width + 2 * _RADIUS), np.float32)
+    one, other = sums[0], sums[1]
+    for lamp in range(len(parts)):
+        for channel in range(3):
+            for y in range(height):
+                _weigh_row(parts[lamp, channel, y], weight[y], guide[y], weighed[y], guided[y])
+            for row in range(len(offset)):
+                _window(weighed, top + row, scratch, one)
+                _window(guided, top + row, scratch, other)
+                _line_row(one, other, lines, row, weight[top + row], offset[row], slope[row])
+            for row in range(smooth.shape[2]):
+                y = first + row
+                _window(slope, y - top, scratch, one)
+                _window(offset, y - top, scratch, other)
+                _fit_row(one, other, guide[y], lines[0, y - top], smooth[lamp, channel, row])
+    return smooth
 
 
-@exact
-def _to_line(
-    offset: Plane, slope: Plane, total: Plane, mean: Plane, variance: Plane, weight: Plane
+@compiled
+def _weigh_row(part: Array, weight: Array, guide: Array, weighed: Array, guided: Array) -> None:
+    """Write proportions of a row, weighed, and times the guide."""
+    for x in range(len(part)):
+        product = weight[x] * part[x]
+        weighed[x], guided[x] = product, product * guide[x]
+
+
+@compiled
+def _line_row(
+    weighed: Array,
+    guided: Array,
+    lines: Array,
+    row: int,
+    weight: Array,
+    offset: Array,
+    slope: Array,
 ) -> None:
-    """Turn means of weighed proportion and of its product with the guide into lines, weighed."""
-    for y in range(total.shape[0]):
-        for x in range(total.shape[1]):
-            p_mean = offset[y, x] / total[y, x]
-            steep = (slope[y, x] / total[y, x] - mean[y, x] * p_mean) / (
-                variance[y, x] + np.float32(_EPSILON)
-            )
-            slope[y, x] = weight[y, x] * steep
-            offset[y, x] = weight[y, x] * (p_mean - steep * mean[y, x])
+    """Write the lines of a row, weighed, from sums of weighed proportions and those times guide."""
+    inverse, mean, steepness = lines[0, row], lines[1, row], lines[2, row]
+    for x in range(len(weighed)):
+        p_mean = weighed[x] * inverse[x]
+        rise = (guided[x] * inverse[x] - mean[x] * p_mean) * steepness[x]
+        slope[x], offset[x] = weight[x] * rise, weight[x] * (p_mean - rise * mean[x])
 
 
-@exact
-def _fit(slope: Plane, offset: Plane, guide: Plane, total: Plane, fitted: Plane) -> None:
-    for y in range(total.shape[0]):
-        for x in range(total.shape[1]):
-            fitted[y, x] = (slope[y, x] * guide[y, x] + offset[y, x]) / total[y, x]
+@compiled
+def _fit_row(slope: Array, offset: Array, guide: Array, inverse: Array, fitted: Array) -> None:
+    for x in range(len(fitted)):
+        fitted[x] = (slope[x] * guide[x] + offset[x]) * inverse[x]
+
+
+@compiled
+def _window(plane: Plane, y: int, scratch: Array, sums: Array) -> None:
+    """Write sums (W,) over the windows around a row's pixels, beyond borders those of the border.
+
+    Not by running sums, which round differently in every strip.
+    """
+    height, width = plane.shape
+    columns, triples = scratch[0], scratch[1]
+    inner = columns[_RADIUS : _RADIUS + width]
+    r0, r1 = plane[max(y - 4, 0)], plane[max(y - 3, 0)]
+    r2, r3, r4 = plane[max(y - 2, 0)], plane[max(y - 1, 0)], plane[y]
+    last = height - 1
+    r5, r6 = plane[min(y + 1, last)], plane[min(y + 2, last)]
+    r7, r8 = plane[min(y + 3, last)], plane[min(y + 4, last)]
+    for x in range(width):
+        above, below = (r0[x] + r1[x]) + (r2[x] + r3[x]), (r5[x] + r6[x]) + (r7[x] + r8[x])
+        inner[x] = above + r4[x] + below
+    columns[:_RADIUS], columns[_RADIUS + width :] = inner[0], inner[width - 1]
+    for x in range(width + 6):
+        triples[x] = columns[x] + columns[x + 1] + columns[x + 2]
+    for x in range(width):
+        sums[x] = triples[x] + triples[x + 3] + triples[x + 6]
 
 
 @exact
