@@ -42,14 +42,22 @@ def _enlarge(
     enlarged: Array,
 ) -> None:
     one = np.float32(1.0)
-    height, width, planes = blocks.shape
-    row = np.empty(width, np.float32)
-    for i in range(len(y)):
-        for p in range(planes):
-            top, bottom = blocks[y[i], :, p], blocks[min(y[i] + 1, height - 1), :, p]
-            for c in range(width):
-                row[c] = (one - lower[i]) * top[c] + lower[i] * bottom[c]
+    height, _, planes = blocks.shape
+    above, below = np.empty(len(x), np.float32), np.empty(len(x), np.float32)
+    for p in range(planes):
+        known = -1
+        for i in range(len(y)):
+            if y[i] != known:  # many rows lie between the same blocks
+                known = y[i]
+                _widen(blocks[known, :, p], x, right, above)
+                _widen(blocks[min(known + 1, height - 1), :, p], x, right, below)
             written = enlarged[p, i]
             for j in range(len(x)):
-                second = row[min(x[j] + 1, width - 1)]
-                written[j] = (one - right[j]) * row[x[j]] + right[j] * second
+                written[j] = (one - lower[i]) * above[j] + lower[i] * below[j]
+
+
+@exact
+def _widen(blocks: Array, x: NDArray[np.int64], right: Array, row: Array) -> None:
+    for j in range(len(x)):
+        second = blocks[min(x[j] + 1, len(blocks) - 1)]
+        row[j] = (np.float32(1.0) - right[j]) * blocks[x[j]] + right[j] * second
