@@ -108,18 +108,19 @@ def clipped_photosites(
     black: (2, 2), of the upper left photosites. white: what is measured between the least of black
     and the white level. Equal to clipped of the picture that is made of them.
     """
-    mask = np.empty(mosaic.shape, np.uint8)
+    mask = np.empty(mosaic.shape, np.bool_)
     limits = np.ceil(black + RAW_CLIP * white)
     for y in range(2):
-        for x in range(2):
-            np.greater_equal(mosaic[y::2, x::2], limits[y, x], out=mask[y::2, x::2].view(np.bool_))
-    return _reached(mask)
+        row = np.resize(limits[y], mosaic.shape[1]).astype(np.float32)
+        np.greater_equal(mosaic[y::2], row, out=mask[y::2])
+    return _reached(mask.view(np.uint8))
 
 
 def _reached(mask: NDArray[Any]) -> Mask:
-    """Pixels whose values came from clipped ones (not 0), too."""
+    """Pixels whose values came from clipped ones (not 0), too; the mask is written over."""
     square = np.ones((_DEMOSAIC_REACH, _DEMOSAIC_REACH), np.uint8)
-    return np.asarray(cv2.dilate(mask, square) > 0)
+    cv2.dilate(mask, square, dst=mask)
+    return np.not_equal(mask, 0, out=mask.view(np.bool_))
 
 
 def _goes_on(convert: Callable[[NDArray[Any]], Image]) -> bool:
