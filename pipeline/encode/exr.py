@@ -1,80 +1,99 @@
 from __future__ import annotations
 
-import errno
-import os
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+import struct
+from collections.abc import Iterable
 from pathlib import Path
 
-import Imath
 import numpy as np
-import OpenEXR
 from numpy.typing import NDArray
 
-from pipeline.decode.quiet import muted
-from pipeline.encode.half_floats import to_half
+from pipeline.encode.half_floats import write_half
 from pipeline.errors import InputError
 
-_FLOAT = Imath.Channel(Imath.PixelType(Imath.PixelType.FLOAT))
-_HALF = Imath.Channel(Imath.PixelType(Imath.PixelType.HALF))
-_TOLD = (
-    errno.ENOSPC,
-    errno.EDQUOT,
-    errno.EFBIG,
-    errno.EMFILE,
-    errno.ENOENT,
-    errno.EACCES,
-    errno.EPERM,
-    errno.EISDIR,
-    errno.ENOTDIR,
-    errno.EROFS,
-    errno.ENAMETOOLONG,
-)
-"""What OpenEXR may tell in words of a place that cannot be written."""
+_MAGIC = b"\x76\x2f\x31\x01\x02\0\0\0"  # and the version of the format
+_NUMBERS = {np.float16: 1, np.float32: 2}  # of the types of values
+_LINE_HEAD = np.dtype([("row", "<i4"), ("bytes", "<i4")])
 
 
 class ExrFile:
     """An EXR written from top to bottom, some rows after the others.
 
     Plain scan lines: docs/decisions/0011-uncompressed-layers.md. size: (width, height). half: of
-    16-bit floats, as light is written; else of 32-bit floats. OpenEXR's newer interface takes whole
-    pictures only, which need far more memory. Raises InputError as name_of does.
+    16-bit floats, as light is written; else of 32-bit floats. Raises InputError as name_of does.
     """
 
     def __init__(self, path: Path, size: tuple[int, int], half: bool = False) -> None:
-        self._name = name_of(path)
+        name_of(path)
+        self._path = path
         self._size = size
-        self._channel = _HALF if half else _FLOAT
-        self._half = half
-        self._file: OpenEXR.OutputFile | None = None
+        self._type: type[np.float16] | type[np.float32] = np.float16 if half else np.float32
+        self._row = 0
+        self._lines = np.empty((0, 0), np.uint8)
 
     def write(self, pictures: dict[str, NDArray[np.float32]]) -> None:
         """Write the next rows.
 
         pictures: planes (h, W), each the channel of its name, and pictures (h, W, 3), the channels
         name.R, name.G and name.B, or R, G and B if the name is RGB; the same names each time.
-        Raises ValueError for pictures of different size, OSError where nothing can be written, with
-        an errno as of Python's own files.
+        Raises ValueError for pictures of different size, OSError where nothing can be written.
         """
         channels = channels_of(pictures)
-        rows = len(next(iter(channels.values())))
-        lines = {
-            name: to_half(plane) if self._half else np.ascontiguousarray(plane)
-            for name, plane in channels.items()
-        }
-        with _errors_numbered():
-            if self._file is None:
-                header = OpenEXR.Header(*self._size)
-                header["compression"] = Imath.Compression(Imath.Compression.NO_COMPRESSION)
-                header["channels"] = dict.fromkeys(channels, self._channel)
-                self._file = OpenEXR.OutputFile(self._name, header)
-            self._file.writePixels(lines, rows)
+        names = sorted(channels)
+        lines = self._filled([channels[name] for name in names])
+        with self._path.open("ab" if self._row else "wb") as file:
+            if self._row == 0:
+                file.write(self._head(names, lines.shape[1]))
+            file.write(lines.data)
+        self._row += len(lines)
 
     def close(self) -> None:
-        """End the file, of which all rows are written. Raises OSError where it is not whole."""
-        if self._file is not None:
-            self._file.close()
-            _check_whole(self._name, self._size[1])
+        """End the file. Raises ValueError where rows are missing."""
+        if self._row != self._size[1]:
+            raise ValueError(f"an EXR of {self._size[1]} rows was given {self._row}")
+
+    def _filled(self, planes: list[NDArray[np.float32]]) -> NDArray[np.uint8]:
+        """Lines of the file (h, bytes), in memory that is used again."""
+        rows, width = planes[0].shape
+        values = width * np.dtype(self._type).itemsize
+        if len(self._lines) < rows:
+            self._lines = np.empty((rows, _LINE_HEAD.itemsize + len(planes) * values), np.uint8)
+        lines = self._lines[:rows]
+        head = lines[:, : _LINE_HEAD.itemsize].view(_LINE_HEAD)[:, 0]
+        head["row"], head["bytes"] = np.arange(self._row, self._row + rows), len(planes) * values
+        for index, plane in enumerate(planes):
+            start = _LINE_HEAD.itemsize + index * values
+            written = lines[:, start : start + values].view(self._type)
+            if self._type is np.float16:
+                write_half(plane, written)
+            else:
+                written[...] = plane
+        return lines
+
+    def _head(self, names: Iterable[str], line: int) -> bytes:
+        """Make the header and the table of where lines of so many bytes are."""
+        width, height = self._size
+        window = struct.pack("<4i", 0, 0, width - 1, height - 1)
+        channels = (
+            name.encode() + b"\0" + struct.pack("<iB3x2i", _NUMBERS[self._type], 0, 1, 1)
+            for name in names
+        )
+        attributes = (
+            ("channels", "chlist", b"".join(channels) + b"\0"),
+            ("compression", "compression", b"\0"),
+            ("dataWindow", "box2i", window),
+            ("displayWindow", "box2i", window),
+            ("lineOrder", "lineOrder", b"\0"),
+            ("pixelAspectRatio", "float", struct.pack("<f", 1.0)),
+            ("screenWindowCenter", "v2f", struct.pack("<2f", 0.0, 0.0)),
+            ("screenWindowWidth", "float", struct.pack("<f", 1.0)),
+        )
+        head = _MAGIC + b"".join(
+            f"{name}\0{kind}\0".encode() + struct.pack("<i", len(value)) + value
+            for name, kind, value in attributes
+        )
+        first = len(head) + 1 + 8 * height
+        places = first + line * np.arange(height, dtype="<u8")
+        return head + b"\0" + places.tobytes()
 
 
 def name_of(path: Path) -> str:
@@ -101,34 +120,6 @@ def channels_of(pictures: dict[str, NDArray[np.float32]]) -> dict[str, NDArray[n
         prefix = "" if name == "RGB" else f"{name}."
         channels |= {f"{prefix}{letter}": picture[..., k] for k, letter in enumerate("RGB")}
     return channels
-
-
-@contextmanager
-def _errors_numbered() -> Iterator[None]:
-    """Give OSErrors the errno that OpenEXR tells in words alone."""
-    try:
-        yield
-    except OSError as error:
-        for number in _TOLD:
-            if error.errno is None and os.strerror(number) in str(error):
-                raise OSError(number, os.strerror(number)) from error
-        raise
-
-
-def _check_whole(name: str, height: int) -> None:
-    """Raise OSError for a file without its table of rows or its last row.
-
-    OpenEXR says nothing where it cannot write at last what its buffer still holds.
-    """
-    try:
-        with muted(), closing(OpenEXR.InputFile(name)) as file:
-            whole = file.isComplete()
-            one, kind = next(iter(file.header()["channels"].items()))
-            file.channel(one, kind.type, height - 1, height - 1)
-    except Exception:  # OpenEXR raises what it likes
-        whole = False
-    if not whole:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), name)
 
 
 def write_exr(path: Path, pictures: dict[str, NDArray[np.float32]]) -> None:

@@ -15,7 +15,10 @@ _LARGEST = np.float32(np.finfo(np.float16).max)
 _NOTHING = np.zeros(4)  # OpenCV's scalars have four numbers
 
 
-def to_half(light: NDArray[np.float32]) -> Half:
-    """Round light (h, W) or (h, W, 3) to the nearest half floats, ±65504 where it is beyond."""
+def write_half(light: NDArray[np.float32], half: Half) -> None:
+    """Write light (h, W) rounded to the nearest half floats, ±65504 where it is beyond.
+
+    half: (h, W), of which each row is contiguous.
+    """
     within = np.ascontiguousarray(np.clip(light, -_LARGEST, _LARGEST))
-    return np.asarray(cv2.add(within, _NOTHING, dtype=cv2.CV_16F), np.float16)
+    cv2.add(within, _NOTHING, dst=half, dtype=cv2.CV_16F)
