@@ -139,7 +139,8 @@ def _demosaic(
     colours, black: of the four upper left photosites. scratch: room for _PLANES planes. Parts are
     cut out here: cut out before, they would be of several types, each to be compiled.
     What comes out at photosites of the other kind is left unused: loops without branches become
-    vector instructions.
+    vector instructions, and so do those that look to the left in a part that begins there. Of an
+    index less a number the compiler does not know that it counts from the front.
     """
     height, width = window.shape
     planes = scratch[: _PLANES * height * width].reshape((_PLANES, height, width))
@@ -200,11 +201,13 @@ def _write_ratios(light: Plane, across: Plane, down: Plane) -> None:
 def _write_gradients(across: Plane, down: Plane, steep: Plane, fall: Plane) -> None:
     """Write how much the ratios change along rows and along columns."""
     height, width = across.shape
+    inner = slice(3, width - 3)
     for y in range(3, height - 3):
-        row, above, below = across[y], down[y - 1], down[y + 1]
-        first, second = steep[y], fall[y]
-        for x in range(3, width - 3):
-            first[x] = abs(row[x + 1] - row[x - 1])
+        before, after = across[y, 2 : width - 4], across[y, 4 : width - 2]
+        above, below = down[y - 1, inner], down[y + 1, inner]
+        first, second = steep[y, inner], fall[y, inner]
+        for x in range(len(first)):
+            first[x] = abs(after[x] - before[x])
             second[x] = abs(below[x] - above[x])
 
 
@@ -235,11 +238,13 @@ def _write_green(across: Plane, down: Plane, share: Plane, green: Plane) -> None
     """
     quarter = np.float32(0.25)
     height, width = share.shape
+    inner = slice(5, width - 5)
     for y in range(5, height - 5):
-        row, above, here, below = across[y], down[y - 1], down[y], down[y + 1]
-        part, written = share[y], green[y]
-        for x in range(5, width - 5):
-            of_row = row[x] + row[x] - row[x - 1] - row[x + 1]
+        before, row, after = across[y, 4 : width - 6], across[y, inner], across[y, 6 : width - 4]
+        above, here, below = down[y - 1, inner], down[y, inner], down[y + 1, inner]
+        part, written = share[y, inner], green[y, inner]
+        for x in range(len(written)):
+            of_row = row[x] + row[x] - before[x] - after[x]
             of_column = here[x] + here[x] - above[x] - below[x]
             written[x] = quarter * (of_column + part[x] * (of_row - of_column))
 
@@ -250,12 +255,13 @@ def _write_diagonal(green: Plane, diagonal: Plane) -> None:
     near, far = np.float32(_NEAR), np.float32(_FAR)
     height, width = green.shape
     for y in range(8, height - 8):
-        r0, r1, r2, r3 = green[y - 3], green[y - 1], green[y + 1], green[y + 3]
-        written = diagonal[y]
-        for x in range(8, width - 8):
-            around = (r1[x - 1] + r1[x + 1]) + (r2[x - 1] + r2[x + 1])
-            beyond = (r0[x - 1] + r0[x + 1]) + (r3[x - 1] + r3[x + 1])
-            beside = (r1[x - 3] + r1[x + 3]) + (r2[x - 3] + r2[x + 3])
+        r0, r1 = green[y - 3, 5 : width - 5], green[y - 1, 5 : width - 5]
+        r2, r3 = green[y + 1, 5 : width - 5], green[y + 3, 5 : width - 5]
+        written = diagonal[y, 8 : width - 8]
+        for x in range(len(written)):
+            around = (r1[x + 2] + r1[x + 4]) + (r2[x + 2] + r2[x + 4])
+            beyond = (r0[x + 2] + r0[x + 4]) + (r3[x + 2] + r3[x + 4])
+            beside = (r1[x] + r1[x + 6]) + (r2[x] + r2[x + 6])
             written[x] = near * around + far * (beyond + beside)
 
 
