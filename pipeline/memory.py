@@ -21,8 +21,18 @@ def empty_image(*shape: int) -> NDArray[np.float32]:
     return _empty(shape, np.dtype(np.float32))
 
 
+def empty_codes(*shape: int) -> NDArray[np.uint8]:
+    """Make such an array of 8-bit code values. Raises MemoryError."""
+    return _empty(shape, np.dtype(np.uint8))
+
+
 def releasable(values: NDArray[_Scalar]) -> NDArray[_Scalar]:
-    """Copy an array (H, …) to where release_rows can give its rows back. Raises MemoryError."""
+    """Return an array (H, …) whose rows release_rows can give back: this one or a copy.
+
+    Raises MemoryError.
+    """
+    if isinstance(values.base, mmap.mmap):
+        return values
     copy: NDArray[_Scalar] = _empty(values.shape, values.dtype)
     copy[...] = values
     return copy

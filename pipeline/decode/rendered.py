@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import re
 import struct
+from functools import partial
 from typing import Any
 
 import imagecodecs
@@ -32,6 +33,7 @@ from pipeline.decode.samples import (
     transparent,
     upright,
 )
+from pipeline.memory import empty_codes
 
 logging.getLogger("imagecodecs").setLevel(logging.CRITICAL)  # it tells of interlaced PNGs
 
@@ -74,17 +76,20 @@ def jpeg_size(data: bytes) -> tuple[int, int]:
 def read_jpeg(data: bytes, orientation: int) -> Samples:
     """Read a whole JPEG, with its end marker or without; a truncated or damaged one: ValueError."""
     plain = plain_header(data)
+    height, width, _, _ = simplejpeg.decode_jpeg_header(plain)
+    values = empty_codes(height, width, 3)
+    decode = partial(simplejpeg.decode_jpeg, colorspace="RGB", buffer=values)
     try:
-        values = simplejpeg.decode_jpeg(plain, "RGB", strict=True)
+        decode(plain, strict=True)
     except ValueError as error:
         if _NO_END in str(error) and tells_its_end(plain):  # raises again where more is missing
-            values = simplejpeg.decode_jpeg(plain + _JPEG_END, "RGB", strict=True)
+            decode(plain + _JPEG_END, strict=True)
         else:
             # some phones fill up the end of a sound picture; more than that is damage
             stray = _STRAY_BYTES.search(str(error))
             if stray is None or int(stray[1]) > _HARMLESS_BYTES:
                 raise
-            values = simplejpeg.decode_jpeg(plain, "RGB", strict=False)
+            decode(plain, strict=False)
     return Samples(values, 255.0, orientation, embedded_profile(data))
 
 

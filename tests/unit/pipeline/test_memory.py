@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.memory import empty_image, releasable, release_rows, trim_memory
+from pipeline.memory import empty_codes, empty_image, releasable, release_rows, trim_memory
 
 
 def test_rows_that_are_given_back_are_black_and_the_others_stay() -> None:
@@ -86,3 +86,14 @@ def test_a_copy_can_be_given_back_and_the_original_stays() -> None:
     release_rows(copy, 50)
 
     assert not copy[:40].any() and codes.all()
+
+
+def test_rows_that_can_be_given_back_are_not_copied() -> None:
+    codes = empty_codes(300, 50, 3)
+    codes[:] = 7
+
+    assert releasable(codes) is codes
+    turned = releasable(codes[:, ::-1])
+    release_rows(turned, 300)
+
+    assert (codes == 7).all()
