@@ -49,7 +49,7 @@ def smooth_proportions(
     if len(proportions) == 1:
         return proportions[:, keep]
     parts = channels_first(proportions)
-    first, last, _ = keep.indices(len(trust))
+    first = keep.indices(len(trust))[0]
     smooth = by_planes(*proportions[:, keep].shape)
     found = channels_first(smooth)
     guide, weight = np.empty((2, *trust.shape), np.float32)
@@ -58,9 +58,8 @@ def smooth_proportions(
     for left in range(0, width, _COLUMNS):
         columns = slice(left, min(left + _COLUMNS, width))
         wide, inner = widened(columns, HALO, width)
-        given = parts[:-1, :, :, wide], guide[:, wide], weight[:, wide]
-        fitted = _fit(*map(np.ascontiguousarray, given), first, last)
-        found[:-1, :, :, columns] = fitted[..., inner]
+        shared = np.ascontiguousarray(guide[:, wide]), np.ascontiguousarray(weight[:, wide])
+        _fit(parts, *shared, wide.start, inner.start, columns.stop - left, first, found)
     _blend(parts, first, uncertainty[keep], found)
     return smooth
 
@@ -108,24 +107,35 @@ def _weigh_guide(guide: Plane, weight: Plane, top: int, lines: Array) -> None:
 
 
 @compiled
-def _fit(parts: Array, guide: Plane, weight: Plane, first: int, last: int) -> Array:
-    """Fit lines to the proportions (N, 3, h, W) around every pixel of the rows first to last.
+def _fit(
+    parts: Array,
+    guide: Plane,
+    weight: Plane,
+    start: int,
+    left: int,
+    count: int,
+    first: int,
+    smooth: Array,
+) -> None:
+    """Fit lines to the proportions (N, 3, h, W) around pixels; write what they give there.
 
-    Returns what they give there, (N, 3, last - first, W).
+    The last lamp is left out. guide, weight: of columns from start on, of which so many from left
+    on are written. first: the row of these that is the first of smooth (N, 3, n, W).
     """
     height, width = guide.shape
     top = max(first - _RADIUS, 0)  # rows whose lines those that are asked for look at
-    lines = np.empty((3, min(last + _RADIUS, height) - top, width), np.float32)
+    lines = np.empty((3, min(first + smooth.shape[2] + _RADIUS, height) - top, width), np.float32)
     _weigh_guide(guide, weight, top, lines)
     weighed, guided = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
     offset, slope = np.empty(lines.shape[1:], np.float32), np.empty(lines.shape[1:], np.float32)
-    smooth = np.empty((len(parts), 3, last - first, width), np.float32)
     sums, scratch = np.empty((2, width), np.float32), np.empty((2, width + 2 * _RADIUS), np.float32)
     one, other = sums[0], sums[1]
-    for lamp in range(len(parts)):
+    right = left + count
+    for lamp in range(len(parts) - 1):
         for channel in range(3):
             for y in range(height):
-                _weigh_row(parts[lamp, channel, y], weight[y], guide[y], weighed[y], guided[y])
+                part = parts[lamp, channel, y, start : start + width]
+                _weigh_row(part, weight[y], guide[y], weighed[y], guided[y])
             for row in range(len(offset)):
                 _window(weighed, top + row, scratch, one)
                 _window(guided, top + row, scratch, other)
@@ -134,8 +144,9 @@ def _fit(parts: Array, guide: Plane, weight: Plane, first: int, last: int) -> Ar
                 y = first + row
                 _window(slope, y - top, scratch, one)
                 _window(offset, y - top, scratch, other)
-                _fit_row(one, other, guide[y], lines[0, y - top], smooth[lamp, channel, row])
-    return smooth
+                fitted = smooth[lamp, channel, row, start + left : start + right]
+                inverse = lines[0, y - top, left:right]
+                _fit_row(one[left:right], other[left:right], guide[y, left:right], inverse, fitted)
 
 
 @compiled

@@ -120,7 +120,9 @@ def _reached(mask: NDArray[Any]) -> Mask:
     """Pixels whose values came from clipped ones (not 0), too; the mask is written over."""
     square = np.ones((_DEMOSAIC_REACH, _DEMOSAIC_REACH), np.uint8)
     cv2.dilate(mask, square, dst=mask)
-    return np.not_equal(mask, 0, out=mask.view(np.bool_))
+    reached = mask.view(np.bool_)
+    np.not_equal(mask, 0, out=reached)
+    return reached
 
 
 def _goes_on(convert: Callable[[NDArray[Any]], Image]) -> bool:

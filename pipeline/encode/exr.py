@@ -62,11 +62,11 @@ class ExrFile:
         head["row"], head["bytes"] = np.arange(self._row, self._row + rows), len(planes) * values
         for index, plane in enumerate(planes):
             start = _LINE_HEAD.itemsize + index * values
-            written = lines[:, start : start + values].view(self._type)
+            written = lines[:, start : start + values]
             if self._type is np.float16:
-                write_half(plane, written)
+                write_half(plane, written.view(np.float16))
             else:
-                written[...] = plane
+                written.view(np.float32)[...] = plane
         return lines
 
     def _head(self, names: Iterable[str], line: int) -> bytes:
