@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.doubts import doubts
+from pipeline.facing import Facing
 from pipeline.focal import focal_length_px
 from pipeline.frames import Frame
 from pipeline.known_lamps import find_known
 from pipeline.lamps import Lamps, estimate_lamps
 from pipeline.model import Model
-from pipeline.normals import Facing, find_facing
 from pipeline.options import Options
 from pipeline.output_names import outputs_with
 from pipeline.pair import Pair
@@ -62,6 +62,9 @@ def make_estimate(
     warnings = [*doubts(pair, reduced, lamps, options.method)]
     facing = None
     if options.light_directions is not None and wanted & outputs_with("facing"):
+        # imported only here: few ask for it, and it brings half of SciPy
+        from pipeline.normals import find_facing
+
         focal_px, assumed = focal_length_px(frame, options.focal_px)
         facing = find_facing(
             options.light_directions, reduced, lamps, model, focal_px, options.method, progress

@@ -12,12 +12,12 @@ from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.colour.temperature import cct_duv
 from pipeline.encode.jpeg import to_srgb8
 from pipeline.estimate import Estimate
+from pipeline.facing import CONVENTIONS, Facing
 from pipeline.frames import Frame
 from pipeline.lamps import Lamps
 from pipeline.manifest_parts import input_entry, versions
 from pipeline.mix_options import MixBasis
 from pipeline.model import Model
-from pipeline.normals import CONVENTIONS, Facing
 from pipeline.options import Options
 from pipeline.pair import Pair
 from pipeline.result_names import lamp_name

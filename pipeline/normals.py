@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import partial
 
-import numpy as np
-from numpy.typing import NDArray
-
-from pipeline.frames import Image
+from pipeline.facing import Facing
 from pipeline.hui2018.normals import normals, solve_photometry
 from pipeline.lamps import Lamps
 from pipeline.model import Model
@@ -20,30 +16,8 @@ from pipeline.photometric_stereo.solve import Surface, solve_surface
 from pipeline.progress import Progress
 from pipeline.reduced import ReducedPair
 from pipeline.run_warnings import Code, RunWarning
-from pipeline.separation import Strip
-
-CONVENTIONS = {
-    "gl": "x right, y up, z to the viewer (OpenGL)",
-    "dx": "x right, y down, z to the viewer (DirectX)",
-}
-"""Axes of the normals that are written, by the option normals."""
 
 _MUCH_LEFT = 0.05  # relative; sensor noise leaves up to 0.025
-
-
-@dataclass(frozen=True)
-class Facing:
-    """Where surfaces face.
-
-    of: unit normals (h, W, 3) of a strip, x right, y up, z to the viewer, NaN where unknown.
-    strengths: (J,) of the lamps, relative. surface: what was fitted, None as published. warnings:
-    that the lamps do not explain the light.
-    """
-
-    of: Callable[[Strip], Image]
-    strengths: NDArray[np.float64]
-    surface: Surface | None
-    warnings: tuple[RunWarning, ...] = ()
 
 
 def find_facing(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,18 +23,19 @@ from pipeline.encode.texture import Texture
 from pipeline.encode.tiff import GrayTiffFile, TiffFile
 from pipeline.encode.writer import Writer
 from pipeline.estimate import Estimate
+from pipeline.facing import CONVENTIONS
 from pipeline.frames import Image, Matrix, Photograph
 from pipeline.gamma_diagram import draw_gamma_diagram
 from pipeline.mesh import make_mesh
 from pipeline.model import Response
-from pipeline.normals import CONVENTIONS
-from pipeline.photometric_stereo.detail import surface_depth
-from pipeline.photometric_stereo.solve import Surface
 from pipeline.pictures import Pictures
 from pipeline.progress import Progress
 from pipeline.residual_map import draw_residual_map, relative_residual
 from pipeline.result_names import lamp_name
 from pipeline.shown import shown_gain
+
+if TYPE_CHECKING:
+    from pipeline.photometric_stereo.solve import Surface
 
 _CAMERA_RGB = "linear camera RGB, 1.0 = white level of the no-flash photograph"
 _SRGB = ("8-bit sRGB curve", "sRGB")
@@ -239,6 +240,8 @@ class Outputs:
         return pictures.normals * np.array([1, -1, 1], np.float32)
 
     def _open_surface(self, small: Pictures, surface: Surface) -> None:
+        from pipeline.photometric_stereo.detail import surface_depth  # few ask for it
+
         size = self._size[::-1]
         if "depth.exr" in self._wanted:
             kind = (

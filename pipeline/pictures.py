@@ -14,7 +14,6 @@ from pipeline.hui2018.white_balance import PublishedWhiteBalance
 from pipeline.options import Method, Options
 from pipeline.output_names import Need, outputs_with
 from pipeline.pair import Pair
-from pipeline.photometric_stereo.confidence import normals_confidence
 from pipeline.progress import Progress
 from pipeline.response import other_response
 from pipeline.separation import Strip, separate, separate_reduced
@@ -61,6 +60,8 @@ def render(
         normals = facing.of(strip) if facing is not None and _needed("normals", wanted) else None
         trust = None
         if surface is not None and normals is not None and "normals_confidence.tif" in wanted:
+            from pipeline.photometric_stereo.confidence import normals_confidence  # few ask for it
+
             trust = normals_confidence(strip, surface, normals)
         pictures = _shown(strip, balance, estimate, wanted)
         yield replace(pictures, normals=normals, normals_confidence=trust)

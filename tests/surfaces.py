@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.normals import Facing
+from pipeline.facing import Facing
 from pipeline.photometric_stereo.detail import surface_normals
 from pipeline.photometric_stereo.solve import Surface
 

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from pipeline.align import Alignment
 from pipeline.estimate import Estimate
+from pipeline.facing import Facing
 from pipeline.frames import Exposure, Frame
 from pipeline.manifest import Written, lamp_entries, make_manifest
 from pipeline.mix import mix_basis
 from pipeline.model import Model
-from pipeline.normals import Facing
 from pipeline.options import DirectedLight, Options
 from pipeline.reduced import reduce_pair
 from pipeline.run_warnings import Code, RunWarning

@@ -18,8 +18,8 @@ from pipeline import outputs
 from pipeline.colour.spaces import XYZ_TO_REC2020
 from pipeline.errors import Canceled
 from pipeline.estimate import Estimate
+from pipeline.facing import Facing
 from pipeline.model import Model, build_model
-from pipeline.normals import Facing
 from pipeline.output_names import OUTPUT_NAMES
 from pipeline.outputs import Outputs
 from pipeline.pictures import Pictures

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from pipeline.errors import Canceled
 from pipeline.estimate import Estimate
+from pipeline.facing import Facing
 from pipeline.model import Model, build_model
-from pipeline.normals import Facing
 from pipeline.options import Options
 from pipeline.output_names import OUTPUT_NAMES
 from pipeline.pair import Pair
