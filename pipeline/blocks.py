@@ -47,6 +47,6 @@ def any_in_blocks(mask: Mask, block: int) -> Mask:
     found = np.zeros((height, width), np.bool_)
     for y in range(height * block):
         for x in range(width):
-            if not found[y // block, x]:
-                found[y // block, x] = mask[y, x * block : (x + 1) * block].any()
+            for i in range(x * block, (x + 1) * block):
+                found[y // block, x] |= mask[y, i]
     return found

@@ -105,10 +105,12 @@ def _line(
     pixels: Image, others: Image, typical: NDArray[np.floating]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Gain and floor of each channel; typical: (3,), where two lines are compared."""
-    alone, unshared = block_squares(pixels), unshared_squares(pixels, others)
+    means, alone = block_squares(pixels)
+    unshared = unshared_squares(pixels, others)
     gains, floors = np.empty((2, 3))
     for c in range(3):
-        found = [_fit_line(means[c], squares[c]) for means, squares in (alone, unshared)]
+        bins = [b for b in np.array_split(np.argsort(means[c]), _BINS) if len(b)]
+        found = [_fit_line(means[c], bins, squares[c]) for squares in (alone, unshared)]
         levels = [gain * max(typical[c], 0.0) + floor for gain, floor in found]
         gains[c], floors[c] = found[0]
         if levels[1] < _LESS * levels[0]:
@@ -152,13 +154,15 @@ def _relative_variance(
     return float(np.mean([quantile(of_channel, _UPPER) for of_channel in ratios])) / _UPPER_OF_MEAN
 
 
-def _fit_line(means: NDArray[np.floating], squares: NDArray[np.floating]) -> tuple[float, float]:
-    """Gain and floor of the noise between the edges.
+def _fit_line(
+    means: NDArray[np.floating], bins: list[NDArray[np.intp]], squares: NDArray[np.floating]
+) -> tuple[float, float]:
+    """Gain and floor of the noise between the edges; bins: of blocks by their brightness.
 
     The quieter blocks give a first line; then all differences within 2.5 standard deviations of
     it count, so that a block with an edge tells by its other pixels.
     """
-    bins = [b for b in np.array_split(np.argsort(means), _BINS) if len(b)]
+    order, starts = np.concatenate(bins), np.cumsum([0, *map(len, bins[:-1])])
     brightness = np.array([means[b].mean() for b in bins])
     variances = squares.mean(axis=1)
     quiet = np.array([quantile(variances[b], _QUIET) for b in bins]) / _QUIET_OF_MEAN
@@ -168,8 +172,6 @@ def _fit_line(means: NDArray[np.floating], squares: NDArray[np.floating]) -> tup
         counts, totals = squares_within(squares, limit)
         if counts.sum() / squares.size < _MOST:
             break
-        gain, floor = line_through(
-            brightness,
-            np.array([totals[b].sum() / max(counts[b].sum(), 1) for b in bins]) / _WITHIN_OF_ALL,
-        )
+        total, count = (np.add.reduceat(of[order], starts) for of in (totals, counts))
+        gain, floor = line_through(brightness, total / np.maximum(count, 1) / _WITHIN_OF_ALL)
     return gain, floor

@@ -115,14 +115,17 @@ def _means_of_open(pair: Pair, blocks: Blocks) -> tuple[NDArray[np.float32], Ima
     for some_rows in strips(height, _BLOCK_ROWS):
         some = (width, some_rows.stop - some_rows.start)
         rows, columns = slice(some_rows.start * side, some_rows.stop * side), slice(width * side)
-        open_ = (~pair.unusable[rows, columns]).astype(np.float32)
-        share[some_rows] = _means(open_, some)
+        unusable = pair.unusable[rows, columns]
+        share[some_rows] = _means((~unusable).astype(np.float32), some)
         for picture, means in ((pair.no_flash, no_flash), (pair.flash, flash)):
             light = picture[rows, columns]
             if pair.registration_px > 0:
                 wide, inner = widened(rows, SOFTENED_HALO, height * side)
                 light = softened(picture[wide, columns])[inner]
-            means[some_rows] = _means(light * open_[..., None], some)
+            if unusable.any():
+                light = light.copy()
+                light[unusable] = 0.0
+            means[some_rows] = _means(light, some)
     return share, no_flash, flash
 
 

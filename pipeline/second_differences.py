@@ -69,16 +69,15 @@ def block_squares(pixels: Image) -> tuple[Array, Array]:
 
 
 @exact
-def unshared_squares(pixels: Image, other: Image) -> tuple[Array, Array]:
-    """As block_squares, of what another picture of the same things (H, W, 3) does not explain.
+def unshared_squares(pixels: Image, other: Image) -> Array:
+    """Squares as of block_squares, of what another picture of the same things does not explain.
 
-    In each block, each channel's second differences are regressed on those of the other's channels:
-    of a texture in even light, nothing is left. White noise keeps _KEPT of its variance, by which
-    what is left is divided.
+    other: (H, W, 3). In each block, each channel's second differences are regressed on those of
+    the other's channels: of a texture in even light, nothing is left. White noise keeps _KEPT of
+    its variance, by which what is left is divided.
     """
     height, width = pixels.shape[:2]
     rows, columns = height // BLOCK, width // BLOCK
-    means = np.zeros((3, rows * columns), np.float32)
     squares = np.empty((3, rows * columns, _INNER), np.float32)
     along = np.empty((width + 2, 3), np.float32)
     lines, others = np.empty((2, BLOCK - 2, width, 3), np.float32)
@@ -89,14 +88,8 @@ def unshared_squares(pixels: Image, other: Image) -> tuple[Array, Array]:
             _row(other, top + y + 1, along, others[y])
         for b in range(columns):
             inside = slice(b * BLOCK, (b + 1) * BLOCK)
-            block = row * columns + b
-            for y in range(BLOCK):
-                for x in range(b * BLOCK, (b + 1) * BLOCK):
-                    for k in range(3):
-                        means[k, block] += pixels[top + y, x, k]
-            _regress(lines[:, inside], others[:, inside], squares[:, block])
-    means /= np.float32(BLOCK * BLOCK)
-    return means, squares
+            _regress(lines[:, inside], others[:, inside], squares[:, row * columns + b])
+    return squares
 
 
 @exact

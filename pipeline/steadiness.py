@@ -8,6 +8,7 @@ nowhere is it darker. What departs from that tells of a wrong ratio, or of lamps
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +61,7 @@ class Ratios:
     usable: Mask
     block: int
 
-    @property
+    @cached_property
     def sure(self) -> Mask:
         """Blocks whose noise leaves the ratio known within 5 %."""
         return np.asarray(self.usable & (self.noise.max(axis=2) < _SURE))

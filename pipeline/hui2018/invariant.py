@@ -43,11 +43,26 @@ def light_coefficients(
     -------
     (..., 3) β from the 3×3 system I_nf = Σ_j β_j D_j I_f (Cramer's rule); 0 where it is singular.
     """
-    columns = [flash @ d[:, :, j].T for j in range(3)]
-    crossed = [np.cross(columns[(j + 1) % 3], columns[(j + 2) % 3]) for j in range(3)]
-    determinant = (columns[0] * crossed[0]).sum(-1)
-    scale = np.prod([np.linalg.norm(column, axis=-1) for column in columns], axis=0)
+    columns = [_by_channel(flash @ d[:, :, j].T) for j in range(3)]
+    crossed = [_cross(columns[(j + 1) % 3], columns[(j + 2) % 3]) for j in range(3)]
+    determinant = _dot(columns[0], crossed[0])
+    scale = np.prod([np.sqrt(_dot(column, column)) for column in columns], axis=0)
     solvable = np.abs(determinant) > 1e-9 * scale  # relative, so that dark pixels count too
     safe = np.where(solvable, determinant, 1.0)
-    beta = np.stack([(no_flash * c).sum(-1) / safe for c in crossed], axis=-1)
-    return np.where(solvable[..., None], beta, 0.0)
+    light = _by_channel(no_flash)
+    return np.stack([np.where(solvable, _dot(light, c) / safe, 0.0) for c in crossed], axis=-1)
+
+
+def _by_channel(pixels: NDArray[np.floating]) -> Array:
+    """(..., 3) as (3, ...), on which NumPy is several times as fast."""
+    return np.ascontiguousarray(np.moveaxis(pixels, -1, 0), dtype=np.float64)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return np.stack(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])

@@ -92,7 +92,7 @@ def _left_of_pixels(
     """Light (n,) of the usable pixels that lamps (N, 3, 3) leave unexplained, and all of it."""
     no_flash, flash = reduced.no_flash[reduced.usable], reduced.flash[reduced.usable]
     weights = (1.0 / no_flash.mean(axis=0)).astype(np.float32)
-    predicted = np.maximum(np.einsum("nkl,pl->npk", matrices.astype(np.float32), flash), 0.0)
+    predicted = np.maximum(flash @ matrices.astype(np.float32).transpose(0, 2, 1), 0.0)
     explained = (shares(no_flash * weights, predicted * weights)[..., None] * predicted).sum(axis=0)
     return np.abs(no_flash - explained).sum(axis=1), no_flash.sum(axis=1)
 
