@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.fit import MOST_LAMPS, Fit
@@ -121,4 +122,4 @@ def _as_much_left(reduced: ReducedPair, fit: Callable[[int], Fit]) -> bool:
 
 
 def _logistic(x: float) -> float:
-    return float(1.0 / (1.0 + np.exp(-np.clip(x, -700.0, 700.0))))
+    return float(expit(x))

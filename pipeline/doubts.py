@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from scipy import ndimage
 
 from pipeline.flash_reach import MOST_STOPS, flash_reach
-from pipeline.frames import Mask
 from pipeline.lamps import LEAST_CONTRAST, Lamps
 from pipeline.options import Method
 from pipeline.pair import Pair
@@ -127,7 +127,7 @@ def _of_lamps(reduced: ReducedPair, lamps: Lamps, hidden: list[int]) -> Iterator
 
 def _of_reflections(reduced: ReducedPair, lamps: Lamps) -> Iterator[RunWarning]:
     marked = relative_residual(reduced, lamps) > MARKED
-    spots = _opened(marked)  # lines are the demosaicing's
+    spots = ndimage.binary_opening(marked, np.ones((2, 2)))  # lines are the demosaicing's
     share = float(np.mean(spots[reduced.usable]))
     if share > _MUCH_MARKED:
         message = (
@@ -137,13 +137,6 @@ def _of_reflections(reduced: ReducedPair, lamps: Lamps) -> Iterator[RunWarning]:
             "and check camera and flash spectrum if it is all over the picture."
         )
         yield RunWarning(Code.REFLECTIONS, message, {"share": share})
-
-
-def _opened(mask: Mask) -> Mask:
-    """What of a mask (h, w) lies in a square of 2 × 2 marked pixels."""
-    whole = mask[1:, 1:] & mask[1:, :-1] & mask[:-1, 1:] & mask[:-1, :-1]
-    beside = np.pad(whole, 1)
-    return beside[1:, 1:] | beside[1:, :-1] | beside[:-1, 1:] | beside[:-1, :-1]
 
 
 def _of_likeness(reduced: ReducedPair, lamps: Lamps) -> Iterator[RunWarning]:

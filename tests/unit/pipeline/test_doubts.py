@@ -7,10 +7,9 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from pipeline import doubts as doubts_module
-from pipeline.doubts import _opened, doubts, expected_snr_db, relative_noise
+from pipeline.doubts import doubts, expected_snr_db, relative_noise
 from pipeline.flash_reach import FlashReach
 from pipeline.reduced import reduce_pair
 from pipeline.run_warnings import Code, RunWarning
@@ -110,14 +109,6 @@ def test_what_lamps_leave_in_places_is_a_reflection(
     if warned:
         assert found[0].figures["share"] == pytest.approx(rows / 64)
         assert "residual.png" in found[0].message
-
-
-def test_spots_are_what_scipy_opens() -> None:
-    marked = np.random.default_rng(1).random((30, 41)) < 0.6
-
-    spots = _opened(marked)
-
-    np.testing.assert_array_equal(spots, ndimage.binary_opening(marked, np.ones((2, 2))))
 
 
 def test_lines_along_edges_are_no_reflections(said: Callable[..., list[RunWarning]]) -> None:
