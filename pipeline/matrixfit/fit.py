@@ -132,14 +132,17 @@ def fit_matrices(
     """Fit the matrices of one to three lamps, beside those that are pinned; deterministic.
 
     first: of first_fit, where it is there. How many pixels one lamp lights alone decides where
-    corners come to lie, so two lamps are followed to where fewer do, and three that leave much
-    unexplained are found in other ways, too. Those that leave least are taken.
+    corners come to lie, so two lamps are followed to where fewer do, but in a photograph that a
+    camera rendered, and three that leave much unexplained are found in other ways, too. Those that
+    leave least are taken.
     """
     first = first or first_fit(reduced, evidence, model, lamps, known)
     # the few differences of an outline are chance, and tell nothing of what is left unexplained
     if lamps == 1 or not evidence.has_edges:
         return first
     if lamps == 2:
+        if reduced.rendered:  # what bent chromaticities leave over tells nothing of so little
+            return first
         return _with_fewer_pure(reduced, evidence, model, known, first)
     if unexplained(reduced, evidence, first.matrices) <= _LITTLE:
         return first

@@ -206,13 +206,14 @@ def test_two_lamps_that_stand_within_the_cloud_are_followed_outwards(
 
 
 @pytest.mark.parametrize(
-    ("of_mean", "of_worst", "of_mirrors", "forbidden", "taken"),
+    ("of_mean", "of_worst", "of_mirrors", "forbidden", "rendered", "taken"),
     [
-        (0.92, 0.97, 0.35, False, True),
-        (0.94, 0.5, 0.0, False, False),
-        (0.5, 0.99, 0.0, False, False),
-        (0.5, 0.5, 0.36, False, False),
-        (0.5, 0.5, 0.0, True, False),
+        (0.92, 0.97, 0.35, False, False, True),
+        (0.94, 0.5, 0.0, False, False, False),
+        (0.5, 0.99, 0.0, False, False, False),
+        (0.5, 0.5, 0.36, False, False, False),
+        (0.5, 0.5, 0.0, True, False, False),
+        (0.5, 0.5, 0.0, False, True, False),
     ],
 )
 def test_two_lamps_give_way_to_those_that_leave_clearly_less(
@@ -224,9 +225,10 @@ def test_two_lamps_give_way_to_those_that_leave_clearly_less(
     of_worst: float,
     of_mirrors: float,
     forbidden: bool,
+    rendered: bool,
     taken: bool,
 ) -> None:
-    """In all and where most is left, and neither by a mirror nor by what is forbidden."""
+    """In all and where most is left, not by a mirror or what is forbidden, not in a rendering."""
     usual, other = (model.lamp_matrix(warm_to_cool[lamps]) for lamps in ([0, 1], [0, 2]))
 
     def left(worse: float, better: float) -> Callable[[Any, Array], float]:
@@ -239,7 +241,7 @@ def test_two_lamps_give_way_to_those_that_leave_clearly_less(
     known = nothing_known(model.flash_white)
     if forbidden:
         known = replace(known, forbidden=warm_to_cool[2:])
-    reduced = reduce_pair(shadowed(warm_to_cool[[0, 2]]))
+    reduced = reduce_pair(replace(shadowed(warm_to_cool[[0, 2]]), rendered=rendered))
     first = Fit(usual, 1.0)
 
     found = fit_matrices(reduced, gather_evidence(reduced, False), model, 2, known, first)
