@@ -34,11 +34,16 @@ Array = NDArray[np.float64]
 MOST_LAMPS = 3
 """As many as three colour channels tell apart."""
 
-_PURE_SHARES = {1: (1.0,), 2: (0.15, 0.05, 0.02), 3: (0.02, 0.03, 0.01)}
+_PURE_SHARES = {1: (1.0,), 2: (0.15,), 3: (0.02, 0.03, 0.01)}
 """Share of pixels that each of so many lamps lights alone: the usual one, and others."""
 
+_FEWER_PURE = {2: (0.05, 0.02), 3: (0.01, 0.005, 0.002)}
+"""Shares to which lamps are followed, one after the other."""
+
+_LESS = {2: (0.93, 0.98), 3: (0.95,)}
+"""Factors of what _left gives: wider apart, lamps always leave a little less."""
+
 _LITTLE = 0.6  # unexplained by three lamps
-_LESS, _LESS_AT_WORST = 0.93, 0.98  # of the light that two lamps leave over, in all and where most
 _NOTHING = 1e-6  # of the light
 _AGAINST = 0.2  # of the terminators' weight: so much likelier are lamps that they speak for
 _MOST_MIRRORED = 0.35  # of the differences: no lamp is mirrored so much more than it shines
@@ -132,21 +137,28 @@ def fit_matrices(
     """Fit the matrices of one to three lamps, beside those that are pinned; deterministic.
 
     first: of first_fit, where it is there. How many pixels one lamp lights alone decides where
-    corners come to lie, so two lamps are followed to where fewer do, but in a photograph that a
-    camera rendered, and three that leave much unexplained are found in other ways, too. Those that
-    leave least are taken.
+    corners come to lie. So three lamps that leave much unexplained are found in other ways, too,
+    and they, and any two, are followed to where fewer pixels are pure, but in a photograph that a
+    camera rendered. Those that leave least are taken.
     """
     first = first or first_fit(reduced, evidence, model, lamps, known)
     # the few differences of an outline are chance, and tell nothing of what is left unexplained
     if lamps == 1 or not evidence.has_edges:
         return first
-    if lamps == 2:
-        if reduced.rendered:  # what bent chromaticities leave over tells nothing of so little
+    if lamps == MOST_LAMPS:
+        if unexplained(reduced, evidence, first.matrices) <= _LITTLE:
             return first
-        return _with_fewer_pure(reduced, evidence, model, known, first)
-    if unexplained(reduced, evidence, first.matrices) <= _LITTLE:
-        return first
-    problem = _problem(evidence, model.prior, lamps, False, _PURE_SHARES[lamps][0], known)
+        first = _least_unexplained(reduced, evidence, model, known, first)
+    if reduced.rendered or first.cost == np.inf:
+        return first  # what bent chromaticities leave over tells nothing of so little
+    return _with_fewer_pure(reduced, evidence, model, known, first)
+
+
+def _least_unexplained(
+    reduced: ReducedPair, evidence: Evidence, model: Model, known: Known, first: Fit
+) -> Fit:
+    """Three lamps as they are found in every way, those that leave least."""
+    problem = _problem(evidence, model.prior, MOST_LAMPS, False, _PURE_SHARES[MOST_LAMPS][0], known)
     others = _otherwise(problem, evidence, _candidates(evidence, model))
     found = [first.matrices, *first.passed_over, *others]
     found = [one for one in found if not known.rejects(one)] or found[:1]
@@ -184,24 +196,35 @@ def _otherwise(problem: Problem, evidence: Evidence, candidates: Array) -> Itera
 def _with_fewer_pure(
     reduced: ReducedPair, evidence: Evidence, model: Model, known: Known, usual: Fit
 ) -> Fit:
-    """Two lamps as fewer pure pixels make them, where they leave clearly less light over.
+    """Lamps as fewer pure pixels make them, where they leave clearly less.
 
     Where hardly a pixel is pure, the usual share of such pixels has corners inside the cloud, at
     the spots on the walls that the lamps stand before.
     """
-    level = _cost_level(reduced)
-    mean, worst = (of(reduced, usual.matrices) for of in (mean_left_over, left_over))
-    matrices, best, least = usual.matrices, usual.matrices, _LESS * mean
-    for share in _PURE_SHARES[2][1:]:
-        problem = _problem(evidence, model.prior, 2, False, share, known)
+    lamps, level = len(usual.matrices), _cost_level(reduced)
+    matrices = best = usual.matrices
+    least = limits = np.array(_LESS[lamps]) * _left(reduced, evidence, usual.matrices)
+    for share in _FEWER_PURE[lamps]:
+        problem = _problem(evidence, model.prior, lamps, False, share, known)
         matrices, _ = follow(problem, [matrices])
         mirrored = max(most_mirrored(one, matrices, level) for one in problem.terms)
         if known.rejects(matrices) or mirrored > _MOST_MIRRORED:
             break
-        left = mean_left_over(reduced, matrices)
-        if left < least and left_over(reduced, matrices) < _LESS_AT_WORST * worst:
+        left = _left(reduced, evidence, matrices)
+        if (left < limits).all() and left[0] < least[0]:
             best, least = matrices, left
     return replace(usual, matrices=best)
+
+
+def _left(reduced: ReducedPair, evidence: Evidence, matrices: Array) -> Array:
+    """What two or three lamps leave.
+
+    Of two the light in all, and where most is left; of three, whose light explains nearly any, all
+    signs.
+    """
+    if len(matrices) == MOST_LAMPS:
+        return np.array([unexplained(reduced, evidence, matrices)])
+    return np.array([mean_left_over(reduced, matrices), left_over(reduced, matrices)])
 
 
 def _published(reduced: ReducedPair, model: Model, lamps: int) -> Array | None:

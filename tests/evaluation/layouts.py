@@ -51,8 +51,10 @@ def make_geometry(layout: Layout, seed: int, lamps: int) -> Geometry:
     floor = _plane((0, 0, 0), 6.0, _background(random), tilt=-90)
     if layout in ("room", "close", "wall"):
         walls = [_plane((0, 0, random.uniform(-2.4, -1.7)), 6.0, _background(random))]
-    if layout in ("room", "wall"):
+    if layout == "room":
         things = _things(random, paints, int(random.integers(5, 13)), 1.3, (-1.3, 1.1))
+    elif layout == "wall":  # in front of the lamps
+        things = _things(random, paints, int(random.integers(5, 13)), 1.3, (-0.3, 1.1))
     elif layout == "close":
         view = replace(view, fov_deg=26.0)
         things = _things(random, paints, 6, 0.7, (-0.7, 0.7), (0.25, 0.42))
@@ -166,10 +168,10 @@ def _lamps_around(random: np.random.Generator, count: int, spread_deg: float) ->
 
 
 def _lamps_before(random: np.random.Generator, count: int, wall: float) -> tuple[Lamp, ...]:
-    """Lamps side by side 0.4 to 1.2 m before a wall at depth z, above the things."""
+    """Lamps side by side 0.4 to 0.9 m before a wall at a depth."""
     beside = np.linspace(-0.7, 0.7, count) + random.uniform(-0.2, 0.2, count)
     return tuple(
-        Lamp((float(x), random.uniform(0.6, 1.4), wall + random.uniform(0.4, 1.2)), 0.05)
+        Lamp((float(x), random.uniform(0.6, 1.4), wall + random.uniform(0.4, 0.9)), 0.05)
         for x in random.permutation(beside)
     )
 
