@@ -123,7 +123,8 @@ def _work(kind: Kind) -> Callable[[Task, Tell], None]:
 if __name__ == "__main__":
     logs.configure()  # of the server and of its children
     if sys.argv[1:] == [PAIRS]:
-        importlib.import_module("service.pair_tasks")
+        for name in ("service.pair_tasks", "pipeline.normals"):  # or each job with normals would
+            importlib.import_module(name)
     forkserver.serve()
     code = main()
     sys.stdout.flush()
