@@ -264,7 +264,8 @@ def test_two_other_lamps_that_a_search_came_to_are_rivals(
     colours = warm_to_cool[[0, 2]], warm_to_cool[[1, 0]]
     wide, narrow = (model.lamp_matrix(one) for one in (colours[::-1] if swapped else colours))
     fit = Fit(wide, 0.0, (turned * narrow,))
-    monkeypatch.setattr(lamps, "first_fit", lambda *_: fit)
+    for name in ("first_fit", "fit_matrices"):
+        monkeypatch.setattr(lamps, name, lambda *_: fit)
 
     found = estimate_lamps(reduce_pair(shadowed(warm_to_cool[[0, 2]])), model, 2, "best", False)
 
