@@ -16,7 +16,7 @@ from pipeline.hui2018.lights import NO_AGREEMENT, invariants_of_pair, lights_of_
 from pipeline.hui2018.pruning import prune
 from pipeline.matrixfit.deviations import Deviations, find_deviations, no_deviations
 from pipeline.matrixfit.evidence import Evidence, gather_evidence
-from pipeline.matrixfit.fit import MOST_LAMPS, Fit, first_fit, fit_matrices
+from pipeline.matrixfit.fit import MOST_LAMPS, Fit, first_fit, fit_matrices, follow_outwards
 from pipeline.matrixfit.known import FORBIDDEN_DEGREES, Known, nothing_known
 from pipeline.matrixfit.unexplained import left_over, places_alone
 from pipeline.model import Model
@@ -130,8 +130,9 @@ def estimate_lamps(
     if method == "paper":
         found = _published(reduced, model, count.number)
     else:
-        number = count.number
-        found = _fitted(reduced, evidence, model, first(number), fit(number), weights)
+        usual = fit(count.number)
+        outwards = follow_outwards(reduced, evidence, model, known, usual)
+        found = _fitted(reduced, evidence, model, first(count.number), outwards, weights)
     coefficients, matrices = found.coefficients, found.matrices
     against: list[RunWarning] = []
     if known.pinned or len(known.forbidden):
@@ -144,7 +145,8 @@ def estimate_lamps(
     order = _warm_first(coefficients)
     four_or_more = count.four_or_more
     if method == "best" and requested == MOST_LAMPS:
-        four_or_more = signs_of_fourth(reduced, evidence, model, matrices)
+        # lamps followed outwards leave less, as if there were no fourth
+        four_or_more = signs_of_fourth(reduced, evidence, model, fit(MOST_LAMPS).matrices)
     return Lamps(
         coefficients=coefficients[order],
         matrices=matrices[order],

@@ -137,21 +137,49 @@ def fit_matrices(
     """Fit the matrices of one to three lamps, beside those that are pinned; deterministic.
 
     first: of first_fit, where it is there. How many pixels one lamp lights alone decides where
-    corners come to lie. So three lamps that leave much unexplained are found in other ways, too,
-    and they, and any two, are followed to where fewer pixels are pure, but in a photograph that a
-    camera rendered. Those that leave least are taken.
+    corners come to lie. So three lamps that leave much unexplained are found in other ways, too;
+    those that leave least are taken.
     """
     first = first or first_fit(reduced, evidence, model, lamps, known)
-    # the few differences of an outline are chance, and tell nothing of what is left unexplained
-    if lamps == 1 or not evidence.has_edges:
+    if lamps < MOST_LAMPS or not _leave_much(reduced, evidence, first):
         return first
-    if lamps == MOST_LAMPS:
-        if unexplained(reduced, evidence, first.matrices) <= _LITTLE:
-            return first
-        first = _least_unexplained(reduced, evidence, model, known, first)
-    if reduced.rendered or first.cost == np.inf:
-        return first  # what bent chromaticities leave over tells nothing of so little
-    return _with_fewer_pure(reduced, evidence, model, known, first)
+    return _least_unexplained(reduced, evidence, model, known, first)
+
+
+def follow_outwards(
+    reduced: ReducedPair, evidence: Evidence, model: Model, known: Known, usual: Fit
+) -> Fit:
+    """Follow two lamps, or three that leave much, of fit_matrices to where fewer pixels are pure.
+
+    Where hardly a pixel is pure, the usual share of such pixels has corners inside the cloud, at
+    the spots on the walls that the lamps stand before. The lamps are taken where they leave clearly
+    less; the cost stays, since costs of different numbers of lamps are of one share of pure pixels.
+    Lamps of a photograph that a camera rendered stay: what bent chromaticities leave over tells
+    nothing of so little.
+    """
+    lamps, level = len(usual.matrices), _cost_level(reduced)
+    if lamps == 1 or not evidence.has_edges or reduced.rendered or usual.cost == np.inf:
+        return usual
+    if lamps == MOST_LAMPS and not _leave_much(reduced, evidence, usual):
+        return usual
+    matrices = best = usual.matrices
+    least = limits = np.array(_LESS[lamps]) * _left(reduced, evidence, usual.matrices)
+    for share in _FEWER_PURE[lamps]:
+        problem = _problem(evidence, model.prior, lamps, False, share, known)
+        matrices, _ = follow(problem, [matrices])
+        mirrored = max(most_mirrored(one, matrices, level) for one in problem.terms)
+        if known.rejects(matrices) or mirrored > _MOST_MIRRORED:
+            break
+        left = _left(reduced, evidence, matrices)
+        if (left < limits).all() and left[0] < least[0]:
+            best, least = matrices, left
+    return replace(usual, matrices=best)
+
+
+def _leave_much(reduced: ReducedPair, evidence: Evidence, found: Fit) -> bool:
+    """Whether three lamps leave much unexplained."""
+    # the few differences of an outline are chance, and tell nothing of what is left
+    return evidence.has_edges and unexplained(reduced, evidence, found.matrices) > _LITTLE
 
 
 def _least_unexplained(
@@ -191,29 +219,6 @@ def _otherwise(problem: Problem, evidence: Evidence, candidates: Array) -> Itera
     for outline, share in ((True, usual), *((False, one) for one in others)):
         other = _problem(evidence, problem.prior, MOST_LAMPS, outline, share, known)
         yield search(other, candidates)[0]
-
-
-def _with_fewer_pure(
-    reduced: ReducedPair, evidence: Evidence, model: Model, known: Known, usual: Fit
-) -> Fit:
-    """Lamps as fewer pure pixels make them, where they leave clearly less.
-
-    Where hardly a pixel is pure, the usual share of such pixels has corners inside the cloud, at
-    the spots on the walls that the lamps stand before.
-    """
-    lamps, level = len(usual.matrices), _cost_level(reduced)
-    matrices = best = usual.matrices
-    least = limits = np.array(_LESS[lamps]) * _left(reduced, evidence, usual.matrices)
-    for share in _FEWER_PURE[lamps]:
-        problem = _problem(evidence, model.prior, lamps, False, share, known)
-        matrices, _ = follow(problem, [matrices])
-        mirrored = max(most_mirrored(one, matrices, level) for one in problem.terms)
-        if known.rejects(matrices) or mirrored > _MOST_MIRRORED:
-            break
-        left = _left(reduced, evidence, matrices)
-        if (left < limits).all() and left[0] < least[0]:
-            best, least = matrices, left
-    return replace(usual, matrices=best)
 
 
 def _left(reduced: ReducedPair, evidence: Evidence, matrices: Array) -> Array:

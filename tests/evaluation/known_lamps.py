@@ -24,7 +24,7 @@ from pipeline.decode import decode
 from pipeline.errors import InputError
 from pipeline.known_lamps import find_known
 from pipeline.matrixfit.evidence import gather_evidence
-from pipeline.matrixfit.fit import Fit, fit_matrices
+from pipeline.matrixfit.fit import Fit, fit_matrices, follow_outwards
 from pipeline.matrixfit.known import Known, nothing_known
 from pipeline.model import build_model
 from pipeline.options import Options
@@ -123,7 +123,8 @@ def measure(scene: Scene) -> tuple[list[Named], list[Pinned]]:
     evidence = gather_evidence(shot.reduced, flash_only=False)
 
     def fit(known: Known) -> tuple[Fit, float, tuple[int, ...]]:
-        found = fit_matrices(shot.reduced, evidence, model, shot.count, known)
+        usual = fit_matrices(shot.reduced, evidence, model, shot.count, known)
+        found = follow_outwards(shot.reduced, evidence, model, known, usual)
         layers = dealt_out(shot.photograph, *shot.filtered, found.matrices)
         return found, *joint_snr(shot.truth, layers, shot.valid)
 

@@ -266,6 +266,7 @@ def test_two_other_lamps_that_a_search_came_to_are_rivals(
     fit = Fit(wide, 0.0, (turned * narrow,))
     for name in ("first_fit", "fit_matrices"):
         monkeypatch.setattr(lamps, name, lambda *_: fit)
+    monkeypatch.setattr(lamps, "follow_outwards", lambda *given: given[-1])
 
     found = estimate_lamps(reduce_pair(shadowed(warm_to_cool[[0, 2]])), model, 2, "best", False)
 
@@ -334,6 +335,22 @@ def test_fewer_lamps_that_were_asked_for_are_no_sign_of_a_fourth(
     found = estimate_lamps(reduce_pair(exact(warm_to_cool)[0]), model, requested, "best", False)
 
     assert found.four_or_more is more
+
+
+def test_a_fourth_is_told_by_lamps_before_they_are_followed_outwards(
+    exact: Exact, model: Model, warm_to_cool: Array, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Followed outwards they leave less, as if there were no fourth."""
+    usual = model.lamp_matrix(warm_to_cool)
+    outwards = np.roll(usual, 1, axis=2)
+    monkeypatch.setattr(lamps, "fit_matrices", lambda *_: Fit(usual, 0.0))
+    monkeypatch.setattr(lamps, "follow_outwards", lambda *_: Fit(outwards, 0.0))
+    monkeypatch.setattr(lamps, "signs_of_fourth", lambda *given: np.array_equal(given[3], usual))
+
+    found = estimate_lamps(reduce_pair(exact(warm_to_cool)[0]), model, 3, "best", False)
+
+    assert found.four_or_more
+    assert angles(found.coefficients, whites(model, warm_to_cool)).min() > 1  # the followed ones
 
 
 @pytest.mark.parametrize("scene", ["shadowed", "smooth"])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline.errors import UnusablePairError
 from pipeline.matrixfit import fit
 from pipeline.matrixfit.evidence import gather_evidence
-from pipeline.matrixfit.fit import Fit, first_fit, fit_matrices
+from pipeline.matrixfit.fit import Fit, first_fit, fit_matrices, follow_outwards
 from pipeline.matrixfit.known import nothing_known
 from pipeline.matrixfit.objective import Term, make_terms, without_mirrors
 from pipeline.model import Model
@@ -198,7 +198,7 @@ def test_two_lamps_that_stand_within_the_cloud_are_followed_outwards(
     reduced, nothing = reduce_pair(shadowed(warm_to_cool[[0, 2]])), nothing_known(model.flash_white)
     evidence = gather_evidence(reduced, False)
 
-    found = fit_matrices(reduced, evidence, model, 2, nothing, Fit(within, 7.0))
+    found = follow_outwards(reduced, evidence, model, nothing, Fit(within, 7.0))
 
     assert off(within, true) > 0.05
     assert off(found.matrices, true) < 0.006
@@ -242,9 +242,9 @@ def test_two_lamps_give_way_to_those_that_leave_clearly_less(
     if forbidden:
         known = replace(known, forbidden=warm_to_cool[2:])
     reduced = reduce_pair(replace(shadowed(warm_to_cool[[0, 2]]), rendered=rendered))
-    first = Fit(usual, 1.0)
+    evidence = gather_evidence(reduced, False)
 
-    found = fit_matrices(reduced, gather_evidence(reduced, False), model, 2, known, first)
+    found = follow_outwards(reduced, evidence, model, known, Fit(usual, 1.0))
 
     np.testing.assert_array_equal(found.matrices, other if taken else usual)
 
@@ -270,11 +270,10 @@ def test_three_lamps_give_way_to_those_that_leave_clearly_less(
 
     monkeypatch.setattr(fit, "follow", lambda *_: (other, 0.0))
     monkeypatch.setattr(fit, "unexplained", left)
-    monkeypatch.setattr(fit, "_otherwise", lambda *_: [])
     known, reduced = nothing_known(model.flash_white), reduce_pair(shadowed(warm_to_cool))
-    first = Fit(usual, 1.0)
+    evidence = gather_evidence(reduced, False)
 
-    found = fit_matrices(reduced, gather_evidence(reduced, False), model, 3, known, first)
+    found = follow_outwards(reduced, evidence, model, known, Fit(usual, 1.0))
 
     np.testing.assert_array_equal(found.matrices, other if taken else usual)
 
