@@ -20,6 +20,7 @@ _SCALES_AGAIN, _ROUNDS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.003, 0.003), 2
 _STEPS = 3  # at each scale
 _LENGTHS = (1.0, 0.5, 0.25, 0.1)  # of a step, tried until one makes things better
 _FINE_SCALE, _FINE_STEPS, _FINE_STIFFNESS = 0.01, 3, 10.0
+_CONTINUED_STEPS = 2
 _SHADOWS_FROM = 0.02  # scale from which on shadows are told from bends
 _SHADOW_CHI2, _SHADOW_GAIN = 50.0, 10.0  # of a pixel's light, and times less without the lamp
 _UNEXPLAINED = (0.01, 0.3)  # share of the pixels between which shadows are to blame
@@ -28,9 +29,9 @@ _DARK = 0.06  # l·w of a lamp that does not shine, of the median squared depth
 _LEAST_DEPTH = 1e-3  # squared, of the median
 
 
-MOST_TRIAL_TICKS = 2 * len(_SCALES)
-MOST_TICKS = MOST_TRIAL_TICKS + _ROUNDS * 3 * len(_SCALES_AGAIN)
-"""Times that fit tells of going on, at most: without rounds, and with them."""
+MOST_TRIAL_TICKS, MOST_TICKS_AGAIN = 2 * len(_SCALES), _ROUNDS * 3 * len(_SCALES_AGAIN)
+MOST_TICKS = MOST_TRIAL_TICKS + MOST_TICKS_AGAIN
+"""Times that these tell of going on, at most: fit without rounds, fit_again, and fit."""
 
 
 def fit(scene: Scene, tick: Tick = lambda: None, rounds: int = _ROUNDS) -> tuple[State, float]:
@@ -47,9 +48,38 @@ def fit(scene: Scene, tick: Tick = lambda: None, rounds: int = _ROUNDS) -> tuple
     for _ in range(rounds):
         if not _UNEXPLAINED[0] < unexplained(scene, found[0]).mean() < _UNEXPLAINED[1]:
             break
-        again = [_follow_again(scene, found[0], h, tick) for h in (*starts, found[0].h)]
-        found = min([found, *again], key=_cost)
+        better = _better(scene, found, tick)
+        if better is found:
+            break
+        found = better
     return found
+
+
+def fit_again(scene: Scene, state: State, tick: Tick = lambda: None) -> State:
+    """The likeliest surface with lamps and materials of a like scene to begin with.
+
+    state: h (c,) of this scene, modes and materials of the other. The surface starts from flat,
+    inflated and as it is, while the light tells which lamps shine where.
+    """
+    found = state, np.inf
+    for _ in range(_ROUNDS):
+        better = _better(scene, found, tick)
+        if better is found:
+            break
+        found = better
+        if unexplained(scene, found[0]).mean() < _UNEXPLAINED[0]:
+            break
+    return found[0]
+
+
+def continued(scene: Scene, state: State) -> State:
+    """The state with its surface h (c,) moved to explain the light, lamps and materials kept."""
+    state = _shining(scene, state, _FINE_SCALE)
+    for _ in range(_CONTINUED_STEPS):
+        objective = make_objective(scene, state, _FINE_SCALE)
+        moved = replace(state, h=_valid(state.h + objective.surface_step(state)))
+        state = _shone_on(moved, objective)
+    return with_even_albedo(scene, state)
 
 
 def unexplained(scene: Scene, state: State) -> Mask:
@@ -81,16 +111,29 @@ def _follow(scene: Scene, state: State, tick: Tick) -> tuple[State, float]:
     return state, make_objective(scene, state, _SCALES[-1]).cost(state)
 
 
+def _better(scene: Scene, found: tuple[State, float], tick: Tick) -> tuple[State, float]:
+    """The likeliest that lamps and materials found lead to, or what was found."""
+    starts = scene.grid.flat(), scene.grid.inflated(), found[0].h
+    again = [_follow_again(scene, found[0], h, tick) for h in starts]
+    return min([found, *again], key=_cost)
+
+
 def _follow_again(scene: Scene, found: State, h: Array, tick: Tick) -> tuple[State, float]:
     """Follow a start h (c,) with lamps and materials found; lamps shine where the light says so."""
     state = replace(found, h=h * np.median(found.h) / np.median(h))
-    state = _shone_on(with_even_albedo(scene, state), make_objective(scene, state, _SCALES[-1]))
+    state = _shining(scene, state, _SCALES[-1])
     for scale in _SCALES_AGAIN:
         tick()
         for _ in range(_STEPS):
             objective = make_objective(scene, state, scale)
             state = _shone_on(_moved(objective, state), objective)
     return state, make_objective(scene, state, _SCALES[-1]).cost(state)
+
+
+def _shining(scene: Scene, state: State, scale: float) -> State:
+    """The state with even albedo, and lamps that shine where the light says so."""
+    state = with_even_albedo(scene, state)
+    return _shone_on(state, make_objective(scene, state, scale))
 
 
 def _start(scene: Scene, h: Array) -> State:

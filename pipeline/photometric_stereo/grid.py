@@ -116,3 +116,18 @@ def _bent(index: NDArray[np.intp], mask: NDArray[np.bool_]) -> NDArray[np.intp]:
     ):
         triples.append(np.stack([a[joined], b[joined], c[joined]], axis=1))
     return np.concatenate(triples)
+
+
+def carried(h: Array, old: Grid, new: Grid, scale: float = 1.0) -> Array:
+    """Squared depths at the corners of a new grid, beyond the old one as at its nearest corner.
+
+    scale: side of the new grid's pixels in those of the old one.
+    """
+    known = old.corner_mask
+    field = np.zeros(known.shape)
+    field[known] = h
+    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    places = np.array(np.nonzero(new.corner_mask)) * scale
+    return np.asarray(
+        ndimage.map_coordinates(field[tuple(nearest)], places, order=1, mode="nearest")
+    )

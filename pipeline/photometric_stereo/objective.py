@@ -140,9 +140,8 @@ def make_objective(scene: Scene, state: State, scale: float, stiffness: float = 
     """The objective about a state, whose albedo tells how even albedo is."""
     floor = _FLOOR * np.percentile(scene.light, 99)
     precision = 1.0 / (scene.variance + (scale * scene.light) ** 2 + floor**2)
-    off = np.abs(_albedo_residual(scene, state))
-    spread = _MEDIAN_TO_SIGMA * float(np.median(off)) if len(off) else 0.0
-    variance = (spread**2 + _ALBEDO_FLOOR**2) * max(1.0, scale / _ALBEDO_SCALE)
+    variance = _albedo_variance(_albedo_residual(scene, state))
+    variance *= max(1.0, scale / _ALBEDO_SCALE)
     return Objective(scene, scale, precision, float(np.sqrt(variance)), stiffness)
 
 
@@ -153,6 +152,18 @@ def with_even_albedo(scene: Scene, state: State) -> State:
     own = scene.segments[scene.tinted]
     level[:, 0] = [np.median(off[own == segment]) for segment in range(scene.segment_count)]
     return replace(state, albedo=level)
+
+
+def albedo_off(scene: Scene, state: State) -> Array:
+    """By how much (t,) log albedo is off what the segment has, in standard deviations."""
+    residual = _albedo_residual(scene, state)
+    return np.asarray(np.abs(residual) / np.sqrt(_albedo_variance(residual)))
+
+
+def _albedo_variance(residual: Array) -> float:
+    """Variance of log albedo, by the residuals (t,) themselves."""
+    spread = _MEDIAN_TO_SIGMA * float(np.median(np.abs(residual))) if len(residual) else 0.0
+    return spread**2 + _ALBEDO_FLOOR**2
 
 
 def _albedo_residual(scene: Scene, state: State) -> Array:

@@ -16,6 +16,7 @@ from pipeline.lamps import Lamps
 from pipeline.model import Model
 from pipeline.options import DirectedLight
 from pipeline.photometric_stereo.fit import MOST_TRIAL_TICKS, fit, refine
+from pipeline.photometric_stereo.grid import carried
 from pipeline.photometric_stereo.parts import MOST_TICKS, fit_in_parts, parts_of
 from pipeline.photometric_stereo.responses import LampBank, ResponsePrior, floored
 from pipeline.photometric_stereo.scene import Scene, State, predicted, response_matrices
@@ -115,7 +116,7 @@ def solve_surface(
     if cut.any():
         left = fine.grid.mask & ~_finer(cut, *steps, fine.grid.mask.shape)
         fine = fine.without(parts_of(left)[fine.grid.mask] == 0)
-    h = _between(coarse, state.h, steps[0], fine, steps[1])
+    h = carried(state.h, coarse.grid, fine.grid, steps[1] / steps[0])
     state = refine(fine, h, state)
     return _surface(fine, state, model, reduced.block * steps[1], views[_FINE].mask)
 
@@ -156,18 +157,6 @@ def _finer(mask: Mask, coarse_step: int, fine_step: int, shape: tuple[int, ...])
         for size, limit in zip(shape, mask.shape, strict=True)
     )
     return mask[np.ix_(y, x)]
-
-
-def _between(coarse: Scene, h: Array, coarse_step: int, fine: Scene, fine_step: int) -> Array:
-    """Squared depths at the corners of the finer grid; others than before at equal steps, too."""
-    known = coarse.grid.corner_mask
-    field = np.zeros(known.shape)
-    field[known] = h
-    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-    places = np.array(np.nonzero(fine.grid.corner_mask)) * (fine_step / coarse_step)
-    return np.asarray(
-        ndimage.map_coordinates(field[tuple(nearest)], places, order=1, mode="nearest")
-    )
 
 
 def _surface(scene: Scene, state: State, model: Model, block: int, mask: Mask) -> Surface:
