@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 
 from obstore import exceptions as obstore_errors
@@ -112,6 +113,8 @@ DATABASE_FULL = replace(
     "that have ended, if their files are on the same disk, or ask its operator to make room.",
 )
 
+_S3_ERROR = re.compile(r"<\?xml.*?<Code>(\w+)</Code>.*", re.DOTALL)
+
 KINDS: dict[type[Exception], Kind] = {
     pipeline_errors.UnreadableImageError: Kind("unreadable-image", 422, "Not a readable image"),
     pipeline_errors.ImageTooLargeError: Kind("image-too-large", 413, "Too many pixels"),
@@ -205,6 +208,10 @@ def problem_of(error: Exception, trace_id: str) -> Problem:
 
 
 def cause_of(error: Exception) -> str:
-    """Give the first line of what went wrong; no library puts a password there."""
+    """Give the first line of what went wrong; no library puts a password there.
+
+    Of an S3 store's answer in XML it has the code, like InvalidAccessKeyId.
+    """
     original = getattr(error, "orig", None) or error
-    return str(original).strip().partition("\n")[0].rstrip(".")
+    said = _S3_ERROR.sub(r"\1", str(original).strip())
+    return said.partition("\n")[0].rstrip(".")

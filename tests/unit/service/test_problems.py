@@ -9,7 +9,7 @@ import drivers
 from drivers.errors import FocusError
 from pipeline import errors as pipeline_errors
 from service import errors, problems
-from service.problems import KINDS, kind_of, problem_of
+from service.problems import KINDS, cause_of, kind_of, problem_of
 
 TRACE = "0123456789abcdef0123456789abcdef"
 
@@ -101,6 +101,25 @@ def test_a_database_without_room_says_so() -> None:
     away = sa.exc.OperationalError("x", None, psycopg.OperationalError())
     assert "disk" in problem_of(full, TRACE).detail
     assert "disk" not in problem_of(away, TRACE).detail
+
+
+@pytest.mark.parametrize("end", ["\n", ""])
+def test_of_what_a_store_refuses_its_code_is_told(end: str) -> None:
+    said = f'403 Forbidden: <?xml version="1.0"?>{end}<Error><Code>InvalidAccessKeyId</Code>{end}'
+    answer = obstore_errors.PermissionDeniedError(f"{said}<HostId>a</HostId></Error>\n\nDebug: b")
+    assert cause_of(answer) == "403 Forbidden: InvalidAccessKeyId"
+
+
+@pytest.mark.parametrize(
+    ("said", "cause"),
+    [
+        ("no route to host.\n\nDebug: <Code>a</Code>", "no route to host"),
+        ("502: <?xml version='1.0'?>\n<html></html>", "502: <?xml version='1.0'?>"),
+        ("", ""),
+    ],
+)
+def test_without_a_code_the_first_line_is_told(said: str, cause: str) -> None:
+    assert cause_of(obstore_errors.GenericError(said)) == cause
 
 
 def test_every_error_of_the_service_and_of_bad_input_has_a_kind() -> None:
