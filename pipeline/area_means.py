@@ -7,11 +7,13 @@ import math
 import cv2
 import numpy as np
 
+from pipeline.area_strips import AreaStrips
 from pipeline.coded import CodedImage
 from pipeline.frames import Image, Photograph
+from pipeline.strips import strips
 
 _ROWS = 48  # of the photograph, made linear at a time
-_MANY_ROWS = 512  # from which a whole photograph is made linear
+_MANY_ROWS = 512  # above which parts of them are summed
 
 
 def size_within(size: tuple[int, int], longest: int) -> tuple[int, int]:
@@ -33,7 +35,9 @@ def area_means(
     groups = math.gcd(rows, size[1])  # of rows that become whole rows
     of, to = rows // groups, size[1] // groups
     if of > _MANY_ROWS:
-        return _resized(photograph[:rows, :columns], size)
+        summed = AreaStrips((columns, rows), size)
+        parts = (photograph[some, :columns] for some in strips(rows, _ROWS))
+        return np.concatenate([summed.add(part) for part in parts])
     small = np.empty((size[1], size[0], 3), np.float32)
     step = -(-_ROWS // of)
     for first in range(0, groups, step):

@@ -1,29 +1,28 @@
-"""Photographs that stay in memory as the code values of their files."""
+"""Photographs that stay in memory as code values: those of their files, or of their sensor."""
 
 from __future__ import annotations
 
-from typing import Any
+from abc import ABC, abstractmethod
+from typing import Any, Self
 
 import cv2
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from pipeline.compiling import exact
 from pipeline.memory import release_rows
 
 Image = NDArray[np.float32]
 
 
-class CodedImage:
-    """A linear photograph (H, W, 3) of 8-bit code values, made linear where it is looked at.
+class CodedImage(ABC):
+    """A linear photograph (H, W, 3) of code values, made linear where it is looked at.
 
-    It takes a quarter of what float32 pixels take, and holds the same values. Index it as an array:
-    slices give float32 copies. codes: uint8 (H, W, 3). table: float32 (256,), the light of each
-    code value.
+    Index it as an array: slices give float32 copies. codes: (H, W, 3).
     """
 
-    def __init__(self, codes: NDArray[np.uint8], table: NDArray[np.float32]) -> None:
+    def __init__(self, codes: NDArray[Any]) -> None:
         self._codes = codes
-        self._table = table
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -39,10 +38,7 @@ class CodedImage:
         return len(self._codes)
 
     def __getitem__(self, key: Any) -> Image:
-        codes = np.ascontiguousarray(self._codes[key])
-        if codes.ndim != 3:
-            return np.asarray(self._table[codes])
-        return np.asarray(cv2.LUT(codes, self._table), dtype=np.float32)
+        return self._light(np.ascontiguousarray(self._codes[key]))
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         return np.asarray(self[:], dtype)
@@ -51,14 +47,84 @@ class CodedImage:
         """Some rows (h, W, 3), each channel contiguous, as compiled loops want them."""
         codes = self._codes[rows]
         planes = np.empty((codes.shape[2], *codes.shape[:2]), np.float32)
-        for channel, plane in zip(cv2.split(codes), planes, strict=True):
-            cv2.LUT(channel, self._table, dst=plane)
+        self._write_planes(codes, planes)
         return np.moveaxis(planes, 0, -1)
-
-    def divided(self, by: float) -> CodedImage:
-        """The same photograph, all values divided."""
-        return CodedImage(self._codes, self._table / np.float32(by))
 
     def release_rows(self, stop: int) -> None:
         """Give the memory of the rows before `stop` back, as pipeline.memory does."""
         release_rows(self._codes, stop)
+
+    @abstractmethod
+    def divided(self, by: float) -> Self:
+        """The same photograph, all values divided."""
+
+    @abstractmethod
+    def _light(self, codes: NDArray[Any]) -> Image:
+        """Light of contiguous code values, in their shape."""
+
+    @abstractmethod
+    def _write_planes(self, codes: NDArray[Any], planes: NDArray[np.float32]) -> None:
+        """Write the light of code values (h, W, 3) into planes (3, h, W)."""
+
+
+class TableImage(CodedImage):
+    """Of 8 bits, whose light a table tells: a quarter of the memory, and the same values.
+
+    codes: uint8. table: float32 (256,), the light of each code value.
+    """
+
+    def __init__(self, codes: NDArray[np.uint8], table: NDArray[np.float32]) -> None:
+        super().__init__(codes)
+        self._table = table
+
+    def divided(self, by: float) -> Self:
+        """Divide the table."""
+        return type(self)(self._codes, self._table / np.float32(by))
+
+    def _light(self, codes: NDArray[np.uint8]) -> Image:
+        if codes.ndim != 3:
+            return np.asarray(self._table[codes])
+        return np.asarray(cv2.LUT(codes, self._table), dtype=np.float32)
+
+    def _write_planes(self, codes: NDArray[np.uint8], planes: NDArray[np.float32]) -> None:
+        for channel, plane in zip(cv2.split(codes), planes, strict=True):
+            cv2.LUT(channel, self._table, dst=plane)
+
+
+class LevelImage(CodedImage):
+    """Of 16 bits, whose light grows evenly: half of the memory.
+
+    codes: uint16. black: the code value without light. step: light between two code values.
+    """
+
+    def __init__(self, codes: NDArray[np.uint16], black: float, step: float) -> None:
+        super().__init__(codes)
+        self._black, self._step = np.float32(black), np.float32(step)
+
+    def divided(self, by: float) -> Self:
+        """Divide the step."""
+        return type(self)(self._codes, float(self._black), float(self._step) / by)
+
+    def _light(self, codes: NDArray[np.uint16]) -> Image:
+        light = np.empty(codes.shape, np.float32)
+        _write_light(codes.reshape(-1), self._black, self._step, light.reshape(-1))
+        return light
+
+    def _write_planes(self, codes: NDArray[np.uint16], planes: NDArray[np.float32]) -> None:
+        _write_planes(codes, self._black, self._step, planes)
+
+
+@exact
+def _write_light(codes: NDArray[np.uint16], black: np.float32, step: np.float32, out: Any) -> None:
+    for i in range(len(codes)):
+        out[i] = (np.float32(codes[i]) - black) * step
+
+
+@exact
+def _write_planes(codes: NDArray[np.uint16], black: np.float32, step: np.float32, out: Any) -> None:
+    for y in range(codes.shape[0]):
+        row = codes[y].reshape(-1)
+        for k in range(3):
+            plane = out[k, y]
+            for x in range(len(plane)):
+                plane[x] = (np.float32(row[3 * x + k]) - black) * step

@@ -21,9 +21,9 @@ def empty_image(*shape: int) -> NDArray[np.float32]:
     return _empty(shape, np.dtype(np.float32))
 
 
-def empty_codes(*shape: int) -> NDArray[np.uint8]:
-    """Make such an array of 8-bit code values. Raises MemoryError."""
-    return _empty(shape, np.dtype(np.uint8))
+def empty_codes(shape: tuple[int, ...], kind: type[_Scalar]) -> NDArray[_Scalar]:
+    """Make such an array of code values of that type. Raises MemoryError."""
+    return _empty(shape, np.dtype(kind))
 
 
 def releasable(values: NDArray[_Scalar]) -> NDArray[_Scalar]:

@@ -17,12 +17,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.coded import LevelImage
 from pipeline.compiling import compiled, inlined
-from pipeline.frames import Image, Numbers, Plane, numbers_of
-from pipeline.memory import empty_image
+from pipeline.frames import Numbers, Plane, numbers_of
+from pipeline.memory import empty_codes
 from pipeline.strips import widened
 
 Values = NDArray[np.uint16]
+
+_MOST = 65535.0  # of the code values that come out
 
 _OFFSET = 0.003  # of white, added before ratios are taken: below it noise would bend them
 _LEAST = 0.2  # of the offset, for values below black
@@ -47,11 +50,12 @@ def is_bayer(colours: NDArray[np.integer]) -> bool:
 
 def demosaic(
     mosaic: Values, colours: NDArray[np.integer], black: NDArray[np.floating], white: float
-) -> Image:
-    """Give every photosite its three channels: (H, W, 3) float32, 0 = black, 1 = white.
+) -> LevelImage:
+    """Give every photosite its three channels: (H, W, 3), 0 = black, 1 = white.
 
-    What the sensor measured stays as it is, below black, too; nothing is above white. The result
-    is the same for a picture that is turned, and close to it for channels of another balance.
+    What the sensor measured stays as it is, below black, too; nothing is above white. What it did
+    not is rounded to 16 bits. The result is the same for a picture that is turned, and close to it
+    for channels of another balance.
 
     Parameters
     ----------
@@ -67,18 +71,32 @@ def demosaic(
     if not is_bayer(colours):
         raise ValueError(f"{colours.tolist()} is no Bayer pattern")
     height, width = mosaic.shape
-    out = empty_image(height, width, 3)
+    out = empty_codes((height, width, 3), np.uint16)
     scratch = np.empty(_PLANES * (_TILE + 2 * _HALO) ** 2, np.float32)
     first, second, third, fourth = (int(channel) for channel in np.ravel(colours))
     channels = (first, second, third, fourth)
     levels = numbers_of(np.asarray(black, np.float64))
+    per_unit, zero = _scale(max(levels), white)
+    codes = white * per_unit, zero
     for top in range(0, height, _TILE):
         rows = slice(top, min(top + _TILE, height))
         for left in range(0, width, _TILE):
             columns = slice(left, min(left + _TILE, width))
             window = _window(mosaic, rows, columns)
-            _demosaic(window, channels, levels, 1.0 / white, scratch, out, top, left)
-    return out
+            _demosaic(window, channels, levels, 1.0 / white, scratch, codes, out, top, left)
+    return LevelImage(out, zero, 1.0 / codes[0])
+
+
+def _scale(black: float, white: float) -> tuple[float, float]:
+    """How many code values what is measured takes to rise by 1, and which one is without light.
+
+    black: most that is measured without light. white: as in demosaic.
+    """
+    below = max(black, _OFFSET * white)  # what is found goes below black as far as the offset
+    per_unit = (_MOST - 1) / (white + below)
+    if per_unit > 1:
+        per_unit = 2.0 ** math.floor(math.log2(per_unit))  # whole values stay whole
+    return per_unit, float(math.ceil(per_unit * below))
 
 
 def _window(mosaic: Values, rows: slice, columns: slice) -> Values:
@@ -130,14 +148,16 @@ def _demosaic(
     black: Numbers,
     scale: float,
     scratch: NDArray[np.float32],
-    out: Image,
+    codes: tuple[float, float],
+    out: Values,
     top: int,
     left: int,
 ) -> None:
     """Write a tile (h, w) of out (H, W, 3) from window (h + 2·_HALO, w + 2·_HALO).
 
-    colours, black: of the four upper left photosites. scratch: room for _PLANES planes. Parts are
-    cut out here: cut out before, they would be of several types, each to be compiled.
+    colours, black: of the four upper left photosites. scratch: room for _PLANES planes. codes: how
+    many code values light of 1 takes, and which one is without light. Parts are cut out here: cut
+    out before, they would be of several types, each to be compiled.
     What comes out at photosites of the other kind is left unused: loops without branches become
     vector instructions, and so do those that look to the left in a part that begins there. Of an
     index less a number the compiler does not know that it counts from the front.
@@ -154,7 +174,7 @@ def _demosaic(
     _write_green(across, down, share, green)
     _write_diagonal(green, diagonal)
     tile = out[top : top + height - 2 * _HALO, left : left + width - 2 * _HALO]
-    _write_channels(light, share, green, diagonal, colours, tile)
+    _write_channels(light, share, green, diagonal, colours, codes, tile)
 
 
 @compiled
@@ -272,22 +292,19 @@ def _write_channels(
     green: Plane,
     diagonal: Plane,
     colours: tuple[int, int, int, int],
-    out: Image,
+    codes: tuple[float, float],
+    out: Values,
 ) -> None:
     """Write what was measured and, from ratios to it, what was not.
 
     At green photosites, both other colours come from the neighbours, rows and columns as they
     count there.
     """
-    half, one, offset = np.float32(0.5), np.float32(1.0), np.float32(_OFFSET)
+    half, offset = np.float32(0.5), np.float32(_OFFSET)
     least = np.float32(_OFFSET * _LEAST)
     height, width, _ = out.shape
     is_green = np.empty(width, np.bool_)
-    own, middle, other = (
-        np.empty(width, np.float32),
-        np.empty(width, np.float32),
-        np.empty(width, np.float32),
-    )
+    own, middle, other = np.empty((3, width), np.uint16)
     for row in range(height):
         y, first = row + _HALO, 2 * (row & 1)
         phase = 0 if colours[first] == 1 else 1
@@ -308,10 +325,19 @@ def _write_channels(
             else:
                 raised, lowered = g[x + 1], g[x + 1] - d[x + 1]
             found = value * _exp2(raised) - offset
-            other[x] = value * _exp2(lowered) - offset
-            own[x] = found if is_green[x] else measured[x]
-            middle[x] = measured[x] if is_green[x] else found
+            other[x] = _code(value * _exp2(lowered) - offset, codes)
+            own[x] = _code(found if is_green[x] else measured[x], codes)
+            middle[x] = _code(measured[x] if is_green[x] else found, codes)
         for x in range(width):
-            out[row, x, channel] = min(own[x], one)
-            out[row, x, 1] = min(middle[x], one)
-            out[row, x, 2 - channel] = min(other[x], one)
+            out[row, x, channel], out[row, x, 1], out[row, x, 2 - channel] = (
+                own[x],
+                middle[x],
+                other[x],
+            )
+
+
+@inlined
+def _code(light: Any, codes: tuple[float, float]) -> Any:
+    """Code value of light, at most that of white."""
+    code = min(light, np.float32(1.0)) * np.float32(codes[0]) + np.float32(codes[1])
+    return np.uint16(np.int32(np.rint(code)))

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.coded import CodedImage
+from pipeline.coded import LevelImage, TableImage
 from pipeline.colour.curves import srgb_to_linear
 from pipeline.decode.profiles import differs_from_srgb, to_linear_srgb
 from pipeline.decode.samples import Samples, UnsuitableError, upright
@@ -30,11 +30,12 @@ _BRIGHTEST = 65504.0
 
 
 def to_linear(samples: Samples, srgb: bool, profiled: bool = False) -> Photograph:
-    """Make samples (H, W, 3), upright, linear, 1.0 = samples.white; of 8 bits as a CodedImage.
+    """Make samples (H, W, 3), upright, linear, 1.0 = samples.white.
 
     srgb: the values follow the sRGB curve. profiled: they follow the profile of the file, where
-    that is of other colours than sRGB, and become linear sRGB. Integers go through a table, so a
-    24-megapixel photograph needs no copy in float64.
+    that is of other colours than sRGB, and become linear sRGB. Code values of 8 bits, and linear
+    ones of 16, stay as they are; others go through a table, so a 24-megapixel photograph needs no
+    copy in float64.
     Raises UnsuitableError where a float sample is no finite number or absurdly large, or above
     white where the curve of its profile ends.
     """
@@ -49,7 +50,9 @@ def to_linear(samples: Samples, srgb: bool, profiled: bool = False) -> Photograp
         codes = np.arange(np.iinfo(values.dtype).max + 1) / samples.white
         table = _curve(codes.astype(np.float32), srgb)
     if values.dtype == np.uint8 and table is not None and convert is None:
-        return CodedImage(releasable(values), table)
+        return TableImage(releasable(values), table)
+    if values.dtype == np.uint16 and not srgb and convert is None:
+        return LevelImage(releasable(values), 0.0, 1.0 / samples.white)
     out = empty_image(*values.shape)
     for top in range(0, out.shape[0], STRIP_ROWS):
         strip = values[top : top + STRIP_ROWS]

@@ -77,7 +77,7 @@ def read_jpeg(data: bytes, orientation: int) -> Samples:
     """Read a whole JPEG, with its end marker or without; a truncated or damaged one: ValueError."""
     plain = plain_header(data)
     height, width, _, _ = simplejpeg.decode_jpeg_header(plain)
-    values = empty_codes(height, width, 3)
+    values = empty_codes((height, width, 3), np.uint8)
     decode = partial(simplejpeg.decode_jpeg, colorspace="RGB", buffer=values)
     try:
         decode(plain, strict=True)

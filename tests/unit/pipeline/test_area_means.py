@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pipeline.area_means import area_means, size_within
-from pipeline.coded import CodedImage
+from pipeline.coded import TableImage
 
 TABLE = np.square(np.linspace(0, 1, 256, dtype=np.float32))
 
@@ -20,16 +20,16 @@ def test_code_values_give_the_means_of_their_light(
     width, height = crop or (161, 600)
     expected = cv2.resize(light[:height, :width], size, interpolation=cv2.INTER_AREA)
 
-    for photograph in (light, CodedImage(codes, TABLE)):
+    for photograph in (light, TableImage(codes, TABLE)):
         found = area_means(photograph, size, crop)
 
         assert found.dtype == np.float32
-        np.testing.assert_allclose(found, expected, atol=1e-6)
+        np.testing.assert_allclose(found, expected, atol=2e-6)
 
 
 def test_blocks_become_their_means() -> None:
     codes = np.repeat(np.repeat(np.arange(6, dtype=np.uint8).reshape(2, 3), 4, 0), 4, 1)
-    photograph = CodedImage(np.stack([codes] * 3, axis=-1), TABLE)
+    photograph = TableImage(np.stack([codes] * 3, axis=-1), TABLE)
 
     means = area_means(photograph, (3, 2))
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.coded import CodedImage
+from pipeline.coded import LevelImage, TableImage
 from pipeline.memory import releasable
 
 TABLE = np.square(np.linspace(0, 1, 256, dtype=np.float32))
@@ -30,7 +30,7 @@ def codes() -> NDArray[np.uint8]:
     ],
 )
 def test_what_is_looked_at_is_linear(codes: NDArray[np.uint8], key: Any) -> None:
-    coded = CodedImage(codes, TABLE)
+    coded = TableImage(codes, TABLE)
 
     assert coded[key].dtype == np.float32
     np.testing.assert_array_equal(coded[key], TABLE[codes][key])
@@ -39,22 +39,49 @@ def test_what_is_looked_at_is_linear(codes: NDArray[np.uint8], key: Any) -> None
 
 
 def test_rows_lie_by_planes(codes: NDArray[np.uint8]) -> None:
-    rows = CodedImage(codes, TABLE).rows_by_planes(slice(30, 62))
+    rows = TableImage(codes, TABLE).rows_by_planes(slice(30, 62))
 
     np.testing.assert_array_equal(rows, TABLE[codes[30:62]])
     assert all(rows[..., channel].flags.c_contiguous for channel in range(3))
 
 
 def test_division_is_that_of_the_values(codes: NDArray[np.uint8]) -> None:
-    coded = CodedImage(codes, TABLE)
+    coded = TableImage(codes, TABLE)
 
     np.testing.assert_array_equal(coded.divided(0.3)[:], coded[:] / np.float32(0.3))
 
 
 def test_rows_that_are_given_back_are_those_of_code_0(codes: NDArray[np.uint8]) -> None:
-    coded = CodedImage(releasable(codes), TABLE + 1)
+    coded = TableImage(releasable(codes), TABLE + 1)
 
     coded.release_rows(200)
 
     assert (coded[:150] == 1).all()
     np.testing.assert_array_equal(coded[200:], 1 + TABLE[codes[200:]])
+
+
+@pytest.fixture
+def deep() -> NDArray[np.uint16]:
+    return np.random.default_rng(5).integers(0, 65536, (300, 50, 3), np.uint16)
+
+
+@pytest.mark.parametrize(
+    "key", [slice(None), (slice(None, None, 4), slice(5, 9)), (slice(3, 5), slice(None), 1), (4, 5)]
+)
+def test_16_bits_grow_evenly_from_black(deep: NDArray[np.uint16], key: Any) -> None:
+    coded = LevelImage(deep, 2048.0, 1 / 60000)
+
+    light = (deep.astype(np.float64) - 2048) / 60000
+
+    assert coded[key].dtype == np.float32 and coded.shape == deep.shape
+    np.testing.assert_allclose(coded[key], light[key], rtol=2e-7)
+    np.testing.assert_allclose(coded.divided(0.3)[key], light[key] / 0.3, rtol=3e-7)
+
+
+def test_16_bits_lie_by_planes(deep: NDArray[np.uint16]) -> None:
+    coded = LevelImage(deep, 2048.0, 1 / 60000)
+
+    rows = coded.rows_by_planes(slice(30, 62))
+
+    np.testing.assert_array_equal(rows, coded[30:62])
+    assert all(rows[..., channel].flags.c_contiguous for channel in range(3))

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pipeline.coded import CodedImage
+from pipeline.coded import TableImage
 from pipeline.frames import (
     Exposure,
     Frame,
@@ -109,7 +109,7 @@ def test_rows_by_planes_are_a_copy_of_contiguous_channels(coded: bool) -> None:
     table = np.linspace(0, 1, 256, dtype=np.float32)
     image = table[codes]
 
-    rows = rows_by_planes(CodedImage(codes, table) if coded else image, slice(2, 6))
+    rows = rows_by_planes(TableImage(codes, table) if coded else image, slice(2, 6))
 
     np.testing.assert_array_equal(rows, image[2:6])
     assert np.shares_memory(rows, planes_of(rows)[1])

@@ -89,7 +89,7 @@ def test_a_copy_can_be_given_back_and_the_original_stays() -> None:
 
 
 def test_rows_that_can_be_given_back_are_not_copied() -> None:
-    codes = empty_codes(300, 50, 3)
+    codes = empty_codes((300, 50, 3), np.uint8)
     codes[:] = 7
 
     assert releasable(codes) is codes

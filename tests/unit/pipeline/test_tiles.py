@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.coded import CodedImage
+from pipeline.coded import TableImage
 from pipeline.tiles import tiles
 
 TABLE = np.linspace(0, 127.5, 256, dtype=np.float32)
@@ -31,7 +31,7 @@ def test_some_tiles_are_spread_from_first_to_last() -> None:
 
 
 def test_tiles_of_code_values_are_light() -> None:
-    found = tiles(CodedImage(numbered(64, 128), TABLE), 10**6)
+    found = tiles(TableImage(numbered(64, 128), TABLE), 10**6)
 
     assert found.dtype == np.float32
     np.testing.assert_array_equal(found[32:, :, 0], 0.5)
@@ -46,7 +46,7 @@ def test_a_narrow_picture_has_tiles_of_its_width(width: int) -> None:
 def test_a_low_picture_has_none(coded: bool) -> None:
     picture = numbered(31, 500)
 
-    found = tiles(CodedImage(picture, TABLE) if coded else picture, 10**6)
+    found = tiles(TableImage(picture, TABLE) if coded else picture, 10**6)
 
     assert found.shape == (0, 128, 3)
     assert found.dtype == (np.float32 if coded else np.uint8)

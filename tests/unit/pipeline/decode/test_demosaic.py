@@ -6,14 +6,23 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.decode.demosaic import demosaic, is_bayer
+from pipeline.decode import demosaic as demosaicing
+from pipeline.decode.demosaic import is_bayer
 from pipeline.decode.samples import upright
+from pipeline.frames import Image
 from tests.definitions.mosaics import demosaiced
 
 BLACK = np.array([[600.0, 610.0], [620.0, 640.0]])
 WHITE = 15292.0
 PHASES = [[[0, 1], [1, 2]], [[1, 0], [2, 1]], [[1, 2], [0, 1]], [[2, 1], [1, 0]]]
 Colours = NDArray[np.int64]
+
+
+def demosaic(
+    mosaic: NDArray[np.uint16], colours: Colours, black: NDArray[np.float64], white: float
+) -> Image:
+    """The light that comes out."""
+    return demosaicing.demosaic(mosaic, colours, black, white)[:]
 
 
 def measured(scene: NDArray[np.float64], colours: Colours) -> NDArray[np.uint16]:
@@ -64,6 +73,20 @@ def test_what_was_measured_stays(colours: Colours) -> None:
     kept = np.take_along_axis(pixels, channel[..., None], axis=2)[..., 0]
     np.testing.assert_allclose(kept, np.minimum(light_of(mosaic), 1), atol=1e-7)
     assert kept.min() < 0
+
+
+@pytest.mark.parametrize("white", [200.0, 4095.0, 15871.0, 65535.0])
+@pytest.mark.parametrize("black", [0.0, 64.0, 512.0])
+def test_sensors_of_any_depth_keep_what_they_measured(white: float, black: float) -> None:
+    """Within half a step of 16 bits, or less; dark and bright photosites alike."""
+    most = min(black + white, 65535.0)
+    mosaic = np.random.default_rng(3).integers(0, int(most) + 1, (20, 20)).astype(np.uint16)
+    mosaic[:2, :2], mosaic[2:4, 2:4] = 0, int(most)
+
+    pixels = demosaic(mosaic, np.array(PHASES[0]), np.full((2, 2), black), white)
+
+    reds, light = pixels[::2, ::2, 0], (mosaic[::2, ::2] - black) / white
+    np.testing.assert_allclose(reds, light, atol=6e-8 if white < 2**15 else 8e-6)
 
 
 @pytest.mark.parametrize("size", [(2, 2), (7, 5), (31, 300)])
@@ -132,7 +155,7 @@ def test_a_turned_mosaic_gives_the_turned_picture(colours: Colours, orientation:
     pixels = demosaic(upright(mosaic, orientation), *turned, WHITE)
 
     straight = demosaic(mosaic, colours, BLACK, WHITE)
-    np.testing.assert_allclose(pixels, upright(straight, orientation), atol=1e-6)
+    np.testing.assert_allclose(pixels, upright(straight, orientation), atol=2e-5)
 
 
 def test_a_part_of_a_picture_gives_that_part(colours: Colours) -> None:
