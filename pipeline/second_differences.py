@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.compiling import exact
+from pipeline.compiling import exact, summing
 from pipeline.frames import Image, Mask
 
 Array = NDArray[np.float32]
@@ -25,20 +25,18 @@ _KEPT = 0.8
 
 @exact
 def _row(pixels: Image, y: int, along: Array, out: Array) -> None:
-    """Second differences (W, 3) around row y, overwritten; along: scratch."""
+    """Second differences (W, 3) around row y, overwritten; along: scratch, (W + 2, 3)."""
     two, sixth = np.float32(2.0), np.float32(1.0 / 6.0)
     width = pixels.shape[1]
-    for x in range(width):
-        for k in range(3):
-            along[x + 1, k] = (pixels[y - 1, x, k] - pixels[y, x, k]) + (
-                pixels[y + 1, x, k] - pixels[y, x, k]
-            )
-    for k in range(3):
-        along[0, k] = along[2, k]
-        along[width + 1, k] = along[width - 1, k]
-    for x in range(width):
-        for k in range(3):
-            out[x, k] = sixth * (along[x, k] - two * along[x + 1, k] + along[x + 2, k])
+    # all channels side by side, so that loops are long
+    above, middle, below = pixels[y - 1].ravel(), pixels[y].ravel(), pixels[y + 1].ravel()
+    flat, written = along.reshape(-1), out.reshape(-1)
+    inner, first, last = flat[3:], flat[:-6], flat[6:]
+    for i in range(3 * width):
+        inner[i] = (above[i] - middle[i]) + (below[i] - middle[i])
+    along[0], along[width + 1] = along[2], along[width - 1]
+    for i in range(3 * width):
+        written[i] = sixth * (first[i] - two * inner[i] + last[i])
 
 
 @exact
@@ -80,39 +78,61 @@ def unshared_squares(pixels: Image, other: Image) -> Array:
     rows, columns = height // BLOCK, width // BLOCK
     squares = np.empty((3, rows * columns, _INNER), np.float32)
     along = np.empty((width + 2, 3), np.float32)
-    lines, others = np.empty((2, BLOCK - 2, width, 3), np.float32)
+    lines = np.empty((BLOCK - 2, width, 3), np.float32)
+    others = np.empty_like(lines)
+    own, known = np.empty((2, 3, _INNER), np.float32)
     for row in range(rows):
         top = row * BLOCK
         for y in range(BLOCK - 2):
             _row(pixels, top + y + 1, along, lines[y])
             _row(other, top + y + 1, along, others[y])
         for b in range(columns):
-            inside = slice(b * BLOCK, (b + 1) * BLOCK)
-            _regress(lines[:, inside], others[:, inside], squares[:, row * columns + b])
+            _by_channels(lines, b, own)
+            _by_channels(others, b, known)
+            _regress(own, known, squares[:, row * columns + b])
     return squares
 
 
 @exact
-def _regress(line: Array, other: Array, squares: Array) -> None:
-    """Squares (3, 48) of what the regression of (6, 8, 3) on (6, 8, 3) leaves, overwritten."""
-    gram, cross = np.zeros((3, 3), np.float32), np.zeros((3, 3), np.float32)
-    for y in range(BLOCK - 2):
-        for x in range(BLOCK):
-            for j in range(3):
-                for k in range(3):
-                    gram[j, k] += other[y, x, j] * other[y, x, k]
-                    cross[j, k] += other[y, x, j] * line[y, x, k]
-    least = np.float32(1e-5) * (gram[0, 0] + gram[1, 1] + gram[2, 2]) + np.float32(1e-30)
-    for j in range(3):
-        gram[j, j] += least
-    slopes = np.linalg.solve(gram, cross)
+def _by_channels(lines: Array, block: int, channels: Array) -> None:
+    """Write a block's part of rows (6, W, 3) as channels (3, 48), along which loops are vectors."""
     for y in range(BLOCK - 2):
         for x in range(BLOCK):
             for k in range(3):
-                left = line[y, x, k]
-                for j in range(3):
-                    left -= slopes[j, k] * other[y, x, j]
-                squares[k, y * BLOCK + x] = left * left / np.float32(_KEPT)
+                channels[k, y * BLOCK + x] = lines[y, block * BLOCK + x, k]
+
+
+@summing
+def _regress(own: Array, known: Array, squares: Array) -> None:
+    """Squares (3, 48) of what the regression of (3, 48) on (3, 48) leaves, overwritten."""
+    a, b, c = known[0], known[1], known[2]
+    aa = bb = cc = ab = ac = bc = np.float32(0.0)
+    for i in range(_INNER):
+        aa, bb, cc = aa + a[i] * a[i], bb + b[i] * b[i], cc + c[i] * c[i]
+        ab, ac, bc = ab + a[i] * b[i], ac + a[i] * c[i], bc + b[i] * c[i]
+    least = np.float64(1e-5) * (aa + bb + cc) + 1e-30
+    # by Cholesky's factors, in double precision as channels are much alike
+    f0 = np.sqrt(aa + least)
+    f1, f2 = ab / f0, ac / f0
+    f3 = np.sqrt(bb + least - f1 * f1)
+    f4 = (bc - f1 * f2) / f3
+    f5 = np.sqrt(cc + least - f2 * f2 - f4 * f4)
+    for k in range(3):
+        line = own[k]
+        along = along_b = along_c = np.float32(0.0)
+        for i in range(_INNER):
+            along += line[i] * a[i]
+            along_b += line[i] * b[i]
+            along_c += line[i] * c[i]
+        g0 = along / f0
+        g1 = (along_b - f1 * g0) / f3
+        of_c = (along_c - f2 * g0 - f4 * g1) / (f5 * f5)
+        of_b = (g1 - f4 * of_c) / f3
+        of_a = (g0 - f1 * of_b - f2 * of_c) / f0
+        p, q, r = np.float32(of_a), np.float32(of_b), np.float32(of_c)
+        for i in range(_INNER):
+            left = line[i] - p * a[i] - q * b[i] - r * c[i]
+            squares[k, i] = left * left * np.float32(1 / _KEPT)
 
 
 @exact
@@ -164,7 +184,7 @@ def relative_squares(
     return out
 
 
-@exact
+@summing
 def squares_within(squares: Array, limit: Array) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """How many of each row (n, m) are below its limit (n,), and their sums."""
     counts, totals = np.zeros(len(squares), np.int64), np.zeros(len(squares))
