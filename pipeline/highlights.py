@@ -29,6 +29,7 @@ from pipeline.frames import (
 )
 from pipeline.lamps import Lamps
 from pipeline.proportions import colour_of, light_of, pixel, scaled, times
+from pipeline.quantiles import weighted_quantile
 from pipeline.reduced import ReducedPair
 from pipeline.shares import Colour, dot, doubles, shares_of_two
 
@@ -229,7 +230,7 @@ def _weigh(
     brighter is what it counts besides that matt light is brighter than around.
     """
     most = (2 * _STEPS + 1) ** 2
-    shares, like = np.empty((2, most)), np.empty(most)
+    shares, like = np.empty((2, most), np.float32), np.empty(most, np.float32)
     for y in range(usable.shape[0]):
         for x in range(usable.shape[1]):
             if not asked[y, x]:
@@ -308,8 +309,8 @@ def _neighbours(
     y: int,
     x: int,
     step: int,
-    shares: NDArray[np.float64],
-    like: NDArray[np.float64],
+    shares: Array,
+    like: Array,
 ) -> int:
     """Write shares of usable blocks of like colour around one, itself among them, and how like.
 
@@ -419,18 +420,10 @@ def _bounded(squared: Any, most: float) -> Any:
     return most * squared / (most + squared)
 
 
-@compiled
-def _usual(values: NDArray[np.float64], weights: NDArray[np.float64]) -> tuple[float, float]:
+@inlined
+def _usual(values: Array, weights: Array) -> tuple[float, float]:
     """Weighted median, and the quantile that _BRIGHT is."""
-    order, whole, total = np.argsort(values), weights.sum(), 0.0
-    median, is_below = 0.0, True
-    for i in order:
-        total += weights[i]
-        if is_below and total >= 0.5 * whole:
-            median, is_below = values[i], False
-        if total >= _BRIGHT * whole:
-            return float(median), float(values[i])
-    return float(median), float(values[order[-1]])
+    return weighted_quantile(values, weights, 0.5), weighted_quantile(values, weights, _BRIGHT)
 
 
 @inlined
