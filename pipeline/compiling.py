@@ -99,6 +99,12 @@ def _remove(folder: Path, owner: int) -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
+def prepare() -> None:
+    """Load of Numba what the first compiled function that a process calls would wait for."""
+    cpu_target.typing_context.refresh()
+    cpu_target.target_context.refresh()
+
+
 CACHE = settle()
 
 exact = njit(cache=True, error_model="numpy")

@@ -23,6 +23,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from pipeline import compiling
 from pipeline.pair_checks import check_pair
 from service import camera_tasks, forkserver, logs, problems
 from service.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
@@ -125,6 +126,7 @@ if __name__ == "__main__":
     if sys.argv[1:] == [PAIRS]:
         for name in ("service.pair_tasks", "pipeline.normals"):  # or each job with normals would
             importlib.import_module(name)
+        compiling.prepare()
     forkserver.serve()
     code = main()
     sys.stdout.flush()

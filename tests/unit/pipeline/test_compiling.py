@@ -201,3 +201,23 @@ def test_a_module_with_loops_is_imported_where_nothing_can_be_written(tmp_path: 
     )
     assert done.stdout.strip() == str(tmp_path / "file")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_the_first_function_of_a_prepared_process_loads_no_module() -> None:
+    """Of Numba; what else the function is made of is imported with it."""
+    program = (
+        "import sys, numpy as np\n"
+        "from pipeline import compiling\n"
+        "from pipeline.blocks import any_in_blocks\n"
+        "{}\n"
+        "known = set(sys.modules)\n"
+        "assert any_in_blocks(np.ones((4, 4), bool), 2).all()\n"
+        "print(len(set(sys.modules) - known))\n"
+    )
+    loaded = [
+        int(subprocess.check_output([sys.executable, "-c", program.format(step)], text=True))
+        for step in ("", "compiling.prepare()")
+    ]
+
+    assert loaded[0] > 0
+    assert loaded[1] == 0

@@ -206,9 +206,8 @@ def test_what_separates_is_imported_where_pairs_are_taken_alone(arguments: list[
 def test_what_tasks_need_is_imported_without_starting_a_thread() -> None:
     """A lock that another thread held while a child was forked stays locked in the child."""
     threads = "print(len(os.listdir(f'/proc/{os.getppid()}/task')))"
-    with contextlib.closing(
-        fork_server(threads, "from service import child, pair_tasks")
-    ) as server:
+    imports = "from service import child, pair_tasks; child.compiling.prepare()"
+    with contextlib.closing(fork_server(threads, imports)) as server:
         child = server.fork()
         assert child.stdout.read() == b"1\n"
         child.close()
