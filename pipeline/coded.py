@@ -43,12 +43,9 @@ class CodedImage(ABC):
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         return np.asarray(self[:], dtype)
 
-    def rows_by_planes(self, rows: slice) -> Image:
-        """Some rows (h, W, 3), each channel contiguous, as compiled loops want them."""
-        codes = self._codes[rows]
-        planes = np.empty((codes.shape[2], *codes.shape[:2]), np.float32)
-        self._write_planes(codes, planes)
-        return np.moveaxis(planes, 0, -1)
+    def write_planes(self, rows: slice, planes: NDArray[np.float32]) -> None:
+        """Write some rows into planes (3, h, W)."""
+        self._write_planes(self._codes[rows], planes)
 
     def release_rows(self, stop: int) -> None:
         """Give the memory of the rows before `stop` back, as pipeline.memory does."""

@@ -45,11 +45,18 @@ def planes_of(image: Image) -> Planes:
 
 def rows_by_planes(photograph: Photograph, rows: slice) -> Image:
     """Some rows (h, W, 3) of a photograph, by planes."""
-    if isinstance(photograph, CodedImage):
-        return photograph.rows_by_planes(rows)
-    laid = by_planes(*photograph[rows].shape)
-    cv2.split(photograph[rows], planes_of(laid))
+    height, width, _ = photograph.shape
+    laid = by_planes(len(range(*rows.indices(height))), width, 3)
+    write_planes(photograph, rows, channels_first(laid))
     return laid
+
+
+def write_planes(photograph: Photograph, rows: slice, planes: Image) -> None:
+    """Write some rows of a photograph into planes (3, h, W)."""
+    if isinstance(photograph, CodedImage):
+        photograph.write_planes(rows, planes)
+    else:
+        cv2.split(photograph[rows], tuple(planes))
 
 
 def release_photograph(photograph: Photograph, stop: int) -> None:

@@ -22,6 +22,7 @@ from pipeline.frames import (
     numbers_of,
     planes_of,
     rows_by_planes,
+    write_planes,
 )
 from pipeline.highlights import find_highlights
 from pipeline.hui2018.separation import published_layers
@@ -97,7 +98,8 @@ def separate(
         no_flash, flash, _ = noise_filter.rows(wide)
         if not pair.flash_only:
             flash = flash - no_flash
-        confidence, placed, uncertainty = _reliability(pair, wide, lamps.least_sine)
+        photograph = rows_by_planes(pair.no_flash, wide)
+        confidence, placed, uncertainty = _reliability(pair, wide, photograph, lamps.least_sine)
         if pair.registration_px > 0:
             flash = placing.place_flash(no_flash, flash, placed, confidence)
         proportions = model_proportions(no_flash, flash, lamps)
@@ -109,7 +111,7 @@ def separate(
             smooth, trust = placing.mend_proportions(
                 smooth,
                 proportions,
-                pair.no_flash[wide],
+                photograph,
                 pair.no_flash_noise,
                 placed,
                 confidence,
@@ -120,7 +122,7 @@ def separate(
             smooth = highlights.deal_out(rows, no_flash, flash, lamps, smooth)
         layers = surroundings.rows(rows, width)
         _deal_out(
-            planes_of(rows_by_planes(pair.no_flash, rows)),
+            planes_of(photograph[inner]),
             trust,
             channels_first(smooth),
             channels_first(layers),
@@ -146,14 +148,13 @@ def _filter(pair: Pair, rounds: int) -> SigmaFilter:
     """Make the noise filter of a pair, as it lies or softened."""
     height, width = pair.unusable.shape
 
-    def read(rows: slice) -> tuple[Image, Image]:
-        if not pair.registration_px > 0:
-            return rows_by_planes(pair.no_flash, rows), rows_by_planes(pair.flash, rows)
-        wide, inner = widened(rows, registration.SOFTENED_HALO, height)
-        return (
-            registration.softened(pair.no_flash[wide])[inner],
-            registration.softened(pair.flash[wide])[inner],
-        )
+    def read(rows: slice, planes: NDArray[np.float32]) -> None:
+        for photograph, part in ((pair.no_flash, planes[:3]), (pair.flash, planes[3:])):
+            if pair.registration_px > 0:
+                wide, inner = widened(rows, registration.SOFTENED_HALO, height)
+                write_planes(registration.softened(photograph[wide]), inner, part)
+            else:
+                write_planes(photograph, rows, part)
 
     return SigmaFilter(read, (width, height), (pair.no_flash_noise, pair.flash_noise), rounds)
 
@@ -167,9 +168,9 @@ def _open(pair: Pair, rows: slice) -> NDArray[np.float32]:
 
 
 def _reliability(
-    pair: Pair, rows: slice, least_sine: float
+    pair: Pair, rows: slice, photograph: Image, least_sine: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """Confidence, placement and uncertainty (h, W), each 0…1.
+    """Confidence, placement and uncertainty (h, W), each 0…1; photograph: rows of the no-flash one.
 
     Confidence is how far flash part and no-flash light stand out from their noise, 0 in unusable
     pixels. Placement is less where the flash part is not quite from the same place, as beside
@@ -184,10 +185,10 @@ def _reliability(
         beside = variance[inner].sum(axis=2)
         part = pair.flash[rows].sum(axis=2)
         if not pair.flash_only:
-            part -= pair.no_flash[rows].sum(axis=2)
+            part -= photograph.sum(axis=2)
         placed = placing.placement(part, beside)
     _weigh_noise(
-        planes_of(rows_by_planes(pair.no_flash, rows)),
+        planes_of(photograph),
         planes_of(rows_by_planes(pair.flash, rows)),
         beside,
         (numbers_of(pair.no_flash_noise.gain), numbers_of(pair.no_flash_noise.floor)),

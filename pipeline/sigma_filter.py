@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.compiling import compiled, inlined
-from pipeline.frames import Image, Plane, planes_of
+from pipeline.frames import Image, Plane
 from pipeline.noise import Noise
 from pipeline.strips import widened
 
@@ -33,8 +33,9 @@ def sigma_filter(
     """Filter a whole pair (h, W, 3), as SigmaFilter does."""
     height, width = images[0].shape[:2]
 
-    def read(rows: slice) -> tuple[Image, Image]:
-        return images[0][rows], images[1][rows]
+    def read(rows: slice, planes: Planes) -> None:
+        for image, part in zip(images, (planes[:3], planes[3:]), strict=True):
+            part[...] = np.moveaxis(image[rows], -1, 0)
 
     return SigmaFilter(read, (width, height), noises, rounds).rows(slice(0, height))
 
@@ -50,20 +51,20 @@ class SigmaFilter:
 
     def __init__(
         self,
-        read: Callable[[slice], tuple[Image, Image]],
+        read: Callable[[slice, Planes], None],
         size: tuple[int, int],
         noises: tuple[Noise, Noise],
         rounds: int = ROUNDS,
     ) -> None:
         """Filter two photographs (H, W, 3), independent of each other.
 
-        read: gives some rows of them. size: (width, height) of both. noises: of each. rounds: how
-        many of the windows, from the narrowest.
+        read: writes some rows of both into planes (6, h, W). size: (width, height) of both.
+        noises: of each. rounds: how many of the windows, from the narrowest.
         """
         gain = np.concatenate([np.maximum(noise.gain, 1e-9) for noise in noises])
         floor = np.concatenate([np.maximum(noise.floor, 1e-12) for noise in noises])
         noise = gain.astype(np.float32), floor.astype(np.float32)
-        stage: _Rows = _Given(read)
+        stage: _Rows = _Given(read, size[0])
         for gap in _GAPS[:rounds]:
             stage = _Round(stage, gap, size, noise)
         self._last = stage
@@ -87,12 +88,13 @@ class _Rows(Protocol):
 class _Given:
     """The pair as it is given."""
 
-    def __init__(self, read: Callable[[slice], tuple[Image, Image]]) -> None:
+    def __init__(self, read: Callable[[slice, Planes], None], width: int) -> None:
         self._read = read
+        self._width = width
 
     def rows(self, top: int, bottom: int) -> tuple[Planes, Plane]:
-        images = self._read(slice(top, bottom))
-        planes = np.stack([plane for image in images for plane in planes_of(image)])
+        planes = np.empty((_CHANNELS, bottom - top, self._width), np.float32)
+        self._read(slice(top, bottom), planes)
         return planes, np.ones(planes.shape[1:], np.float32)
 
 

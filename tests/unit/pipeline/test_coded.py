@@ -39,10 +39,11 @@ def test_what_is_looked_at_is_linear(codes: NDArray[np.uint8], key: Any) -> None
 
 
 def test_rows_lie_by_planes(codes: NDArray[np.uint8]) -> None:
-    rows = TableImage(codes, TABLE).rows_by_planes(slice(30, 62))
+    planes = np.empty((3, 32, 50), np.float32)
 
-    np.testing.assert_array_equal(rows, TABLE[codes[30:62]])
-    assert all(rows[..., channel].flags.c_contiguous for channel in range(3))
+    TableImage(codes, TABLE).write_planes(slice(30, 62), planes)
+
+    np.testing.assert_array_equal(np.moveaxis(planes, 0, -1), TABLE[codes[30:62]])
 
 
 def test_division_is_that_of_the_values(codes: NDArray[np.uint8]) -> None:
@@ -79,9 +80,8 @@ def test_16_bits_grow_evenly_from_black(deep: NDArray[np.uint16], key: Any) -> N
 
 
 def test_16_bits_lie_by_planes(deep: NDArray[np.uint16]) -> None:
-    coded = LevelImage(deep, 2048.0, 1 / 60000)
+    coded, planes = LevelImage(deep, 2048.0, 1 / 60000), np.empty((3, 32, 50), np.float32)
 
-    rows = coded.rows_by_planes(slice(30, 62))
+    coded.write_planes(slice(30, 62), planes)
 
-    np.testing.assert_array_equal(rows, coded[30:62])
-    assert all(rows[..., channel].flags.c_contiguous for channel in range(3))
+    np.testing.assert_array_equal(np.moveaxis(planes, 0, -1), coded[30:62])
