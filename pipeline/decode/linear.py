@@ -15,7 +15,7 @@ from pipeline.decode.profiles import differs_from_srgb, to_linear_srgb
 from pipeline.decode.samples import Samples, UnsuitableError, upright
 from pipeline.frames import Image, Mask, Photograph
 from pipeline.memory import empty_image, releasable
-from pipeline.strips import STRIP_ROWS
+from pipeline.strips import STRIP_ROWS, strips
 
 RAW_CLIP = 0.99
 """Share of the white level from which a sensor value counts as clipped."""
@@ -95,12 +95,11 @@ def clipped(samples: Samples, raw: bool = False, curved: bool = False) -> Mask:
         below = np.ceil(_RENDERED_CLIP * samples.white) - 1
     else:
         below = samples.white - (2 if values.dtype == np.uint8 else 1)
-    mask: NDArray[Any] = np.empty(values.shape[:2], dtype=np.uint8)
-    for top in range(0, values.shape[0], STRIP_ROWS):
-        rows = mask[top : top + STRIP_ROWS]
-        cv2.inRange(values[top : top + STRIP_ROWS], (-np.inf,) * 3, (float(below),) * 3, dst=rows)
-    mask = cv2.bitwise_not(mask)
-    return _reached(mask) if raw else np.asarray(mask > 0)
+    mask = np.empty(values.shape[:2], np.bool_)
+    for rows in strips(len(values), STRIP_ROWS):
+        within = cv2.inRange(values[rows], (-np.inf,) * 3, (float(below),) * 3)
+        np.equal(within, 0, out=mask[rows])
+    return _reached(mask.view(np.uint8)) if raw else mask
 
 
 def clipped_photosites(
