@@ -25,7 +25,7 @@ def quantile(values: NDArray[Any], share: float) -> float:
 
 
 @exact
-def weighted_quantile(values: Array, weights: Array, share: float) -> float:
+def weighted_quantile(values: Array, weights: Array, share: float) -> Any:
     """Least of some finite values up to which a share 0…1 of all their weight lies.
 
     By halving the range until no number is left within it. For other compiled loops, too.
@@ -46,7 +46,7 @@ def weighted_quantile(values: Array, weights: Array, share: float) -> float:
 
 
 @summing
-def _weight_up_to(values: Array, weights: Array, limit: np.float32) -> float:
+def _weight_up_to(values: Array, weights: Array, limit: np.float32) -> np.float32:
     total = np.float32(0.0)
     for i in range(len(values)):
         total += weights[i] if values[i] <= limit else np.float32(0.0)

@@ -36,8 +36,9 @@ def unexplained(reduced: ReducedPair, evidence: Evidence, matrices: Array) -> fl
 def left_over(reduced: ReducedPair, matrices: Array) -> float:
     """Relative light that lamps (N, 3, 3) leave unexplained: a quantile, less the noise's own."""
     left, light = _left_of_pixels(reduced, matrices)
-    deviation = np.sqrt(_total(reduced.no_flash_variance[reduced.usable]))
-    noise, whole = (weighted_quantile(one / light, light, _QUANTILE) for one in (deviation, left))
+    variance = _total(reduced.no_flash_variance[reduced.usable])
+    relative = [np.asarray(one / light, np.float32) for one in (np.sqrt(variance), left)]
+    noise, whole = (weighted_quantile(one, light, _QUANTILE) for one in relative)
     return float(np.sqrt(max(whole**2 - noise**2, 0.0)))
 
 
