@@ -2,8 +2,8 @@
 
 Seeded region growing (Adams and Bischof 1994) with the fit's own test: pixels beside a part are
 taken for its continuation, the surface is moved to explain their light, and those it does not
-explain are given back. Where parts meet, a seam of one pixel stays: a jump of depth, or a border
-of shadows that either side ends at.
+explain are given back. What no part explains comes to the one beside it in the end. Where parts meet, a seam
+of one pixel stays: a jump of depth, or a border of shadows that either side ends at.
 """
 
 from __future__ import annotations
@@ -62,7 +62,11 @@ def grown(
             parts = np.where(off & (ring > 0), 0, wider)
             scene = whole.without(parts[inside] == 0)
             state = _moved_to(scene, tried, state)
-    return scene, continued(scene, state)
+    # what is beside one part alone is nobody else's
+    while (ring := _ring(parts, inside, {})).any():
+        parts = np.where(ring > 0, ring, parts)
+    filled = whole.without(parts[inside] == 0)
+    return filled, continued(filled, _moved_to(filled, scene, state))
 
 
 def _seeds(kept: Mask, whole: Mask) -> Parts:

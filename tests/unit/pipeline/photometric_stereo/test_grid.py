@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.photometric_stereo.grid import make_grid
+from pipeline.photometric_stereo.grid import carried, make_grid
 
 
 def corners_of(plane: tuple[float, float, float], size: int, focal_px: float) -> Any:
@@ -87,3 +87,23 @@ def test_bends_do_not_reach_across_a_cut_one_pixel_wide() -> None:
     h = np.where(np.arange(6) < 3, 1.0, 5.0) * np.ones((4, 1))
 
     np.testing.assert_array_equal(grid.bends(grid.at(h)), 0)
+
+
+def test_squared_depths_are_carried_to_another_grid() -> None:
+    """To a finer one between corners; beyond the old grid as at its nearest corner."""
+    mask = np.zeros((4, 6), bool)
+    mask[1:3, 1:4] = True
+    old = make_grid(mask, 10.0, (2.5, 1.5))
+    y, x = np.nonzero(old.corner_mask)
+    new = make_grid(np.ones((4, 6), bool), 10.0, (2.5, 1.5))
+    finer = make_grid(np.kron(mask, np.ones((2, 2))) > 0, 20.0, (5.5, 3.5))
+
+    beyond = np.zeros(new.corner_mask.shape)
+    beyond[new.corner_mask] = carried(1.0 + x + 10.0 * y, old, new)
+    between = np.zeros(finer.corner_mask.shape)
+    between[finer.corner_mask] = carried(1.0 + x + 10.0 * y, old, finer, 0.5)
+
+    assert beyond[2, 3] == 24
+    assert beyond[2, 6] == 25
+    assert beyond[4, 0] == 32
+    assert between[3, 5] == pytest.approx(1 + 2.5 + 15)
