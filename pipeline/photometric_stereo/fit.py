@@ -44,7 +44,7 @@ def fit(scene: Scene, tick: Tick = lambda: None, rounds: int = _ROUNDS) -> tuple
     before every scale.
     """
     starts = scene.grid.flat(), scene.grid.inflated()
-    found = min((_follow(scene, _start(scene, h), tick) for h in starts), key=_cost)
+    found = min((_follow(scene, _start(scene, h), tick) for h in starts), key=_likeliest)
     for _ in range(rounds):
         if not _UNEXPLAINED[0] < unexplained(scene, found[0]).mean() < _UNEXPLAINED[1]:
             break
@@ -58,10 +58,11 @@ def fit(scene: Scene, tick: Tick = lambda: None, rounds: int = _ROUNDS) -> tuple
 def fit_again(scene: Scene, state: State, tick: Tick = lambda: None) -> State:
     """The likeliest surface with lamps and materials of a like scene to begin with.
 
-    state: h (c,) of this scene, modes and materials of the other. The surface starts from flat,
-    inflated and as it is, while the light tells which lamps shine where.
+    state: h (c,), albedo and lit (n, J) of this scene, modes and materials of the other. The
+    surface starts from flat, inflated and as it is, while the light tells which lamps shine where;
+    what is no likelier than the state is not taken.
     """
-    found = state, np.inf
+    found = state, cost(scene, state)
     for _ in range(_ROUNDS):
         better = _better(scene, found, tick)
         if better is found:
@@ -82,6 +83,11 @@ def continued(scene: Scene, state: State) -> State:
     return with_even_albedo(scene, state)
 
 
+def cost(scene: Scene, state: State) -> float:
+    """−2 log posterior of a state but for a constant."""
+    return make_objective(scene, state, _SCALES[-1]).cost(state)
+
+
 def unexplained(scene: Scene, state: State) -> Mask:
     """Pixels (n,) whose light the lamps do not give."""
     return make_objective(scene, state, _LIGHT_SCALE).chi2(state) > _LIGHT_CHI2
@@ -97,7 +103,7 @@ def refine(scene: Scene, h: Array, found: State) -> State:
     return state
 
 
-def _cost(found: tuple[State, float]) -> float:
+def _likeliest(found: tuple[State, float]) -> float:
     return found[1]
 
 
@@ -108,14 +114,14 @@ def _follow(scene: Scene, state: State, tick: Tick) -> tuple[State, float]:
         for _ in range(_STEPS):
             objective = make_objective(scene, state, scale)
             state = _relit(_moved(objective, state), objective)
-    return state, make_objective(scene, state, _SCALES[-1]).cost(state)
+    return state, cost(scene, state)
 
 
 def _better(scene: Scene, found: tuple[State, float], tick: Tick) -> tuple[State, float]:
     """The likeliest that lamps and materials found lead to, or what was found."""
     starts = scene.grid.flat(), scene.grid.inflated(), found[0].h
     again = [_follow_again(scene, found[0], h, tick) for h in starts]
-    return min([found, *again], key=_cost)
+    return min([found, *again], key=_likeliest)
 
 
 def _follow_again(scene: Scene, found: State, h: Array, tick: Tick) -> tuple[State, float]:
@@ -127,7 +133,7 @@ def _follow_again(scene: Scene, found: State, h: Array, tick: Tick) -> tuple[Sta
         for _ in range(_STEPS):
             objective = make_objective(scene, state, scale)
             state = _shone_on(_moved(objective, state), objective)
-    return state, make_objective(scene, state, _SCALES[-1]).cost(state)
+    return state, cost(scene, state)
 
 
 def _shining(scene: Scene, state: State, scale: float) -> State:

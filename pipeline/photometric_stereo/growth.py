@@ -2,8 +2,8 @@
 
 Seeded region growing (Adams and Bischof 1994) with the fit's own test: pixels beside a part are
 taken for its continuation, the surface is moved to explain their light, and those it does not
-explain are given back. What no part explains comes to the one beside it in the end. Where parts meet, a seam
-of one pixel stays: a jump of depth, or a border of shadows that either side ends at.
+explain are given back. What no part explains comes to the one beside it in the end. Where parts
+meet, a seam of one pixel stays: a jump of depth, or a border of shadows that either side ends at.
 """
 
 from __future__ import annotations

@@ -11,9 +11,10 @@ from scipy import ndimage
 from pipeline.frames import Mask
 from pipeline.photometric_stereo import fit as fits
 from pipeline.photometric_stereo import growth
-from pipeline.photometric_stereo.fit import fit, fit_again, unexplained
+from pipeline.photometric_stereo.fit import cost, fit, fit_again, unexplained
 from pipeline.photometric_stereo.grid import carried
 from pipeline.photometric_stereo.growth import grown
+from pipeline.photometric_stereo.objective import with_even_albedo
 from pipeline.photometric_stereo.scene import Scene, State
 from pipeline.progress import Tick
 
@@ -32,8 +33,8 @@ def fit_in_parts(scene: Scene, tick: Tick = lambda: None) -> tuple[Scene, State]
     materials as found so far: what is left bends them less and less. Returns what is left of the
     scene as well. tick: as of fit.
     """
-    state, _ = fit(scene, tick)
-    whole, off, cuts = scene, unexplained(scene, state), 0
+    whole, (uncut, _) = scene, fit(scene, tick)
+    state, off, cuts = uncut, unexplained(scene, uncut), 0
     while off.mean() > _LEAST_CUT and cuts < _MOST_CUTS:
         mask = scene.grid.mask.copy()
         mask[mask] = ~off
@@ -41,11 +42,22 @@ def fit_in_parts(scene: Scene, tick: Tick = lambda: None) -> tuple[Scene, State]
         if left.sum() < _LEAST_LEFT * len(whole.light):
             break
         less, cuts = scene.without(~left[scene.grid.mask]), cuts + 1
-        h = carried(state.h, scene.grid, less.grid)
-        scene, state = less, fit_again(less, replace(state, h=h), tick)
+        scene, state = less, fit_again(less, _within(less, scene, state), tick)
         off = unexplained(scene, state)
+    if not cuts:
+        return whole, uncut
     # most of what was cut out belongs to one side or the other
-    return grown(whole, scene, state, tick) if cuts else (scene, state)
+    scene, state = grown(whole, scene, state, tick)
+    # of noise and gloss a surface without cuts may explain more
+    likelier = cost(scene, state) < cost(scene, _within(scene, whole, uncut))
+    return (scene, state) if likelier else (whole, uncut)
+
+
+def _within(scene: Scene, whole: Scene, state: State) -> State:
+    """The state of a whole scene as that of some of its pixels."""
+    lit = state.lit[scene.grid.mask[whole.grid.mask]]
+    h = carried(state.h, whole.grid, scene.grid)
+    return with_even_albedo(scene, replace(state, h=h, lit=lit))
 
 
 def parts_of(mask: Mask) -> NDArray[np.intp]:

@@ -80,12 +80,15 @@ def cut(
     Returns what is inside, and what is left before it grows.
     """
 
-    def build(*unexplained: Mask) -> tuple[Mask, Mask]:
+    def build(*unexplained: Mask, likelier: bool = True) -> tuple[Mask, Mask]:
         left = list(unexplained)
         one = ball(32)
         scene = scene_of(one)
         state = true_state(one, scene)
         again: list[Scene] = []
+        depth = np.zeros(scene.grid.corner_mask.shape)
+        depth[scene.grid.corner_mask] = state.h
+        costs = [1.0, 2.0] if likelier else [2.0, 1.0]
 
         def off(scene: Scene, _: object) -> Mask:
             pixels: Mask = (left.pop(0) if len(left) > 1 else left[0])[scene.grid.mask]
@@ -94,25 +97,30 @@ def cut(
         def fit_again(less: Scene, found: State, _: object) -> State:
             """The surface is carried over, lamps and materials go on as found."""
             np.testing.assert_allclose(found.h, less.grid.at(depth))
-            assert found.modes is state.modes
+            np.testing.assert_array_equal(found.lit, state.lit[less.grid.mask[one.inside]])
+            assert len(found.albedo) == less.segment_count
+            np.testing.assert_array_equal(found.modes, state.modes)
             assert found.own is state.own
             again.append(less)
-            return found
+            return replace(found, modes=found.modes.copy())
 
-        depth = np.zeros(scene.grid.corner_mask.shape)
-        depth[scene.grid.corner_mask] = state.h
+        def grown(whole: Scene, kept: Scene, found: State, _: object) -> tuple[Scene, State]:
+            assert whole is scene
+            assert kept is again[-1]  # the fit of what is left, and of nothing before
+            assert found.modes is not state.modes
+            return kept, found
+
         monkeypatch.setattr(parts_module, "fit", lambda *_: (state, 0.0))
         monkeypatch.setattr(parts_module, "fit_again", fit_again)
         monkeypatch.setattr(parts_module, "unexplained", off)
-        monkeypatch.setattr(parts_module, "grown", lambda *given: (given[1], (given[0], again)))
-        found: Any = fit_in_parts(scene)
-        if again:
-            whole, fitted = found[1]
-            assert whole is scene
-            assert found[0] is fitted[-1]  # the fit of what is left, and of nothing before
+        monkeypatch.setattr(parts_module, "grown", grown)
+        monkeypatch.setattr(parts_module, "cost", lambda *_: costs.pop(0))
+        found, its_state = fit_in_parts(scene)
+        if again and likelier:
+            assert found is again[-1]
         else:
-            assert found == (scene, state)
-        return scene.grid.mask, found[0].grid.mask
+            assert (found, its_state) == (scene, state)
+        return scene.grid.mask, found.grid.mask
 
     return build
 
@@ -136,6 +144,12 @@ def test_what_fits_but_for_a_hundredth_is_not_cut(cut: Callable[..., tuple[Mask,
     inside, left = cut(few)
     assert 0.01 < few[inside].mean() < 0.012
     assert not left[few].any()
+
+
+def test_a_likelier_surface_without_cuts_stays(cut: Callable[..., tuple[Mask, Mask]]) -> None:
+    """As of noise, which cuts only take away from what the fit explains."""
+    inside, left = cut(column(15, 16, 17), NOTHING, likelier=False)
+    np.testing.assert_array_equal(left, inside)
 
 
 def test_there_are_three_cuts_at_most(cut: Callable[..., tuple[Mask, Mask]]) -> None:
