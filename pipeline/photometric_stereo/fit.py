@@ -24,14 +24,16 @@ _CONTINUED_STEPS = 2
 _SHADOWS_FROM = 0.02  # scale from which on shadows are told from bends
 _SHADOW_CHI2, _SHADOW_GAIN = 50.0, 10.0  # of a pixel's light, and times less without the lamp
 _UNEXPLAINED = (0.01, 0.3)  # share of the pixels between which shadows are to blame
+_MUCH_UNEXPLAINED = 0.05
 _LIGHT_SCALE, _LIGHT_CHI2 = 0.02, 10.0  # at and above which light is unexplained
 _DARK = 0.06  # l·w of a lamp that does not shine, of the median squared depth
 _LEAST_DEPTH = 1e-3  # squared, of the median
 
 
-MOST_TRIAL_TICKS, MOST_TICKS_AGAIN = 2 * len(_SCALES), _ROUNDS * 3 * len(_SCALES_AGAIN)
-MOST_TICKS = MOST_TRIAL_TICKS + MOST_TICKS_AGAIN
-"""Times that these tell of going on, at most: fit without rounds, fit_again, and fit."""
+MOST_TRIAL_TICKS = 2 * len(_SCALES)
+MOST_TICKS = MOST_TRIAL_TICKS + _ROUNDS * 3 * len(_SCALES_AGAIN)
+MOST_TICKS_AGAIN = 3 * len(_SCALES_AGAIN) + MOST_TICKS
+"""Times that these tell of going on, at most: fit without rounds, fit, and fit_again."""
 
 
 def fit(scene: Scene, tick: Tick = lambda: None, rounds: int = _ROUNDS) -> tuple[State, float]:
@@ -58,11 +60,13 @@ def fit(scene: Scene, tick: Tick = lambda: None, rounds: int = _ROUNDS) -> tuple
 def fit_again(scene: Scene, state: State, tick: Tick = lambda: None) -> State:
     """The likeliest surface with lamps and materials of a like scene to begin with.
 
-    state: h (c,), albedo and lit (n, J) of this scene, modes and materials of the other. The
-    surface starts from flat, inflated and as it is, while the light tells which lamps shine where;
-    what is no likelier than the state is not taken.
+    state: h (c,) of this scene, modes and materials of the other. The surface starts from flat,
+    inflated and as it is, while the light tells which lamps shine where. Where that leaves much
+    light unexplained, all is fitted anew, too, and the likelier taken: lamps and materials may be
+    wrong, or noise hides which lamps shine.
     """
-    found = state, cost(scene, state)
+    # no rival to what it leads to: what it does not explain is not in the scene
+    found = state, np.inf
     for _ in range(_ROUNDS):
         better = _better(scene, found, tick)
         if better is found:
@@ -70,6 +74,8 @@ def fit_again(scene: Scene, state: State, tick: Tick = lambda: None) -> State:
         found = better
         if unexplained(scene, found[0]).mean() < _UNEXPLAINED[0]:
             break
+    if unexplained(scene, found[0]).mean() > _MUCH_UNEXPLAINED:
+        found = min(found, fit(scene, tick), key=_likeliest)
     return found[0]
 
 
