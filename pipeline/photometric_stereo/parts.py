@@ -11,14 +11,14 @@ from scipy import ndimage
 from pipeline.frames import Mask
 from pipeline.photometric_stereo import fit as fits
 from pipeline.photometric_stereo import growth
-from pipeline.photometric_stereo.fit import cost, fit, fit_again, unexplained
+from pipeline.photometric_stereo.fit import fit, fit_again, unexplained
 from pipeline.photometric_stereo.grid import carried
 from pipeline.photometric_stereo.growth import grown
-from pipeline.photometric_stereo.objective import with_even_albedo
 from pipeline.photometric_stereo.scene import Scene, State
 from pipeline.progress import Tick
 
 _MOST_CUTS, _LEAST_CUT = 3, 0.01
+_FEWER = 0.5  # of the pixels that a surface without cuts leaves unexplained
 _LEAST_PART, _LEAST_LEFT = 0.01, 0.5  # of the surface
 
 MOST_TICKS = fits.MOST_TICKS + _MOST_CUTS * fits.MOST_TICKS_AGAIN + growth.MOST_TICKS
@@ -33,8 +33,9 @@ def fit_in_parts(scene: Scene, tick: Tick = lambda: None) -> tuple[Scene, State]
     materials as found so far: what is left bends them less and less. Returns what is left of the
     scene as well. tick: as of fit.
     """
-    whole, (uncut, _) = scene, fit(scene, tick)
-    state, off, cuts = uncut, unexplained(scene, uncut), 0
+    state, _ = fit(scene, tick)
+    whole, off, cuts = scene, unexplained(scene, state), 0
+    many = _FEWER * off.mean()
     while off.mean() > _LEAST_CUT and cuts < _MOST_CUTS:
         mask = scene.grid.mask.copy()
         mask[mask] = ~off
@@ -42,22 +43,14 @@ def fit_in_parts(scene: Scene, tick: Tick = lambda: None) -> tuple[Scene, State]
         if left.sum() < _LEAST_LEFT * len(whole.light):
             break
         less, cuts = scene.without(~left[scene.grid.mask]), cuts + 1
-        scene, state = less, fit_again(less, _within(less, scene, state), tick)
+        state = replace(state, h=carried(state.h, scene.grid, less.grid))
+        scene, state = less, fit_again(less, state, tick)
         off = unexplained(scene, state)
     if not cuts:
-        return whole, uncut
+        return scene, state
     # most of what was cut out belongs to one side or the other
-    scene, state = grown(whole, scene, state, tick)
-    # of noise and gloss a surface without cuts may explain more
-    likelier = cost(scene, state) < cost(scene, _within(scene, whole, uncut))
-    return (scene, state) if likelier else (whole, uncut)
-
-
-def _within(scene: Scene, whole: Scene, state: State) -> State:
-    """The state of a whole scene as that of some of its pixels."""
-    lit = state.lit[scene.grid.mask[whole.grid.mask]]
-    h = carried(state.h, whole.grid, scene.grid)
-    return with_even_albedo(scene, replace(state, h=h, lit=lit))
+    again, found = grown(whole, scene, state, tick)
+    return (again, found) if unexplained(again, found).mean() < many else (scene, state)
 
 
 def parts_of(mask: Mask) -> NDArray[np.intp]:
