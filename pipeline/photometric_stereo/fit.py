@@ -89,6 +89,11 @@ def continued(scene: Scene, state: State) -> State:
     return with_even_albedo(scene, state)
 
 
+def cost(scene: Scene, state: State) -> float:
+    """−2 log posterior of a state but for a constant."""
+    return make_objective(scene, state, _SCALES[-1]).cost(state)
+
+
 def unexplained(scene: Scene, state: State) -> Mask:
     """Pixels (n,) whose light the lamps do not give."""
     return make_objective(scene, state, _LIGHT_SCALE).chi2(state) > _LIGHT_CHI2
@@ -115,7 +120,7 @@ def _follow(scene: Scene, state: State, tick: Tick) -> tuple[State, float]:
         for _ in range(_STEPS):
             objective = make_objective(scene, state, scale)
             state = _relit(_moved(objective, state), objective)
-    return state, make_objective(scene, state, _SCALES[-1]).cost(state)
+    return state, cost(scene, state)
 
 
 def _better(scene: Scene, found: tuple[State, float], tick: Tick) -> tuple[State, float]:
@@ -134,7 +139,7 @@ def _follow_again(scene: Scene, found: State, h: Array, tick: Tick) -> tuple[Sta
         for _ in range(_STEPS):
             objective = make_objective(scene, state, scale)
             state = _shone_on(_moved(objective, state), objective)
-    return state, make_objective(scene, state, _SCALES[-1]).cost(state)
+    return state, cost(scene, state)
 
 
 def _shining(scene: Scene, state: State, scale: float) -> State:

@@ -11,14 +11,16 @@ from scipy import ndimage
 from pipeline.frames import Mask
 from pipeline.photometric_stereo import fit as fits
 from pipeline.photometric_stereo import growth
-from pipeline.photometric_stereo.fit import fit, fit_again, unexplained
+from pipeline.photometric_stereo.fit import cost, fit, fit_again, unexplained
 from pipeline.photometric_stereo.grid import carried
 from pipeline.photometric_stereo.growth import grown
+from pipeline.photometric_stereo.objective import with_even_albedo
 from pipeline.photometric_stereo.scene import Scene, State
 from pipeline.progress import Tick
 
 _MOST_CUTS, _LEAST_CUT = 3, 0.01
-_FEWER = 0.5  # of the pixels that a surface without cuts leaves unexplained
+_MANY = 0.05  # unexplained pixels of a surface without cuts: so many are no chance
+_FEWER = 0.5  # of them
 _LEAST_PART, _LEAST_LEFT = 0.01, 0.5  # of the surface
 
 MOST_TICKS = fits.MOST_TICKS + _MOST_CUTS * fits.MOST_TICKS_AGAIN + growth.MOST_TICKS
@@ -30,12 +32,13 @@ def fit_in_parts(scene: Scene, tick: Tick = lambda: None) -> tuple[Scene, State]
 
     A jump of depth leaves pixels beside it that no lamp explains. Without them its sides hang
     together no longer, and each finds its own distance by the fall-off of the flash, with lamps and
-    materials as found so far: what is left bends them less and less. Returns what is left of the
-    scene as well. tick: as of fit.
+    materials as found so far: what is left bends them less and less. Where a surface without cuts
+    leaves few pixels unexplained and is likelier, it stays. Returns what is left of the scene as
+    well. tick: as of fit.
     """
-    state, _ = fit(scene, tick)
-    whole, off, cuts = scene, unexplained(scene, state), 0
-    many = _FEWER * off.mean()
+    whole, (uncut, _) = scene, fit(scene, tick)
+    state, off, cuts = uncut, unexplained(scene, uncut), 0
+    many = float(off.mean())
     while off.mean() > _LEAST_CUT and cuts < _MOST_CUTS:
         mask = scene.grid.mask.copy()
         mask[mask] = ~off
@@ -50,7 +53,16 @@ def fit_in_parts(scene: Scene, tick: Tick = lambda: None) -> tuple[Scene, State]
         return scene, state
     # most of what was cut out belongs to one side or the other
     again, found = grown(whole, scene, state, tick)
-    return (again, found) if unexplained(again, found).mean() < many else (scene, state)
+    if many < _MANY and cost(again, found) > cost(again, _within(again, whole, uncut)):
+        return whole, uncut
+    return (again, found) if unexplained(again, found).mean() < _FEWER * many else (scene, state)
+
+
+def _within(scene: Scene, whole: Scene, state: State) -> State:
+    """The state of a whole scene as that of some of its pixels."""
+    lit = state.lit[scene.grid.mask[whole.grid.mask]]
+    h = carried(state.h, whole.grid, scene.grid)
+    return with_even_albedo(scene, replace(state, h=h, lit=lit))
 
 
 def parts_of(mask: Mask) -> NDArray[np.intp]:

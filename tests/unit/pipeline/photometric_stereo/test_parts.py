@@ -80,8 +80,9 @@ def cut(
     Returns what is inside, and what is left before it grows.
     """
 
-    def build(*unexplained: Mask, grows: bool = True) -> tuple[Mask, Mask]:
+    def build(*unexplained: Mask, grows: bool = True, likelier: bool = True) -> tuple[Mask, Mask]:
         left = list(unexplained)
+        costs = [1.0, 2.0] if likelier else [2.0, 1.0]
         one = ball(32)
         scene = scene_of(one)
         state = true_state(one, scene)
@@ -111,6 +112,7 @@ def cut(
         monkeypatch.setattr(parts_module, "fit_again", fit_again)
         monkeypatch.setattr(parts_module, "unexplained", off)
         monkeypatch.setattr(parts_module, "grown", grown)
+        monkeypatch.setattr(parts_module, "cost", lambda *_: costs.pop(0))
         found, its_state = fit_in_parts(scene)
         assert found is (again[-1] if again and found is not scene else scene)
         assert (its_state is state) is (found is scene)
@@ -148,6 +150,17 @@ def test_what_has_grown_must_leave_fewer_than_half_unexplained(
     three = column(15, 16, 17)
     inside, left = cut(three, NOTHING, column(*still))
     np.testing.assert_array_equal(left, inside if grows else inside & ~three)
+
+
+@pytest.mark.parametrize(("columns", "stays"), [((15,), True), ((15, 16), False)])
+def test_a_likelier_surface_without_cuts_stays_where_it_explains_most(
+    cut: Callable[..., tuple[Mask, Mask]], columns: tuple[int, ...], stays: bool
+) -> None:
+    """All but a twentieth; of more, what it does not explain is no chance."""
+    few = column(*columns)
+    inside, left = cut(few, NOTHING, grows=False, likelier=False)
+    assert (few[inside].mean() < 0.05) is stays
+    np.testing.assert_array_equal(left, inside if stays else inside & ~few)
 
 
 def test_there_are_three_cuts_at_most(cut: Callable[..., tuple[Mask, Mask]]) -> None:
