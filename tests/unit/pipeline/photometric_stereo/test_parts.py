@@ -159,7 +159,7 @@ def test_a_likelier_surface_without_cuts_stays_where_it_explains_most(
     """All but a twentieth; of more, what it does not explain is no chance."""
     few = column(*columns)
     inside, left = cut(few, NOTHING, grows=False, likelier=False)
-    assert (few[inside].mean() < 0.05) is stays
+    assert bool(few[inside].mean() < 0.05) is stays
     np.testing.assert_array_equal(left, inside if stays else inside & ~few)
 
 
