@@ -9,10 +9,12 @@ import cv2
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from pipeline.compiling import exact
 from pipeline.memory import release_rows
+from pipeline.strips import strips
 
 Image = NDArray[np.float32]
+
+_ROWS = 8  # at a time: they stay in the processor's cache
 
 
 class CodedImage(ABC):
@@ -103,25 +105,12 @@ class LevelImage(CodedImage):
         return type(self)(self._codes, float(self._black), float(self._step) / by)
 
     def _light(self, codes: NDArray[np.uint16]) -> Image:
-        light = np.empty(codes.shape, np.float32)
-        _write_light(codes.reshape(-1), self._black, self._step, light.reshape(-1))
+        light: Image = np.subtract(codes, self._black, dtype=np.float32)
+        light *= self._step
         return light
 
     def _write_planes(self, codes: NDArray[np.uint16], planes: NDArray[np.float32]) -> None:
-        _write_planes(codes, self._black, self._step, planes)
-
-
-@exact
-def _write_light(codes: NDArray[np.uint16], black: np.float32, step: np.float32, out: Any) -> None:
-    for i in range(len(codes)):
-        out[i] = (np.float32(codes[i]) - black) * step
-
-
-@exact
-def _write_planes(codes: NDArray[np.uint16], black: np.float32, step: np.float32, out: Any) -> None:
-    for y in range(codes.shape[0]):
-        row = codes[y].reshape(-1)
-        for k in range(3):
-            plane = out[k, y]
-            for x in range(len(plane)):
-                plane[x] = (np.float32(row[3 * x + k]) - black) * step
+        for rows in strips(len(codes), _ROWS):
+            for channel, plane in zip(cv2.split(codes[rows]), planes[:, rows], strict=True):
+                np.subtract(channel, self._black, out=plane)
+                np.multiply(plane, self._step, out=plane)
