@@ -8,17 +8,14 @@ meet, a seam of one pixel stays: a jump of depth, or a border of shadows that ei
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from pipeline.frames import Mask
 from pipeline.photometric_stereo.fit import continued, unexplained
-from pipeline.photometric_stereo.grid import carried
 from pipeline.photometric_stereo.objective import albedo_off
-from pipeline.photometric_stereo.scene import Scene, State
+from pipeline.photometric_stereo.scene import Scene, State, moved_to
 from pipeline.progress import Tick
 
 Parts = NDArray[np.intp]
@@ -47,26 +44,26 @@ def grown(
     if not parts.any():
         return kept, state
     scene = whole.without(parts[inside] == 0)
-    state = continued(scene, _moved_to(scene, kept, state))
+    state = continued(scene, moved_to(scene, kept, state))
     for most_bent in _BENDS:
         tick()
         refused: dict[int, Mask] = {}
         while (ring := _ring(parts, inside, refused)).any():
             wider = np.where(ring > 0, ring, parts)
             tried = whole.without(wider[inside] == 0)
-            state = continued(tried, _moved_to(tried, scene, state))
+            state = continued(tried, moved_to(tried, scene, state))
             off = np.zeros_like(inside)
             off[tried.grid.mask] = _off(tried, state, most_bent)
             for part in np.unique(ring[ring > 0]):
                 refused[part] = refused.get(part, False) | (off & (ring == part))
             parts = np.where(off & (ring > 0), 0, wider)
             scene = whole.without(parts[inside] == 0)
-            state = _moved_to(scene, tried, state)
+            state = moved_to(scene, tried, state)
     # what is beside one part alone is nobody else's
     while (ring := _ring(parts, inside, {})).any():
         parts = np.where(ring > 0, ring, parts)
     filled = whole.without(parts[inside] == 0)
-    return filled, continued(filled, _moved_to(filled, scene, state))
+    return filled, continued(filled, moved_to(filled, scene, state))
 
 
 def _seeds(kept: Mask, whole: Mask) -> Parts:
@@ -96,8 +93,3 @@ def _off(scene: Scene, state: State, most_bent: float) -> Mask:
     bends = np.abs(grid.bends(state.h)) / state.h.mean()
     np.maximum.at(bent, grid.bent, bends[:, None])
     return np.asarray(off | (bent[grid.corners].max(axis=1) > most_bent))
-
-
-def _moved_to(scene: Scene, other: Scene, state: State) -> State:
-    """A state of another scene as that of this one, but for its albedo and which lamps shine."""
-    return replace(state, h=carried(state.h, other.grid, scene.grid))

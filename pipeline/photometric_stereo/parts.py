@@ -9,13 +9,12 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from pipeline.frames import Mask
-from pipeline.photometric_stereo import fit as fits
-from pipeline.photometric_stereo import growth
-from pipeline.photometric_stereo.fit import cost, fit, fit_again, unexplained
-from pipeline.photometric_stereo.grid import carried
+from pipeline.photometric_stereo.fit import MOST_TICKS as _OF_FIT
+from pipeline.photometric_stereo.fit import MOST_TICKS_AGAIN, cost, fit, fit_again, unexplained
+from pipeline.photometric_stereo.growth import MOST_TICKS as _OF_GROWTH
 from pipeline.photometric_stereo.growth import grown
 from pipeline.photometric_stereo.objective import with_even_albedo
-from pipeline.photometric_stereo.scene import Scene, State
+from pipeline.photometric_stereo.scene import Scene, State, moved_to
 from pipeline.progress import Tick
 
 _MOST_CUTS, _LEAST_CUT = 3, 0.01
@@ -23,7 +22,7 @@ _MANY = 0.05  # unexplained pixels of a surface without cuts: so many are no cha
 _FEWER = 0.5  # of them
 _LEAST_PART, _LEAST_LEFT = 0.01, 0.5  # of the surface
 
-MOST_TICKS = fits.MOST_TICKS + _MOST_CUTS * fits.MOST_TICKS_AGAIN + growth.MOST_TICKS
+MOST_TICKS = _OF_FIT + _MOST_CUTS * MOST_TICKS_AGAIN + _OF_GROWTH
 """Times that fit_in_parts tells of going on, at most."""
 
 
@@ -46,8 +45,7 @@ def fit_in_parts(scene: Scene, tick: Tick = lambda: None) -> tuple[Scene, State]
         if left.sum() < _LEAST_LEFT * len(whole.light):
             break
         less, cuts = scene.without(~left[scene.grid.mask]), cuts + 1
-        state = replace(state, h=carried(state.h, scene.grid, less.grid))
-        scene, state = less, fit_again(less, state, tick)
+        scene, state = less, fit_again(less, moved_to(less, scene, state), tick)
         off = unexplained(scene, state)
     if not cuts:
         return scene, state
@@ -61,8 +59,7 @@ def fit_in_parts(scene: Scene, tick: Tick = lambda: None) -> tuple[Scene, State]
 def _within(scene: Scene, whole: Scene, state: State) -> State:
     """The state of a whole scene as that of some of its pixels."""
     lit = state.lit[scene.grid.mask[whole.grid.mask]]
-    h = carried(state.h, whole.grid, scene.grid)
-    return with_even_albedo(scene, replace(state, h=h, lit=lit))
+    return with_even_albedo(scene, replace(moved_to(scene, whole, state), lit=lit))
 
 
 def parts_of(mask: Mask) -> NDArray[np.intp]:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.photometric_stereo.equations import Pattern
-from pipeline.photometric_stereo.grid import Grid
+from pipeline.photometric_stereo.grid import Grid, carried
 from pipeline.photometric_stereo.materials import Materials, find_segments
 from pipeline.photometric_stereo.responses import ResponsePrior
 from pipeline.photometric_stereo.sums import Sums
@@ -128,6 +128,11 @@ class State:
     own: Array
     albedo: Array
     lit: NDArray[np.bool_]
+
+
+def moved_to(scene: Scene, other: Scene, state: State) -> State:
+    """A state of another scene as that of this one, but for its albedo and which lamps shine."""
+    return replace(state, h=carried(state.h, other.grid, scene.grid))
 
 
 def response_matrices(scene: Scene, state: State) -> tuple[Array, Array]:

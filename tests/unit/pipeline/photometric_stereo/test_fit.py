@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.photometric_stereo.fit import fit, refine
+from pipeline.photometric_stereo import fit as fit_module
+from pipeline.photometric_stereo.fit import continued, fit, fit_again, refine
 from pipeline.photometric_stereo.scene import Scene
 
 
@@ -103,3 +104,44 @@ def test_a_wide_shadow_does_not_bend_the_surface(
     assert known.sum() > 150
     assert one.error_of(scene, state, known) < 1
     assert one.error_of(scene, state, one.lit & ~shadow) < 0.5
+
+
+@pytest.mark.parametrize(("left", "cost", "taken"), [(0.06, -1e9, True), (0.04, -1e9, False)])
+def test_all_is_fitted_anew_where_lamps_found_leave_much(
+    ball: Callable[..., Any],
+    scene_of: Callable[..., Scene],
+    monkeypatch: pytest.MonkeyPatch,
+    left: float,
+    cost: float,
+    taken: bool,
+) -> None:
+    """More than a twentieth; else the surface starts anew with lamps and materials as found."""
+    one = ball(24)
+    scene = scene_of(one)
+    found, _ = fit(scene)
+    anew = replace(found, modes=found.modes + 1)
+    off = np.arange(len(scene.light)) < left * len(scene.light)
+    monkeypatch.setattr(fit_module, "unexplained", lambda *_: off)
+    monkeypatch.setattr(fit_module, "fit", lambda *_: (anew, cost))
+    flat = replace(found, h=np.full_like(found.h, found.h.mean()))
+
+    again = fit_again(scene, flat)
+
+    assert (again is anew) is taken
+    assert taken or one.error_of(scene, again, one.lit) < 0.5
+
+
+def test_a_surface_is_continued_with_lamps_and_materials_kept(
+    ball: Callable[..., Any], scene_of: Callable[..., Scene]
+) -> None:
+    one = ball(24)
+    scene = scene_of(one)
+    found, _ = fit(scene)
+    bent = replace(found, h=found.h * (1 + 0.01 * np.sin(np.arange(len(found.h)))))
+
+    state = continued(scene, bent)
+
+    assert one.error_of(scene, bent, one.lit) > 5
+    assert one.error_of(scene, state, one.lit) < 0.5
+    assert state.modes is found.modes
+    assert state.own is found.own

@@ -28,6 +28,18 @@ BAND = rectangle(EVERY, slice(14, 18))
 
 
 @pytest.fixture
+def known(
+    ball: Callable[..., Any],
+    scene_of: Callable[..., Scene],
+    true_state: Callable[..., State],
+) -> tuple[Any, Scene, State]:
+    """A ball, its scene and its surface."""
+    one = ball(SIZE)
+    scene = scene_of(one)
+    return one, scene, true_state(one, scene)
+
+
+@pytest.fixture
 def grow(
     ball: Callable[..., Any],
     scene_of: Callable[..., Scene],
@@ -128,43 +140,28 @@ def test_a_small_part_comes_to_the_one_about_it(
     np.testing.assert_array_equal(scene.grid.mask[8:23, 8:23], one.inside[8:23, 8:23])
 
 
-def test_nothing_grows_from_small_parts_alone(
-    ball: Callable[..., Any],
-    scene_of: Callable[..., Scene],
-    true_state: Callable[..., State],
-) -> None:
-    one = ball(SIZE)
-    whole = scene_of(one)
-    state = true_state(one, whole)
+def test_nothing_grows_from_small_parts_alone(known: tuple[Any, Scene, State]) -> None:
+    one, whole, state = known
     kept = whole.without(~rectangle(slice(14, 17), slice(14, 17))[one.inside])
 
     assert grown(whole, kept, state) == (kept, state)
 
 
-def test_it_tells_of_going_on(
-    ball: Callable[..., Any],
-    scene_of: Callable[..., Scene],
-    true_state: Callable[..., State],
-) -> None:
-    one = ball(SIZE)
-    whole = scene_of(one)
+def test_it_tells_of_going_on(known: tuple[Any, Scene, State]) -> None:
+    _, whole, state = known
     told: list[None] = []
 
-    grown(whole, whole, true_state(one, whole), lambda: told.append(None))
+    grown(whole, whole, state, lambda: told.append(None))
 
     assert len(told) == MOST_TICKS == 3
 
 
 def test_what_a_part_goes_on_to_smoothly_comes_first(
-    ball: Callable[..., Any],
-    scene_of: Callable[..., Scene],
-    true_state: Callable[..., State],
+    known: tuple[Any, Scene, State],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Where light tells of no crease, as in shadow, it waits until no part goes on without one."""
-    one = ball(SIZE)
-    whole = scene_of(one)
-    true = true_state(one, whole)
+    one, whole, true = known
     kept = whole.without(BAND[one.inside])
     state = replace(true, h=carried(true.h, whole.grid, kept.grid))
     creased = np.abs(np.arange(SIZE + 1) - 14) * 0.02 * np.ones((SIZE + 1, 1))
