@@ -11,6 +11,7 @@ import rawpy
 from pipeline.decode.bayer import bayer_mosaic
 from pipeline.decode.demosaic import demosaic
 from pipeline.decode.dng_crop import shown_part
+from pipeline.decode.dng_jxl import described, uncompressed
 from pipeline.decode.dng_values import refuse_misread
 from pipeline.decode.linear import clipped, clipped_photosites, to_linear
 from pipeline.decode.metadata import Metadata, read_metadata
@@ -63,7 +64,7 @@ def raw_header(data: bytes) -> tuple[tuple[int, int], int]:
             "is a linear DNG with each colour in a plane of its own, which is not read: save it as "
             "a DNG of whole pixels, or as a TIFF."
         )
-    with rawpy.imread(io.BytesIO(data)) as raw:
+    with rawpy.imread(io.BytesIO(described(data))) as raw:
         part = shown_part(raw, data)
         width, height = raw.sizes.iwidth, raw.sizes.iheight
         if part is not None:
@@ -83,6 +84,7 @@ def read_raw(data: bytes, orientation: int | None = None) -> RawPicture:
     level, for values that LibRaw would take for others (see refuse_misread) and for a compression
     that it does not know, and rawpy's errors.
     """
+    data = uncompressed(data)
     if exceeds_white(data):  # LibRaw scales each of such files by its own maximum
         raise UnsuitableError(
             "is a DNG of floats with values above its white level: save it as a TIFF or an "
