@@ -10,6 +10,7 @@ import io
 import math
 import struct
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tifffile import TiffPage
 
+from pipeline.decode.dng_curves import OPCODE_LIST_2, curves
 from pipeline.decode.jxl_header import jxl_samples
 from pipeline.decode.samples import UnsuitableError
 from pipeline.decode.tiff import FLOATS, WHITE_LEVEL, raw_pages
@@ -27,7 +29,7 @@ _BITS, _COMPRESSION, _PREDICTOR = 258, 259, 317
 _STRIP_OFFSETS, _STRIP_ROWS, _STRIP_BYTES = 273, 278, 279
 _TILE_WIDTH, _TILE_LENGTH, _TILE_OFFSETS, _TILE_BYTES = 322, 323, 324, 325
 _ROW_INTERLEAVE, _COLUMN_INTERLEAVE = 50975, 52547
-_SHORT, _LONG = 3, 4
+_SHORT, _LONG, _UNDEFINED = 3, 4, 7
 """Types of tags."""
 _MOST_BYTES = 2**31
 """Of samples; LibRaw unpacks no more."""
@@ -40,7 +42,7 @@ class _Picture:
     size: (height, width). tile: the same of a tile or strip. kind: of the samples that are written.
     bits: of those that are meant. pieces: (offset, bytes) of each tile or strip. fields: into how
     many parts rows and columns are sorted. order: "<" or ">". entries: tag → its place in the file.
-    bits_at: where BitsPerSample has its values.
+    bits_at: where BitsPerSample has its values. curves: tables (3, 65536) that samples go through.
     """
 
     size: tuple[int, int]
@@ -54,6 +56,7 @@ class _Picture:
     order: str
     entries: dict[int, int]
     bits_at: int
+    curves: NDArray[np.uint16] | None
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -81,7 +84,8 @@ def described(data: bytes) -> bytes:
 def uncompressed(data: bytes) -> bytes:
     """Give a DNG whose full picture is JPEG XL with the same samples uncompressed at its end.
 
-    All else is as it was. Integers are those of BitsPerSample: 16 bits where the directory tells 10
+    All else is as it was, but that the polynomials of a lossy one are followed, and are there no
+    more. Integers are those of BitsPerSample: 16 bits where the directory tells 10
     are numbers up to 1023, as phones write them, and fewer bits than it tells are stretched to
     them. Other files are given as they are. Raises UnsuitableError for other than 1 or 3 channels
     and for one whose white nothing tells, ValueError and imagecodecs.JpegxlError for a damaged one.
@@ -107,12 +111,13 @@ def _end(data: bytes) -> int:
 
 def _picture(data: bytes) -> _Picture | None:
     """Directory of the full picture of a DNG in JPEG XL; None for any other file."""
-    try:
-        with raw_pages(data) as pages:
+    with ExitStack() as opened:  # until all is read: tifffile leaves large tags in the file
+        try:
+            pages = opened.enter_context(raw_pages(data))
             page = next((page for page in pages if _is_jpeg_xl(page)), None)
-    except Exception:  # not a TIFF, or one that only LibRaw understands
-        return None
-    return None if page is None else _checked(page)
+        except Exception:  # not a TIFF, or one that only LibRaw understands
+            return None
+        return None if page is None else _checked(page)
 
 
 def _is_jpeg_xl(page: TiffPage) -> bool:
@@ -156,6 +161,7 @@ def _checked(page: TiffPage) -> _Picture:
         order=page.parent.byteorder,
         entries={tag.code: tag.offset for tag in page.tags},
         bits_at=page.tags[_BITS].valueoffset,
+        curves=curves(page),
     )
 
 
@@ -187,6 +193,8 @@ def _describe(file: io.BytesIO, picture: _Picture, at: int) -> None:
             file.write(struct.pack(f"{picture.order}HHIHH", tag, _SHORT, 1, short[tag], 0))
         elif tag in long:
             file.write(struct.pack(f"{picture.order}HHII", tag, _LONG, 1, long[tag]))
+        elif tag == OPCODE_LIST_2 and picture.curves is not None:
+            file.write(struct.pack(f"{picture.order}HHII", tag, _UNDEFINED, 4, 0))  # none are left
     file.seek(picture.bits_at)
     bits = [8 * picture.kind.itemsize] * channels
     file.write(struct.pack(f"{picture.order}{channels}H", *bits))
@@ -229,10 +237,12 @@ def _decoded(stream: bytes, shape: tuple[int, int, int], picture: _Picture) -> N
         raise ValueError("other samples than the directory tells")
     tile = np.empty(shape, kind)
     imagecodecs.jpegxl_decode(stream, out=tile[..., 0] if shape[2] == 1 else tile)
-    if floats or bits >= picture.bits:
-        return tile
-    stretched = tile * ((2**picture.bits - 1) / (2**bits - 1))
-    return np.asarray(np.rint(stretched), dtype=picture.kind)
+    if not floats and bits < picture.bits:
+        stretched = tile * ((2**picture.bits - 1) / (2**bits - 1))
+        tile = np.rint(stretched).astype(np.uint16)
+    if picture.curves is not None:
+        tile = np.stack([table[tile[..., c]] for c, table in enumerate(picture.curves)], axis=-1)
+    return tile
 
 
 def _kind(floats: bool, bits: int) -> np.dtype[Any]:

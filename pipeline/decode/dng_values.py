@@ -17,7 +17,6 @@ _BENDING = (7, _MAP_POLYNOMIAL, 10, 11)
 """Opcodes of the DNG specification 1.4 that change how values follow light: MapTable,
 MapPolynomial, DeltaPerRow and DeltaPerColumn. All others move or scale, both of a pair alike.
 """
-_PLANE, _PLANES = 4, 5
 _DEFLATED = 8
 _PREDICTED = (3, 34894, 34895)
 _LOSSY = 34892
@@ -70,21 +69,37 @@ def _bent(page: TiffPage) -> bool:
 
     In lossy DNGs it does look at one polynomial for each colour, and at nothing else.
     """
-    bending = [
+    if page.compression != _LOSSY or page.photometric != LINEAR_RAW:
+        return bool(_bending(page))
+    return polynomials(page) is None
+
+
+def polynomials(page: TiffPage) -> list[bytes] | None:
+    """Parameters of the polynomials of a full picture's colours, the first's first.
+
+    None where there is not one for each of three, or where anything else bends values.
+    """
+    bending = _bending(page)
+    if _LINEARIZATION in page.tags or any(opcode != _MAP_POLYNOMIAL for opcode, _ in bending):
+        return None
+    found = sorted((parameters for _, parameters in bending), key=_planes)
+    return found if [*map(_planes, found)] == [(0, 1), (1, 1), (2, 1)] else None
+
+
+def _planes(parameters: bytes) -> tuple[int, int]:
+    """First plane that an opcode is for, and how many there are."""
+    first, count = struct.unpack_from(">2I", parameters, 16)
+    return first, count
+
+
+def _bending(page: TiffPage) -> list[tuple[int, bytes]]:
+    """Opcodes of a picture that bend its values, with their parameters."""
+    return [
         (opcode, parameters)
         for tag in _OPCODE_LISTS
         for opcode, parameters in _opcodes(page.tags.valueof(tag, b""))
         if opcode in _BENDING
     ]
-    if page.compression != _LOSSY or page.photometric != LINEAR_RAW:
-        return bool(bending)
-    planes = [
-        struct.unpack_from(">6I", parameters)[_PLANE : _PLANES + 1]
-        for opcode, parameters in bending
-        if opcode == _MAP_POLYNOMIAL
-    ]
-    alone = len(planes) == len(bending) and _LINEARIZATION not in page.tags
-    return not (alone and sorted(planes) == [(0, 1), (1, 1), (2, 1)])
 
 
 def _opcodes(block: bytes) -> Iterator[tuple[int, bytes]]:
