@@ -23,6 +23,7 @@ from service.errors import (
 from service.forkserver import ForkServer
 from service.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
 from service.tasks import Limits, TakePair, Task
+from tests.jpeg_xl import in_jpeg_xl
 from tests.unit.service.forked import fork_server
 
 GIB = 2**30
@@ -64,6 +65,21 @@ def test_a_sound_pair_passes_the_check(
 ) -> None:
     _photographs(tmp_path, png(64, 48), png(64, 48, True))
     assert _run(server, "check", tmp_path) == []
+
+
+def test_dngs_in_jpeg_xl_pass_by_their_headers_and_are_told_where_they_are_damaged(
+    server: ForkServer, tmp_path: Path
+) -> None:
+    with drivers.open_camera("sim://studio?width=96&height=64") as camera:
+        pair = drivers.capture_pair(camera)
+    before, after = (in_jpeg_xl(shot.best) for shot in (pair.no_flash, pair.flash))
+    _photographs(tmp_path, before, after[:-100])
+    assert _run(server, "check", tmp_path) == []
+    with pytest.raises(sandbox.TaskError) as caught:
+        _run(server, "separate", tmp_path)
+    assert caught.value.problem["detail"] == (
+        "The photograph with the flash is a damaged or incomplete RAW file: send it again."
+    )
 
 
 def test_a_text_file_does_not(

@@ -11,9 +11,11 @@ import psycopg
 import pytest
 import sqlalchemy as sa
 
+from drivers import capture_pair, open_camera
 from service import expiry, jobs
 from service.api.context import Context
 from service.settings import Settings
+from tests.jpeg_xl import in_jpeg_xl
 from tests.png_bombs import png_of
 from tests.unit.service.asking import bearing, post_capture, post_pair, problem_of
 from tests.unit.service.studio import PATH, hold, with_cameras
@@ -37,6 +39,14 @@ def test_an_upload_becomes_a_queued_job(http: httpx.Client, png: Png, context: C
     for frame, data in sent.items():
         assert context.storage.get(f"jobs/{job['id']}/inputs/{frame}") == data
     assert list((context.settings.data_dir / "work").iterdir()) == []
+
+
+def test_dngs_in_jpeg_xl_are_taken(http: httpx.Client) -> None:
+    with open_camera("sim://studio?width=96&height=64") as camera:
+        pair = capture_pair(camera)
+    sent = (in_jpeg_xl(shot.best) for shot in (pair.no_flash, pair.flash))
+
+    assert post_pair(http, *sent).status_code == 202
 
 
 def test_a_capture_becomes_a_queued_job(http: httpx.Client) -> None:
