@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from tifffile import TiffPage
 
 from pipeline.decode.dng_curves import OPCODE_LIST_2, curves
+from pipeline.decode.dng_values import LINEARIZATION
 from pipeline.decode.jxl_header import jxl_samples
 from pipeline.decode.samples import UnsuitableError
 from pipeline.decode.tiff import FLOATS, WHITE_LEVEL, raw_pages
@@ -85,8 +86,8 @@ def uncompressed(data: bytes) -> bytes:
     """Give a DNG whose full picture is JPEG XL with the same samples uncompressed at its end.
 
     All else is as it was, but that the polynomials of a lossy one are followed, and are there no
-    more. Integers are those of BitsPerSample: 16 bits where the directory tells 10
-    are numbers up to 1023, as phones write them, and fewer bits than it tells are stretched to
+    more. Integers are those that BitsPerSample, the table and the white level are for: 16 bits
+    where these tell 10 are numbers up to 1023, and fewer bits than they tell are stretched to
     them. Other files are given as they are. Raises UnsuitableError for other than 1 or 3 channels
     and for one whose white nothing tells, ValueError and imagecodecs.JpegxlError for a damaged one.
     """
@@ -99,8 +100,7 @@ def uncompressed(data: bytes) -> bytes:
     _describe(file, picture, at)
     file.seek(at + picture.bytes - 1)
     file.write(b"\0")
-    with file.getbuffer() as memory:  # decoded in place: a phone's picture takes 300 MB
-        _fill(memory[at:], picture, data)
+    _fill(file.getbuffer()[at:], picture, data)  # in place: a phone's picture takes 300 MB
     return file.getvalue()
 
 
@@ -153,7 +153,7 @@ def _checked(page: TiffPage) -> _Picture:
         size=(height, width),
         channels=channels,
         kind=kind.newbyteorder(page.parent.byteorder),
-        bits=bits,
+        bits=_meant_bits(page, bits, 8 * kind.itemsize),
         tile=(rows, columns),
         in_strips=not page.is_tiled,
         pieces=tuple(zip(page.dataoffsets, page.databytecounts, strict=True)),
@@ -163,6 +163,13 @@ def _checked(page: TiffPage) -> _Picture:
         bits_at=page.tags[_BITS].valueoffset,
         curves=curves(page),
     )
+
+
+def _meant_bits(page: TiffPage, told: int, most: int) -> int:
+    """Bits told, or the most where the table or else the white level goes on beyond these."""
+    table = page.tags.valueof(LINEARIZATION)
+    last = np.max(page.tags.valueof(WHITE_LEVEL, 0)) if table is None else len(table) - 1
+    return told if last < 2**told else most
 
 
 def _check_pieces(picture: _Picture) -> None:

@@ -10,7 +10,7 @@ from tifffile import TiffPage
 from pipeline.decode.samples import UnsuitableError
 from pipeline.decode.tiff import FLOATS, LINEAR_RAW, WHITE_LEVEL, raw_pages
 
-_LINEARIZATION = 50712
+LINEARIZATION = 50712
 _OPCODE_LISTS = (51008, 51009, 51022)
 _MAP_POLYNOMIAL = 8
 _BENDING = (7, _MAP_POLYNOMIAL, 10, 11)
@@ -80,7 +80,7 @@ def polynomials(page: TiffPage) -> list[bytes] | None:
     None where there is not one for each of three, or where anything else bends values.
     """
     bending = _bending(page)
-    if _LINEARIZATION in page.tags or any(opcode != _MAP_POLYNOMIAL for opcode, _ in bending):
+    if LINEARIZATION in page.tags or any(opcode != _MAP_POLYNOMIAL for opcode, _ in bending):
         return None
     found = sorted((parameters for _, parameters in bending), key=_planes)
     return found if [*map(_planes, found)] == [(0, 1), (1, 1), (2, 1)] else None

@@ -128,7 +128,7 @@ def test_as_many_fields_as_rows_are_none(dng: Write) -> None:
 
 
 def test_numbers_of_10_bits_in_16_stay_what_they_are(dng: Write) -> None:
-    """Phones write them so, for a table of 1024; loss makes some larger than its last one."""
+    """For a table of 1024; loss makes some larger than its last one."""
     values = noise(64, 96, 3, most=1023)
     values[5, 6] = 1023
     tags = ((TABLE, "H", 1024, SQUARES), (WHITE, "I", 3, (65535,) * 3))
@@ -139,6 +139,19 @@ def test_numbers_of_10_bits_in_16_stay_what_they_are(dng: Write) -> None:
 
     assert_same(data, dng(values, *tags))
     assert decode(data).saturated[5, 6]
+
+
+def test_10_bits_are_16_where_white_is(dng: Write) -> None:
+    """However many the stream has."""
+    codes = noise(64, 96, 3, most=1023)
+    full = np.rint(codes * (65535 / 1023)).astype(np.uint16)
+    white = (WHITE, "I", 3, (65535,) * 3)
+
+    def encode(values: NDArray[Any]) -> bytes:
+        return bytes(imagecodecs.jpegxl_encode(values, lossless=True, bitspersample=10))
+
+    assert_same(in_jpeg_xl(dng(codes, white), encode, bits=10), dng(full, white))
+    assert_same(in_jpeg_xl(dng(full, white), bits=10), dng(full, white))
 
 
 @pytest.mark.parametrize("container", [False, True])
@@ -257,6 +270,17 @@ def test_samples_are_in_memory_once(dng: Write) -> None:
 
     assert len(made) > values.nbytes
     assert peak < len(data) + 1.3 * values.nbytes
+
+
+def test_want_of_memory_is_not_taken_for_damage(
+    dng: Write, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def decode_jpeg_xl(*_arguments: Any, **_options: Any) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(imagecodecs, "jpegxl_decode", decode_jpeg_xl)
+    with pytest.raises(MemoryError):
+        decode(in_jpeg_xl(dng(noise(64, 96, 3))))
 
 
 def replaced(data: bytes, tag: str, value: Any) -> bytes:
