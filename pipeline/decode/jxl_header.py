@@ -77,13 +77,21 @@ def _codestream(data: bytes) -> bytes:
     """Begin of the codestream after its signature."""
     at = 0
     if data.startswith(_CONTAINER):
-        while data[at + 4 : at + 8] not in (b"jxlc", b"jxlp"):
-            (size,) = struct.unpack_from(">I", data[at : at + 4].ljust(4, b"\0"))
+        size, name = _box(data, at)
+        while name not in (b"jxlc", b"jxlp"):
             if size < 8:  # it ends with the file, or is larger than any tile
                 raise ValueError("a JPEG XL without a picture")
             at += size
-        at += 12 if data[at + 4 : at + 8] == b"jxlp" else 8  # parts have a number
+            size, name = _box(data, at)
+        at += 16 if size == 1 else 8  # a size of 64 bits follows
+        at += 4 if name == b"jxlp" else 0  # parts have a number
     start = data[at : at + _HEADER_BYTES]
     if not start.startswith(_CODESTREAM):
         raise ValueError("no JPEG XL")
     return start.removeprefix(_CODESTREAM)
+
+
+def _box(data: bytes, at: int) -> tuple[int, bytes]:
+    """Size and name of a box, 0 and nothing beyond the end."""
+    size, name = struct.unpack(">I4s", data[at : at + 8].ljust(8, b"\0"))
+    return size, name

@@ -45,12 +45,16 @@ def test_24_bits_and_a_size_beside_the_pictures_are_read_by_the_standard() -> No
     assert jxl_samples(b"\xff\x0a" + value.to_bytes(8, "little")) == (24, True)
 
 
-def test_a_picture_in_parts_is_read() -> None:
+def test_boxes_of_all_kinds_are_read() -> None:
     stream = encoded((64, 96), np.uint16, bitspersample=12, usecontainer=False)
     head = bytes.fromhex("0000000c4a584c200d0a870a0000001466747970") + b"jxl \0\0\0\0jxl "
     part = struct.pack(">I4sI", 12 + len(stream), b"jxlp", 1 << 31) + stream
+    large = struct.pack(">I4sQ", 1, b"jxlc", 16 + len(stream)) + stream
+    last = struct.pack(">I4s", 0, b"jxlc") + stream
 
-    assert jxl_samples(head + part) == (12, False)
+    for box in (part, large, last):
+        assert jxl_samples(head + box) == (12, False)
+        assert imagecodecs.jpegxl_decode(head + box).shape == (64, 96)
 
 
 @pytest.mark.parametrize(
