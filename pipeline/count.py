@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit
 
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.fit import MOST_LAMPS, Fit
@@ -122,4 +121,4 @@ def _as_much_left(reduced: ReducedPair, fit: Callable[[int], Fit]) -> bool:
 
 
 def _logistic(x: float) -> float:
-    return float(expit(x))
+    return float(0.5 + 0.5 * np.tanh(0.5 * x))  # which does not overflow

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import cv2
 import numpy as np
-from scipy import ndimage
 
 from pipeline.flash_reach import MOST_STOPS, flash_reach
+from pipeline.frames import Mask
 from pipeline.lamps import LEAST_CONTRAST, Lamps
 from pipeline.options import Method
 from pipeline.pair import Pair
@@ -127,8 +128,7 @@ def _of_lamps(reduced: ReducedPair, lamps: Lamps, hidden: list[int]) -> Iterator
 
 def _of_reflections(reduced: ReducedPair, lamps: Lamps) -> Iterator[RunWarning]:
     marked = relative_residual(reduced, lamps) > MARKED
-    spots = ndimage.binary_opening(marked, np.ones((2, 2)))  # lines are the demosaicing's
-    share = float(np.mean(spots[reduced.usable]))
+    share = float(np.mean(_spots(marked)[reduced.usable]))
     if share > _MUCH_MARKED:
         message = (
             f"In {share:.1%} of the picture the lamps leave more than {MARKED:.0%} of the light "
@@ -137,6 +137,13 @@ def _of_reflections(reduced: ReducedPair, lamps: Lamps) -> Iterator[RunWarning]:
             "and check camera and flash spectrum if it is all over the picture."
         )
         yield RunWarning(Code.REFLECTIONS, message, {"share": share})
+
+
+def _spots(marked: Mask) -> Mask:
+    """Marked blocks (h, w) in squares of 2 × 2 of them: lines are the demosaicing's."""
+    square, outside = np.ones((2, 2), np.uint8), cv2.BORDER_CONSTANT
+    whole = cv2.erode(marked.astype(np.uint8), square, borderType=outside, borderValue=0)
+    return np.asarray(cv2.dilate(whole, square, anchor=(0, 0)) > 0)  # as erosion's anchor is last
 
 
 def _of_likeness(reduced: ReducedPair, lamps: Lamps) -> Iterator[RunWarning]:

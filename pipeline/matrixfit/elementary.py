@@ -10,7 +10,6 @@ import math
 import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 from numpy.typing import NDArray
-from scipy.special import erfcx
 
 from pipeline.compiling import inlined
 
@@ -24,15 +23,27 @@ _MANTISSA = np.int64(2**52 - 1)
 _ONE = np.int64(1023 << 52)  # bits of 1.0
 _WHOLE = np.int64(1075 << 52)  # bits of 2⁵², to which whole numbers can be added as bits
 _TAIL_SCALE = 5.0
+_FAR, _FRACTION_TERMS = 2.0, 100
 
 _EXP = tuple(1.0 / math.factorial(k) for k in range(13))
 _LOG = tuple(2.0 / (2 * k + 1) for k in range(11))
 
 
+def _scaled_erfc(x: float) -> float:
+    """erfc(x) exp(x²) for x ≥ 0, by Laplace's continued fraction where it converges soon."""
+    if x < _FAR:
+        return math.erfc(x) * math.exp(x * x)
+    fraction = x
+    for k in range(_FRACTION_TERMS, 0, -1):
+        fraction = x + 0.5 * k / fraction
+    return 1.0 / (math.sqrt(math.pi) * fraction)
+
+
 def _tail(y: Array) -> Array:
     """Q(t) exp(t²/2) (t + s) / s at y = (t − s) / (t + s), −1…1, with the normal tail Q."""
     share = (1.0 - y) / 2.0
-    return np.asarray(erfcx(_TAIL_SCALE * (1.0 / share - 1.0) / math.sqrt(2.0)) / (2.0 * share))
+    away = _TAIL_SCALE * (1.0 / share - 1.0) / math.sqrt(2.0)
+    return np.array([_scaled_erfc(x) for x in away]) / (2.0 * share)
 
 
 _TAIL = tuple(Chebyshev.interpolate(_tail, 20).convert(kind=Polynomial).coef.tolist())

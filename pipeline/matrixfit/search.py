@@ -7,9 +7,9 @@ from itertools import combinations, combinations_with_replacement
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from pipeline.matrixfit.known import Known
+from pipeline.matrixfit.minimum import minimum
 from pipeline.matrixfit.objective import Term, Whitened, posterior
 from pipeline.matrixfit.prior import MatrixPrior
 from pipeline.vectors import unit
@@ -25,6 +25,7 @@ _STARTS = 12
 _FIRST_DATA, _FIRST_KEPT = 800, 5
 _ALIKE = float(np.cos(np.radians(2.5)))
 _ROUNDS, _STEPS = 3, 25
+_FIRST_STEP = 0.005  # of a lamp's norm
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,7 @@ def _refined(
     s0: float,
     inside_only: bool = False,
 ) -> tuple[float, Array, list[Array]]:
-    """Alternate EM on the weights and L-BFGS on the matrices at one annealing level.
+    """Alternate EM on the weights and BFGS on the matrices at one annealing level.
 
     inside_only: move only within the model's three-dimensional space. The cost that is returned
     first is infinite where a lamp comes near a forbidden one.
@@ -127,7 +128,7 @@ def _refined(
     alone = [Whitened(pin.term, s0) for pin in known.pinned]
     free = slice(0, 3) if inside_only else slice(0, 9)
     shape = theta[:, free].shape
-    value = np.inf
+    value, inverse = np.inf, None
     for _ in range(_ROUNDS):
         matrices = prior.matrices(theta)
         weights = [w.reweighted(matrices, old) for w, old in zip(whitened, weights, strict=True)]
@@ -140,14 +141,9 @@ def _refined(
             result, gradient = posterior(moved, prior, whitened, weights, alone, known.fence)
             return result, gradient[:, free].ravel()
 
-        solved = minimize(
-            objective,
-            theta[:, free].ravel(),
-            jac=True,
-            method="L-BFGS-B",
-            options={"maxiter": _STEPS},
-        )
+        start = theta[:, free].ravel()
+        found, inverse = minimum(objective, start, _STEPS, _FIRST_STEP, inverse)
         theta = theta.copy()
-        theta[:, free] = solved.x.reshape(shape)
-        value = float(solved.fun)
+        theta[:, free] = found.x.reshape(shape)
+        value = found.value
     return np.inf if known.rejects(prior.matrices(theta)) else value, theta, weights
