@@ -28,26 +28,41 @@ def quantile(values: NDArray[Any], share: float) -> float:
 def weighted_quantile(values: Array, weights: Array, share: float) -> Any:
     """Least of some finite values up to which a share 0…1 of all their weight lies.
 
-    By halving the range until no number is left within it. For other compiled loops, too.
+    By halving the range until one value is left within it, or no number. For other compiled loops,
+    too.
     """
     low, high = values.min(), values.max()
-    needed = np.float32(share) * _weight_up_to(values, weights, high)
-    if _weight_up_to(values, weights, low) >= needed:
+    whole, most = _weight_up_to(values, weights, high)
+    needed = np.float32(share) * whole
+    weight, least = _weight_up_to(values, weights, low)
+    if weight >= needed:
         return low
     half = np.float32(0.5)
     middle = low + half * (high - low)
-    while low < middle < high:
-        if _weight_up_to(values, weights, middle) >= needed:
-            high = middle
+    while low < middle < high and most - least > 1:
+        weight, count = _weight_up_to(values, weights, middle)
+        if weight >= needed:
+            high, most = middle, count
         else:
-            low = middle
+            low, least = middle, count
         middle = low + half * (high - low)
-    return high
+    return _sum_between(values, low, high) if most - least == 1 else high
 
 
 @summing
-def _weight_up_to(values: Array, weights: Array, limit: np.float32) -> np.float32:
-    total = np.float32(0.0)
+def _weight_up_to(values: Array, weights: Array, limit: np.float32) -> tuple[np.float32, np.int32]:
+    """Of the values up to a limit, how much they weigh and how many they are."""
+    total, count = np.float32(0.0), np.int32(0)
     for i in range(len(values)):
         total += weights[i] if values[i] <= limit else np.float32(0.0)
+        count += values[i] <= limit
+    return total, count
+
+
+@summing
+def _sum_between(values: Array, low: np.float32, high: np.float32) -> np.float32:
+    """Of the values above low and up to high."""
+    total = np.float32(0.0)
+    for i in range(len(values)):
+        total += values[i] if low < values[i] <= high else np.float32(0.0)
     return total
