@@ -41,10 +41,10 @@ _WHITE = 2.0  # factor by which the variance of means may miss that of independe
 _UPPER, _UPPER_OF_MEAN = 0.75, 1.32  # quantile of χ² of one degree of freedom over its mean
 
 
-def estimate_noise(photograph: Photograph, other: Photograph) -> Noise:
-    """Estimate the noise of a photograph from its flat areas, and from what another shares with it.
+def estimate_noises(first: Photograph, second: Photograph) -> tuple[Noise, Noise]:
+    """Estimate the noise of two photographs from flat areas, and from what they do not share.
 
-    photograph, other: (H, W, 3) linear, of the same things in other light. Second differences
+    first, second: (H, W, 3) linear, of the same things in different light. Second differences
     (Immerkær 1996) give a variance per block; a straight line over brightness is fitted to the
     quieter blocks, because the busier ones hold texture. Where texture is everywhere, what the
     other photograph does not explain is less; it counts, but at least as a 25th. Done on the
@@ -52,19 +52,31 @@ def estimate_noise(photograph: Photograph, other: Photograph) -> Noise:
     from neighbouring pixels; smaller than 64 pixels, once. Of photographs of more than two million
     pixels, two are looked at, in tiles all over the picture.
     """
-    height, width = photograph.shape[:2]
+    height, width = first.shape[:2]
     large = height * width > _ENOUGH
-    pixels, others = (
-        tiles(one, _ENOUGH) if large else np.ascontiguousarray(one[:])
-        for one in (photograph, other)
-    )
     rows = TILE_ROWS if large else height
     scales = [s for s in GRAIN_SCALES if min(height, width) >= _SMALLEST * s]
-    means = _halved(pixels) if scales else pixels
+    looked_at = [
+        tiles(one, _ENOUGH) if large else np.ascontiguousarray(one[:]) for one in (first, second)
+    ]
+    means = [_halved(pixels) if scales else pixels for pixels in looked_at]
+    return (
+        _noise_of(*looked_at, *means, rows, scales),
+        _noise_of(*reversed(looked_at), *reversed(means), rows, scales),
+    )
+
+
+def _noise_of(
+    pixels: Image, others: Image, means: Image, other_means: Image, rows: int, scales: list[int]
+) -> Noise:
+    """The noise of pixels, of which others show the same things.
+
+    means, other_means: of 2×2 pixels of them. rows, scales: as in _grain.
+    """
     typical = np.median(pixels[::_SPARSE, ::_SPARSE].reshape(-1, 3), axis=0)
     lines = [_line(pixels, others, typical)]
     if scales:
-        lines.append(_line(means, _halved(others), typical))
+        lines.append(_line(means, other_means, typical))
     levels = [float((gain * np.maximum(typical, 0) + floor).sum()) for gain, floor in lines]
     loudest = int(np.argmax(levels))
     noise = Noise(*lines[loudest])
@@ -81,7 +93,7 @@ def _grain(
 ) -> float:
     """Area over which the noise hangs together, from means of ever more pixels.
 
-    means: of 2×2 pixels. rows: of pixels that hang together.
+    means: of 2×2 pixels. rows: of pixels that hang together. scales: of GRAIN_SCALES.
     """
     grain = 1.0
     if not scales:

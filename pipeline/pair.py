@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.align import NOT_ATTEMPTED, Alignment, estimate_alignment, warp
 from pipeline.coded import CodedImage
 from pipeline.exposure import ExposureRatio, settled_ratio, written_ratio
-from pipeline.flat_noise import estimate_noise
+from pipeline.flat_noise import estimate_noises
 from pipeline.flow import residual_flow, warp_along
 from pipeline.frames import Frame, Image, Mask, Photograph
 from pipeline.memory import empty_image, releasable
@@ -185,7 +185,7 @@ def _held_against(
     before, after, rendered = no_flash.pixels, laid.pixels, no_flash.encoding == "srgb"
     if ratio.value != 1.0:
         after = _divided(after, ratio.value, after is not flash.pixels)
-    noises = _noise(before, after, no_flash), _noise(after, before, flash, ratio.value)
+    noises = _noises(before, after, no_flash, flash, ratio.value)
     unusable = no_flash.unusable | laid.unusable
     if options.flash_only:
         return _Held(after, noises, ratio, unusable)
@@ -239,13 +239,16 @@ def _divided(pixels: Photograph, by: float, own: bool) -> Photograph:
     return np.divide(pixels, np.float32(by), out=pixels if own else empty_image(*pixels.shape))
 
 
-def _noise(pixels: Photograph, other: Photograph, frame: Frame, ratio: float = 1.0) -> Noise:
-    """The noise of a frame's pixels, laid elsewhere and divided by a ratio as they may be.
-
-    other: the other photograph of the pair.
-    """
-    noise = estimate_noise(pixels, other)
-    return noise if frame.compression is None else noise.plus(frame.compression.divided(ratio))
+def _noises(
+    before: Photograph, after: Photograph, no_flash: Frame, flash: Frame, ratio: float
+) -> tuple[Noise, Noise]:
+    """The noise of both frames' pixels, the flash frame's laid elsewhere and divided by a ratio."""
+    first, second = estimate_noises(before, after)
+    if no_flash.compression is not None:
+        first = first.plus(no_flash.compression)
+    if flash.compression is not None:
+        second = second.plus(flash.compression.divided(ratio))
+    return first, second
 
 
 def _moved_or_darkened(

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.flat_noise import estimate_noise
+from pipeline.flat_noise import estimate_noises
 from pipeline.noise import Noise
 
 Image = NDArray[np.float32]
@@ -17,7 +17,7 @@ NOISE = Noise(np.full(3, GAIN), np.full(3, FLOOR))
 
 def noise_of(photograph: Image) -> Noise:
     """Of a photograph beside one that shares nothing with it."""
-    return estimate_noise(photograph, np.zeros_like(photograph))
+    return estimate_noises(photograph, np.zeros_like(photograph))[0]
 
 
 def wedge(height: int = 256, width: int = 256) -> Array:
@@ -178,7 +178,7 @@ def test_noise_is_found_under_texture_that_the_other_photograph_shares(
     light = textured(*size, low=0.25, high=0.4)
     other = noisy(light @ MIXED.T, seed=1)
 
-    found = estimate_noise(noisy(light), other).variance(np.full(3, 0.3)) / (GAIN * 0.3 + FLOOR)
+    found = estimate_noises(noisy(light), other)[0].variance(np.full(3, 0.3)) / (GAIN * 0.3 + FLOOR)
 
     assert (found > 0.85).all()
     assert (found < 4).all()
@@ -192,15 +192,15 @@ def test_texture_that_both_share_leaves_a_25th_of_its_variance() -> None:
 
     for pair in ((one, other), (other, one)):
         typical = np.median(pair[0].reshape(-1, 3), axis=0)
-        left = estimate_noise(*pair).variance(typical) / noise_of(pair[0]).variance(typical)
+        left = estimate_noises(*pair)[0].variance(typical) / noise_of(pair[0]).variance(typical)
         np.testing.assert_allclose(left, 0.04, rtol=0.05)
-        assert (estimate_noise(*pair).variance(level) < noise_of(pair[0]).variance(level)).all()
+        assert (estimate_noises(*pair)[0].variance(level) < noise_of(pair[0]).variance(level)).all()
 
 
 def test_texture_that_lies_elsewhere_is_told_as_in_a_single_photograph() -> None:
     light = textured().astype(np.float32)
 
-    found = estimate_noise(light, np.roll(light, 3, axis=1))
+    found = estimate_noises(light, np.roll(light, 3, axis=1))[0]
 
     np.testing.assert_array_equal(found.gain, noise_of(light).gain)
     np.testing.assert_array_equal(found.floor, noise_of(light).floor)
@@ -215,7 +215,19 @@ def test_another_photograph_takes_nothing_from_bare_noise(sigma: float | None) -
     )
     one, other = one.astype(np.float32), other.astype(np.float32)
 
-    found = estimate_noise(one, other)
+    found, _ = estimate_noises(one, other)
 
     np.testing.assert_array_equal(found.gain, noise_of(one).gain)
     assert found.grain == noise_of(one).grain
+
+
+def test_both_photographs_are_told_at_once() -> None:
+    loud, quiet = noisy(wedge(), 1), noisy(wedge(), 2, gain=GAIN / 4, floor=FLOOR / 4)
+
+    first, second = estimate_noises(loud, quiet)
+    other_way = estimate_noises(quiet, loud)
+
+    np.testing.assert_array_equal(first.gain, other_way[1].gain)
+    np.testing.assert_array_equal(second.floor, other_way[0].floor)
+    level = np.full(3, 0.3)
+    np.testing.assert_allclose(first.variance(level) / second.variance(level), 4.0, rtol=0.15)

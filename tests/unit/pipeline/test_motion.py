@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.flat_noise import estimate_noise
+from pipeline.flat_noise import estimate_noises
 from pipeline.motion import find_moved
 
 Array = NDArray[np.float64]
@@ -50,7 +50,7 @@ def moved_in(
     rendered: bool = False,
     brightened: float = 1.0,
 ) -> NDArray[np.bool_]:
-    noises = estimate_noise(*pair), estimate_noise(*pair[::-1])
+    noises = estimate_noises(*pair)
     return find_moved(*pair, unusable, noises, rendered, brightened)
 
 

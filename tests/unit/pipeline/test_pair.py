@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.errors import Canceled, OptionError
-from pipeline.flat_noise import estimate_noise
+from pipeline.flat_noise import estimate_noises
 from pipeline.frames import Exposure, Frame
 from pipeline.motion import find_moved
 from pipeline.noise import Noise
@@ -53,7 +53,7 @@ def test_noise_is_that_of_each_photograph_on_the_common_scale(
 
     level = np.full(3, 0.2)
     as_given = [
-        estimate_noise(one.pixels, other.pixels)
+        estimate_noises(one.pixels, other.pixels)[0]
         for one, other in ((before, after), (after, before))
     ]
     np.testing.assert_allclose(pair.no_flash_noise.variance(level), as_given[0].variance(level))
@@ -329,7 +329,7 @@ def test_what_is_only_darker_does_not_count_as_moved(frame: Callable[..., Frame]
     options = Options(exposure_ratio=2, align=False)
     unusable = np.zeros((240, 320), bool)
     darkened = after.pixels[:] / np.float32(2)
-    noises = estimate_noise(before.pixels, darkened), estimate_noise(darkened, before.pixels)
+    noises = estimate_noises(before.pixels, darkened)
     assert find_moved(before.pixels, darkened, unusable, noises, rendered=False).mean() > 0.01
 
     pair = make_pair(before, after, options, Progress())

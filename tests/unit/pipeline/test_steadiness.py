@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.flat_noise import estimate_noise
+from pipeline.flat_noise import estimate_noises
 from pipeline.noise import Noise
 from pipeline.steadiness import (
     Ratios,
@@ -36,7 +36,7 @@ def ratios_of(
         for light in (lamps, flash_frame)
     )
     bad = np.zeros(lamps.shape[:2], bool) if unusable is None else unusable
-    return block_ratios(one, other, bad, (estimate_noise(one, other), estimate_noise(other, one)))
+    return block_ratios(one, other, bad, estimate_noises(one, other))
 
 
 def scene(reach: float = 1.0) -> tuple[Array, Array]:

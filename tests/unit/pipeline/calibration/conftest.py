@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.flat_noise import estimate_noise
+from pipeline.flat_noise import estimate_noises
 from pipeline.pair import Pair
 from tests.targets import Shot
 
@@ -18,10 +18,11 @@ def pair_of(pair_of: Callable[..., Pair]) -> Callable[..., Pair]:
 
     def build(shot: Shot, **more: Any) -> Pair:
         no_flash, flash = (frame.astype(np.float32) for frame in shot.frames)
+        noises = estimate_noises(no_flash, flash)
         given: dict[str, Any] = {
             "flash": flash,
-            "no_flash_noise": estimate_noise(no_flash, flash),
-            "flash_noise": estimate_noise(flash, no_flash),
+            "no_flash_noise": noises[0],
+            "flash_noise": noises[1],
         }
         return replace(pair_of(no_flash, flash - no_flash), **{**given, **more})
 
