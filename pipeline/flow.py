@@ -49,13 +49,16 @@ def residual_flow(no_flash: Photograph, flash: Photograph) -> Array | None:
     if min(size) < _NARROWEST or max(height, width) > _MOST_SIDE:
         return None
     pair = [area_means(image, size) for image in (no_flash, flash)]
-    codes = [np.clip(edges(image) * _CODES, 0, 255).astype(np.uint8) for image in pair]
-    forward = _search(codes[0], codes[1])
     steps = [log_detail(image) * _lit(image) for image in pair]
     before, texture = _correlation(steps[0], steps[1])
+    can_be_better = (texture > _TEXTURE) & (before < 1.0 - _GAIN)
+    if _opened(can_be_better).mean() < _WORTH_IT:
+        return None
+    codes = [np.clip(edges(image) * _CODES, 0, 255).astype(np.uint8) for image in pair]
+    forward = _search(codes[0], codes[1])
     after, _ = _correlation(steps[0], _moved(steps[1], forward))
     far = np.linalg.norm(forward, axis=2) > _MOVED_PX
-    better = far & (texture > _TEXTURE) & (after > before + _GAIN) & (after > _FITS)
+    better = can_be_better & far & (after > before + _GAIN) & (after > _FITS)
     if _opened(better).mean() < _WORTH_IT:  # nor will those be enough that return as well
         return None
     backward = _search(codes[1], codes[0])
