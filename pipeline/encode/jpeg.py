@@ -87,10 +87,10 @@ class JpegFile:
         scan = jpeg.index(_SCAN)
         start = scan + 2 + int.from_bytes(jpeg[scan + 2 : scan + 4], "big")
         if self._parts == 0:
-            self._append(self._head(jpeg[:scan]) + jpeg[scan:start])
+            before = self._head(jpeg[:scan]) + jpeg[scan:start]
         else:
-            self._append(bytes((0xFF, _RESTART + (self._parts - 1) % 8)))
-        self._append(jpeg[start : -len(_END)])
+            before = bytes((0xFF, _RESTART + (self._parts - 1) % 8))
+        self._append(before + jpeg[start : -len(_END)])
         self._parts += 1
         self._waiting = 0
 

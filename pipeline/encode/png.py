@@ -15,7 +15,7 @@ _ZLIB_LEVEL = 3
 
 def write_png8(path: Path, codes: NDArray[np.uint8]) -> None:
     """Write 8-bit code values (H, W, 3) as they are. Raises OSError."""
-    PillowImage.fromarray(codes).save(path, "PNG")
+    PillowImage.fromarray(codes).save(path, "PNG", compress_level=_ZLIB_LEVEL)
 
 
 class NormalsPng:
