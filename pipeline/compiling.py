@@ -11,8 +11,10 @@ constants are compiled into it. So each version of this package has a folder tha
 from __future__ import annotations
 
 import atexit
+import importlib
 import os
 import shutil
+import sys
 import tempfile
 from contextlib import suppress
 from dataclasses import dataclass
@@ -99,13 +101,28 @@ def _remove(folder: Path, owner: int) -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
+def _load_without_blas() -> None:
+    """Load Numba's arrays, which look for SciPy's BLAS, though no loop here multiplies matrices.
+
+    Its import would take as long as all else that the first function waits for.
+    """
+    if (blas := "scipy.linalg") not in sys.modules:
+        sys.modules[blas] = None  # type: ignore[assignment]  # so that its import fails
+        try:
+            importlib.import_module("numba.np.arraymath")
+        finally:
+            del sys.modules[blas]
+
+
 def prepare() -> None:
     """Load of Numba what the first compiled function that a process calls would wait for."""
+    importlib.import_module("numpy.ma")  # whose arrays Numba tells from others
     cpu_target.typing_context.refresh()
     cpu_target.target_context.refresh()
 
 
 CACHE = settle()
+_load_without_blas()
 
 exact = njit(cache=True, error_model="numpy")
 """For loops whose operations are to be those that are written; division by 0 raises nothing."""

@@ -12,6 +12,7 @@ import typer
 from pipeline.result_names import MANIFEST
 from service.cli import calibrate, cameras, examples, jobs, keys, mix, tether
 from service.cli.files import read_file, shown
+from service.cli.loading import loading
 from service.cli.options import (
     Flags,
     Flash,
@@ -68,13 +69,16 @@ def separate(
     the results of each get a folder of their own in DIR, with the name of the photograph without
     the flash.
     """
-    from pipeline.process import separate_files
-    from pipeline.progress import Progress
-    from service.cli.display import print_results, stage_bar
-    from service.cli.folder import new_results
-    from service.cli.keeping import kept_for
-    from service.cli.session import separate_folder
+    with loading():
+        from pipeline.compiling import prepare
+        from pipeline.process import separate_files
+        from pipeline.progress import Progress
+        from service.cli.display import print_results, stage_bar
+        from service.cli.folder import new_results
+        from service.cli.keeping import kept_for
+        from service.cli.session import separate_folder
 
+        prepare()
     options = flags.options()
     if flash is None:
         return separate_folder(no_flash, output, options, as_json)

@@ -203,6 +203,21 @@ def test_a_module_with_loops_is_imported_where_nothing_can_be_written(tmp_path: 
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
+def test_loops_load_no_linear_algebra_of_scipy_which_can_be_had_afterwards() -> None:
+    program = (
+        "import sys, numpy as np\n"
+        "from pipeline import compiling\n"
+        "from pipeline.blocks import any_in_blocks\n"
+        "assert any_in_blocks(np.ones((4, 4), bool), 2).all()\n"
+        "print('scipy.linalg' in sys.modules)\n"
+        "import scipy.linalg\n"
+        "print(scipy.linalg.norm([3.0, 4.0]))\n"
+    )
+    said = subprocess.check_output([sys.executable, "-c", program], text=True)
+
+    assert said.split() == ["False", "5.0"]
+
+
 def test_the_first_function_of_a_prepared_process_loads_no_module() -> None:
     """Of Numba; what else the function is made of is imported with it."""
     program = (
