@@ -274,7 +274,9 @@ def mixture(
     mirrors, own = np.empty((count, _LAMP)), np.empty((count, 3))
     has_mirrors = mirrored[0] > 0.0
     for j in range(count):
-        light = matrices[j] @ mirrored
+        # not as a product of matrices, for which Numba loads SciPy's BLAS
+        red, green, blue = matrices[j, :, 0], matrices[j, :, 1], matrices[j, :, 2]
+        light = red * mirrored[0] + green * mirrored[1] + blue * mirrored[2]
         total = light.sum()
         least = -_MIN_TOTAL if total < 0.0 else _MIN_TOTAL
         total = least if abs(total) < _MIN_TOTAL else total

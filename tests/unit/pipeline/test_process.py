@@ -3,6 +3,8 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -62,6 +64,29 @@ def test_a_pair_becomes_layers_and_a_manifest(
     found = layers_of(planes_of((tmp_path / "new" / "folder" / "layers.exr").read_bytes()), count)
     error = np.square(found - layers).sum() / np.square(layers).sum()
     assert 10 * np.log10(1 / error) > 20
+
+
+def test_a_job_without_normals_loads_none_of_scipy(
+    files: Callable[..., Files], tmp_path: Path
+) -> None:
+    """Its import would take longer than finding the lamps."""
+    program = (
+        "import sys\n"
+        "from pathlib import Path\n"
+        "from pipeline.options import Options\n"
+        "from pipeline.process import separate_files\n"
+        "from pipeline.progress import Progress\n"
+        "folder = Path(sys.argv[1])\n"
+        "pair = [(folder / name).read_bytes() for name in ('no_flash', 'flash')]\n"
+        "separate_files(*pair, Options(lights=2, exposure_ratio=1.0), folder, Progress())\n"
+        "print(*(f'scipy.{name}' in sys.modules for name in ('linalg', 'optimize', 'special')))\n"
+    )
+    for name, content in zip(("no_flash", "flash"), files(), strict=True):
+        (tmp_path / name).write_bytes(content)
+
+    said = subprocess.check_output([sys.executable, "-c", program, str(tmp_path)], text=True)
+
+    assert said.split() == ["False"] * 3
 
 
 def test_the_manifest_is_written_as_it_is_returned(
