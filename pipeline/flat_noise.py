@@ -56,13 +56,13 @@ def estimate_noises(first: Photograph, second: Photograph) -> tuple[Noise, Noise
     large = height * width > _ENOUGH
     rows = TILE_ROWS if large else height
     scales = [s for s in GRAIN_SCALES if min(height, width) >= _SMALLEST * s]
-    looked_at = [
-        tiles(one, _ENOUGH) if large else np.ascontiguousarray(one[:]) for one in (first, second)
-    ]
-    means = [_halved(pixels) if scales else pixels for pixels in looked_at]
+    one, other = (
+        tiles(each, _ENOUGH) if large else np.ascontiguousarray(each[:]) for each in (first, second)
+    )
+    means, other_means = (_halved(pixels) if scales else pixels for pixels in (one, other))
     return (
-        _noise_of(*looked_at, *means, rows, scales),
-        _noise_of(*reversed(looked_at), *reversed(means), rows, scales),
+        _noise_of(one, other, means, other_means, rows, scales),
+        _noise_of(other, one, other_means, means, rows, scales),
     )
 
 

@@ -275,8 +275,8 @@ def mixture(
     has_mirrors = mirrored[0] > 0.0
     for j in range(count):
         # not as a product of matrices, for which Numba loads SciPy's BLAS
-        red, green, blue = matrices[j, :, 0], matrices[j, :, 1], matrices[j, :, 2]
-        light = red * mirrored[0] + green * mirrored[1] + blue * mirrored[2]
+        columns = matrices[j, :, 0], matrices[j, :, 1], matrices[j, :, 2]
+        light = columns[0] * mirrored[0] + columns[1] * mirrored[1] + columns[2] * mirrored[2]
         total = light.sum()
         least = -_MIN_TOTAL if total < 0.0 else _MIN_TOTAL
         total = least if abs(total) < _MIN_TOTAL else total

@@ -11,7 +11,7 @@ def test_garbage_is_looked_for_again_afterwards_but_not_among_what_was_loaded() 
     try:
         with loading():
             assert not gc.isenabled()
-            loaded = [[]]
+            loaded: list[list[int]] = [[]]
         assert gc.isenabled()
         assert all(one is not loaded for one in gc.get_objects())
     finally:
