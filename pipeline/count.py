@@ -3,8 +3,8 @@
 A second lamp earns its place by the likelihood that it gains, and in photographs that a camera
 rendered not without lessening what one leaves over, where that is much. In others a small gain is
 none where light that glossy surfaces mirror explains as much. A third is told by that
-gain, too, and by differences across the edges of shadows: with two lamps, nearly all show one of
-them.
+gain, too, by differences across the edges of shadows, of which two lamps leave none, and by light
+that is no mixture of two, which needs no shadows.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.fit import MOST_LAMPS, Fit
 from pipeline.matrixfit.fourth import gain_of_fourth
 from pipeline.matrixfit.gloss import is_gloss
-from pipeline.matrixfit.unexplained import left_over, share_off, unexplained
+from pipeline.matrixfit.unexplained import left_over, share_beside, share_off, unexplained
 from pipeline.model import Model
 from pipeline.reduced import ReducedPair
 
@@ -38,9 +38,10 @@ _SECOND_LAMP, _SECOND_LAMP_RENDERED = 300.0, 600.0
 _SURELY_SECOND = 1500.0  # gloss gains less
 _GLOSSY = 0.8  # confidence in one lamp that glossy surfaces mirror
 _STILL_LEFT = 0.62  # by two lamps, of what one leaves
-_THIRD_LAMP, _THIRD_GAIN, _THIRD_OFF = 1.6, 150.0, 0.125
-_SECOND_STEEPNESS, _THIRD_STEEPNESS = 4.0, 3.0
-_NO_THIRD, _SHOWN = 0.0, 1.2  # below which no other way to find three lamps makes up for it
+_THIRD_GAIN, _THIRD_OFF, _THIRD_RENDERED, _OUTLINE_GAIN = 150.0, 0.125, 1.6, 4.2
+_BESIDE, _BESIDE_LEAST, _BESIDE_USUAL = 1.3, 0.01, 0.1  # weight, and shares of the light
+_SECOND_STEEPNESS, _THIRD_STEEPNESS = 4.0, 0.75
+_NO_THIRD, _SHOWN = -1.6, -0.4  # below which no other way to find three lamps makes up for it
 _FOURTH_UNEXPLAINED, _FOURTH_GAIN = 1.45, 45.0
 _UNSURE = 0.3
 
@@ -89,14 +90,13 @@ def count_lamps(
             if is_gloss(reduced, one, two, model.flash_white):
                 return Count(1, _GLOSSY, four_or_more=False)
     if least < 3:
-        off = 0.0
-        if evidence.has_edges:
-            off = share_off(evidence.differences, fit(2).matrices) / _THIRD_OFF
-        third = off + (fit(2).cost - first(3).cost) / _THIRD_GAIN
-        if off > _SHOWN or third > _NO_THIRD:
-            third = off + (fit(2).cost - fit(3).cost) / _THIRD_GAIN
-        three = _logistic(_THIRD_STEEPNESS * (third - _THIRD_LAMP))
-        if third < _THIRD_LAMP:
+        two = fit(2)
+        left = _left_by_two(reduced, evidence, two.matrices)
+        third = left + _gain_of_third(reduced, evidence, two, first(3))
+        if left > _SHOWN or third > _NO_THIRD:
+            third = left + _gain_of_third(reduced, evidence, two, fit(3))
+        three = _logistic(_THIRD_STEEPNESS * third)
+        if third < 0:
             return Count(2, min(several, 1.0 - three), four_or_more=False)
     if signs_of_fourth(reduced, evidence, model, fit(3).matrices):
         return Count(3, min(three, _UNSURE), four_or_more=True)
@@ -112,6 +112,24 @@ def signs_of_fourth(
     if unexplained(reduced, evidence, matrices) > _FOURTH_UNEXPLAINED:
         return True
     return gain_of_fourth(evidence, model, matrices) > _FOURTH_GAIN
+
+
+def _left_by_two(reduced: ReducedPair, evidence: Evidence, matrices: Array) -> float:
+    """How far what two lamps (2, 3, 3) do not explain speaks for a third, below 0 against it."""
+    off = 0.0
+    if evidence.has_edges:
+        off = share_off(evidence.differences, matrices) / _THIRD_OFF
+    if reduced.rendered:  # whose curve takes light out of the plane of two lamps
+        return off - _THIRD_RENDERED
+    beside = share_beside(reduced, matrices) + _BESIDE_LEAST
+    return float(off + _BESIDE * np.log(beside / _BESIDE_USUAL))
+
+
+def _gain_of_third(reduced: ReducedPair, evidence: Evidence, two: Fit, three: Fit) -> float:
+    """How far the likelihood speaks for a third lamp, below 0 against it."""
+    gain = (two.cost - three.cost) / _THIRD_GAIN
+    # lamps of an outline lose by the area between three of them, also if there are three
+    return gain if evidence.has_edges or reduced.rendered else gain + _OUTLINE_GAIN
 
 
 def _as_much_left(reduced: ReducedPair, fit: Callable[[int], Fit]) -> bool:

@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 _QUANTILE = 0.9
 _OFF, _OUTSIDE = 0.03, 0.005  # chromaticity, beyond two standard deviations
 _TERMINATOR = 0.2  # of an edge: it is wide, and found again in every direction
+_BESIDE, _ALIKE = 0.01, 1e-3  # of the light; sine between lamps whose plane is not told
 _MUCH_LEFT, _MUCH_OFF, _MUCH_OUTSIDE = 0.01, 0.4, 0.1
 
 
@@ -46,6 +47,33 @@ def mean_left_over(reduced: ReducedPair, matrices: Array) -> float:
     """Share of all light that lamps (N, 3, 3) leave unexplained, noise included."""
     left, light = _left_of_pixels(reduced, matrices)
     return float(left.sum(dtype=np.float64) / light.sum(dtype=np.float64))
+
+
+def share_beside(reduced: ReducedPair, matrices: Array) -> float:
+    """Share of the light that is surely no mixture of two lamps (2, 3, 3).
+
+    It is that of pixels whose light lies more than a hundredth of itself, and three standard
+    deviations, beside the plane of all mixtures on their surface. It needs no edges of shadows.
+    """
+    usable = reduced.usable
+    no_flash, flash = reduced.no_flash[usable], reduced.flash[usable]
+    weights = (1.0 / no_flash.mean(axis=0)).astype(np.float32)
+    seen, weighed = no_flash * weights, weights[:, None] * matrices.astype(np.float32)
+    one, other = predicted = np.maximum(flash @ weighed.transpose(0, 2, 1), 0.0)
+    normal = np.cross(one, other)
+    length = np.linalg.norm(normal, axis=1)
+    alike = length <= _ALIKE * np.linalg.norm(one, axis=1) * np.linalg.norm(other, axis=1)
+    normal /= np.maximum(length, 1e-30)[:, None]
+    by_flash = sum(
+        share[:, None] * (normal @ lamp)
+        for share, lamp in zip(shares(seen, predicted), weighed, strict=True)
+    )
+    variance = _total(np.square(normal * weights) * reduced.no_flash_variance[usable])
+    variance += _total(np.square(by_flash) * reduced.flash_variance[usable])
+    beside = np.abs(_total(normal * seen))
+    surely = beside > np.maximum(_BESIDE * np.linalg.norm(seen, axis=1), 3.0 * np.sqrt(variance))
+    light = _total(no_flash)
+    return float(light[surely & ~alike].sum(dtype=np.float64) / light.sum(dtype=np.float64))
 
 
 def share_off(differences: Data, matrices: Array) -> float:

@@ -182,6 +182,7 @@ def by_costs(
 ) -> Callable[..., Count]:
     """Count by the costs of one to three lamps alone, which leave nothing off."""
     monkeypatch.setattr(count, "is_gloss", lambda *_: False)
+    monkeypatch.setattr(count, "share_beside", lambda *_: 0.09)
     reduced, evidence = counted.evidence(pair_of(0.5 * flash_part, flash_part))
     assert not len(evidence.differences)
 
@@ -194,12 +195,12 @@ def by_costs(
 
 @pytest.mark.parametrize(
     ("second", "third", "number"),
-    [(299, 999, 1), (301, 0, 2), (900, 239, 2), (900, 241, 3), (301, 999, 3)],
+    [(299, 999, 1), (301, -900, 2), (900, -631, 2), (900, -629, 3), (301, 999, 3)],
 )
 def test_a_lamp_is_counted_by_what_it_gains(
     by_costs: Callable[..., Count], second: float, third: float, number: int
 ) -> None:
-    """A second lamp gains 300 at least, a third 1.6 times 150."""
+    """A second lamp gains 300 at least; of an outline a third may lose 4.2 times 150."""
     found = by_costs(0, -second, -second - third)
 
     assert found.number == number
@@ -231,24 +232,30 @@ def test_gloss_that_explains_as_much_is_no_lamp(
     reduced, evidence = counted.evidence(pair_of(0.5 * flash_part, flash_part))
     monkeypatch.setattr(count, "is_gloss", lambda *_: gloss)
     monkeypatch.setattr(count, "left_over", lambda *_: 0.0)
-    fit = costs(0, -second, -second)
+    fit = costs(0, -second, 900 - second)
 
     counts = count_lamps(replace(reduced, rendered=rendered), evidence, counted.model, fit, fit)
 
     assert (counts.number, round(counts.confidence, 1)) == found
 
 
-@pytest.mark.parametrize(("third", "number"), [(119, 2), (121, 3)])
-def test_differences_that_two_lamps_leave_off_stand_for_half_of_a_third(
+@pytest.mark.parametrize(
+    ("off", "beside", "third", "number"),
+    [(0.1, 0.09, -121, 2), (0.1, 0.09, -119, 3), (0.0, 0.29, -215, 2), (0.0, 0.29, -213, 3)],
+)
+def test_what_two_lamps_do_not_explain_makes_up_for_what_a_third_loses(
     counted: Counting,
     shadowed: Shadowed,
     warm_to_cool: Array,
     monkeypatch: pytest.MonkeyPatch,
+    off: float,
+    beside: float,
     third: float,
     number: int,
 ) -> None:
-    """A tenth off is worth 0.8 of the 1.6 times 150 that a third must gain."""
-    monkeypatch.setattr(count, "share_off", lambda *_: 0.1)
+    """A tenth of the differences off is worth 0.8 times 150, light beside both 1.3 for each e."""
+    monkeypatch.setattr(count, "share_off", lambda *_: off)
+    monkeypatch.setattr(count, "share_beside", lambda *_: beside)
     monkeypatch.setattr(count, "signs_of_fourth", lambda *_: False)
     reduced, evidence = counted.evidence(shadowed(warm_to_cool[:2]))
 
@@ -274,6 +281,7 @@ def test_other_ways_to_three_lamps_are_tried_where_they_may_change_the_number(
 ) -> None:
     """They would gain 999 here: not tried where two lamps leave little off and a third is worse."""
     monkeypatch.setattr(count, "share_off", lambda *_: off)
+    monkeypatch.setattr(count, "share_beside", lambda *_: 0.1 * np.exp(-1.6 / 1.3) - 0.01)
     monkeypatch.setattr(count, "signs_of_fourth", lambda *_: False)
     reduced, evidence = counted.evidence(shadowed(warm_to_cool[:2]))
     gains = costs(0, -900, -900 - first + off / 0.125 * 150), costs(0, -900, -1899)
@@ -295,8 +303,8 @@ def test_three_lamps_and_more_are_never_certain(
 @pytest.mark.parametrize(
     ("second", "third", "least", "number", "confidence"),
     [
-        (1.0, 0.0, 2, 2, 0.99),
-        (1.0, 241.0, 2, 3, 0.5),
+        (1.0, -1530.0, 2, 2, 0.99),
+        (1.0, -629.0, 2, 3, 0.5),
         (1.0, 1.0, 3, 3, 1.0),
         (299.0, 999.0, 1, 1, 0.5),
     ],
@@ -391,6 +399,7 @@ def test_a_second_lamp_must_gain_twice_as_much_in_a_rendered_pair(
     reduced, evidence = counted.evidence(replace(shadowed(warm_to_cool), rendered=rendered))
     monkeypatch.setattr(count, "left_over", lambda *_: 0.0)
     monkeypatch.setattr(count, "share_off", lambda *_: 0.0)
+    monkeypatch.setattr(count, "share_beside", lambda *_: 0.0)
     matrices = model.lamp_matrix(warm_to_cool)
 
     def fit(lamps: int) -> Fit:

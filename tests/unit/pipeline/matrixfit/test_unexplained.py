@@ -12,6 +12,7 @@ from pipeline.matrixfit.unexplained import (
     left_over,
     mean_left_over,
     places_alone,
+    share_beside,
     share_off,
     share_outside,
     shares_alone,
@@ -80,6 +81,31 @@ def test_two_lamps_leave_what_neither_gives() -> None:
 
     assert left_over(pair, yellow_and_blue) == pytest.approx(0, abs=1e-5)
     assert left_over(pair, np.eye(3)[None]) > 0.1
+
+
+@pytest.mark.parametrize(
+    ("d", "share", "deviation", "found"),
+    [
+        (0.0, 1.0, 0.0, 0.0),
+        (0.006, 1.0, 0.0, 0.0),
+        (0.008, 0.3, 0.0, 0.3),
+        (0.1, 0.3, 0.02, 0.3),
+        (0.1, 0.3, 0.04, 0.0),
+    ],
+)
+def test_light_that_is_no_mixture_of_two_lamps_is_told(
+    d: float, share: float, deviation: float, found: float
+) -> None:
+    """Of grey light ±d lies 1.4·d beside what a warm and a cool lamp mix to; noise may do that."""
+    two = np.array([np.diag([1.5, 1.0, 0.5]), np.diag([0.5, 1.0, 1.5])])
+
+    assert share_beside(off_by(d, share, deviation**2), two) == pytest.approx(found, abs=0.002)
+
+
+def test_lamps_that_are_alike_have_no_plane_beside_which_light_lies() -> None:
+    grey = np.eye(3)
+
+    assert share_beside(off_by(0.1), np.array([grey, grey + 1e-4 * np.diag([1, 0, -1])])) == 0
 
 
 def test_unusable_pixels_are_not_looked_at() -> None:
