@@ -23,7 +23,6 @@ _TRIALS = 20  # of its length
 _FURTHER = 4.0  # times as far the next trial goes where the slope is still steep
 _INNER = 0.1  # of the bracket of lengths: so far from its lower end the next trial lies at least
 _FLAT = 1e-5  # slopes at a minimum
-_LITTLE = 2e-9  # relative gain of the last step
 
 
 @dataclass(frozen=True)
@@ -36,12 +35,18 @@ class Place:
 
 
 def minimum(
-    function: Function, start: Array, steps: int, first: float = 1.0, inverse: Array | None = None
+    function: Function,
+    start: Array,
+    steps: int,
+    precision: float,
+    first: float = 1.0,
+    inverse: Array | None = None,
 ) -> tuple[Place, Array]:
     """The lowest place to which so many steps lead, or fewer where nothing more is gained.
 
-    first: how far from the start (n,) the first trial lies. inverse: inverse of the second
-    derivatives (n, n), which is returned, of an earlier search on much the same function.
+    precision: relative gain below which a step is the last. first: how far from the start (n,) the
+    first trial lies. inverse: inverse of the second derivatives (n, n), which is returned, of an
+    earlier search on much the same function.
     """
     here = Place(start, *function(start))
     one, is_known = np.eye(len(start)), inverse is not None
@@ -55,7 +60,7 @@ def minimum(
             break
         moved, change = there.x - here.x, there.gradient - here.gradient
         gained, here = here.value - there.value, there
-        if gained < _LITTLE * max(abs(here.value), 1.0):
+        if gained < precision * max(abs(here.value), 1.0):
             break
         bend = float(moved @ change)  # > 0, as the slope has become less steep
         if not is_known:

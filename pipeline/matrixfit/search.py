@@ -26,6 +26,7 @@ _FIRST_DATA, _FIRST_KEPT = 800, 5
 _ALIKE = float(np.cos(np.radians(2.5)))
 _ROUNDS, _STEPS = 3, 25
 _FIRST_STEP = 0.005  # of a lamp's norm
+_OF_STARTS, _ON_THE_WAY, _AT_LAST = 1e-4, 1e-5, 1e-6  # precision: what is compared needs less
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ def search(problem: Problem, candidates: Array) -> tuple[Array, float]:
     weights = [term.weights for term in terms]
     thin = [replace(term, data=term.data.thinned(_FIRST_DATA)) for term in terms]
     tried = [
-        _refined(theta, weights, replace(problem, terms=thin), level, inside_only=True)
+        _refined(theta, weights, replace(problem, terms=thin), level, _OF_STARTS, inside_only=True)
         for theta in _best_starts(problem, candidates)
     ]
     best = sorted(tried, key=lambda one: one[0])[:_FIRST_KEPT]
@@ -66,8 +67,10 @@ def follow(problem: Problem, starts: list[Array]) -> tuple[Array, float]:
     """
     weights = [term.weights for term in problem.terms]
     found = [(0.0, problem.prior.coordinates(one), weights) for one in starts]
+    last, _ = problem.levels[-1]
     for level, kept in problem.levels:
-        found = [_refined(t, w, problem, level) for _, t, w in found]
+        precision = _AT_LAST if level == last else _ON_THE_WAY
+        found = [_refined(t, w, problem, level, precision) for _, t, w in found]
         found = sorted(found, key=lambda one: one[0])[:kept]
     cost, theta, _ = found[0]
     return problem.prior.matrices(theta / np.linalg.norm(theta, axis=1, keepdims=True)), cost
@@ -116,12 +119,13 @@ def _refined(
     weights: list[Array],
     problem: Problem,
     s0: float,
+    precision: float,
     inside_only: bool = False,
 ) -> tuple[float, Array, list[Array]]:
     """Alternate EM on the weights and BFGS on the matrices at one annealing level.
 
-    inside_only: move only within the model's three-dimensional space. The cost that is returned
-    first is infinite where a lamp comes near a forbidden one.
+    precision: as in minimum. inside_only: move only within the model's three-dimensional space. The
+    cost that is returned first is infinite where a lamp comes near a forbidden one.
     """
     prior, known = problem.prior, problem.known
     whitened = [Whitened(term, s0) for term in problem.terms]
@@ -142,7 +146,7 @@ def _refined(
             return result, gradient[:, free].ravel()
 
         start = theta[:, free].ravel()
-        found, inverse = minimum(objective, start, _STEPS, _FIRST_STEP, inverse)
+        found, inverse = minimum(objective, start, _STEPS, precision, _FIRST_STEP, inverse)
         theta = theta.copy()
         theta[:, free] = found.x.reshape(shape)
         value = found.value

@@ -443,17 +443,18 @@ def test_counting_begins_with_what_is_known_and_never_below_one(
     pins: int | None,
     least: int,
 ) -> None:
-    """Where no more lamps explain more, it ends there, too."""
+    """Where more lamps are less likely, it ends there, too."""
     asked = set()
 
     def fit(*arguments: Any) -> Fit:
         asked.add(arguments[3])
-        return Fit(model.lamp_matrix(warm_to_cool[: arguments[3]]), 0.0)
+        return Fit(model.lamp_matrix(warm_to_cool[: arguments[3]]), 900.0 * arguments[3])
 
     monkeypatch.setattr(lamps, "fit_matrices", fit)
     known = None if pins is None else pinned(warm_to_cool[:pins])
+    reduced = reduce_pair(exact(warm_to_cool[:least])[0])
 
-    found = estimate_lamps(reduce_pair(exact(warm_to_cool)[0]), model, "auto", "best", False, known)
+    found = estimate_lamps(reduced, model, "auto", "best", False, known)
 
     assert len(found) == min(asked) == least
     assert found.pinned.tolist() == [*range(pins or 0), *[-1] * (least - (pins or 0))]

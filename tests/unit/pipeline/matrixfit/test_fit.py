@@ -375,7 +375,8 @@ def test_without_published_lamps_others_are_found_as_they_are(
 
     found = fitted(exact(true)[0] if scene == "outline" else shadowed(true), len(which))
 
-    assert off(found.matrices, model.lamp_matrix(true)) < (0.06 if scene == "outline" else 0.006)
+    # where much is left, what leaves least may be those of the outline
+    assert off(found.matrices, model.lamp_matrix(true)) < (0.006 if scene == "shadowed" else 0.06)
 
 
 def test_an_outline_is_not_judged_by_its_few_differences(
