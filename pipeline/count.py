@@ -90,11 +90,10 @@ def count_lamps(
             if is_gloss(reduced, one, two, model.flash_white):
                 return Count(1, _GLOSSY, four_or_more=False)
     if least < 3:
-        two = fit(2)
-        left = _left_by_two(reduced, evidence, two.matrices)
-        third = left + _gain_of_third(reduced, evidence, two, first(3))
+        left = _left_by_two(reduced, evidence, fit(2).matrices)
+        third = left + _gain_of_third(reduced, evidence, fit(2), first(3))
         if left > _SHOWN or third > _NO_THIRD:
-            third = left + _gain_of_third(reduced, evidence, two, fit(3))
+            third = left + _gain_of_third(reduced, evidence, fit(2), fit(3))
         three = _logistic(_THIRD_STEEPNESS * third)
         if third < 0:
             return Count(2, min(several, 1.0 - three), four_or_more=False)
