@@ -99,3 +99,23 @@ def dng_file(tiff_file: Callable[..., bytes]) -> Callable[..., bytes]:
         )
 
     return write
+
+
+@pytest.fixture
+def dng(tiff_file: Callable[..., bytes]) -> Callable[..., bytes]:
+    """Write values (H, W) of an RGGB mosaic or linear (H, W, 3), uncompressed; tags over those."""
+
+    def write(values: NDArray[Any], *tags: tuple[Any, ...], **options: Any) -> bytes:
+        known: dict[int, tuple[Any, ...]] = {
+            50706: (50706, "B", 4, (1, 7, 0, 0)),
+            50708: (50708, "s", 0, "Unheard Of One"),
+        }
+        if values.ndim == 2:
+            known |= {33421: (33421, "H", 2, (2, 2)), 33422: (33422, "B", 4, (0, 1, 1, 2))}
+        known |= {tag[0]: tag for tag in tags}
+        extra = [(*known[number], True) for number in sorted(known)]
+        kind = "cfa" if values.ndim == 2 else "linear_raw"
+        options = {"photometric": kind, "software": False, **options}
+        return tiff_file(values, extratags=extra, **options)
+
+    return write

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,8 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.decode import decode
-from pipeline.errors import UnreadableImageError
 from tests.jpeg_xl import in_jpeg_xl
+from tests.refusal import refusal
 
 Write = Callable[..., bytes]
 LIST_1, LIST_2, LIST_3 = 51008, 51009, 51022
@@ -53,26 +54,13 @@ def stretched(light: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @pytest.fixture
-def linear(tiff_file: Write) -> Write:
-    """Write values (H, W, 3) as an uncompressed linear DNG."""
-
-    def write(values: NDArray[Any], *tags: tuple[Any, ...]) -> bytes:
-        known = {50706: (50706, "B", 4, (1, 7, 0, 0)), 50708: (50708, "s", 0, "Unheard Of One")}
-        known |= {tag[0]: tag for tag in tags}
-        extra = [(*known[number], True) for number in sorted(known)]
-        return tiff_file(values, photometric="linear_raw", extratags=extra, tile=(32, 32))
-
-    return write
+def linear(dng: Write) -> Write:
+    """Write values (H, W, 3) in tiles as an uncompressed linear DNG."""
+    return partial(dng, tile=(32, 32))
 
 
 def codes(shares: NDArray[np.float64], black: Any = 0, white: int = 65535) -> NDArray[np.uint16]:
     return np.asarray(np.rint(black + shares * (white - black)), dtype=np.uint16)
-
-
-def refusal(data: bytes) -> str:
-    with pytest.raises(UnreadableImageError) as caught:
-        decode(data)
-    return str(caught.value)
 
 
 @pytest.mark.parametrize("order", [[0, 1, 2], [2, 0, 1]])

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from pipeline.decode import decode, read_header
 from pipeline.decode.dng_jxl import described, uncompressed
-from pipeline.errors import ImageTooLargeError, UnreadableImageError
+from pipeline.errors import ImageTooLargeError
 from tests.jpeg_xl import in_jpeg_xl, lossless
+from tests.refusal import refusal
 
 Write = Callable[..., bytes]
 Tags = tuple[tuple[Any, ...], ...]
@@ -29,26 +30,6 @@ MATRIX = (
     (50778, "H", 1, 21),
 )
 SQUARES = tuple(int(65535 * (code / 1023) ** 2) for code in range(1024))
-
-
-@pytest.fixture
-def dng(tiff_file: Write) -> Write:
-    """Write values (H, W) of an RGGB mosaic or linear (H, W, 3), uncompressed; tags over those."""
-
-    def write(values: NDArray[Any], *tags: tuple[Any, ...], **options: Any) -> bytes:
-        known: dict[int, tuple[Any, ...]] = {
-            50706: (50706, "B", 4, (1, 7, 0, 0)),
-            50708: (50708, "s", 0, "Unheard Of One"),
-        }
-        if values.ndim == 2:
-            known |= {33421: (33421, "H", 2, (2, 2)), 33422: (33422, "B", 4, (0, 1, 1, 2))}
-        known |= {tag[0]: tag for tag in tags}
-        extra = [(*known[number], True) for number in sorted(known)]
-        kind = "cfa" if values.ndim == 2 else "linear_raw"
-        options = {"photometric": kind, "software": False, **options}
-        return tiff_file(values, extratags=extra, **options)
-
-    return write
 
 
 def noise(*shape: int, most: int = 60000, dtype: type = np.uint16) -> NDArray[Any]:
@@ -64,12 +45,6 @@ def assert_same(data: bytes, twin: bytes) -> None:
     np.testing.assert_array_equal(frame.xyz_to_camera, expected.xyz_to_camera)
     assert (frame.make, frame.exposure) == (expected.make, expected.exposure)
     assert frame.pixels[:].std() > 0.05
-
-
-def refusal(data: bytes) -> str:
-    with pytest.raises(UnreadableImageError) as caught:
-        decode(data)
-    return str(caught.value)
 
 
 @pytest.mark.parametrize("shape", [(64, 96), (64, 96, 3)], ids=["mosaic", "linear"])

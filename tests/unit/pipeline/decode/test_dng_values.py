@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.decode import decode
-from pipeline.errors import UnreadableImageError
+from tests.refusal import refusal
 
 Write = Callable[..., bytes]
 LINEARIZATION, LIST_1, LIST_2, LIST_3 = 50712, 51008, 51009, 51022
@@ -42,49 +42,27 @@ def ramp() -> NDArray[np.float64]:
 
 
 @pytest.fixture
-def linear(tiff_file: Write) -> Write:
-    """Write values (H, W, 3) as a linear DNG; tags as (tag, type, count, value)."""
-
-    def write(values: NDArray[Any], *tags: tuple[Any, ...], **options: Any) -> bytes:
-        known: dict[int, tuple[Any, ...]] = {
-            50706: (50706, "B", 4, (1, 4, 0, 0)),
-            50708: (50708, "s", 0, "Unheard Of One"),
-        }
-        known |= {tag[0]: tag for tag in tags}
-        extra = [(*known[number], True) for number in sorted(known)]
-        return tiff_file(values, photometric="linear_raw", extratags=extra, **options)
-
-    return write
-
-
-@pytest.fixture
-def lossy(linear: Write) -> Write:
+def lossy(dng: Write) -> Write:
     """Write a ramp as a lossy DNG, whose values are the square roots of light."""
 
     def write(*tags: tuple[Any, ...]) -> bytes:
         roots = np.rint(np.sqrt(ramp()) * 255).astype(np.uint8)
         level = {"level": 98}
-        return linear(roots, *tags, compression="jpeg_lossy", compressionargs=level, tile=(64, 96))
+        return dng(roots, *tags, compression="jpeg_lossy", compressionargs=level, tile=(64, 96))
 
     return write
 
 
-def refusal(data: bytes) -> str:
-    with pytest.raises(UnreadableImageError) as caught:
-        decode(data)
-    return str(caught.value)
-
-
 @pytest.mark.parametrize("levels", [(3000, 3000, 3000), (2400, 2700, 3000)])
 def test_white_of_a_linear_dng_is_white_whatever_its_black(
-    linear: Write, levels: tuple[int, int, int]
+    dng: Write, levels: tuple[int, int, int]
 ) -> None:
     """LibRaw leaves white 5 % too dark where black is told for each of three colours."""
     light = np.minimum(2 * ramp(), 1.0)
     values = np.rint(light * 60000 + np.array(levels)).astype(np.uint16)
     white = (50717, "I", 3, (63000, 63000, 63000))
 
-    frame = decode(linear(values, (50714, "H", 3, levels), white))
+    frame = decode(dng(values, (50714, "H", 3, levels), white))
 
     np.testing.assert_allclose(frame.pixels, light, atol=2e-4)
     assert frame.saturated[(light == 1.0).any(axis=2)].all()
@@ -135,23 +113,23 @@ def test_a_lossy_dng_of_other_curves_is_refused(lossy: Write, tags: Any) -> None
 
 
 @pytest.mark.parametrize("kind", [np.float16, np.float32])
-def test_deflated_floats_are_read_with_their_predictor(linear: Write, kind: type) -> None:
-    data = linear(ramp().astype(kind), WHITE_1, compression="zlib", predictor=3)
+def test_deflated_floats_are_read_with_their_predictor(dng: Write, kind: type) -> None:
+    data = dng(ramp().astype(kind), WHITE_1, compression="zlib", predictor=3)
 
     np.testing.assert_allclose(decode(data).pixels, ramp(), atol=1e-3)
 
 
 @pytest.mark.parametrize("kind", [np.float16, np.float32, np.uint16])
-def test_other_deflated_values_are_refused(linear: Write, kind: type) -> None:
+def test_other_deflated_values_are_refused(dng: Write, kind: type) -> None:
     """LibRaw undoes a predictor that floats do not have, and calls integers damaged."""
     white = 1 if np.issubdtype(kind, np.floating) else 65535
     values: NDArray[Any] = (ramp() * white).astype(kind)
 
-    sentence = refusal(linear(values, WHITE_1, compression="zlib"))
+    sentence = refusal(dng(values, WHITE_1, compression="zlib"))
 
     assert "is a DNG of a compression that is not read: save it as an uncompressed" in sentence
 
 
-def test_half_floats_without_a_white_level_are_refused(linear: Write) -> None:
+def test_half_floats_without_a_white_level_are_refused(dng: Write) -> None:
     """LibRaw takes 65535 for their white, and all is black."""
-    assert "does not tell their white level" in refusal(linear(ramp().astype(np.float16)))
+    assert "does not tell their white level" in refusal(dng(ramp().astype(np.float16)))

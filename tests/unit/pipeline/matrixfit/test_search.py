@@ -12,6 +12,7 @@ from pipeline.matrixfit import search as search_module
 from pipeline.matrixfit.evidence import evidence_of_surfaces, gather_evidence
 from pipeline.matrixfit.fit import fit_pin
 from pipeline.matrixfit.known import nothing_known
+from pipeline.matrixfit.minimum import minimum
 from pipeline.matrixfit.objective import make_terms
 from pipeline.matrixfit.search import LEVELS, Problem, follow, search
 from pipeline.model import Model
@@ -51,6 +52,30 @@ def test_the_likeliest_of_the_candidates_are_found(
     np.testing.assert_allclose(np.linalg.norm(found, axis=(1, 2)), 1)
     assert off(near, true) > 0.006
     assert off(found, true) < 0.006
+
+
+def test_rounds_begin_with_what_is_known_and_searches_get_more_exact(
+    problem: Callable[[int], Problem],
+    model: Model,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Three rounds each: of a start, and at three levels."""
+    asked = []
+
+    def recorded(
+        function: Any, start: Array, steps: int, precision: float, first: float, inverse: Any
+    ) -> Any:
+        asked.append((precision, inverse is not None))
+        return minimum(function, start, steps, precision, first, inverse)
+
+    monkeypatch.setattr(search_module, "minimum", recorded)
+    monkeypatch.setattr(search_module, "_STARTS", 1)
+
+    search(problem(2), model.lamp_matrix(warm_to_cool[:2]))
+
+    assert [precision for precision, _ in asked[::3]] == [1e-4, 1e-5, 1e-5, 1e-6]
+    assert [known for _, known in asked] == 4 * [False, True, True]
 
 
 @pytest.mark.parametrize("lamps", [1, 2, 3])
