@@ -124,17 +124,19 @@ def prepare() -> None:
 CACHE = settle()
 _load_without_blas()
 
-exact = njit(cache=True, error_model="numpy")
-"""For loops whose operations are to be those that are written; division by 0 raises nothing."""
+exact = njit(cache=True, nogil=True, error_model="numpy")
+"""For loops whose operations are to be those that are written; division by 0 raises nothing.
+
+These and the next let other threads go on meanwhile."""
 
 spliced = njit(cache=True, error_model="numpy", inline="always")
 """For what loops call, as if written there: under the loop's own rules, whichever they are."""
 
-compiled = njit(cache=True, error_model="numpy", fastmath={"contract"})
+compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 """For loops over pixels: as exact, but multiplications and additions in one."""
 
 inlined = njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
 """The same for what these loops call, as part of them, so that they become vector code."""
 
-summing = njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc"})
+summing = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
 """For sums, in any order, since in the order written no two can be added at once."""

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from pipeline.ahead import ahead
 from pipeline.calibration.kept import Kept, setup_warnings, with_kept
 from pipeline.calibration.named import named_warnings
 from pipeline.decode import decode
@@ -138,7 +139,7 @@ def _write_outputs(
     tally = Tally(len(estimate.lamps), *pair.unusable.shape)
     (directory / MANIFEST).unlink(missing_ok=True)  # an earlier run's, whose files are lost now
     with Outputs(pair.no_flash, small, estimate, wanted, directory, options.normals) as outputs:
-        for pictures in render(pair, estimate, options, wanted, progress, strip_rows):
+        for pictures in ahead(render(pair, estimate, options, wanted, progress, strip_rows)):
             tally.add(pictures.rows, pictures.layers, pictures.confidence)
             outputs.add(pictures)
             done = pictures.rows.start - _LOOKED_BACK

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import placing, registration, smoothing
+from pipeline.ahead import ahead
 from pipeline.area_means import area_means
 from pipeline.compiling import exact, spliced
 from pipeline.fill import Surroundings
@@ -79,23 +80,13 @@ def separate(
     is averaged. The result does not depend on strip_rows.
     """
     height, width = pair.unusable.shape
+    strips = progress.strips("layers", height, strip_rows)
+    if options.method == "paper":
+        yield from _published(pair, lamps, model, strips)
+        return
     surroundings = Surroundings(reduced, lamps)
-    highlights = None
-    if options.method == "best":
-        highlights = find_highlights(reduced, lamps, model.flash_white)
-    noise_filter = _filter(pair, _ROUNDS[options.quality])
-    for rows in progress.strips("layers", height, strip_rows):
-        if options.method == "paper":
-            no_flash = pair.no_flash[rows]
-            flash = pair.flash[rows] - (0 if pair.flash_only else no_flash)
-            layers = published_layers(
-                no_flash, flash, lamps.coefficients, model.tensor, model.published
-            )
-            yield Strip(rows, layers, no_flash, flash, _open(pair, rows))
-            continue
-        halo = smoothing.HALO + (placing.HALO if pair.registration_px > 0 else 0)
-        wide, inner = widened(rows, halo, height)
-        no_flash, flash, _ = noise_filter.rows(wide)
+    highlights = find_highlights(reduced, lamps, model.flash_white)
+    for rows, wide, inner, (no_flash, flash) in ahead(_filtered(pair, options.quality, strips)):
         if not pair.flash_only:
             flash = flash - no_flash
         photograph = rows_by_planes(pair.no_flash, wide)
@@ -130,6 +121,17 @@ def separate(
         yield Strip(rows, layers, no_flash, flash, confidence)
 
 
+def _published(pair: Pair, lamps: Lamps, model: Model, strips: Iterator[slice]) -> Iterator[Strip]:
+    """Separate by eq. 3, without filters."""
+    for rows in strips:
+        no_flash = pair.no_flash[rows]
+        flash = pair.flash[rows] - (0 if pair.flash_only else no_flash)
+        layers = published_layers(
+            no_flash, flash, lamps.coefficients, model.tensor, model.published
+        )
+        yield Strip(rows, layers, no_flash, flash, _open(pair, rows))
+
+
 def separate_reduced(pair: Pair, reduced: ReducedPair, lamps: Lamps) -> Strip:
     """Separate the blocks of a reduced pair roughly, all of them at once.
 
@@ -144,9 +146,16 @@ def separate_reduced(pair: Pair, reduced: ReducedPair, lamps: Lamps) -> Strip:
     return Strip(slice(0, height), layers, light, reduced.flash, confidence)
 
 
-def _filter(pair: Pair, rounds: int) -> SigmaFilter:
-    """Make the noise filter of a pair, as it lies or softened."""
+def _filtered(
+    pair: Pair, quality: Quality, strips: Iterator[slice]
+) -> Iterator[tuple[slice, slice, slice, tuple[Image, Image]]]:
+    """Filter the noise of a pair, as it lies or softened.
+
+    Gives rows; the same with what looks around them needs; where they lie among these; and of these
+    the photographs.
+    """
     height, width = pair.unusable.shape
+    halo = smoothing.HALO + (placing.HALO if pair.registration_px > 0 else 0)
 
     def read(rows: slice, planes: NDArray[np.float32]) -> None:
         for photograph, part in ((pair.no_flash, planes[:3]), (pair.flash, planes[3:])):
@@ -156,7 +165,12 @@ def _filter(pair: Pair, rounds: int) -> SigmaFilter:
             else:
                 write_planes(photograph, rows, part)
 
-    return SigmaFilter(read, (width, height), (pair.no_flash_noise, pair.flash_noise), rounds)
+    noises = pair.no_flash_noise, pair.flash_noise
+    noise_filter = SigmaFilter(read, (width, height), noises, _ROUNDS[quality])
+    for rows in strips:
+        wide, inner = widened(rows, halo, height)
+        no_flash, flash, _ = noise_filter.rows(wide)
+        yield rows, wide, inner, (no_flash, flash)
 
 
 def _open(pair: Pair, rows: slice) -> NDArray[np.float32]:
