@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import struct
 
+from pipeline.decode.boxes import box
+
 _CANON = bytes.fromhex("85c0b687820f11e08111f4ce462b6a48")
 
 
@@ -23,18 +25,5 @@ def cr3_directories(data: bytes) -> tuple[bytes, bytes] | None:
     """Give the first and the EXIF directory of a CR3, each as a TIFF; None for another file."""
     if data[4:12] != b"ftypcrx ":
         return None
-    facts = _box(_box(data, b"moov"), b"uuid" + _CANON)
-    return _box(facts, b"CMT1"), _box(facts, b"CMT2")
-
-
-def _box(boxes: bytes, name: bytes) -> bytes:
-    """Give what is in the first box of that name, nothing where there is none (ISO 14496-12)."""
-    at = 0
-    while at + 8 <= len(boxes):
-        (size,) = struct.unpack_from(">I", boxes, at)
-        if boxes.startswith(name, at + 4):
-            return boxes[at + 4 + len(name) : at + size]
-        if size < 8:  # it ends with the file, or is larger than 4 GB: what is sought comes before
-            break
-        at += size
-    return b""
+    facts = box(box(data, b"moov"), b"uuid" + _CANON)
+    return box(facts, b"CMT1"), box(facts, b"CMT2")

@@ -13,6 +13,7 @@ import numpy as np
 import pillow_heif
 import simplejpeg
 
+from pipeline.decode.heif_parts import is_complete
 from pipeline.decode.jpeg_header import (
     plain_header,
     refuse_other_processes,
@@ -46,7 +47,6 @@ _SAMPLING, _UNNAMED_SAMPLING = "subsampling", (6,)
 _GREY_PNGS = (0, 4)
 """Colour types of a PNG without and with alpha."""
 _NO_END, _JPEG_END = "Premature end of JPEG file", b"\xff\xd9"
-_KNOWN_BOXES = (b"ftyp", b"meta", b"mdat", b"free")
 
 
 def jpeg_size(data: bytes) -> tuple[int, int]:
@@ -169,24 +169,9 @@ def read_heif(data: bytes, own: int = 1, orientation: int | None = None) -> Samp
 
 
 def _open_heif(data: bytes) -> Any:
-    if not _boxes_complete(data):  # libheif shows what is missing in green
-        raise ValueError("a box goes on beyond the end")
+    if not is_complete(data):
+        raise ValueError("parts of the coded picture are missing or damaged")
     image = pillow_heif.open_heif(data, convert_hdr_to_8bit=False)
     nclx = image.info.get("nclx_profile") or {}
     refuse_hdr(nclx.get("transfer_characteristics"))
     return image
-
-
-def _boxes_complete(data: bytes) -> bool:
-    """Whether the boxes at the top of the file (ISO/IEC 14496-12, 4.2) end within it."""
-    position = 0
-    while position < len(data):
-        size, kind = int.from_bytes(data[position : position + 4], "big"), data[position + 4 :][:4]
-        if kind not in _KNOWN_BOXES or size == 0:  # phones append what they like; 0 is to the end
-            return True
-        if size == 1:  # the size follows the type, in 8 bytes
-            size = int.from_bytes(data[position + 8 : position + 16], "big")
-        if size < 8 or position + size > len(data):
-            return False
-        position += size
-    return True
