@@ -7,18 +7,16 @@ specification 1.7.1 (MapPolynomial, BlackLevel, WhiteLevel).
 from __future__ import annotations
 
 import struct
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from tifffile import TiffPage
 
+from pipeline.decode.dng_levels import BLACK_LEVEL, numbers
 from pipeline.decode.dng_values import polynomials
 from pipeline.decode.tiff import LINEAR_RAW, WHITE_LEVEL
 
 OPCODE_LIST_2 = 51009
-_BLACK_LEVEL = 50714
-_RATIONALS = (5, 10)
 _AREA = struct.Struct(">4I8x3I")
 """Top, left, bottom and right, then rows and columns from one to the next, and the degree."""
 _MOST = 65535
@@ -37,7 +35,7 @@ def curves(page: TiffPage) -> NDArray[np.uint16] | None:
         return None
     codes = np.arange(_MOST + 1)
     tables = np.empty((len(found), len(codes)), np.uint16)
-    levels = (_levels(page, tag, usual) for tag, usual in ((_BLACK_LEVEL, 0), (WHITE_LEVEL, _MOST)))
+    levels = (_levels(page, tag, usual) for tag, usual in ((BLACK_LEVEL, 0), (WHITE_LEVEL, _MOST)))
     for table, parameters, black, white in zip(tables, found, *levels, strict=True):
         *area, by_rows, by_columns, degree = _AREA.unpack_from(parameters)
         whole = area == [0, 0, page.imagelength, page.imagewidth]
@@ -54,8 +52,4 @@ def curves(page: TiffPage) -> NDArray[np.uint16] | None:
 
 def _levels(page: TiffPage, tag: int, usual: int) -> NDArray[np.float64]:
     """Level of each of three colours. Raises ValueError where there are other numbers of them."""
-    values: Any = page.tags.valueof(tag, usual)
-    levels = np.atleast_1d(np.asarray(values, np.float64))
-    if tag in page.tags and page.tags[tag].dtype in _RATIONALS:
-        levels = levels[0::2] / levels[1::2]
-    return np.broadcast_to(levels, 3)
+    return np.broadcast_to(numbers(page, tag, usual), 3)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from tifffile import TiffPage
 
 from pipeline.decode.samples import UnsuitableError
-from pipeline.decode.tiff import FLOATS, LINEAR_RAW, WHITE_LEVEL, raw_pages
+from pipeline.decode.tiff import FLOATS, LINEAR_RAW, LOSSY_JPEG, WHITE_LEVEL, raw_pages
 
 LINEARIZATION = 50712
 _OPCODE_LISTS = (51008, 51009, 51022)
@@ -19,7 +19,6 @@ MapPolynomial, DeltaPerRow and DeltaPerColumn. All others move or scale, both of
 """
 _DEFLATED = 8
 _PREDICTED = (3, 34894, 34895)
-_LOSSY = 34892
 _FLOAT_BITS = 32
 
 
@@ -69,7 +68,7 @@ def _bent(page: TiffPage) -> bool:
 
     In lossy DNGs it does look at one polynomial for each colour, and at nothing else.
     """
-    if page.compression != _LOSSY or page.photometric != LINEAR_RAW:
+    if page.compression != LOSSY_JPEG or page.photometric != LINEAR_RAW:
         return bool(_bending(page))
     return polynomials(page) is None
 

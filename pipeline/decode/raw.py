@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import io
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import rawpy
+from numpy.typing import NDArray
 
 from pipeline.decode.bayer import bayer_mosaic
 from pipeline.decode.demosaic import demosaic
 from pipeline.decode.dng_crop import shown_part
 from pipeline.decode.dng_jxl import described, uncompressed
+from pipeline.decode.dng_levels import Levels, dng_levels
+from pipeline.decode.dng_linear import scaled
 from pipeline.decode.dng_values import refuse_misread
 from pipeline.decode.linear import clipped, clipped_photosites, to_linear
 from pipeline.decode.metadata import Metadata, read_metadata
@@ -31,6 +34,7 @@ _ORIENTATIONS = {0: 1, 1: 2, 2: 4, 3: 3, 4: 5, 5: 8, 6: 6, 7: 7}
 """
 _CORRECTED = ("phase one",)
 """Makers whose sensors' faults LibRaw corrects after it has unpacked the file."""
+_MOST = 65535.0
 _MOST_CONDITION = 1e4
 """Of a matrix from CIE XYZ to camera RGB; beyond, two of its rows are nearly the same."""
 
@@ -81,14 +85,14 @@ def read_raw(data: bytes, orientation: int | None = None) -> RawPicture:
     has a choice by DHT, which does not suffer from channels without white balance either.
     adjust_maximum_thr must be 0: LibRaw otherwise scales every frame by its own maximum, which
     gives the two frames of a pair two gains. Raises UnsuitableError for floats above the white
-    level, for values that LibRaw would take for others (see refuse_misread) and for a compression
-    that it does not know, and rawpy's errors.
+    level, for values that LibRaw would take for others (see refuse_misread and dng_levels) and for
+    a compression that it does not know, and rawpy's errors.
     """
     data = uncompressed(data)
     if exceeds_white(data):  # LibRaw scales each of such files by its own maximum
         raise UnsuitableError(
-            "is a DNG of floats with values above its white level: save it as a TIFF or an "
-            "OpenEXR of floats."
+            "is a DNG of floats with values above its white level, or that are no numbers: save it "
+            "as a TIFF or an OpenEXR of floats."
         )
     refuse_misread(data)
     metadata = read_metadata(data)
@@ -100,22 +104,13 @@ def read_raw(data: bytes, orientation: int | None = None) -> RawPicture:
         corrected = metadata.make.lower().startswith(_CORRECTED)
         part = shown_part(raw, data)
         turn = orientation or _ORIENTATIONS.get(raw.sizes.flip, 1)
-        mosaic = None if corrected else bayer_mosaic(raw, black_repeats(data), part, turn)
+        levels = dng_levels(data)
+        mosaic = None if corrected else bayer_mosaic(raw, black_repeats(data), levels, part, turn)
         if mosaic is not None:
             pixels: Photograph = demosaic(mosaic.values, mosaic.colours, mosaic.black, mosaic.white)
             saturated = clipped_photosites(mosaic.values, mosaic.black, mosaic.white)
         else:
-            values = raw.postprocess(
-                demosaic_algorithm=rawpy.DemosaicAlgorithm.DHT,
-                user_wb=[1.0, 1.0, 1.0, 1.0],
-                output_color=rawpy.ColorSpace.raw,
-                output_bps=16,
-                gamma=(1, 1),
-                no_auto_bright=True,
-                adjust_maximum_thr=0.0,
-                user_flip=0,
-            )
-            white = 65535.0 if linear_raw_channels(data) is None else _linear_white(raw)
+            values, white = _picture(raw, levels, linear_raw_channels(data) is not None)
     if mosaic is None:
         samples = Samples(values if part is None else values[part], white, turn)
         pixels, saturated = to_linear(samples, srgb=False), clipped(samples, raw=True)
@@ -123,6 +118,35 @@ def read_raw(data: bytes, orientation: int | None = None) -> RawPicture:
     if matrix is not None and not _tells_colours(matrix):
         matrix = None
     return RawPicture(pixels, saturated, metadata, matrix)
+
+
+def _picture(raw: rawpy.RawPy, levels: Levels | None, linear: bool) -> tuple[NDArray[Any], float]:
+    """Picture (H, W, 3) of a linear DNG, or by LibRaw's demosaicing, and its value of white.
+
+    levels: a DNG's own. Raises UnsuitableError where LibRaw would take the mean of what they differ
+    by in rows and columns.
+    """
+    mosaic = raw.raw_type == rawpy.RawType.Flat
+    if levels is not None and not mosaic:
+        own = scaled(raw, levels)
+        if own is not None:
+            return own, _MOST
+    if levels is not None and mosaic and levels.varies:
+        raise UnsuitableError(
+            "is a DNG of a sensor whose levels of black by rows or columns (BlackLevelDeltaV, "
+            "BlackLevelDeltaH) are not read: save it as a linear DNG, or as a TIFF of 16 bits."
+        )
+    values = raw.postprocess(
+        demosaic_algorithm=rawpy.DemosaicAlgorithm.DHT,
+        user_wb=[1.0, 1.0, 1.0, 1.0],
+        output_color=rawpy.ColorSpace.raw,
+        output_bps=16,
+        gamma=(1, 1),
+        no_auto_bright=True,
+        adjust_maximum_thr=0.0,
+        user_flip=0,
+    )
+    return values, _linear_white(raw) if linear else _MOST
 
 
 def _unpack(raw: rawpy.RawPy) -> None:
@@ -143,7 +167,7 @@ def _linear_white(raw: rawpy.RawPy) -> float:
     """
     levels = raw.black_level_per_channel
     most = raw.white_level - max(levels)
-    return 65535.0 * most / (raw.white_level - min(levels)) if most > 0 else 65535.0
+    return _MOST * most / (raw.white_level - min(levels)) if most > 0 else _MOST
 
 
 def _tells_colours(matrix: Matrix) -> bool:

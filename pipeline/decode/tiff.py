@@ -28,7 +28,7 @@ logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # it tells the termina
 
 _PHOTOMETRIC = 262
 _GREY, _RGB, _YCBCR = 1, 2, 6
-_CFA, LINEAR_RAW = 32803, 34892
+CFA, LINEAR_RAW = 32803, 34892
 _CMYK = 5
 _NO_SENSOR = (0, 3, 4, _CMYK, 8, 9, 10, 32844, 32845)
 """White as 0, palette, mask, CMYK, three kinds of Lab, and LogLuv with and without its colours."""
@@ -38,7 +38,10 @@ _DNG_VERSION = 50706
 _COLOR_MATRICES = ((50721, 50778), (50722, 50779))
 """Tags of the two matrices and of the lights they are for, the second nearer to daylight."""
 _D65 = 21
-_BLACK_REPEATS = 50713
+BLACK_REPEATS = 50713
+ACTIVE_AREA = 50829
+LOSSY_JPEG = 34892
+"""A compression, by the number that as a kind of picture is linear raw."""
 _CROP_SIZE = 50720
 _REDUCED = 1
 _PLANES = 2
@@ -76,7 +79,7 @@ def holds_raw(data: bytes) -> bool:
     with _opened(data) as file:
         pages = list(_pages(file))
         if any(
-            page.photometric in (_CFA, LINEAR_RAW) or _DNG_VERSION in page.tags for page in pages
+            page.photometric in (CFA, LINEAR_RAW) or _DNG_VERSION in page.tags for page in pages
         ):
             return True
         if any(_shows(page) for page in pages):
@@ -199,8 +202,27 @@ def raw_pages(data: bytes) -> Iterator[list[TiffPage]]:
         yield [
             page
             for page in _pages(file)
-            if page.photometric in (_CFA, LINEAR_RAW) and not page.subfiletype & _REDUCED
+            if page.photometric in (CFA, LINEAR_RAW) and not page.subfiletype & _REDUCED
         ]
+
+
+@contextmanager
+def dng_page(data: bytes) -> Iterator[TiffPage | None]:
+    """Open a file for the directory of a DNG's full picture, the largest; None for any other file.
+
+    Not for what has been made of it, such as an enhanced picture. Raises what tifffile raises.
+    """
+    with _opened(data) as file:
+        pages = list(_pages(file))
+        full = [
+            page
+            for page in pages
+            if page.photometric in (CFA, LINEAR_RAW) and page.subfiletype == 0
+        ]
+        dng = any(_DNG_VERSION in page.tags for page in pages)
+        yield (
+            max(full, key=lambda page: page.imagewidth * page.imagelength) if dng and full else None
+        )
 
 
 def linear_raw_channels(data: bytes) -> int | None:
@@ -221,6 +243,7 @@ def _linear_raw(data: bytes) -> TiffPage | None:
 def exceeds_white(data: bytes) -> bool:
     """Whether the full picture of a DNG of floats has values above its white level, else above 1.
 
+    Or values that are no numbers.
     False for any other file, without a look at its pixels.
     """
     try:
@@ -228,7 +251,7 @@ def exceeds_white(data: bytes) -> bool:
             for page in pages:
                 if page.sampleformat == FLOATS:
                     white = np.max(page.tags.valueof(WHITE_LEVEL, 1))
-                    return bool(page.asarray(maxworkers=1).max() > white)
+                    return not page.asarray(maxworkers=1).max() <= white  # nor is NaN
     except Exception:  # not a TIFF, or one that only LibRaw understands
         return False
     return False
@@ -244,7 +267,7 @@ def black_repeats(data: bytes) -> int:
             return max(
                 int(part)
                 for page in _pages(file)
-                for part in page.tags.valueof(_BLACK_REPEATS, (1,))
+                for part in page.tags.valueof(BLACK_REPEATS, (1,))
             )
     except Exception:  # not a TIFF, or one that only LibRaw understands
         return 1

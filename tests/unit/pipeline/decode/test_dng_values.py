@@ -53,22 +53,6 @@ def lossy(dng: Write) -> Write:
     return write
 
 
-@pytest.mark.parametrize("levels", [(3000, 3000, 3000), (2400, 2700, 3000)])
-def test_white_of_a_linear_dng_is_white_whatever_its_black(
-    dng: Write, levels: tuple[int, int, int]
-) -> None:
-    """LibRaw leaves white 5 % too dark where black is told for each of three colours."""
-    light = np.minimum(2 * ramp(), 1.0)
-    values = np.rint(light * 60000 + np.array(levels)).astype(np.uint16)
-    white = (50717, "I", 3, (63000, 63000, 63000))
-
-    frame = decode(dng(values, (50714, "H", 3, levels), white))
-
-    np.testing.assert_allclose(frame.pixels, light, atol=2e-4)
-    assert frame.saturated[(light == 1.0).any(axis=2)].all()
-    assert not frame.saturated[:, :20].any()
-
-
 @pytest.mark.parametrize("tag", [LIST_1, LIST_2, LIST_3])
 @pytest.mark.parametrize("number", [MAP_TABLE, MAP_POLYNOMIAL, DELTA_PER_ROW, DELTA_PER_COLUMN])
 def test_opcodes_that_bend_values_are_refused(dng_file: Write, number: int, tag: int) -> None:
