@@ -21,9 +21,13 @@ def lossless(samples: NDArray[Any]) -> bytes:
 
 
 def in_jpeg_xl(
-    dng: bytes, encode: Encode = lossless, bits: int | None = None, page: int | None = None
+    dng: bytes,
+    encode: Encode = lossless,
+    bits: int | None = None,
+    page: int | None = None,
+    compression: int = _JPEG_XL,
 ) -> bytes:
-    """Compress each tile or strip of an uncompressed DNG of chunky pixels.
+    """Compress each tile or strip of an uncompressed DNG of chunky pixels, as JPEG XL or otherwise.
 
     bits: what BitsPerSample is to tell; None for what it tells. page: which of the sub-directories
     of the first, None for the first itself.
@@ -45,7 +49,7 @@ def in_jpeg_xl(
             streams.append(encode(piece.reshape(shape)))
         ends = len(dng) + np.cumsum([0, *map(len, streams)])
         kind_of_piece = "Tile" if found.is_tiled else "Strip"
-        found.tags["Compression"].overwrite(_JPEG_XL)
+        found.tags["Compression"].overwrite(compression)
         found.tags[f"{kind_of_piece}Offsets"].overwrite([int(end) for end in ends[:-1]])
         found.tags[f"{kind_of_piece}ByteCounts"].overwrite([*map(len, streams)])
         if bits is not None:

@@ -7,10 +7,12 @@ from collections.abc import Iterator
 from pipeline.decode.samples import UnsuitableError
 
 _APP0, _APP1, _APP14, _START_OF_SCAN = 0xE0, 0xE1, 0xEE, 0xDA
-_SEQUENTIAL = (0xC0, 0xC1)
+EXTENDED = 0xC1
+_SEQUENTIAL = (0xC0, EXTENDED)
 _FRAMES = (*_SEQUENTIAL, 0xC2, 0xC9, 0xCA)
 """Sequential and progressive, in Huffman and arithmetic coding."""
-_OTHER_FRAMES = (0xC3, 0xC5, 0xC6, 0xC7, 0xCB, 0xCD, 0xCE, 0xCF, 0xF7)
+WITHOUT_LOSS = 0xC3
+_OTHER_FRAMES = (WITHOUT_LOSS, 0xC5, 0xC6, 0xC7, 0xCB, 0xCD, 0xCE, 0xCF, 0xF7)
 """Without loss, hierarchical, and JPEG-LS."""
 _BITS = 8
 _COMPONENTS = 5
@@ -76,6 +78,14 @@ def tells_its_end(data: bytes) -> bool:
 def tells_its_frame(data: bytes) -> bool:
     """Whether a JPEG's header has come as far as its size and how its colours are sampled."""
     return any(kind in _FRAMES for kind, _, _ in _segments(data))
+
+
+def frame(data: bytes) -> tuple[int, int] | None:
+    """Process of a JPEG by its marker, and the number of its components; None of other bytes."""
+    for kind, start, _ in _segments(data):
+        if kind in _FRAMES or kind in _OTHER_FRAMES:
+            return kind, data[start + _COMPONENTS]
+    return None
 
 
 def refuse_other_processes(data: bytes) -> None:

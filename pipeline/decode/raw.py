@@ -13,6 +13,7 @@ from pipeline.decode.bayer import bayer_mosaic
 from pipeline.decode.demosaic import demosaic
 from pipeline.decode.dng_crop import shown_part
 from pipeline.decode.dng_jxl import described, uncompressed
+from pipeline.decode.dng_layout import refuse_laid_out
 from pipeline.decode.dng_levels import Levels, dng_levels
 from pipeline.decode.dng_linear import scaled
 from pipeline.decode.dng_values import refuse_misread
@@ -85,8 +86,8 @@ def read_raw(data: bytes, orientation: int | None = None) -> RawPicture:
     has a choice by DHT, which does not suffer from channels without white balance either.
     adjust_maximum_thr must be 0: LibRaw otherwise scales every frame by its own maximum, which
     gives the two frames of a pair two gains. Raises UnsuitableError for floats above the white
-    level, for values that LibRaw would take for others (see refuse_misread and dng_levels) and for
-    a compression that it does not know, and rawpy's errors.
+    level, for values that LibRaw would take for others (see refuse_misread, refuse_laid_out and
+    dng_levels) and for a compression that it does not know, and rawpy's errors.
     """
     data = uncompressed(data)
     if exceeds_white(data):  # LibRaw scales each of such files by its own maximum
@@ -95,6 +96,7 @@ def read_raw(data: bytes, orientation: int | None = None) -> RawPicture:
             "as a TIFF or an OpenEXR of floats."
         )
     refuse_misread(data)
+    refuse_laid_out(data)
     metadata = read_metadata(data)
     with muted(), rawpy.imread(io.BytesIO(data)) as raw:
         _unpack(raw)

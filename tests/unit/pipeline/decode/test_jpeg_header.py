@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import imagecodecs
 import numpy as np
 import pytest
 import simplejpeg
 from numpy.typing import NDArray
 
 from pipeline.decode import decode
-from pipeline.decode.jpeg_header import plain_header
+from pipeline.decode.jpeg_header import frame, plain_header
 from pipeline.errors import UnreadableImageError
 
 Codes = NDArray[np.uint8]
@@ -104,3 +105,13 @@ def test_a_header_cut_off_anywhere_stays_as_it_is(codes: Codes, pillow_file: Wri
         assert plain_header(data[:end]) == data[:end]
     for segment in (b"\xff\xe0\0\7JFIF\0", b"\xff\xee\0\7Adobe", b"\xff\xc0\0\2\xff\xda\0\4\0\0"):
         assert plain_header(b"\xff\xd8" + segment) == b"\xff\xd8" + segment
+
+
+def test_a_frame_tells_its_process_and_components(codes: Codes, pillow_file: Write) -> None:
+    grey = np.ascontiguousarray(codes[..., 0].astype(np.uint16))
+
+    assert frame(pillow_file(codes, "JPEG")) == (0xC0, 3)
+    assert frame(pillow_file(codes, "JPEG", progressive=True)) == (0xC2, 3)
+    assert frame(bytes(imagecodecs.ljpeg_encode(grey))) == (0xC3, 1)
+    assert frame(b"") is None
+    assert frame(pillow_file(codes, "JPEG")[:20]) is None
