@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from tifffile import TiffPage
+from tifffile import TiffPage, TiffTag
 
 from pipeline.decode.samples import UnsuitableError
 from pipeline.decode.tiff import (
@@ -28,6 +28,7 @@ Numbers = NDArray[np.float64]
 BLACK_LEVEL = 50714
 _BY_COLUMN, _BY_ROW = 50715, 50716
 _MASKED_AREAS = 50830
+_IN_THE_FIRST = (BLACK_REPEATS, BLACK_LEVEL, WHITE_LEVEL)
 _RATIONALS = {5: "u4", 10: "i4"}
 _LOSSY_WHITES = (255, 65535)
 """Those of 8 bits, and of what LibRaw makes of them."""
@@ -93,7 +94,7 @@ def dng_levels(data: bytes) -> Levels | None:
 
 def numbers(page: TiffPage, code: int, usual: float) -> Numbers:
     """Values of a tag, fractions or not, in a row; the usual one where there is no such tag."""
-    tag = page.tags.get(code)
+    tag = _tag(page, code)
     if tag is None:
         return np.array([usual], np.float64)
     if tag.dtype not in _RATIONALS:
@@ -103,6 +104,13 @@ def numbers(page: TiffPage, code: int, usual: float) -> Numbers:
     kind = f"{page.parent.byteorder}{_RATIONALS[tag.dtype]}"
     parts = np.frombuffer(file.read(8 * tag.count), kind).astype(np.float64)
     return np.asarray(parts[0::2] / parts[1::2])
+
+
+def _tag(page: TiffPage, code: int) -> TiffTag | None:
+    """Tag of a picture, or the first directory's, to which some write levels; as LibRaw has it."""
+    tag = page.tags.get(code)
+    elsewhere = tag is None and code in _IN_THE_FIRST
+    return page.parent.pages.first.tags.get(code) if elsewhere else tag
 
 
 def _checked(page: TiffPage) -> Levels | None:
@@ -123,10 +131,11 @@ def _checked(page: TiffPage) -> Levels | None:
 def _levels(page: TiffPage) -> Levels:
     samples = int(page.samplesperpixel)
     floats = page.sampleformat == FLOATS
-    rows, columns = (int(side) for side in page.tags.valueof(BLACK_REPEATS, (1, 1)))
+    repeat = _tag(page, BLACK_REPEATS)
+    rows, columns = (1, 1) if repeat is None else map(int, repeat.value)
     black = numbers(page, BLACK_LEVEL, 0)
     needed = rows * columns * samples
-    if black.size != needed and (black.size, rows * columns) != (1, 1):
+    if black.size not in (needed, rows * columns):  # the latter are for all samples
         raise UnsuitableError(
             f"is a DNG with {black.size} levels of black (BlackLevel) where there must be "
             f"{needed}: {_ANEW}"
@@ -147,7 +156,7 @@ def _levels(page: TiffPage) -> Levels:
         )
     return Levels(
         origin=(top, left),
-        black=np.broadcast_to(black, needed).reshape(rows, columns, samples),
+        black=np.broadcast_to(black.reshape(rows, columns, -1), (rows, columns, samples)),
         by_row=by_row,
         by_column=by_column,
         white=np.broadcast_to(white, samples),

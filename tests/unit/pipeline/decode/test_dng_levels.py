@@ -51,12 +51,13 @@ def each(*values: int) -> list[int]:
         ((0,) * 3, ()),
         ((2000,) * 3, ((BLACK, "H", 1, 2000),)),
         ((2000,) * 3, ((REPEAT, "H", 2, (1, 1)), (BLACK, "I", 1, 2000))),
+        ((2000,) * 3, ((REPEAT, "H", 2, (2, 2)), (BLACK, "I", 4, (2000,) * 4))),
         ((2000,) * 3, ((BLACK, "H", 3, (2000,) * 3),)),
         ((1000, 2000, 3000), ((BLACK, "H", 3, (1000, 2000, 3000)),)),
         ((2000.5,) * 3, ((BLACK, "2I", 1, (4001, 2)),)),
         ((2000.25, 10.75, 0.5), ((BLACK, "2I", 3, (8001, 4, 43, 4, 1, 2)),)),
     ],
-    ids=["none", "one", "one that repeats", "alike", "unlike", "a fraction", "fractions"],
+    ids=["none", "one", "a pattern", "four", "alike", "unlike", "a fraction", "fractions"],
 )
 @pytest.mark.parametrize(
     ("white", "kind"),
@@ -323,6 +324,32 @@ def test_levels_are_those_of_the_largest_picture() -> None:
     frame = decode(written(np.full((64, 96, 3), 9000, np.uint16)))
 
     np.testing.assert_array_equal(frame.pixels[:], decode(written()).pixels[:])
+
+
+def test_levels_beside_a_preview_are_those_of_the_picture() -> None:
+    """Of the first directory where its own has none, and its own where both have."""
+    version = [(50706, "B", 4, (1, 7, 0, 0), True), (50708, "s", 0, "Unheard Of One", True)]
+    first = [(BLACK, "H", 1, 600, True), (WHITE, "I", 1, 50000, True)]
+    preview = np.full((16, 24, 3), 90, np.uint8)
+
+    def written(*own: tuple[Any, ...]) -> bytes:
+        file = io.BytesIO()
+        with tifffile.TiffWriter(file) as tiff:
+            common = dict[str, Any](metadata=None, software=False)
+            tags = version + first
+            tiff.write(
+                preview, photometric="rgb", subfiletype=1, subifds=1, extratags=tags, **common
+            )
+            values = np.full((HEIGHT, WIDTH, 3), 25300, np.uint16)
+            tiff.write(values, photometric="linear_raw", extratags=own, **common)
+        return file.getvalue()
+
+    own = (WHITE, "I", 3, (60000, 50000, 40000), True)
+    others = [(25300 - 600) / (white - 600) for white in (60000, 50000, 40000)]
+
+    np.testing.assert_allclose(decode(written()).pixels[:], 0.5, atol=2e-5)
+    pixels = decode(written(own)).pixels[:]
+    np.testing.assert_allclose(pixels, np.broadcast_to(others, pixels.shape), atol=2e-5)
 
 
 @pytest.mark.parametrize("kind", [np.float16, np.float32])
