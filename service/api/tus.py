@@ -28,6 +28,8 @@ from service.errors import (
     ExpiredUploadError,
     MalformedRequestError,
     OffsetError,
+    QueueFullError,
+    QuotaError,
     SlowRequestError,
     StorageFullError,
     StoredQuotaError,
@@ -36,6 +38,7 @@ from service.errors import (
     UnsupportedMediaError,
     UploadTooLargeError,
 )
+from service.room import check_room
 from service.uploads import Upload
 
 VERSION = "1.0.0"
@@ -138,6 +141,8 @@ def describe_uploads(context: Parts) -> Response:
             UnsupportedMediaError,
             ChecksumError,
             SlowRequestError,
+            QueueFullError,
+            QuotaError,
             StorageFullError,
             StoredQuotaError,
             status=(422, 503),
@@ -253,7 +258,8 @@ async def delete_upload(context: Parts, caller: Calling, upload_id: str) -> Resp
 
 
 def _create(context: Context, caller: Caller, length: int, metadata: str | None) -> Upload:
-    refuse_when_disk_full(context)
+    # It is good for a job alone: where there is no room for one, that is told before it comes.
+    check_room(context.engine, context.settings, context.storage, caller.owner)
     upload_id = uuid.uuid4().hex
     values = {"id": upload_id, "owner": caller.owner, "length": length, "metadata": metadata}
     with context.engine.begin() as connection:

@@ -186,6 +186,17 @@ def test_uploads_that_no_job_has_taken_count(http: httpx.Client, context: Contex
     assert begin(600).status_code == 201
 
 
+@pytest.mark.parametrize("quota", ["waiting_jobs", "jobs_per_day"])
+def test_no_upload_is_begun_that_no_job_may_be_made_of(
+    quota: str, http: httpx.Client, context: Context
+) -> None:
+    key = bearing(context, "submit", "capture", **{quota: 1})
+    headers = key | {"tus-resumable": "1.0.0", "upload-length": "3"}
+    assert http.post("/uploads", headers=headers).status_code == 201
+    post_capture(http, **key)
+    assert problem_of(http.post("/uploads", headers=headers))[:2] == (429, "quota-exceeded")
+
+
 def test_uploads_that_have_expired_count_no_more(http: httpx.Client, context: Context) -> None:
     key = bearing(context, "submit", stored_bytes=100)
     _upload(http, b"x" * 100, 99, key)

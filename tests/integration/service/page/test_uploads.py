@@ -5,9 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 from playwright.sync_api import FilePayload, Page, Route, expect
+
+import drivers
 
 PIECE = 8 * 2**10  # the page's own would have to pass through this process
 LONG, SHORT = bytes(20 * 2**10), b"x"  # without the flash, and with it
@@ -64,12 +67,13 @@ def line(page: Page, done: dict[str, Any]) -> Line:
     """A pair is chosen, of which the photograph without the flash comes in three pieces."""
     line = Line(page, done)
     page.goto("/")
-    files: list[FilePayload] = [
-        {"name": name, "mimeType": "image/jpeg", "buffer": data}
-        for name, data in (("a.jpg", LONG), ("b.jpg", SHORT))
-    ]
+    files = [_photograph("a.jpg", LONG), _photograph("b.jpg", SHORT)]
     page.get_by_label("Choose a file: Without the flash").set_input_files(files)
     return line
+
+
+def _photograph(name: str, data: bytes) -> FilePayload:
+    return {"name": name, "mimeType": "image/jpeg", "buffer": data}
 
 
 def send(page: Page) -> None:
@@ -147,3 +151,23 @@ def test_a_pair_that_is_refused_is_not_kept(page: Page, line: Line, service: Any
     told = service.http.head(f"/uploads/{uploads['no_flash']}", headers=headers)
     assert told.status_code == 404
     assert line.pieces == [0, PIECE, 2 * PIECE, 0]
+
+
+def test_a_key_that_may_make_no_more_jobs_is_told_before_anything_is_sent(
+    page: Page, keyed_queue: tuple[Any, str], small_pair: drivers.CapturedPair
+) -> None:
+    service, _ = keyed_queue
+    key = service.make_key("once", "--jobs-per-day", "1")
+    files = {"no_flash": small_pair.no_flash.best, "flash": small_pair.flash.best}
+    headers = {"authorization": f"Bearer {key}"}
+    service.http.post("/jobs", files=files, headers=headers).raise_for_status()
+    asked: list[tuple[str, str]] = []
+    page.on("request", lambda request: asked.append((request.method, urlsplit(request.url).path)))
+    page.add_init_script(f"sessionStorage.setItem('lightlayers-key', '{key}')")
+    page.goto(service.url)
+    chosen = page.get_by_label("Choose a file: Without the flash")
+    chosen.set_input_files([_photograph(name, b"x") for name in ("a.jpg", "b.jpg")])
+    send(page)
+    expect(page.get_by_role("alert")).to_contain_text("This key may make 1 job a day")
+    assert [one for one in asked if one[0] != "GET"] == [("POST", "/uploads")]
+    expect(page.locator(".chosen .name")).to_have_count(2)  # to be sent tomorrow

@@ -14,6 +14,9 @@ from tests.unit.service.asking import post_capture, post_pair, problem_of, rows_
 
 Png = Callable[..., bytes]
 
+_TUS = {"Tus-Resumable": "1.0.0"}
+_UPLOAD = {**_TUS, "Upload-Length": "3"}
+
 
 class TestFullQueue:
     @pytest.fixture
@@ -46,6 +49,19 @@ class TestFullQueue:
         answer = post_pair(http, png(64, 48), png(64, 48, True))
         assert problem_of(answer)[:2] == (429, "queue-full")
         assert context.storage.list("") == []
+
+    def test_no_upload_is_begun_for_a_full_queue(self, http: httpx.Client) -> None:
+        """What comes would only wait; one that was begun before goes on."""
+        first = post_capture(http)
+        begun = http.post("/uploads", headers=_UPLOAD)
+        post_capture(http)
+        refused = http.post("/uploads", headers=_UPLOAD)
+        assert problem_of(refused)[:2] == (429, "queue-full")
+        assert int(refused.headers["retry-after"]) > 0
+        headers = {**_TUS, "Upload-Offset": "0", "Content-Type": "application/offset+octet-stream"}
+        assert http.patch(begun.headers["location"], content=b"x", headers=headers).is_success
+        http.post(first["links"]["cancel"])
+        assert http.post("/uploads", headers=_UPLOAD).status_code == 201
 
     @pytest.mark.parametrize("path", ["/jobs", "/calibrations"])
     def test_a_full_queue_is_told_before_the_body_is_read(
