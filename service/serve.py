@@ -12,7 +12,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from types import FrameType
 
 import uvicorn
@@ -198,27 +198,38 @@ def _keep_worker(settings: Settings, stop: threading.Event) -> None:
     pause, told = _RESTART_SECONDS, None
     while not stop.is_set():
         began = time.monotonic()
+        end = _run_worker(environment, stop)
+        if end is None:
+            return
+        if time.monotonic() - began >= _LASTING_SECONDS:
+            pause, told = _RESTART_SECONDS, None
+        if end != told:
+            told = end
+            log.error(
+                "the worker %s; starting another in %g s, and ever less often, each %g s at last, "
+                "while they end so at once",
+                told,
+                pause,
+                _LONGEST_RESTART_SECONDS,
+            )
+        stop.wait(pause)
+        pause = min(2 * pause, _LONGEST_RESTART_SECONDS)
+
+
+def _run_worker(environment: Mapping[str, str], stop: threading.Event) -> str | None:
+    """Run a worker until it ends, and say in a few words how; None where it was told to stop."""
+    try:
         process = subprocess.Popen(
             [sys.executable, "-m", "service.worker", str(os.getpid())],
             env=environment,
             stdin=subprocess.DEVNULL,
             start_new_session=True,  # Ctrl-C is for this process, which then ends the worker
         )
-        while process.poll() is None and not stop.wait(0.2):
-            pass
-        if process.returncode is not None:
-            if time.monotonic() - began >= _LASTING_SECONDS:
-                pause, told = _RESTART_SECONDS, None
-            if process.returncode != told:
-                told = process.returncode
-                log.error(
-                    "the worker ended with code %s; starting another in %g s, and ever less often, "
-                    "each %g s at last, while they end so at once",
-                    told,
-                    pause,
-                    _LONGEST_RESTART_SECONDS,
-                )
-            stop.wait(pause)
-            pause = min(2 * pause, _LONGEST_RESTART_SECONDS)
-            continue
-        processes.end(process, _STOP_SECONDS)
+    except OSError as error:  # out of processes, memory or open files, which may pass
+        return f"could not be started, {reason_of(error)}"
+    while process.poll() is None and not stop.wait(0.2):
+        pass
+    if process.returncode is not None:
+        return f"ended with code {process.returncode}"
+    processes.end(process, _STOP_SECONDS)
+    return None

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import json
+import os
 import shutil
 import signal
 import socket
@@ -168,6 +170,27 @@ def test_a_worker_that_had_begun_is_started_anew_within_a_second(
     assert waits == [1, 2, 4, 1, 2]
     told = [record.getMessage().partition(";")[0] for record in caplog.records]
     assert told == [f"the worker ended with code {code}" for code in (1, -9, -9, 1)]
+
+
+def test_a_worker_for_which_there_is_no_process_is_started_later(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Else nobody started another until the whole service is started anew."""
+    shortages = [BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))]
+
+    def start(*_call: object, **_named: object) -> _Ended:
+        if shortages:
+            raise shortages.pop()
+        return _Ended(1)
+
+    monkeypatch.setattr("subprocess.Popen", start)
+    stop = _Stop(2)
+    _keep_worker(Settings(), stop)
+    assert stop.seconds == [1, 2]
+    assert [record.getMessage().partition(";")[0] for record in caplog.records] == [
+        "the worker could not be started, resource temporarily unavailable",
+        "the worker ended with code 1",
+    ]
 
 
 def test_a_variable_that_is_no_setting_is_told_at_the_start(
