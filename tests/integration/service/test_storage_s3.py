@@ -134,6 +134,16 @@ def test_a_signed_url_answers_with_the_headers_of_the_object(
     assert headers.items() <= {name.title(): text for name, text in answer.headers.items()}.items()
 
 
+def test_a_copy_has_the_headers_of_the_object(storage: Storage) -> None:
+    headers = {"Content-Type": "image/x-exr", "Content-Disposition": 'inline; filename="a.exr"'}
+    storage.put("jobs/6/1/a.exr", b"light", headers)
+    storage.copy("jobs/6/1/a.exr", "jobs/7/1/a.exr")
+    link = storage.link("jobs/7/1/a.exr", 60)
+    assert link is not None
+    answer = httpx.get(link, timeout=60).raise_for_status()
+    assert headers.items() <= {name.title(): text for name, text in answer.headers.items()}.items()
+
+
 def test_without_credentials_nothing_is_signed(
     storage: Storage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
