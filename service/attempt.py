@@ -296,7 +296,7 @@ class Attempt:
             key = results_key(row.id, row.attempt, FILES[row.options["kind"]])
             with contextlib.suppress(FileNotFoundError):  # deleted at this moment
                 found.append(kept.made_of(row, self._patiently(partial(self._storage.get, key))))
-        kept.write(directory, found)
+        self._patiently(partial(kept.write, directory, found))
 
     def _note_camera(self, directory: Path) -> None:
         manifest = json.loads((directory / RESULTS / MANIFEST).read_bytes())

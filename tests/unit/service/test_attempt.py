@@ -13,7 +13,7 @@ import pytest
 import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
-from service import database, expiry, jobs, sandbox
+from service import database, expiry, jobs, kept, sandbox
 from service.api.context import Context
 from service.attempt import Attempt
 from service.errors import CrashError, NoProcessError, StorageFullError
@@ -332,6 +332,18 @@ def test_a_disk_that_has_no_room_for_a_folder_for_a_moment_costs_no_job(
     monkeypatch.setattr(sandbox, "run", separates)
     full = OSError(errno.ENOSPC, "full")
     monkeypatch.setattr(tempfile, "mkdtemp", at_first(full, tempfile.mkdtemp))
+    job = run()
+    assert job is not None
+    assert (job.state, job.attempt) == (State.SUCCEEDED, 1)
+
+
+@pytest.mark.usefixtures("patient")
+def test_a_disk_that_has_no_room_for_kept_calibrations_for_a_moment_costs_no_job(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sandbox, "run", separates)
+    full = OSError(errno.ENOSPC, "full")
+    monkeypatch.setattr(kept, "write", at_first(full, kept.write))
     job = run()
     assert job is not None
     assert (job.state, job.attempt) == (State.SUCCEEDED, 1)
