@@ -138,10 +138,11 @@ def _grown_up(
 
 
 @pytest.fixture
-def grown_up(_grown_up: Service) -> Iterator[Service]:
+def grown_up(_grown_up: Service, store_relay: Relay) -> Iterator[Service]:
     """A service on PostgreSQL and S3, which answers for results with the store's URLs."""
     yield _grown_up
-    _grown_up.stop_workers()
+    store_relay.mend()  # a test that fails leaves it cut
+    _grown_up.tidy()
 
 
 def _keyed(folder: Path) -> tuple[Service, str]:

@@ -221,6 +221,18 @@ class Service:
                 process.wait(_PATIENCE_SECONDS)
         self._others.clear()
 
+    def tidy(self) -> None:
+        """Undo what a test that failed has left: frozen processes, unfinished jobs, workers."""
+        for pid in self.processes():
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGCONT)
+        left = self.http.get("/jobs").raise_for_status().json()["jobs"]
+        for job in left:
+            if cancel := job["links"]["cancel"]:
+                self.http.post(cancel).raise_for_status()
+                self.await_end(job)
+        self.stop_workers()
+
     def close(self) -> None:
         self.http.close()
         self.stop_workers()
