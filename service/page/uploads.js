@@ -15,6 +15,7 @@ const begun = new WeakMap(); // how far each file is: path, and offset, null whe
 /** Send files, or go on with it; gives the ids of their uploads. sent(fraction): of all. signal: gives it up, with an AbortError. */
 export async function sendFiles(files, sent, signal) {
   const all = files.reduce((sum, file) => sum + file.size, 0);
+  for (const file of files) await persistently(file, signal, () => whereOf(file, signal)); // where one may not come, none is sent
   let before = 0;
   const ids = [];
   for (const file of files) {
@@ -35,20 +36,28 @@ export function forget(files) {
 }
 
 async function sendFile(file, sent, signal) {
-  for (let failures = 0; ; ) {
+  return persistently(file, signal, async (cameOn) => {
+    const upload = await whereOf(file, signal);
+    while (upload.offset < file.size) {
+      const { offset } = upload;
+      upload.offset = null; // until there is an answer
+      const piece = file.slice(offset, offset + PIECE);
+      const headers = { ...TUS, "Content-Type": "application/offset+octet-stream", "Upload-Offset": offset };
+      await sendPiece(upload.path, headers, piece, (bytes) => sent(offset + bytes), signal);
+      upload.offset = offset + piece.size;
+      cameOn();
+    }
+    sent(file.size);
+    return upload.path;
+  });
+}
+
+/** Do work for a file until it is done, again after a pause where nothing comes through; cameOn(): something has. */
+async function persistently(file, signal, work) {
+  let failures = 0;
+  for (;;) {
     try {
-      const upload = await whereOf(file, signal);
-      while (upload.offset < file.size) {
-        const { offset } = upload;
-        upload.offset = null; // until there is an answer
-        const piece = file.slice(offset, offset + PIECE);
-        const headers = { ...TUS, "Content-Type": "application/offset+octet-stream", "Upload-Offset": offset };
-        await sendPiece(upload.path, headers, piece, (bytes) => sent(offset + bytes), signal);
-        upload.offset = offset + piece.size;
-        failures = 0;
-      }
-      sent(file.size);
-      return upload.path;
+      return await work(() => (failures = 0));
     } catch (error) {
       signal.throwIfAborted();
       if (!(await isReadable(file))) throw changed(file);

@@ -153,6 +153,18 @@ def test_a_pair_that_is_refused_is_not_kept(page: Page, line: Line, service: Any
     assert line.pieces == [0, PIECE, 2 * PIECE, 0]
 
 
+def choose(page: Page, service: Any, key: str, *pair: bytes) -> list[tuple[str, str]]:
+    """Choose a pair with a key; what is asked for from then on, but files of the page."""
+    asked: list[tuple[str, str]] = []
+    page.on("request", lambda request: asked.append((request.method, urlsplit(request.url).path)))
+    page.add_init_script(f"sessionStorage.setItem('lightlayers-key', '{key}')")
+    page.goto(service.url)
+    chosen = page.get_by_label("Choose a file: Without the flash")
+    names = ("a.jpg", "b.jpg")
+    chosen.set_input_files([_photograph(*one) for one in zip(names, pair, strict=True)])
+    return asked
+
+
 def test_a_key_that_may_make_no_more_jobs_is_told_before_anything_is_sent(
     page: Page, keyed_queue: tuple[Any, str], small_pair: drivers.CapturedPair
 ) -> None:
@@ -161,13 +173,19 @@ def test_a_key_that_may_make_no_more_jobs_is_told_before_anything_is_sent(
     files = {"no_flash": small_pair.no_flash.best, "flash": small_pair.flash.best}
     headers = {"authorization": f"Bearer {key}"}
     service.http.post("/jobs", files=files, headers=headers).raise_for_status()
-    asked: list[tuple[str, str]] = []
-    page.on("request", lambda request: asked.append((request.method, urlsplit(request.url).path)))
-    page.add_init_script(f"sessionStorage.setItem('lightlayers-key', '{key}')")
-    page.goto(service.url)
-    chosen = page.get_by_label("Choose a file: Without the flash")
-    chosen.set_input_files([_photograph(name, b"x") for name in ("a.jpg", "b.jpg")])
+    asked = choose(page, service, key, b"x", b"x")
     send(page)
     expect(page.get_by_role("alert")).to_contain_text("This key may make 1 job a day")
     assert [one for one in asked if one[0] != "GET"] == [("POST", "/uploads")]
     expect(page.locator(".chosen .name")).to_have_count(2)  # to be sent tomorrow
+
+
+def test_a_second_photograph_without_room_is_told_before_the_first_is_sent(
+    page: Page, keyed_queue: tuple[Any, str]
+) -> None:
+    service, _ = keyed_queue
+    key = service.make_key("small", "--stored-bytes", "1000000")
+    asked = choose(page, service, key, bytes(600_000), bytes(600_000))
+    send(page)
+    expect(page.get_by_role("alert")).to_contain_text("may take 1,000,000 bytes")
+    assert [one for one in asked if one[0] != "GET"] == [("POST", "/uploads")] * 2
