@@ -247,7 +247,7 @@ class Worker:
                     if over:
                         return known is not None
                     if held:
-                        attempt = self._start(held)
+                        attempt, lost = self._start(held), False
                         passed_on = self._finish(held, attempt, again)
                         attempt = None
                         if passed_on:
@@ -256,7 +256,7 @@ class Worker:
                         continue
             except Exception as error:
                 # Raised to the queue, it would end the job there and nowhere else.
-                lost = not passes(error)
+                lost |= not passes(error)  # still so where writing that is hindered
                 note(log, "cut short", error, job=job_id, worker=self.id)
             # Another worker that lives has it: stay by, in case that it dies. Or its camera is in
             # use, which takes no longer.

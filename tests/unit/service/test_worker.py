@@ -181,6 +181,36 @@ def test_attempts_that_are_cut_short_are_bounded(
     assert str(CUT_SHORT[how]) in caplog.text
 
 
+def test_attempts_are_bounded_though_the_database_is_away_whenever_one_was_cut_short(
+    one: Worker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where what kills them fills the memory or the disk of both."""
+    attempts: list[int] = []
+    away: list[sa.exc.OperationalError] = []
+    give_up = Attempt.give_up
+
+    def work(attempt: Attempt, *_pass_on: object) -> None:
+        attempts.append(attempt._job.attempt)
+        if len(attempts) > 3:  # else it went on for ever
+            _ends(attempt)
+            return
+        away.append(sa.exc.OperationalError("", None, sqlite3.OperationalError("away")))
+        raise CUT_SHORT["its process died"]
+
+    def give_up_later(attempt: Attempt, lost: bool = False) -> None:
+        if away:
+            raise away.pop()
+        give_up(attempt, lost)
+
+    monkeypatch.setattr(Attempt, "run", work)
+    monkeypatch.setattr(Attempt, "give_up", give_up_later)
+    _add(one)
+    one.run("a")
+    assert attempts == [1, 2, 3]
+    job = _find(one)
+    assert (job.state, job.lost) == (State.FAILED, 3)
+
+
 def test_an_attempt_that_is_cut_short_while_it_is_canceled_ends_so(
     one: Worker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
