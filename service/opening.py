@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Iterator
+from urllib.parse import urlsplit
 
 import sqlalchemy as sa
 from obstore.exceptions import BaseError
@@ -23,6 +25,11 @@ DATABASE_FULL = "The disk of the database of jobs is full: make room on it."
 
 _NO_CREDENTIALS = ("169.254.169.254", "Missing AccessKeyId", "Missing SecretAccessKey")
 """What the store's client says without them; the address is that of Amazon's own machines."""
+
+_NO_TLS = "builder error"
+"""What it says of a request by plain HTTP that it was not allowed to make."""
+
+_ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL", "AWS_ENDPOINT")
 
 
 def open_database(settings: Settings) -> sa.Engine:
@@ -81,6 +88,8 @@ def _told() -> Iterator[None]:
 
 def open_storage(settings: Settings) -> Storage:
     """Open the store of photographs and results, which must answer. Raises StartError."""
+    if settings.store_url.startswith("s3:"):
+        _check_endpoint()
     try:
         storage = Storage(settings.store_url)
         storage.check()
@@ -92,11 +101,35 @@ def open_storage(settings: Settings) -> Storage:
                 "The store of photographs that LIGHTLAYERS_STORE_URL names is given no "
                 "credentials: set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY."
             ) from error
+        if _NO_TLS in cause_of(error):
+            raise StartError(
+                "The store of photographs is reached by plain HTTP, which has to be allowed: set "
+                "AWS_ALLOW_HTTP=true."
+            ) from error
         raise StartError(
             "The store of photographs cannot be opened: check LIGHTLAYERS_STORE_URL and the "
             f"AWS_ variables ({cause_of(error)})."
         ) from error
     return storage
+
+
+def _check_endpoint() -> None:
+    """Refuse an address that is none: the store's client would not refuse it, but crash."""
+    for name in _ENDPOINTS:
+        if name in os.environ and not _is_address(os.environ[name]):
+            raise StartError(
+                f"{name} is no address of a store: write one like https://host:port, or leave it "
+                "out."
+            )
+
+
+def _is_address(text: str) -> bool:
+    try:
+        parts = urlsplit(text)
+        named = parts.port != 0 and bool(parts.hostname)
+    except ValueError:
+        return False
+    return named and parts.scheme in ("https", "http") and not any(map(str.isspace, text))
 
 
 def _check_signing(storage: Storage) -> None:

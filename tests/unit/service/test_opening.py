@@ -130,6 +130,42 @@ def test_a_store_without_credentials_names_them(
         open_storage(Settings(data_dir=tmp_path, store_url="s3://photographs"))
 
 
+@pytest.mark.parametrize("name", ["AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL", "AWS_ENDPOINT"])
+@pytest.mark.parametrize(
+    "address",
+    ["", "store:8333", "https://", "ftp://store", "http://a b", "https://h:99999", "https://[::1"],
+)
+def test_a_stores_endpoint_that_is_no_address_is_named(
+    address: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(name, address)
+    with pytest.raises(StartError) as caught:
+        open_storage(Settings(data_dir=tmp_path, store_url="s3://photographs"))
+    assert str(caught.value) == (
+        f"{name} is no address of a store: write one like https://host:port, or leave it out."
+    )
+    open_storage(Settings(data_dir=tmp_path, store_url=(tmp_path / "store").as_uri()))
+
+
+def test_a_store_without_tls_names_what_allows_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, text in {
+        "AWS_ENDPOINT_URL": "http://127.0.0.1:1",
+        "AWS_REGION": "us-east-1",
+        "AWS_ACCESS_KEY_ID": "id",
+        "AWS_SECRET_ACCESS_KEY": "secret",
+    }.items():
+        monkeypatch.setenv(name, text)
+    monkeypatch.delenv("AWS_ALLOW_HTTP", raising=False)
+    with pytest.raises(StartError) as caught:
+        open_storage(Settings(data_dir=tmp_path, store_url="s3://photographs"))
+    assert str(caught.value) == (
+        "The store of photographs is reached by plain HTTP, which has to be allowed: set "
+        "AWS_ALLOW_HTTP=true."
+    )
+
+
 @pytest.mark.parametrize("command", ["serve", "worker"])
 def test_a_service_that_cannot_start_says_why(
     command: str,
