@@ -33,7 +33,7 @@ from service.room import larger_than_disk
 from service.sentences import sentence_of
 from service.settings import Settings
 from service.storage import Storage
-from service.variables import PREFIX, mistyped
+from service.variables import PREFIX, faults
 
 _CLOCKS_APART_SECONDS = 5  # this machine's and the database's
 _OPEN_FILES = 1024  # each connection and photograph takes one
@@ -68,7 +68,7 @@ def _versions() -> Finding:
 
 
 def _variables() -> Iterator[Finding]:
-    sentences = mistyped()
+    sentences = faults()
     for sentence in sentences:
         yield Finding("wrong", "variables", sentence)
     if not sentences:

@@ -27,7 +27,7 @@ from service.database import AWAY
 from service.errors import StartError
 from service.problems import cause_of
 from service.settings import Settings
-from service.variables import mistyped
+from service.variables import faults
 
 _RESTART_SECONDS = 1.0  # twice as long after each start in vain, up to the second
 _LONGEST_RESTART_SECONDS = 60.0
@@ -46,7 +46,7 @@ def serve(settings: Settings, worker: bool) -> None:
     """
     processes.share_memory(_MEMORY_POOLS)
     logs.configure()
-    for sentence in mistyped():
+    for sentence in faults():
         log.warning("%s", sentence)
     tracing.configure("api")
     with contextlib.ExitStack() as stack:

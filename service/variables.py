@@ -1,10 +1,11 @@
-"""Whether the environment's LIGHTLAYERS_ variables are settings, or somebody mistyped one."""
+"""What is wrong with the environment's LIGHTLAYERS_ variables that no setting's check tells."""
 
 from __future__ import annotations
 
 import difflib
 import os
 
+from pipeline.spectra.folder import names_are_known
 from service.settings import Settings
 
 PREFIX = "LIGHTLAYERS_"
@@ -12,11 +13,17 @@ _NOT_SETTINGS = ("LIGHTLAYERS_SPECTRA", "LIGHTLAYERS_MAX_PIXELS", "LIGHTLAYERS_K
 """Variables that are read elsewhere."""
 
 
-def mistyped() -> list[str]:
-    """One sentence for each variable that nothing reads: its name, never its value, and advice."""
+def faults() -> list[str]:
+    """One sentence for each that nothing reads or that fails jobs: its name, not its value."""
     known = [PREFIX + name.upper() for name in Settings.model_fields] + [*_NOT_SETTINGS]
     strange = sorted(name for name in os.environ if name.startswith(PREFIX) and name not in known)
-    return [f"{name} is no setting; {_advice(name, known)}" for name in strange]
+    sentences = [f"{name} is no setting; {_advice(name, known)}" for name in strange]
+    if not names_are_known():
+        sentences.append(
+            "LIGHTLAYERS_SPECTRA names no folder of this host, so that a worker here fails each "
+            "separation: set it to one with spectra."
+        )
+    return sentences
 
 
 def _advice(name: str, known: list[str]) -> str:

@@ -130,13 +130,13 @@ def worker() -> None:
     from service import logs
     from service.cli import signals
     from service.settings import Settings
-    from service.variables import mistyped
+    from service.variables import faults
     from service.worker import log, run_until_signal
 
     settings = Settings()
     signals.leave_hangup()
     logs.configure()
-    for sentence in mistyped():
+    for sentence in faults():
         log.warning("%s", sentence)
     run_until_signal(settings)
 

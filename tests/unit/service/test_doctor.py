@@ -95,10 +95,22 @@ def test_a_mistyped_variable_is_named(
 
 
 def test_the_variables_of_other_parts_are_known(
-    look: Look, monkeypatch: pytest.MonkeyPatch
+    look: Look, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("LIGHTLAYERS_SPECTRA", "x")
+    monkeypatch.setenv("LIGHTLAYERS_SPECTRA", str(tmp_path))
     assert look()["variables"].grade == "ok"
+
+
+def test_a_folder_of_spectra_that_is_not_there_is_told(
+    look: Look, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LIGHTLAYERS_SPECTRA", str(tmp_path / "nowhere"))
+    found = look()["variables"]
+    assert (found.grade, found.sentence) == (
+        "wrong",
+        "LIGHTLAYERS_SPECTRA names no folder of this host, so that a worker here fails each "
+        "separation: set it to one with spectra.",
+    )
 
 
 def test_a_value_out_of_range_ends_the_examination(
