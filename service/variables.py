@@ -5,6 +5,8 @@ from __future__ import annotations
 import difflib
 import os
 
+from pipeline.errors import OptionError
+from pipeline.max_pixels import max_pixels
 from pipeline.spectra.folder import names_are_known
 from service.settings import Settings
 
@@ -14,7 +16,7 @@ _NOT_SETTINGS = ("LIGHTLAYERS_SPECTRA", "LIGHTLAYERS_MAX_PIXELS", "LIGHTLAYERS_K
 
 
 def faults() -> list[str]:
-    """One sentence for each that nothing reads or that fails jobs: its name, not its value."""
+    """One sentence for each that nothing reads, without its value, or that fails jobs."""
     known = [PREFIX + name.upper() for name in Settings.model_fields] + [*_NOT_SETTINGS]
     strange = sorted(name for name in os.environ if name.startswith(PREFIX) and name not in known)
     sentences = [f"{name} is no setting; {_advice(name, known)}" for name in strange]
@@ -23,6 +25,10 @@ def faults() -> list[str]:
             "LIGHTLAYERS_SPECTRA names no folder of this host, so that a worker here fails each "
             "separation: set it to one with spectra."
         )
+    try:
+        max_pixels()
+    except OptionError as error:
+        sentences.append(str(error))
     return sentences
 
 

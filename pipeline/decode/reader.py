@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
-import os
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -33,21 +31,10 @@ from pipeline.decode.signatures import Kind, kind_of
 from pipeline.decode.tiff import holds_raw, read_tiff, tiff_size
 from pipeline.errors import ImageTooLargeError, OptionError, PipelineError, UnreadableImageError
 from pipeline.frames import Frame, Mask, Matrix, Photograph
+from pipeline.max_pixels import max_pixels
 from pipeline.noise import Noise
 
 FORMATS = "a JPEG, PNG, TIFF, OpenEXR, HEIC, DNG or a camera's RAW file"
-
-
-def max_pixels() -> float:
-    """Largest number of pixels accepted: LIGHTLAYERS_MAX_PIXELS, else 200 million."""
-    text = os.environ.get("LIGHTLAYERS_MAX_PIXELS", "200e6")
-    try:
-        limit = float(text)
-    except ValueError:
-        limit = math.nan
-    if not limit > 0:
-        raise OptionError(f"LIGHTLAYERS_MAX_PIXELS is {text!r}: set it to a number of pixels.")
-    return limit
 
 
 def read_header(data: bytes, name: str = "no-flash photograph") -> Header:

@@ -113,6 +113,18 @@ def test_a_folder_of_spectra_that_is_not_there_is_told(
     )
 
 
+@pytest.mark.parametrize("text", ["abc", "0", "nan"])
+def test_a_limit_of_pixels_that_is_no_number_is_told(
+    text: str, look: Look, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LIGHTLAYERS_MAX_PIXELS", text)
+    found = look()["variables"]
+    assert (found.grade, found.sentence) == (
+        "wrong",
+        f"LIGHTLAYERS_MAX_PIXELS is '{text}': set it to a number of pixels.",
+    )
+
+
 def test_a_value_out_of_range_ends_the_examination(
     look: Look, monkeypatch: pytest.MonkeyPatch
 ) -> None:
