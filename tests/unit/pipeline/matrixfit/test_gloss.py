@@ -86,3 +86,17 @@ def test_the_strength_of_the_flash_on_white_tells_nothing(
 
     assert is_gloss(reduced, lamps[:1], lamps, 7.0 * model.flash_white)
     assert not is_gloss(reduced, lamps[:1], lamps, model.flash_white * [1.0, 0.5, 1.0])
+
+
+@pytest.mark.parametrize(("every", "gloss"), [(4, True), (3, False)])
+def test_few_pixels_that_are_far_off_tell_nothing(
+    seen: Seen, lamps: Array, model: Model, every: int, gloss: bool
+) -> None:
+    """Each counts 0.0025 at most: of a 16th of the light less than 2e-4, of a ninth more."""
+    reduced = seen(lamps[:1], 0.1)
+    odd = reduced.no_flash.copy()
+    odd[1::every, 1::every] *= np.float32([0.5, 2.0, 0.5])
+
+    found = is_gloss(replace(reduced, no_flash=odd), lamps[:1], lamps, model.flash_white)
+
+    assert found is gloss

@@ -39,6 +39,18 @@ def test_the_penalty_has_its_gradient(prior: MatrixPrior) -> None:
         assert gradient[place] == pytest.approx(slope, rel=1e-4, abs=1e-4)
 
 
+def test_the_penalty_counts_deviations_and_what_length_is_not_one() -> None:
+    """½ (2² + 3²) of a lamp 2 and 3 deviations off, 50 (|θ|² − 1)² of it and of a long one."""
+    prior = MatrixPrior(np.eye(9), np.array([0.5, 0.25, 1.0, 1.0, 1.0, 1.0]))
+    unlikely = [0.0, 0.0, 0.0, 1.0, -0.75, 0.0, 0.0, 0.0, 0.0]
+    usual = [0.6, 0.0, 0.8, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    long = [1.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+
+    value, _ = prior.penalty(np.array([unlikely, usual, long]))
+
+    assert value == pytest.approx(6.5 + 50 * (0.5625**2 + 1.25**2))
+
+
 def test_lights_of_the_model_cost_nothing(prior: MatrixPrior, model: Model) -> None:
     theta = prior.coordinates(model.lamp_matrix(np.array([[0.8, 0.5, 0.2], [0.4, 0.6, 0.7]])))
 
@@ -61,3 +73,7 @@ def test_what_lamps_do_costs_less_than_what_they_do_not() -> None:
         prior.penalty(prior.coordinates((base + 0.2 * one)[None]))[0] for one in (away, other)
     )
     assert known < 0.1 * unknown
+    # a quarter of how far the lamps of length one leave the model, and of 0.02 where none does
+    left = [share / np.sqrt(2 + share**2) for share in (-0.5, 0.2, 0.4)]
+    expected = [0.25 * np.sqrt(np.mean(np.square(left))), *[0.005] * 5]
+    np.testing.assert_allclose(prior.deviations, expected)
