@@ -55,6 +55,23 @@ def test_surfaces_lie_within_what_the_prior_allows(
     assert np.abs(along).max() < 3
 
 
+@pytest.mark.parametrize("lamp", ["A", "D50", "FL2", "LED-B3", "HP1"])
+def test_materials_may_be_ten_times_as_far_off_as_they_are(
+    bank: LampBank, camera: Camera, lamp: str
+) -> None:
+    """About a tenth of the prior's deviation, whichever colours it mixes."""
+    light = find_light(lamp)
+    prior = bank.prior(white(camera, light))
+    flash, lit = seen(camera, find_light("xenon")), seen(camera, light)
+
+    own = (lit - flash @ prior.mean.T) / flash.sum(axis=1, keepdims=True)
+    whitened = np.linalg.solve(prior.material, own.T)
+
+    size = np.sqrt(np.square(whitened).mean(axis=1))
+    assert (size > 0.04).all()
+    assert (size < 0.3).all()
+
+
 def test_modes_leave_the_grey_card_alone_but_for_the_strength(
     bank: LampBank, camera: Camera
 ) -> None:
