@@ -57,7 +57,8 @@ from drivers.gphoto.names import WIDGETS, decode
 def test_texts_of_libgphoto2_become_values(
     name: SettingName, text: str, value: SettingValue
 ) -> None:
-    assert decode(name, text) == value
+    found = decode(name, text)
+    assert (found, type(found)) == (value, type(value))
 
 
 def test_every_setting_has_a_name_there() -> None:

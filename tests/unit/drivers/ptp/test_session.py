@@ -68,7 +68,7 @@ def test_transactions_count_up_from_the_opening(clock: Clock) -> None:
     session.request(Operation.GET_OBJECT_INFO, 9)
     assert [container.transaction for container in script.sent] == [0, 1, 2]
     assert [container.code for container in script.sent] == [0x1002, 0x1004, 0x1008]
-    assert script.sent[-1].parameters == (9,)
+    assert [container.parameters for container in script.sent] == [(1,), (), (9,)]
 
 
 def test_transaction_ids_wrap_around_the_reserved_ones(clock: Clock) -> None:

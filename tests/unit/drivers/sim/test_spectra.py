@@ -31,9 +31,18 @@ def test_sensitivities_peak_in_red_green_and_blue() -> None:
 
 
 def test_the_training_set_has_its_patches() -> None:
-    assert np.ptp(spectra.reflectance("training/0")) < 1
+    at_550 = spectra.WAVELENGTHS_NM == 550
+    found = [float(spectra.reflectance(f"training/{patch}")[at_550][0]) for patch in (0, 1, 189)]
+    assert found == pytest.approx([0.0167, 0.0893, 0.1519])
     with pytest.raises(IndexError):
         spectra.reflectance("training/190")
+
+
+def test_the_flash_is_measured_from_400_nm_on() -> None:
+    """62.967 at 400 nm and 60.185 at 415 nm; what lies before is as it begins."""
+    flash = spectra.flash()
+    assert flash[spectra.WAVELENGTHS_NM <= 400].tolist() == 5 * [62.967]
+    assert flash[spectra.WAVELENGTHS_NM == 415].tolist() == [60.185]
 
 
 def test_the_three_lamps_look_different_to_the_camera() -> None:

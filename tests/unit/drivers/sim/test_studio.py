@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from drivers.sim import spectra
 from drivers.sim.address import SimulatedCamera
 from drivers.sim.studio import Studio, mosaic
 
@@ -67,6 +68,16 @@ def test_white_balance_keeps_the_green_of_grey() -> None:
     )
     ratio = truth.white_balanced[wall] / truth.white_balanced[wall][..., 1:2]
     assert np.ptp(ratio, axis=(0, 1)).max() < 1e-3  # one colour of light everywhere
+
+
+def test_paper_has_the_colour_of_what_shines_on_it() -> None:
+    """Of every lamp as told by a grey card, of daylight where white is balanced, of the flash."""
+    truth = studio(lights=3).truth()
+    lit = [*truth.layers, truth.white_balanced, truth.flash]
+    flash = spectra.sensitivities() @ spectra.flash()
+    for light, white in zip(lit, [*truth.rgb, spectra.neutral(), flash], strict=True):
+        paper = np.median(light[2:30, 2:60], axis=(0, 1))
+        np.testing.assert_allclose(paper / paper[1], white / white[1], rtol=0.015)
 
 
 def test_the_objects_shade_each_other_nowhere() -> None:
