@@ -26,8 +26,7 @@ _BACKENDS = {
 }
 
 
-HEAR_S = 1.5
-"""How long cameras on the network may take to answer, in seconds."""
+_HEAR_S = 1.5  # so long cameras on the network may take to answer
 
 
 class Backend(Protocol):
@@ -111,16 +110,16 @@ def list_cameras() -> list[CameraInfo]:
     return [info for scheme in _BACKENDS for info in _load(scheme).list_cameras()]
 
 
-def listen_to_network(wait_s: float = HEAR_S) -> None:
+def listen_to_network() -> None:
     """From now on, take notice of cameras that announce themselves (mDNS).
 
-    wait_s: how long those that are there may take to answer, in seconds. Where the network lets
-    nobody listen, nothing is heard.
+    Returns once those that are there have had time to answer. Where the network lets nobody
+    listen, nothing is heard.
     """
     from drivers.ptp import mdns
 
     if mdns.listen():
-        SystemClock().sleep(wait_s)
+        SystemClock().sleep(_HEAR_S)
 
 
 def announce_simulated(responder: SimulatedResponder) -> AbstractContextManager[bool]:

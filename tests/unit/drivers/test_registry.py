@@ -50,3 +50,14 @@ def test_the_simulated_camera_is_listed() -> None:
             "sim://studio", "NIKON CORPORATION", "NIKON D5100", "0000001", 87, 2 * 10**9
         )
     ]
+
+
+@pytest.mark.parametrize(("listens", "waits_s"), [(True, [1.5]), (False, [])])
+def test_cameras_on_the_network_have_time_to_answer_where_it_lets_anybody_listen(
+    monkeypatch: pytest.MonkeyPatch, listens: bool, waits_s: list[float]
+) -> None:
+    slept: list[float] = []
+    monkeypatch.setattr("drivers.ptp.mdns.listen", lambda: listens)
+    monkeypatch.setattr("drivers.clock.SystemClock.sleep", lambda _, seconds: slept.append(seconds))
+    drivers.listen_to_network()
+    assert slept == waits_s
