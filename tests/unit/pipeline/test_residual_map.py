@@ -110,6 +110,25 @@ def test_noise_of_the_flash_counts_through_the_lamps(
     assert np.nanmedian(told) < 0.5 * np.nanmedian(untold)
 
 
+def test_channels_are_weighed_as_when_the_layers_are_made(
+    two: ReducedPair, lamps_of: Callable[..., Any], warm_to_cool: Array
+) -> None:
+    """As of a camera whose channels are so much brighter, of light that no lamp explains."""
+    weights = np.array([0.5, 1.0, 3.0], np.float32)
+    rng = np.random.default_rng(3)
+    odd = (two.no_flash * rng.uniform(0.5, 1.5, two.no_flash.shape)).astype(np.float32)
+    variance = (1e-3 * odd**2).astype(np.float32)
+    pair = replace(two, no_flash=odd, no_flash_variance=variance, flash_variance=variance)
+    lamps = lamps_of(warm_to_cool[[0, 2]])
+
+    found = relative_residual(pair, replace(lamps, channel_weights=weights))
+
+    brighter = replace(pair, no_flash=odd * weights, no_flash_variance=variance * weights**2)
+    scaled = replace(lamps, matrices=weights[:, None] * lamps.matrices)
+    np.testing.assert_allclose(found, relative_residual(brighter, scaled), rtol=1e-3, atol=1e-4)
+    assert np.nanmedian(np.abs(found - relative_residual(pair, lamps))) > 0.01
+
+
 def test_black_pixels_leave_nothing_where_usable(
     two: ReducedPair, lamps_of: Callable[..., Any], warm_to_cool: Array
 ) -> None:
