@@ -13,10 +13,9 @@ from pipeline.hui2018.lights import invariants_of_pair, lights_of_pair, publishe
 from pipeline.model import Model
 from pipeline.reduced import reduce_pair
 from pipeline.vectors import unit
+from tests.unit.pipeline.hui2018.known_lights import LIGHTS, worst_angle
 
 Array = NDArray[np.float64]
-
-LIGHTS = unit(np.array([[0.7, 0.65, 0.3], [0.35, 0.9, 0.3], [0.3, 0.64, 0.71]]))
 
 
 def mixtures(lights: Array, count: int = 4000) -> Array:
@@ -27,12 +26,6 @@ def mixtures(lights: Array, count: int = 4000) -> Array:
     for j in range(len(lights)):
         z[j * pure : (j + 1) * pure] = np.eye(len(lights))[j]
     return unit(z @ lights)
-
-
-def worst_angle(found: Array, lights: Array) -> float:
-    """Largest angle in degrees between a light and the found one nearest to it."""
-    cosines = (lights @ found.T).max(axis=1)
-    return float(np.degrees(np.arccos(np.clip(cosines.min(), -1, 1))))
 
 
 @pytest.mark.parametrize("which", [[0], [0, 2], [0, 1], [0, 1, 2]])

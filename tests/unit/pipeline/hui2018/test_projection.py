@@ -6,10 +6,9 @@ from numpy.typing import NDArray
 
 from pipeline.hui2018.projection import from_plane, rotate_to_pole, to_plane
 from pipeline.vectors import unit
+from tests.unit.pipeline.hui2018.known_lights import COOL, WARM
 
 Array = NDArray[np.float64]
-
-WARM, COOL = unit(np.array([[0.7, 0.65, 0.3], [0.3, 0.64, 0.71]]))
 
 
 @pytest.mark.parametrize("center", [WARM, [0.0, 1, 0], [0, 0, 2], [0.0, -3, 0.1], [-1.0, 0, 0]])

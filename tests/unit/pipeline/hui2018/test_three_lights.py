@@ -8,22 +8,14 @@ from numpy.typing import NDArray
 
 from pipeline.hui2018.three_lights import minimum_triangle, three_lights
 from pipeline.vectors import unit
+from tests.unit.pipeline.hui2018.known_lights import COOL, LIGHTS, WARM, worst_angle
 
 Array = NDArray[np.float64]
-
-WARM, GREEN, COOL = unit(np.array([[0.7, 0.65, 0.3], [0.35, 0.9, 0.3], [0.3, 0.64, 0.71]]))
-LIGHTS = np.array([WARM, GREEN, COOL])
 
 
 def area(corners: Array) -> float:
     a, b = corners[1] - corners[0], corners[2] - corners[0]
     return float(abs(a[0] * b[1] - a[1] * b[0])) / 2
-
-
-def worst_angle(found: Array, lights: Array) -> float:
-    """Largest angle in degrees between a light and the found one nearest to it."""
-    cosines = (lights @ found.T).max(axis=1)
-    return float(np.degrees(np.arccos(np.clip(cosines.min(), -1, 1))))
 
 
 def least_area(points: Array, steps: int = 120) -> float:

@@ -6,10 +6,9 @@ from numpy.typing import NDArray
 
 from pipeline.hui2018.two_lights import two_lights
 from pipeline.vectors import unit
+from tests.unit.pipeline.hui2018.known_lights import COOL, GREEN, WARM
 
 Array = NDArray[np.float64]
-
-WARM, GREEN, COOL = unit(np.array([[0.7, 0.65, 0.3], [0.35, 0.9, 0.3], [0.3, 0.64, 0.71]]))
 
 
 def on_plane(*points: tuple[float, float]) -> Array:
