@@ -19,7 +19,7 @@ from typing import Any
 
 import usb.core
 
-from drivers.sim.usb_bus import SimulatedBus
+from tests.other_device import OtherDevice
 
 _BIND, _ENABLE = 0, 2  # events of FunctionFS, linux/usb/functionfs.h
 _EVENT = struct.Struct("<8xB3x")
@@ -46,10 +46,8 @@ usb_max_packet_size 0x200
 """
 
 
-class UmtpResponder(SimulatedBus):
+class UmtpResponder(OtherDevice):
     """A bus with that program on it. store: the folder that it offers as its card."""
-
-    address = 1
 
     def __init__(self, folder: Path, store: Path) -> None:
         self._master, slave = pty.openpty()
@@ -86,19 +84,6 @@ class UmtpResponder(SimulatedBus):
             os.close(each)
         self.log.close()
 
-    def _check_plugged(self, _plug: Any) -> None:
-        """It stays."""
-
-    def enumerate_devices(self) -> Any:
-        """The one device."""
-        yield self
-
-    def close_device(self, _handle: Any) -> None:
-        """Keep it."""
-
-    def claim_interface(self, _handle: Any, _intf: int) -> None:
-        """Nobody else wants it."""
-
     def bulk_write(self, _handle: Any, _ep: int, _intf: int, data: Any, _timeout: int) -> int:
         """Send a container."""
         raw = data.tobytes()
@@ -114,10 +99,6 @@ class UmtpResponder(SimulatedBus):
         _read(self._events, view[:4], timeout)
         length = int.from_bytes(view[:4], "little")
         return 4 + _read(self._events, view[4:length], timeout)
-
-    def ctrl_transfer(self, *_: Any) -> int:
-        """Strings and requests of the class are the kernel's matter, who is not here."""
-        raise usb.core.USBError("Pipe error", errno=errno.EPIPE)
 
 
 def _read(pipe: int, buffer: Any, timeout_ms: int) -> int:

@@ -15,20 +15,18 @@ from typing import Any
 
 import usb.core
 
-from drivers.sim.usb_bus import SimulatedBus
+from tests.other_device import OtherDevice
 
 _TIMEOUT = -10
 _NIKON, _D750 = 0x04B0, 0x0437
 
 
-class VirtualCamera(SimulatedBus):
+class VirtualCamera(OtherDevice):
     """A bus with that camera on it.
 
     folder: what is on its card, and what it photographs. set_variable: sets a variable of the
     environment, by which the library is told, until the camera is done with.
     """
-
-    address = 1
 
     def __init__(self, folder: Path, set_variable: Callable[[str, str], None]) -> None:
         spec = importlib.util.find_spec("gphoto2")
@@ -63,19 +61,6 @@ class VirtualCamera(SimulatedBus):
         self._call("gp_port_close", self._port)
         self._call("gp_port_free", self._port)
 
-    def _check_plugged(self, _plug: Any) -> None:
-        """It stays."""
-
-    def enumerate_devices(self) -> Any:
-        """The one device."""
-        yield self
-
-    def close_device(self, _handle: Any) -> None:
-        """Keep it."""
-
-    def claim_interface(self, _handle: Any, _intf: int) -> None:
-        """Nobody else wants it."""
-
     def bulk_write(self, _handle: Any, _ep: int, _intf: int, data: Any, _timeout: int) -> int:
         """Send a container."""
         raw = data.tobytes()
@@ -93,7 +78,3 @@ class VirtualCamera(SimulatedBus):
     def _into(self, buffer: Any, name: str) -> int:
         place = (ctypes.c_char * len(buffer)).from_buffer(buffer)
         return self._call(name, self._port, place, len(buffer))
-
-    def ctrl_transfer(self, *_: Any) -> int:
-        """It has no strings and knows no request of the class."""
-        raise usb.core.USBError("Pipe error", errno=errno.EPIPE)
