@@ -72,7 +72,7 @@ def take_shot(
     camera: Camera,
     clock: Clock,
     progress: Callable[[float], None],
-    earlier: Sequence[CameraObject] = (),
+    earlier: Sequence[CameraObject],
 ) -> Shot:
     """Take one photograph with the settings as they are and fetch it.
 
@@ -177,9 +177,7 @@ class Found(NamedTuple):
     others: list[CameraObject]
 
 
-def photographs_since(
-    camera: Camera, before: set[int], earlier: Sequence[CameraObject] = ()
-) -> Found:
+def photographs_since(camera: Camera, before: set[int], earlier: Sequence[CameraObject]) -> Found:
     """Describe the files on the cards but those that they held before.
 
     A camera with two cards may write each photograph to both. earlier: photographs whose copies
