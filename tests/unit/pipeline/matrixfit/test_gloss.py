@@ -95,7 +95,7 @@ def test_few_pixels_that_are_far_off_tell_nothing(
     """Each counts 0.0025 at most: of a 16th of the light less than 2e-4, of a ninth more."""
     reduced = seen(lamps[:1], 0.1)
     odd = reduced.no_flash.copy()
-    odd[1::every, 1::every] *= np.float32([0.5, 2.0, 0.5])
+    odd[1::every, 1::every] *= np.array([0.5, 2.0, 0.5], np.float32)
 
     found = is_gloss(replace(reduced, no_flash=odd), lamps[:1], lamps, model.flash_white)
 

@@ -50,7 +50,7 @@ def test_pictures_are_means_of_the_usable_pixels() -> None:
     reduced = grainy()
     usable = reduced.usable[:39, :78].reshape(13, 3, 26, 3, 1)
 
-    def means(picture: Array) -> Array:
+    def means(picture: NDArray[np.floating]) -> Array:
         blocks = picture[:39, :78].reshape(13, 3, 26, 3, 3)
         return np.asarray((blocks * usable).sum(axis=(1, 3)) / usable.sum(axis=(1, 3)))
 
