@@ -3,7 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.matrixfit.evidence import evidence_of_surfaces, gather_evidence
+from pipeline.matrixfit.evidence import (
+    evidence_of_area,
+    evidence_of_surfaces,
+    gather_evidence,
+)
 from pipeline.reduced import ReducedPair
 from tests.reduced_pairs import HEIGHT, WIDTH, even, left_and_right, reduced_pair
 
@@ -142,6 +146,26 @@ def test_of_a_very_noisy_pair_the_least_noisy_pixels_are_taken() -> None:
 
     assert len(found) == HEIGHT * WIDTH / 2
     np.testing.assert_allclose(found.x, 1 / 3)
+
+
+def test_an_area_shows_its_usable_pixels_and_counts_less_than_a_picture() -> None:
+    """60 instead of 400, as the noise of its pixels is that of the picture's."""
+    light = left_and_right(even(0.4, 0.3, 0.1), even(0.1, 0.2, 0.1))
+    usable = np.ones((HEIGHT, WIDTH), bool)
+    usable[:10] = False
+    light[:10] = 9.0
+    pair = reduced_pair(light, even(0.2, 0.5, 0.3), usable=usable, no_flash_variance=1e-5)
+    area = np.broadcast_to(np.arange(WIDTH) < 20, (HEIGHT, WIDTH))
+
+    found = evidence_of_area(pair, False, area)
+
+    assert len(found) == 30 * 20
+    np.testing.assert_allclose(found.x, np.tile([0.2, 0.5, 0.3], (600, 1)))
+    np.testing.assert_allclose(found.u, np.tile([0.5, 0.375], (600, 1)))
+    np.testing.assert_allclose(found.weight, 60 / 600)
+    whole = gather_evidence(pair, False).pixels
+    of_area = whole.covariance[whole.u[:, 0] > 0.4][0]
+    np.testing.assert_allclose(found.covariance, np.tile(of_area, (600, 1)))
 
 
 def test_surfaces_are_chromaticities_that_are_sure() -> None:

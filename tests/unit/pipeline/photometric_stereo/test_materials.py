@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.photometric_stereo.materials import find_materials, find_segments
+from pipeline.photometric_stereo.materials import Materials, find_materials, find_segments
 
 CENTRES = np.array([[0.3, 0.4], [0.4, 0.35], [0.25, 0.45]])
 
@@ -56,6 +56,18 @@ def test_a_pixel_between_two_materials_is_shared() -> None:
 
     assert sorted(which[0]) == [0, 1]
     np.testing.assert_allclose(share[0], 0.5, atol=0.01)
+
+
+def test_the_nearest_three_count_by_their_distance() -> None:
+    """As a normal distribution whose deviation is half the radius has them."""
+    away = np.array([3.0, 1.0, 2.0, 4.0]) * 0.004
+    materials = Materials(np.stack([0.3 + away, np.full(4, 0.4)], axis=1), 0.008)
+
+    which, share = materials.shares(np.array([[0.3, 0.4]]))
+
+    weights = np.exp([-1 / 2, -4 / 2, -9 / 2])
+    assert which.tolist() == [[1, 2, 0]]
+    np.testing.assert_allclose(share[0], weights / weights.sum())
 
 
 @pytest.mark.parametrize(("side", "segments"), [(3, 0), (4, 2)])

@@ -97,7 +97,15 @@ def test_tints_are_beside_the_mean_of_their_segment(painted: tuple[Any, Scene]) 
     for number in range(scene.segment_count):
         np.testing.assert_allclose(scene.tints[own == number, 1:].mean(axis=0), 0, atol=1e-12)
     assert (scene.tints[:, 0] == 1).all()
-    assert 0 < scene.tint_weights.min() <= scene.tint_weights.max() == 1
+
+
+def test_the_albedo_of_dim_pixels_counts_less(painted: tuple[Any, Scene]) -> None:
+    """By their light of the flash, up to that which three tenths of all pixels do not have."""
+    _, scene = painted
+
+    bright = np.quantile(scene.total, 0.3)
+    expected = np.clip(scene.total[scene.tinted] / bright, 0, 1)
+    np.testing.assert_allclose(scene.tint_weights, expected)
 
 
 def test_the_light_alone_tells_how_bright_each_lamp_is(
