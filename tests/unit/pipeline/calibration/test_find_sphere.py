@@ -32,6 +32,36 @@ def test_a_matt_sphere_is_no_mirror() -> None:
     assert find_spheres(*_lights(photograph_room("matt", 3)), True) == []
 
 
+def _disc() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Columns (H, W), distances from a middle by a radius, and 1 inside of it, 0 outside."""
+    v, u = np.mgrid[:300, :400] + 0.5
+    away = np.hypot(u - 180, v - 140) / 80
+    return u, away, np.clip((1 - away) * 80 + 0.5, 0, 1)[..., None]
+
+
+@pytest.mark.parametrize(("tint", "found"), [(0.0, 1), (0.4, 0)])
+def test_a_sphere_of_two_colours_is_none(tint: float, found: int) -> None:
+    """Red on the left, green on the right, and everywhere as bright as a matt one."""
+    u, away, inside = _disc()
+    paint = np.where((u < 180)[..., None], [1 + tint, 1 - tint, 1], [1 - tint, 1 + tint, 1])
+    shade = 0.5 * np.sqrt(np.maximum(1 - away**2, 0))[..., None] * paint
+    noise = np.random.default_rng(1).normal(0, 0.002, (2, *paint.shape))
+    flash = inside * shade + 0.3 * (1 - inside)
+    lamps = np.full_like(flash, 0.2) + 0.1 * (1 - inside)
+    assert len(find_spheres(lamps + noise[0], flash + noise[1], mirror=False)) == found
+
+
+@pytest.mark.parametrize(("size", "found"), [(0.1, 1), (0.2, 1), (0.22, 0)])
+def test_a_mirror_shows_the_flash_small(size: float, found: int) -> None:
+    """By the radius of the sphere: what fills a twentieth of it is something bright before it."""
+    _, away, inside = _disc()
+    spot = 3.0 * (away < size)[..., None] * np.ones(3)
+    noise = np.random.default_rng(1).normal(0, 0.002, (2, *spot.shape))
+    flash = np.maximum(inside * (0.02 + spot) + 0.3 * (1 - inside) + noise[0], 0)
+    lamps = np.full_like(flash, 0.1) + 0.2 * (1 - inside)
+    assert len(find_spheres(lamps + noise[1], flash, mirror=True)) == found
+
+
 @pytest.mark.parametrize("margin", [0, 1, 2, 3, 6])
 @pytest.mark.parametrize("side", ["left", "right", "upper", "lower", "corner"])
 def test_a_matt_sphere_near_the_edge_is_found_inside_the_picture(margin: int, side: str) -> None:
