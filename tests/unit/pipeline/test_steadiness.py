@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -189,6 +191,24 @@ def test_bands_stand_out_from_every_other_wave(
 def test_the_fall_off_of_light_takes_nothing_from_bands() -> None:
     """It may leave four cycles."""
     assert bands(two_waves(20, 4, 0.02)) == pytest.approx(0.05, rel=0.1)
+
+
+def test_light_that_falls_off_steeply_adds_nothing_to_bands() -> None:
+    """By e³ from edge to edge, ever faster; bands of six cycles are the nearest to that."""
+    flat = two_waves(6, 4, 0.0)
+    fall_off = 3 * (np.arange(300)[:, None, None] / 300) ** 3
+
+    found = bands(replace(flat, logs=flat.logs + fall_off))
+
+    assert found == pytest.approx(bands(flat), rel=0.01)
+
+
+@pytest.mark.parametrize(("blue", "found"), [(0.9, True), (0.15, False)])
+def test_bands_are_in_all_channels_at_once(blue: float, found: bool) -> None:
+    waves = two_waves(20, 4, 0.0)
+    logs = waves.logs * np.array([1.0, 1.0, blue])
+
+    assert (bands(replace(waves, logs=logs)) is not None) is found
 
 
 def test_steady_lamps_leave_no_bands() -> None:
