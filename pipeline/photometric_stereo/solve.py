@@ -19,7 +19,13 @@ from pipeline.photometric_stereo.fit import MOST_TRIAL_TICKS, fit, refine
 from pipeline.photometric_stereo.grid import carried
 from pipeline.photometric_stereo.parts import MOST_TICKS, fit_in_parts, parts_of
 from pipeline.photometric_stereo.responses import LampBank, ResponsePrior, floored
-from pipeline.photometric_stereo.scene import Scene, State, predicted, response_matrices
+from pipeline.photometric_stereo.scene import (
+    Scene,
+    State,
+    predicted,
+    response_matrices,
+    responses,
+)
 from pipeline.photometric_stereo.view import make_view
 from pipeline.progress import Progress
 from pipeline.reduced import ReducedPair
@@ -170,7 +176,7 @@ def _surface(scene: Scene, state: State, model: Model, block: int, mask: Mask) -
         return np.where(np.expand_dims(mask, (*range(2, picture.ndim),)), picture[*nearest], 0.0)
 
     matrices, deviations = response_matrices(scene, state)
-    strengths = (matrices @ model.flash_white)[:, 1]
+    strengths = _strengths(scene, state, model.flash_white)
     explained = predicted(scene, state)
     ratio = explained / np.maximum(scene.light, 1e-9)
     off = np.abs(explained - scene.light).sum(axis=1)
@@ -190,3 +196,15 @@ def _surface(scene: Scene, state: State, model: Model, block: int, mask: Mask) -
         strengths=strengths / strengths.max(),
         focal_px=scene.grid.focal_px * block,
     )
+
+
+def _strengths(scene: Scene, state: State, flash_white: Array) -> Array:
+    """Green brightness (J,) of a white card that faces each lamp.
+
+    A gain that the deviations of all materials share is the lamp's: light tells of both together.
+    """
+    matrices, _ = response_matrices(scene, state)
+    by_matrix = (scene.flash @ matrices[:, 1].T).sum(axis=0)
+    light = responses(scene, state)[..., 1].sum(axis=0)
+    shared = np.divide(light, by_matrix, out=np.ones_like(light), where=by_matrix > 0)
+    return np.asarray((matrices @ flash_white)[:, 1] * shared)

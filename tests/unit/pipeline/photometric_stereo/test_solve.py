@@ -73,13 +73,22 @@ def test_normals_depth_and_strengths_are_found(
     known = one.lit & surface.mask
     assert known.sum() > 0.99 * one.lit.sum()
     assert error(one, surface) < 0.6
-    np.testing.assert_allclose(surface.strengths, [1 / 1.2, 0.7 / 1.2, 1], rtol=0.2)
+    np.testing.assert_allclose(surface.strengths, [1 / 1.2, 0.7 / 1.2, 1], rtol=0.03)
     ratio = surface.z[known] / one.depth[known]
     assert np.std(ratio / ratio.mean()) * 2 < 0.005 * 10  # relief is a fifth of the distance
     assert np.median(surface.z[surface.mask]) == pytest.approx(1)
     assert (surface.w[~surface.mask] == 0).all()
     assert surface.block == 1
     assert surface.misfit < 0.005
+
+
+def test_strengths_beside_the_flash_are_found(
+    ball: Callable[..., Any], solved: Callable[..., Surface]
+) -> None:
+    """Of two lamps a material may take over what one shines more than the other."""
+    surface = solved(one := ball(48, 3, lamps=2), one.lights("rgb"))
+
+    np.testing.assert_allclose(surface.strengths, [1, 0.7], rtol=0.02)
 
 
 def test_directions_alone_will_do(ball: Callable[..., Any], solved: Callable[..., Surface]) -> None:
