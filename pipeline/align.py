@@ -9,6 +9,7 @@ compared by the enhanced correlation coefficient of Evangelidis & Psarakis, PAMI
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -32,6 +33,7 @@ from pipeline.refine import (
     refine_motion,
     shrinking,
 )
+from pipeline.threads import at_once
 
 _LONG_SIDES = (1400, 800)  # the second for pairs whose noise drowns fine edges
 _EDGES_LONG_SIDE = 800  # where edges are taken, and are to correlate
@@ -86,8 +88,9 @@ def estimate_alignment(no_flash: Photograph, flash: Photograph) -> Alignment:
 def _attempt(no_flash: Photograph, flash: Photograph, long_side: int) -> Alignment:
     height, width = no_flash.shape[:2]
     size = size_within((width, height), long_side)
-    reference, reference_steps = _reduced(no_flash, size)
-    sample, sample_steps = _reduced(flash, size)
+    (reference, reference_steps), (sample, sample_steps) = at_once(
+        partial(_reduced, size=size), (no_flash, flash)
+    )
     try:
         small = _estimate(reference, sample, reference_steps, sample_steps)
         correlation = _correlation(reference, sample, _to_size(small, size, reference.shape[::-1]))

@@ -18,6 +18,7 @@ from pipeline.second_differences import (
     squares_within,
     unshared_squares,
 )
+from pipeline.threads import at_once
 from pipeline.tiles import TILE_ROWS, tiles
 
 _BINS = 24  # of brightness, through whose points the line is laid
@@ -60,10 +61,11 @@ def estimate_noises(first: Photograph, second: Photograph) -> tuple[Noise, Noise
         tiles(each, _ENOUGH) if large else np.ascontiguousarray(each[:]) for each in (first, second)
     )
     means, other_means = (_halved(pixels) if scales else pixels for pixels in (one, other))
-    return (
-        _noise_of(one, other, means, other_means, rows, scales),
-        _noise_of(other, one, other_means, means, rows, scales),
+    own, others = at_once(
+        lambda two: _noise_of(*two, rows, scales),
+        ((one, other, means, other_means), (other, one, other_means, means)),
     )
+    return own, others
 
 
 def _noise_of(

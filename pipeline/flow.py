@@ -6,6 +6,8 @@ edges, which flash and lamps share; taken only where it makes steps of reflectan
 
 from __future__ import annotations
 
+from functools import partial
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +20,7 @@ from pipeline.push_pull import push_pull
 from pipeline.quantiles import quantile
 from pipeline.refine import log_detail
 from pipeline.strips import STRIP_ROWS, strips
+from pipeline.threads import at_once
 
 Array = NDArray[np.float32]
 
@@ -48,8 +51,8 @@ def residual_flow(no_flash: Photograph, flash: Photograph) -> Array | None:
     size = size_within((width, height), _LONG_SIDE)
     if min(size) < _NARROWEST or max(height, width) > _MOST_SIDE:
         return None
-    pair = [area_means(image, size) for image in (no_flash, flash)]
-    steps = [log_detail(image) * _lit(image) for image in pair]
+    pair = at_once(partial(area_means, size=size), (no_flash, flash))
+    steps = at_once(lambda image: log_detail(image) * _lit(image), pair)
     before, texture = _correlation(steps[0], steps[1])
     can_be_better = (texture > _TEXTURE) & (before < 1.0 - _GAIN)
     if _opened(can_be_better).mean() < _WORTH_IT:

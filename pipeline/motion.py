@@ -8,6 +8,8 @@ than without the flash; one that is gone has moved.
 
 from __future__ import annotations
 
+from functools import partial
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +18,7 @@ from pipeline.area_means import area_means
 from pipeline.blocks import any_in_blocks, blocks_within
 from pipeline.frames import Image, Mask, Photograph
 from pipeline.noise import Noise
+from pipeline.threads import at_once
 
 Array = NDArray[np.float32]
 
@@ -57,9 +60,8 @@ def find_moved(
     """
     height, width = unusable.shape
     blocks = blocks_within(width, height, _LONG_SIDE)
-    before, after = (
-        np.maximum(area_means(image, blocks.size, blocks.crop), 0.0) for image in (no_flash, flash)
-    )
+    means = at_once(partial(area_means, size=blocks.size, crop=blocks.crop), (no_flash, flash))
+    before, after = (np.maximum(image, 0.0) for image in means)
     variances = [
         _variance(noise.of_means(blocks.side), image)
         for noise, image in zip(noises, (before, after), strict=True)

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from pipeline.ahead import ahead
 from pipeline.calibration.kept import Kept, setup_warnings, with_kept
 from pipeline.calibration.named import named_warnings
 from pipeline.decode import decode
@@ -30,6 +29,7 @@ from pipeline.spectra.cameras import Camera, find_camera
 from pipeline.spectra.lights import find_light
 from pipeline.strips import STRIP_ROWS
 from pipeline.tally import Tally
+from pipeline.threads import ahead
 from pipeline.wanted_outputs import check_outputs, held_outputs, wanted_outputs, white_warnings
 from pipeline.whose_colours import camera_doubts, camera_warnings, likely_camera, undeclared
 

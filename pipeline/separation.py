@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import placing, registration, smoothing
-from pipeline.ahead import ahead
 from pipeline.area_means import area_means
 from pipeline.compiling import exact, spliced
 from pipeline.fill import Surroundings
@@ -37,6 +36,7 @@ from pipeline.reduced import ReducedPair
 from pipeline.shares import Colour
 from pipeline.sigma_filter import ROUNDS, SigmaFilter
 from pipeline.strips import widened
+from pipeline.threads import ahead
 
 _ROUNDS: dict[Quality, int] = {"best": ROUNDS, "balanced": 3, "fast": 2}  # of the noise filter
 _UNUSABLE_REACH = 1  # pixels around unusable ones that demosaicing has mixed with them

@@ -8,7 +8,7 @@ nowhere is it darker. What departs from that tells of a wrong ratio, or of lamps
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from pipeline.area_means import area_means
 from pipeline.blocks import any_in_blocks, blocks_within
 from pipeline.frames import Mask, Photograph
 from pipeline.noise import Noise
+from pipeline.threads import at_once
 
 Array = NDArray[np.float64]
 
@@ -81,10 +82,8 @@ def block_ratios(
     """
     height, width = unusable.shape
     blocks = blocks_within(width, height, _LONG_SIDE)
-    before, after = (
-        area_means(image, blocks.size, blocks.crop).astype(np.float64)
-        for image in (no_flash, flash)
-    )
+    means = at_once(partial(area_means, size=blocks.size, crop=blocks.crop), (no_flash, flash))
+    before, after = (image.astype(np.float64) for image in means)
     total = before.sum(axis=2)
     usable = (
         ~any_in_blocks(unusable, blocks.side)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import cv2
 import pytest
 
-from pipeline.ahead import ahead
+from pipeline.threads import ahead, at_once
 
 _PATIENCE = 60.0  # seconds, for what takes none
 
@@ -54,14 +54,16 @@ def test_several_make_them_in_one_other_thread() -> None:
     assert threading.get_ident() not in makers
 
 
-@pytest.mark.usefixtures("_several")
-def test_without_threads_items_are_made_where_they_are_used(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+@pytest.fixture
+def _no_room(monkeypatch: pytest.MonkeyPatch) -> None:
     def no_room(_: threading.Thread) -> None:
         raise RuntimeError("can't start new thread")
 
     monkeypatch.setattr(threading.Thread, "start", no_room)
+
+
+@pytest.mark.usefixtures("_several", "_no_room")
+def test_without_threads_items_are_made_where_they_are_used() -> None:
     assert list(ahead(iter(range(5)))) == [0, 1, 2, 3, 4]
 
 
@@ -87,3 +89,38 @@ def test_no_thread_is_left_where_not_all_is_used() -> None:
     assert threading.active_count() == threads + 1
     unfinished.close()
     assert threading.active_count() == threads
+
+
+@pytest.mark.usefixtures("_threads")
+@pytest.mark.parametrize("items", [[3], [3, 1], [3, 1, 2]])
+def test_results_keep_the_order_of_the_items(items: list[int]) -> None:
+    assert at_once(lambda item: 10 * item, items) == [10 * item for item in items]
+
+
+@pytest.mark.usefixtures("_several")
+def test_items_are_worked_on_at_once() -> None:
+    """Each waits for the other: one after the other they would not come to an end."""
+    both = threading.Barrier(2, timeout=_PATIENCE)
+    assert set(at_once(lambda _: both.wait(), [0, 1])) == {0, 1}
+
+
+def test_one_processor_works_on_one_after_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cv2, "getNumThreads", lambda: 1)
+    assert set(at_once(lambda _: threading.get_ident(), [0, 1])) == {threading.get_ident()}
+
+
+@pytest.mark.usefixtures("_several", "_no_room")
+def test_without_threads_items_are_worked_on_one_after_the_other() -> None:
+    assert at_once(lambda item: 10 * item, [3, 1]) == [30, 10]
+
+
+@pytest.mark.usefixtures("_threads")
+@pytest.mark.parametrize("bad", [0, 1])
+def test_what_fails_is_raised(bad: int) -> None:
+    def work(item: int) -> int:
+        if item == bad:
+            raise MemoryError("no more")
+        return item
+
+    with pytest.raises(MemoryError, match="no more"):
+        at_once(work, [0, 1])
