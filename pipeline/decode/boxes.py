@@ -1,4 +1,4 @@
-"""Boxes of files by ISO/IEC 14496-12 (4.2), as HEIF and CR3 have them."""
+"""Boxes of files by ISO/IEC 14496-12 (4.2), as HEIF, JPEG XL and CR3 have them."""
 
 from __future__ import annotations
 

@@ -5,8 +5,9 @@ Sources: ISO/IEC 18181-1 (SizeHeader, ImageMetadata, BitDepth) and 18181-2 (boxe
 
 from __future__ import annotations
 
-import struct
 from typing import NamedTuple
+
+from pipeline.decode.boxes import boxes
 
 _CODESTREAM = b"\xff\x0a"
 _CONTAINER = b"\0\0\0\x0cJXL \r\n\x87\n"
@@ -75,23 +76,13 @@ def _skip_side(bits: _Bits, small: int) -> None:
 
 def _codestream(data: bytes) -> bytes:
     """Begin of the codestream after its signature."""
-    at = 0
     if data.startswith(_CONTAINER):
-        size, name = _box(data, at)
-        while name not in (b"jxlc", b"jxlp"):
-            if size < 8:  # it ends with the file, or is larger than any tile
-                raise ValueError("a JPEG XL without a picture")
-            at += size
-            size, name = _box(data, at)
-        at += 16 if size == 1 else 8  # a size of 64 bits follows
-        at += 4 if name == b"jxlp" else 0  # parts have a number
-    start = data[at : at + _HEADER_BYTES]
+        pictures = (one for one in boxes(data) if one[0] in (b"jxlc", b"jxlp"))
+        name, data = next(pictures, (b"", b""))
+        if not name:
+            raise ValueError("a JPEG XL without a picture")
+        data = data[4:] if name == b"jxlp" else data  # parts have a number
+    start = data[:_HEADER_BYTES]
     if not start.startswith(_CODESTREAM):
         raise ValueError("no JPEG XL")
     return start.removeprefix(_CODESTREAM)
-
-
-def _box(data: bytes, at: int) -> tuple[int, bytes]:
-    """Size and name of a box, 0 and nothing beyond the end."""
-    size, name = struct.unpack(">I4s", data[at : at + 8].ljust(8, b"\0"))
-    return size, name

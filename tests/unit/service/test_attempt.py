@@ -6,6 +6,7 @@ import sqlite3
 import tempfile
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from service.states import State
 from service.stopping import Stopping
 from service.storage import Storage
 from service.tasks import RESULTS, Task
+from tests.unit.service.at_first import at_first
 
 Run = Callable[[], jobs.Job | None]
 
@@ -263,26 +265,24 @@ def separates(task: Task, *_rest: object) -> None:
     (folder / "a.png").write_bytes(b"result")
 
 
-def at_first(error: Exception, work: Callable[..., Any]) -> Callable[..., Any]:
-    """Raise an error once, and then work."""
-    errors = [error]
-
-    def fail_once(*arguments: Any, **named: Any) -> Any:
-        if errors:
-            raise errors.pop()
-        return work(*arguments, **named)
-
-    return fail_once
-
-
 @pytest.mark.usefixtures("patient")
-@pytest.mark.parametrize("method", ["get_file", "put_file", "flush"])
-@pytest.mark.parametrize("error", [GenericError("away"), OSError(errno.ENOSPC, "full")])
-def test_a_store_that_is_away_for_a_moment_costs_no_job(
-    run: Run, method: str, error: Exception, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("owner", "name", "error"),
+    [
+        *product(
+            [Storage],
+            ["get_file", "put_file", "flush"],
+            [GenericError("away"), OSError(errno.ENOSPC, "full")],
+        ),
+        (tempfile, "mkdtemp", OSError(errno.ENOSPC, "full")),
+        (kept, "write", OSError(errno.ENOSPC, "full")),
+    ],
+)
+def test_what_is_away_or_full_for_a_moment_costs_no_job(
+    owner: object, name: str, error: Exception, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sandbox, "run", separates)
-    monkeypatch.setattr(Storage, method, at_first(error, getattr(Storage, method)))
+    monkeypatch.setattr(owner, name, at_first(error, getattr(owner, name)))
     job = run()
     assert job is not None
     assert (job.state, job.attempt) == (State.SUCCEEDED, 1)
@@ -323,30 +323,6 @@ def test_a_disk_that_is_full_for_a_moment_costs_no_job(
     job = run()
     assert job is not None and job.state == State.SUCCEEDED
     assert context.storage.get(results_key("a", 1, "a.png")) == b"result"
-
-
-@pytest.mark.usefixtures("patient")
-def test_a_disk_that_has_no_room_for_a_folder_for_a_moment_costs_no_job(
-    run: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sandbox, "run", separates)
-    full = OSError(errno.ENOSPC, "full")
-    monkeypatch.setattr(tempfile, "mkdtemp", at_first(full, tempfile.mkdtemp))
-    job = run()
-    assert job is not None
-    assert (job.state, job.attempt) == (State.SUCCEEDED, 1)
-
-
-@pytest.mark.usefixtures("patient")
-def test_a_disk_that_has_no_room_for_kept_calibrations_for_a_moment_costs_no_job(
-    run: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sandbox, "run", separates)
-    full = OSError(errno.ENOSPC, "full")
-    monkeypatch.setattr(kept, "write", at_first(full, kept.write))
-    job = run()
-    assert job is not None
-    assert (job.state, job.attempt) == (State.SUCCEEDED, 1)
 
 
 @pytest.mark.usefixtures("patient")

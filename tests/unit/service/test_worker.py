@@ -7,7 +7,7 @@ import sqlite3
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,7 @@ from service.settings import Settings
 from service.states import State
 from service.storage import Storage
 from service.worker import Worker
+from tests.unit.service.at_first import at_first
 from tests.unit.service.full_disk import full_disk
 
 CUT_SHORT = {
@@ -78,17 +79,6 @@ def _ends(attempt: Attempt, *_pass_on: object) -> None:
         assert jobs.succeed(connection, attempt._job, [])
 
 
-def _at_first(error: Exception, then: Callable[..., Any]) -> Callable[..., Any]:
-    errors = [error]
-
-    def work(*arguments: Any) -> Any:
-        if errors:
-            raise errors.pop()
-        return then(*arguments)
-
-    return work
-
-
 @pytest.mark.parametrize(
     ("error", "lost"),
     [
@@ -103,7 +93,7 @@ def test_whatever_cuts_an_attempt_short_another_follows(
     one: Worker, error: Exception, lost: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Raised to the queue, it would take the job out there, and leave its row running for ever."""
-    monkeypatch.setattr(Attempt, "run", _at_first(error, _ends))
+    monkeypatch.setattr(Attempt, "run", at_first(error, _ends))
     _add(one)
     one.run("a")
     job = _find(one)
@@ -292,8 +282,8 @@ def test_an_attempt_is_given_up_when_the_database_is_back(
     one: Worker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     away = sa.exc.OperationalError("", None, sqlite3.OperationalError("away"))
-    monkeypatch.setattr(Attempt, "run", _at_first(away, _ends))
-    monkeypatch.setattr(Attempt, "give_up", _at_first(away, Attempt.give_up))
+    monkeypatch.setattr(Attempt, "run", at_first(away, _ends))
+    monkeypatch.setattr(Attempt, "give_up", at_first(away, Attempt.give_up))
     _add(one)
     one.run("a")
     assert _find(one).state == State.SUCCEEDED
@@ -429,7 +419,7 @@ def test_a_database_that_is_away_does_not_end_a_worker(
     one: Worker, error: type[sa.exc.SQLAlchemyError], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     gone = error("", None, sqlite3.OperationalError("away"))
-    monkeypatch.setattr(heartbeats, "beat", _at_first(gone, heartbeats.beat))
+    monkeypatch.setattr(heartbeats, "beat", at_first(gone, heartbeats.beat))
     one.keep()
     one.keep()
     with one._engine.begin() as connection:
@@ -463,7 +453,7 @@ def test_a_database_that_is_away_makes_no_room(
     _add(one, state="succeeded", finished=1.0, expires=2.0)
     one._storage.put("jobs/a/inputs/flash", b"light")
     gone = sa.exc.OperationalError("", None, sqlite3.OperationalError("away"))
-    monkeypatch.setattr(heartbeats, "beat", _at_first(gone, heartbeats.beat))
+    monkeypatch.setattr(heartbeats, "beat", at_first(gone, heartbeats.beat))
     one.keep()
     assert len(one._storage.list("")) == 1
 

@@ -18,6 +18,7 @@ from pipeline.decode.dng_jxl import described, uncompressed
 from pipeline.errors import ImageTooLargeError
 from tests.jpeg_xl import in_jpeg_xl, lossless
 from tests.refusal import refusal
+from tests.same_frame import assert_same
 
 Write = Callable[..., bytes]
 Tags = tuple[tuple[Any, ...], ...]
@@ -35,16 +36,6 @@ SQUARES = tuple(int(65535 * (code / 1023) ** 2) for code in range(1024))
 def noise(*shape: int, most: int = 60000, dtype: type = np.uint16) -> NDArray[Any]:
     values = np.random.default_rng(7).integers(most // 100, most, shape)
     return values.astype(dtype)
-
-
-def assert_same(data: bytes, twin: bytes) -> None:
-    assert read_header(data) == read_header(twin)
-    frame, expected = decode(data), decode(twin)
-    np.testing.assert_array_equal(frame.pixels[:], expected.pixels[:])
-    np.testing.assert_array_equal(frame.saturated, expected.saturated)
-    np.testing.assert_array_equal(frame.xyz_to_camera, expected.xyz_to_camera)
-    assert (frame.make, frame.exposure) == (expected.make, expected.exposure)
-    assert frame.pixels[:].std() > 0.05
 
 
 @pytest.mark.parametrize("shape", [(64, 96), (64, 96, 3)], ids=["mosaic", "linear"])

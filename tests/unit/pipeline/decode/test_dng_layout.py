@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pipeline.decode import decode
 from tests.jpeg_xl import in_jpeg_xl
 from tests.refusal import refusal
+from tests.same_frame import assert_same
 
 Write = Callable[..., bytes]
 BLACK, WHITE = 50714, 50717
@@ -45,12 +46,6 @@ def swapped(dng: bytes) -> bytes:
         first, second, *others = tag.value
         tag.overwrite([second, first, *others])
     return file.getvalue()
-
-
-def assert_same(data: bytes, twin: bytes) -> None:
-    frame, expected = decode(data), decode(twin)
-    np.testing.assert_array_equal(frame.pixels[:], expected.pixels[:])
-    assert frame.pixels[:].std() > 0.1
 
 
 @pytest.mark.parametrize("shape", [(HEIGHT, WIDTH), (HEIGHT, WIDTH, 3)], ids=["mosaic", "linear"])

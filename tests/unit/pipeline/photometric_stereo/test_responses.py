@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.photometric_stereo.responses import LampBank
+from pipeline.photometric_stereo.responses import LampBank, ResponsePrior
 from pipeline.spectra.cameras import Camera
 from pipeline.spectra.lights import find_light, reflectance_spectra
 
@@ -22,6 +22,13 @@ def seen(camera: Camera, light: Array) -> Array:
 def white(camera: Camera, light: Array) -> Array:
     s = camera.sensitivities
     return np.asarray(s @ light / (s[1] @ light))
+
+
+def under(lamp: str, bank: LampBank, camera: Camera) -> tuple[ResponsePrior, Array, Array]:
+    """The prior of a lamp, and reflectances (m, 3) under the flash and under the lamp."""
+    light = find_light(lamp)
+    prior = bank.prior(white(camera, light))
+    return prior, seen(camera, find_light("xenon")), seen(camera, light)
 
 
 @pytest.mark.parametrize("lamp", ["A", "D50", "FL2", "LED-B3"])
@@ -41,9 +48,7 @@ def test_surfaces_lie_within_what_the_prior_allows(
     bank: LampBank, camera: Camera, lamp: str
 ) -> None:
     """Nearly all light of a lamp is what its mean matrix says, and none is far off."""
-    light = find_light(lamp)
-    prior = bank.prior(white(camera, light))
-    flash, lit = seen(camera, find_light("xenon")), seen(camera, light)
+    prior, flash, lit = under(lamp, bank, camera)
 
     off = np.linalg.norm(flash @ prior.mean.T - lit, axis=1) / np.linalg.norm(lit, axis=1)
 
@@ -60,9 +65,7 @@ def test_materials_may_be_ten_times_as_far_off_as_they_are(
     bank: LampBank, camera: Camera, lamp: str
 ) -> None:
     """About a tenth of the prior's deviation, whichever colours it mixes."""
-    light = find_light(lamp)
-    prior = bank.prior(white(camera, light))
-    flash, lit = seen(camera, find_light("xenon")), seen(camera, light)
+    prior, flash, lit = under(lamp, bank, camera)
 
     own = (lit - flash @ prior.mean.T) / flash.sum(axis=1, keepdims=True)
     whitened = np.linalg.solve(prior.material, own.T)
