@@ -5,10 +5,12 @@ import io
 import json
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 import tifffile
@@ -146,6 +148,30 @@ def test_no_byte_depends_on_the_strips(
     assert {entry["name"] for entry in whole["files"]} >= {"normals.exr", "response.jpg"}
     files_of_lamps = 6  # more than names: three thrice
     assert len(whole["files"]) == len(OUTPUT_NAMES) + files_of_lamps - 3 * (method == "paper")
+
+
+@pytest.mark.parametrize("align", [False, True])
+def test_no_byte_depends_on_the_processors(
+    align: bool, files: Callable[..., Files], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With two, strips are filtered, separated and written in a thread each; with one, here."""
+    threads: dict[int, set[int]] = {1: set(), 2: set()}
+    pictures = {}
+    for processors, used in threads.items():
+        monkeypatch.setattr(cv2, "getNumThreads", lambda number=processors: number)
+
+        def told(stage: str, _fraction: float, used: set[int] = used) -> None:
+            if stage == "layers":
+                used.add(threading.get_ident())
+
+        folder = tmp_path / str(processors)
+        separated(files(), folder, Progress(told), rows=7, outputs=["layers.exr"], align=align)
+        pictures[processors] = (folder / "layers.exr").read_bytes()
+
+    assert pictures[1] == pictures[2]
+    assert threads[1] == {threading.get_ident()}
+    assert len(threads[2]) == 1
+    assert threading.get_ident() not in threads[2]
 
 
 def test_stages_run_in_order_from_zero_to_one(files: Callable[..., Files], tmp_path: Path) -> None:
