@@ -1,4 +1,4 @@
-"""What the pair says about its lamps: pixels, edges of shadows, and terminators."""
+"""What the pair says about its lamps: pixels, edges of shadows, terminators, pools of light."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pipeline.frames import Mask
 from pipeline.matrixfit.contrasts import drawn, relative_light
 from pipeline.matrixfit.data import Data, by_colour, draw, sandwich, upper
 from pipeline.matrixfit.differences import find_differences
+from pipeline.matrixfit.pools import find_pools
 from pipeline.matrixfit.terminators import find_terminators
 from pipeline.reduced import ReducedPair
 
@@ -22,14 +23,14 @@ _LEAST_SHARE = 0.3
 _MIN_NOISE = 1.5e-4  # relative: no photograph is better
 _PIXEL_WEIGHT = 400.0
 _AREA_WEIGHT, _SURFACE_WEIGHT = 60.0, 400.0  # people seldom find places of one lamp alone
-_PIXELS, _DIFFERENCES, _TERMINATORS = 3600, 3200, 1600
+_PIXELS, _DIFFERENCES, _TERMINATORS, _POOLS = 3600, 3200, 1600, 1600
 _FEW_DIFFERENCES, _FEW_TERMINATORS = 0.003, 0.001  # of the usable pixels
 _CELL, _FLATTENING, _MIN_FLASH_COLOUR = 0.01, 0.6, 1e-3
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What pixels show, differences across the edges of shadows, and terminators.
+    """What pixels show, differences across the edges of shadows, terminators, and pools of light.
 
     difference_share, terminator_share: how many there were ÷ usable pixels. Where shadows have
     edges, terminators are not asked, and their share is 0.
@@ -38,6 +39,7 @@ class Evidence:
     pixels: Data
     differences: Data
     terminators: Data
+    pools: Data
     difference_share: float
     terminator_share: float
 
@@ -74,6 +76,7 @@ def gather_evidence(reduced: ReducedPair, flash_only: bool) -> Evidence:
         _pixels(no_flash[use], flash[use], v_n[use], v_f[use], coupled),
         drawn(differences, _DIFFERENCES),
         drawn(terminators, _TERMINATORS),
+        drawn(find_pools(ratios), _POOLS),
         *shares,
     )
 

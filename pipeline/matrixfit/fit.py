@@ -45,7 +45,7 @@ _LESS = {2: (0.93, 0.98), 3: (0.95,)}
 
 _LITTLE = 0.6  # unexplained by three lamps
 _NOTHING = 1e-6  # of the light
-_AGAINST = 0.2  # of the terminators' weight: so much likelier are lamps that they speak for
+_AGAINST = 0.2  # of the weight of terminators and pools: so much likelier are lamps they speak for
 _MOST_MIRRORED = 0.35  # of the differences: no lamp is mirrored so much more than it shines
 _OUTLINE_LEVELS = (*LEVELS, (0.001, 1))
 _OUTLINE_WIDENED = 3**0.5  # with one kind of data instead of two, the prior would weigh too much
@@ -81,12 +81,12 @@ def first_fit(
 ) -> Fit:
     """Fit the matrices of one to three lamps in one way; deterministic. The rest as fit_matrices.
 
-    Without edges of shadows the outline of the pixels' cloud speaks, and terminators. Where the
-    published lamps leave no light over, the outline is exact, and nothing is gained by fitting,
-    unless terminators say that it reaches no lamp alone. Several lamps are searched from the
-    published ones, too: where nearly all light is mixed, or lamps are strongly coloured, the search
-    may pass the likeliest two by; three are searched alike, since costs of different numbers of
-    lamps are compared.
+    Without edges of shadows the outline of the pixels' cloud speaks, terminators and pools of
+    light. Where the published lamps leave no light over, the outline is exact, and nothing is
+    gained by fitting, unless these say that it reaches no lamp alone. Several lamps are searched
+    from the published ones, too: where nearly all light is mixed, or lamps are strongly coloured,
+    the search may pass the likeliest two by; three are searched alike, since costs of different
+    numbers of lamps are compared.
     """
     outline = not evidence.has_edges
     problem = _problem(evidence, model.prior, lamps, outline, _PURE_SHARES[lamps][0], known)
@@ -97,7 +97,7 @@ def first_fit(
     exact = None
     if outline and published is not None and _leaves_nothing(reduced, published, known):
         exact = Fit(published, _cost(published, problem.terms, level))
-        if not len(evidence.terminators):
+        if not (len(evidence.terminators) or len(evidence.pools)):
             return exact
     candidates, also = _candidates(evidence, model), published if searched_too else None
     matrices, *passed_over = _likeliest(problem, candidates, also, not reduced.rendered)
@@ -107,7 +107,8 @@ def first_fit(
         problem = replace(problem, terms=[without_mirrors(one) for one in problem.terms])
         matrices, *passed_over = _likeliest(problem, candidates, also, not reduced.rendered)
     cost = np.inf if known.rejects(matrices) else _cost(matrices, problem.terms, level)
-    if exact is not None and cost > exact.cost - _AGAINST * evidence.terminators.weight.sum():
+    bent = evidence.terminators.weight.sum() + evidence.pools.weight.sum()
+    if exact is not None and cost > exact.cost - _AGAINST * bent:
         return exact
     return Fit(matrices, cost, tuple(passed_over))
 

@@ -134,6 +134,7 @@ def make_terms(
     pure_share: of several lamps, the share of pixels that each lights alone.
     outline: there are no shadow edges, so that pixels speak by their cloud's outline alone.
     """
+    pools = difference_term(evidence.pools, lamps)
     if outline:
         shape = Shape(True, 0.0, 1.5, 1.0, area_power=0.2)
         weights = {
@@ -142,7 +143,7 @@ def make_terms(
             3: (0.003,) * 3 + (0.01,) * 3 + (0.941, 0.02),
         }
         shown = Term(evidence.pixels, shape, np.array(weights[lamps]), None)
-        return [shown, _terminator_term(evidence.terminators, lamps)]
+        return [shown, _terminator_term(evidence.terminators, lamps), pools]
     inside = {
         1: (0.97, 0.03),
         2: (pure_share, pure_share, 0.97 - 2 * pure_share, 0.03),
@@ -151,7 +152,8 @@ def make_terms(
     # re-estimated, the weights of pixels give way until a corner sits in a cluster of them
     shown = Term(evidence.pixels, Shape(True, 0.0, 1.5, 1.0), np.array(inside[lamps]), None)
     differences = difference_term(evidence.differences, lamps)
-    return [shown, _with_mirrors(differences, flash_white) if lamps == 2 else differences]
+    shadows = _with_mirrors(differences, flash_white) if lamps == 2 else differences
+    return [shown, shadows, pools]
 
 
 def alone_term(data: Data) -> Term:
@@ -160,7 +162,7 @@ def alone_term(data: Data) -> Term:
 
 
 def difference_term(differences: Data, lamps: int) -> Term:
-    """The mixture of differences across edges of shadows for one to four lamps."""
+    """The mixture of differences across edges of shadows, or of pools, for one to four lamps."""
     corners, edges = {1: (0.8, 0.0), 2: (0.4, 0.4)}.get(lamps, (0.39, 0.3))
     pairs = lamps * (lamps - 1) // 2
     weights = np.array([corners / lamps] * lamps + [edges / max(pairs, 1)] * pairs + [0.0])

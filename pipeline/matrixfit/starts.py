@@ -43,7 +43,7 @@ def start_points(evidence: Evidence, tensor: Array) -> Array:
     if not len(plane):
         raise UnusablePairError(NO_AGREEMENT)
     found: list[Array] = []
-    for alone in (evidence.differences, evidence.terminators):
+    for alone in (evidence.differences, evidence.terminators, evidence.pools):
         if len(alone):
             points, _ = to_plane(invariants(alone, tensor), center)
             found.append(_peaks(points, plane, _PEAKS_OF_DIFFERENCES))

@@ -52,7 +52,9 @@ def pair_of(flash: Array, light: Array, variance: float = 1e-9) -> ReducedPair:
 
 
 def evidence_of(differences: Data) -> Evidence:
-    return Evidence(nothing(), differences, nothing(), 0.1 if len(differences) else 0.0, 0.0)
+    return Evidence(
+        nothing(), differences, nothing(), nothing(), 0.1 if len(differences) else 0.0, 0.0
+    )
 
 
 def shown_alone(responses: Array, flash: Array) -> Data:

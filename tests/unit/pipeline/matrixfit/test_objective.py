@@ -44,8 +44,13 @@ def drawn(model: Model, count: int, seed: int, lamps: int = 2, noise: float = 0.
 WHITE = np.array([0.6, 1.0, 0.9])
 
 
-def seen(pixels: Data = EMPTY, differences: Data = EMPTY, terminators: Data = EMPTY) -> Evidence:
-    return Evidence(pixels, differences, terminators, 0.1, 0.0)
+def seen(
+    pixels: Data = EMPTY,
+    differences: Data = EMPTY,
+    terminators: Data = EMPTY,
+    pools: Data = EMPTY,
+) -> Evidence:
+    return Evidence(pixels, differences, terminators, pools, 0.1, 0.0)
 
 
 def open_field(matrices: Array) -> tuple[float, Array]:
@@ -66,7 +71,7 @@ def pure(data: Data, matrix: Array) -> Data:
 def test_the_gradient_is_that_of_differences(
     model: Model, lamps: int, outline: bool, pinned: int
 ) -> None:
-    evidence = seen(*(drawn(model, n, i, lamps) for i, n in enumerate((60, 40, 30), 1)))
+    evidence = seen(*(drawn(model, n, i, lamps) for i, n in enumerate((60, 40, 30, 20), 1)))
     made = make_terms(evidence, lamps, outline, PURE, WHITE)
     terms = [Whitened(term, 0.01) for term in made]
     weights = [term.weights for term in made]
@@ -245,7 +250,7 @@ def test_no_differences_leave_their_weights(model: Model) -> None:
 def test_weights_begin_as_shares_of_all_components(lamps: int, outline: bool) -> None:
     terms = make_terms(seen(), lamps, outline, PURE, WHITE)
 
-    assert len(terms) == 2
+    assert len(terms) == 3
     for term in terms:
         interior = lamps == 3 and term.shape.interior
         mirrors = 2 * bool(term.mirrored.any())
@@ -257,7 +262,7 @@ def test_weights_begin_as_shares_of_all_components(lamps: int, outline: bool) ->
 @pytest.mark.parametrize("lamps", [2, 3])
 def test_the_share_of_pure_pixels_is_that_of_every_lamp(lamps: int) -> None:
     """Differences have shares of their own."""
-    pixels, differences = make_terms(seen(), lamps, False, 0.03, WHITE)
+    pixels, differences, _ = make_terms(seen(), lamps, False, 0.03, WHITE)
 
     np.testing.assert_allclose(pixels.weights[:lamps], 0.03)
     assert pixels.weights.sum() == pytest.approx(1)
@@ -272,7 +277,7 @@ def test_terminators_show_lamps_alone(model: Model) -> None:
     mixed, first = drawn(model, 400, 6), pure(drawn(model, 400, 6), matrices[0])
     costs = []
     for data in (mixed, first):
-        term = Whitened(make_terms(seen(terminators=data), 2, True, PURE, WHITE)[-1], 0.004)
+        term = Whitened(make_terms(seen(terminators=data), 2, True, PURE, WHITE)[1], 0.004)
         costs.append(term.value(matrices, term.term.weights)[0])
 
     # a corner of density 0.425 / (2π √det), and outliers of 6

@@ -140,7 +140,9 @@ def test_pixels_outside_the_triangle_are_counted(order: tuple[int, ...]) -> None
 def test_signs_add_up() -> None:
     """Nothing left over, 0.4 of the differences off and 0.5 of the pixels outside."""
     differences = on_grey((0.2, 0.2), (0.6, 0.2), (0.2, 0.6), (0.4, 0.2), (0.25, 0.2))
-    evidence = Evidence(on_grey((0.3, 0.3), (0.45, 0.45)), differences, nothing(), 0.1, 0.0)
+    evidence = Evidence(
+        on_grey((0.3, 0.3), (0.45, 0.45)), differences, nothing(), nothing(), 0.1, 0.0
+    )
 
     assert unexplained(off_by(0.0), evidence, LAMPS) == pytest.approx(
         0.4 / 0.4 + 0.5 / 0.1, abs=1e-3
@@ -159,7 +161,7 @@ def test_differences_are_counted_for_the_lamp_they_show() -> None:
 def test_places_that_show_a_lamp_alone_are_edges_and_a_fifth_of_terminators() -> None:
     """Of the edges in a tenth of the picture, and of the terminators in a twentieth."""
     edges, bends = on_grey((0.2, 0.2), (0.4, 0.2)), on_grey((0.6, 0.2), (0.2, 0.2))
-    evidence = Evidence(nothing(), edges, bends, 0.1, 0.05)
+    evidence = Evidence(nothing(), edges, bends, nothing(), 0.1, 0.05)
 
     found = places_alone(evidence, LAMPS)
 

@@ -1,0 +1,78 @@
+"""Pools of light: what a lamp close to a wall or a table draws on it.
+
+On a flat surface the light of every lamp changes, but that of lamps far away nearly straight; only
+near a lamp does it bend much. What bends is mostly that lamp's light alone, or, where two pools
+overlap, that of two. Round things bend the light of all lamps: the flash tells them by its own.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.frames import Mask
+from pipeline.matrixfit.contrasts import RelativeLight, contrast, steps
+from pipeline.matrixfit.data import Data, draw
+
+Array = NDArray[np.float64]
+
+_REACHES = (2, 4)  # steps to either side; the wider stands out from more noise
+_FLAT = 0.03  # logarithm of the flash part, from the middle to each side
+_LEAST_BEND = 0.02  # of the mean light around
+_SIGNIFICANT = 5.0  # standard deviations
+_MOST = 2000  # of a direction and a reach: more tell no more
+_FACTORS, _SURFACE = np.array([1.0, -2.0, 1.0]), np.array([0.0, 1.0, 0.0])
+
+
+def find_pools(ratios: RelativeLight) -> list[Data]:
+    """Bends of the light on flat surfaces of one colour, by direction; weights are their worth."""
+    if not ratios.use.any():
+        return []
+    shading = np.log(ratios.strength)
+    parts = []
+    for dx, dy in steps(ratios.use.shape):
+        for reach in _REACHES:
+            ox, oy = reach * dx, reach * dy
+            bend, rows, columns = _bends(ratios, shading, ox, oy)
+            for sign in (1.0, -1.0):
+                which = sign * bend > 0
+                worth = np.sqrt(np.abs(bend[which]) * ratios.strength[rows, columns][which])
+                pick = np.flatnonzero(which)[draw(worth, _MOST)]
+                at = _along(rows[pick], columns[pick], ox, oy)
+                parts.append(contrast(ratios, at, sign * _FACTORS, _SURFACE, _SIGNIFICANT))
+    return parts
+
+
+def _bends(
+    ratios: RelativeLight, shading: Array, ox: int, oy: int
+) -> tuple[Array, NDArray[np.intp], NDArray[np.intp]]:
+    """Second differences along (ox, oy), ox ≥ 0, on flat surfaces, and their rows and columns."""
+    height, width = ratios.use.shape
+    if height <= 2 * abs(oy) or width <= 2 * ox:
+        return np.zeros(0), np.zeros(0, np.intp), np.zeros(0, np.intp)
+
+    def at(count: int) -> tuple[slice, slice]:
+        top, left = abs(oy) + count * oy, ox + count * ox
+        return slice(top, top + height - 2 * abs(oy)), slice(left, left + width - 2 * ox)
+
+    light, middle = ratios.total, ratios.total[at(0)]
+    around = light[at(-1)] + light[at(1)]
+    bend = around - 2.0 * middle
+    good: Mask = np.abs(bend) > _LEAST_BEND / 4 * (around + 2.0 * middle)
+    for count in (-1, 0, 1):
+        good &= ratios.use[at(count)] & (np.abs(shading[at(count)] - shading[at(0)]) < _FLAT)
+    rows, columns = np.nonzero(good)
+    bend, rows, columns = bend[good], rows + abs(oy), columns + ox
+    same = np.ones(len(rows), np.bool_)
+    for part in (-1.0, -0.5, 0.5, 1.0):
+        beside = rows + round(part * oy), columns + round(part * ox)
+        same &= ratios.alike(beside, (rows, columns))
+    return bend[same], rows[same], columns[same]
+
+
+def _along(
+    rows: NDArray[np.intp], columns: NDArray[np.intp], ox: int, oy: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Places (n, 3) before, in and after the middle."""
+    sides = np.array([-1, 0, 1])
+    return rows[:, None] + oy * sides, columns[:, None] + ox * sides
