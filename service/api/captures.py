@@ -134,7 +134,7 @@ def _commit(submission: Submission, wanted: Pairs, request_hash: str) -> Accepte
             if wanted.capture.when_busy == "refuse":
                 _refuse_when_held(connection, submission.caller, row["camera"])
             _add(context, connection, wanted, row, ids)
-    except sa.exc.IntegrityError:
+    except (sa.exc.IntegrityError, CameraHeldError):  # perhaps by this request, sent twice
         earlier = replay(submission, request_hash)
         if earlier is None:
             raise

@@ -69,6 +69,12 @@ def test_a_piece_keeps_an_upload_longer_but_not_an_expired_one(
     assert not _append(engine, storage, _find(engine, "2"), b"abc")
 
 
+def test_it_is_told_when_one_of_several_uploads_is_gone(engine: sa.Engine) -> None:
+    _add(engine, "1", 6)
+    with engine.begin() as connection:
+        assert not uploads.remove(connection, "a", ["1", "2"])
+
+
 def test_an_upload_is_its_owners_alone(engine: sa.Engine) -> None:
     _add(engine, "1", 6)
     with engine.begin() as connection:

@@ -4,6 +4,7 @@ import errno
 import os
 import tempfile
 from collections.abc import Callable
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -114,6 +115,24 @@ def test_a_check_that_an_overloaded_machine_ends_is_asked_for_again(
     assert post_pair(http, png(64, 48), png(64, 48, True)).status_code == 202
 
 
+def test_a_check_of_headers_takes_one_of_the_places_there_are(
+    http: httpx.Client, png: Png, context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def free() -> int:
+        count = 0
+        while context.checks.acquire(blocking=False):
+            count += 1
+        for _ in range(count):
+            context.checks.release()
+        return count
+
+    during: list[int] = []
+    monkeypatch.setattr(sandbox, "run", lambda *_arguments: during.append(free()))
+    before = free()
+    assert post_pair(http, png(64, 48), png(64, 48, True)).status_code == 202
+    assert (during, free()) == ([before - 1], before)
+
+
 def test_a_machine_without_processes_is_no_fault_of_the_photographs(
     checked: Checked, context: Context, http: httpx.Client, png: Png
 ) -> None:
@@ -182,10 +201,12 @@ class TestHandling:
         assert http.post("/jobs", json=body).json()["priority"] == "low"
 
     def test_comes_with_a_pair(self, http: httpx.Client, png: Png) -> None:
-        answer = post_pair(
-            http, png(64, 48), png(64, 48, True), data={"handling": '{"priority": "high"}'}
-        )
-        assert answer.json()["priority"] == "high"
+        handling = '{"priority": "high", "deadline_seconds": 600}'
+        answer = post_pair(http, png(64, 48), png(64, 48, True), data={"handling": handling})
+        job = answer.json()
+        assert job["priority"] == "high"
+        created, deadline = map(datetime.fromisoformat, (job["created"], job["deadline"]))
+        assert round((deadline - created).total_seconds()) == 600
 
     @pytest.mark.parametrize(
         ("handling", "words"),

@@ -11,7 +11,7 @@ import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
 import drivers
-from service import cameras, dbos_queue, heartbeats
+from service import bursts, cameras, dbos_queue, heartbeats
 from service.api.camera_discovery import CameraDiscovery
 from service.api.context import Context
 from service.api.idempotency import digest
@@ -96,6 +96,29 @@ class TestCaptures:
         assert problem_of(capture(when_busy="refuse"))[:2] == (409, "camera-held")
         take(context, first.json()["jobs"][0]["id"], {})
         assert capture(when_busy="refuse").status_code == 202
+
+    def test_a_key_that_is_sent_twice_at_once_finds_its_own_job_and_no_camera_that_is_held(
+        self, http: httpx.Client, capture: Any, context: Context, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        assert capture is not None
+        first: list[httpx.Response] = []
+        new_ids = bursts.new_ids
+
+        def send() -> httpx.Response:
+            key = {"idempotency-key": "once"}
+            return http.post(f"{PATH}/captures", json={"when_busy": "refuse"}, headers=key)
+
+        def after_the_first(count: int) -> list[str]:
+            monkeypatch.setattr(bursts, "new_ids", new_ids)
+            first.append(send())
+            return new_ids(count)
+
+        monkeypatch.setattr(bursts, "new_ids", after_the_first)
+        later = send()
+        assert (first[0].status_code, later.status_code) == (202, 202)
+        assert later.json() == first[0].json()
+        assert later.headers["idempotency-replayed"] == "true"
+        assert len(rows_of(context)) == 1
 
     def test_a_burst_is_a_job_for_each_pair(self, capture: Any, context: Context) -> None:
         made = capture(pairs=3, interval_seconds=60, deadline_seconds=30).json()["jobs"]

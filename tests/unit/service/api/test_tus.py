@@ -18,6 +18,7 @@ import pytest
 import sqlalchemy as sa
 
 from service import database, uploads
+from service.api import accept
 from service.api.context import Context
 from service.settings import Settings
 from service.storage import Storage
@@ -394,9 +395,35 @@ class TestJobs:
         assert (first.status_code, again.status_code) == (202, 202)
         assert again.json() == first.json()
         assert again.headers["idempotency-replayed"] == "true"
-        other = {"uploads": pair, "options": {"lights": 1}}
-        answer = http.post("/jobs", json=other, headers=headers)
-        assert problem_of(answer)[:2] == (422, "idempotency-key-reused")
+        swapped = {"no_flash": pair["flash"], "flash": pair["no_flash"]}
+        for other in ({"uploads": pair, "options": {"lights": 1}}, {"uploads": swapped}):
+            answer = http.post("/jobs", json=other, headers=headers)
+            assert problem_of(answer)[:2] == (422, "idempotency-key-reused")
+        assert len(rows_of(context)) == 1
+
+    def test_a_key_gives_the_job_that_took_its_uploads_a_moment_ago(
+        self,
+        http: httpx.Client,
+        pair: dict[str, str],
+        context: Context,
+        monkeypatch: pytest.MonkeyPatch,
+    ) -> None:
+        def send() -> httpx.Response:
+            return http.post("/jobs", json={"uploads": pair}, headers={"Idempotency-Key": "once"})
+
+        first: list[httpx.Response] = []
+        bring = accept.bring_uploaded
+
+        def bring_late(*arguments: Any) -> dict[str, str]:
+            monkeypatch.setattr(accept, "bring_uploaded", bring)
+            first.append(send())
+            return bring(*arguments)
+
+        monkeypatch.setattr(accept, "bring_uploaded", bring_late)
+        later = send()
+        assert (first[0].status_code, later.status_code) == (202, 202)
+        assert later.json()["id"] == first[0].json()["id"]
+        assert later.headers["idempotency-replayed"] == "true"
         assert len(rows_of(context)) == 1
 
     def test_a_refused_pair_stays_uploaded(
