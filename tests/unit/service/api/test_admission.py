@@ -91,6 +91,19 @@ class TestLowDisk:
         assert rows_of(context) == []
         assert context.storage.list("") == []
 
+    def test_pieces_of_uploads_are_refused(
+        self, http: httpx.Client, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        with monkeypatch.context() as roomy:
+            roomy.setattr(Storage, "free_bytes", lambda _storage: 2**62)
+            begun = http.post("/uploads", headers=_UPLOAD).headers["location"]
+        headers = {**_TUS, "Upload-Offset": "0", "Content-Type": "application/offset+octet-stream"}
+        assert problem_of(http.patch(begun, content=b"x", headers=headers))[:2] == (
+            507,
+            "storage-full",
+        )
+        assert http.head(begun, headers=_TUS).headers["upload-offset"] == "0"
+
     @pytest.mark.parametrize("path", ["/jobs", "/calibrations"])
     def test_that_is_told_before_the_body_is_read(self, path: str, http: httpx.Client) -> None:
         assert _answer_to_a_head(http, path).startswith("HTTP/1.1 507 ")
