@@ -218,6 +218,24 @@ def test_an_event_bears_the_job_and_no_secret(
     assert queue.queued == [("a", 1, 0.0)]
 
 
+def test_a_fault_of_the_service_is_followed_by_another_telling(
+    engine: sa.Engine,
+    queue: FakeQueue,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    def break_down(*_arguments: object) -> Answer:
+        raise ZeroDivisionError
+
+    _ended(engine, "a")
+    _news(engine, queue)
+    monkeypatch.setattr(webhooks, "post", break_down)
+    assert _tell(engine, queue) == {"state": "pending", "attempts": 1, "last_status": None}
+    assert [entry[:2] for entry in queue.queued] == [("a", 1), ("a", 2)]
+    (line,) = caplog.records
+    assert (line.getMessage(), line.exc_info is not None) == ("webhook not told", True)
+
+
 def test_the_id_stays_and_the_signature_is_of_the_moment(
     engine: sa.Engine, queue: FakeQueue, monkeypatch: pytest.MonkeyPatch
 ) -> None:
