@@ -9,7 +9,7 @@ import pytest
 import sqlalchemy as sa
 from obstore.exceptions import GenericError
 
-from service import belonging, database, deliveries, expiry, heartbeats, jobs, uploads
+from service import belonging, cameras, database, deliveries, expiry, heartbeats, jobs, uploads
 from service.api.context import Context
 from service.frames import FRAMES
 from service.object_keys import inputs_key, results_key
@@ -72,6 +72,17 @@ def test_a_job_past_its_time_goes_with_its_files_and_no_other(
     kept += [inputs_key(new, frame) for frame in sorted(FRAMES)]
     assert _files(context) == kept
     assert http.get(f"/jobs/{old}").status_code == 404
+
+
+def test_a_thorough_sweep_forgets_cameras_that_nobody_uses(sweep: Sweep, context: Context) -> None:
+    with context.engine.begin() as connection:
+        camera = cameras.add(connection, "ptp+ip://10.0.0.7")
+    left = []
+    for thorough in (False, True):
+        sweep.run(thorough)
+        with context.engine.connect() as connection:
+            left.append(cameras.address_of(connection, camera))
+    assert left == ["ptp+ip://10.0.0.7", None]
 
 
 @pytest.mark.parametrize(

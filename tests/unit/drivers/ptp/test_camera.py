@@ -21,6 +21,7 @@ from drivers.ptp.containers import Container
 from drivers.ptp.datasets import DeviceInfo, Form, PropertyDescription, StorageInfo
 from drivers.ptp.transport import DATASET_BYTES
 from drivers.ptp.wire import uint, uints
+from drivers.shot import fetch
 from drivers.sim.address import SimulatedCamera
 from drivers.sim.backend import InProcessTransport
 from drivers.sim.body import Body, Refusal
@@ -395,6 +396,39 @@ def test_chunks_of_a_wrong_length_are_refused(clock: Clock, tamper: Tamper) -> N
 def test_short_chunks_are_put_together(clock: Clock) -> None:
     camera = photographed(clock, {Operation.GET_PARTIAL_OBJECT: lambda data: data[:700]})
     assert len(b"".join(camera.download(2))) == camera.describe(2).size
+
+
+def without_parts(data: bytes) -> bytes:
+    info = DeviceInfo.decode(data)
+    others = tuple(code for code in info.operations if code != Operation.GET_PARTIAL_OBJECT)
+    return replace(info, operations=others).encode()
+
+
+def test_a_camera_that_sends_no_parts_sends_a_photograph_whole(clock: Clock) -> None:
+    camera = photographed(clock, {Operation.GET_DEVICE_INFO: without_parts})
+    into = memoryview(bytearray(camera.describe(2).size))
+    (photograph,) = camera.download(2, into=into)
+    assert bytes(photograph) == bytes(into)
+    assert bytes(into[:4]) == b"II*\0"
+    (rest,) = camera.download(2, 1000)
+    assert bytes(rest) == bytes(into)[1000:]
+
+
+def test_a_photograph_that_comes_short_as_a_whole_is_asked_for_again(clock: Clock) -> None:
+    answers = [lambda data: data[:-1], lambda data: data]
+    tampers: dict[int, Tamper] = {
+        Operation.GET_DEVICE_INFO: without_parts,
+        Operation.GET_OBJECT: lambda data: answers.pop(0)(data),
+    }
+    camera = photographed(clock, tampers)
+    item = camera.describe(2)
+    assert len(fetch(camera, item)) == item.size
+    assert answers == []
+
+
+def test_an_empty_slot_is_asked_for_no_photographs(clock: Clock) -> None:
+    slots = {Operation.GET_STORAGE_IDS: lambda _: uints([0x10001, 0x20000], 4)}
+    assert opened(clock, slots).objects() == {1}
 
 
 @pytest.mark.parametrize(

@@ -179,6 +179,21 @@ def test_a_camera_that_stays_busy_is_given_up(clock: Clock) -> None:
     assert clock.monotonic() == pytest.approx(3.15)
 
 
+@pytest.mark.parametrize(
+    ("code", "busy"),
+    [
+        (Response.OK, False),
+        (Response.NIKON_SILENT_RELEASE_BUSY, False),
+        (Response.DEVICE_BUSY, True),
+        (Response.NIKON_BULB_RELEASE_BUSY, True),
+    ],
+)
+def test_whether_a_camera_is_busy_is_asked_once(clock: Clock, code: int, busy: bool) -> None:
+    session, script = opened(clock, response(1, code))
+    assert session.is_busy(Operation.NIKON_DEVICE_READY) is busy
+    assert len(script.sent) == 2
+
+
 def test_a_session_left_open_is_closed_first(clock: Clock) -> None:
     script = Script(response(0, Response.SESSION_ALREADY_OPEN), response(1), response(0))
     Session(script, clock).open()
