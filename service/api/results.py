@@ -128,7 +128,6 @@ async def get_result(
         "Accept-Ranges": "bytes",
         "Cache-Control": "private, no-cache",  # asked each time: the key may be gone, or the job
         "Content-Disposition": headers_of(name)["Content-Disposition"],
-        "X-Content-Type-Options": "nosniff",
     }
     if if_none_match and (if_none_match.strip() == "*" or etag in if_none_match):
         return Response(status_code=304, headers=headers)

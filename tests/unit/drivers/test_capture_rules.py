@@ -112,6 +112,12 @@ def test_the_flash_is_put_to_a_mode_that_fires(
     assert camera.table[SettingName.FLASH].value == mode
 
 
+def test_files_of_two_photographs_are_none(clock: Clock) -> None:
+    camera = FakeCamera(shots=[{"dng": FLASH, "jpeg": NO_FLASH}])
+    with pytest.raises(CaptureError, match="Files of two photographs came as one"):
+        capture_pair(camera, clock=clock)
+
+
 def test_a_failed_second_photograph_repeats_the_pair_and_mixes_none(clock: Clock) -> None:
     fresh = NO_FLASH + b"anew"
     dark = {"jpeg": NO_FLASH}

@@ -25,6 +25,7 @@ from service.states import State
 from service.stopping import Stopping
 from service.storage import Storage
 from service.tasks import RESULTS, Task
+from tests.unit.service.asking import stored
 from tests.unit.service.at_first import at_first
 
 Run = Callable[[], jobs.Job | None]
@@ -201,6 +202,53 @@ def test_a_pair_that_was_captured_is_not_taken_again(
     monkeypatch.setattr(sandbox, "run", separate)
     run()
     assert kinds == ["separate"]
+
+
+@pytest.mark.parametrize(
+    ("options", "for_ever"),
+    [
+        ({"setup": "desk"}, False),
+        ({"kind": "flash"}, False),
+        ({"kind": "flash", "setup": "desk"}, True),
+    ],
+)
+def test_calibrations_for_a_setup_alone_are_kept_for_ever(
+    options: dict[str, Any], for_ever: bool, context: Context
+) -> None:
+    values = {"id": "a", "options": options, "trace_id": "1" * 32, "request_hash": ""}
+    with context.engine.begin() as connection:
+        jobs.add(connection, values)
+        held = jobs.claim(connection, "a", "w")
+    assert held is not None
+    settings = context.settings.model_copy(update={"retention_days": 2.0})
+    attempt = Attempt(
+        held, context.engine, context.storage, settings, context.fork_server, lambda: False
+    )
+    assert attempt.fail({"type": "urn:lightlayers:problem:internal"})
+    ended = stored(context.engine, "a")
+    assert ended.finished is not None
+    kept_until = ended.expires and round(ended.expires - ended.finished)
+    assert kept_until == (None if for_ever else 2 * 86400)
+
+
+def test_a_calibration_that_is_deleted_at_this_moment_is_left_out(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def gone(_connection: sa.Connection, job: jobs.Job) -> list[jobs.Job]:
+        return [replace(job, id="gone", options={"kind": "flash", "setup": "desk"})]
+
+    brought: list[object] = []
+
+    def work(task: Task, *_rest: object) -> None:
+        brought.append(kept.read(Path(task.directory)))
+        raise CrashError("It crashed.")
+
+    monkeypatch.setattr(kept, "for_separation", gone)
+    monkeypatch.setattr(sandbox, "run", work)
+    job = run()
+    assert brought == [[]]
+    assert job is not None and job.error is not None
+    assert job.error["detail"] == "It crashed."
 
 
 def test_an_attempt_that_was_canceled_leaves_no_results(

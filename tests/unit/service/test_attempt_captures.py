@@ -14,6 +14,7 @@ from service import cameras, heartbeats, host, jobs, sandbox
 from service.api.context import Context
 from service.attempt import Attempt
 from service.errors import CrashError, NoProcessError, StorageFullError
+from service.object_keys import captured_key
 from service.problems import problem_of
 from service.states import State
 from service.stopping import Stopping
@@ -115,6 +116,38 @@ def test_an_attempt_that_counts_no_more_keeps_no_pair(
     kept = sorted(job.inputs[frame]["key"] for frame in PAIR)
     assert context.storage.list("jobs/a/") == kept
     assert context.storage.get(job.inputs["flash"]["key"]) == PAIR["flash"]
+
+
+def raising(error: Exception) -> Callable[..., None]:
+    def fail(*_arguments: object) -> None:
+        raise error
+
+    return fail
+
+
+def test_a_pair_that_was_taken_outlasts_all_that_comes_after(
+    capture: Callable[[], Attempt], context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stop(task: Task, *rest: Any) -> None:
+        takes(task)
+        assert rest[-1]({"kind": "keep", "settings": {}}, lambda: False) is True
+        raise sandbox.StoppedError
+
+    monkeypatch.setattr(sandbox, "run", stop)
+    capture().capture(lambda _connection: None)
+    pair = sorted(captured_key("a", 1, frame) for frame in PAIR)
+    assert context.storage.list("jobs/a/") == pair
+    for attempt, (error, state) in enumerate(
+        [(sandbox.StoppedError(), State.QUEUED), (CrashError("It crashed."), State.FAILED)], 2
+    ):
+        with context.engine.begin() as connection:
+            held = jobs.claim(connection, "a", "w")
+        assert held is not None and held.attempt == attempt
+        monkeypatch.setattr(sandbox, "run", raising(error))
+        settings, server = context.settings, context.fork_server
+        Attempt(held, context.engine, context.storage, settings, server, lambda: False).run()
+        assert _job(context).state == state
+        assert context.storage.list("jobs/a/") == pair
 
 
 def _taken_again(*_arguments: object) -> None:

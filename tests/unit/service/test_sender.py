@@ -365,6 +365,21 @@ def test_what_may_pass_later_is_held_and_told_once(
     assert sender.aside == 0
 
 
+def test_a_service_that_is_away_once_more_is_told_once_more(
+    service: FakeService, spool: Spool, told: Told, pairs: list[dict[str, tuple[str, bytes]]]
+) -> None:
+    sender = Sender(spool, service, told)
+    for number, pair in enumerate(pairs[:2], 1):
+        service.error = ServiceAwayError("No.")
+        spool.add(f"shot{number}", pair, {})
+        sender.notice()
+        told.await_event("held", number)
+        service.error = None
+        told.await_event("sent", number)
+    assert sender.finish()
+    assert told.names == ["held", "sent", "held", "sent"]
+
+
 def test_a_disk_that_fails_and_a_fault_of_the_program_are_told_and_outlived(
     service: FakeService,
     spool: Spool,

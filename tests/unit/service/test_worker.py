@@ -501,6 +501,53 @@ def test_a_pair_that_was_kept_but_not_passed_on_goes_into_the_queue_of_jobs(one:
     assert _queued(one) == ["a"]
 
 
+@pytest.fixture
+def told_off(one: Worker, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Orders by which the worker's switch of a flash was told off."""
+    told: list[str] = []
+    one._settings = one._settings.model_copy(update={"flash_switch": "relay {state}"})
+    for module in ("worker", "attempt"):
+        monkeypatch.setattr(f"service.{module}.leave_flash_off", told.append)
+    return told
+
+
+def _capturing(one: Worker, worker: str) -> None:
+    """Have a worker take the pair of a job, with the flash on the operator's switch."""
+    capture = {"camera": "sim://studio", "flash": "external"}
+    with one._engine.begin() as connection:
+        camera = cameras.add(connection, "sim://studio")
+    _add(one, camera=camera, capture=capture, inputs=None)
+    with one._engine.begin() as connection:
+        assert cameras.claim(connection, "a", worker)
+
+
+@pytest.mark.parametrize("flash", ["external", "property", None])
+def test_the_flash_of_a_job_that_is_gone_is_left_off_unless_another_job_has_its_switch(
+    flash: str | None, one: Worker, told_off: list[str]
+) -> None:
+    if flash:
+        _capturing(one, one.id)
+        with one._engine.begin() as connection:
+            capture = {"camera": "sim://studio", "flash": flash}
+            connection.execute(sa.update(database.jobs).values(capture=capture))
+    one.capture("gone")
+    assert told_off == ([] if flash == "external" else ["relay {state}"])
+
+
+@pytest.mark.parametrize("end", [State.CANCELED, State.FAILED])
+def test_the_flash_of_a_capture_whose_worker_died_is_left_off_though_no_attempt_follows(
+    end: State, one: Worker, told_off: list[str]
+) -> None:
+    _capturing(one, "dead")
+    with one._engine.begin() as connection:
+        if end == State.CANCELED:
+            jobs.request_cancel(connection, "a")
+        else:
+            connection.execute(sa.update(database.jobs).values(lost=jobs.LOST_ATTEMPTS - 1))
+    one.capture("a")
+    assert (_find(one).state, told_off) == (end, ["relay {state}"])
+
+
 def _queued(one: Worker) -> list[str]:
     with one._engine.connect() as connection:
         rows = connection.exec_driver_sql("SELECT workflow_uuid FROM workflow_status")

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from drivers.camera import CameraObject, Event, EventKind
-from drivers.errors import CameraTimeoutError, TransferError
+from drivers.camera import CameraObject, Event, EventKind, Setting, SettingName
+from drivers.errors import CameraTimeoutError, SettingError, TransferError
 from drivers.gphoto.backend import FIRST_LISTING_S, GphotoCamera
 from drivers.shot import fetch
 
@@ -41,6 +41,27 @@ def test_a_file_whose_size_changes_is_no_photograph(size: int) -> None:
     camera.file = bytes(size)
     with pytest.raises(TransferError, match=f"says {size} bytes where it said 10 before"):
         fetch(camera, described)
+
+
+class Stubborn(GphotoCamera):
+    """A camera that takes a setting and keeps another."""
+
+    def __init__(self) -> None:
+        self.written: list[tuple[Any, ...]] = []
+
+    def _call(self, method: str, *arguments: Any, patience_s: float = 0.0) -> Any:  # noqa: ARG002
+        if method == "write":
+            self.written.append(arguments)
+            return None
+        return Setting(SettingName.ISO, 200, (100, 200), writable=True)
+
+
+def test_a_setting_that_reads_back_otherwise_is_an_error() -> None:
+    camera = Stubborn()
+    assert camera.write(SettingName.ISO, 200).value == 200
+    with pytest.raises(SettingError, match="told to set iso to 100 but kept 200"):
+        camera.write(SettingName.ISO, 100)
+    assert camera.written == [(SettingName.ISO, 200), (SettingName.ISO, 100)]
 
 
 class Listing(GphotoCamera):

@@ -191,6 +191,32 @@ def test_data_of_untold_length_end_where_they_end(size: int, room: int | None) -
         assert into is not None and bytes(into[:10]) == b"photograph"
 
 
+def test_data_of_untold_length_are_no_more_than_may_come() -> None:
+    parts = [
+        UNTOLD,
+        encode_packet(PacketType.DATA, b"\5\0\0\0", b"photo"),
+        encode_packet(PacketType.END_DATA, b"\5\0\0\0", b"graphs"),
+    ]
+    transport, peer = meeting(b"".join(parts))
+    transport.send(COMMAND)
+    with pytest.raises(ProtocolError, match="PTP/IP packet END_DATA of 10"):
+        transport.receive(most=10)
+    transport.close()
+    peer.close()
+
+
+def test_more_data_than_may_come_are_cancelled() -> None:
+    transport, peer = meeting(encode_packet(PacketType.START_DATA, struct.pack("<IQ", 5, 11)))
+    peer.told(1)  # the greeting
+    transport.send(COMMAND)
+    with pytest.raises(ProtocolError, match="wants to send 11 bytes where 10 are the most"):
+        transport.receive(most=10)
+    told = peer.told(1)
+    transport.close()
+    peer.close()
+    assert told == encode_packet(PacketType.CANCEL, struct.pack("<I", 5))
+
+
 def test_packets_that_come_byte_by_byte_are_put_together() -> None:
     end = encode_packet(PacketType.END_DATA, b"\5\0\0\0", b"photograph")
     transport, peer = meeting(b"")

@@ -69,10 +69,20 @@ def test_a_camera_that_exposes_says_so_in_several_ways(
 ) -> None:
     _says_while_it_exposes(monkeypatch, code)
     body = a_body(clock, "native")
+    asked: list[bool] = []
+    get_events = Responder._get_events
+
+    def note(self: Responder, *parameters: int) -> Answer:
+        asked.append(body.seconds_to_wait() is not None)
+        return get_events(self, *parameters)
+
+    monkeypatch.setattr(Responder, "_get_events", note)
     with PtpCamera("sim://studio", InProcessTransport(body, clock), clock) as camera:
         pair = capture_pair(camera, clock=clock)
     stored = (*pair.no_flash.stored, *pair.flash.stored)
     assert [item.handle for item in stored] == [2, 3]
+    # of its events a busy one is not asked
+    assert any(asked) is (code == Response.NIKON_SILENT_RELEASE_BUSY)
 
 
 def test_another_answer_is_none(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:

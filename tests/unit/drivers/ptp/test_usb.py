@@ -46,6 +46,11 @@ class ScriptedBus(SimulatedBus):
         super().__init__(Body(SimulatedCamera(width=64, height=64), clock), clock)
         self.transfers = transfers
         self.written: list[bytes] = []
+        self.requests: list[int] = []
+
+    def ctrl_transfer(self, handle: Any, kind: int, request: int, *rest: Any) -> int:
+        self.requests.append(request)
+        return super().ctrl_transfer(handle, kind, request, *rest)
 
     def bulk_write(self, _handle: Any, _ep: int, _intf: int, data: Any, _timeout: int) -> int:
         self.written.append(data.tobytes())
@@ -203,9 +208,17 @@ def test_data_and_response_may_come_in_one_transfer(clock: Clock) -> None:
 
 @pytest.mark.parametrize("length", [0, 11, 2**20 + 13, 0xFFFFFFFE])
 def test_lengths_that_cannot_be_are_refused(clock: Clock, length: int) -> None:
-    transfer = length.to_bytes(4, "little") + OK[4:]
+    bus = ScriptedBus(clock, length.to_bytes(4, "little") + OK[4:])
     with pytest.raises(ProtocolError, match=f"wants to send {length} bytes"):
-        asked(ScriptedBus(clock, transfer), clock).receive()
+        asked(bus, clock).receive()
+    assert bus.requests[-1] == 0x66  # to be reset
+
+
+def test_what_is_left_of_an_answer_is_none_of_the_next(clock: Clock) -> None:
+    transport = asked(ScriptedBus(clock, OK + b"rest"), clock)
+    assert transport.receive().code == 0x2001
+    transport.send(COMMAND)
+    assert transport.receive().code == 0x2001
 
 
 def test_data_that_fill_packets_are_followed_by_an_empty_one(clock: Clock) -> None:
@@ -218,9 +231,11 @@ def test_data_that_fill_packets_are_followed_by_an_empty_one(clock: Clock) -> No
 
 @pytest.mark.parametrize("sent", [(), ((1 << 24).to_bytes(4, "little") + bytes(508),)])
 def test_silence_ends_at_the_deadline(clock: Clock, sent: tuple[bytes, ...]) -> None:
-    transport = asked(ScriptedBus(clock, *sent), clock)
+    bus = ScriptedBus(clock, *sent)
+    transport = asked(bus, clock)
     with pytest.raises(CameraTimeoutError, match="no answer for 10 s"):
         transport.receive(1 << 24)
+    assert bus.requests[-1] == 0x64  # to be cancelled
     assert clock.monotonic() == pytest.approx(10, abs=0.1)
 
 

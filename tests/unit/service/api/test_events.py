@@ -88,6 +88,17 @@ def test_what_was_seen_is_not_told_again(http: httpx.Client, finish: Finish) -> 
             assert [event.data["state"] for event in events(answer)] == ["succeeded"]
 
 
+def test_who_has_seen_all_so_far_of_a_job_that_goes_on_is_told_what_comes(
+    http: httpx.Client,
+) -> None:
+    job = post_capture(http)
+    path, seen = f"{job['links']['self']}/events", {"last-event-id": "1.1"}
+    with http.stream("GET", path, headers=seen) as answer:
+        assert answer.status_code == 200
+        http.post(job["links"]["cancel"])
+        assert [event.data["state"] for event in events(answer)] == ["canceled"]
+
+
 def test_a_deleted_job_ends_the_stream(http: httpx.Client, context: Context) -> None:
     job = post_capture(http)
     with context.engine.begin() as connection:
