@@ -214,12 +214,18 @@ def test_an_agent_that_died_is_gone_on_with(
     assert told.names == ["sent"]
 
 
+@pytest.mark.parametrize("both", [True, False])
 def test_uploads_that_have_expired_are_sent_anew(
-    http: httpx.Client, spool: Spool, told: Told, pairs: list[dict[str, tuple[str, bytes]]]
+    both: bool,
+    http: httpx.Client,
+    spool: Spool,
+    told: Told,
+    pairs: list[dict[str, tuple[str, bytes]]],
 ) -> None:
     pair = spool.add("shot", pairs[0], {})
-    spool.note_uploads(pair, {"no_flash": "0" * 32, "flash": "1" * 32})
     with Client(str(http.base_url)) as client:
+        flash = "1" * 32 if both else client.create_upload(pair.path("flash").stat().st_size)
+        spool.note_uploads(pair, {"no_flash": "0" * 32, "flash": flash})
         Sender(spool, client, told).finish()
     assert stored(http) == [pair.sha256]
     assert told.names == ["held", "sent"]

@@ -427,7 +427,9 @@ def test_a_photograph_that_comes_short_as_a_whole_is_asked_for_again(clock: Cloc
 
 
 def test_an_empty_slot_is_asked_for_no_photographs(clock: Clock) -> None:
-    slots = {Operation.GET_STORAGE_IDS: lambda _: uints([0x10001, 0x20000], 4)}
+    slots: dict[int, Tamper] = {
+        Operation.GET_STORAGE_IDS: lambda _: uints([0x10001, 0x20000], 4),
+    }
     assert opened(clock, slots).objects() == {1}
 
 

@@ -12,7 +12,7 @@ import httpx
 import pytest
 from fastapi import FastAPI
 
-from drivers import SettingName
+from drivers import SettingName, SettingValue
 from pipeline.options import Options
 from service import cameras, jobs
 from service.api import accept
@@ -154,7 +154,7 @@ def test_what_a_later_release_adds_leaves_an_earlier_request_the_same() -> None:
 
 def test_a_request_is_known_by_its_calibrations_and_not_by_the_order_of_its_settings() -> None:
     def asked(*names: str, flash: str = "1" * 32) -> str:
-        settings = {SettingName(name): 8 for name in names}
+        settings: dict[SettingName, SettingValue] = {SettingName(name): 8 for name in names}
         capture = Capture(camera="sim://studio", settings=settings)
         named = {"flash_calibration": flash}
         return hash_of(Intake(Options(), Handling(), Path(), capture=capture, calibrations=named))

@@ -18,8 +18,8 @@ import pytest
 import sqlalchemy as sa
 
 from service import database, uploads
-from service.api import accept
 from service.api.context import Context
+from service.api.uploaded import bring_uploaded
 from service.settings import Settings
 from service.storage import Storage
 from tests.unit.service.asking import problem_of, rows_of
@@ -412,14 +412,13 @@ class TestJobs:
             return http.post("/jobs", json={"uploads": pair}, headers={"Idempotency-Key": "once"})
 
         first: list[httpx.Response] = []
-        bring = accept.bring_uploaded
 
         def bring_late(*arguments: Any) -> dict[str, str]:
-            monkeypatch.setattr(accept, "bring_uploaded", bring)
+            monkeypatch.setattr("service.api.accept.bring_uploaded", bring_uploaded)
             first.append(send())
-            return bring(*arguments)
+            return bring_uploaded(*arguments)
 
-        monkeypatch.setattr(accept, "bring_uploaded", bring_late)
+        monkeypatch.setattr("service.api.accept.bring_uploaded", bring_late)
         later = send()
         assert (first[0].status_code, later.status_code) == (202, 202)
         assert later.json()["id"] == first[0].json()["id"]
