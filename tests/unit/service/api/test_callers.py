@@ -10,7 +10,7 @@ import psycopg
 import pytest
 import sqlalchemy as sa
 
-from service import keys
+from service import database, keys
 from service.api import callers, create_app
 from service.api import events as api_events
 from service.api.callers import OPEN, Caller, Standing, scopes_for
@@ -116,6 +116,21 @@ class TestRequired:
             assert used is not None
             assert before <= used <= connection.execute(sa.select(now())).scalar_one()
 
+    @pytest.mark.parametrize(("ago", "noted"), [(keys.USED_SECONDS + 60, True), (60, False)])
+    def test_use_is_noted_once_an_hour(
+        self, ago: float, noted: bool, http: httpx.Client, context: Context
+    ) -> None:
+        key = bearing(context, "read")
+        with context.engine.begin() as connection:
+            connection.execute(sa.update(database.keys).values(used=now() - ago))
+            before = keys.list_keys(connection)[0].used
+        assert http.get("/jobs", headers=key).status_code == 200
+        with context.engine.connect() as connection:
+            after = keys.list_keys(connection)[0].used
+        assert before is not None and after is not None
+        assert (after > before + keys.USED_SECONDS) is noted
+        assert (after == before) is not noted
+
     def test_a_key_is_good_where_its_use_cannot_be_noted(
         self, http: httpx.Client, context: Context, monkeypatch: pytest.MonkeyPatch
     ) -> None:
@@ -190,6 +205,10 @@ def test_its_own_pages_do(http: httpx.Client) -> None:
         ("POST", "/jobs", {"submit", "capture"}),
         ("POST", "/calibrations", {"submit", "capture"}),
         ("POST", "/jobs/1/cancel", {"submit"}),
+        ("POST", "/jobs/1/rerun", {"submit"}),
+        ("POST", "/jobs/1/mix", {"submit"}),
+        ("POST", "/jobs/1/confirm", {"capture"}),
+        ("POST", "/uploads", {"submit"}),
         ("DELETE", "/jobs/1", {"submit"}),
         ("GET", "/cameras", {"capture"}),
     ],

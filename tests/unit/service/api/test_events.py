@@ -95,6 +95,7 @@ def test_who_has_seen_all_so_far_of_a_job_that_goes_on_is_told_what_comes(
     path, seen = f"{job['links']['self']}/events", {"last-event-id": "1.1"}
     with http.stream("GET", path, headers=seen) as answer:
         assert answer.status_code == 200
+        assert answer.headers["x-accel-buffering"] == "no"  # or nginx would hold it back
         http.post(job["links"]["cancel"])
         assert [event.data["state"] for event in events(answer)] == ["canceled"]
 
@@ -161,6 +162,18 @@ def test_a_client_that_goes_is_forgotten(http: httpx.Client, context: Context) -
     stream.close()  # type: ignore[attr-defined]
     while context.job_updates._watched:
         threading.Event().wait(0.01)
+
+
+def test_jobs_are_watched_again_after_nobody_has(http: httpx.Client, context: Context) -> None:
+    for _ in range(2):
+        job = post_capture(http)
+        stream = _watch(http, job)
+        assert next(stream).data["id"] == job["id"]
+        poller = context.job_updates._poller
+        assert poller is not None
+        stream.close()  # type: ignore[attr-defined]
+        while not poller.done():
+            threading.Event().wait(0.01)
 
 
 def test_a_database_that_was_away_is_watched_on(
