@@ -12,7 +12,7 @@ import pytest
 from pipeline.options import Options
 from service.api.problems import RETRY_SECONDS
 from service.cli import run
-from service.client import Client, Job
+from service.client import Client, Job, ServiceAwayError
 from service.settings import Settings
 
 Png = Callable[..., bytes]
@@ -44,6 +44,23 @@ def test_a_busy_service_is_tried_again_when_it_says(
     monkeypatch.setattr("service.client.time", SimpleNamespace(monotonic=lambda: 0.0, sleep=sleep))
     job = client.submit_pair(png(64, 48), png(64, 48, True), Options())
     assert (job["state"], pauses) == ("queued", [RETRY_SECONDS])
+
+
+@pytest.mark.usefixtures("waiting")
+def test_a_service_that_stays_busy_is_given_up_in_the_end(
+    client: Client, png: Png, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pauses: list[float] = []
+
+    def sleep(seconds: float) -> None:
+        pauses.append(seconds)
+        assert len(pauses) < 50
+
+    clock = SimpleNamespace(monotonic=lambda: sum(pauses), sleep=sleep)
+    monkeypatch.setattr("service.client.time", clock)
+    with pytest.raises(ServiceAwayError, match="waits already; send this one again later"):
+        client.submit_pair(png(64, 48), png(64, 48, True), Options())
+    assert pauses == [10] * 4 + [15] * 17  # one more would be beyond 300 s
 
 
 @pytest.mark.usefixtures("waiting")
