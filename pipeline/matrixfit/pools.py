@@ -19,7 +19,6 @@ Array = NDArray[np.float64]
 _REACHES = (2, 4)  # steps to either side; the wider stands out from more noise
 _FLAT = 0.03  # logarithm of the flash part, from the middle to each side
 _LEAST_BEND = 0.02  # of the mean light around
-_SIGNIFICANT = 5.0  # standard deviations
 _MOST = 2000  # of a direction and a reach: more tell no more
 _FACTORS, _SURFACE = np.array([1.0, -2.0, 1.0]), np.array([0.0, 1.0, 0.0])
 
@@ -39,7 +38,7 @@ def find_pools(ratios: RelativeLight) -> list[Data]:
                 worth = np.sqrt(np.abs(bend[which]) * ratios.strength[rows, columns][which])
                 pick = np.flatnonzero(which)[draw(worth, _MOST)]
                 at = _along(rows[pick], columns[pick], ox, oy)
-                parts.append(contrast(ratios, at, sign * _FACTORS, _SURFACE, _SIGNIFICANT))
+                parts.append(contrast(ratios, at, sign * _FACTORS, _SURFACE))
     return parts
 
 

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.errors import UnusablePairError
-from pipeline.matrixfit import fit
+from pipeline.matrixfit import evidence, fit
 from pipeline.matrixfit.evidence import gather_evidence
 from pipeline.matrixfit.fit import Fit, first_fit, fit_matrices, follow_outwards
 from pipeline.matrixfit.known import nothing_known
@@ -186,6 +186,33 @@ def test_terminators_show_lamps_that_the_outline_does_not_reach(
     cosines = (seen @ wanted.T) / np.linalg.norm(seen, axis=1)[:, None]
     cosines /= np.linalg.norm(wanted, axis=1)
     assert np.degrees(np.arccos(np.clip(cosines.max(axis=0), -1, 1))).max() < 0.5
+
+
+@pytest.mark.parametrize("asked", [True, False])
+def test_pools_show_lamps_that_the_outline_does_not_reach(
+    pair_of: Callable[..., Any],
+    fitted: Fitted,
+    model: Model,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+    asked: bool,
+) -> None:
+    """Three lamps before a wall, none of them alone anywhere: the published triangle is exact."""
+    if not asked:
+        monkeypatch.setattr(evidence, "find_pools", lambda _: [])
+    true = model.lamp_matrix(warm_to_cool)
+    v, u = np.mgrid[:120, :160] / 160.0
+    spots = [(0.2, 0.3), (0.5, 0.45), (0.8, 0.3)]
+    z = np.array([(1 + ((u - x) ** 2 + (v - y) ** 2) / 0.15**2) ** -1.5 for x, y in spots])
+    part = np.array([0.3, 0.5, 0.4]) * (0.9 + 0.1 * u[..., None])
+
+    found = fitted(pair_of(np.einsum("nhw,nkl,hwl->hwk", z, true, part), part), 3)
+
+    seen, wanted = (light @ part[0, 0] for light in (found.matrices, true))
+    cosines = (seen @ wanted.T) / np.linalg.norm(seen, axis=1)[:, None]
+    cosines /= np.linalg.norm(wanted, axis=1)
+    worst = float(np.degrees(np.arccos(np.clip(cosines.max(axis=0), -1, 1))).max())
+    assert (worst < 0.5) is asked
 
 
 def test_two_lamps_that_stand_within_the_cloud_are_followed_outwards(

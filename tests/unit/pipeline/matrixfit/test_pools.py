@@ -80,6 +80,27 @@ def test_pools_are_of_one_surface(colours: float, some: bool) -> None:
     assert bool(len(shown(NEAR * pool() + FAR * slope(), flash))) is some
 
 
+@pytest.mark.parametrize(("reach", "some"), [(2, False), (4, True)])
+def test_what_lies_between_is_of_the_same_surface(
+    reach: int, some: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every second pixel has another colour, so that halfway to a neighbour two away it changes."""
+    monkeypatch.setattr(pools, "_REACHES", (reach,))
+    flash = even(0.5, 0.5, 0.5) + 0.02 * ((ACROSS % 2) + 2 * (DOWN % 2)) * (1, 0, -1)
+
+    assert bool(len(shown(NEAR * pool() + FAR * slope(), flash))) is some
+
+
+@pytest.mark.parametrize("reaches", [(2,), (2, 4)])
+def test_wide_bends_stand_out_from_more_noise(
+    reaches: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pools, "_REACHES", reaches)
+    light = NEAR * pool(12.0) + FAR * slope()
+
+    assert bool(len(shown(light, no_flash_variance=5e-3**2))) is (4 in reaches)
+
+
 @pytest.mark.parametrize(("strength", "some"), [(1.0, True), (0.05, False)])
 def test_pools_are_bends_of_some_size(strength: float, some: bool) -> None:
     assert bool(len(shown(strength * NEAR * pool(16.0) + FAR * slope()))) is some
@@ -99,7 +120,7 @@ def test_pools_where_something_is_not_usable_are_left_out() -> None:
     assert not len(shown(NEAR * pool() + FAR * slope(), usable=usable))
 
 
-@pytest.mark.parametrize("shape", [(4, 4), (1, 9), (9, 1)])
+@pytest.mark.parametrize("shape", [(4, 4), (1, 9), (9, 1), (3, 90), (90, 3)])
 def test_a_picture_smaller_than_a_pool_has_none(shape: tuple[int, int]) -> None:
     light = np.ones((*shape, 3)) * FAR
 

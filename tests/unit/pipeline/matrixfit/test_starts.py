@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,10 +10,12 @@ from numpy.typing import NDArray
 
 from pipeline.errors import UnusablePairError
 from pipeline.matrixfit import starts
+from pipeline.matrixfit.data import nothing
 from pipeline.matrixfit.evidence import gather_evidence
 from pipeline.matrixfit.starts import invariants, start_points
 from pipeline.model import Model
 from pipeline.reduced import reduce_pair
+from pipeline.vectors import unit
 
 Array = NDArray[np.float64]
 
@@ -47,6 +50,24 @@ def test_without_shadows_the_outermost_pixels_tell(
     assert not len(evidence.differences)
 
     assert off(start_points(evidence, model.tensor), true).max() < 1.5
+
+
+def test_pools_of_light_are_candidates(
+    exact: Callable[..., Any], model: Model, warm_to_cool: Array
+) -> None:
+    evidence = gather_evidence(reduce_pair(exact(warm_to_cool[[0, 2]])[0]), False)
+    between = unit(0.7 * warm_to_cool[0] + 0.3 * warm_to_cool[2])
+    alone = evidence.pixels.x @ model.lamp_matrix(between).T
+    u = alone[:, :2] / alone.sum(axis=1, keepdims=True)
+    pools = replace(evidence.pixels, u=u)
+
+    found = [
+        off(start_points(replace(evidence, pools=some), model.tensor), between[None])[0]
+        for some in (nothing(), pools)
+    ]
+
+    assert found[0] > 0.7
+    assert found[1] < 0.35
 
 
 def test_candidates_are_unlike_each_other(
