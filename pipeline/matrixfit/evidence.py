@@ -33,7 +33,7 @@ class Evidence:
     """What pixels show, differences across the edges of shadows, terminators, and pools of light.
 
     difference_share, terminator_share: how many there were ÷ usable pixels. Where shadows have
-    edges, terminators are not asked, and their share is 0.
+    edges, terminators are not asked, and their share is 0; pools are where there are neither.
     """
 
     pixels: Data
@@ -72,11 +72,13 @@ def gather_evidence(reduced: ReducedPair, flash_only: bool) -> Evidence:
     # few are chance, and where shadows have edges, soft ones have bends of all lamps beside them
     if shares[1] < _FEW_TERMINATORS or shares[0] >= _FEW_DIFFERENCES:
         terminators, shares[1] = [], 0.0
+    # edges and terminators are surer, and light that bounces off round things bends on the floor
+    pools = [] if shares[0] >= _FEW_DIFFERENCES or shares[1] else find_pools(ratios)
     return Evidence(
         _pixels(no_flash[use], flash[use], v_n[use], v_f[use], coupled),
         drawn(differences, _DIFFERENCES),
         drawn(terminators, _TERMINATORS),
-        drawn(find_pools(ratios), _POOLS),
+        drawn(pools, _POOLS),
         *shares,
     )
 

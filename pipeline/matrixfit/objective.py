@@ -134,7 +134,6 @@ def make_terms(
     pure_share: of several lamps, the share of pixels that each lights alone.
     outline: there are no shadow edges, so that pixels speak by their cloud's outline alone.
     """
-    pools = difference_term(evidence.pools, lamps)
     if outline:
         shape = Shape(True, 0.0, 1.5, 1.0, area_power=0.2)
         weights = {
@@ -143,7 +142,11 @@ def make_terms(
             3: (0.003,) * 3 + (0.01,) * 3 + (0.941, 0.02),
         }
         shown = Term(evidence.pixels, shape, np.array(weights[lamps]), None)
-        return [shown, _terminator_term(evidence.terminators, lamps), pools]
+        return [
+            shown,
+            _terminator_term(evidence.terminators, lamps),
+            difference_term(evidence.pools, lamps),
+        ]
     inside = {
         1: (0.97, 0.03),
         2: (pure_share, pure_share, 0.97 - 2 * pure_share, 0.03),
@@ -152,8 +155,7 @@ def make_terms(
     # re-estimated, the weights of pixels give way until a corner sits in a cluster of them
     shown = Term(evidence.pixels, Shape(True, 0.0, 1.5, 1.0), np.array(inside[lamps]), None)
     differences = difference_term(evidence.differences, lamps)
-    shadows = _with_mirrors(differences, flash_white) if lamps == 2 else differences
-    return [shown, shadows, pools]
+    return [shown, _with_mirrors(differences, flash_white) if lamps == 2 else differences]
 
 
 def alone_term(data: Data) -> Term:
