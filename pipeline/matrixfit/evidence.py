@@ -24,7 +24,7 @@ _MIN_NOISE = 1.5e-4  # relative: no photograph is better
 _PIXEL_WEIGHT = 400.0
 _AREA_WEIGHT, _SURFACE_WEIGHT = 60.0, 400.0  # people seldom find places of one lamp alone
 _PIXELS, _DIFFERENCES, _TERMINATORS, _POOLS = 3600, 3200, 1600, 1600
-_FEW_DIFFERENCES, _FEW_TERMINATORS = 0.003, 0.001  # of the usable pixels
+_FEW_DIFFERENCES, _FEW_TERMINATORS, _FEW_POOLS = 0.003, 0.001, 0.05  # of the usable pixels
 _CELL, _FLATTENING, _MIN_FLASH_COLOUR = 0.01, 0.6, 1e-3
 
 
@@ -74,6 +74,8 @@ def gather_evidence(reduced: ReducedPair, flash_only: bool) -> Evidence:
         terminators, shares[1] = [], 0.0
     # edges and terminators are surer, and light that bounces off round things bends on the floor
     pools = [] if shares[0] >= _FEW_DIFFERENCES or shares[1] else find_pools(ratios)
+    if sum(len(part) for part in pools) < _FEW_POOLS * usable:  # no wall, but chance
+        pools = []
     return Evidence(
         _pixels(no_flash[use], flash[use], v_n[use], v_f[use], coupled),
         drawn(differences, _DIFFERENCES),
