@@ -98,7 +98,7 @@ def test_wide_bends_stand_out_from_more_noise(
     monkeypatch.setattr(pools, "_REACHES", reaches)
     light = NEAR * pool(12.0) + FAR * slope()
 
-    assert bool(len(shown(light, no_flash_variance=5e-3**2))) is (4 in reaches)
+    assert bool(len(shown(light, no_flash_variance=3e-3**2))) is (4 in reaches)
 
 
 @pytest.mark.parametrize(("strength", "some"), [(1.0, True), (0.05, False)])
