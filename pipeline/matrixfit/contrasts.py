@@ -95,6 +95,20 @@ def steps(shape: tuple[int, ...]) -> list[tuple[int, int]]:
     return [(dx, dy) for dx, dy in every if dx < width and abs(dy) < height]
 
 
+def along(shape: tuple[int, ...], ox: int, oy: int, reach: int) -> list[tuple[slice, slice]]:
+    """Views of an image, each (ox, oy) pixels from the one before; ox ≥ 0.
+
+    shape: (h, w). There are 2 · reach + 1, the middle one of the pixels that have so many
+    neighbours on both sides, whose first is reach · (|oy|, ox). None where no pixel has.
+    """
+    height, width = shape
+    top, left = reach * abs(oy), reach * ox
+    if height <= 2 * top or width <= 2 * left:
+        return []
+    corners = [(top + k * oy, left + k * ox) for k in range(-reach, reach + 1)]
+    return [(slice(y, y + height - 2 * top), slice(x, x + width - 2 * left)) for y, x in corners]
+
+
 def contrast(
     ratios: RelativeLight, at: Places, factors: Array, surface: Array, significance: float = 0.0
 ) -> Data:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frames import Mask
-from pipeline.matrixfit.contrasts import RelativeLight, contrast, steps
+from pipeline.matrixfit.contrasts import RelativeLight, along, contrast, steps
 from pipeline.matrixfit.data import Data, draw
 
 Array = NDArray[np.float64]
@@ -20,6 +20,7 @@ _REACHES = (2, 4)  # steps to either side; the wider stands out from more noise
 _FLAT = 0.03  # logarithm of the flash part, from the middle to each side
 _LEAST_BEND = 0.02  # of the mean light around
 _MOST = 2000  # of a direction and a reach: more tell no more
+_SIDES = np.array([-1, 0, 1])
 _FACTORS, _SURFACE = np.array([1.0, -2.0, 1.0]), np.array([0.0, 1.0, 0.0])
 
 
@@ -37,7 +38,7 @@ def find_pools(ratios: RelativeLight) -> list[Data]:
                 which = sign * bend > 0
                 worth = np.sqrt(np.abs(bend[which]) * ratios.strength[rows, columns][which])
                 pick = np.flatnonzero(which)[draw(worth, _MOST)]
-                at = _along(rows[pick], columns[pick], ox, oy)
+                at = rows[pick, None] + oy * _SIDES, columns[pick, None] + ox * _SIDES
                 parts.append(contrast(ratios, at, sign * _FACTORS, _SURFACE))
     return parts
 
@@ -46,20 +47,14 @@ def _bends(
     ratios: RelativeLight, shading: Array, ox: int, oy: int
 ) -> tuple[Array, NDArray[np.intp], NDArray[np.intp]]:
     """Second differences along (ox, oy), ox ≥ 0, on flat surfaces, and their rows and columns."""
-    height, width = ratios.use.shape
-    if height <= 2 * abs(oy) or width <= 2 * ox:
+    views = along(ratios.use.shape, ox, oy, 1)
+    if not views:
         return np.zeros(0), np.zeros(0, np.intp), np.zeros(0, np.intp)
-
-    def at(count: int) -> tuple[slice, slice]:
-        top, left = abs(oy) + count * oy, ox + count * ox
-        return slice(top, top + height - 2 * abs(oy)), slice(left, left + width - 2 * ox)
-
-    light, middle = ratios.total, ratios.total[at(0)]
-    around = light[at(-1)] + light[at(1)]
-    bend = around - 2.0 * middle
-    good: Mask = np.abs(bend) > _LEAST_BEND / 4 * (around + 2.0 * middle)
-    for count in (-1, 0, 1):
-        good &= ratios.use[at(count)] & (np.abs(shading[at(count)] - shading[at(0)]) < _FLAT)
+    before, middle, after = (ratios.total[view] for view in views)
+    bend = before - 2.0 * middle + after
+    good: Mask = np.abs(bend) > _LEAST_BEND / 4 * (before + 2.0 * middle + after)
+    for view in views:
+        good &= ratios.use[view] & (np.abs(shading[view] - shading[views[1]]) < _FLAT)
     rows, columns = np.nonzero(good)
     bend, rows, columns = bend[good], rows + abs(oy), columns + ox
     same = np.ones(len(rows), np.bool_)
@@ -67,11 +62,3 @@ def _bends(
         beside = rows + round(part * oy), columns + round(part * ox)
         same &= ratios.alike(beside, (rows, columns))
     return bend[same], rows[same], columns[same]
-
-
-def _along(
-    rows: NDArray[np.intp], columns: NDArray[np.intp], ox: int, oy: int
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Places (n, 3) before, in and after the middle."""
-    sides = np.array([-1, 0, 1])
-    return rows[:, None] + oy * sides, columns[:, None] + ox * sides

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.matrixfit.contrasts import RelativeLight, contrast, steps
+from pipeline.matrixfit.contrasts import RelativeLight, along, contrast, steps
 from pipeline.matrixfit.data import Data
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ def find_terminators(ratios: RelativeLight) -> list[Data]:
     if not use.any():
         return []
     least = _LEAST_BEND * float(ratios.total[use].mean())
-    along = np.arange(-_REACH, _REACH + 1)
+    places = np.arange(-_REACH, _REACH + 1)
     parts = []
     for ox, oy in steps(use.shape):
         rows, columns = _bends(ratios, ox, oy, least)
@@ -43,7 +43,7 @@ def find_terminators(ratios: RelativeLight) -> list[Data]:
             beside = (rows + sign * oy, columns + sign * ox)
             shading = np.log(ratios.strength[beside] / ratios.strength[middle])
             same &= (np.abs(shading) < _SAME_SHADING) & ratios.alike(beside, middle)
-        at = rows[same, None] + oy * along, columns[same, None] + ox * along
+        at = rows[same, None] + oy * places, columns[same, None] + ox * places
         parts.append(contrast(ratios, at, _FACTORS, _SURFACE, _SIGNIFICANT))
     return parts
 
@@ -52,23 +52,17 @@ def _bends(
     ratios: RelativeLight, ox: int, oy: int, least: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Rows and columns where light bends upwards along (ox, oy), and not beyond."""
-    height, width = ratios.use.shape
-    above, beside = _REACH * abs(oy), _REACH * ox
-    if height <= 2 * above or width <= 2 * beside:
+    views = along(ratios.use.shape, ox, oy, _REACH)
+    if not views:
         return np.zeros(0, np.intp), np.zeros(0, np.intp)
-
-    def at(count: int) -> tuple[slice, slice]:
-        top, left = above + count * oy, beside + count * ox
-        return slice(top, top + height - 2 * above), slice(left, left + width - 2 * beside)
-
-    light = [ratios.total[at(count)] for count in range(-_REACH, _REACH + 1)]
+    light = [ratios.total[view] for view in views]
     before, rising, middle, falling, after = (
         a - 2.0 * b + c for a, b, c in zip(light, light[1:], light[2:], strict=False)
     )
     good = middle > least
     good &= np.abs(before) + np.abs(after) < _BEYOND * middle
     good &= np.minimum(rising, falling) > -_BACKWARD * middle
-    for count in range(-_REACH, _REACH + 1):
-        good &= ratios.use[at(count)]
+    for view in views:
+        good &= ratios.use[view]
     rows, columns = np.nonzero(good)
-    return rows + above, columns + beside
+    return rows + _REACH * abs(oy), columns + _REACH * ox

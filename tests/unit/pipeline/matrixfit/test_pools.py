@@ -150,3 +150,20 @@ def test_pools_are_asked_where_shadows_have_no_edges(edge: bool) -> None:
 
     assert found.has_edges is edge
     assert bool(len(found.pools)) is not edge
+
+
+def test_pools_are_not_asked_where_round_things_have_terminators() -> None:
+    """A lamp that ends at a column beside a pool elsewhere."""
+    ends = 3.0 * FAR * np.maximum(WIDTH / 2 - ACROSS, 0.0) / WIDTH
+    evidence = gather_evidence(
+        reduced_pair(NEAR * pool(at=(WIDTH * 0.8, 20)) + ends + FAR, even(0.5, 0.5, 0.5)), True
+    )
+
+    assert len(evidence.terminators)
+    assert not len(evidence.pools)
+
+
+@pytest.mark.parametrize(("height", "some"), [(0.1, False), (8.0, True)])
+def test_few_pools_are_chance(height: float, some: bool) -> None:
+    """A spot bends the light in a few pixels, and a twentieth of them is asked."""
+    assert bool(len(shown(NEAR * pool(height) + FAR * slope()))) is some
