@@ -16,7 +16,14 @@ from pipeline.hui2018.lights import NO_AGREEMENT, invariants_of_pair, lights_of_
 from pipeline.hui2018.pruning import prune
 from pipeline.matrixfit.deviations import Deviations, find_deviations, no_deviations
 from pipeline.matrixfit.evidence import Evidence, gather_evidence
-from pipeline.matrixfit.fit import MOST_LAMPS, Fit, first_fit, fit_matrices, follow_outwards
+from pipeline.matrixfit.fit import (
+    MOST_LAMPS,
+    Fit,
+    first_fit,
+    fit_matrices,
+    fit_pools,
+    follow_outwards,
+)
 from pipeline.matrixfit.known import FORBIDDEN_DEGREES, Known, nothing_known
 from pipeline.matrixfit.unexplained import left_over, places_alone
 from pipeline.model import Model
@@ -130,7 +137,7 @@ def estimate_lamps(
     if method == "paper":
         found = _published(reduced, model, count.number)
     else:
-        usual = fit(count.number)
+        usual = fit_pools(reduced, evidence, model, known, fit(count.number))
         outwards = follow_outwards(reduced, evidence, model, known, usual)
         found = _fitted(reduced, evidence, model, first(count.number), outwards, weights)
     coefficients, matrices = found.coefficients, found.matrices

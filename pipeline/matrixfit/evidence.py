@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.frames import Mask
 from pipeline.matrixfit.contrasts import drawn, relative_light
-from pipeline.matrixfit.data import Data, by_colour, draw, sandwich, upper
+from pipeline.matrixfit.data import Data, by_colour, draw, nothing, sandwich, upper
 from pipeline.matrixfit.differences import find_differences
 from pipeline.matrixfit.pools import find_pools
 from pipeline.matrixfit.terminators import find_terminators
@@ -33,7 +33,8 @@ class Evidence:
     """What pixels show, differences across the edges of shadows, terminators, and pools of light.
 
     difference_share, terminator_share: how many there were ÷ usable pixels. Where shadows have
-    edges, terminators are not asked, and their share is 0; pools are where there are neither.
+    edges, terminators are not asked, and their share is 0. Pools are not asked where there are
+    terminators, nor beside edges in a photograph that a camera rendered.
     """
 
     pixels: Data
@@ -47,6 +48,11 @@ class Evidence:
     def has_edges(self) -> bool:
         """Whether the scene has edges of shadows; the few differences of others are chance."""
         return self.difference_share >= _FEW_DIFFERENCES
+
+    @property
+    def surest(self) -> Evidence:
+        """What lamps are counted and first found by: beside edges of shadows, no pools."""
+        return replace(self, pools=nothing()) if self.has_edges else self
 
 
 def gather_evidence(reduced: ReducedPair, flash_only: bool) -> Evidence:
@@ -72,9 +78,13 @@ def gather_evidence(reduced: ReducedPair, flash_only: bool) -> Evidence:
     # few are chance, and where shadows have edges, soft ones have bends of all lamps beside them
     if shares[1] < _FEW_TERMINATORS or shares[0] >= _FEW_DIFFERENCES:
         terminators, shares[1] = [], 0.0
-    # edges and terminators are surer, and light that bounces off round things bends on the floor
-    pools = [] if shares[0] >= _FEW_DIFFERENCES or shares[1] else find_pools(ratios)
-    if sum(len(part) for part in pools) < _FEW_POOLS * usable:  # no wall, but chance
+    has_edges = shares[0] >= _FEW_DIFFERENCES
+    # terminators are surer, and light that bounces off round things bends on the floor; so are
+    # edges where a camera's rendering bends what is straight
+    surer = shares[1] > 0 or (has_edges and reduced.rendered)
+    pools = [] if surer else find_pools(ratios)
+    # few are chance, where there is no wall; beside edges they only say little
+    if not has_edges and sum(len(part) for part in pools) < _FEW_POOLS * usable:
         pools = []
     return Evidence(
         _pixels(no_flash[use], flash[use], v_n[use], v_f[use], coupled),

@@ -46,6 +46,7 @@ _LESS = {2: (0.93, 0.98), 3: (0.95,)}
 _LITTLE = 0.6  # unexplained by three lamps
 _NOTHING = 1e-6  # of the light
 _AGAINST = 0.2  # of the weight of terminators and pools: so much likelier are lamps they speak for
+_CLEARLY = 3.0  # of −log posterior; the same lamps found twice differ by less
 _MOST_MIRRORED = 0.35  # of the differences: no lamp is mirrored so much more than it shines
 _OUTLINE_LEVELS = (*LEVELS, (0.001, 1))
 _OUTLINE_WIDENED = 3**0.5  # with one kind of data instead of two, the prior would weigh too much
@@ -88,7 +89,7 @@ def first_fit(
     the search may pass the likeliest two by; three are searched alike, since costs of different
     numbers of lamps are compared.
     """
-    outline = not evidence.has_edges
+    evidence, outline = evidence.surest, not evidence.has_edges
     problem = _problem(evidence, model.prior, lamps, outline, _PURE_SHARES[lamps][0], known)
     level = _cost_level(reduced)
     # of chromaticities that a camera's rendering bent, the likeliest lamps are too often wrong
@@ -144,7 +145,30 @@ def fit_matrices(
     first = first or first_fit(reduced, evidence, model, lamps, known)
     if lamps < MOST_LAMPS or not _leave_much(reduced, evidence, first):
         return first
-    return _least_unexplained(reduced, evidence, model, known, first)
+    return _least_unexplained(reduced, evidence.surest, model, known, first)
+
+
+def fit_pools(
+    reduced: ReducedPair, evidence: Evidence, model: Model, known: Known, usual: Fit
+) -> Fit:
+    """Move several lamps of fit_matrices by pools of light, where shadows have edges, too.
+
+    They are followed from where they are, so that what edges told is not lost; lamps that a search
+    with pools comes to are taken where they are clearly likelier. The cost stays: lamps are counted
+    by what is surest.
+    """
+    lamps, level = len(usual.matrices), _cost_level(reduced)
+    if lamps == 1 or not (evidence.has_edges and len(evidence.pools)) or usual.cost == np.inf:
+        return usual
+    problem = _problem(evidence, model.prior, lamps, False, _PURE_SHARES[lamps][0], known)
+    matrices, cost = follow(problem, [usual.matrices])
+    others, other_cost = search(problem, _candidates(evidence, model))
+    if other_cost < cost - _CLEARLY:
+        matrices = others
+    mirrored = max(most_mirrored(one, matrices, level) for one in problem.terms)
+    if known.rejects(matrices) or mirrored > _MOST_MIRRORED:
+        return usual
+    return replace(usual, matrices=matrices)
 
 
 def follow_outwards(

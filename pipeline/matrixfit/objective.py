@@ -155,7 +155,11 @@ def make_terms(
     # re-estimated, the weights of pixels give way until a corner sits in a cluster of them
     shown = Term(evidence.pixels, Shape(True, 0.0, 1.5, 1.0), np.array(inside[lamps]), None)
     differences = difference_term(evidence.differences, lamps)
-    return [shown, _with_mirrors(differences, flash_white) if lamps == 2 else differences]
+    return [
+        shown,
+        _with_mirrors(differences, flash_white) if lamps == 2 else differences,
+        difference_term(evidence.pools, lamps),
+    ]
 
 
 def alone_term(data: Data) -> Term:

@@ -24,7 +24,7 @@ from pipeline.decode import decode
 from pipeline.errors import InputError
 from pipeline.known_lamps import find_known
 from pipeline.matrixfit.evidence import gather_evidence
-from pipeline.matrixfit.fit import Fit, fit_matrices, follow_outwards
+from pipeline.matrixfit.fit import Fit, fit_matrices, fit_pools, follow_outwards
 from pipeline.matrixfit.known import Known, nothing_known
 from pipeline.model import build_model
 from pipeline.options import Options
@@ -124,6 +124,7 @@ def measure(scene: Scene) -> tuple[list[Named], list[Pinned]]:
 
     def fit(known: Known) -> tuple[Fit, float, tuple[int, ...]]:
         usual = fit_matrices(shot.reduced, evidence, model, shot.count, known)
+        usual = fit_pools(shot.reduced, evidence, model, known, usual)
         found = follow_outwards(shot.reduced, evidence, model, known, usual)
         layers = dealt_out(shot.photograph, *shot.filtered, found.matrices)
         return found, *joint_snr(shot.truth, layers, shot.valid)

@@ -250,6 +250,18 @@ def test_matrices_that_point_the_other_way_are_turned(
     np.testing.assert_allclose(found.matrices @ model.flash_white, found.coefficients)
 
 
+def test_lamps_are_moved_by_pools_before_they_are_followed_outwards(
+    shadowed: Shadowed, model: Model, warm_to_cool: Array, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    moved = Fit(model.lamp_matrix(warm_to_cool[[0, 1]]), 0.0)
+    monkeypatch.setattr(lamps, "fit_pools", lambda *_: moved)
+    monkeypatch.setattr(lamps, "follow_outwards", lambda *given: given[-1])
+
+    found = estimate_lamps(reduce_pair(shadowed(warm_to_cool[[0, 2]])), model, 2, "best", False)
+
+    assert angles(found.coefficients, whites(model, warm_to_cool[[0, 1]])).max() < 1e-4
+
+
 @pytest.mark.parametrize("swapped", [False, True])
 @pytest.mark.parametrize("turned", [1, -1])
 def test_two_other_lamps_that_a_search_came_to_are_rivals(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline.errors import UnusablePairError
 from pipeline.matrixfit import evidence, fit
 from pipeline.matrixfit.evidence import gather_evidence
-from pipeline.matrixfit.fit import Fit, first_fit, fit_matrices, follow_outwards
+from pipeline.matrixfit.fit import Fit, first_fit, fit_matrices, fit_pools, follow_outwards
 from pipeline.matrixfit.known import nothing_known
 from pipeline.matrixfit.objective import Term, make_terms, without_mirrors
 from pipeline.model import Model
@@ -213,6 +213,85 @@ def test_pools_show_lamps_that_the_outline_does_not_reach(
     cosines /= np.linalg.norm(wanted, axis=1)
     worst = float(np.degrees(np.arccos(np.clip(cosines.max(axis=0), -1, 1))).max())
     assert (worst < 0.5) is asked
+
+
+@pytest.mark.parametrize("which", [[0, 2], [0, 1, 2]])
+def test_pools_beside_edges_move_lamps(
+    shadowed: Callable[[Array], Any], model: Model, warm_to_cool: Array, off: Off, which: list[int]
+) -> None:
+    """All lamps hold some of the next one's light, and edges tell nothing."""
+    true = model.lamp_matrix(warm_to_cool[which])
+    true /= np.linalg.norm(true, axis=(1, 2), keepdims=True)
+    reduced, nothing = reduce_pair(shadowed(warm_to_cool[which])), nothing_known(model.flash_white)
+    found = gather_evidence(reduced, False)
+    anywhere = np.random.default_rng(1).uniform(0.0, 0.6, found.differences.u.shape)
+    found = replace(
+        found, differences=replace(found.differences, u=anywhere), pools=found.differences
+    )
+    usual = Fit(0.9 * true + 0.1 * np.roll(true, 1, axis=0), 7.0)
+
+    moved = fit_pools(reduced, found, model, nothing, usual)
+
+    assert off(usual.matrices, true) > 0.04
+    assert off(moved.matrices, true) < 0.008
+    assert moved.cost == 7.0  # lamps are counted without pools
+    assert fit_pools(reduced, found.surest, model, nothing, usual) is usual
+
+
+@pytest.mark.parametrize(
+    ("likelier", "of_mirrors", "forbidden", "taken"),
+    [
+        (2.9, 0.0, None, "followed"),
+        (3.1, 0.35, None, "other"),
+        (3.1, 0.36, None, "usual"),
+        (2.9, 0.0, 1, "usual"),
+        (3.1, 0.0, 1, "other"),
+        (3.1, 0.0, 2, "usual"),
+    ],
+)
+def test_by_pools_lamps_are_followed_unless_others_are_clearly_likelier(
+    shadowed: Callable[[Array], Any],
+    model: Model,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+    likelier: float,
+    of_mirrors: float,
+    forbidden: int | None,
+    taken: str,
+) -> None:
+    """Neither by a mirror nor to what is forbidden."""
+    lamps = {
+        "usual": model.lamp_matrix(warm_to_cool[[0, 0]]),
+        "followed": model.lamp_matrix(warm_to_cool[[0, 1]]),
+        "other": model.lamp_matrix(warm_to_cool[[0, 2]]),
+    }
+    monkeypatch.setattr(fit, "follow", lambda *_: (lamps["followed"], 100.0))
+    monkeypatch.setattr(fit, "search", lambda *_: (lamps["other"], 100.0 - likelier))
+    monkeypatch.setattr(fit, "most_mirrored", lambda *_: of_mirrors)
+    known = nothing_known(model.flash_white)
+    if forbidden is not None:
+        whites = model.lamp_matrix(warm_to_cool[[forbidden]]) @ model.flash_white
+        known = replace(known, forbidden=whites / np.linalg.norm(whites))
+    reduced = reduce_pair(shadowed(warm_to_cool[[0, 2]]))
+    found = gather_evidence(reduced, False)
+    found = replace(found, pools=found.differences)
+
+    moved = fit_pools(reduced, found, model, known, Fit(lamps["usual"], 1.0))
+
+    np.testing.assert_array_equal(moved.matrices, lamps[taken])
+
+
+def test_pools_leave_one_lamp_and_forbidden_ones_as_they_are(
+    shadowed: Callable[[Array], Any], model: Model, warm_to_cool: Array
+) -> None:
+    reduced, nothing = reduce_pair(shadowed(warm_to_cool[:1])), nothing_known(model.flash_white)
+    found = gather_evidence(reduced, False)
+    found = replace(found, pools=found.differences)
+    one = Fit(model.lamp_matrix(warm_to_cool[:1]), 1.0)
+    none = Fit(model.lamp_matrix(warm_to_cool[:2]), np.inf)
+
+    assert fit_pools(reduced, found, model, nothing, one) is one
+    assert fit_pools(reduced, found, model, nothing, none) is none
 
 
 def test_two_lamps_that_stand_within_the_cloud_are_followed_outwards(

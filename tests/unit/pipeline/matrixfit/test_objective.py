@@ -250,7 +250,7 @@ def test_no_differences_leave_their_weights(model: Model) -> None:
 def test_weights_begin_as_shares_of_all_components(lamps: int, outline: bool) -> None:
     terms = make_terms(seen(), lamps, outline, PURE, WHITE)
 
-    assert len(terms) == (3 if outline else 2)
+    assert len(terms) == 3
     for term in terms:
         interior = lamps == 3 and term.shape.interior
         mirrors = 2 * bool(term.mirrored.any())
@@ -262,7 +262,7 @@ def test_weights_begin_as_shares_of_all_components(lamps: int, outline: bool) ->
 @pytest.mark.parametrize("lamps", [2, 3])
 def test_the_share_of_pure_pixels_is_that_of_every_lamp(lamps: int) -> None:
     """Differences have shares of their own."""
-    pixels, differences = make_terms(seen(), lamps, False, 0.03, WHITE)
+    pixels, differences, _ = make_terms(seen(), lamps, False, 0.03, WHITE)
 
     np.testing.assert_allclose(pixels.weights[:lamps], 0.03)
     assert pixels.weights.sum() == pytest.approx(1)

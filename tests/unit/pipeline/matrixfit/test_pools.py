@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -141,15 +142,31 @@ def test_many_pools_are_thinned_alike(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_allclose(one.u, np.tile(NEAR[:2] / 0.6, (len(one), 1)), atol=1e-9)
 
 
-@pytest.mark.parametrize("edge", [False, True])
-def test_pools_are_asked_where_shadows_have_no_edges(edge: bool) -> None:
+@pytest.mark.parametrize(
+    ("edge", "rendered", "height", "some"),
+    [
+        (False, False, 8.0, True),
+        (False, False, 0.1, False),
+        (False, True, 8.0, True),
+        (True, False, 8.0, True),
+        (True, False, 0.1, True),
+        (True, True, 8.0, False),
+    ],
+)
+def test_beside_edges_few_pools_count_and_none_of_a_rendering(
+    edge: bool, rendered: bool, height: float, some: bool
+) -> None:
+    """A spot bends the light in a few pixels; what is surest beside edges has no pools."""
     shadow = left_and_right(even(*FAR), even(0, 0, 0) if edge else even(*FAR))
-    pair = reduced_pair(NEAR * pool(at=(WIDTH / 4, 20)) + shadow, even(0.5, 0.5, 0.5))
+    light = NEAR * pool(height, at=(WIDTH / 4, 20)) + shadow + FAR
+    pair = replace(reduced_pair(light, even(0.5, 0.5, 0.5)), rendered=rendered)
 
     found = gather_evidence(pair, True)
 
     assert found.has_edges is edge
-    assert bool(len(found.pools)) is not edge
+    assert bool(len(found.pools)) is some
+    assert bool(len(found.surest.pools)) is (some and not edge)
+    assert found.surest.differences is found.differences
 
 
 def test_pools_are_not_asked_where_round_things_have_terminators() -> None:
