@@ -43,7 +43,7 @@ _FEWER_PURE = {2: (0.05, 0.02), 3: (0.01, 0.005, 0.002)}
 _LESS = {2: (0.93, 0.98), 3: (0.95,)}
 """Factors of what _left gives: wider apart, lamps always leave a little less."""
 
-_LITTLE = 0.6  # unexplained by three lamps
+_LITTLE = 0.6  # unexplained
 _NOTHING = 1e-6  # of the light
 _AGAINST = 0.2  # of the weight of terminators and pools: so much likelier are lamps they speak for
 _CLEARLY = 3.0  # of −log posterior; the same lamps found twice differ by less
@@ -143,7 +143,7 @@ def fit_matrices(
     those that leave least are taken.
     """
     first = first or first_fit(reduced, evidence, model, lamps, known)
-    if lamps < MOST_LAMPS or not _leave_much(reduced, evidence, first):
+    if lamps < MOST_LAMPS or not _leave_much(reduced, evidence, first.matrices):
         return first
     return _least_unexplained(reduced, evidence.surest, model, known, first)
 
@@ -153,18 +153,18 @@ def fit_pools(
 ) -> Fit:
     """Move several lamps of fit_matrices by pools of light, where shadows have edges, too.
 
-    They are followed from where they are, so that what edges told is not lost; lamps that a search
-    with pools comes to are taken where they are clearly likelier. The cost stays: lamps are counted
-    by what is surest.
+    They are followed from where they are, so that what edges told is not lost. Where they leave
+    much, those that a search with pools comes to are taken if they are clearly likelier. The cost
+    stays: lamps are counted by what is surest.
     """
     lamps, level = len(usual.matrices), _cost_level(reduced)
     if lamps == 1 or not (evidence.has_edges and len(evidence.pools)) or usual.cost == np.inf:
         return usual
     problem = _problem(evidence, model.prior, lamps, False, _PURE_SHARES[lamps][0], known)
     matrices, cost = follow(problem, [usual.matrices])
-    others, other_cost = search(problem, _candidates(evidence, model))
-    if other_cost < cost - _CLEARLY:
-        matrices = others
+    if _leave_much(reduced, evidence, matrices):
+        others, other_cost = search(problem, _candidates(evidence, model))
+        matrices = others if other_cost < cost - _CLEARLY else matrices
     mirrored = max(most_mirrored(one, matrices, level) for one in problem.terms)
     if known.rejects(matrices) or mirrored > _MOST_MIRRORED:
         return usual
@@ -185,7 +185,7 @@ def follow_outwards(
     lamps, level = len(usual.matrices), _cost_level(reduced)
     if lamps == 1 or not evidence.has_edges or reduced.rendered or usual.cost == np.inf:
         return usual
-    if lamps == MOST_LAMPS and not _leave_much(reduced, evidence, usual):
+    if lamps == MOST_LAMPS and not _leave_much(reduced, evidence, usual.matrices):
         return usual
     matrices = best = usual.matrices
     least = limits = np.array(_LESS[lamps]) * _left(reduced, evidence, usual.matrices)
@@ -201,10 +201,10 @@ def follow_outwards(
     return replace(usual, matrices=best)
 
 
-def _leave_much(reduced: ReducedPair, evidence: Evidence, found: Fit) -> bool:
-    """Whether three lamps leave much unexplained."""
+def _leave_much(reduced: ReducedPair, evidence: Evidence, matrices: Array) -> bool:
+    """Whether lamps leave much unexplained."""
     # the few differences of an outline are chance, and tell nothing of what is left
-    return evidence.has_edges and unexplained(reduced, evidence, found.matrices) > _LITTLE
+    return evidence.has_edges and unexplained(reduced, evidence, matrices) > _LITTLE
 
 
 def _least_unexplained(

@@ -26,7 +26,7 @@ def gain_of_fourth(evidence: Evidence, model: Model, matrices: Array) -> float:
     """
     if not len(evidence.differences):
         return 0.0
-    lights = model.lamp_matrix(start_points(evidence, model.tensor))
+    lights = model.lamp_matrix(start_points(evidence.surest, model.tensor))
     more = model.prior.matrices(model.prior.coordinates(lights))
     costs = [_cost(evidence, np.concatenate([matrices, one[None]])) for one in more]
     return max(_cost(evidence, matrices) - min(costs), 0.0)

@@ -239,14 +239,15 @@ def test_pools_beside_edges_move_lamps(
 
 
 @pytest.mark.parametrize(
-    ("likelier", "of_mirrors", "forbidden", "taken"),
+    ("leave", "likelier", "of_mirrors", "forbidden", "taken"),
     [
-        (2.9, 0.0, None, "followed"),
-        (3.1, 0.35, None, "other"),
-        (3.1, 0.36, None, "usual"),
-        (2.9, 0.0, 1, "usual"),
-        (3.1, 0.0, 1, "other"),
-        (3.1, 0.0, 2, "usual"),
+        (0.61, 2.9, 0.0, None, "followed"),
+        (0.61, 3.1, 0.35, None, "other"),
+        (0.59, 3.1, 0.35, None, "followed"),
+        (0.61, 3.1, 0.36, None, "usual"),
+        (0.61, 2.9, 0.0, 1, "usual"),
+        (0.61, 3.1, 0.0, 1, "other"),
+        (0.61, 3.1, 0.0, 2, "usual"),
     ],
 )
 def test_by_pools_lamps_are_followed_unless_others_are_clearly_likelier(
@@ -254,12 +255,13 @@ def test_by_pools_lamps_are_followed_unless_others_are_clearly_likelier(
     model: Model,
     warm_to_cool: Array,
     monkeypatch: pytest.MonkeyPatch,
+    leave: float,
     likelier: float,
     of_mirrors: float,
     forbidden: int | None,
     taken: str,
 ) -> None:
-    """Neither by a mirror nor to what is forbidden."""
+    """And they leave much; neither by a mirror nor to what is forbidden."""
     lamps = {
         "usual": model.lamp_matrix(warm_to_cool[[0, 0]]),
         "followed": model.lamp_matrix(warm_to_cool[[0, 1]]),
@@ -268,6 +270,7 @@ def test_by_pools_lamps_are_followed_unless_others_are_clearly_likelier(
     monkeypatch.setattr(fit, "follow", lambda *_: (lamps["followed"], 100.0))
     monkeypatch.setattr(fit, "search", lambda *_: (lamps["other"], 100.0 - likelier))
     monkeypatch.setattr(fit, "most_mirrored", lambda *_: of_mirrors)
+    monkeypatch.setattr(fit, "unexplained", lambda *_: leave)
     known = nothing_known(model.flash_white)
     if forbidden is not None:
         whites = model.lamp_matrix(warm_to_cool[[forbidden]]) @ model.flash_white
