@@ -32,6 +32,9 @@ leave up to 0.05."""
 DOUBTFUL = 0.5
 """Confidence in a number of lamps that do not explain the photograph."""
 
+UNSURE = 0.3
+"""Confidence in three lamps where there are signs of a fourth."""
+
 # Chosen on development scenes, exact, noisy and JPEGs (docs/decisions/0005-fitted-lamps.md and
 # docs/decisions/0032-compression-noise.md)
 _SECOND_LAMP, _SECOND_LAMP_RENDERED = 300.0, 600.0
@@ -42,21 +45,18 @@ _THIRD_GAIN, _THIRD_OFF, _THIRD_RENDERED, _OUTLINE_GAIN = 150.0, 0.125, 1.6, 3.7
 _BESIDE, _BESIDE_LEAST, _BESIDE_USUAL = 1.3, 0.01, 0.1  # weight, and shares of the light
 _SECOND_STEEPNESS, _THIRD_STEEPNESS = 4.0, 0.75
 _NO_THIRD, _SHOWN = -1.6, -0.4  # below which no other way to find three lamps makes up for it
-_FOURTH_UNEXPLAINED, _FOURTH_GAIN = 1.45, 45.0
-_UNSURE = 0.3
+_FOURTH_UNEXPLAINED, _FOURTH_GAIN = 1.4, 45.0
 
 
 @dataclass(frozen=True)
 class Count:
     """How many lamps there are.
 
-    number: 1 to 3. confidence: 0…1 that it is right. four_or_more: whether there are signs of a
-    fourth.
+    number: 1 to 3. confidence: 0…1 that it is right.
     """
 
     number: int
     confidence: float
-    four_or_more: bool
 
 
 def count_lamps(
@@ -75,20 +75,20 @@ def count_lamps(
     can_be = (number for number in range(least, MOST_LAMPS + 1) if fit(number).cost < np.inf)
     least = next(can_be, least)
     if fit(least).cost == np.inf:  # what is forbidden leaves no number, which the caller tells
-        return Count(least, 1.0, four_or_more=False)
+        return Count(least, 1.0)
     several = three = 1.0
     if least < 2:
         gain = max(fit(1).cost - fit(2).cost, 1.0)
         enough = _SECOND_LAMP_RENDERED if reduced.rendered else _SECOND_LAMP
         several = _logistic(_SECOND_STEEPNESS * np.log(gain / enough))
         if gain < enough:
-            return Count(1, 1.0 - several, four_or_more=False)
+            return Count(1, 1.0 - several)
         if reduced.rendered and _as_much_left(reduced, fit):
-            return Count(1, DOUBTFUL, four_or_more=False)
+            return Count(1, DOUBTFUL)
         if not reduced.rendered and gain < _SURELY_SECOND:
             one, two = fit(1).matrices, fit(2).matrices
             if is_gloss(reduced, one, two, model.flash_white):
-                return Count(1, _GLOSSY, four_or_more=False)
+                return Count(1, _GLOSSY)
     if least < 3:
         left = _left_by_two(reduced, evidence, fit(2).matrices)
         third = left + _gain_of_third(reduced, evidence, fit(2), first(3))
@@ -96,10 +96,8 @@ def count_lamps(
             third = left + _gain_of_third(reduced, evidence, fit(2), fit(3))
         three = _logistic(_THIRD_STEEPNESS * third)
         if third < 0:
-            return Count(2, min(several, 1.0 - three), four_or_more=False)
-    if signs_of_fourth(reduced, evidence, model, fit(3).matrices):
-        return Count(3, min(three, _UNSURE), four_or_more=True)
-    return Count(3, min(several, three), four_or_more=False)
+            return Count(2, min(several, 1.0 - three))
+    return Count(3, min(several, three))
 
 
 def signs_of_fourth(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.contradictions import contradictions
-from pipeline.count import DOUBTFUL, MUCH_LEFT, Count, count_lamps, signs_of_fourth
+from pipeline.count import DOUBTFUL, MUCH_LEFT, UNSURE, Count, count_lamps, signs_of_fourth
 from pipeline.errors import OptionError, UnusablePairError, counted
 from pipeline.frames import Matrix
 from pipeline.hui2018.lights import NO_AGREEMENT, invariants_of_pair, lights_of_pair
@@ -129,16 +129,19 @@ def estimate_lamps(
     def fit(lamps: int) -> Fit:
         return fit_matrices(reduced, evidence, model, lamps, known, first(lamps))
 
+    @cache
+    def moved(lamps: int) -> Fit:
+        return fit_pools(reduced, evidence, model, known, fit(lamps))
+
     if requested == "auto":
         count = count_lamps(reduced, evidence, model, first, fit, max(1, len(known.pinned)))
     else:
-        count = Count(requested, confidence=1.0, four_or_more=False)
+        count = Count(requested, confidence=1.0)
     weights = 1.0 / reduced.no_flash[reduced.usable].mean(axis=0, dtype=np.float64)
     if method == "paper":
         found = _published(reduced, model, count.number)
     else:
-        usual = fit_pools(reduced, evidence, model, known, fit(count.number))
-        outwards = follow_outwards(reduced, evidence, model, known, usual)
+        outwards = follow_outwards(reduced, evidence, model, known, moved(count.number))
         found = _fitted(reduced, evidence, model, first(count.number), outwards, weights)
     coefficients, matrices = found.coefficients, found.matrices
     against: list[RunWarning] = []
@@ -150,10 +153,12 @@ def estimate_lamps(
     if requested == "auto" and left > MUCH_LEFT:
         count = replace(count, confidence=min(count.confidence, DOUBTFUL))
     order = _warm_first(coefficients)
-    four_or_more = count.four_or_more
-    if method == "best" and requested == MOST_LAMPS:
+    four_or_more = False
+    if count.number == MOST_LAMPS and (method == "best" or requested == "auto"):
         # lamps followed outwards leave less, as if there were no fourth
-        four_or_more = signs_of_fourth(reduced, evidence, model, fit(MOST_LAMPS).matrices)
+        four_or_more = signs_of_fourth(reduced, evidence, model, moved(MOST_LAMPS).matrices)
+        if four_or_more and requested == "auto":
+            count = replace(count, confidence=min(count.confidence, UNSURE))
     return Lamps(
         coefficients=coefficients[order],
         matrices=matrices[order],

@@ -329,6 +329,7 @@ def test_signs_of_four_lamps_are_told(
 
         assert len(found) == 3
         assert found.four_or_more
+        assert found.confidence == (0.3 if requested == "auto" else 1.0)
 
 
 @pytest.mark.parametrize(("requested", "more"), [(1, False), (2, False), (3, True)])
@@ -349,15 +350,16 @@ def test_fewer_lamps_that_were_asked_for_are_no_sign_of_a_fourth(
     assert found.four_or_more is more
 
 
-def test_a_fourth_is_told_by_lamps_before_they_are_followed_outwards(
+def test_a_fourth_is_told_by_lamps_of_pools_before_they_are_followed_outwards(
     exact: Exact, model: Model, warm_to_cool: Array, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Followed outwards they leave less, as if there were no fourth."""
     usual = model.lamp_matrix(warm_to_cool)
-    outwards = np.roll(usual, 1, axis=2)
+    moved, outwards = np.roll(usual, 1, axis=1), np.roll(usual, 1, axis=2)
     monkeypatch.setattr(lamps, "fit_matrices", lambda *_: Fit(usual, 0.0))
+    monkeypatch.setattr(lamps, "fit_pools", lambda *_: Fit(moved, 0.0))
     monkeypatch.setattr(lamps, "follow_outwards", lambda *_: Fit(outwards, 0.0))
-    monkeypatch.setattr(lamps, "signs_of_fourth", lambda *given: np.array_equal(given[3], usual))
+    monkeypatch.setattr(lamps, "signs_of_fourth", lambda *given: np.array_equal(given[3], moved))
 
     found = estimate_lamps(reduce_pair(exact(warm_to_cool)[0]), model, 3, "best", False)
 

@@ -65,3 +65,26 @@ def test_without_edges_of_shadows_nothing_is_said(
     )
 
     assert gain == 0
+
+
+@pytest.mark.parametrize("lit_by_four", [False, True])
+def test_edges_and_pools_count_alike(
+    seen: Callable[[Array], Evidence],
+    model: Model,
+    four: Array,
+    warm_to_cool: Array,
+    lit_by_four: bool,
+) -> None:
+    """What one kind of data says of a fourth lamp counts for a half where there are both."""
+    evidence, three = seen(four).surest, model.lamp_matrix(warm_to_cool)
+    other = seen(four if lit_by_four else warm_to_cool).differences
+
+    gain = gain_of_fourth(replace(evidence, pools=other), model, three)
+
+    alone = [
+        gain_of_fourth(replace(evidence, differences=one), model, three)
+        for one in (evidence.differences, other)
+    ]
+    assert gain == pytest.approx(np.mean(alone))
+    assert alone[0] > 100
+    assert (alone[1] > 100) is lit_by_four
