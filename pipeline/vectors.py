@@ -1,4 +1,4 @@
-"""Directions: vectors of length one, and the angles between them."""
+"""Vectors: of length one, the angles between them, the area they span."""
 
 from __future__ import annotations
 
@@ -15,3 +15,8 @@ def unit(vectors: NDArray[np.floating]) -> NDArray[np.float64]:
 def angles_deg(cosines: ArrayLike) -> NDArray[np.float64]:
     """Angles (...), 0 to 180 degrees, of cosines (...), which rounding may take beyond ±1."""
     return np.asarray(np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0))))
+
+
+def cross_2d(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Signed areas (n,) that pairs of vectors in the plane, (n, 2) each, span."""
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])

@@ -21,6 +21,7 @@ from pipeline.matrixfit.objective import (
     most_mirrored,
     without_mirrors,
 )
+from pipeline.matrixfit.pools import without_coves
 from pipeline.matrixfit.prior import MatrixPrior
 from pipeline.matrixfit.search import LEVELS, Problem, follow, search
 from pipeline.matrixfit.starts import invariants, start_points
@@ -160,6 +161,7 @@ def fit_pools(
     lamps, level = len(usual.matrices), _cost_level(reduced)
     if lamps == 1 or not (evidence.has_edges and len(evidence.pools)) or usual.cost == np.inf:
         return usual
+    evidence = _without_coves(evidence, usual.matrices)
     problem = _problem(evidence, model.prior, lamps, False, _PURE_SHARES[lamps][0], known)
     matrices, cost = follow(problem, [usual.matrices])
     if _leave_much(reduced, evidence, matrices):
@@ -185,6 +187,7 @@ def follow_outwards(
     lamps, level = len(usual.matrices), _cost_level(reduced)
     if lamps == 1 or not evidence.has_edges or reduced.rendered or usual.cost == np.inf:
         return usual
+    evidence = _without_coves(evidence, usual.matrices)
     if lamps == MOST_LAMPS and not _leave_much(reduced, evidence, usual.matrices):
         return usual
     matrices = best = usual.matrices
@@ -199,6 +202,13 @@ def follow_outwards(
         if (left < limits).all() and left[0] < least[0]:
             best, least = matrices, left
     return replace(usual, matrices=best)
+
+
+def _without_coves(evidence: Evidence, matrices: Array) -> Evidence:
+    """Evidence without the pools that three lamps, as they were found, tell from those of one."""
+    if len(matrices) < MOST_LAMPS:
+        return evidence
+    return replace(evidence, pools=without_coves(evidence.pools, matrices))
 
 
 def _leave_much(reduced: ReducedPair, evidence: Evidence, matrices: Array) -> bool:

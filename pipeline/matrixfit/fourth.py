@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pipeline.matrixfit.data import Data, nothing
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.objective import Whitened, difference_term
+from pipeline.matrixfit.pools import without_coves
 from pipeline.matrixfit.starts import start_points
 from pipeline.model import Model
 
@@ -27,7 +28,8 @@ def gain_of_fourth(evidence: Evidence, model: Model, matrices: Array) -> float:
     """
     if not len(evidence.differences):
         return 0.0
-    kinds = [evidence.differences] + [evidence.pools] * (len(evidence.pools) > 0)
+    pools = without_coves(evidence.pools, matrices)
+    kinds = [evidence.differences] + [pools] * (len(pools) > 0)
     alone = [replace(evidence, differences=kind, pools=nothing()) for kind in kinds]
     return float(np.mean([_gain(one, model, matrices) for one in alone]))
 

@@ -16,6 +16,7 @@ from pipeline.matrixfit.prior import MatrixPrior
 Array = NDArray[np.float64]
 
 _EM_ROUNDS = 3
+_COVES = 0.15  # of pools, at first
 _MIRRORED = 0.15  # of the differences, at first; where nothing is glossy the rounds take it away
 
 
@@ -158,7 +159,7 @@ def make_terms(
     return [
         shown,
         _with_mirrors(differences, flash_white) if lamps == 2 else differences,
-        difference_term(evidence.pools, lamps),
+        _pool_term(evidence.pools, lamps),
     ]
 
 
@@ -199,6 +200,16 @@ def _with_mirrors(term: Term, flash_white: Array) -> Term:
     corners, rest = term.weights[:-1] * (1.0 - _MIRRORED), term.weights[-1:] * (1.0 - _MIRRORED)
     weights = np.concatenate([corners, np.full(2, _MIRRORED / 2), rest])
     return replace(term, weights=weights, mirrored=flash_white / flash_white.sum())
+
+
+def _pool_term(pools: Data, lamps: int) -> Term:
+    """The mixture of pools beside edges: of three lamps, some bend all light, as coves do."""
+    term = difference_term(pools, lamps)
+    if lamps < 3:
+        return term
+    weights = np.insert(term.weights, -1, _COVES)
+    weights[-1] -= _COVES
+    return replace(term, shape=replace(term.shape, interior=True), weights=weights)
 
 
 def _terminator_term(terminators: Data, lamps: int) -> Term:

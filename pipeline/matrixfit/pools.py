@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 from pipeline.frames import Mask
 from pipeline.matrixfit.contrasts import RelativeLight, along, contrast, steps
 from pipeline.matrixfit.data import Data, draw
+from pipeline.vectors import cross_2d
 
 Array = NDArray[np.float64]
 
 _REACHES = (2, 4)  # steps to either side; the wider stands out from more noise
 _FLAT = 0.03  # logarithm of the flash part, from the middle to each side
 _LEAST_BEND = 0.02  # of the mean light around
+_EVERY = 0.1  # share of each of three lamps in what bends
 _MOST = 2000  # of a direction and a reach: more tell no more
 _SIDES = np.array([-1, 0, 1])
 _FACTORS, _SURFACE = np.array([1.0, -2.0, 1.0]), np.array([0.0, 1.0, 0.0])
@@ -41,6 +43,18 @@ def find_pools(ratios: RelativeLight) -> list[Data]:
                 at = rows[pick, None] + oy * _SIDES, columns[pick, None] + ox * _SIDES
                 parts.append(contrast(ratios, at, sign * _FACTORS, _SURFACE))
     return parts
+
+
+def without_coves(pools: Data, matrices: Array) -> Data:
+    """Pools but those in which the light of all three lamps (3, 3, 3) bends.
+
+    So it does where a backdrop bends from table to wall, which the flash lights too evenly to tell.
+    """
+    u, (a, b, c) = pools.u, pools.corners(matrices)
+    whole = cross_2d(b - a, c - a)
+    parts = np.array([cross_2d(p - u, q - u) for p, q in ((b, c), (c, a), (a, b))])
+    keep = (np.sign(whole) * parts).min(axis=0) <= _EVERY * np.abs(whole)
+    return Data(pools.x[keep], u[keep], pools.covariance[keep], pools.weight[keep])
 
 
 def _bends(

@@ -15,6 +15,7 @@ from pipeline.matrixfit.evidence import Evidence
 from pipeline.quantiles import weighted_quantile
 from pipeline.reduced import ReducedPair
 from pipeline.shares import shares
+from pipeline.vectors import cross_2d
 
 Array = NDArray[np.float64]
 
@@ -106,12 +107,12 @@ def places_alone(evidence: Evidence, matrices: Array) -> Array:
 def share_outside(pixels: Data, matrices: Array) -> float:
     """Share of the pixels outside the triangle of three lamps."""
     corners = pixels.corners(matrices)
-    turn = np.sign(_cross(corners[1] - corners[0], corners[2] - corners[0]))
+    turn = np.sign(cross_2d(corners[1] - corners[0], corners[2] - corners[0]))
     inside = []
     for a, b in ((0, 1), (1, 2), (2, 0)):
         edge = corners[b] - corners[a]
         length = np.maximum(np.linalg.norm(edge, axis=1), 1e-9)
-        inside.append(turn * _cross(edge, pixels.u - corners[a]) / length)
+        inside.append(turn * cross_2d(edge, pixels.u - corners[a]) / length)
     outside = -np.min(inside, axis=0)
     return float((outside > _OUTSIDE + 2 * _deviation(pixels)).mean())
 
@@ -132,10 +133,6 @@ def _left_of_pixels(
 def _total(light: NDArray[np.float32]) -> NDArray[np.float32]:
     """Sum over channels of (n, 3); NumPy's takes ten times as long."""
     return np.asarray(light @ np.ones(3, np.float32))
-
-
-def _cross(a: Array, b: Array) -> Array:
-    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
 
 
 def _deviation(data: Data) -> Array:

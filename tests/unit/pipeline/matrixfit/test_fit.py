@@ -14,6 +14,7 @@ from pipeline.matrixfit.evidence import gather_evidence
 from pipeline.matrixfit.fit import Fit, first_fit, fit_matrices, fit_pools, follow_outwards
 from pipeline.matrixfit.known import nothing_known
 from pipeline.matrixfit.objective import Term, make_terms, without_mirrors
+from pipeline.matrixfit.search import Problem
 from pipeline.model import Model
 from pipeline.reduced import reduce_pair
 
@@ -236,6 +237,39 @@ def test_pools_beside_edges_move_lamps(
     assert off(moved.matrices, true) < 0.008
     assert moved.cost == 7.0  # lamps are counted without pools
     assert fit_pools(reduced, found.surest, model, nothing, usual) is usual
+
+
+@pytest.mark.parametrize("step", [fit_pools, follow_outwards])
+@pytest.mark.parametrize("which", [[0, 2], [0, 1, 2]])
+def test_coves_are_left_out_of_the_pools_of_three_lamps(
+    shadowed: Callable[[Array], Any],
+    model: Model,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+    step: Callable[..., Fit],
+    which: list[int],
+) -> None:
+    """Every second pool has the light of all lamps."""
+    true = model.lamp_matrix(warm_to_cool[which])
+    reduced, nothing = reduce_pair(shadowed(warm_to_cool[which])), nothing_known(model.flash_white)
+    found = gather_evidence(reduced, False)
+    corners = found.differences.corners(true)
+    some = np.arange(len(found.differences)) % 2 > 0
+    u = np.where(some[:, None], corners.mean(axis=0), corners[0])
+    asked: list[int] = []
+
+    def noting(problem: Problem, _: object) -> tuple[Array, float]:
+        asked.append(len(problem.terms[2].data))
+        return true, 0.0
+
+    monkeypatch.setattr(fit, "follow", noting)
+    monkeypatch.setattr(fit, "search", noting)
+    monkeypatch.setattr(fit, "unexplained", lambda *_: 9.0)
+    pools = replace(found.differences, u=u)
+    step(reduced, replace(found, pools=pools), model, nothing, Fit(true, 1.0))
+
+    assert asked
+    assert set(asked) == {len(some) if len(which) == 2 else len(some) - some.sum()}
 
 
 @pytest.mark.parametrize(

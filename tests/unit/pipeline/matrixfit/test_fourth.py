@@ -85,6 +85,26 @@ def test_edges_and_pools_count_alike(
         gain_of_fourth(replace(evidence, differences=one), model, three)
         for one in (evidence.differences, other)
     ]
-    assert gain == pytest.approx(np.mean(alone))
+    assert gain == pytest.approx(np.mean(alone), rel=0.01)
     assert alone[0] > 100
     assert (alone[1] > 100) is lit_by_four
+
+
+@pytest.mark.parametrize(("least", "told"), [(0.12, False), (0.08, True)])
+@pytest.mark.parametrize("turned", [1, -1])
+def test_what_bends_in_the_light_of_all_three_is_no_fourth(
+    seen: Callable[[Array], Evidence],
+    model: Model,
+    warm_to_cool: Array,
+    least: float,
+    told: bool,
+    turned: int,
+) -> None:
+    """As along a cove; pools that one of the three hardly has are more than a bend."""
+    evidence, three = seen(warm_to_cool).surest, model.lamp_matrix(warm_to_cool)[::turned]
+    data = evidence.differences
+    mixed = np.einsum("j,jni->ni", [least, 0.5, 0.5 - least], data.corners(three))
+
+    gain = gain_of_fourth(replace(evidence, pools=replace(data, u=mixed)), model, three)
+
+    assert (gain > 50) is told

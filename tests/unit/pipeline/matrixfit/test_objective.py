@@ -271,6 +271,21 @@ def test_the_share_of_pure_pixels_is_that_of_every_lamp(lamps: int) -> None:
     )
 
 
+@pytest.mark.parametrize(("lamps", "coves"), [(1, 0.0), (2, 0.0), (3, 0.15)])
+def test_beside_edges_some_pools_of_three_lamps_have_the_light_of_all(
+    lamps: int, coves: float
+) -> None:
+    term = make_terms(seen(), lamps, False, PURE, WHITE)[2]
+    plain = make_terms(seen(), lamps, True, PURE, WHITE)[2]
+
+    assert term.shape.interior is (coves > 0)
+    assert not plain.shape.interior
+    pairs = lamps * (lamps + 1) // 2
+    np.testing.assert_array_equal(term.weights[:pairs], plain.weights[:pairs])
+    assert plain.weights[-1] - term.weights[-1] == pytest.approx(coves)
+    assert term.weights[pairs:-1].sum() == coves
+
+
 def test_terminators_show_lamps_alone(model: Model) -> None:
     """They are taken for corners, not for mixtures."""
     matrices = model.lamp_matrix(LIGHTS[:2])

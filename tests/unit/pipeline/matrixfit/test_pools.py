@@ -184,3 +184,20 @@ def test_pools_are_not_asked_where_round_things_have_terminators() -> None:
 def test_few_pools_are_chance(height: float, some: bool) -> None:
     """A spot bends the light in a few pixels, and a twentieth of them is asked."""
     assert bool(len(shown(NEAR * pool(height) + FAR * slope()))) is some
+
+
+@pytest.mark.parametrize("order", [[0, 1, 2], [2, 1, 0]])
+def test_pools_in_the_light_of_all_three_lamps_are_coves(order: list[int]) -> None:
+    """Every lamp has more than a tenth: on two surfaces, of which one halves all green light."""
+    matrices = np.array([np.diag(rgb) for rgb in ([6.0, 3, 1], [3, 5, 2], [1, 3, 6])])[order]
+    shares = np.array([[0.12, 0.5, 0.38], [0.08, 0.5, 0.42], [1, 0, 0], [0.6, 0.6, -0.2]])
+    x = np.repeat([[1 / 3, 1 / 3, 1 / 3], [0.4, 0.2, 0.4]], len(shares), axis=0)
+    light = np.einsum("jkl,nl->jnk", matrices[np.argsort(order)], x)
+    corners = light[..., :2] / light.sum(axis=2, keepdims=True)
+    u = np.einsum("nj,jni->ni", np.tile(shares, (2, 1)), corners)
+    data = Data(x, u, np.zeros((8, 3)), np.arange(8.0))
+
+    found = pools.without_coves(data, matrices)
+
+    assert found.weight.tolist() == [1, 2, 3, 5, 6, 7]
+    np.testing.assert_array_equal(found.u, u[[1, 2, 3, 5, 6, 7]])
