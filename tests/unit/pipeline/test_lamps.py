@@ -331,6 +331,11 @@ def test_signs_of_four_lamps_are_told(
         assert found.four_or_more
         assert found.confidence == (0.3 if requested == "auto" else 1.0)
 
+        published = estimate_lamps(reduced, model, requested, "paper", False)
+
+        # the published method says nothing of how many there are
+        assert published.four_or_more is (requested == "auto")
+
 
 @pytest.mark.parametrize(("requested", "more"), [(1, False), (2, False), (3, True)])
 def test_fewer_lamps_that_were_asked_for_are_no_sign_of_a_fourth(

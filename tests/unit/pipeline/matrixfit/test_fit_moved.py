@@ -11,8 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.matrixfit import fit
-from pipeline.matrixfit.evidence import gather_evidence
-from pipeline.matrixfit.fit import Fit, fit_pools, follow_outwards
+from pipeline.matrixfit.evidence import Evidence, gather_evidence
+from pipeline.matrixfit.fit import Fit, fit_matrices, fit_pools, follow_outwards
 from pipeline.matrixfit.known import nothing_known
 from pipeline.matrixfit.search import Problem
 from pipeline.model import Model
@@ -43,6 +43,34 @@ def test_pools_beside_edges_move_lamps(
     assert off(moved.matrices, true) < 0.008
     assert moved.cost == 7.0  # lamps are counted without pools
     assert fit_pools(reduced, found.surest, model, nothing, usual) is usual
+
+
+def test_beside_edges_lamps_are_found_without_pools(
+    shadowed: Callable[[Array], Any],
+    model: Model,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Also where they leave much, and are found in other ways."""
+    reduced, nothing = reduce_pair(shadowed(warm_to_cool)), nothing_known(model.flash_white)
+    found = gather_evidence(reduced, False)
+    wrong = replace(found.differences, u=found.differences.u[::-1])
+    asked: list[int] = []
+
+    def noting(_: Problem, evidence: Evidence, __: Array) -> list[Array]:
+        asked.append(len(evidence.pools))
+        return []
+
+    monkeypatch.setattr(fit, "unexplained", lambda *_: 9.0)
+    monkeypatch.setattr(fit, "_otherwise", noting)
+    one, other = (
+        fit_matrices(reduced, replace(found, pools=pools), model, 3, nothing)
+        for pools in (wrong, found.surest.pools)
+    )
+
+    np.testing.assert_array_equal(one.matrices, other.matrices)
+    assert one.cost == other.cost
+    assert asked == [0, 0]
 
 
 @pytest.mark.parametrize("step", [fit_pools, follow_outwards])
