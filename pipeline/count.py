@@ -45,7 +45,7 @@ _THIRD_GAIN, _THIRD_OFF, _THIRD_RENDERED, _OUTLINE_GAIN = 150.0, 0.125, 1.6, 3.7
 _BESIDE, _BESIDE_LEAST, _BESIDE_USUAL = 1.3, 0.01, 0.1  # weight, and shares of the light
 _SECOND_STEEPNESS, _THIRD_STEEPNESS = 4.0, 0.75
 _NO_THIRD, _SHOWN = -1.6, -0.4  # below which no other way to find three lamps makes up for it
-_FOURTH_UNEXPLAINED, _FOURTH_GAIN = 1.4, 45.0
+_FOURTH_UNEXPLAINED, _FOURTH_GAIN = 1.45, 45.0
 
 
 @dataclass(frozen=True)
