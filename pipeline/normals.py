@@ -18,6 +18,7 @@ from pipeline.reduced import ReducedPair
 from pipeline.run_warnings import Code, RunWarning
 
 _MUCH_LEFT = 0.05  # relative; sensor noise leaves up to 0.025
+_MUCH_UNEXPLAINED = 0.09  # of the pixels; development objects with right normals leave up to 0.085
 
 
 def find_facing(
@@ -47,6 +48,8 @@ def find_facing(
 def _warnings(surface: Surface) -> tuple[RunWarning, ...]:
     if surface.misfit >= _MUCH_LEFT:
         why = f"{surface.misfit:.0%} of it is left over in half the picture"
+    elif surface.unexplained >= _MUCH_UNEXPLAINED:
+        why = f"{surface.unexplained:.0%} of the surface has light that they do not give"
     elif not (surface.strengths > 0).all():
         why = "one of them would have to take light away"
     else:
@@ -56,4 +59,5 @@ def _warnings(surface: Surface) -> tuple[RunWarning, ...]:
         f"doubtful: {why}. Check the directions, the focal length, and that the flash sits at the "
         "camera."
     )
-    return (RunWarning(Code.NORMALS_DOUBTFUL, message, {"left_over": surface.misfit}),)
+    figures = {"left_over": surface.misfit, "unexplained": surface.unexplained}
+    return (RunWarning(Code.NORMALS_DOUBTFUL, message, figures),)

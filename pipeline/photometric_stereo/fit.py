@@ -18,11 +18,11 @@ Array = NDArray[np.float64]
 _SCALES = (0.3, 0.2, 0.1, 0.05, 0.03, 0.02, 0.01, 0.005, 0.003, 0.003)  # see Objective
 _SCALES_AGAIN, _ROUNDS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.003, 0.003), 2
 _STEPS = 3  # at each scale
+_SCALES_ON, _STEPS_ON = (0.02, 0.01, 0.005, 0.003), 2
 _LENGTHS = (1.0, 0.5, 0.25, 0.1)  # of a step, tried until one makes things better
 _FINE_SCALE, _FINE_STEPS, _FINE_STIFFNESS = 0.01, 3, 10.0
 _CONTINUED_STEPS = 2
 _SHADOWS_FROM = 0.02  # scale from which on shadows are told from bends
-_SHADOW_CHI2, _SHADOW_GAIN = 50.0, 10.0  # of a pixel's light, and times less without the lamp
 _UNEXPLAINED = (0.01, 0.3)  # share of the pixels between which shadows are to blame
 _MUCH_UNEXPLAINED = 0.05
 _LIGHT_SCALE, _LIGHT_CHI2 = 0.02, 10.0  # at and above which light is unexplained
@@ -32,8 +32,9 @@ _LEAST_DEPTH = 1e-3  # squared, of the median
 
 MOST_TRIAL_TICKS = 2 * len(_SCALES)
 MOST_TICKS = MOST_TRIAL_TICKS + _ROUNDS * 3 * len(_SCALES_AGAIN)
+MOST_TICKS_ON = len(_SCALES_AGAIN) + 2 * len(_SCALES_ON)
 MOST_TICKS_AGAIN = 3 * len(_SCALES_AGAIN) + MOST_TICKS
-"""Times that these tell of going on, at most: fit without rounds, fit, and fit_again."""
+"""Times that these tell of going on, at most: fit without rounds, fit, fit_on, and fit_again."""
 
 
 def fit(scene: Scene, tick: Tick = lambda: None, rounds: int = _ROUNDS) -> tuple[State, float]:
@@ -77,6 +78,16 @@ def fit_again(scene: Scene, state: State, tick: Tick = lambda: None) -> State:
     if unexplained(scene, found[0]).mean() > _MUCH_UNEXPLAINED:
         found = min(found, fit(scene, tick), key=_likeliest)
     return found[0]
+
+
+def fit_on(scene: Scene, state: State, tick: Tick = lambda: None) -> State:
+    """The likeliest that lamps, materials and surface of a state lead on to; it may be less likely.
+
+    Lamps shine where surface and light say so, from the start or after the light alone does.
+    """
+    again = _follow_again(scene, state, state.h, tick)
+    also = [_follow_on(scene, one, tick) for one in (state, again[0])]
+    return min([again, *also], key=_likeliest)[0]
 
 
 def continued(scene: Scene, state: State) -> State:
@@ -142,6 +153,17 @@ def _follow_again(scene: Scene, found: State, h: Array, tick: Tick) -> tuple[Sta
     return state, cost(scene, state)
 
 
+def _follow_on(scene: Scene, state: State, tick: Tick) -> tuple[State, float]:
+    """Follow a state; lamps shine where surface and light say so."""
+    for scale in _SCALES_ON:
+        tick()
+        for _ in range(_STEPS_ON):
+            objective = make_objective(scene, state, scale)
+            state = _moved(objective, _relit(state, objective))
+    state = _relit(state, make_objective(scene, state, _SCALES_ON[-1]))
+    return state, cost(scene, state)
+
+
 def _shining(scene: Scene, state: State, scale: float) -> State:
     """The state with even albedo, and lamps that shine where the light says so."""
     state = with_even_albedo(scene, state)
@@ -181,19 +203,10 @@ def _valid(h: Array) -> Array:
 
 def _relit(state: State, objective: Objective) -> State:
     """Find anew which lamps light which pixels: those it faces and that are not in its shadow."""
-    scene = objective.scene
-    facing = scene.grid.w(state.h) @ scene.directions.T > 0
     if objective.scale > _SHADOWS_FROM:
-        return replace(state, lit=facing)
-    lamps = range(len(scene.directions))
-    chi2 = objective.chi2(replace(state, lit=facing))
-    shadowed = np.zeros_like(facing)
-    for j in lamps:
-        without = facing.copy()
-        without[:, j] = False
-        less = objective.chi2(replace(state, lit=without))
-        shadowed[:, j] = (chi2 > _SHADOW_CHI2) & (_SHADOW_GAIN * less < chi2)
-    return replace(state, lit=facing & ~shadowed)
+        scene = objective.scene
+        return replace(state, lit=scene.grid.w(state.h) @ scene.directions.T > 0)
+    return replace(state, lit=objective.lit(state))
 
 
 def _shone_on(state: State, objective: Objective) -> State:

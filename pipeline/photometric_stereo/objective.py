@@ -8,6 +8,7 @@ surface.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from pipeline.photometric_stereo.scene import Scene, State, brightness, predicte
 Array = NDArray[np.float64]
 
 _FREEDOM = 9.0  # squared standard deviations beyond which a pixel's light counts less
+_SHADOW = 5.0  # −2 log of how likely a lamp that a pixel faces does not shine there
 _FLOOR = 0.002  # of the 99th percentile of the light
 _ALBEDO_FREEDOM = 4.0  # the same of log albedo
 _ALBEDO_FLOOR = 0.01  # least standard deviation of log albedo
@@ -59,6 +61,23 @@ class Objective:
         """Squared deviations (n,) of the light in units of its variance."""
         off = predicted(self.scene, state) - self.scene.light
         return np.asarray((off**2 * self.precision).sum(axis=1))
+
+    def lit(self, state: State) -> NDArray[np.bool_]:
+        """Lamps (n, J) that light the pixels, of those they face: the set that explains most.
+
+        Shadows are neither looked for along the ways to the lamps nor hung together.
+        """
+        scene = self.scene
+        facing = scene.grid.w(state.h) @ scene.directions.T
+        shines, by_lamp = np.maximum(facing, 0.0), responses(scene, state)
+        lit, least = facing > 0, np.full(len(facing), np.inf)
+        for some in product((True, False), repeat=facing.shape[1]):
+            off = np.einsum("nj,njx->nx", shines * some, by_lamp) - scene.light
+            chi2 = (off**2 * self.precision).sum(axis=1)
+            cost = _FREEDOM * np.log1p(chi2 / _FREEDOM) + _SHADOW * (len(some) - sum(some))
+            lit[cost < least] = some
+            least = np.minimum(cost, least)
+        return np.asarray(lit & (facing > 0))
 
     @property
     def _bending(self) -> float:

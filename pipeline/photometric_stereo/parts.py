@@ -10,7 +10,15 @@ from scipy import ndimage
 
 from pipeline.frames import Mask
 from pipeline.photometric_stereo.fit import MOST_TICKS as _OF_FIT
-from pipeline.photometric_stereo.fit import MOST_TICKS_AGAIN, cost, fit, fit_again, unexplained
+from pipeline.photometric_stereo.fit import (
+    MOST_TICKS_AGAIN,
+    MOST_TICKS_ON,
+    cost,
+    fit,
+    fit_again,
+    fit_on,
+    unexplained,
+)
 from pipeline.photometric_stereo.growth import MOST_TICKS as _OF_GROWTH
 from pipeline.photometric_stereo.growth import grown
 from pipeline.photometric_stereo.objective import with_even_albedo
@@ -19,10 +27,12 @@ from pipeline.progress import Tick
 
 _MOST_CUTS, _LEAST_CUT = 3, 0.01
 _MANY = 0.05  # unexplained pixels of a surface without cuts: so many are no chance
-_FEWER = 0.5  # of them
+_ROUNDS = 3  # of fitting all and growing anew
+_LEFT_OUT = 100.0  # −2 log likelihood of a pixel that a surface has no part of
 _LEAST_PART, _LEAST_LEFT = 0.01, 0.5  # of the surface
 
 MOST_TICKS = _OF_FIT + _MOST_CUTS * MOST_TICKS_AGAIN + _OF_GROWTH
+MOST_TICKS += _ROUNDS * (MOST_TICKS_ON + _OF_GROWTH)
 """Times that fit_in_parts tells of going on, at most."""
 
 
@@ -31,29 +41,42 @@ def fit_in_parts(scene: Scene, tick: Tick = lambda: None) -> tuple[Scene, State]
 
     A jump of depth leaves pixels beside it that no lamp explains. Without them its sides hang
     together no longer, and each finds its own distance by the fall-off of the flash, with lamps and
-    materials as found so far: what is left bends them less and less. Where a surface without cuts
-    leaves few pixels unexplained and is likelier, it stays. Returns what is left of the scene as
-    well. tick: as of fit.
+    materials as found so far: what is left bends them less and less. Then the parts grow back, all
+    is fitted on, and what is not explained then grows anew. The likeliest on the way is returned,
+    with what is left of the scene. tick: as of fit.
     """
     whole, (uncut, _) = scene, fit(scene, tick)
-    state, off, cuts = uncut, unexplained(scene, uncut), 0
-    many = float(off.mean())
-    while off.mean() > _LEAST_CUT and cuts < _MOST_CUTS:
-        mask = scene.grid.mask.copy()
-        mask[mask] = ~off
-        left = parts_of(mask) > 0
-        if left.sum() < _LEAST_LEFT * len(whole.light):
+    state, found, cuts = uncut, [], 0
+    while unexplained(scene, state).mean() > _LEAST_CUT and cuts < _MOST_CUTS:
+        less = _explained(scene, state)
+        if len(less.light) < _LEAST_LEFT * len(whole.light):
             break
-        less, cuts = scene.without(~left[scene.grid.mask]), cuts + 1
         scene, state = less, fit_again(less, moved_to(less, scene, state), tick)
-        off = unexplained(scene, state)
+        cuts += 1
     if not cuts:
         return scene, state
-    # most of what was cut out belongs to one side or the other
-    again, found = grown(whole, scene, state, tick)
-    if many < _MANY and cost(again, found) > cost(again, _within(again, whole, uncut)):
+    found.append((scene, state))
+    for again in range(1 + _ROUNDS):
+        if again:
+            state = fit_on(scene, state, tick)
+            found.append((scene, state))
+            less = _explained(scene, state)
+            scene, state = less, _within(less, scene, state)
+        # most of what was cut out belongs to one side or the other
+        scene, state = grown(whole, scene, state, tick)
+        found.append((scene, state))
+    scene, state = min(found, key=lambda one: cost(*one) - _LEFT_OUT * len(one[0].light))
+    few = unexplained(whole, uncut).mean() < _MANY
+    if few and cost(scene, _within(scene, whole, uncut)) < cost(scene, state):
         return whole, uncut
-    return (again, found) if unexplained(again, found).mean() < _FEWER * many else (scene, state)
+    return scene, state
+
+
+def _explained(scene: Scene, state: State) -> Scene:
+    """The scene without the pixels whose light is not explained, and without crumbs."""
+    mask = scene.grid.mask.copy()
+    mask[mask] = ~unexplained(scene, state)
+    return scene.without(parts_of(mask)[scene.grid.mask] == 0)
 
 
 def _within(scene: Scene, whole: Scene, state: State) -> State:

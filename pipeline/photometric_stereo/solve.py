@@ -15,7 +15,7 @@ from pipeline.frames import Mask
 from pipeline.lamps import Lamps
 from pipeline.model import Model
 from pipeline.options import DirectedLight
-from pipeline.photometric_stereo.fit import MOST_TRIAL_TICKS, fit, refine
+from pipeline.photometric_stereo.fit import MOST_TRIAL_TICKS, fit, refine, unexplained
 from pipeline.photometric_stereo.grid import carried
 from pipeline.photometric_stereo.parts import MOST_TICKS, fit_in_parts, parts_of
 from pipeline.photometric_stereo.responses import LampBank, ResponsePrior, floored
@@ -26,7 +26,8 @@ from pipeline.photometric_stereo.scene import (
     response_matrices,
     responses,
 )
-from pipeline.photometric_stereo.view import make_view
+from pipeline.photometric_stereo.sides import sides
+from pipeline.photometric_stereo.view import View, make_view
 from pipeline.progress import Progress
 from pipeline.reduced import ReducedPair
 
@@ -34,6 +35,7 @@ Array = NDArray[np.float64]
 
 _TRIAL, _COARSE, _FINE = 1_200, 5_000, 60_000  # pixels at most
 _MIN_PIXELS = 100  # that tell a surface
+_ASTRAY = 1.5  # coarse pixels that a cut may lie beside the jump
 _MOST_CORRECTION = 2.0  # factor on the light of a lamp
 
 
@@ -50,6 +52,7 @@ class Surface:
     outside the mask.
     directions: (J, 3) unit. matrices: (J, 3, 3) flash part → light of each lamp where l·w is 1.
     misfit: median relative light that the fit does not explain.
+    unexplained: share of the pixels whose light it does not explain, or that it leaves out.
     strengths: (J,) green brightness of a white card that faces the lamp, the largest 1.
     focal_px: of the picture.
     """
@@ -65,6 +68,7 @@ class Surface:
     directions: Array
     matrices: Array
     misfit: float
+    unexplained: float
     strengths: Array
     focal_px: float
 
@@ -117,14 +121,27 @@ def solve_surface(
         likeliest = min(priors, key=lambda some: fit(scene(_TRIAL, some), tick, rounds=0)[1])
     coarse, state = fit_in_parts(scene(_COARSE, likeliest), tick)
     steps = views[_COARSE].step, views[_FINE].step
-    cut = views[_COARSE].mask & ~coarse.grid.mask
-    fine = scene(_FINE, likeliest)
-    if cut.any():
-        left = fine.grid.mask & ~_finer(cut, *steps, fine.grid.mask.shape)
-        fine = fine.without(parts_of(left)[fine.grid.mask] == 0)
+    fine, belongs = _in_parts(scene(_FINE, likeliest), views, coarse.grid.mask)
     h = carried(state.h, coarse.grid, fine.grid, steps[1] / steps[0])
+    off = 1.0 - np.sum(~unexplained(coarse, state)) / views[_COARSE].mask.sum()
     state = refine(fine, h, state)
-    return _surface(fine, state, model, reduced.block * steps[1], views[_FINE].mask)
+    return _surface(fine, state, model, reduced.block * steps[1], belongs, off)
+
+
+def _in_parts(fine: Scene, views: dict[int, View], kept: Mask) -> tuple[Scene, NDArray[np.intp]]:
+    """The fine scene without what the coarse fit, whose pixels are kept, has cut.
+
+    Returns as well which part (h, w) each of its pixels belongs to, from 1.
+    """
+    mask = fine.grid.mask
+    cut = views[_COARSE].mask & ~kept
+    if not cut.any():
+        return fine, mask.astype(np.intp)
+    steps = views[_COARSE].step, views[_FINE].step
+    parts = parts_of(mask & ~_finer(cut, *steps, mask.shape))
+    flash, light = (picture.sum(axis=2) for picture in (views[_FINE].flash, views[_FINE].light))
+    belongs = sides(flash, light, mask, parts, _ASTRAY * steps[0] / steps[1])
+    return fine.without(((parts == 0) | (parts != belongs))[mask]), belongs
 
 
 def _colours(
@@ -165,15 +182,31 @@ def _finer(mask: Mask, coarse_step: int, fine_step: int, shape: tuple[int, ...])
     return mask[np.ix_(y, x)]
 
 
-def _surface(scene: Scene, state: State, model: Model, block: int, mask: Mask) -> Surface:
-    """mask: where the surface is wanted; what was cut out of it is as beside it."""
-    fitted = scene.grid.mask
-    nearest = ndimage.distance_transform_edt(~fitted, return_distances=False, return_indices=True)
+def _surface(
+    scene: Scene,
+    state: State,
+    model: Model,
+    block: int,
+    belongs: NDArray[np.intp],
+    off_share: float,
+) -> Surface:
+    """belongs: as of _in_parts; what was cut out is as beside it in its own part.
+
+    off_share: as `unexplained` of Surface.
+    """
+    fitted, mask = scene.grid.mask, belongs > 0
+    places = np.zeros((2, *fitted.shape), np.intp)
+    for part in np.unique(belongs[fitted]):
+        others = ~(fitted & (belongs == part))
+        nearest = ndimage.distance_transform_edt(
+            others, return_distances=False, return_indices=True
+        )
+        places = np.where(belongs == part, nearest, places)
 
     def field(values: Array) -> Array:
         picture = np.zeros((*fitted.shape, *values.shape[1:]))
         picture[fitted] = values
-        return np.where(np.expand_dims(mask, (*range(2, picture.ndim),)), picture[*nearest], 0.0)
+        return np.where(np.expand_dims(mask, (*range(2, picture.ndim),)), picture[*places], 0.0)
 
     matrices, deviations = response_matrices(scene, state)
     strengths = _strengths(scene, state, model.flash_white)
@@ -193,6 +226,7 @@ def _surface(scene: Scene, state: State, model: Model, block: int, mask: Mask) -
         directions=scene.directions,
         matrices=matrices,
         misfit=float(np.median(off / scene.light.sum(axis=1))),
+        unexplained=off_share,
         strengths=strengths / strengths.max(),
         focal_px=scene.grid.focal_px * block,
     )

@@ -77,28 +77,36 @@ def test_light_that_no_surface_explains_is_warned_of(found: Callable[..., Any]) 
 
 
 @pytest.mark.parametrize(
-    ("misfit", "strengths", "why"),
+    ("misfit", "unexplained", "strengths", "why"),
     [
-        (0.0499, (1.0, 0.2, 0.1), None),
-        (0.05, (1.0, 0.2, 0.1), "5% of it is left over"),
-        (0.3, (1.0, -0.5, 0.1), "30% of it is left over"),
-        (0.001, (1.0, -0.5, 0.1), "one of them would have to take light away"),
-        (0.001, (1.0, 0.5, 0.0), "one of them would have to take light away"),
+        (0.0499, 0.0899, (1.0, 0.2, 0.1), None),
+        (0.05, 0.0, (1.0, 0.2, 0.1), "5% of it is left over"),
+        (0.3, 0.0, (1.0, -0.5, 0.1), "30% of it is left over"),
+        (0.001, 0.09, (1.0, 0.2, 0.1), "9% of the surface has light that they do not give"),
+        (0.001, 0.0, (1.0, -0.5, 0.1), "one of them would have to take light away"),
+        (0.001, 0.0, (1.0, 0.5, 0.0), "one of them would have to take light away"),
     ],
 )
 def test_a_warning_says_what_is_wrong(
     found: Any,
     monkeypatch: pytest.MonkeyPatch,
     misfit: float,
+    unexplained: float,
     strengths: tuple[float, ...],
     why: str | None,
 ) -> None:
-    surface = replace(found("best")[0].surface, misfit=misfit, strengths=np.array(strengths))
+    surface = replace(
+        found("best")[0].surface,
+        misfit=misfit,
+        unexplained=unexplained,
+        strengths=np.array(strengths),
+    )
     monkeypatch.setattr(normals, "solve_surface", lambda *_: surface)
 
     warned = found.__wrapped__("best")[0].warnings
 
-    assert [warning.figures for warning in warned] == [{"left_over": misfit}] * (why is not None)
+    figures = {"left_over": misfit, "unexplained": unexplained}
+    assert [warning.figures for warning in warned] == [figures] * (why is not None)
     assert all(str(why) in warning.message for warning in warned)
 
 

@@ -29,6 +29,7 @@ def surface(**more: Any) -> Surface:
         "directions": np.eye(3),
         "matrices": np.ones((3, 3, 3)),
         "misfit": 0.0,
+        "unexplained": 0.0,
         "strengths": np.ones(3),
         "focal_px": 10.0,
     }

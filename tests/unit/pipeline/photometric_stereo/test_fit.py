@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from pipeline.photometric_stereo import fit as fit_module
-from pipeline.photometric_stereo.fit import continued, fit, fit_again, refine
-from pipeline.photometric_stereo.scene import Scene
+from pipeline.photometric_stereo.fit import continued, fit, fit_again, fit_on, refine
+from pipeline.photometric_stereo.objective import make_objective
+from pipeline.photometric_stereo.scene import Scene, State
 
 
 @pytest.mark.parametrize(("materials", "lamps", "limit"), [(1, 3, 0.3), (4, 3, 0.6), (1, 2, 0.4)])
@@ -145,3 +146,29 @@ def test_a_surface_is_continued_with_lamps_and_materials_kept(
     assert one.error_of(scene, state, one.lit) < 0.5
     assert state.modes is found.modes
     assert state.own is found.own
+
+
+def test_a_surface_bent_by_a_shadow_is_fitted_on(
+    ball: Callable[..., Any], scene_of: Callable[..., Scene], true_state: Callable[..., State]
+) -> None:
+    """Of the second lamp; what it is fitted on from takes the shadow for a slope."""
+    one = ball(32)
+    shadow = np.zeros(one.inside.shape, bool)
+    shadow[10:20, 8:] = True
+    lamps = one.lamps.copy()
+    lamps[1][shadow] = 0
+    one = replace(one, lamps=lamps)
+    scene = scene_of(one)
+    lit = scene.grid.w(true_state(one, scene).h) @ scene.directions.T > 0
+    bent = replace(true_state(one, scene), lit=lit)
+    for _ in range(3):
+        step = make_objective(scene, bent, 0.3).surface_step(bent)
+        bent = replace(bent, h=bent.h + step)
+    known = one.lit | (shadow & one.inside)
+    before = one.error_of(scene, bent, known)
+
+    on = fit_on(scene, bent)
+
+    assert before > 3
+    assert one.error_of(scene, on, known) < 0.7
+    assert not on.lit[shadow[one.inside], 1].any()

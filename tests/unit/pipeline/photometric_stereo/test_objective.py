@@ -297,3 +297,29 @@ def test_a_surface_of_crumbs_has_no_segments_and_is_solved(
     assert scene.segment_count == 0
     assert np.isfinite(step.h).all()
     assert objective.cost(added(state, step, 0.05)) < objective.cost(state)
+
+
+def test_light_tells_which_lamps_light_a_pixel_that_faces_them(posed: tuple[Scene, State]) -> None:
+    """Light of a state in which every third pixel is in the shadow of one of two lamps."""
+    scene, state = posed
+    facing = scene.grid.w(state.h) @ scene.directions.T > 0
+    bright = (scene.grid.w(state.h) @ scene.directions.T > 0.5).all(axis=1)
+    lit = facing.copy()
+    lit[::3, 0] = lit[1::3, 2] = False
+    scene = replace(scene, light=predicted(scene, replace(state, lit=lit)))
+
+    found = make_objective(scene, replace(state, lit=facing), 0.01).lit(state)
+
+    assert bright.sum() > 100
+    np.testing.assert_array_equal(found[bright], lit[bright])
+    assert not found[~facing].any()
+
+
+def test_a_lamp_that_makes_no_difference_is_not_in_shadow(posed: tuple[Scene, State]) -> None:
+    """All light is lost in noise."""
+    scene, state = posed
+    scene = replace(scene, light=0 * scene.light, variance=np.full_like(scene.light, 1e6))
+
+    found = make_objective(scene, state, 0.01).lit(state)
+
+    np.testing.assert_array_equal(found, scene.grid.w(state.h) @ scene.directions.T > 0)

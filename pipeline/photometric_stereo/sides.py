@@ -1,0 +1,87 @@
+"""To which part of a surface pixels about a jump of depth belong, by the pair itself.
+
+Where a surface ends before another it turns away from the camera: the flash part changes at once,
+and so does what the lamps give for each unit of it. Paint hardly changes the latter, the edge of a
+shadow not the former. So pixels belong to the part from which the way over the least such changes
+leads to them: the image foresting transform (Falcão, Stolfi and Lotufo 2004).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+
+from pipeline.frames import Mask
+
+Array = NDArray[np.float64]
+Parts = NDArray[np.intp]
+
+_STEP = 0.01  # of a way, where nothing changes
+_LEAST = 1e-6  # of the light
+_MIDDLE = 0.7  # of the way into a thin part
+
+
+def sides(flash: Array, light: Array, mask: Mask, parts: Parts, reach: float) -> Parts:
+    """Number (H, W) of the part that each pixel of a mask belongs to, 0 outside.
+
+    flash, light: (H, W), the flash part and the light of the lamps, sums over the channels, > 0 in
+    the mask. parts: (H, W) from 1, inside the mask, 0 where it is not known which. reach: pixels
+    that the parts may be wrong by where they meet: so near to another part they are told anew.
+    """
+    if len(np.unique(parts[parts > 0])) < 2:
+        return np.where(mask, parts.max(initial=0), 0)
+    sure = _sure(parts, mask, reach)
+    number = np.full(mask.shape, -1)
+    number[mask] = np.arange(mask.sum())
+    starts = np.flatnonzero(sure[mask])
+    _, _, origin = dijkstra(
+        _ways(flash, light, mask, number),
+        directed=False,
+        indices=starts,
+        min_only=True,
+        return_predecessors=True,
+    )
+    found = np.zeros(mask.shape, np.intp)
+    led = origin >= 0
+    found[mask] = np.where(led, sure[mask][np.where(led, origin, 0)], 0)
+    return np.where(mask, _spread(found), 0)  # to islands no way leads
+
+
+def _spread(parts: Parts) -> Parts:
+    """The nearest part to each pixel (H, W)."""
+    at = ndimage.distance_transform_edt(parts == 0, return_distances=False, return_indices=True)
+    return np.asarray(parts[tuple(at)])
+
+
+def _sure(parts: Parts, mask: Mask, reach: float) -> Parts:
+    """The parts (H, W) without what is near to another; of thin ones the middle is left."""
+    own = np.where(mask, _spread(parts), 0)
+    sure = np.zeros_like(parts)
+    for part in np.unique(parts[parts > 0]):
+        to_others = ndimage.distance_transform_edt((own == 0) | (own == part))
+        inside = parts == part
+        far = to_others > min(reach, _MIDDLE * to_others[inside].max())
+        sure[inside & far] = part
+    return sure
+
+
+def _ways(flash: Array, light: Array, mask: Mask, number: Parts) -> coo_array:
+    """The ways (n, n) between neighbouring pixels of a mask, also across corners."""
+    height, width = mask.shape
+    turned = np.log(np.maximum(flash, _LEAST))
+    lit = np.log(np.maximum(light, _LEAST)) - turned
+    rows, columns, lengths = [], [], []
+    for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        one = np.s_[: height - dy, max(-dx, 0) : width - max(dx, 0)]
+        other = np.s_[dy:, max(dx, 0) : width + min(dx, 0)]
+        both = mask[one] & mask[other]
+        change = np.abs(turned[one] - turned[other]) * np.abs(lit[one] - lit[other])
+        rows.append(number[one][both])
+        columns.append(number[other][both])
+        lengths.append(_STEP + change[both])
+    size = int(mask.sum())
+    ways = np.concatenate(lengths), (np.concatenate(rows), np.concatenate(columns))
+    return coo_array(ways, shape=(size, size))
