@@ -82,6 +82,43 @@ def _some(
     return Pattern(kind, tuple(range(colours)), cells, seed)
 
 
+def _one_before_another(number: int) -> Object:
+    """A shape before another, drawn at random: painted, or each of one colour."""
+    random = np.random.default_rng([number, 991])
+    at, apart = random.uniform(0, 2 * np.pi), random.uniform(0.18, 0.28)
+    across = np.array([np.cos(at), np.sin(at)]) * apart
+    kind = random.choice(["sphere", "vase", "ellipsoid"])
+    behind = _drawn(random, kind, (*-0.4 * across, -0.12), random.uniform(0.27, 0.38))
+    kind = random.choice(["sphere", "ellipsoid", "torus", "vase"])
+    place = (*0.7 * across, random.uniform(0.2, 0.38))
+    before = _drawn(random, kind, place, random.uniform(0.14, 0.21))
+    directions = (_ABOVE, _BELOW, _ASKEW)[random.integers(3)]
+    return Object(f"one before another {number}", (behind, before), directions)
+
+
+def _drawn(random: np.random.Generator, kind: Any, place: Any, side: float) -> Shape:
+    x, y, z = (float(one) for one in place)
+    size = (side, side, side)
+    if kind == "ellipsoid":
+        size = (side, side * random.uniform(0.6, 0.9), side * random.uniform(0.6, 0.9))
+    painted: Any = random.choice(["plain", "checker", "stripes", "patches"], p=[0.25] * 4)
+    colours = tuple(int(colour) for colour in random.permutation(_COLOURS))
+    many = {
+        "plain": 1,
+        "checker": int(random.integers(2, 5)),
+        "stripes": int(random.integers(2, 6)),
+        "patches": int(random.integers(3, 7)),
+    }[str(painted)]
+    pattern = Pattern("plain", colours[:1])
+    if painted != "plain":
+        cells, seed = int(random.integers(4, 9)), int(random.integers(1, 99))
+        pattern = Pattern(painted, colours[:many], cells, seed)
+    turn = float(random.uniform(0, 90))
+    tilt = float(random.uniform(40, 70) if kind == "torus" else random.uniform(-25, 25))
+    seed = int(random.integers(1, 99))
+    return Shape(kind, (x, y, z), size, pattern, turn, tilt, seed)
+
+
 OBJECTS: dict[Split, tuple[Object, ...]] = {
     "development": (
         Object("ball", _one("sphere", _PLAIN), _ABOVE),
@@ -116,6 +153,7 @@ OBJECTS: dict[Split, tuple[Object, ...]] = {
             ),
             _ABOVE,
         ),
+        *(_one_before_another(number) for number in range(12)),
     ),
     "report": (
         Object("egg", _one("ellipsoid", _PLAIN, (0.3, 0.45, 0.32), tilt_deg=-20), _ASKEW),
