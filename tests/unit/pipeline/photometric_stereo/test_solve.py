@@ -317,3 +317,25 @@ def test_a_mask_on_a_finer_view_covers_the_same_places() -> None:
     finer = _finer(mask, 4, 2, (5, 6))
     expected = np.repeat(np.repeat(mask, 2, axis=0), 2, axis=1)
     np.testing.assert_array_equal(finer, np.vstack([expected, expected[-1]]))  # the last goes on
+
+
+@pytest.mark.parametrize("fill", [1, 3])
+def test_pixels_at_a_jump_of_depth_lie_on_their_own_side(
+    ball: Callable[..., Any], solved: Callable[..., Surface], fill: int
+) -> None:
+    """The right half of a ball is farther than the left one, and larger, and so looks the same."""
+    one = ball(40)
+    right = np.arange(40) >= 22
+    flash = one.flash / np.where(right, 1.2**2, 1)[:, None]
+
+    surface = solved(replace(one, flash=flash), one.lights("strength", "rgb"), fill=fill)
+
+    side = len(surface.mask) // 40
+    depth = one.depth.repeat(side, 0).repeat(side, 1)
+    middle = np.s_[12 * side : 28 * side]
+    relative = (surface.z / np.where(surface.mask, depth, np.nan))[middle]
+    left = np.nanmedian(relative[:, 10 * side : 20 * side])
+    for column in range(19 * side, 25 * side):
+        expected = left * (1.2 if right[column // side] else 1.0)
+        np.testing.assert_allclose(relative[:, column], expected, rtol=0.03)
+    assert surface.cut.any()
