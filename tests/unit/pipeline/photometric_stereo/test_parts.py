@@ -210,3 +210,39 @@ def test_a_part_has_a_hundredth_of_all(size: int, known: bool) -> None:
     mask[:10, :15] = mask[15, :size] = True
 
     assert bool(parts_of(mask)[15, 0]) is known
+
+
+@pytest.mark.parametrize("costs", [(9.0, 5.0, 7.0), (9.0, 7.0, 5.0), (5.0, 7.0, 9.0)])
+def test_the_likeliest_of_three_rounds_is_taken(
+    ball: Callable[..., Any],
+    scene_of: Callable[..., Scene],
+    true_state: Callable[..., State],
+    monkeypatch: pytest.MonkeyPatch,
+    costs: tuple[float, ...],
+) -> None:
+    """Each fits on from what the one before came to; first modes tell how often that was."""
+    one = ball(24)
+    scene = scene_of(one)
+    state = true_state(one, scene)
+
+    def round_of(found: State) -> int:
+        return round(float(found.modes[0, 0]))
+
+    def off(scene: Scene, found: State) -> Mask:
+        return (np.arange(len(scene.light)) < 0.2 * len(scene.light)) & (found is state)
+
+    def fit_again(less: Scene, found: State, _: object) -> State:
+        return replace(found, modes=found.modes * 0, lit=np.ones((len(less.light), 3), bool))
+
+    monkeypatch.setattr(parts_module, "fit", lambda *_: (state, 0.0))
+    monkeypatch.setattr(parts_module, "fit_again", fit_again)
+    monkeypatch.setattr(
+        parts_module, "fit_on", lambda _, found, __: replace(found, modes=found.modes + 1)
+    )
+    monkeypatch.setattr(parts_module, "unexplained", off)
+    monkeypatch.setattr(parts_module, "grown", lambda _, kept, found, __: (kept, found))
+    monkeypatch.setattr(parts_module, "cost", lambda _, found: (20.0, *costs)[round_of(found)])
+
+    _, found = fit_in_parts(scene)
+
+    assert round_of(found) == 1 + costs.index(5.0)
