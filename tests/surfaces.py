@@ -26,6 +26,7 @@ def wall(known: NDArray[np.bool_], depth: float, lamps: int) -> Facing:
         directions=np.eye(3),
         matrices=np.zeros((lamps, 3, 3)),
         misfit=0.0,
+        unexplained=0.0,
         strengths=np.ones(lamps),
         focal_px=100.0,
     )
