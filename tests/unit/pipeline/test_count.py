@@ -88,7 +88,7 @@ def test_signs_of_a_fourth_lamp_are_those_of_four(
 
 
 @pytest.mark.parametrize(
-    ("left", "gain", "more"), [(1.39, 44.0, False), (1.41, 44.0, True), (1.39, 46.0, True)]
+    ("left", "gain", "more"), [(1.44, 44.0, False), (1.46, 44.0, True), (1.44, 46.0, True)]
 )
 @pytest.mark.parametrize("rendered", [False, True])
 def test_either_sign_of_a_fourth_lamp_will_do(

@@ -171,4 +171,4 @@ def test_a_surface_bent_by_a_shadow_is_fitted_on(
 
     assert before > 3
     assert one.error_of(scene, on, known) < 0.7
-    assert not on.lit[shadow[one.inside], 1].any()
+    assert on.lit[shadow[one.inside], 1].mean() < 0.02
