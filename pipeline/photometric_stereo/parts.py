@@ -43,7 +43,8 @@ def fit_in_parts(scene: Scene, tick: Tick = lambda: None) -> tuple[Scene, State]
     together no longer, and each finds its own distance by the fall-off of the flash, with lamps and
     materials as found so far: what is left bends them less and less. Then the parts grow back, all
     is fitted on, and what is not explained then grows anew. The likeliest on the way is returned,
-    with what is left of the scene. tick: as of fit.
+    with what is left of the scene; or the surface without cuts, where it leaves few pixels
+    unexplained and is likelier on those of the other. tick: as of fit.
     """
     whole, (uncut, _) = scene, fit(scene, tick)
     state, found, cuts = uncut, [], 0

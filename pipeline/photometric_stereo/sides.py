@@ -47,18 +47,18 @@ def sides(flash: Array, light: Array, mask: Mask, parts: Parts, reach: float) ->
     found = np.zeros(mask.shape, np.intp)
     led = origin >= 0
     found[mask] = np.where(led, sure[mask][np.where(led, origin, 0)], 0)
-    return np.where(mask, _spread(found), 0)  # to islands no way leads
+    return np.where(mask, _nearest(found), 0)  # to islands no way leads
 
 
-def _spread(parts: Parts) -> Parts:
-    """The nearest part to each pixel (H, W)."""
+def _nearest(parts: Parts) -> Parts:
+    """The part that is nearest to each pixel (H, W)."""
     at = ndimage.distance_transform_edt(parts == 0, return_distances=False, return_indices=True)
     return np.asarray(parts[tuple(at)])
 
 
 def _sure(parts: Parts, mask: Mask, reach: float) -> Parts:
     """The parts (H, W) without what is near to another; of thin ones the middle is left."""
-    own = np.where(mask, _spread(parts), 0)
+    own = np.where(mask, _nearest(parts), 0)
     sure = np.zeros_like(parts)
     for part in np.unique(parts[parts > 0]):
         to_others = ndimage.distance_transform_edt((own == 0) | (own == part))

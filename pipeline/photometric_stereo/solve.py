@@ -123,9 +123,9 @@ def solve_surface(
     steps = views[_COARSE].step, views[_FINE].step
     fine, belongs = _in_parts(scene(_FINE, likeliest), views, coarse.grid.mask)
     h = carried(state.h, coarse.grid, fine.grid, steps[1] / steps[0])
-    off = 1.0 - np.sum(~unexplained(coarse, state)) / views[_COARSE].mask.sum()
+    explained = np.sum(~unexplained(coarse, state)) / views[_COARSE].mask.sum()
     state = refine(fine, h, state)
-    return _surface(fine, state, model, reduced.block * steps[1], belongs, off)
+    return _surface(fine, state, model, reduced.block * steps[1], belongs, 1.0 - float(explained))
 
 
 def _in_parts(fine: Scene, views: dict[int, View], kept: Mask) -> tuple[Scene, NDArray[np.intp]]:

@@ -93,6 +93,20 @@ def test_the_halves_share_no_object() -> None:
         assert sum(count > 1 for count in counts) >= 4
 
 
+@pytest.mark.parametrize("number", [0, 5])
+def test_of_one_object_before_another_both_are_seen_and_depth_jumps(number: int) -> None:
+    thing = OBJECTS["development"][8 + number]
+    shot = photograph(thing, "development")
+
+    known = np.isfinite(shot.depth) & np.isfinite(shot.normals).all(axis=2)
+    depth = np.where(known, shot.depth, np.nan)
+    jumps = [np.nansum(np.abs(np.diff(depth, axis=axis)) > 0.1) for axis in (0, 1)]
+
+    assert thing.name == f"one before another {number}"
+    assert sum(jumps) > 20
+    assert 0.1 < np.mean(shot.depth[known] < 1.77) < 0.5
+
+
 @pytest.mark.parametrize("kind", ["peaked", "filtered"])
 def test_lamps_of_a_kind_differ_from_others(kind: str) -> None:
     split: Split = "development"

@@ -308,6 +308,9 @@ def test_a_stray_speck_is_left_out_where_a_seam_is_cut(
     np.testing.assert_array_equal(surface.cut[seam], surface.mask[seam])
     rest = one.lit & ~surface.cut
     assert rest.sum() > 0.85 * one.lit.sum()
+    assert surface.unexplained == pytest.approx(
+        surface.mask[seam].sum() / surface.mask.sum(), abs=0.01
+    )
     normals = surface.w / np.linalg.norm(surface.w, axis=2, keepdims=True).clip(min=1e-9)
     assert one.error(normals, rest) < 2
 
