@@ -342,3 +342,28 @@ def test_pixels_at_a_jump_of_depth_lie_on_their_own_side(
         expected = left * (1.2 if right[column // side] else 1.0)
         np.testing.assert_allclose(relative[:, column], expected, rtol=0.03)
     assert surface.cut.any()
+
+
+def test_a_seam_beside_the_jump_leaves_out_what_lies_between(
+    ball: Callable[..., Any], solved: Callable[..., Surface], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The seam is cut a pixel to the left of where the right half begins to be farther."""
+    one = ball(32)
+    flash = one.flash / np.where(np.arange(32) >= 17, 1.3**2, 1)[:, None]
+
+    def fit_with_seam(scene: Scene, tick: Callable[[], None]) -> tuple[Scene, State]:
+        off = np.zeros(scene.grid.mask.shape, bool)
+        off[:, 15] = True
+        left = scene.without(off[scene.grid.mask])
+        return left, fit(left, tick)[0]
+
+    monkeypatch.setattr(solve_module, "fit_in_parts", fit_with_seam)
+
+    surface = solved(replace(one, flash=flash), one.lights("strength", "rgb"))
+
+    rows = slice(8, 24)
+    assert surface.cut[rows, 15:17].all()
+    assert not surface.cut[rows, :14].any() and not surface.cut[rows, 18:].any()
+    np.testing.assert_array_equal(surface.z[rows, 15], surface.z[rows, 14])
+    np.testing.assert_array_equal(surface.z[rows, 16], surface.z[rows, 14])
+    assert (surface.z[rows, 17] > 1.1 * surface.z[rows, 14]).all()
