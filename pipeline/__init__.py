@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pipeline.options import Options
-    from pipeline.pair_checks import check_pair
+    from pipeline.pair.pair_checks import check_pair
     from pipeline.process import separate_files
     from pipeline.progress import Progress
 
@@ -20,7 +20,7 @@ __all__ = ["Options", "Progress", "check_pair", "separate_files"]
 _PLACES = {
     "Options": "pipeline.options",
     "Progress": "pipeline.progress",
-    "check_pair": "pipeline.pair_checks",
+    "check_pair": "pipeline.pair.pair_checks",
     "separate_files": "pipeline.process",
 }
 

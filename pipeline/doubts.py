@@ -7,16 +7,16 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 
-from pipeline.flash_reach import MOST_STOPS, flash_reach
-from pipeline.frames import Mask
-from pipeline.lamps import LEAST_CONTRAST, Lamps
+from pipeline.images.frames import Mask
+from pipeline.lamps.lamps import LEAST_CONTRAST, Lamps
 from pipeline.options import Method
-from pipeline.pair import Pair
-from pipeline.pure_light import without_pure_light
-from pipeline.reduced import ReducedPair
-from pipeline.residual_map import MARKED, relative_residual
+from pipeline.pair.flash_reach import MOST_STOPS, flash_reach
+from pipeline.pair.pair import Pair
+from pipeline.pair.reduced import ReducedPair
+from pipeline.pictures.residual_map import MARKED, relative_residual
 from pipeline.result_names import lamp_name
 from pipeline.run_warnings import Code, RunWarning
+from pipeline.separation.pure_light import without_pure_light
 
 # Chosen on development scenes (docs/decisions/0009-warnings.md)
 _UNSURE = 0.6  # confidence in the number of lamps

@@ -8,18 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.doubts import doubts
-from pipeline.facing import Facing
-from pipeline.focal import focal_length_px
-from pipeline.frames import Frame
-from pipeline.known_lamps import find_known
-from pipeline.lamps import Lamps, estimate_lamps
-from pipeline.model import Model
+from pipeline.images.frames import Frame
+from pipeline.lamps.known_lamps import find_known
+from pipeline.lamps.lamps import Lamps, estimate_lamps
+from pipeline.lamps.model import Model
 from pipeline.options import Options
 from pipeline.output_names import outputs_with
-from pipeline.pair import Pair
+from pipeline.pair.pair import Pair
+from pipeline.pair.reduced import ReducedPair
+from pipeline.photometric_stereo.facing import Facing
+from pipeline.photometric_stereo.focal import focal_length_px
+from pipeline.pictures.response import camera_changes
 from pipeline.progress import Progress
-from pipeline.reduced import ReducedPair
-from pipeline.response import camera_changes
 from pipeline.run_warnings import RunWarning
 
 
@@ -63,7 +63,7 @@ def make_estimate(
     facing = None
     if options.light_directions is not None and wanted & outputs_with("facing"):
         # imported only here: few ask for it, and it brings half of SciPy
-        from pipeline.normals import find_facing
+        from pipeline.photometric_stereo.normals import find_facing
 
         focal_px, assumed = focal_length_px(frame, options.focal_px)
         facing = find_facing(

@@ -7,7 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from pipeline.frames import Frame
+from pipeline.images.frames import Frame
 from pipeline.result_names import MANIFEST
 
 _LIBRARIES = ("numpy", "opencv-python-headless", "scipy", "colour-science", "rawpy")

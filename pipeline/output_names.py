@@ -12,9 +12,9 @@ Need = Literal["white_balanced_1", "white_balanced_2", "facing", "normals", "sur
 class Output:
     """What has to be there for an output, and when it is written.
 
-    needs: pictures (pipeline.pictures.Pictures), beside the layers and the confidence that are
-    always made; "facing", where surfaces face, which takes the lamps' directions; "surface", which
-    the method paper does not find. by_default: written where the options name no outputs.
+    needs: pictures (pipeline.results.pictures.Pictures), beside the layers and the confidence that
+    are always made; "facing", where surfaces face, which takes the lamps' directions; "surface",
+    which the method paper does not find. by_default: written where the options name no outputs.
     full_size_jpeg: a JPEG as large as the photograph, which may be more than the format holds.
     """
 

@@ -10,28 +10,33 @@ from pipeline.calibration.kept import Kept, setup_warnings, with_kept
 from pipeline.calibration.named import named_warnings
 from pipeline.decode import decode
 from pipeline.estimate import Estimate, make_estimate
-from pipeline.frames import Frame, release_photograph
-from pipeline.known_lamps import check_places
-from pipeline.manifest import Written, lamp_entries, make_manifest
+from pipeline.images.frames import Frame, release_photograph
+from pipeline.images.memory import release_rows, trim_memory
+from pipeline.images.strips import STRIP_ROWS
+from pipeline.lamps.known_lamps import check_places
+from pipeline.lamps.model import Model, build_model
+from pipeline.lamps.whose_colours import camera_doubts, camera_warnings, likely_camera, undeclared
 from pipeline.manifest_parts import write_manifest
-from pipeline.memory import release_rows, trim_memory
-from pipeline.mix import mix_basis
-from pipeline.model import Model, build_model
+from pipeline.mixes.mix import mix_basis
 from pipeline.options import Options
-from pipeline.outputs import Outputs
-from pipeline.pair import Pair, make_pair
-from pipeline.pair_checks import FLASH, NO_FLASH, check_pair
-from pipeline.pictures import overview, render
+from pipeline.pair.pair import Pair, make_pair
+from pipeline.pair.pair_checks import FLASH, NO_FLASH, check_pair
+from pipeline.pair.reduced import ReducedPair, reduce_pair
 from pipeline.progress import Progress
-from pipeline.reduced import ReducedPair, reduce_pair
 from pipeline.result_names import MANIFEST
+from pipeline.results.manifest import Written, lamp_entries, make_manifest
+from pipeline.results.outputs import Outputs
+from pipeline.results.pictures import overview, render
+from pipeline.results.tally import Tally
+from pipeline.results.wanted_outputs import (
+    check_outputs,
+    held_outputs,
+    wanted_outputs,
+    white_warnings,
+)
 from pipeline.spectra.cameras import Camera, find_camera
 from pipeline.spectra.lights import find_light
-from pipeline.strips import STRIP_ROWS
-from pipeline.tally import Tally
 from pipeline.threads import ahead
-from pipeline.wanted_outputs import check_outputs, held_outputs, wanted_outputs, white_warnings
-from pipeline.whose_colours import camera_doubts, camera_warnings, likely_camera, undeclared
 
 _LOOKED_BACK = 64
 """Rows above a strip that work on the next one may read, and more."""

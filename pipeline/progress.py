@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from pipeline.errors import Canceled
-from pipeline.strips import strips
+from pipeline.images.strips import strips
 
 STAGES = ("decode", "align", "lamps", "layers", "encode")
 """The stages of a separation, in order. A calibration has decode, align and calibrate."""

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline import compiling
-from pipeline.pair_checks import check_pair
+from pipeline.pair.pair_checks import check_pair
 from service import camera_tasks, forkserver, logs, problems
 from service.processes import DISK_FULL, OUT_OF_FILES, OUT_OF_MEMORY
 from service.shortage import wants_memory
@@ -124,7 +124,8 @@ def _work(kind: Kind) -> Callable[[Task, Tell], None]:
 if __name__ == "__main__":
     logs.configure()  # of the server and of its children
     if sys.argv[1:] == [PAIRS]:
-        for name in ("service.pair_tasks", "pipeline.normals"):  # or each job with normals would
+        # the second, or each job with normals would
+        for name in ("service.pair_tasks", "pipeline.photometric_stereo.normals"):
             importlib.import_module(name)
         compiling.prepare()
     forkserver.serve()

@@ -16,10 +16,10 @@ import numpy as np
 
 import drivers
 from pipeline.compiling import CACHE
+from pipeline.images.strips import STRIP_ROWS
 from pipeline.options import Options
 from pipeline.process import separate_files
 from pipeline.progress import Progress
-from pipeline.strips import STRIP_ROWS
 
 _SIZE = "width=96&height=64&noise=off"
 _MOTION_PX = 3  # enough for the flash photograph to be laid on the other

@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from pipeline.errors import OptionError
-from pipeline.mix_options import Mix, MixRequest, check_lamps, read_basis
+from pipeline.mixes.mix_options import Mix, MixRequest, check_lamps, read_basis
 from pipeline.result_names import LAYERS, MANIFEST
 from service import jobs
 from service.finished import check_succeeded, deleted_meanwhile

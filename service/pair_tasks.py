@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 from pipeline.calibration.calibrate import calibrate_files
 from pipeline.calibration.options import CALIBRATION_OPTIONS
 from pipeline.errors import OptionError
-from pipeline.mix_files import mix_results
-from pipeline.mix_options import MixRequest
+from pipeline.mixes.mix_files import mix_results
+from pipeline.mixes.mix_options import MixRequest
 from pipeline.options import Options
 from pipeline.process import separate_files
 from pipeline.progress import Progress

@@ -6,7 +6,7 @@ import difflib
 import os
 
 from pipeline.errors import OptionError
-from pipeline.max_pixels import max_pixels
+from pipeline.images.max_pixels import max_pixels
 from pipeline.spectra.folder import names_are_known
 from service.settings import Settings
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.reduced import ReducedPair
+from pipeline.pair.reduced import ReducedPair
 
 Array = NDArray[np.float64]
 

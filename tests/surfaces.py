@@ -7,8 +7,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.facing import Facing
 from pipeline.photometric_stereo.detail import surface_normals
+from pipeline.photometric_stereo.facing import Facing
 from pipeline.photometric_stereo.solve import Surface
 
 

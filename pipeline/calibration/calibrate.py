@@ -28,14 +28,15 @@ from pipeline.calibration.patches import Patches
 from pipeline.calibration.taken_with import TakenWith
 from pipeline.colour.temperature import cct_duv
 from pipeline.decode import decode
-from pipeline.directions import unit_directions
 from pipeline.errors import OptionError, UnusablePairError
-from pipeline.focal import focal_length_px
-from pipeline.frames import Frame
+from pipeline.images.frames import Frame
+from pipeline.lamps.whose_colours import names_no_camera, no_sensors_values, undeclared
 from pipeline.manifest_parts import input_entry, versions, write_manifest
 from pipeline.options import Circle, DirectedLight, Sensitivities, Spectrum
-from pipeline.pair import Pair, make_pair
-from pipeline.pair_checks import FLASH, NO_FLASH, check_pair
+from pipeline.pair.pair import Pair, make_pair
+from pipeline.pair.pair_checks import FLASH, NO_FLASH, check_pair
+from pipeline.photometric_stereo.directions import unit_directions
+from pipeline.photometric_stereo.focal import focal_length_px
 from pipeline.photometric_stereo.responses import floored
 from pipeline.progress import Progress
 from pipeline.result_names import MANIFEST
@@ -45,7 +46,6 @@ from pipeline.spectra.grid import WAVELENGTHS_NM
 from pipeline.spectra.lights import find_light, packaged_light
 from pipeline.spectra.observer import cie_1931
 from pipeline.spectra.tables import write_sensitivities, write_spectrum
-from pipeline.whose_colours import names_no_camera, no_sensors_values, undeclared
 
 _FAR_ASIDE_DEG = 5.0  # of the flash beside the lens, seen from the sphere
 _GREY_CARD = 0.18  # reflectance

@@ -15,9 +15,9 @@ from pipeline.calibration.marks import disc
 from pipeline.calibration.options import Point
 from pipeline.calibration.patches import Patches
 from pipeline.errors import OptionError
-from pipeline.frames import Mask
+from pipeline.images.frames import Mask
 from pipeline.options import Circle
-from pipeline.pair import Pair
+from pipeline.pair.pair import Pair
 from pipeline.spectra.colorchecker import COLUMNS, ROWS, colorchecker_spectra
 
 Array = NDArray[np.float64]

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from pipeline.calibration.light import lights_of
 from pipeline.errors import OptionError
-from pipeline.frames import Mask
-from pipeline.pair import Pair
+from pipeline.images.frames import Mask
+from pipeline.pair.pair import Pair
 
 Array = NDArray[np.float64]
 

@@ -9,14 +9,14 @@ import cv2
 import numpy as np
 from PIL import Image as PillowImage
 
-from pipeline.area_means import area_means, size_within
 from pipeline.calibration.chart_layout import CORNER_NAMES
 from pipeline.calibration.find_chart import find_charts
 from pipeline.calibration.find_sphere import find_spheres
 from pipeline.calibration.options import Corners, Point
 from pipeline.errors import MarkError
+from pipeline.images.area_means import area_means, size_within
 from pipeline.options import Circle
-from pipeline.pair import Pair
+from pipeline.pair.pair import Pair
 
 MARKS = "marks.jpg"
 """The file that shows what was read."""

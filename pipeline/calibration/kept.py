@@ -9,10 +9,10 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from pipeline.calibration.options import Kind
 from pipeline.calibration.taken_with import TakenWith
-from pipeline.directions import unit_directions
 from pipeline.errors import OptionError, own_words
-from pipeline.frames import Frame
+from pipeline.images.frames import Frame
 from pipeline.options import NO_SETUP, DirectedLight, Options, Sensitivities, Spectrum
+from pipeline.photometric_stereo.directions import unit_directions
 from pipeline.run_warnings import Code, RunWarning
 from pipeline.spectra.tables import parse_sensitivities, parse_spectrum
 

@@ -17,9 +17,9 @@ from pipeline.calibration.light import lights_of
 from pipeline.calibration.marks import disc
 from pipeline.calibration.sphere_fit import SphereFit, SphereLight, fit_lamps
 from pipeline.errors import OptionError, UnusablePairError
-from pipeline.frames import Mask
+from pipeline.images.frames import Mask
 from pipeline.options import Circle, Lights
-from pipeline.pair import Pair
+from pipeline.pair.pair import Pair
 
 Array = NDArray[np.float64]
 

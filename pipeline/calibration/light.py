@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import OptionError, UnusablePairError
-from pipeline.frames import Mask
-from pipeline.pair import Pair
+from pipeline.images.frames import Mask
+from pipeline.pair.pair import Pair
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import OptionError
-from pipeline.frames import Mask
+from pipeline.images.frames import Mask
 from pipeline.options import Circle
 
 

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from pipeline.calibration.lamps import LampsEstimate, inside_sphere
 from pipeline.calibration.sphere import view_sphere
 from pipeline.errors import UnusablePairError, counted
-from pipeline.frames import Image, Mask
+from pipeline.images.frames import Image, Mask
 from pipeline.options import Circle, Lights
-from pipeline.pair import Pair
+from pipeline.pair.pair import Pair
 from pipeline.vectors import angles_deg, unit
 
 Array = NDArray[np.float64]

@@ -6,7 +6,7 @@ from typing import Any
 
 from pipeline.calibration.options import Kind
 from pipeline.calibration.taken_with import TakenWith
-from pipeline.frames import Frame
+from pipeline.images.frames import Frame
 from pipeline.options import Circle, DirectedLight, PairOptions
 from pipeline.run_warnings import Code, RunWarning
 from pipeline.spectra.cameras import find_camera

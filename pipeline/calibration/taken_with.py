@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 if TYPE_CHECKING:
     from pipeline.calibration.options import Kind
-    from pipeline.frames import Frame
+    from pipeline.images.frames import Frame
 
 _FILES = {"raw": "RAW files", "linear": "linear files", "srgb": "sRGB files"}
 _OF_COLOURS: tuple[Kind, ...] = ("camera", "lamps")

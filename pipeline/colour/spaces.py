@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Matrix
+from pipeline.images.frames import Matrix
 
 Primaries = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 

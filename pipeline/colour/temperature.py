@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipeline.frames import Matrix
+from pipeline.images.frames import Matrix
 
 CCT_RANGE_K = (1000.0, 15000.0)
 """Where Krystek's approximation of the locus holds."""

@@ -12,7 +12,7 @@ from pipeline.decode.demosaic import is_bayer
 from pipeline.decode.dng_crop import Part
 from pipeline.decode.dng_levels import Levels
 from pipeline.decode.samples import upright
-from pipeline.strips import STRIP_ROWS, strips
+from pipeline.images.strips import STRIP_ROWS, strips
 
 
 @dataclass(frozen=True)

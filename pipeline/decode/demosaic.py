@@ -17,11 +17,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.coded import LevelImage
 from pipeline.compiling import compiled, inlined
-from pipeline.frames import Numbers, Plane, numbers_of
-from pipeline.memory import empty_codes
-from pipeline.strips import widened
+from pipeline.images.coded import LevelImage
+from pipeline.images.frames import Numbers, Plane, numbers_of
+from pipeline.images.memory import empty_codes
+from pipeline.images.strips import widened
 
 Values = NDArray[np.uint16]
 

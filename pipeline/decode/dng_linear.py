@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pipeline.decode.dng_levels import Levels
 from pipeline.decode.samples import UnsuitableError
-from pipeline.strips import STRIP_ROWS, strips
+from pipeline.images.strips import STRIP_ROWS, strips
 
 _WHITE = 65535.0
 

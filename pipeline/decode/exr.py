@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import OpenEXR
 
-from pipeline.data_window import size_of_window
 from pipeline.decode.profiles import profile_of_chromaticities
 from pipeline.decode.quiet import muted
 from pipeline.decode.samples import Samples, UnsuitableError, refuse_premultiplied
+from pipeline.images.data_window import size_of_window
 
 _COLOURS = ("R", "G", "B")
 _EXIF_NAMES = {

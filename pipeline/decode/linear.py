@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.coded import LevelImage, TableImage
 from pipeline.colour.curves import srgb_to_linear
 from pipeline.decode.profiles import differs_from_srgb, to_linear_srgb
 from pipeline.decode.samples import Samples, UnsuitableError, upright
-from pipeline.frames import Image, Mask, Photograph
-from pipeline.memory import empty_image, releasable
-from pipeline.strips import STRIP_ROWS, strips
+from pipeline.images.coded import LevelImage, TableImage
+from pipeline.images.frames import Image, Mask, Photograph
+from pipeline.images.memory import empty_image, releasable
+from pipeline.images.strips import STRIP_ROWS, strips
 
 RAW_CLIP = 0.99
 """Share of the white level from which a sensor value counts as clipped."""

@@ -18,7 +18,7 @@ from pipeline.decode.raw_exif import cr3_directories, raf_jpeg
 from pipeline.decode.rendered import heif_exif
 from pipeline.decode.signatures import kind_of
 from pipeline.decode.tiff import Tag, holds_raw, tiff_tags
-from pipeline.frames import Exposure
+from pipeline.images.frames import Exposure
 
 logging.getLogger("exifread").setLevel(logging.CRITICAL)  # it tells the terminal of odd tags
 

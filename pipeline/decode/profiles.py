@@ -19,7 +19,7 @@ from pipeline.colour.curves import srgb_to_linear
 from pipeline.colour.icc import matrix_profile
 from pipeline.colour.spaces import SRGB_PRIMARIES
 from pipeline.decode.signatures import kind_of
-from pipeline.frames import Image
+from pipeline.images.frames import Image
 
 _SAME = 0.004
 """Linear light by which a profile may differ from sRGB and count as sRGB: one code value."""

@@ -28,7 +28,7 @@ from pipeline.decode.tiff import (
     in_planes,
     linear_raw_channels,
 )
-from pipeline.frames import Mask, Matrix, Photograph
+from pipeline.images.frames import Mask, Matrix, Photograph
 
 _ORIENTATIONS = {0: 1, 1: 2, 2: 4, 3: 3, 4: 5, 5: 8, 6: 6, 7: 7}
 """EXIF orientation by LibRaw's `flip`: mirrored across (1), down (2), rows and columns changed (4).

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from pipeline.colour.icc import adobe_rgb_profile
-from pipeline.compression_noise import compression_noise
+from pipeline.decode.compression_noise import compression_noise
 from pipeline.decode.exr import exr_place, exr_size, read_exr
 from pipeline.decode.header import Header
 from pipeline.decode.linear import clipped, to_linear
@@ -30,9 +30,9 @@ from pipeline.decode.samples import Samples, UnsuitableError, turns_sides, uprig
 from pipeline.decode.signatures import Kind, kind_of
 from pipeline.decode.tiff import holds_raw, read_tiff, tiff_size
 from pipeline.errors import ImageTooLargeError, OptionError, PipelineError, UnreadableImageError
-from pipeline.frames import Frame, Mask, Matrix, Photograph
-from pipeline.max_pixels import max_pixels
-from pipeline.noise import Noise
+from pipeline.images.frames import Frame, Mask, Matrix, Photograph
+from pipeline.images.max_pixels import max_pixels
+from pipeline.images.noise import Noise
 
 FORMATS = "a JPEG, PNG, TIFF, OpenEXR, HEIC, DNG or a camera's RAW file"
 

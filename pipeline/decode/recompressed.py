@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from PIL import Image as PillowImage
 from PIL import JpegImagePlugin
 
-from pipeline.compression_noise import BLOCK
+from pipeline.decode.compression_noise import BLOCK
 from pipeline.decode.quiet import muted
-from pipeline.tiles import tiles
+from pipeline.images.tiles import tiles
 
 Codes = NDArray[np.uint8]
 

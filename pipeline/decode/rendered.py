@@ -34,7 +34,7 @@ from pipeline.decode.samples import (
     transparent,
     upright,
 )
-from pipeline.memory import empty_codes
+from pipeline.images.memory import empty_codes
 
 logging.getLogger("imagecodecs").setLevel(logging.CRITICAL)  # it tells of interlaced PNGs
 

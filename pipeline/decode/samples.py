@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Mask
+from pipeline.images.frames import Mask
 
 _PQ, _HLG = 16, 18
 """Transfer characteristics of Rec. ITU-T H.273."""

@@ -22,7 +22,7 @@ from pipeline.decode.samples import (
     to_rgb,
     transparent,
 )
-from pipeline.frames import Matrix
+from pipeline.images.frames import Matrix
 
 logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # it tells the terminal of odd tags
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import OpenEXR
 import tifffile
 
-from pipeline.data_window import size_of_window
 from pipeline.decode.rendered import jpeg_size, png_size
+from pipeline.images.data_window import size_of_window
 
 _HEAD = 65536
 """Bytes that hold the header of a JPEG or PNG that was written here."""

@@ -9,7 +9,7 @@ import trimesh
 from PIL import Image as PillowImage
 from trimesh.exchange.gltf import export_glb
 
-from pipeline.mesh import Mesh
+from pipeline.encode.mesh import Mesh
 
 _JPEG = b"\xff\xd8"
 

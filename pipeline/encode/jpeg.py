@@ -13,7 +13,7 @@ from pipeline.colour.icc import srgb_profile
 from pipeline.colour.spaces import SRGB_PRIMARIES, rgb_to_xyz
 from pipeline.compiling import exact, spliced
 from pipeline.errors import OptionError
-from pipeline.frames import Image, Matrix, Numbers, Planes, numbers_of, planes_of
+from pipeline.images.frames import Image, Matrix, Numbers, Planes, numbers_of, planes_of
 
 QUALITY = 92
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
-from pipeline.frames import Image
+from pipeline.images.frames import Image
 
 _ZLIB_LEVEL = 3
 """Level 6 takes twice the time for a hundredth of the size."""

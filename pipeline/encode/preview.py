@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.area_means import area_means, size_within
 from pipeline.encode.exr import ExrFile, channels_of
-from pipeline.frames import Image, Photograph
+from pipeline.images.area_means import area_means, size_within
+from pipeline.images.frames import Image, Photograph
 
 PREVIEW_PIXELS = 2**21
 """Most pixels of a preview."""

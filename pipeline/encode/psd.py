@@ -26,7 +26,7 @@ from psd_tools.psd.tagged_blocks import TaggedBlock, TaggedBlocks
 from pipeline.colour.icc import linear_rec2020_profile
 from pipeline.encode.psd_size import check_psd_size
 from pipeline.encode.tiff import codes_of
-from pipeline.frames import Matrix, numbers_of
+from pipeline.images.frames import Matrix, numbers_of
 from pipeline.result_names import lamp_name
 
 _DEPTH = 16

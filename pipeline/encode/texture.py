@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import io
 
-from pipeline.area_means import size_within
-from pipeline.area_strips import AreaStrips
 from pipeline.encode.jpeg import JpegFile
-from pipeline.frames import Image, Matrix
+from pipeline.images.area_means import size_within
+from pipeline.images.area_strips import AreaStrips
+from pipeline.images.frames import Image, Matrix
 
 _MOST_SIDE = 4096  # pixels of a texture that every viewer can show
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from pipeline.colour.icc import linear_rec2020_profile
 from pipeline.compiling import exact, spliced
-from pipeline.frames import Image, Matrix, Numbers, Plane, Planes, numbers_of, planes_of
-from pipeline.strips import STRIP_ROWS
+from pipeline.images.frames import Image, Matrix, Numbers, Plane, Planes, numbers_of, planes_of
+from pipeline.images.strips import STRIP_ROWS
 
 _IDENTITY: Matrix = np.eye(3)
 _WHITE = 65535

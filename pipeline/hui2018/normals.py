@@ -11,15 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.directions import likely_orders, unit_directions
 from pipeline.errors import OptionError
-from pipeline.frames import Image, Matrix
-from pipeline.lamps import Lamps
-from pipeline.model import Model
+from pipeline.images.frames import Image, Matrix
+from pipeline.lamps.lamps import Lamps
+from pipeline.lamps.model import Model
+from pipeline.lamps.shares import shares
 from pipeline.options import DirectedLight
-from pipeline.reduced import ReducedPair
-from pipeline.separation import Strip
-from pipeline.shares import shares
+from pipeline.pair.reduced import ReducedPair
+from pipeline.photometric_stereo.directions import likely_orders, unit_directions
+from pipeline.separation.separation import Strip
 from pipeline.vectors import unit
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.hui2018.invariant import light_coefficients
-from pipeline.shares import shares
+from pipeline.lamps.shares import shares
 from pipeline.vectors import unit
 
 Array = NDArray[np.float64]

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from pipeline.frames import Image, Matrix
 from pipeline.hui2018.invariant import light_coefficients
-from pipeline.lamps import Lamps
-from pipeline.model import Model
-from pipeline.proportions import predictions
-from pipeline.separation import Strip
-from pipeline.white_balance import whites_of
+from pipeline.images.frames import Image, Matrix
+from pipeline.lamps.lamps import Lamps
+from pipeline.lamps.model import Model
+from pipeline.pictures.white_balance import whites_of
+from pipeline.separation.proportions import predictions
+from pipeline.separation.separation import Strip
 
 
 class PublishedWhiteBalance:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Mask
+from pipeline.images.frames import Mask
 from pipeline.matrixfit.data import Data, by_colour, draw, nothing, sandwich, upper
 
 Array = NDArray[np.float64]

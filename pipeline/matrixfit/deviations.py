@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Numbers
+from pipeline.images.frames import Numbers
 from pipeline.matrixfit.data import Data
 from pipeline.matrixfit.evidence import Evidence
-from pipeline.reduced import ReducedPair
+from pipeline.pair.reduced import ReducedPair
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Mask
+from pipeline.images.frames import Mask
 from pipeline.matrixfit.contrasts import RelativeLight, contrast, steps
 from pipeline.matrixfit.data import Data
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Mask
+from pipeline.images.frames import Mask
 from pipeline.matrixfit.contrasts import drawn, relative_light
 from pipeline.matrixfit.data import Data, by_colour, draw, nothing, sandwich, upper
 from pipeline.matrixfit.differences import find_differences
 from pipeline.matrixfit.pools import find_pools
 from pipeline.matrixfit.terminators import find_terminators
-from pipeline.reduced import ReducedPair
+from pipeline.pair.reduced import ReducedPair
 
 Array = NDArray[np.float64]
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import UnusablePairError
 from pipeline.hui2018.lights import lights_of_pair
+from pipeline.lamps.model import Model
 from pipeline.matrixfit.data import Data
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.known import Known, Pin, nothing_known
@@ -26,8 +27,7 @@ from pipeline.matrixfit.prior import MatrixPrior
 from pipeline.matrixfit.search import LEVELS, Problem, follow, search
 from pipeline.matrixfit.starts import invariants, start_points
 from pipeline.matrixfit.unexplained import left_over, mean_left_over, unexplained
-from pipeline.model import Model
-from pipeline.reduced import ReducedPair
+from pipeline.pair.reduced import ReducedPair
 from pipeline.vectors import unit
 
 Array = NDArray[np.float64]

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.lamps.model import Model
 from pipeline.matrixfit.data import Data, nothing
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.objective import Whitened, difference_term
 from pipeline.matrixfit.pools import without_coves
 from pipeline.matrixfit.starts import start_points
-from pipeline.model import Model
 
 Array = NDArray[np.float64]
 

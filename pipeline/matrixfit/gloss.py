@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.reduced import ReducedPair
-from pipeline.shares import shares
+from pipeline.lamps.shares import shares
+from pipeline.pair.reduced import ReducedPair
 
 Array = NDArray[np.float32]
 Matrices = NDArray[np.float64]

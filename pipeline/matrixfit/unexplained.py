@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.images.quantiles import weighted_quantile
+from pipeline.lamps.shares import shares
 from pipeline.matrixfit.data import Data
 from pipeline.matrixfit.evidence import Evidence
-from pipeline.quantiles import weighted_quantile
-from pipeline.reduced import ReducedPair
-from pipeline.shares import shares
+from pipeline.pair.reduced import ReducedPair
 from pipeline.vectors import cross_2d
 
 Array = NDArray[np.float64]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Image
+from pipeline.images.frames import Image
 from pipeline.photometric_stereo.detail import spread
 from pipeline.photometric_stereo.solve import Surface
-from pipeline.separation import Strip
+from pipeline.separation.separation import Strip
 
 Array = NDArray[np.float32]
 

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.compiling import exact
-from pipeline.frames import Image
+from pipeline.images.frames import Image
+from pipeline.images.strips import strips
 from pipeline.photometric_stereo.solve import Surface
-from pipeline.separation import Strip
-from pipeline.strips import strips
+from pipeline.separation.separation import Strip
 
 Array = NDArray[np.float32]
 

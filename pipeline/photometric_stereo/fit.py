@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Mask
+from pipeline.images.frames import Mask
 from pipeline.photometric_stereo.objective import Objective, make_objective, with_even_albedo
 from pipeline.photometric_stereo.scene import Scene, State, lamp_light, predicted
 from pipeline.progress import Tick

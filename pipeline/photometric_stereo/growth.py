@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from pipeline.frames import Mask
+from pipeline.images.frames import Mask
 from pipeline.photometric_stereo.fit import continued, unexplained
 from pipeline.photometric_stereo.objective import albedo_off
 from pipeline.photometric_stereo.scene import Scene, State, moved_to

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from pipeline.frames import Mask
+from pipeline.images.frames import Mask
 from pipeline.photometric_stereo.fit import MOST_TICKS as _OF_FIT
 from pipeline.photometric_stereo.fit import (
     MOST_TICKS_AGAIN,

@@ -14,7 +14,7 @@ from scipy import ndimage
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from pipeline.frames import Mask
+from pipeline.images.frames import Mask
 
 Array = NDArray[np.float64]
 Parts = NDArray[np.intp]

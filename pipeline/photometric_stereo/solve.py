@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from pipeline.directions import likely_orders, unit_directions
 from pipeline.errors import OptionError, UnusablePairError
-from pipeline.frames import Mask
-from pipeline.lamps import Lamps
-from pipeline.model import Model
+from pipeline.images.frames import Mask
+from pipeline.lamps.lamps import Lamps
+from pipeline.lamps.model import Model
 from pipeline.options import DirectedLight
+from pipeline.pair.reduced import ReducedPair
+from pipeline.photometric_stereo.directions import likely_orders, unit_directions
 from pipeline.photometric_stereo.fit import MOST_TRIAL_TICKS, fit, refine, unexplained
 from pipeline.photometric_stereo.grid import carried
 from pipeline.photometric_stereo.parts import MOST_TICKS, fit_in_parts, parts_of
@@ -29,7 +30,6 @@ from pipeline.photometric_stereo.scene import (
 from pipeline.photometric_stereo.sides import sides
 from pipeline.photometric_stereo.view import View, make_view
 from pipeline.progress import Progress
-from pipeline.reduced import ReducedPair
 
 Array = NDArray[np.float64]
 

@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Mask
+from pipeline.images.frames import Mask
+from pipeline.pair.reduced import ReducedPair
 from pipeline.photometric_stereo.grid import make_grid
 from pipeline.photometric_stereo.materials import Materials, find_materials
 from pipeline.photometric_stereo.responses import ResponsePrior
 from pipeline.photometric_stereo.scene import Scene
-from pipeline.reduced import ReducedPair
 
 Array = NDArray[np.float64]
 

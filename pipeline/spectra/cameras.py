@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline.calibration.taken_with import TakenWith
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.errors import OptionError
-from pipeline.frames import Frame
+from pipeline.images.frames import Frame
 from pipeline.options import Sensitivities
 from pipeline.spectra.colorimetry import camera_to_xyz
 from pipeline.spectra.disk_cache import cached_on_disk

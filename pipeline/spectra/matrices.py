@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Matrix
+from pipeline.images.frames import Matrix
 from pipeline.spectra.lights import reflectance_spectra
 
 Array = NDArray[np.float64]

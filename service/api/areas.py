@@ -11,9 +11,9 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response, StreamingResponse
 from numpy.typing import NDArray
 
+from pipeline.encode.scan_lines import ScanLines
 from pipeline.errors import OptionError
 from pipeline.result_names import LAYERS, layer_channels
-from pipeline.scan_lines import ScanLines
 from service.api.callers import Calling
 from service.api.context import Parts
 from service.api.finished import find_result, find_succeeded

@@ -24,7 +24,7 @@ from pipeline.calibration.options import (
     LampsCalibration,
 )
 from pipeline.errors import OptionError
-from pipeline.mix_options import MixRequest
+from pipeline.mixes.mix_options import MixRequest
 from pipeline.options import Options
 from service import scratch
 from service.api.form import Form, read_form

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, RootModel, field_validator
 
 from pipeline.calibration.options import CalibrationOptions
-from pipeline.mix_options import MixRequest
+from pipeline.mixes.mix_options import MixRequest
 from pipeline.options import Options
 from service import jobs
 from service.capture import Capture, CaptureSettings, Taking

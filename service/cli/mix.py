@@ -13,7 +13,7 @@ from service.cli.parameters import output
 from service.cli.partial import partial_folder
 
 if TYPE_CHECKING:
-    from pipeline.mix_options import Mix
+    from pipeline.mixes.mix_options import Mix
 
 _NUMBERS = {"ev": "ev", "temperature": "temperature_k", "tint": "tint"}
 _SETTINGS = "off, neutral, ev=STOPS, temperature=KELVIN, tint=STEPS, rgb=#rrggbb"
@@ -42,8 +42,8 @@ def mix(
     --method paper nearly.
     """
     from pipeline.errors import InputError, reason_of
-    from pipeline.mix_files import check_target, format_of, mix_files, read_manifest
-    from pipeline.mix_options import read_basis
+    from pipeline.mixes.mix_files import check_target, format_of, mix_files, read_manifest
+    from pipeline.mixes.mix_options import read_basis
     from pipeline.progress import Progress
     from service.cli.display import stage_bar
 
@@ -87,7 +87,7 @@ def _settings(preset: Path | None, typed: list[str], count: int) -> Mix:
     from pydantic import ValidationError
 
     from pipeline.errors import OptionError
-    from pipeline.mix_options import Mix
+    from pipeline.mixes.mix_options import Mix
     from service.sentences import sentence_of
 
     values: Any = {"lamps": [{} for _ in range(count)]}
@@ -106,7 +106,7 @@ def _read_preset(path: Path) -> Any:
     from pydantic import ValidationError
 
     from pipeline.errors import OptionError
-    from pipeline.mix_options import Mix
+    from pipeline.mixes.mix_options import Mix
     from service.sentences import sentence_of
 
     try:

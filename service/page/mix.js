@@ -1,4 +1,4 @@
-// What a mix is, in numbers: the same as pipeline/mix.py. Matrices are arrays of nine, by rows.
+// What a mix is, in numbers: the same as pipeline/mixes/mix.py. Matrices are arrays of nine, by rows.
 
 const XYZ_TO_SRGB = [
   3.240969941904523, -1.537383177570095, -0.498610760293003, -0.969243636280888, 1.875967501507721,

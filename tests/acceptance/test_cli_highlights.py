@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.frames import Frame
+from pipeline.images.frames import Frame
 from pipeline.spectra.cameras import find_camera
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from tests.acceptance.conftest import float_tiff, snr_db

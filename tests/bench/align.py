@@ -14,7 +14,7 @@ import simplejpeg
 import tifffile
 from numpy.typing import NDArray
 
-from pipeline.align import estimate_alignment
+from pipeline.pair.align import estimate_alignment
 from tests.bench.pairs import pair_files
 from tests.bench.usage import run
 

@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import separation
-from pipeline.frames import by_planes, channels_first, planes_of, rows_by_planes
-from pipeline.lamps import Lamps
+from pipeline.images.frames import by_planes, channels_first, planes_of, rows_by_planes
+from pipeline.images.strips import STRIP_ROWS
+from pipeline.lamps.lamps import Lamps
+from pipeline.lamps.model import Model, build_model
 from pipeline.matrixfit.deviations import no_deviations
-from pipeline.model import Model, build_model
-from pipeline.proportions import model_proportions, predictions
-from pipeline.separation import Strip
+from pipeline.pictures.white_balance import WhiteBalance, whites_of
+from pipeline.separation import separation
+from pipeline.separation.proportions import model_proportions, predictions
+from pipeline.separation.separation import Strip
 from pipeline.spectra.cameras import Camera, measured_cameras
 from pipeline.spectra.lights import find_light
-from pipeline.strips import STRIP_ROWS
-from pipeline.white_balance import WhiteBalance, whites_of
 from tests.bench.usage import cpu_of
 from tests.definitions import pixels
 

@@ -1,4 +1,4 @@
-"""What is compiled in pipeline.highlights, block by block in plain NumPy and double precision."""
+"""What is compiled in pipeline.separation.highlights, block by block in NumPy and float64."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from pipeline.frames import Image
-from pipeline.highlights import Highlights
-from pipeline.lamps import Lamps
-from pipeline.reduced import ReducedPair
+from pipeline.images.frames import Image
+from pipeline.lamps.lamps import Lamps
+from pipeline.pair.reduced import ReducedPair
+from pipeline.separation.highlights import Highlights
 from tests.definitions.pixels import light_of_lamps, shares
 
 Doubles = NDArray[np.float64]
@@ -22,7 +22,7 @@ _ALIKE, _UNLIKE, _LEAST_ALIKE = 0.015, 4.0, 2.0
 
 
 def find_highlights(reduced: ReducedPair, lamps: Lamps, flash_white: Doubles) -> Highlights | None:
-    """pipeline.highlights.find_highlights."""
+    """pipeline.separation.highlights.find_highlights."""
     if len(lamps) != 2:
         return None
     colours = lamps.matrices @ flash_white
@@ -176,7 +176,7 @@ def _mean(values: Doubles, side: int) -> Doubles:
 def deal_out(
     highlights: Highlights, no_flash: Image, flash: Image, lamps: Lamps, proportions: Image
 ) -> Image:
-    """pipeline.highlights.Highlights.deal_out, of a whole picture."""
+    """pipeline.separation.highlights.Highlights.deal_out, of a whole picture."""
     planes = enlarged(highlights.blocks, highlights.side, flash.shape[:2])
     weights, s, c = planes[:3, ..., None], planes[3:], highlights.colours
     matt = s[..., None] * light_of_lamps(flash, lamps)
@@ -196,7 +196,7 @@ def deal_out(
 
 
 def enlarged(blocks: Image, side: int, size: tuple[int, int]) -> Doubles:
-    """pipeline.enlarge.enlarge: planes (P, H, W), linear between the middles of blocks."""
+    """pipeline.images.enlarge.enlarge: planes (P, H, W), linear between the middles of blocks."""
     planes = np.moveaxis(blocks, 2, 0).astype(np.float64)
     for axis in (1, 2):
         place = (np.arange(size[axis - 1]) + 0.5) / side - 0.5

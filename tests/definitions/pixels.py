@@ -11,13 +11,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Image
 from pipeline.hui2018.invariant import light_coefficients
-from pipeline.lamps import Lamps
+from pipeline.images.frames import Image
+from pipeline.lamps.lamps import Lamps
+from pipeline.lamps.model import Model
 from pipeline.matrixfit.deviations import Deviations, monomials
-from pipeline.model import Model
-from pipeline.proportions import predictions
-from pipeline.separation import Strip
+from pipeline.separation.proportions import predictions
+from pipeline.separation.separation import Strip
 
 Array = NDArray[np.float32]
 Doubles = NDArray[np.float64]
@@ -30,7 +30,7 @@ _BRIGHTEST = 4.0
 
 
 def shares(no_flash: Floats, predictions: Floats) -> Array:
-    """pipeline.shares.shares: the best of every subset's solution that has z ≥ 0, (N, ...)."""
+    """pipeline.lamps.shares.shares: the best of all subsets' solutions that are ≥ 0, (N, ...)."""
     count = len(predictions)
     gram = {
         (i, j): _dot(predictions[i], predictions[j]) for i in range(count) for j in range(i, count)
@@ -96,7 +96,7 @@ def _divide(numerator: Doubles, denominator: Doubles, regular: NDArray[np.bool_]
 
 
 def model_proportions(no_flash: Image, flash: Image, lamps: Lamps) -> Array:
-    """pipeline.proportions.model_proportions, (N, h, W, 3)."""
+    """pipeline.separation.proportions.model_proportions, (N, h, W, 3)."""
     predicted = light_of_lamps(flash, lamps)
     weights = lamps.channel_weights.astype(np.float32)
     z = shares(no_flash * weights, predicted * weights)
@@ -142,7 +142,7 @@ def smooth_proportions(
     uncertainty: Array,
     keep: slice,
 ) -> Array:
-    """pipeline.smoothing.smooth_proportions: a guided filter of every lamp and channel."""
+    """pipeline.separation.smoothing.smooth_proportions: a guided filter per lamp and channel."""
     if len(proportions) == 1:
         return proportions[:, keep]
     light, flashed = (np.maximum(image.sum(axis=2), 0.0) for image in (no_flash, flash))
@@ -174,7 +174,7 @@ def _box(plane: Array) -> Array:
 
 
 def place_flash(no_flash: Image, flash: Image, placed: Floats, confidence: Floats) -> Image:
-    """pipeline.placing.place_flash: flash regressed on no-flash around each pixel."""
+    """pipeline.pair.placing.place_flash: flash regressed on no-flash around each pixel."""
     out = flash.astype(np.float64)
     for y, x in np.argwhere(placed < _WELL):
         near, distance = _around(placed.shape, y, x, 2)
@@ -198,7 +198,7 @@ def mend_proportions(
     placed: Floats,
     confidence: Floats,
 ) -> tuple[Array, Doubles]:
-    """pipeline.placing.mend_proportions; variance: (h, W), of the photograph's sum."""
+    """pipeline.pair.placing.mend_proportions; variance: (h, W), of the photograph's sum."""
     out, trust = smooth.astype(np.float64), confidence.astype(np.float64)
     worth = np.minimum(placed / _WELL, confidence / _KNOWN)
     for y, x in np.argwhere(worth < 1.0):

@@ -1,4 +1,4 @@
-"""What pipeline.separation computes, in plain NumPy and in one piece."""
+"""What pipeline.separation.separation computes, in plain NumPy and in one piece."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.fill import Surroundings
-from pipeline.lamps import Lamps
-from pipeline.pair import Pair
-from pipeline.reduced import ReducedPair
-from pipeline.registration import registration_variance, softened
-from pipeline.sigma_filter import sigma_filter
+from pipeline.images.sigma_filter import sigma_filter
+from pipeline.lamps.lamps import Lamps
+from pipeline.pair.pair import Pair
+from pipeline.pair.reduced import ReducedPair
+from pipeline.pair.registration import registration_variance, softened
+from pipeline.separation.fill import Surroundings
 from tests.definitions.highlights import deal_out, find_highlights
 from tests.definitions.pixels import (
     mend_proportions,
@@ -31,7 +31,7 @@ _MISPLACED = 0.03
 def separate(
     pair: Pair, reduced: ReducedPair, lamps: Lamps, flash_white: Doubles
 ) -> tuple[Array, Doubles]:
-    """pipeline.separation.separate by "best", in one piece: layers, confidence."""
+    """pipeline.separation.separation.separate by "best", in one piece: layers, confidence."""
     pictures = pair.no_flash[:], pair.flash[:]
     if pair.registration_px > 0:
         pictures = softened(pair.no_flash[:]), softened(pair.flash[:])

@@ -13,7 +13,7 @@ from PIL import Image as PillowImage
 
 from pipeline.colour.curves import linear_to_srgb
 from pipeline.colour.spaces import XYZ_TO_SRGB
-from pipeline.frames import Image
+from pipeline.images.frames import Image
 from pipeline.spectra.colorimetry import camera_to_xyz
 from pipeline.spectra.lights import find_light
 from tests.evaluation.scenes import WHITE_LEVEL, RenderedScene

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from pipeline.frames import Image, Mask, Matrix
-from pipeline.shares import shares
+from pipeline.images.frames import Image, Mask, Matrix
+from pipeline.lamps.shares import shares
 from pipeline.spectra.lights import reflectance_spectra
 from tests.definitions.pixels import normalised
 from tests.evaluation.scoring import joint_snr

@@ -19,14 +19,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.contradictions import contradictions
 from pipeline.decode import decode
 from pipeline.errors import InputError
-from pipeline.known_lamps import find_known
+from pipeline.lamps.contradictions import contradictions
+from pipeline.lamps.known_lamps import find_known
+from pipeline.lamps.model import build_model
 from pipeline.matrixfit.evidence import gather_evidence
 from pipeline.matrixfit.fit import Fit, fit_matrices, fit_pools, follow_outwards
 from pipeline.matrixfit.known import Known, nothing_known
-from pipeline.model import build_model
 from pipeline.options import Options
 from pipeline.spectra.cameras import find_camera
 from pipeline.spectra.families import FAMILIES, family_spectra

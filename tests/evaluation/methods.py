@@ -10,8 +10,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Matrix
-from pipeline.push_pull import push_pull
+from pipeline.images.frames import Matrix
+from pipeline.images.push_pull import push_pull
 from tests.definitions.pixels import normalised
 from tests.evaluation.baselines.equal_split import equal_split
 from tests.evaluation.baselines.nnmf import nnmf

@@ -28,22 +28,20 @@ from tests.evaluation.white_balance import BALANCES
 _EXACT_DB = 100.0
 _NO_COLOUR_DEG = 90.0
 _ESTIMATOR = (
-    "contradictions.py",
-    "count.py",
-    "families.py",
-    "highlights.py",
-    "known_lamps.py",
-    "lamps.py",
-    "manifest.py",
+    "lamps/contradictions.py",
+    "lamps/count.py",
+    "lamps/families.py",
+    "lamps/known_lamps.py",
+    "lamps/lamps.py",
+    "lamps/model.py",
     "matrixfit",
-    "model.py",
-    "normals.py",
-    "outputs.py",
-    "pictures.py",
+    "photometric_stereo/normals.py",
+    "pictures/white_balance.py",
     "process.py",
-    "separation.py",
-    "smoothing.py",
-    "white_balance.py",
+    "results",
+    "separation/highlights.py",
+    "separation/separation.py",
+    "separation/smoothing.py",
 )
 """What of the pipeline the methods that are not the product do not use."""
 _OWN = (
@@ -199,7 +197,12 @@ def _files(unused: tuple[str, ...]) -> list[Path]:
     assert pipeline.__file__
     root, own = Path(pipeline.__file__).parent, Path(__file__)
     files = sorted([*root.rglob("*.py"), *root.rglob("*.csv")])
-    files = [file for file in files if file.relative_to(root).parts[0] not in unused]
+    files = [file for file in files if not _within(file.relative_to(root), unused)]
     files += [own.with_name(f"{name}.py") for name in _OWN]
     files += sorted(own.with_name("baselines").glob("[!t]*.py"))  # and not their tests
     return [*files, Path(pixels.__file__), Path(layers.__file__)]
+
+
+def _within(file: Path, unused: tuple[str, ...]) -> bool:
+    """Whether a file, or a folder that it is in, is among those named."""
+    return any(place.as_posix() in unused for place in (file, *file.parents))

@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Image
+from pipeline.images.frames import Image
 from pipeline.spectra.lights import find_light
 from tests.evaluation import cache
 from tests.evaluation.geometry import Geometry

@@ -7,7 +7,7 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Image, Mask
+from pipeline.images.frames import Image, Mask
 
 Array = NDArray[np.float64]
 

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.decode import decode
-from pipeline.frames import Image, Mask
+from pipeline.images.frames import Image, Mask
+from pipeline.images.sigma_filter import sigma_filter
 from pipeline.options import Options
-from pipeline.pair import Pair, make_pair
+from pipeline.pair.pair import Pair, make_pair
+from pipeline.pair.reduced import ReducedPair, reduce_pair
 from pipeline.progress import Progress
-from pipeline.reduced import ReducedPair, reduce_pair
-from pipeline.sigma_filter import sigma_filter
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import pytest
 import tifffile
 from numpy.typing import NDArray
 
-from pipeline.frames import Image, Matrix
+from pipeline.images.frames import Image, Matrix
 from pipeline.spectra.lights import find_light
 from tests.evaluation.ceilings import best_matrices, dealt_out, regressed_matrices, tuned_matrices
 from tests.evaluation.experiments import BASES

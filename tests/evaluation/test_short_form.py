@@ -6,7 +6,7 @@ from functools import cache
 
 import pytest
 
-from pipeline import lamps
+from pipeline.lamps import lamps
 from pipeline.matrixfit.deviations import no_deviations
 from tests.evaluation import methods
 from tests.evaluation.conditions import Condition, make_shot

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Image
+from pipeline.images.frames import Image
 from pipeline.spectra.grid import WAVELENGTHS_NM
 
 Array = NDArray[np.float64]

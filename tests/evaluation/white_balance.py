@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Image
+from pipeline.images.frames import Image
 from pipeline.spectra.lights import find_light
 from tests.evaluation.baselines.hsu2008 import mixture_balance
 from tests.evaluation.baselines.hui2016 import pixel_kernels

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Image
+from pipeline.images.frames import Image
 
 
 def equal_split(photograph: Image, count: int) -> NDArray[np.float32]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse import diags_array
 from scipy.sparse.linalg import spsolve
 
-from pipeline.frames import Image
+from pipeline.images.frames import Image
 from tests.evaluation.baselines.matting_laplacian import matting_laplacian
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Image
+from pipeline.images.frames import Image
 
 Array = NDArray[np.float64]
 

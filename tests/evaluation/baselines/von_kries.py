@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Matrix
 from pipeline.hui2018.lights import published_lights
+from pipeline.images.frames import Matrix
 from pipeline.vectors import unit
 
 Array = NDArray[np.float64]

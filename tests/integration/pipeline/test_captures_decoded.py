@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from drivers import CapturedPair, capture_pair, open_camera, simulated_truth
 from drivers.truth import SimulatedTruth
 from pipeline.decode import decode, raw
-from pipeline.frames import Exposure, Frame
+from pipeline.images.frames import Exposure, Frame
 from pipeline.spectra.cameras import find_camera
 
 ADDRESS = "sim://studio?lights=2&width=360&height=240&format=both"

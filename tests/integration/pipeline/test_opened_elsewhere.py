@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 import drivers
 from pipeline.encode.exr import write_exr
 from pipeline.encode.glb import write_glb
+from pipeline.encode.mesh import make_mesh
 from pipeline.encode.png import NormalsPng
 from pipeline.encode.texture import Texture
-from pipeline.mesh import make_mesh
-from pipeline.mix_files import mix_files
-from pipeline.mix_options import LampMix, Mix
+from pipeline.mixes.mix_files import mix_files
+from pipeline.mixes.mix_options import LampMix, Mix
 from pipeline.options import Options
 from pipeline.process import separate_files
 from pipeline.progress import Progress

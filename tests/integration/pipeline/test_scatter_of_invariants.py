@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.frames import Frame
 from pipeline.hui2018.invariant import flash_tensor, light_coefficients
+from pipeline.images.frames import Frame
 from pipeline.spectra.bases import learn_basis
 from pipeline.spectra.cameras import find_camera
 from pipeline.spectra.lights import find_light, lamp_spectra, reflectance_spectra

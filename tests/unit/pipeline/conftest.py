@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.align import NOT_ATTEMPTED
-from pipeline.frames import Exposure, Frame, Image
-from pipeline.lamps import Lamps
+from pipeline.images.frames import Exposure, Frame, Image
+from pipeline.images.noise import Noise
+from pipeline.lamps.lamps import Lamps
+from pipeline.lamps.model import Model, build_model
 from pipeline.matrixfit.deviations import no_deviations
-from pipeline.model import Model, build_model
-from pipeline.noise import Noise
-from pipeline.pair import Pair
+from pipeline.pair.align import NOT_ATTEMPTED
+from pipeline.pair.pair import Pair
 from pipeline.spectra.cameras import Camera, find_camera
 from pipeline.spectra.lights import find_light, reflectance_spectra
 from tests.ball import make_ball

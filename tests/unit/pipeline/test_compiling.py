@@ -191,7 +191,9 @@ def test_code_of_another_processor_is_none(given: Path) -> None:
 def test_a_module_with_loops_is_imported_where_nothing_can_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     nowhere = {"NUMBA_CACHE_DIR": str(tmp_path / "file"), "TMPDIR": str(tmp_path)}
-    code = "import pipeline.smoothing, pipeline.compiling as c; print(c.CACHE.unwritable)"
+    code = (
+        "import pipeline.separation.smoothing, pipeline.compiling as c; print(c.CACHE.unwritable)"
+    )
     done = subprocess.run(
         [sys.executable, "-c", code],
         env={**os.environ, **nowhere},
@@ -207,7 +209,7 @@ def test_loops_load_no_linear_algebra_of_scipy_which_can_be_had_afterwards() -> 
     program = (
         "import sys, numpy as np\n"
         "from pipeline import compiling\n"
-        "from pipeline.blocks import any_in_blocks\n"
+        "from pipeline.images.blocks import any_in_blocks\n"
         "assert any_in_blocks(np.ones((4, 4), bool), 2).all()\n"
         "print('scipy.linalg' in sys.modules)\n"
         "import scipy.linalg\n"
@@ -223,7 +225,7 @@ def test_the_first_function_of_a_prepared_process_loads_no_module() -> None:
     program = (
         "import sys, numpy as np\n"
         "from pipeline import compiling\n"
-        "from pipeline.blocks import any_in_blocks\n"
+        "from pipeline.images.blocks import any_in_blocks\n"
         "{}\n"
         "known = set(sys.modules)\n"
         "assert any_in_blocks(np.ones((4, 4), bool), 2).all()\n"

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from pipeline import doubts as doubts_module
 from pipeline.doubts import doubts, expected_snr_db, relative_noise
-from pipeline.flash_reach import FlashReach
-from pipeline.reduced import reduce_pair
+from pipeline.pair.flash_reach import FlashReach
+from pipeline.pair.reduced import reduce_pair
 from pipeline.run_warnings import Code, RunWarning
 
 Array = NDArray[np.float64]

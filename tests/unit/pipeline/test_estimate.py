@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from pipeline.errors import OptionError
 from pipeline.estimate import Estimate, make_estimate
-from pipeline.frames import Frame
-from pipeline.model import Model, build_model
+from pipeline.images.frames import Frame
+from pipeline.lamps.model import Model, build_model
 from pipeline.options import DirectedLight, Options
+from pipeline.pair.reduced import reduce_pair
 from pipeline.progress import Progress
-from pipeline.reduced import reduce_pair
 from pipeline.spectra.cameras import Camera, srgb_stand_in
 from pipeline.spectra.lights import find_light
 

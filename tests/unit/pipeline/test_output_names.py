@@ -3,7 +3,7 @@ from __future__ import annotations
 from dataclasses import fields
 
 from pipeline.output_names import FULL_SIZE_JPEGS, OUTPUT_NAMES, OUTPUTS, outputs_with
-from pipeline.pictures import Pictures
+from pipeline.results.pictures import Pictures
 
 
 def test_all_jpegs_but_the_thumbnail_are_of_full_size() -> None:

@@ -26,7 +26,7 @@ from pipeline.errors import (
 )
 from pipeline.options import DirectedLight, Options
 from pipeline.output_names import OUTPUT_NAMES
-from pipeline.pair_checks import check_pair
+from pipeline.pair.pair_checks import check_pair
 from pipeline.process import separate_files
 from pipeline.progress import STAGES, Progress
 from tests.layers import layers_of, planes_of

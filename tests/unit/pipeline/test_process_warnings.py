@@ -246,7 +246,9 @@ def test_nobody_asks_where_surfaces_face_so_nobody_looks(
 ) -> None:
     """Calibrated directions come with every later job, also with those that want pictures alone."""
     both, lit = shaped
-    monkeypatch.setattr("pipeline.normals.find_facing", lambda *_: pytest.fail("looked"))
+    monkeypatch.setattr(
+        "pipeline.photometric_stereo.normals.find_facing", lambda *_: pytest.fail("looked")
+    )
 
     manifest = separated(both, tmp_path, **{**lit, "focal_px": None}, outputs=["lamps.jpg"])
 

@@ -215,7 +215,7 @@ def test_what_separates_is_imported_where_pairs_are_taken_alone(arguments: list[
             command, stdin=theirs.fileno(), stderr=subprocess.PIPE, text=True, check=True
         )
     imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
-    assert "pipeline.pair_checks" in imported
+    assert "pipeline.pair.pair_checks" in imported
     assert ("pipeline.process" in imported) == bool(arguments)
 
 

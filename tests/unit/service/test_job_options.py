@@ -7,7 +7,7 @@ from pydantic import BaseModel
 
 from pipeline.calibration.options import FlashCalibration
 from pipeline.errors import OptionError
-from pipeline.mix_options import LampMix, MixRequest
+from pipeline.mixes.mix_options import LampMix, MixRequest
 from pipeline.options import Circle, Options
 from service import job_options
 from service.job_options import check_options

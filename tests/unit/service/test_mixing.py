@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.errors import InputError, OptionError
-from pipeline.mix_options import LampMix, Mix
+from pipeline.mixes.mix_options import LampMix, Mix
 from service import jobs
 from service.errors import EndedError, GoneError, NotReadyError
 from service.mixing import MixOptions, check_mix

@@ -15,7 +15,7 @@ import pytest
 
 from pipeline.calibration.options import CALIBRATION_OPTIONS
 from pipeline.errors import OptionError
-from pipeline.mix_options import LampMix, MixRequest
+from pipeline.mixes.mix_options import LampMix, MixRequest
 from pipeline.options import Options
 from pipeline.process import separate_files
 from pipeline.progress import Progress

@@ -14,8 +14,8 @@ from playwright.sync_api import Page, expect
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.encode.exr import ExrFile
 from pipeline.encode.jpeg import to_srgb8
-from pipeline.mix import mix_matrices
-from pipeline.mix_options import LampMix, Mix, MixBasis
+from pipeline.mixes.mix import mix_matrices
+from pipeline.mixes.mix_options import LampMix, Mix, MixBasis
 from tests.integration.service.page.looking import drawn, open_mixer, result, shown, strip
 from tests.layers import layers_of, planes_of
 

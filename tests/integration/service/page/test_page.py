@@ -16,8 +16,8 @@ from playwright.sync_api import FilePayload, Page, expect
 import drivers
 from pipeline.decode.exr import read_exr
 from pipeline.encode.jpeg import to_srgb8
-from pipeline.mix import mix_matrices
-from pipeline.mix_options import LampMix, Mix, MixBasis
+from pipeline.mixes.mix import mix_matrices
+from pipeline.mixes.mix_options import LampMix, Mix, MixBasis
 from tests.integration.service.page.looking import (
     PATIENT,
     TWO_FRAMES,

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.flat_noise import estimate_noises
-from pipeline.pair import Pair
+from pipeline.pair.flat_noise import estimate_noises
+from pipeline.pair.pair import Pair
 from tests.targets import Shot
 
 

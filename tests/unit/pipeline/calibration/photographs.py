@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.frames import Frame
+from pipeline.images.frames import Frame
 
 
 def frame_of(size: tuple[int, int] = (3, 2), **more: Any) -> Frame:

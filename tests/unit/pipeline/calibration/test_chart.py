@@ -8,9 +8,9 @@ import pytest
 from pipeline.calibration import chart as chart_module
 from pipeline.calibration.chart import read_card, read_chart
 from pipeline.errors import OptionError, UnusablePairError
-from pipeline.noise import Noise
+from pipeline.images.noise import Noise
 from pipeline.options import Circle
-from pipeline.pair import Pair
+from pipeline.pair.pair import Pair
 from pipeline.spectra.colorchecker import colorchecker_spectra
 from pipeline.spectra.lights import find_light
 from tests.evaluation.spectra import sensitivities

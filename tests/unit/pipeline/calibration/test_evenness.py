@@ -8,8 +8,8 @@ import pytest
 from pipeline.calibration import evenness
 from pipeline.calibration.evenness import check_even
 from pipeline.errors import OptionError
-from pipeline.noise import Noise
-from pipeline.pair import Pair
+from pipeline.images.noise import Noise
+from pipeline.pair.pair import Pair
 from tests.targets import Shot
 
 _Y, _X = (np.mgrid[:60, :80] + 0.5) / 60

@@ -12,7 +12,7 @@ from pipeline.calibration.chart import read_chart
 from pipeline.calibration.find_marks import draw_marks, find_chart, find_sphere
 from pipeline.errors import MarkError, UnusablePairError
 from pipeline.options import Circle
-from pipeline.pair import Pair
+from pipeline.pair.pair import Pair
 from tests.cluttered import Plan, photograph_room
 from tests.targets import Shot
 

@@ -8,7 +8,7 @@ import pytest
 from pipeline.calibration.kept import Kept, setup_warnings, with_kept
 from pipeline.calibration.taken_with import TakenWith
 from pipeline.errors import OptionError
-from pipeline.frames import Frame
+from pipeline.images.frames import Frame
 from pipeline.options import Options, Spectrum
 from tests.unit.pipeline.calibration.photographs import frame_of
 

@@ -12,9 +12,9 @@ from pipeline.calibration import lamps as module
 from pipeline.calibration.lamps import LampsEstimate, estimate_lamps
 from pipeline.calibration.sphere_fit import SphereFit, SphereLight
 from pipeline.errors import OptionError, UnusablePairError
-from pipeline.noise import Noise
+from pipeline.images.noise import Noise
 from pipeline.options import Circle
-from pipeline.pair import Pair
+from pipeline.pair.pair import Pair
 from pipeline.vectors import unit
 from tests.targets import CIRCLE, FOCAL_PX, Shot, photograph_sphere
 

@@ -8,8 +8,8 @@ import pytest
 
 from pipeline.calibration.light import lights_of, mean_light
 from pipeline.errors import OptionError, UnusablePairError
-from pipeline.noise import Noise
-from pipeline.pair import Pair
+from pipeline.images.noise import Noise
+from pipeline.pair.pair import Pair
 from tests.targets import Shot
 
 _NOISE = Noise(np.full(3, 1e-4), np.full(3, 1e-6))

@@ -12,7 +12,7 @@ import pytest
 from pipeline.calibration.mirror import mirror_lamps
 from pipeline.errors import OptionError, UnusablePairError
 from pipeline.options import Circle
-from pipeline.pair import Pair
+from pipeline.pair.pair import Pair
 from tests.cluttered import FOCAL_PX, Plan, Room, photograph_room
 from tests.targets import Shot
 

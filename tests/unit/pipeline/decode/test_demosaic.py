@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pipeline.decode import demosaic as demosaicing
 from pipeline.decode.demosaic import is_bayer
 from pipeline.decode.samples import upright
-from pipeline.frames import Image
+from pipeline.images.frames import Image
 from tests.definitions.mosaics import demosaiced
 
 BLACK = np.array([[600.0, 610.0], [620.0, 640.0]])

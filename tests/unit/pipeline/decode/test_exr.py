@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from pipeline.decode import decode
 from pipeline.errors import PairMismatchError, UnreadableImageError
-from pipeline.frames import Exposure
-from pipeline.pair_checks import check_pair
+from pipeline.images.frames import Exposure
+from pipeline.pair.pair_checks import check_pair
 
 SRGB = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 P3 = (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290)

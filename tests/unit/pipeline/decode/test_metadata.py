@@ -17,7 +17,7 @@ from PIL.TiffImagePlugin import IFDRational
 
 from pipeline.decode import decode
 from pipeline.decode.metadata import Metadata, read_metadata
-from pipeline.frames import Exposure
+from pipeline.images.frames import Exposure
 from tests.raw_files import cr3, raf
 
 Write = Callable[..., bytes]

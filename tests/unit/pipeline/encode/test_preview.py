@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.encode import preview
 from pipeline.encode.preview import PreviewFile, preview_step, thumbnail
-from pipeline.memory import empty_image, release_rows
+from pipeline.images.memory import empty_image, release_rows
 from tests.layers import planes_of
 
 

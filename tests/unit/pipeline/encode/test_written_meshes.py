@@ -12,9 +12,9 @@ from PIL import Image as PillowImage
 from pipeline.encode.files import describe
 from pipeline.encode.glb import write_glb
 from pipeline.encode.jpeg import write_jpeg
+from pipeline.encode.mesh import Mesh, make_mesh
 from pipeline.encode.texture import Texture
-from pipeline.mesh import Mesh, make_mesh
-from pipeline.strips import strips
+from pipeline.images.strips import strips
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.hui2018.invariant import flash_tensor, light_coefficients
-from pipeline.model import Model
+from pipeline.lamps.model import Model
 
 Array = NDArray[np.float64]
 

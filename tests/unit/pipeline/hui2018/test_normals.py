@@ -10,13 +10,13 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.errors import OptionError
-from pipeline.frames import Image
 from pipeline.hui2018.normals import normals, solve_photometry
-from pipeline.lamps import Lamps
-from pipeline.model import Model
+from pipeline.images.frames import Image
+from pipeline.lamps.lamps import Lamps
+from pipeline.lamps.model import Model
 from pipeline.options import DirectedLight
-from pipeline.reduced import reduce_pair
-from pipeline.separation import Strip
+from pipeline.pair.reduced import reduce_pair
+from pipeline.separation.separation import Strip
 
 Array = NDArray[np.float64]
 

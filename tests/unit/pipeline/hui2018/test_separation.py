@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.frames import Image
 from pipeline.hui2018.separation import published_layers
-from pipeline.model import Model
+from pipeline.images.frames import Image
+from pipeline.lamps.model import Model
 
 Array = NDArray[np.float64]
 

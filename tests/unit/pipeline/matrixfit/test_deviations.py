@@ -14,7 +14,7 @@ from pipeline.matrixfit.deviations import (
     no_deviations,
 )
 from pipeline.matrixfit.evidence import Evidence
-from pipeline.reduced import ReducedPair
+from pipeline.pair.reduced import ReducedPair
 from tests.definitions.pixels import deviating_light
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ from pipeline.matrixfit.evidence import (
     evidence_of_surfaces,
     gather_evidence,
 )
-from pipeline.reduced import ReducedPair
+from pipeline.pair.reduced import ReducedPair
 from tests.reduced_pairs import HEIGHT, WIDTH, even, left_and_right, reduced_pair
 
 CENTRED = np.eye(3) - 1 / 3

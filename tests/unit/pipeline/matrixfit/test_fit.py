@@ -9,13 +9,13 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.errors import UnusablePairError
+from pipeline.lamps.model import Model
 from pipeline.matrixfit import evidence, fit
 from pipeline.matrixfit.evidence import gather_evidence
 from pipeline.matrixfit.fit import Fit, first_fit, fit_matrices
 from pipeline.matrixfit.known import nothing_known
 from pipeline.matrixfit.objective import Term, make_terms, without_mirrors
-from pipeline.model import Model
-from pipeline.reduced import reduce_pair
+from pipeline.pair.reduced import reduce_pair
 
 Array = NDArray[np.float64]
 Off = Callable[[Array, Array], float]

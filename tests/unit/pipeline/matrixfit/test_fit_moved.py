@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.lamps.model import Model
 from pipeline.matrixfit import fit
 from pipeline.matrixfit.evidence import Evidence, gather_evidence
 from pipeline.matrixfit.fit import Fit, fit_matrices, fit_pools, follow_outwards
 from pipeline.matrixfit.known import nothing_known
 from pipeline.matrixfit.search import Problem
-from pipeline.model import Model
-from pipeline.reduced import reduce_pair
+from pipeline.pair.reduced import reduce_pair
 
 Array = NDArray[np.float64]
 Off = Callable[[Array, Array], float]

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.lamps.model import Model
 from pipeline.matrixfit.data import nothing
 from pipeline.matrixfit.evidence import Evidence, gather_evidence
 from pipeline.matrixfit.fourth import gain_of_fourth
-from pipeline.model import Model
-from pipeline.reduced import reduce_pair
+from pipeline.pair.reduced import reduce_pair
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.lamps.model import Model
 from pipeline.matrixfit.gloss import is_gloss
-from pipeline.model import Model
-from pipeline.reduced import ReducedPair, reduce_pair
+from pipeline.pair.reduced import ReducedPair, reduce_pair
 
 Array = NDArray[np.float64]
 Seen = Callable[..., ReducedPair]

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.lamps.model import Model
 from pipeline.matrixfit.evidence import evidence_of_surfaces
 from pipeline.matrixfit.fit import fit_pin
 from pipeline.matrixfit.known import FORBIDDEN_DEGREES, Known, Pin, nothing_known
-from pipeline.model import Model
 
 Array = NDArray[np.float64]
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.lamps.model import Model
 from pipeline.matrixfit.data import Data, nothing
 from pipeline.matrixfit.evidence import Evidence
 from pipeline.matrixfit.known import nothing_known
@@ -19,7 +20,6 @@ from pipeline.matrixfit.objective import (
     posterior,
     without_mirrors,
 )
-from pipeline.model import Model
 from pipeline.vectors import unit
 
 Array = NDArray[np.float64]

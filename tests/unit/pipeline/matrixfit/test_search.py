@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.lamps.model import Model
 from pipeline.matrixfit import search as search_module
 from pipeline.matrixfit.evidence import evidence_of_surfaces, gather_evidence
 from pipeline.matrixfit.fit import fit_pin
@@ -15,8 +16,7 @@ from pipeline.matrixfit.known import nothing_known
 from pipeline.matrixfit.minimum import minimum
 from pipeline.matrixfit.objective import make_terms
 from pipeline.matrixfit.search import LEVELS, Problem, follow, search
-from pipeline.model import Model
-from pipeline.reduced import reduce_pair
+from pipeline.pair.reduced import reduce_pair
 
 Array = NDArray[np.float64]
 Off = Callable[[Array, Array], float]

@@ -9,12 +9,12 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.errors import UnusablePairError
+from pipeline.lamps.model import Model
 from pipeline.matrixfit import starts
 from pipeline.matrixfit.data import nothing
 from pipeline.matrixfit.evidence import gather_evidence
 from pipeline.matrixfit.starts import invariants, start_points
-from pipeline.model import Model
-from pipeline.reduced import reduce_pair
+from pipeline.pair.reduced import reduce_pair
 from pipeline.vectors import unit
 
 Array = NDArray[np.float64]

@@ -18,7 +18,7 @@ from pipeline.matrixfit.unexplained import (
     shares_alone,
     unexplained,
 )
-from pipeline.reduced import ReducedPair
+from pipeline.pair.reduced import ReducedPair
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pipeline.photometric_stereo.confidence import normals_confidence
 from pipeline.photometric_stereo.solve import Surface
-from pipeline.separation import Strip
+from pipeline.separation.separation import Strip
 
 SIZE = 8
 UP = np.broadcast_to(np.array([0, 0, 1], np.float32), (SIZE, SIZE, 3))

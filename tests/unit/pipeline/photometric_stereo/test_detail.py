@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.photometric_stereo.detail import spread, surface_depth, surface_normals
 from pipeline.photometric_stereo.solve import Surface
-from pipeline.separation import Strip
+from pipeline.separation.separation import Strip
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from pipeline.frames import Mask
+from pipeline.images.frames import Mask
 from pipeline.photometric_stereo import growth
 from pipeline.photometric_stereo.grid import carried
 from pipeline.photometric_stereo.growth import MOST_TICKS, grown

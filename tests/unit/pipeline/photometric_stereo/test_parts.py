@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from pipeline.frames import Mask
+from pipeline.images.frames import Mask
 from pipeline.photometric_stereo import parts as parts_module
 from pipeline.photometric_stereo.fit import fit
 from pipeline.photometric_stereo.parts import fit_in_parts, parts_of

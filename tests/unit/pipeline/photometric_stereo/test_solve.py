@@ -9,16 +9,16 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.errors import Canceled, InputError, OptionError, UnusablePairError
-from pipeline.lamps import Lamps
-from pipeline.model import Model
+from pipeline.lamps.lamps import Lamps
+from pipeline.lamps.model import Model
 from pipeline.options import DirectedLight
+from pipeline.pair.reduced import reduce_pair
 from pipeline.photometric_stereo import solve as solve_module
 from pipeline.photometric_stereo.fit import fit
 from pipeline.photometric_stereo.responses import LampBank
 from pipeline.photometric_stereo.scene import Scene, State
 from pipeline.photometric_stereo.solve import Surface, _finer, solve_surface
 from pipeline.progress import Progress
-from pipeline.reduced import reduce_pair
 
 Array = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.pair.reduced import ReducedPair
 from pipeline.photometric_stereo.view import View, make_view
-from pipeline.reduced import ReducedPair
 from tests.reduced_pairs import HEIGHT, WIDTH, even, left_and_right, reduced_pair
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.frames import Frame, Matrix
+from pipeline.images.frames import Frame, Matrix
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline.calibration.taken_with import TakenWith
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.errors import OptionError
-from pipeline.frames import Frame
+from pipeline.images.frames import Frame
 from pipeline.options import Sensitivities, Spectrum
 from pipeline.spectra.cameras import find_camera, measured_cameras, named_camera, srgb_stand_in
 from pipeline.spectra.grid import WAVELENGTHS_NM

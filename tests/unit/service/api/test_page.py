@@ -11,7 +11,7 @@ import service
 from drivers.camera import RAW_KINDS
 from pipeline.calibration.find_marks import MARKS
 from pipeline.calibration.options import FILES
-from pipeline.mix_files import ENCODINGS
+from pipeline.mixes.mix_files import ENCODINGS
 from pipeline.output_names import OUTPUT_NAMES
 
 FOLDER = Path(service.__path__[0]) / "page"

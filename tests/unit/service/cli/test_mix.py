@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-import pipeline.mix_files
+import pipeline.mixes.mix_files
 from pipeline.colour.spaces import XYZ_TO_SRGB
 from pipeline.decode.exr import read_exr
 from pipeline.encode.exr import write_exr
@@ -230,15 +230,15 @@ def test_two_mixes_of_one_name_at_once_are_both_whole(
     results: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The second runs while the first has written its picture, and not yet moved it."""
-    mix_files, codes = pipeline.mix_files.mix_files, []
+    mix_files, codes = pipeline.mixes.mix_files.mix_files, []
 
     def mix_twice(*given: Any) -> None:
         mix_files(*given)
-        monkeypatch.setattr(pipeline.mix_files, "mix_files", mix_files)
+        monkeypatch.setattr(pipeline.mixes.mix_files, "mix_files", mix_files)
         second = ["mix", str(results), "-o", str(results.parent / "mix.exr"), "--lamp", "1:off"]
         codes.append(run(second))
 
-    monkeypatch.setattr(pipeline.mix_files, "mix_files", mix_twice)
+    monkeypatch.setattr(pipeline.mixes.mix_files, "mix_files", mix_twice)
 
     np.testing.assert_allclose(mixed(results), 0.75, atol=1e-6)
     assert codes == [0]

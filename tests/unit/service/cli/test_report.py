@@ -17,7 +17,7 @@ import pytest
 import tifffile
 from PIL import Image
 
-from pipeline.facing import CONVENTIONS
+from pipeline.photometric_stereo.facing import CONVENTIONS
 from service import durable
 from service.cli import run
 

@@ -1,0 +1,1 @@
+"""Pictures in memory: their types, and what is done with a picture whatever it shows."""

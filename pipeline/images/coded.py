@@ -1,0 +1,116 @@
+"""Photographs that stay in memory as code values: those of their files, or of their sensor."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, Self
+
+import cv2
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from pipeline.images.memory import release_rows
+from pipeline.images.strips import strips
+
+Image = NDArray[np.float32]
+
+_ROWS = 8  # at a time: they stay in the processor's cache
+
+
+class CodedImage(ABC):
+    """A linear photograph (H, W, 3) of code values, made linear where it is looked at.
+
+    Index it as an array: slices give float32 copies. codes: (H, W, 3).
+    """
+
+    def __init__(self, codes: NDArray[Any]) -> None:
+        self._codes = codes
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(H, W, 3)."""
+        return self._codes.shape
+
+    @property
+    def ndim(self) -> int:
+        """Number of axes."""
+        return self._codes.ndim
+
+    def __len__(self) -> int:
+        return len(self._codes)
+
+    def __getitem__(self, key: Any) -> Image:
+        return self._light(np.ascontiguousarray(self._codes[key]))
+
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.asarray(self[:], dtype)
+
+    def write_planes(self, rows: slice, planes: NDArray[np.float32]) -> None:
+        """Write some rows into planes (3, h, W)."""
+        self._write_planes(self._codes[rows], planes)
+
+    def release_rows(self, stop: int) -> None:
+        """Give the memory of the rows before `stop` back, as pipeline.images.memory does."""
+        release_rows(self._codes, stop)
+
+    @abstractmethod
+    def divided(self, by: float) -> Self:
+        """The same photograph, all values divided."""
+
+    @abstractmethod
+    def _light(self, codes: NDArray[Any]) -> Image:
+        """Light of contiguous code values, in their shape."""
+
+    @abstractmethod
+    def _write_planes(self, codes: NDArray[Any], planes: NDArray[np.float32]) -> None:
+        """Write the light of code values (h, W, 3) into planes (3, h, W)."""
+
+
+class TableImage(CodedImage):
+    """Of 8 bits, whose light a table tells: a quarter of the memory, and the same values.
+
+    codes: uint8. table: float32 (256,), the light of each code value.
+    """
+
+    def __init__(self, codes: NDArray[np.uint8], table: NDArray[np.float32]) -> None:
+        super().__init__(codes)
+        self._table = table
+
+    def divided(self, by: float) -> Self:
+        """Divide the table."""
+        return type(self)(self._codes, self._table / np.float32(by))
+
+    def _light(self, codes: NDArray[np.uint8]) -> Image:
+        if codes.ndim != 3:
+            return np.asarray(self._table[codes])
+        return np.asarray(cv2.LUT(codes, self._table), dtype=np.float32)
+
+    def _write_planes(self, codes: NDArray[np.uint8], planes: NDArray[np.float32]) -> None:
+        for channel, plane in zip(cv2.split(codes), planes, strict=True):
+            cv2.LUT(channel, self._table, dst=plane)
+
+
+class LevelImage(CodedImage):
+    """Of 16 bits, whose light grows evenly: half of the memory.
+
+    codes: uint16. black: the code value without light. step: light between two code values.
+    """
+
+    def __init__(self, codes: NDArray[np.uint16], black: float, step: float) -> None:
+        super().__init__(codes)
+        self._black, self._step = np.float32(black), np.float32(step)
+
+    def divided(self, by: float) -> Self:
+        """Divide the step."""
+        return type(self)(self._codes, float(self._black), float(self._step) / by)
+
+    def _light(self, codes: NDArray[np.uint16]) -> Image:
+        light: Image = np.subtract(codes, self._black, dtype=np.float32)
+        light *= self._step
+        return light
+
+    def _write_planes(self, codes: NDArray[np.uint16], planes: NDArray[np.float32]) -> None:
+        for rows in strips(len(codes), _ROWS):
+            for channel, plane in zip(cv2.split(codes[rows]), planes[:, rows], strict=True):
+                np.subtract(channel, self._black, out=plane)
+                np.multiply(plane, self._step, out=plane)

@@ -1,0 +1,92 @@
+"""Where the photograph speaks against lamps that were pinned or forbidden."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.matrixfit.evidence import Evidence
+from pipeline.matrixfit.fit import MOST_LAMPS, Fit
+from pipeline.matrixfit.known import Known, Pin
+from pipeline.matrixfit.unexplained import unexplained
+from pipeline.pair.reduced import ReducedPair
+from pipeline.run_warnings import Code, RunWarning
+from pipeline.vectors import angles_deg, unit
+
+Array = NDArray[np.float64]
+
+# Chosen on development scenes (docs/decisions/0008-known-lamps.md)
+_WORSE, _UNEXPLAINED = 20.0, 0.5  # log likelihood; of unexplained
+_NEAR_DEGREES = 3.0  # between the colours of a spectrum's lamp and of the one found
+_OTHER_LIGHT, _QUANTILE = 0.02, 0.8  # chromaticity, beyond the noise, in a fifth of the area
+
+
+def contradictions(
+    reduced: ReducedPair, evidence: Evidence, known: Known, found: Fit, free: Fit
+) -> list[RunWarning]:
+    """Warnings, none where all agrees.
+
+    found: the fit with what is known. free: that of as many lamps without it.
+    """
+    said = [
+        RunWarning(
+            Code.PIN_NOT_PURE,
+            f"The area of pinned lamp {number} seems to be lit by more than this lamp: choose a "
+            "place, best in the shadow of the other lamps, that none of them reaches.",
+            {"pin": number},
+        )
+        for number, (pin, matrix) in enumerate(zip(known.pinned, found.matrices, strict=False), 1)
+        if pin.of_area and other_light(pin, matrix) > _OTHER_LIGHT
+    ]
+    if said or not _worse(reduced, evidence, found, free):
+        return said
+    if not known.pinned:
+        message = (
+            "The photograph looks as if a forbidden lamp were there: without it, the lamps found "
+            "explain the light much worse. Check what is forbidden."
+        )
+        return [RunWarning(Code.FORBIDDEN_LAMP_SHOWS, message)]
+    off = [
+        _angles(pin.matrix, free.matrices, known.flash_white).min()
+        # a spectrum is regressed on other surfaces than the scene's, and never fits as well
+        - (0.0 if pin.of_area else _NEAR_DEGREES)
+        for pin in known.pinned
+    ]
+    if max(off) < 0:
+        return []
+    number = int(np.argmax(off)) + 1
+    message = (
+        f"The photograph speaks against pinned lamp {number}: with it, the lamps explain the light "
+        "much worse than without. Check its area or spectrum, and the number of lamps."
+    )
+    return [RunWarning(Code.PIN_CONTRADICTED, message, {"pin": number})]
+
+
+def _worse(reduced: ReducedPair, evidence: Evidence, found: Fit, free: Fit) -> bool:
+    """Whether a fit explains the photograph notably worse than another.
+
+    With shadow edges, the likelihood of two lamps tells. Without, it falls also where right lamps
+    shine nowhere alone, and of three lamps it prefers narrow triangles, right or wrong.
+    """
+    if found.cost - free.cost < _WORSE:
+        return False
+    if evidence.has_edges and len(found.matrices) < MOST_LAMPS:
+        return True
+    more = unexplained(reduced, evidence, found.matrices)
+    return more - unexplained(reduced, evidence, free.matrices) > _UNEXPLAINED
+
+
+def other_light(pin: Pin, matrix: Array) -> float:
+    """By how much chromaticities shown by a pinned lamp differ from a matrix's, noise left out."""
+    data = pin.term.data
+    off = data.u - data.corners(matrix[None])[0]
+    squared = float(np.quantile((off**2).sum(axis=1), _QUANTILE))
+    # that quantile of normal noise in two dimensions
+    noise = -np.log(1.0 - _QUANTILE) * float(data.variance.mean())
+    return float(np.sqrt(max(squared - noise, 0.0)))
+
+
+def _angles(matrix: Array, others: Array, flash_white: Array) -> Array:
+    """Angles (n,) in degrees between the white card of one lamp and of others (n, 3, 3)."""
+    cosines = unit(others @ flash_white) @ unit(matrix @ flash_white)
+    return angles_deg(np.abs(cosines))

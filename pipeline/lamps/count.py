@@ -1,0 +1,139 @@
+"""How many lamps a pair needs: by how much better one more explains it.
+
+A second lamp earns its place by the likelihood that it gains, and in photographs that a camera
+rendered not without lessening what one leaves over, where that is much. In others a small gain is
+none where light that glossy surfaces mirror explains as much. A third is told by that
+gain, too, by differences across the edges of shadows, of which two lamps leave none, and by light
+that is no mixture of two, which needs no shadows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.lamps.model import Model
+from pipeline.matrixfit.evidence import Evidence
+from pipeline.matrixfit.fit import MOST_LAMPS, Fit
+from pipeline.matrixfit.fourth import gain_of_fourth
+from pipeline.matrixfit.gloss import is_gloss
+from pipeline.matrixfit.unexplained import left_over, share_beside, share_off, unexplained
+from pipeline.pair.reduced import ReducedPair
+
+Array = NDArray[np.float64]
+
+MUCH_LEFT = 0.08
+"""Relative light left over by lamps that do not explain a photograph; bounced and shiny light
+leave up to 0.05."""
+
+DOUBTFUL = 0.5
+"""Confidence in a number of lamps that do not explain the photograph."""
+
+UNSURE = 0.3
+"""Confidence in three lamps where there are signs of a fourth."""
+
+# Chosen on development scenes, exact, noisy and JPEGs (docs/decisions/0005-fitted-lamps.md and
+# docs/decisions/0032-compression-noise.md)
+_SECOND_LAMP, _SECOND_LAMP_RENDERED = 300.0, 600.0
+_SURELY_SECOND = 1500.0  # gloss gains less
+_GLOSSY = 0.8  # confidence in one lamp that glossy surfaces mirror
+_STILL_LEFT = 0.62  # by two lamps, of what one leaves
+_THIRD_GAIN, _THIRD_OFF, _THIRD_RENDERED, _OUTLINE_GAIN = 150.0, 0.125, 1.6, 3.7
+_BESIDE, _BESIDE_LEAST, _BESIDE_USUAL = 1.3, 0.01, 0.1  # weight, and shares of the light
+_SECOND_STEEPNESS, _THIRD_STEEPNESS = 4.0, 0.75
+_NO_THIRD, _SHOWN = -1.6, -0.4  # below which no other way to find three lamps makes up for it
+_FOURTH_UNEXPLAINED, _FOURTH_GAIN = 1.45, 45.0
+
+
+@dataclass(frozen=True)
+class Count:
+    """How many lamps there are.
+
+    number: 1 to 3. confidence: 0…1 that it is right.
+    """
+
+    number: int
+    confidence: float
+
+
+def count_lamps(
+    reduced: ReducedPair,
+    evidence: Evidence,
+    model: Model,
+    first: Callable[[int], Fit],
+    fit: Callable[[int], Fit],
+    least: int = 1,
+) -> Count:
+    """Count the lamps of a pair.
+
+    first: gives a fit of a number of lamps, 1 to 3. fit: gives the best one, at several times the
+    cost for three. least: how many there are for certain.
+    """
+    can_be = (number for number in range(least, MOST_LAMPS + 1) if fit(number).cost < np.inf)
+    least = next(can_be, least)
+    if fit(least).cost == np.inf:  # what is forbidden leaves no number, which the caller tells
+        return Count(least, 1.0)
+    several = three = 1.0
+    if least < 2:
+        gain = max(fit(1).cost - fit(2).cost, 1.0)
+        enough = _SECOND_LAMP_RENDERED if reduced.rendered else _SECOND_LAMP
+        several = _logistic(_SECOND_STEEPNESS * np.log(gain / enough))
+        if gain < enough:
+            return Count(1, 1.0 - several)
+        if reduced.rendered and _as_much_left(reduced, fit):
+            return Count(1, DOUBTFUL)
+        if not reduced.rendered and gain < _SURELY_SECOND:
+            one, two = fit(1).matrices, fit(2).matrices
+            if is_gloss(reduced, one, two, model.flash_white):
+                return Count(1, _GLOSSY)
+    if least < 3:
+        left = _left_by_two(reduced, evidence, fit(2).matrices)
+        third = left + _gain_of_third(reduced, evidence, fit(2), first(3))
+        if left > _SHOWN or third > _NO_THIRD:
+            third = left + _gain_of_third(reduced, evidence, fit(2), fit(3))
+        three = _logistic(_THIRD_STEEPNESS * third)
+        if third < 0:
+            return Count(2, min(several, 1.0 - three))
+    return Count(3, min(several, three))
+
+
+def signs_of_fourth(
+    reduced: ReducedPair, evidence: Evidence, model: Model, matrices: Array
+) -> bool:
+    """Whether three lamps (3, 3, 3) leave more unexplained than three real ones do."""
+    if not evidence.has_edges:
+        return False
+    if unexplained(reduced, evidence, matrices) > _FOURTH_UNEXPLAINED:
+        return True
+    return gain_of_fourth(evidence, model, matrices) > _FOURTH_GAIN
+
+
+def _left_by_two(reduced: ReducedPair, evidence: Evidence, matrices: Array) -> float:
+    """How far what two lamps (2, 3, 3) do not explain speaks for a third, below 0 against it."""
+    off = 0.0
+    if evidence.has_edges:
+        off = share_off(evidence.differences, matrices) / _THIRD_OFF
+    if reduced.rendered:  # whose curve takes light out of the plane of two lamps
+        return off - _THIRD_RENDERED
+    beside = share_beside(reduced, matrices) + _BESIDE_LEAST
+    return float(off + _BESIDE * np.log(beside / _BESIDE_USUAL))
+
+
+def _gain_of_third(reduced: ReducedPair, evidence: Evidence, two: Fit, three: Fit) -> float:
+    """How far the likelihood speaks for a third lamp, below 0 against it."""
+    gain = (two.cost - three.cost) / _THIRD_GAIN
+    # lamps of an outline lose by the area between three of them, also if there are three
+    return gain if evidence.has_edges or reduced.rendered else gain + _OUTLINE_GAIN
+
+
+def _as_much_left(reduced: ReducedPair, fit: Callable[[int], Fit]) -> bool:
+    """Whether two lamps explain little more than one, and a rendering's curve speaks for them."""
+    left = left_over(reduced, fit(2).matrices)
+    return left > max(MUCH_LEFT, _STILL_LEFT * left_over(reduced, fit(1).matrices))
+
+
+def _logistic(x: float) -> float:
+    return float(0.5 + 0.5 * np.tanh(0.5 * x))  # which does not overflow

@@ -1,0 +1,68 @@
+"""The spectrum of a lamp, as far as its matrix tells.
+
+Linear minimum mean square error (Wiener) estimation of spectra from camera responses, as in
+Shimano, "Recovery of spectral reflectances of objects being imaged without prior knowledge", IEEE
+Trans. Image Processing 15(7), 2006; here of a light, from the nine values of its matrix.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.images.frames import Matrix
+from pipeline.spectra.lights import lamp_spectra
+from pipeline.spectra.matrices import by_spectrum
+
+Array = NDArray[np.float64]
+
+_WHITE_OFF, _ACROSS_OFF = 0.03, 0.1
+"""How far a fitted matrix is off: on white surfaces, and on colours, which say less of it."""
+_LEAST = 0.01  # of the mean lamp, at every wavelength
+
+
+@dataclass(frozen=True)
+class SpectrumPrior:
+    """What spectra lamps have, before and after their matrix is known.
+
+    mean: (W,) of measured lamps whose matrix gives a white card channels that sum to 1. expected:
+    (9,) vec T of it. gain: (W, 9), vec T − expected → spectrum − mean. flash_white: (3,) a white
+    card's colour under the flash.
+    """
+
+    mean: Array
+    expected: Array
+    gain: Array
+    flash_white: Array
+
+    def spectrum(self, matrix: Matrix) -> Array:
+        """Spectrum (W,), positive, of a lamp of matrix T (3, 3), flash part → lamp, of any scale.
+
+        The mean of measured lamps where T gives a white card no light.
+        """
+        light = float((matrix @ self.flash_white).sum())
+        if light <= 0:
+            return self.mean
+        off = matrix.ravel() / light - self.expected
+        return np.asarray(np.maximum(self.mean + self.gain @ off, _LEAST * self.mean))
+
+
+def learn_spectra(sensitivities: Array, flash: Array) -> SpectrumPrior:
+    """Learn what spectra lamps have. sensitivities: (3, W). flash: (W,), its spectrum."""
+    white = sensitivities @ flash
+    to_matrix = by_spectrum(sensitivities, sensitivities * flash)
+    known = lamp_spectra()
+    known = known / (known @ (white @ to_matrix.sum(axis=0)))[:, None]
+    to_matrix = to_matrix.reshape(9, -1)
+    mean = known.mean(axis=0)
+    off = known - mean
+    covariance = off.T @ off / len(known)
+    expected = to_matrix @ mean
+    along = np.outer(white, white) / (white @ white)
+    noise = _WHITE_OFF**2 * along + _ACROSS_OFF**2 * (np.eye(3) - along)
+    noise = np.kron(np.eye(3), noise) * (expected @ expected) / 3
+    told = to_matrix @ covariance
+    gain = np.linalg.solve(told @ to_matrix.T + noise, told).T
+    return SpectrumPrior(mean, expected, gain, white)

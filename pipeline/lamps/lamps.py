@@ -1,0 +1,270 @@
+"""Which lamps light the scene, and how many: from the reduced pair to Lamps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import OptionError, UnusablePairError, counted
+from pipeline.hui2018.lights import NO_AGREEMENT, invariants_of_pair, lights_of_pair
+from pipeline.hui2018.pruning import prune
+from pipeline.images.frames import Matrix
+from pipeline.lamps.contradictions import contradictions
+from pipeline.lamps.count import DOUBTFUL, MUCH_LEFT, UNSURE, Count, count_lamps, signs_of_fourth
+from pipeline.lamps.model import Model
+from pipeline.matrixfit.deviations import Deviations, find_deviations, no_deviations
+from pipeline.matrixfit.evidence import Evidence, gather_evidence
+from pipeline.matrixfit.fit import (
+    MOST_LAMPS,
+    Fit,
+    first_fit,
+    fit_matrices,
+    fit_pools,
+    follow_outwards,
+)
+from pipeline.matrixfit.known import FORBIDDEN_DEGREES, Known, nothing_known
+from pipeline.matrixfit.unexplained import left_over, places_alone
+from pipeline.options import Lights, Method
+from pipeline.pair.reduced import ReducedPair
+from pipeline.run_warnings import RunWarning
+from pipeline.vectors import angles_deg, unit
+
+Array = NDArray[np.float64]
+
+MIN_PIXELS = 200
+"""As few as tell anything of lamps."""
+
+LEAST_CONTRAST = 1e-3
+"""Sine of the least angle that is told from none."""
+
+_ALONE_DEGREES = 10.0  # to a lamp that might be beside the only one
+_TYPICAL_SCATTER_DEGREES = 1.7  # median over lamps and reflectances, weighted PCA
+
+
+@dataclass(frozen=True)
+class Lamps:
+    """The lamps found.
+
+    coefficients: (N, 3) unit vectors b_j, camera RGB of a white card under the lamp (Model).
+    matrices: (N, 3, 3) T_j, flash part → lamp, from the coefficients. deviations: from them, by the
+    colour of the surface.
+    channel_weights: (3,) 1 ÷ mean of the usable light of each channel, so that all count alike.
+    requested: what was asked for; confidence: 0…1 that N is right (1 when it was given).
+    lamp_confidence: (N,) 0…1, how far each lamp's colour stands out from the scatter.
+    pinned: (N,) which pinned lamp each is, counted from 0, −1 for one that was free.
+    invariants: (n, 3) the unit Γ they were estimated from, after pruning, for the diagram.
+    four_or_more: whether there are signs of a fourth lamp. left_over: relative light that they do
+    not explain in the worst tenth of it. alone: (N,) places where the edge of a shadow or a
+    terminator shows each lamp alone ÷ usable pixels. contradictions: where the photograph speaks
+    against what was pinned or forbidden. rival_deg: largest angle in degrees between lamps that
+    another search came to and the nearest of these, or back; 0 where there was none.
+    """
+
+    coefficients: Array
+    matrices: Matrix
+    deviations: Deviations
+    channel_weights: Array
+    requested: Lights
+    confidence: float
+    lamp_confidence: Array
+    pinned: NDArray[np.int64]
+    invariants: Array
+    four_or_more: bool
+    left_over: float
+    alone: Array
+    contradictions: tuple[RunWarning, ...]
+    rival_deg: float = 0.0
+
+    def __len__(self) -> int:
+        return len(self.coefficients)
+
+    @property
+    def least_angle_deg(self) -> float:
+        """Least angle between the colours of two lamps in degrees, 90 with one lamp."""
+        return 90.0 if len(self) == 1 else float(_angles(self.coefficients).min())
+
+    @property
+    def least_sine(self) -> float:
+        """Sine of the least angle between two lamps: how little noise it takes to mix them up."""
+        return max(float(np.sin(np.radians(self.least_angle_deg))), LEAST_CONTRAST)
+
+    @property
+    def unexplained(self) -> bool:
+        """Whether the lamps leave much of the light unexplained."""
+        return self.left_over > MUCH_LEFT
+
+
+def estimate_lamps(
+    reduced: ReducedPair,
+    model: Model,
+    requested: Lights,
+    method: Method,
+    flash_only: bool,
+    known: Known | None = None,
+) -> Lamps:
+    """Estimate the lamps, and their number where it is not given.
+
+    method: "best" fits a matrix to each lamp (matrixfit), "paper" takes the published algorithms.
+    flash_only: the flash file was the flash part alone, so that its noise is independent.
+    known: pinned and forbidden lamps, of which "paper" knows nothing. Raises UnusablePairError
+    where too few pixels are usable, OptionError where every fit has a forbidden lamp.
+    """
+    known = known or nothing_known(model.flash_white)
+    evidence = gather_evidence(reduced, flash_only)
+    if len(evidence.pixels) < MIN_PIXELS:
+        raise UnusablePairError(
+            "Too few pixels show both lamps and flash unclipped: bring the flash nearer or raise "
+            "its power, and expose so that little is clipped."
+        )
+    gammas = _invariants(reduced, model)
+
+    @cache
+    def first(lamps: int) -> Fit:
+        return first_fit(reduced, evidence, model, lamps, known)
+
+    @cache
+    def fit(lamps: int) -> Fit:
+        return fit_matrices(reduced, evidence, model, lamps, known, first(lamps))
+
+    @cache
+    def moved(lamps: int) -> Fit:
+        return fit_pools(reduced, evidence, model, known, fit(lamps))
+
+    if requested == "auto":
+        count = count_lamps(reduced, evidence, model, first, fit, max(1, len(known.pinned)))
+    else:
+        count = Count(requested, confidence=1.0)
+    weights = 1.0 / reduced.no_flash[reduced.usable].mean(axis=0, dtype=np.float64)
+    if method == "paper":
+        found = _published(reduced, model, count.number)
+    else:
+        outwards = follow_outwards(reduced, evidence, model, known, moved(count.number))
+        found = _fitted(reduced, evidence, model, first(count.number), outwards, weights)
+    coefficients, matrices = found.coefficients, found.matrices
+    against: list[RunWarning] = []
+    if known.pinned or len(known.forbidden):
+        nothing = nothing_known(model.flash_white)
+        free = fit_matrices(reduced, evidence, model, count.number, nothing)
+        against = contradictions(reduced, evidence, known, fit(count.number), free)
+    left = left_over(reduced, matrices)
+    if requested == "auto" and left > MUCH_LEFT:
+        count = replace(count, confidence=min(count.confidence, DOUBTFUL))
+    order = _warm_first(coefficients)
+    four_or_more = False
+    if count.number == MOST_LAMPS and (method == "best" or requested == "auto"):
+        # lamps followed outwards leave less, as if there were no fourth
+        four_or_more = signs_of_fourth(reduced, evidence, model, moved(MOST_LAMPS).matrices)
+        if four_or_more and requested == "auto":
+            count = replace(count, confidence=min(count.confidence, UNSURE))
+    return Lamps(
+        coefficients=coefficients[order],
+        matrices=matrices[order],
+        deviations=found.deviations,
+        channel_weights=weights,
+        requested=requested,
+        confidence=count.confidence,
+        lamp_confidence=_stand_out(coefficients[order], gammas),
+        pinned=np.where(order < len(known.pinned), order, -1),
+        invariants=gammas,
+        four_or_more=four_or_more,
+        left_over=left,
+        alone=places_alone(evidence, matrices[order]),
+        contradictions=tuple(against),
+        rival_deg=found.rival_deg,
+    )
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Lamps as one of the methods found them, in no order.
+
+    coefficients, matrices, rival_deg: as in Lamps. deviations: of the lamps from warm to cool.
+    """
+
+    coefficients: Array
+    matrices: Matrix
+    deviations: Deviations
+    rival_deg: float = 0.0
+
+
+def _published(reduced: ReducedPair, model: Model, number: int) -> _Found:
+    """So many lamps as the paper finds them."""
+    coefficients = lights_of_pair(reduced, model, number)
+    return _Found(coefficients, model.lamp_matrix(coefficients), no_deviations(number))
+
+
+def _fitted(
+    reduced: ReducedPair, evidence: Evidence, model: Model, first: Fit, fit: Fit, weights: Array
+) -> _Found:
+    """The lamps of a fit. first: the one that its search began from. weights: of the channels."""
+    if fit.cost == np.inf:
+        explain = counted(len(fit.matrices), "lamp explains", "lamps explain")
+        raise OptionError(
+            f"Whatever {explain} the photograph, one of them is less than "
+            f"{FORBIDDEN_DEGREES:g}° in colour from a forbidden one: forbid fewer, or ask for "
+            "another number of lamps."
+        )
+    coefficients, matrices = _normalised(fit.matrices, model)
+    warm_first = matrices[_warm_first(coefficients)]
+    return _Found(
+        coefficients,
+        matrices,
+        find_deviations(reduced, evidence, warm_first, weights),
+        # a rendering's curve leads searches apart
+        0.0 if reduced.rendered else _rival_deg(first, coefficients, model),
+    )
+
+
+def _invariants(reduced: ReducedPair, model: Model) -> Array:
+    """Unit Γ (n, 3) of the usable pixels, pruned as published, in the model's coordinates."""
+    gammas = invariants_of_pair(reduced, model)
+    kept = prune(gammas[gammas.any(axis=1)])
+    if not len(kept):
+        raise UnusablePairError(NO_AGREEMENT)
+    return unit(kept @ np.linalg.inv(model.published).T)
+
+
+def _normalised(matrices: Matrix, model: Model) -> tuple[Array, Matrix]:
+    """Coefficients (N, 3) of unit length, and the matrices that go with them."""
+    whites = matrices @ model.flash_white
+    # chromaticities do not tell T from −T
+    scale = np.sign(whites.sum(axis=1)) * np.linalg.norm(whites, axis=1)
+    return whites / scale[:, None], matrices / scale[:, None, None]
+
+
+def _rival_deg(found: Fit, coefficients: Array, model: Model) -> float:
+    """Largest angle between lamps that the search passed over and the nearest found, or back."""
+    furthest = 0.0
+    for rival in found.passed_over:
+        cosines = coefficients @ _normalised(rival, model)[0].T
+        nearest = min(cosines.max(axis=0).min(), cosines.max(axis=1).min())
+        furthest = max(furthest, float(angles_deg(nearest)))
+    return furthest
+
+
+def _warm_first(coefficients: Array) -> NDArray[np.int64]:
+    """Order (N,) of the lamps from warm to cool, so that equal scenes give equal names."""
+    return np.argsort(-coefficients[:, 0] / coefficients.sum(1), kind="stable")
+
+
+def _stand_out(coefficients: Array, gammas: Array) -> Array:
+    """Share of a lamp's angle to its nearest other (or, alone, of 10°) that is not scatter."""
+    if len(coefficients) == 1:
+        off = np.linalg.norm(gammas - coefficients[0], axis=1)
+        nearest = np.array([_ALONE_DEGREES])
+    else:
+        off = np.abs(gammas @ unit(np.cross(coefficients[0], coefficients[1])))
+        nearest = _angles(coefficients).min(axis=1)
+    # three lamps span the sphere, so that scatter cannot be told from light
+    scatter = np.degrees(np.median(off)) if len(coefficients) < 3 else _TYPICAL_SCATTER_DEGREES
+    return np.asarray(nearest**2 / np.maximum(nearest**2 + (2 * scatter) ** 2, 1e-12))
+
+
+def _angles(coefficients: Array) -> Array:
+    """Angles in degrees between each lamp and the others, (N, N − 1)."""
+    cosines = coefficients @ coefficients.T
+    n = len(coefficients)
+    return angles_deg(cosines[~np.eye(n, dtype=bool)].reshape(n, n - 1))

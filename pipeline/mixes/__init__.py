@@ -1,0 +1,1 @@
+"""Layers mixed anew: brighter, darker, of another colour."""

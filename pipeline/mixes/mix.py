@@ -1,0 +1,85 @@
+"""A mix: the light of every lamp with a brightness and a colour of its own, added up again.
+
+out = tone(Σ_k 2^ev_k · diag(rgb_k) · A_k · B_k · layer_k). B_k takes camera RGB to linear sRGB as
+the photograph is shown or, for a neutral lamp, as the layer would be under the neutral light; A_k
+adapts the light's colour to the wanted temperature, from the lamp's own white or, where that is
+none to adapt from, from the neutral light. Settings that are left alone give the photograph. The
+page computes the same (service/page/mix.js).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.colour.spaces import XYZ_TO_SRGB, adaptation, adapts
+from pipeline.colour.temperature import white_of
+from pipeline.images.frames import Image, Matrix, Photograph
+from pipeline.lamps.lamps import Lamps
+from pipeline.lamps.model import Model
+from pipeline.mixes.mix_options import LampBasis, LampMix, Mix, MixBasis, check_lamps
+from pipeline.pictures.shown import shown_gain
+from pipeline.pictures.white_balance import from_layers, neutral_white, whites_of
+
+TINT_PER_DUV = -3000.0
+"""Steps of tint for a Duv of 1, as raw developers count them: positive is pink, negative green."""
+
+_DIGITS = 7  # that count: files of float values may go to any height
+
+
+def mix_basis(photograph: Photograph, lamps: Lamps, model: Model) -> MixBasis:
+    """Make what mixing the layers of a photograph (H, W, 3) starts from."""
+    gain = shown_gain(photograph, XYZ_TO_SRGB @ model.camera_to_xyz)
+    whites = whites_of(lamps, model) @ model.camera_to_xyz.T
+    neutral = model.neutral_to_xyz @ neutral_white(model)
+    matrices = gain * model.neutral_to_xyz @ from_layers(lamps, model)
+    return MixBasis.model_validate(
+        {
+            "to_xyz": _rounded(gain * model.camera_to_xyz),
+            "neutral": _rounded(neutral / neutral[1]),
+            "lamps": [
+                {"white": _rounded(white / white[1]), "neutral_to_xyz": _rounded(matrix)}
+                for white, matrix in zip(whites, matrices, strict=True)
+            ],
+        }
+    )
+
+
+def mix_matrices(basis: MixBasis, mix: Mix) -> Matrix:
+    """Matrices (N, 3, 3) from the layers to linear sRGB, 1.0 = white of the screen.
+
+    Raises OptionError where the mix is one of another number of lamps.
+    """
+    check_lamps(basis, mix)
+    return np.stack(
+        [_matrix(basis, lamp, one) for lamp, one in zip(basis.lamps, mix.lamps, strict=True)]
+    )
+
+
+def mixed(layers: NDArray[np.float32], matrices: Matrix) -> Image:
+    """Add up layers (N, h, W, 3), each through its matrix: (h, W, 3)."""
+    total = np.zeros(layers.shape[1:], np.float32)
+    for layer, matrix in zip(layers, matrices.astype(np.float32), strict=True):
+        if matrix.any():
+            total += layer @ matrix.T
+    return total
+
+
+def _matrix(basis: MixBasis, lamp: LampBasis, settings: LampMix) -> Matrix:
+    if not settings.on:
+        return np.zeros((3, 3))
+    own = np.array(lamp.white)
+    neutral = settings.neutral or (settings.temperature_k is not None and not adapts(own))
+    shown = np.array(lamp.neutral_to_xyz if neutral else basis.to_xyz)
+    if settings.temperature_k is not None:
+        white = np.array(basis.neutral) if neutral else own
+        wanted = white_of(settings.temperature_k, settings.tint / TINT_PER_DUV)
+        shown = adaptation(white, wanted) @ shown
+    gel = 2.0**settings.ev * np.array(settings.rgb)
+    return np.asarray(gel[:, None] * (XYZ_TO_SRGB @ shown))
+
+
+def _rounded(values: NDArray[np.float64]) -> list[float]:
+    rounded = [float(f"{value:.{_DIGITS}g}") for value in values.flat]
+    kept: list[float] = np.reshape(rounded, values.shape).tolist()
+    return kept

@@ -1,0 +1,151 @@
+"""What people are told of a pair: how it was exposed, what changed between its photographs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.images.area_means import area_means
+from pipeline.images.frames import Frame, Photograph
+from pipeline.pair.align import Alignment
+from pipeline.pair.exposure import ExposureRatio, darkening
+from pipeline.pair.pair_checks import FLASH, NO_FLASH, is_grey
+from pipeline.pair.steadiness import Ratios, bands
+from pipeline.run_warnings import Code, RunWarning
+
+NOTABLE_MOTION = 0.002
+"""Share of the picture; less is not told of."""
+
+_EXPOSURES_DIFFER = 0.15  # in stops
+_COPY_BLOCK = 8  # pixels averaged, against noise
+_COPY_SPREAD = 0.4  # stops between the quartiles of flash part ÷ no-flash light
+_COPY_COLOUR_SPREAD = 1.0  # the same over all channels: lamp and flash differ in colour
+_NOTABLE_DIMMING, _NOTABLE_DARKENING = 0.01, 0.002  # shares of the picture that are told of
+
+
+def orientation_warnings(no_flash: Frame, flash: Frame) -> list[RunWarning]:
+    """Tell of a flash photograph that was not turned as its file says, but as the other."""
+    if flash.orientation == flash.written_orientation:
+        return []
+    message = (
+        f"By its EXIF the photograph without the flash is to be turned another way (orientation "
+        f"{no_flash.orientation}) than the one with it (orientation {flash.written_orientation}). "
+        "Cameras that look down or lie flat write that without having been moved, so that both "
+        "were turned as the one without the flash: if the camera was turned between them, take "
+        "the pair again."
+    )
+    figures = {"no_flash": no_flash.orientation, "flash": flash.written_orientation}
+    return [RunWarning(Code.ORIENTATIONS_DIFFER, message, figures)]
+
+
+def baseline_warnings(no_flash: Frame, flash: Frame, ratio: ExposureRatio) -> list[RunWarning]:
+    """Tell of two DNGs that may hold their light on two scales, unless a ratio was given."""
+    apart = no_flash.baseline_ev - flash.baseline_ev
+    if ratio.source == "option" or abs(apart) <= _EXPOSURES_DIFFER:
+        return []
+    other = float(ratio.value * 2**apart)
+    message = (
+        f"By their BaselineExposure the two DNGs are shown differently bright by {abs(apart):.2g} "
+        "stops, so that whoever wrote them may have scaled one. A ratio of the exposures of "
+        f"{ratio.value:.3g} was taken: if layers look wrong, pass {other:.3g}."
+    )
+    figures = {"ratio": ratio.value, "ratio_by_baseline": other}
+    return [RunWarning(Code.EXPOSURE_MISMATCH, message, figures)]
+
+
+def rendering_warnings(no_flash: Frame, flash: Frame, ratio: float) -> list[RunWarning]:
+    """What a camera's rendering to sRGB may have done to one photograph and not to the other."""
+    warnings = []
+    grey = [is_grey(no_flash), is_grey(flash)]
+    if any(grey) and not all(grey):
+        message = (
+            f"The {NO_FLASH if grey[0] else FLASH} is grey, the other one coloured: if its colours "
+            "were taken out, no layer is right. Send both as the camera made them in colour."
+        )
+        warnings.append(RunWarning(Code.ONE_GREY, message))
+    if no_flash.auto_white_balance or flash.auto_white_balance:
+        both = no_flash.auto_white_balance and flash.auto_white_balance
+        message = (
+            f"The camera balanced the white of {'each' if both else 'one'} photograph by itself, "
+            "so their colours may differ by more than the flash: lock the white balance, or send "
+            "RAW files."
+        )
+        warnings.append(RunWarning(Code.AUTO_WHITE_BALANCE, message))
+    if abs(np.log2(ratio)) > _EXPOSURES_DIFFER:
+        message = (
+            f"The photographs were exposed differently ({ratio:.3g} times) and rendered to sRGB, "
+            "so they compare only as far as the camera kept to the sRGB curve: expose both alike, "
+            "or send RAW files."
+        )
+        warnings.append(RunWarning(Code.RENDERED_EXPOSURES_DIFFER, message, {"ratio": ratio}))
+    return warnings
+
+
+def alignment_warnings(alignment: Alignment) -> list[RunWarning]:
+    """Why the flash photograph could not be laid on the other."""
+    return [RunWarning(Code.NOT_ALIGNED, alignment.problem)] if alignment.problem else []
+
+
+def darkening_warnings(ratio: ExposureRatio, ratios: Ratios, share: float) -> list[RunWarning]:
+    """Why a share of the picture is darker with the flash than without, though nothing moved."""
+    if ratio.source == "option":  # people err more often than cameras
+        return [darkening(ratio, ratios, share)] if share > _NOTABLE_DARKENING else []
+    if share <= _NOTABLE_DIMMING:
+        return []
+    message = (
+        f"In {share:.1%} of the picture a lamp or daylight was weaker in the flash photograph "
+        "than in the other: wait for steady light, and under lamps on the mains expose for a "
+        "multiple of 1/100 s (1/120 s where the mains has 60 Hz)."
+    )
+    return [RunWarning(Code.LIGHT_CHANGED, message, {"share": share})]
+
+
+def unsteady_warnings(ratios: Ratios, moved: float) -> list[RunWarning]:
+    """What moved or flickered between the photographs, and how to shoot without it."""
+    warnings = []
+    if moved > NOTABLE_MOTION:
+        message = (
+            f"Something moved between the photographs in {moved:.1%} of the picture; the layers "
+            "are filled in there from their surroundings. Keep people and things still, and take "
+            "the two photographs in quick succession."
+        )
+        warnings.append(RunWarning(Code.MOVED, message, {"share": moved}))
+    height = bands(ratios)
+    if height is not None:
+        message = (
+            f"Bands of {height:.1%} of the light run across the picture: a lamp flickers with the "
+            "mains. Expose for a multiple of 1/100 s (1/120 s where the mains has 60 Hz), or use "
+            "the mechanical shutter."
+        )
+        warnings.append(RunWarning(Code.FLICKER, message, {"height": height}))
+    return warnings
+
+
+def copy_warnings(no_flash: Photograph, flash: Photograph, flash_only: bool) -> list[RunWarning]:
+    """Notice a flash part that is the no-flash photograph over again."""
+    height, width = no_flash.shape[:2]
+    size = (max(width // _COPY_BLOCK, 1), max(height // _COPY_BLOCK, 1))
+    before, after = (area_means(image, size) for image in (no_flash, flash))
+    part = after if flash_only else after - before
+    lit = (before > 0).all(axis=2) & (part > 0).all(axis=2)
+    if not lit.any():
+        return []
+    before, part = before[lit], part[lit]
+    if _spread(part.sum(axis=1) / before.sum(axis=1)) > _COPY_SPREAD:
+        return []
+    if _spread(part / before) > _COPY_COLOUR_SPREAD:  # a lamp that shines like the flash
+        return []
+    message = (
+        "What the flash added looks like the photograph without it in most of the picture: the "
+        "flash may not reach that far, or the exposure ratio is wrong. Bring the flash nearer or "
+        "raise its power, or pass the right exposure ratio."
+    )
+    return [RunWarning(Code.FLASH_LIKE_LAMPS, message)]
+
+
+def _spread(ratio: NDArray[Any]) -> float:
+    """Stops between the quartiles."""
+    low, high = np.quantile(np.log2(ratio), [0.25, 0.75])
+    return float(high - low)

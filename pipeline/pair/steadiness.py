@@ -1,0 +1,222 @@
+"""Checks the pair's exposures and the steadiness of its lamps against the pixels themselves.
+
+Where the flash does not reach, both photographs hold the lamps' light alone: there the flash
+photograph is the other one times the ratio of the exposures, alike in all three channels, and
+nowhere is it darker. What departs from that tells of a wrong ratio, or of lamps that changed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.images.area_means import area_means
+from pipeline.images.blocks import any_in_blocks, blocks_within
+from pipeline.images.frames import Mask, Photograph
+from pipeline.images.noise import Noise
+from pipeline.threads import at_once
+
+Array = NDArray[np.float64]
+
+_LONG_SIDE = 384
+_DARK = 0.01  # of the 99th percentile; darker blocks are mostly stray light
+_SURE = 0.05  # noise of a block's logarithm
+_ALIKE = 0.03  # natural logarithms; channels of blocks without flash differ by less, or by noise
+_BIN = 0.02
+_PEAK = 0.04  # half width of the peak that blocks without flash make
+_PEAK_SHARE = 0.02
+_PEAK_COLOUR = 0.02  # by which its channels differ at most: all its blocks average their noise
+_BELOW = 0.1  # of the blocks may lie below the peak: what moved
+_VALLEY = (0.06, 0.14, 0.5)  # above the peak from, to; share of the peak's blocks there at most
+_FLASH_COLOUR = 0.12  # by which channels of blocks with flash differ, or colour tells nothing
+_NEGATIVE = 0.05  # below the ratio: darker with the flash than without
+_NEGATIVE_RENDERED = 0.25
+_FEW_BLOCKS = 200
+_LOWEST = 0.002
+_SURELY = 2.0  # standard deviations
+_FROM_CYCLES, _MOST_CYCLES = 4, 60
+_ROWS_KNOWN = 0.5
+_LINE = 2  # cycles on either side that a wave leaks to
+_BAND_HEIGHT = 0.02
+_STANDS_OUT = 3.5  # times all other waves, and those across the rows
+_IN_FLASH = 0.15  # of bands' height in the ratio, at least, is in the flash's own light
+_FLASH_KNOWN = 5.0  # standard deviations of a ratio that the flash adds
+_TOGETHER = 0.25  # of the mean wave must be in every channel
+
+
+@dataclass(frozen=True)
+class Ratios:
+    """Flash photograph ÷ no-flash photograph in blocks of the pair.
+
+    no_flash: float64 (h, w, 3) > 0, light of that photograph. logs: (h, w, 3), natural logarithms
+    of the ratios. noise: (h, w, 3), their standard deviations. usable: bool (h, w), bright and
+    unclipped in both. block: side of a block in pixels.
+    """
+
+    no_flash: Array
+    logs: Array
+    noise: Array
+    usable: Mask
+    block: int
+
+    @cached_property
+    def sure(self) -> Mask:
+        """Blocks whose noise leaves the ratio known within 5 %."""
+        return np.asarray(self.usable & (self.noise.max(axis=2) < _SURE))
+
+    def without(self, pixels: Mask) -> Ratios:
+        """Leave out the blocks that hold a pixel of a mask (H, W)."""
+        return replace(self, usable=self.usable & ~any_in_blocks(pixels, self.block))
+
+
+def block_ratios(
+    no_flash: Photograph, flash: Photograph, unusable: Mask, noises: tuple[Noise, Noise]
+) -> Ratios:
+    """Divide the flash photograph by the other, block by block, at most 384 to a side.
+
+    no_flash, flash: (H, W, 3) linear, aligned, the flash photograph with the lamps' light in it.
+    unusable: (H, W). noises: of each.
+    """
+    height, width = unusable.shape
+    blocks = blocks_within(width, height, _LONG_SIDE)
+    means = at_once(partial(area_means, size=blocks.size, crop=blocks.crop), (no_flash, flash))
+    before, after = (image.astype(np.float64) for image in means)
+    total = before.sum(axis=2)
+    usable = (
+        ~any_in_blocks(unusable, blocks.side)
+        & (before > 0).all(axis=2)
+        & (after > 0).all(axis=2)
+        & (total > _DARK * np.percentile(total, 99))
+    )
+    first, second = np.maximum(before, 1e-9), np.maximum(after, 1e-9)
+    relative = [
+        noise.of_means(blocks.side).variance(image) / np.square(image)
+        for noise, image in zip(noises, (first, second), strict=True)
+    ]
+    deviation = np.sqrt(relative[0] + relative[1])
+    return Ratios(first, np.log(second / first), deviation, usable, blocks.side)
+
+
+def ratio_without_flash(ratios: Ratios) -> float | None:
+    """Ratio of the exposures by what the flash does not reach; None where that does not show.
+
+    It must show as a peak at the lower end of all ratios, whose blocks have the same ratio in all
+    channels, in a scene where the flash's own colour is another.
+    """
+    logs, noise = ratios.logs[ratios.sure], ratios.noise[ratios.sure]
+    if len(logs) < _FEW_BLOCKS:
+        return None
+    middle = logs.mean(axis=1)
+    spread = logs.max(axis=1) - logs.min(axis=1)
+    alike = spread < np.maximum(_ALIKE, 3 * noise.max(axis=1))
+    if np.count_nonzero(alike) < _PEAK_SHARE * len(logs):
+        return None
+    edges = np.arange(middle.min() - _BIN, middle.max() + 2 * _BIN, _BIN)
+    counts, _ = np.histogram(middle[alike], edges)
+    smooth = np.convolve(counts, np.ones(3), "same")
+    mode = float(edges[int(np.argmax(smooth))] + _BIN / 2)
+    peak = np.abs(middle - mode) < _PEAK
+    mode = float(np.median(middle[peak & alike]))
+    valley = (middle > mode + _VALLEY[0]) & (middle < mode + _VALLEY[1])
+    lit = middle > mode + 2 * _VALLEY[1]
+    if (
+        np.mean(peak & alike) < _PEAK_SHARE
+        or np.mean(middle < mode - _VALLEY[0]) > _BELOW
+        or np.count_nonzero(valley) > _VALLEY[2] * np.count_nonzero(peak)
+        or np.ptp(np.median(logs[peak & alike], axis=0)) > _PEAK_COLOUR
+        or not lit.any()
+        or np.median(spread[lit]) < max(_FLASH_COLOUR, 2 * float(np.median(spread[peak])))
+    ):
+        return None
+    return float(np.exp(mode))
+
+
+def darker_share(ratios: Ratios, rendered: bool) -> float:
+    """Share of the blocks that the flash seems to have made darker, in every channel, 0…1."""
+    least = _NEGATIVE_RENDERED if rendered else _NEGATIVE
+    sure = ratios.sure
+    if np.count_nonzero(sure) < _FEW_BLOCKS:
+        return 0.0
+    logs = ratios.logs[sure]
+    threshold = np.maximum(least, 4 * _noise_of_means(ratios))
+    darker = (logs < 0).all(axis=1) & (logs.mean(axis=1) < -threshold)
+    return float(np.mean(darker))
+
+
+def brightening(ratios: Ratios) -> float:
+    """By how much the flash photograph must be brighter for no block to be surely darker, ≥ 1."""
+    if not ratios.sure.any():
+        return 1.0
+    logs = ratios.logs[ratios.sure].mean(axis=1) + _SURELY * _noise_of_means(ratios)
+    return float(np.exp(-min(np.quantile(logs, _LOWEST), 0.0)))
+
+
+def _noise_of_means(ratios: Ratios) -> Array:
+    """Standard deviation of the mean over channels in the blocks that are sure."""
+    return np.asarray(np.sqrt(np.square(ratios.noise[ratios.sure]).mean(axis=1) / 3))
+
+
+def bands(ratios: Ratios) -> float | None:
+    """Height of periodic bands along the rows, relative to the light; None where there are none.
+
+    A lamp that flickers with the mains, read out row by row, leaves them in the ratio of two
+    photographs, in all channels at once, and in their difference; stripes of a surface differ in
+    colour, and those of light behind a blind are not in what the flash added. Fewer than five to
+    the picture cannot be told from the fall-off of the flash.
+    """
+    logs = np.where(ratios.usable[..., None], ratios.logs, np.nan)
+    rows, columns = (_waves(planes) for planes in (logs, logs.transpose(1, 0, 2)))
+    if rows is None:
+        return None
+    heights = np.abs(rows.mean(axis=1))
+    strongest = int(np.argmax(heights))
+    near = slice(max(strongest - _LINE, 0), strongest + _LINE + 1)
+    beside = [0, *range(near.start, min(near.stop, len(heights)))]  # 0 may be the fall-off's
+    others = np.delete(heights, beside).max(initial=0.0)
+    across = 0.0 if columns is None else np.abs(columns[near].mean(axis=1)).max(initial=0.0)
+    height = float(heights[strongest])
+    if strongest == 0 or height < max(_BAND_HEIGHT, _STANDS_OUT * others, _STANDS_OUT * across):
+        return None
+    together = (rows[strongest] / rows[strongest].mean()).real.min()
+    if together < _TOGETHER or _of_steady_light(ratios, strongest, height):
+        return None
+    return height
+
+
+def _of_steady_light(ratios: Ratios, line: int, height: float) -> bool:
+    """Whether the flash's own light lacks the wave: then the lamps' is the same in both."""
+    more = np.expm1(ratios.logs)
+    known = ratios.usable & (more > _FLASH_KNOWN * ratios.noise).all(axis=2)
+    rows = _waves(np.log(np.where(known[..., None], more * ratios.no_flash, np.nan)))
+    if rows is None:
+        return False
+    # of lamps that flicker, what the ratio holds is lessened by the flash, and this by the lamps
+    in_both = np.abs(rows[line].mean()) * np.median(more[known] / (1 + more[known]))
+    return bool(in_both < _IN_FLASH * height)
+
+
+def _waves(planes: Array) -> NDArray[np.complex128] | None:
+    """Waves down the rows (n, 3), from 4 to 60 cycles, of what neighbouring rows differ in.
+
+    Differences of rows are taken in each column before the median over columns, so that neither
+    surfaces nor the fall-off of light count, and are summed again.
+    """
+    height, width = planes.shape[:2]
+    if height < 4 * _FROM_CYCLES:
+        return None
+    steps = np.diff(planes, axis=0)
+    enough = np.isfinite(steps[..., 0]).sum(axis=1) >= max(8, width // 10)
+    if enough.mean() < _ROWS_KNOWN:
+        return None
+    medians = np.zeros((height, 3))
+    medians[1:][enough] = np.nanmedian(steps[enough], axis=1)
+    profiles = np.cumsum(medians, axis=0)
+    y = np.linspace(-1, 1, height)
+    powers = np.vander(y, 4)
+    profiles -= powers @ np.linalg.lstsq(powers, profiles, rcond=None)[0]
+    window = np.hanning(height)[:, None]
+    waves = np.fft.rfft(profiles * window, axis=0) * 2 / window.sum()
+    return np.asarray(waves[_FROM_CYCLES : min(_MOST_CYCLES, height // 4) + 1])

@@ -1,0 +1,38 @@
+"""What is known of where surfaces face: what normals and depth are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.images.frames import Image
+from pipeline.run_warnings import RunWarning
+from pipeline.separation.separation import Strip
+
+if TYPE_CHECKING:  # solving for normals takes long to import, and few ask for it
+    from pipeline.photometric_stereo.solve import Surface
+
+CONVENTIONS = {
+    "gl": "x right, y up, z to the viewer (OpenGL)",
+    "dx": "x right, y down, z to the viewer (DirectX)",
+}
+"""Axes of the normals that are written, by the option normals."""
+
+
+@dataclass(frozen=True)
+class Facing:
+    """Where surfaces face.
+
+    of: unit normals (h, W, 3) of a strip, x right, y up, z to the viewer, NaN where unknown.
+    strengths: (J,) of the lamps, relative. surface: what was fitted, None as published. warnings:
+    that the lamps do not explain the light.
+    """
+
+    of: Callable[[Strip], Image]
+    strengths: NDArray[np.float64]
+    surface: Surface | None
+    warnings: tuple[RunWarning, ...] = ()

@@ -1,0 +1,63 @@
+"""Surface normals, by the method asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+from pipeline.hui2018.normals import normals, solve_photometry
+from pipeline.lamps.lamps import Lamps
+from pipeline.lamps.model import Model
+from pipeline.options import DirectedLight, Method
+from pipeline.pair.reduced import ReducedPair
+from pipeline.photometric_stereo.detail import surface_normals
+from pipeline.photometric_stereo.facing import Facing
+from pipeline.photometric_stereo.responses import LampBank
+from pipeline.photometric_stereo.solve import Surface, solve_surface
+from pipeline.progress import Progress
+from pipeline.run_warnings import Code, RunWarning
+
+_MUCH_LEFT = 0.05  # relative; sensor noise leaves up to 0.025
+_MUCH_UNEXPLAINED = 0.07  # of the pixels; development objects with right depth leave up to 0.058
+
+
+def find_facing(
+    lights: Sequence[DirectedLight],
+    reduced: ReducedPair,
+    lamps: Lamps,
+    model: Model,
+    focal_px: float,
+    method: Method,
+    progress: Progress,
+) -> Facing:
+    """Solve for what normals need; see solve_surface ("best") and solve_photometry ("paper").
+
+    Raises OptionError for directions nearly in a plane, and where there are not three lamps;
+    UnusablePairError where hardly anything is lit; Canceled.
+    """
+    if method == "paper":
+        photometry = solve_photometry(lights, reduced, lamps, model, focal_px)
+        of = partial(normals, lamps=lamps, photometry=photometry)
+        return Facing(of, photometry.strengths, None)
+    bank = LampBank(model.camera.sensitivities, model.flash)
+    surface = solve_surface(lights, reduced, lamps, model, bank, focal_px, progress)
+    of = partial(surface_normals, surface=surface)
+    return Facing(of, surface.strengths, surface, _warnings(surface))
+
+
+def _warnings(surface: Surface) -> tuple[RunWarning, ...]:
+    if surface.misfit >= _MUCH_LEFT:
+        why = f"{surface.misfit:.0%} of it is left over in half the picture"
+    elif surface.unexplained >= _MUCH_UNEXPLAINED:
+        why = f"{surface.unexplained:.0%} of the surface has light that they do not give"
+    elif not (surface.strengths > 0).all():
+        why = "one of them would have to take light away"
+    else:
+        return ()
+    message = (
+        "Lamps in the directions given do not explain the light, so that normals and depth are "
+        f"doubtful: {why}. Check the directions, the focal length, and that the flash sits at the "
+        "camera."
+    )
+    figures = {"left_over": surface.misfit, "unexplained": surface.unexplained}
+    return (RunWarning(Code.NORMALS_DOUBTFUL, message, figures),)

@@ -1,0 +1,1 @@
+"""What a job hands back: outputs as they are asked for, their files, and the manifest."""

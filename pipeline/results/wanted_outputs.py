@@ -1,0 +1,113 @@
+"""Which outputs a run is to write, and refusals of those that it cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pipeline.encode.jpeg import check_jpeg_size
+from pipeline.encode.psd_size import check_psd_size, psd_excess
+from pipeline.errors import OptionError
+from pipeline.images.frames import Photograph
+from pipeline.images.quantiles import quantile
+from pipeline.matrixfit.fit import MOST_LAMPS
+from pipeline.options import Lights, Options
+from pipeline.output_names import DEFAULT_OUTPUTS, FULL_SIZE_JPEGS, OUTPUT_NAMES, outputs_with
+from pipeline.run_warnings import Code, RunWarning
+
+_PSD = "layers.psd"
+_OF_INTEGERS = {"lamps.tif", "white_balanced_1.tif", "white_balanced_2.tif", _PSD}
+"""Outputs on the photograph's scale that end at white."""
+_NOTABLE, _BRIGHTEST = 0.01, 0.995  # share of the picture; quantile
+_SAMPLES = 1000  # pixels looked at along the longer side, or twice as many
+
+
+def wanted_outputs(options: Options, left_out: Sequence[RunWarning] = ()) -> frozenset[str]:
+    """Names out of OUTPUT_NAMES that the options ask for.
+
+    left_out: why kept calibrations do not stand in for options, which refusals repeat.
+    Raises OptionError for normals that are asked for by name where no directions are known, and for
+    what follows from a surface where the published method finds none.
+    """
+    if options.outputs == "all":
+        return frozenset(OUTPUT_NAMES)
+    if options.outputs == "default":
+        return DEFAULT_OUTPUTS
+    wanted = frozenset(options.outputs)
+    facing, surface = wanted & outputs_with("facing"), wanted & outputs_with("surface")
+    if facing and options.light_directions is None:
+        raise OptionError(
+            f"The output {min(facing)} needs the lamps' directions: give light "
+            "directions, or calibrate the lamps of this camera and set-up with photographs of this "
+            "kind and way up first." + "".join(f" {warning.message}" for warning in left_out)
+        )
+    if surface and options.method == "paper":
+        raise OptionError(
+            f"The output {min(surface)} is not made by the method paper, which "
+            "finds normals alone: leave it out, or ask for the method best."
+        )
+    return wanted
+
+
+def check_outputs(wanted: frozenset[str], size: tuple[int, int], options: Options) -> None:
+    """Refuse outputs that cannot hold a picture, (width, height) in pixels, before any work.
+
+    wanted: names out of OUTPUT_NAMES, of these options. Of layers.psd as many layers count as
+    lamps are asked for, and as there may be where their number is to be found. Raises OptionError.
+    """
+    if wanted & FULL_SIZE_JPEGS:
+        check_jpeg_size(size)
+    if _PSD in wanted and options.outputs != "all":
+        _check_psd(size, options.number_of_lamps)
+
+
+def held_outputs(
+    wanted: frozenset[str], size: tuple[int, int], lamps: int, options: Options
+) -> tuple[frozenset[str], list[RunWarning]]:
+    """Pass over what nobody named and cannot hold the layers, now that their number is known.
+
+    wanted, size: as in check_outputs, which has refused what was named. lamps: those found.
+    Returns the rest, and a warning for what is passed over.
+    """
+    excess = psd_excess(size, lamps)
+    if _PSD not in wanted or options.outputs != "all" or excess is None:
+        return wanted, []
+    message = f"{excess}, and was left out: the layers are in layers.exr and the TIFF files."
+    return wanted - {_PSD}, [RunWarning(Code.OUTPUT_LEFT_OUT, message)]
+
+
+def white_warnings(
+    photograph: Photograph, white: float, wanted: frozenset[str]
+) -> list[RunWarning]:
+    """Tell that much of a photograph (H, W, 3) lies above where some of the wanted files end.
+
+    white: where the photograph itself ends, infinite for floats that go on.
+    """
+    if np.isfinite(white) or not wanted & _OF_INTEGERS:
+        return []
+    step = max(1, max(photograph.shape[:2]) // _SAMPLES)
+    brightest = photograph[::step, ::step].max(axis=2)
+    share = float(np.mean(brightest > 1.0))
+    if share < _NOTABLE:
+        return []
+    most = quantile(brightest, _BRIGHTEST)
+    message = (
+        f"In {share:.0%} of the picture the photograph without the flash is brighter than white "
+        "(1.0), where TIFF and PSD files end; layers.exr holds all of it. To have it in every "
+        f"file, divide both photographs by {most:.3g} first."
+    )
+    return [RunWarning(Code.ABOVE_WHITE, message, {"share": share, "brightest": most})]
+
+
+def _check_psd(size: tuple[int, int], lamps: Lights) -> None:
+    if lamps != "auto":
+        check_psd_size(size, lamps)
+        return
+    check_psd_size(size, 1)
+    excess = psd_excess(size, MOST_LAMPS)
+    if excess is not None:
+        fewer = "2 or 1" if psd_excess(size, 2) is None else "1"
+        raise OptionError(
+            f"{excess}, and as many may be found: ask for {fewer}, or leave it out of the outputs."
+        )

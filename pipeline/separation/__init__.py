@@ -1,0 +1,1 @@
+"""Every pixel is dealt out among the lamps."""

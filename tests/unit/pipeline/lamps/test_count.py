@@ -1,0 +1,404 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.images.noise import Noise
+from pipeline.lamps import count
+from pipeline.lamps.count import Count, count_lamps, signs_of_fourth
+from pipeline.lamps.model import Model
+from pipeline.matrixfit.evidence import Evidence, gather_evidence
+from pipeline.matrixfit.fit import Fit, fit_matrices
+from pipeline.matrixfit.known import nothing_known
+from pipeline.pair.reduced import ReducedPair, reduce_pair
+
+Array = NDArray[np.float64]
+Shadowed = Callable[[Array], Any]
+
+SETS = [(0,), (1,), (2,), (0, 2), (0, 1), (1, 2), (0, 1, 2)]
+FOURTH = np.array([[0.69, 0.3, 0.65]])
+
+
+@dataclass(frozen=True)
+class Counting:
+    """Counting with one model's fits."""
+
+    model: Model
+
+    def evidence(self, pair: Any) -> tuple[ReducedPair, Evidence]:
+        reduced = reduce_pair(pair)
+        return reduced, gather_evidence(reduced, pair.flash_only)
+
+    def fit(self, reduced: ReducedPair, evidence: Evidence, lamps: int) -> Fit:
+        return fit_matrices(
+            reduced, evidence, self.model, lamps, nothing_known(self.model.flash_white)
+        )
+
+    def __call__(self, pair: Any) -> Count:
+        reduced, evidence = self.evidence(pair)
+        fit = partial(self.fit, reduced, evidence)
+        return count_lamps(reduced, evidence, self.model, fit, fit)
+
+
+@pytest.fixture
+def counted(model: Model) -> Counting:
+    return Counting(model)
+
+
+@pytest.mark.parametrize("which", SETS)
+@pytest.mark.parametrize("scene", ["shadowed", "smooth"])
+def test_lamps_are_counted(
+    counted: Counting,
+    exact: Callable[..., tuple[Any, Array]],
+    shadowed: Shadowed,
+    warm_to_cool: Array,
+    which: tuple[int, ...],
+    scene: str,
+) -> None:
+    true = warm_to_cool[list(which)]
+
+    found = counted(shadowed(true) if scene == "shadowed" else exact(true)[0])
+
+    assert found.number == len(which)
+    assert 0.9 < found.confidence <= 1
+
+
+def test_one_lamp_need_not_fit_the_model(
+    counted: Counting, pair_of: Callable[..., Any], flash_part: NDArray[np.float32]
+) -> None:
+    matrix = np.array([[0.8, 0.15, 0.0], [0.1, 0.4, 0.1], [0.0, 0.2, 0.3]])
+
+    assert counted(pair_of(flash_part @ matrix.T, flash_part)).number == 1
+
+
+def test_signs_of_a_fourth_lamp_are_those_of_four(
+    counted: Counting, shadowed: Shadowed, warm_to_cool: Array
+) -> None:
+    for lamps, more in ((warm_to_cool, False), (np.vstack([warm_to_cool, FOURTH]), True)):
+        reduced, evidence = counted.evidence(shadowed(lamps))
+        matrices = counted.fit(reduced, evidence, 3).matrices
+
+        assert signs_of_fourth(reduced, evidence, counted.model, matrices) is more
+
+
+@pytest.mark.parametrize(
+    ("left", "gain", "more"), [(1.44, 44.0, False), (1.46, 44.0, True), (1.44, 46.0, True)]
+)
+@pytest.mark.parametrize("rendered", [False, True])
+def test_either_sign_of_a_fourth_lamp_will_do(
+    counted: Counting,
+    shadowed: Shadowed,
+    model: Model,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+    left: float,
+    gain: float,
+    more: bool,
+    rendered: bool,
+) -> None:
+    pair = replace(shadowed(warm_to_cool), rendered=rendered)
+    reduced, evidence = counted.evidence(pair)
+    monkeypatch.setattr(count, "unexplained", lambda *_: left)
+    monkeypatch.setattr(count, "gain_of_fourth", lambda *_: gain)
+
+    found = signs_of_fourth(reduced, evidence, model, model.lamp_matrix(warm_to_cool))
+
+    assert found is more
+
+
+def test_no_fourth_lamp_is_told_where_edges_tell_nothing(
+    counted: Counting,
+    exact: Callable[..., tuple[Any, Array]],
+    model: Model,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    reduced, evidence = counted.evidence(exact(warm_to_cool)[0])
+    monkeypatch.setattr(count, "unexplained", lambda *_: 9.0)
+
+    assert not signs_of_fourth(reduced, evidence, model, model.lamp_matrix(warm_to_cool))
+
+
+def test_nearly_equal_lamps_count_as_one_and_less_surely(
+    counted: Counting, shadowed: Shadowed, warm_to_cool: Array
+) -> None:
+    warm, _, cool = warm_to_cool
+    found = [
+        counted(shadowed(np.array([warm, (1 - part) * warm + part * cool])))
+        for part in (0.0, 0.02, 0.5)
+    ]
+
+    assert [one.number for one in found] == [1, 1, 2]
+    assert found[1].confidence <= found[0].confidence
+
+
+def test_noise_that_is_known_does_not_make_a_lamp(
+    counted: Counting,
+    pair_of: Callable[..., Any],
+    shadowed: Shadowed,
+    warm_to_cool: Array,
+) -> None:
+    clean = shadowed(warm_to_cool[:1])
+    drawn = np.random.default_rng(5).normal(0, 0.003, clean.no_flash.shape)
+    noise = Noise(np.full(3, 1e-8), np.full(3, 0.003**2))
+    noisy = pair_of(
+        clean.no_flash + drawn,
+        clean.flash - clean.no_flash,
+        no_flash_noise=noise,
+        flash_noise=noise,
+    )
+
+    assert counted(noisy).number == 1
+
+
+def costs(*values: float) -> Callable[[int], Fit]:
+    """Fits of given costs, with lamps that leave nothing off."""
+    return lambda lamps: Fit(np.tile(np.eye(3), (lamps, 1, 1)), values[lamps - 1])
+
+
+@pytest.fixture
+def by_costs(
+    counted: Counting,
+    pair_of: Callable[..., Any],
+    flash_part: NDArray[np.float32],
+    monkeypatch: pytest.MonkeyPatch,
+) -> Callable[..., Count]:
+    """Count by the costs of one to three lamps alone, which leave nothing off."""
+    monkeypatch.setattr(count, "is_gloss", lambda *_: False)
+    monkeypatch.setattr(count, "share_beside", lambda *_: 0.09)
+    reduced, evidence = counted.evidence(pair_of(0.5 * flash_part, flash_part))
+    assert not len(evidence.differences)
+
+    def run(*values: float, least: int = 1) -> Count:
+        fit = costs(*values)
+        return count_lamps(reduced, evidence, counted.model, fit, fit, least)
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("second", "third", "number"),
+    [(299, 999, 1), (301, -900, 2), (900, -556, 2), (900, -554, 3), (301, 999, 3)],
+)
+def test_a_lamp_is_counted_by_what_it_gains(
+    by_costs: Callable[..., Count], second: float, third: float, number: int
+) -> None:
+    """A second lamp gains 300 at least; of an outline a third may lose 3.7 times 150."""
+    found = by_costs(0, -second, -second - third)
+
+    assert found.number == number
+    assert 0.5 <= found.confidence < 0.6
+
+
+@pytest.mark.parametrize(
+    ("second", "gloss", "rendered", "found"),
+    [
+        (301, True, False, (1, 0.8)),
+        (301, False, False, (2, 0.5)),
+        (1499, True, False, (1, 0.8)),
+        (1501, True, False, (2, 1.0)),
+        (1499, True, True, (2, 1.0)),
+        (299, False, False, (1, 0.5)),
+    ],
+)
+def test_gloss_that_explains_as_much_is_no_lamp(
+    counted: Counting,
+    pair_of: Callable[..., Any],
+    flash_part: NDArray[np.float32],
+    monkeypatch: pytest.MonkeyPatch,
+    second: float,
+    gloss: bool,
+    rendered: bool,
+    found: tuple[int, float],
+) -> None:
+    """Where the second lamp gains little, and the file's colours are linear."""
+    reduced, evidence = counted.evidence(pair_of(0.5 * flash_part, flash_part))
+    monkeypatch.setattr(count, "is_gloss", lambda *_: gloss)
+    monkeypatch.setattr(count, "left_over", lambda *_: 0.0)
+    fit = costs(0, -second, 900 - second)
+
+    counts = count_lamps(replace(reduced, rendered=rendered), evidence, counted.model, fit, fit)
+
+    assert (counts.number, round(counts.confidence, 1)) == found
+
+
+@pytest.mark.parametrize(
+    ("off", "beside", "third", "number"),
+    [(0.1, 0.09, -121, 2), (0.1, 0.09, -119, 3), (0.0, 0.29, -215, 2), (0.0, 0.29, -213, 3)],
+)
+def test_what_two_lamps_do_not_explain_makes_up_for_what_a_third_loses(
+    counted: Counting,
+    shadowed: Shadowed,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+    off: float,
+    beside: float,
+    third: float,
+    number: int,
+) -> None:
+    """A tenth of the differences off is worth 0.8 times 150, light beside both 1.3 for each e."""
+    monkeypatch.setattr(count, "share_off", lambda *_: off)
+    monkeypatch.setattr(count, "share_beside", lambda *_: beside)
+    reduced, evidence = counted.evidence(shadowed(warm_to_cool[:2]))
+
+    fit = costs(0, -900, -900 - third)
+    found = count_lamps(reduced, evidence, counted.model, fit, fit)
+
+    assert found.number == number
+    assert 0.5 <= found.confidence < 0.55
+
+
+@pytest.mark.parametrize(
+    ("off", "first", "number"),
+    [(0.1, -1.0, 2), (0.1, 130.0, 3), (0.16, -900.0, 3)],
+)
+def test_other_ways_to_three_lamps_are_tried_where_they_may_change_the_number(
+    counted: Counting,
+    shadowed: Shadowed,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+    off: float,
+    first: float,
+    number: int,
+) -> None:
+    """They would gain 999 here: not tried where two lamps leave little off and a third is worse."""
+    monkeypatch.setattr(count, "share_off", lambda *_: off)
+    monkeypatch.setattr(count, "share_beside", lambda *_: 0.1 * np.exp(-1.6 / 1.3) - 0.01)
+    reduced, evidence = counted.evidence(shadowed(warm_to_cool[:2]))
+    gains = costs(0, -900, -900 - first + off / 0.125 * 150), costs(0, -900, -1899)
+
+    found = count_lamps(reduced, evidence, counted.model, *gains)
+
+    assert found.number == number
+
+
+@pytest.mark.parametrize(
+    ("second", "third", "least", "number", "confidence"),
+    [
+        (1.0, -1455.0, 2, 2, 0.99),
+        (1.0, -554.0, 2, 3, 0.5),
+        (1.0, 1.0, 3, 3, 1.0),
+        (299.0, 999.0, 1, 1, 0.5),
+    ],
+)
+def test_no_fewer_lamps_are_counted_than_are_known(
+    by_costs: Callable[..., Count],
+    second: float,
+    third: float,
+    least: int,
+    number: int,
+    confidence: float,
+) -> None:
+    """And of what is known, no more is to be told: 0.5 belongs to a gain at the limit."""
+    found = by_costs(0, -second, -second - third, least=least)
+
+    assert found.number == number
+    assert found.confidence == pytest.approx(confidence, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("values", "number"),
+    [
+        ((0.0, np.inf, np.inf), 1),
+        ((np.inf, -900.0, np.inf), 2),
+        ((np.inf, np.inf, -900.0), 3),
+        ((np.inf, np.inf, np.inf), 1),
+    ],
+)
+def test_numbers_that_cannot_be_are_not_counted(
+    by_costs: Callable[..., Count], values: tuple[float, ...], number: int
+) -> None:
+    """A forbidden lamp makes the cost of a number infinite."""
+    found = by_costs(*values)
+
+    assert found.number == number
+    assert 0 <= found.confidence <= 1
+    # where none can be, nothing was left to choose
+    assert found.confidence == 1 or np.isfinite(values).any()
+
+
+def test_counting_is_the_same_every_time(
+    counted: Counting, shadowed: Shadowed, warm_to_cool: Array
+) -> None:
+    pair = shadowed(warm_to_cool[[0, 2]])
+
+    assert counted(pair) == counted(pair)
+
+
+@pytest.mark.parametrize(
+    ("rendered", "left", "number"),
+    [
+        (True, (0.16, 0.101), 1),
+        (True, (0.16, 0.097), 2),
+        (True, (0.085, 0.081), 1),
+        (True, (0.085, 0.079), 2),
+        (False, (0.16, 0.15), 2),
+    ],
+)
+def test_a_second_lamp_of_a_rendered_pair_lessens_what_is_left_over(
+    counted: Counting,
+    shadowed: Shadowed,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+    rendered: bool,
+    left: tuple[float, float],
+    number: int,
+) -> None:
+    """Where two leave much and hardly less than one, their likelihood is the curve's doing."""
+    pair = replace(shadowed(warm_to_cool[[0, 2]]), rendered=rendered)
+    monkeypatch.setattr(count, "left_over", lambda _, matrices: left[len(matrices) - 1])
+
+    found = counted(pair)
+
+    assert found.number == number
+    assert (found.confidence == 0.5) == (number == 1)
+
+
+@pytest.mark.parametrize(
+    ("rendered", "gain", "number"),
+    [(False, 299.0, 1), (False, 301.0, 2), (True, 599.0, 1), (True, 601.0, 2)],
+)
+def test_a_second_lamp_must_gain_twice_as_much_in_a_rendered_pair(
+    counted: Counting,
+    shadowed: Shadowed,
+    model: Model,
+    warm_to_cool: Array,
+    monkeypatch: pytest.MonkeyPatch,
+    rendered: bool,
+    gain: float,
+    number: int,
+) -> None:
+    reduced, evidence = counted.evidence(replace(shadowed(warm_to_cool), rendered=rendered))
+    monkeypatch.setattr(count, "left_over", lambda *_: 0.0)
+    monkeypatch.setattr(count, "share_off", lambda *_: 0.0)
+    monkeypatch.setattr(count, "share_beside", lambda *_: 0.0)
+    matrices = model.lamp_matrix(warm_to_cool)
+
+    def fit(lamps: int) -> Fit:
+        return Fit(matrices[:lamps], gain if lamps == 1 else 0.0)
+
+    assert count.count_lamps(reduced, evidence, model, fit, fit).number == number
+
+
+@pytest.mark.parametrize(("rendered", "numbers"), [(True, {1}), (False, {2, 3})])
+def test_a_rendering_that_bends_colours_does_not_make_a_lamp(
+    counted: Counting,
+    pair_of: Callable[..., Any],
+    shadowed: Shadowed,
+    warm_to_cool: Array,
+    rendered: bool,
+    numbers: set[int],
+) -> None:
+    """A camera's curve rolls off what is bright, and the colours of one lamp drift apart."""
+    clean = shadowed(warm_to_cool[:1])
+    no_flash, flash = (1 - np.exp(-2 * image) for image in (clean.no_flash, clean.flash))
+
+    found = counted(pair_of(no_flash, flash - no_flash, rendered=rendered))
+
+    assert found.number in numbers

@@ -1,0 +1,102 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.images.frames import Exposure, Frame
+from pipeline.options import Options
+from pipeline.pair.pair import make_pair
+from pipeline.pair.pair_warnings import rendering_warnings
+from pipeline.progress import Progress
+from pipeline.run_warnings import RunWarning
+
+EXPOSURE = Exposure(time_s=1 / 60, iso=200, f_number=4)
+
+
+def warned(frames: tuple[Frame, Frame], ratio: float | None = None) -> tuple[RunWarning, ...]:
+    return make_pair(*frames, Options(exposure_ratio=ratio), Progress()).warnings
+
+
+def test_what_looks_like_the_photograph_over_again_is_warned_of(
+    light: tuple[NDArray[np.float64], NDArray[np.float64]], frame: Callable[..., Frame]
+) -> None:
+    """The same light, exposed for longer than the files say."""
+    rng = np.random.default_rng(4)
+    before = frame(light[0] + rng.normal(0, 1e-4, light[0].shape), exposure=EXPOSURE)
+    after = frame(1.5 * light[0] + rng.normal(0, 1e-4, light[0].shape), exposure=EXPOSURE)
+
+    (warning,) = warned((before, after))
+
+    assert warning.message.startswith("What the flash added looks like the photograph without it")
+
+
+@pytest.mark.parametrize(
+    ("ratio", "balanced", "said"),
+    [
+        (1.0, False, []),
+        (1.0, True, ["The camera balanced the white of each photograph by itself"]),
+        (0.5, False, ["The photographs were exposed differently (0.5 times) and rendered"]),
+        (1.05, False, []),
+    ],
+)
+def test_rendering_that_may_differ_is_warned_of(
+    frames: Callable[..., tuple[Frame, Frame]], ratio: float, balanced: bool, said: list[str]
+) -> None:
+    warnings = warned(frames(scale=ratio, encoding="srgb", auto_white_balance=balanced), ratio)
+
+    assert len(warnings) == len(said)
+    for warning, start in zip(warnings, said, strict=True):
+        assert warning.message.startswith(start)
+
+
+def test_dngs_that_may_be_scaled_are_warned_of_unless_a_ratio_is_given(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    no_flash, flash = frames(encoding="raw")
+    flash = replace(flash, baseline_ev=1.0)
+
+    (warning,) = warned((no_flash, flash))
+
+    assert warning.code == "exposure_mismatch"
+    assert warning.figures == {"ratio": 1.0, "ratio_by_baseline": 0.5}
+    assert warning.message.startswith("By their BaselineExposure the two DNGs are shown")
+    assert warned((no_flash, flash), 1.0) == ()
+    assert warned((replace(no_flash, baseline_ev=1.0), flash)) == ()
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_white_that_was_balanced_in_one_alone_is_warned_of(
+    frames: Callable[..., tuple[Frame, Frame]], which: int
+) -> None:
+    both = list(frames(encoding="srgb", auto_white_balance=False))
+    both[which] = replace(both[which], auto_white_balance=True)
+
+    (warning,) = warned((both[0], both[1]), 1.0)
+
+    assert warning.code == "auto_white_balance"
+    assert warning.message.startswith("The camera balanced the white of one photograph by itself")
+
+
+@pytest.mark.parametrize(("which", "name"), [(0, "without"), (1, "with")])
+def test_one_photograph_without_colour_is_told(
+    frames: Callable[..., tuple[Frame, Frame]], which: int, name: str
+) -> None:
+    both = list(frames(encoding="srgb"))
+    green = np.asarray(both[which].pixels[..., 1:2])
+    both[which] = replace(both[which], pixels=np.repeat(green, 3, axis=2))
+
+    warnings = rendering_warnings(both[0], both[1], 1.0)
+
+    assert [warning.code for warning in warnings] == ["one_grey"]
+    assert warnings[0].message.startswith(f"The photograph {name} the flash is grey, the other")
+    assert rendering_warnings(both[which], both[which], 1.0) == []
+
+
+def test_linear_values_may_be_exposed_as_they_like(
+    frames: Callable[..., tuple[Frame, Frame]],
+) -> None:
+    assert warned(frames(scale=0.5, auto_white_balance=True), 0.5) == ()
